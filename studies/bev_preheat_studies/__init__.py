@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Everything that measures the planner. A build with BEV_PREHEAT_WITHOUT_STUDIES=1 leaves it out of a car.
+Studies that measure the planner. BEV_PREHEAT_WITHOUT_STUDIES=1 leaves them out of a build for a car.
 
 `robustness`: drawn cars. `optimality`: drawn trips against the nonlinear program. `fleet`: the minutes
 that each method saves at the charger. `reproduction`: the paper's Table II. `soak`: the installed planner
@@ -8,5 +8,5 @@ under load. `cost`: time and memory. `footprint`: bytes, stack and instructions 
 `preheat sweep`, `robustness` and `reproduce`.
 """
 
-# Sets OPENBLAS_NUM_THREADS before NumPy loads, so that a measured process runs as the product does.
+# Import first: sets OPENBLAS_NUM_THREADS before NumPy loads, so that a measured process runs as the product does.
 import bev_preheat  # noqa: F401

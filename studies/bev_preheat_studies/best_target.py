@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-`python3 -m bev_preheat_studies.best_target`: the best target against the program of drive and session.
+`python3 -m bev_preheat_studies.best_target`: the best target against the joint program of drive and session.
 
-Draws random drives to a charger, finds the best target of each as `preheat worth` does, solves the
-joint nonlinear program from several starts, drives and charges both plans with the same simulation, and
-reports by how much the best target costs more. Ctrl-C ends the study; the summary is then of the trips
-that are finished. With --only it shows one of the trips, start by start, with --reference the cases of the
-reference trip.
+Draws random drives to a charger, finds the best target of each as `preheat worth` does, and solves the
+joint nonlinear program from several starts. Drives and charges both plans with the same simulation, and
+reports the extra cost of the best target. Ctrl-C ends the study with a summary of the finished trips.
+--only shows one trip, start by start; --reference shows the cases of the reference trip.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ from typing import TYPE_CHECKING
 from bev_preheat.console.program import loading, run_program
 
 if __name__ == '__main__':
-    # What is loaded below takes a second, in which Ctrl-C may come.
+    # Loading takes a second, during which Ctrl-C may arrive.
     loading('best_target')
 
 from argparse import RawDescriptionHelpFormatter
@@ -58,9 +57,9 @@ if TYPE_CHECKING:
     from bev_preheat_studies.charging_worth import WorthCase
     from bev_preheat_studies.optimality.worth_gap import WorthGap
 
-# Trips that are listed: gaps above this share of the cost.
+# Trips listed by number: gaps above this share of the cost.
 LISTED_GAP = 1e-3
-ROWS = (('all trips', 'gap'), ('… program not shown the best target', 'blind_gap'),
+ROWS = (('all trips', 'gap'), ('… program not started from the best target', 'blind_gap'),
         ('heated, heat arrives at once', 'heated_gap'), ('heated, with a heat path', 'heat_path_gap'))
 
 
@@ -116,7 +115,7 @@ def _study(arguments: Namespace) -> int:
                             for result in results]})
         console = result_console(arguments.json)
         if not ending.is_complete:
-            console.print('Interrupted: this is a part of the study.')
+            console.print('Interrupted: only part of the study has run.')
         print_summary(console, summary, results)
     ending.tell(sum(result.outcome == COMPARED for result in results), arguments.trips, 'trips',
                 (arguments.json,))
@@ -170,7 +169,7 @@ def print_trip(console: Console, trip: ChargingTrip, worth: Worth, optimum: Char
 
 
 def print_summary(console: Console, summary: dict[str, Any], results: Sequence[WorthGap]) -> None:
-    """Print the table of a summary, and the trips that are worth a look."""
+    """Print the table of a summary, and the trips with a large gap."""
     outcomes = ', '.join(f'{count} {name}' for name, count in summary['outcomes'].items() if count)
     console.print(f'{summary["trips"]} trips: {outcomes}; {summary["heated"]} are heated, '
                   f'{summary["heated_by_heat_path"]} of them with a heat path', soft_wrap=True)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-What heating is worth on the reference trip: `python3 -m bev_preheat_studies.charging_worth`.
+`python3 -m bev_preheat_studies.charging_worth`: the worth of heating on the reference trip.
 
-With `--winter`: minutes and energy of the best target, over air temperature and charger.
+With `--winter`: minutes and energy of the best target by air temperature and charger.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ WINTER_CHARGERS_W = (50e3, 100e3, 150e3, 250e3)
 WINTER_AMBIENT_C = (-20.0, -15.0, -10.0, -5.0, 0.0)
 WINTER_ARRIVAL_SOC = 0.1
 W_PER_KW, WH_PER_KWH, S_PER_MIN = 1000.0, 1000.0, 60.0
-# The drive's consumption hardly depends on the charge it starts with.
+# The drive's consumption hardly depends on the initial charge.
 MOST_TRIALS, SOC_TOLERANCE = 20, 1e-6
 
 
@@ -66,7 +66,7 @@ def cases() -> list[WorthCase]:
 
 
 def trip_of(case: WorthCase) -> tuple[Vehicle, Route, BatteryState, Goal]:
-    """Return the reference on the reference trip, soaked at the start, that arrives as a case says."""
+    """Return the reference vehicle on the reference trip, soaked at the start, that arrives as `case` says."""
     vehicle = load_vehicle('reference')
     route = load_route('reference', vehicle.defaults)
     route = replace(route, ambient_temperature_c=np.full(len(route), case.ambient_c))
@@ -80,7 +80,7 @@ def worth_of(case: WorthCase) -> Worth:
 
 
 def start_soc(vehicle: Vehicle, route: Route, goal: Goal, case: WorthCase) -> float:
-    """Return the state of charge to start with, so that the unheated drive arrives as the case says."""
+    """Return the initial state of charge with which the unheated drive arrives as `case` says."""
     soc = case.arrival_soc + 0.3
     for _ in range(MOST_TRIALS):
         deficit = case.arrival_soc - plan_unheated(
@@ -114,8 +114,8 @@ def winter_row(case: WorthCase, worth: Worth) -> tuple[str, ...]:
     """
     Return the row of the winter table of one case.
 
-    Minutes that the best target saves at the charger, and the energy that it buys more [kWh], are
-    told against no heating and against the fixed target; so is the cost.
+    The minutes that the best target saves at the charger, the extra energy that it buys [kWh] and the cost
+    are differences from no heating and from the fixed target.
     """
     without, best, fixed = worth.without_heating, worth.best, worth.fixed
     return (f'{case.ambient_c:.0f}', f'{case.charger_w / W_PER_KW:.0f} kW',
@@ -128,7 +128,7 @@ def winter_row(case: WorthCase, worth: Worth) -> tuple[str, ...]:
 
 
 def _signed(value: float, digits: int) -> str:
-    # No sign of a zero, whichever rounding it comes from.
+    # Adding 0.0 turns -0.0 into 0.0.
     return f'{round(value, digits) + 0.0:+.{digits}f}'
 
 
@@ -150,7 +150,7 @@ def _print_winter() -> int:
     print_records(
         result_console(), f'Reference trip, unheated arrival with {100.0 * WINTER_ARRIVAL_SOC:.0f} %, to '
         f'{100.0 * DEPARTURE_SOC:.0f} %, {PRICES.energy_per_kwh:.2f} per kWh, '
-        f'{PRICES.time_per_h:.2f} per h; the best target against none and against the fixed one',
+        f'{PRICES.time_per_h:.2f} per h; the best target compared with no heating and with the fixed target',
         ('air [degC]', 'charger', 'best [degC]', 'none [min]', 'fixed [min]', 'best [min]',
          'saved [min]', 'more [kWh]', 'cost', 'saved, fixed [min]', 'more, fixed [kWh]', 'cost, fixed'),
         rows, ('right',) * 12)
@@ -158,7 +158,7 @@ def _print_winter() -> int:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Print the table that was asked for; returns the exit status."""
+    """Print the requested table; returns the exit status."""
     return run_program('charging_worth', lambda: _load(arguments), ends_process=arguments is None)
 
 
@@ -166,7 +166,7 @@ def _load(arguments: Sequence[str] | None) -> Callable[[], int]:
     parser = OneLineParser(prog='python3 -m bev_preheat_studies.charging_worth', description=__doc__,
                            formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument('--winter', action='store_true',
-                        help='the table over air temperature and charger')
+                        help='table by air temperature and charger')
     return _print_winter if parser.parse_args(arguments).winter else _print_worth
 
 

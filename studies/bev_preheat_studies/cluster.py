@@ -2,8 +2,8 @@
 """
 Workers on other computers: a cluster of dask.distributed as an executor.
 
-A worker that dies costs nothing but time: the scheduler gives its task to another one. What a worker
-returns depends on the trip's number only, and each number is counted once.
+If a worker dies, only time is lost: the scheduler gives its task to another worker. A worker's result depends
+only on the trip's number, and each number counts once.
 """
 
 from __future__ import annotations
@@ -27,31 +27,31 @@ if TYPE_CHECKING:
     Result = TypeVar('Result')
 
 ADDRESS = re.compile(r'([a-z]+://)?(\[[0-9a-fA-F:.]+\]|[\w.-]+):\d{1,5}')
-# Who does not answer for so long is not there [s].
+# Connection timeout [s].
 CONNECT_S = 5.0
 CLOSE_S = 2.0
-# Workers may come and go; they are counted so often [s].
+# Workers may join and leave; they are counted at this interval [s].
 COUNTED_AGAIN_S = 2.0
 
 
 class ClusterWorkers(Executor):
     """
-    An executor of all workers that a dask scheduler has; workers may come and go.
+    An executor on all workers of a dask scheduler; workers may join and leave.
 
-    Leaving its `with` block cancels what was not begun. A trip that a worker has begun is driven to its
-    end there, and its result is dropped.
+    Leaving its `with` block cancels tasks that have not started. A worker finishes the trip that it has
+    started; the result is dropped.
     """
 
     def __init__(self, address: str) -> None:
         """
         Connect to a scheduler at an address such as 'tcp://host:8786'.
 
-        Raises InvalidInput where none answers, where it has no workers, and where a worker runs
-        another version of this program; MissingPackage without dask.distributed.
+        Raises InvalidInput if no scheduler answers, if it has no workers, or if a worker runs other sources of
+        this program; MissingPackage without dask.distributed.
         """
         require('distributed')
         if not ADDRESS.fullmatch(address):
-            raise InvalidInput(f'--cluster: {quoted(address)} is no address; such as tcp://host:8786 is needed')
+            raise InvalidInput(f'--cluster: {quoted(address)} is not an address such as tcp://host:8786')
         from distributed import Client, KilledWorker
         _silence('distributed')
         self.losses = {
@@ -73,7 +73,7 @@ class ClusterWorkers(Executor):
 
     @property
     def cores(self) -> int:
-        """How many tasks the workers run at a time."""
+        """Number of tasks that the workers run at a time."""
         if monotonic() - self._counted_s > COUNTED_AGAIN_S:
             self._cores, self._counted_s = self._count(), monotonic()
         return self._cores
@@ -85,13 +85,13 @@ class ClusterWorkers(Executor):
         return future
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Cancel what is not done, and leave the cluster."""
+        """Cancel unfinished tasks, and disconnect."""
         with suppress(Exception):
             self._executor.shutdown(wait=False)
         self._close()
 
     def _count(self) -> int:
-        # A scheduler that has gone says so where results are waited for.
+        # A lost scheduler is reported when results are awaited.
         with suppress(Exception):
             cores: int = sum(self._client.ncores().values())
             return max(1, cores)
@@ -117,7 +117,7 @@ class ClusterWorkers(Executor):
 
 
 def _silence(library: str) -> None:
-    """Let a library log nothing: what happens is told in one line, by whoever runs the study."""
+    """Silence a library's log: the study reports each event in one line."""
     for name in (library, *logging.root.manager.loggerDict):
         if name.partition('.')[0] == library:
             logging.getLogger(name).setLevel(logging.CRITICAL + 1)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a study has computed already: read from its results file, and written to it as it comes."""
+"""Earlier results of a study: read from its results file; new results are appended to the file."""
 
 from __future__ import annotations
 
@@ -21,25 +21,25 @@ Result = TypeVar('Result')
 
 @dataclass(frozen=True)
 class Kept(Generic[Result]):
-    """Results of trips by number, and what `run_numbered` is to call with each new one."""
+    """Results by trip number; `keep` of `run_numbered` appends each new result."""
 
     finished: dict[int, Result] = field(default_factory=dict)
     keep: Callable[[int, Result], object] | None = None
 
 
 def open_results(path: AnyPath, study: Mapping[str, Any]) -> ResultsFile:
-    """Return the ResultsFile of the study that plain values describe, as these sources compute it."""
+    """Return the ResultsFile of a study, identified by the plain values in `study` and by these sources."""
     return ResultsFile(path, {**study, 'program': sources()})
 
 
 def results_of(file: ResultsFile, path: AnyPath,
                result_from: Callable[[dict[str, Any]], Result]) -> Iterator[Result]:
-    """Return the results in a file, one at a time; raise InvalidInput where a line is none."""
+    """Return the results in a file, one at a time; raise InvalidInput if a line is not a result."""
     for line, record in enumerate(file.records(), start=2):
         try:
             result = result_from(record)
         except (AttributeError, KeyError, TypeError, ValueError) as error:
-            raise InvalidInput(f'{path}: line {line} is no result of this study') from error
+            raise InvalidInput(f'{path}: line {line} is not a result of this study') from error
         yield result
 
 
@@ -47,10 +47,10 @@ def results_of(file: ResultsFile, path: AnyPath,
 def kept_results(path: AnyPath | None, study: Mapping[str, Any],
                  result_from: Callable[[dict[str, Any]], Result]) -> Iterator[Kept[Result]]:
     """
-    Give the Kept results of the study that plain values describe; none of them where `path` is None.
+    Give the Kept results of a study, identified by the plain values in `study`; empty if `path` is None.
 
-    Results are dataclasses with a `number`; `result_from` makes one from what `asdict` made of it.
-    Raises InvalidInput where the file holds another study, or is damaged.
+    Results are dataclasses with a `number`; `result_from` is the inverse of `asdict`.
+    Raises InvalidInput if the file holds another study or is damaged.
     """
     if path is None:
         yield Kept()

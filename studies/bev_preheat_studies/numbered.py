@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Runs the trips of a study, which are numbered, on any executor.
+Run the numbered trips of a study on any executor.
 
-A task is a picklable function of a trip's number: what it returns depends on that number only, so that
-a study has the same results on one core, on all, on a cluster, and in two halves.
+A task is a picklable function of a trip's number. Its result depends only on that number, so a study
+has the same results on one core, on all cores, on a cluster, and when it is stopped and resumed.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ if TYPE_CHECKING:
 
 Result = TypeVar('Result')
 
-# So many tasks for each core are handed out at a time: none waits while results are on their way.
+# Tasks handed out per core: no core waits while results are in transit.
 AHEAD = 3
-# While one trip takes long, so many others for each core are begun: their results wait for it in memory.
+# Further tasks started per core while one trip takes long; their results wait in memory.
 MOST_BEGUN = 16
-# Studies that a worker keeps at hand.
+# Studies cached in a worker.
 KEPT_TASKS = 4
 
 
@@ -38,17 +38,16 @@ def run_numbered(executor: Executor, task: Callable[[int], Result], numbers: Ite
     """
     Return an iterator over `task(number)` of all `numbers`, in their order.
 
-    Those of `finished` {number: result} are not run again. `keep(number, result)` is called with each
-    other one as soon as it is there, in whatever order they come. What is still running when the
-    iterator is closed is cancelled. Raises WorkerLost where a worker dies and nobody takes over its
-    task. An executor may say how many `cores` it has, and by `losses` {exception: what happened} which
-    other exceptions mean that.
+    Numbers in `finished` {number: result} are not run again. `keep(number, result)` is called with each
+    new result as soon as it arrives, in any order. Closing the iterator cancels running tasks. Raises
+    WorkerLost if a worker dies and its task is not reassigned. The executor may state its number of `cores`
+    and, in `losses` {exception: description}, further exceptions that mean a lost worker.
     """
     return _Run(executor, task, numbers, finished or {}, keep or (lambda number, result: None)).results()
 
 
 class _Run(Generic[Result]):
-    """What of a study was asked for, is being worked on, and is there."""
+    """The state of a study's run: numbers requested, tasks in progress, results received."""
 
     def __init__(self, executor: Executor, task: Callable[[int], Result], numbers: Iterable[int],
                  finished: Mapping[int, Result], keep: Callable[[int, Result], object]) -> None:
@@ -75,7 +74,7 @@ class _Run(Generic[Result]):
                 future.cancel()
 
     def _ask(self) -> bool:
-        """Ask for the next number, where there is one and the executor is not busy enough; return it."""
+        """Submit the next number and return it, unless none is left or the executor is busy enough."""
         cores: int = getattr(self._executor, 'cores', 1)
         if len(self._running) >= AHEAD * cores or len(self._asked) >= MOST_BEGUN * cores:
             return False
@@ -106,7 +105,7 @@ class _Run(Generic[Result]):
 
 
 class Shipped(Generic[Result]):
-    """A task that is sent with each number, but unpickled once in each worker."""
+    """A task that is sent with each number, but unpickled only once in each worker."""
 
     def __init__(self, task: Callable[[int], Result]) -> None:
         """Pickle the task."""

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The results of a study as they come: a file that is appended to, and from which a stopped study goes on.
+An append-only file of a study's results, from which a stopped study resumes.
 
-JSON lines: the first says which study it is, each other one is a record. Numbers are written so that
-they are read back to the last bit. A line is written at once; one that is not complete, because the
-computer lost power in the middle of it, is dropped when the file is opened again.
+JSON lines: the first identifies the study, each other line is a record. Floats are written with full
+precision. A line is written immediately; an incomplete last line, left by a power failure, is dropped when
+the file is opened again.
 """
 
 from __future__ import annotations
@@ -19,28 +19,28 @@ from typing import Any
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.files.output_files import AnyPath, check_writable, target_of
 
-# The key of the first line; nobody else's file begins with it.
+# Key of the first line; it identifies a results file.
 STUDY = 'bev_preheat_study'
-# What the file says that differs is quoted up to this length.
+# Longest quotation of a differing value in a message.
 LONGEST_VALUE = 60
 
-# Plain values, as JSON holds them.
+# Plain values, as in JSON.
 Plain = Any
 
 
 class ResultsFile:
     """
-    An open results file; a context manager that closes it.
+    An open results file, as a context manager.
 
-    It belongs to one process at a time.
+    Only one process can have it open at a time.
     """
 
     def __init__(self, path: AnyPath, study: Mapping[str, Plain]) -> None:
         """
-        Open the file at a path, or begin it, for the study that `study` describes in plain values.
+        Open or create the file of the study that the plain values in `study` identify.
 
-        Raises InvalidInput, naming what differs, where it holds another study, and where it is no
-        results file, cannot be written or is in use.
+        Raises InvalidInput if it holds another study (the message names the difference), is not a results
+        file, cannot be written or is in use.
         """
         check_writable(path)
         self._path = os.fspath(path)
@@ -64,23 +64,23 @@ class ResultsFile:
         os.close(self._file)
 
     def records(self) -> Iterator[Plain]:
-        """Return the records in the order in which they were appended, one at a time."""
+        """Return the records one at a time, oldest first."""
         with open(target_of(self._path), 'rb') as lines:
             next(lines, None)
             for number, line in enumerate(lines, start=2):
                 yield self._parsed(line, number)
 
     def append(self, record: Plain) -> None:
-        """Append a record; raise InvalidInput where the disk is full."""
+        """Append a record; raise InvalidInput if the disk is full."""
         self._write((json.dumps(record) + '\n').encode())
 
     def _begin(self, study: Mapping[str, Plain]) -> None:
-        # A file system without locks has none to offer; the others say who came first.
+        # A file system without locks cannot detect a second process.
         try:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             raise InvalidInput(
-                f'{self._path}: another study that is running writes to this file') from None
+                f'{self._path}: is in use by another running study') from None
         except OSError:
             pass
         self._drop_half_line()
@@ -91,10 +91,10 @@ class ResultsFile:
             return
         found = self._parsed(first, 1)
         if not isinstance(found, dict) or not isinstance(found.get(STUDY), dict):
-            raise InvalidInput(f'{self._path}: is no results file of a study')
+            raise InvalidInput(f'{self._path}: is not a results file of a study')
         problem = difference(found[STUDY], study)
         if problem:
-            raise InvalidInput(f'{self._path}: holds another study: {problem}; give another file')
+            raise InvalidInput(f'{self._path}: holds another study: {problem}; choose another file')
 
     def _drop_half_line(self) -> None:
         """Cut the file after its last complete line."""
@@ -108,8 +108,8 @@ class ResultsFile:
                 break
             end = start
         if end == 0 and size > 0 and not os.pread(self._file, 1, 0) == b'{':
-            # A text without an end of line is somebody's, and is not to be lost.
-            raise InvalidInput(f'{self._path}: is no results file of a study')
+            # A file without any line ending is not ours; keep it.
+            raise InvalidInput(f'{self._path}: is not a results file of a study')
         if end < size:
             os.ftruncate(self._file, end)
 
@@ -117,12 +117,12 @@ class ResultsFile:
         try:
             return json.loads(line)
         except ValueError:
-            reason = ('is no results file of a study' if number == 1
+            reason = ('is not a results file of a study' if number == 1
                       else f'line {number} is damaged: {quoted(line.decode(errors="replace"))}')
             raise InvalidInput(f'{self._path}: {reason}') from None
 
     def _write(self, line: bytes) -> None:
-        # One call for all of it: no signal comes in between.
+        # A single call, so that no signal can interrupt the line.
         try:
             written = os.write(self._file, line)
             if written < len(line):
@@ -137,7 +137,7 @@ class ResultsFile:
 
 
 def difference(found: Mapping[str, Plain], wanted: Mapping[str, Plain]) -> str:
-    """Return in words what two descriptions of a study differ in; '' where they are the same."""
+    """Return the differences between two descriptions of a study as a text; '' if they agree."""
     problems = []
     for name in dict.fromkeys((*wanted, *found)):
         there, here = found.get(name), wanted.get(name)

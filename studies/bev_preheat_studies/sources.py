@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which sources computed a result: those of another day may compute another one."""
+"""Identify the sources that computed a result: other sources may compute another result."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 # The product and its studies.
 PACKAGES = (Path(bev_preheat.__file__).resolve().parent, Path(__file__).resolve().parent)
-# So many hexadecimal digits tell sources, and inputs, apart.
+# Hexadecimal digits that distinguish sources and inputs.
 DIGITS = 12
 
 
@@ -36,7 +36,7 @@ def sources() -> str:
 
 
 def digest_of(value: Any) -> str:
-    """Return a digest of a tree of dataclasses, arrays and plain values: equal where all numbers are."""
+    """Return a digest of a tree of dataclasses, arrays and plain values; equal trees have equal digests."""
     return sha256(json.dumps(_plain(value)).encode()).hexdigest()[:DIGITS]
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Worker processes that never outlive the work they were started for."""
+"""Worker processes that end with the work for which they were started."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from multiprocessing.process import BaseProcess
     from typing import Any, TypeVar
 
-    # What a task returns.
+    # The type of a task's result.
     Result = TypeVar('Result')
 
 
@@ -26,17 +26,17 @@ class Workers(Executor):
     """
     An executor of processes on this computer, one for each core if `jobs` is None.
 
-    Leaving its `with` block kills them, whatever they are doing. They do not hear SIGINT: Ctrl-C is for
-    the process that started them, which then leaves the block. They end, too, when that process dies.
+    Leaving its `with` block kills the processes, busy or not. They ignore SIGINT: Ctrl-C goes to the process
+    that started them, which then leaves the block. They also end when that process dies.
 
-    A task that was handed out cannot be cancelled by itself: the pool's thread, when a process ends,
-    gives each task that is left a result of its own, and stumbles over one that somebody cancelled.
+    A submitted task cannot be cancelled: when a process ends, the pool's thread sets a result on each
+    remaining task, and fails on a cancelled one.
     """
 
     def __init__(self, jobs: int | None) -> None:
-        """Start nothing yet."""
+        """Start no process yet."""
         self.cores = jobs or os.cpu_count() or 1
-        # A fork would take the solver's threads and the terminal's state along.
+        # A fork would inherit the solver's threads and the terminal's state.
         self._pool = ProcessPoolExecutor(
             self.cores, mp_context=multiprocessing.get_context('spawn'), initializer=_begin)
         self._others: set[BaseProcess] = set(multiprocessing.active_children())
@@ -59,7 +59,7 @@ class Workers(Executor):
 
 
 def _hand_on(task: Future[Result], ended: Future[Result]) -> None:
-    """Give the task what the pool's Future of it has."""
+    """Copy the result or exception of the pool's Future to the task."""
     error = CancelledError() if ended.cancelled() else ended.exception()
     if error is None:
         task.set_result(ended.result())
@@ -69,8 +69,8 @@ def _hand_on(task: Future[Result], ended: Future[Result]) -> None:
 
 @contextmanager
 def _interrupts_held() -> Iterator[None]:
-    """Hold SIGINT back while the block lasts; what is started meanwhile never hears it."""
-    # It lifts the mask when it starts, which it otherwise does together with the first process.
+    """Block SIGINT inside the block; processes started in it ignore SIGINT for good."""
+    # The resource tracker unblocks the signal when it starts; normally it starts with the first process.
     resource_tracker.ensure_running()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT,))
     try:

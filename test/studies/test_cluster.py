@@ -111,12 +111,12 @@ def test_a_cluster_within_this_process_answers_in_order():
 def test_what_is_no_address_is_refused_in_one_line(address, capsys):
     assert main(['robustness', '--trips', '1', '--cluster', address]) == 2
     assert capsys.readouterr().err == (
-        f'preheat: error: --cluster: {address!r} is no address; such as tcp://host:8786 is needed\n')
+        f'preheat: error: --cluster: {address!r} is not an address such as tcp://host:8786\n')
 
 
 def test_processes_and_a_cluster_exclude_each_other(capsys):
     assert main(['sweep', '--cluster', 'tcp://127.0.0.1:1', '--jobs', '2']) == 2
-    assert '--jobs is for processes of this computer' in capsys.readouterr().err
+    assert '--jobs sets the processes on this computer' in capsys.readouterr().err
 
 
 def test_without_dask_one_line_says_how_to_install_it(monkeypatch, capsys):

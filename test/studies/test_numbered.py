@@ -160,7 +160,7 @@ def test_a_line_that_is_no_result_is_named(tmp_path):
         pass
     with path.open('a') as file:
         file.write('{"number": 0}\n')
-    with pytest.raises(InvalidInput, match='line 2 is no result of this study'), kept_results(
+    with pytest.raises(InvalidInput, match='line 2 is not a result of this study'), kept_results(
             path, {'study': 'made'}, result_from):
         pass
 

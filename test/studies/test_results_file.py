@@ -55,7 +55,7 @@ def test_a_file_of_which_only_half_the_first_line_was_written_begins_anew(path):
 
 
 @pytest.mark.parametrize('change, message', [
-    ({'seed': 2}, 'holds another study: seed is 1 in the file, 2 here; give another file'),
+    ({'seed': 2}, 'holds another study: seed is 1 in the file, 2 here; choose another file'),
     ({'vehicle': 'reference (99ff)', 'methods': ['a']},
      'vehicle is reference (17ab) in the file, reference (99ff) here, methods is ["a", "b"] in the '
      'file, ["a"] here'),
@@ -72,7 +72,7 @@ def test_the_file_of_another_study_is_refused_by_what_differs(path, change, mess
 def test_what_is_no_results_file_is_refused_and_stays(tmp_path, text):
     path = tmp_path / 'other.txt'
     path.write_text(text)
-    with pytest.raises(InvalidInput, match='is no results file of a study'):
+    with pytest.raises(InvalidInput, match='is not a results file of a study'):
         ResultsFile(path, STUDY)
     assert path.read_text() == text
 
@@ -85,6 +85,6 @@ def test_a_damaged_line_is_named(path):
 
 
 def test_two_studies_do_not_write_to_one_file(path):
-    with ResultsFile(path, STUDY), pytest.raises(InvalidInput, match='another study that is running'):
+    with ResultsFile(path, STUDY), pytest.raises(InvalidInput, match='in use by another running study'):
         ResultsFile(path, STUDY)
     assert read(path) == RECORDS

@@ -26,16 +26,16 @@ def add_parser(subparsers: Subparsers) -> None:
     """Add the subcommand."""
     parser = subparsers.add_parser(
         'reproduce', help="the paper's Table II beside ours",
-        description='Table II of the paper, ours, and the difference of each cell; which cells '
-        'the reference vehicle was fitted to, and which are predicted.')
+        description='Table II of the paper, ours, and the difference of each cell; names the cells '
+        'to which the reference vehicle was fitted, and the predicted ones.')
     parser.add_argument('--fit', action='store_true',
-                        help='make the fit again and print the parameters it finds')
+                        help='repeat the fit and print its parameters')
     add_output_arguments(parser)
     parser.set_defaults(run=run)
 
 
 def run(arguments: Namespace) -> int:
-    """Reproduce, print, and write what was asked for; returns 0."""
+    """Reproduce, print, and write the requested files; returns 0."""
     check_output_arguments(arguments, (vehicle_file('reference'), route_file('reference')))
     require('casadi', *(['scipy'] if arguments.fit else []))
     from bev_preheat_studies.reproduction.table_two import fit_reference, GOAL, reproduce
@@ -80,5 +80,5 @@ def print_result(console: Console, result: Reproduction) -> None:
                        ('optimal_switch', result.optimal_switch)):
         gap_wh = energy_gap_wh(plan, best)
         against = f'{gap_wh:+.4f} Wh' if gap_wh is not None else difference(plan, best)
-        console.print(f'{name}: {against} against the NLP, arrives at '
+        console.print(f'{name}: {against} compared with the NLP, arrives at '
                       f'{plan.arrival_temperature_c:.3f} degC', markup=False, soft_wrap=True)

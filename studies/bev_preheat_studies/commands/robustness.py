@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`preheat robustness`: the planner in closed loop with cars that differ from their file."""
+"""`preheat robustness`: the planner in closed loop with cars that differ from their vehicle file."""
 
 from __future__ import annotations
 
@@ -52,10 +52,10 @@ if TYPE_CHECKING:
     from bev_preheat_studies.robustness.car_figures import Figures
     from bev_preheat_studies.robustness.car_study import CarResult
 
-# How many trips, days or cars, by the kind of study; the routes of days.
+# Number of trips, days or cars by kind of study; the routes of days.
 DEFAULT_TRIPS = {'': 300, 'days': 200, 'signals': 20}
 ROUTES_OF_DAYS = 'reference', 'alpine_pass', 'city_stop_and_go', 'motorway_3h', 'winter_commute'
-# (low, high) of what the options allow.
+# (low, high) that the options allow.
 LIMITS = {
     'trips': (1, 100_000),
     'only': (0, 2**31),
@@ -64,7 +64,7 @@ LIMITS = {
     'period': (0.1, 10.0),
     'traffic': (0.0, 0.5),
 }
-# Rows of the table: heading, how to read them off a method's figures, format.
+# Rows of the table: heading, value from a method's figures, format.
 ROWS = (
     ('Arrival error, 5 % [K]', lambda figures: figures['arrival_error_k']['5 %'], '+.2f'),
     ('… median', lambda figures: figures['arrival_error_k']['median'], '+.2f'),
@@ -74,24 +74,24 @@ ROWS = (
     ('… most', lambda figures: figures['switch_ons']['most'], 'd'),
     ('Heating energy, mean [Wh]', lambda figures: figures['heating_energy_wh'], '.1f'),
     ('… trips compared', lambda figures: figures['heating_excess']['trips'], 'd'),
-    ('… above informed, mean [%]', lambda figures: _percent(figures['heating_excess']['mean']),
+    ('… above plan with true car, mean [%]', lambda figures: _percent(figures['heating_excess']['mean']),
      '+.2f'),
-    ('… above informed, 95 % [%]', lambda figures: _percent(figures['heating_excess']['95 %']),
+    ('… above plan with true car, 95 % [%]', lambda figures: _percent(figures['heating_excess']['95 %']),
      '+.2f'),
     ('Battery energy, mean [Wh]', lambda figures: figures['battery_energy_wh'], '.1f'),
-    ('… above informed, mean [%]', lambda figures: _percent(figures['battery_excess']['mean']),
+    ('… above plan with true car, mean [%]', lambda figures: _percent(figures['battery_excess']['mean']),
      '+.2f'),
-    ('Partial duty, mean [s]', lambda figures: figures['partial_duty_s']['mean'], '.1f'),
+    ('Time at partial heater power, mean [s]', lambda figures: figures['partial_duty_s']['mean'], '.1f'),
     ('… most', lambda figures: figures['partial_duty_s']['most'], '.1f'),
-    ('Drives with a heater verdict', lambda figures: figures['verdicts'], 'd'),
-    ('Fault of the heater shows in', lambda figures: figures['fault']['shown'], 'd'),
+    ('Drives with a heater fault reported', lambda figures: figures['verdicts'], 'd'),
+    ('Drives in which a real fault has an effect', lambda figures: figures['fault']['shown'], 'd'),
     ('… is found [%]', lambda figures: _percent(figures['fault']['found']), '.0f'),
     ('… after, median [s]', lambda figures: figures['fault']['median_s'], '.0f'),
     ('… after, most [s]', lambda figures: figures['fault']['most_s'], '.0f'),
-    ('… not found, showed at most [s]', lambda figures: figures['fault']['missed_most_s'], '.0f'),
+    ('… not found, effect at most [s]', lambda figures: figures['fault']['missed_most_s'], '.0f'),
     ('Refused inputs', lambda figures: figures['refused_inputs'], 'd'),
     ('Updates without a plan', lambda figures: figures['updates_without_plan'], 'd'),
-    ('Trips that ran empty', lambda figures: figures['ran_empty'], 'd'),
+    ('Trips with an empty battery', lambda figures: figures['ran_empty'], 'd'),
     ('Planner, CPU per update [ms]', lambda figures: 1e3 * figures['planner_cpu_per_update_s'],
      '.2f'),
 )
@@ -100,74 +100,73 @@ ROWS = (
 def add_parser(subparsers: Subparsers) -> None:
     """Add the subcommand."""
     parser = subparsers.add_parser(
-        'robustness', help='planner in closed loop with cars that differ from their description',
-        description='Draws cars that differ from vehicle and route file, drives each with the '
-        "planner (and with the paper's heuristic, planned again and again), without ROS, and "
-        'reports how warm they arrive, how often they switch, and what they spend more than a '
-        'plan that knows the truth, on trips that they end as warm. Ctrl-C ends the study; the '
-        'summary is then of the trips that are finished.')
+        'robustness', help='planner in closed loop with cars that differ from their vehicle file',
+        description='Draws cars that differ from vehicle and route file, drives each with the planner '
+        "(and with the paper's heuristic, re-planned on each battery state), without ROS, and reports "
+        'arrival temperature, number of switch-ons, and the energy above that of a plan made with the '
+        'true car, on trips that end as warm. Ctrl-C ends the study; the summary then covers the '
+        'finished trips.')
     kinds = parser.add_mutually_exclusive_group()
     kinds.add_argument('--days', action='store_true',
-                       help='whole days in one process: 2 … 5 trips with charging and parking between them, early '
-                       'and late, with voltage and current or without')
+                       help='whole days in one process: 2 … 5 trips with charging and parking in between, early '
+                       'and late, with and without voltage and current')
     kinds.add_argument('--signals', action='store_true',
-                       help='battery states that are wrong: which signals are named, after how long')
+                       help='faulty battery states: which signals are reported, and how soon')
     parser.add_argument('--trips', type=int, metavar='N',
-                        help='how many (default: 300); with --days, how many days (200); with --signals, in how '
-                        'many cars each case (20)')
+                        help='number of trips (default: 300); with --days, of days (200); with --signals, of '
+                        'cars for each case (20)')
     parser.add_argument('--only', type=int, metavar='NUMBER',
-                        help='run one trip, or day, of the study; --plot then draws a trip over time')
+                        help='run a single trip, or day, of the study; --plot then draws the trip over time')
     parser.add_argument('--seed', type=int, default=1, help='default: %(default)s')
     add_study_arguments(parser)
     parser.add_argument('--methods', nargs='+', choices=tuple(COMPARED), default=list(COMPARED),
                         metavar='METHOD', help=f'of {", ".join(COMPARED)} (default: all)')
     completed_by(VEHICLES, parser.add_argument(
         '--vehicle', default='reference', metavar='NAME|FILE',
-        help='vehicle as described (default: %(default)s)'))
+        help='vehicle before it is varied (default: %(default)s)'))
     completed_by(ROUTES, parser.add_argument(
         '--route', nargs='+', metavar='NAME|FILE',
-        help='route as described, or legs/NAME; of several, trips take one after the other, and days any '
+        help='route before it is varied, or legs/NAME; trips use several routes alternately, days at random '
         '(default: reference; with --days the five of config/routes)'))
     parser.add_argument('--fault', choices=tuple(FAULTS), default='none',
-                        help='a fault that the heater really has from some instant on (default: %(default)s)')
+                        help='a real heater fault that starts during the drive (default: %(default)s)')
     parser.add_argument('--plant', choices=tuple(PLANTS), default='nominal',
-                        help='what the true car has that the model has not: a heater that lags, coolant '
-                        'to be warmed, a sensor that lags, a ripple of the current that is not measured '
+                        help='what the true car adds to the model: a heater that lags, coolant that must be '
+                        'heated, a sensor that lags, a current ripple that is not measured '
                         '(default: %(default)s)')
     parser.add_argument('--temperature', type=float, default=-7.0, metavar='DEGC',
                         help='battery temperature at the start [degC] (default: %(default)s)')
     parser.add_argument('--soc', type=float, default=0.9, metavar='0..1',
                         help='state of charge at the start (default: %(default)s)')
     parser.add_argument('--target', type=float, metavar='DEGC',
-                        help="battery temperature wanted on arrival [degC]; the vehicle's default "
-                        'if not given')
+                        help="target battery temperature on arrival [degC] (default: the vehicle's)")
     parser.add_argument('--period', type=float, default=1.0, metavar='S',
-                        help='time between two battery states, and between two commands [s] '
+                        help='period of battery states and of commands [s] '
                         '(default: %(default)s)')
     parser.add_argument('--no-power', action='store_true',
                         help='battery states carry neither voltage nor current')
     parser.add_argument('--traffic', type=float, default=0.0, metavar='SHARE',
-                        help='each trip takes longer or shorter than its route says, by up to this '
-                        'share, and the trip planner does not say so (default: %(default)s)')
+                        help="largest relative deviation of a trip's duration from its route's, which the trip "
+                        'planner does not report (default: %(default)s)')
     parser.add_argument('--progress', action='store_true',
-                        help='the car says where on its route it is')
+                        help='the car reports its position on the route')
     add_output_arguments(parser)
     parser.set_defaults(run=run)
 
 
 def run(arguments: Namespace) -> int:
-    """Run the study, or one trip of it; returns 0 whether or not the requirements are met."""
+    """Run the study or a single trip; returns 0 whether or not the requirements are met."""
     _choose_defaults(arguments)
     conditions = _conditions(arguments)
     check_study_arguments(
         arguments, (vehicle_file(arguments.vehicle), *map(route_source, arguments.route)))
     if arguments.days or arguments.signals:
         return _run_of_kind(arguments, conditions)
-    # Each once, in the order in which they were asked for.
+    # Without duplicates, in the order of the command line.
     methods = list(dict.fromkeys(arguments.methods))
     if arguments.only is not None:
         if arguments.results is not None or arguments.cluster is not None:
-            raise InvalidInput('--results and --cluster are for a whole study; --only runs one trip of it here')
+            raise InvalidInput('--results and --cluster are for a whole study; --only runs a single trip here')
         return _run_one(arguments, conditions, methods)
     results = []
     with (keeping_what_is_finished() as ending,
@@ -191,7 +190,7 @@ def run(arguments: Namespace) -> int:
 
 
 def _choose_defaults(arguments: Namespace) -> None:
-    """Fill in defaults that depend on the kind of study, and refuse options that it draws by itself."""
+    """Fill in defaults that depend on the kind of study; refuse options that it draws itself."""
     kind = 'days' if arguments.days else 'signals' if arguments.signals else ''
     if arguments.trips is None:
         arguments.trips = DEFAULT_TRIPS[kind]
@@ -207,7 +206,7 @@ def _choose_defaults(arguments: Namespace) -> None:
 
 
 def _run_of_kind(arguments: Namespace, conditions: Conditions) -> int:
-    """Run the study of days, or that of signals."""
+    """Run the study of days or of signals."""
     if arguments.days:
         from bev_preheat_studies.commands.robustness_days import run_days_study
         return run_days_study(arguments, conditions, _described(arguments), _study(arguments, conditions, ()))
@@ -229,7 +228,7 @@ def _give_out(arguments: Namespace, results: list[CarResult], methods: Sequence[
     console = result_console(arguments.json)
     console.print(_drawn_sentence(), soft_wrap=True)
     if not ending.is_complete:
-        console.print(f'Interrupted: this is a part of the study, {len(results)} of '
+        console.print(f'Interrupted: only part of the study has run, {len(results)} of '
                       f'{arguments.trips} trips.')
     print_summary(console, summary, methods)
 
@@ -275,7 +274,7 @@ def _conditions(arguments: Namespace) -> Conditions:
 
 
 def _study(arguments: Namespace, conditions: Conditions, methods: Sequence[str]) -> dict[str, Any]:
-    """Return what a results file says of the study; how many trips it has may change."""
+    """Return the study's identity for its results file; the number of trips may change."""
     return {'study': 'robustness', 'seed': arguments.seed, 'methods': list(methods),
             'vehicle': f'{conditions.vehicle.name} ({digest_of(conditions.vehicle)})',
             **{f'route {number}': f'{Path(name).stem} ({digest_of(route)})' for number, (name, route) in enumerate(
@@ -293,17 +292,17 @@ def _drawn() -> dict[str, Any]:
 
 
 def _drawn_sentence() -> str:
-    """Return what is drawn for each trip."""
+    """Return a sentence on the distributions."""
     spread = ', '.join(f'{name.replace("_", " ")} ±{100 * share:.0f} %'
                        for name, share in SPREAD.items())
-    return (f'Drawn for each trip: {spread}, all evenly; propulsion power wanders from segment to '
+    return (f'Drawn for each trip: {spread}, all uniform; propulsion power varies from segment to '
             f'segment (standard deviation of the logarithm {PROPULSION_POWER_VARIABILITY:g}). '
             f'Measured temperature: noise {TEMPERATURE_NOISE_K:g} K, then rounded to '
             f'{TEMPERATURE_RESOLUTION_K:g} K.')
 
 
 def _described(arguments: Namespace) -> dict[str, Any]:
-    """Return what a JSON file says of the conditions."""
+    """Return the conditions for a JSON file."""
     return {'seed': arguments.seed, 'vehicle': arguments.vehicle, 'route': arguments.route,
             'plant': arguments.plant, 'fault': arguments.fault,
             'temperature_c': arguments.temperature, 'soc': arguments.soc,
@@ -319,9 +318,9 @@ def _percent(share: float | None) -> float | None:
 def print_summary(console: Console, summary: Figures, methods: Sequence[str]) -> None:
     """Print the tables of a summary."""
     informed = summary['informed']
-    console.print(f'informed (one plan that knows the truth): '
+    console.print(f'plan with the true car ("informed"): '
                   f'{informed["heating_energy_wh"]:.1f} Wh of heating, '
-                  f'{informed["battery_energy_wh"]:.1f} Wh of the battery on average; arrival '
+                  f'{informed["battery_energy_wh"]:.1f} Wh from the battery on average; arrival '
                   f'error {informed["arrival_error_k"]["worst"]:+.3f} K at worst', soft_wrap=True)
     print_figures(console, 'In closed loop', ('', *methods), [
         (heading, *(_text(figure(summary[method]), form) for method in methods))
@@ -333,7 +332,7 @@ def print_summary(console: Console, summary: Figures, methods: Sequence[str]) ->
     for method in methods:
         worst = ', '.join(f'{what} {number}'
                           for what, number in summary[method]['worst_trips'].items())
-        console.print(f'{method}: trips to look at (--only NUMBER): {worst}', soft_wrap=True)
+        console.print(f'{method}: extreme trips (--only NUMBER): {worst}', soft_wrap=True)
 
 
 def _judged(requirement: Figures) -> Text:
@@ -353,7 +352,7 @@ def print_trip(console: Console, result: CarResult) -> None:
     """Print one trip."""
     car = ', '.join(f'{name.replace("_", " ")} {getattr(result.mismatch, name):.3f}'
                     for name in SPREAD)
-    pace = '' if result.pace == 1.0 else f'; takes {result.pace:.3f} times as long as its route says'
+    pace = '' if result.pace == 1.0 else f"; takes {result.pace:.3f} of its route's time"
     console.print(f'trip {result.number}: {car}{pace}', soft_wrap=True)
     drives = {'informed': result.informed, **result.methods}
     print_figures(console, None, ('', *drives), [

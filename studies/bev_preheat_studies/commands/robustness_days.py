@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`preheat robustness --days`: chains of trips, charging and parking in one process of the planner."""
+"""`preheat robustness --days`: chains of trips, charging and parking in a single process of the planner."""
 
 from __future__ import annotations
 
@@ -35,9 +35,9 @@ if TYPE_CHECKING:
     from bev_preheat_studies.robustness.day_drives import DayResult
     from bev_preheat_studies.robustness.drawn_cars import Conditions
 
-# Routes on which each climb and each descent has heating of its own.
+# Routes on which each climb and each descent has its own heating interval.
 HILLY = ('alpine_pass',)
-# Lines with false verdicts that are printed; the file of --json has all.
+# Most lines printed for false verdicts; the file of --json has all.
 MOST_LINES = 10
 
 
@@ -69,7 +69,8 @@ def run_days_study(arguments: Namespace, conditions: Conditions, described: dict
                                         'summary': summary, 'results': [asdict(result) for result in results]})
         console = result_console(arguments.json)
         if not ending.is_complete:
-            console.print(f'Interrupted: this is a part of the study, {len(results)} of {arguments.trips} days.')
+            console.print('Interrupted: only part of the study has run, '
+                          f'{len(results)} of {arguments.trips} days.')
         print_days(console, summary, conditions.fault != 'none')
     ending.tell(len(results), arguments.trips, 'days', (arguments.json,), arguments.results)
     return 0
@@ -83,7 +84,7 @@ def _run_one(arguments: Namespace, conditions: Conditions, described: dict[str, 
     console = result_console(arguments.json)
     known = 'known' if result.knows_power else 'not known'
     console.print(f'day {result.number}: {result.hours:.1f} h, voltage and current {known}', soft_wrap=True)
-    print_records(console, 'Trips', ('trip', 'route', 'takes, times the plan', 'position known',
+    print_records(console, 'Trips', ('trip', 'route', "duration / route's", 'position known',
                                      'arrival error [K]', 'switch-ons'), [
         (str(trip.position + 1), arguments.route[trip.route], f'{trip.pace:.3f}', 'yes' if trip.is_told else 'no',
          '–' if trip.arrival_error_k is None else f'{trip.arrival_error_k:+.2f}', str(trip.switch_ons))
@@ -105,18 +106,21 @@ def print_days(console: Console, summary: Figures, has_fault: bool) -> None:
         for name, key, form in (('number', 'trips', 'd'), ('5 %', '5 %', '+.2f'), ('median', 'median', '+.2f'),
                                 ('95 %', '95 %', '+.2f'), ('worst', 'worst', '+.2f'))])
     charging, parked, switch_ons = (summary[key] for key in ('heated_charging_s', 'heated_parked_s', 'switch_ons'))
-    rows = [(f'Heating {what}, too long, {which} [s]', f'{times[key]["total"]:.0f}', f'{times[key]["most"]:.0f}')
+    rows = [(f'Heating {what}, beyond the stated time, {which} [s]', f'{times[key]["total"]:.0f}',
+             f'{times[key]["most"]:.0f}')
             for what, times in (('while charging', charging), ('while parked', parked))
             for which, key in (('voltage and current known', 'with power'), ('not known', 'without'))]
-    rows.append(('Switch-ons a trip, not over hills', f'mean {switch_ons["mean"]:.2f}', str(switch_ons['most'])))
-    rows.append(('Switch-ons a trip, over hills', '', str(switch_ons['most over hills'])))
+    rows.append(('Switch-ons per trip, except over hills', f'mean {switch_ons["mean"]:.2f}',
+                 str(switch_ons['most'])))
+    rows.append(('Switch-ons per trip, over hills', '', str(switch_ons['most over hills'])))
     print_figures(console, 'In all days', ('', 'all', 'most in one'), rows)
     if has_fault:
         fault = summary['fault']
         found = None if fault['found'] is None else 100.0 * fault['found']
         console.print(
-            f'Fault of the heater: shows in {fault["shown"]} days, found in {_text(found, ".0f")} %, after '
-            f'{_text(fault["median_s"], ".0f")} s of driving (median), {_text(fault["most_s"], ".0f")} s (most).',
+            f'Heater fault: has an effect on {fault["shown"]} days, found on {_text(found, ".0f")} % of '
+            f'them, after {_text(fault["median_s"], ".0f")} s of driving (median), '
+            f'{_text(fault["most_s"], ".0f")} s (maximum).',
             soft_wrap=True)
     print_records(console, 'Requirements', ('', 'bound', ''), [
         (each['name'], each['bound'], _judged(each)) for each in summary['requirements']],

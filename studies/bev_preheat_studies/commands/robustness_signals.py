@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`preheat robustness --signals`: battery states that are wrong, in drawn cars."""
+"""`preheat robustness --signals`: faulty battery states in drawn cars."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from bev_preheat_studies.robustness.drawn_cars import Conditions
     from bev_preheat_studies.robustness.signal_cases import SignalResult
 
-# So much of each route is driven [s].
+# Simulated part of each route [s].
 DRIVEN_S = 1500.0
 
 
@@ -58,9 +58,9 @@ def run_signals_study(arguments: Namespace, conditions: Conditions, described: d
                                         'summary': summary, 'results': [asdict(result) for result in results]})
         console = result_console(arguments.json)
         print_records(
-            console, 'Signals that are wrong',
-            ('case', 'cars', 'named [%]', f'within {NAMED_WITHIN_S:.0f} s [%]', 'after, median [s]', '… most [s]',
-             'heater accused', 'others named', 'most switch-ons'),
+            console, 'Faulty signals',
+            ('case', 'cars', 'reported [%]', f'within {NAMED_WITHIN_S:.0f} s [%]', 'after, median [s]',
+             '… most [s]', 'heater blamed', 'others reported', 'most switch-ons'),
             [(name, str(each['cars']), f'{100 * each["named"]:.0f}', f'{100 * each["in_time"]:.0f}',
               _seconds(each['median_s']), _seconds(each['worst_s']), str(each['heater_accused']),
               str(each['others_named']), str(each['most_switch_ons'])) for name, each in summary.items()],

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What all studies have in common: where they run, and where their results are kept."""
+"""Arguments that all studies share: where they run, and where their results are stored."""
 
 from __future__ import annotations
 
@@ -26,30 +26,30 @@ def add_study_arguments(parser: ArgumentParser) -> None:
     """Add `--jobs`, `--cluster` and `--results`."""
     parser.add_argument('--jobs', type=int, metavar='N', help='processes (default: all cores)')
     parser.add_argument('--cluster', metavar='ADDRESS',
-                        help='run on the workers of this dask scheduler, such as tcp://host:8786, in '
-                        'place of processes of this computer')
+                        help='run on the workers of this dask scheduler, such as tcp://host:8786, '
+                        'instead of processes on this computer')
     parser.add_argument('--results', metavar='FILE',
-                        help='append each result to this file as it comes (JSON lines); where it is '
-                        'there already, the study goes on from it')
+                        help='append each result to this file (JSON lines); if the file exists, the study '
+                        'resumes from it')
 
 
 def check_study_arguments(arguments: Namespace, inputs: Sequence[AnyPath]) -> None:
     """
-    Check `--jobs`, `--cluster`, `--results`, `--json` and `--plot` before anything is computed.
+    Check `--jobs`, `--cluster`, `--results`, `--json` and `--plot` before the study starts.
 
-    `inputs` are the files that are read. Raises InvalidInput.
+    `inputs` are the files that the study reads. Raises InvalidInput.
     """
     low, high = JOBS
     if arguments.jobs is not None and not low <= arguments.jobs <= high:
         raise InvalidInput(f'--jobs: {arguments.jobs} is not allowed; it must be {low} ... {high}')
     if arguments.jobs is not None and arguments.cluster is not None:
-        raise InvalidInput('--jobs is for processes of this computer; with --cluster the scheduler says '
-                           'how many workers there are')
+        raise InvalidInput('--jobs sets the processes on this computer; with --cluster, the scheduler '
+                           'sets the number of workers')
     check_output_arguments(arguments, inputs, [OutputFile('--results', arguments.results)])
     if arguments.cluster is not None:
         require('distributed')
 
 
 def study_executor(arguments: Namespace) -> Executor:
-    """Return the executor that the arguments ask for; leaving its `with` block ends what is running."""
+    """Return the requested executor; leaving its `with` block cancels running tasks."""
     return Workers(arguments.jobs) if arguments.cluster is None else ClusterWorkers(arguments.cluster)

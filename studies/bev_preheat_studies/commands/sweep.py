@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`preheat sweep`: the methods on many random trips, against the nonlinear program or over a fleet."""
+"""`preheat sweep`: the methods on many random trips, compared with the nonlinear program or over a fleet."""
 
 from __future__ import annotations
 
@@ -35,40 +35,40 @@ if TYPE_CHECKING:
     from bev_preheat_studies.optimality.gap_figures import Figures
     from bev_preheat_studies.optimality.gap_study import GapResult
 
-# (low, high) of what the options allow, and the defaults of those that a fleet does not have.
+# (low, high) that the options allow, and the defaults of the options that a fleet does not have.
 LIMITS = {'feasible': (1, 100_000), 'seed': (0, 2**31), 'fleet': (1, 100_000_000)}
 NOT_OF_FLEETS = {'feasible': 300, 'trips': 'free', 'vehicle': 'reference'}
-# Disagreements shown for a method; the JSON has all.
+# Most disagreements printed for a method; the JSON has all.
 MOST_LISTED = 10
 
 
 def add_parser(subparsers: Subparsers) -> None:
     """Add the subcommand."""
     parser = subparsers.add_parser(
-        'sweep', help='methods against the nonlinear program on random trips',
-        description='Draws random trips, plans each with every method, solves each nonlinear '
-        'program, and reports the distribution of what the methods cost more. Energies are compared '
-        'only where a method reaches the same as the program. Ctrl-C ends the study; the summary '
-        'is then of the trips that are finished.')
+        'sweep', help='methods compared with the nonlinear program on random trips',
+        description='Draws random trips, plans each with every method, solves the nonlinear program '
+        "of each, and reports the distribution of the methods' extra energy. Energies are compared "
+        'only if a method reaches the same as the program. Ctrl-C ends the study; the summary '
+        'then covers the finished trips.')
     parser.add_argument('--feasible', type=int, metavar='N',
                         help='draw until N trips are feasible (default: 300)')
     parser.add_argument('--trips', choices=('free', 'limits'),
-                        help="free: no limit but the heater's is active; limits: descents, climbs, "
+                        help="free: only the heater's limit is active; limits: descents, climbs, "
                         'tight reserves and a changing cabin demand (default: free)')
     parser.add_argument('--fleet', type=int, metavar='N',
-                        help='in place of all that, without the nonlinear program: N winter trips of '
-                        'different cars to fast chargers, and what each method saves at the charger '
-                        'against no heating')
+                        help='instead, without the nonlinear program: N winter trips of different cars to '
+                        'fast chargers, and the savings of each method at the charger compared with '
+                        'no heating')
     parser.add_argument('--seed', type=int, default=1, help='default: %(default)s')
     add_study_arguments(parser)
     completed_by(VEHICLES, parser.add_argument(
-        '--vehicle', metavar='NAME|FILE', help='vehicle that is scaled (default: reference)'))
+        '--vehicle', metavar='NAME|FILE', help='vehicle to scale (default: reference)'))
     add_output_arguments(parser)
     parser.set_defaults(run=run)
 
 
 def run(arguments: Namespace) -> int:
-    """Run the study; returns 0. An interrupted one is summed up as far as it got."""
+    """Run the study; returns 0. An interrupted study is summarised up to that point."""
     given = [name for name in NOT_OF_FLEETS if getattr(arguments, name) is not None]
     if arguments.fleet is not None and given:
         raise InvalidInput(f'--{given[0]} does not go with --fleet, which draws cars and trips of its own')
@@ -125,7 +125,7 @@ def _give_out(arguments: Namespace, results: list[GapResult], ending: Interrupte
         draw_study(arguments.plot, results, METHODS)
     console = result_console(arguments.json)
     if not ending.is_complete:
-        console.print('Interrupted: this is a part of the study.')
+        console.print('Interrupted: only part of the study has run.')
     print_summary(console, summary)
 
 
@@ -141,14 +141,14 @@ def print_summary(console: Console, summary: Figures) -> None:
                                      ('planning time (ms)', 'planning_time_s', 1e3)):
             rows.append((f'{method}: {heading}', *_distribution(figures[key], factor)))
     rows.append(('nlp: solve time (ms)', *_distribution(summary['solve_time_s'], 1e3)))
-    print_figures(console, 'Against the nonlinear program, on the feasible trips',
+    print_figures(console, 'Compared with the nonlinear program, on the feasible trips',
                   ('', *PERCENTILES), rows)
     feasible = summary['outcomes'].get(FEASIBLE, 0)
     for method, figures in summary['methods'].items():
         others = feasible - figures['compared_trips']
         console.print(
             f'{method}: worst gap in trip {figures["worst_trip"]}; ' +
-            (f'{others} trips have none, as it does not reach the same as the program '
+            (f'{others} trips have no gap, as the method does not reach the same as the program '
              f'(to {SAME_SHORTFALL_K:g} K) or leaves free heat above the target; ' if others else '') +
             f'{figures["plans_that_break_limits"]} plans break a limit and are shown as driven '
             f'within it; {len(figures["disagreements"])} trips in which its status contradicts '
@@ -165,5 +165,5 @@ def print_summary(console: Console, summary: Figures) -> None:
 
 
 def _distribution(values: Mapping[str, float], factor: float) -> list[str]:
-    """Return the texts of a distribution, which is empty where there were no trips."""
+    """Return the texts of a distribution, which is empty without trips."""
     return [f'{factor * values[name]:.4g}' if values else '–' for name in PERCENTILES]

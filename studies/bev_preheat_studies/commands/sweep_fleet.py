@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`preheat sweep --fleet`: what preheating saves a winter fleet at the charger."""
+"""`preheat sweep --fleet`: the savings of preheating at the charger for a winter fleet."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from bev_preheat_studies.fleet.fleet_study import TripBlock
     from bev_preheat_studies.fleet.tally import Tally
 
-# Rows of the table: heading, how to read them off a way's figures, format.
+# Rows of the table: heading, value from a way's figures, format.
 ROWS = (
     ('Heater before arrival [kWh]', lambda figures: figures['heater_kwh'], '.2f'),
     ('Battery on arrival [degC]', lambda figures: figures['arrival_c'], '.1f'),
@@ -43,7 +43,7 @@ ROWS = (
 
 
 def run_fleet_sweep(arguments: Namespace) -> int:
-    """Run a fleet; returns 0. An interrupted one is summed up as far as it got."""
+    """Run a fleet; returns 0. An interrupted run is summarised up to that point."""
     from bev_preheat_studies.fleet.drawn_fleet import BLOCK, CARS, vehicle_of
     from bev_preheat_studies.fleet.fleet_figures import drawn
     from bev_preheat_studies.fleet.fleet_study import kept_fleet, run_fleet
@@ -62,7 +62,7 @@ def run_fleet_sweep(arguments: Namespace) -> int:
 
         def report(block: TripBlock) -> None:
             nonlocal tally
-            # An interruption finds a block counted, or not at all.
+            # An interruption never leaves a block half counted.
             tally = tally.with_other(block.tally)
             progress.update(task, completed=tally.counted)
 
@@ -86,7 +86,7 @@ def _give_out(arguments: Namespace, tally: Tally, finished: int, ending: Interru
         draw_fleet(arguments.plot, summary)
     console = result_console(arguments.json)
     if not ending.is_complete:
-        console.print(f'Interrupted: this is a part of the study, {finished} of {arguments.fleet} trips.')
+        console.print(f'Interrupted: only part of the study has run, {finished} of {arguments.fleet} trips.')
     print_fleet(console, summary)
 
 
@@ -98,14 +98,14 @@ def print_fleet(console: Console, summary: Figures) -> None:
     groups = summary['groups']
     left_out = ''.join(f', {count} left out: {reason}' for reason, count in summary['left_out'].items())
     console.print(f'{summary["trips"]} trips{left_out}', soft_wrap=True)
-    print_figures(console, 'A winter fleet at the charger; saved and more: against no heating', ('', *WAYS), [
+    print_figures(console, 'A winter fleet at the charger; saved and more: relative to no heating', ('', *WAYS), [
         (heading, *(_text(figure(groups[ALL]['ways'][way]), form) for way in WAYS))
         for heading, figure, form in ROWS])
     heated = [way for way in WAYS if way != NONE]
     for title, names in (('By air temperature', AMBIENTS), ('By driving time to the charger', LENGTHS),
                          ('By car', list(CARS))):
         print_records(
-            console, f'{title}: means of minutes saved/kWh bought in addition',
+            console, f'{title}: mean minutes saved/additional kWh bought',
             ('', 'trips [%]', 'none [degC]', 'none [min]', *heated),
             [_row(name, groups[name], summary['trips'], heated) for name in names if groups[name]['trips']],
             ('left', *['right'] * (3 + len(heated))))

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What planning costs: in process, and as a process among others."""
+"""The cost of planning: in process, and as a process among others."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`python -m bev_preheat_studies.cost`: measures, prints a table, writes JSON."""
+"""`python -m bev_preheat_studies.cost`: measure, print a table, write JSON."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from bev_preheat.console.program import loading, run_program
 
 if __name__ == '__main__':
-    # What is loaded below takes a second, in which Ctrl-C may come.
+    # Loading takes a second, during which Ctrl-C may arrive.
     loading('benchmark')
 
 import platform
@@ -43,16 +43,16 @@ MEASUREMENTS = {'planning': planning_cost.measure, 'update': update_cost.measure
                 'checker': checker_cost.measure, 'process': process_cost.measure,
                 'restart': restart_cost.measure, 'fleet': fleet_cost.measure,
                 'studies': study_cost.measure}
-# What they need beyond the planner's own packages.
+# Packages needed in addition to the planner's own.
 PACKAGES = {'planning': (), 'update': (), 'choice': (), 'optimum': ('casadi', 'do_mpc'),
             'checker': ('casadi', 'psutil'), 'process': ('psutil',), 'restart': (), 'fleet': (),
             'studies': ()}
-# All that are planned for.
+# The names of all groups of measurements.
 ROUTES = ('reference', 'alpine_pass', 'motorway_3h')
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the measurements and report them; returns the exit status."""
+    """Run the measurements and report the figures; returns the exit status."""
     return run_program('benchmark', lambda: _load(arguments), ends_process=arguments is None)
 
 

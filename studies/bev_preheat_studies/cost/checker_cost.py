@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a check costs the solver's process: the first one and later ones, programs new and kept."""
+"""Cost of a check in the solver's process: the first and later checks, with a new or a cached program."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ if TYPE_CHECKING:
 ROUNDS = 5
 PATIENCE_S = 300.0
 POLL_S = 0.002
-# A minute later: that is how often the checker checks by itself.
+# Driving time between two checks [s]: the checker's own period.
 DRIVEN_S = 60.0
-# As an estimation would have them; they differ from check to check.
+# Example values of an estimate; they change from check to check.
 FACTORS = (1.03, 0.96, 1.04, 0.99, 1.02)
 
 

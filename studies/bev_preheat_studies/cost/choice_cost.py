@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What choosing the target adds to an update of the planner: at first, while it searches, after that."""
+"""Extra cost of choosing the target in an update of the planner: at first, during the search, afterwards."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ CHARGER = Charger(150e3, 0.8)
 # Vehicle, route, and the battery's state at its start.
 TRIPS = (('reference', 'reference', BatteryState(-7.0, 0.5)),
          ('large_suv', 'motorway_3h', BatteryState(-15.0, 0.95)))
-# Updates after a new route: any search has come to its end before the last of them.
+# Updates after a new route; every search finishes before the last of them.
 UPDATES, SEARCHING = 110, slice(1, 40)
 SEARCHED = slice(100, UPDATES)
 START_NS = 1_000_000 * NS_PER_S
@@ -40,9 +40,9 @@ def measure(log: Callable[[str], object]) -> list[Figure]:
         what = f'update of the planner on {route}'
         for name, value_s in (
                 ('the first with a charger', chosen_s[0]), ('the first without', without_s[0]),
-                ('while a target is searched for, median', median(chosen_s[SEARCHING])),
-                ('while a target is searched for, longest', max(chosen_s[SEARCHING])),
-                ('after that, median', median(chosen_s[SEARCHED])),
+                ('during the search for a target, median', median(chosen_s[SEARCHING])),
+                ('during the search for a target, longest', max(chosen_s[SEARCHING])),
+                ('after the search, median', median(chosen_s[SEARCHED])),
                 ('without a charger, median', median(without_s[SEARCHING])),
                 ('without a charger, longest', max(without_s[SEARCHING]))):
             figures.append(Figure(f'{what}, {name}', 1e3 * value_s, 'ms of processor time'))
@@ -52,7 +52,7 @@ def measure(log: Callable[[str], object]) -> list[Figure]:
 
 def _updates_s(vehicle_name: str, route_name: str, state: BatteryState,
                charger: Charger | None) -> Iterator[float]:
-    """Yield what each update takes, a second after another [s of processor time]."""
+    """Yield the duration of each update, one second apart [s of processor time]."""
     vehicle, settings = load_vehicle(vehicle_name), Settings()
     leg = Leg(load_route(route_name, vehicle.defaults), START_NS)
     mission = Mission(route_name, (replace(leg, charger=charger),)).in_planning_steps(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What calls of the compiled core take."""
+"""Time spent in calls of the native core."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 @contextmanager
 def timed_core(durations_s: list[float]) -> Iterator[None]:
-    """Append what each call of the core takes [s] while the block lasts."""
+    """Append the duration of each call of the core [s] to a list inside the block."""
     library = core()
     functions = {name: each for name, each in vars(library).items() if name.startswith('bev_')}
 

@@ -1,13 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The floor: a node of the planner's shape that plans nothing.
+The lower bound: a node with the planner's interfaces that plans nothing.
 
-Its shape is the planner's: the same publishers, subscriptions, service, action server, timers and
-parameters, with the same qualities of service, clocks and event handlers, and messages of the size that
-the planner's have on the reference trip (a test holds them against each other). Its work is not: nothing
-is checked, learned or planned, what it publishes beside the command is made once, at the start, and it
-loads nothing of the planner. As any node it logs a line when it is there. It is spun as rclpy spins any
-node; with the argument `--planners-executor`, by the planner's executor.
+It has the same publishers, subscriptions, service, action server, timers and parameters as the planner, with
+the same qualities of service, clocks and event handlers, and messages of the planner's size on the
+reference trip (a test compares them). It checks, learns and plans nothing; all messages except the command
+are built once, at the start, and it loads no code of the planner. Like every node it logs a line when it is
+ready. It spins with rclpy's own executor, or with the planner's given `--planners-executor`.
 """
 
 from __future__ import annotations
@@ -46,9 +45,9 @@ PARAMETERS: dict[str, Any] = {
     'minimum_on_time': 20.0, 'minimum_off_time': 120.0, 'route_progress_timeout': 10.0,
     'energy_price': 0.6, 'value_of_time': 10.0, 'heat_while_charging': False,
     'compiled_core': True, 'coldest_cell_limits': True, 'state_file': ''}
-# Of the plan for the reference trip: steps, stretches of heating, characters of its sentence.
+# Size of the plan for the reference trip: steps, heating intervals, characters of its sentence.
 STEPS, STRETCHES, CHARACTERS = 120, 2, 120
-# Of the diagnostics.
+# Size of the diagnostics.
 ENTRIES, VALUES = 4, 9
 LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
 LATEST = QoSProfile(depth=1, reliability=QoSReliabilityPolicy.BEST_EFFORT)
@@ -60,11 +59,11 @@ class EmptyNode(Node):
     """
     Answers each battery state with the planner's three messages.
 
-    Its command asks for heat once a route has come, so that one hears it has.
+    Its command asks for heat once a route has arrived, as a sign that it has.
     """
 
     def __init__(self) -> None:
-        """Make what the planner makes."""
+        """Create the planner's interfaces."""
         super().__init__('planner')
         for name, value in PARAMETERS.items():
             self.declare_parameter(name, value)
@@ -92,7 +91,7 @@ class EmptyNode(Node):
         self.create_timer(PARAMETERS['command_period'], self._on_repeat)
         self._stale_timer = self.create_timer(
             PARAMETERS['battery_state_timeout'], self._on_repeat)
-        # Of the look for best-effort publishers, of the state file, of the look around.
+        # Timers of the check for best-effort publishers, of the state file, and of the search for other nodes.
         for period_s in (0.5, 60.0, 0.5):
             self.create_timer(period_s, _ignore, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._plan_message, self._diagnostics_message = plan_message(), diagnostics_message()
@@ -124,7 +123,7 @@ def _ignore(*arguments: object) -> None:
 
 
 def plan_message() -> PreheatPlan:
-    """Return a PreheatPlan of the size that the reference trip's has."""
+    """Return a PreheatPlan of the size for the reference trip."""
     message = PreheatPlan(route_id='benchmark', method='merit_order', explanation=CHARACTERS * '.')
     edges, steps, intervals = (array('d', bytes(8 * count)) for count in (STEPS + 1, STEPS, STRETCHES))
     message.time = message.battery_temperature = message.soc = edges
@@ -135,7 +134,7 @@ def plan_message() -> PreheatPlan:
 
 
 def diagnostics_message() -> DiagnosticArray:
-    """Return a DiagnosticArray of about the size that the planner's has."""
+    """Return a DiagnosticArray of about the planner's size."""
     values = [KeyValue(key='battery temperature [degC]', value='-7.00')] * VALUES
     return DiagnosticArray(status=[DiagnosticStatus(
         name='planner: preheating', hardware_id='reference', message=CHARACTERS * '.',

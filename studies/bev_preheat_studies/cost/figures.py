@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One measured figure, and how repeated timings become one."""
+"""A measured figure, and medians of repeated timings."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Figure:
-    """A measured value; `bound` is what it is meant to keep to, `sense` is '<=' or '>='."""
+    """A measured value; `bound` is its required bound, `sense` is '<=' or '>='."""
 
     what: str
     value: float
@@ -25,7 +25,7 @@ class Figure:
 
     @property
     def within(self) -> bool | None:
-        """Return whether the bound is kept; None where there is none."""
+        """Return whether the bound is met; None without a bound."""
         if self.bound is None:
             return None
         return self.value <= self.bound if self.sense == '<=' else self.value >= self.bound
@@ -37,7 +37,7 @@ class Figure:
 
 
 def median_time_s(function: Callable[[], object], repetitions: int) -> float:
-    """Return the median duration of a call [s], after one that does not count."""
+    """Return the median duration of a call [s]; a first call does not count."""
     function()
     durations_s = []
     for _ in range(repetitions):
@@ -49,7 +49,7 @@ def median_time_s(function: Callable[[], object], repetitions: int) -> float:
 
 def turns_s(first: Callable[[], object], second: Callable[[], object],
             rounds: int) -> tuple[float, float]:
-    """Return the median durations of two calls that take turns [s]; the first turn is left out."""
+    """Return the median durations of two alternating calls [s]; the first pair does not count."""
     durations_s: tuple[list[float], list[float]] = ([], [])
     for _ in range(rounds + 1):
         for call, own_s in zip((first, second), durations_s):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How many plans of drawn winter trips a core makes a second, all together and one by one."""
+"""Plans per second and core for drawn winter trips, in batches and one by one."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from bev_preheat_studies.fleet.ways import arrivals_of
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-# Of each trip, one plan by each method; the runs without heating and always on are made beside them.
+# Plans per trip: one by each method; the runs without heating and always on are not counted.
 PLANS = len(METHODS)
 LEAST_PLANS_PER_S = 20e3
 ROUNDS = 5
-# Trips that are planned one by one, and those of which everything is made.
+# Number of trips planned one by one, and of trips planned with all ways.
 ONE_BY_ONE, ALL = 60, 2000
 
 
 def measure(log: Callable[[str], object]) -> list[Figure]:
-    """Return the Figures, by processor time; `log` takes a line of progress. None without the core."""
+    """Return the Figures, by processor time; `log` takes a line of progress. Empty without the core."""
     if core() is None:
         return []
-    # What is made once for each vehicle is not measured.
+    # Do not measure the set-up of each vehicle.
     arrivals_of_all(draw_fleet(1, 0, ALL))
     at_once_s = []
     for block in range(ROUNDS):
@@ -45,7 +45,7 @@ def measure(log: Callable[[str], object]) -> list[Figure]:
     started = process_time()
     arrivals_of_all(trips)
     whole_s = (process_time() - started) / ALL
-    # The same share of all cars; trips on which a limit is active are no peers.
+    # The same share of all cars; trips with an active limit are excluded from the comparison.
     some = [trips.trip(place) for place in np.linspace(0, ALL - 1, ONE_BY_ONE).astype(int).tolist()]
     one_by_one_s = []
     for trip in some:
@@ -55,9 +55,9 @@ def measure(log: Callable[[str], object]) -> list[Figure]:
     at_once, alone = float(np.median(at_once_s)), float(np.median(one_by_one_s))
     mean_steps = float(trips.steps.mean())
     return [
-        Figure(f'fleet, {mean_steps:.0f} steps in the mean, drawn and planned at once: plans a second and core',
+        Figure(f'fleet, {mean_steps:.0f} steps on average, drawn and planned in batches: plans per s and core',
                PLANS / at_once, '1/s', LEAST_PLANS_PER_S, '>='),
-        Figure('fleet, with the trips on which a limit is active, planned one by one: plans a second and core',
+        Figure('fleet, with the trips on which a limit is active, planned one by one: plans per s and core',
                PLANS / whole_s, '1/s'),
-        Figure('fleet, plan_preheating trip by trip where no limit is active: plans a second and core',
+        Figure('fleet, plan_preheating trip by trip without an active limit: plans per s and core',
                PLANS / alone, '1/s')]

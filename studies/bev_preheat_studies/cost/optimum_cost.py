@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the nonlinear program costs: against the planning methods, and against do-mpc."""
+"""Cost of the nonlinear program, compared with the planning methods and with do-mpc."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ if TYPE_CHECKING:
 
     from bev_preheat.nonlinear_program.solve import Optimum
 
-# What is compared takes turns, so that both meet the same load of the machine.
+# The compared calls alternate, so that both see the same load of the machine.
 ROUNDS = 15
 ROUNDS_WITH_SETUP = 5
 PLANS_A_TURN = 20
-# How many times longer than a plan the program is meant to take.
+# Required: the program takes at least this multiple of a plan's time.
 LEAST_RATIOS = {'optimal_switch': 100.0, 'paper': 300.0}
 MOST_OF_PEER = {'reference': 0.15, 'alpine_pass': 0.25, 'set-up': 0.5}
 SAME_ENERGY_WH = 1.0
@@ -41,13 +41,13 @@ def measure(log: Callable[[str], object]) -> list[Figure]:
         return solve_optimum(vehicle, route, STATE, GOAL, limited)
 
     def set_up_and_solve() -> None:
-        # What is kept for a vehicle is not kept for its copy.
+        # A copy of the vehicle does not use the vehicle's cache.
         solve_optimum(replace(vehicle), route, STATE, GOAL)
 
     alpine_route = load_route('alpine_pass', vehicle.defaults)
     best_wh = solve().plan.energy_wh.battery_total
-    # Built before do-mpc has filled the memory: among what it leaves free, the many small parts of a program
-    # lie scattered, and evaluating them takes two to three times as long.
+    # Build before do-mpc fills the memory: afterwards, the many small parts of a program are scattered over the
+    # freed blocks, and evaluating them takes two to three times longer.
     solve(limited=False)
     alpine = solve_optimum(vehicle, alpine_route, STATE, GOAL)
     slow = replace(vehicle, heat_path=SLOW)
@@ -86,8 +86,8 @@ def measure(log: Callable[[str], object]) -> list[Figure]:
         Figure(f'program, cold solve, {count}, median', 1e3 * program_s, 'ms'),
         Figure(f'do-mpc, the same problem, cold solve, {count}, median', 1e3 * peer_s, 'ms'),
         Figure('cold solve, program / do-mpc', program_s / peer_s, '', MOST_OF_PEER['reference']),
-        # The program tries without limits first and is done if they hold, as here; do-mpc, asked
-        # for the limits, has them. Here both have none.
+        # The program first solves without limits and is done if they hold, as here; do-mpc always includes
+        # the requested limits. Here neither has any.
         Figure('cold solve without power limits (9i), program / do-mpc',
                unlimited_s / unlimited_peer_s, ''),
         Figure('cold solve on alpine_pass, where limits are active, program / do-mpc',

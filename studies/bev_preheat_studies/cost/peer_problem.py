@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The nonlinear program, stated for do-mpc: what somebody else's tool makes of it.
+The nonlinear program stated for do-mpc, as an independent implementation.
 
-The same problem throughout: the Runge-Kutta step of `model` as the discrete model, the same
-variables, scales, bounds, power limits at both ends of a step, cost and IPOPT options. do-mpc writes
-one SX graph of all steps and starts from the initial state everywhere, as its own users would have it.
+Both use the same problem: the Runge-Kutta step of `model` as the discrete model, the same
+variables, scales, bounds, power limits at both ends of a step, cost and IPOPT options. do-mpc builds
+a single SX graph of all steps and starts from the initial state everywhere, as its own users would do.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ if TYPE_CHECKING:
     from bev_preheat.planning.trip import Trip
 
 with warnings.catch_warnings():
-    # It tells of each optional feature that is not installed.
+    # do-mpc warns about each optional feature that is not installed.
     warnings.simplefilter('ignore')
     import do_mpc
 
 
 class PeerProblem:
-    """One trip as do-mpc's MPC with the whole trip as its horizon."""
+    """A trip as do-mpc's MPC whose horizon is the whole trip."""
 
     def __init__(self, trip: Trip, state: BatteryState, goal: Goal, limited: bool = True) -> None:
         """Set the problem up; `limited`: with the power limits of the battery (9i)."""
@@ -45,10 +45,10 @@ class PeerProblem:
         self._configure(model, goal)
 
     def solve(self) -> None:
-        """Solve, cold; raise RuntimeError where IPOPT finds no optimum."""
+        """Solve from a cold start; raise RuntimeError if IPOPT finds no optimum."""
         mpc = self._mpc
         mpc.reset_history()
-        # Without this the multipliers of the last solution are handed over.
+        # Otherwise the multipliers of the last solution are the start.
         mpc.flags['initial_run'] = False
         mpc.x0 = np.array([self._state.soc, self._state.temperature_c])
         mpc.u0 = np.zeros(2)
@@ -98,7 +98,7 @@ class PeerProblem:
     def _configure(self, model: do_mpc.model.Model, goal: Goal) -> None:
         trip, mpc, battery = self._trip, self._mpc, self._trip.vehicle.battery
         steps = len(trip.route)
-        # The step stands for nothing here: how long each is, is among what varies.
+        # do-mpc's step is nominal: the real durations are among the time-varying parameters.
         mpc.settings.n_horizon, mpc.settings.t_step = steps, 1.0
         mpc.settings.nlpsol_opts.update(IPOPT_OPTIONS)
         mpc.scaling['_x', 'soc'] = SOC_SCALE
@@ -116,7 +116,7 @@ class PeerProblem:
         if self._limited:
             for name in ('overdraw', 'overcharge', 'overdraw_at_end', 'overcharge_at_end'):
                 mpc.set_nl_cons(name, model.aux[name], ub=0.0)
-        # The trip is the horizon, so it is the same at any time.
+        # The trip is the horizon, so these parameters do not depend on the time.
         trip_now = mpc.get_tvp_template()
         for k in range(steps):
             for name, values in (('duration', trip.route.duration_s),

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What one plan costs in process, and how the cost grows with the number of segments."""
+"""Cost of a plan in process, and its growth with the number of segments."""
 
 from __future__ import annotations
 
@@ -36,17 +36,17 @@ if TYPE_CHECKING:
 STATE = BatteryState(-7.0, 0.9)
 GOAL = Goal(25.0)
 BOUNDS_MS = {'paper': 0.3, 'optimal_switch': 0.15, 'merit_order': 0.15}
-# A plan in Python, of the one call of the compiled core in it.
+# Bound on the time of a plan in Python over that of its single call of the native core.
 CORE_RATIO = 5.0
 SEGMENT_COUNTS = (120, 1440, 14400)
-# What minding the power limits may add where none is active, and where some are.
+# Bounds on the cost of the power limits: none active (reference), some active (alpine_pass).
 MERIT_ORDER_RATIOS = {'reference': 3.0, 'alpine_pass': 5.0}
 PASS_BOUND_MS = 1.0
-# Drawn trips with active limits, of which the dearest plan counts.
+# Drawn trips with active limits; the slowest plan counts.
 LIMIT_TRIPS, LIMIT_SEED = 20, 0
 DEAREST_BOUND_MS = 10.0
 ROUNDS = 200
-# Heater 45 s late, coolant 50 s, the sensor 30 s.
+# Heater lag 45 s, coolant 50 s, sensor lag 30 s.
 SLOW = HeatPath(45.0, 15e3, 300.0, 30.0)
 
 
@@ -76,7 +76,7 @@ def measure(log: Callable[[str], object]) -> list[Figure]:
 
 
 def _new_route(vehicle: Vehicle, route: Route) -> Figure:
-    """Return what a plan takes on a route that was not planned before: as when the car has driven on."""
+    """Return the time of a plan on a route that was not planned before, as after the car has moved on."""
     durations_s = []
     for copy in [replace(route) for _ in range(ROUNDS)]:
         started = perf_counter()
@@ -87,7 +87,7 @@ def _new_route(vehicle: Vehicle, route: Route) -> Figure:
 
 
 def _core_ratios(vehicle: Vehicle, route: Route) -> list[Figure]:
-    """Return how much longer a plan takes than the call of the compiled core in it; none without a core."""
+    """Return the time of a plan over that of its call of the native core; empty without a core."""
     library, native = core(), native_vehicle(vehicle)
     if library is None or native is None:
         return []
@@ -108,9 +108,9 @@ def _core_ratios(vehicle: Vehicle, route: Route) -> list[Figure]:
 
 
 def _merit_order_figures(vehicle: Vehicle, name: str) -> list[Figure]:
-    """Return what a plan takes on a route, and what minding the power limits adds to it."""
+    """Return the time of a plan on a route, and its ratio to a plan without power limits."""
     route = load_route(name, vehicle.defaults)
-    # In turns, so that both meet the same load of the machine.
+    # Alternating, so that both see the same load of the machine.
     merit_order_s, switch_s = turns_s(
         lambda: plan_preheating(vehicle, route, STATE, GOAL, 'merit_order'),
         lambda: plan_preheating(vehicle, route, STATE, GOAL, 'optimal_switch'), ROUNDS)
@@ -122,7 +122,7 @@ def _merit_order_figures(vehicle: Vehicle, name: str) -> list[Figure]:
 
 
 def _limit_trips(vehicle: Vehicle, log: Callable[[str], object]) -> list[Figure]:
-    """Return what plans take on drawn trips in which limits matter: the dearest, and the mean."""
+    """Return the time of plans on drawn trips with active limits: the longest, and the mean."""
     times_ms = []
     for number in range(LIMIT_TRIPS):
         trip = draw_limit_trip(vehicle, LIMIT_SEED, number)
@@ -130,12 +130,12 @@ def _limit_trips(vehicle: Vehicle, log: Callable[[str], object]) -> list[Figure]
             partial(plan_preheating, trip.vehicle, trip.route, trip.state, trip.goal), repetitions=9))
         log(f'trip {number} with limits: {times_ms[-1]:.3f} ms')
     what = f'plans on {LIMIT_TRIPS} drawn trips with limits'
-    return [Figure(f'{what}, the dearest', max(times_ms), 'ms', DEAREST_BOUND_MS),
+    return [Figure(f'{what}, the slowest', max(times_ms), 'ms', DEAREST_BOUND_MS),
             Figure(f'{what}, mean', sum(times_ms) / len(times_ms), 'ms')]
 
 
 def _heat_path_ratio(vehicle: Vehicle, name: str) -> Figure:
-    """Return what heater and coolant as states add to a plan."""
+    """Return the ratio of a plan's time with heater and coolant as states to that without."""
     route = load_route(name, vehicle.defaults)
     slow = replace(vehicle, heat_path=SLOW)
     with_path_s, direct_s = turns_s(

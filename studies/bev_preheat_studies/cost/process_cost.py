@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The planner as a process: latency, memory and start, against an empty node of its shape in the same run.
+The planner as a process: latency, memory and start, compared with an empty node with its interfaces.
 
-`empty_node` says what its shape is.
+`empty_node` describes that node; both run alternately.
 """
 
 from __future__ import annotations
@@ -36,26 +36,26 @@ if TYPE_CHECKING:
 
 DOMAIN = '89'
 ROUNDS = 5
-# Starts scatter by a quarter, and cost little.
+# Starts scatter by a quarter, and are cheap to repeat.
 STARTS = 21
 STATES_A_ROUND = 200
 PATIENCE_S = 20.0
-# States may get lost on the way; so many in a row do not.
+# Single states may be lost in transit, but not this many in a row.
 ATTEMPTS = 5
 PLAN_PATIENCE_S = 2.0
-# How soon a state is sent again to a node that has just been found [s].
+# Interval at which a state is resent to a node that has just been found [s].
 FIRST_PATIENCE_S = 0.02
-# States come seconds apart: the next one finds a node that waits, not one that is still at work.
+# States come seconds apart: the next state finds an idle node.
 PAUSE_S = 0.005
-# As an installed executable does.
+# As in an installed executable.
 EMPTY = [sys.executable, '-c', 'from bev_preheat_studies.cost.empty_node import main; main()']
-# Of the planner over the empty node: latency, memory, start.
+# Bounds on the planner's ratio to the empty node: latency, memory, start.
 MOST_RATIO = 1.2
 LONGEST_START_S = 2.0
 
 
 def planner_command() -> list[str]:
-    """Return the installed planner, as `ros2 run` looks it up."""
+    """Return the installed planner's command line, as `ros2 run` finds it."""
     return [str(Path(get_package_prefix('bev_preheat'), 'lib', 'bev_preheat', 'planner'))]
 
 
@@ -67,10 +67,10 @@ NODES: dict[str, Callable[[], list[str]]] = {
 @dataclass(frozen=True)
 class Round:
     """
-    What one process took.
+    The measurements of one process.
 
-    Median and 95th percentile of the time from a battery state out to the command in [s], resident
-    memory [MB].
+    Median and 95th percentile of the time from publishing a battery state to receiving the command [s],
+    resident memory [MB].
     """
 
     median_s: float
@@ -80,16 +80,16 @@ class Round:
 
 @dataclass(frozen=True)
 class Start:
-    """What one start took: from the process's start to its first command [s]."""
+    """One start: from the process's start to its first command [s]."""
 
     start_s: float
 
 
 class Probe(Node):
-    """Publishes states and a route, and notes when commands come back."""
+    """Publishes states and a route, and records when commands arrive."""
 
     def __init__(self) -> None:
-        """Take the route of the reference trip."""
+        """Load the route of the reference trip."""
         super().__init__('probe')
         latched = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
         self._states = self.create_publisher(BatteryState, 'battery_state', 1)
@@ -112,7 +112,7 @@ class Probe(Node):
         self._routes.publish(route_plan_message(self._mission))
 
     def send_state(self) -> None:
-        """Publish a battery state; `command_at` is then None until the next command comes."""
+        """Publish a battery state; `command_at` is then None until the next command arrives."""
         state = BatteryState(temperature=-7.0, percentage=0.9)
         self._sent_ns = self.now_ns()
         state.header.stamp = time_message(self._sent_ns)
@@ -120,7 +120,7 @@ class Probe(Node):
         self._states.publish(state)
 
     def wait(self, condition: Callable[[], bool], patience_s: float = PATIENCE_S) -> None:
-        """Spin until a condition holds; raise TimeoutError if it does not in time."""
+        """Spin until a condition holds; raise TimeoutError after `patience_s`."""
         end = monotonic() + patience_s
         while not condition():
             if monotonic() > end:
@@ -128,7 +128,7 @@ class Probe(Node):
             rclpy.spin_once(self, timeout_sec=0.01)
 
     def wait_for_command(self) -> float:
-        """Return the instant at which the command came, when it is there."""
+        """Wait for the command and return the instant of its arrival."""
         self.wait(lambda: self.command_at is not None)
         assert self.command_at is not None
         return self.command_at
@@ -138,7 +138,7 @@ class Probe(Node):
         self.wait(lambda: self._states.get_subscription_count() > 0
                   and self._routes.get_subscription_count() > 0
                   and self.count_publishers('hvch_command') > 0)
-        # The last publisher found may not be matched yet; an answer shows that it is.
+        # The last publisher found may not be matched yet; an answer proves that it is.
         end = monotonic() + PATIENCE_S
         self.command_at = None
         while self.command_at is None:
@@ -150,16 +150,16 @@ class Probe(Node):
                     raise
 
     def round_trip_s(self) -> float:
-        """Return the time from a battery state out to the command in."""
+        """Return the time from publishing a battery state to receiving the command."""
         for _ in range(ATTEMPTS):
             started = perf_counter()
             self.send_state()
             round_trip_s = self.wait_for_command() - started
-            # A plan heard before the command was that of the state before.
+            # A plan received before the command answered the previous state.
             try:
                 self.wait(lambda: self.plan_at is not None, PLAN_PATIENCE_S)
             except TimeoutError:
-                # Best effort: the state was lost, and the command was the timer's.
+                # Best effort: the state was lost, and the command came from the timer.
                 continue
             self._pause()
             return round_trip_s
@@ -172,7 +172,7 @@ class Probe(Node):
 
     def _on_command(self, message: HvchCommand) -> None:
         if nanoseconds(message.header.stamp) < self._sent_ns:
-            # The answer to a state before, which comes late.
+            # A late answer to an earlier state.
             return
         self.command_at, self.plan_at = perf_counter(), None
 
@@ -209,18 +209,18 @@ def measure(log: Callable[[str], object]) -> list[Figure]:
 
 def _compared(what: str, field: str, results: Mapping[str, Sequence[Round | Start]], scale: float, unit: str,
               bound: float | None = None) -> list[Figure]:
-    """Return the Figures of a field: of the planner, of the empty node, and their ratios."""
+    """Return the Figures of a field: for the planner, for the empty node, and their ratios."""
     columns = {name: [getattr(result, field) for result in rounds]
                for name, rounds in results.items()}
 
     def ratio(name: str) -> float:
-        # Round by round, as the machine has other work now and then.
+        # Per round, because the machine's load varies.
         return median(ours / its for ours, its in zip(columns['planner'], columns[name]))
 
     return [Figure(f'{what}: planner', scale * median(columns['planner']), unit, bound),
             Figure(f'{what}: empty node', scale * median(columns['empty']), unit),
             Figure(f'{what}: planner / empty node', ratio('empty'), '', MOST_RATIO),
-            # What the planner's work takes, without what its executor saves.
+            # The cost of the planner's work, without the savings of its executor.
             Figure(f"{what}: planner / empty node with the planner's executor", ratio('prompt'), '')]
 
 
@@ -239,7 +239,7 @@ def _one_start(command: list[str]) -> Start:
 
 @contextmanager
 def _found(command: list[str]) -> Iterator[tuple[Probe, subprocess.Popen[bytes], float]]:
-    """Give a probe, the process that it has found and heard, and how long that took [s]."""
+    """Give a probe, the process that it is connected to, and the time from its start until then [s]."""
     probe = Probe()
     try:
         probe.send_route()
@@ -253,7 +253,7 @@ def _found(command: list[str]) -> Iterator[tuple[Probe, subprocess.Popen[bytes],
 
 @contextmanager
 def running(command: list[str]) -> Iterator[subprocess.Popen[bytes]]:
-    """Give a process that runs while the block lasts."""
+    """Give a process that runs inside the block."""
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     try:
         yield process

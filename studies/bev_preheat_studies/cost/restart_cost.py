@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How long the heater waits for a new planner when the old one was killed while it heated."""
+"""How long the heater waits for a new planner after the old one was killed while heating."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ if TYPE_CHECKING:
 
 RESTARTS = 10
 STATE_PERIOD_S = 0.1
-# Too short for the target: it is heated from the first instant.
+# Too short for the target: heating starts at once.
 DRIVE_S = 1200.0
 PATIENCE_S = 60.0
-# Nothing of a killed process is on its way any more after that.
+# After this time, no message of a killed process is in transit.
 SILENCE_S = 0.3
 
 
 class Car(Node):
-    """Trip planner, battery and heater, which stay while planners come and go."""
+    """Trip planner, battery and heater; they keep running while planners come and go."""
 
     def __init__(self) -> None:
-        """Publish a latched route that needs heat at once, and battery states all the time."""
+        """Publish a latched route that needs heat at once, and battery states continuously."""
         super().__init__('car')
         latched = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
         self._routes = self.create_publisher(RoutePlan, 'route_plan', latched)
@@ -59,7 +59,7 @@ class Car(Node):
         self.heats = message.battery_heating_power > 0.0
 
     def spin_while(self, condition: Callable[[], bool], patience_s: float) -> bool:
-        """Spin while a condition holds; return whether it has ended in time."""
+        """Spin while a condition holds; return whether it ended in time."""
         end = perf_counter() + patience_s
         while condition():
             if perf_counter() > end:
@@ -88,7 +88,7 @@ def measure(log: Callable[[str], object]) -> list[Figure]:
 
 
 def _restarts_s(process: list[str]) -> list[float]:
-    """Return the times from the start of a process to its heat [s]; the first is left out."""
+    """Return the times from a process's start to its first heat [s]; the first start does not count."""
     car = Car()
     times_s = []
     try:

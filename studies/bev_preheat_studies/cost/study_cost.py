@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What studies take on two workers: drives in closed loop, and how a fleet shares them."""
+"""Time of studies on two workers: drives in closed loop, and the efficiency for a fleet."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 WORKERS = 2
-# Of the study's usual number of drawn cars so many are driven.
+# Number of cars driven here, out of the study's usual number.
 USUAL_CARS, CARS, MOST_S = 300, 60, 120.0
-# Trips of a fleet, by one worker and by two in turns.
+# Trips of a fleet, alternately by one and by two workers.
 FLEET, TURNS, LEAST_EFFICIENCY = 100_000, 2, 0.9
 
 
 def measure(log: Callable[[str], object]) -> list[Figure]:
-    """Return the Figures; `log` takes a line of progress. None without the core."""
+    """Return the Figures; `log` takes a line of progress. Empty without the core."""
     if core() is None:
         return []
     return [*_closed_loop(log), _efficiency(log)]
@@ -48,12 +48,12 @@ def _closed_loop(log: Callable[[str], object]) -> list[Figure]:
     return [
         Figure(f'robustness, {USUAL_CARS} cars, {WORKERS} workers (from {CARS} cars, start of the workers '
                'included)', USUAL_CARS / CARS * taken_s, 's', MOST_S),
-        # What would be left without any Python.
-        Figure('of it, in calls of the core (from one car)', USUAL_CARS / WORKERS * sum(durations_s), 's')]
+        # The time that would remain if Python took none.
+        Figure('of this, in calls of the core (from one car)', USUAL_CARS / WORKERS * sum(durations_s), 's')]
 
 
 def _efficiency(log: Callable[[str], object]) -> Figure:
-    """Return the time on one worker of that on two, by the number of workers; each with its start."""
+    """Return the parallel efficiency of WORKERS workers over one, each with its start-up."""
     taken_s = {1: 0.0, WORKERS: 0.0}
     for _ in range(TURNS):
         for jobs in taken_s:

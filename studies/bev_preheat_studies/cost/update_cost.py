@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What one update of the planner costs in process: a battery state in, a command out, with estimation."""
+"""Cost of an update of the planner in process: from battery state to command, with estimation."""
 
 from __future__ import annotations
 
@@ -38,18 +38,18 @@ if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.vehicle import Vehicle
 
-# Readings a second apart, of which the first few are not counted: caches fill.
+# Readings one second apart; the first few do not count, because caches fill.
 UPDATES, FILLING = 400, 20
 START_NS = 1_000_000 * NS_PER_S
-# As between two states of the latency's measurement (`process_cost`).
+# As between two states in the latency measurement (`process_cost`).
 PAUSE_S = 0.005
-# Noise of the readings: of the temperature [K] and of the power [W].
+# Noise of the readings: temperature [K] and power [W].
 NOISE_K, NOISE_W = 0.1, 3e3
 VOLTAGE_V = 400.0
 MEDIAN_MS, RARELY_MS = 0.4, 1.0
-# Over the pass, where limits are active and the charge that must be left binds, a whole drive.
+# A whole drive over the pass, with active limits and a binding reserve.
 BINDING_MEDIAN_MS, BINDING_WORST_MS = 5.0, 20.0
-# By how much a heating begins early that is as sure as after some minutes [K].
+# Lead with which heating starts, at the certainty reached after some minutes [K].
 LEAD_K = 4.0
 
 
@@ -63,8 +63,8 @@ def measure(log: Callable[[str], object]) -> list[Figure]:
     for what, times_ms, bounds in (
             ('update of the planner, reference trip', _updates_ms(vehicle, mission, measurements),
              (MEDIAN_MS, RARELY_MS)),
-            ('of it, the estimation', _estimations_ms(vehicle, mission, measurements), (None, None)),
-            ('of it, a plan', _plans_ms(vehicle, mission, measurements, settings), (None, None))):
+            ('of this, the estimation', _estimations_ms(vehicle, mission, measurements), (None, None)),
+            ('of this, a plan', _plans_ms(vehicle, mission, measurements, settings), (None, None))):
         for name, share, bound in (('median', 50, bounds[0]), ('99 %', 99, bounds[1])):
             figures.append(Figure(f'{what}, {name}', float(np.percentile(times_ms[FILLING:], share)),
                                   'ms of processor time', bound))
@@ -75,9 +75,9 @@ def measure(log: Callable[[str], object]) -> list[Figure]:
 
 def _core_figures(vehicle: Vehicle, mission: Mission, measurements: list[Measurement]) -> list[Figure]:
     """
-    Return what an update takes with its calls of the core, Python's calling included; none without a core.
+    Return the time of an update and of its calls of the core, with ctypes; empty without a core.
 
-    One after the other, and each after a pause, in which others have used the caches.
+    Measured back to back, and after a pause in which other code has used the caches.
     """
     if core() is None:
         return []
@@ -97,12 +97,12 @@ def _core_figures(vehicle: Vehicle, mission: Mission, measurements: list[Measure
                 counts.append(len(durations_s))
                 sums_ms.append(1e3 * sum(durations_s))
         figures += [Figure(f'{what}, elapsed, median', float(np.median(updates_ms[FILLING:])), 'ms'),
-                    Figure('of it, in calls of the core, median', float(np.median(sums_ms[FILLING:])), 'ms')]
+                    Figure('of this, in calls of the core, median', float(np.median(sums_ms[FILLING:])), 'ms')]
     return [*figures, Figure('calls of the core in an update, median', float(np.median(counts[FILLING:])), '')]
 
 
 def _binding_figures(vehicle: Vehicle, settings: Settings, log: Callable[[str], object]) -> list[Figure]:
-    """Return what updates take over the pass where the reserve lets the battery get half as warm as wanted."""
+    """Return the time of updates over the pass with a reserve that allows half of the wanted warming."""
     route = load_route('alpine_pass', vehicle.defaults)
     heated, unheated = (make_plan(vehicle, route, STATE, GOAL) for make_plan in (
         plan_preheating, plan_unheated))
@@ -118,7 +118,7 @@ def _binding_figures(vehicle: Vehicle, settings: Settings, log: Callable[[str], 
 
 
 def _measurements(mission: Mission) -> list[Measurement]:
-    """Return readings along a mission's first leg, a second apart, as sensors tell them."""
+    """Return readings along a mission's first leg, one second apart, as from sensors."""
     drawn, route = np.random.default_rng(1), mission.legs[0].route
     measurements = []
     for second in range(UPDATES):
@@ -130,7 +130,7 @@ def _measurements(mission: Mission) -> list[Measurement]:
 
 
 def _updates_ms(vehicle: Vehicle, mission: Mission, measurements: list[Measurement]) -> FloatArray:
-    """Return what each update takes [ms of processor time]."""
+    """Return the duration of each update [ms of processor time]."""
     supervisor = Supervisor(vehicle, Settings())
     supervisor.step(START_NS, RouteArrived(mission))
     return _times_ms(lambda measurement: supervisor.step(
@@ -138,7 +138,7 @@ def _updates_ms(vehicle: Vehicle, mission: Mission, measurements: list[Measureme
 
 
 def _estimations_ms(vehicle: Vehicle, mission: Mission, measurements: list[Measurement]) -> FloatArray:
-    """Return what the estimator takes for each measurement."""
+    """Return the estimator's time for each measurement [ms of processor time]."""
     estimator, timetable, commands = Estimator(vehicle), Timetable(mission), CommandHistory()
     return _times_ms(lambda measurement: estimator.observe(measurement, 0.0, intervals_between(
         estimator.edges_ns(measurement.stamp_ns), vehicle, timetable, commands)), measurements)
@@ -146,7 +146,7 @@ def _estimations_ms(vehicle: Vehicle, mission: Mission, measurements: list[Measu
 
 def _plans_ms(vehicle: Vehicle, mission: Mission, measurements: list[Measurement],
               settings: Settings) -> FloatArray:
-    """Return what a plan takes that is as cautious as those of updates, which make one each, as a rule."""
+    """Return the time of a plan with the updates' uncertainty margin [ms of processor time]."""
     leg = mission.legs[0]
     uncertainty_margin = UncertaintyMargin(MOST_MARGIN_K, LEAD_K, False, LEAST_PAUSE_S, settings.minimum_on_time_s)
 

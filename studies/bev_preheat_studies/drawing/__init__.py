@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures of studies; the only room of the studies that knows matplotlib."""
+"""Figures of studies; the only room of the studies that imports matplotlib."""

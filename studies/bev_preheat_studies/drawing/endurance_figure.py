@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A soak test as a picture: memory, time between commands, commanded power."""
+"""Figure of a soak test: memory, time between commands, commanded power."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 def draw_endurance(path: AnyPath, commands: Commands, memory_samples: Samples) -> None:
-    """Draw a soak test into a file, whose suffix says which kind of picture it is."""
+    """Draw a soak test into a file, whose suffix selects the format."""
     save_figure(make_endurance_figure(commands, memory_samples), path)
 
 
@@ -44,7 +44,7 @@ def make_endurance_figure(commands: Commands, memory_samples: Samples) -> Figure
     draw_course(memory, time(samples[:, 0]), samples[:, 1], **line)
     show_range(memory, samples[:, 1], least=10.0)
     memory.set_ylabel('resident memory\n[MB]')
-    # Of ten thousands of commands only the longest gap in each second is seen anyhow.
+        # With tens of thousands of commands, only the longest gap in each second is visible.
     second = elapsed_s.astype(int)
     seconds = np.arange(second[-1] + 1 if len(second) else 0)
     longest_s, sum_w = np.zeros(len(seconds)), np.zeros(len(seconds))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A fleet as a picture: minutes saved and energy bought, by air temperature and by trip length."""
+"""Figure of a fleet: minutes saved and energy bought, by air temperature and by trip length."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ if TYPE_CHECKING:
     from bev_preheat.files.output_files import AnyPath
     from bev_preheat_studies.fleet.fleet_figures import Figures
 
-# Ways that are drawn as lines, wide ones first; the spread is that of the last.
+# The ways drawn as lines, widest first; the spread is shown for the last.
 DRAWN = tuple(way for way in (*reversed(WAYS[2:]), WAYS[1]) if way != NONE)
 SPREAD_OF = DRAWN[0]
 SPREAD_ALPHA = 0.12
 
 
 def draw_fleet(path: AnyPath, summary: Figures) -> None:
-    """Draw a fleet's summary into a file, whose suffix says which kind of picture it is."""
+    """Draw a fleet's summary into a file, whose suffix selects the format."""
     save_figure(make_fleet_figure(summary), path)
 
 
@@ -50,7 +50,7 @@ def make_fleet_figure(summary: Figures) -> Figure:
 
 
 def _draw(axis: Axes, summary: Figures, name: str, groups: list[str]) -> None:
-    """Draw the mean of each way over groups, and from where to where most trips of one of them are."""
+    """Draw each way's mean over the groups, and the 5 ... 95 % range of SPREAD_OF."""
     places = range(len(groups))
 
     def values(way: str, figure: str) -> list[float]:
@@ -68,6 +68,6 @@ def _draw(axis: Axes, summary: Figures, name: str, groups: list[str]) -> None:
 
 
 def _tick(group: str) -> str:
-    """Return the name of a group without its unit, short."""
+    """Return a short tick label: the name of a group without its unit."""
     name = group.rpartition(' ')[0].replace('-', '−')
     return name.replace('below', '<').replace('from', '≥').replace(' to ', '…')

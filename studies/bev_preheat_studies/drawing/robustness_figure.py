@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The planner in closed loop with many cars, and one such trip over time."""
+"""Figures of the planner in closed loop: many cars, and a single trip over time."""
 
 from __future__ import annotations
 
@@ -40,18 +40,18 @@ MOST_BINS = 40
 
 def draw_robustness(path: AnyPath, results: Sequence[CarResult],
                     methods: Sequence[str]) -> None:
-    """Draw CarResults into a file, whose suffix says which kind of picture it is."""
+    """Draw CarResults into a file, whose suffix selects the format."""
     save_figure(make_robustness_figure(results, methods), path)
 
 
 def draw_trip_course(path: AnyPath, result: CarResult, courses: Mapping[str, DriveTrace],
                      target_c: float) -> None:
-    """Draw one trip over time into a file, whose suffix says which kind of picture it is."""
+    """Draw a single trip over time into a file, whose suffix selects the format."""
     save_figure(make_trip_figure(result, courses, target_c), path)
 
 
 def make_robustness_figure(results: Sequence[CarResult], methods: Sequence[str]) -> Figure:
-    """Return the figure of arrival errors, energy above the informed drive and switch-ons."""
+    """Return the figure of arrival errors, energy above the plan with the true car, and switch-ons."""
     figure, axes = grid_figure(
         2, 2, f'{len(results)} trips with cars that differ from their vehicle file',
         height_in=7.0)
@@ -81,7 +81,7 @@ def make_robustness_figure(results: Sequence[CarResult], methods: Sequence[str])
                      fontsize='medium')
 
     _draw_switch_ons(switching, figures(lambda _, drive: drive.switch_ons))
-    # One key for all panels, in the place of a fourth.
+    # One legend for all panels, in place of a fourth panel.
     key.set_axis_off()
     handles = {label: handle for axis in (arrival, energy)
                for handle, label in zip(*axis.get_legend_handles_labels())}
@@ -100,7 +100,7 @@ def _draw_switch_ons(axis: Axes, switch_ons: Mapping[str, FloatArray]) -> None:
 
 
 def _excess_percent(informed: DriveOutcome, drive: DriveOutcome) -> float:
-    """Heating energy above the informed drive's [%]; NaN where they cannot be compared."""
+    """Return the heating energy above the informed drive's [%]; NaN if they cannot be compared."""
     if informed.heating_energy_wh <= 0.0 or not reaches_the_same(drive, informed):
         return np.nan
     return 100.0 * (drive.heating_energy_wh / informed.heating_energy_wh - 1.0)
@@ -132,14 +132,14 @@ def _histograms(axis: Axes, values: Mapping[str, FloatArray], edges: FloatArray)
 
 def make_trip_figure(result: CarResult, courses: Mapping[str, DriveTrace],
                      target_c: float) -> Figure:
-    """Return the figure of one trip, by DriveTraces: temperatures, prediction and command."""
+    """Return the figure of a single trip from its DriveTraces: temperatures, prediction and command."""
     mismatch = result.mismatch
     figure, axes = stacked_figure(
         2 + len(courses), f'trip {result.number}: heat capacity × {mismatch.heat_capacity:.2f}, '
         f'leakage × {mismatch.leakage:.2f}, resistance × {mismatch.resistance:.2f}, '
         f'heater × {mismatch.heater:.2f}, propulsion × {mismatch.propulsion_power:.2f}')
     predicted, command = axes[-2:]
-    # The last command holds for as long as the others.
+    # The last command lasts as long as the others.
     ends_s = {method: course.time_s[-1] + (course.time_s[-1] - course.time_s[0])
               / max(len(course.time_s) - 1, 1) for method, course in courses.items()}
     end_s = max(ends_s.values())

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A study as a picture: how far each method is from the optimum, and on which trips."""
+"""Figure of a study: the gap of each method to the optimum, and on which trips it occurs."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ FLOOR_WH = 1e-6
 
 
 def draw_study(path: AnyPath, results: Sequence[GapResult], methods: Iterable[str]) -> None:
-    """Draw a study into a file, whose suffix says which kind of picture it is."""
+    """Draw a study into a file, whose suffix selects the format."""
     save_figure(make_study_figure(results, methods), path)
 
 
@@ -33,8 +33,8 @@ def make_study_figure(results: Sequence[GapResult], methods: Iterable[str]) -> F
     """
     Return the figure of GapResults: the distribution of gaps, and the gap over trip length.
 
-    Energies are compared on the feasible trips, where a plan reaches the same as the program; on how
-    many it does not is said.
+    Energies are compared on the feasible trips on which a plan reaches the same as the program; the legend
+    gives the number of the others.
     """
     feasible = [result for result in results if result.outcome == FEASIBLE]
     figure, ((shares, over_length),) = grid_figure(
@@ -56,7 +56,7 @@ def make_study_figure(results: Sequence[GapResult], methods: Iterable[str]) -> F
     over_length.set(yscale='log', xlabel='driving time [min]',
                     ylabel='energy above the optimum, magnitude [Wh]')
     over_length.set_xlim(left=0.0)
-    # Without any gap a logarithmic axis has no range of its own.
+    # If all gaps are equal, a logarithmic axis has no range.
     shares.set_xlim(left=0.5 * FLOOR_WH)
     over_length.set_ylim(bottom=0.5 * FLOOR_WH)
     legend_above(shares, lines, columns=1)
@@ -65,7 +65,7 @@ def make_study_figure(results: Sequence[GapResult], methods: Iterable[str]) -> F
 
 
 def _distribution(values: FloatArray, whole: int) -> tuple[FloatArray, FloatArray]:
-    """Return the steps of a distribution: values, and how many of `whole` are at most that [%]."""
+    """Return the steps of a cumulative distribution: values, and share of `whole` up to each [%]."""
     ordered = np.sort(values)
     return (np.concatenate((ordered[:1], ordered)),
             100.0 * np.arange(len(ordered) + 1 if len(ordered) else 0) / max(whole, 1))

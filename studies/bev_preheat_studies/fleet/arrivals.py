@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-What many drawn trips take, in each way to heat them: by the compiled core, all of a car's in one call.
+Heat K drawn trips in each way: the native core plans all trips of a car in one call.
 
-The reference are the ways of one trip, which are asked where the core does not answer, and where a limit
+The fallback and the reference is `ways.arrivals_of`, trip by trip. It also handles each trip on which a limit
 is active.
 """
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import BoolArray, FloatArray
     from bev_preheat_studies.fleet.drawn_fleet import FleetTrips
 
-# Where nothing limits a trip, `merit_order` is `optimal_switch`.
+# On a trip without an active limit, `merit_order` is `optimal_switch`.
 IN_THE_CORE = {NONE: UNHEATED, ALWAYS: ALWAYS_ON, 'paper': PAPER, 'optimal_switch': ONE_SWITCH,
                'merit_order': ONE_SWITCH}
 COLUMNS = [IN_THE_CORE[way] for way in WAYS]
@@ -37,9 +37,9 @@ COLUMNS = [IN_THE_CORE[way] for way in WAYS]
 @dataclass(frozen=True)
 class Arrivals:
     """
-    As Arrival, of K trips in each of WAYS: arrays of shape (K, WAYS).
+    As Arrival, for K trips in each of WAYS: arrays of shape (K, WAYS).
 
-    `are_driven` (K,): whether the car drives the trip at least without heating; else the others are NaN.
+    `are_driven` (K,): whether the car can drive the trip at least without heating; otherwise its values are NaN.
     """
 
     heater_wh: FloatArray
@@ -67,7 +67,7 @@ def arrivals_of_all(trips: FleetTrips) -> Arrivals:
 
 
 def planned_in_the_core(trips: FleetTrips, car: str, places: slice) -> NDArray[np.void] | None:
-    """Return what `plan_trips` does for the trips of a car; None where the core does not answer."""
+    """Return the result of `plan_trips` for the trips of a car; None if the core cannot answer."""
     vehicle, goal = vehicle_of(car), goal_of(car)
     native = native_vehicle(vehicle)
     route = trips.route(places)
@@ -75,7 +75,7 @@ def planned_in_the_core(trips: FleetTrips, car: str, places: slice) -> NDArray[n
         return None
     trip = make_trip(vehicle, route)
     if len(trip.route) != len(route):
-        # Steps that are divided are not those that were drawn.
+        # Steps that the core divided are not the drawn steps.
         return None
     return plan_trips(
         native, trip.native, trips.steps[places], trips.start_soc[places], trips.start_c[places],
@@ -84,7 +84,7 @@ def planned_in_the_core(trips: FleetTrips, car: str, places: slice) -> NDArray[n
 
 
 def _drive_one(trips: FleetTrips, car: str, place: int, are_there: BoolArray, arrivals: Arrivals) -> None:
-    """Write the arrivals of one trip, in the ways that are not there yet."""
+    """Write the arrivals of one trip, in the ways that are still missing."""
     methods = [way for way, is_there in zip(WAYS, are_there.tolist()) if way in METHODS and not is_there]
     driven = arrivals_of(trips.trip(place), vehicle_of(car), methods)
     if driven is None:

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Minutes and energy at the charger over the state on arrival, in a table for each car and charger.
+Minutes and energy at the charger as a function of the state on arrival, one table for each car and charger.
 
-A fleet has millions of charging sessions. They are those of `charging.session`, with its equations, for
-vehicles whose heat arrives at once: simulated for all points of a grid at a time, in arrays, and
-interpolated between them. How far that is from `session.charge` is tested.
+A fleet has millions of charging sessions. Their equations are those of `charging.session`, for vehicles
+without a heat path. The sessions of a grid are simulated together, in arrays, and interpolated in between.
+A test bounds the difference from `session.charge`.
 """
 
 from __future__ import annotations
@@ -37,14 +37,14 @@ if TYPE_CHECKING:
 
     IntArray = NDArray[np.int64]
 
-# The grid: air and battery temperature [deg C], state of charge on arrival. Where it is cold, sessions take
-# longest and the grid is finest.
+# The grid: air and battery temperature [deg C], state of charge on arrival. Sessions are longest in the cold,
+# so the grid is finest there.
 AMBIENT_GRID_C = np.array([-25.0, -22.0, -19.0, -16.0, -13.0, -10.0, -5.0, 0.0, 7.0, 15.0])
 TEMPERATURE_GRID_C = np.array([*np.arange(-26.0, 28.0, 2.0), 32.0, 38.0, 46.0, 56.0, 80.0])
 SOC_GRID = np.linspace(0.0, ARRIVAL_SOC[1] + 0.05, 8)
-# A step lasts at most so long [s], and takes at most so much of the charge.
+# Longest step [s], and largest change of the state of charge in a step.
 STEP_S, STEP_SOC = 30.0, 0.01
-# Who waits longer [s] counts as never charged.
+# A session longer than this [s] counts as never charged.
 LONGEST_S = 6 * 3600.0
 J_PER_WH = 3600.0
 KEPT_TABLES = 64
@@ -68,7 +68,7 @@ class ChargingTimes:
         """
         Return time [s] and energy bought [Wh], shapes (N,), for states on arrival, shapes (N,).
 
-        NaN or infinite where the session does not end, or the state is beyond the grid.
+        NaN or infinite if the session does not end or the state is outside the grid.
         """
         found = self._table(np.stack((ambient_c, temperature_c, soc), axis=-1))
         return found[:, 0], found[:, 1]
@@ -76,12 +76,12 @@ class ChargingTimes:
 
 @lru_cache(maxsize=KEPT_TABLES)
 def charging_times_of(car: str, charger_w: float) -> ChargingTimes:
-    """Return the ChargingTimes of one of the fleet's cars at a charger [W]; made once in a process."""
+    """Return the ChargingTimes of a car of the fleet at a charger [W]; cached in each process."""
     return ChargingTimes(vehicle_of(car), charger_w)
 
 
 def stop_of(vehicle: Vehicle, charger_w: float, ambient_c: float) -> ChargingStop:
-    """Return the Stop of a fleet's trip in air of a temperature [deg C]."""
+    """Return the ChargingStop of a fleet trip at this air temperature [deg C]."""
     return ChargingStop(charger_w, DEPARTURE_SOC, ambient_c, float(cabin_heating_power_w(vehicle, ambient_c)),
                 vehicle.defaults.auxiliary_power_w)
 
@@ -91,10 +91,10 @@ def sessions(vehicle: Vehicle, charger_w: float, ambient_c: FloatArray, temperat
     """
     Return time [s] and energy bought [Wh] of sessions; all shapes (N,).
 
-    Infinite where a session does not end.
+    Infinite if a session does not end.
     """
     if not vehicle.heat_path.is_direct:
-        raise ValueError(f'{vehicle.name}: its heat arrives late, which is not simulated here')
+        raise ValueError(f'{vehicle.name}: has a heat path, which is not simulated here')
     session = _Sessions(vehicle, charger_w, ambient_c)
     soc, temperature_c = soc.copy(), temperature_c.copy()
     elapsed_s, bought_j = np.zeros(len(soc)), np.zeros(len(soc))
@@ -149,7 +149,7 @@ class _Sessions:
 
         command_w = np.where(temperature_c < self._limited_c, heater_w, 0.0)
         end_soc, end_c, terminal_w = driven(command_w)
-        # The limit is held with a part of the heater, as heating below and not above it does on average.
+        # The heater's mean power at the limit, which switching on below and off above the limit also gives.
         crosses = np.where(temperature_c < self._limited_c, end_c > self._limited_c,
                            end_c < self._limited_c) & (heater_w > 0.0)
         if crosses.any():
@@ -157,6 +157,6 @@ class _Sessions:
             share = np.clip((self._limited_c - cold_c) / np.maximum(hot_c - cold_c, 1e-12), 0.0, 1.0)
             command_w = np.where(crosses, share * heater_w, command_w)
             end_soc, end_c, terminal_w = driven(command_w)
-        # The last step ends with the departure's state of charge.
+        # Shorten the last step to end exactly at the departure's state of charge.
         lasts = np.minimum(1.0, (DEPARTURE_SOC - soc) / np.maximum(end_soc - soc, 1e-12))
         return end_soc, end_c, lasts * duration_s, terminal_w + command_w + self._side_w[at]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Draws the trips of a winter fleet, a block at a time, in arrays."""
+"""Draw the trips of a winter fleet, one block at a time, in arrays."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ if TYPE_CHECKING:
 
 def draw_fleet(seed: int, block: int, size: int = BLOCK) -> FleetTrips:
     """Return the first `size` trips of a block, whose first trip is number `block` * BLOCK."""
-    # The whole block is drawn in any case: a trip is the same however many there are.
+    # Always draw the whole block: a trip must not depend on the size of the fleet.
     random = np.random.default_rng([seed, block])
     car, charger = _one_of(random, CARS), _one_of(random, CHARGERS_W)
     order = np.lexsort((charger, car))
@@ -90,7 +90,7 @@ def draw_fleet(seed: int, block: int, size: int = BLOCK) -> FleetTrips:
     power_w = cruising_w[road] * vary_each(random, steps, POWER_VARIABILITY)
     taken = np.cumsum(LOSSES * STEP_S / S_PER_H * (power_w + side_w[trip]) / capacity_wh[trip])
     used = taken - np.concatenate(([0.0], taken))[first][trip]
-    # No car drives further than its battery carries it.
+    # No trip is longer than the car's range.
     carried = np.maximum(1, np.add.reduceat((used < (FULL_SOC - arrival_soc)[trip]).astype(np.int64), first))
     is_driven = place < carried[trip]
     trip, power_w = trip[is_driven], power_w[is_driven]
@@ -103,7 +103,7 @@ def draw_fleet(seed: int, block: int, size: int = BLOCK) -> FleetTrips:
 
 
 def _one_of(random: Generator, shares: Mapping[Any, float]) -> IntArray:
-    """Return places in `shares`, drawn by them, (BLOCK,)."""
+    """Return indices into `shares`, drawn with these probabilities, (BLOCK,)."""
     below = np.cumsum(list(shares.values()))[:-1]
     return np.searchsorted(below, random.uniform(size=BLOCK), side='right')
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a fleet saves: the figures of a Tally, as JSON holds them."""
+"""Summarise a fleet's Tally: the figures for JSON and tables."""
 
 from __future__ import annotations
 
@@ -26,15 +26,15 @@ if TYPE_CHECKING:
 
     from bev_preheat_studies.fleet.tally import Tally
 
-    # Plain values, as JSON holds them.
+    # Plain values, as in JSON.
     Figures = dict[str, Any]
 
 S_PER_MIN, WH_PER_KWH = 60.0, 1000.0
-# Name of a figure: quantity, units in one of it.
+# Name of a figure: (quantity, how many of its units make one of the figure's).
 MEANS = {'heater_kwh': (HEATER_WH, WH_PER_KWH), 'bought_kwh': (BOUGHT_WH, WH_PER_KWH),
          'charging_min': (CHARGING_S, S_PER_MIN), 'arrival_c': (ARRIVAL_C, 1.0), 'reached': (REACHED, 1.0)}
 DISTRIBUTIONS = {'saved_min': (SAVED_S, S_PER_MIN), 'more_kwh': (MORE_WH, WH_PER_KWH)}
-# Constants of `drawn_fleet` that nobody chose.
+# Constants of `drawn_fleet` without a source or a meaning of their own.
 NOT_DRAWN = ('MPS_PER_KMH', 'S_PER_MIN', 'S_PER_H')
 QUANTILES = {'5 %': 0.05, 'median': 0.5, '95 %': 0.95}
 
@@ -43,9 +43,9 @@ def summarise_fleet(tally: Tally) -> Figures:
     """
     Return the figures of a fleet: {group: {'trips', 'ways': {way: {figure: value}}}}.
 
-    `saved_min` and `more_kwh` are against no heating of the same trip: minutes at the charger, energy
-    bought there for the same departure. Each has a mean and, by the histograms' bins, quantiles; where
-    a group is of one temperature and one length, its mean only.
+    `saved_min` and `more_kwh` are relative to the same trip without heating: minutes at the charger, and
+    energy bought for the same departure. Each has a mean and quantiles (from the histograms' bins); a group
+    of one temperature and one length has only a mean.
     """
     groups = [ALL, *drawn_fleet.CARS, *AMBIENTS, *LENGTHS, *(
         f'{ambient}, {length}' for ambient in AMBIENTS for length in LENGTHS)]
@@ -71,7 +71,7 @@ def _in_units(value: float | None, unit: float) -> float | None:
 
 
 def drawn() -> Figures:
-    """Return what is drawn for each trip: constants of `drawn_fleet`, and widths of the bins."""
+    """Return the study's distributions: constants of `drawn_fleet`, and bin widths."""
     constants = {name.lower(): value for name, value in vars(drawn_fleet).items()
                  if name.isupper() and isinstance(value, (float, dict, tuple)) and name not in NOT_DRAWN}
     plain = {name: {str(key): share for key, share in value.items()} if isinstance(value, dict)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runs a fleet in blocks of trips, on any executor; what is kept does not grow with the fleet."""
+"""Run a fleet in blocks of trips, on any executor; memory does not grow with the fleet."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 
 # Each car at each charger [W].
 PLUGS = tuple(product(CARS, CHARGERS_W))
-# Why trips are left out.
+# Reasons for leaving a trip out.
 NOT_DRIVEN, NEVER_CHARGED = 'not driven', 'never charged'
 
 
@@ -59,24 +59,24 @@ class TripBlock:
     tally: Tally
 
     def as_record(self) -> dict[str, Any]:
-        """Return the block as JSON holds it."""
+        """Return the block as plain values for JSON."""
         return {'number': self.number, 'size': self.size, **self.tally.as_record()}
 
 
 def block_from(record: dict[str, Any]) -> TripBlock:
-    """Return a Block from `as_record` of it."""
+    """Return the TripBlock of a dictionary made by `as_record`."""
     return TripBlock(record['number'], record['size'], tally_from(record))
 
 
 def block_of(trips: int, seed: int, tables: Mapping[tuple[str, float], ChargingTimes], number: int) -> TripBlock:
-    """Return one Block of a fleet of so many trips; `tables` are those of `tally_of`."""
+    """Return block `number` of a fleet of `trips` trips; `tables` are those of `tally_of`."""
     size = size_of(trips, number)
     return TripBlock(number, size, tally_of(draw_fleet(seed, number, size), tables))
 
 
 def tally_of(trips: FleetTrips,
              tables: Mapping[tuple[str, float], ChargingTimes] = MappingProxyType({})) -> Tally:
-    """Return the Tally of drawn trips; `tables` of cars at chargers [W] that are there need not be made."""
+    """Return the Tally of drawn trips; builds a table for each car and charger [W] missing in `tables`."""
     arrivals = arrivals_of_all(trips)
     charged = _charged(trips, arrivals, tables)
     are_charged = np.isfinite(charged).all(axis=(1, 2))
@@ -94,9 +94,9 @@ def tally_of(trips: FleetTrips,
 def _charged(trips: FleetTrips, arrivals: Arrivals,
              tables: Mapping[tuple[str, float], ChargingTimes]) -> FloatArray:
     """
-    Return what trips come to, shape (K, WAYS, QUANTITIES).
+    Return the quantities of trips, shape (K, WAYS, QUANTITIES).
 
-    Where a trip is not driven, or a session does not end, its values are not finite.
+    Values are not finite if a trip cannot be driven or a session does not end.
     """
     heater_wh, arrival_c, soc = arrivals.heater_wh, arrivals.temperature_c, arrivals.soc
     charging_s, bought_wh = np.empty_like(soc), np.empty_like(soc)
@@ -113,7 +113,7 @@ def _charged(trips: FleetTrips, arrivals: Arrivals,
         difference: FloatArray = values - values[:, unheated:unheated + 1]
         return difference
 
-    # An infinite time less another one is no number, and no trip that is counted.
+    # Infinity minus infinity is NaN; such a trip is not counted.
     with np.errstate(invalid='ignore'):
         columns = {HEATER_WH: heater_wh, BOUGHT_WH: bought_wh, CHARGING_S: charging_s, ARRIVAL_C: arrival_c,
                    REACHED: (arrival_c > target_c - REACHED_K).astype(float),
@@ -122,19 +122,19 @@ def _charged(trips: FleetTrips, arrivals: Arrivals,
 
 
 def size_of(trips: int, number: int) -> int:
-    """Return how many trips a block of a fleet of so many trips has."""
+    """Return the number of trips in block `number` of a fleet of `trips` trips."""
     return min(BLOCK, trips - number * BLOCK)
 
 
 def run_fleet(trips: int, seed: int, executor: Executor, report: Callable[[TripBlock], object],
               finished: Container[int] = (), keep: Callable[[int, TripBlock], object] | None = None) -> None:
     """
-    Run trips 0 … `trips` - 1 in blocks, but for those of `finished`; `report` is called with each Block.
+    Run trips 0 … `trips` - 1 in blocks except those in `finished`; call `report` with each TripBlock.
 
-    `keep` is that of `run_numbered`. Raises WorkerLost where a process dies.
+    `keep` is passed to `run_numbered`. Raises WorkerLost if a process dies.
     """
     numbers = [number for number in range(-(-trips // BLOCK)) if number not in finished]
-    # A table takes as long as a thousand trips: each is made once, not in every process. One block needs not all.
+    # A table takes as long as a thousand trips: build each once, not in every process. A single block needs few.
     tables = dict(zip(PLUGS, run_numbered(executor, _table, range(len(PLUGS))))) if len(numbers) > 1 else {}
     for block in run_numbered(executor, partial(block_of, trips, seed, tables), numbers, keep=keep):
         report(block)
@@ -146,7 +146,7 @@ def _table(number: int) -> ChargingTimes:
 
 @dataclass(frozen=True)
 class KeptFleet:
-    """The numbers of the blocks that a results file has, their Tally, and what keeps a new one."""
+    """The blocks found in a results file: their numbers and their Tally; `keep` appends a new block."""
 
     finished: set[int]
     tally: Tally
@@ -156,17 +156,17 @@ class KeptFleet:
 @contextmanager
 def kept_fleet(path: AnyPath | None, study: Mapping[str, Any], trips: int) -> Iterator[KeptFleet]:
     """
-    Give the KeptFleet of a fleet of so many trips, whose `study` plain values describe.
+    Give the KeptFleet of a fleet of `trips` trips, identified by the plain values in `study`.
 
-    A block of another size, the last one of a smaller fleet, is not used. Raises InvalidInput where the
-    file holds another study, or is damaged.
+    A block of another size (the last block of a smaller fleet) is ignored. Raises InvalidInput if the
+    file holds another study or is damaged.
     """
     kept = KeptFleet(set(), Tally())
     if path is None:
         yield kept
         return
     with open_results(path, study) as file:
-        # Of a million trips there are 250 blocks: only their sum stays in memory.
+        # A million trips are 250 blocks; only their sum stays in memory.
         for block in results_of(file, path, block_from):
             is_of_fleet = 0 <= block.number and size_of(trips, block.number) == block.size
             if is_of_fleet and block.number not in kept.finished:

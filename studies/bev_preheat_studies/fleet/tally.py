@@ -2,8 +2,8 @@
 """
 Counts, sums and histograms of a fleet, of the same size for a thousand trips and for a million.
 
-All are whole numbers (sums in thousandths of a unit), so that blocks of trips add up to the same in
-whatever order they come. Quantiles come from histograms of fixed bins.
+All are integers (sums in thousandths of a unit), so that the total does not depend on the order of the
+blocks. Quantiles come from histograms with fixed bins.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     IntArray = NDArray[np.int64]
 
-# What is summed for each way and group, and which of these have a histogram: width of its bins.
+# The quantities summed for each way and group; those with a histogram have a bin width.
 HEATER_WH, BOUGHT_WH, CHARGING_S, ARRIVAL_C, REACHED = (
     'heater_wh', 'bought_wh', 'charging_s', 'arrival_c', 'reached')
 SAVED_S, MORE_WH = 'saved_s', 'more_wh'
@@ -32,14 +32,14 @@ QUANTITIES = (HEATER_WH, BOUGHT_WH, CHARGING_S, ARRIVAL_C, REACHED, SAVED_S, MOR
 BIN_WIDTHS = {SAVED_S: 15.0, MORE_WH: 50.0}
 PER_UNIT = 1000
 
-# The groups of one trip are all, its car's, its temperature's, its length's, and the latter two together.
+# A trip belongs to these groups: all, its car, its temperature, its length, and temperature with length.
 ALL = 'all'
 AMBIENT_EDGES_C = (-15.0, -10.0, -5.0, 0.0, 5.0)
 LENGTH_EDGES_MIN = (30.0, 60.0, 90.0)
 
 
 def names_of(edges: tuple[float, ...], unit: str) -> list[str]:
-    """Return what the parts are called into which edges divide a scale."""
+    """Return the names of the intervals between edges on a scale."""
     return [f'below {edges[0]:g} {unit}',
             *(f'{low:g} to {high:g} {unit}' for low, high in zip(edges, edges[1:])),
             f'from {edges[-1]:g} {unit}']
@@ -49,7 +49,7 @@ AMBIENTS, LENGTHS = names_of(AMBIENT_EDGES_C, 'degC'), names_of(LENGTH_EDGES_MIN
 
 
 def groups_of(car: str, ambient_c: float, length_min: float) -> tuple[str, ...]:
-    """Return the names of the groups that a trip belongs to; the last one has no histogram."""
+    """Return the names of a trip's groups; the last group has no histogram."""
     return groups_of_all([car], np.array([ambient_c]), np.array([length_min]))[0]
 
 
@@ -69,7 +69,7 @@ def _names(car: str, ambient: int, length: int) -> tuple[str, ...]:
 @dataclass
 class Tally:
     """
-    What was counted: trips by group, trips left out by reason, sums and histograms.
+    Counts: trips by group, excluded trips by reason, sums and histograms.
 
     `sums` {(way, group, quantity): thousandths}, `bins` {(way, group, quantity): {bin: trips}}.
     """
@@ -112,18 +112,18 @@ class Tally:
 
     @property
     def counted(self) -> int:
-        """How many trips were drawn, those that were left out too."""
+        """Number of drawn trips, including those left out."""
         return self.trips[ALL] + self.left_out.total()
 
     def with_other(self, other: Tally) -> Tally:
-        """Return what both have counted; this one stays as it is."""
+        """Return the sum of both tallies; `self` is unchanged."""
         both = Tally()
         both.add(self)
         both.add(other)
         return both
 
     def add(self, other: Tally) -> None:
-        """Count what another Tally has counted."""
+        """Add another Tally to this one."""
         self.trips.update(other.trips)
         self.left_out.update(other.left_out)
         self.sums.update(other.sums)
@@ -131,12 +131,12 @@ class Tally:
             self.bins.setdefault(key, Counter()).update(places)
 
     def mean(self, way: str, group: str, quantity: str) -> float | None:
-        """Return the mean of a quantity over a group's trips; None where there are none."""
+        """Return the mean of a quantity over a group's trips; None for an empty group."""
         trips = self.trips[group]
         return self.sums[way, group, quantity] / PER_UNIT / trips if trips else None
 
     def quantile(self, way: str, group: str, quantity: str, share: float) -> float | None:
-        """Return the value that a share (0 ... 1) of a group's trips is below, to a bin's width."""
+        """Return the quantile of a quantity for a share 0 ... 1 of a group's trips, to a bin's width."""
         places = self.bins.get((way, group, quantity))
         if not places:
             return None
@@ -149,14 +149,14 @@ class Tally:
         return width * (max(places) + 1)
 
     def as_record(self) -> dict[str, Any]:
-        """Return the tally as JSON holds it."""
+        """Return the tally as plain values for JSON."""
         record: dict[str, Any] = {'trips': dict(self.trips), 'left_out': dict(self.left_out),
                                   'quantities': list(QUANTITIES), 'sums': {}, 'bins': {}}
         for way, group in dict.fromkeys(key[:2] for key in self.sums):
             record['sums'].setdefault(way, {})[group] = [
                 self.sums[way, group, quantity] for quantity in QUANTITIES]
         for (way, group, quantity), places in self.bins.items():
-            # The first bin, then what is in it and in those above it.
+            # The number of the first bin, then the counts from that bin on.
             low, high = min(places), max(places)
             record['bins'].setdefault(way, {}).setdefault(group, {})[quantity] = [
                 low, *(places[place] for place in range(low, high + 1))]
@@ -164,7 +164,7 @@ class Tally:
 
 
 def tally_from(record: dict[str, Any]) -> Tally:
-    """Return a Tally from `as_record` of it."""
+    """Return the Tally of a dictionary made by `as_record`."""
     tally = Tally(Counter(record['trips']), Counter(record['left_out']))
     for way, groups in record['sums'].items():
         for group, values in groups.items():

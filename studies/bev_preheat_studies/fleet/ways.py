@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The ways to heat a fleet: not at all, always, and by each planning method; what one trip takes."""
+"""The ways to heat a fleet: not at all, always, and by each planning method; the arrival of one trip in each."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ if TYPE_CHECKING:
 
 NONE, ALWAYS = 'no_heating', 'always_on'
 WAYS = (NONE, ALWAYS, *reversed(METHODS))
-# Missing the target by less than this is no miss; see planning.planner.
+# A smaller shortfall does not count as missing the target; see planning.planner.
 REACHED_K = 0.2
 
 
 @dataclass(frozen=True)
 class Arrival:
-    """A trip's end: what the heater took before [Wh], battery temperature [deg C], state of charge."""
+    """A trip's end: heater energy before arrival [Wh], battery temperature [deg C], state of charge."""
 
     heater_wh: float
     temperature_c: float
@@ -40,11 +40,11 @@ class Arrival:
 def arrivals_of(trip: FleetTrip, vehicle: Vehicle,
                 methods: Iterable[str] = tuple(METHODS)) -> dict[str, Arrival] | None:
     """
-    Return the Arrival of each of WAYS; None where the car cannot drive the trip even without heating.
+    Return the Arrival of each of WAYS; None if the car cannot drive the trip even without heating.
 
-    Of the ways that are planned, those of `methods`.
+    Of the planned ways, only those in `methods`.
 
-    Whatever a method says of its own plan, it is driven with the model's own steps.
+    Every plan is simulated with the model's own steps; the method's own prediction is not used.
     """
     inputs = vehicle, trip.route, trip.state
     try:
@@ -56,7 +56,7 @@ def arrivals_of(trip: FleetTrip, vehicle: Vehicle,
         return None
     arrivals = {NONE: _arrival(unheated), ALWAYS: _always_on(trip, vehicle, unheated)}
     for method, plan in plans.items():
-        # The paper's own run is made by Euler's method.
+        # The paper's method predicts with Euler steps.
         arrivals[method] = (_driven(trip, vehicle, plan) if method == 'paper' and plan.heating_start_s is not None
                             else arrivals[NONE] if plan.heating_start_s is None else _arrival(plan))
     return {way: arrivals[way] for way in WAYS if way in arrivals}
@@ -76,9 +76,9 @@ def _driven(trip: FleetTrip, vehicle: Vehicle, plan: Plan) -> Arrival:
 
 def _always_on(trip: FleetTrip, vehicle: Vehicle, unheated: Plan) -> Arrival:
     """
-    Return the Arrival of a car that heats from the start, and then holds the target.
+    Return the Arrival of a car that heats from the start and then holds the target.
 
-    A thermostat: in each step that begins below the target the heater has what the cabin leaves.
+    A thermostat: in each step that starts below the target, the heater runs at the power the cabin leaves.
     """
     driven = make_trip(vehicle, trip.route)
     watch = watch_limits(driven, unheated.soc, unheated.battery_temperature_c)
@@ -87,6 +87,6 @@ def _always_on(trip: FleetTrip, vehicle: Vehicle, unheated: Plan) -> Arrival:
     schedule = run_within_limits(
         driven, trip.state, watch,
         WantedHeat(driven.heater_limit_w, (floor_c, target_c, target_c)), take_surplus=False)
-    # Added up step by step, as the compiled core does.
+    # Summed step by step, as in the native core.
     heater_wh = float(np.cumsum(driven.route.duration_s / JOULES_PER_WH * schedule.heater_power_w)[-1])
     return Arrival(heater_wh, float(schedule.temperature_c[-1]), float(np.maximum(schedule.soc[-1], 0.0)))

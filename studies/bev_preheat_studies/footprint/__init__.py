@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the planner takes as C sources for a control unit: bytes, stack, instructions."""
+"""Footprint of the planner as C sources for a control unit: bytes, stack, instructions."""

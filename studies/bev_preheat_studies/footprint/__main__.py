@@ -2,7 +2,7 @@
 """
 `python -m bev_preheat_studies.footprint`: bytes, stack and instructions of an export, as tables and JSON.
 
-Each plan is held against that of Python; the exit status is 1 where one differs.
+Each plan is compared with the plan in Python; the exit status is 1 if any differs.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from bev_preheat.console.program import loading, run_program
 
 if __name__ == '__main__':
-    # What is loaded below takes a while, in which Ctrl-C may come.
+    # Loading takes a while, during which Ctrl-C may arrive.
     loading('footprint')
 
 from dataclasses import replace
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
     from bev_preheat.vehicle import Vehicle
 
-# Heat that comes late: by its heater, and by coolant.
+# Lags of the heat: of the heater, and through coolant.
 LATE = HeatPath(heater_lag_s=45.0, coolant_heat_capacity_j_per_k=20e3, coolant_conductance_w_per_k=400.0)
 DRAWN, LONG, SEED = 200, 30, 0
 # As in the export's Makefile.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An export, compiled for a processor: by the rules of the export's own Makefile."""
+"""Compile an export for a processor with the rules of the export's own Makefile."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ import subprocess
 from bev_preheat.errors import InvalidInput
 
 HERE = Path(__file__).resolve().parent
-# As the export's Makefile has it, without warnings that are errors: those are for the export's own sources.
+# As in the export's Makefile, but without -Werror, which is meant for the export's own sources.
 INCLUDES = ('-I.', '-Iinclude', '-Isrc', f'-I{HERE}')
 
 
 @dataclass(frozen=True)
 class Target:
-    """A processor and the compiler for it: what it is called, the tools' prefix, and flags of the processor."""
+    """A processor and its compiler: name, prefix of the tools, and flags for the processor."""
 
     name: str
     compiler: str
@@ -27,7 +27,7 @@ class Target:
 
     @property
     def is_this_computer(self) -> bool:
-        """Whether what is compiled runs here."""
+        """Whether the compiled program runs on this computer."""
         return not self.tools
 
     @property
@@ -37,7 +37,7 @@ class Target:
 
     @property
     def version(self) -> str:
-        """The compiler's first line about itself."""
+        """The first line of the compiler's --version."""
         return subprocess.run([self.compiler, '--version'], check=True, capture_output=True,
                               text=True).stdout.splitlines()[0]
 
@@ -51,7 +51,7 @@ LEVELS = ('-O2', '-Os')
 @dataclass(frozen=True)
 class Build:
     """
-    An export compiled for a Target at a level of optimization; `folder` is the export's.
+    An export compiled for a Target at a level of optimization, in the export's `folder`.
 
     `block` is the Makefile's BLOCK: states side by side.
     """
@@ -63,7 +63,7 @@ class Build:
     block: int
 
     def __str__(self) -> str:
-        """Return what it is called in tables."""
+        """Return the name for tables."""
         return f'{self.target.name}, {self.level}'
 
     @property
@@ -72,14 +72,14 @@ class Build:
         return self.folder / self._build
 
     def make_library(self) -> None:
-        """Compile the export's library; raises InvalidInput where that fails."""
+        """Compile the export's library; raises InvalidInput if that fails."""
         target = self.target
         self._call('make', '-s', f'BUILD={self._build}', f'CC={target.compiler}', f'AR={target.tools}ar',
                    f'CFLAGS={" ".join(self._flags)}', f'MOST_STEPS={self.most_steps}',
                    f'BLOCK={self.block}', self._library)
 
     def link(self, name: str, *others: str) -> Path:
-        """Return a linked program of the library, `planned.c`, and what `others` name: sources here, or flags."""
+        """Return a program linked from the library, `planned.c` and `others`: sources in this folder, or flags."""
         sources = [str(HERE / other) if other.endswith('.c') else other for other in others]
         self._call(self.target.compiler, *self._flags, '-std=c99', '-ffp-contract=off',
                    f'-DBEV_MOST_STEPS={self.most_steps}', *INCLUDES, str(HERE / 'planned.c'), *sources,
@@ -88,7 +88,7 @@ class Build:
 
     @property
     def _build(self) -> str:
-        # The export counts what lies in this folder as its own.
+        # The export treats everything in this folder as its own.
         return f'build/{self.target.name}{self.level}'
 
     @property

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Plans of a build for a Cortex-M7 in an emulator: instructions, and what they overwrite of a filled stack.
+Run plans of a Cortex-M7 build in an emulator: count instructions, and measure the stack with a filled stack.
 
-Instructions are neither cycles nor a time.
+Instruction counts are neither cycles nor a time.
 """
 
 from __future__ import annotations
@@ -22,22 +22,22 @@ PAGE = 0x1000
 STACK_AT, STACK_BYTES, PAINT = 0x6000_0000, 1 << 18, b'\xa5'
 NUMBERS_AT, NUMBERS_BYTES = 0x7000_0000, 1 << 18
 ANSWER_AT, ANSWER = NUMBERS_AT + NUMBERS_BYTES - PAGE, struct.Struct('<10d')
-# Where a function returns to, and the emulator ends.
+# The return address at which the emulator stops.
 END = 0x7800_0000
 CODE_AT = 0x0001_0000
 FUNCTIONS = ('take_situation', 'plan_switch', 'plan_merit_order', 'tell_plan')
-# Access to the floating-point unit, and its switch.
+# Enable access to the floating-point unit, and the unit itself.
 CPACR, FULL_ACCESS, FPEXC_ENABLED = (15, 0, 0, 1, 0, 0, 2), 0xF << 20, 1 << 30
-# Of a halfword's first five bits: those of an instruction that has a second halfword.
+# The first five bits of a halfword that starts a 32-bit instruction.
 LONG_INSTRUCTIONS = (0b11101, 0b11110, 0b11111)
 
 
 class EmulatedCortexM7:
     """
-    A linked program in the emulator.
+    A program loaded into the emulator.
 
-    Its CPU is the one with all instructions, in Thumb state, as that of the emulated Cortex-M7 has no
-    double precision.
+    Its CPU model is the one with all instructions, in Thumb state, because the emulator's Cortex-M7 lacks double
+    precision.
     """
 
     def __init__(self, build: Build) -> None:
@@ -56,12 +56,12 @@ class EmulatedCortexM7:
         self._emulator.reg_write(arm_const.UC_ARM_REG_CP_REG, (*CPACR, FULL_ACCESS))
         self._emulator.reg_write(arm_const.UC_ARM_REG_FPEXC, FPEXC_ENABLED)
         self._instructions = 0
-        # Of each block that was met, by its address and size.
+        # Instructions of each executed block, by its address and size.
         self._counts: dict[tuple[int, int], int] = {}
         self._emulator.hook_add(unicorn.UC_HOOK_BLOCK, self._on_block)
 
     def plan(self, method: int, situation: FootprintCase) -> Planned:
-        """Return what a plan of a method, by its number, and a Situation takes."""
+        """Return the result and cost of a plan by METHODS[method] in a FootprintCase."""
         self._emulator.mem_write(NUMBERS_AT, situation.numbers.tobytes())
         self._call('take_situation', situation.steps, NUMBERS_AT)
         self._emulator.mem_write(STACK_AT, PAINT * STACK_BYTES)
@@ -92,7 +92,7 @@ class EmulatedCortexM7:
         for register, value in zip((arm.UC_ARM_REG_R0, arm.UC_ARM_REG_R1), arguments):
             emulator.reg_write(register, value)
         emulator.reg_write(arm.UC_ARM_REG_SP, STACK_AT + STACK_BYTES)
-        # The last bit is Thumb's.
+        # The last bit selects Thumb state.
         emulator.reg_write(arm.UC_ARM_REG_LR, END | 1)
         emulator.emu_start(self._addresses[name] | 1, END)
         status: int = struct.unpack('<i', struct.pack('<I', emulator.reg_read(arm.UC_ARM_REG_R0)))[0]
@@ -106,7 +106,7 @@ class EmulatedCortexM7:
 
 
 def instructions_in(code: bytes) -> int:
-    """Return how many Thumb instructions there are in bytes, each a halfword or two (ARMv7-M, A5.1)."""
+    """Return the number of Thumb instructions in bytes, each one or two halfwords (ARMv7-M, A5.1)."""
     halfwords = [each for each, in struct.iter_unpack('<H', code)]
     count = at = 0
     while at < len(halfwords):

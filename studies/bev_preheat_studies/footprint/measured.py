@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What one build of an export takes."""
+"""Footprint of a single build of an export."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from bev_preheat_studies.footprint.builds import Build
     from bev_preheat_studies.footprint.situations import FootprintCase, Planned
 
-# What a caller of each of METHODS links.
+# The functions that a caller of each of METHODS links.
 FUNCTIONS = dict(zip(METHODS, ('bev_ecu_plan_switch', 'bev_ecu_plan_merit_order')))
 VEHICLE = 'bev_ecu_vehicle'
 
@@ -26,9 +26,9 @@ VEHICLE = 'bev_ecu_vehicle'
 @dataclass(frozen=True)
 class Plans:
     """
-    Plans of one method: those of the Situations, in their order.
+    The plans of a method for all FootprintCases, in order.
 
-    `linked` are the bytes of the object files that the method needs, the vehicle's among them.
+    `linked` are the bytes of the object files that the method needs, including the vehicle's.
     """
 
     linked: Bytes
@@ -36,17 +36,17 @@ class Plans:
 
     @property
     def stack_bytes(self) -> int:
-        """The most that one of them took of the stack."""
+        """The most stack that any of the plans used."""
         return max(each.stack_bytes for each in self.planned)
 
 
 @dataclass(frozen=True)
 class Measured:
     """
-    A Build of a vehicle with a HeatPath: its Plans by method, and how many differ from those of Python.
+    A Build of a vehicle with a HeatPath: its Plans by method, and the number of plans that differ from Python's.
 
-    `memory_bytes` is the caller's memory for trips of so many steps: of optimal_switch with heat at once, the
-    same with a heat path, of merit_order. It is the same for all processors; empty where it was not asked for.
+    `memory_bytes` maps a number of steps to the caller's memory: optimal_switch without and with a heat path,
+    merit_order. It is the same for all processors; empty if not requested.
     """
 
     build: Build
@@ -75,9 +75,9 @@ class Measured:
 def measure(build: Build, path: HeatPath, situations: Sequence[FootprintCase],
             memory_steps: Sequence[int] = ()) -> Measured:
     """
-    Return what a Build takes for Situations; raises InvalidInput where it cannot be compiled.
+    Return the footprint of a Build for FootprintCases; raises InvalidInput if it cannot be compiled.
 
-    `memory_steps` are numbers of steps whose memory is asked for, where the build runs on this computer.
+    `memory_steps` are the numbers of steps for which memory is reported, if the build runs on this computer.
     """
     build.make_library()
     files = [read_object(file) for file in sorted(build.objects.rglob('*.o'))]

@@ -10,9 +10,9 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
     from pathlib import Path
 
-# Tables for unwinding the stack and notes of the compiler, which a program in C does not need.
+# Sections for stack unwinding and compiler notes, which a C program does not need.
 NEVER_USED = ('.eh_frame', '.ARM.exidx', '.ARM.extab', '.note')
-# Constants with addresses in them, in a program that is loaded anywhere.
+# Constants that contain addresses, in a position-independent program.
 RELOCATED_CONSTANTS = '.data.rel.ro'
 WRITABLE, OCCUPIES_MEMORY, EXECUTABLE = 1, 2, 4
 
@@ -32,7 +32,7 @@ class Bytes:
 
 @dataclass(frozen=True)
 class ObjectFile:
-    """An object file: its Bytes, and the symbols that others find in it and that it looks for."""
+    """An object file: its Bytes, and its defined and undefined symbols."""
 
     path: Path
     size: Bytes
@@ -41,7 +41,7 @@ class ObjectFile:
 
 
 def read_object(path: Path) -> ObjectFile:
-    """Return the ObjectFile in a file of format ELF."""
+    """Return the ObjectFile in a file in ELF format."""
     from elftools.elf.elffile import ELFFile
     from elftools.elf.sections import SymbolTableSection
 
@@ -59,7 +59,7 @@ def read_object(path: Path) -> ObjectFile:
 
 
 def _bytes_of(name: str, flags: int, size: int) -> Bytes:
-    """Return what a section of an object file counts as."""
+    """Return a section's size, counted as code, constants or variables."""
     if not flags & OCCUPIES_MEMORY or name.startswith(NEVER_USED):
         return Bytes()
     if flags & EXECUTABLE:
@@ -70,7 +70,7 @@ def _bytes_of(name: str, flags: int, size: int) -> Bytes:
 
 
 def needed_for(symbols: Iterable[str], files: Iterable[ObjectFile]) -> list[ObjectFile]:
-    """Return those of the files that a program links which needs these symbols; others' symbols are left out."""
+    """Return the files that a program with these symbols links, including dependencies among the files."""
     defined_in = {symbol: file for file in files for symbol in file.defines}
     needed: dict[Path, ObjectFile] = {}
     wanted = [*symbols]
@@ -83,5 +83,5 @@ def needed_for(symbols: Iterable[str], files: Iterable[ObjectFile]) -> list[Obje
 
 
 def total(files: Iterable[ObjectFile]) -> Bytes:
-    """Return the Bytes of files together."""
+    """Return the sum of the Bytes of files."""
     return sum((file.size for file in files), Bytes())

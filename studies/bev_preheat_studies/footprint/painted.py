@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Plans of a build that runs on this computer, and how much they overwrite of a stack that was filled before."""
+"""Run plans of a build on this computer, and measure the stack by filling it beforehand."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ class PaintedStack:
     """The program of painted_stack.c."""
 
     def __init__(self, build: Build) -> None:
-        """Link it. Symbols are looked up when it starts: looking one up in a plan would take stack."""
+        """Link the program. Symbols are bound at the start: lazy binding inside a plan would use stack."""
         self._program: Path = build.link('painted_stack', 'painted_stack.c', '-Wl,-z,now')
 
     def memory_bytes(self, steps: int) -> tuple[int, int, int]:
-        """Return the memory for trips of so many steps: optimal_switch, with a heat path, merit_order."""
+        """Return the memory for trips with this number of steps: optimal_switch, with a heat path, merit_order."""
         direct, late, merit = map(int, self._run(b'', 'memory', str(steps)).split())
         return direct, late, merit
 
     def plan(self, asked: Sequence[tuple[int, FootprintCase]]) -> list[Planned]:
-        """Return what plans of a method, by its number, and a Situation take."""
+        """Return the results of (method number, FootprintCase) pairs."""
         given = b''.join(struct.pack('=2i', method, situation.steps) + situation.numbers.tobytes()
                          for method, situation in asked)
         return [Planned(status, stack_bytes, None, tuple(told)) for status, stack_bytes, *told in

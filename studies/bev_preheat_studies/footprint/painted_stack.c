@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * On a computer: plans situations on a stack that is filled beforehand, and tells how much of it is overwritten.
+ * Plan situations on this computer, on a stack filled beforehand, and report the overwritten bytes.
  *
  *     painted_stack memory STEPS    bytes of memory: optimal_switch, the same with a heat path, merit_order
  *     painted_stack plans           situations on standard input, answers on standard output
  *
- * A situation is two int32, the method (0: optimal_switch) and the number of steps, and the numbers of
- * take_situation; an answer two int32, the status and the bytes of stack, and the numbers of tell_plan.
+ * A situation is two int32 (method, 0: optimal_switch; number of steps) and the numbers of take_situation. An
+ * answer is two int32 (status; bytes of stack) and the numbers of tell_plan.
  */
 #define _XOPEN_SOURCE 700
 #include <stdio.h>
@@ -35,7 +35,7 @@ static void run(void) {
   status = plan();
 }
 
-/* What a function overwrites of the stack that it runs on. */
+/* The bytes of stack that a function overwrites. */
 static int32_t stack_of(int32_t (*function)(void)) {
   int32_t untouched = 0;
   plan = function;
@@ -57,7 +57,7 @@ static int32_t stack_of(int32_t (*function)(void)) {
 }
 
 static int plan_all(void) {
-  /* What the switch of stacks itself takes. */
+  /* The stack used by the context switch itself. */
   const int32_t frame = stack_of(plan_nothing);
   int32_t asked[2];
   while (fread(asked, sizeof asked, 1, stdin) == 1) {

@@ -3,7 +3,7 @@
 
 #include "vehicle.h"
 
-/* All of it static, so that the stack has what the plan takes, and next to nothing else. */
+/* Static, so that the stack holds hardly more than the plan's own frames. */
 static bev_trip trip;
 static bev_ecu_situation situation;
 static bev_ecu_plan plan;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* One situation, planned with either method of an export: what the program and the emulator call. */
+/* Plan a situation with either method of an export: the interface for painted_stack.c and the emulator. */
 #ifndef PLANNED_H_
 #define PLANNED_H_
 
@@ -9,18 +9,18 @@ enum { SITUATION_NUMBERS = 7, COLUMNS = 10, ANSWER_NUMBERS = 10 };
 
 /*
  * Take a situation: the numbers of bev_ecu_situation, then the columns of bev_trip, the first with `steps` + 1
- * values, the others with `steps`. They are only pointed to.
+ * values, the others with `steps`. `numbers` is not copied.
  */
 void take_situation(int32_t steps, const double *numbers);
 
-/* Plan it with optimal_switch or merit_order; the status. This is what is measured. */
+/* Plan the situation with optimal_switch or merit_order; return the status. These functions are measured. */
 int32_t plan_switch(void);
 int32_t plan_merit_order(void);
 
-/* Write what the plan is told by, in the order of check.c. */
+/* Write the plan's numbers, in the order of check.c. */
 void tell_plan(double *answer);
 
-/* Bytes of the memory that the caller gives for a trip of so many steps. */
+/* Bytes of the caller's memory for a trip with `steps` steps. */
 int64_t switch_bytes(int32_t steps, int32_t has_heat_path);
 int64_t merit_order_bytes(int32_t steps);
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is planned, with the plans of Python to hold the answers against."""
+"""The planned situations, with the plans in Python for comparison."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ if TYPE_CHECKING:
 INSTANT_TOLERANCE_S, ENERGY_TOLERANCE_WH, ARRIVAL_TOLERANCE_K, ARRIVAL_TOLERANCE_SOC = 1e-3, 1e-3, 1e-4, 1e-7
 TOLERANCES = np.array([
     *2 * [INSTANT_TOLERANCE_S], *6 * [ENERGY_TOLERANCE_WH], ARRIVAL_TOLERANCE_K, ARRIVAL_TOLERANCE_SOC])
-# Routes of the package, driven from a temperature [deg C].
+# Routes of the package, with their battery temperature at the start [deg C].
 ROUTES = {'reference': 0.0, 'alpine_pass': -10.0}
 ROUTE_SOC, ROUTE_TARGET_C = 0.9, 25.0
 
 
 class Planned(NamedTuple):
     """
-    What a plan took, and what it is told by.
+    The result and cost of a plan.
 
-    `instructions` is None where they are not counted.
+    `instructions` is None if they are not counted; `told` are the numbers of tell_plan in planned.h.
     """
 
     status: int
@@ -45,7 +45,7 @@ class Planned(NamedTuple):
 
 @dataclass(frozen=True)
 class FootprintCase:
-    """A Vector, and the route that it is; '' for one that was drawn."""
+    """A Vector, and the name of its route; '' for a drawn trip."""
 
     vector: Vector
     route: str = ''
@@ -57,11 +57,11 @@ class FootprintCase:
 
     @property
     def numbers(self) -> array[float]:
-        """The numbers of `take_situation` in planned.h."""
+        """The input of `take_situation` in planned.h."""
         return array('d', [*self.vector.situation, *(value for column in self.vector.columns for value in column)])
 
     def agrees(self, method: int, planned: Planned) -> bool:
-        """Return whether a plan of METHODS[method] is that of Python."""
+        """Return whether a plan by METHODS[method] agrees with Python's."""
         answer = self.vector.answers[method]
         if planned.status != answer.status or answer.status != OK:
             return planned.status == answer.status
@@ -71,9 +71,9 @@ class FootprintCase:
 
 def situations(vehicle: Vehicle, exported: Sequence[Vector], long: int, seed: int) -> list[FootprintCase]:
     """
-    Return Situations of a Vehicle: those of its export, so many more of the most steps, and the ROUTES.
+    Return FootprintCases of a Vehicle: those of its export, `long` more with the most steps, and the ROUTES.
 
-    Those with a number that is none are left out.
+    Cases with a NaN are left out.
     """
     with without_core():
         vectors = [*exported, *(draw_vector(vehicle, seed, LONG_AT + LONG_EVERY * (len(exported) + number))

@@ -18,14 +18,14 @@ if TYPE_CHECKING:
 
 # Headings, rows, alignment.
 Rows: TypeAlias = 'tuple[Sequence[str], Sequence[Sequence[str]], Sequence[str]]'
-# The longest of the usual trips that are drawn.
+# Lengths of usual drawn trips [steps].
 USUAL = range(40, 61)
 SWITCH, MERIT_ORDER = METHODS
 MEMORY_STEPS = (MOST_STEPS, 120)
 
 
 def path_name(path: HeatPath) -> str:
-    """Return what a vehicle with such a HeatPath is called."""
+    """Return the name of a vehicle with such a HeatPath."""
     return 'heat at once' if path.is_direct else 'with a heat path'
 
 
@@ -36,7 +36,7 @@ def byte_rows(results: Sequence[Measured], method: str) -> Rows:
     memory = next(each.memory_bytes for each in results if each.memory_bytes)
 
     def row(what: str, figure: Callable[[Measured], int], of: slice = slice(1)) -> list[str]:
-        """Return a row; `of` says which of heat at once and heat path are told."""
+        """Return a row; `of` selects the results for heat at once, with a heat path, or both."""
         return [what, *(' / '.join(f'{figure(each):,}'.replace(',', ' ') for each in by_build[build][of])
                         for build in builds)]
 
@@ -50,7 +50,7 @@ def byte_rows(results: Sequence[Measured], method: str) -> Rows:
     return ['', *builds], [
         row('code', lambda each: each.plans[method].linked.code),
         row('constants', lambda each: each.plans[method].linked.constants),
-        row('of these the vehicle', lambda each: each.vehicle.constants),
+        row('of this, the vehicle', lambda each: each.vehicle.constants),
         row('static variables', lambda each: each.plans[method].linked.variables),
         *(row(f'working memory, {steps} steps, heat at once / with a heat path', memory_of(by_way), both)
           for steps, by_way in memory.items()),
@@ -61,7 +61,7 @@ def byte_rows(results: Sequence[Measured], method: str) -> Rows:
 
 
 def instruction_rows(results: Sequence[Measured]) -> Rows | None:
-    """Return headings, rows and alignment of the instructions of plans; None where none were counted."""
+    """Return headings, rows and alignment of the instructions of plans; None if none were counted."""
     counted = [measured for measured in results if measured.plans[SWITCH].planned[0].instructions is not None]
     if not counted:
         return None
@@ -83,7 +83,7 @@ def instruction_rows(results: Sequence[Measured]) -> Rows | None:
 
 def _millions(measured: Measured, method: str, belongs: Callable[[FootprintCase], bool],
               is_limited: bool | None) -> Iterable[float]:
-    """Return the instructions of the heated plans of a group; `is_limited`: optimal_switch has none."""
+    """Return the instructions of a group's heated plans; `is_limited`: optimal_switch has no plan."""
     number = METHODS.index(method)
     for situation, each, switched in zip(
             measured.situations, measured.plans[method].planned, measured.plans[SWITCH].planned):

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Random trips on which the methods are held against the nonlinear program."""
+"""Random trips on which the methods are compared with the nonlinear program."""

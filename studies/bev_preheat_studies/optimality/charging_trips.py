@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Draws random drives to a charger: vehicle, route, state, charger, departure, prices."""
+"""Draw random drives to a charger: vehicle, route, state, charger, departure, prices."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ if TYPE_CHECKING:
 
 VEHICLES = ('reference', 'large_suv', 'mid_size_lfp', 'small_car', 'small_hatchback')
 STEP_S = 60.0
-# Turns energy into charge, roughly, where the state of charge at the start is drawn.
+# Approximate voltage, to convert energy to charge when the initial state of charge is drawn.
 NOMINAL_VOLTAGE_V = 380.0
-# (low, high) of what is drawn evenly; the charger's power in its logarithm.
+# (low, high) of uniform distributions; the charger's power is log-uniform.
 DURATION_MIN = (15.0, 100.0)
 MEAN_POWER_W = (8e3, 26e3)
 AMBIENT_C = (-28.0, 6.0)
@@ -39,14 +39,14 @@ CHARGER_W = (30e3, 350e3)
 HEATER = (0.7, 1.4)
 ENERGY_PRICE, VALUE_OF_TIME = (0.1, 1.0), (0.0, 80.0)
 DESCENT_W, DESCENT_MIN = (5e3, 40e3), (4.0, 15.0)
-# How many of the trips: a garage at the start, a descent, a car that does not heat at the charger, a heat
-# path, energy for nothing, time worth nothing.
+# Share of the trips with: a garage at the start, a descent, a car that does not heat at the charger, a heat
+# path, free energy, time of no value.
 GARAGE, DESCENT, NO_HEATING, HEAT_PATH, FREE_ENERGY, FREE_TIME = 0.2, 0.3, 0.25, 0.15, 0.05, 0.1
 
 
 @dataclass(frozen=True)
 class ChargingTrip:
-    """One random drive to a charger; `seed` and `number` make it again."""
+    """A random drive to a charger, reproducible from `seed` and `number`."""
 
     seed: int
     number: int
@@ -59,7 +59,7 @@ class ChargingTrip:
 
 
 def draw_charging_trip(seed: int, number: int) -> ChargingTrip:
-    """Return trip `number` of a study; not all of them can be driven, or charged to the end."""
+    """Return trip `number` of a study; not every trip can be driven or charged to the end."""
     random = np.random.default_rng([seed, number])
     vehicle = _draw_vehicle(random)
     size = vehicle.battery.capacity_ah * NOMINAL_VOLTAGE_V / 75e3

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Draws random trips: vehicle, route, state and goal, each from its own seed."""
+"""Draw random trips: vehicle, route, state and goal, each trip from its own seed."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
 
 STEP_S = 30.0
-# Turns energy into charge, roughly, where a reserve is drawn.
+# Approximate voltage, to convert energy to charge when a reserve is drawn.
 NOMINAL_VOLTAGE_V = 410.0
-# (low, high) of what is drawn evenly.
+# (low, high) of uniform distributions.
 DURATION_MIN = (10.0, 120.0)
 MEAN_POWER_W = (6e3, 32e3)
 AMBIENT_C = (-28.0, 8.0)
@@ -35,13 +35,13 @@ SOC = (0.75, 0.98)
 TARGET_C = (10.0, 30.0)
 SIZE = (0.6, 1.4)
 HEATER = (0.7, 1.5)
-# Limits of a pack that nothing on these trips comes near to, as a multiple of the vehicle's own.
+# Factor on the vehicle's pack limits that keeps every trip far below them.
 POWER_LIMITS = 10.0
 
 
 @dataclass(frozen=True)
 class DrawnTrip:
-    """One random trip; `seed` and `number` make it again."""
+    """A random trip, reproducible from `seed` and `number`."""
 
     seed: int
     number: int
@@ -74,10 +74,10 @@ def draw_trip(vehicle: Vehicle, seed: int, number: int) -> DrawnTrip:
 
 def draw_limit_trip(vehicle: Vehicle, seed: int, number: int) -> DrawnTrip:
     """
-    Return trip `number` of a study in which limits matter.
+    Return trip `number` of a study in which limits are active.
 
-    Each has one or more of: a descent that the cold battery may not take, a climb that it may not
-    deliver, a tight reserve of charge, a cabin that takes more and less of the heater.
+    Each trip has at least one of: a descent whose power exceeds the cold battery's charging limit, a climb
+    whose power exceeds its discharging limit, a tight reserve of charge, a varying cabin share of the heater.
     """
     random = np.random.default_rng([seed, number])
     features = {'descent', 'climb', 'reserve', 'cabin'}
@@ -100,7 +100,7 @@ def draw_limit_trip(vehicle: Vehicle, seed: int, number: int) -> DrawnTrip:
     steps = len(power_w)
     cabin_w = np.full(steps, random.uniform(500.0, 3000.0))
     if 'cabin' in chosen:
-        # A cold cabin takes all there is at first; later it comes and goes.
+        # The cabin's demand varies, up to the heater's full power.
         cabin_w = np.repeat(random.uniform(200.0, 8000.0, size=steps // 8 + 1), 8)[:steps]
     route = make_route({
         'duration_s': np.full(steps, STEP_S),
@@ -127,7 +127,7 @@ def _cruise(random: Generator, shortest_min: float, longest_min: float) -> Float
 
 
 def scale_vehicle(vehicle: Vehicle, size: float, heater: float, power_limits: float) -> Vehicle:
-    """Return the vehicle with another pack size, heater and limits, as multiples of its own."""
+    """Return the vehicle with pack size, heater and limits multiplied by these factors."""
     battery = vehicle.battery
     resistance = battery.resistance
     if not isinstance(resistance, InverseTemperatureResistance):
@@ -156,6 +156,6 @@ def _scale_table(table: Curve, factor: float) -> Table:
         tuple(factor * value for value in row) for row in table.values))
 
 
-# What `preheat sweep --trips` may ask for: draw(vehicle, seed, number).
+# The choices of `preheat sweep --trips`: draw(vehicle, seed, number).
 DRAWS: dict[str, Callable[[Vehicle, int, int], DrawnTrip]] = {
     'free': draw_trip, 'limits': draw_limit_trip}

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from bev_preheat_studies.optimality.gap_study import GapResult
 
-    # Plain values, as JSON holds them.
+    # Plain values, as in JSON.
     Figures = dict[str, Any]
 
 PERCENTILES = {'median': 50.0, '95 %': 95.0, 'worst': 100.0}
@@ -40,7 +40,7 @@ def summarise_gaps(results: Sequence[GapResult], methods: Iterable[str]) -> Figu
         compared = [(gap_wh, result.number) for result in feasible
                     if (gap_wh := result.methods[method].gap_wh) is not None]
         summary['methods'][method] = {
-            # Of the trips on which the method reaches the same as the program.
+            # Trips on which the method reaches the same target and reserve as the program.
             'compared_trips': len(compared),
             'gap_wh': _distribution([gap_wh for gap_wh, _ in compared]),
             'arrival_error_k': _distribution([
@@ -60,8 +60,8 @@ def summarise_gaps(results: Sequence[GapResult], methods: Iterable[str]) -> Figu
 
 
 def _arrival_error_k(arrival_c: float, target_c: float, optimal_arrival_c: float) -> float:
-    """Return by how much an arrival lies outside the target and the program's arrival [K]."""
-    # Heat that pays for itself may lead beyond the target, as far as the program takes it.
+    """Return the distance of an arrival from the interval between target and the program's arrival [K]."""
+    # If heat pays for itself, the program may end above the target.
     return max(target_c - arrival_c, arrival_c - max(target_c, optimal_arrival_c), 0.0)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runs the methods and the nonlinear program on many trips, on any executor."""
+"""Run the methods and the nonlinear program on many trips, on any executor."""
 
 from __future__ import annotations
 
@@ -28,27 +28,27 @@ if TYPE_CHECKING:
     from bev_preheat.vehicle import Vehicle
     from bev_preheat_studies.optimality.drawn_trips import DrawnTrip
 
-# Outcomes of a trip, told by the nonlinear program, not by the methods.
+# Outcomes of a trip, as found by the nonlinear program, not by the methods.
 FEASIBLE = 'feasible'
 NOT_NEEDED = 'not needed'
 UNREACHABLE = 'unreachable'
 RESERVE_MISSED = 'reserve missed'
 POWER_LACKING = 'power lacking'
-# All that is asked for is met, but the drive itself heats the battery beyond its range.
+# Target, reserve and power are met, but the drive itself heats the battery beyond its range.
 BEYOND_RANGE = 'beyond range'
 SOLVER_FAILED = 'solver failed'
-# A heater that the program does not use at all gives less than this.
+# Below this heating energy, the program's heater counts as unused.
 NO_HEATING_WH = 0.01
 
 
 @dataclass(frozen=True)
 class MethodResult:
     """
-    What one method made of one trip, as driven within the limits.
+    The result of one method on one trip, simulated within the limits.
 
-    `gap_wh` is the energy above the program's; None where the two do not reach the same, and
-    `difference` then says how (see planning.comparison). `violation` is by how much, as a share of it, a power
-    limit is broken; 0 where none is. `keeps_limits` says whether the plan itself kept them.
+    `gap_wh` is the energy above the program's; None if plan and program do not reach the same, and
+    `difference` then names the difference (see planning.comparison). `violation` is the largest excess over a
+    power limit, as a share of the power; 0 without any. `keeps_limits`: the plan itself kept the limits.
     """
 
     status: str
@@ -64,7 +64,7 @@ class MethodResult:
 
 @dataclass(frozen=True)
 class GapResult:
-    """One trip: what it is, what the program says of it, and what the methods made of it."""
+    """One trip: its data, the program's result, and each method's result."""
 
     number: int
     outcome: str
@@ -83,13 +83,13 @@ def solve_trip(vehicle: Vehicle, seed: int, number: int, trips: str = 'free') ->
     """
     Return the GapResult of one drawn trip.
 
-    `trips`: 'free' (no limit is active, and the program has none) or 'limits' (they matter).
+    `trips`: 'free' (no limit is active; solved without limits) or 'limits' (limits are active).
     """
     from bev_preheat.nonlinear_program.solve import solve_optimum, SolverFailure
     trip = DRAWS[trips](vehicle, seed, number)
     inputs = trip.vehicle, trip.route, trip.state, trip.goal
     limited = trips == 'limits'
-    # The others are shown as they are, worse than not heating or not.
+    # The other methods are measured without the no-regret check, also when they are worse than not heating.
     plans = {method: plan_preheating(*inputs, method, no_regret=method == DEFAULT_METHOD)
              for method in METHODS}
     driven = {method: as_driven(plan, *inputs) if limited else plan
@@ -123,7 +123,7 @@ def solve_trip(vehicle: Vehicle, seed: int, number: int, trips: str = 'free') ->
 
 
 def _violation(drawn: DrawnTrip, plan: Plan) -> float:
-    """Largest share by which a step breaks a power limit at its start or at its end."""
+    """Return the largest excess over a power limit at the start or end of a step, as a share of the power."""
     trip = make_trip(drawn.vehicle, drawn.route)
     terminal_w = (trip.idle_power_w + plan.drawn_power_w + plan.friction_brake_power_w)
     limits = make_terminal_limits(drawn.vehicle, ARRAYS)
@@ -147,16 +147,16 @@ def _outcome(optimum: Optimum) -> tuple[str, str]:
     return FEASIBLE, ''
 
 
-# What the methods must say where the program says so. A reserve that can be kept only at the cost of
-# the target makes it unreachable for the program.
+# The statuses that agree with each outcome of the program. If only giving up the target can keep the reserve, the
+# program calls the target unreachable.
 EXPECTED = {
     NOT_NEEDED: (Status.NOT_NEEDED.name,),
     UNREACHABLE: (Status.TARGET_UNREACHABLE.name, Status.SOC_LIMITED.name),
-    # A battery that runs empty lacks power too.
+    # An empty battery is also short of power.
     RESERVE_MISSED: (Status.SOC_LIMITED.name, Status.POWER_LIMITED.name,
                      Status.OUT_OF_CHARGE.name),
     POWER_LACKING: (Status.POWER_LIMITED.name, Status.OUT_OF_CHARGE.name),
-    # Plans heat within the range only, and leave what the drive heats beyond it to the car's cooling.
+    # Plans heat only within the range; above it, the car's cooling takes over.
     BEYOND_RANGE: (Status.NOT_NEEDED.name, Status.WAITING.name, Status.HEATING.name),
     FEASIBLE: (Status.WAITING.name, Status.HEATING.name),
 }
@@ -166,7 +166,7 @@ def disagreements(results: Iterable[GapResult], method: str) -> list[GapResult]:
     """
     Return the results in which a method's status contradicts the program.
 
-    A target that is missed by less than the methods take for a miss may be called either.
+    A deficit below the methods' tolerance may be reported either way.
     """
     return [result for result in results if result.outcome in EXPECTED
             and result.methods[method].status not in EXPECTED[result.outcome]
@@ -175,7 +175,7 @@ def disagreements(results: Iterable[GapResult], method: str) -> list[GapResult]:
 
 
 def result_of(vehicle: Vehicle, seed: int, trips: str, number: int) -> GapResult:
-    """Return the GapResult of one drawn trip; see `solve_trip`."""
+    """Return the GapResult of a drawn trip; see `solve_trip`."""
     return solve_trip(vehicle, seed, number, trips)
 
 
@@ -186,10 +186,9 @@ def run_study(vehicle: Vehicle, feasible: int, seed: int, executor: Executor,
     """
     Run trips 0, 1, 2 … until `feasible` of them are feasible; return their GapResults in order.
 
-    Trips in between that are not are in the list too. `report(result)` is called with each as soon
-    as it and all before it are done, so that an interrupted study leaves what is finished. Which
-    trips are run does not depend on the executor; `finished` and `keep` are those of `run_numbered`.
-    Raises WorkerLost where a process dies.
+    Infeasible trips in between are included. `report(result)` is called with each result once it and all
+    earlier ones are finished, so that an interrupted study keeps its results. The trips do not depend on
+    the executor; `finished` and `keep` are passed to `run_numbered`. Raises WorkerLost if a process dies.
     """
     results: list[GapResult] = []
     found = 0
@@ -204,6 +203,6 @@ def run_study(vehicle: Vehicle, feasible: int, seed: int, executor: Executor,
 
 
 def result_from(record: dict[str, Any]) -> GapResult:
-    """Return a GapResult from `asdict` of it, as JSON gives it back."""
+    """Return the GapResult of a dictionary made by `asdict`, read back from JSON."""
     return GapResult(**{**record, 'methods': {
         method: MethodResult(**own) for method, own in record['methods'].items()}})

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The best target of `find_worth` against the joint program of drive and session, on many trips."""
+"""Compare the best target of `find_worth` with the joint program of drive and session, on many trips."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ COMPARED = 'compared'
 NOT_DRIVEN = 'not driven'
 NEVER_CHARGED = 'never charged'
 SOLVER_FAILED = 'solver failed'
-# Costs of optima of IPOPT that differ by more than this share are two.
+# Costs of IPOPT's optima that differ by more than this share are different optima.
 SAME_COST = 1e-3
-# A program that hardly heats does not.
+# Below this heating energy, a plan counts as unheated.
 HEATED_WH = 10.0
 ROUNDING = 1e-9
 PERCENTILES = {'median': 50.0, '95 %': 95.0, 'worst': 100.0}
@@ -41,10 +41,10 @@ PERCENTILES = {'median': 50.0, '95 %': 95.0, 'worst': 100.0}
 @dataclass(frozen=True)
 class WorthGap:
     """
-    One trip: its outcome, and costs of the best target and of the program, both as simulated.
+    One trip: its outcome, and the simulated costs of the best target and of the program.
 
-    `blind_cost` is the program's without the start from the best target. `optima` counts IPOPT's
-    optima of different cost, `failed` its calls that failed. Temperatures on arrival [degC].
+    `blind_cost` is the program's cost without the start from the best target. `optima` counts IPOPT's optima
+    of different cost, `failed` its failed calls. Temperatures on arrival [degC].
     """
 
     number: int
@@ -67,12 +67,12 @@ class WorthGap:
 
     @property
     def gap(self) -> float | None:
-        """Cost of the best target above the program's, as a share of it; None: not compared."""
+        """Relative excess cost of the best target over the program; None: not compared."""
         return relative_gap(self.cost, self.program_cost)
 
     @property
     def blind_gap(self) -> float | None:
-        """Return the gap to the program that was not shown the best target."""
+        """Relative excess cost over the program that was not started from the best target."""
         return relative_gap(self.cost, self.blind_cost)
 
     @property
@@ -82,7 +82,7 @@ class WorthGap:
 
 
 def relative_gap(cost: float | None, other: float | None) -> float | None:
-    """Return by which share of `other` a cost is above it; 0 where both are nothing."""
+    """Return the excess of a cost over `other`, as a share of `other`; 0 if both are zero."""
     if cost is None or other is None:
         return None
     if cost == other:
@@ -105,7 +105,7 @@ def compare(trip: ChargingTrip) -> WorthGap:
         return WorthGap(trip.number, NOT_DRIVEN, str(error), *car)
     unheated = plan_unheated(*inputs)
     if unheated.undeliverable_power_w > 0.0:
-        return WorthGap(trip.number, NOT_DRIVEN, f'{unheated.undeliverable_power_w:.0f} W are lacking', *car)
+        return WorthGap(trip.number, NOT_DRIVEN, f'{unheated.undeliverable_power_w:.0f} W short', *car)
     if unheated.soc_shortfall > 0.0:
         return WorthGap(trip.number, NOT_DRIVEN, 'the reserve is not kept', *car)
     if math.isinf(worth.best.cost):
@@ -116,7 +116,7 @@ def compare(trip: ChargingTrip) -> WorthGap:
     if optimum.best is None:
         return WorthGap(trip.number, SOLVER_FAILED, attempts[0].status, *car, calls=len(attempts),
                         failed=len(attempts))
-    # The start that costs what the best target does is that of the best target.
+    # The start whose cost equals the best target's is the start from the best target.
     blind = [attempt.driven.cost for attempt in attempts if attempt.driven is not None and (
         worth.best is worth.without_heating or attempt.start > worth.best.cost * (1.0 + ROUNDING))]
     return WorthGap(
@@ -131,7 +131,7 @@ def compare(trip: ChargingTrip) -> WorthGap:
 
 
 def solve_both(trip: ChargingTrip) -> tuple[Worth, ChargingOptimum]:
-    """Return the Worth and the ChargingOptimum of a trip; raise InvalidInput where it cannot be driven."""
+    """Return the Worth and the ChargingOptimum of a trip; raise InvalidInput if it cannot be driven."""
     worth = _worth_of(trip)
     return worth, _optimum_of(trip, worth)
 
@@ -148,14 +148,14 @@ def _optimum_of(trip: ChargingTrip, worth: Worth) -> ChargingOptimum:
 
 
 def count_optima(costs: Sequence[float]) -> int:
-    """Return how many costs differ by more than SAME_COST from the one below."""
+    """Return the number of costs that exceed the next lower one by more than SAME_COST."""
     costs = sorted(cost for cost in costs if math.isfinite(cost))
     return sum(index == 0 or cost > (1.0 + SAME_COST) * costs[index - 1]
                for index, cost in enumerate(costs))
 
 
 def summarise(results: Sequence[WorthGap]) -> dict[str, Any]:
-    """Return the figures of a study as JSON holds them; gaps as shares of the cost."""
+    """Return the figures of a study as plain values for JSON; gaps as shares of the cost."""
     compared = [result for result in results if result.outcome == COMPARED]
     figures: dict[str, Any] = {
         'trips': len(results),
@@ -185,8 +185,8 @@ def run_worth_study(compared: int, seed: int, jobs: int | None,
     """
     Run trips 0, 1, 2 … until `compared` of them are compared; return their WorthGaps in order.
 
-    `report(result)` is called with each as soon as it and all before it are done. Which trips are run
-    does not depend on `jobs`. Raises WorkerLost where a process dies.
+    `report(result)` is called with each result once it and all earlier ones are finished. The trips do not
+    depend on `jobs`. Raises WorkerLost if a process dies.
     """
     results: list[WorthGap] = []
     found = 0

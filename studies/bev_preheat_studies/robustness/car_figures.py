@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a study says of each method, and whether that is good enough."""
+"""The figures of each method in a study, and the requirements on them."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ if TYPE_CHECKING:
     from bev_preheat_studies.robustness.car_study import CarResult
     from bev_preheat_studies.robustness.drives import DriveOutcome
 
-    # Plain values, as JSON holds them.
+    # Plain values, as in JSON.
     Figures = dict[str, Any]
 
-# What is asked of a planner in the car, besides that it refuses no good input.
+# Requirements on a planner in the car; it must also accept every valid input.
 LEAST_ARRIVAL_ERROR_K = -0.5
 MOST_ARRIVAL_ERROR_K = 1.0
 MOST_SWITCH_ONS = 3
@@ -29,7 +29,7 @@ MOST_EXCESS = 0.04
 
 @dataclass(frozen=True)
 class Requirement:
-    """A figure (None where there is none), its bound as a text, and whether it keeps to that (None: unknown)."""
+    """A figure (None: not available), its bound as a text, and whether the bound is met (None: unknown)."""
 
     name: str
     bound: str
@@ -40,10 +40,10 @@ class Requirement:
 
 def summarise_drives(results: Sequence[CarResult], methods: Iterable[str]) -> Figures:
     """
-    Return the summary of CarResults as a dictionary of plain values: one entry a method.
+    Return the summary of CarResults as plain values, one entry per method.
 
-    Energies are compared with the informed drive's, as shares of it (0.02: 2 % more): the mean is
-    that of the sums. Shares are None where the informed drive did not heat.
+    Energies are relative to the informed drive's (0.02: 2 % more); the mean is the ratio of the sums. Shares
+    are None if the informed drive did not heat.
     """
     informed = [result.informed for result in results]
     summary: Figures = {'informed': {
@@ -82,7 +82,7 @@ def requirements(figures: Figures) -> list[Requirement]:
     if excess is not None:
         is_economical: bool | None = excess <= MOST_EXCESS
     else:
-        # Where no heating is needed, any heating is waste. A colder arrival proves nothing.
+        # If no heating is needed, any heating is waste. A colder arrival proves nothing.
         is_economical = figures['heating_energy_wh'] == 0.0 if figures['heating_excess']['trips'] else None
     return [
         Requirement('arrival error, 5 %', f'at least {LEAST_ARRIVAL_ERROR_K:+.1f} K',
@@ -92,7 +92,7 @@ def requirements(figures: Figures) -> list[Requirement]:
         Requirement('switch-ons in any run', f'at most {MOST_SWITCH_ONS}',
                     figures['switch_ons']['most'], '',
                     figures['switch_ons']['most'] <= MOST_SWITCH_ONS),
-        Requirement('heating energy above informed, mean', f'at most {100 * MOST_EXCESS:.0f} %',
+        Requirement('heating energy above plan with true car, mean', f'at most {100 * MOST_EXCESS:.0f} %',
                     None if excess is None else 100.0 * excess, '%', is_economical),
         Requirement('refused inputs', 'none', figures['refused_inputs'], '',
                     figures['refused_inputs'] == 0),
@@ -101,9 +101,9 @@ def requirements(figures: Figures) -> list[Requirement]:
 
 def _fault_figures(drives: Iterable[DriveOutcome]) -> dict[str, float | None]:
     """
-    Return what became of a heater's fault in the drives in which it showed.
+    Return how the planner coped with a heater fault, over the drives in which the fault had an effect.
 
-    The share that found it, after how long, and for how long it showed where it was not found [s].
+    The share that found it, the time until then, and how long it had an effect if it was not found [s].
     """
     shown = [drive for drive in drives if drive.fault_shown_s is not None]
     found_s = [drive.fault_found_after_s for drive in shown if drive.fault_found_after_s is not None]
@@ -118,7 +118,7 @@ def _fault_figures(drives: Iterable[DriveOutcome]) -> dict[str, float | None]:
 
 def _errors(drives: Iterable[DriveOutcome],
             informed: Iterable[DriveOutcome]) -> dict[str, float]:
-    """Errors on arrival; what the informed drive misses, too, is no error."""
+    """Return the arrival errors, without the part that the informed drive has too."""
     errors_k = [drive.arrival_error_k - min(best.arrival_error_k, 0.0)
                 for drive, best in zip(drives, informed)]
     return {'5 %': float(np.percentile(errors_k, 5.0)),
@@ -130,12 +130,11 @@ def _errors(drives: Iterable[DriveOutcome],
 def energy_excess(results: Iterable[CarResult], method: str,
                   field: str) -> dict[str, float | None]:
     """
-    Return by which share a method spent more than the informed drives: {'mean', '95 %', 'trips'}.
+    Return a method's relative energy excess over the informed drives: {'mean', '95 %', 'trips'}.
 
-    `field` is that of the DriveOutcome. Only trips that it ends as warm as the informed drive, or
-    at least as warm as the target, are compared; 'trips' says how many they are. The mean is that of
-    the sums; None where there is no such trip, or the informed drives (for '95 %': one of them)
-    spent nothing.
+    `field` is a field of DriveOutcome. Compares only trips that end as warm as the informed drive or at least
+    at the target; 'trips' is their number. The mean is the ratio of the sums; None without such a trip or
+    if the informed drives (for '95 %': one of them) spent nothing.
     """
     compared = [result for result in results
                 if reaches_the_same(result.methods[method], result.informed)]
@@ -150,13 +149,13 @@ def energy_excess(results: Iterable[CarResult], method: str,
 
 
 def reaches_the_same(drive: DriveOutcome, informed: DriveOutcome) -> bool:
-    """Return whether a DriveOutcome misses the target by no more than the informed one."""
+    """Return whether a drive falls short of the target by no more than the informed drive."""
     return (min(drive.arrival_error_k, 0.0) >= min(informed.arrival_error_k, 0.0) - SAME_SHORTFALL_K
             and not drive.ran_empty)
 
 
 def _worst(results: Sequence[CarResult], method: str) -> dict[str, int]:
-    """Return the numbers of the trips that are worth another look."""
+    """Return the numbers of the extreme trips."""
     def number_of(figure: Callable[[CarResult], float]) -> int:
         return max(results, key=figure).number
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runs many drawn trips, on any executor."""
+"""Run many drawn trips on any executor."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ if TYPE_CHECKING:
     from bev_preheat_studies.robustness.drawn_cars import Conditions
     from bev_preheat_studies.robustness.drives import DriveTrace
 
-# What is compared, by what the planner is set to.
+# The compared planners, by the method they are set to.
 COMPARED = {
-    # The paper's heuristic, planned again with each battery state from what is measured.
+    # The paper's heuristic, re-planned from the measured state on each battery state.
     'replanned_paper': Settings(method='paper', estimation=False, minimum_on_time_s=0.0,
                                 minimum_off_time_s=0.0),
     'planner': Settings(),
 }
-# At long periods, commands and battery states are valid for so many of them.
+# With long periods, commands and battery states are valid for this number of periods.
 LEASE_PERIODS = 2.5
 TIMEOUT_PERIODS = 5.0
 
@@ -43,10 +43,10 @@ TIMEOUT_PERIODS = 5.0
 @dataclass(frozen=True)
 class CarResult:
     """
-    One trip: what the car really is, and the DriveOutcomes of it.
+    One trip: the true car, and its DriveOutcomes.
 
-    `informed` is the drive that knew the truth, `methods` those of COMPARED by name, `cpu_s` the
-    processor time of it all [s]. The trip takes `pace` times as long as its route says.
+    `informed` is the drive planned with the true car, `methods` holds the COMPARED drives by name, `cpu_s` is
+    the processor time of all drives [s]. `pace` is the trip's duration as a multiple of the route's.
     """
 
     number: int
@@ -88,7 +88,7 @@ def result_of(conditions: Conditions, seed: int, methods: Sequence[str], number:
 
 def _driven(conditions: Conditions, seed: int, number: int, methods: Iterable[str],
             drive: Callable[[str, ImperfectCar, Settings], DriveOutcome]) -> CarResult:
-    """Return the CarResult of one drawn trip; `drive(method, car, settings)` drives its car by a method."""
+    """Return the CarResult of a drawn trip; `drive(method, car, settings)` drives its car by a method."""
     started = process_time()
     trip = draw_car(conditions, seed, number)
     try:
@@ -109,9 +109,9 @@ def run_study(conditions: Conditions, trips: int, seed: int, executor: Executor,
     """
     Return the CarResults of trips 0 … `trips` - 1 in order; they do not depend on the executor.
 
-    `report(result)` is called with each as soon as it and all before it are done, so that an
-    interrupted study leaves what is finished. `finished` and `keep` are those of `run_numbered`.
-    Raises WorkerLost where a process dies.
+    `report(result)` is called with each result once it and all earlier ones are finished, so that an
+    interrupted study keeps its results. `finished` and `keep` are passed to `run_numbered`. Raises WorkerLost
+    if a process dies.
     """
     results = []
     for result in run_numbered(executor, partial(result_of, conditions, seed, tuple(methods)),
@@ -122,7 +122,7 @@ def run_study(conditions: Conditions, trips: int, seed: int, executor: Executor,
 
 
 def result_from(record: dict[str, Any]) -> CarResult:
-    """Return a CarResult from `asdict` of it, as JSON gives it back."""
+    """Return the CarResult of a dictionary made by `asdict`, read back from JSON."""
     return CarResult(**{
         **record, 'mismatch': Mismatch(**record['mismatch']),
         'heat_path': HeatPath(**record['heat_path']), 'informed': _drive_from(record['informed']),

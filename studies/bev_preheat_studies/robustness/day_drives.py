@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Days under the planner's own step: verdicts, heating, and the temperature at the end of each trip."""
+"""Drive days with the planner's own step: verdicts, heating, and the temperature at the end of each trip."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from bev_preheat_studies.robustness.drawn_cars import Conditions
     from bev_preheat_studies.robustness.drawn_days import DrawnDay
 
-# Heating must end within these times after charging, or parking, began [s], plus a command period
+# Heating must end within these times after the start of charging or parking [s], plus a command period
 # (docs/explanation/safety.md).
 CHARGING_KNOWN_AFTER_S = 10.0
 PARKED_OFF_AFTER_S = 180.0
@@ -38,12 +38,12 @@ PARKED_OFF_AFTER_S = 180.0
 @dataclass(frozen=True)
 class TripOutcome:
     """
-    Outcome of one trip of a day, the `position`-th (0: the first).
+    Outcome of trip `position` (0: the first) of a day.
 
-    `arrival_error_k` [K] is the true temperature on arrival above the target, or above the nearest
-    temperature that any heating can end with; None where the trip was cut short, or the battery ran empty.
-    `route` is the number of the route, `pace` its duration as a multiple of the route's,
-    `is_told`: the car reported its position. `switch_ons` counts how often the command rose from 0 W.
+    `arrival_error_k` [K] is the true temperature on arrival above the target, or above the reachable
+    temperature closest to it; None if the trip was cut short or the battery ran empty. `route` is the number
+    of the route, `pace` the duration as a multiple of the route's, `is_told`: the car reported its position.
+    `switch_ons` counts the rises of the command from 0 W.
     """
 
     position: int
@@ -59,11 +59,11 @@ class DayResult:
     """
     One day.
 
-    `knows_power`: battery states carry voltage and current. `heater_verdicts` and `signal_verdicts` are
-    texts 'name, phase, instant' of all that was found in the heater, and in signals, in order.
-    `heated_charging_s` and `heated_parked_s` are how long [s] heating was commanded while the car charged
-    or was parked, beyond the stated times. `fault_shown_s` and `fault_found_after_s` are those of
-    DriveOutcome, in time that was driven. `hours` is how long the day lasts, `cpu_s` the processor time [s].
+    `knows_power`: battery states carry voltage and current. `heater_verdicts` and `signal_verdicts` list all
+    reported faults of the heater and of signals in order, as texts 'name, phase, instant'.
+    `heated_charging_s` and `heated_parked_s` are the times [s] of commanded heating while charging or parked,
+    beyond the stated times. `fault_shown_s` and `fault_found_after_s` are those of DriveOutcome, in driving
+    time. `hours` is the length of the day, `cpu_s` the processor time [s].
     """
 
     number: int
@@ -82,7 +82,7 @@ class DayResult:
 
 @dataclass
 class _DayTally:
-    """Counters along a day."""
+    """Counters of a day."""
 
     day: DrawnDay
     car: ImperfectCar
@@ -124,7 +124,7 @@ class _DayTally:
         self._doubted = doubted
 
     def _count_heating(self, now_s: float) -> None:
-        """Count how long the latest command heated a car that charges or is parked for too long already."""
+        """Count the commanded heating time of a car that has been charging or parked beyond the allowed time."""
         phase, began_s = self.car.phase, self.car.plant.start_s
         if self._power_w > 0.0 and not isinstance(phase, DrivePhase):
             allowed_s = CHARGING_KNOWN_AFTER_S if isinstance(phase, Charge) else PARKED_OFF_AFTER_S
@@ -137,12 +137,12 @@ class _DayTally:
         self.driven_s = sum(report.ended_s - report.started_s for report in car.reports
                             if isinstance(report.phase, DrivePhase))
         if isinstance(car.phase, DrivePhase):
-            # What holds over the boundary is no switch-on of this trip.
+            # A command that continues from the previous phase is not a switch-on of this trip.
             self.switch_ons.append(0)
             self.within_c.append((_end_c(car, 0.0), _end_c(car, car.vehicle.hvch.maximum_power_w)))
 
     def trips(self) -> tuple[TripOutcome, ...]:
-        """Return the outcomes of the trips that have ended."""
+        """Return the outcomes of the finished trips."""
         ends = [report for report in self.car.reports if isinstance(report.phase, DrivePhase)]
         outcomes = []
         for position, (end, switch_ons, (unheated_c, heated_c)) in enumerate(zip(
@@ -158,7 +158,7 @@ class _DayTally:
 
 
 def _end_c(car: ImperfectCar, heater_power_w: float) -> float:
-    """Return how warm the battery [deg C] would be at the end of the drive with this power all the way [W]."""
+    """Return the battery temperature at the end of the drive [deg C] with a constant heater power [W]."""
     plant = car.plant
     state = BatteryState(plant.temperature_c, plant.soc, coolant_excess_k=plant.coolant_c - plant.temperature_c)
     driven = VehiclePlant(plant.vehicle, plant.route, state)
@@ -191,7 +191,7 @@ def drive_day(conditions: Conditions, seed: int, number: int) -> DayResult:
 def run_days(conditions: Conditions, days: int, seed: int, executor: Executor,
              report: Callable[[DayResult], object], finished: Mapping[int, DayResult] | None = None,
              keep: Callable[[int, DayResult], object] | None = None) -> list[DayResult]:
-    """Return the DayResults of days 0 … `days` - 1 in order, as `car_study.run_study` does with trips."""
+    """Return the DayResults of days 0 … `days` - 1 in order; arguments as for `car_study.run_study`."""
     results = []
     for result in run_numbered(executor, partial(drive_day, conditions, seed), range(days), finished, keep):
         results.append(result)
@@ -200,7 +200,7 @@ def run_days(conditions: Conditions, days: int, seed: int, executor: Executor,
 
 
 def day_from(record: dict[str, Any]) -> DayResult:
-    """Return the DayResult of a dictionary that `asdict` made, read back from JSON."""
+    """Return the DayResult of a dictionary made by `asdict`, read back from JSON."""
     return DayResult(**{
         **record, 'trips': tuple(TripOutcome(**trip) for trip in record['trips']),
         'heater_verdicts': tuple(record['heater_verdicts']), 'signal_verdicts': tuple(record['signal_verdicts'])})

@@ -20,17 +20,17 @@ if TYPE_CHECKING:
     from bev_preheat_studies.robustness.car_figures import Figures
     from bev_preheat_studies.robustness.day_drives import DayResult, TripOutcome
 
-# A trip whose duration differs from its route's by up to this share is on time.
+# A trip whose duration differs from its route's by at most this share is on time.
 ON_TIME_WITHIN = 0.005
 LEAST_FOUND = 0.95
 
 
 def summarise_days(results: Sequence[DayResult], has_fault: bool, hilly: Collection[int] = ()) -> Figures:
     """
-    Return the summary of DayResults as a dictionary of plain values.
+    Return the summary of DayResults as plain values.
 
-    `has_fault`: their heaters really fail, so that verdicts on them are right. `hilly` are the numbers of
-    the routes on which each climb and descent has heating of its own.
+    `has_fault`: the heaters really fail, so verdicts on them are correct. `hilly` are the numbers of the
+    routes on which each climb and descent has its own heating interval.
     """
     trips = [trip for result in results for trip in result.trips]
     known = [trip for trip in trips if is_time_known(trip)]
@@ -63,7 +63,7 @@ def summarise_days(results: Sequence[DayResult], has_fault: bool, hilly: Collect
 
 
 def is_time_known(trip: TripOutcome) -> bool:
-    """Return whether the planner can know when a trip ends: it is on time, or the position is known."""
+    """Return whether the planner can know the arrival time: the trip is on time, or the position is known."""
     return trip.is_told or abs(trip.pace - 1.0) <= ON_TIME_WITHIN
 
 
@@ -83,11 +83,12 @@ def _requirements(figures: Figures, has_fault: bool) -> list[Requirement]:
             Requirement(f'arrival error 95 %, {name}', f'at most {MOST_ARRIVAL_ERROR_K:+.1f} K', high_k, 'K',
                         None if high_k is None else high_k <= MOST_ARRIVAL_ERROR_K)]
     for name, value, bound in (
-            ('healthy heaters that were accused', len(figures['heater_accused']), 0),
-            ('good signals that were named', len(figures['signals_accused']), 0),
-            ('heating while charging, too long', figures['heated_charging_s']['with power']['total'], 0),
-            ('heating while parked, too long', figures['heated_parked_s']['with power']['total'], 0),
-            ('switch-ons in any trip, not over hills', figures['switch_ons']['most'], MOST_SWITCH_ONS)):
+            ('healthy heaters reported as faulty', len(figures['heater_accused']), 0),
+            ('good signals reported as in doubt', len(figures['signals_accused']), 0),
+            ('heating while charging, beyond the stated time',
+             figures['heated_charging_s']['with power']['total'], 0),
+            ('heating while parked, beyond the stated time', figures['heated_parked_s']['with power']['total'], 0),
+            ('switch-ons in any trip, except over hills', figures['switch_ons']['most'], MOST_SWITCH_ONS)):
         requirements.append(Requirement(name, f'at most {bound}' if bound else 'none', value,
                                         's' if 'heating' in name else '', value <= bound))
     return requirements
@@ -102,13 +103,13 @@ def _errors(trips: Iterable[TripOutcome]) -> dict[str, float | int | None]:
 
 
 def _named(results: Iterable[DayResult], field: str) -> list[str]:
-    """Return a line for each day in which something was named."""
+    """Return a line for each day with a verdict."""
     return [f'day {result.number}: {"; ".join(getattr(result, field))}' for result in results
             if getattr(result, field)]
 
 
 def _most(results: Sequence[DayResult], field: str) -> Figures:
-    """Return total and most of a time [s], and the day that has the most."""
+    """Return the total and the maximum of a time [s], and the day of the maximum."""
     if not results:
         return {'total': 0.0, 'most': 0.0, 'day': None}
     worst = max(results, key=lambda result: getattr(result, field))

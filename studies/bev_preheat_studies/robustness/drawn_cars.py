@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Draws cars that differ from their description, each from its own seed."""
+"""Draw cars that differ from their vehicle file, each from its own seed."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from bev_preheat.simulation.traffic import Event, Kind
 from bev_preheat.vehicle import Vehicle
 from bev_preheat.vehicle.heat_path import HeatPath
 
-# Each factor is drawn evenly within 1 +- this.
+# Each factor is uniform in 1 +- this.
 SPREAD = {
     'heat_capacity': 0.10,
     'leakage': 0.20,
@@ -26,46 +26,46 @@ SPREAD = {
     'heater': 0.05,
     'propulsion_power': 0.10,
 }
-# Standard deviation of the logarithm of a factor on the propulsion power that wanders from segment
-# to segment, as traffic does.
+# Standard deviation of the logarithm of the factor on the propulsion power, which varies from segment to
+# segment like traffic.
 PROPULSION_POWER_VARIABILITY = 0.2
 TEMPERATURE_NOISE_K = 0.2
 TEMPERATURE_RESOLUTION_K = 1.0
 POSITION_NOISE_M = 5.0
-# The pace is drawn apart, so that the cars are the same with and without traffic.
+# The pace has its own random stream, so that the cars are the same with and without traffic.
 PACE_STREAM = 1
 
 
-# Each is drawn evenly between these: lag of the heater [s], heat capacity [J/K] and conductance
-# [W/K] of the coolant, lag of the sensor [s].
+# Uniform distributions: lag of the heater [s], heat capacity [J/K] and conductance [W/K] of the coolant, lag of
+# the sensor [s].
 HEATER_LAG_S = (0.0, 90.0)
 COOLANT_J_PER_K = (5e3, 40e3)
 COOLANT_W_PER_K = (200.0, 1000.0)
 SENSOR_LAG_S = (0.0, 120.0)
-# What of the heat's path each plant has, and whether its power's variation is not seen.
+# The parts of the heat path in each plant; 'ripple': the current's variation is not measured.
 PLANTS: dict[str, frozenset[str]] = {
     'nominal': frozenset(), 'lag': frozenset(('lag',)), 'coolant': frozenset(('coolant',)),
     'sensor_lag': frozenset(('sensor_lag',)), 'ripple': frozenset(('ripple',)),
     'all': frozenset(('lag', 'coolant', 'sensor_lag', 'ripple'))}
 
 
-# Real faults of the heater by name: what it gives of its command, or that it heats uncommanded.
+# Real heater faults by name: the share of its command that it delivers, or uncommanded heating.
 FAULTS: dict[str, HeaterFault | None] = {
     'none': None, 'dead': HeaterFault(0.0, share=0.0), 'derated': HeaterFault(0.0, share=0.5),
     'stuck_on': HeaterFault(0.0, stuck_on=True)}
-# A fault begins in this part of the drive, drawn evenly.
+# A fault starts in this part of the drive, drawn uniformly.
 FAULT_BEGINS = (0.1, 0.5)
 
 
 @dataclass(frozen=True)
 class Conditions:
     """
-    What all trips of a study have in common.
+    The conditions that all trips of a study share.
 
-    Vehicle and Routes as described (trips take them in turn), the state at the start, the goal, the
-    time between two battery states and between two commands [s], whether battery states carry
-    voltage and current, one of PLANTS by name, one of FAULTS by name, the share by which a trip takes
-    longer or shorter than its route says (`traffic`), and whether the car says where it is.
+    Vehicle and Routes as in their files (trips use the Routes alternately), the state at the start, the goal, the
+    period of battery states and commands [s], whether battery states carry voltage and current, the names
+    of one of PLANTS and one of FAULTS, the largest relative deviation of a trip's duration from its route's
+    (`traffic`), and whether the car reports its position.
     """
 
     vehicle: Vehicle
@@ -82,7 +82,7 @@ class Conditions:
 
 @dataclass(frozen=True)
 class DrawnCar:
-    """One drawn car on its way; `seed` and `number` make it again."""
+    """A drawn car on its trip, reproducible from `seed` and `number`."""
 
     seed: int
     number: int
@@ -94,12 +94,12 @@ class DrawnCar:
 
     @property
     def route(self) -> Route:
-        """The route as described."""
+        """The route as in its file."""
         routes = self.conditions.routes
         return routes[self.number % len(routes)]
 
     def car(self, sensors: Sensors | None = None) -> ImperfectCar:
-        """Return the car at its start, with other Sensors or its own; each one drives in the same way."""
+        """Return a new car at the start, with other Sensors or its own; every such car drives identically."""
         conditions = self.conditions
         return ImperfectCar(
             conditions.vehicle, self.route, conditions.state, conditions.goal,
@@ -110,7 +110,7 @@ class DrawnCar:
             [self.seed, self.number])
 
     def sensors(self) -> Sensors:
-        """Return how the battery is reported."""
+        """Return the car's Sensors."""
         return Sensors(
             temperature_noise_k=TEMPERATURE_NOISE_K,
             temperature_resolution_k=TEMPERATURE_RESOLUTION_K,
@@ -118,7 +118,7 @@ class DrawnCar:
             period_s=self.conditions.period_s)
 
     def _events(self) -> tuple[Event, ...]:
-        """Return what makes the whole route another pace; the trip planner says nothing of it."""
+        """Return the events that change the pace of the whole route; the trip planner does not report them."""
         if self.pace == 1.0:
             return ()
         return (Event(Kind.OTHER_PACE, 0.0, None, self.route.total_duration_s, self.pace),)
@@ -143,7 +143,7 @@ def draw_car(conditions: Conditions, seed: int, number: int) -> DrawnCar:
 
 
 def _draw_pace(seed: int, number: int, traffic: float) -> float:
-    """Return how many times as long a trip takes as its route says."""
+    """Return a trip's duration as a multiple of its route's."""
     random = np.random.default_rng([seed, number, PACE_STREAM])
     return 1.0 + traffic * float(random.uniform(-1.0, 1.0))
 
@@ -151,9 +151,9 @@ def _draw_pace(seed: int, number: int, traffic: float) -> float:
 def _draw_heat_path(random: np.random.Generator, parts: frozenset[str],
                     described: HeatPath) -> HeatPath:
     """
-    Return a HeatPath that has what a plant has; every plant takes the same random numbers.
+    Return a HeatPath with the given parts; every plant uses the same random numbers.
 
-    What the plant leaves alone is as described in the vehicle file.
+    Other parts are those of the vehicle file.
     """
     heater_lag_s, coolant_j_per_k, coolant_w_per_k, sensor_lag_s = (
         float(random.uniform(*span))

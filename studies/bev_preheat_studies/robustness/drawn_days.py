@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Draws days: chains of trips with charging and parking between them, of cars as in `drawn_cars`."""
+"""Draw days: chains of trips with charging and parking in between, of cars as in `drawn_cars`."""
 
 from __future__ import annotations
 
@@ -21,26 +21,26 @@ if TYPE_CHECKING:
     from bev_preheat.simulation.phases import Phase
     from bev_preheat_studies.robustness.drawn_cars import Conditions, DrawnCar
 
-# Days are drawn apart, so that the cars are those of the study of single trips.
+# Days have their own random stream, so that the cars are those of the study of single trips.
 DAY_STREAM = 2
-# Each number is drawn evenly between these; the charger's power [W] by its logarithm.
+# Uniform distributions; the charger's power [W] is log-uniform.
 TRIPS = (2, 5)
 LOG_CHARGER_W = (math.log(11e3), math.log(150e3))
 CHARGED_TO = (0.6, 0.95)
 PARKED_S = (0.5 * 3600.0, 12.0 * 3600.0)
 AWAKE_S = (60.0, 1200.0)
-# The air where a car is parked or charged is so much warmer than that of the next route [K].
+# Air temperature while parked or charging, above that of the next route [K].
 AMBIENT_BEYOND_K = (-2.0, 2.0)
 # Probabilities: voltage and current are known; the position is known; power_supply_status is set; the car
 # heats itself at chargers; a trip is early or late; it ends halfway, and the car is parked; the car charges
-# after it, and is parked then; the next route has the standing time.
+# after a trip; it is parked after that; the next route has the standing time.
 KNOWS_POWER, TELLS_POSITION, TELLS_SUPPLY, HEATS_ITSELF = 0.67, 0.5, 0.33, 0.33
 OFF_PACE, CUT_SHORT, CHARGES, PARKS, TELLS_STANDING = 0.67, 0.15, 0.8, 0.8, 0.5
-# A trip takes longer or shorter by up to this share.
+# Largest relative deviation of a trip's duration from its route's.
 MOST_OFF_PACE = 0.1
-# A trip that is cut short ends after this share.
+# Share of the route after which a trip that is cut short ends.
 CUT_AT = (0.3, 0.8)
-# No drive begins with less than it needs and this.
+# Each drive starts with at least the charge that it needs plus this reserve.
 RESERVE_SOC = 0.2
 LEAST_CHARGED, MOST_SOC = 0.05, 0.97
 LONGEST_CHARGE_S = 10 * 3600.0
@@ -49,10 +49,10 @@ LONGEST_CHARGE_S = 10 * 3600.0
 @dataclass(frozen=True)
 class DrawnDay:
     """
-    One drawn chain; `seed` and `number` of its `drawn` car make it again.
+    A drawn chain, reproducible from `seed` and `number` of its `drawn` car.
 
-    The first of the `phases` is a drive. For each drive, `route_numbers` has the index among the routes of
-    the conditions, `paces` its duration as a multiple of the route's. `conditions` are those of this day.
+    The first of the `phases` is a drive. For each drive, `route_numbers` has the index into the routes of
+    the conditions, and `paces` its duration as a multiple of the route's. `conditions` are those of this day.
     """
 
     drawn: DrawnCar
@@ -77,7 +77,7 @@ class DrawnDay:
 
 
 def draw_day(conditions: Conditions, seed: int, number: int) -> DrawnDay:
-    """Return day `number` of a study; it draws whether power and position are known."""
+    """Return day `number` of a study; whether power and position are known is drawn, too."""
     random = np.random.default_rng([seed, number, DAY_STREAM])
     conditions = replace(conditions, reports_power=bool(random.random() < KNOWS_POWER),
                          tells_position=bool(random.random() < TELLS_POSITION), traffic=0.0)
@@ -86,7 +86,7 @@ def draw_day(conditions: Conditions, seed: int, number: int) -> DrawnDay:
     trips = int(random.integers(TRIPS[0], TRIPS[1] + 1))
     route_numbers = tuple(int(each) for each in random.integers(0, len(conditions.routes), trips))
     if drawn.heater_faults:
-        # Drawn for the route of a single trip; the day's first trip may be another.
+        # Drawn for the route of a single trip; the day's first trip may use another route.
         share = drawn.heater_faults[0].from_s / drawn.route.total_duration_s
         drawn = replace(drawn, heater_faults=(replace(
             drawn.heater_faults[0],
@@ -100,7 +100,7 @@ def draw_day(conditions: Conditions, seed: int, number: int) -> DrawnDay:
 
 
 class _Day:
-    """Draws the phases of a day, one after the other."""
+    """Draws the phases of a day in order."""
 
     def __init__(self, conditions: Conditions, random: np.random.Generator, heats_itself: bool) -> None:
         self._conditions, self._random, self._heats_itself = conditions, random, heats_itself
@@ -129,7 +129,7 @@ class _Day:
         self._soc -= _needed_soc(conditions, route)
 
     def stay(self, following: Route) -> None:
-        """Charge, or be parked, or both, before the route that follows."""
+        """Charge, park, or both, before the next route."""
         ambient_c = float(following.ambient_temperature_c[0]) + self._between(AMBIENT_BEYOND_K)
         least_soc = _needed_soc(self._conditions, following) + RESERVE_SOC
         wants_to_charge, wants_to_park = self._happens(CHARGES), self._happens(PARKS)
@@ -153,7 +153,7 @@ class _Day:
 
 
 def _events(route: Route, pace: float, cut_at_s: float | None) -> tuple[Event, ...]:
-    """Return the events that no route plan reports: another pace, and an end on the way."""
+    """Return the events that no route plan reports: another pace, and an early end."""
     events = []
     if pace != 1.0:
         events.append(Event(Kind.OTHER_PACE, 0.0, None, route.total_duration_s, pace))
@@ -163,7 +163,7 @@ def _events(route: Route, pace: float, cut_at_s: float | None) -> tuple[Event, .
 
 
 def _needed_soc(conditions: Conditions, route: Route) -> float:
-    """Estimate the state of charge that a drive needs, with full heating all the way."""
+    """Estimate the state of charge that a drive needs with full heating throughout."""
     battery = conditions.vehicle.battery
     power_w = (route.propulsion_power_w + route.auxiliary_power_w
                + np.maximum(route.cabin_heating_power_w, conditions.vehicle.hvch.maximum_power_w))

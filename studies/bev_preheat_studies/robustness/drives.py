@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One drive: the planner's Supervisor and a simulated car, each second or so, without ROS."""
+"""Simulate one drive: the planner's Supervisor and a simulated car, one step per battery state, without ROS."""
 
 from __future__ import annotations
 
@@ -31,26 +31,25 @@ if TYPE_CHECKING:
     from bev_preheat.simulation.vehicle_plant import VehiclePlant
     from bev_preheat.vehicle import Vehicle
 
-# Less than this share of what the cabin leaves is partial duty.
+# Below this share of the power that the cabin leaves, a command is partial duty.
 FULL_SHARE = 0.95
 
 
 @dataclass(frozen=True)
 class DriveOutcome:
     """
-    What became of one drive.
+    Outcome of one drive.
 
-    `arrival_error_k` is the true temperature on arrival above the target [K], `heating_energy_wh`
-    what the HVCH spent on the battery, `battery_energy_wh` what the cells gave. `switch_ons`
-    counts how often the command rose from 0 W, first at `first_switch_on_s` [s], None where it
-    never did; `partial_duty_s` is how long it was more than 0 W and less than FULL_SHARE of what
-    the cabin leaves.
-    `verdicts` are the faults that the planner found in the heater on the way, in order;
-    `fault_shown_s` is how long one that the heater really had showed until it was found or the drive
-    ended [s] (a dead heater that is not commanded does not; None: it never did), and
-    `fault_found_after_s` how long after it first showed it was found [s]; None: never.
-    `refused_inputs` counts battery states that were refused, `updates_without_plan` the updates
-    after which nothing could be planned, `updates` all. `planner_cpu_s` is the planner's time.
+    `arrival_error_k` is the true temperature on arrival above the target [K], `heating_energy_wh` the HVCH's
+    energy for the battery, `battery_energy_wh` the energy from the cells. `switch_ons` counts the rises
+    of the command from 0 W, the first at `first_switch_on_s` [s] (None: never); `partial_duty_s` is the time
+    with a command above 0 W and below FULL_SHARE of the power that the cabin leaves.
+    `verdicts` are the heater faults that the planner reported, in order;
+    `fault_shown_s` is how long a real heater fault had an effect until it was found or the drive
+    ended [s] (a dead heater has none while it is not commanded; None: no effect), and
+    `fault_found_after_s` the time from its first effect until it was found [s]; None: never.
+    `refused_inputs` counts refused battery states, `updates_without_plan` the updates
+    without a plan, `updates` all updates. `planner_cpu_s` is the planner's processor time.
     """
 
     arrival_error_k: float
@@ -73,10 +72,10 @@ class DriveOutcome:
 @dataclass(frozen=True)
 class DriveTrace:
     """
-    A drive over time; arrays of one entry for each instant at which the planner took a step.
+    A drive over time: arrays with one entry for each step of the planner.
 
-    Instants [s], temperatures [deg C]: true, measured, as the planner estimates it, and as it
-    predicts it for the arrival (NaN where it does not); command [W].
+    Instants [s], temperatures [deg C]: true, measured, estimated by the planner, and predicted by the planner
+    for the arrival (NaN without a prediction); command [W].
     """
 
     time_s: FloatArray
@@ -88,7 +87,7 @@ class DriveTrace:
 
 
 class _DriveTally:
-    """What commands amount to: each holds until the next."""
+    """Totals of the commands; each holds until the next."""
 
     def __init__(self, vehicle: Vehicle, route: Route) -> None:
         self._vehicle, self._route = vehicle, route
@@ -97,7 +96,7 @@ class _DriveTally:
         self._power_w, self._since_s = 0.0, 0.0
 
     def note(self, now_s: float, power_w: float) -> None:
-        """Note that a power [W] is commanded from an instant [s] on."""
+        """Record the command [W] from an instant [s] on."""
         now_s = min(now_s, self._route.total_duration_s)
         if self._is_partial():
             self.partial_duty_s += now_s - self._since_s
@@ -118,14 +117,14 @@ class _DriveTally:
 
 class FaultWatch:
     """
-    How long the planner takes to find the fault that the heater really has; the first of them.
+    Measures how long the planner takes to find the first real heater fault.
 
-    `shown_s` is how long it showed [s], None where it did not; `found_after_s`, how long after it first
-    showed it was found [s], None while it is not.
+    `shown_s` is how long it has had an effect [s] (None: none yet); `found_after_s` is the time from its first
+    effect until it was found [s], None until then.
     """
 
     def __init__(self, faults: Sequence[HeaterFault]) -> None:
-        """Watch for the first of the HeaterFaults; without any there is nothing to find."""
+        """Watch for the first of the HeaterFaults; does nothing without any."""
         self._fault = faults[0] if faults else None
         self._first_s: float | None = None
         self._shows_since_s: float | None = None
@@ -133,12 +132,12 @@ class FaultWatch:
         self.found_after_s: float | None = None
 
     def note(self, now_s: float, command_w: float, estimate: Estimate | None) -> None:
-        """Note the command [W] and what is believed at an instant [s]."""
+        """Record the command [W] and the planner's estimate at an instant [s]."""
         fault = self._fault
         if fault is None or now_s < fault.from_s or self.found_after_s is not None:
             return
         self.end(now_s)
-        # Uncommanded heat shows where none is commanded, a heater that gives less where some is.
+        # Uncommanded heat has an effect while no heat is commanded; a weak heater while heat is commanded.
         self._shows_since_s = now_s if (command_w == 0.0) == fault.stuck_on else None
         if self._first_s is None and self._shows_since_s is not None:
             self._first_s, self.shown_s = now_s, 0.0
@@ -147,7 +146,7 @@ class FaultWatch:
             self.found_after_s = now_s - self._first_s
 
     def end(self, now_s: float) -> None:
-        """Count what showed until an instant [s]."""
+        """Add the time with an effect up to an instant [s]."""
         if self._shows_since_s is not None and self.shown_s is not None and self.found_after_s is None:
             self.shown_s += now_s - self._shows_since_s
 
@@ -170,7 +169,7 @@ def drive_noting(car: ImperfectCar, goal: Goal, settings: Settings,
     """
     Return the DriveOutcome of a car under a Supervisor with `settings`.
 
-    `note` is called at each instant with what a DriveTrace has of it; None: nobody asks for that.
+    `note` is called at each instant with the values of a DriveTrace; None: no trace.
     """
     supervisor, plant = Supervisor(car.vehicle, settings), car.plant
     tally, cpu_s = _DriveTally(car.vehicle, plant.route), 0.0
@@ -210,9 +209,9 @@ def drive_noting(car: ImperfectCar, goal: Goal, settings: Settings,
 
 def drive_informed(car: ImperfectCar, goal: Goal) -> DriveOutcome:
     """
-    Return the DriveOutcome of a car under one plan that knows the true car, its heat path, and drive.
+    Return the DriveOutcome of a car under a single plan that knows the true car, its heat path, and drive.
 
-    It is planned in steps as long as the planner's and driven without looking at the battery.
+    The plan's steps are as long as the planner's; it is executed without feedback from the battery.
     """
     plant = car.plant
     state = BatteryState(plant.temperature_c, plant.soc)
@@ -220,7 +219,7 @@ def drive_informed(car: ImperfectCar, goal: Goal) -> DriveOutcome:
     plan = plan_preheating(plant.vehicle, route, state, goal)
     switchings_s = [instant_s for instant_s in (plan.heating_start_s, plan.heating_end_s)
                     if instant_s is not None]
-    # Between two of these the plan's power does not change.
+    # The plan's power is constant between two of these.
     edges_s = np.unique(np.concatenate((plan.time_s, switchings_s)))
     tally = _DriveTally(car.vehicle, plant.route)
     for from_s, to_s in zip(edges_s[:-1].tolist(), edges_s[1:].tolist()):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Signals that are wrong, in drawn cars: which are named, how soon, and whether the heater is accused."""
+"""Faulty signals in drawn cars: which ones are reported, how soon, and whether the heater is blamed."""
 
 from __future__ import annotations
 
@@ -28,17 +28,17 @@ if TYPE_CHECKING:
     from bev_preheat_studies.robustness.drawn_cars import Conditions
 
 FEED = 'feed'
-# A signal is to be named within this [s].
+# A faulty signal must be reported within this time [s].
 NAMED_WITHIN_S = 120.0
 
 
 @dataclass(frozen=True)
 class SignalCase:
     """
-    A fault of the sensors: the values of `wrong` replace those of Sensors.
+    A sensor fault: the values in `wrong` replace those of Sensors.
 
-    `signal` is the one to be named; '': the readings are to be refused instead. `temperature_c` [deg C] and
-    `soc` are those at the start where the case needs some of its own.
+    `signal` is the signal to be reported; '': the readings must be refused instead. `temperature_c` [deg C] and
+    `soc` replace those at the start if the case needs its own.
     """
 
     signal: str
@@ -74,9 +74,8 @@ class SignalResult:
     """
     One case in one drawn car; instants are seconds of the drive.
 
-    `named_s` is when the signal was named, None: never; `others` are other signals that were named,
-    `heater_verdicts` faults found in the heater. `heated_after_s` is the heating time after
-    the naming [s].
+    `named_s` is when the signal was reported (None: never); `others` are other reported signals,
+    `heater_verdicts` reported heater faults. `heated_after_s` is the heating time after the report [s].
     """
 
     number: int
@@ -91,7 +90,7 @@ class SignalResult:
 
 
 def drive_case(conditions: Conditions, seed: int, number: int) -> SignalResult:
-    """Return the SignalResult of a number, which counts the CASES in car 0, then in car 1, and so on."""
+    """Return the SignalResult of a number, which counts all CASES in car 0, then in car 1, and so on."""
     started = process_time()
     name = list(CASES)[number % len(CASES)]
     case, car_number = CASES[name], number // len(CASES)
@@ -100,7 +99,7 @@ def drive_case(conditions: Conditions, seed: int, number: int) -> SignalResult:
                          state.soc if case.soc is None else case.soc)
     drawn = draw_car(replace(conditions, state=state), seed, car_number)
     car = drawn.car(case.sensors(drawn.sensors()))
-    # The planner of the slow feed is set up for a state each second.
+        # The planner with the slow feed is configured for a state each second.
     period_s = 1.0 if case.signal == FEED else conditions.period_s
     supervisor = Supervisor(car.vehicle, settings_of_compared('planner', period_s))
     named_s: float | None = None
@@ -129,7 +128,7 @@ def drive_case(conditions: Conditions, seed: int, number: int) -> SignalResult:
 def run_cases(conditions: Conditions, cars: int, seed: int, executor: Executor,
               report: Callable[[SignalResult], object], finished: Mapping[int, SignalResult] | None = None,
               keep: Callable[[int, SignalResult], object] | None = None) -> list[SignalResult]:
-    """Return the SignalResults of all CASES in cars 0 … `cars` - 1, as `car_study.run_study` does with trips."""
+    """Return the SignalResults of all CASES in cars 0 … `cars` - 1; arguments as for `car_study.run_study`."""
     results = []
     for result in run_numbered(executor, partial(drive_case, conditions, seed), range(cars * len(CASES)),
                                finished, keep):
@@ -139,13 +138,13 @@ def run_cases(conditions: Conditions, cars: int, seed: int, executor: Executor,
 
 
 def case_from(record: dict[str, Any]) -> SignalResult:
-    """Return the SignalResult of a dictionary that `asdict` made, read back from JSON."""
+    """Return the SignalResult of a dictionary made by `asdict`, read back from JSON."""
     return SignalResult(**{**record, 'others': tuple(record['others']),
                            'heater_verdicts': tuple(record['heater_verdicts'])})
 
 
 def summarise_cases(results: list[SignalResult]) -> dict[str, Any]:
-    """Return the figures of each case by name: shares, and instants of the naming [s]."""
+    """Return the figures of each case by name: shares, and times until the report [s]."""
     summary = {}
     for name in CASES:
         of_case = [result for result in results if result.case == name]

@@ -2,9 +2,9 @@
 """
 `python -m bev_preheat_studies.soak`: the installed planner under load, in real time.
 
-Battery states come at 100 Hz, routes are replaced every few seconds, and garbage is mixed in. The
-exit status is 0 only where memory stays flat, no command period is missed, and nothing is commanded
-that must not be.
+Battery states arrive at 100 Hz, routes are replaced every few seconds, and garbage is mixed in. The
+exit status is 0 only if memory stays flat, no command period is missed, and there is no forbidden
+command.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from bev_preheat.console.program import loading, run_program
 
 if __name__ == '__main__':
-    # What is loaded below takes a second, in which Ctrl-C may come.
+    # Loading takes a second, during which Ctrl-C may arrive.
     loading('soak')
 
 import os
@@ -49,9 +49,9 @@ if TYPE_CHECKING:
 
 SAMPLE_PERIOD_S = 1.0
 START_LIMIT_S = 180.0
-# An interrupted run says nothing if it has heard fewer.
+# An interrupted run with fewer commands is not assessed.
 LEAST_COMMANDS = 3
-# Of the files beside the picture.
+# Suffixes of the files next to the picture.
 JSON_SUFFIX, LOG_SUFFIX = '.json', '.planner.log'
 
 
@@ -70,7 +70,7 @@ def _load(arguments: Sequence[str] | None) -> Callable[[], int]:
 
 
 def _run(parsed: Namespace) -> int:
-    """Load the planner, judge and draw what there is; return the exit status."""
+    """Load the planner, assess and draw the finished part; return the exit status."""
     parsed.output.parent.mkdir(parents=True, exist_ok=True)
     console = result_console()
     try:
@@ -114,7 +114,7 @@ def _beside(picture: AnyPath, suffix: str) -> str:
 
 
 def _soak(parsed: Namespace) -> tuple[list[Assessment], SoakLoad, list[tuple[float, float]], InterruptedEnding]:
-    """Return (Assessments, Load, samples of the memory, Ending); no Assessments of an early end."""
+    """Return (Assessments, Load, samples of the memory, Ending); no Assessments after an early end."""
     heater_w = load_vehicle('reference').hvch.maximum_power_w
     with reserved_domain_id() as domain_id:
         os.environ.update(ROS_DOMAIN_ID=str(domain_id), ROS_AUTOMATIC_DISCOVERY_RANGE='LOCALHOST')
@@ -124,7 +124,7 @@ def _soak(parsed: Namespace) -> tuple[list[Assessment], SoakLoad, list[tuple[flo
                 samples: list[tuple[float, float]] = []
                 with keeping_what_is_finished() as ending:
                     _watch(listener, planner, load, 60.0 * parsed.minutes, samples)
-                # Ctrl-C in a terminal is the planner's, too.
+                # Ctrl-C in a terminal also reaches the planner.
                 ended_by_itself = ending.is_complete and planner.exit_status is not None
                 exit_status = None if ended_by_itself else planner.end()
     assessments = []
@@ -135,7 +135,7 @@ def _soak(parsed: Namespace) -> tuple[list[Assessment], SoakLoad, list[tuple[flo
 
 def _watch(listener: Listener, planner: NodeProcess, load: SoakLoad, duration_s: float,
            samples: list[tuple[float, float]]) -> None:
-    """Load the planner for so long [s]; add samples (instant [s], resident memory [MB])."""
+    """Load the planner for a duration [s]; append samples (instant [s], resident memory [MB])."""
     import psutil
     limit_s = time.monotonic() + START_LIMIT_S
     while not load.is_connected:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the figures of a soak test amount to."""
+"""Assess the figures of a soak test."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ if TYPE_CHECKING:
 
     from bev_preheat_studies.soak.load import SoakLoad
 
-# Memory may grow so much in ten minutes [MB], after the first part in which caches fill.
+# Largest growth of the memory in ten minutes [MB], after the first part, in which caches fill.
 MOST_GROWTH_MB_IN_10_MIN = 1.0
 WARM_UP_SHARE = 0.2
-# A command that comes later than its period by so much was missed [s]: the computer may be busy.
+# A command this much later than its period counts as missed [s]: the computer may be busy.
 LATE_BY_S = 0.5
 
 
 @dataclass(frozen=True)
 class Assessment:
-    """One figure: what it is, its value as text, what is allowed, and whether it is."""
+    """A figure: its name, its value and bound as texts, and whether the bound is met."""
 
     what: str
     value: str
@@ -36,8 +36,8 @@ def memory_growth_mb_in_10_min(instants_s: ArrayLike, memory_mb: ArrayLike) -> f
     """
     Return the growth of the memory after the warm-up, from samples [s], [MB].
 
-    The median of the slopes between all pairs of samples (Theil and Sen): a single step up, when
-    a cache fills, is no leak.
+    The median of the slopes between all pairs of samples (Theil-Sen): a single step, when a cache fills,
+    is not a leak.
     """
     instants_s, memory_mb = np.asarray(instants_s, float), np.asarray(memory_mb, float)
     kept = instants_s >= instants_s[0] + WARM_UP_SHARE * (instants_s[-1] - instants_s[0])
@@ -55,8 +55,8 @@ def judge(load: SoakLoad, memory_samples: Sequence[tuple[float, float]], command
     """
     Return the Assessments of a soak test.
 
-    `load` is a finished Load, `memory_samples` are (instant [s], resident memory [MB]),
-    `exit_status` is that of the planner after SIGTERM, None where it had died before.
+    `load` is a finished SoakLoad, `memory_samples` are (instant [s], resident memory [MB]),
+    `exit_status` is the planner's after SIGTERM, None if it had died before.
     """
     arrivals_s = np.array([instant_s for instant_s, _, _ in load.commands])
     intervals_s = np.diff(arrivals_s)
@@ -78,7 +78,7 @@ def judge(load: SoakLoad, memory_samples: Sequence[tuple[float, float]], command
                    not load.wrong),
         Assessment('internal errors', str(load.internal_errors), '0', load.internal_errors == 0),
         Assessment('battery states sent', str(load.states_sent), '', True),
-        Assessment('of messages, garbage', str(load.garbage_sent), 'some', load.garbage_sent > 0),
+        Assessment('garbage messages', str(load.garbage_sent), 'some', load.garbage_sent > 0),
         Assessment('routes sent', str(load.routes_sent), '', True),
         Assessment('service calls', str(load.calls), '', True),
         Assessment('commands heard', str(len(load.commands)), '', True),

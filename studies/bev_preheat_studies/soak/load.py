@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the planner is given in a soak test, and what it says: good states, routes, and garbage."""
+"""The input of a soak test (valid states, routes, and garbage), and the planner's output."""
 
 from __future__ import annotations
 
@@ -27,16 +27,16 @@ if TYPE_CHECKING:
 
 NS_PER_S = 1_000_000_000
 CABIN_W = 1700.0
-# One battery state in so many is garbage, and this share of the routes; how often the rest happens
-# [s]; one route in so many needs heat.
+# One battery state in BAD_STATE_EVERY is garbage, and a share BAD_ROUTES of the routes; period of the routes [s];
+# one route in HEATING_ROUTES needs heat.
 BAD_STATE_EVERY = 300
 BAD_ROUTES = 0.3
 ROUTE_PERIOD_S = 4.0
 HEATING_ROUTES = 4
-# States that a busy computer could not send in time are made up for, so many seconds of them.
+# States that a busy computer could not send in time are sent later, at most this many seconds of them.
 MOST_BEHIND_S = 0.1
 SERVICE_PERIOD_S = 7.0
-# The battery: what the commands do to it, quickly, so that plans come and go [K/s per W].
+# The battery's response to the commands, made fast so that plans come and go [K/s per W].
 HEATING_K_PER_J = 4e-6
 COOLING_PER_S = 2e-3
 AMBIENT_C = -8.0
@@ -44,10 +44,10 @@ AMBIENT_C = -8.0
 
 class SoakLoad:
     """
-    Publishes to a planner while its node is listened to, and keeps what comes back.
+    Publishes to a planner while its node spins, and records the answers.
 
-    `commands` holds (instant of arrival [s, time.monotonic], power [W], age of the latest state when
-    the command was made [s]) of each command; `wrong` holds sentences on forbidden commands.
+    `commands` holds (instant of arrival [s, time.monotonic], power [W], age of the latest state in the
+    command [s]) of each command; `wrong` holds sentences on forbidden commands.
     """
 
     def __init__(self, node: Node, rate_hz: float, seed: int, heater_w: float) -> None:
@@ -72,7 +72,7 @@ class SoakLoad:
         self._next_state_s = self._next_route_s = self._next_call_s = -math.inf
 
     def start(self) -> None:
-        """Begin to publish."""
+        """Start publishing."""
         self._timer = self._node.create_timer(
             self._period_s, self._on_due, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
@@ -83,7 +83,7 @@ class SoakLoad:
 
     @property
     def is_connected(self) -> bool:
-        """Whether a planner is there."""
+        """Whether a planner is connected."""
         return (self._states.get_subscription_count() > 0
                 and self._routes.get_subscription_count() > 0
                 and self._node.count_publishers('hvch_command') > 0)
@@ -129,7 +129,7 @@ class SoakLoad:
         self.states_sent += 1
 
     def _send_route(self) -> None:
-        # Now and then one that the battery is too cold for, so that there is always heat.
+        # Some routes are too short to wait with heating, so that there is always some heating.
         heats = self.routes_sent % HEATING_ROUTES == 0
         count = 20 if heats else self._random.choice((20, 60, 120, 300))
         message = RoutePlan(
@@ -179,7 +179,7 @@ class SoakLoad:
         self.commands.append((now_s, self._power_w, now_s - self._last_good_s))
         lease_s = (nanoseconds(message.valid_until) - nanoseconds(message.header.stamp)) / NS_PER_S
         if not 0.0 <= self._power_w <= self._most_w + 1e-6:
-            self._note_wrong(f'{self._power_w} W is commanded; there are 0 ... {self._most_w} W')
+            self._note_wrong(f'{self._power_w} W is commanded; allowed is 0 ... {self._most_w} W')
         if not lease_s <= 2.5 + 1e-6:
             self._note_wrong(f'a lease of {lease_s:.3f} s')
         self.internal_errors += message.reason == HvchCommand.INTERNAL_ERROR

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-`python -m bev_preheat_studies.soak.monitor`: `preheat monitor` in a terminal, beside one drive after another.
+`python -m bev_preheat_studies.soak.monitor`: `preheat monitor` in a terminal, during consecutive drives.
 
-Planner, simulated vehicle and monitor are the real processes. The exit status is 0 only where the
-monitor never stops showing what is new, says nothing but its page, keeps its memory, ends with
-Ctrl-C and leaves the terminal as it was.
+Planner, simulated vehicle and monitor are the real processes. The exit status is 0 only if the
+monitor keeps showing new data, prints nothing but its page, does not leak memory, ends with
+Ctrl-C and restores the terminal.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from bev_preheat.console.program import loading, run_program
 
 if __name__ == '__main__':
-    # What is loaded below takes a second, in which Ctrl-C may come.
+    # Loading takes a second, during which Ctrl-C may arrive.
     loading('soak-monitor')
 
 from dataclasses import dataclass, field
@@ -53,15 +53,15 @@ if TYPE_CHECKING:
 
 COLUMNS, ROWS = 110, 45
 START_S = 1_700_000_000
-# Drives follow each other in simulated time, but after so many the clock falls back to the first.
+# Drives follow each other in simulated time; after this many the clock jumps back to the first.
 DRIVES_IN_A_ROW, BETWEEN_STARTS_S = 5, 7200
-# At a hundred times real time a clock message that is 40 ms late is 4 s late.
+# At a hundred times real time, a clock message 40 ms late is 4 s late.
 CLOCK_TOLERANCE_S = 5.0
 # Real time: until the first battery state is shown, between two views, and without a battery state,
 # as between two drives [s].
 START_LIMIT_S, MOST_BETWEEN_VIEWS_S, MOST_AGE_S = 60.0, 10.0, 30.0
 SAMPLE_PERIOD_S = 1.0
-# An interrupted run says nothing if there are fewer.
+# An interrupted run with fewer views is not assessed.
 LEAST_SAMPLES = 3
 BATTERY_STATE_AGE = re.compile(r'battery_state (\d+\.\d) s')
 TEMPERATURE = re.compile(r'Battery +(-?\d+\.\d degC)')
@@ -69,7 +69,7 @@ TEMPERATURE = re.compile(r'Battery +(-?\d+\.\d degC)')
 
 @dataclass
 class Seen:
-    """What was seen of the monitor; `memory` holds (instant [s], resident memory [MB])."""
+    """Observations of the monitor; `memory` holds (instant [s], resident memory [MB])."""
 
     memory: list[tuple[float, float]] = field(default_factory=list)
     drives: int = 0
@@ -83,7 +83,7 @@ class Seen:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run it and return the exit status."""
+    """Run the test and return the exit status."""
     return run_program('soak-monitor', lambda: _load(arguments), ends_process=arguments is None)
 
 
@@ -99,7 +99,7 @@ def _load(arguments: Sequence[str] | None) -> Callable[[], int]:
 
 
 def _run(parsed: Namespace) -> int:
-    """Watch the monitor, judge, and write what there is; return the exit status."""
+    """Watch the monitor, assess and write the finished part; return the exit status."""
     parsed.output.parent.mkdir(parents=True, exist_ok=True)
     console = result_console()
     try:
@@ -122,14 +122,14 @@ def _run(parsed: Namespace) -> int:
 
 
 def judge(seen: Seen) -> list[Assessment]:
-    """Return the Assessments of what was Seen."""
+    """Return the Assessments of the observations."""
     growth_mb = memory_growth_mb_in_10_min(*zip(*seen.memory))
     return [
         Assessment('monitor', 'ended cleanly' if seen.exit_status == 0 else
                    f'status {seen.exit_status}', 'ends with Ctrl-C', seen.exit_status == 0),
         Assessment('terminal', 'as before' if seen.restores_terminal else 'not restored',
                    'as before', seen.restores_terminal),
-        Assessment('said beside its page', seen.said[-2000:] or 'nothing', 'nothing',
+        Assessment('output besides its page', seen.said[-2000:] or 'nothing', 'nothing',
                    not seen.said),
         Assessment('resident memory, growth in 10 min', f'{growth_mb:+.3f} MB',
                    f'at most {MOST_GROWTH_MB_IN_10_MIN:g} MB',
@@ -169,7 +169,7 @@ def _log_file(output: AnyPath, name: str) -> str:
 
 
 def _watch(parsed: Namespace, console: Console) -> tuple[Seen, InterruptedEnding]:
-    """Return what was Seen, and the Ending of the run."""
+    """Return the observations and the Ending of the run."""
     seen = Seen()
     with reserved_domain_id() as domain_id:
         os.environ.update(ROS_DOMAIN_ID=str(domain_id), ROS_AUTOMATIC_DISCOVERY_RANGE='LOCALHOST')
@@ -191,7 +191,7 @@ def _watch(parsed: Namespace, console: Console) -> tuple[Seen, InterruptedEnding
 
 
 class _Drives:
-    """One simulated drive after another."""
+    """Runs one simulated drive after another."""
 
     def __init__(self, parsed: Namespace) -> None:
         self._parsed, self._started, self.arrived = parsed, 0, 0
@@ -206,7 +206,7 @@ class _Drives:
             self._simulator.end()
 
     def go_on(self) -> None:
-        """Start a drive if there is none."""
+        """Start a drive if none is running."""
         if self._simulator is not None:
             if self._simulator.exit_status is None:
                 return
@@ -223,7 +223,7 @@ class _Drives:
 
 def _look(monitor: TerminalProcess, drives: _Drives, seen: Seen, duration_s: float,
           console: Console) -> None:
-    """Fill what is Seen for so long [s], or until the monitor ends."""
+    """Observe for a duration [s], or until the monitor ends."""
     import psutil
     process, limit_s = psutil.Process(monitor.process_id), time.monotonic() + START_LIMIT_S
     while not BATTERY_STATE_AGE.search(monitor.view):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tells what the figures of a soak test amount to."""
+"""Print the assessment of a soak test."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def tell(console: Console, name: str, title: str, assessments: Sequence[Assessment]) -> bool:
-    """Print the Assessments of a soak test of this name; return whether all are good."""
+    """Print the Assessments of the soak test `name`; return whether all are good."""
     print_records(console, title, ('what', 'figure', 'allowed', ''), [
         (item.what, item.value, item.allowed,
          '' if not item.allowed else 'good' if item.good else 'BAD') for item in assessments])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A process in a terminal of its own, as a person would have started it, and what is on its screen."""
+"""Run a process in a terminal of its own, as a person would start it, and read its screen."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-# What moves the cursor to the top, and so begins a new view of the whole screen.
+# Moves the cursor to the top, which starts a new view of the whole screen.
 HOME = b'\x1b[H'
 OTHER_SCREEN, FIRST_SCREEN = b'\x1b[?1049h', b'\x1b[?1049l'
 HIDE_CURSOR, SHOW_CURSOR = b'\x1b[?25l', b'\x1b[?25h'
 CONTROL_SEQUENCE = re.compile(r'\x1b\[[0-9;?]*[A-Za-z]')
 CTRL_C = b'\x03'
-# So much of what was written last is kept.
+# Length of the stored end of the output.
 MOST_BYTES = 200_000
 CHUNK_BYTES = 1 << 16
 SECONDS_TO_END = 10.0
@@ -32,14 +32,14 @@ SECONDS_TO_END = 10.0
 
 class TerminalProcess:
     """
-    A process whose standard streams are a terminal; as a context manager it is ended on leaving.
+    A process whose standard streams are a terminal; as a context manager it ends the process on leaving.
 
-    `views` counts the views of the whole screen that it has drawn, `tail` is what it wrote last.
+    `views` counts the full-screen views drawn so far, `tail` is the end of the output.
     """
 
     def __init__(self, command: Sequence[str], columns: int, rows: int,
                  environment: Mapping[str, str] | None = None) -> None:
-        """Start a command (a list) in a terminal of so many columns and rows."""
+        """Start a command (a list) in a terminal of this size."""
         self._terminal, theirs = pty.openpty()
         self._is_open = True
         self.resize(columns, rows)
@@ -69,12 +69,12 @@ class TerminalProcess:
 
     @property
     def exit_status(self) -> int | None:
-        """None while it runs; then 0 ... 255, or -N where signal N ended it."""
+        """None while it runs; then 0 ... 255, or -N if signal N ended it."""
         return self._process.poll()
 
     @property
     def view(self) -> str:
-        """The latest view that was drawn as a whole, as text without colors."""
+        """The latest complete view, as text without colors."""
         parts = self.tail.split(HOME)
         drawn = parts[-2] if len(parts) > 2 else b''
         return CONTROL_SEQUENCE.sub('', drawn.decode('utf-8', 'replace')).replace('\r', '')
@@ -86,7 +86,7 @@ class TerminalProcess:
                 and self.tail.rfind(FIRST_SCREEN) >= self.tail.rfind(OTHER_SCREEN))
 
     def resize(self, columns: int, rows: int) -> None:
-        """Give the terminal so many columns and rows."""
+        """Set the size of the terminal."""
         fcntl.ioctl(self._terminal, termios.TIOCSWINSZ, struct.pack('HHHH', rows, columns, 0, 0))
 
     def type(self, keys: bytes) -> None:
@@ -94,7 +94,7 @@ class TerminalProcess:
         os.write(self._terminal, keys)
 
     def read(self, duration_s: float) -> bytes:
-        """Read what it writes for so long [s], or until it ends; return what came, as bytes."""
+        """Read the output for a duration [s] or until the process ends; return it as bytes."""
         end_s, came = time.monotonic() + duration_s, bytearray()
         while (left_s := end_s - time.monotonic()) > 0.0:
             if not select.select([self._terminal], [], [], left_s)[0]:
@@ -102,7 +102,7 @@ class TerminalProcess:
             try:
                 chunk = os.read(self._terminal, CHUNK_BYTES)
             except OSError as error:
-                # The kernel's word for a terminal that nobody has open any more.
+                # The kernel's error for a terminal that no process has open any more.
                 if error.errno != errno.EIO:
                     raise
                 break
@@ -113,7 +113,7 @@ class TerminalProcess:
         return bytes(came)
 
     def wait(self, timeout_s: float = SECONDS_TO_END) -> int | None:
-        """Return the exit status, reading on; None where it has not ended by then."""
+        """Return the exit status, reading meanwhile; None if the process has not ended in time."""
         end_s = time.monotonic() + timeout_s
         while self.exit_status is None and time.monotonic() < end_s:
             self.read(0.05)
@@ -121,17 +121,17 @@ class TerminalProcess:
         return self.exit_status
 
     def close(self) -> None:
-        """Close the terminal, as its window would."""
+        """Close the terminal, as closing its window would."""
         if self._is_open:
             os.close(self._terminal)
             self._is_open = False
 
 
 def _without_size(environment: Mapping[str, str]) -> dict[str, str]:
-    """Return an environment that does not claim to know the size of the terminal."""
+    """Return an environment without a terminal size."""
     return {name: value for name, value in environment.items() if name not in ('COLUMNS', 'LINES')}
 
 
 def _take_terminal() -> None:
-    """Make standard input the controlling terminal: Ctrl-C then reaches the process."""
+    """Make standard input the controlling terminal, so that Ctrl-C reaches the process."""
     fcntl.ioctl(0, termios.TIOCSCTTY, 0)

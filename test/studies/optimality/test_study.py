@@ -404,7 +404,7 @@ def test_where_no_trip_can_be_compared_there_is_no_figure(capsys):
     print_summary(Console(width=120), summarise_gaps([made_result(0, one=other)], ['one']))
     out = capsys.readouterr().out
     assert re.search('one: energy gap \\(Wh\\) +│ +– │ +– │ +– │', out)
-    assert '1 trips have none, as it does not reach the same as the program (to 0.2 K)' in out
+    assert '1 trips have no gap, as the method does not reach the same as the program (to 0.2 K)' in out
 
 
 def test_on_trips_with_limits_only_like_is_compared_with_like():

@@ -100,9 +100,10 @@ def test_figures_of_days_written_by_hand():
     assert met == {
         'arrival error 5 %, first, time known': True, 'arrival error 95 %, first, time known': True,
         'arrival error 5 %, later, time known': True, 'arrival error 95 %, later, time known': True,
-        'healthy heaters that were accused': False, 'good signals that were named': True,
-        'heating while charging, too long': False, 'heating while parked, too long': True,
-        'switch-ons in any trip, not over hills': True}
+        'healthy heaters reported as faulty': False, 'good signals reported as in doubt': True,
+        'heating while charging, beyond the stated time': False,
+        'heating while parked, beyond the stated time': True,
+        'switch-ons in any trip, except over hills': True}
 
 
 @pytest.mark.parametrize('found, is_met', [(19, True), (18, False)])

@@ -46,7 +46,7 @@ def test_study_is_printed_and_written(arguments, tmp_path, capsys):
                  str(picture)]) == 0
     printed = capsys.readouterr().out
     for text in ('heat capacity ±10 %', 'logarithm 0.2', 'noise 0.2 K', 'Requirements',
-                 'replanned_paper', 'at least -0.5 K', 'trips to look at (--only NUMBER)'):
+                 'replanned_paper', 'at least -0.5 K', 'extreme trips (--only NUMBER)'):
         assert text in ' '.join(printed.split())
     written = json.loads(file.read_text(encoding='utf-8'))
     assert [result['number'] for result in written['results']] == [0, 1, 2]
@@ -67,7 +67,7 @@ def test_days_are_printed_written_and_gone_on_with(arguments, tmp_path, capsys):
     assert main([*study, '--trips', '2']) == 0
     printed = ' '.join(capsys.readouterr().out.split())
     for text in ('2 days with', 'later, time known', 'Heating while parked, too long', 'Requirements',
-                 'healthy heaters that were accused'):
+                 'healthy heaters reported as faulty'):
         assert text in printed
     written = json.loads(file.read_text(encoding='utf-8'))
     assert [result['number'] for result in written['results']] == [0, 1]
@@ -167,13 +167,13 @@ def test_requirements_are_judged_for_each_method():
 
 def test_energies_are_shown_in_per_cent():
     text = table_of([made_result(0, planner=made_drive(heating_energy_wh=205.0))], ['planner'])
-    assert '+2.50' in row_of(text, 'above informed, mean [%]')
-    assert '+2.50 % met' in row_of(text, 'heating energy above informed, mean')
+    assert '+2.50' in row_of(text, 'above plan with true car, mean [%]')
+    assert '+2.50 % met' in row_of(text, 'heating energy above plan with true car, mean')
 
 
 def test_where_no_trip_arrives_as_warm_as_the_informed_one_its_energy_is_not_judged():
     results = [made_result(0, planner=made_drive(arrival_error_k=-0.5))]
-    row = row_of(table_of(results, ['planner']), 'heating energy above informed, mean')
+    row = row_of(table_of(results, ['planner']), 'heating energy above plan with true car, mean')
     assert 'no trip to compare' in row and 'met' not in row
 
 
@@ -183,7 +183,7 @@ def test_trips_without_heating_can_be_shown(switch_ons, tmp_path):
         number, made_drive(heating_energy_wh=0.0),
         planner=made_drive(heating_energy_wh=0.0, switch_ons=switch_ons, first_switch_on_s=None))
         for number in range(2)]
-    assert '–' in row_of(table_of(results, ['planner']), 'above informed, 95 %')
+    assert '–' in row_of(table_of(results, ['planner']), 'above plan with true car, 95 %')
     file = tmp_path / 'picture.png'
     draw_robustness(file, results, ['planner'])
     assert file.stat().st_size > 10_000

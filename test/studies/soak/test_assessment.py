@@ -56,7 +56,7 @@ def test_a_missed_period_is_seen():
 
 @pytest.mark.parametrize('changed, what', [
     ({'wrong': ['9000 W is commanded']}, 'forbidden commands'),
-    ({'internal_errors': 1}, 'internal errors'), ({'garbage_sent': 0}, 'of messages, garbage'),
+    ({'internal_errors': 1}, 'internal errors'), ({'garbage_sent': 0}, 'garbage messages'),
     ({'heating_commands': 0}, 'of these, heating'), ({'exit_status': -11}, 'process'),
     ({'exit_status': None}, 'process')])
 def test_what_is_wrong_is_named(changed, what):

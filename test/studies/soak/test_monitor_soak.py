@@ -30,7 +30,7 @@ def test_a_steady_run_is_good():
     ({'memory': [(float(t), 85.0 + 0.002 * t) for t in range(600)]},
      'resident memory, growth in 10 min'),
     ({'exit_status': 1}, 'monitor'), ({'exit_status': None}, 'monitor'),
-    ({'restores_terminal': False}, 'terminal'), ({'said': 'Traceback'}, 'said beside its page'),
+    ({'restores_terminal': False}, 'terminal'), ({'said': 'Traceback'}, 'output besides its page'),
     ({'longest_between_views_s': 11.0}, 'longest time between two views'),
     ({'oldest_shown_s': 31.0}, 'oldest battery state shown'),
     ({'temperatures': {'-7.0 degC'}}, 'different temperatures shown'),
