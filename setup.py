@@ -7,8 +7,6 @@ import sys
 from xml.etree import ElementTree
 
 from setuptools import find_packages, setup
-from setuptools.command.develop import develop
-from setuptools.command.install_scripts import install_scripts
 
 PACKAGE = 'bev_preheat'
 STUDIES = 'bev_preheat_studies'
@@ -53,32 +51,6 @@ def check_that_messages_are_built():
                  f'{here}/core {here}/msg_defs')
 
 
-class DirectScripts:
-    """
-    Makes the executables of the entry points import and call them, as those that pip writes do.
-
-    setuptools' own look the package up among all that are installed, at every start.
-    """
-
-    def write_script(self, script_name, contents, mode='t', *others):
-        """Write an executable with the first line, Python's path, that setuptools has for it."""
-        entry_point = ENTRY_POINTS.get(script_name)
-        if entry_point is not None:
-            module, function = entry_point.split(':')
-            first_line = contents.splitlines()[0]
-            contents = (f'{first_line}\nimport sys\n\nfrom {module} import {function}\n\n'
-                        f"if __name__ == '__main__':\n    sys.exit({function}())\n")
-        super().write_script(script_name, contents, mode, *others)
-
-
-class InstallScripts(DirectScripts, install_scripts):
-    """Of colcon build."""
-
-
-class Develop(DirectScripts, develop):
-    """Of colcon build --symlink-install."""
-
-
 check_that_messages_are_built()
 setup(
     name=PACKAGE,
@@ -113,5 +85,4 @@ setup(
     entry_points={
         'console_scripts': [f'{name} = {function}' for name, function in ENTRY_POINTS.items()],
     },
-    cmdclass={'install_scripts': InstallScripts, 'develop': Develop},
 )

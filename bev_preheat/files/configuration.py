@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Finds the vehicles and routes that come with the package, by name or by file."""
 
+from difflib import get_close_matches
 import os
 from pathlib import Path
 
@@ -38,8 +39,6 @@ def find_configuration(kind: str, name_or_file: str | Path, suffix: str) -> Path
     names = sorted(item.stem for item in folder.glob(f'*{suffix}'))
     if text in names:
         return folder / f'{text}{suffix}'
-    # Only where a name is wrong: every start would pay for it.
-    from difflib import get_close_matches
     near = get_close_matches(text[:LONGEST_QUOTE], names, n=1)
     hint = f'; did you mean {near[0]!r}?' if near else ''
     singular = f'{kind[:-3]}y' if kind.endswith('ies') else kind.rpartition('/')[2][:-1]

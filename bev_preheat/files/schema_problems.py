@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Says in plain words why a value does not obey a JSON Schema.
+Explain in plain words why a value violates a JSON Schema.
 
-Imported only where a value may not obey: jsonschema takes longer to load than most files to read.
+Imported only for a value that may violate it: loading jsonschema takes longer than reading most files.
 """
 
 from __future__ import annotations

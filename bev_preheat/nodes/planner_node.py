@@ -51,7 +51,6 @@ if TYPE_CHECKING:
 
     from bev_preheat.control.events import Event
     from bev_preheat.control.supervisor import Refusal, StepOutput
-    from bev_preheat.nodes.process import Herald
     from bev_preheat.vehicle import Vehicle
     from bev_preheat_msgs.msg import RoutePlan
 
@@ -470,9 +469,9 @@ def _take_effect(values: Values) -> tuple[Vehicle, Settings]:
         {name: values[name] for name in FIELD_OF_PARAMETER})
 
 
-def main(herald: Herald | None = None) -> None:
-    """Run the planner until it is told to end; `herald` is what `process.join_graph` returned."""
-    sys.exit(run_node(PlannerNode, PROGRAM, herald))
+def main(loading_node: Node | None = None) -> None:
+    """Run the planner until a signal ends it; `loading_node` is the one that `process.join_graph` returned."""
+    sys.exit(run_node(PlannerNode, PROGRAM, loading_node))
 
 
 if __name__ == '__main__':

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from difflib import get_close_matches
 import sys
 from typing import TYPE_CHECKING
 
@@ -139,8 +140,6 @@ def unknown_parameters(node: Node) -> list[str]:
     for name in given:
         if node.has_parameter(name) or name.startswith(NOT_OURS):
             continue
-        # Only where a name is wrong: every start would pay for it.
-        from difflib import get_close_matches
         nearest = get_close_matches(name, known, 1)
         sentences.append(f'parameter {name!r} is unknown and ignored' + (
             f'; did you mean {nearest[0]!r}?' if nearest else ''))

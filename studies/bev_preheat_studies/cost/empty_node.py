@@ -2,18 +2,15 @@
 """
 The floor: a node of the planner's shape that plans nothing.
 
-Its shape is the planner's: the same publishers, subscriptions, service, action server, timers and
-parameters, with the same qualities of service, clocks and event handlers, and messages of the size that
-the planner's have on the reference trip (a test holds them against each other). Its work is not: nothing
-is checked, learned or planned, what it publishes beside the command is made once, at the start, and it
-loads nothing of the planner. As any node it logs a line when it is there. It is spun as rclpy spins any
-node; with the argument `--planners-executor`, by the planner's executor.
+It has the planner's publishers, subscriptions, service, action server, timers and parameters, with the same
+qualities of service, clocks and event handlers, and its messages have the size of the planner's on the
+reference trip (a test compares both nodes). It checks, learns and plans nothing, publishes prepared messages
+beside the command, and loads no module of the planner. Like any node it logs one line when it is ready.
 """
 
 from __future__ import annotations
 
 from array import array
-import sys
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -38,7 +35,6 @@ from std_srvs.srv import SetBool
 from bev_preheat_msgs.action import PrepareBattery
 from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan, RouteProgress
 
-PLANNERS_EXECUTOR = '--planners-executor'
 PARAMETERS: dict[str, Any] = {
     'vehicle': 'reference', 'method': 'merit_order', 'target_battery_temperature': 0.0,
     'battery_state_timeout': 5.0, 'clock_tolerance': 1.0, 'command_period': 1.0,
@@ -46,7 +42,7 @@ PARAMETERS: dict[str, Any] = {
     'minimum_on_time': 20.0, 'minimum_off_time': 120.0, 'route_progress_timeout': 10.0,
     'energy_price': 0.6, 'value_of_time': 10.0, 'heat_while_charging': False,
     'compiled_core': True, 'coldest_cell_limits': True, 'state_file': ''}
-# Of the plan for the reference trip: steps, stretches of heating, characters of its sentence.
+# Of the plan for the reference trip: steps, heating intervals, characters of its sentence.
 STEPS, STRETCHES, CHARACTERS = 120, 2, 120
 # Of the diagnostics.
 ENTRIES, VALUES = 4, 9
@@ -145,14 +141,7 @@ def diagnostics_message() -> DiagnosticArray:
 def main() -> None:
     """Spin until killed."""
     rclpy.init()
-    node = EmptyNode()
-    if PLANNERS_EXECUTOR not in sys.argv:
-        rclpy.spin(node)
-        return
-    from bev_preheat.nodes.executor import PromptExecutor
-    executor = PromptExecutor()
-    executor.add_node(node)
-    executor.run(lambda: False)
+    rclpy.spin(EmptyNode())
 
 
 if __name__ == '__main__':

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 WORKERS = 2
 # Of the study's usual number of drawn cars so many are driven.
-USUAL_CARS, CARS, MOST_S = 300, 60, 120.0
+USUAL_CARS, CARS, MOST_S = 300, 60, 300.0
 # Trips of a fleet, by one worker and by two in turns.
 FLEET, TURNS, LEAST_EFFICIENCY = 100_000, 2, 0.9
 
