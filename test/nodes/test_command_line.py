@@ -35,22 +35,6 @@ def test_an_installed_executable_ends_with_2_and_one_line(domain_id, name):
                     "vehicle 'bicycle' is unknown")
 
 
-def loaded_by(*arguments):
-    """Modules that a run of Python loads."""
-    done = subprocess.run([sys.executable, '-X', 'importtime', *map(str, arguments)], text=True,
-                          capture_output=True, timeout=60)
-    assert done.returncode == 0, done.stderr
-    return {line.rpartition('|')[2].strip() for line in done.stderr.splitlines()}
-
-
-def test_a_start_does_not_look_installed_packages_up_or_load_openssl(domain_id):
-    loaded = loaded_by(Path(get_package_prefix('bev_preheat')) / 'lib' / 'bev_preheat' / 'planner', '--help')
-    assert 'bev_preheat.control.supervisor' in loaded
-    # NumPy 1 loads OpenSSL for its random numbers, asked for or not.
-    unneeded = {'importlib.metadata', 'pkg_resources', 'hashlib'} - loaded_by('-c', 'import numpy')
-    assert not unneeded & loaded
-
-
 def test_an_installed_executable_prints_its_help(domain_id):
     done = run_installed('planner', '--help')
     assert (done.returncode, done.stderr) == (0, '')
