@@ -11,7 +11,6 @@ import math
 import os
 from pathlib import Path
 import subprocess
-import sys
 
 from ament_index_python.packages import get_package_prefix
 import pytest
