@@ -59,7 +59,7 @@ def run_node(make_node: Callable[[], Node], program: NodeProgram | None = None,
     """
     Make a node, spin it until SIGINT, SIGTERM or its own `finished` future, and destroy it.
 
-    `program` checks the command line and answers --help; `loading_node` is the one that `join_graph` returned.
+    `program` checks the command line and answers --help; `loading_node` comes from `join_graph`.
     The node's `last_words()`, if it has any, is called while it can still publish, after an exception of a
     callback too. Return the exit status: 0 after a clean end, 2 if arguments or parameters forbid a start.
     """
