@@ -9,8 +9,6 @@ from xml.etree import ElementTree
 
 from setuptools import Extension, find_packages, setup
 from setuptools.command.build_ext import build_ext
-from setuptools.command.develop import develop
-from setuptools.command.install_scripts import install_scripts
 
 HERE = Path(__file__).resolve().parent
 PACKAGE = 'bev_preheat'
@@ -69,32 +67,6 @@ def check_that_messages_are_built():
                  f'{here.parent}/{PACKAGE}_msgs; ln -s {here.name}/core {here.parent}/{PACKAGE}_core, and '
                  f'colcon build finds all three; or build with: colcon build --base-paths {here} '
                  f'{here}/core {here}/msg_defs')
-
-
-class DirectScripts:
-    """
-    Makes the executables of the entry points import and call them, as those that pip writes do.
-
-    setuptools' own look the package up among all that are installed, at every start.
-    """
-
-    def write_script(self, script_name, contents, mode='t', *others):
-        """Write an executable with the first line, Python's path, that setuptools has for it."""
-        entry_point = ENTRY_POINTS.get(script_name)
-        if entry_point is not None:
-            module, function = entry_point.split(':')
-            first_line = contents.splitlines()[0]
-            contents = (f'{first_line}\nimport sys\n\nfrom {module} import {function}\n\n'
-                        f"if __name__ == '__main__':\n    sys.exit({function}())\n")
-        super().write_script(script_name, contents, mode, *others)
-
-
-class InstallScripts(DirectScripts, install_scripts):
-    """Of colcon build."""
-
-
-class Develop(DirectScripts, develop):
-    """Of colcon build --symlink-install."""
 
 
 class BuildCore(build_ext):
@@ -171,5 +143,5 @@ setup(
         'console_scripts': [f'{name} = {function}' for name, function in ENTRY_POINTS.items()
                             if WITH_COLCON or name == 'preheat'],
     },
-    cmdclass={'build_ext': BuildCore, 'install_scripts': InstallScripts, 'develop': Develop},
+    cmdclass={'build_ext': BuildCore},
 )

@@ -4,11 +4,10 @@
 from __future__ import annotations
 
 import sys
+from typing import TYPE_CHECKING
 
 from bev_preheat.console.program import loading, run_program
 
-# As in typing, which is slow to import.
-TYPE_CHECKING = False
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 

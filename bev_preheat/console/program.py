@@ -12,9 +12,8 @@ from contextlib import contextmanager, suppress
 import os
 import signal
 import sys
+from typing import TYPE_CHECKING
 
-# As in typing, which is slow to import.
-TYPE_CHECKING = False
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from types import FrameType

@@ -52,7 +52,7 @@ def load_checked_yaml(path: str | Path, schema_path: Path) -> dict[str, FileData
         raise InvalidInput([f'{path}: {problem}' for problem in problems])
     schema = load_schema(schema_path)
     if not surely_obeys(schema, contents):
-        # Imported here, because it loads jsonschema.
+        # Imported here, because jsonschema adds 13 % to the run time of `preheat` (0.74 instead of 0.66 s).
         from bev_preheat.files.schema_problems import schema_problems
         raise InvalidInput([f'{path}: {problem}' for problem in schema_problems(schema, contents)])
     return contents

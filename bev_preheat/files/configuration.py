@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Finds the files in the package's config folder, by name or by path."""
 
+from difflib import get_close_matches
 import os
 from pathlib import Path
 
@@ -40,8 +41,6 @@ def find_configuration(kind: str, name_or_file: str | Path, suffix: str) -> Path
     names = sorted(item.stem for item in folder.glob(f'*{suffix}'))
     if text in names:
         return folder / f'{text}{suffix}'
-    # Imported only for a wrong name, because it slows down the start.
-    from difflib import get_close_matches
     near = get_close_matches(text[:LONGEST_QUOTE], names, n=1)
     hint = f'; did you mean {near[0]!r}?' if near else ''
     singular = f'{kind[:-3]}y' if kind.endswith('ies') else kind.rpartition('/')[2][:-1]

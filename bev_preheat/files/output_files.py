@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Writes all of the package's output files: whole or not at all, and only regular files.
+The only writer of output files: whole or not at all, and regular files only.
 
-A run checks its outputs before it computes anything (`check_outputs`). `write_whole` checks again,
-because the file system may have changed meanwhile, writes a temporary file in the same folder and renames it
-to the target: a reader, or a crash, finds the old contents or the new, never a part.
-A device, pipe, socket or folder is never opened for writing and never replaced.
+A run checks its outputs before it computes anything (`check_outputs`). `write_whole` checks again, writes a
+temporary file in the same folder and renames it: a reader, or a crash, finds the old contents or the new,
+never a part. A device, pipe, socket or folder is never opened for writing and never replaced.
 """
 
 from __future__ import annotations
@@ -23,16 +22,15 @@ AnyPath = str | os.PathLike[str]
 PICTURE_SUFFIXES = ('.png', '.svg', '.pdf')
 KINDS = ((stat.S_ISREG, ''), (stat.S_ISDIR, 'a folder'), (stat.S_ISFIFO, 'a named pipe'),
          (stat.S_ISSOCK, 'a socket'), (stat.S_ISCHR, 'a device'), (stat.S_ISBLK, 'a device'))
-# Standard output as a file name, for options that allow it.
+# The path of standard output, for options that allow it.
 STANDARD_OUTPUT = '-'
-STANDARD_STREAMS = {1: 'standard output', 2: 'standard error'}
 
 
 class OutputFile(NamedTuple):
     """
-    An output file of a run: the option that names it, and its path (None: not requested).
+    An output of a run: the option that names it, and its path (None: not requested).
 
-    `suffixes` are those allowed (empty: any). With `make_folder` its folder is created if needed.
+    `suffixes` are those allowed (empty: any). With `make_folder` its folder may be missing.
     """
 
     option: str
@@ -53,9 +51,9 @@ def target_of(path: AnyPath) -> str:
 
 def existing_file(path: AnyPath) -> os.stat_result | None:
     """
-    Return the os.stat_result of the regular file at a path, or None.
+    Return the os.stat_result of the regular file at a path, None if nothing exists there.
 
-    Raises InvalidInput if the path is not a regular file, or is invalid.
+    Raises InvalidInput if anything else exists there, or if the path cannot be a file's.
     """
     text = expanded(path)
     try:
@@ -74,9 +72,9 @@ def existing_file(path: AnyPath) -> os.stat_result | None:
 
 def check_writable(path: AnyPath, make_folder: bool = False) -> None:
     """
-    Raise InvalidInput if no file can be written at a path; changes and opens nothing.
+    Raise InvalidInput if a file cannot be written at a path; change and open nothing.
 
-    With `make_folder` the folder may be missing, if it can be created.
+    With `make_folder` the folder may be missing if it can be created.
     """
     status, target = existing_file(path), target_of(path)
     if status is not None and not os.access(target, os.W_OK):
@@ -94,10 +92,10 @@ def check_writable(path: AnyPath, make_folder: bool = False) -> None:
 
 def check_outputs(outputs: Iterable[OutputFile], inputs: Sequence[AnyPath] = ()) -> None:
     """
-    Check OutputFiles before anything is computed; `inputs` are the paths of all files that are read.
+    Check outputs before anything is computed; `inputs` are the paths of all files that are read.
 
-    Raises InvalidInput, one problem per output, if it cannot be written, has no allowed suffix,
-    is an input, or is the same file as another output or as a standard stream.
+    Raises InvalidInput, one problem an output, if it cannot be written, has no allowed suffix, is an input, or
+    is the same file as another output.
     """
     problems: list[str] = []
     earlier: list[tuple[str, AnyPath]] = []
@@ -109,7 +107,6 @@ def check_outputs(outputs: Iterable[OutputFile], inputs: Sequence[AnyPath] = ())
             if output.suffixes is PICTURE_SUFFIXES:
                 require('matplotlib')
             check_writable(output.path, output.make_folder)
-            _check_no_standard_stream(output.path)
         except InvalidInput as error:
             problems += [f'{output.option}: {problem}' for problem in error.problems]
             continue
@@ -133,11 +130,11 @@ def write_whole(path: AnyPath, contents: str | bytes, make_folder: bool = False)
     Write bytes, or text as UTF-8, to a file: everything or, if anything fails, nothing.
 
     A link is followed, not replaced. An existing file keeps its mode and, if permitted, its owner;
-    a new one follows the umask. With `make_folder` missing folders are created. Raises InvalidInput,
-    naming the file and the reason, if it cannot be written.
+    a new one follows the umask. `make_folder` creates missing folders. Raises InvalidInput with file and
+    reason if it cannot be written.
     """
     if isinstance(contents, str):
-        # A file name from a command line, quoted in a comment, may not be valid text.
+        # A comment may quote a file name that is not valid text.
         contents = contents.encode('utf-8', 'backslashreplace')
     check_writable(path, make_folder)
     target = target_of(path)
@@ -152,20 +149,20 @@ def write_whole(path: AnyPath, contents: str | bytes, make_folder: bool = False)
 def _replace(path: AnyPath, target: str, contents: bytes) -> None:
     before = existing_file(path)
     mode = 0o666 if before is None else stat.S_IMODE(before.st_mode)
-    # A short name of its own, because the target's may already have the maximum length.
+    # A short name, because the target's may have the maximum length.
     temporary = os.path.join(os.path.dirname(target), f'.bev_preheat-{os.urandom(8).hex()}.tmp')
     handle = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, mode & 0o777)
     try:
         with open(handle, 'wb') as file:
             if before is not None:
-                # Changing the owner clears mode bits, so the mode comes second.
+                # Changing the owner clears mode bits, so set the mode second.
                 with suppress(PermissionError):
                     os.fchown(handle, before.st_uid, before.st_gid)
                 os.fchmod(handle, mode)
             file.write(contents)
             file.flush()
             os.fsync(handle)
-        # Check again, because the target may have changed.
+        # A pipe or device may have taken the place of the file.
         existing_file(path)
         os.replace(temporary, target)
     except BaseException:
@@ -180,16 +177,8 @@ def _check_suffix(path: AnyPath, suffixes: tuple[str, ...]) -> None:
         raise InvalidInput(f'{_shown(path)}: must end in {" or ".join(suffixes)}')
 
 
-def _check_no_standard_stream(path: AnyPath) -> None:
-    status = existing_file(path)
-    for descriptor, name in STANDARD_STREAMS.items():
-        with suppress(OSError):
-            if status is not None and os.path.samestat(status, os.fstat(descriptor)):
-                raise InvalidInput(f'{_shown(path)}: {name} is redirected to this file')
-
-
 def _is_one_file(first: AnyPath, second: AnyPath) -> bool:
-    """Return whether two paths lead to the same file, which may not exist yet."""
+    """Return whether two paths lead to the same file, which need not exist."""
     if target_of(first) == target_of(second):
         return True
     try:
@@ -203,5 +192,5 @@ def _shown(path: AnyPath) -> str:
 
 
 def _reason(error: Exception) -> str:
-    # ValueError: a path with a NUL character; its message depends on the Python version.
+    # A NUL character raises ValueError, with a text that depends on Python's version.
     return getattr(error, 'strerror', None) or 'a path must not have a NUL character'

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Explains in plain words why a value violates a JSON Schema.
+Explain in plain words why a value violates a JSON Schema.
 
-Imported only for a value that may be invalid, because jsonschema takes longer to import than most files to read.
+Imported only for a value that may violate it: loading jsonschema takes longer than reading most files.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A small chart for a terminal: measured and planned battery temperature, and the heater."""
+"""A small chart for a terminal: measured and planned battery temperature, and heater power."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from bev_preheat.optional_packages import advice, is_installed
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
-    from typing import Any
 
     from bev_preheat.monitoring.heard import Heard
     from bev_preheat_msgs.msg import PreheatPlan
@@ -23,16 +22,16 @@ if TYPE_CHECKING:
     # Instants and values.
     Curve = tuple[list[float], list[float]]
 
-# Rows of the two panels with title and axis; smaller panels are illegible.
+# Rows of the two panels with title and axis; a smaller chart is unreadable.
 MOST_HEIGHT, LEAST_HEIGHT, HEATER_HEIGHT = 12, 8, 7
 LEAST_WIDTH = 40
-# Equal in both panels, so that their time axes align.
+# The same in both panels, so that an instant has the same column in both.
 LABEL_WIDTH = 4
 COLUMNS_A_TICK = 12
-# Rows of a panel besides the curve: title, frame, axis.
+# Rows of title, frame and axis.
 FRAME_HEIGHT = 4
 MOST_POINTS = 400
-# Shortest and longest time shown; outside, there is no drive to draw [min].
+# Shorter is no curve yet, longer is no drive [min].
 LEAST_SPAN_MIN, MOST_SPAN_MIN = 0.01, 1e5
 LEAST_SPAN_K = 1.0
 # Larger values are implausible as temperature [degC] and heater power [W].
@@ -44,14 +43,14 @@ def chart(heard: Heard, width: int, height: int = MOST_HEIGHT + HEATER_HEIGHT) -
     """
     Return the chart of a Heard as a rich Text of at most `width` columns and `height` rows.
 
-    It is a sentence if plotext is missing, and empty if there are no data or there is no room.
+    Without plotext it is a sentence; without data or room it is empty.
     """
     if width < LEAST_WIDTH or height < LEAST_HEIGHT:
         return Text('')
     try:
         return _chart(heard, width, height)
     except (ArithmeticError, ValueError):
-        # The plotting library cannot scale absurd figures.
+        # No scale fits values far beyond any battery's.
         return Text('')
 
 
@@ -63,82 +62,59 @@ def _chart(heard: Heard, width: int, height: int) -> Text:
         return Text('')
     if not is_installed('plotext'):
         return Text(f'No chart: {advice("plotext")}.', style='dim')
-    import plotext
     now_s = (measured or planned)[-1 if measured else 0][0]
     # Both panels share the time axis.
     instants_s = [at_s for at_s, _ in measured + planned]
-    span = (min(instants_s) - now_s) / 60.0, (max(instants_s) - now_s) / 60.0
-    if not LEAST_SPAN_MIN < span[1] - span[0] < MOST_SPAN_MIN:
+    span_min = (min(instants_s) - now_s) / 60.0, (max(instants_s) - now_s) / 60.0
+    if not LEAST_SPAN_MIN < span_min[1] - span_min[0] < MOST_SPAN_MIN:
         return Text('')
-    # A line to a point far beyond the panel's end would be drawn in full, in memory.
-    commanded, heating = ([(at_s, power_w / 1000.0) for at_s, power_w in points
-                           if min(instants_s) <= at_s <= max(instants_s)]
-                          for points in (commanded, heating))
     has_heater = bool(commanded or heating) and height >= LEAST_HEIGHT + HEATER_HEIGHT
     rows = min(height - HEATER_HEIGHT * has_heater, MOST_HEIGHT)
     target_c = plan.target_battery_temperature if plan is not None else math.nan
-    panel = _Panel(plotext, width, rows, span)
-    panel.draw_temperature(_minutes(measured, now_s), _minutes(planned, now_s),
-                           target_c if _is_drawable(target_c) else None)
-    lines = panel.lines()
+    targets_c = [target_c] if _is_drawable(target_c) else []
+    low_c, high_c = _limits([value for _, value in measured + planned] + targets_c)
+    panels = [_panel('battery (degC)', ', measured and planned, over time from now (min)', width, rows, span_min,
+                     round_numbers(low_c, high_c, (rows - FRAME_HEIGHT) // 2), (low_c, high_c),
+                     _minutes(planned, now_s), _minutes(measured, now_s), targets_c)]
     if has_heater:
-        panel = _Panel(plotext, width, HEATER_HEIGHT, span)
-        panel.draw_heater(_minutes(commanded, now_s), _minutes(heating, now_s))
-        lines += '\n' + panel.lines()
-    return Text.from_ansi(lines)
+        # plotext would draw a line to a point far outside of the panel all the way, in memory.
+        shown, shown_plan = (_minutes([(at_s, power_w / 1000.0) for at_s, power_w in points
+                                       if min(instants_s) <= at_s <= max(instants_s)], now_s)
+                             for points in (commanded, heating))
+        top_kw = float(max([1, *map(math.ceil, shown[1] + shown_plan[1])]))
+        panels.append(_panel('heater (kW)', ', commanded and planned', width, HEATER_HEIGHT, span_min,
+                             [0.0, top_kw / 2.0, top_kw], (0.0, top_kw), shown_plan, shown))
+    return Text.from_ansi('\n'.join(panels))
 
 
-class _Panel:
-    """A picture of plotext, which has only one at a time."""
+def _panel(title: str, details: str, width: int, height: int, span_min: tuple[float, float],
+           ticks: Sequence[float], limits: tuple[float, float], planned: Curve, known: Curve,
+           levels: Sequence[float] = ()) -> str:
+    """Return a panel as text with ANSI colors; `levels` are horizontal lines."""
+    import plotext
+    plotext.clear_figure()
+    # Otherwise the size of the terminal would limit the panel, too.
+    plotext.limit_size(False, False)
+    plotext.theme('clear')
+    plotext.plotsize(width, height)
+    plotext.xlim(*span_min)
+    minutes = round_numbers(*span_min, width // COLUMNS_A_TICK)
+    plotext.xticks(minutes, [f'{minute:g}' for minute in minutes])
+    plotext.ylim(*limits)
+    plotext.yticks(ticks, [f'{tick:g}'.rjust(LABEL_WIDTH) for tick in ticks])
+    for level in levels:
+        plotext.horizontal_line(level, color=TARGET_COLOR)
+    for (instants_min, values), color in ((planned, PLANNED_COLOR), (known, KNOWN_COLOR)):
+        if instants_min:
+            plotext.plot(instants_min, values, color=color)
+    plotext.title(title + details if len(title + details) < width - LABEL_WIDTH - 2 else title)
+    text: str = plotext.build()
+    return text.rstrip('\n')
 
-    def __init__(self, plotext: Any, width: int, height: int,
-                 span_min: tuple[float, float]) -> None:
-        self._plotext, self._width, self._rows = plotext, width, height - FRAME_HEIGHT
-        plotext.clear_figure()
-        # Otherwise the terminal's size would limit the picture, too.
-        plotext.limit_size(False, False)
-        plotext.theme('clear')
-        plotext.plotsize(width, height)
-        plotext.xlim(*span_min)
-        minutes = round_numbers(*span_min, width // COLUMNS_A_TICK)
-        plotext.xticks(minutes, [f'{minute:g}' for minute in minutes])
 
-    def lines(self) -> str:
-        """Return the panel as text with ANSI colors."""
-        text: str = self._plotext.build()
-        return text.rstrip('\n')
-
-    def draw_temperature(self, measured: Curve, planned: Curve, target_c: float | None) -> None:
-        """Draw curves of ([min], [degC]); `target_c` [degC] may be None."""
-        values_c = [*measured[1], *planned[1], *(() if target_c is None else (target_c,))]
-        low_c, high_c = min(values_c), max(values_c)
-        if high_c - low_c < LEAST_SPAN_K:
-            low_c, high_c = high_c - LEAST_SPAN_K, low_c + LEAST_SPAN_K
-        self._set_scale(low_c, high_c, round_numbers(low_c, high_c, self._rows // 2))
-        if target_c is not None:
-            self._plotext.horizontal_line(target_c, color=TARGET_COLOR)
-        self._draw(measured, planned)
-        self._set_title('battery (degC)', ', measured and planned, over time from now (min)')
-
-    def draw_heater(self, commanded: Curve, planned: Curve) -> None:
-        """Draw curves of ([min], [kW]) above 0 kW."""
-        top_kw = float(max(1, math.ceil(max(commanded[1] + planned[1]))))
-        self._set_scale(0.0, top_kw, (0.0, top_kw / 2.0, top_kw))
-        self._draw(commanded, planned)
-        self._set_title('heater (kW)', ', commanded and planned')
-
-    def _set_scale(self, low: float, high: float, ticks: Sequence[float]) -> None:
-        self._plotext.ylim(low, high)
-        self._plotext.yticks(ticks, [f'{tick:g}'.rjust(LABEL_WIDTH) for tick in ticks])
-
-    def _draw(self, known: Curve, planned: Curve) -> None:
-        for (minutes, values), color in ((planned, PLANNED_COLOR), (known, KNOWN_COLOR)):
-            if minutes:
-                self._plotext.plot(minutes, values, color=color)
-
-    def _set_title(self, title: str, details: str) -> None:
-        self._plotext.title(title + details if len(title + details) < self._width - LABEL_WIDTH - 2
-                            else title)
+def _limits(values: Sequence[float]) -> tuple[float, float]:
+    low, high = min(values), max(values)
+    return (low, high) if high - low >= LEAST_SPAN_K else (high - LEAST_SPAN_K, low + LEAST_SPAN_K)
 
 
 def round_numbers(low: float, high: float, most: int) -> list[float]:

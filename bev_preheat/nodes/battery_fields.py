@@ -14,14 +14,14 @@ from bev_preheat.errors import figure_beyond
 if TYPE_CHECKING:
     from sensor_msgs.msg import BatteryState
 
-# Beyond these a voltage [V] or a current [A] is no battery's of a road vehicle.
+# No road vehicle's battery exceeds this voltage [V] or this current [A].
 HIGHEST_VOLTAGE_V = 2000.0
 HIGHEST_CURRENT_A = 5000.0
-# A percentage this far beyond 0 ... 1 was rounded: to 0.4 % or 1 % a bit, or to single precision.
+# A percentage this far outside 0 ... 1 was rounded: to 0.4 % or 1 % a bit, or to single precision.
 PERCENTAGE_ROUNDING = 0.005
-# A temperature beyond these [deg C] is a code for a missing sensor, not a cell's.
+# A temperature outside these limits [deg C] is a code for a missing sensor.
 CELL_RANGE_C = (-60.0, 100.0)
-# Fields that are all 0 or NaN in a message without a percentage.
+# All 0 or NaN in a message without a percentage.
 EVIDENCE_OF_A_BATTERY = ('voltage', 'current', 'charge', 'capacity', 'design_capacity')
 SUPPLY_STATUSES = {int(status): status for status in SupplyStatus}
 
@@ -30,8 +30,7 @@ class Temperatures(NamedTuple):
     """
     The battery's temperature [deg C], and those of its cells.
 
-    The coldest cell's temperature [deg C] and the difference between warmest and coldest [K]; None:
-    unknown.
+    Coldest cell [deg C] and difference between warmest and coldest cell [K]; None: unknown.
     """
 
     battery_c: float
@@ -41,9 +40,9 @@ class Temperatures(NamedTuple):
 
 def read_temperatures(message: BatteryState, problems: list[str]) -> Temperatures:
     """
-    Return the Temperatures of a message; the sentences of a refusal are added to `problems`.
+    Return the Temperatures of a message; append reasons for a refusal to `problems`.
 
-    Where `temperature` is NaN, the mean of the known cell temperatures stands for it.
+    If `temperature` is NaN, the mean of the known cell temperatures replaces it.
     """
     battery_c, low_c, high_c = float(message.temperature), *CELL_RANGE_C
     cells_c = np.asarray(message.cell_temperature, dtype=float)
@@ -66,9 +65,9 @@ def read_temperatures(message: BatteryState, problems: list[str]) -> Temperature
 
 def read_percentage(message: BatteryState, problems: list[str]) -> float:
     """
-    Return the state of charge (0 ... 1) of a message; the sentences of a refusal are added to `problems`.
+    Return the state of charge (0 ... 1) of a message; append reasons for a refusal to `problems`.
 
-    A value at most PERCENTAGE_ROUNDING beyond either end is that end.
+    A value at most PERCENTAGE_ROUNDING outside the range is clipped.
     """
     percentage = float(message.percentage)
     if not math.isfinite(percentage):
@@ -91,10 +90,10 @@ def _shows_a_battery(message: BatteryState) -> bool:
 
 def read_voltage_and_current(message: BatteryState) -> tuple[float, float] | tuple[None, None]:
     """
-    Return the voltage [V] and the current [A], positive = discharging; (None, None): not known.
+    Return the voltage [V] and the current [A], positive = discharging; (None, None): unknown.
 
-    An unset voltage reads 0. A current of 0 is that of a parked vehicle, or of an unset field: only a
-    field that has had another value is known to be set (control.knowledge).
+    An unset voltage reads 0. A current of 0 means a parked vehicle or an unset field: only a field that has had
+    another value is known to be set (control.knowledge).
     """
     voltage_v, current_a = float(message.voltage), -float(message.current)
     known = 0.0 < voltage_v <= HIGHEST_VOLTAGE_V and abs(current_a) <= HIGHEST_CURRENT_A

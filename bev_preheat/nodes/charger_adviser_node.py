@@ -55,7 +55,7 @@ PARAMETERS = (
               "Routes are planned in steps of this length; the planner's own", 's', (1.0, 300.0),
               read_only=True),
     Parameter('battery_state_timeout', DEFAULTS.battery_state_timeout_s,
-              'Nothing is compared from a battery state older than this', 's', (0.1, 60.0)),
+              'A battery state older than this is stale', 's', (0.1, 60.0)),
     Parameter('clock_tolerance', DEFAULTS.clock_tolerance_s,
               'A battery state may be stamped this far in the future', 's', (0.0, 10.0)),
 )
@@ -72,18 +72,18 @@ _OWN = frozenset(parameter.name for parameter in PARAMETERS)
 
 class ChargerAdviserNode(Node):
     """
-    Listens beside the planner, and compares chargers when it is asked.
+    Compares chargers on request, from the planner's inputs.
 
-    A process of its own: one charger takes some tenths of a second, for which no heater command may wait.
+    A separate process, because one charger takes some tenths of a second, which would delay heater commands.
     """
 
     def __init__(self) -> None:
-        """Declare the parameters and start; raises InvalidInput where one is not allowed."""
+        """Declare the parameters and start; raises InvalidInput if one is not allowed."""
         super().__init__('charger_adviser')
         self._news = RepetitionFilter()
         self._values = declare(self, PARAMETERS)
         vehicle = load_vehicle(self._values['vehicle'])
-        # Like the planner's: what the one refuses the other refuses.
+        # Refuses the same inputs as the planner.
         self._inbox = Inbox(vehicle, self._settings())
         self._routes = RouteIntake()
         state_qos = QoSProfile(depth=1, reliability=qos_profile_sensor_data.reliability)
@@ -109,7 +109,7 @@ class ChargerAdviserNode(Node):
         self._deliver('route_plan', lambda: RouteUnreadable(error))
 
     def _deliver(self, source: str, make_event: Callable[[], Event]) -> None:
-        """Deliver an event of a topic to the inbox; what is refused is told once."""
+        """Deliver an event of a topic to the inbox; log each refusal once."""
         try:
             self._inbox.admit(make_event(), self._now_ns())
         except Exception as error:
@@ -180,7 +180,7 @@ def _own_values(parameters: Sequence[RosParameter]) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Run the adviser until it is told to end."""
+    """Run the adviser until a signal ends it."""
     sys.exit(run_node(ChargerAdviserNode, PROGRAM))
 
 

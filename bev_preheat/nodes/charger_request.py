@@ -22,11 +22,11 @@ if TYPE_CHECKING:
 
 MOST_CHARGERS = 20
 LONGEST_ASIDE_S = 14400.0
-# Arrays of the request that may be empty: (low, high), and what an element is then.
+# Arrays of the request that may be empty: (low, high), default of an element.
 OPTIONAL = {'energy_price': ((0.0, MOST_PRICE_PER_KWH), math.nan),
             'detour': ((0.0, LONGEST_ASIDE_S), 0.0), 'expected_wait': ((0.0, LONGEST_ASIDE_S), 0.0)}
 UNITS = {'distance': 'm', 'charger_power': 'W', 'energy_price': 'per kWh', 'detour': 's', 'expected_wait': 's'}
-# Nearer to the end of the route than this [s] is its end.
+# A charger closer to the end of the route than this [s] is at its end.
 END_S = 1.0
 
 
@@ -35,8 +35,8 @@ def candidates_of(request: RankChargers.Request, ahead: Route, driven_m: float,
     """
     Return the Candidates of a request along the Route ahead, which begins `driven_m` [m] from its start.
 
-    `energy_price_per_kwh` is for those without a price. Raises InvalidInput, one problem a field that is
-    wrong, naming field, value and what is allowed.
+    `energy_price_per_kwh` applies to those without a price. Raises InvalidInput, one problem per wrong field, with
+    field, value and allowed range.
     """
     count = len(request.name)
     problems = [] if 1 <= count <= MOST_CHARGERS else [
@@ -68,7 +68,7 @@ def candidates_of(request: RankChargers.Request, ahead: Route, driven_m: float,
 
 def _column(request: RankChargers.Request, field: str, limits: tuple[float, float],
             problems: list[str], default: float | None = None) -> Sequence[float]:
-    """Return the values of a field, one for each name; notes what is wrong with them."""
+    """Return the values of a field, one for each name; note problems."""
     values, count = list(getattr(request, field)), len(request.name)
     if default is not None and not values:
         return [default] * count
@@ -87,7 +87,7 @@ def _column(request: RankChargers.Request, field: str, limits: tuple[float, floa
 
 
 def write_ranking(response: RankChargers.Response, ranked: Sequence[CandidateWorth]) -> None:
-    """Write CandidateWorths, as they are ranked, into a response."""
+    """Write ranked CandidateWorths into a response."""
     response.success, response.message = True, ranking_verdict(ranked)
     response.ranked_name = [item.candidate.name for item in ranked]
     response.problem = [item.problem or '' for item in ranked]

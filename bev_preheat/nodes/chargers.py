@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The charger at the end of a RoutePlan: checked at the door, read, and written."""
+"""The charger at the end of a RoutePlan: validated, read, and written."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ if TYPE_CHECKING:
     from bev_preheat.charging.stop import Charger
     from bev_preheat_msgs.msg import RoutePlan
 
-# Fields of RoutePlan: (low, high), their unit, and what 0 and NaN mean.
+# Fields of RoutePlan: (low, high), unit, meaning of 0 and NaN.
 FIELDS = {'charger_power': (CHARGER_RANGE_W, ' W', NOT_KNOWN),
           'charging_departure_soc': ((0.0, 1.0), '', f'{NOT_KNOWN}, {USUAL_DEPARTURE_SOC:g}')}
 
 
 def charger_problems(message: RoutePlan) -> list[str]:
-    """Return what is wrong with the charger of a RoutePlan, as sentences."""
+    """Return the problems of a RoutePlan's charger as sentences."""
     problems = []
     for field, ((low, high), unit, unset_means) in FIELDS.items():
         value = getattr(message, field)
@@ -31,11 +31,11 @@ def charger_problems(message: RoutePlan) -> list[str]:
 
 
 def charger_from_message(message: RoutePlan) -> Charger | None:
-    """Return the Charger of a RoutePlan that was found to be good; None: not known."""
+    """Return the Charger of a valid RoutePlan; None: unknown."""
     return charger_of(message.charger_power, message.charging_departure_soc)
 
 
 def write_charger(message: RoutePlan, charger: Charger | None) -> None:
-    """Write a Charger into a RoutePlan; None: not known."""
+    """Write a Charger into a RoutePlan; None: unknown."""
     message.charger_power = charger.power_w if charger else 0.0
     message.charging_departure_soc = (charger.departure_soc or 0.0) if charger else 0.0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The command line of the nodes: `--help`, and one line on standard error for what is wrong."""
+"""The command line of the nodes: `--help`, and one line on standard error for each start error."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ if TYPE_CHECKING:
 
     from bev_preheat.nodes.parameters import Parameter
 
-# What rclpy raises where arguments, names or parameter values cannot be used.
+# Raised by rclpy for unusable arguments, names or parameter values.
 START_ERRORS = (
     InvalidInput, NameValidationException, ParameterException, InvalidQoSProfileException,
     rclpy_implementation.RCLError, rclpy_implementation.UnknownROSArgsError)
 HELP_WIDTH = 98
-# DDSI-RTPS 2.5, 9.6.2.3: port 7400 + 250 x domain id, and some more for each participant.
+# DDSI-RTPS 2.5, 9.6.2.3: port 7400 + 250 x domain id, plus an offset for each participant.
 MOST_DOMAIN_ID = 232
 
 RCL_LOGGER = 'rcl'
@@ -38,7 +38,7 @@ RCL_LOGGER = 'rcl'
 
 @contextmanager
 def silent_rcl() -> Iterator[None]:
-    """Keep rcl from logging of its own, in other words, what print_error() says."""
+    """Keep rcl from logging the problem that print_error() reports."""
     set_logger_level(RCL_LOGGER, LoggingSeverity.FATAL)
     try:
         yield
@@ -50,7 +50,7 @@ def silent_rcl() -> Iterator[None]:
 
 @dataclass(frozen=True)
 class NodeProgram:
-    """What `--help` shows of an executable; topics, services and actions are (name, what it is)."""
+    """The contents of an executable's `--help`; topics, services and actions are (name, explanation)."""
 
     name: str
     description: str
@@ -62,10 +62,10 @@ class NodeProgram:
 
     def check_arguments(self, arguments: Sequence[str]) -> None:
         """
-        Print the help and exit with status 0 if it is asked for; refuse what ROS does not know.
+        Print the help and exit with status 0 if requested; refuse arguments unknown to ROS.
 
-        `arguments` are those of the process, its name first. What lies between --ros-args and --
-        is left to ROS.
+        `arguments` are those of the process, its name first. ROS parses everything between --ros-args
+        and --.
         """
         parser = _Parser(
             prog=self.name, description=self.description, epilog=self._epilog(),
@@ -101,16 +101,16 @@ def _indented(text: str) -> list[str]:
 
 
 def has_other_than_ros_arguments(arguments: Sequence[str]) -> bool:
-    """Tell whether the arguments of the process, its name first, ask for help or for what ROS does not know."""
+    """Return whether arguments (the program name first) include any outside of --ros-args, such as --help."""
     return bool(_without_ros_arguments(arguments[1:]))
 
 
 def check_domain_id() -> None:
     """
-    Raise InvalidInput where ROS_DOMAIN_ID is a number that no participant can have.
+    Raise InvalidInput if ROS_DOMAIN_ID is a number that no participant can have.
 
-    DDS takes its ports from it, and some implementations end the process where these do not fit. What is
-    no number rcl refuses.
+    DDS derives its ports from it, and some implementations end the process if these are out of range. rcl
+    refuses anything but a number.
     """
     text = os.environ.get('ROS_DOMAIN_ID', '')
     if text.isdecimal() and int(text) > MOST_DOMAIN_ID:
@@ -118,7 +118,7 @@ def check_domain_id() -> None:
 
 
 def _without_ros_arguments(arguments: Iterable[str]) -> list[str]:
-    """Return the arguments that are not between --ros-args and --, the end, or the next of them."""
+    """Return the arguments outside of --ros-args sections, which end at --, or at the end."""
     others, is_ros = [], False
     for argument in arguments:
         if argument == '--ros-args':
@@ -139,13 +139,13 @@ def print_error(error: Exception | str, program: NodeProgram | None = None) -> N
 def _sentence(error: Exception | str) -> str:
     if isinstance(error, rclpy_implementation.UnknownROSArgsError):
         return f'unknown ROS arguments: {error}'
-    # rcl tells its own source lines, and on several lines where several functions had a say.
+    # rcl adds its own source lines, one for each function in the chain.
     text = re.sub(r',? at \S+\.c(pp)?:\d+', '', ' '.join(str(error).split()))
     text = text.replace('failed to initialize rcl: ', '').replace('error not set', 'no value')
     rule_match = re.search(r"parse (parameter override|remap) rule: '(.*?)'\.", text)
     if rule_match:
         kind, rule = rule_match.groups()
-        form = 'NAME:=VALUE' if kind.startswith('param') else 'FROM:=TO, with names as ROS has them'
+        form = 'NAME:=VALUE' if kind.startswith('param') else 'FROM:=TO, with valid ROS names'
         return f'{rule}: cannot be read; it must be {form}'
     file_match = re.search(r"'--params-file (.*?)'\. Error: (.*)", text)
     if file_match:

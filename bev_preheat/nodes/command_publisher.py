@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Publishes the heater's commands, and notices another node that commands the same heater."""
+"""Publishes the heater's commands, and detects another node that commands the same heater."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ class CommandPublisher(ListeningPublisher):
     """
     Publishes a node's HvchCommands and knows its rivals.
 
-    A rival is there for as long as the lease of the last command heard from it, and no longer than
-    the graph shows a second publisher.
+    A rival exists until the lease of its last received command expires, and only while the graph shows a
+    second publisher.
     """
 
     def __init__(self, node: Node, lease_ns: Callable[[], int],
@@ -35,12 +35,11 @@ class CommandPublisher(ListeningPublisher):
         """
         Advertise.
 
-        `lease_ns()` returns the node's own lease [ns]: a rival is believed in for that long at
-        least. `on_rival()` is called when a command of another node is heard.
+        `lease_ns()` returns the node's own lease [ns], the shortest lifetime of a rival. `on_rival()` is called
+        when a command of another node is received.
 
-        The lease at the start is also the deadline and the liveliness that DDS offers, for a heater's
-        controller that asks for them; DDS counts in real time. Only a command keeps the planner
-        alive, so that one that hangs counts as gone.
+        The initial lease is also the deadline and the liveliness that DDS offers to a heater's controller; DDS
+        counts in real time. Only a command asserts liveliness, so a planner that hangs counts as gone.
         """
         lease = Duration(nanoseconds=lease_ns())
         qos = QoSProfile(depth=1, deadline=lease, liveliness=LivelinessPolicy.MANUAL_BY_TOPIC,
@@ -52,14 +51,14 @@ class CommandPublisher(ListeningPublisher):
         self._names = ''
 
     def look(self) -> None:
-        """Listen while the graph shows another publisher; call it now and then."""
+        """Listen while the graph shows another publisher; call it periodically."""
         super().look()
         if self._heard_ns is not None:
-            # A publisher is discovered a little before the name of its node.
+            # A publisher is discovered shortly before the name of its node.
             self._names = self.names_of_others()
 
     def rivals(self, now_ns: int) -> str:
-        """Return the names of the nodes that command too at an instant [ns]; '' where none does."""
+        """Return the names of the other commanding nodes at an instant [ns]; '' if there are none."""
         if self._heard_ns is None:
             return ''
         if self.is_alone or not 0 <= now_ns - self._heard_ns <= self._believed_ns:
@@ -75,7 +74,7 @@ class CommandPublisher(ListeningPublisher):
 
 
 def _lease_ns(serialized: bytes) -> int:
-    """Return how long a serialized HvchCommand is valid [ns]; 0 where it cannot be read."""
+    """Return the lease of a serialized HvchCommand [ns]; 0 if it cannot be read."""
     try:
         message = deserialize_message(serialized, HvchCommand)
     except Exception:

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Messages to the types of planning and back; units and shapes are checked at this door.
+Convert messages to the types of planning and back, and validate units and shapes.
 
 Messages carry SI units and degrees Celsius, as the types do; only energies are in Wh.
 """
@@ -46,9 +46,9 @@ if TYPE_CHECKING:
 
 # The last second that a builtin_interfaces/Time can hold.
 LATEST_S = 2**31 - 1
-# It is repeated in every plan and log line.
+# Repeated in every plan and log line.
 LONGEST_ROUTE_ID = 256
-# Fields of Route and what RoutePlan calls them.
+# Fields of Route and of RoutePlan.
 ROUTE_FIELDS = {
     'duration_s': 'segment_duration',
     'speed_mps': 'speed',
@@ -59,7 +59,7 @@ ROUTE_FIELDS = {
     'auxiliary_power_w': 'auxiliary_power',
     'propulsion_power_magnitude_w': 'propulsion_power_magnitude',
 }
-# Fields of Energies and what PreheatPlan calls them.
+# Fields of Energies and of PreheatPlan.
 ENERGY_FIELDS = {
     'joule': 'joule_energy',
     'drivetrain_heat': 'drivetrain_heat_energy',
@@ -108,9 +108,9 @@ def battery_event(message: BatteryStateMessage,
 
 def is_cancellation(message: RoutePlan) -> bool:
     """
-    Return whether a RoutePlan calls the trip off: no charging planned, no segments and no stops.
+    Return whether a RoutePlan cancels the trip: no charging planned, no segments and no stops.
 
-    Whatever else it holds, its stamp included, does not matter.
+    Its other fields, the stamp included, are ignored.
     """
     return not message.charging_planned and not any(
         len(getattr(message, field)) for field in (*ROUTE_FIELDS.values(), *STOP_FIELDS))
@@ -121,8 +121,8 @@ def mission_from_message(message: RoutePlan, defaults: Defaults,
     """
     Return the Mission of a RoutePlan, its legs in steps of `planning_step_s` seconds or longer.
 
-    `defaults` (vehicle.description.Defaults) fill in what the message leaves open. Raises
-    InvalidInput with one problem a field.
+    `defaults` (vehicle.description.Defaults) fill in fields that the message leaves open. Raises
+    InvalidInput with one problem per field.
     """
     _check_sizes(message)
     problems = stamp_problems(message.header.stamp)
@@ -157,7 +157,7 @@ def mission_from_message(message: RoutePlan, defaults: Defaults,
 
 
 def _check_sizes(message: RoutePlan) -> None:
-    """Raise InvalidInput on what is too large to be looked at more closely."""
+    """Raise InvalidInput if the message is too large for further checks."""
     problems = [f'{name}: has {len(getattr(message, name))} values; at most {MOST_SEGMENTS} '
                 'segments are planned'
                 for name in ROUTE_FIELDS.values() if len(getattr(message, name)) > MOST_SEGMENTS]
@@ -180,7 +180,7 @@ def _target_problems(message: RoutePlan) -> list[str]:
 
 
 def _target_c(message: RoutePlan) -> float | None:
-    """Return the target [deg C] of a RoutePlan that was found to be good; None: not given."""
+    """Return the target [deg C] of a valid RoutePlan; None: not given."""
     target_c = message.target_battery_temperature
     is_given = message.has_target_battery_temperature or not (target_c == 0.0 or
                                                               math.isnan(target_c))
@@ -189,7 +189,7 @@ def _target_c(message: RoutePlan) -> float | None:
 
 def _legs(message: RoutePlan, route: Route, stops: Sequence[PlannedStop],
           planning_step_s: float) -> tuple[Leg, ...]:
-    """Return the Legs between the stops of a RoutePlan that was found to be good."""
+    """Return the Legs between the stops of a valid RoutePlan."""
     edges = [0, *(stop.after_segment + 1 for stop in stops), len(route)]
     goals = [*((True, stop.target_temperature_c, stop.minimum_arrival_soc) for stop in stops),
              (message.charging_planned, _target_c(message), message.minimum_arrival_soc)]
@@ -203,7 +203,7 @@ def _legs(message: RoutePlan, route: Route, stops: Sequence[PlannedStop],
 
 
 def stamp_problems(stamp: Time) -> list[str]:
-    """Return what is wrong with a header's stamp, as sentences."""
+    """Return the problems of a header's stamp as sentences."""
     if stamp.sec == 0 and stamp.nanosec == 0:
         return ['header.stamp: is 0; it must be set, as "header: auto" of ros2 topic pub does']
     if stamp.nanosec >= NS_PER_S:
@@ -232,7 +232,7 @@ def route_plan_message(mission: Mission) -> RoutePlan:
 def command_message(command: Command, now_ns: int) -> HvchCommand:
     """Return the HvchCommand of a Command made now."""
     message = HvchCommand()
-    # Filled in place: rclpy makes the parts of a message anyway, and the heater waits for this one.
+    # Filled in place, because rclpy creates the parts of a message anyway and the heater waits for this one.
     stamp, valid_until = message.header.stamp, message.valid_until
     stamp.sec, stamp.nanosec = divmod(now_ns, NS_PER_S)
     valid_until.sec, valid_until.nanosec = divmod(command.valid_until_ns, NS_PER_S)
@@ -246,7 +246,7 @@ def plan_message(decision: Decision, mission: Mission | None, now_ns: int,
     """
     Return the PreheatPlan of a Decision; without a plan its figures are NaN.
 
-    `later_decisions` are those for the legs beyond the next stop.
+    `later_decisions` are for the legs after the next stop.
     """
     plan = decision.plan
     message = PreheatPlan(route_id=mission.route_id if mission else '',

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from bev_preheat.estimation.hypotheses import HeaterReport
     from bev_preheat.nodes.state_keeper import StateFileReport
 
-# WARN: works, but someone should know. ERROR: an input or the planner itself is at fault.
+# WARN: works, with a finding to look at. ERROR: an input or the planner itself is at fault.
 LEVELS = {
     Status.NO_ROUTE: DiagnosticStatus.WARN,
     Status.NO_BATTERY_STATE: DiagnosticStatus.WARN,
@@ -48,22 +48,22 @@ HEATER_LEVELS = {
 }
 HEATER_SENTENCES = {
     Heater.ANSWERS: 'responds normally',
-    Heater.DERATED: 'it gives only {share:.0f} % of what is commanded; planned so',
+    Heater.DERATED: 'it gives only {share:.0f} % of the commanded power; planned accordingly',
     Heater.DEAD: 'the battery does not get the commanded heat; it is still commanded',
     Heater.STUCK_ON: 'the battery is heated without a command',
 }
 # More ignored readings than this share are worth a warning.
 MOST_IGNORED_SHARE = 0.05
-# The reason of a reset is shown this long.
+# The reason of a reset is shown for this time.
 RESET_SHOWN_S = 60.0
 
 
 def planner_diagnostics(node_name: str, supervisor: Supervisor, now_ns: int,
                         memory: StateFileReport | None = None) -> DiagnosticArray:
     """
-    Return the DiagnosticArray that tells status, reason and the figures behind them.
+    Return the DiagnosticArray with status, reason and the figures behind them.
 
-    `memory` is a state_keeper.StateFileReport, None where nothing is kept.
+    `memory` is a state_keeper.StateFileReport, None without a state file.
     """
     name, hardware = node_name.lstrip('/'), supervisor.vehicle.name
     message = DiagnosticArray(status=[_preheating(name, hardware, supervisor, now_ns),
@@ -116,7 +116,7 @@ def _preheating(name: str, hardware: str, supervisor: Supervisor, now_ns: int) -
         text += f' route_plan: {"; ".join(supervisor.unit_warnings)}.'
     refused = supervisor.refused_route
     if refused is not None:
-        # Someone's trip is not the one that is planned, even where the one before it goes on.
+        # The driver's latest trip is not planned, even if the previous one continues.
         level = DiagnosticStatus.ERROR
         text = text if refused in text else f'{text} {refused}'
     return _entry(f'{name}: preheating', hardware, level, f'{decision.status.name}: {text}', values)
@@ -144,7 +144,7 @@ def _signals(name: str, hardware: str, supervisor: Supervisor, now_ns: int) -> D
     if regime.suspicion:
         sentences.append(f'suspected: {regime.suspicion}')
     return _entry(f'{name}: signals', hardware, DiagnosticStatus.WARN if sentences else DiagnosticStatus.OK,
-                  '; '.join(sentences) or f'{regime.regime.value}, every signal holds', values)
+                  '; '.join(sentences) or f'{regime.regime.value}, all signals valid', values)
 
 
 def _preparation_goal_in_words(preparation_goal: PreparationGoal, now_ns: int) -> str:
@@ -154,7 +154,7 @@ def _preparation_goal_in_words(preparation_goal: PreparationGoal, now_ns: int) -
 
 
 def heater_sentence(report: HeaterReport) -> str:
-    """Return what a HeaterReport says, in words."""
+    """Return a HeaterReport in words."""
     sentence = HEATER_SENTENCES[report.heater].format(share=100.0 * report.share)
     return f'{report.heater.value}: {sentence}'
 

@@ -2,18 +2,11 @@
 """
 Entry points of the nodes' executables.
 
-While a node is loaded nothing becomes garbage, but Python looks for it again and again: some 5 % of the
-processor time of a start. What was loaded stays, so that later collections need not look at it either.
-
-The planner joins the ROS graph before it is loaded: what takes longest until its first command is that
-the processes find each other, and that goes on beside.
-
-Ctrl-C before a node is there ends its process at once, without a traceback: nothing is commanded yet.
+Ctrl-C while a node is loading ends its process at once, without a traceback: nothing is commanded yet.
 """
 
 from __future__ import annotations
 
-import gc
 from importlib import import_module
 import signal
 from typing import TYPE_CHECKING
@@ -26,8 +19,8 @@ def planner() -> None:
     """Run the planner."""
     _end_on_interrupt()
     from bev_preheat.nodes.process import join_graph
-    herald = join_graph('planner')
-    _load_main('planner_node')(herald)
+    loading_node = join_graph('planner')
+    _load_main('planner_node')(loading_node)
 
 
 def nlp_checker() -> None:
@@ -46,15 +39,11 @@ def vehicle_simulator() -> None:
 
 
 def _end_on_interrupt() -> None:
-    # `process.run_node` has a handler of its own.
+    # `process.run_node` installs its own handler later.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def _load_main(module: str) -> Callable[..., None]:
     _end_on_interrupt()
-    gc.disable()
-    try:
-        return import_module(f'bev_preheat.nodes.{module}').main
-    finally:
-        gc.freeze()
-        gc.enable()
+    main: Callable[..., None] = import_module(f'bev_preheat.nodes.{module}').main
+    return main

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A scenario driven by the installed planner and vehicle_simulator, over ROS."""
+"""Drive a scenario with the installed planner and vehicle_simulator, over ROS."""
 
 from __future__ import annotations
 
@@ -35,21 +35,21 @@ if TYPE_CHECKING:
 
 START_S = 1_700_000_000
 HEATER_ENTRY, SIGNALS_ENTRY = 'planner: heater', 'planner: signals'
-# Real time that the processes have to find each other, and the drive beyond its own length [s].
+# Real time for discovery, and for the drive beyond its own length [s].
 START_LIMIT_S = 120.0
 PATIENCE_S = 120.0
 POLL_S = 0.05
-# At 60 times real time a clock message that is 20 ms late is 1.2 s late; the simulator lets time run
+# At 60 times real time a clock message that is 20 ms late is 1.2 s late; the simulator's time runs
 # no further ahead of the planner than this.
 HURRIED = {'clock_tolerance': 2.0}
 
 
 class ScenarioFailed(Exception):
-    """A process ended, or nothing more was heard; the message says which and why."""
+    """A process ended, or its messages stopped; the text names the process and the reason."""
 
 
 class _Recorder:
-    """Fills a DriveRecord from the topics; `ends` say how the phases of the drive ended."""
+    """Fills a DriveRecord from the topics; `ends` are the ends of the drive's phases."""
 
     def __init__(self, node: Node, target_c: float) -> None:
         self.record = DriveRecord(target_c)
@@ -64,7 +64,7 @@ class _Recorder:
             node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 1000)]
 
     def let_start(self) -> None:
-        """Be the second listener to battery states as soon as the planner is heard."""
+        """Subscribe to battery states, as the second listener, once the planner publishes."""
         if not self._listens_to_states and all(
                 subscription.get_publisher_count() for subscription in self._subscriptions):
             self._listens_to_states = True
@@ -103,7 +103,7 @@ class _Recorder:
 
 
 def _instant_s(message: Any) -> float:
-    """Seconds after the start; 0 while the clock is held, negative before the planner hears it."""
+    """Seconds after the start; 0 while the clock is held, negative before the planner receives it."""
     return nanoseconds(message.header.stamp) * 1e-9 - START_S
 
 
@@ -117,8 +117,8 @@ def drive_with_nodes(scenario: Scenario, name_or_file: str, speed_up: float,
     """
     Return the DriveRecord of a Scenario that the installed executables drive.
 
-    `name_or_file` is what the scenario was loaded from, `speed_up` simulated seconds pass in each
-    real one; the logs go to `log_folder`. Raises ScenarioFailed where the drive does not come to its end.
+    The scenario was loaded from `name_or_file`; `speed_up` simulated seconds pass in each real one; the logs
+    go to `log_folder`. Raises ScenarioFailed if the drive does not finish.
     """
     with tempfile.TemporaryDirectory() as temporary, reserved_domain_id() as domain_id:
         planner_log, simulator_log = log_files(scenario, log_folder or temporary)
@@ -134,7 +134,7 @@ def drive_with_nodes(scenario: Scenario, name_or_file: str, speed_up: float,
                     'vehicle_simulator',
                     ['-p', f'scenario:={name_or_file}', '-p', f'speed_up:={float(speed_up)}',
                      '-p', f'start_time:={float(START_S)}', '-p', 'wait_for_planner:=true',
-                     # Planner and recorder: what is said before the recorder hears it is lost.
+                     # Planner and recorder: messages before the recorder's subscription are lost.
                      '-p', 'wait_for_listeners:=2', '-p', 'exit_on_arrival:=true'],
                     simulator_log) as simulator:
                 _follow(listener, recorder, simulator, planner, scenario, speed_up)
@@ -144,7 +144,7 @@ def drive_with_nodes(scenario: Scenario, name_or_file: str, speed_up: float,
 
 def _follow(listener: Listener, recorder: _Recorder, simulator: NodeProcess, planner: NodeProcess,
             scenario: Scenario, speed_up: float) -> None:
-    """Return when the drive is over."""
+    """Return once the drive is over."""
     car = scenario.car()
     limit_s = (time.monotonic() + START_LIMIT_S + PATIENCE_S
                + 2.0 * car.longest_s / speed_up)
@@ -157,7 +157,7 @@ def _follow(listener: Listener, recorder: _Recorder, simulator: NodeProcess, pla
                                  f'{simulator.output()[-2000:]}{planner.output()[-2000:]}')
         recorder.let_start()
         listener.listen(POLL_S)
-    # What was on its way when it ended.
+    # Messages that were in transit at the end.
     listener.listen(POLL_S)
     if simulator.exit_status != 0:
         raise ScenarioFailed(f'vehicle_simulator ended with exit status '
@@ -170,7 +170,7 @@ def _text(value: object) -> str:
 
 @contextmanager
 def _environment(values: Mapping[str, str]) -> Iterator[None]:
-    """Set environment variables, which the processes inherit, while the block lasts."""
+    """Set environment variables, which the processes inherit, during the block."""
     before = {name: os.environ.get(name) for name in values}
     os.environ.update(values)
     try:

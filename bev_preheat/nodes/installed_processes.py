@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runs the installed executables as processes, apart from all other ROS traffic of the machine."""
+"""Runs the installed executables as processes, isolated from all other ROS traffic of the machine."""
 
 from __future__ import annotations
 
@@ -21,38 +21,38 @@ if TYPE_CHECKING:
 
     from bev_preheat.files.output_files import AnyPath
 
-# Domains whose UDP ports lie below those that Linux gives out by itself; 0 is everybody's default.
+# Domains whose UDP ports lie below Linux's ephemeral ports; 0 is the default domain.
 DOMAIN_IDS = range(1, 101)
 # UDP ports of a DDS domain (DDSI-RTPS 9.6.1.1): 250 from here, the participants' from 10 on, two each.
 FIRST_PORT = 7400
 PORTS_PER_DOMAIN = 250
 PARTICIPANT_PORTS = range(10, 250, 2)
-# Ending takes half a second; on a busy computer longer.
+# Ending takes half a second, longer on a busy computer.
 SECONDS_TO_END = 15.0
 
 
 @contextmanager
 def reserved_domain_id() -> Iterator[int]:
     """
-    Give a ROS_DOMAIN_ID that nobody on this machine uses, and keep it while the block lasts.
+    Reserve an unused ROS_DOMAIN_ID of this machine during the block.
 
-    Kept against other callers of this function and of `domain_coordinator.domain_id()`, that is; a
-    stranger may still pick the same. Raises RuntimeError where none is left.
+    Other callers of this function and of `domain_coordinator.domain_id()` respect the reservation; other
+    programs may still pick the same. Raises RuntimeError if none is left.
     """
     candidates = list(DOMAIN_IDS)
-    # Not the seeded generator of the module: two test runs with one seed would fight over domains.
+    # Not the module's seeded generator: two test runs with one seed would compete for domains.
     random.SystemRandom().shuffle(candidates)
     reservation = domain_coordinator.domain_id(lambda: _next_unused(candidates))
     domain_id = reservation.__enter__()
     try:
         yield domain_id
     finally:
-        # Told of an error of the block, it would take an OSError for a domain that is in use.
+        # An OSError of the block must not reach it: it would take the domain for one in use.
         reservation.__exit__(None, None, None)
 
 
 def _next_unused(candidates: list[int]) -> int:
-    """Take candidates away until one is of no running participant, and return that one."""
+    """Remove candidates until one has no running participant, and return that one."""
     while candidates:
         domain_id = candidates.pop()
         if _is_unused(domain_id):
@@ -61,7 +61,7 @@ def _next_unused(candidates: list[int]) -> int:
 
 
 def _is_unused(domain_id: int) -> bool:
-    # The first participant may be gone and a later one be there.
+    # The first participant may be gone while a later one still runs.
     first_port = FIRST_PORT + PORTS_PER_DOMAIN * domain_id
     return all(_is_free(first_port + port) for port in PARTICIPANT_PORTS)
 
@@ -77,29 +77,28 @@ def _is_free(port: int) -> bool:
 
 class NodeProcess:
     """
-    An installed executable of this package, running; what it says goes to a file.
+    A running installed executable of this package; its output goes to a file.
 
-    It is the file that `ros2 run bev_preheat NAME` looks up. As a context manager it ends the
-    process on leaving.
+    It is the file that `ros2 run bev_preheat NAME` looks up. As a context manager it ends the process on exit.
     """
 
     def __init__(self, name: str, ros_arguments: Iterable[str], log_file: AnyPath) -> None:
         """
         Start `name` with the texts of `ros_arguments` behind --ros-args.
 
-        The environment is the caller's. Raises FileNotFoundError where the package is not built,
-        InvalidInput where the log cannot be a file.
+        It inherits the environment. Raises FileNotFoundError if the package is not built, InvalidInput if the
+        log cannot be a file.
         """
         self.name = name
         self.log_file = Path(log_file)
         executable = Path(get_package_prefix('bev_preheat')) / 'lib' / 'bev_preheat' / name
-        # Opening a pipe would wait for a reader, opening a device do who knows what.
+        # Opening a pipe would wait for a reader; opening a device may have side effects.
         existing_file(self.log_file)
         with open(self.log_file, 'wb') as log:
             self._process = subprocess.Popen(
                 [str(executable), '--ros-args', *ros_arguments],
                 stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT,
-                # Plain text in the file, whatever terminal the caller has.
+                # Plain text in the file, even if the caller has a terminal.
                 env=dict(os.environ, RCUTILS_COLORIZED_OUTPUT='0'))
 
     def __enter__(self) -> NodeProcess:
@@ -112,16 +111,16 @@ class NodeProcess:
 
     @property
     def process_id(self) -> int:
-        """Its process id."""
+        """Return the process id."""
         return self._process.pid
 
     @property
     def exit_status(self) -> int | None:
-        """None while it runs; then 0 ... 255, or -N where signal N ended it."""
+        """None while it runs; then 0 ... 255, or -N if signal N ended it."""
         return self._process.poll()
 
     def output(self) -> str:
-        """Return what it has said so far."""
+        """Return its output so far."""
         return self.log_file.read_text(encoding='utf-8', errors='replace')
 
     def send_signal(self, number: int) -> None:
@@ -129,17 +128,17 @@ class NodeProcess:
         self._process.send_signal(number)
 
     def wait(self, timeout_s: float = SECONDS_TO_END) -> int:
-        """Return the exit status; raises subprocess.TimeoutExpired where it runs on."""
+        """Return the exit status; raises subprocess.TimeoutExpired if it is still running."""
         return self._process.wait(timeout_s)
 
     def end(self) -> int:
-        """Ask it to end (SIGTERM), insist (SIGKILL) if it does not, and return the exit status."""
+        """End it with SIGTERM, if necessary with SIGKILL, and return the exit status."""
         if self._process.poll() is None:
             self._process.terminate()
             try:
                 self._process.wait(SECONDS_TO_END)
             except BaseException as reason:
-                # It takes too long, or the caller is interrupted while it waits.
+                # It took too long, or the caller was interrupted.
                 self._process.kill()
                 if not isinstance(reason, subprocess.TimeoutExpired):
                     raise

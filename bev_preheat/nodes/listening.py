@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A node beside other work, for programs that follow nodes and are none themselves."""
+"""A node within a program that is not a node itself, to follow other nodes."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ if TYPE_CHECKING:
 
     from rclpy.node import Node
 
-# How long one wait for a message lasts at most [s]: Python handles signals between two waits. It is
-# always the same, because an executor whose timeout changes prefers the first subscriptions.
+# Longest wait for a message [s], because Python handles signals between two waits. It is constant, because an
+# executor whose timeout changes prefers the first subscriptions.
 WAIT_S = 0.05
 
 
 class Listener:
     """
-    A node whose callbacks run in `listen`, in the thread that calls it, and at no other time.
+    A node whose callbacks run only in `listen`, in the caller's thread.
 
-    What the callbacks fill therefore needs no lock, and does not change while it is drawn or judged.
+    Data filled by the callbacks therefore needs no lock, and does not change while it is drawn or judged.
     """
 
     def __init__(self, node: Node, executor: SingleThreadedExecutor) -> None:
-        """Take a node and the executor that it was added to."""
+        """Take a node and its executor."""
         self.node, self._executor = node, executor
 
     def listen(self, duration_s: float) -> None:
-        """Run callbacks for so long [s of real time]; a callback's exception passes through."""
+        """Run callbacks for `duration_s` [s of real time]; a callback's exception passes through."""
         end_s = monotonic() + duration_s
         while monotonic() < end_s:
             self._executor.spin_once(timeout_sec=WAIT_S)
@@ -42,9 +42,9 @@ class Listener:
 @contextmanager
 def listening(name: str, domain_id: int | None = None, namespace: str = '') -> Iterator[Listener]:
     """
-    Give the Listener of a new node while the block lasts; signals remain the caller's business.
+    Give the Listener of a new node during the block; the caller handles signals.
 
-    `domain_id` None: that of the environment. Raises rclpy.exceptions.InvalidNamespaceException.
+    `domain_id` None: the environment's. Raises rclpy.exceptions.InvalidNamespaceException.
     """
     context = Context()
     rclpy.init(context=context, domain_id=domain_id)

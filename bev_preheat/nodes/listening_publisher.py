@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-A publisher that hears whoever else publishes on its topic.
+A publisher that receives the messages of all other publishers of its topic.
 
-What counts is what is heard: a process that was killed stays in the graph for some 20 s, and must
-not keep its successor from working. The graph tells when listening is worth while, and the names.
+Only received messages count: a killed process stays in the graph for some 20 s, and must not keep its
+successor from working. The graph shows when to listen, and the names of the nodes.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ if TYPE_CHECKING:
     from rclpy.node import Node
     from rclpy.subscription import Subscription
 
-    # A ROS message: rclpy's have no types.
+    # A ROS message; rclpy has no type for it.
     Message = Any
 
 # Matches reliable and best-effort publishers.
 LISTENING = QoSProfile(depth=20, reliability=ReliabilityPolicy.BEST_EFFORT)
 PUBLICATIONS_KEPT = 256
-# DDS keeps the instant of a publication in 2^-32 s.
+# DDS stores the instant of a publication in units of 2^-32 s.
 ROUNDING_NS = 1000
 
 
@@ -38,7 +38,7 @@ class ListeningPublisher:
     """
     Publishes, and calls `on_other(serialized message)` for each message of another node.
 
-    It listens only while the graph shows another publisher, so that it costs nothing otherwise.
+    It subscribes only while the graph shows another publisher, so it costs nothing otherwise.
     """
 
     def __init__(self, node: Node, message_type: type[Message], topic: str, qos: QoSProfile | int,
@@ -55,7 +55,7 @@ class ListeningPublisher:
         return self._subscription is None
 
     def publish(self, message: Message) -> None:
-        """Publish a message of this node's own."""
+        """Publish a message."""
         before_ns = time.time_ns()
         self.publisher.publish(message)
         self._publications.append((before_ns - ROUNDING_NS, time.time_ns() + ROUNDING_NS))
@@ -65,7 +65,7 @@ class ListeningPublisher:
         return self.publisher.wait_for_all_acked(duration)
 
     def look(self) -> None:
-        """Listen while the graph shows another publisher; call it now and then."""
+        """Listen while the graph shows another publisher; call it periodically."""
         topic = self.publisher.topic_name
         has_others = self._node.count_publishers(topic) > 1
         if has_others and self.is_alone:
@@ -76,7 +76,7 @@ class ListeningPublisher:
             self._subscription = None
 
     def names_of_others(self) -> str:
-        """Return the names of the nodes that the graph shows as publishers beside this one."""
+        """Return the names of the other publishers' nodes, as the graph shows them."""
         own = self._node.get_fully_qualified_name()
         names = [endpoint_name(endpoint) for endpoint in
                  self._node.get_publishers_info_by_topic(self.publisher.topic_name)]
@@ -86,8 +86,8 @@ class ListeningPublisher:
         return ' and '.join(others) or 'another node'
 
     def _on_message(self, serialized: bytes, info: Mapping[str, int]) -> None:
-        # This node's own come back too; they were sent while `publish` ran. What is older than all
-        # that is known of them is nobody's.
+        # The node also receives its own messages, which were sent while `publish` ran. A message older than all
+        # recorded publications cannot be assigned.
         sent_ns = info['source_timestamp']
         if self._publications and sent_ns < self._publications[0][0]:
             return

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is worth a line in the log: what has not just been said."""
+"""Filters repeated sentences out of the log."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-# So long a sentence is not repeated [s], and so many different ones are told within that time.
+# A sentence is not repeated within this time [s]; at most this many different ones are logged in it.
 PERIOD_S = 5.0
 MOST_SENTENCES = 10
 FIGURE = re.compile(r'[-+]?\d+(\.\d+)?(e[-+]?\d+)?')
@@ -18,19 +18,19 @@ FIGURE = re.compile(r'[-+]?\d+(\.\d+)?(e[-+]?\d+)?')
 
 class RepetitionFilter:
     """
-    Tells news from repetition.
+    Distinguishes news from repetition.
 
-    A throttle of the logger's own would keep silent about a second, different problem. Sentences
-    that differ in their figures only, such as ages, are the same here.
+    The logger's own throttle would suppress a second, different problem. Sentences that differ only in their
+    figures, such as ages, count as the same.
     """
 
     def __init__(self, clock_s: Callable[[], float] = time.monotonic) -> None:
-        """Take a clock [s of real time]: where simulated time stands, things go wrong too."""
+        """Take a clock [s of real time], because problems also occur while simulated time stands."""
         self._clock_s = clock_s
         self._told_s: dict[str, float] = {}
 
     def has(self, sentence: str) -> bool:
-        """Return whether a sentence is to be logged now; if it is, it counts as told."""
+        """Return whether to log a sentence now; if so, record it as logged."""
         kind, now_s = without_figures(sentence), self._clock_s()
         self._told_s = {told: told_s for told, told_s in self._told_s.items()
                         if now_s - told_s < PERIOD_S}

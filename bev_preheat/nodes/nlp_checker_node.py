@@ -64,9 +64,9 @@ if TYPE_CHECKING:
     from bev_preheat.vehicle import Vehicle
     from bev_preheat_msgs.msg import RoutePlan
 
-    # A method that ROS calls.
+    # A method called by ROS.
     Callback = Callable[..., Any]
-    # Values of parameters by name; the table of parameters says their types.
+    # Values of parameters by name, with the types of the parameter table.
     Values = dict[str, Any]
 
 DEFAULTS = Settings()
@@ -74,12 +74,12 @@ PARAMETERS = (
     Parameter('vehicle', 'reference',
               "Vehicle: a name in config/vehicles or a YAML file; the planner's own."),
     Parameter('check_period', 60.0,
-              'By itself the plan is checked at most this often; 0: only new routes and on demand',
+              'Time between two checks; 0: only new routes and on demand',
               's', (0.0, 86400.0)),
-    Parameter('time_limit', 10.0, 'The solver is given up after this time', 's', (0.1, 600.0)),
+    Parameter('time_limit', 10.0, 'The solver is stopped after this time', 's', (0.1, 600.0)),
     Parameter('solver_niceness', MOST_NICE,
-              "How far the solver gives way to other processes: what it adds to the node's own nice "
-              'value', limits=(0, MOST_NICE), read_only=True),
+              "The solver's niceness towards other processes: added to the node's own nice value",
+              limits=(0, MOST_NICE), read_only=True),
     Parameter('planning_step', DEFAULTS.planning_step_s,
               "Routes are checked in steps of this length; the planner's own", 's', (1.0, 300.0)),
     Parameter('battery_state_timeout', DEFAULTS.battery_state_timeout_s,
@@ -98,17 +98,17 @@ PROGRAM = NodeProgram(
     services=(('~/check', 'std_srvs/Trigger: checks now'),))
 _OWN = frozenset(parameter.name for parameter in PARAMETERS)
 
-# While something is under way, the solver's process is looked after this often, in real time.
+# Period of polling a busy solver process, in real time.
 POLL_PERIOD_S = 0.05
 DIAGNOSTICS_PERIOD_S = 1.0
-# The planner plans in milliseconds; what has not come by then is planned again from its method.
+# The planner plans in milliseconds; without its plan by then, the checker plans with the planner's method.
 PLAN_WAIT_S = 1.0
-# The planner may be some battery states behind.
+# The planner may lag by some battery states.
 STATES_KEPT = 16
 
 
 def guarded(callback: Callback) -> Callback:
-    """Wrap a callback: an unforeseen exception is logged and ends neither node nor check."""
+    """Wrap a callback: log an unexpected exception and continue."""
     @wraps(callback)
     def wrapper(self: NlpCheckerNode, *arguments: Any) -> Any:
         try:
@@ -123,29 +123,29 @@ def guarded(callback: Callback) -> Callback:
 
 class NlpCheckerNode(Node):
     """
-    Listens beside the planner, and lets a `SolverProcess` solve what the planner has planned.
+    Receives the planner's inputs and plans, and lets a `SolverProcess` solve the same problem.
 
-    A check is wanted for each new route, on demand and after `check_period`. It begins when the
-    planner's plan for a known battery state is there, or has not come for PLAN_WAIT_S. One that is
-    wanted for a new route or on demand cancels the check that is under way.
+    A check is due for each new route, on demand and after `check_period`. It begins when the planner's plan for a
+    known battery state has arrived, or has not arrived for PLAN_WAIT_S. A check for a new route or on demand
+    cancels the running check.
     """
 
     def __init__(self) -> None:
-        """Declare the parameters and start; raises InvalidInput where one is not allowed."""
+        """Declare the parameters and start; raises InvalidInput if one is not allowed."""
         require('casadi')
         super().__init__('nlp_checker')
         self._news = RepetitionFilter()
         self._values = declare(self, PARAMETERS)
         vehicle = load_vehicle(self._values['vehicle'])
-        # Like the planner's: what the one refuses the other refuses.
+        # Refuses the same inputs as the planner.
         self._inbox = Inbox(vehicle, _settings(self._values))
         self._solver = self._solver_of(vehicle)
-        # Loading it takes longer than solving: the first check must not wait for that.
+        # Loading the solver takes longer than solving; the first check must not wait for it.
         self._solver.prepare()
         self._measurements: deque[Measurement] = deque(maxlen=STATES_KEPT)
         self._routes = RouteIntake()
         self._plan: PreheatPlan | None = None
-        # Instants are time.monotonic(), but the last check's, which is the node's clock's.
+        # Instants are time.monotonic(), except for the last check's, which is in the node's time.
         self._is_wanted = self._is_urgent = False
         self._ready_since_s: float | None = None
         self._case: CheckedCase | None = None
@@ -167,7 +167,7 @@ class NlpCheckerNode(Node):
 
         self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._apply_parameters)
-        # The solver works in real time, whatever the node's clock does.
+        # The solver works in real time, independent of the node's clock.
         steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self._poll_timer = self.create_timer(POLL_PERIOD_S, self._on_poll, clock=steady_clock)
         self.create_timer(DIAGNOSTICS_PERIOD_S, self._on_diagnostics, clock=steady_clock)
@@ -185,7 +185,7 @@ class NlpCheckerNode(Node):
             return
         measurement = event.measurement
         if self._measurements and measurement.stamp_ns < self._measurements[-1].stamp_ns:
-            # The clock was set back; what was measured before lies in another time.
+            # The clock was set back; earlier measurements belong to another time.
             self._measurements.clear()
         self._measurements.append(measurement)
         if self._is_due(now_ns):
@@ -206,12 +206,12 @@ class NlpCheckerNode(Node):
             self._is_wanted = self._is_urgent = False
             return
         self._prepare_solver()
-        # Forecasts for a route that is known may come faster than the solver is.
+        # Forecasts for a known route may arrive faster than the solver works.
         self._want(is_urgent=before is None or before.route_id != message.route_id)
         self._begin_if_possible()
 
     def _is_accepted(self, event: Event) -> bool:
-        """Deliver an event to the inbox; return whether it is accepted."""
+        """Deliver an event to the inbox; return whether it was accepted."""
         try:
             self._inbox.admit(event, self._now_ns())
         except InvalidInput as error:
@@ -244,14 +244,14 @@ class NlpCheckerNode(Node):
         if response.success:
             self._want(is_urgent=True)
             self._begin_if_possible()
-            response.message = f'Its report comes on {self._report_publisher.topic_name}.'
+            response.message = f'The report will be published on {self._report_publisher.topic_name}.'
         else:
             response.message = obstacle
         return response
 
     def _refuse(self, source: str, error: InvalidInput) -> None:
         self._problems[source] = f'{source} refused: {error}.'
-        # The planner calls it an error; for the car it is none here.
+        # An error for the planner; here the car is not affected.
         if self._news.has(self._problems[source]):
             self.get_logger().warning(f'{source} refused: {error}')
 
@@ -261,7 +261,7 @@ class NlpCheckerNode(Node):
         if (self._is_wanted or self._solver.is_busy or self._last_check_ns is None
                 or self._values['check_period'] == 0.0):
             return False
-        # A clock that was set back must not put the check off.
+        # A clock that was set back must not postpone the check.
         elapsed_s = (now_ns - self._last_check_ns) / NS_PER_S
         return not 0.0 <= elapsed_s < self._values['check_period']
 
@@ -270,7 +270,7 @@ class NlpCheckerNode(Node):
         self._is_urgent = self._is_urgent or is_urgent
 
     def _obstacle(self) -> str | None:
-        """Return why nothing can be checked now, as a sentence; None where it can."""
+        """Return the reason against a check now as a sentence; None if there is none."""
         mission, measurement = self._inbox.mission, self._inbox.measurement
         if mission is None:
             return self._inbox.refused_route or (
@@ -284,7 +284,7 @@ class NlpCheckerNode(Node):
         mission = as_driven(mission, self._plan)
         if case_of_state(mission, self._inbox.goal_of, measurement, None) is None:
             has_ended = mission.legs[-1].route_ahead(measurement.stamp_ns) is None
-            return 'The route has ended.' if has_ended else 'The route has a stop now.'
+            return 'The route has ended.' if has_ended else 'The vehicle is at a planned stop.'
         return None
 
     def _begin_if_possible(self) -> None:
@@ -302,7 +302,7 @@ class NlpCheckerNode(Node):
             self._poll_timer.reset()
 
     def _case_to_check(self) -> CheckedCase | None:
-        """Return the Case of the planner's own plan, or of the latest state if none comes."""
+        """Return the Case of the planner's own plan, or of the latest state without a plan."""
         inbox = self._inbox
         mission, measurement = inbox.mission, inbox.measurement
         if mission is None or measurement is None:
@@ -332,7 +332,7 @@ class NlpCheckerNode(Node):
         self._poll_timer.reset()
         self._publish_diagnostics()
 
-    # What comes of it
+    # Results
 
     @guarded
     def _on_poll(self) -> None:
@@ -364,7 +364,7 @@ class NlpCheckerNode(Node):
 
     @guarded
     def _on_diagnostics(self) -> None:
-        # A process that has nothing to do may end too.
+        # An idle process may end, too.
         self._poll_solver()
         self._publish_diagnostics()
 
@@ -437,7 +437,7 @@ class NlpCheckerNode(Node):
         return self.get_clock().now().nanoseconds
 
     def destroy_node(self) -> None:
-        """End the solver's process too."""
+        """End the solver's process, too."""
         self._solver.close()
         super().destroy_node()
 
@@ -455,7 +455,7 @@ def _settings(values: Values) -> Settings:
 
 
 def main() -> None:
-    """Run the checker until it is told to end."""
+    """Run the checker until a signal ends it."""
     sys.exit(run_node(NlpCheckerNode, PROGRAM))
 
 

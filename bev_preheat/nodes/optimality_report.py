@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-What the checker compares, and how it tells.
+The checker's comparison, and its report.
 
 Like is compared with like: plan and optimum start at the same instant, from the same battery
 state, on the same steps of the same route, with the same goal.
@@ -40,17 +40,16 @@ if TYPE_CHECKING:
     # Inbox.goal_of.
     GoalOf = Callable[[Leg], Goal]
 
-# Two computations of the same steps differ by rounding only.
+# Two computations of the same steps differ only by rounding.
 ROUNDING_S = 1e-3
 
 
 @dataclass(frozen=True)
 class Figures:
     """
-    What is compared; unknown: NaN.
+    The compared figures; unknown: NaN.
 
-    `heating_start_ns` is None where no heating is planned. The last three say what is missed, as
-    in a Plan.
+    `heating_start_ns` is None if no heating is planned. The last three are the deficits, as in a Plan.
     """
 
     energy_wh: float = math.nan
@@ -67,11 +66,11 @@ UNKNOWN = Figures()
 @dataclass(frozen=True)
 class CheckedCase:
     """
-    A situation to be checked; `start_ns` is the instant [ns] from which on everything counts.
+    A situation to be checked from the instant `start_ns` [ns] on.
 
-    `planned` are the planner's own figures. Where it has none for this very situation, the
-    question names the planner's method, and the solver's process plans as well. `cautious_energy_wh`
-    is that of the planner's own plan where this was made for more than the question's goal.
+    `planned` are the planner's own figures. If it has none for exactly this situation, the question names the
+    planner's method, and the solver's process plans as well. `cautious_energy_wh` is the energy of the
+    planner's own plan if that was made with an uncertainty margin beyond the question's goal.
     """
 
     route_id: str
@@ -83,7 +82,7 @@ class CheckedCase:
 
 
 def says_the_same(route_message: RoutePlan, other: RoutePlan) -> bool:
-    """Whether two RoutePlan messages hold the same; a NaN is the same as a NaN."""
+    """Return whether two RoutePlan messages are equal; NaN equals NaN."""
     def is_same(value: Any, other_value: Any) -> bool:
         if isinstance(value, array):
             return np.array_equal(value, other_value, equal_nan=True)
@@ -96,10 +95,10 @@ def says_the_same(route_message: RoutePlan, other: RoutePlan) -> bool:
 def case_of_plan(mission: Mission, goal_of: GoalOf, measurements: Iterable[Measurement],
                  plan: PreheatPlan) -> CheckedCase | None:
     """
-    Return the Case of a PreheatPlan; None where it is not known what it was made from.
+    Return the Case of a PreheatPlan; None if its inputs are unknown.
 
-    It must be for a leg of this mission, in its steps, and start from one of the measurements, or
-    when one of them was made, from what was estimated; `goal_of` is Inbox.goal_of.
+    The plan must be for a leg of this mission, in its steps, and start from a measurement, or from the estimate
+    at the instant of a measurement; `goal_of` is Inbox.goal_of.
     """
     under_way = plan.heater_power, plan.coolant_excess_temperature
     if (plan.route_id != mission.route_id
@@ -124,14 +123,14 @@ def case_of_plan(mission: Mission, goal_of: GoalOf, measurements: Iterable[Measu
             return CheckedCase(mission.route_id, start_ns, plan.method, _figures_of_message(plan),
                         Question(route, state, goal), plan.battery_energy)
         if len(factors) == len(FACTOR_NAMES) and plan.method in METHODS:
-            # Made with caution: the method by itself is what the optimum can be held against.
+            # Made with an uncertainty margin: compare the optimum with the method without the margin.
             return CheckedCase(mission.route_id, start_ns, plan.method, UNKNOWN,
                         Question(route, state, goal, plan.method, factors), plan.battery_energy)
     return None
 
 
 def as_driven(mission: Mission, plan: PreheatPlan | None) -> Mission:
-    """Return the Mission with the delay that a PreheatPlan for it has; None: no plan yet."""
+    """Return the Mission with the delay of its PreheatPlan; None: no plan yet."""
     if plan is None or plan.route_id != mission.route_id or not math.isfinite(plan.delay):
         return mission
     return mission.delayed(round(plan.delay * NS_PER_S))
@@ -139,9 +138,9 @@ def as_driven(mission: Mission, plan: PreheatPlan | None) -> Mission:
 
 def part_ahead(mission: Mission, stamp_ns: int) -> tuple[Leg, int, Route | None]:
     """
-    Return (leg, start [ns], route) of what is ahead of an instant [ns] on its leg.
+    Return (leg, start [ns], route) for the rest of the current leg at an instant [ns].
 
-    The route is None at a stop and where the mission has ended.
+    The route is None at a stop and after the end of the mission.
     """
     leg = mission.legs[mission.leg_number(stamp_ns)]
     start_ns = max(stamp_ns, leg.start_ns)
@@ -151,10 +150,10 @@ def part_ahead(mission: Mission, stamp_ns: int) -> tuple[Leg, int, Route | None]
 def case_of_state(mission: Mission, goal_of: GoalOf, measurement: Measurement,
                   plan: PreheatPlan | None) -> CheckedCase | None:
     """
-    Return the Case of a measurement; None at a stop and where the route has ended.
+    Return the Case of a measurement; None at a stop and after the end of the route.
 
-    `plan` is the latest PreheatPlan or None. If it is for this route, its method is to plan again;
-    else there is nothing to compare the optimum with. `goal_of` is Inbox.goal_of.
+    `plan` is the latest PreheatPlan or None. If it is for this route, its method plans again; otherwise there is
+    nothing to compare the optimum with. `goal_of` is Inbox.goal_of.
     """
     leg, start_ns, route = part_ahead(mission, measurement.stamp_ns)
     if route is None:
@@ -167,7 +166,7 @@ def case_of_state(mission: Mission, goal_of: GoalOf, measurement: Measurement,
 
 
 def _with_target_of(plan: PreheatPlan, leg: Leg, goal: Goal) -> Goal:
-    # Where the route names no target the planner's own parameter holds, which only its plan tells.
+    # If the route names no target, the planner's parameter applies, which only its plan reports.
     if leg.target_temperature_c is None and math.isfinite(plan.target_battery_temperature):
         return replace(goal, target_temperature_c=plan.target_battery_temperature)
     return goal
@@ -187,7 +186,7 @@ def _figures_of_plan(plan: Plan, start_ns: int) -> Figures:
 
 
 def report_message(case: CheckedCase, outcome: SolverAnswer | Failure) -> OptimalityReport:
-    """Return the OptimalityReport of a Case and what became of it: a Solution or a Failure."""
+    """Return the OptimalityReport of a Case and its outcome, a Solution or a Failure."""
     message = OptimalityReport(
         route_id=case.route_id, method=shortened(case.method, LONGEST_QUOTE))
     message.header.stamp = time_message(case.start_ns)
@@ -242,8 +241,8 @@ def checker_diagnostics(node_name: str, vehicle_name: str, problems: Sequence[st
     """
     Return the DiagnosticArray of the checker: WARN with its problems, a list of sentences, or OK.
 
-    `values` are its figures by name, as texts. Nothing that goes wrong here concerns the car, so
-    it is never an ERROR.
+    `values` are its figures by name, as texts. The checker's problems never affect the car, so the level is
+    never ERROR.
     """
     message = DiagnosticArray(status=[DiagnosticStatus(
         name=f'{node_name.lstrip("/")}: optimality check',

@@ -2,7 +2,7 @@
 """
 Parameters with a description, a unit and a range, declared and checked from one table.
 
-A whole number is taken for a parameter of type double: people write 12, and ROS refuses that.
+A whole number is accepted for a parameter of type double: people write 12, which ROS refuses.
 """
 
 from __future__ import annotations
@@ -32,9 +32,8 @@ class Parameter:
     """
     One parameter of a node.
 
-    `limits` is (low, high) for numbers; `unset_means` says what 0 and NaN stand for where they mean
-    that nothing is given (0 is the default to use: a NaN does not survive `ros2 param dump` and
-    `load`); `choices` lists the texts allowed.
+    `limits` is (low, high) for numbers; `unset_means` explains 0 and NaN if they mean that the value is unset
+    (0 as the default: a NaN does not survive `ros2 param dump` and `load`); `choices` lists the allowed texts.
     """
 
     name: str
@@ -47,7 +46,7 @@ class Parameter:
     read_only: bool = False
 
     def descriptor(self) -> ParameterDescriptor:
-        """Return what `ros2 param describe` shows."""
+        """Return the descriptor for `ros2 param describe`."""
         constraints = []
         if self.limits and self.unset_means:
             constraints.append(f'{figure(self.limits[0])} ... {figure(self.limits[1])}; 0 or NaN: '
@@ -55,7 +54,7 @@ class Parameter:
         if self.choices:
             constraints.append(f'one of {", ".join(self.choices)}')
         ranges = []
-        # rclpy's own range check would refuse the NaN.
+        # rclpy's own range check would refuse NaN.
         if self.limits and not self.unset_means and isinstance(self.default, float):
             ranges = [FloatingPointRange(from_value=float(self.limits[0]),
                                          to_value=float(self.limits[1]))]
@@ -71,7 +70,7 @@ class Parameter:
         return str(self.default) if self.default != '' else 'empty'
 
     def help_text(self) -> str:
-        """Return what --help says: description, unit, range."""
+        """Return the --help text: description, unit, range."""
         text = self.description.rstrip('.')
         unit = f' {self.unit}' if self.unit else ''
         if self.limits:
@@ -82,12 +81,12 @@ class Parameter:
         return f'{text}.'
 
     def taken(self, value: Any) -> Any:
-        """Return a value as the node keeps it: a whole number for a double as a float."""
+        """Return a value as the node stores it: a whole number for a double as a float."""
         is_whole = isinstance(value, int) and not isinstance(value, bool)
         return float(value) if is_whole and isinstance(self.default, float) else value
 
     def type_problem_with(self, value: Any) -> str | None:
-        """Return a sentence on a value of another type than the default's; None for the same type."""
+        """Return a sentence if a value's type differs from the default's, otherwise None."""
         wanted = type(self.default)
         if type(value) is wanted:
             return None
@@ -97,7 +96,7 @@ class Parameter:
                 f'{IN_WORDS[wanted]}{example}')
 
     def problem_with(self, value: Any) -> str | None:
-        """Return a sentence on what is wrong with a value, None if nothing is."""
+        """Return a sentence on the problem with a value, None if it is valid."""
         unit = f' {self.unit}' if self.unit else ''
         if self.choices and value not in self.choices:
             return f'{self.name}: {quoted(str(value))} is not one of {", ".join(self.choices)}'
@@ -123,8 +122,8 @@ def declare(node: Node, parameters: Sequence[Parameter]) -> dict[str, Any]:
 
 
 def _take_overrides(node: Node, parameters: Sequence[Parameter]) -> None:
-    """Let whole numbers be doubles; raise InvalidInput with all wrong values, as rclpy names only one."""
-    # rclpy has no public list of the parameters that were given.
+    """Convert whole numbers to doubles; raise InvalidInput with all wrong values, because rclpy names only one."""
+    # rclpy has no public list of the given parameters.
     overrides, problems = node._parameter_overrides, []
     for parameter in parameters:
         if parameter.name not in overrides:
@@ -140,7 +139,7 @@ def _take_overrides(node: Node, parameters: Sequence[Parameter]) -> None:
 
 
 def _taken(table: Mapping[str, Parameter], given: Sequence[RosParameter]) -> list[RosParameter]:
-    """Return the parameters that are to be set, with doubles in place of whole numbers."""
+    """Return the parameters to be set, with whole numbers converted to doubles."""
     return [RosParameter(item.name, value=table[item.name].taken(item.value))
             if item.name in table and item.type_ == RosParameter.Type.INTEGER else item for item in given]
 
@@ -150,7 +149,7 @@ def _as_typed(value: Any) -> str:
 
 
 def check(parameters: Iterable[Parameter], values: Mapping[str, Any]) -> None:
-    """Raise InvalidInput, one problem a value, where values (a dictionary by name) are wrong."""
+    """Raise InvalidInput, one problem per wrong value; `values` is a dictionary by name."""
     problems = [problem for parameter in parameters
                 if parameter.name in values
                 and (problem := parameter.problem_with(values[parameter.name]))]

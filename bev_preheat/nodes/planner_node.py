@@ -51,13 +51,12 @@ if TYPE_CHECKING:
 
     from bev_preheat.control.events import Event
     from bev_preheat.control.supervisor import StepOutput
-    from bev_preheat.nodes.process import Herald
     from bev_preheat.vehicle import Vehicle
     from bev_preheat_msgs.msg import RoutePlan
 
-    # A method that ROS calls.
+    # A method called by ROS.
     Callback = Callable[..., Any]
-    # Values of parameters by name; the table of parameters says their types.
+    # Values of parameters by name, with the types of the parameter table.
     Values = dict[str, Any]
 
 DEFAULTS = Settings()
@@ -65,7 +64,7 @@ PARAMETERS = (
     Parameter('vehicle', 'reference', 'Vehicle: a name in config/vehicles or a YAML file.'),
     Parameter('method', DEFAULTS.method, 'Planning method.', choices=tuple(METHODS)),
     Parameter('target_battery_temperature', 0.0,
-              'Battery temperature on arrival where the route names none', 'degC', (-40.0, 60.0),
+              'Battery temperature on arrival if the route names none', 'degC', (-40.0, 60.0),
               unset_means="the vehicle's default"),
     Parameter('battery_state_timeout', DEFAULTS.battery_state_timeout_s,
               'A battery state older than this is stale', 's', (0.1, 60.0)),
@@ -78,7 +77,7 @@ PARAMETERS = (
     Parameter('planning_step', DEFAULTS.planning_step_s,
               'Routes are planned in steps of this length', 's', (1.0, 300.0)),
     Parameter('arrival_soc_margin', DEFAULTS.arrival_soc_margin,
-              'Left on top of the state of charge that a route asks for', '', (0.0, 0.5)),
+              'Margin on top of the state of charge that a route requires', '', (0.0, 0.5)),
     Parameter('estimation', DEFAULTS.estimation,
               'Estimate temperature and model on line, and plan with a margin for the uncertainty.'),
     Parameter('minimum_on_time', DEFAULTS.minimum_on_time_s,
@@ -86,7 +85,7 @@ PARAMETERS = (
     Parameter('minimum_off_time', DEFAULTS.minimum_off_time_s,
               'The heater, once off, stays off at least this long', 's', (0.0, 3600.0)),
     Parameter('route_progress_timeout', DEFAULTS.route_progress_timeout_s,
-              'After a route progress older than this the planner goes on by time', 's', (0.1, 300.0)),
+              'Without route progress for this long the planner continues by time', 's', (0.1, 300.0)),
     Parameter('energy_price', DEFAULTS.energy_price_per_kwh,
               'Price of energy: the target for a known charger is chosen by it', 'per kWh',
               (0.0, MOST_PRICE_PER_KWH)),
@@ -94,13 +93,13 @@ PARAMETERS = (
               'Value of time at the charger, in the same currency; the target is chosen by it', 'per h',
               (0.0, MOST_VALUE_PER_H)),
     Parameter('heat_while_charging', DEFAULTS.heat_while_charging,
-              'Heat on at the charger, where the vehicle file says that the vehicle does so.'),
+              'Continue heating at the charger, if the vehicle file says that the vehicle does.'),
     Parameter('compiled_core', DEFAULTS.compiled_core,
-              'Plan with the compiled core, where it is built; plans are the same without.'),
+              'Plan with the native core if it is built; plans are the same without.'),
     Parameter('coldest_cell_limits', DEFAULTS.coldest_cell_limits,
-              "Power limits of battery and charger are the coldest cell's, where cell_temperature is known."),
-    Parameter('state_file', '', 'File that keeps the learned factors of the car, and the '
-              "driver's choices: a new file, or a state file; empty: none."),
+              "Battery and charger have the coldest cell's power limits, if cell_temperature is known."),
+    Parameter('state_file', '', "File for the learned factors of the car and the driver's choices: "
+              'a new file, or a state file; empty: none.'),
 )
 PROGRAM = NodeProgram(
     'planner', 'Plans when to heat the battery before fast charging, and commands the heater.',
@@ -120,7 +119,7 @@ _OWN = frozenset(parameter.name for parameter in PARAMETERS)
 
 
 class _Told(NamedTuple):
-    """The findings that the log has."""
+    """The logged findings."""
 
     heater: Heater = Heater.ANSWERS
     resets: int = 0
@@ -129,7 +128,7 @@ class _Told(NamedTuple):
 
 
 def guarded(callback: Callback) -> Callback:
-    """Wrap a callback: an unforeseen exception is logged, and the heater is switched off."""
+    """Wrap a callback: log an unexpected exception and switch the heater off."""
     @wraps(callback)
     def wrapper(self: PlannerNode, *arguments: Any) -> Any:
         try:
@@ -144,7 +143,7 @@ class PlannerNode(Node):
     """Wires topics, parameters and clock to a `control.supervisor.Supervisor`."""
 
     def __init__(self) -> None:
-        """Declare the parameters and start; raises InvalidInput where one is not allowed."""
+        """Declare the parameters and start; raises InvalidInput if one is not allowed."""
         super().__init__('planner')
         values = declare(self, PARAMETERS)
         vehicle, settings = _take_effect(values)
@@ -156,7 +155,7 @@ class PlannerNode(Node):
         self._supervisor = Supervisor(
             vehicle, settings, recalled.learned, recalled.last_seen, choices)
         self._told, self._news = _Told(), RepetitionFilter()
-        # An exception has come out of the latest step, or out of what followed it.
+        # The latest step, or its outputs, raised an exception.
         self._is_in_doubt = False
         self._routes = RouteIntake()
 
@@ -179,9 +178,9 @@ class PlannerNode(Node):
         self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._apply_parameters)
         self._repeat_timer = self.create_timer(settings.command_period_s, self._on_repeat)
-        # Runs out when no valid battery state has come for the timeout.
+        # Expires if no valid battery state arrives within the timeout.
         self._stale_timer = self.create_timer(settings.battery_state_timeout_s, self._on_repeat)
-        # In real time: simulated time may run at any speed, a disk does not.
+        # In real time, because a disk does not follow simulated time.
         self.create_timer(SAVE_PERIOD_S, self._on_save_due,
                           clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._setup = SetupWatch(
@@ -191,7 +190,7 @@ class PlannerNode(Node):
             single=('battery_state', 'route_progress'))
         self.get_logger().info(
             f'Planning for vehicle {vehicle.name} with method {settings.method}; '
-            f'compiled core {core_in_words()}.')
+            f'native core {core_in_words()}.')
         self._tell_assumptions(values['vehicle'])
         if not self._supervisor.is_enabled:
             self.get_logger().info('Preheating is switched off, as it was before the restart.')
@@ -236,7 +235,7 @@ class PlannerNode(Node):
 
     @guarded
     def _on_rival(self) -> None:
-        """Switch the heater off while another node commands it, and on again after that."""
+        """Switch the heater off while another node commands it."""
         rivals = self._command_publisher.rivals(self._now_ns())
         if rivals == self._supervisor.rivals:
             return
@@ -248,7 +247,7 @@ class PlannerNode(Node):
 
     @guarded
     def _on_standing_clock(self) -> None:
-        # The timers of a clock that stands never fire.
+        # The timers of a stopped clock never fire.
         if self._setup.clock_stands:
             self._publish_diagnostics(self._now_ns())
 
@@ -275,7 +274,7 @@ class PlannerNode(Node):
             if verdict.signal not in self._told.signals:
                 self.get_logger().warning(f'Signal in doubt: {verdict.sentence}.')
         for signal in sorted(self._told.signals - signals):
-            self.get_logger().info(f'Signal holds again: {signal}.')
+            self.get_logger().info(f'Signal valid again: {signal}.')
         self._told = self._told._replace(regime=regime.regime, signals=signals)
         estimate = self._supervisor.estimate
         if estimate is None:
@@ -293,7 +292,7 @@ class PlannerNode(Node):
             return SetParametersResult(successful=True)
         try:
             _take_effect(self._values_with(parameters))
-            # Another parameter may be set while the file is at fault: the diagnostics tell that.
+            # A faulty file must not block other parameters; the diagnostics report it.
             for parameter in parameters:
                 if parameter.name == 'state_file':
                     check_parameter(parameter.value)
@@ -319,7 +318,7 @@ class PlannerNode(Node):
             self._state_keeper.save(supervisor)
             self._vehicle_contents = contents
         else:
-            # The estimation goes on while the vehicle stays the same object.
+            # The estimation continues as long as the vehicle is the same object.
             vehicle = supervisor.vehicle
         for timer, period_s in ((self._repeat_timer, settings.command_period_s),
                                 (self._stale_timer, settings.battery_state_timeout_s)):
@@ -346,8 +345,8 @@ class PlannerNode(Node):
         """
         Run a step of the supervisor and publish its output; return whether every event was accepted.
 
-        `now_ns` is the step's instant [ns], None for that of the call. Nothing delays a command, but
-        after a failure it comes last: while the rest fails, heat is not commanded in between.
+        `now_ns` is the step's instant [ns], None for that of the call. The command is published first, but after
+        a failure it is published last, so that no heat is commanded while the rest still fails.
         """
         now_ns = self._now_ns() if now_ns is None else now_ns
         output, in_doubt = self._supervisor.step(now_ns, *events), self._is_in_doubt
@@ -425,7 +424,7 @@ class PlannerNode(Node):
         self._state_keeper.save(self._supervisor)
 
     def last_words(self) -> None:
-        """Publish 0 W before the process ends, and wait a moment until it is out."""
+        """Publish 0 W before the process ends, and wait up to LAST_WORDS_TIME for delivery."""
         for last in (self._end_goals, self._switch_off, self._on_save_due, self._await_delivery):
             last()
 
@@ -435,7 +434,7 @@ class PlannerNode(Node):
 
     @guarded
     def _switch_off(self) -> None:
-        # With a lease like any other: a heater's controller may ignore a command that has expired.
+        # With a normal lease, because a heater's controller may ignore an expired command.
         now_ns = self._now_ns()
         self._publish_command(self._supervisor.stop(now_ns), now_ns)
 
@@ -454,7 +453,7 @@ def _has_plan_or_heats(output: StepOutput) -> bool:
 
 
 def _take_effect(values: Values) -> tuple[Vehicle, Settings]:
-    """Return (Vehicle, Settings) of parameter values; raise InvalidInput where they are wrong."""
+    """Return (Vehicle, Settings) of parameter values; raise InvalidInput if they are wrong."""
     check(PARAMETERS, values)
     if values['command_lease'] <= values['command_period']:
         raise InvalidInput(
@@ -464,9 +463,9 @@ def _take_effect(values: Values) -> tuple[Vehicle, Settings]:
         {name: values[name] for name in FIELD_OF_PARAMETER})
 
 
-def main(herald: Herald | None = None) -> None:
-    """Run the planner until it is told to end; `herald` is what `process.join_graph` returned."""
-    sys.exit(run_node(PlannerNode, PROGRAM, herald))
+def main(loading_node: Node | None = None) -> None:
+    """Run the planner until a signal ends it; `loading_node` comes from `process.join_graph`."""
+    sys.exit(run_node(PlannerNode, PROGRAM, loading_node))
 
 
 if __name__ == '__main__':

@@ -2,8 +2,8 @@
 """
 The action ~/prepare_battery: goals in, feedback and results out.
 
-A goal lasts for hours. rclpy would run a function for as long, or, for a coroutine, its executor would
-turn without a pause. So a goal is only noted here, and `PrepareAction.finish` gives its result.
+A goal lasts for hours. In rclpy, a function would block for that time, and a coroutine would keep the executor
+busy. So a goal is only recorded here, and `PrepareAction.finish` gives its result.
 """
 
 from __future__ import annotations
@@ -30,15 +30,15 @@ if TYPE_CHECKING:
     from bev_preheat.control.supervisor import Supervisor
 
 PREPARE = '~/prepare_battery'
-# What shuts down waits for no client longer than so many turns of the executor.
+# Turns of the executor that a shutdown gives to each client.
 LAST_TURNS = 8
 
 
 class _LastingServer(ActionServer):
-    """An ActionServer whose goals are under way from `execute()` to `give_result()`."""
+    """An ActionServer whose goals run from `execute()` to `give_result()`."""
 
     def notify_execute(self, goal_handle: ServerGoalHandle, execute_callback: object) -> None:
-        """Do nothing yet: what follows takes longer than any function may."""
+        """Do nothing: a goal outlasts any function call."""
 
     def give_result(self, goal_handle: ServerGoalHandle,
                     end: Callable[[ServerGoalHandle], PrepareBattery.Result]) -> None:
@@ -47,15 +47,15 @@ class _LastingServer(ActionServer):
 
 
 class PrepareAction:
-    """Tells a Supervisor of goals, and their clients what becomes of them."""
+    """Passes goals to a Supervisor, and its progress and outcomes to their clients."""
 
     def __init__(self, node: Node, step: Callable[[Event], object], supervisor: Supervisor,
                  fail: Callable[[str, Exception], object]) -> None:
         """
         Offer the action.
 
-        `step(event)` runs a step of the Supervisor and brings its Outcomes to `finish`;
-        `fail(where, error)` is told of exceptions that nobody foresaw.
+        `step(event)` runs a step of the Supervisor and passes its outcomes to `finish`; `fail(where, error)`
+        handles unexpected exceptions.
         """
         self._node, self._step, self._supervisor, self._fail = node, step, supervisor, fail
         self._goals: dict[PreparationGoal, ServerGoalHandle] = {}
@@ -68,7 +68,7 @@ class PrepareAction:
         raise NotImplementedError('results are given by finish()')
 
     def _on_goal(self, goal_handle: ServerGoalHandle) -> None:
-        # A goal that is rejected cannot say why, so each is taken, and a bad one ends at once.
+        # A rejection carries no reason, so each goal is accepted, and a bad one ends at once.
         goal_handle.execute()
         try:
             self._begin(goal_handle)
@@ -92,7 +92,7 @@ class PrepareAction:
     handle in self._goals.items() if handle == goal_handle),
      None)
         if preparation_goal is None:
-            # It has ended already.
+            # The goal has ended already.
             return CancelResponse.REJECT
         try:
             self._step(PreparationEnded(preparation_goal, PreparationEnding.CANCELED, 'The goal was cancelled.'))
@@ -103,7 +103,7 @@ class PrepareAction:
     def finish(self, outcome: PreparationOutcome) -> None:
         """Give a goal its result."""
         if outcome.ending is not PreparationEnding.REFUSED:
-            # The log has that as an error already.
+            # Already logged as an error.
             self._node.get_logger().info(
                 f'prepare_battery: {outcome.ending.name}: {outcome.explanation}')
         goal_handle = self._goals.pop(outcome.preparation_goal, None)
@@ -123,7 +123,7 @@ class PrepareAction:
         self._server.give_result(goal_handle, end)
 
     def publish_feedback(self, now_ns: int) -> None:
-        """Tell the client of the goal that is pursued how it is going."""
+        """Publish the preparation progress to the client of the active goal."""
         preparation_goal = self._supervisor.preparation_goal
         goal_handle = None if preparation_goal is None else self._goals.get(preparation_goal)
         if goal_handle is not None:
@@ -141,7 +141,7 @@ class PrepareAction:
 
 
 def preparation_goal_of(goal: PrepareBattery.Goal) -> PreparationGoal:
-    """Return the Wish of a goal; raise InvalidInput, one problem a field, where it cannot be read."""
+    """Return the PreparationGoal of an action goal; raise InvalidInput, one problem per unreadable field."""
     problems = []
     values = {}
     for name in ('target_battery_temperature', 'ambient_temperature'):
@@ -161,7 +161,7 @@ def preparation_goal_of(goal: PrepareBattery.Goal) -> PreparationGoal:
 
 
 def result_message(outcome: PreparationOutcome) -> PrepareBattery.Result:
-    """Return the result of an Outcome."""
+    """Return the action result of a PreparationOutcome."""
     return PrepareBattery.Result(
         code=int(outcome.ending), explanation=outcome.explanation,
         reached=outcome.ending is PreparationEnding.REACHED, shortfall=outcome.shortfall_k,
@@ -169,7 +169,7 @@ def result_message(outcome: PreparationOutcome) -> PrepareBattery.Result:
 
 
 def feedback_message(supervisor: Supervisor, now_ns: int) -> PrepareBattery.Feedback:
-    """Return the feedback on the Wish that a Supervisor pursues, at an instant [ns]."""
+    """Return the feedback on a Supervisor's preparation progress at an instant [ns]."""
     decision, command = supervisor.decision, supervisor.latest_command
     preparation_goal = supervisor.preparation_goal
     temperature_c, plan = supervisor.temperature_c, decision.plan

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reads route plans: a route, a cancellation, or what is legible of an unreadable one."""
+"""Reads route plans: a route, a cancellation, or the readable part of an unreadable one."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class RouteIntake:
     """
     Reads RoutePlan messages as events for a Supervisor or an Inbox.
 
-    It remembers the messages, so that the current route can be read again with other parameters.
+    It retains the messages, so that the current route can be read again with other parameters.
     """
 
     def __init__(self) -> None:
@@ -43,7 +43,7 @@ class RouteIntake:
         self._messages: dict[Mission, RoutePlan] = {}
 
     def message_of(self, mission: Mission | None) -> RoutePlan | None:
-        """Return the message that a Mission was read from; None where there is none."""
+        """Return the message of a Mission; None if it is not retained."""
         return None if mission is None else self._messages.get(mission)
 
     def read(self, message: RoutePlan,
@@ -51,7 +51,7 @@ class RouteIntake:
         """
         Return the event of a message: RouteArrived, TripCancelled or RouteUnreadable.
 
-        `holder` is the Supervisor or Inbox that the event goes to.
+        `holder` is the Supervisor or Inbox that receives the event.
         """
         self._forget_all_but(holder.latest_mission)
         if is_cancellation(message):
@@ -67,9 +67,9 @@ class RouteIntake:
     def read_again(self, holder: Supervisor | Inbox, vehicle: Vehicle,
                    settings: Settings) -> Mission | InvalidInput | None:
         """
-        Return the holder's latest Mission as read for another vehicle or with other settings.
+        Return the holder's latest Mission, read for another vehicle or with other settings.
 
-        The InvalidInput where it cannot be read that way; None where there is no route.
+        Return the InvalidInput if it is invalid for these; None without a route.
         """
         self._forget_all_but(holder.latest_mission)
         message = self.message_of(holder.latest_mission)
@@ -90,19 +90,19 @@ class RouteIntake:
 
 
 def refused_route_of(message: RoutePlan) -> RefusedRoute:
-    """Return the RefusedRoute of a RoutePlan; what is not to be trusted counts as unreadable."""
+    """Return the RefusedRoute of a RoutePlan; untrustworthy fields count as unreadable."""
     return RefusedRoute(message.route_id[:LONGEST_ROUTE_ID + 1], message.charging_planned,
                         _arrivals_ns(message))
 
 
 def _arrivals_ns(message: RoutePlan) -> tuple[int, ...] | None:
-    """Return the instants [ns] at which the legs of a RoutePlan end, None where unreadable."""
+    """Return the instants [ns] at which the legs of a RoutePlan end, None if unreadable."""
     stamp, durations_s = message.header.stamp, message.segment_duration
     lengths = {len(getattr(message, name)) for name in ROUTE_FIELDS.values()} - {0}
     if (not len(durations_s) or max(lengths) > MOST_SEGMENTS
             or nanoseconds(stamp) <= 0 or stamp.nanosec >= NS_PER_S):
         return None
-    # Of arrays that differ in length the duration may be the wrong one.
+    # If the lengths of the arrays differ, the durations may be wrong.
     count = max(lengths)
     if len(durations_s) != count and lengths != {1, count}:
         return None
@@ -116,7 +116,7 @@ def _arrivals_ns(message: RoutePlan) -> tuple[int, ...] | None:
         return None
     ends_s = np.cumsum(np.broadcast_to(durations_s, count))
     arrivals_s = ends_s[[*after_segment, count - 1]]
-    # A leg ends later by the stops before it.
+    # Earlier stops delay the end of a leg.
     stood_s = np.concatenate(([0.0], np.cumsum(np.asarray(stops_s, dtype=float))))
     return tuple(nanoseconds(stamp) + round(float(seconds) * NS_PER_S)
                  for seconds in arrivals_s + stood_s)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Hears a route plan whoever publishes it, once.
+Receives each route plan once, from publishers of any quality of service.
 
-No single subscription suits all publishers: one that gets a latched sample does not match volatile
-publishers, and one that matches best-effort publishers may lose parts of a long route.
+No single subscription suits all publishers: a latched subscription does not match volatile publishers, and a
+best-effort subscription may lose parts of a long route.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ RELIABLE = QoSProfile(depth=1)
 BEST_EFFORT = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 POLICIES = (QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY,
             QoSPolicyKind.DURABILITY)
-# Seven arrays of numbers of 8 bytes, and room for all else: identification, stops.
+# Seven arrays of numbers of 8 bytes, and room for the rest: identification, stops.
 LARGEST_BYTES = MOST_SEGMENTS * 7 * 8 + 100_000
-# A latched sample comes again whenever it is subscribed to anew, however many came since.
+# A latched sample arrives again with every new subscription.
 MESSAGES_REMEMBERED = 64
 LOOK_PERIOD_S = 0.5
 
@@ -46,13 +46,13 @@ class RouteListener:
 
     The first subscription is latched (reliable, transient local, depth 1), and its quality of
     service can be overridden by parameters; the second matches volatile publishers. A third one is
-    there once the graph shows a best-effort publisher. A message that comes through several of them
-    is handled once. One that is longer than the longest route is refused before it is converted.
+    created once the graph shows a best-effort publisher. Duplicates of a message are dropped. A message longer
+    than the longest route is refused before it is converted.
     """
 
     def __init__(self, node: Node, on_route: Callable[[RoutePlan], object],
                  on_refused: Callable[[InvalidInput], object]) -> None:
-        """Subscribe; raises InvalidInput where an override of the quality of service is wrong."""
+        """Subscribe; raises InvalidInput if an override of the quality of service is wrong."""
         self._node, self._on_route, self._on_refused = node, on_route, on_refused
         check_overrides(node)
         self._handled: deque[tuple[int, int, int]] = deque(maxlen=MESSAGES_REMEMBERED)
@@ -63,7 +63,7 @@ class RouteListener:
             QoSOverridingOptions(POLICIES))
         self._latching_profile = first.qos_profile
         self._subscriptions = [first, self._subscribe(RELIABLE)]
-        # In real time: publishers come and go whatever the node's clock does.
+        # In real time: publishers come and go independently of the node's clock.
         node.create_timer(LOOK_PERIOD_S, self._on_timer, clock=Clock(
             clock_type=ClockType.STEADY_TIME))
 
@@ -71,7 +71,7 @@ class RouteListener:
                    overriding: QoSOverridingOptions | None = None) -> Subscription:
         return self._node.create_subscription(
             RoutePlan, TOPIC, self._on_bytes, profile, raw=True,
-            # Together they match every publisher, so one that does not match is nothing to report.
+            # Together they match every publisher, so a single mismatch is not worth a report.
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
             qos_overriding_options=overriding)
 
@@ -97,10 +97,10 @@ class RouteListener:
         self._latch_again()
         self._on_route(message)
 
-    # The middleware keeps a buffer of the longest message for as long as a subscription exists.
+    # The middleware holds a buffer of the longest message as long as a subscription exists.
 
     def _free_buffers(self) -> None:
-        """Subscribe anew, but not to latched samples: the long one would come at once."""
+        """Subscribe again, but not to latched samples: the long one would arrive at once."""
         for subscription in self._subscriptions:
             self._node.destroy_subscription(subscription)
         self._subscriptions, self._hears_best_effort = [self._subscribe(RELIABLE)], False
@@ -137,10 +137,10 @@ class RouteListener:
 
 
 def check_overrides(node: Node) -> None:
-    """Raise InvalidInput where a qos_overrides parameter for the route's subscription is wrong."""
+    """Raise InvalidInput if a qos_overrides parameter for the route's subscription is wrong."""
     topic = node.resolve_topic_name(TOPIC)
     problems = []
-    # rclpy has no public list of the parameters that were given.
+    # rclpy has no public list of the given parameters.
     for name, parameter in node._parameter_overrides.items():
         prefix, _, rest = name.partition('qos_overrides.')
         given_topic, _, kind = rest.partition('.')

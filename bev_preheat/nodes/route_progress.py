@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where the vehicle is: the message, and what the diagnostics say of it."""
+"""The vehicle's position on the route: the message, and its entry in the diagnostics."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from bev_preheat_msgs.msg import RouteProgress
 if TYPE_CHECKING:
     from bev_preheat.control.supervisor import Supervisor
 
-# A delay that is shorter is not worth a word [s].
+# Shorter delays are not reported [s].
 ON_TIME_S = 5.0
 
 
 def progress_from_message(message: RouteProgress) -> Progress:
-    """Return the Progress of a RouteProgress; raise InvalidInput, with one problem a field."""
+    """Return the Progress of a RouteProgress; raise InvalidInput, with one problem per field."""
     problems = []
     if message.distance == 0.0 and not message.has_distance:
         problems.append('distance: 0 counts as not given where has_distance is false; set it for a '
@@ -58,9 +58,9 @@ def progress_message(progress: Progress) -> RouteProgress:
 def progress_diagnostics(name: str, supervisor: Supervisor,
                          now_ns: int) -> DiagnosticStatus | None:
     """
-    Return the DiagnosticStatus `NODE: route progress`; None where no route_progress has come.
+    Return the DiagnosticStatus `NODE: route progress`; None before the first route_progress.
 
-    WARN where the latest was refused or is too old: then the planner goes on by time.
+    WARN if the latest was refused or is too old: the planner then continues by time.
     """
     timetable, refused = supervisor.timetable, supervisor.refused_progress
     age_s = None if timetable is None else timetable.age_s(now_ns)
@@ -78,11 +78,11 @@ def progress_diagnostics(name: str, supervisor: Supervisor,
         is_late = age_s > limit_s
         if is_late:
             sentences.append(f'The latest valid route_progress is {age_s:.3f} s old; at most '
-                             f'{limit_s:g} s are allowed: the planner goes on by time from there.')
+                             f'{limit_s:g} s are allowed: the planner continues by time from there.')
         elif refused is None:
             sentences.append(_delay_in_words(delay_s))
     elif refused is not None:
-        sentences.append('The planner goes by the stamp of route_plan.')
+        sentences.append('The planner follows the stamp of route_plan.')
     is_warning = refused is not None or is_late
     return DiagnosticStatus(
         name=f'{name}: route progress', hardware_id=supervisor.vehicle.name,

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is set up wrongly around a node: parameters, clock, and with whom it cannot talk."""
+"""Finds wrong setups around a node: parameters, clock, incompatible publishers and subscriptions."""
 
 from __future__ import annotations
 
+from difflib import get_close_matches
 import sys
 from typing import TYPE_CHECKING
 
@@ -20,33 +21,33 @@ if TYPE_CHECKING:
     from builtin_interfaces.msg import Time
     from rclpy.node import Node
 
-# In real time: with simulated time that stands, the node's own timers stand too.
+# In real time: while simulated time stands, so do the node's own timers.
 LOOK_PERIOD_S = 0.5
-# ROS's own, and topics of nodes that share a parameter file.
+# Parameters of ROS itself, and of other nodes in a shared parameter file.
 NOT_OURS = ('use_sim_time', 'start_type_description_service', 'qos_overrides./parameter_events',
             'qos_overrides./rosout', 'qos_overrides./clock')
 CLOCK_STANDS = 'use_sim_time is set and no /clock has arrived: time stands at 0'
 CLOCK_PATIENCE_LOOKS = 4
 LOG_PERIOD_S = 10.0
-# No delay and no drift of a clock that was set once: the two run by different clocks.
+# Beyond any delay or drift: the two computers run on different clocks.
 NS_PER_DAY = 86400 * NS_PER_S
 FAR_NS = NS_PER_DAY
 
 
 class SetupWatch:
     """
-    Looks around every LOOK_PERIOD_S; logs each problem once and keeps them for the diagnostics.
+    Checks the setup every LOOK_PERIOD_S; logs each problem once and stores them for the diagnostics.
 
-    `problems` are the sentences that hold now.
+    `problems` are the current sentences.
     """
 
     def __init__(self, node: Node, subscribes: Iterable[str], publishes: Iterable[str],
                  also: Sequence[Callable[[], object]] = (), single: Iterable[str] = ()) -> None:
         """
-        Begin to look; call it when all parameters are declared.
+        Begin to check; call it when all parameters are declared.
 
         `subscribes` and `publishes` are the topics that the node shares with others; `also` are
-        functions that are called at each look. Each topic in `single` must have one publisher.
+        functions called at each check. Each topic in `single` must have one publisher.
         """
         self._node, self._also = node, also
         self._surroundings = Surroundings(node, subscribes, publishes, single)
@@ -69,7 +70,7 @@ class SetupWatch:
     def _look(self) -> None:
         found, before = self._surroundings.problems(), self._found
         self._found = found
-        # What shows once may be half discovered, or on its way to be mended.
+        # A single finding may be half discovered, or about to be fixed.
         problems = [*self._unknown, *(problem for problem in found if problem in before)]
         if self._clock_stands():
             problems.append(CLOCK_STANDS)
@@ -81,7 +82,7 @@ class SetupWatch:
         stands = (self._node.get_parameter('use_sim_time').value
                   and self._node.get_clock().now().nanoseconds == 0)
         self._looks_at_zero = self._looks_at_zero + 1 if stands else 0
-        # Discovering who publishes it takes a moment.
+        # Discovering its publishers takes a moment.
         return self._looks_at_zero >= CLOCK_PATIENCE_LOOKS
 
     def _note(self, problems: Sequence[str]) -> None:
@@ -95,7 +96,7 @@ class SetupWatch:
 
     @property
     def clock_stands(self) -> bool:
-        """Whether simulated time is asked for and has not begun."""
+        """Whether simulated time is set and has not begun."""
         return CLOCK_STANDS in self.problems
 
     def entry(self, hardware: str, error: str = '') -> DiagnosticStatus:
@@ -109,16 +110,16 @@ class SetupWatch:
             message='; '.join(sentences) or 'parameters, clock and topics fit')
 
     def clock_hint(self, stamp: Time, now_ns: int) -> str:
-        """Return the hint at the clocks that a message's stamp calls for at an instant [ns], '' for none."""
+        """Return a hint about wrong clocks for a message's stamp at an instant [ns]; '' if they agree."""
         stamp_ns = nanoseconds(stamp)
-        # With every battery state: the parameter is looked up where it is needed only.
+        # Called with every battery state, so look the parameter up only if needed.
         if abs(stamp_ns - now_ns) < FAR_NS:
             return ''
         return clock_hint(self._node.get_parameter('use_sim_time').value, now_ns, stamp_ns)
 
 
 def clock_hint(uses_sim_time: bool, now_ns: int, stamp_ns: int) -> str:
-    """Return which clock is likely wrong where now and a stamp [ns] are far apart; '' elsewhere."""
+    """Return the clock that is likely wrong if now and a stamp [ns] are far apart; otherwise ''."""
     if not now_ns or not stamp_ns or abs(stamp_ns - now_ns) < FAR_NS:
         return ''
     apart_days = (stamp_ns - now_ns) / NS_PER_DAY
@@ -132,15 +133,13 @@ def clock_hint(uses_sim_time: bool, now_ns: int, stamp_ns: int) -> str:
 
 
 def unknown_parameters(node: Node) -> list[str]:
-    """Return a sentence for each parameter that was given and that the node does not have."""
-    # rclpy has no public list of the parameters that were given and declared.
+    """Return a sentence for each given parameter that the node does not have."""
+    # rclpy has no public list of the given and the declared parameters.
     given, known = node._parameter_overrides, list(node._parameters)
     sentences = []
     for name in given:
         if node.has_parameter(name) or name.startswith(NOT_OURS):
             continue
-        # Only where a name is wrong: every start would pay for it.
-        from difflib import get_close_matches
         nearest = get_close_matches(name, known, 1)
         sentences.append(f'parameter {name!r} is unknown and ignored' + (
             f'; did you mean {nearest[0]!r}?' if nearest else ''))

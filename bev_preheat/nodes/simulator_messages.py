@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the simulated vehicle says, as messages."""
+"""The messages of the simulated vehicle."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ if TYPE_CHECKING:
     from bev_preheat.simulation.phases import Phase
     from bev_preheat.simulation.sensors import Reading
 
-# The name of the entry in /diagnostics begins with that of the node.
+# The name of the entry in /diagnostics begins with the node's name.
 ENTRY = ': trip'
 TEMPERATURE = 'battery temperature [degC]'
 WITHOUT_COMMAND = 'time without a valid command [s]'
 DRIVING, ARRIVED, EMPTY = 'driving', 'arrived', 'the battery is empty'
 CHARGING, PARKED = 'charging', 'parked'
-# Keys of a phase that has ended, by fields of PhaseEnd and PhaseReport.
+# Keys of a finished phase, by fields of PhaseEnd and PhaseReport.
 PHASE_KEYS = {'started_s': 'start [s]', 'ended_s': 'end [s]', 'arrival_c': 'arrival temperature [degC]'}
 
 
 @dataclass(frozen=True)
 class DriveResult:
     """
-    How a trip stands: `state` is DRIVING, CHARGING, PARKED, ARRIVED or EMPTY, the energies are those so far [Wh].
+    The state of a trip: DRIVING, CHARGING, PARKED, ARRIVED or EMPTY, and its energies so far [Wh].
 
     `without_command_s` is how long the vehicle drove without a valid heater command [s].
     """
@@ -48,7 +48,7 @@ class DriveResult:
 
 
 def battery_state_message(reading: Reading, capacity_ah: float, stamp: Time) -> BatteryState:
-    """Return the BatteryState of a Reading [capacity: Ah]; what it does not hold is NaN."""
+    """Return the BatteryState of a Reading [capacity: Ah]; unknown fields are NaN."""
     current_a = math.nan if reading.current_a is None else reading.current_a
     message = BatteryState(
         voltage=math.nan if reading.voltage_v is None else reading.voltage_v,
@@ -69,7 +69,7 @@ def battery_state_message(reading: Reading, capacity_ah: float, stamp: Time) -> 
 
 
 def trip_diagnostics(node_name: str, car: ImperfectCar, stamp: Time) -> DiagnosticArray:
-    """Return the DiagnosticArray with what really happened so far, and how each phase ended."""
+    """Return the DiagnosticArray with the true state so far, and the end of each phase."""
     plant = car.plant
     if plant.empty_at_s is not None:
         level, text = DiagnosticStatus.ERROR, EMPTY
@@ -96,7 +96,7 @@ def trip_diagnostics(node_name: str, car: ImperfectCar, stamp: Time) -> Diagnost
 
 
 def outcome_from_diagnostics(message: DiagnosticArray) -> DriveResult | None:
-    """Return the Outcome in a DiagnosticArray of the simulator's; None if it is not one."""
+    """Return the DriveResult in the simulator's DiagnosticArray; None for any other."""
     for status in message.status:
         if status.name.endswith(ENTRY):
             values = {item.key: item.value for item in status.values}
@@ -109,7 +109,7 @@ def outcome_from_diagnostics(message: DiagnosticArray) -> DriveResult | None:
 
 
 def phase_ends(message: DiagnosticArray) -> list[PhaseEnd]:
-    """Return the PhaseEnds in a DiagnosticArray of the simulator's."""
+    """Return the PhaseEnds in the simulator's DiagnosticArray."""
     (status,) = (status for status in message.status if status.name.endswith(ENTRY))
     values = {item.key: float(item.value) for item in status.values}
     ends: list[PhaseEnd] = []

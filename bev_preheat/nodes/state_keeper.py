@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Keeps knowledge of the car, and the driver's choices, across restarts of the planner's process."""
+"""Stores knowledge of the car, and the driver's choices, across restarts of the planner's process."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ class StateFileReport(NamedTuple):
     """
     The condition of the state file.
 
-    `problem` is a sentence, or empty; `is_foreign`: the file is not this planner's, or
-    cannot be read, so it is never written. `written_s_ago` is None before the first write; `kept_aside`
-    is the new path of a damaged file, empty if none was moved.
+    `problem` is a sentence, or empty; `is_foreign`: the file is not this planner's, or cannot be read, so it is
+    never written. `written_s_ago` is None before the first write; `kept_aside` is the new path of a damaged
+    file, empty if none was moved.
     """
 
     path: str
@@ -49,7 +49,7 @@ class _Kept(NamedTuple):
 
 
 def check_parameter(path: str) -> None:
-    """Raise InvalidInput where the parameter `state_file` names what must not be written over."""
+    """Raise InvalidInput if the parameter `state_file` names a file that must not be overwritten."""
     if path:
         try:
             check_state_file(path)
@@ -60,9 +60,9 @@ def check_parameter(path: str) -> None:
 
 class StateKeeper:
     """
-    Reads and writes the file of the parameter `state_file`; nothing happens where it is empty.
+    Reads and writes the file of the parameter `state_file`; does nothing if that is empty.
 
-    What goes wrong is logged and reported: preheating works without a memory.
+    Problems are logged and reported; preheating works without the file.
     """
 
     def __init__(self, logger: RcutilsLogger) -> None:
@@ -70,7 +70,7 @@ class StateKeeper:
         self._logger = logger
         self._path, self._contents, self._fingerprint = '', b'', ''
         self._written = _Kept()
-        # Of the latest attempt to write, so that a failure is not repeated with every step.
+        # Of the latest write attempt, so that a failure is not repeated with every step.
         self._tried_choices = NO_CHOICES
         self._forget_report()
 
@@ -106,12 +106,12 @@ class StateKeeper:
         self._written = _Kept(None, recalled.last_seen, recalled.choices)
         self._tried_choices = recalled.choices
         self._logger.info(
-            f'state_file: {path}: nothing was learned of this vehicle yet.' if recalled.learned is None
+            f'state_file: {path}: nothing learned about this vehicle yet.' if recalled.learned is None
             else f'state_file: {path}: the estimation begins with the learned factors.')
         return recalled
 
     def save(self, supervisor: Supervisor) -> None:
-        """Write a Supervisor's knowledge of the car and the driver's choices, if there is news."""
+        """Write a Supervisor's knowledge of the car and the driver's choices, if they have changed."""
         kept = _Kept(supervisor.estimate, supervisor.last_seen, supervisor.choices)
         if not self._path or (kept.estimate is self._written.estimate and kept[1:] == self._written[1:]):
             return
@@ -137,7 +137,7 @@ class StateKeeper:
             self.save(supervisor)
 
     def report(self) -> StateFileReport | None:
-        """Return the StateFileReport; None where nothing is to be kept."""
+        """Return the StateFileReport; None without a state file."""
         if not self._path:
             return None
         written_s_ago = None if self._written_s is None else time.monotonic() - self._written_s
@@ -152,7 +152,7 @@ class StateKeeper:
 
 
 def _is_foreign(path: str) -> bool:
-    """Return whether a path holds a foreign file; False: it is ours, or the path is free."""
+    """Return whether a path holds a foreign file; False: the file is ours, or there is none."""
     try:
         check_state_file(path)
     except InvalidInput:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The stops of a RoutePlan: its arrays of one element a stop, checked at the door, and written."""
+"""The stops of a RoutePlan: its arrays with one element per stop, validated, read and written."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from bev_preheat_msgs.msg import RoutePlan
 
 NOT_KNOWN = 'not known'
-# Fields of RoutePlan beside stop_after_segment: (low, high), as the message states them.
+# Fields of RoutePlan except stop_after_segment: (low, high), as in the message definition.
 LIMITS = {
     'stop_duration': (1.0, 86400.0),
     'stop_target_battery_temperature': (-60.0, 60.0),
@@ -31,17 +31,17 @@ LIMITS = {
 }
 UNITS = {'stop_duration': 's', 'stop_charger_power': 'W',
          **dict.fromkeys(('stop_target_battery_temperature', 'departure_battery_temperature'), 'degC')}
-# Of these a NaN has a meaning.
+# NaN has a meaning in these fields.
 NAN_MEANS = {
     'stop_target_battery_temperature': "the planner's own default",
     'departure_battery_temperature': 'that wanted on arrival',
     'departure_soc': f'{USUAL_DEPARTURE_SOC:g}',
     'stop_charger_power': NOT_KNOWN,
 }
-# Of these a 0 has a meaning beyond the range.
+# 0 has a meaning in these fields, outside of the range.
 ZERO_MEANS = {'stop_charger_power': NOT_KNOWN}
 HAS_TARGET = 'stop_has_target_battery_temperature'
-# Without these nobody knows when and for how long the vehicle stands.
+# Required: instant and duration of the stop depend on these.
 REQUIRED = ('stop_duration',)
 STOP_FIELDS = ('stop_after_segment', *LIMITS, HAS_TARGET)
 
@@ -49,11 +49,10 @@ STOP_FIELDS = ('stop_after_segment', *LIMITS, HAS_TARGET)
 @dataclass(frozen=True)
 class PlannedStop:
     """
-    A fast-charging stop after a segment (its index), and how long it lasts [s].
+    A fast-charging stop after a segment (its index), and its duration [s].
 
-    On arrival `target_temperature_c` [deg C] is wanted (None: the planner's default) and
-    `minimum_arrival_soc` at least; `departure` is the battery's state when the stop ends. `charger` is
-    what is known of the charger; None: nothing.
+    Requested on arrival: `target_temperature_c` [deg C] (None: the planner's default) and at least
+    `minimum_arrival_soc`; `departure` is the battery's state at the end of the stop. `charger` None: unknown.
     """
 
     after_segment: int
@@ -67,11 +66,10 @@ class PlannedStop:
 def stops_from_message(message: RoutePlan, segments: int | None,
                        default_target_c: float) -> tuple[PlannedStop, ...]:
     """
-    Return the Stops of a RoutePlan of so many segments, in driving order.
+    Return the stops of a RoutePlan with `segments` segments, in driving order.
 
-    `segments` is None where their number is not known; `default_target_c` [deg C] is what the
-    planner wants on arrival where the message names no target. Raises InvalidInput with one problem
-    a field.
+    `segments` is None if their number is unknown; `default_target_c` [deg C] is the target if the message names
+    none. Raises InvalidInput with one problem per field.
     """
     count = len(message.stop_after_segment)
     problems = [f'{field}: has {len(getattr(message, field))} values; at most {MOST_STOPS} stops '
@@ -93,9 +91,9 @@ def stops_from_message(message: RoutePlan, segments: int | None,
 
 
 def _stop(message: RoutePlan, at: int, default_target_c: float) -> PlannedStop:
-    """Return a Stop of a message that was found to be good."""
+    """Return a PlannedStop of a valid message."""
     def value(field: str) -> float:
-        """Return an element; NaN where nothing is given."""
+        """Return an element; NaN if the array is empty."""
         values = getattr(message, field)
         return values[at] if len(values) else math.nan
 
@@ -116,7 +114,7 @@ def _stop(message: RoutePlan, at: int, default_target_c: float) -> PlannedStop:
 
 
 def charger_of(power_w: float, departure_soc: float) -> Charger | None:
-    """Return the Charger of two numbers that were found to be good; 0 and NaN: not known."""
+    """Return the Charger of two valid numbers; 0 and NaN: unknown."""
     if power_w == 0.0 or math.isnan(power_w):
         return None
     is_known = departure_soc != 0.0 and not math.isnan(departure_soc)
@@ -129,7 +127,7 @@ def _length_problem(field: str, length: int, count: int) -> str:
 
 
 def order_problems(after_segment: Sequence[int], segments: int | None) -> list[str]:
-    """Return what is wrong with the order of the stops; `segments` is None where not known."""
+    """Return the problems of the stops' order; `segments` is None if unknown."""
     for at, (before, segment) in enumerate(zip((-1, *after_segment), after_segment)):
         if segment <= before:
             return [f'stop_after_segment[{at}]: {segment} is not allowed; it must be above '
@@ -144,11 +142,11 @@ def order_problems(after_segment: Sequence[int], segments: int | None) -> list[s
 
 
 def value_problems(field: str, values: Iterable[float]) -> list[str]:
-    """Return what is wrong with the values of a field of LIMITS."""
+    """Return the problems of the values of a field of LIMITS."""
     low, high = LIMITS[field]
     zero, nan = ZERO_MEANS.get(field), NAN_MEANS.get(field)
     unknown = '' if nan is None else f', or {"NaN" if zero is None else "0 or NaN"}: {nan}'
-    # One problem tells enough.
+    # One problem is enough.
     for at, value in enumerate(values):
         if not (low <= value <= high or (zero is not None and value == 0.0)
                 or (nan is not None and math.isnan(value))):
@@ -158,7 +156,7 @@ def value_problems(field: str, values: Iterable[float]) -> list[str]:
 
 
 def _flag_problems(message: RoutePlan) -> list[str]:
-    """Return whether a target is said to be there and is not."""
+    """Return the problems of targets that are flagged as given but unset."""
     targets = message.stop_target_battery_temperature
     for at, has_target in enumerate(getattr(message, HAS_TARGET)):
         if has_target and not (at < len(targets) and math.isfinite(targets[at])):

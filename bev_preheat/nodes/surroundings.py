@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Who else is on a node's topics, and with whom of them it cannot talk."""
+"""Finds other nodes on a node's topics that cannot exchange messages with it."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ if TYPE_CHECKING:
     from rclpy.qos import QoSProfile
     from rclpy.topic_endpoint_info import TopicEndpointInfo
 
-# What rmw calls an endpoint whose node it has not heard of, or not yet.
+# rmw's name for an endpoint whose node it has not discovered.
 NAMELESS = '_NODE_NAME_UNKNOWN_'
-# How the hash of a message definition begins (REP 2016).
+# Prefix of the hash of a message definition (REP 2016).
 HASH = 'RIHS01_'
 
 
@@ -29,18 +29,18 @@ def endpoint_name(endpoint: TopicEndpointInfo) -> str:
 
 
 class Surroundings:
-    """Finds publishers and subscriptions that do not fit a node's own in type or quality of service."""
+    """Finds publishers and subscriptions whose type or quality of service does not fit a node's own."""
 
     def __init__(self, node: Node, subscribes: Iterable[str], publishes: Iterable[str],
                  single: Iterable[str] = ()) -> None:
-        """Look after the topics that the node subscribes to and publishes; `single` need one publisher."""
+        """Watch the topics that the node subscribes to and publishes; those in `single` need one publisher."""
         self._node = node
         self._single = frozenset(node.resolve_topic_name(topic) for topic in single)
         self._subscribes = [node.resolve_topic_name(topic) for topic in subscribes]
         self._publishes = [node.resolve_topic_name(topic) for topic in publishes]
 
     def problems(self) -> list[str]:
-        """Return a sentence for each endpoint with which nothing can be exchanged."""
+        """Return a sentence for each incompatible endpoint."""
         node, problems = self._node, []
         for topic in self._subscribes:
             own = self._own(node.get_subscriptions_info_by_topic(topic))
@@ -67,7 +67,7 @@ class Surroundings:
 
 def _problem(other: TopicEndpointInfo, what: str, own: Sequence[TopicEndpointInfo],
              check: Callable[[QoSProfile], tuple[QoSCompatibility, str]]) -> str:
-    """Return a sentence on an endpoint that does not fit any of the node's own; '' if one fits."""
+    """Return a sentence on an endpoint that fits none of the node's own; '' if it fits."""
     if not own:
         return ''
     expected, version = own[0].topic_type, str(own[0].topic_type_hash)
@@ -75,7 +75,7 @@ def _problem(other: TopicEndpointInfo, what: str, own: Sequence[TopicEndpointInf
     if other.topic_type != expected:
         return f'{sentence} as {other.topic_type}; the type must be {expected}'
     other_version = str(other.topic_type_hash)
-    # Not every middleware tells it.
+    # Not every middleware reports it.
     if version != other_version and version.startswith(HASH) and other_version.startswith(HASH):
         return (f'{sentence} as another version of {expected}; build both nodes from the same '
                 'message definitions')

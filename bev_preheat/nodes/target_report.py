@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a PreheatPlan says of its target and of the charging session, written and put into words."""
+"""Target and charging session of a PreheatPlan: written into the message, and put into words."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from bev_preheat.control.target_choice import TargetChoice
 
 WH_PER_KWH = 1000.0
-# Beyond these [s, Wh] a session is treated as unset.
+# A session beyond these limits [s, Wh] is treated as unset.
 LONGEST_S, MOST_WH = 1e7, 1e9
 # Fields of PreheatPlan and of TargetChoice.
 FIGURES = {'charging_time': 'charging_time_s', 'charging_time_unheated': 'unheated_charging_time_s',
@@ -21,7 +21,7 @@ FIGURES = {'charging_time': 'charging_time_s', 'charging_time_unheated': 'unheat
 
 
 def write_target(message: PreheatPlan, choice: TargetChoice | None) -> None:
-    """Write a TargetChoice into a PreheatPlan; None: there is no target, and its figures are NaN."""
+    """Write a TargetChoice into a PreheatPlan; None: no target, figures NaN."""
     for field, name in FIGURES.items():
         setattr(message, field, math.nan if choice is None else getattr(choice, name))
     if choice is not None:
@@ -30,7 +30,7 @@ def write_target(message: PreheatPlan, choice: TargetChoice | None) -> None:
 
 
 def session_texts(plan: PreheatPlan) -> tuple[str, str] | None:
-    """Return the charging session of a PreheatPlan with its target and without heating; None: not known."""
+    """Return the charging session of a PreheatPlan with its target and without heating; None: unknown."""
     if plan.target_source == PreheatPlan.TARGET_UNKNOWN:
         return None
     heated = _session_text(plan.charging_time, plan.bought_energy)
@@ -39,7 +39,7 @@ def session_texts(plan: PreheatPlan) -> tuple[str, str] | None:
 
 
 def charging_text(plan: PreheatPlan) -> str:
-    """Return both sessions as one text, '' where the charger is not known."""
+    """Return both sessions as one text, '' if the charger is unknown."""
     texts = session_texts(plan)
     return '' if texts is None else f'{texts[0]}; without heating {texts[1]}'
 

@@ -55,15 +55,15 @@ if TYPE_CHECKING:
     from bev_preheat.simulation.sensors import Reading
     from bev_preheat.simulation.vehicle_plant import VehiclePlant
 
-    # A method that ROS calls.
+    # A method called by ROS.
     Callback = Callable[..., Any]
-    # Values of parameters by name; the table of parameters says their types.
+    # Values of parameters by name, with the types of the parameter table.
     Values = dict[str, Any]
 
 PARAMETERS = (
-    Parameter('scenario', '', 'What goes wrong: a name in config/scenarios or a YAML file; the '
-              'parameters up to charging_planned, and battery_state_period, are then its own. '
-              'Empty: nothing.', read_only=True),
+    Parameter('scenario', '', 'Faults and disturbances: a name in config/scenarios or a YAML file, which '
+              'then also sets the parameters up to charging_planned, and battery_state_period. '
+              'Empty: none.', read_only=True),
     Parameter('vehicle', 'reference', 'Vehicle: a name in config/vehicles or a YAML file.',
               read_only=True),
     Parameter('route', 'reference', 'Route: a name in config/routes or a CSV file.',
@@ -73,20 +73,20 @@ PARAMETERS = (
     Parameter('initial_soc', 0.9, 'State of charge at the start', '', (0.0, 1.0),
               read_only=True),
     Parameter('target_battery_temperature', 0.0,
-              'Battery temperature wanted on arrival, as route_plan tells it', 'degC',
+              'Requested battery temperature on arrival, published in route_plan', 'degC',
               (-60.0, 60.0), unset_means='left to the planner', read_only=True),
     Parameter('minimum_arrival_soc', 0.0,
-              'State of charge wanted on arrival at least, as route_plan tells it', '',
+              'Requested minimum state of charge on arrival, published in route_plan', '',
               (0.0, 1.0), read_only=True),
     Parameter('charging_planned', True, 'Whether the route ends at a fast charger.',
               read_only=True),
-    Parameter('charger_power', 0.0, 'Power of that charger at the vehicle, as route_plan tells it; not '
+    Parameter('charger_power', 0.0, 'Power of that charger at the vehicle, published in route_plan; not '
               'with a scenario', 'W', CHARGER_RANGE_W, unset_means='not known', read_only=True),
     Parameter('charging_departure_soc', 0.0,
-              'State of charge to leave it with, as route_plan tells it; not with a scenario', '',
+              'State of charge on leaving it, published in route_plan; not with a scenario', '',
               (0.0, 1.0), unset_means='not known', read_only=True),
-    Parameter('publish_clock', True, "Whether /clock is this simulator's; false: the drive goes by "
-              "the node's clock, which is another's /clock with use_sim_time.", read_only=True),
+    Parameter('publish_clock', True, 'Whether this simulator publishes /clock; false: the drive follows '
+              "the node's clock, which is another node's /clock with use_sim_time.", read_only=True),
     Parameter('start_time', 0.0, 'Simulated time at the start, since the epoch; 0: now', 's',
               (0.0, 2.1e9), read_only=True),
     Parameter('wait_for_planner', False,
@@ -94,7 +94,7 @@ PARAMETERS = (
               'route and battery state, and on the way while its answers lag behind.',
               read_only=True),
     Parameter('wait_for_listeners', 0,
-              'Hold the clock at the start until so many subscribe to battery_state.', '',
+              'Hold the clock at the start until battery_state has this many subscriptions.', '',
               (0, 1000), read_only=True),
     Parameter('speed_up', 1.0, 'Simulated seconds in each real second', '', (1.0, 1000.0)),
     Parameter('battery_state_period', 1.0,
@@ -113,20 +113,20 @@ PROGRAM = NodeProgram(
                ('/clock', 'rosgraph_msgs/Clock, with publish_clock'),
                ('/diagnostics', 'diagnostic_msgs/DiagnosticArray')))
 
-# How long listeners have to see the arrival before exit_on_arrival ends the process.
+# Time for listeners to receive the arrival before exit_on_arrival ends the process.
 LINGER_SIMULATED_S = 5.0
 LINGER_REAL_S = 1.0
-# While the clock is held, a battery state is repeated this often, in real time.
+# Real-time period of repeated battery states while the clock is held.
 HOLD_PERIOD_S = 0.2
 DIAGNOSTICS_PERIOD_S = 1.0
-# Simulated time may run slower than asked for by this share before it is worth a warning.
+# Simulated time may be slower than requested by this share before a warning.
 TOLERATED_LOSS = 0.2
-# Reasons of commands that show that the planner has not heard everything yet.
+# Command reasons of a planner that still misses inputs.
 NOT_READY = (HvchCommand.NO_ROUTE, HvchCommand.NO_BATTERY_STATE)
 
 
 def guarded(callback: Callback) -> Callback:
-    """Wrap a callback: an unforeseen exception is logged and ends the simulation."""
+    """Wrap a callback: an unexpected exception is logged and ends the simulation."""
     @wraps(callback)
     def wrapper(self: VehicleSimulatorNode, *arguments: Any) -> Any:
         try:
@@ -138,14 +138,14 @@ def guarded(callback: Callback) -> Callback:
 
 class VehicleSimulatorNode(Node):
     """
-    An `ImperfectCar` behind topics, and the source of `/clock` unless that is another's.
+    An `ImperfectCar` behind topics, and the publisher of `/clock` unless another node is.
 
-    Simulated time moves in ticks and stands between them. A command holds from the tick before its
-    arrival on. `exit_status` is that of the process, when `finished` is done.
+    Simulated time advances in ticks. A command applies from the tick before its arrival. `exit_status` is that of
+    the process, once `finished` is done.
     """
 
     def __init__(self) -> None:
-        """Declare the parameters and start; raises InvalidInput where one is not allowed."""
+        """Declare the parameters and start; raises InvalidInput if one is not allowed."""
         super().__init__('vehicle_simulator')
         values = declare(self, PARAMETERS)
         self.finished = Future()
@@ -180,7 +180,7 @@ class VehicleSimulatorNode(Node):
         self.add_post_set_parameters_callback(self._apply_parameters)
 
         self._has_told_route = False
-        # Not the node's clock: with use_sim_time that may be the one made here.
+        # Not the node's clock: with use_sim_time that may be the one published here.
         self._steady_clock = NodeClock(clock_type=ClockType.STEADY_TIME)
         self._tick_timer = self.create_timer(
             self._pace.real_tick_s, self._on_tick, clock=self._steady_clock)
@@ -225,10 +225,10 @@ class VehicleSimulatorNode(Node):
             self._end(2, error)
             return
         if self._owns_clock and car.asleep_until_s is not None:
-            # All computers sleep: skip the hours.
+            # All computers sleep: skip these hours.
             elapsed_s = self._pace.elapsed_s = max(elapsed_s, car.asleep_until_s)
         car.advance_under(self._lease, elapsed_s)
-        # The time first: who reads a battery state looks at the clock for its age.
+        # The clock first: readers of a battery state need it for the age.
         self._time.publish(self._stamp())
         news = car.route_news(self._time.start_ns)
         if news is not None:
@@ -239,7 +239,7 @@ class VehicleSimulatorNode(Node):
         if car.is_over and self._stood_since_s is None:
             self._stand(real_s)
         else:
-            # Who follows gets the latest; more within one tick would only push each other out.
+            # Only the latest one: others of the same tick would be overwritten in the queue.
             for reading in car.readings()[-1:]:
                 self._publish_reading(reading)
         if self._stood_since_s is not None:
@@ -248,7 +248,7 @@ class VehicleSimulatorNode(Node):
     @guarded
     def _on_hold(self) -> None:
         if self._is_held:
-            # Before the first /clock a planner on simulated time has no use for it.
+            # A planner on simulated time cannot use it before the first /clock.
             if self._has_told_route:
                 self._publish_reading(self._car.read())
             self._start_if_ready()
@@ -259,17 +259,17 @@ class VehicleSimulatorNode(Node):
         if self._waits_for_planner:
             return
         publisher = self._state_publisher
-        # While they are being discovered, the count of matched subscriptions may have one twice.
+        # During discovery, the count of matched subscriptions may include duplicates.
         listeners = {bytes(endpoint.endpoint_gid): endpoint_name(endpoint)
                      for endpoint in self.get_subscriptions_info_by_topic(publisher.topic_name)}
         if min(publisher.get_subscription_count(), len(listeners)) >= self._listeners_awaited:
             self._is_held = False
-            names = ', '.join(sorted(listeners.values())) or 'nobody'
+            names = ', '.join(sorted(listeners.values())) or 'none'
             self.get_logger().info(
                 f'Planner and listeners are ready ({names} listening); the clock starts.')
 
     def _stand(self, real_s: float) -> None:
-        """Tell that the drive is over."""
+        """Publish and log the end of the drive."""
         plant = self._plant
         self._stood_since_s = (real_s, plant.time_s)
         self._publish_reading(self._car.read())
@@ -288,7 +288,7 @@ class VehicleSimulatorNode(Node):
                 f'stands. {figures}.')
         if plant.undeliverable_power_w > 0.0:
             self.get_logger().warning(
-                f'The battery lacked up to {plant.undeliverable_power_w / 1000:.1f} kW, '
+                f'The battery was short by up to {plant.undeliverable_power_w / 1000:.1f} kW, '
                 f'{plant.undeliverable_energy_wh:.1f} Wh in all.')
 
     def _leave_in_time(self, real_s: float, stood_real_s: float,
@@ -308,7 +308,7 @@ class VehicleSimulatorNode(Node):
         if self._patience:
             self._patience.hear(
                 (nanoseconds(message.header.stamp) - self._time.start_ns) / NS_PER_S)
-        # A lease lasts so much longer than now, by whatever clock.
+        # Convert the lease to the plant's time.
         now_ns = self._time.start_ns + round(self._car.clock_s * NS_PER_S)
         until_s = plant.time_s + (nanoseconds(message.valid_until) - now_ns) / NS_PER_S
         try:
@@ -326,7 +326,7 @@ class VehicleSimulatorNode(Node):
             self._start_if_ready()
 
     def _publish_reading(self, reading: Reading) -> None:
-        # What was under way when the last one was told has come too late.
+        # Delayed readings that a newer one has overtaken are dropped.
         if reading.instant_s < self._published_s:
             return
         self._published_s = reading.instant_s
@@ -386,12 +386,12 @@ class VehicleSimulatorNode(Node):
         self._end(2, sentence)
 
     def _end(self, exit_status: int, error: Exception | str) -> None:
-        """End the process because of something the user has to change."""
+        """End the process after an error that the user has to fix."""
         print_error(error, PROGRAM)
         self._finish(exit_status)
 
     def fail(self, where: str, error: Exception) -> None:
-        """End the simulation after an exception nobody foresaw."""
+        """End the simulation after an unexpected exception."""
         self.get_logger().error(f'{where}: {type(error).__name__}: {error}; the simulation ends')
         self._finish(1)
 
@@ -401,7 +401,7 @@ class VehicleSimulatorNode(Node):
             self.finished.set_result(None)
 
     def last_words(self) -> None:
-        """Wait a moment until the listeners have what was told last."""
+        """Wait up to 1 s until the listeners have received the last diagnostics."""
         self._diagnostics_publisher.wait_for_all_acked(Duration(seconds=1))
 
 
@@ -409,7 +409,7 @@ def _departure(values: Values) -> tuple[ImperfectCar, str, Iterable[str]]:
     """
     Return (ImperfectCar, name of its route, warnings) of parameter values.
 
-    Raises InvalidInput where they do not fit.
+    Raises InvalidInput if they do not fit together.
     """
     if values['scenario']:
         scenario = load_scenario(values['scenario'])
@@ -432,7 +432,7 @@ def _departure(values: Values) -> tuple[ImperfectCar, str, Iterable[str]]:
 
 
 def main() -> None:
-    """Run the simulated vehicle until it is told to end, or arrives with exit_on_arrival."""
+    """Run the simulated vehicle until a signal ends it, or it arrives with exit_on_arrival."""
     made = []
 
     def make_node() -> VehicleSimulatorNode:

@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from difflib import get_close_matches
+from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -167,8 +169,6 @@ def vehicle_contents(name_or_file: str | Path) -> bytes:
 
 def vehicle_fingerprint(contents: bytes) -> str:
     """Return the SHA-256 of a vehicle file's bytes, as text."""
-    # Imports OpenSSL, so only if a car is remembered.
-    from hashlib import sha256
     return sha256(contents).hexdigest()
 
 
@@ -178,8 +178,6 @@ def _keys_that_are_not_there(contents: dict[str, FileData]) -> Iterator[str]:
     for index, key in enumerate(contents.get('assumed', ())):
         if key in keys:
             continue
-        # Imported only for a wrong name, because it slows down the start.
-        from difflib import get_close_matches
         near = get_close_matches(key, keys, n=1)
         hint = f'did you mean {near[0]!r}?' if near else 'such as battery.resistance'
         yield f'assumed[{index}]: {quoted(key)} is not a key of this file; {hint}'

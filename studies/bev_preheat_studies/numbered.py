@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Run the numbered trips of a study on any executor.
+Runs the numbered trips of a study on any executor.
 
-A task is a picklable function of a trip's number. Its result depends only on that number, so a study
-has the same results on one core, on all cores, on a cluster, and when it is stopped and resumed.
+A task is a picklable function of a trip's number. Its result depends on that number only, so a study has the
+same results on one core, on all, on a cluster, and in two halves.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ if TYPE_CHECKING:
 
 Result = TypeVar('Result')
 
-# Tasks handed out per core: no core waits while results are in transit.
+# Tasks submitted per core at a time, so that no core waits while results are on their way.
 AHEAD = 3
-# Further tasks started per core while one trip takes long; their results wait in memory.
+# While one trip takes long, at most this many others per core are begun; their results wait in memory.
 MOST_BEGUN = 16
-# Studies cached in a worker.
+# Unpickled tasks that a worker caches.
 KEPT_TASKS = 4
 
 
@@ -38,16 +38,16 @@ def run_numbered(executor: Executor, task: Callable[[int], Result], numbers: Ite
     """
     Return an iterator over `task(number)` of all `numbers`, in their order.
 
-    Numbers in `finished` {number: result} are not run again. `keep(number, result)` is called with each
-    new result as soon as it arrives, in any order. Closing the iterator cancels running tasks. Raises
-    WorkerLost if a worker dies and its task is not reassigned. The executor may state its number of `cores`
-    and, in `losses` {exception: description}, further exceptions that mean a lost worker.
+    Those of `finished` {number: result} are not run again. `keep(number, result)` is called with each other
+    result as soon as it arrives, in any order. Leaving the executor's `with` block ends the tasks that are left.
+    Raises WorkerLost if a worker dies and its task is lost. Optional attributes of an executor: `cores`, and
+    `losses` {exception: explanation}, further exceptions that mean a lost worker.
     """
     return _Run(executor, task, numbers, finished or {}, keep or (lambda number, result: None)).results()
 
 
 class _Run(Generic[Result]):
-    """The state of a study's run: numbers requested, tasks in progress, results received."""
+    """Submitted, running and finished trips of a study."""
 
     def __init__(self, executor: Executor, task: Callable[[int], Result], numbers: Iterable[int],
                  finished: Mapping[int, Result], keep: Callable[[int, Result], object]) -> None:
@@ -61,20 +61,16 @@ class _Run(Generic[Result]):
         self._came: SimpleQueue[Future[Result]] = SimpleQueue()
 
     def results(self) -> Iterator[Result]:
-        try:
-            while True:
-                while self._asked and self._asked[0] in self._there:
-                    yield self._there.pop(self._asked.popleft())
-                if not self._ask():
-                    if not self._asked:
-                        return
-                    self._receive()
-        finally:
-            for future in self._running:
-                future.cancel()
+        while True:
+            while self._asked and self._asked[0] in self._there:
+                yield self._there.pop(self._asked.popleft())
+            if not self._ask():
+                if not self._asked:
+                    return
+                self._receive()
 
     def _ask(self) -> bool:
-        """Submit the next number and return it, unless none is left or the executor is busy enough."""
+        """Submit the next number if there is one and the executor has room; return whether it did."""
         cores: int = getattr(self._executor, 'cores', 1)
         if len(self._running) >= AHEAD * cores or len(self._asked) >= MOST_BEGUN * cores:
             return False

@@ -3,9 +3,8 @@
 
 from __future__ import annotations
 
-from concurrent.futures import CancelledError, Executor, Future, ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
-from functools import partial
 import multiprocessing
 from multiprocessing import resource_tracker
 import os
@@ -15,62 +14,45 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
+    from concurrent.futures import Future
     from multiprocessing.process import BaseProcess
     from typing import Any, TypeVar
 
-    # The type of a task's result.
     Result = TypeVar('Result')
 
 
-class Workers(Executor):
+class Workers(ProcessPoolExecutor):
     """
     An executor of processes on this computer, one for each core if `jobs` is None.
 
-    Leaving its `with` block kills the processes, busy or not. They ignore SIGINT: Ctrl-C goes to the process
-    that started them, which then leaves the block. They also end when that process dies.
-
-    A submitted task cannot be cancelled: when a process ends, the pool's thread sets a result on each
-    remaining task, and fails on a cancelled one.
+    Leaving its `with` block kills them, whatever they are doing. They ignore SIGINT: Ctrl-C is for
+    the process that started them, which then leaves the block. They also end when that process dies.
     """
 
     def __init__(self, jobs: int | None) -> None:
         """Start no process yet."""
         self.cores = jobs or os.cpu_count() or 1
         # A fork would inherit the solver's threads and the terminal's state.
-        self._pool = ProcessPoolExecutor(
-            self.cores, mp_context=multiprocessing.get_context('spawn'), initializer=_begin)
+        super().__init__(self.cores, mp_context=multiprocessing.get_context('spawn'), initializer=_begin)
         self._others: set[BaseProcess] = set(multiprocessing.active_children())
 
     def submit(self, function: Callable[..., Result], /, *arguments: Any,
                **options: Any) -> Future[Result]:
         """Return the Future of a task; may start a process."""
-        task: Future[Result] = Future()
-        task.set_running_or_notify_cancel()
         with _interrupts_held():
-            of_the_pool = self._pool.submit(function, *arguments, **options)
-        of_the_pool.add_done_callback(partial(_hand_on, task))
-        return task
+            return super().submit(function, *arguments, **options)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """Kill the processes."""
         for process in set(multiprocessing.active_children()) - self._others:
             process.kill()
-        self._pool.shutdown(wait=False, cancel_futures=True)
-
-
-def _hand_on(task: Future[Result], ended: Future[Result]) -> None:
-    """Copy the result or exception of the pool's Future to the task."""
-    error = CancelledError() if ended.cancelled() else ended.exception()
-    if error is None:
-        task.set_result(ended.result())
-    else:
-        task.set_exception(error)
+        super().shutdown(wait=False, cancel_futures=True)
 
 
 @contextmanager
 def _interrupts_held() -> Iterator[None]:
-    """Block SIGINT inside the block; processes started in it ignore SIGINT for good."""
-    # The resource tracker unblocks the signal when it starts; normally it starts with the first process.
+    """Block SIGINT during the block; processes started in it never receive the signal."""
+    # The tracker unblocks SIGINT when it starts, which would otherwise be with the first process.
     resource_tracker.ensure_running()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT,))
     try:

@@ -343,16 +343,6 @@ def test_an_old_result_may_be_written_over(old):
     check_outputs([OutputFile('--json', old)])
 
 
-def test_the_file_that_standard_output_goes_to_is_refused(tmp_path):
-    code = ('from bev_preheat.files.output_files import *\n'
-            'try: check_outputs([OutputFile("--json", "shown.txt")])\n'
-            'except ValueError as error: print(error)')
-    with open('shown.txt', 'wb') as shown:
-        subprocess.run([sys.executable, '-c', code], stdout=shown, timeout=60, check=True)
-    assert Path('shown.txt').read_text() == \
-        '--json: shown.txt: standard output is redirected to this file\n'
-
-
 def test_each_output_has_its_problem(old):
     os.mkfifo('pipe')
     assert problems_of('pipe', old, 'none/x', inputs=[old]) == [

@@ -11,7 +11,6 @@ import math
 import os
 from pathlib import Path
 import subprocess
-import sys
 
 from ament_index_python.packages import get_package_prefix
 import pytest
@@ -33,22 +32,6 @@ def run_installed(name, *arguments):
 def test_an_installed_executable_ends_with_2_and_one_line(domain_id, name):
     assert_one_line(run_installed(name, '--ros-args', '-p', 'vehicle:=bicycle'), name,
                     "vehicle 'bicycle' is unknown")
-
-
-def loaded_by(*arguments):
-    """Modules that a run of Python loads."""
-    done = subprocess.run([sys.executable, '-X', 'importtime', *map(str, arguments)], text=True,
-                          capture_output=True, timeout=60)
-    assert done.returncode == 0, done.stderr
-    return {line.rpartition('|')[2].strip() for line in done.stderr.splitlines()}
-
-
-def test_a_start_does_not_look_installed_packages_up_or_load_openssl(domain_id):
-    loaded = loaded_by(Path(get_package_prefix('bev_preheat')) / 'lib' / 'bev_preheat' / 'planner', '--help')
-    assert 'bev_preheat.control.supervisor' in loaded
-    # NumPy 1 loads OpenSSL for its random numbers, asked for or not.
-    unneeded = {'importlib.metadata', 'pkg_resources', 'hashlib'} - loaded_by('-c', 'import numpy')
-    assert not unneeded & loaded
 
 
 def test_an_installed_executable_prints_its_help(domain_id):

@@ -784,7 +784,7 @@ def test_a_new_period_takes_effect_at_once(tunable_car):
 
 def test_the_compiled_core_is_told_and_can_be_switched_off(tunable_car):
     car = tunable_car
-    assert re.search(r'with method \w+; compiled core used: \S+libbev_preheat_core\.so\.', car.process.output())
+    assert re.search(r'with method \w+; native core used: \S+libbev_preheat_core\.so\.', car.process.output())
     assert car.set_parameters(compiled_core=False).successful
     with car.feeding():
         car.diagnostics.wait_for(lambda array: any(

@@ -80,9 +80,9 @@ class Slow(Node):
         self.finished = Future()
 
 
-herald = join_graph('slow')
+loading_node = join_graph('slow')
 print('joined', flush=True)
-sys.exit(run_node(Slow, None, herald))
+sys.exit(run_node(Slow, None, loading_node))
 """
 
 

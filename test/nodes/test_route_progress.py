@@ -119,13 +119,13 @@ def test_a_place_that_is_too_old_is_a_warning():
     assert said(supervisor, START_NS + round(118.5 * NS_PER_S))[0] == DiagnosticStatus.OK
     assert said(supervisor, START_NS + round(119.0 * NS_PER_S)) == (
         DiagnosticStatus.WARN, 'The latest valid route_progress is 8.500 s old; at most 8 s are '
-        'allowed: the planner goes on by time from there.')
+        'allowed: the planner continues by time from there.')
 
 
 def test_a_refused_place_is_a_warning():
     supervisor = a_supervisor()
     assert told(supervisor, 50.0, route_id='work') == (
         DiagnosticStatus.WARN, "route_progress refused: route_id: 'work' is not the route that is "
-        "driven, 'home'. The planner goes by the stamp of route_plan.")
+        "driven, 'home'. The planner follows the stamp of route_plan.")
     assert told(supervisor, 51.0)[0] == DiagnosticStatus.OK
     assert told(supervisor, 52.0, route_id='work')[0] == DiagnosticStatus.WARN

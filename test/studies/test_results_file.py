@@ -85,6 +85,6 @@ def test_a_damaged_line_is_named(path):
 
 
 def test_two_studies_do_not_write_to_one_file(path):
-    with ResultsFile(path, STUDY), pytest.raises(InvalidInput, match='in use by another running study'):
+    with ResultsFile(path, STUDY), pytest.raises(InvalidInput, match='another running study'):
         ResultsFile(path, STUDY)
     assert read(path) == RECORDS

@@ -2,17 +2,15 @@
 """
 The lower bound: a node with the planner's interfaces that plans nothing.
 
-It has the same publishers, subscriptions, service, action server, timers and parameters as the planner, with
-the same qualities of service, clocks and event handlers, and messages of the planner's size on the
-reference trip (a test compares them). It checks, learns and plans nothing; all messages except the command
-are built once, at the start, and it loads no code of the planner. Like every node it logs a line when it is
-ready. It spins with rclpy's own executor, or with the planner's given `--planners-executor`.
+It has the planner's publishers, subscriptions, service, action server, timers and parameters, with the same
+qualities of service, clocks and event handlers, and its messages have the size of the planner's on the
+reference trip (a test compares both nodes). It checks, learns and plans nothing, publishes prepared messages
+beside the command, and loads no module of the planner. Like any node it logs one line when it is ready.
 """
 
 from __future__ import annotations
 
 from array import array
-import sys
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -37,7 +35,6 @@ from std_srvs.srv import SetBool
 from bev_preheat_msgs.action import PrepareBattery
 from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan, RouteProgress
 
-PLANNERS_EXECUTOR = '--planners-executor'
 PARAMETERS: dict[str, Any] = {
     'vehicle': 'reference', 'method': 'merit_order', 'target_battery_temperature': 0.0,
     'battery_state_timeout': 5.0, 'clock_tolerance': 1.0, 'command_period': 1.0,
@@ -45,7 +42,7 @@ PARAMETERS: dict[str, Any] = {
     'minimum_on_time': 20.0, 'minimum_off_time': 120.0, 'route_progress_timeout': 10.0,
     'energy_price': 0.6, 'value_of_time': 10.0, 'heat_while_charging': False,
     'compiled_core': True, 'coldest_cell_limits': True, 'state_file': ''}
-# Size of the plan for the reference trip: steps, heating intervals, characters of its sentence.
+# Of the plan for the reference trip: steps, heating intervals, characters of its sentence.
 STEPS, STRETCHES, CHARACTERS = 120, 2, 120
 # Size of the diagnostics.
 ENTRIES, VALUES = 4, 9
@@ -144,14 +141,7 @@ def diagnostics_message() -> DiagnosticArray:
 def main() -> None:
     """Spin until killed."""
     rclpy.init()
-    node = EmptyNode()
-    if PLANNERS_EXECUTOR not in sys.argv:
-        rclpy.spin(node)
-        return
-    from bev_preheat.nodes.executor import PromptExecutor
-    executor = PromptExecutor()
-    executor.add_node(node)
-    executor.run(lambda: False)
+    rclpy.spin(EmptyNode())
 
 
 if __name__ == '__main__':

@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 WORKERS = 2
-# Number of cars driven here, out of the study's usual number.
-USUAL_CARS, CARS, MOST_S = 300, 60, 120.0
-# Trips of a fleet, alternately by one and by two workers.
+# Of the study's usual number of drawn cars so many are driven.
+USUAL_CARS, CARS, MOST_S = 300, 60, 300.0
+# Trips of a fleet, by one worker and by two in turns.
 FLEET, TURNS, LEAST_EFFICIENCY = 100_000, 2, 0.9
 
 
