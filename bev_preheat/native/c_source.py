@@ -4,7 +4,8 @@ C of the model's equations, made from the Python ones: `python3 -m bev_preheat.n
 
 core/CMakeLists.txt runs it when the core is built. DIR gets formulas.h, the formulas of curves, steps.h,
 the rates of change, the steps of the integrators, with and without a heat path, and the limits on terminal
-power, and drives.h, what the estimation needs of a car that is known up to factors.
+power, drives.h, what the estimation needs of a car that is known up to factors, and interface.h, a digest of
+the core's headers.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import re
 import sys
 from textwrap import fill
 
+from bev_preheat.native.headers import read_headers
 from bev_preheat.native.symbols import Field, Operand, Symbol, SYMBOLS, written_out
 from bev_preheat.numerics.arithmetic import AnyNumber, Arithmetic, CurveFunction
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage
@@ -27,7 +29,7 @@ from bev_preheat.vehicle.uncertain_car import DriveInputs, Lagging, make_drive_r
 
 HEAD = """\
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Made by bev_preheat.native.c_source from the equations in Python; changes are made there. */
+/* Made by bev_preheat.native.c_source from Python and the core's headers; changes are made there. */
 #ifndef {guard}
 #define {guard}
 
@@ -213,11 +215,19 @@ def drives() -> str:
         '#include "curves.h"\n#include "folded_normal.h"')), *functions, '#endif', ''])
 
 
+def interface() -> str:
+    """Return interface.h: the digest by which a caller recognises the library."""
+    return '\n'.join([
+        HEAD.format(guard='BEV_PREHEAT_CORE_INTERFACE_H_',
+                    includes=f'#define BEV_INTERFACE_DIGEST {read_headers().digest()}'), '#endif', ''])
+
+
 def main(folder: str) -> None:
     """Write the headers into a folder, which is made where it is missing."""
     Path(folder).mkdir(parents=True, exist_ok=True)
     for name, text in (
-            ('formulas.h', formulas()), ('steps.h', steps()), ('drives.h', drives())):
+            ('formulas.h', formulas()), ('steps.h', steps()), ('drives.h', drives()),
+            ('interface.h', interface())):
         Path(folder, name).write_text(text, encoding='utf-8')
 
 

@@ -17,13 +17,11 @@ from bev_preheat.native.library import core, OK, SATURATED
 from bev_preheat.native.runs import doubles_at, INTEGRATORS, place
 from bev_preheat.native.structs import (
     address_of,
-    CHEAPEST_ARRAYS,
     DOUBLE_BYTES,
     ENERGIES,
-    EXCHANGE_MEMORY,
     IntervalStruct,
+    room,
     RunOfPowersStruct,
-    SWITCH_ARRAYS,
     SwitchPlanStruct,
 )
 
@@ -74,7 +72,7 @@ def plan_switch(vehicle: NativeVehicle, trip: NativeTrip, soc: float, temperatur
     if library is None:
         return None
     run, places = _new_run(trip.steps)
-    memory, found = np.empty(SWITCH_ARRAYS * (trip.steps + 1)), SwitchPlanStruct()
+    memory, found = np.empty(room('BEV_SWITCH_MEMORY', trip.steps)), SwitchPlanStruct()
     status = library.bev_plan_switch(
     vehicle.address,
     trip.address,
@@ -100,7 +98,7 @@ def plan_paper(vehicle: NativeVehicle, trip: NativeTrip, soc: float, temperature
     if library is None:
         return None
     run, places = _new_run(trip.steps)
-    memory, found = np.empty(SWITCH_ARRAYS * (trip.steps + 1)), SwitchPlanStruct()
+    memory, found = np.empty(room('BEV_SWITCH_MEMORY', trip.steps)), SwitchPlanStruct()
     status = library.bev_plan_paper(
         vehicle.address, trip.address, soc, temperature_c, target_c, place(memory), *places,
         addressof(found))
@@ -146,7 +144,7 @@ def heat_cheapest(
     run, places = _new_run(trip.steps)
     for values, known in zip(run, (soc, temperature_c, heater_w)):
         values[:] = known
-    memory, order = np.empty(CHEAPEST_ARRAYS * trip.steps + 2), (c_int32 * trip.steps)()
+    memory, order = np.empty(room('BEV_CHEAPEST_MEMORY', trip.steps)), (c_int32 * trip.steps)()
     orders = c_int32()
     status = library.bev_heat_cheapest(
         vehicle.address, trip.address, target_c, *places, place(memory), order, byref(orders))
@@ -170,7 +168,7 @@ def exchange_heat(
         return None
     states, powers_w = np.array((soc, temperature_c)), np.array((heater_w, brake_w))
     watched = np.empty((2, trip.steps), dtype=np.uint8)
-    memory, exchanges = np.empty(EXCHANGE_MEMORY[0] * trip.steps + EXCHANGE_MEMORY[1]), c_int32()
+    memory, exchanges = np.empty(room('BEV_EXCHANGE_MEMORY', trip.steps)), c_int32()
     status = library.bev_exchange_heat(
         vehicle.address, trip.address, addressof(goal), place(states), place(powers_w),
         address_of(watched), place(memory), byref(exchanges))
@@ -197,8 +195,9 @@ def find_two_switches(vehicle: NativeVehicle, trip: NativeTrip, target_c: float,
     states, command_w = np.empty((4, trip.steps + 1)), np.empty(trip.steps)
     instants_s = (c_double * 2)()
     status = library.bev_find_two_switches(
-        vehicle.address, trip.address, target_c, place(idle_states), place(np.empty(trip.steps + 1)),
-        place(states), place(command_w), byref(instants_s), byref(instants_s, DOUBLE_BYTES))
+        vehicle.address, trip.address, target_c, place(idle_states),
+        place(np.empty(room('BEV_TWO_SWITCHES_MEMORY', trip.steps))), place(states), place(command_w),
+        byref(instants_s), byref(instants_s, DOUBLE_BYTES))
     return TwiceSwitchedRun(instants_s[0], instants_s[1], states, command_w) if status == OK else None
 
 

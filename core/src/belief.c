@@ -11,12 +11,6 @@
 
 #define SQUARE (BEV_ELEMENTS * BEV_ELEMENTS)
 
-int32_t bev_size_of_belief(void) { return (int32_t)sizeof(bev_belief); }
-
-int32_t bev_size_of_belief_terms(void) { return (int32_t)sizeof(bev_belief_terms); }
-
-int32_t bev_size_of_drive(void) { return (int32_t)sizeof(bev_drive); }
-
 /* The elements that move with time; all others wander. */
 #define MOVING 5
 static const int32_t MOVED[MOVING] = {BEV_TEMPERATURE, BEV_SOC, BEV_UNDER_WAY, BEV_SENSOR, BEV_LOCAL};

@@ -7,8 +7,6 @@
 #include "limited_step.h"
 #include "steps_of_model.h"
 
-int32_t bev_size_of_plant(void) { return (int32_t)sizeof(bev_plant); }
-
 /* What stays the same while the vehicle drives. */
 typedef struct {
   const bev_vehicle *vehicle;

@@ -206,7 +206,7 @@ static bev_status find_stretch(const bev_seen_run *run, bev_switch_plan *plan) {
   const bev_trip *trip = run->trip;
   double heating_j = 0.0;
   plan->is_heated = 0;
-  plan->is_one_stretch = 1;
+  plan->is_one_interval = 1;
   plan->first_heated = trip->steps;
   plan->end_heated = trip->steps;
   for (int32_t k = 0; k < trip->steps; k++) {
@@ -218,7 +218,7 @@ static bev_status find_stretch(const bev_seen_run *run, bev_switch_plan *plan) {
       if (plan->first_heated == trip->steps) {
         plan->first_heated = k;
       } else if (plan->end_heated < k) {
-        plan->is_one_stretch = 0;
+        plan->is_one_interval = 0;
       } else {
         /* The stretch goes on. */
       }
@@ -226,11 +226,11 @@ static bev_status find_stretch(const bev_seen_run *run, bev_switch_plan *plan) {
       heating_j += heater_w * trip->duration_s[k];
       if (trip->propulsion_power_w[k] < 0.0
           && heater_w <= run->least_w[k] - trip->idle_power_w[k] + SURPLUS_TOLERANCE_W) {
-        plan->is_one_stretch = 0;
+        plan->is_one_interval = 0;
       }
     }
   }
-  plan->stretch_wh = heating_j / JOULES_PER_WH;
+  plan->interval_wh = heating_j / JOULES_PER_WH;
   return find_reason(run, plan);
 }
 

@@ -41,8 +41,6 @@ typedef struct {
   int32_t segment;
 } bev_plant;
 
-int32_t bev_size_of_plant(void);
-
 /*
  * Drive on until an instant [s] or the end of the trip under a heater power [W], as far as limits allow it.
  *
