@@ -4,8 +4,8 @@ C of the model's equations, made from the Python ones: `python3 -m bev_preheat.n
 
 core/CMakeLists.txt runs it when the core is built. DIR gets formulas.h, the formulas of curves, steps.h,
 the rates of change, the steps of the integrators, with and without a heat path, and the limits on terminal
-power, drives.h, what the estimation needs of a car that is known up to factors, and interface.h, a digest of
-the core's headers.
+power, drives.h, what the estimation needs of a car that is known up to factors, constants.h, the constants
+that the core shares with Python modules, and interface.h, a digest of the core's headers.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import re
 import sys
 from textwrap import fill
 
+from bev_preheat.native.core_constants import constant_lines
 from bev_preheat.native.headers import read_headers
 from bev_preheat.native.symbols import Field, Operand, Symbol, SYMBOLS, written_out
 from bev_preheat.numerics.arithmetic import AnyNumber, Arithmetic, CurveFunction
@@ -215,6 +216,12 @@ def drives() -> str:
         '#include "curves.h"\n#include "folded_normal.h"')), *functions, '#endif', ''])
 
 
+def constants() -> str:
+    """Return constants.h: tolerances, bounds and other constants that stand in Python modules."""
+    return '\n'.join([HEAD.format(guard='BEV_PREHEAT_CORE_CONSTANTS_H_', includes='\n'.join(constant_lines())),
+                      '#endif', ''])
+
+
 def interface() -> str:
     """Return interface.h: the digest by which a caller recognises the library."""
     return '\n'.join([
@@ -226,7 +233,7 @@ def main(folder: str) -> None:
     """Write the headers into a folder, which is made where it is missing."""
     Path(folder).mkdir(parents=True, exist_ok=True)
     for name, text in (
-            ('formulas.h', formulas()), ('steps.h', steps()), ('drives.h', drives()),
+            ('constants.h', constants()), ('formulas.h', formulas()), ('steps.h', steps()), ('drives.h', drives()),
             ('interface.h', interface())):
         Path(folder, name).write_text(text, encoding='utf-8')
 

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 # The limit at the end is kept by at most so much more than needed [W].
 END_TOLERANCE_W = 1e-3
+# The highest temperature is kept to this by heating.
+HIGHEST_TOLERANCE_K = 1e-6
 # States and powers of a step: charge and temperature at its end first; heater (its command) and friction
 # brake [W] first, and third, where the heater lags, what it takes on average.
 Driven = tuple[tuple[float, ...], tuple[float, ...]]

@@ -18,7 +18,7 @@ import numpy as np
 from bev_preheat.native import runs as native_runs
 from bev_preheat.native import searches as native_searches
 from bev_preheat.numerics.arithmetic import FLOATS
-from bev_preheat.planning.both_ends import drive_to_end, Driven, warmth_beyond
+from bev_preheat.planning.both_ends import drive_to_end, Driven, HIGHEST_TOLERANCE_K, warmth_beyond
 from bev_preheat.planning.bracketing import halve
 from bev_preheat.planning.dynamics import hottest_c, native_vehicle
 from bev_preheat.planning.foresight import Foresight
@@ -41,8 +41,6 @@ if TYPE_CHECKING:
     from bev_preheat.planning.situation import BatteryState
     from bev_preheat.planning.trip import Trip
 
-# The highest temperature is kept to this by heating.
-HIGHEST_TOLERANCE_K = 1e-6
 # So many states and powers.
 STATES, POWERS = 4, 4
 # Command, friction brake, what the heater takes, and heat into the battery, means of a step [W].

@@ -15,8 +15,9 @@ from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
+from bev_preheat.planning.bracketing import ARRIVAL_TOLERANCE_K
 from bev_preheat.planning.dynamics import limits_along, terminal_limits_w
-from bev_preheat.planning.optimal_switch import ARRIVAL_TOLERANCE_K
+from bev_preheat.planning.heating_intervals import SURPLUS_TOLERANCE_W
 from bev_preheat.planning.prices import (
     CHARGE,
     ChargeWarmth,
@@ -39,8 +40,6 @@ BRAKE_DIFFERENCE_W = 1000.0
 # Where the heater can take no more, or no less, than this there is nothing to change: what a climb is just
 # delivered with is not heated with.
 LEAST_ROOM_W = 10.0
-# Paid heat is told from surplus to this.
-SURPLUS_TOLERANCE_W = 1.0
 # Steps that end this close to the highest temperature are not heated more.
 NEAR_HIGHEST_K = 1e-3
 # A power that is lacking by less than this share is rounding.

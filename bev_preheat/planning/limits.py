@@ -17,7 +17,7 @@ import numpy as np
 from bev_preheat.native import runs as native_runs
 from bev_preheat.native import searches as native_searches
 from bev_preheat.numerics.arithmetic import FLOATS
-from bev_preheat.planning.both_ends import drive_to_end, Driven, warmth_beyond
+from bev_preheat.planning.both_ends import drive_to_end, Driven, HIGHEST_TOLERANCE_K, warmth_beyond
 from bev_preheat.planning.bracketing import halve
 from bev_preheat.planning.dynamics import (
     hottest_c,
@@ -42,8 +42,6 @@ if TYPE_CHECKING:
 COLDER_BY_K = 5.0
 # A limit counts as active where it takes more than this [W].
 ACTIVE_W = 1e-3
-# The highest temperature is kept to this by heating.
-HIGHEST_TOLERANCE_K = 1e-6
 
 # `wanted_w(step, temperature_c)` -> heater power [W].
 WantedPower = Callable[[int, float], float]

@@ -17,7 +17,7 @@ import numpy as np
 
 from bev_preheat.native import plans as native_plans
 from bev_preheat.numerics.arithmetic import SATURATING_FLOATS
-from bev_preheat.planning.bracketing import follow_slope, Trial
+from bev_preheat.planning.bracketing import ARRIVAL_TOLERANCE_K, follow_slope, Trial
 from bev_preheat.planning.dynamics import native_vehicle, run_forward, run_on
 from bev_preheat.planning.paper import find_crossing
 from bev_preheat.planning.schedule import maximum_from, Schedule
@@ -29,12 +29,8 @@ if TYPE_CHECKING:
     from bev_preheat.planning.situation import BatteryState, Goal
     from bev_preheat.planning.trip import Trip
 
-# The target is met when the forward run arrives this close [K]: for a large pack, within 1 mWh.
-ARRIVAL_TOLERANCE_K = 5e-6
 # What leaks on the way makes heating take about this many times what the target lacks.
 HEATING_ALLOWANCE = 1.1
-# The secant needs two to four runs; the bracket makes sure that the search ends in any case.
-MOST_RUNS = 60
 
 
 def plan_optimal_switch(trip: Trip, state: BatteryState, goal: Goal,
@@ -93,7 +89,7 @@ def refine_switching_instant(trip: Trip, target_c: float, idle: tuple[FloatArray
     first = switched_on_at(min(max(guess_s, earliest_s), latest_s))
     return follow_slope(
         earliest_s, latest_s, first, _arrival_slope_k_per_s(trip, first.outcome, first.value),
-        switched_on_at, ARRIVAL_TOLERANCE_K, most_trials=MOST_RUNS).outcome
+        switched_on_at, ARRIVAL_TOLERANCE_K).outcome
 
 
 def _switch_at(trip: Trip, idle: tuple[FloatArray, FloatArray], instant_s: float) -> Schedule:

@@ -39,6 +39,8 @@ COARSE = 4
 # by more than the second will not be what becomes of it.
 NEAR_K = 10.0
 NEAR_TARGET_K = 5.0
+# The slope of a map is taken over a piece that is at least so wide.
+LEAST_WIDTH_K = 1e-9
 
 
 @dataclass(frozen=True)
@@ -272,6 +274,6 @@ def _needed_c(grid_c: FloatArray, deficit_w: FloatArray, first: IntArray,
             continue
         at = int(deficit[-1])
         before = max(at - 1, 0)
-        slope = (row_w[before] - row_w[at]) / max(row_c[at] - row_c[before], 1e-9)
+        slope = (row_w[before] - row_w[at]) / max(row_c[at] - row_c[before], LEAST_WIDTH_K)
         needed_c[m] = row_c[at] + (row_w[at] / slope if slope > 0.0 else 0.0)
     return needed_c

@@ -1,10 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The energies of a forward run: bev_preheat.planning.dynamics. */
+#include "bev_preheat_core_generated/constants.h"
 #include "checks.h"
 #include "means.h"
 #include "steps_of_model.h"
-
-#define JOULES_PER_WH 3600.0
 
 /* What one step of a run takes and gives, means [W]. */
 typedef struct {
@@ -57,7 +56,7 @@ static step_account account_of(const bev_vehicle *vehicle, const bev_trip *trip,
 
 static void add_step(const bev_vehicle *vehicle, const bev_trip *trip, const bev_run_of_powers *run,
                      int32_t k, const step_account *account, bev_energies *sum) {
-  const double hours = trip->duration_s[k] / JOULES_PER_WH;
+  const double hours = trip->duration_s[k] / BEV_JOULES_PER_WH;
   const double brake_w = run->brake_w == NULL ? 0.0 : run->brake_w[k];
   sum->joule += hours * account->joule_w;
   sum->drivetrain_heat += hours * (trip->drivetrain_heat_w[k] - vehicle->heat_share * brake_w);

@@ -5,14 +5,12 @@
  */
 #include "limited_step.h"
 
+#include "bev_preheat_core_generated/constants.h"
 #include <stdbool.h>
 
 #include "bracketing.h"
 #include "foresight.h"
 #include "heating.h"
-
-/* The limit at the end of a step is kept by at most so much more than needed [W]. */
-#define END_TOLERANCE_W 1e-3
 
 /* One step on its way. */
 typedef struct {
@@ -144,7 +142,7 @@ static bev_status drive_between(const bev_limited_run *run, const step_start *st
   double paid_w = 0.0;
   bev_status status = limited_command(run, start, limits_w, command_w, &paid_w);
   int is_settled = 0;
-  for (int32_t round = 0; status == BEV_OK && round < BEV_MOST_ROUNDS && !is_settled; round++) {
+  for (int32_t round = 0; status == BEV_OK && round < BEV_MOST_HEATING_ROUNDS && !is_settled; round++) {
     *brake_w = 0.0;
     if (may_overcharge) {
       const double drawn_w = start->left * start->states[2] + (1.0 - start->left) * *command_w;
@@ -205,7 +203,7 @@ static bev_status limits_at_end(const step_to_end *of, double limits_w[2]) {
 static double spare_w(const step_to_end *of, const double limits_w[2]) {
   const double to_spare_w =
       of->moved == 1 ? limits_w[1] - terminal_w(of) : terminal_w(of) - limits_w[0];
-  return to_spare_w - 0.5 * END_TOLERANCE_W;
+  return to_spare_w - 0.5 * BEV_END_TOLERANCE_W;
 }
 
 /* The step with one of its limits moved. */
@@ -229,10 +227,10 @@ static bev_status move_limit(step_to_end *of, int moved, double utmost_w,
   double value_w = terminal_w(of);
   of->moved = moved;
   double excess_w = spare_w(of, at_end_w);
-  const bev_ending ending = {0.5 * END_TOLERANCE_W, 0.0, BEV_MOST_TRIALS};
+  const bev_ending ending = {0.5 * BEV_END_TOLERANCE_W, 0.0, BEV_MOST_TRIALS};
   bev_status status = bev_follow_slope(utmost_w, value_w, moved == 1 ? -1.0 : 1.0, &ending,
                                        attempt_end, of, &value_w, &excess_w);
-  if (status == BEV_OK && excess_w < -0.5 * END_TOLERANCE_W && value_w != utmost_w) {
+  if (status == BEV_OK && excess_w < -0.5 * BEV_END_TOLERANCE_W && value_w != utmost_w) {
     /* In a long step less heat may lower the limit by more than it saves: nothing holds it. */
     status = attempt_end(of, utmost_w, &excess_w);
   }

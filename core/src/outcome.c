@@ -3,17 +3,10 @@
  * What comes of a run: its energies, and its stretches of heating, as bev_preheat.planning.heating_intervals tells
  * them, where the reasons stand.
  */
+#include "bev_preheat_core_generated/constants.h"
 #include "checks.h"
 #include "limited_step.h"
 #include "step_limits.h"
-
-/* A heater power below this share of what the cabin leaves is rounding. */
-#define HEATING_SHARE 1e-4
-/* Surplus is told from paid heating to this [W]. */
-#define SURPLUS_TOLERANCE_W 1.0
-/* Heating that ends so many lags of the heat path before arrival, or later, is for the arrival. */
-#define TOO_LATE_LAGS 12.0
-#define JOULES_PER_WH 3600.0
 
 /* A step that is not heated, or that gives no reason for heating before it. */
 #define NOTHING (-1)
@@ -36,11 +29,11 @@ typedef struct {
 static int32_t kind_of(const told_run *run, int32_t k) {
   const bev_trip *trip = run->trip;
   const double heater_w = run->command_w[k];
-  if (!(heater_w > HEATING_SHARE * trip->heater_limit_w[k])) {
+  if (!(heater_w > BEV_HEATING_SHARE * trip->heater_limit_w[k])) {
     return NOTHING;
   }
   return trip->propulsion_power_w[k] < 0.0
-          && heater_w <= run->least_w[k] - trip->idle_power_w[k] + SURPLUS_TOLERANCE_W
+          && heater_w <= run->least_w[k] - trip->idle_power_w[k] + BEV_SURPLUS_TOLERANCE_W
       ? SURPLUS
       : ARRIVAL;
 }
@@ -70,7 +63,7 @@ static int32_t too_late_from(const told_run *run, int32_t may_end_early) {
     last--;
   }
   const double left_s = trip->time_s[trip->steps] - trip->time_s[last];
-  return may_end_early != 0 && left_s <= TOO_LATE_LAGS * bev_heat_lag_s(run->vehicle)
+  return may_end_early != 0 && left_s <= BEV_TOO_LATE_LAGS * bev_heat_lag_s(run->vehicle)
       ? last
       : trip->steps;
 }
@@ -90,7 +83,7 @@ static int32_t divide(const told_run *run, bev_stretch *stretches) {
       }
       stretches[count - 1].last = k + 1;
       stretches[count - 1].energy_wh +=
-          run->command_w[k] * trip->duration_s[k] / JOULES_PER_WH;
+          run->command_w[k] * trip->duration_s[k] / BEV_JOULES_PER_WH;
     }
     kind_before = kind;
   }

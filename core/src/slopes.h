@@ -6,12 +6,9 @@
 #ifndef BEV_PREHEAT_CORE_SLOPES_H_
 #define BEV_PREHEAT_CORE_SLOPES_H_
 
+#include "bev_preheat_core_generated/constants.h"
 #include "circuit.h"
 #include "steps_of_model.h"
-
-/* Slopes of the model's rates are taken over these differences. */
-#define BEV_SOC_DIFFERENCE 1e-4
-#define BEV_TEMPERATURE_DIFFERENCE_K 0.1
 
 /* A number for the charge and one for the warmth: rates, slopes, or what they are worth on arrival. */
 typedef struct {

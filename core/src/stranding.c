@@ -3,6 +3,7 @@
  * How a run ends whose charge runs out: bev_preheat.planning.limits._stranded and
  * bev_preheat.planning.heated_limits._strand.
  */
+#include "bev_preheat_core_generated/constants.h"
 #include "checks.h"
 #include "heating.h"
 #include "limited_step.h"

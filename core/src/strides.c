@@ -2,6 +2,7 @@
 /* Where each stride of a trip leads from each temperature: bev_preheat.planning.strides. */
 #include "strides.h"
 
+#include "bev_preheat_core_generated/constants.h"
 #include <stdbool.h>
 
 #include "checks.h"
@@ -9,7 +10,6 @@
 #include "sorted.h"
 #include "steps_of_model.h"
 
-#define LEAST_WIDTH_K 1e-9
 /* So many temperatures are worked out side by side. */
 #define BLOCK BEV_BLOCK
 
@@ -190,7 +190,7 @@ bev_status bev_map_stride(const bev_vehicle *vehicle, const bev_strides *inputs,
         const int32_t before = n > 0 ? n - 1 : 0;
         const double fallen_w = (n > 0 ? before_w : lacking_w) - lacking_w;
         const double slope =
-            fallen_w / bev_maximum(map->start_c[n] - map->start_c[before], LEAST_WIDTH_K);
+            fallen_w / bev_maximum(map->start_c[n] - map->start_c[before], BEV_LEAST_WIDTH_K);
         map->needed_c = map->start_c[n] + (slope > 0.0 ? lacking_w / slope : 0.0);
       }
       before_w = lacking_w;

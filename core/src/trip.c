@@ -1,10 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The columns of a trip from those of a route: bev_preheat.planning.trip. */
+#include "bev_preheat_core_generated/constants.h"
 #include "checks.h"
 #include "route_columns.h"
-
-/* Longer steps are divided by who asks for the trip: Euler's error grows with the step. */
-#define LONGEST_STEP_S 300.0
 
 /* The columns of a trip, in their order. */
 enum {
@@ -31,8 +29,8 @@ static bev_status make_steps(const bev_trip_terms *terms, int32_t steps,
         terms->gamma_0_w_per_k + terms->gamma_v_w_per_k_per_mps * from[BEV_ROUTE_SPEED][k];
     const double drivetrain_heat_w = terms->heat_share * from[BEV_ROUTE_MAGNITUDE][k];
     const double longest_s = leakage_w_per_k <= terms->stiff_w_per_k
-        ? LONGEST_STEP_S
-        : LONGEST_STEP_S * (terms->stiff_w_per_k / leakage_w_per_k);
+        ? BEV_LONGEST_STEP_S
+        : BEV_LONGEST_STEP_S * (terms->stiff_w_per_k / leakage_w_per_k);
     if (!(duration_s <= longest_s)) {
       return BEV_BAD_INPUT;
     }
