@@ -32,6 +32,7 @@ from bev_preheat.planning.heat_run import (
     States,
 )
 from bev_preheat.planning.schedule import Schedule
+from bev_preheat.vehicle.heat_balance import heat_with_brake_w
 from bev_preheat.vehicle.model import make_runge_kutta_4
 from bev_preheat.vehicle.terminal_limits import make_terminal_limits, TerminalLimits
 
@@ -123,7 +124,6 @@ def _drive_within_limits(trip: Trip, watch: LimitedSteps, wanted_w: WantedPower,
     step = heated_step_of_floats(vehicle, True)
     limits: TerminalLimits[float] = make_terminal_limits(vehicle, FLOATS)
     highest_c, most_c = vehicle.battery.temperature_range_c[1], hottest_c(vehicle)
-    heat_share = vehicle.drivetrain.heat_share
     k_per_watt, share_of_excess = heat_to_come_k(vehicle)
     joules_per_k = (vehicle.battery.heat_capacity_j_per_k
                     + vehicle.heat_path.coolant_heat_capacity_j_per_k) / vehicle.hvch.efficiency
@@ -143,7 +143,7 @@ def _drive_within_limits(trip: Trip, watch: LimitedSteps, wanted_w: WantedPower,
         def end_of(command_w: float, brake_w: float) -> tuple[float, ...]:
             ends: tuple[float, ...] = step(
                 soc, temperature_c, heater_w, excess_k, duration_s, power_w + brake_w, variance_w2,
-                heat_w - heat_share * brake_w, leakage_w_per_k, command_w)
+                heat_with_brake_w(vehicle, heat_w, brake_w), leakage_w_per_k, command_w)
             return ends
 
         def command_for(drawn_w: float) -> float:

@@ -22,6 +22,7 @@ from bev_preheat.planning.dynamics import native_vehicle, run_forward, run_on
 from bev_preheat.planning.paper import find_crossing
 from bev_preheat.planning.schedule import maximum_from, Schedule
 from bev_preheat.planning.two_switches import plan_two_switches
+from bev_preheat.vehicle.heat_balance import heat_with_heater_w
 from bev_preheat.vehicle.model import make_midpoint, make_rates, make_runge_kutta_4
 
 if TYPE_CHECKING:
@@ -116,7 +117,7 @@ def _arrival_slope_k_per_s(trip: Trip, schedule: Schedule, instant_s: float) -> 
         return rates(
             soc[step], temperature_c[step] + warmer_k, trip.idle_power_w[step] + heater_w,
             trip.power_variance_w2[step],
-            trip.idle_heat_w[step] + trip.vehicle.hvch.efficiency * heater_w,
+            heat_with_heater_w(trip.vehicle, trip.idle_heat_w[step], heater_w),
             trip.leakage_w_per_k[step])[1]
 
     gained_k_per_s = rate(first, 0.0, trip.heater_limit_w[first]) - rate(first, 0.0, 0.0)

@@ -16,6 +16,7 @@ import numpy as np
 
 from bev_preheat.numerics.arithmetic import ARRAYS
 from bev_preheat.planning.limits import LimitedSteps
+from bev_preheat.vehicle.heat_balance import heat_under_w
 from bev_preheat.vehicle.model import make_midpoint, make_rates
 from bev_preheat.vehicle.terminal_limits import make_terminal_limits
 
@@ -216,8 +217,7 @@ def map_strides(vehicle: Vehicle, strides: Strides, grid_c: FloatArray,
         terminal_w = power_w + heater_w + brake_w
         _, end_c, _, joule_w = step(
             soc, start_c, duration_s, terminal_w, variance_w2,
-            heat_w + vehicle.hvch.efficiency * heater_w
-            - vehicle.drivetrain.heat_share * brake_w, leakage_w_per_k)
+            heat_under_w(vehicle, heat_w, heater_w, brake_w), leakage_w_per_k)
         energy_j = duration_s * (terminal_w + joule_w + penalty * deficit_w)
         return StrideMaps(grid_c, end_c, energy_j, needed_c, first, last, strides.every)
 

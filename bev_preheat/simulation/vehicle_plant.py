@@ -18,6 +18,7 @@ from bev_preheat.planning.dynamics import (
 )
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.trip import make_trip
+from bev_preheat.vehicle.heat_balance import heat_under_w, heat_with_brake_w
 from bev_preheat.vehicle.heat_path import HeatedStep, make_heated_step, sensor_reading_c
 from bev_preheat.vehicle.model import make_rates, make_runge_kutta_4, Rates, Step
 from bev_preheat.vehicle.terminal_limits import make_terminal_limits, TerminalLimits
@@ -96,7 +97,6 @@ class VehiclePlant:
             curve.function(SATURATING_FLOATS)
             for curve in (vehicle.battery.open_circuit_voltage, vehicle.battery.resistance))
         self._highest_c, self._hottest_c = vehicle.battery.temperature_range_c[1], hottest_c(vehicle)
-        self._efficiency, self._heat_share = vehicle.hvch.efficiency, vehicle.drivetrain.heat_share
         self._coolant_started_c = self.coolant_c
         self.brake_power_w = 0.0
         self.undeliverable_power_w = 0.0
@@ -224,8 +224,8 @@ class VehiclePlant:
         """Power, power variance, heat and leakage: what a step takes under a heater power [W]; as Trip.inputs."""
         segment = self._segments[self._segment]
         return (segment.idle_power_w + heater_power_w + self.brake_power_w, segment.variance_w2,
-                segment.idle_heat_w + self._efficiency * heater_power_w
-                - self._heat_share * self.brake_power_w, segment.leakage_w_per_k)
+                heat_under_w(self.vehicle, segment.idle_heat_w, heater_power_w, self.brake_power_w),
+                segment.leakage_w_per_k)
 
     def _model_step(self, step_s: float, saturating: bool) -> tuple[float, float, float, float]:
         """Return what the model's step does; heater and coolant go on with it."""
@@ -265,7 +265,8 @@ class VehiclePlant:
         cooled_j = self.vehicle.battery.heat_capacity_j_per_k * (temperature_c - self.temperature_c)
         self._elapsed_s += step_s
         self.undeliverable_power_w = max(self.undeliverable_power_w, deficit_w)
-        drivetrain_heat_w = segment.drivetrain_heat_w - self._heat_share * self.brake_power_w
+        drivetrain_heat_w = heat_with_brake_w(
+            self.vehicle, segment.drivetrain_heat_w, self.brake_power_w)
         self._joule_j += step_s * joule_w
         self._drivetrain_j += step_s * drivetrain_heat_w
         self._heater_j += step_s * self.heater_power_w

@@ -45,17 +45,16 @@ static bev_status end_of(const bev_limited_run *run, const step_start *start, do
   bev_inputs inputs = start->idle;
   if (run->is_direct != 0) {
     inputs.power_w = start->idle.power_w + command_w + brake_w;
-    inputs.heat_w = start->idle.heat_w + vehicle->heater_efficiency * command_w
-        - vehicle->heat_share * brake_w;
+    inputs.heat_w = bev_heat_under_w(vehicle, start->idle.heat_w, command_w, brake_w);
     bev_integrate(vehicle, BEV_RUNGE_KUTTA_4, 1, start->states[0], start->states[1], &inputs,
                   result);
     result[2] = 0.0;
     result[3] = 0.0;
     result[6] = command_w;
-    result[7] = vehicle->heater_efficiency * command_w;
+    result[7] = bev_heat_with_heater_w(vehicle, 0.0, command_w);
   } else {
     inputs.power_w = start->idle.power_w + brake_w;
-    inputs.heat_w = start->idle.heat_w - vehicle->heat_share * brake_w;
+    inputs.heat_w = bev_heat_with_brake_w(vehicle, start->idle.heat_w, brake_w);
     bev_integrate_heated(vehicle, 1, start->states, &inputs, command_w, result);
   }
   return bev_kind_of(result[0], result[1]) == BEV_OK && bev_kind_of(result[2], result[3]) == BEV_OK

@@ -46,8 +46,7 @@ static bev_inputs inputs_under(const drive *of, const bev_plant *plant, double h
   const int32_t k = plant->segment;
   const bev_inputs inputs = {
       step_s, trip->idle_power_w[k] + heater_w + plant->brake_power_w, trip->power_variance_w2[k],
-      trip->idle_heat_w[k] + vehicle->heater_efficiency * heater_w
-          - vehicle->heat_share * plant->brake_power_w,
+      bev_heat_under_w(vehicle, trip->idle_heat_w[k], heater_w, plant->brake_power_w),
       trip->leakage_w_per_k[k]};
   return inputs;
 }
@@ -102,7 +101,7 @@ static int step(const drive *of, double step_s, bev_plant *plant) {
   plant->time_s += step_s;
   plant->joule_j += step_s * result[3];
   plant->drivetrain_j +=
-      step_s * (trip->drivetrain_heat_w[k] - vehicle->heat_share * plant->brake_power_w);
+      step_s * bev_heat_with_brake_w(vehicle, trip->drivetrain_heat_w[k], plant->brake_power_w);
   plant->heater_j += step_s * plant->heater_power_w;
   plant->leakage_j +=
       step_s * trip->leakage_w_per_k[k] * (trip->ambient_temperature_c[k] - result[2]) - cooled_j;

@@ -66,8 +66,7 @@ static inline bev_charge_warmth bev_rates_under(const bev_middle *of, const bev_
   bev_rates_of_circuit(vehicle, BEV_AS_ARRAYS, circuit->voltage_v, circuit->resistance_ohm,
                        circuit->temperature_c, of->idle.power_w + heater_w + brake_w,
                        of->idle.variance_w2,
-                       of->idle.heat_w + vehicle->heater_efficiency * heater_w
-                           - vehicle->heat_share * brake_w,
+                       bev_heat_under_w(vehicle, of->idle.heat_w, heater_w, brake_w),
                        of->idle.leakage_w_per_k, result);
   const bev_charge_warmth rates = {result[0], result[1]};
   return rates;

@@ -27,11 +27,11 @@ static inline bev_inputs bev_inputs_of(const bev_vehicle *vehicle, const bev_tri
                        trip->idle_heat_w[k], trip->leakage_w_per_k[k]};
   if (heater_w != NULL) {
     inputs.power_w = inputs.power_w + heater_w[k];
-    inputs.heat_w = inputs.heat_w + vehicle->heater_efficiency * heater_w[k];
+    inputs.heat_w = bev_heat_with_heater_w(vehicle, inputs.heat_w, heater_w[k]);
   }
   if (brake_w != NULL) {
     inputs.power_w = inputs.power_w + brake_w[k];
-    inputs.heat_w = inputs.heat_w - vehicle->heat_share * brake_w[k];
+    inputs.heat_w = bev_heat_with_brake_w(vehicle, inputs.heat_w, brake_w[k]);
   }
   return inputs;
 }

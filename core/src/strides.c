@@ -87,13 +87,11 @@ static bev_status drive_stride(stride_block *block, const double *heater_w, doub
   const double idle_heat_w = inputs->idle_heat_w[m];
   const double leakage_w_per_k = inputs->leakage_w_per_k[m];
   const double soc = inputs->soc[m];
-  const double efficiency = vehicle->heater_efficiency;
-  const double heat_share = vehicle->heat_share;
   for (int32_t n = 0; n < count; n++) {
     double rates[3];
     const double brake_w = block->surplus_w[n] - bev_minimum(heater_w[n], block->surplus_w[n]);
     block->terminal_w[n] = idle_power_w + heater_w[n] + brake_w;
-    block->heat_w[n] = idle_heat_w + efficiency * heater_w[n] - heat_share * brake_w;
+    block->heat_w[n] = bev_heat_under_w(vehicle, idle_heat_w, heater_w[n], brake_w);
     bev_rates_of_circuit(vehicle, BEV_AS_ARRAYS, block->voltage_v[n], block->resistance_ohm[n],
                          block->start_c[n], block->terminal_w[n], variance_w2, block->heat_w[n],
                          leakage_w_per_k, rates);

@@ -57,7 +57,7 @@ static double rate_k_per_s(const switch_search *of, int32_t k, double warmer_k, 
   double result[3];
   bev_rates(of->vehicle, BEV_SATURATING, of->soc[k], of->temperature_c[k] + warmer_k,
             trip->idle_power_w[k] + heater_w, trip->power_variance_w2[k],
-            trip->idle_heat_w[k] + of->vehicle->heater_efficiency * heater_w,
+            bev_heat_with_heater_w(of->vehicle, trip->idle_heat_w[k], heater_w),
             trip->leakage_w_per_k[k], result);
   return result[1];
 }
