@@ -24,7 +24,7 @@ from bev_preheat.numerics.arithmetic import AnyNumber, Arithmetic, CurveFunction
 from bev_preheat.vehicle import heat_balance
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage
 from bev_preheat.vehicle.description import Battery, Defaults, Drivetrain, Hvch, Leakage, Vehicle
-from bev_preheat.vehicle.heat_path import HeatPath, make_heated_step, sensor_reading_c
+from bev_preheat.vehicle.heat_path import HeatPath, make_heated_step
 from bev_preheat.vehicle.model import make_euler, make_midpoint, make_rates, make_runge_kutta_4
 from bev_preheat.vehicle.terminal_limits import make_terminal_limits
 from bev_preheat.vehicle.uncertain_car import DriveInputs, Lagging, make_drive_rates, make_lagging_step
@@ -53,7 +53,6 @@ ROUTE_DRIVE = tuple(field.name for field in fields(DriveInputs)
                     if field.name not in ('terminal_power_w', 'hidden_variance_w2'))
 LEAKAGE = tuple(field.name for field in fields(Leakage))
 LAGGING = tuple(field.name for field in fields(Lagging))
-SENSOR = ('lag_s', 'reading_c', 'start_c', 'end_c', 'duration_s')
 
 
 NO_LEAKAGE = Leakage(0.0, 0.0)
@@ -108,10 +107,6 @@ def _vehicle(heat_path: HeatPath, leakage: Leakage = NO_LEAKAGE) -> Vehicle:
 
 def _field(name: str) -> AnyNumber:
     return Field(f'vehicle->{name}')
-
-
-def _arguments(names: Sequence[str]) -> list[AnyNumber]:
-    return [*map(Field, names)]
 
 
 def _function(name: str, subject: str, arguments: Sequence[str], results: Sequence[Operand],
@@ -244,10 +239,6 @@ def drives() -> str:
         (*LAGGING, 'temperature_rate', 'soc_rate', 'joule_w', 'heater_power_w', 'duration_s'),
         step(Lagging(*map(Symbol, LAGGING)), (Symbol('temperature_rate'), Symbol('soc_rate'), Symbol('joule_w')),
              Symbol('heater_power_w'), Symbol('duration_s'))))
-    lag_s, reading_c, start_c, end_c, duration_s = _arguments(SENSOR)
-    functions.append(_function(
-        'bev_sensor_reading', 'bev_vehicle *vehicle', SENSOR, [sensor_reading_c(
-            HeatPath(sensor_lag_s=lag_s), reading_c, start_c, end_c, duration_s, SYMBOLS)], is_value=True))
     return '\n'.join([HEAD.format(guard='BEV_PREHEAT_CORE_DRIVES_H_', includes=(
         '#include "curves.h"\n#include "folded_normal.h"')), *functions, *_trip_terms(), '#endif', ''])
 

@@ -51,7 +51,7 @@ NAMES: Mapping[ModuleType, str] = {
     foresight: 'LAGS_AHEAD LASTING_LAGS',
     free_heat: ('ABOVE_TARGET_K AIM_K FULL_SOC HIGHER_K LEAST_GAIN LEAST_KEPT MISSED_K MORE_AIM MOST_CEILINGS '
                 'PIECES WARMER_K WIDER'),
-    heating_intervals: 'SURPLUS_TOLERANCE_W TOO_LATE_LAGS',
+    heating_intervals: 'SURPLUS_TOLERANCE_W',
     limited_prices: ('BRAKE_DIFFERENCE_W LEAST_ROOM_W LOWEST_SOC_AIM LOWEST_SOC_MARGIN NEAR_HIGHEST_K '
                      'NEAR_LOWEST_SOC POWER_ROUNDING'),
     limited_switch: 'MOST_RUNS:MOST_LIMITED_SWITCH_RUNS',

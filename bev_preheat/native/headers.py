@@ -13,7 +13,7 @@ from bev_preheat.native.interface import Fields, Interface, Room
 
 # In a checkout; an installed package has no headers.
 INCLUDE = Path(__file__).resolve().parents[2] / 'core' / 'include' / 'bev_preheat_core'
-FILES = ('core.h', 'estimation.h', 'plant.h')
+FILES = ('core.h', 'estimation.h')
 KINDS = {'double': 'D', 'int32_t': 'I'}
 STATUS = 'bev_status'
 COMMENT = re.compile(r'/\*.*?\*/', re.DOTALL)

@@ -32,9 +32,7 @@ from bev_preheat.native.structs import (
     CurveStruct,
     EnergiesStruct,
     HeatingStruct,
-    IntervalStruct,
     MeritPlanStruct,
-    PlantStruct,
     ROOMS,
     RunOfPowersStruct,
     SafeGoalStruct,
@@ -78,7 +76,6 @@ _SIGNATURES = {
     'bev_unheated_lacks': 'PPPPPPP',
     'bev_find_surplus_ceiling': 'PPPDPPPP',
     'bev_keep_accounts': 'PIPPPP',
-    'bev_find_outcome': 'PIPPPPIPPP',
     'bev_find_switch': 'PPDPPPPPP',
     'bev_plan_paper': 'PPDDDPPPPP',
     'bev_find_prices': 'PPPPPPP',
@@ -96,7 +93,6 @@ _SIGNATURES = {
     'bev_heat_along': 'PPPPPP',
     'bev_find_two_switches': 'PPDPPPPPP',
     'bev_plan_trips': 'PPIPPPPDDIPPP',
-    'bev_drive_plant': 'PPDDDDP',
 }
 
 
@@ -166,9 +162,9 @@ def bindings() -> Interface:
         'bev_caution': CautionStruct, 'bev_course': CourseStruct, 'bev_curve': CurveStruct,
         'bev_curve_range': CurveRangeStruct, 'bev_drive': DriveStruct, 'bev_energies': EnergiesStruct,
         'bev_heating': HeatingStruct, 'bev_merit_plan': MeritPlanStruct, 'bev_passed': PassedStruct,
-        'bev_plant': PlantStruct, 'bev_reading': ReadingStruct, 'bev_run_of_powers': RunOfPowersStruct,
+        'bev_reading': ReadingStruct, 'bev_run_of_powers': RunOfPowersStruct,
         'bev_safe_goal': SafeGoalStruct, 'bev_safe_plan': SafePlanStruct, 'bev_settling': SettlingStruct,
-        'bev_stranding': StrandingStruct, 'bev_stretch': IntervalStruct, 'bev_strides': StridesStruct,
+        'bev_stranding': StrandingStruct, 'bev_strides': StridesStruct,
         'bev_switch_plan': SwitchPlanStruct, 'bev_trip': TripStruct, 'bev_trip_terms': TripTermsStruct,
         'bev_vehicle': VehicleStruct}
     names = {struct: name for name, struct in structs.items()}

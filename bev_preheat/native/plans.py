@@ -19,7 +19,6 @@ from bev_preheat.native.structs import (
     address_of,
     DOUBLE_BYTES,
     ENERGIES,
-    IntervalStruct,
     room,
     RunOfPowersStruct,
     SwitchPlanStruct,
@@ -30,10 +29,6 @@ if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.vehicle.model import Integrator
 
-
-STRETCH = np.dtype(IntervalStruct)
-# The first step of a stretch, the one after its last, its reason, and what it takes [Wh].
-Stretch = tuple[int, int, int, float]
 
 
 class SwitchedRun(NamedTuple):
@@ -234,28 +229,3 @@ def keep_accounts(vehicle: NativeVehicle, make_integrator: Integrator, trip: Nat
         vehicle.address, integrator, trip.address, addressof(run), place(columns),
         addressof(energies_wh))
     return (energies_wh[:], columns) if status == OK else None
-
-
-def find_outcome(vehicle: NativeVehicle, make_integrator: Integrator, trip: NativeTrip,
-                 deliverable: bool, soc: FloatArray, temperature_c: FloatArray, drawn_w: FloatArray,
-                 arriving_heat_w: FloatArray | None, brake_w: FloatArray, command_w: FloatArray,
-                 least_w: FloatArray, may_end_early: bool) -> tuple[list[float], list[Stretch]] | None:
-    """
-    Return energies [Wh], as ENERGIES, and the Stretches of heating of a run; see core.h.
-
-    The arguments up to `brake_w` are those of `keep_accounts`; `command_w` and `least_w` (N,) are the heater
-    power that was asked for and the least terminal power of each step [W]. `may_end_early`: heating for the
-    arrival may end before it.
-    """
-    library, integrator = core(), INTEGRATORS.get(make_integrator)
-    if library is None or integrator is None:
-        return None
-    intervals, energies_wh = np.empty(trip.steps, STRETCH), (c_double * len(ENERGIES))()
-    kept = [array if array is None else np.ascontiguousarray(array, dtype=float)
-            for array in (soc, temperature_c, drawn_w, arriving_heat_w, brake_w, command_w, least_w)]
-    *columns, command, least = map(address_of, kept)
-    count, run = c_int32(), RunOfPowersStruct(deliverable, *columns)
-    status = library.bev_find_outcome(
-        vehicle.address, integrator, trip.address, addressof(run), command, least, may_end_early,
-        addressof(energies_wh), address_of(intervals), byref(count))
-    return (energies_wh[:], intervals[:count.value].tolist()) if status == OK else None

@@ -156,12 +156,6 @@ class SafePlanStruct(Structure):
     _fields_ = [('plan', MeritPlanStruct), ('is_unheated', c_int32), ('held_back', c_int32)]
 
 
-class IntervalStruct(Structure):
-    """`bev_stretch`."""
-
-    _fields_ = [*((name, c_int32) for name in ('first', 'last', 'reason')), ('energy_wh', c_double)]
-
-
 class RunOfPowersStruct(Structure):
     """`bev_run_of_powers`."""
 
@@ -205,17 +199,6 @@ class ArrivalStruct(Structure):
     _fields_ = [*((name, c_double) for name in ('heater_wh', 'temperature_c', 'soc', 'instant_s')),
                 ('status', c_int32)]
 
-
-PLANT_COLUMNS = (
-    'time_s', 'soc', 'temperature_c', 'sensor_c', 'coolant_c', 'heater_power_w', 'brake_power_w', 'command_w',
-    'power_at_end_w', 'voltage_v', 'current_a', 'joule_j', 'drivetrain_j', 'heater_j', 'leakage_j', 'battery_j',
-    'brake_j')
-
-
-class PlantStruct(Structure):
-    """`bev_plant`."""
-
-    _fields_ = [*((name, c_double) for name in PLANT_COLUMNS), ('segment', c_int32)]
 
 
 class NotDescribed(Exception):

@@ -622,28 +622,6 @@ bev_status bev_keep_accounts(const bev_vehicle *vehicle, int32_t integrator, con
                              bev_energies *energies);
 
 /*
- * One stretch of heating: the steps first ... last - 1, what they take [Wh, electrical], and what they are for,
- * in the numbers of PreheatPlan.stretch_reason.
- */
-typedef struct {
-  int32_t first;
-  int32_t last;
-  int32_t reason;
-  double energy_wh;
-} bev_stretch;
-
-/*
- * What comes of a run: its energies, as of bev_keep_accounts, and its stretches of heating. `command_w` is the
- * heater power that was asked for, `least_w` the least terminal power that the battery may take in each step [W].
- * `may_end_early` (not 0): heating for the arrival may end before it, as the heat comes late.
- * Of `stretches`, which has room for `steps`, `count` are written.
- */
-bev_status bev_find_outcome(const bev_vehicle *vehicle, int32_t integrator, const bev_trip *trip,
-                            const bev_run_of_powers *run, const double *command_w,
-                            const double *least_w, int32_t may_end_early, bev_energies *energies,
-                            bev_stretch *stretches, int32_t *count);
-
-/*
  * The instant [s] from which on the heater takes all that the cabin leaves, so that the battery arrives at a
  * target; heat at once, limits left aside. 0 where that is not enough.
  *
