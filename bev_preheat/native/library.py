@@ -24,6 +24,7 @@ from bev_preheat.native.belief_structs import (
     PassedStruct,
     ReadingStruct,
 )
+from bev_preheat.native.declines import DECLINES
 from bev_preheat.native.interface import fields_of, Interface
 from bev_preheat.native.structs import (
     ArrivalStruct,
@@ -49,7 +50,6 @@ from bev_preheat.native.structs import (
 FILE = 'libbev_preheat_core.so'
 # BEV_INTERFACE of core.h.
 INTERFACE = 6
-OK, SATURATED, EMPTY, NO_CROSSING, LIMITED = 0, 1, 2, 3, 4
 
 # Arguments by type: P an address, D a double, I an integer.
 _TYPES = {'P': c_void_p, 'D': c_double, 'I': c_int32}
@@ -150,6 +150,7 @@ def _load(path: str) -> tuple[Any, str]:
             function = getattr(library, name)
             function.argtypes = [_TYPES[each] for each in types]
             function.restype = c_int32
+            function.errcheck = DECLINES.note
     except (OSError, AttributeError) as error:
         return None, f'{path} cannot be loaded: {error}'
     return library, ''
