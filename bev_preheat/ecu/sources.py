@@ -44,7 +44,8 @@ def core_sources() -> dict[str, str]:
         raise InvalidInput(f'{error.filename}: the source of {CORE} cannot be read: {error.strerror}; '
                            'build the packages of one version') from error
     generated = f'include/{CORE}_generated'
-    return {**files, f'{generated}/formulas.h': c_source.formulas(),
+    return {**files, f'{generated}/constants.h': c_source.constants(),
+            f'{generated}/formulas.h': c_source.formulas(),
             f'{generated}/steps.h': c_source.steps()}
 
 

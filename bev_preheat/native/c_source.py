@@ -4,30 +4,34 @@ C of the model's equations, made from the Python ones: `python3 -m bev_preheat.n
 
 core/CMakeLists.txt runs it when the core is built. DIR gets formulas.h, the formulas of curves, steps.h,
 the rates of change, the steps of the integrators, with and without a heat path, and the limits on terminal
-power, and drives.h, what the estimation needs of a car that is known up to factors.
+power, drives.h, what the estimation needs of a car that is known up to factors, constants.h, the constants
+that the core shares with Python modules, and interface.h, a digest of the core's headers.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 import re
 import sys
 from textwrap import fill
 
+from bev_preheat.native.core_constants import constant_lines
+from bev_preheat.native.headers import read_headers
 from bev_preheat.native.symbols import Field, Operand, Symbol, SYMBOLS, written_out
 from bev_preheat.numerics.arithmetic import AnyNumber, Arithmetic, CurveFunction
+from bev_preheat.vehicle import heat_balance
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage
 from bev_preheat.vehicle.description import Battery, Defaults, Drivetrain, Hvch, Leakage, Vehicle
-from bev_preheat.vehicle.heat_path import HeatPath, make_heated_step, sensor_reading_c
+from bev_preheat.vehicle.heat_path import HeatPath, make_heated_step
 from bev_preheat.vehicle.model import make_euler, make_midpoint, make_rates, make_runge_kutta_4
 from bev_preheat.vehicle.terminal_limits import make_terminal_limits
 from bev_preheat.vehicle.uncertain_car import DriveInputs, Lagging, make_drive_rates, make_lagging_step
 
 HEAD = """\
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Made by bev_preheat.native.c_source from the equations in Python; changes are made there. */
+/* Made by bev_preheat.native.c_source from Python and the core's headers; changes are made there. */
 #ifndef {guard}
 #define {guard}
 
@@ -49,7 +53,6 @@ ROUTE_DRIVE = tuple(field.name for field in fields(DriveInputs)
                     if field.name not in ('terminal_power_w', 'hidden_variance_w2'))
 LEAKAGE = tuple(field.name for field in fields(Leakage))
 LAGGING = tuple(field.name for field in fields(Lagging))
-SENSOR = ('lag_s', 'reading_c', 'start_c', 'end_c', 'duration_s')
 
 
 NO_LEAKAGE = Leakage(0.0, 0.0)
@@ -106,21 +109,18 @@ def _field(name: str) -> AnyNumber:
     return Field(f'vehicle->{name}')
 
 
-def _arguments(names: Sequence[str]) -> list[AnyNumber]:
-    return [*map(Field, names)]
-
-
 def _function(name: str, subject: str, arguments: Sequence[str], results: Sequence[Operand],
-              is_value: bool = False) -> str:
-    """Return a function of C: of `subject`, `saturating` and doubles, to one value or `result`."""
+              is_value: bool = False, may_saturate: bool = True) -> str:
+    """Return a function of C: of `subject`, `saturating`, where it may, and doubles, to one value or `result`."""
     lines, ends = written_out(results)
     lines += ([f'return {ends[0]};'] if is_value
               else [f'result[{n}] = {end};' for n, end in enumerate(ends)])
     body = '\n'.join(lines)
-    names = [subject.rpartition('*')[2], 'saturating', *arguments]
+    names = [*filter(None, [subject.rpartition('*')[2]]), *may_saturate * ['saturating'], *arguments]
     unused = [f'(void){each};' for each in names if not re.search(rf'\b{each}\b', body)]
     parameters = ', '.join(
-        [f'const {subject}', 'int32_t saturating', *(f'double {each}' for each in arguments),
+        [*(f'const {each}' for each in (subject,) if each), *may_saturate * ['int32_t saturating'],
+         *(f'double {each}' for each in arguments),
          *(() if is_value else (f'double result[{len(results)}]',))])
     return '\n'.join([
         fill(f'static inline {"double" if is_value else "void"} {name}({parameters}) {{',
@@ -146,9 +146,42 @@ def formulas() -> str:
         '#endif', ''])
 
 
+def _balance() -> list[str]:
+    """Return the terms of the heat balance and of the terminal power along a trip."""
+    vehicle = _vehicle(HeatPath())
+
+    def term(name: str, term_of: Callable[..., AnyNumber], *arguments: str, has_vehicle: bool = True) -> str:
+        return _function(
+            name, 'bev_vehicle *vehicle' if has_vehicle else '', arguments,
+            [term_of(*has_vehicle * [vehicle], *map(Symbol, arguments))], is_value=True, may_saturate=False)
+
+    return [
+        term('bev_heat_with_heater_w', heat_balance.heat_with_heater_w, 'heat_w', 'heater_w'),
+        term('bev_heat_with_brake_w', heat_balance.heat_with_brake_w, 'heat_w', 'brake_w'),
+        term('bev_heat_under_w', heat_balance.heat_under_w, 'heat_w', 'heater_w', 'brake_w'),
+        term('bev_leaked_w', heat_balance.leaked_w, 'leakage_w_per_k', 'ambient_c', 'temperature_c',
+             has_vehicle=False),
+        term('bev_deliverable_w', heat_balance.deliverable_w, *CIRCUIT, has_vehicle=False)]
+
+
+def _trip_terms() -> list[str]:
+    """Return what a trip is made with: leakage, drivetrain heat, power and heat without battery heating."""
+    leakage: list[AnyNumber] = [Field(f'terms->{name}') for name in LEAKAGE]
+    heat_share: AnyNumber = Field('terms->heat_share')
+    drivetrain = Drivetrain(0.0, heat_share, 0.0)
+    functions: list[tuple[str, Callable[..., AnyNumber], tuple[str, ...], str]] = [
+        ('bev_leakage_w_per_k', Leakage(*leakage).coefficient_w_per_k, ('speed_mps',), 'bev_trip_terms *terms'),
+        ('bev_drivetrain_heat_w', drivetrain.heat_to_battery_w, ('magnitude_w',), 'bev_trip_terms *terms'),
+        ('bev_idle_power_w', heat_balance.idle_power_w, ('propulsion_w', 'cabin_w', 'auxiliary_w'), ''),
+        ('bev_idle_heat_w', heat_balance.idle_heat_w, (
+            'leakage_w_per_k', 'ambient_c', 'drivetrain_heat_w'), '')]
+    return [_function(name, subject, arguments, [function(*map(Symbol, arguments))], is_value=True,
+                      may_saturate=False) for name, function, arguments, subject in functions]
+
+
 def steps() -> str:
     """
-    Return steps.h: the rates, one function for each integrator, each kind of heat path, and the limits.
+    Return steps.h: rates, one function for each integrator and kind of heat path, limits, and heat balance.
 
     Rates and limits are there once more with what the curves give as arguments.
     """
@@ -179,6 +212,7 @@ def steps() -> str:
         _function('bev_terminal_limits_of_circuit', 'bev_vehicle *vehicle',
                   (*CIRCUIT, *POWER_LIMITS, LIMITS[-1]), make_terminal_limits(given, SYMBOLS)(
                       *(Symbol(each) for each in LIMITS)))]
+    functions += _balance()
     return '\n'.join([HEAD.format(guard='BEV_PREHEAT_CORE_STEPS_H_', includes='#include "curves.h"'),
                       *functions, '#endif', ''])
 
@@ -205,19 +239,29 @@ def drives() -> str:
         (*LAGGING, 'temperature_rate', 'soc_rate', 'joule_w', 'heater_power_w', 'duration_s'),
         step(Lagging(*map(Symbol, LAGGING)), (Symbol('temperature_rate'), Symbol('soc_rate'), Symbol('joule_w')),
              Symbol('heater_power_w'), Symbol('duration_s'))))
-    lag_s, reading_c, start_c, end_c, duration_s = _arguments(SENSOR)
-    functions.append(_function(
-        'bev_sensor_reading', 'bev_vehicle *vehicle', SENSOR, [sensor_reading_c(
-            HeatPath(sensor_lag_s=lag_s), reading_c, start_c, end_c, duration_s, SYMBOLS)], is_value=True))
     return '\n'.join([HEAD.format(guard='BEV_PREHEAT_CORE_DRIVES_H_', includes=(
-        '#include "curves.h"\n#include "folded_normal.h"')), *functions, '#endif', ''])
+        '#include "curves.h"\n#include "folded_normal.h"')), *functions, *_trip_terms(), '#endif', ''])
+
+
+def constants() -> str:
+    """Return constants.h: tolerances, bounds and other constants that stand in Python modules."""
+    return '\n'.join([HEAD.format(guard='BEV_PREHEAT_CORE_CONSTANTS_H_', includes='\n'.join(constant_lines())),
+                      '#endif', ''])
+
+
+def interface() -> str:
+    """Return interface.h: the digest by which a caller recognises the library."""
+    return '\n'.join([
+        HEAD.format(guard='BEV_PREHEAT_CORE_INTERFACE_H_',
+                    includes=f'#define BEV_INTERFACE_DIGEST {read_headers().digest()}'), '#endif', ''])
 
 
 def main(folder: str) -> None:
     """Write the headers into a folder, which is made where it is missing."""
     Path(folder).mkdir(parents=True, exist_ok=True)
     for name, text in (
-            ('formulas.h', formulas()), ('steps.h', steps()), ('drives.h', drives())):
+            ('constants.h', constants()), ('formulas.h', formulas()), ('steps.h', steps()), ('drives.h', drives()),
+            ('interface.h', interface())):
         Path(folder, name).write_text(text, encoding='utf-8')
 
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from ctypes import c_double, c_int32, c_void_p, CDLL, sizeof
+from ctypes import c_double, c_int32, c_void_p, CDLL
 from functools import lru_cache
 import os
 from typing import Any
@@ -24,14 +24,17 @@ from bev_preheat.native.belief_structs import (
     PassedStruct,
     ReadingStruct,
 )
+from bev_preheat.native.declines import DECLINES
+from bev_preheat.native.interface import fields_of, Interface
 from bev_preheat.native.structs import (
     ArrivalStruct,
     CautionStruct,
     CurveRangeStruct,
+    CurveStruct,
+    EnergiesStruct,
     HeatingStruct,
-    IntervalStruct,
     MeritPlanStruct,
-    PlantStruct,
+    ROOMS,
     RunOfPowersStruct,
     SafeGoalStruct,
     SafePlanStruct,
@@ -45,9 +48,8 @@ from bev_preheat.native.structs import (
 )
 
 FILE = 'libbev_preheat_core.so'
-# Of core.h.
-INTERFACE = 5
-OK, SATURATED, EMPTY, NO_CROSSING, LIMITED = 0, 1, 2, 3, 4
+# BEV_INTERFACE of core.h.
+INTERFACE = 6
 
 # Arguments by type: P an address, D a double, I an integer.
 _TYPES = {'P': c_void_p, 'D': c_double, 'I': c_int32}
@@ -74,7 +76,6 @@ _SIGNATURES = {
     'bev_unheated_lacks': 'PPPPPPP',
     'bev_find_surplus_ceiling': 'PPPDPPPP',
     'bev_keep_accounts': 'PIPPPP',
-    'bev_find_outcome': 'PIPPPPIPPP',
     'bev_find_switch': 'PPDPPPPPP',
     'bev_plan_paper': 'PPDDDPPPPP',
     'bev_find_prices': 'PPPPPPP',
@@ -92,7 +93,6 @@ _SIGNATURES = {
     'bev_heat_along': 'PPPPPP',
     'bev_find_two_switches': 'PPDPPPPPP',
     'bev_plan_trips': 'PPIPPPPDDIPPP',
-    'bev_drive_plant': 'PPDDDDP',
 }
 
 
@@ -148,33 +148,30 @@ def _loaded() -> tuple[Any, str]:
 def _load(path: str) -> tuple[Any, str]:
     try:
         library = CDLL(path)
-        if not _is_ours(library):
+        if library.bev_interface() != bindings().digest():
             return None, f'{path} is of another version'
         for name, types in _SIGNATURES.items():
             function = getattr(library, name)
             function.argtypes = [_TYPES[each] for each in types]
             function.restype = c_int32
+            function.errcheck = DECLINES.note
     except (OSError, AttributeError) as error:
         return None, f'{path} cannot be loaded: {error}'
     return library, ''
 
 
-def _is_ours(library: Any) -> bool:
-    """Return whether a library has this interface, and structs of the same size."""
-    return (library.bev_interface(), library.bev_size_of_vehicle(), library.bev_size_of_trip(),
-            library.bev_size_of_heating(), library.bev_size_of_strides(),
-            library.bev_size_of_curve_range(), library.bev_size_of_settling(),
-            library.bev_size_of_stranding(), library.bev_size_of_run_of_powers(),
-            library.bev_size_of_switch_plan(), library.bev_size_of_belief(),
-            library.bev_size_of_belief_terms(), library.bev_size_of_drive(),
-            library.bev_size_of_course(), library.bev_size_of_arrival(),
-            library.bev_size_of_caution(), library.bev_size_of_merit_plan(),
-            library.bev_size_of_stretch(), library.bev_size_of_trip_terms(),
-            library.bev_size_of_passed(), library.bev_size_of_reading(),
-            library.bev_size_of_plant(), library.bev_size_of_safe_goal(),
-            library.bev_size_of_safe_plan()) == (INTERFACE, *map(sizeof, (
-                VehicleStruct, TripStruct, HeatingStruct, StridesStruct, CurveRangeStruct,
-                SettlingStruct, StrandingStruct, RunOfPowersStruct, SwitchPlanStruct, BeliefStruct,
-                BeliefTermsStruct, DriveStruct, CourseStruct, ArrivalStruct, CautionStruct,
-                MeritPlanStruct, IntervalStruct, TripTermsStruct, PassedStruct, ReadingStruct,
-                PlantStruct, SafeGoalStruct, SafePlanStruct)))
+def bindings() -> Interface:
+    """Return the Interface that these bindings are written for."""
+    structs = {
+        'bev_arrival': ArrivalStruct, 'bev_belief': BeliefStruct, 'bev_belief_terms': BeliefTermsStruct,
+        'bev_caution': CautionStruct, 'bev_course': CourseStruct, 'bev_curve': CurveStruct,
+        'bev_curve_range': CurveRangeStruct, 'bev_drive': DriveStruct, 'bev_energies': EnergiesStruct,
+        'bev_heating': HeatingStruct, 'bev_merit_plan': MeritPlanStruct, 'bev_passed': PassedStruct,
+        'bev_reading': ReadingStruct, 'bev_run_of_powers': RunOfPowersStruct,
+        'bev_safe_goal': SafeGoalStruct, 'bev_safe_plan': SafePlanStruct, 'bev_settling': SettlingStruct,
+        'bev_stranding': StrandingStruct, 'bev_strides': StridesStruct,
+        'bev_switch_plan': SwitchPlanStruct, 'bev_trip': TripStruct, 'bev_trip_terms': TripTermsStruct,
+        'bev_vehicle': VehicleStruct}
+    names = {struct: name for name, struct in structs.items()}
+    return Interface(INTERFACE, {name: fields_of(struct, names) for name, struct in structs.items()},
+                     _SIGNATURES, ROOMS)

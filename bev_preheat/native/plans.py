@@ -13,17 +13,15 @@ from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.native.library import core, OK, SATURATED
+from bev_preheat.native.declines import OK, SATURATED
+from bev_preheat.native.library import core
 from bev_preheat.native.runs import doubles_at, INTEGRATORS, place
 from bev_preheat.native.structs import (
     address_of,
-    CHEAPEST_ARRAYS,
     DOUBLE_BYTES,
     ENERGIES,
-    EXCHANGE_MEMORY,
-    IntervalStruct,
+    room,
     RunOfPowersStruct,
-    SWITCH_ARRAYS,
     SwitchPlanStruct,
 )
 
@@ -32,10 +30,6 @@ if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.vehicle.model import Integrator
 
-
-STRETCH = np.dtype(IntervalStruct)
-# The first step of a stretch, the one after its last, its reason, and what it takes [Wh].
-Stretch = tuple[int, int, int, float]
 
 
 class SwitchedRun(NamedTuple):
@@ -74,7 +68,7 @@ def plan_switch(vehicle: NativeVehicle, trip: NativeTrip, soc: float, temperatur
     if library is None:
         return None
     run, places = _new_run(trip.steps)
-    memory, found = np.empty(SWITCH_ARRAYS * (trip.steps + 1)), SwitchPlanStruct()
+    memory, found = np.empty(room('BEV_SWITCH_MEMORY', trip.steps)), SwitchPlanStruct()
     status = library.bev_plan_switch(
     vehicle.address,
     trip.address,
@@ -100,7 +94,7 @@ def plan_paper(vehicle: NativeVehicle, trip: NativeTrip, soc: float, temperature
     if library is None:
         return None
     run, places = _new_run(trip.steps)
-    memory, found = np.empty(SWITCH_ARRAYS * (trip.steps + 1)), SwitchPlanStruct()
+    memory, found = np.empty(room('BEV_SWITCH_MEMORY', trip.steps)), SwitchPlanStruct()
     status = library.bev_plan_paper(
         vehicle.address, trip.address, soc, temperature_c, target_c, place(memory), *places,
         addressof(found))
@@ -146,7 +140,7 @@ def heat_cheapest(
     run, places = _new_run(trip.steps)
     for values, known in zip(run, (soc, temperature_c, heater_w)):
         values[:] = known
-    memory, order = np.empty(CHEAPEST_ARRAYS * trip.steps + 2), (c_int32 * trip.steps)()
+    memory, order = np.empty(room('BEV_CHEAPEST_MEMORY', trip.steps)), (c_int32 * trip.steps)()
     orders = c_int32()
     status = library.bev_heat_cheapest(
         vehicle.address, trip.address, target_c, *places, place(memory), order, byref(orders))
@@ -170,7 +164,7 @@ def exchange_heat(
         return None
     states, powers_w = np.array((soc, temperature_c)), np.array((heater_w, brake_w))
     watched = np.empty((2, trip.steps), dtype=np.uint8)
-    memory, exchanges = np.empty(EXCHANGE_MEMORY[0] * trip.steps + EXCHANGE_MEMORY[1]), c_int32()
+    memory, exchanges = np.empty(room('BEV_EXCHANGE_MEMORY', trip.steps)), c_int32()
     status = library.bev_exchange_heat(
         vehicle.address, trip.address, addressof(goal), place(states), place(powers_w),
         address_of(watched), place(memory), byref(exchanges))
@@ -197,8 +191,9 @@ def find_two_switches(vehicle: NativeVehicle, trip: NativeTrip, target_c: float,
     states, command_w = np.empty((4, trip.steps + 1)), np.empty(trip.steps)
     instants_s = (c_double * 2)()
     status = library.bev_find_two_switches(
-        vehicle.address, trip.address, target_c, place(idle_states), place(np.empty(trip.steps + 1)),
-        place(states), place(command_w), byref(instants_s), byref(instants_s, DOUBLE_BYTES))
+        vehicle.address, trip.address, target_c, place(idle_states),
+        place(np.empty(room('BEV_TWO_SWITCHES_MEMORY', trip.steps))), place(states), place(command_w),
+        byref(instants_s), byref(instants_s, DOUBLE_BYTES))
     return TwiceSwitchedRun(instants_s[0], instants_s[1], states, command_w) if status == OK else None
 
 
@@ -235,28 +230,3 @@ def keep_accounts(vehicle: NativeVehicle, make_integrator: Integrator, trip: Nat
         vehicle.address, integrator, trip.address, addressof(run), place(columns),
         addressof(energies_wh))
     return (energies_wh[:], columns) if status == OK else None
-
-
-def find_outcome(vehicle: NativeVehicle, make_integrator: Integrator, trip: NativeTrip,
-                 deliverable: bool, soc: FloatArray, temperature_c: FloatArray, drawn_w: FloatArray,
-                 arriving_heat_w: FloatArray | None, brake_w: FloatArray, command_w: FloatArray,
-                 least_w: FloatArray, may_end_early: bool) -> tuple[list[float], list[Stretch]] | None:
-    """
-    Return energies [Wh], as ENERGIES, and the Stretches of heating of a run; see core.h.
-
-    The arguments up to `brake_w` are those of `keep_accounts`; `command_w` and `least_w` (N,) are the heater
-    power that was asked for and the least terminal power of each step [W]. `may_end_early`: heating for the
-    arrival may end before it.
-    """
-    library, integrator = core(), INTEGRATORS.get(make_integrator)
-    if library is None or integrator is None:
-        return None
-    intervals, energies_wh = np.empty(trip.steps, STRETCH), (c_double * len(ENERGIES))()
-    kept = [array if array is None else np.ascontiguousarray(array, dtype=float)
-            for array in (soc, temperature_c, drawn_w, arriving_heat_w, brake_w, command_w, least_w)]
-    *columns, command, least = map(address_of, kept)
-    count, run = c_int32(), RunOfPowersStruct(deliverable, *columns)
-    status = library.bev_find_outcome(
-        vehicle.address, integrator, trip.address, addressof(run), command, least, may_end_early,
-        addressof(energies_wh), address_of(intervals), byref(count))
-    return (energies_wh[:], intervals[:count.value].tolist()) if status == OK else None

@@ -13,7 +13,8 @@ from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.native.library import core, OK
+from bev_preheat.native.declines import OK
+from bev_preheat.native.library import core
 from bev_preheat.native.runs import doubles_at
 from bev_preheat.native.structs import (
     address_of,
@@ -23,6 +24,7 @@ from bev_preheat.native.structs import (
     DOUBLE_BYTES,
     doubles,
     MeritPlanStruct,
+    room,
     SafeGoalStruct,
     SafePlanStruct,
     SettlingStruct,
@@ -30,17 +32,6 @@ from bev_preheat.native.structs import (
     STRIDE_COLUMNS,
     StridesStruct,
 )
-
-# Doubles for each step of a trip, and for all of it.
-SETTLE_MEMORY = 48, 20
-MERIT_MEMORY = SETTLE_MEMORY[0] + 44, SETTLE_MEMORY[1] + CURVE_MEMORY + 512 + 11
-MERIT_PLAN_MEMORY = MERIT_MEMORY[0] + 1, MERIT_MEMORY[1]
-MERIT_BYTES = 5
-SAFEGUARD_MEMORY = MERIT_PLAN_MEMORY[0] + 8, MERIT_PLAN_MEMORY[1] + 4
-UNHEATED_MEMORY = 9, 4
-CEILING_MEMORY = 13, 8
-# Arrays of N values that bev_heat_early needs as memory.
-HEAT_EARLY_ARRAYS = 3
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -115,7 +106,7 @@ def settle(vehicle: NativeVehicle, trip: NativeTrip, heating: Heating, goal: Set
         return None
     states, powers_w = np.empty((len(start), trip.steps + 1)), np.empty((len(start), trip.steps))
     states[:, 0] = start
-    memory = np.empty(SETTLE_MEMORY[0] * trip.steps + SETTLE_MEMORY[1])
+    memory = np.empty(room('BEV_SETTLE_MEMORY', trip.steps))
     stranding = StrandingStruct()
     status = library.bev_settle(
         vehicle.address, trip.address, byref(heating.struct), byref(goal), states.ctypes.data,
@@ -143,7 +134,7 @@ def plan_merit_order(vehicle: NativeVehicle, trip: NativeTrip, goal: SettlingStr
     library = core()
     if library is None:
         return None
-    arrays, plan = _merit_arrays(trip, idle_states, MERIT_PLAN_MEMORY), MeritPlanStruct()
+    arrays, plan = _merit_arrays(trip, idle_states, 'BEV_MERIT_PLAN_MEMORY'), MeritPlanStruct()
     status = library.bev_plan_merit_order(
         vehicle.address, trip.address, byref(goal), *[address_of(array) for array in arrays], byref(plan))
     return _merit_plan(arrays.states, arrays.powers_w, plan) if status == OK else None
@@ -162,7 +153,8 @@ def heat_early(vehicle: NativeVehicle, trip: NativeTrip, target_c: float, uncert
     if library is None:
         return None
     plan, is_changed = MeritPlanStruct(math.nan, math.nan if end_s is None else end_s), c_int32()
-    memory, watched = np.empty(HEAT_EARLY_ARRAYS * trip.steps), np.empty((2, trip.steps), dtype=np.uint8)
+    memory = np.empty(room('BEV_HEAT_EARLY_MEMORY', trip.steps))
+    watched = np.empty((2, trip.steps), dtype=np.uint8)
     status = library.bev_heat_early(
     vehicle.address,
     trip.address,
@@ -191,7 +183,7 @@ def plan_safeguarded(vehicle: NativeVehicle, trip: NativeTrip, goal: SafeGoalStr
     library = core()
     if library is None:
         return None
-    arrays, found = _merit_arrays(trip, idle_states, SAFEGUARD_MEMORY), SafePlanStruct()
+    arrays, found = _merit_arrays(trip, idle_states, 'BEV_SAFEGUARD_MEMORY'), SafePlanStruct()
     status = library.bev_plan_safeguarded(
         vehicle.address, trip.address, byref(goal),
         None if uncertainty_margin is None else byref(uncertainty_margin),
@@ -213,7 +205,7 @@ def unheated_lacks(vehicle: NativeVehicle, trip: NativeTrip,
     library = core()
     if library is None:
         return None
-    memory = np.empty(UNHEATED_MEMORY[0] * trip.steps + UNHEATED_MEMORY[1])
+    memory = np.empty(room('BEV_UNHEATED_MEMORY', trip.steps))
     flags, states = np.empty(2 * trip.steps, dtype=np.uint8), (c_double * len(start))(*start)
     stranding, deficit_w = StrandingStruct(), c_double()
     status = library.bev_unheated_lacks(
@@ -233,7 +225,7 @@ def find_surplus_ceiling(vehicle: NativeVehicle, trip: NativeTrip, start: Sequen
     library = core()
     if library is None:
         return None
-    memory = np.empty(CEILING_MEMORY[0] * trip.steps + CEILING_MEMORY[1])
+    memory = np.empty(room('BEV_SURPLUS_CEILING_MEMORY', trip.steps))
     flags, states = np.empty(2 * trip.steps, dtype=np.uint8), (c_double * len(start))(*start)
     ceiling_c = np.empty(trip.steps)
     status = library.bev_find_surplus_ceiling(
@@ -253,13 +245,13 @@ class _MeritArrays(NamedTuple):
     memory: FloatArray
 
 
-def _merit_arrays(trip: NativeTrip, idle_states: FloatArray, memory: tuple[int, int]) -> _MeritArrays:
-    """Return the arrays for a search from the unheated run (S, N + 1), with doubles for each step and for all."""
+def _merit_arrays(trip: NativeTrip, idle_states: FloatArray, memory: str) -> _MeritArrays:
+    """Return the arrays for a search from the unheated run (S, N + 1), with the memory of that name."""
     idle_states, steps = doubles(idle_states), trip.steps
     return _MeritArrays(
         idle_states, np.empty(idle_states.shape), np.empty((len(idle_states), steps)),
-        np.empty((MERIT_BYTES, steps), dtype=np.uint8), np.empty(steps, dtype=np.int32),
-        np.empty(memory[0] * steps + memory[1]))
+        np.empty(room('BEV_MERIT_BYTES', steps), dtype=np.uint8), np.empty(steps, dtype=np.int32),
+        np.empty(room(memory, steps)))
 
 
 def _merit_plan(states: FloatArray, powers_w: FloatArray, plan: MeritPlanStruct) -> MeritPlan:

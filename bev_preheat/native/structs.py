@@ -12,6 +12,7 @@ from typing import Any, Self, TYPE_CHECKING
 
 import numpy as np
 
+from bev_preheat.native.belief_structs import ELEMENTS
 from bev_preheat.vehicle.corrections import ScaledCurve
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, Table
 
@@ -29,7 +30,34 @@ PARAMETERS = 5
 POLYNOMIAL, POLYNOMIAL_AND_LOGARITHM, INVERSE_TEMPERATURE, TABLE = range(4)
 DOUBLE_BYTES = 8
 BANDS = 2
-CURVE_MEMORY = 11 * 2048 + 5 * 512
+MOST_GRID = 512
+CURVE_MEMORY = 11 * 2048 + 5 * MOST_GRID
+# What functions of core.h take of memory, doubles (flags: bytes) for each step of a trip, and once.
+_SETTLE = 48, 20
+_MERIT = _SETTLE[0] + 44, _SETTLE[1] + CURVE_MEMORY + MOST_GRID + 11
+_MERIT_PLAN = _MERIT[0] + 1, _MERIT[1]
+ROOMS = {
+    'BEV_BELIEF_MEMORY': (1 + ELEMENTS + ELEMENTS * ELEMENTS, 0),
+    'BEV_CHEAPEST_MEMORY': (6, 2),
+    'BEV_EXCHANGE_MEMORY': (67, 2),
+    'BEV_HEAT_EARLY_MEMORY': (3, 0),
+    'BEV_MERIT_BYTES': (5, 0),
+    'BEV_MERIT_MEMORY': _MERIT,
+    'BEV_MERIT_PLAN_MEMORY': _MERIT_PLAN,
+    'BEV_SAFEGUARD_MEMORY': (_MERIT_PLAN[0] + 8, _MERIT_PLAN[1] + 4),
+    'BEV_SETTLE_MEMORY': _SETTLE,
+    'BEV_SURPLUS_CEILING_MEMORY': (13, 8),
+    'BEV_SWITCH_MEMORY': (8, 8),
+    'BEV_TRIPS_FLAGS': (2, 0),
+    'BEV_TRIPS_MEMORY': (12, 12),
+    'BEV_TWO_SWITCHES_MEMORY': (1, 1),
+    'BEV_UNHEATED_MEMORY': (9, 4)}
+
+
+def room(name: str, steps: int) -> int:
+    """Return how many numbers a function takes as memory for a trip; `name` is that of the macro in core.h."""
+    for_each, once = ROOMS[name]
+    return for_each * steps + once
 
 
 class CurveStruct(Structure):
@@ -128,12 +156,6 @@ class SafePlanStruct(Structure):
     _fields_ = [('plan', MeritPlanStruct), ('is_unheated', c_int32), ('held_back', c_int32)]
 
 
-class IntervalStruct(Structure):
-    """`bev_stretch`."""
-
-    _fields_ = [*((name, c_int32) for name in ('first', 'last', 'reason')), ('energy_wh', c_double)]
-
-
 class RunOfPowersStruct(Structure):
     """`bev_run_of_powers`."""
 
@@ -141,13 +163,17 @@ class RunOfPowersStruct(Structure):
         'soc', 'temperature_c', 'heater_w', 'arriving_heat_w', 'brake_w'))]
 
 
-# Arrays of N values that bev_heat_cheapest needs as memory, and two values more.
-CHEAPEST_ARRAYS = 6
-# What bev_exchange_heat needs as memory: doubles for each step, and so many more.
-EXCHANGE_MEMORY = 67, 2
-# Arrays of N + 1 values that bev_plan_switch needs as memory.
-SWITCH_ARRAYS = 8
 ENERGIES = ('joule', 'drivetrain_heat', 'hvch_heat', 'leakage', 'hvch_electric', 'battery_total')
+
+
+class EnergiesStruct(Structure):
+    """`bev_energies`."""
+
+    _fields_ = [(name, c_double) for name in ENERGIES]
+
+    def in_a_row(self) -> list[float]:
+        """Return the energies [Wh] in the order of ENERGIES."""
+        return (c_double * len(ENERGIES)).from_buffer(self)[:]
 
 
 class CautionStruct(Structure):
@@ -158,11 +184,11 @@ class CautionStruct(Structure):
 
 
 class SwitchPlanStruct(Structure):
-    """`bev_switch_plan`, the energies in a row."""
+    """`bev_switch_plan`."""
 
     _fields_ = [*((name, c_double) for name in (
         'switching_instant_s', 'heating_end_s', 'least_soc', 'interval_wh')),
-        ('energy_wh', c_double * len(ENERGIES)),
+        ('energy_wh', EnergiesStruct),
         *((name, c_int32) for name in (
             'is_heated', 'first_heated', 'end_heated', 'is_one_interval', 'reason'))]
 
@@ -173,17 +199,6 @@ class ArrivalStruct(Structure):
     _fields_ = [*((name, c_double) for name in ('heater_wh', 'temperature_c', 'soc', 'instant_s')),
                 ('status', c_int32)]
 
-
-PLANT_COLUMNS = (
-    'time_s', 'soc', 'temperature_c', 'sensor_c', 'coolant_c', 'heater_power_w', 'brake_power_w', 'command_w',
-    'power_at_end_w', 'voltage_v', 'current_a', 'joule_j', 'drivetrain_j', 'heater_j', 'leakage_j', 'battery_j',
-    'brake_j')
-
-
-class PlantStruct(Structure):
-    """`bev_plant`."""
-
-    _fields_ = [*((name, c_double) for name in PLANT_COLUMNS), ('segment', c_int32)]
 
 
 class NotDescribed(Exception):

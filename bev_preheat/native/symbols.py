@@ -41,6 +41,9 @@ class Symbol:
         return Symbol('({} - {})', other, self)
 
     def __mul__(self, other: Operand) -> Symbol:
+        # A factor of one changes no bit.
+        if isinstance(other, float) and other == 1.0:
+            return self
         return Symbol('({} * {})', self, other)
 
     def __rmul__(self, other: Operand) -> Symbol:

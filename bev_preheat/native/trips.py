@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.native.library import core, OK
+from bev_preheat.native.declines import OK
+from bev_preheat.native.library import core
 from bev_preheat.native.runs import doubles_at, place
-from bev_preheat.native.structs import ArrivalStruct
+from bev_preheat.native.structs import ArrivalStruct, room
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -17,8 +18,8 @@ if TYPE_CHECKING:
     from bev_preheat.native.structs import NativeTrip, NativeVehicle
     from bev_preheat.numerics.arrays import FloatArray
 
-# BEV_WAYS, and what BEV_TRIPS_MEMORY and BEV_TRIPS_FLAGS have of each step.
-WAYS_OF_TRIP, ROOMS_OF_TRIP, FLAGS_OF_TRIP = 4, 12, 2
+# BEV_WAYS.
+WAYS_OF_TRIP = 4
 # In the order of `bev_way`.
 UNHEATED, ALWAYS_ON, PAPER, ONE_SWITCH = range(WAYS_OF_TRIP)
 ARRIVAL = np.dtype(ArrivalStruct)
@@ -39,9 +40,9 @@ def plan_trips(vehicle: NativeVehicle, trips: NativeTrip, steps: NDArray[np.inte
     longest = int(steps.max(initial=1))
     arrivals = np.zeros((count, WAYS_OF_TRIP), ARRIVAL)
     # What is only pointed to must live until the call has ended.
-    counts, flags = np.ascontiguousarray(steps, np.int32), np.empty(FLAGS_OF_TRIP * longest, np.uint8)
+    counts, flags = np.ascontiguousarray(steps, np.int32), np.empty(room('BEV_TRIPS_FLAGS', longest), np.uint8)
     status = library.bev_plan_trips(
         vehicle.address, trips.address, count, counts.ctypes.data, doubles_at(soc, count),
         doubles_at(temperature_c, count), doubles_at(target_c, count), reserve_soc, lowest_soc, longest,
-        place(np.empty(ROOMS_OF_TRIP * (longest + 1))), flags.ctypes.data, arrivals.ctypes.data)
+        place(np.empty(room('BEV_TRIPS_MEMORY', longest))), flags.ctypes.data, arrivals.ctypes.data)
     return arrivals if status == OK else None

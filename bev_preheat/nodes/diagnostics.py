@@ -11,6 +11,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.estimation.state import FACTOR_NAMES
+from bev_preheat.native.declines import DECLINES
 from bev_preheat.native.library import core_in_words
 from bev_preheat.nodes.convert import time_message
 from bev_preheat.nodes.route_progress import progress_diagnostics
@@ -88,6 +89,7 @@ def _preheating(name: str, hardware: str, supervisor: Supervisor, now_ns: int) -
         'assumed of the vehicle': assumed_in_words(supervisor.vehicle),
         'method': supervisor.settings.method,
         'compiled core': core_in_words(),
+        'declined by the core': DECLINES.in_words(),
         'route_id': mission.route_id if mission else '',
         'legs after this one': str(len(decision.later_legs)),
         'enabled': str(supervisor.is_enabled).lower(),

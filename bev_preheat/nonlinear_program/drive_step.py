@@ -16,6 +16,7 @@ from bev_preheat.nonlinear_program.symbols import (
     symbolic_rates,
     symbolic_step,
 )
+from bev_preheat.vehicle.heat_balance import heat_with_brake_w
 
 if TYPE_CHECKING:
     from bev_preheat.vehicle import Vehicle
@@ -74,7 +75,7 @@ def drive_step(vehicle: Vehicle, limited: bool, end: casadi.SX | None = None) ->
         quantities, casadi.vertsplit(variables))}
     soc, temperature_c = in_si['soc'], in_si['temperature']
     heater_w, brake_w = in_si['heater'], in_si.get('brake', casadi.SX(0.0))
-    heat_w = idle_heat_w - vehicle.drivetrain.heat_share * brake_w
+    heat_w = heat_with_brake_w(vehicle, idle_heat_w, brake_w)
     ends = {}
     if vehicle.heat_path.is_direct:
         drawn_w, heat_w = heater_w, heat_w + efficiency * heater_w

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 _erf = np.vectorize(math.erf, otypes=[float])
 # A mean this many standard deviations from 0 changes its sign too rarely to matter.
 CERTAIN_DEVIATIONS = 9.0
+ROOT_2_OVER_PI = math.sqrt(2.0 / math.pi)
 
 
 def mean_magnitude(mean: FloatArray | float, variance: FloatArray | float) -> FloatArray:
@@ -32,5 +33,5 @@ def mean_magnitude(mean: FloatArray | float, variance: FloatArray | float) -> Fl
     deviation = np.sqrt(np.where(varies, variance, 1.0))
     standard = np.minimum(magnitude / (math.sqrt(2.0) * deviation), CERTAIN_DEVIATIONS)
     return np.where(
-        varies, math.sqrt(2.0 / math.pi) * deviation * array_exp(-np.square(standard))
+        varies, ROOT_2_OVER_PI * deviation * array_exp(-np.square(standard))
         + magnitude * _erf(standard), magnitude)

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 # The limit at the end is kept with at most this much margin [W].
 END_TOLERANCE_W = 1e-3
+# Heating keeps the highest temperature to this.
+HIGHEST_TOLERANCE_K = 1e-6
 # States and powers of a step: charge and temperature at its end come first; heater (its command) and friction
 # brake [W] come first, and third, for a heater with lag, its mean power.
 Driven = tuple[tuple[float, ...], tuple[float, ...]]

@@ -16,6 +16,11 @@ from typing import Generic, TypeVar
 Outcome = TypeVar('Outcome')
 # Each trial of the golden section reduces the bracket to this share.
 GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
+# A run meets the target when it arrives this close [K]: for a large pack, within 1 mWh.
+ARRIVAL_TOLERANCE_K = 5e-6
+# The secant needs two to four trials; the bracket makes sure that the search ends in any case.
+MOST_TRIALS = 60
+HALVINGS = 50
 
 
 @dataclass(frozen=True)
@@ -28,7 +33,7 @@ class Trial(Generic[Outcome]):
 
 
 def halve(enough: float, too_little: float, is_enough: Callable[[float], bool],
-          halvings: int = 50) -> float:
+          halvings: int = HALVINGS) -> float:
     """
     Return the value nearest to `too_little` that is still enough, to 2^-halvings of the bracket.
 
@@ -83,7 +88,7 @@ def _left(excess: float, before: float) -> float:
 
 def follow_slope(most: float, least: float, first: Trial[Outcome], slope: float,
                  attempt: Callable[[float], Trial[Outcome]], tolerance: float,
-                 resolution: float = 0.0, most_trials: int = 60) -> Trial[Outcome]:
+                 resolution: float = 0.0, most_trials: int = MOST_TRIALS) -> Trial[Outcome]:
     """
     Return the Trial whose excess is within `tolerance` of 0, from a first one and its slope.
 

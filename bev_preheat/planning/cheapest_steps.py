@@ -15,9 +15,8 @@ import numpy as np
 
 from bev_preheat.native import plans as native_plans
 from bev_preheat.numerics.arithmetic import FLOATS
-from bev_preheat.planning.bracketing import follow_slope, Trial
+from bev_preheat.planning.bracketing import ARRIVAL_TOLERANCE_K, follow_slope, Trial
 from bev_preheat.planning.dynamics import JOULES_PER_WH, native_vehicle, run_forward
-from bev_preheat.planning.optimal_switch import ARRIVAL_TOLERANCE_K, MOST_RUNS
 from bev_preheat.planning.prices import find_prices, HeatPrices
 from bev_preheat.planning.schedule import Schedule, switched_on_s
 from bev_preheat.vehicle.model import make_runge_kutta_4
@@ -113,7 +112,7 @@ def _filled(trip: Trip, schedule: Schedule, target_c: float, order: IntArray, pr
     last = order[np.flatnonzero(first.outcome.heater_power_w[order])[-1]]
     return follow_slope(
         whole_j, 0.0, first, float(prices.warmth_k_per_w[last] / trip.route.duration_s[last]), heated_with,
-        ARRIVAL_TOLERANCE_K, most_trials=MOST_RUNS).outcome
+        ARRIVAL_TOLERANCE_K).outcome
 
 
 def _schedule(trip: Trip, soc: FloatArray, temperature_c: FloatArray,

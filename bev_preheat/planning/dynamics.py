@@ -15,6 +15,7 @@ from bev_preheat.native import runs as native_runs
 from bev_preheat.native.library import core
 from bev_preheat.native.structs import NativeVehicle, NotDescribed
 from bev_preheat.numerics.arithmetic import AnyNumber, ARRAYS, CurveFunction, FLOATS, SATURATING_FLOATS
+from bev_preheat.vehicle.heat_balance import deliverable_w, heat_with_brake_w, leaked_w
 from bev_preheat.vehicle.model import Integrator, make_rates, Step
 from bev_preheat.vehicle.terminal_limits import make_terminal_limits
 
@@ -240,9 +241,8 @@ def keep_accounts(trip: Trip, schedule: Schedule, deliverable: bool = False) -> 
         vehicle, schedule.make_integrator)(soc[:-1], temperature_c[:-1], *inputs)
     undeliverable_w = np.zeros(len(duration_s)) if deliverable else np.maximum(
         terminal_power_w - deliverable_power_w(vehicle, soc[:-1], temperature_c[:-1]), 0.0)
-    drivetrain_heat_w = (trip.drivetrain_heat_w
-                         - vehicle.drivetrain.heat_share * schedule.brake_power_w)
-    leakage_w = trip.leakage_w_per_k * (trip.route.ambient_temperature_c - mean_temperature_c)
+    drivetrain_heat_w = heat_with_brake_w(vehicle, trip.drivetrain_heat_w, schedule.brake_power_w)
+    leakage_w = leaked_w(trip.leakage_w_per_k, trip.route.ambient_temperature_c, mean_temperature_c)
     hottest = temperature_c[1:] >= hottest_c(vehicle)
     if hottest.any():
         leakage_w = leakage_w - np.where(
@@ -271,7 +271,7 @@ def _step_of_arrays(vehicle: Vehicle, make_integrator: Integrator) -> Step[Float
 def deliverable_power_w(vehicle: Vehicle, soc: AnyNumber, temperature_c: AnyNumber) -> AnyNumber:
     """Return the highest terminal power [W] of the circuit, U_oc^2/(4 R); shape of the inputs."""
     open_circuit_voltage, resistance = _circuit_of_arrays(vehicle)
-    return open_circuit_voltage(soc, temperature_c)**2 / (4.0 * resistance(soc, temperature_c))
+    return deliverable_w(open_circuit_voltage(soc, temperature_c), resistance(soc, temperature_c))
 
 
 @lru_cache(maxsize=KEPT_VEHICLES)

@@ -20,12 +20,12 @@ from bev_preheat.native.structs import SettlingStruct
 from bev_preheat.numerics.linear_program import maximise
 from bev_preheat.planning.cheapest_steps import LEAST_SAVING_WH, sum_in_turn, whole_charge_wh
 from bev_preheat.planning.dynamics import native_vehicle
+from bev_preheat.planning.heating_intervals import SURPLUS_TOLERANCE_W
 from bev_preheat.planning.limited_prices import (
     find_changes,
     find_needs,
     free_heat_w,
     LimitChanges,
-    SURPLUS_TOLERANCE_W,
 )
 from bev_preheat.planning.limits import along_limits, drive_as_planned, watch_everywhere
 

@@ -18,7 +18,7 @@ import numpy as np
 from bev_preheat.native import runs as native_runs
 from bev_preheat.native import searches as native_searches
 from bev_preheat.numerics.arithmetic import FLOATS
-from bev_preheat.planning.both_ends import drive_to_end, Driven, warmth_beyond
+from bev_preheat.planning.both_ends import drive_to_end, Driven, HIGHEST_TOLERANCE_K, warmth_beyond
 from bev_preheat.planning.bracketing import halve
 from bev_preheat.planning.dynamics import hottest_c, native_vehicle
 from bev_preheat.planning.foresight import Foresight
@@ -32,6 +32,7 @@ from bev_preheat.planning.heat_run import (
     States,
 )
 from bev_preheat.planning.schedule import Schedule
+from bev_preheat.vehicle.heat_balance import heat_with_brake_w
 from bev_preheat.vehicle.model import make_runge_kutta_4
 from bev_preheat.vehicle.terminal_limits import make_terminal_limits, TerminalLimits
 
@@ -41,8 +42,6 @@ if TYPE_CHECKING:
     from bev_preheat.planning.situation import BatteryState
     from bev_preheat.planning.trip import Trip
 
-# Heating keeps the highest temperature to this.
-HIGHEST_TOLERANCE_K = 1e-6
 # Number of states and of powers.
 STATES, POWERS = 4, 4
 # Command, friction brake, heater power, and heat into the battery, means of a step [W].
@@ -124,7 +123,6 @@ def _drive_within_limits(trip: Trip, watch: LimitedSteps, wanted_w: WantedPower,
     step = heated_step_of_floats(vehicle, True)
     limits: TerminalLimits[float] = make_terminal_limits(vehicle, FLOATS)
     highest_c, most_c = vehicle.battery.temperature_range_c[1], hottest_c(vehicle)
-    heat_share = vehicle.drivetrain.heat_share
     k_per_watt, share_of_excess = heat_to_come_k(vehicle)
     joules_per_k = (vehicle.battery.heat_capacity_j_per_k
                     + vehicle.heat_path.coolant_heat_capacity_j_per_k) / vehicle.hvch.efficiency
@@ -144,7 +142,7 @@ def _drive_within_limits(trip: Trip, watch: LimitedSteps, wanted_w: WantedPower,
         def end_of(command_w: float, brake_w: float) -> tuple[float, ...]:
             ends: tuple[float, ...] = step(
                 soc, temperature_c, heater_w, excess_k, duration_s, power_w + brake_w, variance_w2,
-                heat_w - heat_share * brake_w, leakage_w_per_k, command_w)
+                heat_with_brake_w(vehicle, heat_w, brake_w), leakage_w_per_k, command_w)
             return ends
 
         def command_for(drawn_w: float) -> float:

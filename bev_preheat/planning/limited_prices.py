@@ -15,8 +15,9 @@ from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
+from bev_preheat.planning.bracketing import ARRIVAL_TOLERANCE_K
 from bev_preheat.planning.dynamics import limits_along, terminal_limits_w
-from bev_preheat.planning.optimal_switch import ARRIVAL_TOLERANCE_K
+from bev_preheat.planning.heating_intervals import SURPLUS_TOLERANCE_W
 from bev_preheat.planning.prices import (
     CHARGE,
     ChargeWarmth,
@@ -39,8 +40,6 @@ BRAKE_DIFFERENCE_W = 1000.0
 # A step in which the heater can take no more (or no less) than this is left alone: heat that makes a climb only
 # just deliverable is not used.
 LEAST_ROOM_W = 10.0
-# Heat within this of the surplus counts as surplus.
-SURPLUS_TOLERANCE_W = 1.0
 # Steps that end this close to the highest temperature are not heated more.
 NEAR_HIGHEST_K = 1e-3
 # A power deficit below this share is rounding.

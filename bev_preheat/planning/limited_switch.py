@@ -14,11 +14,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.planning.bracketing import follow_slope, Trial
+from bev_preheat.planning.bracketing import ARRIVAL_TOLERANCE_K, follow_slope, Trial
 from bev_preheat.planning.dynamics import limits_along, terminal_limits_w
 from bev_preheat.planning.heat_run import mean_share_left
 from bev_preheat.planning.limits import drive_as_planned
-from bev_preheat.planning.optimal_switch import ARRIVAL_TOLERANCE_K
 from bev_preheat.planning.two_switches import maximum_between
 
 if TYPE_CHECKING:

@@ -17,7 +17,7 @@ import numpy as np
 from bev_preheat.native import runs as native_runs
 from bev_preheat.native import searches as native_searches
 from bev_preheat.numerics.arithmetic import FLOATS
-from bev_preheat.planning.both_ends import drive_to_end, Driven, warmth_beyond
+from bev_preheat.planning.both_ends import drive_to_end, Driven, HIGHEST_TOLERANCE_K, warmth_beyond
 from bev_preheat.planning.bracketing import halve
 from bev_preheat.planning.dynamics import (
     hottest_c,
@@ -28,6 +28,7 @@ from bev_preheat.planning.dynamics import (
 )
 from bev_preheat.planning.heated_limits import along_heated_limits, run_heated_within_limits
 from bev_preheat.planning.schedule import Schedule, switched_on_s
+from bev_preheat.vehicle.heat_balance import heat_under_w
 from bev_preheat.vehicle.model import make_runge_kutta_4
 from bev_preheat.vehicle.terminal_limits import make_terminal_limits, TerminalLimits
 
@@ -42,8 +43,6 @@ if TYPE_CHECKING:
 COLDER_BY_K = 5.0
 # A limit counts as active if it takes more than this [W].
 ACTIVE_W = 1e-3
-# Heating keeps the highest temperature to this.
-HIGHEST_TOLERANCE_K = 1e-6
 
 # `wanted_w(step, temperature_c)` -> heater power [W].
 WantedPower = Callable[[int, float], float]
@@ -240,8 +239,7 @@ def _step_within_limits(trip: Trip, watch: LimitedSteps, wanted_w: WantedPower,
     step = step_of_floats(vehicle, make_runge_kutta_4, saturating=True)
     limits: TerminalLimits[float] = make_terminal_limits(vehicle, FLOATS)
     highest_c, most_c = vehicle.battery.temperature_range_c[1], hottest_c(vehicle)
-    efficiency, heat_share = vehicle.hvch.efficiency, vehicle.drivetrain.heat_share
-    joules_per_k = vehicle.battery.heat_capacity_j_per_k / efficiency
+    joules_per_k = vehicle.battery.heat_capacity_j_per_k / vehicle.hvch.efficiency
     columns = list(zip(*(column.tolist() for column in (
         trip.route.duration_s, trip.idle_power_w, trip.power_variance_w2, trip.idle_heat_w,
         trip.leakage_w_per_k, trip.heater_limit_w, trip.route.propulsion_power_w, watch.charge,
@@ -259,7 +257,7 @@ def _step_within_limits(trip: Trip, watch: LimitedSteps, wanted_w: WantedPower,
         def end_of(heater_w: float, brake_w: float) -> tuple[float, ...]:
             return step(
                 soc, temperature_c, duration_s, power_w + heater_w + brake_w, variance_w2,
-                heat_w + efficiency * heater_w - heat_share * brake_w, leakage_w_per_k)
+                heat_under_w(vehicle, heat_w, heater_w, brake_w), leakage_w_per_k)
 
         def between(least_w: float, most_w: float) -> Driven:
             heater_w = asked_w
@@ -315,7 +313,6 @@ def _strand(trip: Trip, empty: int, states: FloatArray, powers_w: FloatArray) ->
     heater_w, brake_w = powers_w[:, empty].tolist()
     step = step_of_floats(vehicle, make_runge_kutta_4, saturating=True)
     temperatures_c: list[float] = []
-    efficiency, heat_share = vehicle.hvch.efficiency, vehicle.drivetrain.heat_share
     driven_share = np.where(np.arange(len(trip.route)) < empty, 1.0, 0.0)
 
     def drive_step(driven: Trip, k: int, state: tuple[float, float]) -> tuple[float, ...]:
@@ -324,7 +321,7 @@ def _strand(trip: Trip, empty: int, states: FloatArray, powers_w: FloatArray) ->
             *state, float(trip.route.duration_s[k]),
             float(driven.idle_power_w[k]) + share * (heater_w + brake_w),
             float(driven.power_variance_w2[k]),
-            float(driven.idle_heat_w[k]) + share * (efficiency * heater_w - heat_share * brake_w),
+            float(driven.idle_heat_w[k]) + share * heat_under_w(vehicle, 0.0, heater_w, brake_w),
             float(trip.leakage_w_per_k[k]))
 
     def carries(share: float) -> bool:

@@ -22,6 +22,7 @@ import numpy as np
 
 from bev_preheat.native import searches as native_searches
 from bev_preheat.native.structs import SettlingStruct
+from bev_preheat.planning.bracketing import ARRIVAL_TOLERANCE_K
 from bev_preheat.planning.charge_acceptance import find_acceptance_loss, no_acceptance_loss
 from bev_preheat.planning.cheapest_steps import heat_cheapest, whole_charge_wh
 from bev_preheat.planning.dynamics import JOULES_PER_WH, native_vehicle, run_forward
@@ -30,7 +31,7 @@ from bev_preheat.planning.heat_run import initial_states, roll_heated, with_cool
 from bev_preheat.planning.limited_switch import switch_within_limits
 from bev_preheat.planning.limits import drive_as_planned, limits_hold, watch_limits, within_limits
 from bev_preheat.planning.no_regret import NO_WORSE_W, power_deficit
-from bev_preheat.planning.optimal_switch import ARRIVAL_TOLERANCE_K, plan_optimal_switch
+from bev_preheat.planning.optimal_switch import plan_optimal_switch
 from bev_preheat.planning.rows import schedule_of, states_of
 from bev_preheat.planning.threshold_search import ThresholdSearch
 from bev_preheat.planning.thresholds import find_thresholds, PENALTY

@@ -50,6 +50,8 @@ MOST_TARGETS = 8
 MOST_HALVINGS = 8
 # This power deficit weighs as much as the whole charge.
 POWER_WEIGHT_W = 1e6
+# A target this far below the unheated run asks for no heating.
+BELOW_UNHEATED_K = 1.0
 
 # In the order of `bev_held_back` in core.h.
 HELD_BACK = None, HeldBack.RESERVE, HeldBack.POWER
@@ -193,7 +195,7 @@ class NoRegretCheck:
         """Return the proposal's warmest allowed Schedule; None without one."""
         # Driving alone meets this target, so only heating that pays for itself remains.
         lowest_c = self._trip.vehicle.battery.temperature_range_c[0]
-        cold_c = max(float(self.unheated.temperature_c.min()) - 1.0, lowest_c)
+        cold_c = max(float(self.unheated.temperature_c.min()) - BELOW_UNHEATED_K, lowest_c)
         found = proposal(cold_c)
         if self._spare_power_w(found) < 0.0:
             return None

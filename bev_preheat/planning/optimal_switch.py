@@ -17,11 +17,12 @@ import numpy as np
 
 from bev_preheat.native import plans as native_plans
 from bev_preheat.numerics.arithmetic import SATURATING_FLOATS
-from bev_preheat.planning.bracketing import follow_slope, Trial
+from bev_preheat.planning.bracketing import ARRIVAL_TOLERANCE_K, follow_slope, Trial
 from bev_preheat.planning.dynamics import native_vehicle, run_forward, run_on
 from bev_preheat.planning.paper import find_crossing
 from bev_preheat.planning.schedule import maximum_from, Schedule
 from bev_preheat.planning.two_switches import plan_two_switches
+from bev_preheat.vehicle.heat_balance import heat_with_heater_w
 from bev_preheat.vehicle.model import make_midpoint, make_rates, make_runge_kutta_4
 
 if TYPE_CHECKING:
@@ -29,12 +30,8 @@ if TYPE_CHECKING:
     from bev_preheat.planning.situation import BatteryState, Goal
     from bev_preheat.planning.trip import Trip
 
-# The target is met when the forward run arrives this close [K]: for a large pack, within 1 mWh.
-ARRIVAL_TOLERANCE_K = 5e-6
 # Because of leakage on the way, heating takes about this many times the deficit to the target.
 HEATING_ALLOWANCE = 1.1
-# The secant needs two to four runs; the bracket guarantees that the search ends.
-MOST_RUNS = 60
 
 
 def plan_optimal_switch(trip: Trip, state: BatteryState, goal: Goal,
@@ -93,7 +90,7 @@ def refine_switching_instant(trip: Trip, target_c: float, idle: tuple[FloatArray
     first = switched_on_at(min(max(guess_s, earliest_s), latest_s))
     return follow_slope(
         earliest_s, latest_s, first, _arrival_slope_k_per_s(trip, first.outcome, first.value),
-        switched_on_at, ARRIVAL_TOLERANCE_K, most_trials=MOST_RUNS).outcome
+        switched_on_at, ARRIVAL_TOLERANCE_K).outcome
 
 
 def _switch_at(trip: Trip, idle: tuple[FloatArray, FloatArray], instant_s: float) -> Schedule:
@@ -120,7 +117,7 @@ def _arrival_slope_k_per_s(trip: Trip, schedule: Schedule, instant_s: float) -> 
         return rates(
             soc[step], temperature_c[step] + warmer_k, trip.idle_power_w[step] + heater_w,
             trip.power_variance_w2[step],
-            trip.idle_heat_w[step] + trip.vehicle.hvch.efficiency * heater_w,
+            heat_with_heater_w(trip.vehicle, trip.idle_heat_w[step], heater_w),
             trip.leakage_w_per_k[step])[1]
 
     gained_k_per_s = rate(first, 0.0, trip.heater_limit_w[first]) - rate(first, 0.0, 0.0)

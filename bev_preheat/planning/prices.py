@@ -19,6 +19,7 @@ import numpy as np
 from bev_preheat.native import plans as native_plans
 from bev_preheat.numerics.arithmetic import ARRAYS
 from bev_preheat.planning.dynamics import native_vehicle
+from bev_preheat.vehicle.heat_balance import heat_under_w
 from bev_preheat.vehicle.model import make_rates
 
 if TYPE_CHECKING:
@@ -112,13 +113,12 @@ def rates_along(trip: Trip, schedule: Schedule) -> RatesAlong:
     soc, temperature_c = (0.5 * (values[:-1] + values[1:])
                           for values in (schedule.soc, schedule.temperature_c))
     rates = make_rates(trip.vehicle, ARRAYS)
-    efficiency, heat_share = trip.vehicle.hvch.efficiency, trip.vehicle.drivetrain.heat_share
 
     def rates_at(heater_w: FloatArray, brake_w: FloatArray, fuller: float = 0.0,
                  warmer_k: float = 0.0) -> FloatArray:
         return np.array(rates(
             soc + fuller, temperature_c + warmer_k, power_w + heater_w + brake_w, variance_w2,
-            heat_w + efficiency * heater_w - heat_share * brake_w, leakage_w_per_k)[:2])
+            heat_under_w(trip.vehicle, heat_w, heater_w, brake_w), leakage_w_per_k)[:2])
 
     return rates_at
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from bev_preheat.numerics.arithmetic import ARRAYS
 from bev_preheat.planning.limits import LimitedSteps
+from bev_preheat.vehicle.heat_balance import heat_under_w
 from bev_preheat.vehicle.model import make_midpoint, make_rates
 from bev_preheat.vehicle.terminal_limits import make_terminal_limits
 
@@ -39,6 +40,8 @@ COARSE = 4
 # value above the target will not be the result.
 NEAR_K = 10.0
 NEAR_TARGET_K = 5.0
+# The slope of a map is taken over a piece that is at least so wide.
+LEAST_WIDTH_K = 1e-9
 
 
 @dataclass(frozen=True)
@@ -214,8 +217,7 @@ def map_strides(vehicle: Vehicle, strides: Strides, grid_c: FloatArray,
         terminal_w = power_w + heater_w + brake_w
         _, end_c, _, joule_w = step(
             soc, start_c, duration_s, terminal_w, variance_w2,
-            heat_w + vehicle.hvch.efficiency * heater_w
-            - vehicle.drivetrain.heat_share * brake_w, leakage_w_per_k)
+            heat_under_w(vehicle, heat_w, heater_w, brake_w), leakage_w_per_k)
         energy_j = duration_s * (terminal_w + joule_w + penalty * deficit_w)
         return StrideMaps(grid_c, end_c, energy_j, needed_c, first, last, strides.every)
 
@@ -272,6 +274,6 @@ def _needed_c(grid_c: FloatArray, deficit_w: FloatArray, first: IntArray,
             continue
         at = int(deficit[-1])
         before = max(at - 1, 0)
-        slope = (row_w[before] - row_w[at]) / max(row_c[at] - row_c[before], 1e-9)
+        slope = (row_w[before] - row_w[at]) / max(row_c[at] - row_c[before], LEAST_WIDTH_K)
         needed_c[m] = row_c[at] + (row_w[at] / slope if slope > 0.0 else 0.0)
     return needed_c

@@ -18,11 +18,10 @@ import numpy as np
 from bev_preheat.native import searches as native_searches
 from bev_preheat.native.runs import Heating
 from bev_preheat.native.structs import SettlingStruct
-from bev_preheat.planning.bracketing import close_in, Trial
+from bev_preheat.planning.bracketing import ARRIVAL_TOLERANCE_K, close_in, Trial
 from bev_preheat.planning.dynamics import limits_along, limits_of_steps_w, native_vehicle
 from bev_preheat.planning.heat_run import initial_states, mean_share_left
 from bev_preheat.planning.limits import along_limits, colder, LimitedSteps, run_within_limits, WantedHeat
-from bev_preheat.planning.optimal_switch import ARRIVAL_TOLERANCE_K
 from bev_preheat.planning.schedule import Schedule
 
 if TYPE_CHECKING:

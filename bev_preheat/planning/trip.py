@@ -13,6 +13,7 @@ from bev_preheat.native.made_trip import make_trip as native_trip
 from bev_preheat.native.structs import NativeTrip, TRIP_COLUMNS
 from bev_preheat.route.segments import Route
 from bev_preheat.vehicle.description import Vehicle
+from bev_preheat.vehicle.heat_balance import heat_with_brake_w, heat_with_heater_w, idle_heat_w, idle_power_w
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import BoolArray, FloatArray
@@ -81,10 +82,10 @@ class Trip:
         power_w, heat_w = self.idle_power_w, self.idle_heat_w
         if heater_power_w is not None:
             power_w = power_w + heater_power_w
-            heat_w = heat_w + self.vehicle.hvch.efficiency * heater_power_w
+            heat_w = heat_with_heater_w(self.vehicle, heat_w, heater_power_w)
         if brake_power_w is not None:
             power_w = power_w + brake_power_w
-            heat_w = heat_w - self.vehicle.drivetrain.heat_share * brake_power_w
+            heat_w = heat_with_brake_w(self.vehicle, heat_w, brake_power_w)
         return (self.route.duration_s, power_w, self.power_variance_w2, heat_w,
                 self.leakage_w_per_k)
 
@@ -176,10 +177,10 @@ def _trip_of_arrays(vehicle: Vehicle, route: Route, heater_share: float, heat_la
         vehicle=vehicle,
         route=route,
         time_s=route.time_s,
-        idle_power_w=(route.propulsion_power_w + route.cabin_heating_power_w
-                      + route.auxiliary_power_w),
+        idle_power_w=idle_power_w(
+            route.propulsion_power_w, route.cabin_heating_power_w, route.auxiliary_power_w),
         power_variance_w2=route.propulsion_power_variance_w2,
-        idle_heat_w=leakage_w_per_k * route.ambient_temperature_c + drivetrain_heat_w,
+        idle_heat_w=idle_heat_w(leakage_w_per_k, route.ambient_temperature_c, drivetrain_heat_w),
         drivetrain_heat_w=drivetrain_heat_w,
         leakage_w_per_k=leakage_w_per_k,
         heater_limit_w=heater_limit_w)

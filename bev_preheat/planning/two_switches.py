@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.native import plans as native_plans
-from bev_preheat.planning.bracketing import follow_slope, least_of, Trial
+from bev_preheat.planning.bracketing import ARRIVAL_TOLERANCE_K, follow_slope, least_of, Trial
 from bev_preheat.planning.dynamics import JOULES_PER_WH, keep_accounts, native_vehicle
 from bev_preheat.planning.heat_run import along_states, initial_states, roll_heated, run_heated, states_at
 from bev_preheat.planning.schedule import Schedule
@@ -27,9 +27,8 @@ if TYPE_CHECKING:
     from bev_preheat.planning.situation import BatteryState, Goal
     from bev_preheat.planning.trip import Trip
 
-# The target is met when the forward run arrives this close [K], as with one switch. While switch-off instants are
-# compared, the second tolerance is enough: the deviation is valued by its energy.
-ARRIVAL_TOLERANCE_K = 5e-6
+# While switch-off instants are compared, a run that arrives this close to the target is enough: the deviation is
+# valued by its energy.
 COMPARED_TOLERANCE_K = 2e-4
 # This share of the heat from the start is certain to be present on arrival.
 SURE_SHARE = 0.5
@@ -37,7 +36,6 @@ SURE_SHARE = 0.5
 MOST_LAGS = 7.0
 # Around the best switch-off instant the energy hardly changes.
 OFF_RESOLUTION_S = 2.0
-MOST_RUNS = 60
 # A kelvin below the target counts more than any energy.
 LACKING_WH_PER_K = 1e9
 
@@ -142,7 +140,7 @@ class _Search:
 
         first = switched_on_at(min(max(guess_s, 0.0), off_s))
         return follow_slope(0.0, off_s, first, self._slope_k_per_s(first.value), switched_on_at,
-                            tolerance_k, most_trials=MOST_RUNS)
+                            tolerance_k)
 
     def _guess_s(self, off_s: float) -> float:
         """Return the approximate switch-on instant [s], on a line through the nearest pairs."""

@@ -62,7 +62,7 @@ def plan_unlimited(trip: Trip, state: BatteryState, goal: Goal,
     if goal.charging_planned and not _leaves_enough(trip, goal, schedule, plan.least_soc):
         return None
     return schedule, ScheduleOutcome(
-        energies_of(plan.energy_wh[:]), _intervals(trip, schedule, plan),
+        energies_of(plan.energy_wh.in_a_row()), _intervals(trip, schedule, plan),
         schedule.heating_start_s if plan.is_heated else None)
 
 
@@ -87,7 +87,7 @@ def plan_unlimited_paper(trip: Trip,
     if not _leaves_enough(trip, goal, schedule, plan.least_soc):
         return None
     return schedule, ScheduleOutcome(
-        energies_of(plan.energy_wh[:]), _intervals(trip, schedule, plan),
+        energies_of(plan.energy_wh.in_a_row()), _intervals(trip, schedule, plan),
         schedule.heating_start_s if plan.is_heated else None)
 
 

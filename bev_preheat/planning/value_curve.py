@@ -28,6 +28,7 @@ INDIFFERENCE_J = 10.0
 SLOPE_K = 1.0
 # Heating by less than this [K] does not count; a band is at least this wide.
 LEAST_GAIN_K = 1e-9
+LEAST_FAN_K = 1e-6
 # Floor, low and high of Thresholds [deg C].
 Band = tuple[float, float, float]
 
@@ -153,7 +154,7 @@ def _split(heated: ValueCurve, unheated: ValueCurve, split: int) -> tuple[ValueC
     Between the two, partial heating takes energy in proportion: a straight piece.
     """
     low_c, high_c = heated.temperature_c[split], unheated.temperature_c[split]
-    fan = split + 1 if high_c > low_c + 1e-6 else split
+    fan = split + 1 if high_c > low_c + LEAST_FAN_K else split
     curve = ValueCurve(np.concatenate((heated.temperature_c[:fan], unheated.temperature_c[split:])),
                        np.concatenate((heated.energy_j[:fan], unheated.energy_j[split:])))
     return curve, (-np.inf, low_c, max(high_c, low_c + LEAST_GAIN_K))

@@ -6,18 +6,17 @@ from __future__ import annotations
 from math import ceil, inf, isfinite
 from typing import NamedTuple, TYPE_CHECKING
 
-from bev_preheat.native.driven_plant import NativePlant
 from bev_preheat.numerics.arithmetic import FLOATS, SATURATING_FLOATS
 from bev_preheat.planning.dynamics import (
     deliverable_power_w,
     Energies,
     hottest_c,
     JOULES_PER_WH,
-    native_vehicle,
     step_of_floats,
 )
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.trip import make_trip
+from bev_preheat.vehicle.heat_balance import heat_under_w, heat_with_brake_w
 from bev_preheat.vehicle.heat_path import HeatedStep, make_heated_step, sensor_reading_c
 from bev_preheat.vehicle.model import make_rates, make_runge_kutta_4, Rates, Step
 from bev_preheat.vehicle.terminal_limits import make_terminal_limits, TerminalLimits
@@ -96,7 +95,6 @@ class VehiclePlant:
             curve.function(SATURATING_FLOATS)
             for curve in (vehicle.battery.open_circuit_voltage, vehicle.battery.resistance))
         self._highest_c, self._hottest_c = vehicle.battery.temperature_range_c[1], hottest_c(vehicle)
-        self._efficiency, self._heat_share = vehicle.hvch.efficiency, vehicle.drivetrain.heat_share
         self._coolant_started_c = self.coolant_c
         self.brake_power_w = 0.0
         self.undeliverable_power_w = 0.0
@@ -104,9 +102,6 @@ class VehiclePlant:
         self.without_lease_s = 0.0
         self._ends_s: list[float] = self.route.time_s[1:].tolist()
         self._segments = _segments_of(trip)
-        native = native_vehicle(vehicle)
-        self._native = None if native is None else NativePlant(
-            native, trip.native, vehicle.heat_path.sensor_lag_s)
         self._segment = 0
         self._joule_j = self._drivetrain_j = self._heater_j = self._leakage_j = 0.0
         self._battery_j = self._undeliverable_j = self._brake_j = 0.0
@@ -150,9 +145,8 @@ class VehiclePlant:
             raise ValueError(f'heater_power_w: {heater_power_w} is not allowed; it must be at least 0')
         # Rounding of the difference must not leave the last segment unfinished.
         until_s = max(to_s - self.start_s, self.duration_s if to_s >= self.end_s else 0.0)
-        if not self._drive_by_core(until_s, heater_power_w):
-            self._drive(until_s, heater_power_w)
-            self._look_at_terminals()
+        self._drive(until_s, heater_power_w)
+        self._look_at_terminals()
         if self.is_standing:
             self.heater_power_w = self.brake_power_w = self._power_at_end_w = 0.0
         self._elapsed_s, self.time_s = until_s, to_s
@@ -165,27 +159,6 @@ class VehiclePlant:
             since_s = self.time_s
             self.advance(to_s, 0.0)
             self.without_lease_s += max(0.0, min(to_s, self.end_s) - since_s)
-
-    def _drive_by_core(self, until_s: float, heater_power_w: float) -> bool:
-        """
-        Drive on as far as the native core can; return whether that is the whole way.
-
-        It stops before a segment with a power deficit or an empty battery.
-        """
-        driven = None if self._native is None or self.empty_at_s is not None else self._native.drive(
-            until_s, heater_power_w, LONGEST_STEP_S, (
-                self._elapsed_s, self.soc, self.temperature_c, self.sensor_c, self.coolant_c,
-                self.heater_power_w, self.brake_power_w, self._command_w, self._power_at_end_w,
-                self.terminal_voltage_v, self.current_a, self._joule_j, self._drivetrain_j, self._heater_j,
-                self._leakage_j, self._battery_j, self._brake_j, self._segment))
-        if driven is None:
-            return False
-        is_done, (
-            self._elapsed_s, self.soc, self.temperature_c, self.sensor_c, self.coolant_c,
-            self.heater_power_w, self.brake_power_w, self._command_w, self._power_at_end_w,
-            self.terminal_voltage_v, self.current_a, self._joule_j, self._drivetrain_j, self._heater_j,
-            self._leakage_j, self._battery_j, self._brake_j, self._segment) = driven
-        return is_done
 
     def _drive(self, until_s: float, heater_power_w: float) -> None:
         while self._elapsed_s < until_s and not self.is_standing:
@@ -224,8 +197,8 @@ class VehiclePlant:
         """Return power, power variance, heat and leakage of a step under a heater power [W]; as Trip.inputs."""
         segment = self._segments[self._segment]
         return (segment.idle_power_w + heater_power_w + self.brake_power_w, segment.variance_w2,
-                segment.idle_heat_w + self._efficiency * heater_power_w
-                - self._heat_share * self.brake_power_w, segment.leakage_w_per_k)
+                heat_under_w(self.vehicle, segment.idle_heat_w, heater_power_w, self.brake_power_w),
+                segment.leakage_w_per_k)
 
     def _model_step(self, step_s: float, saturating: bool) -> tuple[float, float, float, float]:
         """Return the result of the model's step; advance heater and coolant with it."""
@@ -265,7 +238,8 @@ class VehiclePlant:
         cooled_j = self.vehicle.battery.heat_capacity_j_per_k * (temperature_c - self.temperature_c)
         self._elapsed_s += step_s
         self.undeliverable_power_w = max(self.undeliverable_power_w, deficit_w)
-        drivetrain_heat_w = segment.drivetrain_heat_w - self._heat_share * self.brake_power_w
+        drivetrain_heat_w = heat_with_brake_w(
+            self.vehicle, segment.drivetrain_heat_w, self.brake_power_w)
         self._joule_j += step_s * joule_w
         self._drivetrain_j += step_s * drivetrain_heat_w
         self._heater_j += step_s * self.heater_power_w

@@ -1,10 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The energies of a forward run: bev_preheat.planning.dynamics. */
+#include "bev_preheat_core_generated/constants.h"
 #include "checks.h"
 #include "means.h"
 #include "steps_of_model.h"
-
-#define JOULES_PER_WH 3600.0
 
 /* What one step of a run takes and gives, means [W]. */
 typedef struct {
@@ -30,9 +29,9 @@ static bev_inputs inputs_of(const bev_vehicle *vehicle, const bev_trip *trip,
 }
 
 static double deliverable_w(const bev_vehicle *vehicle, double soc, double temperature_c) {
-  const double u = bev_at(&vehicle->open_circuit_voltage, BEV_AS_ARRAYS, soc, temperature_c);
-  const double r = bev_at(&vehicle->resistance, BEV_AS_ARRAYS, soc, temperature_c);
-  return u * u / (4.0 * r);
+  return bev_deliverable_w(
+      bev_at(&vehicle->open_circuit_voltage, BEV_AS_ARRAYS, soc, temperature_c),
+      bev_at(&vehicle->resistance, BEV_AS_ARRAYS, soc, temperature_c));
 }
 
 /* The account of a step whose means are known; `end_c` is where the model alone leads. */
@@ -42,7 +41,8 @@ static step_account account_of(const bev_vehicle *vehicle, const bev_trip *trip,
   step_account account;
   const double held_c = run->temperature_c[k + 1];
   account.joule_w = joule_w;
-  account.leakage_w = trip->leakage_w_per_k[k] * (trip->ambient_temperature_c[k] - mean_c);
+  account.leakage_w =
+      bev_leaked_w(trip->leakage_w_per_k[k], trip->ambient_temperature_c[k], mean_c);
   if (held_c >= vehicle->hottest_c) {
     account.leakage_w = account.leakage_w
         - (end_c - held_c) * vehicle->heat_capacity_j_per_k / inputs->duration_s;
@@ -57,10 +57,10 @@ static step_account account_of(const bev_vehicle *vehicle, const bev_trip *trip,
 
 static void add_step(const bev_vehicle *vehicle, const bev_trip *trip, const bev_run_of_powers *run,
                      int32_t k, const step_account *account, bev_energies *sum) {
-  const double hours = trip->duration_s[k] / JOULES_PER_WH;
+  const double hours = trip->duration_s[k] / BEV_JOULES_PER_WH;
   const double brake_w = run->brake_w == NULL ? 0.0 : run->brake_w[k];
   sum->joule += hours * account->joule_w;
-  sum->drivetrain_heat += hours * (trip->drivetrain_heat_w[k] - vehicle->heat_share * brake_w);
+  sum->drivetrain_heat += hours * bev_heat_with_brake_w(vehicle, trip->drivetrain_heat_w[k], brake_w);
   sum->leakage += hours * account->leakage_w;
   sum->hvch_electric += hours * run->heater_w[k];
   sum->battery_total += hours * account->battery_w;
@@ -72,7 +72,7 @@ static void add_step(const bev_vehicle *vehicle, const bev_trip *trip, const bev
 static bev_status finished(const bev_vehicle *vehicle, const bev_run_of_powers *run,
                            bev_energies *sum) {
   if (run->arriving_heat_w == NULL) {
-    sum->hvch_heat = vehicle->heater_efficiency * sum->hvch_electric;
+    sum->hvch_heat = bev_heat_with_heater_w(vehicle, 0.0, sum->hvch_electric);
   }
   return isfinite(sum->joule) && isfinite(sum->drivetrain_heat) && isfinite(sum->hvch_heat)
           && isfinite(sum->leakage) && isfinite(sum->hvch_electric)

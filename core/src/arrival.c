@@ -9,8 +9,6 @@
 #include "circuit.h"
 #include "route_columns.h"
 
-int32_t bev_size_of_course(void) { return (int32_t)sizeof(bev_course); }
-
 static int is_course(const bev_course *course) {
   return course->steps >= 1 && course->steps <= BEV_MOST_STEPS && course->route != NULL
       && course->heater_power_w != NULL && course->temperature_c != NULL && course->soc != NULL;

@@ -5,17 +5,12 @@
 #include <string.h>
 
 #include "bev_preheat_core/estimation.h"
+#include "bev_preheat_core_generated/constants.h"
 #include "bev_preheat_core_generated/drives.h"
 #include "checks.h"
 #include "circuit.h"
 
 #define SQUARE (BEV_ELEMENTS * BEV_ELEMENTS)
-
-int32_t bev_size_of_belief(void) { return (int32_t)sizeof(bev_belief); }
-
-int32_t bev_size_of_belief_terms(void) { return (int32_t)sizeof(bev_belief_terms); }
-
-int32_t bev_size_of_drive(void) { return (int32_t)sizeof(bev_drive); }
 
 /* The elements that move with time; all others wander. */
 #define MOVING 5
@@ -308,14 +303,9 @@ static int32_t hold(const bev_belief_terms *terms, double *mean) {
       || fabs(mean[BEV_UNDER_WAY]) > terms->most_under_way_k;
 }
 
-/* Logarithm of the root of 2 pi; the root of 2 is in folded_normal.h. */
-#define LOG_ROOT_2_PI 0.9189385332046727
-/* Beyond so many deviations the closed forms lose their digits. */
-#define TAIL 8.0
-
 /* As bev_preheat.estimation.truncated_normal: mean, variance, log of the probability. */
 static void moments_in_tail(double distance, double width, double moments[3]) {
-  const double log_density = -0.5 * distance * distance - LOG_ROOT_2_PI;
+  const double log_density = -0.5 * distance * distance - BEV_LOG_ROOT_2_PI;
   double x = distance * width;
   if (x < 1e-4) {
     moments[0] = 0.5 * width;
@@ -339,16 +329,16 @@ static void truncated_moments(double mean, double variance, double low, double h
   if (b - a < 1e-9) {
     moments[0] = 0.5 * (low + high);
     moments[1] = 0.0;
-    moments[2] = -0.5 * a * a - LOG_ROOT_2_PI - log(deviation);
+    moments[2] = -0.5 * a * a - BEV_LOG_ROOT_2_PI - log(deviation);
     return;
   }
-  if (a > TAIL) {
+  if (a > BEV_TAIL) {
     moments_in_tail(a, b - a, moments);
     moments[0] = low + deviation * moments[0];
     moments[1] = variance * moments[1];
     return;
   }
-  if (b < -TAIL) {
+  if (b < -BEV_TAIL) {
     moments_in_tail(-b, b - a, moments);
     moments[0] = high - deviation * moments[0];
     moments[1] = variance * moments[1];
@@ -362,8 +352,8 @@ static void truncated_moments(double mean, double variance, double low, double h
   } else {
     probability = 0.5 * (erf(b / BEV_ROOT_2) - erf(a / BEV_ROOT_2));
   }
-  const double density_a = exp(-0.5 * a * a - LOG_ROOT_2_PI);
-  const double density_b = exp(-0.5 * b * b - LOG_ROOT_2_PI);
+  const double density_a = exp(-0.5 * a * a - BEV_LOG_ROOT_2_PI);
+  const double density_b = exp(-0.5 * b * b - BEV_LOG_ROOT_2_PI);
   const double shift = (density_a - density_b) / probability;
   const double spread = 1.0 + (a * density_a - b * density_b) / probability - shift * shift;
   moments[0] = mean + deviation * shift;

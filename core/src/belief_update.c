@@ -4,10 +4,6 @@
 
 #include "bev_preheat_core/estimation.h"
 
-int32_t bev_size_of_passed(void) { return (int32_t)sizeof(bev_passed); }
-
-int32_t bev_size_of_reading(void) { return (int32_t)sizeof(bev_reading); }
-
 bev_status bev_follow(const bev_vehicle *vehicle, const bev_belief *belief,
                       const bev_belief_terms *terms, const bev_passed *passed, int32_t *done,
                       int32_t *lost) {

@@ -8,9 +8,6 @@
 
 #include "bev_preheat_core/core.h"
 
-/* Values that are tried at most where nothing less is said. */
-#define BEV_MOST_TRIALS 60
-
 /* When a search ends: the excess is this near to 0, values differ by no more than that, or so many were tried. */
 typedef struct {
   double tolerance;

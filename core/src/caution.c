@@ -5,6 +5,7 @@
  */
 #include "caution.h"
 
+#include "bev_preheat_core_generated/constants.h"
 #include "bracketing.h"
 #include "early_start.h"
 #include "steps_of_model.h"
@@ -57,7 +58,7 @@ static bev_status heat_early_from(const bev_heated_run *run, double start_s, dou
   if (status < BEV_OK) {
     return status;
   }
-  const bev_ending ending = {BEV_EARLY_TOLERANCE_K, BEV_EARLY_RESOLUTION_S, BEV_EARLY_MOST_RUNS};
+  const bev_ending ending = {BEV_EARLY_TOLERANCE_K, BEV_EARLY_RESOLUTION_S, BEV_MOST_EARLY_RUNS};
   status = bev_follow_slope(arrival_s, start_s, bev_warmed_k_per_s(run->vehicle, run->trip, end_s),
                             &ending, heat_early_until, &of, &end_s, &above_k);
   stretch->first = bev_step_at(run->trip, start_s);

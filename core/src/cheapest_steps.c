@@ -1,16 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Heating in the steps in which a kelvin on arrival costs the least: bev_preheat.planning.cheapest_steps. */
+#include "bev_preheat_core_generated/constants.h"
 #include "bracketing.h"
 #include "checks.h"
 #include "prices.h"
 #include "steps_of_model.h"
-
-/* The target is met when the forward run arrives this close [K]. */
-#define ARRIVAL_TOLERANCE_K 5e-6
-/* Once the heater is switched once more, what else there is to save [Wh] is taken as well. */
-#define LEAST_SAVING_THEN_WH 0.005
-/* The first order saves most, the second one the rest. */
-#define MOST_ORDERS 4
 
 /* The steps that are heated, one after the other, and where each trial is written. */
 typedef struct {
@@ -137,7 +131,7 @@ static bev_status fill_until_warm(filling *of) {
   if (!isfinite(slope)) {
     return BEV_NOT_FINITE;
   }
-  const bev_ending ending = {ARRIVAL_TOLERANCE_K, 0.0, BEV_MOST_TRIALS};
+  const bev_ending ending = {BEV_ARRIVAL_TOLERANCE_K, 0.0, BEV_MOST_TRIALS};
   return bev_follow_slope(whole_j, 0.0, slope, &ending, heat_with, of, &heat_j, &above_k);
 }
 
@@ -171,7 +165,7 @@ bev_status bev_heat_cheapest(const bev_vehicle *vehicle, const bev_trip *trip, d
   of.soc[0] = soc[0];
   of.temperature_c[0] = temperature_c[0];
   *orders = 0;
-  for (int32_t n = 0; n < MOST_ORDERS; n++) {
+  for (int32_t n = 0; n < BEV_MOST_ORDERS; n++) {
     status = bev_prices_along(vehicle, trip, soc, temperature_c, heater_w, of.warmth_k_per_w,
                               of.charge_per_w);
     if (status != BEV_OK) {
@@ -182,7 +176,7 @@ bev_status bev_heat_cheapest(const bev_vehicle *vehicle, const bev_trip *trip, d
     const double saving = given_by(&of, heater_w, of.charge_per_w)
         - given_by(&of, of.heater_w, of.charge_per_w);
     const double whole_wh = bev_whole_charge_wh(vehicle, soc[steps], temperature_c[steps]);
-    if (!(saving >= (n == 0 ? BEV_LEAST_SAVING_WH : LEAST_SAVING_THEN_WH) / whole_wh)) {
+    if (!(saving >= (n == 0 ? BEV_LEAST_SAVING_WH : BEV_LEAST_SAVING_THEN_WH) / whole_wh)) {
       return BEV_OK;
     }
     status = fill_until_warm(&of);

@@ -5,12 +5,11 @@
  */
 #include "courses.h"
 
+#include "bev_preheat_core_generated/constants.h"
 #include <stdbool.h>
 
 #include "step_limits.h"
 
-#define POWER_TOLERANCE 1e-6
-#define SOC_DIFFERENCE 1e-4
 #define SECONDS_PER_HOUR 3600.0
 
 static bev_status limits_at(const bev_vehicle *vehicle, double soc, double temperature_c,
@@ -69,7 +68,7 @@ bev_status bev_lacking_w(const bev_vehicle *vehicle, const bev_trip *trip,
       }
     }
   }
-  if (*worst_w <= POWER_TOLERANCE * fabs(worst_at_w)) {
+  if (*worst_w <= BEV_POWER_TOLERANCE * fabs(worst_at_w)) {
     *worst_w = 0.0;
   }
   return BEV_OK;
@@ -92,7 +91,7 @@ bev_status bev_blend_acceptance_loss(const bev_vehicle *vehicle, const bev_trip 
       bev_status status = limits_at(vehicle, soc, temperature_c, variance_w2, limits_w);
       if (status == BEV_OK) {
         status =
-            limits_at(vehicle, soc + SOC_DIFFERENCE, temperature_c, variance_w2, fuller_w);
+            limits_at(vehicle, soc + BEV_ACCEPTANCE_SOC_DIFFERENCE, temperature_c, variance_w2, fuller_w);
       }
       if (status != BEV_OK) {
         return status;
@@ -103,7 +102,7 @@ bev_status bev_blend_acceptance_loss(const bev_vehicle *vehicle, const bev_trip 
             bev_at(&vehicle->open_circuit_voltage, BEV_AS_ARRAYS, soc, temperature_c);
         lost = bev_minimum(
             bev_maximum(trip->duration_s[k] * (fuller_w[0] - limits_w[0])
-                            / (SOC_DIFFERENCE * capacity_as * voltage_v),
+                            / (BEV_ACCEPTANCE_SOC_DIFFERENCE * capacity_as * voltage_v),
                         0.0),
             1.0);
       }

@@ -5,11 +5,6 @@
 
 #include "bev_preheat_core/core.h"
 
-/* The end of heating is found to this, in so many runs. */
-#define BEV_EARLY_TOLERANCE_K 1e-3
-#define BEV_EARLY_RESOLUTION_S 1e-3
-#define BEV_EARLY_MOST_RUNS 12
-
 /* What becomes of the last stretch, values of `change`. */
 enum { BEV_STAYS = 0, BEV_LEFT_OUT = 1, BEV_BEGINS_EARLY = 2 };
 

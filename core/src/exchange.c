@@ -2,21 +2,13 @@
 /* Heat that is moved to steps in which it costs less, within the limits: bev_preheat.planning.exchange. */
 #include <stdbool.h>
 
+#include "bev_preheat_core_generated/constants.h"
 #include "checks.h"
 #include "courses.h"
 #include "limited_prices.h"
 #include "limited_step.h"
 #include "linear_program.h"
 #include "prices.h"
-
-#define MOST_TRIALS 8
-#define FIRST_SHARE 0.25
-#define GOOD_SHARE 0.75
-#define POOR_SHARE 0.25
-#define MOST_MENDS 3
-#define MENDED_SHARE 0.5
-#define LEAST_LEFT 0.1
-#define MOST_LEFT 0.5
 
 /* The run so far, the one that is tried, and what is exchanged. */
 typedef struct {
@@ -195,10 +187,10 @@ static void keep_tried(exchange *of) {
 static bool learn(exchange *of, const exchanged *best, double least_saving) {
   const bool is_kept = best->is_met && best->saved >= least_saving;
   if (is_kept) {
-    if (best->saved > GOOD_SHARE * best->saving) {
+    if (best->saved > BEV_GOOD_SHARE * best->saving) {
       of->trusted_j = 2.0 * of->trusted_j;
-    } else if (best->saved < POOR_SHARE * best->saving) {
-      of->trusted_j = MOST_LEFT * best->moved_j;
+    } else if (best->saved < BEV_POOR_SHARE * best->saving) {
+      of->trusted_j = BEV_MOST_LEFT * best->moved_j;
     } else {
       /* As much as before. */
     }
@@ -207,14 +199,14 @@ static bool learn(exchange *of, const exchanged *best, double least_saving) {
     double now[BEV_MOST_NEEDS];
     double share = 1.0;
     bev_spare_of(&of->needs, &of->changes, &of->there, now);
-    if (!best->is_met && best->saved > MENDED_SHARE * best->saving && of->mends < MOST_MENDS) {
+    if (!best->is_met && best->saved > BEV_MENDED_SHARE * best->saving && of->mends < BEV_MOST_MENDS) {
       of->mends++;
     } else {
       /* What differs from the promise does so in proportion to the square of what is moved. */
       share = best->saved < best->saving
           ? best->saving / (2.0 * (best->saving - best->saved))
-          : MOST_LEFT;
-      share = bev_minimum(bev_maximum(share, LEAST_LEFT), MOST_LEFT);
+          : BEV_MOST_LEFT;
+      share = bev_minimum(bev_maximum(share, BEV_LEAST_LEFT), BEV_MOST_LEFT);
       of->trusted_j = share * best->moved_j;
       of->mends = 0;
     }
@@ -231,7 +223,7 @@ static bev_status exchange_on(exchange *of, double least_saving, int32_t *exchan
   bool is_new = true;
   bool goes_on = true;
   bev_status status = BEV_OK;
-  for (int32_t trial = 0; trial < MOST_TRIALS && goes_on && status == BEV_OK; trial++) {
+  for (int32_t trial = 0; trial < BEV_MOST_EXCHANGE_TRIALS && goes_on && status == BEV_OK; trial++) {
     if (is_new) {
       status = bev_find_changes(&of->needs, &of->run, &of->changes);
       bev_spare_of(&of->needs, &of->changes, &of->run, of->spare);
@@ -248,7 +240,7 @@ static bev_status exchange_on(exchange *of, double least_saving, int32_t *exchan
         *exchanges += is_new ? 1 : 0;
       } else {
         goes_on = is_corrected(of);
-        of->trusted_j = MOST_LEFT * best.moved_j;
+        of->trusted_j = BEV_MOST_LEFT * best.moved_j;
         begin_anew(of);
       }
     }
@@ -319,7 +311,7 @@ bev_status bev_exchange_heat(const bev_vehicle *vehicle, const bev_trip *trip,
     status = bev_find_needs(&of.run, goal, &of.needs);
   }
   if (status == BEV_OK) {
-    of.trusted_j = FIRST_SHARE * paid_j(trip, &of.run);
+    of.trusted_j = BEV_FIRST_SHARE * paid_j(trip, &of.run);
     const double whole_wh =
         bev_whole_charge_wh(vehicle, of.run.soc[steps], of.run.temperature_c[steps]);
     status = exchange_on(&of, BEV_LEAST_SAVING_WH / whole_wh, exchanges);

@@ -3,13 +3,13 @@
  * Many trips of one vehicle, each without heating, always heated, and planned by two methods: what
  * bev_preheat_studies.fleet.ways does for one trip where nothing limits it.
  */
+#include "bev_preheat_core_generated/constants.h"
 #include "checks.h"
 #include "limits_of_run.h"
 #include "paper.h"
 #include "step_limits.h"
 #include "steps_of_model.h"
 
-#define JOULES_PER_WH 3600.0
 /* Arrays of a trip in the memory, the first ones those of bev_plan_switch. */
 #define SWITCH_ROOMS 8
 #define ROOMS 12
@@ -42,7 +42,7 @@ static void arrive(bev_arrival *arrival, bev_status status, double heater_wh, do
 static double taken_wh(const bev_trip *trip, const double *heater_w) {
   double sum = 0.0;
   for (int32_t k = 0; k < trip->steps; k++) {
-    sum += trip->duration_s[k] / JOULES_PER_WH * heater_w[k];
+    sum += trip->duration_s[k] / BEV_JOULES_PER_WH * heater_w[k];
   }
   return sum;
 }

@@ -5,10 +5,7 @@
 
 #include <math.h>
 
-#define BEV_CERTAIN_DEVIATIONS 9.0
-#define BEV_ROOT_2 1.4142135623730951
-/* The root of 2 / pi. */
-#define BEV_ROOT_2_OVER_PI 0.7978845608028654
+#include "bev_preheat_core_generated/constants.h"
 
 static inline double bev_mean_magnitude(double mean, double variance) {
   const double magnitude = fabs(mean);

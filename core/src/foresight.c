@@ -2,10 +2,7 @@
 /* Looks ahead along a trip, with the limits of the battery's state now: bev_preheat.planning.foresight. */
 #include "foresight.h"
 
-/* So many lags after it was switched off, a heater takes nothing worth naming. */
-#define LAGS_AHEAD 5.0
-/* Surplus is taken while it lasts for so many lags more. */
-#define LASTING_LAGS 0.7
+#include "bev_preheat_core_generated/constants.h"
 
 /* The last of the steps that begin within so long after the end of step k. */
 static int32_t last_after(const bev_trip *trip, int32_t k, double duration_s) {
@@ -21,7 +18,7 @@ static int32_t last_after(const bev_trip *trip, int32_t k, double duration_s) {
 
 static int is_before_climb(const bev_limited_run *run, int32_t k) {
   const bev_trip *trip = run->trip;
-  const double until_s = trip->time_s[k + 1] + LAGS_AHEAD * run->lag_s;
+  const double until_s = trip->time_s[k + 1] + BEV_LAGS_AHEAD * run->lag_s;
   for (int32_t j = k + 1; j < trip->steps; j++) {
     if (!(trip->time_s[j] < until_s)) {
       return 0;
@@ -39,7 +36,7 @@ double bev_off_in_time_w(const bev_limited_run *run, int32_t k, const double sta
     return INFINITY;
   }
   double allowed_w = INFINITY;
-  for (int32_t j = last_after(trip, k, LAGS_AHEAD * run->lag_s); j > k; j--) {
+  for (int32_t j = last_after(trip, k, BEV_LAGS_AHEAD * run->lag_s); j > k; j--) {
     const double decay = exp(-trip->duration_s[j] / run->lag_s);
     allowed_w = decay > 0.0 ? allowed_w / decay : INFINITY;
     if (run->may_overdraw[j] != 0u) {
@@ -57,7 +54,7 @@ double bev_off_in_time_w(const bev_limited_run *run, int32_t k, const double sta
 
 double bev_lasting_surplus_w(const bev_limited_run *run, int32_t k, const double states[4]) {
   const bev_trip *trip = run->trip;
-  const double ahead_s = LASTING_LAGS * run->lag_s - 0.5 * trip->duration_s[k];
+  const double ahead_s = BEV_LASTING_LAGS * run->lag_s - 0.5 * trip->duration_s[k];
   const int32_t last = last_after(trip, k, ahead_s);
   if (last == k) {
     return INFINITY;

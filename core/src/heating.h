@@ -5,13 +5,8 @@
 
 #include "checks.h"
 
-/* The highest temperature is kept to this by heating [K], in so many rounds. */
-#define BEV_HIGHEST_TOLERANCE_K 1e-6
-#define BEV_MOST_ROUNDS 1000
-/* Surplus heats no further than this below the highest temperature. */
-#define BEV_BELOW_HIGHEST_K 5.0
-/* Of the friction brake's power that keeps the battery from being overfilled. */
-#define BEV_HALVINGS 50
+/* The highest temperature is kept by heating in so many rounds. */
+#define BEV_MOST_HEATING_ROUNDS 1000
 
 static inline int bev_is_heating(const bev_heating *heating) {
   return heating != NULL && heating->power_w != NULL && heating->may_overcharge != NULL

@@ -3,6 +3,7 @@
  * Heating a little earlier than a plan needs: bev_preheat.planning.uncertainty_margin for any run, within the battery's limits
  * where one is active, and with a heat path.
  */
+#include "bev_preheat_core_generated/constants.h"
 #include "bracketing.h"
 #include "caution.h"
 #include "checks.h"
@@ -99,7 +100,7 @@ static bev_status drive_until(void *searched, double end_s, double *above_k) {
 
 /* The end of heating [s] with which the battery arrives at the target. */
 static bev_status find_end(last_stretch *of, bev_attempt attempt, double guess_s, double *end_s) {
-  const bev_ending ending = {BEV_EARLY_TOLERANCE_K, BEV_EARLY_RESOLUTION_S, BEV_EARLY_MOST_RUNS};
+  const bev_ending ending = {BEV_EARLY_TOLERANCE_K, BEV_EARLY_RESOLUTION_S, BEV_MOST_EARLY_RUNS};
   double above_k = 0.0;
   *end_s = bev_minimum(bev_maximum(guess_s, of->start_s), of->latest_end_s);
   /* At first nothing after the start is as it is to be. */

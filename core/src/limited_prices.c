@@ -2,17 +2,8 @@
 /* What a joule of heat does along a run within limits: bev_preheat.planning.limited_prices. */
 #include "limited_prices.h"
 
+#include "bev_preheat_core_generated/constants.h"
 #include "slopes.h"
-
-#define ARRIVAL_TOLERANCE_K 5e-6
-#define POWER_SURPLUS 1e-5
-#define BRAKE_DIFFERENCE_W 1000.0
-#define LEAST_ROOM_W 10.0
-#define NEAR_HIGHEST_K 1e-3
-#define POWER_ROUNDING 1e-6
-#define LOWEST_SOC_MARGIN 2e-5
-#define LOWEST_SOC_AIM 1e-6
-#define NEAR_LOWEST_SOC 0.05
 
 bev_status bev_look_at_limits(const bev_vehicle *vehicle, const bev_trip *trip,
                               const bev_limited_course *run) {
@@ -27,7 +18,7 @@ bev_status bev_find_needs(const bev_limited_course *run, const bev_settling *goa
   for (int32_t k = 0; k < trip->steps; k++) {
     needs->power_w[k] = bev_minimum(trip->idle_power_w[k], run->most_w[k]);
   }
-  needs->lowest_soc = goal->lowest_soc + LOWEST_SOC_MARGIN;
+  needs->lowest_soc = goal->lowest_soc + BEV_LOWEST_SOC_MARGIN;
   for (int32_t k = 0; k <= trip->steps; k++) {
     needs->lowest_soc = bev_minimum(needs->lowest_soc, run->soc[k]);
   }
@@ -37,13 +28,13 @@ bev_status bev_find_needs(const bev_limited_course *run, const bev_settling *goa
 
 bool bev_are_met(const bev_needs *needs, const bev_limited_course *run) {
   const bev_trip *trip = needs->trip;
-  bool are_met = run->temperature_c[trip->steps] >= needs->arrival_c - ARRIVAL_TOLERANCE_K;
+  bool are_met = run->temperature_c[trip->steps] >= needs->arrival_c - BEV_ARRIVAL_TOLERANCE_K;
   for (int32_t k = 0; k <= trip->steps && are_met; k++) {
     are_met = run->soc[k] >= needs->lowest_soc;
   }
   for (int32_t k = 0; k < trip->steps && are_met; k++) {
     are_met =
-        run->most_w[k] - needs->power_w[k] >= -POWER_ROUNDING * fabs(trip->idle_power_w[k]);
+        run->most_w[k] - needs->power_w[k] >= -BEV_POWER_ROUNDING * fabs(trip->idle_power_w[k]);
   }
   return are_met;
 }
@@ -51,15 +42,15 @@ bool bev_are_met(const bev_needs *needs, const bev_limited_course *run) {
 void bev_spare_of(const bev_needs *needs, const bev_changes *changes, const bev_limited_course *run,
                   double spare[BEV_MOST_NEEDS]) {
   const bev_trip *trip = needs->trip;
-  spare[0] = run->temperature_c[trip->steps] - needs->arrival_c - 0.5 * ARRIVAL_TOLERANCE_K;
+  spare[0] = run->temperature_c[trip->steps] - needs->arrival_c - 0.5 * BEV_ARRIVAL_TOLERANCE_K;
   for (int32_t n = 0; n < needs->climb_count; n++) {
     const int32_t k = changes->worst[n];
     spare[n + 1] = (run->most_w[k] - needs->power_w[k])
-        - 0.5 * POWER_SURPLUS * trip->idle_power_w[k];
+        - 0.5 * BEV_POWER_SURPLUS * trip->idle_power_w[k];
   }
   if (changes->lowest >= 0) {
     spare[needs->climb_count + 1] =
-        run->soc[changes->lowest] - needs->lowest_soc - LOWEST_SOC_AIM;
+        run->soc[changes->lowest] - needs->lowest_soc - BEV_LOWEST_SOC_AIM;
   }
 }
 
@@ -98,8 +89,8 @@ static limited_slopes slopes_of(const bev_middle *of, const bev_limited_course *
   if (of->brake_w > 0.0) {
     slopes.by_surplus = bev_slope_of(
         bev_rates_at(of, of->heater_w, of->brake_w, 0.0, 0.0),
-        bev_rates_at(of, of->heater_w, of->brake_w + BRAKE_DIFFERENCE_W, 0.0, 0.0),
-        BRAKE_DIFFERENCE_W, of->idle.duration_s);
+        bev_rates_at(of, of->heater_w, of->brake_w + BEV_BRAKE_DIFFERENCE_W, 0.0, 0.0),
+        BEV_BRAKE_DIFFERENCE_W, of->idle.duration_s);
   } else if (free_w > 0.0 && free_w < of->limit_w
              && of->heater_w <= free_w + BEV_SURPLUS_TOLERANCE_W) {
     slopes.by_surplus = slopes.of_model.by_power;
@@ -205,7 +196,7 @@ static bev_status find_effects_on_climb(const bev_needs *needs, const bev_limite
 }
 
 static void add_change(const bev_trip *trip, bev_changes *changes, int32_t k, double room_w) {
-  if (room_w > LEAST_ROOM_W) {
+  if (room_w > BEV_LEAST_ROOM_W) {
     changes->step[changes->count] = (double)k;
     changes->most_j[changes->count] = room_w * trip->duration_s[k];
     changes->count++;
@@ -216,7 +207,7 @@ static void add_change(const bev_trip *trip, bev_changes *changes, int32_t k, do
 static void find_room(const bev_needs *needs, const bev_limited_course *run,
                       bev_changes *changes) {
   const bev_trip *trip = needs->trip;
-  const double highest_c = needs->vehicle->highest_c - NEAR_HIGHEST_K;
+  const double highest_c = needs->vehicle->highest_c - BEV_NEAR_HIGHEST_K;
   changes->count = 0;
   for (int32_t k = 0; k < trip->steps; k++) {
     const double most_w =
@@ -250,7 +241,7 @@ static void find_worst(const bev_needs *needs, const bev_limited_course *run,
 /* The instant from which a run charges again from its lowest; -1 where that is far above the need. */
 static int32_t lowest_instant(const bev_needs *needs, const bev_limited_course *run) {
   int32_t lowest = -1;
-  double least_soc = needs->lowest_soc + NEAR_LOWEST_SOC;
+  double least_soc = needs->lowest_soc + BEV_NEAR_LOWEST_SOC;
   for (int32_t k = 1; k < needs->trip->steps; k++) {
     if (run->soc[k] < run->soc[k + 1] && run->soc[k] < least_soc) {
       least_soc = run->soc[k];

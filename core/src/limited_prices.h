@@ -8,14 +8,13 @@
 
 #include <stdbool.h>
 
+#include "bev_preheat_core_generated/constants.h"
 #include "threshold_search.h"
 
 /* The target, each climb, and the lowest charge. */
 #define BEV_MOST_NEEDS (2 + BEV_MOST_CLIMBS)
 /* The slopes of a step are so many numbers. */
 #define BEV_SLOPES 10
-/* Paid heat is told from surplus to this [W]. */
-#define BEV_SURPLUS_TOLERANCE_W 1.0
 
 /* A run within limits, and the limits of its steps on the terminal power [W]. */
 typedef struct {

@@ -5,14 +5,12 @@
  */
 #include "limited_step.h"
 
+#include "bev_preheat_core_generated/constants.h"
 #include <stdbool.h>
 
 #include "bracketing.h"
 #include "foresight.h"
 #include "heating.h"
-
-/* The limit at the end of a step is kept by at most so much more than needed [W]. */
-#define END_TOLERANCE_W 1e-3
 
 /* One step on its way. */
 typedef struct {
@@ -47,17 +45,16 @@ static bev_status end_of(const bev_limited_run *run, const step_start *start, do
   bev_inputs inputs = start->idle;
   if (run->is_direct != 0) {
     inputs.power_w = start->idle.power_w + command_w + brake_w;
-    inputs.heat_w = start->idle.heat_w + vehicle->heater_efficiency * command_w
-        - vehicle->heat_share * brake_w;
+    inputs.heat_w = bev_heat_under_w(vehicle, start->idle.heat_w, command_w, brake_w);
     bev_integrate(vehicle, BEV_RUNGE_KUTTA_4, 1, start->states[0], start->states[1], &inputs,
                   result);
     result[2] = 0.0;
     result[3] = 0.0;
     result[6] = command_w;
-    result[7] = vehicle->heater_efficiency * command_w;
+    result[7] = bev_heat_with_heater_w(vehicle, 0.0, command_w);
   } else {
     inputs.power_w = start->idle.power_w + brake_w;
-    inputs.heat_w = start->idle.heat_w - vehicle->heat_share * brake_w;
+    inputs.heat_w = bev_heat_with_brake_w(vehicle, start->idle.heat_w, brake_w);
     bev_integrate_heated(vehicle, 1, start->states, &inputs, command_w, result);
   }
   return bev_kind_of(result[0], result[1]) == BEV_OK && bev_kind_of(result[2], result[3]) == BEV_OK
@@ -144,7 +141,7 @@ static bev_status drive_between(const bev_limited_run *run, const step_start *st
   double paid_w = 0.0;
   bev_status status = limited_command(run, start, limits_w, command_w, &paid_w);
   int is_settled = 0;
-  for (int32_t round = 0; status == BEV_OK && round < BEV_MOST_ROUNDS && !is_settled; round++) {
+  for (int32_t round = 0; status == BEV_OK && round < BEV_MOST_HEATING_ROUNDS && !is_settled; round++) {
     *brake_w = 0.0;
     if (may_overcharge) {
       const double drawn_w = start->left * start->states[2] + (1.0 - start->left) * *command_w;
@@ -205,7 +202,7 @@ static bev_status limits_at_end(const step_to_end *of, double limits_w[2]) {
 static double spare_w(const step_to_end *of, const double limits_w[2]) {
   const double to_spare_w =
       of->moved == 1 ? limits_w[1] - terminal_w(of) : terminal_w(of) - limits_w[0];
-  return to_spare_w - 0.5 * END_TOLERANCE_W;
+  return to_spare_w - 0.5 * BEV_END_TOLERANCE_W;
 }
 
 /* The step with one of its limits moved. */
@@ -229,10 +226,10 @@ static bev_status move_limit(step_to_end *of, int moved, double utmost_w,
   double value_w = terminal_w(of);
   of->moved = moved;
   double excess_w = spare_w(of, at_end_w);
-  const bev_ending ending = {0.5 * END_TOLERANCE_W, 0.0, BEV_MOST_TRIALS};
+  const bev_ending ending = {0.5 * BEV_END_TOLERANCE_W, 0.0, BEV_MOST_TRIALS};
   bev_status status = bev_follow_slope(utmost_w, value_w, moved == 1 ? -1.0 : 1.0, &ending,
                                        attempt_end, of, &value_w, &excess_w);
-  if (status == BEV_OK && excess_w < -0.5 * END_TOLERANCE_W && value_w != utmost_w) {
+  if (status == BEV_OK && excess_w < -0.5 * BEV_END_TOLERANCE_W && value_w != utmost_w) {
     /* In a long step less heat may lower the limit by more than it saves: nothing holds it. */
     status = attempt_end(of, utmost_w, &excess_w);
   }

@@ -2,12 +2,10 @@
 /* One switching instant within limits: bev_preheat.planning.limited_switch, where the reasons stand. */
 #include "limited_switch.h"
 
+#include "bev_preheat_core_generated/constants.h"
 #include "bracketing.h"
 #include "early_start.h"
 #include "limited_step.h"
-
-#define MOST_RUNS 8
-#define ARRIVAL_TOLERANCE_K 5e-6
 
 /* The unheated run, the one that is tried, and what is commanded in it. */
 typedef struct {
@@ -71,7 +69,7 @@ static double guessed_on_s(const limited_switch *of, const double *most_w) {
   const bev_trip *trip = of->stretch->trip;
   const bev_course *planned = of->stretch->planned;
   const double *idle_w = of->idle.powers_w[0];
-  if (planned->states[1][trip->steps] < of->stretch->target_c - ARRIVAL_TOLERANCE_K) {
+  if (planned->states[1][trip->steps] < of->stretch->target_c - BEV_ARRIVAL_TOLERANCE_K) {
     /* Heating all the way may not be enough either. */
     return 0.0;
   }
@@ -136,7 +134,7 @@ bev_status bev_switch_within_limits(const bev_limited_stretch *stretch, bev_cour
   if (status != BEV_OK) {
     return status;
   }
-  const bev_ending ending = {ARRIVAL_TOLERANCE_K, 0.0, MOST_RUNS};
+  const bev_ending ending = {BEV_ARRIVAL_TOLERANCE_K, 0.0, BEV_MOST_LIMITED_SWITCH_RUNS};
   const double slope = -bev_warmed_k_per_s(stretch->vehicle, trip, on_s)
       * share_given(&of, bev_step_at(trip, on_s));
   return bev_follow_slope(0.0, stretch->off_s, slope, &ending, heat_within_limits_from, &of, &on_s, &above_k);

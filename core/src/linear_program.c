@@ -2,15 +2,11 @@
 /* The simplex method for bounded variables: bev_preheat.numerics.linear_program. */
 #include "linear_program.h"
 
+#include "bev_preheat_core_generated/constants.h"
 #include <math.h>
 #include <stdbool.h>
 
 #include "arithmetic.h"
-
-#define PENALTY 1e3
-#define LEAST_GAIN 1e-9
-#define LEAST_CHANGE 1e-11
-#define MOST_ROUNDS 256
 
 /* Where a variable is: at 0, at its most, or in the basis. */
 #define AT_NOTHING 0.0
@@ -48,7 +44,7 @@ static void begin(const bev_linear_program *of, basis *at) {
     const bool lacks = !(of->left[row] >= 0.0);
     at->variable[row] = of->count + row + (lacks ? of->rows : 0);
     at->value[row] = fabs(of->left[row]);
-    at->worth[row] = lacks ? -PENALTY : 0.0;
+    at->worth[row] = lacks ? -BEV_PIVOT_PENALTY : 0.0;
     for (int32_t other = 0; other < of->rows; other++) {
       at->inverse[row][other] = 0.0;
     }
@@ -93,7 +89,7 @@ static bool find_entry(const bev_linear_program *of, const basis *at, entry *ent
       enters->variable = of->count + row;
     }
   }
-  return gain > LEAST_GAIN;
+  return gain > BEV_PIVOT_LEAST_GAIN;
 }
 
 /* What the variable that enters does to those of the basis. */
@@ -121,9 +117,9 @@ static pivot find_pivot(const bev_linear_program *of, const basis *at, const ent
     const double falls = enters->direction * enters->changes[row];
     double room = INFINITY;
     bool fills = false;
-    if (falls > LEAST_CHANGE) {
+    if (falls > BEV_LEAST_CHANGE) {
       room = at->value[row] / falls;
-    } else if (falls < -LEAST_CHANGE && at->variable[row] < of->count) {
+    } else if (falls < -BEV_LEAST_CHANGE && at->variable[row] < of->count) {
       room = (of->most[at->variable[row]] - at->value[row]) / -falls;
       fills = true;
     } else {
@@ -168,7 +164,7 @@ void bev_maximise(const bev_linear_program *program) {
   entry enters;
   bool goes_on = true;
   begin(program, &at);
-  for (int32_t round = 0; round < MOST_ROUNDS && goes_on; round++) {
+  for (int32_t round = 0; round < BEV_MOST_PIVOTS && goes_on; round++) {
     goes_on = find_entry(program, &at, &enters);
     if (goes_on) {
       find_changes(program, &at, &enters);

@@ -5,19 +5,11 @@
  */
 #include <stdbool.h>
 
+#include "bev_preheat_core_generated/constants.h"
 #include "checks.h"
 #include "limited_step.h"
 #include "strides.h"
 #include "trip_strides.h"
-
-#define SOC_AGREEMENT 5e-4
-#define SOC_AGREEMENT_FOR_EXCHANGES 5e-3
-#define MOST_PASSES 3
-#define NO_WORSE_W 10.0
-#define ARRIVAL_TOLERANCE_K 5e-6
-#define PENALTY 30.0
-#define MARGIN_K 10.0
-#define GRID_K 1.0
 
 /* What stays the same over the passes, and what each of them works in. */
 typedef struct {
@@ -58,11 +50,11 @@ static bev_status find_thresholds(const passes *pass, int32_t is_first_look,
     most_c = bev_maximum(most_c, course->states[1][k]);
   }
   const double coldest_c =
-      bev_maximum(bev_minimum(least_c, target_c) - MARGIN_K, pass->vehicle->lowest_c);
+      bev_maximum(bev_minimum(least_c, target_c) - BEV_MARGIN_K, pass->vehicle->lowest_c);
   const double warmest_c =
-      bev_minimum(bev_maximum(most_c, target_c), pass->lumped->highest_c) + MARGIN_K;
-  const double first = floor(bev_maximum(coldest_c - MARGIN_K, pass->vehicle->lowest_c) / GRID_K);
-  const double end = ceil(warmest_c / GRID_K) + (double)BEV_COARSE;
+      bev_minimum(bev_maximum(most_c, target_c), pass->lumped->highest_c) + BEV_MARGIN_K;
+  const double first = floor(bev_maximum(coldest_c - BEV_MARGIN_K, pass->vehicle->lowest_c) / BEV_GRID_K);
+  const double end = ceil(warmest_c / BEV_GRID_K) + (double)BEV_COARSE;
   const double wide = end - first;
   const int32_t most = BEV_MOST_GRID;
   if (!(wide > (double)BEV_COARSE) || !(wide <= (double)most)) {
@@ -70,14 +62,14 @@ static bev_status find_thresholds(const passes *pass, int32_t is_first_look,
   }
   const int32_t points = (int32_t)wide;
   for (int32_t n = 0; n < points; n++) {
-    pass->grid_c[n] = GRID_K * (first + (double)n);
+    pass->grid_c[n] = BEV_GRID_K * (first + (double)n);
   }
   const bev_look look = {is_first_look, target_c};
   const bev_strides strides = bev_make_strides(pass->lumped, trip, &pass->watch, course,
                                                &pass->loss, &look, &pass->room);
   const bev_curve_range range = {points,    is_first_look, pass->grid_c,
                                  target_c,  coldest_c,     warmest_c,
-                                 pass->goal->serves_climbs != 0 ? PENALTY : 0.0, PENALTY};
+                                 pass->goal->serves_climbs != 0 ? BEV_PENALTY : 0.0, BEV_PENALTY};
   const bev_status status =
       bev_find_bands(pass->lumped, &strides, &range, pass->curve_memory, pass->bands_c);
   if (status == BEV_OK) {
@@ -125,10 +117,10 @@ static int is_better(const merit *one, const merit *other) {
     return !one->is_stranded;
   }
   const double more_w = one->lacking_w - other->lacking_w;
-  if (fabs(more_w) > NO_WORSE_W) {
+  if (fabs(more_w) > BEV_NO_WORSE_W) {
     return more_w < 0.0;
   }
-  if (fabs(one->missed_k - other->missed_k) > ARRIVAL_TOLERANCE_K) {
+  if (fabs(one->missed_k - other->missed_k) > BEV_ARRIVAL_TOLERANCE_K) {
     return one->missed_k < other->missed_k;
   }
   return one->soc > other->soc;
@@ -170,7 +162,7 @@ static bev_status make_passes(passes *pass, bev_course runs[2], bev_course *best
   int32_t had_loss = 0;
   /* The run that thresholds are made along; the other one is made then. */
   int32_t assumed = 0;
-  for (int32_t n = 0; n < MOST_PASSES; n++) {
+  for (int32_t n = 0; n < BEV_MOST_PASSES; n++) {
     bev_course *course = &runs[1 - assumed];
     merit found;
     bev_status status = make_pass(pass, n == 0, &runs[assumed], course);
@@ -191,9 +183,9 @@ static bev_status make_passes(passes *pass, bev_course runs[2], bev_course *best
       return status;
     }
     const double apart = most_apart(course, &runs[assumed], pass->trip->steps);
-    const bool agrees = has_loss == had_loss && apart <= SOC_AGREEMENT;
+    const bool agrees = has_loss == had_loss && apart <= BEV_SOC_AGREEMENT;
     if (n > 0
-        && (agrees || (apart <= SOC_AGREEMENT_FOR_EXCHANGES && is_exchanged(pass, &found)))) {
+        && (agrees || (apart <= BEV_SOC_AGREEMENT_FOR_EXCHANGES && is_exchanged(pass, &found)))) {
       break;
     }
     had_loss = has_loss;

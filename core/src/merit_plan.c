@@ -5,6 +5,7 @@
  */
 #include <stdbool.h>
 
+#include "bev_preheat_core_generated/constants.h"
 #include "checks.h"
 #include "courses.h"
 #include "early_start.h"
@@ -13,14 +14,6 @@
 #include "limited_switch.h"
 #include "limits_of_run.h"
 #include "prices.h"
-
-/* A limit counts as active where it takes more than this [W]. */
-#define ACTIVE_W 1e-3
-#define ARRIVAL_TOLERANCE_K 5e-6
-#define LEAST_SAVING_SOC 1e-6
-#define LEAST_WARMER_K 0.1
-#define PENALTY 30.0
-#define JOULES_PER_WH 3600.0
 
 /* What stays the same, and the run that is planned: its states and powers, one array after the other. */
 typedef struct {
@@ -134,7 +127,7 @@ static bev_status misses_no_limit(const planning *of) {
     const double overcharged_w = bev_minimum(least_w[k] - terminal_w,
                                              -trip->propulsion_power_w[k] - brake_w[k]);
     const double overdrawn_w = bev_minimum(terminal_w - most_w[k], drawn_w[k]);
-    if (!(overcharged_w <= ACTIVE_W && overdrawn_w <= ACTIVE_W)) {
+    if (!(overcharged_w <= BEV_ACTIVE_W && overdrawn_w <= BEV_ACTIVE_W)) {
       status = BEV_LIMITED;
     }
   }
@@ -208,13 +201,13 @@ static bev_status saves(const planning *of, const bev_course *run, const bev_cou
   const double soc = run->states[0][steps];
   const double other_soc = other->states[0][steps];
   const double whole_wh = bev_whole_charge_wh(of->vehicle, other_soc, other->states[1][steps]);
-  const double soc_per_k = PENALTY * of->vehicle->heat_capacity_j_per_k
-      / of->vehicle->heater_efficiency / (whole_wh * JOULES_PER_WH);
-  const bool is_warmer = more_missed_k < -LEAST_WARMER_K
-      || (more_missed_k < -ARRIVAL_TOLERANCE_K
+  const double soc_per_k = BEV_PENALTY * of->vehicle->heat_capacity_j_per_k
+      / of->vehicle->heater_efficiency / (whole_wh * BEV_JOULES_PER_WH);
+  const bool is_warmer = more_missed_k < -BEV_LEAST_WARMER_K
+      || (more_missed_k < -BEV_ARRIVAL_TOLERANCE_K
           && other_soc - soc <= -more_missed_k * soc_per_k);
   const bool is_cheaper =
-      more_missed_k <= ARRIVAL_TOLERANCE_K && soc > other_soc + LEAST_SAVING_SOC;
+      more_missed_k <= BEV_ARRIVAL_TOLERANCE_K && soc > other_soc + BEV_LEAST_SAVING_SOC;
   double lacking_w = 0.0;
   double other_lacking_w = 0.0;
   bev_status status = BEV_OK;

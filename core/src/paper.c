@@ -2,12 +2,10 @@
 /* The paper's heuristic, and its whole plan where nothing limits it: bev_preheat.planning.paper. */
 #include "paper.h"
 
+#include "bev_preheat_core_generated/constants.h"
 #include "checks.h"
 #include "limits_of_run.h"
 #include "steps_of_model.h"
-
-/* This far above the target no forward run can meet the backward one [K]. */
-#define LOST_ABOVE_TARGET_K 100.0
 
 bev_status bev_run_paper(const bev_vehicle *vehicle, const bev_trip *trip, double target_c,
                          double *soc, double *temperature_c, double *heater_w, double *instant_s) {
@@ -20,7 +18,7 @@ bev_status bev_run_paper(const bev_vehicle *vehicle, const bev_trip *trip, doubl
   if (status != BEV_OK || temperature_c[steps] >= target_c) {
     return status;
   }
-  status = bev_find_crossing(vehicle, BEV_EULER, trip, target_c, soc[steps], LOST_ABOVE_TARGET_K,
+  status = bev_find_crossing(vehicle, BEV_EULER, trip, target_c, soc[steps], BEV_LOST_ABOVE_TARGET_K,
                              temperature_c, instant_s);
   if (status == BEV_NO_CROSSING) {
     *instant_s = 0.0;

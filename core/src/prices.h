@@ -5,9 +5,6 @@
 
 #include "bev_preheat_core/core.h"
 
-/* For less [Wh] the heater is not switched once more. */
-#define BEV_LEAST_SAVING_WH 0.05
-
 /* What a watt of the heater in a step makes on arrival: how much more warmth [K/W], and less charge [1/W]. */
 typedef struct {
   double warmth_k_per_w;

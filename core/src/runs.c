@@ -6,11 +6,10 @@
  * leaves NaN. Only then is it made again with powers that saturate, from its beginning, as in
  * bev_preheat.planning.dynamics.
  */
+#include "bev_preheat_core_generated/constants.h"
 #include "checks.h"
 #include "means.h"
 #include "steps_of_model.h"
-
-#define JOULES_PER_WH 3600.0
 
 bev_status bev_step(const bev_vehicle *vehicle, int32_t integrator, int32_t saturating, double soc,
                     double temperature_c, double duration_s, double power_w, double variance_w2,
@@ -153,7 +152,7 @@ static bev_status run_heated(const bev_vehicle *vehicle, int32_t saturating, con
       return status;
     }
     if (taken_wh != NULL) {
-      *taken_wh += inputs.duration_s / JOULES_PER_WH
+      *taken_wh += inputs.duration_s / BEV_JOULES_PER_WH
           * battery_power_w(vehicle, saturating, states, &inputs, command_w[k], result);
     }
     for (int32_t n = 0; n < 4; n++) {

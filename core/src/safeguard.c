@@ -5,27 +5,12 @@
  */
 #include <stdbool.h>
 
+#include "bev_preheat_core_generated/constants.h"
 #include "caution.h"
 #include "checks.h"
 #include "courses.h"
 #include "instants.h"
 #include "limited_step.h"
-
-/* Where power lacks in any case, a plan that lacks so many watts more is no worse. */
-#define NO_WORSE_W 10.0
-/* The warmest target has been found where no more charge is to spare, or where it is known to this. */
-#define SOC_TOLERANCE 1e-5
-/* What the search leaves to spare where a wish misses by less: it would not come away from the wish otherwise. */
-#define SOC_AIM 1e-6
-#define TARGET_TOLERANCE_K 5e-6
-#define TARGET_TOLERANCE_OF_POWER_K 0.1
-#define MOST_TARGETS 8
-#define MOST_HALVINGS 8
-/* So much lacking power counts like the whole charge. */
-#define POWER_WEIGHT_W 1e6
-/* Driving alone meets a target so far below the coldest of the unheated run. */
-#define BELOW_UNHEATED_K 1.0
-#define JOULES_PER_WH 3600.0
 
 /* What stays the same, the most power that may lack, and the room that plans are made in. */
 typedef struct {
@@ -72,7 +57,7 @@ static double lacking_wh(const bev_trip *trip, const bev_stranding *stranding) {
     /* What a later descent would give back does not help before it. */
     most_j = bev_maximum(most_j, rest_j);
   }
-  return most_j / JOULES_PER_WH;
+  return most_j / BEV_JOULES_PER_WH;
 }
 
 /* Charge to spare: on arrival above what must be left, on the way above the lowest. */
@@ -88,7 +73,7 @@ static bev_status find_spare_soc(const safeguard *of, proposed *run) {
     const double whole_wh = of->vehicle->capacity_ah
         * bev_at(&of->vehicle->open_circuit_voltage, BEV_EXACT, 0.0, arrival_c(of, run));
     run->spare_soc -=
-        bev_maximum(lacking_wh(of->trip, &run->plan.stranding) / whole_wh, SOC_TOLERANCE);
+        bev_maximum(lacking_wh(of->trip, &run->plan.stranding) / whole_wh, BEV_SOC_TOLERANCE);
   }
   return isfinite(run->spare_soc) ? BEV_OK : BEV_NOT_FINITE;
 }
@@ -159,13 +144,13 @@ static bool is_allowed(const proposed *run) {
 static double excess_of(const proposed *run) {
   /* Power to spare does not make heat affordable; power that lacks forbids it. */
   return run->spare_w >= 0.0 ? run->spare_soc
-                             : bev_minimum(run->spare_soc, run->spare_w / POWER_WEIGHT_W);
+                             : bev_minimum(run->spare_soc, run->spare_w / BEV_POWER_WEIGHT_W);
 }
 
 static bool is_close(const proposed *allowed, const proposed *forbidden) {
   const double width_k =
-      forbidden->spare_w < 0.0 ? TARGET_TOLERANCE_OF_POWER_K : TARGET_TOLERANCE_K;
-  return excess_of(allowed) <= SOC_TOLERANCE || forbidden->target_c - allowed->target_c <= width_k;
+      forbidden->spare_w < 0.0 ? BEV_TARGET_TOLERANCE_OF_POWER_K : BEV_TARGET_TOLERANCE_K;
+  return excess_of(allowed) <= BEV_SOC_TOLERANCE || forbidden->target_c - allowed->target_c <= width_k;
 }
 
 /* What counts of the side that stands still, once the other's excess was `before`. */
@@ -178,12 +163,12 @@ static double left_of(double excess, double before) {
 static bev_status close_in(const safeguard *of, proposed *allowed, proposed *room,
                            const proposed *too_warm) {
   proposed forbidden = *too_warm;
-  const double aim = excess_of(&forbidden) > -SOC_AIM ? SOC_AIM : 0.0;
+  const double aim = excess_of(&forbidden) > -BEV_SOC_AIM ? BEV_SOC_AIM : 0.0;
   double more = excess_of(allowed) - aim;
   double less = excess_of(&forbidden) - aim;
   int was_allowed = -1;
-  for (int32_t n = 0; n < MOST_TARGETS + MOST_HALVINGS && !is_close(allowed, &forbidden); n++) {
-    const double share = n < MOST_TARGETS ? less / (less - more) : 0.5;
+  for (int32_t n = 0; n < BEV_MOST_TARGETS + BEV_MOST_HALVINGS && !is_close(allowed, &forbidden); n++) {
+    const double share = n < BEV_MOST_TARGETS ? less / (less - more) : 0.5;
     const double target_c =
         forbidden.target_c + share * (allowed->target_c - forbidden.target_c);
     const bev_status status = propose(of, target_c, room);
@@ -219,7 +204,7 @@ static bev_status find_warmest(const safeguard *of, const unheated_trip *unheate
                                proposed *wanted, proposed *found, bool *is_found) {
   /* Driving alone meets this target, so only heating that pays for itself is left. */
   const double cold_c =
-      bev_maximum(unheated->coldest_c - BELOW_UNHEATED_K, of->vehicle->lowest_c);
+      bev_maximum(unheated->coldest_c - BEV_BELOW_UNHEATED_K, of->vehicle->lowest_c);
   bev_status status = propose(of, cold_c, found);
   *is_found = false;
   if (status != BEV_OK || found->spare_w < 0.0) {
@@ -233,7 +218,7 @@ static bev_status find_warmest(const safeguard *of, const unheated_trip *unheate
   found->target_c = bev_maximum(cold_c, arrival_c(of, found));
   proposed forbidden = *wanted;
   const double reached_c = arrival_c(of, wanted);
-  if (reached_c < wanted->target_c - TARGET_TOLERANCE_OF_POWER_K) {
+  if (reached_c < wanted->target_c - BEV_TARGET_TOLERANCE_OF_POWER_K) {
     /*
      * Of a target that is out of reach nothing else is known; asking for what comes of it heats less where the
      * heater gives way to the drive.
@@ -273,7 +258,7 @@ static bev_status drive_unheated(safeguard *of, proposed *run, unheated_trip *un
   if (status == BEV_OK) {
     status = find_spare_soc(of, run);
   }
-  of->allowed_w = lacking_w > 0.0 ? lacking_w + NO_WORSE_W : 0.0;
+  of->allowed_w = lacking_w > 0.0 ? lacking_w + BEV_NO_WORSE_W : 0.0;
   unheated->spare_soc = run->spare_soc;
   unheated->coldest_c = run->states[instants];
   for (int32_t k = 1; k < instants; k++) {

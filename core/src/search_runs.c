@@ -2,14 +2,10 @@
 /* The runs of a search for thresholds, and how they are moved: bev_preheat.planning.threshold_search. */
 #include <stdbool.h>
 
+#include "bev_preheat_core_generated/constants.h"
 #include "heating.h"
 #include "step_limits.h"
 #include "threshold_search.h"
-
-#define SMALL_SHIFT_K 1.0
-#define LARGE_SHIFT_K 4.0
-#define LARGEST_SHIFT_K 40.0
-#define MOST_RUNS 12
 
 /* The shift of the thresholds of step k, where those of steps first ... last - 1 are tried with `shift_k`. */
 static double shift_of(const bev_threshold_search *search, int32_t k, int32_t first, int32_t last,
@@ -178,7 +174,7 @@ static bev_status close_in(bev_threshold_search *search, int32_t first, int32_t 
   double more = enough->excess - aim;
   double less = too_little.excess - aim;
   int was_enough = -1;
-  for (int32_t n = 0; n < MOST_RUNS && !(enough->excess <= tolerance); n++) {
+  for (int32_t n = 0; n < BEV_MOST_SEARCH_RUNS && !(enough->excess <= tolerance); n++) {
     const double shift_k =
         too_little.shift_k + less / (less - more) * (enough->shift_k - too_little.shift_k);
     const bool is_near_enough =
@@ -208,7 +204,7 @@ static bev_status close_in(bev_threshold_search *search, int32_t first, int32_t 
 
 bev_status bev_search_move(bev_threshold_search *search, int32_t first, int32_t last,
                            const bev_requirement *required, double tolerance) {
-  static const double shifts_k[3] = {SMALL_SHIFT_K, LARGE_SHIFT_K, LARGEST_SHIFT_K};
+  static const double shifts_k[3] = {BEV_SMALL_SHIFT_K, BEV_LARGE_SHIFT_K, BEV_LARGEST_SHIFT_K};
   bev_search_trial here = {0.0, 0.0, BEV_KEPT_RUN};
   bev_status status =
       bev_search_excess(search, &search->runs[BEV_KEPT_RUN], required, &here.excess);

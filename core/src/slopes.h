@@ -6,12 +6,9 @@
 #ifndef BEV_PREHEAT_CORE_SLOPES_H_
 #define BEV_PREHEAT_CORE_SLOPES_H_
 
+#include "bev_preheat_core_generated/constants.h"
 #include "circuit.h"
 #include "steps_of_model.h"
-
-/* Slopes of the model's rates are taken over these differences. */
-#define BEV_SOC_DIFFERENCE 1e-4
-#define BEV_TEMPERATURE_DIFFERENCE_K 0.1
 
 /* A number for the charge and one for the warmth: rates, slopes, or what they are worth on arrival. */
 typedef struct {
@@ -69,8 +66,7 @@ static inline bev_charge_warmth bev_rates_under(const bev_middle *of, const bev_
   bev_rates_of_circuit(vehicle, BEV_AS_ARRAYS, circuit->voltage_v, circuit->resistance_ohm,
                        circuit->temperature_c, of->idle.power_w + heater_w + brake_w,
                        of->idle.variance_w2,
-                       of->idle.heat_w + vehicle->heater_efficiency * heater_w
-                           - vehicle->heat_share * brake_w,
+                       bev_heat_under_w(vehicle, of->idle.heat_w, heater_w, brake_w),
                        of->idle.leakage_w_per_k, result);
   const bev_charge_warmth rates = {result[0], result[1]};
   return rates;

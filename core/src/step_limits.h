@@ -3,10 +3,8 @@
 #ifndef BEV_PREHEAT_CORE_STEP_LIMITS_H_
 #define BEV_PREHEAT_CORE_STEP_LIMITS_H_
 
+#include "bev_preheat_core_generated/constants.h"
 #include "steps_of_model.h"
-
-/* Steps are looked at closely where a limit is this near. */
-#define BEV_COLDER_BY_K 5.0
 
 /* The least and the most terminal power [W] that keep the limits at both ends of a step, start and end given. */
 static inline bev_status bev_limits_of_step(const bev_vehicle *vehicle, const double soc[2],

@@ -7,6 +7,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "bev_preheat_core_generated/constants.h"
 #include "bev_preheat_core_generated/steps.h"
 
 /* Inputs of one step of the model, as bev_preheat.planning.trip has them. */
@@ -26,11 +27,11 @@ static inline bev_inputs bev_inputs_of(const bev_vehicle *vehicle, const bev_tri
                        trip->idle_heat_w[k], trip->leakage_w_per_k[k]};
   if (heater_w != NULL) {
     inputs.power_w = inputs.power_w + heater_w[k];
-    inputs.heat_w = inputs.heat_w + vehicle->heater_efficiency * heater_w[k];
+    inputs.heat_w = bev_heat_with_heater_w(vehicle, inputs.heat_w, heater_w[k]);
   }
   if (brake_w != NULL) {
     inputs.power_w = inputs.power_w + brake_w[k];
-    inputs.heat_w = inputs.heat_w - vehicle->heat_share * brake_w[k];
+    inputs.heat_w = bev_heat_with_brake_w(vehicle, inputs.heat_w, brake_w[k]);
   }
   return inputs;
 }
@@ -41,9 +42,6 @@ static inline int32_t bev_step_at(const bev_trip *trip, double instant_s) {
   const int32_t step = (before < trip->steps ? before : trip->steps) - 1;
   return step > 0 ? step : 0;
 }
-
-/* A heater power below this share of what the cabin leaves is rounding. */
-#define BEV_HEATING_SHARE 1e-4
 
 /* Whether a step of a trip is heated under heater powers [W]. */
 static inline int bev_is_heated(const bev_trip *trip, const double *heater_w, int32_t k) {

@@ -3,6 +3,7 @@
  * How a run ends whose charge runs out: bev_preheat.planning.limits._stranded and
  * bev_preheat.planning.heated_limits._strand.
  */
+#include "bev_preheat_core_generated/constants.h"
 #include "checks.h"
 #include "heating.h"
 #include "limited_step.h"
@@ -29,13 +30,12 @@ static bev_status drive_share(const last_drive *drive, int32_t k, double share,
   if (drive->run->is_direct != 0) {
     inputs.power_w = inputs.power_w + share * (drive->command_w + drive->brake_w);
     inputs.heat_w = inputs.heat_w
-        + share * (vehicle->heater_efficiency * drive->command_w
-                   - vehicle->heat_share * drive->brake_w);
+        + share * bev_heat_under_w(vehicle, 0.0, drive->command_w, drive->brake_w);
     bev_integrate(vehicle, BEV_RUNGE_KUTTA_4, 1, states[0], states[1], &inputs, result);
     result[2] = 0.0;
     result[3] = 0.0;
     result[6] = share * drive->command_w;
-    result[7] = vehicle->heater_efficiency * result[6];
+    result[7] = bev_heat_with_heater_w(vehicle, 0.0, result[6]);
   } else {
     const double started[4] = {states[0], states[1], share * states[2], states[3]};
     inputs.power_w = inputs.power_w + share * drive->brake_w;

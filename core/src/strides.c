@@ -2,6 +2,7 @@
 /* Where each stride of a trip leads from each temperature: bev_preheat.planning.strides. */
 #include "strides.h"
 
+#include "bev_preheat_core_generated/constants.h"
 #include <stdbool.h>
 
 #include "checks.h"
@@ -9,7 +10,6 @@
 #include "sorted.h"
 #include "steps_of_model.h"
 
-#define LEAST_WIDTH_K 1e-9
 /* So many temperatures are worked out side by side. */
 #define BLOCK BEV_BLOCK
 
@@ -87,13 +87,11 @@ static bev_status drive_stride(stride_block *block, const double *heater_w, doub
   const double idle_heat_w = inputs->idle_heat_w[m];
   const double leakage_w_per_k = inputs->leakage_w_per_k[m];
   const double soc = inputs->soc[m];
-  const double efficiency = vehicle->heater_efficiency;
-  const double heat_share = vehicle->heat_share;
   for (int32_t n = 0; n < count; n++) {
     double rates[3];
     const double brake_w = block->surplus_w[n] - bev_minimum(heater_w[n], block->surplus_w[n]);
     block->terminal_w[n] = idle_power_w + heater_w[n] + brake_w;
-    block->heat_w[n] = idle_heat_w + efficiency * heater_w[n] - heat_share * brake_w;
+    block->heat_w[n] = bev_heat_under_w(vehicle, idle_heat_w, heater_w[n], brake_w);
     bev_rates_of_circuit(vehicle, BEV_AS_ARRAYS, block->voltage_v[n], block->resistance_ohm[n],
                          block->start_c[n], block->terminal_w[n], variance_w2, block->heat_w[n],
                          leakage_w_per_k, rates);
@@ -190,7 +188,7 @@ bev_status bev_map_stride(const bev_vehicle *vehicle, const bev_strides *inputs,
         const int32_t before = n > 0 ? n - 1 : 0;
         const double fallen_w = (n > 0 ? before_w : lacking_w) - lacking_w;
         const double slope =
-            fallen_w / bev_maximum(map->start_c[n] - map->start_c[before], LEAST_WIDTH_K);
+            fallen_w / bev_maximum(map->start_c[n] - map->start_c[before], BEV_LEAST_WIDTH_K);
         map->needed_c = map->start_c[n] + (slope > 0.0 ? lacking_w / slope : 0.0);
       }
       before_w = lacking_w;

@@ -8,6 +8,7 @@
 #include <stdint.h>
 
 #include "bev_preheat_core/core.h"
+#include "bev_preheat_core_generated/constants.h"
 
 /*
  * The `count` temperatures from which a stride is worked out, and from each where it ends [deg C] and what
@@ -23,9 +24,6 @@ typedef struct {
   double *heated_j;
   double needed_c;
 } bev_stride_map;
-
-/* Where no limit matters, and at a first look, every so many points of the grid are enough. */
-#define BEV_COARSE 4
 
 /* Work out stride m on those points of the grid that it needs; the grid has more than BEV_COARSE. */
 bev_status bev_map_stride(const bev_vehicle *vehicle, const bev_strides *inputs, int32_t m,

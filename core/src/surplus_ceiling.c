@@ -2,20 +2,11 @@
 /* How warm surplus regeneration may heat the battery: bev_preheat.planning.free_heat, where the reasons stand. */
 #include "surplus_ceiling.h"
 
+#include "bev_preheat_core_generated/constants.h"
 #include "checks.h"
 #include "heating.h"
 #include "limited_step.h"
 #include "prices.h"
-
-#define LEAST_GAIN 0.1
-#define ABOVE_TARGET_K 0.2
-#define MISSED_K 1e-3
-#define WARMER_K 5.0
-#define JOULES_PER_WH 3600.0
-#define LEAST_KEPT 1e-3
-#define PIECES 32
-#define WIDER 1.15
-#define FULL_SOC (1.0 - 1e-6)
 
 /* The unheated run, and the remaining share of a kelvin at each instant. */
 typedef struct {
@@ -24,7 +15,7 @@ typedef struct {
   const double *soc;
   const double *temperature_c;
   const double *kept;
-  double offset_k[PIECES + 1];
+  double offset_k[BEV_PIECES + 1];
 } coasting;
 
 /* The run without any heating from a start that is so much warmer [K]. */
@@ -43,10 +34,10 @@ static bev_status coast(const bev_vehicle *vehicle, const bev_trip *trip, const 
 }
 
 /* The additional energy that a step takes or gives within the limits of its start, for each offset [J]. */
-static bev_status find_more(const coasting *of, int32_t k, double more_j[PIECES + 1]) {
+static bev_status find_more(const coasting *of, int32_t k, double more_j[BEV_PIECES + 1]) {
   const double idle_w = of->trip->idle_power_w[k];
   double least_passed_w = 0.0;
-  for (int32_t n = 0; n <= PIECES; n++) {
+  for (int32_t n = 0; n <= BEV_PIECES; n++) {
     const double temperature_c = bev_minimum(
         of->temperature_c[k] + of->kept[k] * of->offset_k[n], of->vehicle->highest_c);
     double limits_w[2];
@@ -64,11 +55,11 @@ static bev_status find_more(const coasting *of, int32_t k, double more_j[PIECES 
 }
 
 /* By how much warmer than the unheated run the battery may be at an instant, for energy that pays; -inf: not at all. */
-static double gaining_k(const coasting *of, const double gained_j[PIECES + 1], int32_t instant) {
+static double gaining_k(const coasting *of, const double gained_j[BEV_PIECES + 1], int32_t instant) {
   const bev_vehicle *vehicle = of->vehicle;
-  const double least_j_per_k = LEAST_GAIN / vehicle->heater_efficiency
+  const double least_j_per_k = BEV_LEAST_GAIN / vehicle->heater_efficiency
       * (vehicle->heat_capacity_j_per_k + vehicle->coolant_heat_capacity_j_per_k);
-  for (int32_t n = PIECES - 1; n >= 0; n--) {
+  for (int32_t n = BEV_PIECES - 1; n >= 0; n--) {
     const double width_k = of->offset_k[n + 1] - of->offset_k[n];
     if (gained_j[n + 1] - gained_j[n] >= least_j_per_k * of->kept[instant] * width_k) {
       return of->kept[instant] * of->offset_k[n + 1];
@@ -83,10 +74,10 @@ static bev_status find_ceiling(const coasting *of, double target_c, double *ceil
   const double highest_c = of->vehicle->highest_c;
   const double most_c =
       bev_maximum(highest_c - BEV_BELOW_HIGHEST_K, bev_minimum(target_c, highest_c));
-  double gained_j[PIECES + 1] = {0.0};
+  double gained_j[BEV_PIECES + 1] = {0.0};
   bool is_full = false;
   for (int32_t k = steps - 1; k >= 0; k--) {
-    double more_j[PIECES + 1];
+    double more_j[BEV_PIECES + 1];
     const double here_c = of->temperature_c[k + 1];
     const double coasting_c =
         here_c + (target_c - arrival_c) * of->kept[k + 1] / of->kept[steps];
@@ -97,8 +88,8 @@ static bev_status find_ceiling(const coasting *of, double target_c, double *ceil
       return status;
     }
     /* A battery that takes more before it is full takes less then. */
-    is_full = is_full || of->soc[k + 1] >= FULL_SOC;
-    for (int32_t n = 0; n <= PIECES && (of->trip->idle_power_w[k] >= 0.0 || !is_full); n++) {
+    is_full = is_full || of->soc[k + 1] >= BEV_FULL_SOC;
+    for (int32_t n = 0; n <= BEV_PIECES && (of->trip->idle_power_w[k] >= 0.0 || !is_full); n++) {
       gained_j[n] += more_j[n];
     }
   }
@@ -124,7 +115,7 @@ bev_status bev_find_surplus_ceiling(const bev_vehicle *vehicle, const bev_trip *
   double *const warm = bev_take(&memory, rows * instants);
   bev_status status = coast(vehicle, trip, start, 0.0, cool, memory, flags);
   if (status == BEV_OK) {
-    status = coast(vehicle, trip, start, WARMER_K, warm, memory, flags);
+    status = coast(vehicle, trip, start, BEV_WARMER_K, warm, memory, flags);
   }
   if (status != BEV_OK) {
     return status;
@@ -132,13 +123,13 @@ bev_status bev_find_surplus_ceiling(const bev_vehicle *vehicle, const bev_trip *
   /* Of the warmer run nothing is asked but this. */
   double *const kept = warm;
   for (int32_t k = 0; k < instants; k++) {
-    kept[k] = bev_maximum((warm[instants + k] - cool[instants + k]) / WARMER_K, LEAST_KEPT);
+    kept[k] = bev_maximum((warm[instants + k] - cool[instants + k]) / BEV_WARMER_K, BEV_LEAST_KEPT);
   }
   coasting of = {vehicle, trip, soc, &cool[instants], kept, {0.0}};
   double width_k = 1.0;
-  for (int32_t n = 0; n < PIECES; n++) {
+  for (int32_t n = 0; n < BEV_PIECES; n++) {
     of.offset_k[n + 1] = of.offset_k[n] + width_k;
-    width_k *= WIDER;
+    width_k *= BEV_WIDER;
   }
   return find_ceiling(&of, target_c, ceiling_c);
 }
@@ -148,7 +139,7 @@ bool bev_is_too_warm(const bev_trip *trip, double target_c, const bev_course *co
   for (int32_t k = 0; k < trip->steps; k++) {
     is_free = is_free || (course->powers_w[0][k] > 0.0 && trip->propulsion_power_w[k] < 0.0);
   }
-  return is_free && course->states[1][trip->steps] > target_c + ABOVE_TARGET_K;
+  return is_free && course->states[1][trip->steps] > target_c + BEV_ABOVE_TARGET_K;
 }
 
 bev_status bev_is_as_useful(const bev_vehicle *vehicle, const bev_trip *trip, double target_c,
@@ -162,7 +153,7 @@ bev_status bev_is_as_useful(const bev_vehicle *vehicle, const bev_trip *trip, do
   double saved_j = 0.0;
   *is_so = false;
   if ((bounded->stranding.step < 0) != (free_run->stranding.step < 0)
-      || missed_k > bev_maximum(free_missed_k, 0.0) + MISSED_K) {
+      || missed_k > bev_maximum(free_missed_k, 0.0) + BEV_MISSED_K) {
     return BEV_OK;
   }
   bev_status status = bev_lacking_w(vehicle, trip, bounded, &lacking_w);
@@ -175,6 +166,6 @@ bev_status bev_is_as_useful(const bev_vehicle *vehicle, const bev_trip *trip, do
   const double lost_wh = (free_run->states[0][steps] - bounded->states[0][steps])
       * bev_whole_charge_wh(vehicle, free_run->states[0][steps], free_run->states[1][steps]);
   *is_so = lacking_w <= free_lacking_w
-      && lost_wh <= LEAST_GAIN * bev_maximum(saved_j / JOULES_PER_WH, 0.0);
+      && lost_wh <= BEV_LEAST_GAIN * bev_maximum(saved_j / BEV_JOULES_PER_WH, 0.0);
   return status;
 }

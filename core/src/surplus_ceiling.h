@@ -7,14 +7,6 @@
 
 #include "courses.h"
 
-/* So many ceilings are tried. */
-#define BEV_MOST_CEILINGS 3
-/* The first one aims this far above the target; each next one higher by this factor of the miss. */
-#define BEV_AIM_K 0.1
-#define BEV_MORE_AIM 1.2
-/* One that is nowhere higher than the one before by more than this is not tried. */
-#define BEV_HIGHER_K 0.01
-
 /* Whether free heat, if there is any, leads beyond the target. */
 bool bev_is_too_warm(const bev_trip *trip, double target_c, const bev_course *course);
 

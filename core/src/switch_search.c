@@ -3,6 +3,7 @@
  * When to switch the heater on, heat at once: bev_preheat.planning.optimal_switch with the search of
  * bev_preheat.planning.bracketing, and what the plan so found costs.
  */
+#include "bev_preheat_core_generated/constants.h"
 #include "bracketing.h"
 #include "caution.h"
 #include "checks.h"
@@ -11,16 +12,6 @@
 #include "prices.h"
 #include "step_limits.h"
 #include "steps_of_model.h"
-
-/* The target is met when the forward run arrives this close [K]. */
-#define ARRIVAL_TOLERANCE_K 5e-6
-/* What leaks on the way makes heating take about this many times what the target lacks. */
-#define HEATING_ALLOWANCE 1.1
-/* This far above the target no forward run can meet the backward one [K]. */
-#define LOST_ABOVE_TARGET_K 100.0
-/* Surplus is told from paid heating to this [W]. */
-#define SURPLUS_TOLERANCE_W 1.0
-#define JOULES_PER_WH 3600.0
 
 /* What stays the same while the instant is searched for, and where each trial is written. */
 typedef struct {
@@ -66,7 +57,7 @@ static double rate_k_per_s(const switch_search *of, int32_t k, double warmer_k, 
   double result[3];
   bev_rates(of->vehicle, BEV_SATURATING, of->soc[k], of->temperature_c[k] + warmer_k,
             trip->idle_power_w[k] + heater_w, trip->power_variance_w2[k],
-            trip->idle_heat_w[k] + of->vehicle->heater_efficiency * heater_w,
+            bev_heat_with_heater_w(of->vehicle, trip->idle_heat_w[k], heater_w),
             trip->leakage_w_per_k[k], result);
   return result[1];
 }
@@ -89,7 +80,7 @@ static double terminal_soc(const switch_search *of) {
   const bev_vehicle *vehicle = of->vehicle;
   const double idle_soc = of->idle_soc[of->trip->steps];
   const double idle_c = of->idle_c[of->trip->steps];
-  const double heating_j = HEATING_ALLOWANCE * vehicle->heat_capacity_j_per_k
+  const double heating_j = BEV_HEATING_ALLOWANCE * vehicle->heat_capacity_j_per_k
       * (of->target_c - idle_c) / vehicle->heater_efficiency;
   const double voltage_v =
       bev_at(&vehicle->open_circuit_voltage, BEV_SATURATING, idle_soc, idle_c);
@@ -108,7 +99,7 @@ static bev_status find_switch(switch_search *of, double *instant_s) {
   double above_k = 0.0;
   bev_status status =
       bev_find_crossing(of->vehicle, BEV_MIDPOINT, trip, of->target_c, terminal_soc(of),
-                        LOST_ABOVE_TARGET_K, of->idle_c, &guess_s);
+                        BEV_LOST_ABOVE_TARGET_K, of->idle_c, &guess_s);
   if (status < BEV_OK) {
     return status;
   }
@@ -122,7 +113,7 @@ static bev_status find_switch(switch_search *of, double *instant_s) {
   if (!isfinite(slope)) {
     return BEV_NOT_FINITE;
   }
-  const bev_ending ending = {ARRIVAL_TOLERANCE_K, 0.0, BEV_MOST_TRIALS};
+  const bev_ending ending = {BEV_ARRIVAL_TOLERANCE_K, 0.0, BEV_MOST_TRIALS};
   return bev_follow_slope(0.0, arrival_s, slope, &ending, switch_on_at, of, instant_s, &above_k);
 }
 
@@ -206,7 +197,7 @@ static bev_status find_stretch(const bev_seen_run *run, bev_switch_plan *plan) {
   const bev_trip *trip = run->trip;
   double heating_j = 0.0;
   plan->is_heated = 0;
-  plan->is_one_stretch = 1;
+  plan->is_one_interval = 1;
   plan->first_heated = trip->steps;
   plan->end_heated = trip->steps;
   for (int32_t k = 0; k < trip->steps; k++) {
@@ -218,19 +209,19 @@ static bev_status find_stretch(const bev_seen_run *run, bev_switch_plan *plan) {
       if (plan->first_heated == trip->steps) {
         plan->first_heated = k;
       } else if (plan->end_heated < k) {
-        plan->is_one_stretch = 0;
+        plan->is_one_interval = 0;
       } else {
         /* The stretch goes on. */
       }
       plan->end_heated = k + 1;
       heating_j += heater_w * trip->duration_s[k];
       if (trip->propulsion_power_w[k] < 0.0
-          && heater_w <= run->least_w[k] - trip->idle_power_w[k] + SURPLUS_TOLERANCE_W) {
-        plan->is_one_stretch = 0;
+          && heater_w <= run->least_w[k] - trip->idle_power_w[k] + BEV_SURPLUS_TOLERANCE_W) {
+        plan->is_one_interval = 0;
       }
     }
   }
-  plan->stretch_wh = heating_j / JOULES_PER_WH;
+  plan->interval_wh = heating_j / BEV_JOULES_PER_WH;
   return find_reason(run, plan);
 }
 

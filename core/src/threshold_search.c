@@ -2,16 +2,11 @@
 /* The run that delivers its climbs and arrives at the target: bev_preheat.planning.threshold_search. */
 #include "threshold_search.h"
 
+#include "bev_preheat_core_generated/constants.h"
 #include <stdbool.h>
 
 #include "heating.h"
 #include "step_limits.h"
-
-#define ARRIVAL_TOLERANCE_K 5e-6
-#define ARRIVAL_OVERSHOOT_K 1.0
-#define CLIMB_OVERSHOOT_K 4.0
-#define UNHEATED_SHIFT_K (-1e3)
-#define POWER_SURPLUS 1e-5
 
 static const bev_requirement TARGET = {-1, -1};
 
@@ -76,8 +71,8 @@ static bev_status take_unheated_if_better(bev_threshold_search *search, int32_t 
   for (int32_t k = first; k < last; k++) {
     search->shift_k[k] = 0.0;
   }
-  bev_search_trial unheated = {UNHEATED_SHIFT_K, 0.0, 0};
-  bev_status status = bev_search_drive(search, first, last, UNHEATED_SHIFT_K, required->last,
+  bev_search_trial unheated = {BEV_UNHEATED_SHIFT_K, 0.0, 0};
+  bev_status status = bev_search_drive(search, first, last, BEV_UNHEATED_SHIFT_K, required->last,
                                        BEV_KEPT_RUN, unheated.run);
   if (status == BEV_OK) {
     status = bev_search_excess(search, &search->runs[unheated.run], required, &unheated.excess);
@@ -98,9 +93,9 @@ static bev_status meet_target(bev_threshold_search *search, int32_t first) {
   double excess_k = 0.0;
   bev_status status =
       bev_search_excess(search, &search->runs[BEV_KEPT_RUN], &TARGET, &excess_k);
-  if (status == BEV_OK && excess_k > ARRIVAL_TOLERANCE_K) {
+  if (status == BEV_OK && excess_k > BEV_ARRIVAL_TOLERANCE_K) {
     /* Where heating that pays for itself, and what is free, lead beyond it, no shift brings it down. */
-    status = bev_search_drive(search, first, steps, -ARRIVAL_OVERSHOOT_K, steps, BEV_KEPT_RUN, 0);
+    status = bev_search_drive(search, first, steps, -BEV_ARRIVAL_OVERSHOOT_K, steps, BEV_KEPT_RUN, 0);
     if (status == BEV_OK) {
       status = bev_search_excess(search, &search->runs[0], &TARGET, &excess_k);
     }
@@ -109,7 +104,7 @@ static bev_status meet_target(bev_threshold_search *search, int32_t first) {
     }
   }
   return status == BEV_OK
-      ? bev_search_move(search, first, steps, &TARGET, ARRIVAL_TOLERANCE_K)
+      ? bev_search_move(search, first, steps, &TARGET, BEV_ARRIVAL_TOLERANCE_K)
       : status;
 }
 
@@ -144,10 +139,10 @@ static bev_status serve_climb(bev_threshold_search *search, const bev_requiremen
   for (int32_t k = climb->first + 1; k < climb->last; k++) {
     most_w = bev_maximum(most_w, trip->idle_power_w[k]);
   }
-  const double tolerance_w = POWER_SURPLUS * most_w;
+  const double tolerance_w = BEV_POWER_SURPLUS * most_w;
   bev_status status = bev_search_excess(search, kept, climb, &spare_w);
   if (status == BEV_OK && spare_w > tolerance_w) {
-    status = bev_search_drive(search, *start, climb->first, -CLIMB_OVERSHOOT_K, climb->last,
+    status = bev_search_drive(search, *start, climb->first, -BEV_CLIMB_OVERSHOOT_K, climb->last,
                               BEV_KEPT_RUN, 0);
     if (status == BEV_OK) {
       status = bev_search_excess(search, &search->runs[0], climb, &spare_w);
@@ -200,7 +195,7 @@ static bev_status settle(bev_threshold_search *search) {
   if (status == BEV_OK && start > 0
       && search->runs[BEV_KEPT_RUN].states[1][steps] - search->goal->target_c < 0.0) {
     /* What comes after the last climb is not enough. */
-    status = bev_search_move(search, 0, steps, &TARGET, ARRIVAL_TOLERANCE_K);
+    status = bev_search_move(search, 0, steps, &TARGET, BEV_ARRIVAL_TOLERANCE_K);
   }
   return status;
 }

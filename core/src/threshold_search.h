@@ -6,6 +6,7 @@
 #ifndef BEV_PREHEAT_CORE_THRESHOLD_SEARCH_H_
 #define BEV_PREHEAT_CORE_THRESHOLD_SEARCH_H_
 
+#include "bev_preheat_core_generated/constants.h"
 #include "courses.h"
 #include "limited_step.h"
 
@@ -43,9 +44,6 @@ typedef struct {
   int32_t first;
   int32_t last;
 } bev_requirement;
-
-/* So many climbs are looked at. */
-#define BEV_MOST_CLIMBS 6
 
 /* Stretches of a run that a battery a little colder could not deliver. */
 bev_status bev_find_climbs(const bev_vehicle *vehicle, const bev_trip *trip, const double *soc,

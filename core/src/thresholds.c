@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Below which temperatures heating pays in each stride: the loop of bev_preheat.planning.thresholds. */
+#include "bev_preheat_core_generated/constants.h"
 #include "arithmetic.h"
 #include "checks.h"
 #include "sorted.h"

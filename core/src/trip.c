@@ -1,10 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The columns of a trip from those of a route: bev_preheat.planning.trip. */
+#include "bev_preheat_core_generated/constants.h"
+#include "bev_preheat_core_generated/drives.h"
 #include "checks.h"
 #include "route_columns.h"
-
-/* Longer steps are divided by who asks for the trip: Euler's error grows with the step. */
-#define LONGEST_STEP_S 300.0
 
 /* The columns of a trip, in their order. */
 enum {
@@ -28,19 +27,22 @@ static bev_status make_steps(const bev_trip_terms *terms, int32_t steps,
     const double duration_s = from[BEV_ROUTE_DURATION][k];
     const double power_w = from[BEV_ROUTE_PROPULSION][k];
     const double leakage_w_per_k =
-        terms->gamma_0_w_per_k + terms->gamma_v_w_per_k_per_mps * from[BEV_ROUTE_SPEED][k];
-    const double drivetrain_heat_w = terms->heat_share * from[BEV_ROUTE_MAGNITUDE][k];
+        bev_leakage_w_per_k(terms, from[BEV_ROUTE_SPEED][k]);
+    const double drivetrain_heat_w =
+        bev_drivetrain_heat_w(terms, from[BEV_ROUTE_MAGNITUDE][k]);
     const double longest_s = leakage_w_per_k <= terms->stiff_w_per_k
-        ? LONGEST_STEP_S
-        : LONGEST_STEP_S * (terms->stiff_w_per_k / leakage_w_per_k);
+        ? BEV_LONGEST_STEP_S
+        : BEV_LONGEST_STEP_S * (terms->stiff_w_per_k / leakage_w_per_k);
     if (!(duration_s <= longest_s)) {
       return BEV_BAD_INPUT;
     }
     time_s[k + 1] = time_s[k] + duration_s;
     to[STEP_DURATION][k] = duration_s;
-    to[IDLE_POWER][k] = power_w + from[BEV_ROUTE_CABIN][k] + from[BEV_ROUTE_AUXILIARY][k];
+    to[IDLE_POWER][k] =
+        bev_idle_power_w(power_w, from[BEV_ROUTE_CABIN][k], from[BEV_ROUTE_AUXILIARY][k]);
     to[VARIANCE][k] = bev_power_variance_w2(from[BEV_ROUTE_RMS][k], power_w);
-    to[IDLE_HEAT][k] = leakage_w_per_k * from[BEV_ROUTE_AMBIENT][k] + drivetrain_heat_w;
+    to[IDLE_HEAT][k] =
+        bev_idle_heat_w(leakage_w_per_k, from[BEV_ROUTE_AMBIENT][k], drivetrain_heat_w);
     to[LEAKAGE][k] = leakage_w_per_k;
     to[HEATER_LIMIT][k] =
         terms->heater_share * bev_maximum(terms->heater_w - from[BEV_ROUTE_CABIN][k], 0.0);

@@ -2,14 +2,9 @@
 /* A trip in strides: bev_preheat.planning.strides, and bev_preheat.planning.thresholds._in_steps. */
 #include "trip_strides.h"
 
+#include "bev_preheat_core_generated/constants.h"
 #include <stdbool.h>
 
-#define LONGEST_STRIDE_S 60.0
-#define COLDER_MARGIN_K 8.0
-#define WARMER_MARGIN_K 5.0
-#define NEAR_K 10.0
-#define NEAR_TARGET_K 5.0
-#define NEIGHBOUR_K 3.0
 /* Terms that NumPy adds side by side. */
 #define LANES 8
 
@@ -53,7 +48,7 @@ static int32_t find_first_steps(const bev_trip *trip, const bev_watch *watch,
   for (int32_t k = 0; k < trip->steps; k++) {
     const bool is_limited = watch->charge[k] != 0u || watch->discharge[k] != 0u;
     const double duration_s = trip->duration_s[k];
-    if (k == 0 || is_limited || before_limited || length_s + duration_s > LONGEST_STRIDE_S) {
+    if (k == 0 || is_limited || before_limited || length_s + duration_s > BEV_LONGEST_STRIDE_S) {
       first_step[count] = (double)k;
       count++;
       length_s = 0.0;
@@ -80,19 +75,19 @@ static void find_reach(const bev_vehicle *vehicle, const bev_trip *trip, const b
   const double *run_c = course->states[1];
   const double too_warm_k = bev_minimum(run_c[trip->steps] - look->target_c,
                                         paid_k(vehicle, trip, course->powers_w[0]))
-      - NEAR_TARGET_K;
-  const double colder_k = NEAR_K + bev_maximum(too_warm_k, 0.0);
+      - BEV_NEAR_TARGET_K;
+  const double colder_k = BEV_NEAR_K + bev_maximum(too_warm_k, 0.0);
   double arrived_j = 0.0;
   double more_j = 0.0;
   int32_t m = 0;
   for (int32_t k = 0; k <= trip->steps; k++) {
     if (m <= count && (int32_t)room->first_step[m] == k) {
       room->coldest_c[m] = run_c[k]
-          - bev_maximum(arrived_j / vehicle->heat_capacity_j_per_k + COLDER_MARGIN_K, 0.0);
-      room->warmest_c[m] = run_c[k] + more_j / vehicle->heat_capacity_j_per_k + WARMER_MARGIN_K;
+          - bev_maximum(arrived_j / vehicle->heat_capacity_j_per_k + BEV_COLDER_MARGIN_K, 0.0);
+      room->warmest_c[m] = run_c[k] + more_j / vehicle->heat_capacity_j_per_k + BEV_WARMER_MARGIN_K;
       if (!look->is_first) {
         room->coldest_c[m] = bev_maximum(room->coldest_c[m], run_c[k] - colder_k);
-        room->warmest_c[m] = bev_minimum(room->warmest_c[m], run_c[k] + NEAR_K);
+        room->warmest_c[m] = bev_minimum(room->warmest_c[m], run_c[k] + BEV_NEAR_K);
       }
       m++;
     }
@@ -143,7 +138,7 @@ bev_strides bev_make_strides(const bev_vehicle *vehicle, const bev_trip *trip,
 static double between(double here_c, double there_c, double share) {
   /* A band that begins or ends, or another one in its place, is no neighbour. */
   double change_c = 0.0;
-  if (isfinite(here_c) && isfinite(there_c) && fabs(there_c - here_c) < NEIGHBOUR_K) {
+  if (isfinite(here_c) && isfinite(there_c) && fabs(there_c - here_c) < BEV_NEIGHBOUR_K) {
     change_c = there_c - here_c;
   }
   return here_c + share * change_c;

@@ -3,23 +3,12 @@
  * When to switch the heater on and off where its heat arrives late: bev_preheat.planning.two_switches with the
  * searches of bev_preheat.planning.bracketing.
  */
+#include "bev_preheat_core_generated/constants.h"
 #include "bracketing.h"
 #include "checks.h"
 #include "means.h"
 #include "steps_of_model.h"
 
-/* The target is met when the forward run arrives this close [K]; instants are compared with less. */
-#define ARRIVAL_TOLERANCE_K 5e-6
-#define COMPARED_TOLERANCE_K 2e-4
-/* So much of what is heated at the start is sure to be there on arrival. */
-#define SURE_SHARE 0.5
-/* So many lags before arrival all heat but a thousandth has arrived. */
-#define MOST_LAGS 7.0
-/* Around the best instant of switching off the energy hardly changes. */
-#define OFF_RESOLUTION_S 2.0
-/* A kelvin that is lacking counts more than any energy. */
-#define LACKING_WH_PER_K 1e9
-#define JOULES_PER_WH 3600.0
 /* Instants of switching off that are tried at most: a bracket of any length comes down to the resolution. */
 #define MOST_PAIRS 64
 
@@ -77,7 +66,7 @@ static bev_status heat_from(void *searched, double on_s, double *above_k) {
   of->taken_wh = of->idle_taken_wh[first];
   const bev_status status = bev_run_heated_with_energy(of->vehicle, trip, first, of->command_w,
                                                        of->states, &of->taken_wh);
-  of->taken_wh += of->vehicle->heater_lag_s * of->states[3 * instants - 1] / JOULES_PER_WH;
+  of->taken_wh += of->vehicle->heater_lag_s * of->states[3 * instants - 1] / BEV_JOULES_PER_WH;
   *above_k = of->states[2 * instants - 1] - of->target_c;
   return status;
 }
@@ -151,7 +140,7 @@ static bev_status heat_until(two_switch_search *of, double off_s, pair *made) {
   }
   double above_k = 0.0;
   made->off_s = off_s;
-  const bev_status status = find_on(of, off_s, guess_s(of, off_s), COMPARED_TOLERANCE_K,
+  const bev_status status = find_on(of, off_s, guess_s(of, off_s), BEV_COMPARED_TOLERANCE_K,
                                     &made->on_s, &above_k);
   if (status < BEV_OK) {
     return status;
@@ -165,13 +154,13 @@ static bev_status heat_until(two_switch_search *of, double off_s, pair *made) {
    * coolant.
    */
   const double allowed_k = bev_minimum(
-      COMPARED_TOLERANCE_K, ARRIVAL_TOLERANCE_K + (SURE_SHARE * before_k(of, made->on_s)));
+      BEV_COMPARED_TOLERANCE_K, BEV_ARRIVAL_TOLERANCE_K + (BEV_SURE_SHARE * before_k(of, made->on_s)));
   const double slope = slope_k_per_s(of, made->on_s);
   if (above_k < -allowed_k) {
-    made->taken_wh -= LACKING_WH_PER_K * above_k;
+    made->taken_wh -= BEV_LACKING_WH_PER_K * above_k;
   } else if (slope < 0.0) {
     const double heater_w = of->trip->heater_limit_w[bev_step_at(of->trip, made->on_s)];
-    made->taken_wh += above_k * heater_w / JOULES_PER_WH / slope;
+    made->taken_wh += above_k * heater_w / BEV_JOULES_PER_WH / slope;
   } else {
     /* Where the heater takes nothing, what is too much costs nothing. */
   }
@@ -202,7 +191,7 @@ static bev_status find_least(two_switch_search *of, double earliest_s, double la
   *best = nearer;
   keep_better(best, &further);
   /* Bounded by MOST_PAIRS, after which heat_until fails. */
-  while (high_s - low_s > OFF_RESOLUTION_S) {
+  while (high_s - low_s > BEV_OFF_RESOLUTION_S) {
     pair *following;
     if (nearer.taken_wh <= further.taken_wh) {
       high_s = further.off_s;
@@ -250,14 +239,14 @@ static bev_status find_switches(two_switch_search *of, double *on_s, double *off
     return BEV_OK;
   }
   const double earliest_s =
-      bev_maximum(0.0, of->arrival_s - MOST_LAGS * heat_lag_s(of->vehicle));
+      bev_maximum(0.0, of->arrival_s - BEV_MOST_LAGS * heat_lag_s(of->vehicle));
   pair best;
   status = find_least(of, earliest_s, of->arrival_s, &best);
   if (status != BEV_OK) {
     return status;
   }
   *off_s = best.off_s;
-  return find_on(of, best.off_s, best.on_s, ARRIVAL_TOLERANCE_K, on_s, &above_k);
+  return find_on(of, best.off_s, best.on_s, BEV_ARRIVAL_TOLERANCE_K, on_s, &above_k);
 }
 
 /* What the cells give in the unheated run until the start of each step [Wh]. */
@@ -277,7 +266,7 @@ static bev_status add_up_idle(const two_switch_search *of) {
     bev_integrate_heated(of->vehicle, BEV_AS_ARRAYS, states, &inputs, 0.0, result);
     const double battery_w = inputs.power_w + result[6] + result[5];
     of->idle_taken_wh[k + 1] =
-        of->idle_taken_wh[k] + inputs.duration_s / JOULES_PER_WH * battery_w;
+        of->idle_taken_wh[k] + inputs.duration_s / BEV_JOULES_PER_WH * battery_w;
   }
   return isfinite(of->idle_taken_wh[trip->steps]) ? BEV_OK : BEV_NOT_FINITE;
 }

@@ -5,19 +5,12 @@
  */
 #include "value_curve.h"
 
+#include "bev_preheat_core_generated/constants.h"
 #include <stdbool.h>
 
 #include "arithmetic.h"
 #include "checks.h"
 #include "sorted.h"
-
-#define WIDEST_GAP_K 1.0
-#define MOST_POINTS 32
-#define CURVE_TOLERANCE_J 100.0
-#define INDIFFERENCE_J 10.0
-#define SLOPE_K 1.0
-#define LEAST_GAIN_K 1e-9
-#define LEAST_FAN_K 1e-6
 
 /*
  * The curve before a stride: each point where it comes from, with what the stride takes. As numpy.interp works
@@ -75,14 +68,14 @@ static void copy_numbers(double *to, const double *from, int32_t count) {
 static void split_at(bev_curves *work, int32_t split, const bev_bands *bands) {
   const double low_c = work->heated.temperature_c[split];
   const double high_c = work->unheated.temperature_c[split];
-  const int32_t fan = high_c > low_c + LEAST_FAN_K ? split + 1 : split;
+  const int32_t fan = high_c > low_c + BEV_LEAST_FAN_K ? split + 1 : split;
   const int32_t rest = work->unheated.count - split;
   work->next.count = fan + rest;
   copy_numbers(work->next.temperature_c, work->heated.temperature_c, fan);
   copy_numbers(work->next.energy_j, work->heated.energy_j, fan);
   copy_numbers(&work->next.temperature_c[fan], &work->unheated.temperature_c[split], rest);
   copy_numbers(&work->next.energy_j[fan], &work->unheated.energy_j[split], rest);
-  add_band(bands, 0, -INFINITY, low_c, bev_maximum(high_c, low_c + LEAST_GAIN_K));
+  add_band(bands, 0, -INFINITY, low_c, bev_maximum(high_c, low_c + BEV_LEAST_GAIN_K));
 }
 
 /* On the line from point j of a curve to the next one. */
@@ -160,10 +153,10 @@ static bev_status take_lower(bev_curves *work, const bev_bands *bands) {
   int32_t found = 0;
   int32_t dearer = -1;
   for (int32_t n = 0; n < meshed; n++) {
-    if (!(work->heated_j[n] <= work->unheated_j[n] + INDIFFERENCE_J)) {
+    if (!(work->heated_j[n] <= work->unheated_j[n] + BEV_INDIFFERENCE_J)) {
       dearer = n;
     } else if (n + 1 == meshed
-               || !(work->heated_j[n + 1] <= work->unheated_j[n + 1] + INDIFFERENCE_J)) {
+               || !(work->heated_j[n + 1] <= work->unheated_j[n + 1] + BEV_INDIFFERENCE_J)) {
       if (found >= BEV_MOST_LOWER_BANDS) {
         return BEV_NOT_SETTLED;
       }
@@ -181,7 +174,7 @@ static bev_status take_lower(bev_curves *work, const bev_bands *bands) {
     const double low_c = mesh_c[ends[at]];
     const double high_c = bev_maximum(
         bev_interpolated(heated->temperature_c, unheated->temperature_c, count, low_c),
-        low_c + LEAST_GAIN_K);
+        low_c + BEV_LEAST_GAIN_K);
     add_band(bands, slot, colder[at] >= 0 ? mesh_c[colder[at]] : -INFINITY, low_c, high_c);
     left_out[2 * slot] = low_c;
     left_out[2 * slot + 1] = high_c;
@@ -212,8 +205,8 @@ static void find_where_it_pays(const bev_curves *work, double warmest_c, double 
   for (int32_t n = 0; n + 1 < work->after.count; n++) {
     const double gained_k = unheated_c[n + 1] - heated_c[n + 1];
     const double j_per_k = (heated_j[n + 1] - unheated_j[n + 1])
-        / (gained_k > LEAST_GAIN_K ? gained_k : LEAST_GAIN_K);
-    const double asked = gained_k > LEAST_GAIN_K ? j_per_k : -INFINITY;
+        / (gained_k > BEV_LEAST_GAIN_K ? gained_k : BEV_LEAST_GAIN_K);
+    const double asked = gained_k > BEV_LEAST_GAIN_K ? j_per_k : -INFINITY;
     const double is_worth =
         after_j[n] - after_j[n + 1] > asked * (after_c[n + 1] - after_c[n]) ? 1.0 : 0.0;
     is_paid[n] = heated_c[n + 1] < warmest_c ? is_worth : 0.0;
@@ -280,8 +273,8 @@ static void thin_out(bev_points *part) {
     const double line_j = slope * (here_c - before_c) + before_j;
     temperature_c[kept] = here_c;
     energy_j[kept] = here_j;
-    const bool says_much = fabs(here_j - line_j) > CURVE_TOLERANCE_J;
-    const bool is_far = after_c - before_c > WIDEST_GAP_K;
+    const bool says_much = fabs(here_j - line_j) > BEV_CURVE_TOLERANCE_J;
+    const bool is_far = after_c - before_c > BEV_WIDEST_GAP_K;
     kept += says_much || is_far ? 1 : 0;
     temperature_c[kept] = after_c;
     energy_j[kept] = after_j;
@@ -319,7 +312,7 @@ bev_status bev_part_of_curve(const bev_points *curve, double coldest_c, double w
       return BEV_NOT_SETTLED;
     }
     const double here_j = energy_j[n];
-    if (here_c - before_c > WIDEST_GAP_K) {
+    if (here_c - before_c > BEV_WIDEST_GAP_K) {
       part->temperature_c[count] = 0.5 * (here_c + before_c);
       part->energy_j[count] = 0.5 * (here_j + before_j);
       count++;
@@ -331,7 +324,7 @@ bev_status bev_part_of_curve(const bev_points *curve, double coldest_c, double w
     before_j = here_j;
   }
   part->count = count;
-  if (count > MOST_POINTS) {
+  if (count > BEV_MOST_POINTS) {
     thin_out(part);
   }
   return BEV_OK;
@@ -339,10 +332,10 @@ bev_status bev_part_of_curve(const bev_points *curve, double coldest_c, double w
 
 double bev_worth_j_per_k(const bev_points *curve, double temperature_c) {
   const double cooler_j = bev_interpolated(curve->temperature_c, curve->energy_j, curve->count,
-                                           temperature_c - 0.5 * SLOPE_K);
+                                           temperature_c - 0.5 * BEV_SLOPE_K);
   const double warmer_j = bev_interpolated(curve->temperature_c, curve->energy_j, curve->count,
-                                           temperature_c + 0.5 * SLOPE_K);
-  return bev_maximum(cooler_j - warmer_j, 0.0) / SLOPE_K;
+                                           temperature_c + 0.5 * BEV_SLOPE_K);
+  return bev_maximum(cooler_j - warmer_j, 0.0) / BEV_SLOPE_K;
 }
 
 bev_status bev_curve_before(bev_curves *curves, double joule_worth, const bev_bands *bands) {

@@ -10,9 +10,8 @@ import drawn_situations
 import numpy as np
 import pytest
 
-from bev_preheat.native import searches
 from bev_preheat.native.library import core, without_core
-from bev_preheat.native.structs import MeritPlanStruct
+from bev_preheat.native.structs import MeritPlanStruct, room
 from bev_preheat.planning import uncertainty_margin as uncertainty_margin_module
 from bev_preheat.planning.dynamics import keep_accounts, native_vehicle
 from bev_preheat.planning.merit_order import plan_merit_order
@@ -119,7 +118,7 @@ def early_call(path):
     steps, uncertainty_margin = trip.native.steps, UncertaintyMargin(lead_k=3.0).native
     states, powers_w = states_of(schedule), powers_of(schedule)
     watched = np.full(2 * steps + 64, 3, dtype=np.uint8)
-    memory = np.full(searches.HEAT_EARLY_ARRAYS * steps + 64, 7.25)
+    memory = np.full(room('BEV_HEAT_EARLY_MEMORY', steps) + 64, 7.25)
     end_s = math.nan if schedule.heating_end_s is None else schedule.heating_end_s
     plan, is_changed = MeritPlanStruct(math.nan, end_s), np.zeros(1, dtype=np.int32)
     return [native_vehicle(trip.vehicle).address, trip.native.address, drawn.goal.target_temperature_c,

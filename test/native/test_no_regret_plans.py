@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 from test_early_heating import assert_same
 
-from bev_preheat.native import searches
 from bev_preheat.native.library import core, without_core
-from bev_preheat.native.structs import SafeGoalStruct, SafePlanStruct
+from bev_preheat.native.structs import room, SafeGoalStruct, SafePlanStruct
 from bev_preheat.planning import planner
 from bev_preheat.planning.dynamics import native_vehicle
 from bev_preheat.planning.no_regret import checked_by_core
@@ -111,8 +110,8 @@ def no_regret_call(path):
     rows, steps = len(idle_states), trip.native.steps
     goal, uncertainty_margin = SafeGoalStruct(25.0, 0.1, 0.737, 0.1), UncertaintyMargin(lead_k=4.0).native
     states, powers_w = np.empty_like(idle_states), np.empty((rows, steps))
-    watched = np.full(searches.MERIT_BYTES * steps + 64, 3, dtype=np.uint8)
-    memory = np.full(searches.SAFEGUARD_MEMORY[0] * steps + searches.SAFEGUARD_MEMORY[1] + 64, 7.25)
+    watched = np.full(room('BEV_MERIT_BYTES', steps) + 64, 3, dtype=np.uint8)
+    memory = np.full(room('BEV_SAFEGUARD_MEMORY', steps) + 64, 7.25)
     order, plan = np.empty(steps, dtype=np.int32), SafePlanStruct()
     arrays = idle_states, states, powers_w, watched, order, memory
     arguments = [native_vehicle(vehicle).address, trip.native.address, addressof(goal),

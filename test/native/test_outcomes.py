@@ -1,19 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What comes of plans over limits, as the compiled core tells it, against Python."""
+"""What comes of plans over limits, with the core and without."""
 
-from ctypes import addressof, byref, c_double, c_int32
+from ctypes import addressof, byref, c_double
 from dataclasses import astuple, replace
 
 import drawn_situations
 import numpy as np
 import pytest
 
-from bev_preheat.native import plans, searches
+from bev_preheat.native import searches
 from bev_preheat.native.library import core, without_core
-from bev_preheat.native.plans import STRETCH
 from bev_preheat.native.runs import place
-from bev_preheat.native.structs import address_of, ENERGIES, RunOfPowersStruct, StrandingStruct
-from bev_preheat.planning import outcome
+from bev_preheat.native.structs import address_of, StrandingStruct
 from bev_preheat.planning.dynamics import native_vehicle
 from bev_preheat.planning.heat_run import initial_states
 from bev_preheat.planning.heating_intervals import Reason
@@ -24,7 +22,6 @@ from bev_preheat.planning.outcome import find_outcome
 from bev_preheat.planning.planner import plan_without_heating
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.vehicle.heat_path import HeatPath
-from bev_preheat.vehicle.model import make_runge_kutta_4
 from bev_preheat_studies.optimality.drawn_trips import draw_limit_trip
 
 BAD_ARGUMENT = -1
@@ -44,16 +41,12 @@ def schedule_of(number):
     return trip, plan_merit_order(trip, state, goal, plan_without_heating(trip, state))
 
 
-def test_energies_and_stretches_are_the_same(monkeypatch):
+def test_energies_and_intervals_are_the_same():
     reasons = set()
     for number in range(24):
         trip, schedule = schedule_of(number)
         target_c = float(schedule.temperature_c[-1]) - (number % 3)
-        with monkeypatch.context() as patched:
-            # It is the core that answers.
-            patched.setattr(outcome, 'keep_accounts', None)
-            patched.setattr(outcome, 'heating_intervals', None)
-            found = find_outcome(trip, schedule, target_c)
+        found = find_outcome(trip, schedule, target_c)
         with without_core():
             expected = find_outcome(trip, schedule, target_c)
         assert astuple(found.energy_wh) == pytest.approx(astuple(expected.energy_wh), rel=1e-9, abs=1e-6)
@@ -67,7 +60,7 @@ def test_energies_and_stretches_are_the_same(monkeypatch):
     assert reasons == set(Reason)
 
 
-def test_where_the_charge_runs_out_the_outcome_is_left_to_python():
+def test_where_the_charge_runs_out_the_outcome_is_the_same():
     trip, state, _ = situation(4, soc=0.05)
     run = run_unheated(trip, state)
     assert run.empty_at_s is not None
@@ -91,30 +84,6 @@ def test_what_the_unheated_trip_lacks_is_the_same(soc):
         assert (where is None) == (run.empty_at_s is None)
         deficit, stranded = deficit + (deficit_w > 0.0), stranded + (where is not None)
     assert deficit > 0 if soc is None else stranded > 0
-
-
-def outcome_call(null=None):
-    """Call bev_find_outcome, one of its pointers null; return the status."""
-    trip, schedule = schedule_of(0)
-    arrays = {name: np.ascontiguousarray(getattr(schedule, name)) for name in (
-        'soc', 'temperature_c', 'heater_power_w', 'brake_power_w')}
-    run = RunOfPowersStruct(True, *map(address_of, (
-        arrays['soc'], arrays['temperature_c'], arrays['heater_power_w'], None, arrays['brake_power_w'])))
-    least_w, intervals = np.zeros(len(trip.route)), np.empty(len(trip.route), STRETCH)
-    energies_wh, count = (c_double * len(ENERGIES))(), c_int32()
-    pointers = {
-        'vehicle': native_vehicle(trip.vehicle).address, 'trip': trip.native.address,
-        'run': addressof(run), 'command_w': place(arrays['heater_power_w']), 'least_w': place(least_w),
-        'energies': addressof(energies_wh), 'stretches': address_of(intervals), 'count': byref(count)}
-    vehicle, *others = (None if name == null else pointer for name, pointer in pointers.items())
-    others.insert(4, False)
-    return core().bev_find_outcome(vehicle, plans.INTEGRATORS[make_runge_kutta_4], *others)
-
-
-def test_an_outcome_without_an_argument_is_refused():
-    assert outcome_call() == 0
-    for name in ('vehicle', 'trip', 'run', 'command_w', 'least_w', 'energies', 'stretches', 'count'):
-        assert outcome_call(name) == BAD_ARGUMENT, name
 
 
 def test_the_unheated_trip_without_an_argument_is_refused():

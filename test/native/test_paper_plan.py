@@ -11,7 +11,7 @@ import pytest
 
 from bev_preheat.native.library import core, without_core
 from bev_preheat.native.runs import place
-from bev_preheat.native.structs import NativeVehicle, SWITCH_ARRAYS, SwitchPlanStruct
+from bev_preheat.native.structs import NativeVehicle, room, SwitchPlanStruct
 from bev_preheat.planning.dynamics import hottest_c
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
@@ -75,7 +75,7 @@ def test_plans_are_the_same_to_the_last_bit():
 def call(trip, soc=0.8, start_c=-4.0, target_c=15.0, null=None):
     """Return the status of bev_plan_paper; `null` is the argument that is to be a null pointer."""
     steps = len(trip.route)
-    kept = {'memory': np.empty(SWITCH_ARRAYS * (steps + 1)), 'soc': np.empty(steps + 1),
+    kept = {'memory': np.empty(room('BEV_SWITCH_MEMORY', steps)), 'soc': np.empty(steps + 1),
             'temperature_c': np.empty(steps + 1), 'heater_w': np.empty(steps)}
     vehicle, plan = NativeVehicle(trip.vehicle, hottest_c(trip.vehicle)), SwitchPlanStruct()
     return core().bev_plan_paper(

@@ -13,7 +13,14 @@ from bev_preheat.native import library as library_module
 from bev_preheat.native import searches
 from bev_preheat.native.library import core, without_core
 from bev_preheat.native.runs import Heating
-from bev_preheat.native.structs import CurveRangeStruct, MeritPlanStruct, SettlingStruct, StrandingStruct
+from bev_preheat.native.structs import (
+    CurveRangeStruct,
+    MeritPlanStruct,
+    room,
+    ROOMS,
+    SettlingStruct,
+    StrandingStruct,
+)
 from bev_preheat.planning import merit_order
 from bev_preheat.planning.charge_acceptance import find_acceptance_loss, no_acceptance_loss
 from bev_preheat.planning.dynamics import native_vehicle
@@ -108,7 +115,7 @@ def settling_call(number=4, **changes):
     heating = search._heating()
     states, powers_w = np.empty((2, len(trip.route) + 1)), np.empty((2, len(trip.route)))
     states[:, 0] = search._start()
-    memory = np.empty(searches.SETTLE_MEMORY[0] * len(trip.route) + searches.SETTLE_MEMORY[1])
+    memory = np.empty(room('BEV_SETTLE_MEMORY', len(trip.route)))
     goal = SettlingStruct(True, goal.target_temperature_c)
     stranding = StrandingStruct()
     kept = heating, states, powers_w, memory, goal, stranding, trip
@@ -187,8 +194,8 @@ def merit_call():
     states = np.array((run.soc, run.temperature_c))
     powers_w = np.array((run.heater_power_w, run.brake_power_w))
     settling = SettlingStruct(True, goal.target_temperature_c)
-    stranding, watched = StrandingStruct(), np.empty((searches.MERIT_BYTES, steps), dtype=bool)
-    memory = np.empty(searches.MERIT_MEMORY[0] * steps + searches.MERIT_MEMORY[1])
+    stranding, watched = StrandingStruct(), np.empty((ROOMS['BEV_MERIT_BYTES'][0], steps), dtype=bool)
+    memory = np.empty(room('BEV_MERIT_MEMORY', steps))
     vehicle = native_vehicle(trip.vehicle).address
     return [vehicle, vehicle, trip.native.address, addressof(settling),
             trip.heater_limit_w.ctypes.data, states.ctypes.data, powers_w.ctypes.data,
@@ -292,9 +299,9 @@ def merit_plan_call(number):
     idle_states, powers_w = rows_of(plan_without_heating(trip, state))
     steps = trip.native.steps
     settling, plan = SettlingStruct(True, goal.target_temperature_c), MeritPlanStruct()
-    states, watched = np.empty_like(idle_states), np.full(searches.MERIT_BYTES * steps + 64, 3, dtype=np.uint8)
+    states, watched = np.empty_like(idle_states), np.full(room('BEV_MERIT_BYTES', steps) + 64, 3, dtype=np.uint8)
     order = np.empty(steps, dtype=np.int32)
-    memory = np.full(searches.MERIT_PLAN_MEMORY[0] * steps + searches.MERIT_PLAN_MEMORY[1] + 64, 7.25)
+    memory = np.full(room('BEV_MERIT_PLAN_MEMORY', steps) + 64, 7.25)
     return [native_vehicle(trip.vehicle).address, trip.native.address, addressof(settling),
             *(array.ctypes.data for array in (idle_states, states, powers_w, watched, order, memory)),
             addressof(plan)], (trip, idle_states, states, powers_w, settling, plan, order, watched, memory)
@@ -355,7 +362,7 @@ def test_a_grid_of_too_few_or_too_many_points_is_refused():
         vehicle, vars(strides), limited, False, falling[::-1], np.nan, *ends[1:]) is None
 
 
-def test_a_library_whose_structs_have_other_sizes_is_not_used(monkeypatch):
+def test_a_library_with_other_structs_is_not_used(monkeypatch):
     class Wider(CurveRangeStruct):
         _fields_ = [('more', CurveRangeStruct)]
 

@@ -17,8 +17,8 @@ from bev_preheat.native.structs import (
     ENERGIES,
     NativeTrip,
     NativeVehicle,
+    room,
     RunOfPowersStruct,
-    SWITCH_ARRAYS,
     SwitchPlanStruct,
 )
 from bev_preheat.planning.dynamics import (
@@ -185,7 +185,7 @@ def test_accounts_are_the_same():
 def call_plan_switch(trip, vehicle=None, soc=0.8, start_c=-4.0, target_c=15.0, null=None, uncertainty_margin=None):
     """Return (status, SwitchPlanStruct); `null` is the argument that is to be a null pointer."""
     steps = len(trip.route)
-    kept = {'memory': np.empty(SWITCH_ARRAYS * (steps + 1)), 'soc': np.empty(steps + 1),
+    kept = {'memory': np.empty(room('BEV_SWITCH_MEMORY', steps)), 'soc': np.empty(steps + 1),
             'temperature_c': np.empty(steps + 1), 'heater_w': np.empty(steps)}
     plan = SwitchPlanStruct()
     vehicle = vehicle or NativeVehicle(trip.vehicle, hottest_c(trip.vehicle))

@@ -12,7 +12,7 @@ import short_stretches
 
 from bev_preheat.native.library import core, without_core
 from bev_preheat.native.runs import place
-from bev_preheat.native.structs import CHEAPEST_ARRAYS
+from bev_preheat.native.structs import room
 from bev_preheat.planning.cheapest_steps import heat_cheapest, LEAST_SAVING_WH, whole_charge_wh
 from bev_preheat.planning.dynamics import native_vehicle, run_forward
 from bev_preheat.planning.merit_order import plan_merit_order
@@ -154,7 +154,8 @@ def call_heat_cheapest(trip, schedule, target_c, null=None, changed=None):
     """Return the status of bev_heat_cheapest; `null` is the argument to pass as a null pointer."""
     steps = trip.native.steps
     arrays = {'soc': schedule.soc.copy(), 'temperature_c': schedule.temperature_c.copy(),
-              'heater_w': schedule.heater_power_w.copy(), 'memory': np.full(CHEAPEST_ARRAYS * steps + 2 + 8, 7.25)}
+              'heater_w': schedule.heater_power_w.copy(),
+              'memory': np.full(room('BEV_CHEAPEST_MEMORY', steps) + 8, 7.25)}
     for name, value in (changed or {}).items():
         arrays[name][0] = value
     order, orders = (c_int32 * (steps + 4))(*[-7] * (steps + 4)), c_int32()

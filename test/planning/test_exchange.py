@@ -15,7 +15,7 @@ import pytest
 
 from bev_preheat.native.library import core, without_core
 from bev_preheat.native.runs import place
-from bev_preheat.native.structs import address_of, EXCHANGE_MEMORY, SettlingStruct
+from bev_preheat.native.structs import address_of, room, SettlingStruct
 from bev_preheat.planning import merit_order
 from bev_preheat.planning.cheapest_steps import LEAST_SAVING_WH, whole_charge_wh
 from bev_preheat.planning.dynamics import limits_along, native_vehicle, terminal_limits_w
@@ -259,7 +259,7 @@ def call_exchange_heat(trip, schedule, target_c, null=None, changed=None, lowest
     steps, goal = trip.native.steps, SettlingStruct(True, target_c, lowest_soc)
     arrays = {'states': np.array((schedule.soc, schedule.temperature_c)),
               'powers_w': np.array((schedule.heater_power_w, schedule.brake_power_w)),
-              'memory': np.full((EXCHANGE_MEMORY[0] * steps + EXCHANGE_MEMORY[1] + 8), 7.25)}
+              'memory': np.full(room('BEV_EXCHANGE_MEMORY', steps) + 8, 7.25)}
     for name, value in (changed or {}).items():
         arrays[name][0, 0] = value
     watched, exchanges = np.full(2 * steps + 8, 3, dtype=np.uint8), c_int32()

@@ -9,12 +9,10 @@
 #include <stdbool.h>
 #include <stddef.h>
 
+#include "bev_preheat_core_generated/constants.h"
 #include "courses.h"
 #include "limits_of_run.h"
 #include "surplus_ceiling.h"
-
-/* Where power lacks in any case, a plan that lacks so many watts more is no worse. */
-#define NO_WORSE_W 10.0
 
 /* What the plan is made in; runs are as of bev_settle. */
 typedef struct {
@@ -90,7 +88,7 @@ static bev_status find_allowed(const bev_vehicle *vehicle, const bev_trip *trip,
     status = bev_lacking_w(vehicle, trip, &course, allowed_w);
   }
   if (*allowed_w > 0.0) {
-    *allowed_w += NO_WORSE_W;
+    *allowed_w += BEV_NO_WORSE_W;
   }
   return status == BEV_OK && stranding.step >= 0 ? BEV_LIMITED : status;
 }
@@ -111,7 +109,7 @@ static bev_status keep_accounts(const bev_vehicle *vehicle, const bev_trip *trip
       bev_keep_accounts(vehicle, BEV_RUNGE_KUTTA_4, trip, &made, NULL, &plan->energy_wh);
   if (status == BEV_OK && arrives_late) {
     const double after_wh =
-        vehicle->heater_lag_s * room->states[3 * steps + 2] / BEV_ECU_JOULES_PER_WH;
+        vehicle->heater_lag_s * room->states[3 * steps + 2] / BEV_JOULES_PER_WH;
     plan->energy_wh.hvch_electric += after_wh;
     plan->energy_wh.battery_total += after_wh;
   }

@@ -5,8 +5,6 @@
 
 #include "bev_ecu.h"
 
-#define BEV_ECU_JOULES_PER_WH 3600.0
-
 /* BEV_OK if each number of vehicle, trip and situation can be one. */
 bev_status bev_ecu_check(const bev_vehicle *vehicle, const bev_trip *trip,
                          const bev_ecu_situation *situation);

@@ -8,6 +8,7 @@
 #include <math.h>
 #include <stddef.h>
 
+#include "bev_preheat_core_generated/constants.h"
 #include "limits_of_run.h"
 
 /* Arrays of a run with a heat path, in the memory that was given. */
@@ -87,7 +88,7 @@ static bev_status plan_late(const bev_vehicle *vehicle, const bev_trip *trip,
   const bev_run_of_powers made = {1, plan->soc, plan->temperature_c, room.heat_w,
                                   &room.heat_w[steps], NULL};
   status = bev_keep_accounts(vehicle, BEV_RUNGE_KUTTA_4, trip, &made, NULL, &plan->energy_wh);
-  const double after_wh = vehicle->heater_lag_s * states[2 * instants + steps] / BEV_ECU_JOULES_PER_WH;
+  const double after_wh = vehicle->heater_lag_s * states[2 * instants + steps] / BEV_JOULES_PER_WH;
   plan->energy_wh.hvch_electric += after_wh;
   plan->energy_wh.battery_total += after_wh;
   return status;

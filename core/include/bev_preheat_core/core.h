@@ -19,8 +19,8 @@
 extern "C" {
 #endif
 
-/* Changes whenever a struct or a function of this file does. */
-#define BEV_INTERFACE 5
+/* Changes when a struct or a function changes its meaning and keeps its form. */
+#define BEV_INTERFACE 6
 
 /* Most steps of a trip; where memory is fixed, compile with less: -DBEV_MOST_STEPS=360. */
 #ifndef BEV_MOST_STEPS
@@ -243,30 +243,22 @@ typedef struct {
   double heating_end_s;
   double least_soc;
   /* What the heated steps take [Wh, electrical]. */
-  double stretch_wh;
+  double interval_wh;
   bev_energies energy_wh;
   int32_t is_heated;
   /* The first heated step, and the one after the last; `steps` both, where none is. */
   int32_t first_heated;
   int32_t end_heated;
   /* Whether all in between are heated, none with surplus, and then what for, a bev_reason. */
-  int32_t is_one_stretch;
+  int32_t is_one_interval;
   int32_t reason;
 } bev_switch_plan;
 
-/* BEV_INTERFACE of the library, and the sizes of its structs: what a caller checks after loading it. */
+/*
+ * A digest of BEV_INTERFACE and of all structs, prototypes and memory sizes of these headers. A caller that loads the
+ * library compares it with its own; sources that are compiled together do not need it.
+ */
 int32_t bev_interface(void);
-int32_t bev_size_of_vehicle(void);
-int32_t bev_size_of_trip(void);
-int32_t bev_size_of_heating(void);
-int32_t bev_size_of_strides(void);
-int32_t bev_size_of_curve_range(void);
-int32_t bev_size_of_settling(void);
-int32_t bev_size_of_stranding(void);
-int32_t bev_size_of_run_of_powers(void);
-int32_t bev_size_of_caution(void);
-int32_t bev_size_of_switch_plan(void);
-int32_t bev_size_of_trip_terms(void);
 
 /* BEV_OK, or BEV_BAD_VEHICLE or BEV_BAD_ARGUMENT. The runs do not look into the tables again. */
 bev_status bev_check_vehicle(const bev_vehicle *vehicle);
@@ -520,8 +512,6 @@ typedef struct {
   bev_stranding stranding;
 } bev_merit_plan;
 
-int32_t bev_size_of_merit_plan(void);
-
 /*
  * The whole plan by merit order, from the unheated run on: the run that is heated in one stretch, limits left
  * aside, where it keeps them all, or that of bev_heat_cheapest; else that of bev_merit_order, as it can be driven,
@@ -605,9 +595,6 @@ typedef struct {
   int32_t held_back;
 } bev_safe_plan;
 
-int32_t bev_size_of_safe_goal(void);
-int32_t bev_size_of_safe_plan(void);
-
 /* Memory of bev_plan_safeguarded [doubles]; its `watched` has BEV_MERIT_BYTES. */
 #define BEV_SAFEGUARD_MEMORY(steps) (BEV_MERIT_PLAN_MEMORY(steps) + 8 * (steps) + 4)
 
@@ -633,30 +620,6 @@ bev_status bev_plan_safeguarded(const bev_vehicle *vehicle, const bev_trip *trip
 bev_status bev_keep_accounts(const bev_vehicle *vehicle, int32_t integrator, const bev_trip *trip,
                              const bev_run_of_powers *run, double *columns,
                              bev_energies *energies);
-
-/*
- * One stretch of heating: the steps first ... last - 1, what they take [Wh, electrical], and what they are for,
- * in the numbers of PreheatPlan.stretch_reason.
- */
-typedef struct {
-  int32_t first;
-  int32_t last;
-  int32_t reason;
-  double energy_wh;
-} bev_stretch;
-
-int32_t bev_size_of_stretch(void);
-
-/*
- * What comes of a run: its energies, as of bev_keep_accounts, and its stretches of heating. `command_w` is the
- * heater power that was asked for, `least_w` the least terminal power that the battery may take in each step [W].
- * `may_end_early` (not 0): heating for the arrival may end before it, as the heat comes late.
- * Of `stretches`, which has room for `steps`, `count` are written.
- */
-bev_status bev_find_outcome(const bev_vehicle *vehicle, int32_t integrator, const bev_trip *trip,
-                            const bev_run_of_powers *run, const double *command_w,
-                            const double *least_w, int32_t may_end_early, bev_energies *energies,
-                            bev_stretch *stretches, int32_t *count);
 
 /*
  * The instant [s] from which on the heater takes all that the cabin leaves, so that the battery arrives at a
@@ -753,8 +716,6 @@ typedef struct {
   /* Of this way; the rest means nothing but where it is BEV_OK. */
   int32_t status;
 } bev_arrival;
-
-int32_t bev_size_of_arrival(void);
 
 /*
  * Plans many trips of one vehicle, each in BEV_WAYS ways: `arrivals` has count * BEV_WAYS elements, trip by

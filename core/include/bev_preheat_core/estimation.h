@@ -140,13 +140,6 @@ typedef struct {
   int32_t tells_hypotheses;
 } bev_reading;
 
-int32_t bev_size_of_belief(void);
-int32_t bev_size_of_belief_terms(void);
-int32_t bev_size_of_drive(void);
-int32_t bev_size_of_course(void);
-int32_t bev_size_of_passed(void);
-int32_t bev_size_of_reading(void);
-
 /* Mix the filters: `transitions[from * heaters + to]` is how likely one heater turned into another. */
 bev_status bev_mix_belief(const bev_belief *belief, const double *transitions);
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from bev_preheat.native.library import core
 from bev_preheat.native.runs import place
-from bev_preheat.native.structs import SWITCH_ARRAYS, SwitchPlanStruct
+from bev_preheat.native.structs import room, SwitchPlanStruct
 from bev_preheat.planning.dynamics import native_vehicle
 from bev_preheat.planning.planner import METHODS, plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
@@ -94,7 +94,7 @@ def _core_ratios(vehicle: Vehicle, route: Route) -> list[Figure]:
     trip = make_trip(vehicle, route).native
     instants, plan = trip.steps + 1, SwitchPlanStruct()
     arrays = [np.empty(count) for count in (
-        SWITCH_ARRAYS * instants, instants, instants, trip.steps)]
+        room('BEV_SWITCH_MEMORY', trip.steps), instants, instants, trip.steps)]
     arguments = (native.address, trip.address, STATE.soc, STATE.temperature_c,
                  GOAL.target_temperature_c, 0, None, *map(place, arrays), addressof(plan))
     call = partial(library.bev_plan_switch, *arguments)

@@ -1,0 +1,43 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Constants that the core shares with Python modules: written there, generated into C, and used."""
+
+from pathlib import Path
+import re
+
+import pytest
+
+from bev_preheat.native import core_constants
+from bev_preheat.native.c_source import constants as constants_header
+from bev_preheat.native.core_constants import constants, NAMES
+
+CHECKOUT = Path(__file__).parents[2]
+SOURCES = sorted([*(CHECKOUT / 'core' / 'src').glob('*.[ch]'),
+                  *(CHECKOUT / 'bev_preheat' / 'ecu' / 'c').glob('bev_ecu*.[ch]')])
+NUMBER = re.compile(r'^(?:#define|(?:static )?const \w+) (\w+)(?: =)? \(?-?[0-9.]', re.MULTILINE)
+GENERATED = constants()
+SHARED = {name for names in NAMES.values() for each in names.split() for name in each.split(':')}
+
+
+@pytest.mark.parametrize('path', SOURCES, ids=lambda path: path.name)
+def test_no_source_writes_a_shared_constant_again(path):
+    written = {name.removeprefix('BEV_') for name in NUMBER.findall(path.read_text(encoding='utf-8'))}
+    assert not written & SHARED
+
+
+def test_each_constant_is_used():
+    text = '\n'.join(path.read_text(encoding='utf-8') for path in SOURCES)
+    assert not [name for name in GENERATED if not re.search(rf'\b{name}\b', text)]
+
+
+def test_the_header_has_each_number_to_the_last_bit():
+    lines = dict(re.findall(r'^#define (BEV_\w+) \(?([^()\n]+)\)?$', constants_header(), re.MULTILINE))
+    assert {name: float(text) for name, text in lines.items()} == GENERATED
+    assert lines['BEV_UNHEATED_SHIFT_K'] == '-1000.0'
+    assert lines['BEV_MOST_PASSES'] == '3'
+
+
+def test_two_constants_of_one_name_are_refused(monkeypatch):
+    monkeypatch.setattr(core_constants, 'NAMES', {
+        module: names.replace(':PIVOT_PENALTY', '') for module, names in NAMES.items()})
+    with pytest.raises(ValueError, match='BEV_PENALTY: two constants have this name'):
+        constants()

@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The bindings against the core's headers: structs, prototypes, memory and numbers, each by its name."""
+
+from dataclasses import replace
+
+import pytest
+
+from bev_preheat.native import belief_structs, declines, runs, structs, trips
+from bev_preheat.native.headers import COMMENT, FILES, INCLUDE, Macros, read_headers, read_macros
+from bev_preheat.native.library import bindings, core
+
+HEADERS, BINDINGS = read_headers(), bindings()
+NUMBERS = {
+    'BEV_BANDS': structs.BANDS, 'BEV_MOST_AXIS': structs.MOST_AXIS, 'BEV_MOST_FACTORS': structs.MOST_FACTORS,
+    'BEV_CURVE_PARAMETERS': structs.PARAMETERS, 'BEV_CURVE_MEMORY': structs.CURVE_MEMORY,
+    'BEV_MOST_GRID': structs.MOST_GRID, 'BEV_MOST_STEPS': structs.MOST_STEPS,
+    'BEV_ELEMENTS': belief_structs.ELEMENTS, 'BEV_BOUNDED': belief_structs.BOUNDED,
+    'BEV_MOST_HEATERS': belief_structs.MOST_HEATERS, 'BEV_WAYS': trips.WAYS_OF_TRIP,
+    'BEV_UNHEATED': trips.UNHEATED, 'BEV_ALWAYS_ON': trips.ALWAYS_ON, 'BEV_PAPER': trips.PAPER,
+    'BEV_ONE_SWITCH': trips.ONE_SWITCH, 'BEV_OK': declines.OK, 'BEV_SATURATED': declines.SATURATED,
+    'BEV_EMPTY': declines.EMPTY, 'BEV_NO_CROSSING': declines.NO_CROSSING, 'BEV_LIMITED': declines.LIMITED,
+    'BEV_CHEAPER_ELSEWHERE': declines.CHEAPER_ELSEWHERE,
+    'BEV_POLYNOMIAL': structs.POLYNOMIAL, 'BEV_POLYNOMIAL_AND_LOGARITHM': structs.POLYNOMIAL_AND_LOGARITHM,
+    'BEV_INVERSE_TEMPERATURE': structs.INVERSE_TEMPERATURE, 'BEV_TABLE': structs.TABLE,
+    **{f'BEV_{name}': runs.INTEGRATORS[make] for name, make in (
+        ('EULER', runs.make_euler), ('MIDPOINT', runs.make_midpoint),
+        ('RUNGE_KUTTA_4', runs.make_runge_kutta_4))}}
+
+
+def macros() -> Macros:
+    text = '\n'.join((INCLUDE / name).read_text(encoding='utf-8') for name in FILES)
+    return read_macros(COMMENT.sub('', text).replace('\\\n', ' '))
+
+
+@pytest.mark.parametrize('name', sorted({*HEADERS.structs, *BINDINGS.structs}))
+def test_structs_have_the_fields_of_the_header(name):
+    assert BINDINGS.structs[name] == HEADERS.structs[name]
+
+
+@pytest.mark.parametrize('name', sorted({*HEADERS.functions, *BINDINGS.functions}))
+def test_functions_have_the_prototypes_of_the_header(name):
+    assert BINDINGS.functions[name] == HEADERS.functions[name]
+
+
+@pytest.mark.parametrize('name', sorted({*HEADERS.memory, *BINDINGS.memory}))
+def test_functions_get_the_memory_of_the_header(name):
+    assert BINDINGS.memory[name] == HEADERS.memory[name]
+
+
+@pytest.mark.parametrize('name', NUMBERS)
+def test_numbers_are_those_of_the_header(name):
+    found = macros()
+    assert found.value(found.numbers[name]) == NUMBERS[name]
+
+
+def test_the_library_is_built_from_these_headers():
+    assert core().bev_interface() == HEADERS.digest() == BINDINGS.digest()
+
+
+@pytest.mark.parametrize('changed', [
+    replace(HEADERS, number=0),
+    replace(HEADERS, structs={**HEADERS.structs, 'bev_stranding': (('driven_share', 'D', 1), ('step', 'I', 1))}),
+    replace(HEADERS, functions={**HEADERS.functions, 'bev_run': 'P'}),
+    replace(HEADERS, memory={**HEADERS.memory, 'BEV_SWITCH_MEMORY': (9, 8)})],
+    ids=['number', 'order of fields', 'prototype', 'memory'])
+def test_each_change_has_another_digest(changed):
+    assert changed.digest() != HEADERS.digest()
+    assert 0 <= changed.digest() < 2 ** 31
+
+
+@pytest.mark.parametrize('struct', ['unsigned x;', 'uint8_t x;', 'double x, y;', 'double x[2][2];'])
+def test_what_cannot_be_read_is_refused(tmp_path, struct):
+    for name in FILES:
+        (tmp_path / name).write_text('')
+    (tmp_path / 'core.h').write_text(
+        f'#define BEV_INTERFACE 6\ntypedef struct {{\n  double a;\n  {struct}\n}} bev_x;\n')
+    with pytest.raises(ValueError, match='is no field as it can be read'):
+        read_headers(tmp_path)
