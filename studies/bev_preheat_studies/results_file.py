@@ -99,7 +99,7 @@ class ResultsFile:
             first = next(lines, b'')
             if not first.endswith(b'\n') and not b'{'.startswith(first[:1]):
                 # A text without an end of line belongs to somebody and must not be lost.
-                raise InvalidInput(f'{self._path}: is no results file of a study')
+                raise InvalidInput(f'{self._path}: is not a results file of a study')
             whole = sum(len(line) for line in chain([first], lines) if line.endswith(b'\n'))
         if whole < os.fstat(self._file.fileno()).st_size:
             self._file.truncate(whole)
