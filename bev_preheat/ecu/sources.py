@@ -16,11 +16,11 @@ _OWN = Path(__file__).resolve().parent / 'c'
 CORE = 'bev_preheat_core'
 # What bev_plan_switch, bev_find_two_switches and bev_plan_merit_order need; headers as they are included.
 SOURCES = (
-    'accounts.c', 'caution.c', 'cheapest_steps.c', 'checks.c', 'courses.c', 'curves.c', 'early_start.c',
-    'exchange.c', 'foresight.c', 'limited_prices.c', 'limited_run.c', 'limited_step.c', 'limited_switch.c',
-    'limits.c', 'linear_program.c', 'merit_order.c', 'merit_plan.c', 'prices.c', 'runs.c', 'search_runs.c',
-    'stranding.c', 'strides.c', 'surplus_ceiling.c', 'switch_search.c', 'threshold_search.c', 'thresholds.c',
-    'trip_strides.c', 'two_switches.c', 'value_curve.c')
+    'accounts.c', 'cheapest_steps.c', 'checks.c', 'curves.c', 'early_start.c', 'exchange.c', 'foresight.c',
+    'limited_prices.c', 'limited_run.c', 'limited_step.c', 'limited_switch.c', 'limits.c', 'linear_program.c',
+    'merit_order.c', 'merit_plan.c', 'prices.c', 'runs.c', 'search_runs.c', 'stranding.c', 'strides.c',
+    'surplus_ceiling.c', 'switch_search.c', 'threshold_search.c', 'thresholds.c', 'trajectory.c',
+    'trip_strides.c', 'two_switches.c', 'uncertainty_margin.c', 'value_curve.c')
 INCLUDED = re.compile(r'^#include "([^/"]+)"', re.MULTILINE)
 OWN_FILES = ('MISRA.md', 'Makefile', 'README.md', 'bev_ecu.c', 'bev_ecu.h', 'bev_ecu_merit.c', 'bev_ecu_shared.h',
              'bev_ecu_switch.c', 'check.c', 'main.c', 'vehicle.h')

@@ -2,7 +2,7 @@
 """
 Drawn situations of one vehicle with the plans of Python, for the runner of an export (check.c).
 
-Planned without the compiled core: what is held against the C is made by other code.
+Planned without the native core: what is held against the C is made by other code.
 """
 
 from __future__ import annotations

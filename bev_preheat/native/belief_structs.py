@@ -56,8 +56,8 @@ class ReadingStruct(Structure):
         'lowest_c', 'highest_c', 'lowest_soc', 'highest_soc')), ('tells_hypotheses', c_int32)]
 
 
-class CourseStruct(Structure):
-    """`bev_course`."""
+class ExpectedDriveStruct(Structure):
+    """`bev_expected_drive`."""
 
     _fields_ = [('steps', c_int32), *((name, c_void_p) for name in (
         'route', 'heater_power_w', 'temperature_c', 'soc')),

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The estimation's filters in the compiled core, with arrays in and out; core.h says what each call does.
+The estimation's filters in the native core, with arrays in and out; core.h says what each call does.
 
 Each call returns None or False where the core does not answer, and has changed nothing then: whoever
 calls does it in Python.
@@ -16,10 +16,10 @@ import numpy as np
 
 from bev_preheat.native.belief_structs import (
     BeliefStruct,
-    CourseStruct,
     DRIVE_COLUMNS,
     DriveStruct,
     ELEMENTS,
+    ExpectedDriveStruct,
     MOST_HEATERS,
     PassedStruct,
     ReadingStruct,
@@ -176,11 +176,11 @@ def arrival_variance(vehicle: NativeVehicle, terms: BeliefTermsStruct, leakage: 
         return None
     arrays = [*map(doubles, (route, heater_w, temperature_c, soc, covariance))]
     *columns, believed = map(address_of, arrays)
-    course = CourseStruct(
+    expected = ExpectedDriveStruct(
         route.shape[1], *columns, leakage.gamma_0_w_per_k, leakage.gamma_v_w_per_k_per_mps)
     variance_k2 = c_double()
     status = library.bev_arrival_variance(
-        vehicle.address, addressof(course), addressof(terms), believed, addressof(variance_k2))
+        vehicle.address, addressof(expected), addressof(terms), believed, addressof(variance_k2))
     return variance_k2.value if status == OK else None
 
 

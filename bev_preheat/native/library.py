@@ -19,8 +19,8 @@ from typing import Any
 from bev_preheat.native.belief_structs import (
     BeliefStruct,
     BeliefTermsStruct,
-    CourseStruct,
     DriveStruct,
+    ExpectedDriveStruct,
     PassedStruct,
     ReadingStruct,
 )
@@ -28,7 +28,6 @@ from bev_preheat.native.declines import DECLINES
 from bev_preheat.native.interface import fields_of, Interface
 from bev_preheat.native.structs import (
     ArrivalStruct,
-    CautionStruct,
     CurveRangeStruct,
     CurveStruct,
     EnergiesStruct,
@@ -44,6 +43,7 @@ from bev_preheat.native.structs import (
     SwitchPlanStruct,
     TripStruct,
     TripTermsStruct,
+    UncertaintyMarginStruct,
     VehicleStruct,
 )
 
@@ -72,8 +72,8 @@ _SIGNATURES = {
     'bev_drive_as_planned': 'PPPPPPP',
     'bev_plan_merit_order': 'PPPPPPPPPP',
     'bev_heat_early': 'PPDPPPPPPP',
-    'bev_plan_safeguarded': 'PPPPPPPPPPP',
-    'bev_unheated_lacks': 'PPPPPPP',
+    'bev_plan_no_regret': 'PPPPPPPPPPP',
+    'bev_unheated_deficit': 'PPPPPPP',
     'bev_find_surplus_ceiling': 'PPPDPPPP',
     'bev_keep_accounts': 'PIPPPP',
     'bev_find_switch': 'PPDPPPPPP',
@@ -164,7 +164,7 @@ def bindings() -> Interface:
     """Return the Interface that these bindings are written for."""
     structs = {
         'bev_arrival': ArrivalStruct, 'bev_belief': BeliefStruct, 'bev_belief_terms': BeliefTermsStruct,
-        'bev_caution': CautionStruct, 'bev_course': CourseStruct, 'bev_curve': CurveStruct,
+        'bev_uncertainty_margin': UncertaintyMarginStruct, 'bev_expected_drive': ExpectedDriveStruct, 'bev_curve': CurveStruct,
         'bev_curve_range': CurveRangeStruct, 'bev_drive': DriveStruct, 'bev_energies': EnergiesStruct,
         'bev_heating': HeatingStruct, 'bev_merit_plan': MeritPlanStruct, 'bev_passed': PassedStruct,
         'bev_reading': ReadingStruct, 'bev_run_of_powers': RunOfPowersStruct,

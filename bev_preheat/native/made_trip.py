@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A trip's columns made by the compiled core."""
+"""A trip's columns made by the native core."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Plans and accounts of the compiled core, with arrays in and out.
+Plans and accounts of the native core, with arrays in and out.
 
 As those of `runs`, each returns None where the core does not answer.
 """
@@ -26,7 +26,7 @@ from bev_preheat.native.structs import (
 )
 
 if TYPE_CHECKING:
-    from bev_preheat.native.structs import CautionStruct, NativeTrip, NativeVehicle, SettlingStruct
+    from bev_preheat.native.structs import NativeTrip, NativeVehicle, SettlingStruct, UncertaintyMarginStruct
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.vehicle.model import Integrator
 
@@ -57,7 +57,7 @@ def find_switch(vehicle: NativeVehicle, trip: NativeTrip, target_c: float, idle_
 
 def plan_switch(vehicle: NativeVehicle, trip: NativeTrip, soc: float, temperature_c: float,
                 target_c: float, in_one_interval: bool = True,
-                uncertainty_margin: CautionStruct | None = None
+                uncertainty_margin: UncertaintyMarginStruct | None = None
                 ) -> tuple[SwitchPlanStruct | None, SwitchedRun] | None:
     """
     Return the whole plan of a trip on which no limit is active; see core.h.

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Runs of the compiled core, with arrays in and out.
+Runs of the native core, with arrays in and out.
 
 Each returns None where the core does not answer: whoever calls does it in Python then, which has the
 same result or the exception that belongs to it.

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Searches of the compiled core: where heating pays, and the runs that meet what must be met.
+Searches of the native core: where heating pays, and the runs that meet what must be met.
 
 As in `runs`, each returns None where the core does not answer.
 """
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from bev_preheat.native.runs import Heating
-    from bev_preheat.native.structs import CautionStruct, NativeTrip, NativeVehicle
+    from bev_preheat.native.structs import NativeTrip, NativeVehicle, UncertaintyMarginStruct
     from bev_preheat.numerics.arrays import BoolArray, FloatArray
 
     # The step in which the charge runs out, and the share of it that is driven.
@@ -140,7 +140,7 @@ def plan_merit_order(vehicle: NativeVehicle, trip: NativeTrip, goal: SettlingStr
     return _merit_plan(arrays.states, arrays.powers_w, plan) if status == OK else None
 
 
-def heat_early(vehicle: NativeVehicle, trip: NativeTrip, target_c: float, uncertainty_margin: CautionStruct,
+def heat_early(vehicle: NativeVehicle, trip: NativeTrip, target_c: float, uncertainty_margin: UncertaintyMarginStruct,
                states: FloatArray, powers_w: FloatArray,
                end_s: float | None) -> tuple[MeritPlan | None] | None:
     """
@@ -171,20 +171,20 @@ def heat_early(vehicle: NativeVehicle, trip: NativeTrip, target_c: float, uncert
     return (_merit_plan(states, powers_w, plan) if is_changed.value else None,)
 
 
-def plan_safeguarded(vehicle: NativeVehicle, trip: NativeTrip, goal: SafeGoalStruct,
-                     uncertainty_margin: CautionStruct | None,
+def plan_no_regret(vehicle: NativeVehicle, trip: NativeTrip, goal: SafeGoalStruct,
+                     uncertainty_margin: UncertaintyMarginStruct | None,
                      idle_states: FloatArray) -> tuple[MeritPlan | None, int] | None:
     """
     Return the plan by merit order that is no worse than not heating, and what holds it back, a `bev_held_back`.
 
     None for the plan: no heating that is paid for is better than none. From the unheated run (S, N + 1) on; see
-    `bev_plan_safeguarded` in core.h.
+    `bev_plan_no_regret` in core.h.
     """
     library = core()
     if library is None:
         return None
-    arrays, found = _merit_arrays(trip, idle_states, 'BEV_SAFEGUARD_MEMORY'), SafePlanStruct()
-    status = library.bev_plan_safeguarded(
+    arrays, found = _merit_arrays(trip, idle_states, 'BEV_NO_REGRET_MEMORY'), SafePlanStruct()
+    status = library.bev_plan_no_regret(
         vehicle.address, trip.address, byref(goal),
         None if uncertainty_margin is None else byref(uncertainty_margin),
         *[address_of(array) for array in arrays], byref(found))
@@ -194,13 +194,13 @@ def plan_safeguarded(vehicle: NativeVehicle, trip: NativeTrip, goal: SafeGoalStr
             ), found.held_back
 
 
-def unheated_lacks(vehicle: NativeVehicle, trip: NativeTrip,
+def unheated_deficit(vehicle: NativeVehicle, trip: NativeTrip,
                    start: Sequence[float]) -> tuple[float, Stranded] | None:
     """
     Return the most power [W] that a trip lacks without paid heating, and where it strands, as `settle`.
 
     It is driven within the limits from the states `start`, two or, with a heat path, four; see
-    `bev_unheated_lacks` in core.h.
+    `bev_unheated_deficit` in core.h.
     """
     library = core()
     if library is None:
@@ -208,7 +208,7 @@ def unheated_lacks(vehicle: NativeVehicle, trip: NativeTrip,
     memory = np.empty(room('BEV_UNHEATED_MEMORY', trip.steps))
     flags, states = np.empty(2 * trip.steps, dtype=np.uint8), (c_double * len(start))(*start)
     stranding, deficit_w = StrandingStruct(), c_double()
-    status = library.bev_unheated_lacks(
+    status = library.bev_unheated_deficit(
         vehicle.address, trip.address, byref(states), address_of(memory), address_of(flags),
         byref(deficit_w), byref(stranding))
     return (deficit_w.value, _stranded(stranding)) if status == OK else None
@@ -219,7 +219,7 @@ def find_surplus_ceiling(vehicle: NativeVehicle, trip: NativeTrip, start: Sequen
     """
     Return how warm surplus may make the battery by the end of each step [deg C], (N,).
 
-    From the states `start`, as of `unheated_lacks`, at the states of charge `soc` (N + 1,); see
+    From the states `start`, as of `unheated_deficit`, at the states of charge `soc` (N + 1,); see
     `bev_find_surplus_ceiling` in core.h.
     """
     library = core()

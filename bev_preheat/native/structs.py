@@ -44,7 +44,7 @@ ROOMS = {
     'BEV_MERIT_BYTES': (5, 0),
     'BEV_MERIT_MEMORY': _MERIT,
     'BEV_MERIT_PLAN_MEMORY': _MERIT_PLAN,
-    'BEV_SAFEGUARD_MEMORY': (_MERIT_PLAN[0] + 8, _MERIT_PLAN[1] + 4),
+    'BEV_NO_REGRET_MEMORY': (_MERIT_PLAN[0] + 8, _MERIT_PLAN[1] + 4),
     'BEV_SETTLE_MEMORY': _SETTLE,
     'BEV_SURPLUS_CEILING_MEMORY': (13, 8),
     'BEV_SWITCH_MEMORY': (8, 8),
@@ -176,8 +176,8 @@ class EnergiesStruct(Structure):
         return (c_double * len(ENERGIES)).from_buffer(self)[:]
 
 
-class CautionStruct(Structure):
-    """`bev_caution`."""
+class UncertaintyMarginStruct(Structure):
+    """`bev_uncertainty_margin`."""
 
     _fields_ = [*((name, c_double) for name in ('lead_k', 'least_pause_s', 'least_heating_s')),
                 ('is_heating', c_int32)]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Plans of many trips of one vehicle in one call of the compiled core."""
+"""Plans of many trips of one vehicle in one call of the native core."""
 
 from __future__ import annotations
 

@@ -106,7 +106,7 @@ def checked_by_core(trip: Trip, state: BatteryState, goal: Goal, uncertainty_mar
         return None
     margin_k, asked = (0.0, None) if uncertainty_margin is None else (
         uncertainty_margin.margin_k, uncertainty_margin.native)
-    found = native_searches.plan_safeguarded(
+    found = native_searches.plan_no_regret(
         vehicle, trip.native, SafeGoalStruct(
             goal.target_temperature_c, margin_k, reserve_soc(trip.vehicle, goal),
             trip.vehicle.battery.soc_range[0]), asked, states_of(unheated))
@@ -139,7 +139,7 @@ class NoRegretCheck:
         """Return the power deficit [W] of the trip without paid heating, and whether its charge runs out."""
         vehicle = native_vehicle(self._trip.vehicle)
         start = initial_states(self._state)[:2 if self._trip.vehicle.heat_path.is_direct else 4]
-        found = None if vehicle is None else native_searches.unheated_lacks(
+        found = None if vehicle is None else native_searches.unheated_deficit(
             vehicle, self._trip.native, start)
         if found is not None:
             return found[0], found[1] is not None

@@ -37,7 +37,7 @@ MOST_LAGS = 7.0
 # Around the best switch-off instant the energy hardly changes.
 OFF_RESOLUTION_S = 2.0
 # A kelvin below the target counts more than any energy.
-LACKING_WH_PER_K = 1e9
+DEFICIT_WH_PER_K = 1e9
 
 
 def maximum_between(trip: Trip, on_s: float, off_s: float) -> FloatArray:
@@ -120,7 +120,7 @@ class _Search:
         # stays in the coolant.
         allowed_k = min(COMPARED_TOLERANCE_K, ARRIVAL_TOLERANCE_K + SURE_SHARE * self._before_k(on_s))
         if above_k < -allowed_k:
-            taken_wh -= LACKING_WH_PER_K * above_k
+            taken_wh -= DEFICIT_WH_PER_K * above_k
         elif (slope := self._slope_k_per_s(on_s)) < 0.0:
             heater_w = float(self._trip.heater_limit_w[self._first_step(on_s)])
             taken_wh += above_k * heater_w / JOULES_PER_WH / slope

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.native import searches as native_searches
-from bev_preheat.native.structs import CautionStruct
+from bev_preheat.native.structs import UncertaintyMarginStruct
 from bev_preheat.planning.bracketing import follow_slope, Trial
 from bev_preheat.planning.dynamics import native_vehicle, run_on
 from bev_preheat.planning.heat_run import roll_heated, run_heated, states_at
@@ -63,9 +63,9 @@ class UncertaintyMargin:
     least_heating_s: float = 0.0
 
     @cached_property
-    def native(self) -> CautionStruct:
+    def native(self) -> UncertaintyMarginStruct:
         """The margin as a struct of the native core, whose target already includes `margin_k`."""
-        return CautionStruct(self.lead_k, self.least_pause_s, self.least_heating_s, self.is_heating)
+        return UncertaintyMarginStruct(self.lead_k, self.least_pause_s, self.least_heating_s, self.is_heating)
 
 
 def heat_early(trip: Trip, state: BatteryState, schedule: Schedule, target_c: float,

@@ -9,44 +9,44 @@
 #include "circuit.h"
 #include "route_columns.h"
 
-static int is_course(const bev_course *course) {
-  return course->steps >= 1 && course->steps <= BEV_MOST_STEPS && course->route != NULL
-      && course->heater_power_w != NULL && course->temperature_c != NULL && course->soc != NULL;
+static int is_expected_drive(const bev_expected_drive *expected) {
+  return expected->steps >= 1 && expected->steps <= BEV_MOST_STEPS && expected->route != NULL
+      && expected->heater_power_w != NULL && expected->temperature_c != NULL && expected->soc != NULL;
 }
 
 /* The value of a column of the route in step k. */
-static double at(const bev_course *course, int32_t column, int32_t k) {
-  return course->route[column * course->steps + k];
+static double at(const bev_expected_drive *expected, int32_t column, int32_t k) {
+  return expected->route[column * expected->steps + k];
 }
 
 /* dT/dt [K/s] in step k of a state and factors. */
-static double rate_of(const bev_vehicle *vehicle, const bev_course *course, int32_t k,
+static double rate_of(const bev_vehicle *vehicle, const bev_expected_drive *expected, int32_t k,
                       const bev_circuit *of, const double factor[BEV_FACTORS]) {
-  const double power_w = at(course, BEV_ROUTE_PROPULSION, k);
+  const double power_w = at(expected, BEV_ROUTE_PROPULSION, k);
   double rates[3];
   bev_rates_on_route(
       vehicle, BEV_AS_ARRAYS, of->voltage_v, of->resistance_ohm, of->temperature_c, factor[0], factor[1], factor[2], factor[3],
-      factor[4], at(course, BEV_ROUTE_SPEED, k), at(course, BEV_ROUTE_AMBIENT, k), power_w,
-      bev_power_variance_w2(at(course, BEV_ROUTE_RMS, k), power_w),
-      at(course, BEV_ROUTE_MAGNITUDE, k), at(course, BEV_ROUTE_CABIN, k),
-      at(course, BEV_ROUTE_AUXILIARY, k), course->heater_power_w[k], course->gamma_0_w_per_k,
-      course->gamma_v_w_per_k_per_mps, rates);
+      factor[4], at(expected, BEV_ROUTE_SPEED, k), at(expected, BEV_ROUTE_AMBIENT, k), power_w,
+      bev_power_variance_w2(at(expected, BEV_ROUTE_RMS, k), power_w),
+      at(expected, BEV_ROUTE_MAGNITUDE, k), at(expected, BEV_ROUTE_CABIN, k),
+      at(expected, BEV_ROUTE_AUXILIARY, k), expected->heater_power_w[k], expected->gamma_0_w_per_k,
+      expected->gamma_v_w_per_k_per_mps, rates);
   return rates[0];
 }
 
 /* What traffic in a step makes of the arrival [K^2], which changes so with the logarithm of its power [K]. */
-static double traffic_k2(const bev_course *course, const bev_belief_terms *terms, int32_t k,
+static double traffic_k2(const bev_expected_drive *expected, const bev_belief_terms *terms, int32_t k,
                          double by_power_k) {
   /* Of a step that drives and regenerates about as much the mean is small, and what it warms is not. */
-  const double magnitude_w = bev_maximum(at(course, BEV_ROUTE_MAGNITUDE, k), 1.0);
+  const double magnitude_w = bev_maximum(at(expected, BEV_ROUTE_MAGNITUDE, k), 1.0);
   const double deviation_k =
       by_power_k * (terms->power_noise * bev_maximum(1.0, terms->least_power_w / magnitude_w));
   return deviation_k * deviation_k
-      * bev_maximum(1.0, terms->power_noise_lasts_s / at(course, BEV_ROUTE_DURATION, k));
+      * bev_maximum(1.0, terms->power_noise_lasts_s / at(expected, BEV_ROUTE_DURATION, k));
 }
 
 /* The change of the arrival with each element at the start, and what traffic makes of it [K^2]. */
-static bev_status find_sensitivities(const bev_vehicle *vehicle, const bev_course *course,
+static bev_status find_sensitivities(const bev_vehicle *vehicle, const bev_expected_drive *expected,
                                      const bev_belief_terms *terms, double total[BEV_ELEMENTS],
                                      double *by_traffic_k2) {
   const double *const moved_by = terms->perturbation;
@@ -59,17 +59,17 @@ static bev_status find_sensitivities(const bev_vehicle *vehicle, const bev_cours
   *by_traffic_k2 = 0.0;
   /* What a kelvin at the end of the step is worth on arrival. */
   double worth = 1.0;
-  for (int32_t k = course->steps - 1; k >= 0; k--) {
-    const double temperature_c = course->temperature_c[k];
-    const double soc = course->soc[k];
-    const double duration_s = at(course, BEV_ROUTE_DURATION, k);
+  for (int32_t k = expected->steps - 1; k >= 0; k--) {
+    const double temperature_c = expected->temperature_c[k];
+    const double soc = expected->soc[k];
+    const double duration_s = at(expected, BEV_ROUTE_DURATION, k);
     const bev_circuit here = bev_circuit_at(vehicle, soc, temperature_c);
     const bev_circuit warmer = bev_circuit_at(vehicle, soc, temperature_c + moved_by[BEV_TEMPERATURE]);
     const bev_circuit fuller = bev_circuit_at(vehicle, soc + moved_by[BEV_SOC], temperature_c);
-    const double rate = rate_of(vehicle, course, k, &here, nominal);
-    const double by_temperature = (rate_of(vehicle, course, k, &warmer, nominal) - rate)
+    const double rate = rate_of(vehicle, expected, k, &here, nominal);
+    const double by_temperature = (rate_of(vehicle, expected, k, &warmer, nominal) - rate)
         / moved_by[BEV_TEMPERATURE] * duration_s;
-    const double by_soc = (rate_of(vehicle, course, k, &fuller, nominal) - rate)
+    const double by_soc = (rate_of(vehicle, expected, k, &fuller, nominal) - rate)
         / moved_by[BEV_SOC] * duration_s;
     total[BEV_SOC] += worth * by_soc;
     double last = 0.0;
@@ -78,11 +78,11 @@ static bev_status find_sensitivities(const bev_vehicle *vehicle, const bev_cours
       memcpy(factor, nominal, sizeof factor);
       factor[n] = moved[n];
       last = worth
-          * ((rate_of(vehicle, course, k, &here, factor) - rate)
+          * ((rate_of(vehicle, expected, k, &here, factor) - rate)
              / moved_by[BEV_HEAT_CAPACITY + n] * duration_s);
       total[BEV_HEAT_CAPACITY + n] += last;
     }
-    *by_traffic_k2 += traffic_k2(course, terms, k, last);
+    *by_traffic_k2 += traffic_k2(expected, terms, k, last);
     worth *= exp(by_temperature);
     if (!isfinite(worth) || !isfinite(last) || !isfinite(by_soc)) {
       return BEV_NOT_FINITE;
@@ -94,11 +94,11 @@ static bev_status find_sensitivities(const bev_vehicle *vehicle, const bev_cours
   return BEV_OK;
 }
 
-bev_status bev_arrival_variance(const bev_vehicle *vehicle, const bev_course *course,
+bev_status bev_arrival_variance(const bev_vehicle *vehicle, const bev_expected_drive *expected,
                                 const bev_belief_terms *terms, const double *covariance,
                                 double *variance_k2) {
-  if (vehicle == NULL || course == NULL || terms == NULL || covariance == NULL
-      || variance_k2 == NULL || !is_course(course)) {
+  if (vehicle == NULL || expected == NULL || terms == NULL || covariance == NULL
+      || variance_k2 == NULL || !is_expected_drive(expected)) {
     return BEV_BAD_ARGUMENT;
   }
   if (!bev_is_vehicle(vehicle)) {
@@ -106,7 +106,7 @@ bev_status bev_arrival_variance(const bev_vehicle *vehicle, const bev_course *co
   }
   double total[BEV_ELEMENTS];
   double by_traffic_k2 = 0.0;
-  const bev_status status = find_sensitivities(vehicle, course, terms, total, &by_traffic_k2);
+  const bev_status status = find_sensitivities(vehicle, expected, terms, total, &by_traffic_k2);
   if (status != BEV_OK) {
     return status;
   }

@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* From when on the last stretch of a plan's heating is heated: bev_preheat.planning.uncertainty_margin. */
+/* From when on the last interval of a plan's heating is heated: bev_preheat.planning.uncertainty_margin. */
 #include "early_start.h"
 
 #include "instants.h"
 #include "limited_step.h"
 
 /* The first step of the heating that lasts until arrival; `steps` without. */
-static int32_t first_of_last_stretch(const bev_planned_heating *planned) {
+static int32_t first_of_last_interval(const bev_planned_heating *planned) {
   const bev_trip *trip = planned->trip;
   int32_t first = trip->steps;
   for (int32_t k = trip->steps - 1; k >= 0; k--) {
@@ -97,7 +97,7 @@ void bev_heat_between(const bev_trip *trip, int32_t from, double start_s, double
   }
 }
 
-bev_status bev_find_early_start(const bev_planned_heating *planned, const bev_caution *caution,
+bev_status bev_find_early_start(const bev_planned_heating *planned, const bev_uncertainty_margin *margin,
                                 bev_early_start *start) {
   const bev_vehicle *vehicle = planned->vehicle;
   const bev_trip *trip = planned->trip;
@@ -105,20 +105,20 @@ bev_status bev_find_early_start(const bev_planned_heating *planned, const bev_ca
   start->change = BEV_STAYS;
   start->start_s = end_s;
   start->guess_s = end_s;
-  start->first = first_of_last_stretch(planned);
+  start->first = first_of_last_interval(planned);
   if (start->first == trip->steps) {
     return BEV_OK;
   }
   const double start_s = bev_switched_on_s(trip, planned->command_w, start->first, trip->steps);
   /* Most of the heat from an instant on that is less than the lag before arrival would be under way then. */
   const double left_s = trip->time_s[trip->steps] - start_s;
-  if (caution->is_heating == 0
-      && (heated_s(planned, start->first) < caution->least_heating_s || left_s < bev_heat_lag_s(vehicle))) {
+  if (margin->is_heating == 0
+      && (heated_s(planned, start->first) < margin->least_heating_s || left_s < bev_heat_lag_s(vehicle))) {
     start->change = BEV_LEFT_OUT;
     return BEV_OK;
   }
-  double early_s = earlier_s(vehicle, trip, start_s, caution->lead_k);
-  if (caution->is_heating != 0 && early_s <= caution->least_pause_s) {
+  double early_s = earlier_s(vehicle, trip, start_s, margin->lead_k);
+  if (margin->is_heating != 0 && early_s <= margin->least_pause_s) {
     early_s = 0.0;
   }
   if (isnan(early_s) != 0) {

@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* From when on the last stretch of a plan's heating is heated: what bev_preheat.planning.uncertainty_margin decides first. */
+/* From when on the last interval of a plan's heating is heated: what bev_preheat.planning.uncertainty_margin decides first. */
 #ifndef BEV_PREHEAT_CORE_EARLY_START_H_
 #define BEV_PREHEAT_CORE_EARLY_START_H_
 
 #include "bev_preheat_core/core.h"
 
-/* What becomes of the last stretch, values of `change`. */
+/* What becomes of the last interval, values of `change`. */
 enum { BEV_STAYS = 0, BEV_LEFT_OUT = 1, BEV_BEGINS_EARLY = 2 };
 
 /* The heating that is planned: what is commanded in each step [W], from when on heat would come too late [s]. */
@@ -17,7 +17,7 @@ typedef struct {
 } bev_planned_heating;
 
 /*
- * What becomes of its last stretch. One that is left out has had `first` as its first heated step. One that begins
+ * What becomes of its last interval. One that is left out has had `first` as its first heated step. One that begins
  * early does so at `start_s`, and ends about at `guess_s` [s].
  */
 typedef struct {
@@ -27,7 +27,7 @@ typedef struct {
   double guess_s;
 } bev_early_start;
 
-bev_status bev_find_early_start(const bev_planned_heating *planned, const bev_caution *caution,
+bev_status bev_find_early_start(const bev_planned_heating *planned, const bev_uncertainty_margin *margin,
                                 bev_early_start *start);
 
 /* How much warmer the battery arrives for each second that heating lasts longer, about [K/s]. */

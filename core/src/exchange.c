@@ -4,7 +4,7 @@
 
 #include "bev_preheat_core_generated/constants.h"
 #include "checks.h"
-#include "courses.h"
+#include "trajectory.h"
 #include "limited_prices.h"
 #include "limited_step.h"
 #include "linear_program.h"
@@ -13,8 +13,8 @@
 /* The run so far, the one that is tried, and what is exchanged. */
 typedef struct {
   bev_needs needs;
-  bev_limited_course run;
-  bev_limited_course there;
+  bev_limited_trajectory run;
+  bev_limited_trajectory there;
   double *there_states;
   double *there_powers_w;
   double *command_w;
@@ -139,7 +139,7 @@ static int32_t first_changed(const exchange *of) {
 }
 
 /* Copy the states of a run until a step, and its powers before it. */
-static void copy_until(const bev_limited_course *from, const bev_limited_course *to,
+static void copy_until(const bev_limited_trajectory *from, const bev_limited_trajectory *to,
                        int32_t until) {
   for (int32_t k = 0; k <= until; k++) {
     to->soc[k] = from->soc[k];
@@ -248,15 +248,15 @@ static bev_status exchange_on(exchange *of, double least_saving, int32_t *exchan
   return status;
 }
 
-static bev_limited_course course_of(int32_t steps, double *states, double *powers_w,
+static bev_limited_trajectory trajectory_of(int32_t steps, double *states, double *powers_w,
                                     double *limits_w) {
-  const bev_limited_course course = {states,   &states[steps + 1], powers_w, &powers_w[steps],
+  const bev_limited_trajectory trajectory = {states,   &states[steps + 1], powers_w, &powers_w[steps],
                                      limits_w, &limits_w[steps]};
-  return course;
+  return trajectory;
 }
 
 /* Heat of a run that is more than surplus [J]. */
-static double paid_j(const bev_trip *trip, const bev_limited_course *run) {
+static double paid_j(const bev_trip *trip, const bev_limited_trajectory *run) {
   double paid_j = 0.0;
   for (int32_t k = 0; k < trip->steps; k++) {
     paid_j += bev_maximum(run->heater_w[k] - bev_free_heat_w(trip, run, k), 0.0)
@@ -286,11 +286,11 @@ bev_status bev_exchange_heat(const bev_vehicle *vehicle, const bev_trip *trip,
   of.needs.vehicle = vehicle;
   of.needs.trip = trip;
   of.needs.power_w = bev_take(&memory, steps);
-  of.run = course_of(steps, states, powers_w, bev_take(&memory, 2 * steps));
+  of.run = trajectory_of(steps, states, powers_w, bev_take(&memory, 2 * steps));
   of.there_states = bev_take(&memory, 2 * (steps + 1));
   of.there_powers_w = bev_take(&memory, 2 * steps);
   of.there =
-      course_of(steps, of.there_states, of.there_powers_w, bev_take(&memory, 2 * steps));
+      trajectory_of(steps, of.there_states, of.there_powers_w, bev_take(&memory, 2 * steps));
   of.command_w = bev_take(&memory, steps);
   of.watched = watched;
   of.changes.slopes = bev_take(&memory, BEV_SLOPES * steps);

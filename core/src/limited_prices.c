@@ -6,12 +6,12 @@
 #include "slopes.h"
 
 bev_status bev_look_at_limits(const bev_vehicle *vehicle, const bev_trip *trip,
-                              const bev_limited_course *run) {
+                              const bev_limited_trajectory *run) {
   return bev_limits_of_steps(vehicle, trip->steps, run->soc, run->temperature_c,
                              trip->power_variance_w2, run->least_w, run->most_w);
 }
 
-bev_status bev_find_needs(const bev_limited_course *run, const bev_settling *goal,
+bev_status bev_find_needs(const bev_limited_trajectory *run, const bev_settling *goal,
                           bev_needs *needs) {
   const bev_trip *trip = needs->trip;
   needs->arrival_c = bev_minimum(goal->target_c, run->temperature_c[trip->steps]);
@@ -26,7 +26,7 @@ bev_status bev_find_needs(const bev_limited_course *run, const bev_settling *goa
                          &needs->climb_count);
 }
 
-bool bev_are_met(const bev_needs *needs, const bev_limited_course *run) {
+bool bev_are_met(const bev_needs *needs, const bev_limited_trajectory *run) {
   const bev_trip *trip = needs->trip;
   bool are_met = run->temperature_c[trip->steps] >= needs->arrival_c - BEV_ARRIVAL_TOLERANCE_K;
   for (int32_t k = 0; k <= trip->steps && are_met; k++) {
@@ -39,7 +39,7 @@ bool bev_are_met(const bev_needs *needs, const bev_limited_course *run) {
   return are_met;
 }
 
-void bev_spare_of(const bev_needs *needs, const bev_changes *changes, const bev_limited_course *run,
+void bev_spare_of(const bev_needs *needs, const bev_changes *changes, const bev_limited_trajectory *run,
                   double spare[BEV_MOST_NEEDS]) {
   const bev_trip *trip = needs->trip;
   spare[0] = run->temperature_c[trip->steps] - needs->arrival_c - 0.5 * BEV_ARRIVAL_TOLERANCE_K;
@@ -54,7 +54,7 @@ void bev_spare_of(const bev_needs *needs, const bev_changes *changes, const bev_
   }
 }
 
-double bev_free_heat_w(const bev_trip *trip, const bev_limited_course *run, int32_t k) {
+double bev_free_heat_w(const bev_trip *trip, const bev_limited_trajectory *run, int32_t k) {
   const double surplus_w = run->least_w[k] - trip->idle_power_w[k];
   const double free_w = trip->propulsion_power_w[k] < 0.0
       ? bev_minimum(bev_maximum(surplus_w, 0.0), trip->heater_limit_w[k])
@@ -79,7 +79,7 @@ static double least_at(const bev_middle *of, double soc, double temperature_c) {
 }
 
 /* The slopes of step k of a run, in which the heater takes so much surplus anyway [W]. */
-static limited_slopes slopes_of(const bev_middle *of, const bev_limited_course *run, int32_t k,
+static limited_slopes slopes_of(const bev_middle *of, const bev_limited_trajectory *run, int32_t k,
                                 double free_w) {
   static const bev_charge_warmth NOTHING = {0.0, 0.0};
   limited_slopes slopes;
@@ -119,7 +119,7 @@ static limited_slopes slopes_at(const bev_changes *changes, int32_t k) {
   return slopes;
 }
 
-static bev_status find_slopes(const bev_needs *needs, const bev_limited_course *run,
+static bev_status find_slopes(const bev_needs *needs, const bev_limited_trajectory *run,
                               const bev_changes *changes) {
   const bev_trip *trip = needs->trip;
   for (int32_t k = 0; k < trip->steps; k++) {
@@ -171,7 +171,7 @@ static bev_status find_effects(const bev_trip *trip, const bev_changes *changes,
 }
 
 /* The most terminal power [W] that the battery can give at an instant of a run, in step k. */
-static double most_at(const bev_needs *needs, const bev_limited_course *run, int32_t k,
+static double most_at(const bev_needs *needs, const bev_limited_trajectory *run, int32_t k,
                       int32_t instant, double fuller, double warmer_k) {
   double limits_w[2];
   bev_terminal_limits(needs->vehicle, BEV_AS_ARRAYS, run->soc[instant] + fuller,
@@ -181,7 +181,7 @@ static double most_at(const bev_needs *needs, const bev_limited_course *run, int
 }
 
 /* What a joule of each change does to the power that can be given at the worse end of step k. */
-static bev_status find_effects_on_climb(const bev_needs *needs, const bev_limited_course *run,
+static bev_status find_effects_on_climb(const bev_needs *needs, const bev_limited_trajectory *run,
                                         const bev_changes *changes, int32_t k, double *per_j) {
   const double start_w = most_at(needs, run, k, k, 0.0, 0.0);
   const double end_w = most_at(needs, run, k, k + 1, 0.0, 0.0);
@@ -204,7 +204,7 @@ static void add_change(const bev_trip *trip, bev_changes *changes, int32_t k, do
 }
 
 /* Which steps can be heated more, and which less. */
-static void find_room(const bev_needs *needs, const bev_limited_course *run,
+static void find_room(const bev_needs *needs, const bev_limited_trajectory *run,
                       bev_changes *changes) {
   const bev_trip *trip = needs->trip;
   const double highest_c = needs->vehicle->highest_c - BEV_NEAR_HIGHEST_K;
@@ -223,7 +223,7 @@ static void find_room(const bev_needs *needs, const bev_limited_course *run,
 }
 
 /* The step of each climb in which the least power can be spared. */
-static void find_worst(const bev_needs *needs, const bev_limited_course *run,
+static void find_worst(const bev_needs *needs, const bev_limited_trajectory *run,
                        bev_changes *changes) {
   for (int32_t n = 0; n < needs->climb_count; n++) {
     double least_w = INFINITY;
@@ -239,7 +239,7 @@ static void find_worst(const bev_needs *needs, const bev_limited_course *run,
 }
 
 /* The instant from which a run charges again from its lowest; -1 where that is far above the need. */
-static int32_t lowest_instant(const bev_needs *needs, const bev_limited_course *run) {
+static int32_t lowest_instant(const bev_needs *needs, const bev_limited_trajectory *run) {
   int32_t lowest = -1;
   double least_soc = needs->lowest_soc + BEV_NEAR_LOWEST_SOC;
   for (int32_t k = 1; k < needs->trip->steps; k++) {
@@ -251,7 +251,7 @@ static int32_t lowest_instant(const bev_needs *needs, const bev_limited_course *
   return lowest;
 }
 
-bev_status bev_find_changes(const bev_needs *needs, const bev_limited_course *run,
+bev_status bev_find_changes(const bev_needs *needs, const bev_limited_trajectory *run,
                             bev_changes *changes) {
   static const bev_charge_warmth CHARGE = {1.0, 0.0};
   static const bev_charge_warmth WARMTH = {0.0, 1.0};

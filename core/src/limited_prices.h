@@ -24,7 +24,7 @@ typedef struct {
   double *brake_w;
   double *least_w;
   double *most_w;
-} bev_limited_course;
+} bev_limited_trajectory;
 
 /* What a run must not fall short of: arrival temperature, power in each step, and in climbs, and lowest charge. */
 typedef struct {
@@ -60,24 +60,24 @@ typedef struct {
 
 /* The limits of the steps of a run. */
 bev_status bev_look_at_limits(const bev_vehicle *vehicle, const bev_trip *trip,
-                              const bev_limited_course *run);
+                              const bev_limited_trajectory *run);
 
 /* What a run whose limits are known is to be compared with; vehicle, trip and room are known. */
-bev_status bev_find_needs(const bev_limited_course *run, const bev_settling *goal,
+bev_status bev_find_needs(const bev_limited_trajectory *run, const bev_settling *goal,
                           bev_needs *needs);
 
 /* Whether a run that does not strand falls short of nothing but rounding. */
-bool bev_are_met(const bev_needs *needs, const bev_limited_course *run);
+bool bev_are_met(const bev_needs *needs, const bev_limited_trajectory *run);
 
 /* What a run has beyond each need [K, W, ..., 1], less what is aimed at. */
-void bev_spare_of(const bev_needs *needs, const bev_changes *changes, const bev_limited_course *run,
+void bev_spare_of(const bev_needs *needs, const bev_changes *changes, const bev_limited_trajectory *run,
                   double spare[BEV_MOST_NEEDS]);
 
 /* The surplus that goes to the heater in a step of a run anyway [W]. */
-double bev_free_heat_w(const bev_trip *trip, const bev_limited_course *run, int32_t k);
+double bev_free_heat_w(const bev_trip *trip, const bev_limited_trajectory *run, int32_t k);
 
 /* The changes that can be made to a run. */
-bev_status bev_find_changes(const bev_needs *needs, const bev_limited_course *run,
+bev_status bev_find_changes(const bev_needs *needs, const bev_limited_trajectory *run,
                             bev_changes *changes);
 
 #endif /* BEV_PREHEAT_CORE_LIMITED_PRICES_H_ */

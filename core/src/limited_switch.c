@@ -9,16 +9,16 @@
 
 /* The unheated run, the one that is tried, and what is commanded in it. */
 typedef struct {
-  const bev_limited_stretch *stretch;
-  bev_course idle;
-  bev_course *run;
+  const bev_limited_interval *interval;
+  bev_trajectory idle;
+  bev_trajectory *run;
   double *command_w;
   uint8_t *watched;
 } limited_switch;
 
-static bev_status drive_commanded(limited_switch *of, bev_course *run, int32_t first) {
-  const bev_limited_stretch *stretch = of->stretch;
-  return bev_drive_on_as_planned(stretch->vehicle, stretch->trip, of->command_w, first,
+static bev_status drive_commanded(limited_switch *of, bev_trajectory *run, int32_t first) {
+  const bev_limited_interval *interval = of->interval;
+  return bev_drive_on_as_planned(interval->vehicle, interval->trip, of->command_w, first,
                                  run->states[0], run->powers_w[0], of->watched, &run->stranding);
 }
 
@@ -36,8 +36,8 @@ static void copy_idle(limited_switch *of, int32_t first) {
 
 /* Which share of the most command of a step the battery can give, from the state of the unheated run. */
 static double share_given(const limited_switch *of, int32_t step) {
-  const bev_vehicle *vehicle = of->stretch->vehicle;
-  const bev_trip *trip = of->stretch->trip;
+  const bev_vehicle *vehicle = of->interval->vehicle;
+  const bev_trip *trip = of->interval->trip;
   double limits_w[2];
   bev_terminal_limits(vehicle, BEV_AS_ARRAYS, of->idle.states[0][step], of->idle.states[1][step],
                       trip->power_variance_w2[step], limits_w);
@@ -51,25 +51,25 @@ static double share_given(const limited_switch *of, int32_t step) {
 /* The run that is heated from an instant on, above the target on arrival. */
 static bev_status heat_within_limits_from(void *searched, double on_s, double *above_k) {
   limited_switch *of = (limited_switch *)searched;
-  const bev_trip *trip = of->stretch->trip;
+  const bev_trip *trip = of->interval->trip;
   /* One whose charge runs out is no beginning of another. */
   const int32_t step = bev_step_at(trip, on_s);
   const int32_t first = of->idle.stranding.step < 0 ? step : 0;
   copy_idle(of, first);
-  bev_heat_between(trip, 0, on_s, of->stretch->off_s, of->command_w);
+  bev_heat_between(trip, 0, on_s, of->interval->off_s, of->command_w);
   /* Of what the battery gives the heater, or in a part of the step it would be heated as in all of it. */
   of->command_w[step] *= share_given(of, step);
   const bev_status status = drive_commanded(of, of->run, first);
-  *above_k = of->run->states[1][trip->steps] - of->stretch->target_c;
+  *above_k = of->run->states[1][trip->steps] - of->interval->target_c;
   return status;
 }
 
 /* From when on [s] heating takes what it takes in a planned run, whose limits are `most_w` [W]. */
 static double guessed_on_s(const limited_switch *of, const double *most_w) {
-  const bev_trip *trip = of->stretch->trip;
-  const bev_course *planned = of->stretch->planned;
+  const bev_trip *trip = of->interval->trip;
+  const bev_trajectory *planned = of->interval->planned;
   const double *idle_w = of->idle.powers_w[0];
-  if (planned->states[1][trip->steps] < of->stretch->target_c - BEV_ARRIVAL_TOLERANCE_K) {
+  if (planned->states[1][trip->steps] < of->interval->target_c - BEV_ARRIVAL_TOLERANCE_K) {
     /* Heating all the way may not be enough either. */
     return 0.0;
   }
@@ -77,13 +77,13 @@ static double guessed_on_s(const limited_switch *of, const double *most_w) {
   for (int32_t k = 0; k < trip->steps; k++) {
     left_j += (planned->powers_w[0][k] - idle_w[k]) * trip->duration_s[k];
   }
-  bev_heat_between(trip, 0, 0.0, of->stretch->off_s, of->command_w);
+  bev_heat_between(trip, 0, 0.0, of->interval->off_s, of->command_w);
   for (int32_t k = trip->steps - 1; k >= 0; k--) {
     const double room_w = bev_minimum(of->command_w[k], most_w[k] - trip->idle_power_w[k]);
     const double most_j = (room_w - idle_w[k]) * trip->duration_s[k];
     if (most_j > 0.0) {
       if (left_j <= most_j) {
-        const double end_s = bev_minimum(trip->time_s[k + 1], of->stretch->off_s);
+        const double end_s = bev_minimum(trip->time_s[k + 1], of->interval->off_s);
         return end_s - bev_maximum(left_j, 0.0) / most_j * (end_s - trip->time_s[k]);
       }
       left_j -= most_j;
@@ -92,23 +92,23 @@ static double guessed_on_s(const limited_switch *of, const double *most_w) {
   return 0.0;
 }
 
-bev_status bev_switch_within_limits(const bev_limited_stretch *stretch, bev_course *run,
+bev_status bev_switch_within_limits(const bev_limited_interval *interval, bev_trajectory *run,
                                     uint8_t *watched, double *memory) {
-  const bev_trip *trip = stretch->trip;
+  const bev_trip *trip = interval->trip;
   const int32_t steps = trip->steps;
-  const int32_t rows = stretch->planned->rows;
+  const int32_t rows = interval->planned->rows;
   double *left = memory;
   double *const idle_states = bev_take(&left, rows * (steps + 1));
   double *const idle_powers_w = bev_take(&left, rows * steps);
   double *const limits_w = bev_take(&left, 2 * steps);
   limited_switch of;
-  of.stretch = stretch;
-  of.idle = bev_course_of(rows, steps, idle_states, idle_powers_w);
+  of.interval = interval;
+  of.idle = bev_trajectory_of(rows, steps, idle_states, idle_powers_w);
   of.run = run;
   of.command_w = bev_take(&left, steps);
   of.watched = watched;
   for (int32_t row = 0; row < rows; row++) {
-    of.idle.states[row][0] = stretch->planned->states[row][0];
+    of.idle.states[row][0] = interval->planned->states[row][0];
   }
   for (int32_t k = 0; k < steps; k++) {
     of.command_w[k] = 0.0;
@@ -117,13 +117,13 @@ bev_status bev_switch_within_limits(const bev_limited_stretch *stretch, bev_cour
   if (status != BEV_OK) {
     return status;
   }
-  if (of.idle.states[1][steps] >= stretch->target_c) {
+  if (of.idle.states[1][steps] >= interval->target_c) {
     copy_idle(&of, steps);
     run->stranding = of.idle.stranding;
     return BEV_OK;
   }
-  status = bev_limits_of_steps(stretch->vehicle, steps, stretch->planned->states[0],
-                               stretch->planned->states[1], trip->power_variance_w2, limits_w,
+  status = bev_limits_of_steps(interval->vehicle, steps, interval->planned->states[0],
+                               interval->planned->states[1], trip->power_variance_w2, limits_w,
                                &limits_w[steps]);
   if (status != BEV_OK) {
     return status;
@@ -135,7 +135,7 @@ bev_status bev_switch_within_limits(const bev_limited_stretch *stretch, bev_cour
     return status;
   }
   const bev_ending ending = {BEV_ARRIVAL_TOLERANCE_K, 0.0, BEV_MOST_LIMITED_SWITCH_RUNS};
-  const double slope = -bev_warmed_k_per_s(stretch->vehicle, trip, on_s)
+  const double slope = -bev_warmed_k_per_s(interval->vehicle, trip, on_s)
       * share_given(&of, bev_step_at(trip, on_s));
-  return bev_follow_slope(0.0, stretch->off_s, slope, &ending, heat_within_limits_from, &of, &on_s, &above_k);
+  return bev_follow_slope(0.0, interval->off_s, slope, &ending, heat_within_limits_from, &of, &on_s, &above_k);
 }

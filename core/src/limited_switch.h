@@ -3,23 +3,23 @@
 #ifndef BEV_PREHEAT_CORE_LIMITED_SWITCH_H_
 #define BEV_PREHEAT_CORE_LIMITED_SWITCH_H_
 
-#include "courses.h"
+#include "trajectory.h"
 
-/* What one stretch of heating is for: the target [deg C], until when it heats [s], a run within limits. */
+/* What one heating interval is for: the target [deg C], until when it heats [s], a run within limits. */
 typedef struct {
   const bev_vehicle *vehicle;
   const bev_trip *trip;
   double target_c;
   double off_s;
-  const bev_course *planned;
-} bev_limited_stretch;
+  const bev_trajectory *planned;
+} bev_limited_interval;
 
 /*
  * The run within limits that heats from one instant on and arrives at the target, written to `run`: the unheated one
  * where that arrives there, and one that is heated all the way where that is not enough. `watched` is as of
  * bev_drive_as_planned; `memory` has 11 * steps + 4 doubles.
  */
-bev_status bev_switch_within_limits(const bev_limited_stretch *stretch, bev_course *run,
+bev_status bev_switch_within_limits(const bev_limited_interval *interval, bev_trajectory *run,
                                     uint8_t *watched, double *memory);
 
 #endif /* BEV_PREHEAT_CORE_LIMITED_SWITCH_H_ */

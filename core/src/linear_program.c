@@ -41,14 +41,14 @@ typedef struct {
 
 static void begin(const bev_linear_program *of, basis *at) {
   for (int32_t row = 0; row < of->rows; row++) {
-    const bool lacks = !(of->left[row] >= 0.0);
-    at->variable[row] = of->count + row + (lacks ? of->rows : 0);
+    const bool has_deficit = !(of->left[row] >= 0.0);
+    at->variable[row] = of->count + row + (has_deficit ? of->rows : 0);
     at->value[row] = fabs(of->left[row]);
-    at->worth[row] = lacks ? -BEV_PIVOT_PENALTY : 0.0;
+    at->worth[row] = has_deficit ? -BEV_PIVOT_PENALTY : 0.0;
     for (int32_t other = 0; other < of->rows; other++) {
       at->inverse[row][other] = 0.0;
     }
-    at->inverse[row][row] = lacks ? -1.0 : 1.0;
+    at->inverse[row][row] = has_deficit ? -1.0 : 1.0;
   }
   for (int32_t n = 0; n < of->count; n++) {
     of->place[n] = AT_NOTHING;

@@ -33,21 +33,21 @@ typedef struct {
 /* How good a run is: does its charge carry the trip, what does it lack and miss, what charge is left. */
 typedef struct {
   int32_t is_stranded;
-  double lacking_w;
+  double deficit_w;
   double missed_k;
   double soc;
 } merit;
 
 /* Thresholds along a run: bev_preheat.planning.thresholds.find_thresholds. */
 static bev_status find_thresholds(const passes *pass, int32_t is_first_look,
-                                  const bev_course *course) {
+                                  const bev_trajectory *trajectory) {
   const bev_trip *trip = pass->trip;
   const double target_c = pass->goal->target_c;
-  double least_c = course->states[1][0];
-  double most_c = course->states[1][0];
+  double least_c = trajectory->states[1][0];
+  double most_c = trajectory->states[1][0];
   for (int32_t k = 1; k <= trip->steps; k++) {
-    least_c = bev_minimum(least_c, course->states[1][k]);
-    most_c = bev_maximum(most_c, course->states[1][k]);
+    least_c = bev_minimum(least_c, trajectory->states[1][k]);
+    most_c = bev_maximum(most_c, trajectory->states[1][k]);
   }
   const double coldest_c =
       bev_maximum(bev_minimum(least_c, target_c) - BEV_MARGIN_K, pass->vehicle->lowest_c);
@@ -65,7 +65,7 @@ static bev_status find_thresholds(const passes *pass, int32_t is_first_look,
     pass->grid_c[n] = BEV_GRID_K * (first + (double)n);
   }
   const bev_look look = {is_first_look, target_c};
-  const bev_strides strides = bev_make_strides(pass->lumped, trip, &pass->watch, course,
+  const bev_strides strides = bev_make_strides(pass->lumped, trip, &pass->watch, trajectory,
                                                &pass->loss, &look, &pass->room);
   const bev_curve_range range = {points,    is_first_look, pass->grid_c,
                                  target_c,  coldest_c,     warmest_c,
@@ -80,8 +80,8 @@ static bev_status find_thresholds(const passes *pass, int32_t is_first_look,
 }
 
 /* The run under the thresholds along another one. */
-static bev_status make_pass(passes *pass, int32_t is_first_look, const bev_course *assumed,
-                            bev_course *course) {
+static bev_status make_pass(passes *pass, int32_t is_first_look, const bev_trajectory *assumed,
+                            bev_trajectory *trajectory) {
   bev_status status = bev_watch_limits(pass->vehicle, pass->trip, assumed, &pass->watch);
   if (status == BEV_OK) {
     status = find_thresholds(pass, is_first_look, assumed);
@@ -93,21 +93,21 @@ static bev_status make_pass(passes *pass, int32_t is_first_look, const bev_cours
                                pass->paid_w, pass->floor_c,
                                pass->low_c,  pass->high_c,
                                pass->watch.charge, pass->watch.discharge};
-  for (int32_t n = 0; n < course->rows; n++) {
-    course->states[n][0] = assumed->states[n][0];
+  for (int32_t n = 0; n < trajectory->rows; n++) {
+    trajectory->states[n][0] = assumed->states[n][0];
   }
-  return bev_settle(pass->vehicle, pass->trip, &heating, pass->goal, course->states[0],
-                    course->powers_w[0], &course->stranding, pass->settle_memory);
+  return bev_settle(pass->vehicle, pass->trip, &heating, pass->goal, trajectory->states[0],
+                    trajectory->powers_w[0], &trajectory->stranding, pass->settle_memory);
 }
 
-static bev_status merit_of(const passes *pass, const bev_course *course, merit *found) {
+static bev_status merit_of(const passes *pass, const bev_trajectory *trajectory, merit *found) {
   const int32_t steps = pass->trip->steps;
-  found->is_stranded = course->stranding.step >= 0;
-  found->missed_k = bev_maximum(0.0, pass->goal->target_c - course->states[1][steps]);
-  found->soc = course->states[0][steps];
-  found->lacking_w = 0.0;
+  found->is_stranded = trajectory->stranding.step >= 0;
+  found->missed_k = bev_maximum(0.0, pass->goal->target_c - trajectory->states[1][steps]);
+  found->soc = trajectory->states[0][steps];
+  found->deficit_w = 0.0;
   return pass->goal->serves_climbs != 0
-      ? bev_lacking_w(pass->vehicle, pass->trip, course, &found->lacking_w)
+      ? bev_deficit_w(pass->vehicle, pass->trip, trajectory, &found->deficit_w)
       : BEV_OK;
 }
 
@@ -116,7 +116,7 @@ static int is_better(const merit *one, const merit *other) {
   if (one->is_stranded != other->is_stranded) {
     return !one->is_stranded;
   }
-  const double more_w = one->lacking_w - other->lacking_w;
+  const double more_w = one->deficit_w - other->deficit_w;
   if (fabs(more_w) > BEV_NO_WORSE_W) {
     return more_w < 0.0;
   }
@@ -128,11 +128,11 @@ static int is_better(const merit *one, const merit *other) {
 
 /* Whether exchanges of heat bring a run to the best: it delivers all, and heat arrives at once. */
 static bool is_exchanged(const passes *pass, const merit *found) {
-  return bev_is_direct(pass->vehicle) != 0 && found->is_stranded == 0 && found->lacking_w == 0.0;
+  return bev_is_direct(pass->vehicle) != 0 && found->is_stranded == 0 && found->deficit_w == 0.0;
 }
 
 /* Copy a run, and the steps in which its limits were looked at. */
-static void keep(const passes *pass, const bev_course *from, bev_course *to, uint8_t *watched) {
+static void keep(const passes *pass, const bev_trajectory *from, bev_trajectory *to, uint8_t *watched) {
   const int32_t steps = pass->trip->steps;
   for (int32_t n = 0; n < from->rows; n++) {
     for (int32_t k = 0; k < steps; k++) {
@@ -148,7 +148,7 @@ static void keep(const passes *pass, const bev_course *from, bev_course *to, uin
   }
 }
 
-static double most_apart(const bev_course *one, const bev_course *other, int32_t steps) {
+static double most_apart(const bev_trajectory *one, const bev_trajectory *other, int32_t steps) {
   double most = 0.0;
   for (int32_t k = 0; k <= steps; k++) {
     most = bev_maximum(most, fabs(one->states[0][k] - other->states[0][k]));
@@ -156,33 +156,33 @@ static double most_apart(const bev_course *one, const bev_course *other, int32_t
   return most;
 }
 
-static bev_status make_passes(passes *pass, bev_course runs[2], bev_course *best,
+static bev_status make_passes(passes *pass, bev_trajectory runs[2], bev_trajectory *best,
                               uint8_t *watched) {
   merit best_merit = {0, 0.0, 0.0, 0.0};
   int32_t had_loss = 0;
   /* The run that thresholds are made along; the other one is made then. */
   int32_t assumed = 0;
   for (int32_t n = 0; n < BEV_MOST_PASSES; n++) {
-    bev_course *course = &runs[1 - assumed];
+    bev_trajectory *trajectory = &runs[1 - assumed];
     merit found;
-    bev_status status = make_pass(pass, n == 0, &runs[assumed], course);
+    bev_status status = make_pass(pass, n == 0, &runs[assumed], trajectory);
     if (status == BEV_OK) {
-      status = merit_of(pass, course, &found);
+      status = merit_of(pass, trajectory, &found);
     }
     if (status != BEV_OK) {
       return status;
     }
     if (n == 1 || (n > 1 && is_better(&found, &best_merit))) {
       best_merit = found;
-      keep(pass, course, best, watched);
+      keep(pass, trajectory, best, watched);
     }
     int32_t has_loss = 0;
-    status = bev_blend_acceptance_loss(pass->vehicle, pass->trip, &pass->watch, course,
+    status = bev_blend_acceptance_loss(pass->vehicle, pass->trip, &pass->watch, trajectory,
                                        &pass->loss, &has_loss);
     if (status != BEV_OK) {
       return status;
     }
-    const double apart = most_apart(course, &runs[assumed], pass->trip->steps);
+    const double apart = most_apart(trajectory, &runs[assumed], pass->trip->steps);
     const bool agrees = has_loss == had_loss && apart <= BEV_SOC_AGREEMENT;
     if (n > 0
         && (agrees || (apart <= BEV_SOC_AGREEMENT_FOR_EXCHANGES && is_exchanged(pass, &found)))) {
@@ -241,10 +241,10 @@ bev_status bev_merit_order(const bev_vehicle *vehicle, const bev_vehicle *lumped
   pass.watch.charge = &watched[2 * steps];
   pass.watch.discharge = &watched[3 * steps];
   pass.room.is_limited = &watched[4 * steps];
-  bev_course best = bev_course_of(rows, steps, states, powers_w);
-  bev_course runs[2];
-  runs[0] = bev_course_of(rows, steps, other_states, other_powers_w);
-  runs[1] = bev_course_of(rows, steps, &other_states[rows * (steps + 1)],
+  bev_trajectory best = bev_trajectory_of(rows, steps, states, powers_w);
+  bev_trajectory runs[2];
+  runs[0] = bev_trajectory_of(rows, steps, other_states, other_powers_w);
+  runs[1] = bev_trajectory_of(rows, steps, &other_states[rows * (steps + 1)],
                           &other_powers_w[rows * steps]);
   for (int32_t k = 0; k < steps; k++) {
     pass.loss.to_brake[k] = 0.0;

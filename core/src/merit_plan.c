@@ -7,7 +7,7 @@
 
 #include "bev_preheat_core_generated/constants.h"
 #include "checks.h"
-#include "courses.h"
+#include "trajectory.h"
 #include "early_start.h"
 #include "instants.h"
 #include "limited_step.h"
@@ -46,7 +46,7 @@ static bev_vehicle lumped_of(const bev_vehicle *vehicle) {
   return lumped;
 }
 
-/* One stretch of heating that meets the target; limits left aside. */
+/* One heating interval that meets the target; limits left aside. */
 static bev_status heat_once(const planning *of, const double *idle_states, bev_merit_plan *plan) {
   const bev_trip *trip = of->trip;
   const int32_t steps = trip->steps;
@@ -181,11 +181,11 @@ static bev_status exchange_heat(const planning *of, const bev_stranding *strandi
   return status;
 }
 
-static double missed_k(const planning *of, const bev_course *run) {
+static double missed_k(const planning *of, const bev_trajectory *run) {
   return bev_maximum(0.0, of->goal->target_c - run->states[1][of->trip->steps]);
 }
 
-static double least_soc(const planning *of, const bev_course *run) {
+static double least_soc(const planning *of, const bev_trajectory *run) {
   double least = run->states[0][0];
   for (int32_t k = 1; k <= of->trip->steps; k++) {
     least = bev_minimum(least, run->states[0][k]);
@@ -194,7 +194,7 @@ static double least_soc(const planning *of, const bev_course *run) {
 }
 
 /* Whether a run is nearer to the target than another, or saves charge, and is else no worse. */
-static bev_status saves(const planning *of, const bev_course *run, const bev_course *other,
+static bev_status saves(const planning *of, const bev_trajectory *run, const bev_trajectory *other,
                         bool *is_so) {
   const int32_t steps = of->trip->steps;
   const double more_missed_k = missed_k(of, run) - missed_k(of, other);
@@ -208,23 +208,23 @@ static bev_status saves(const planning *of, const bev_course *run, const bev_cou
           && other_soc - soc <= -more_missed_k * soc_per_k);
   const bool is_cheaper =
       more_missed_k <= BEV_ARRIVAL_TOLERANCE_K && soc > other_soc + BEV_LEAST_SAVING_SOC;
-  double lacking_w = 0.0;
-  double other_lacking_w = 0.0;
+  double deficit_w = 0.0;
+  double other_deficit_w = 0.0;
   bev_status status = BEV_OK;
   *is_so = run->stranding.step < 0 && (is_warmer || is_cheaper)
       && least_soc(of, run) >= bev_minimum(of->goal->lowest_soc, least_soc(of, other));
   if (*is_so) {
-    status = bev_lacking_w(of->vehicle, of->trip, run, &lacking_w);
+    status = bev_deficit_w(of->vehicle, of->trip, run, &deficit_w);
     if (status == BEV_OK) {
-      status = bev_lacking_w(of->vehicle, of->trip, other, &other_lacking_w);
+      status = bev_deficit_w(of->vehicle, of->trip, other, &other_deficit_w);
     }
-    *is_so = lacking_w <= other_lacking_w;
+    *is_so = deficit_w <= other_deficit_w;
   }
   return status;
 }
 
 /* Write a run over the one that is planned. */
-static void take_over(const planning *of, const bev_course *from, const uint8_t *watched) {
+static void take_over(const planning *of, const bev_trajectory *from, const uint8_t *watched) {
   const int32_t steps = of->trip->steps;
   for (int32_t n = 0; n < from->rows * (steps + 1); n++) {
     of->states[n] = from->states[0][n];
@@ -251,11 +251,11 @@ static bev_status leave_out_thresholds(const planning *of, const bev_merit_plan 
   double *const command_w = of->paid_w;
   double *const states = bev_take(&memory, 4 * (steps + 1));
   double *const powers_w = bev_take(&memory, 4 * steps);
-  bev_course best = bev_course_of(4, steps, of->states, of->powers_w);
+  bev_trajectory best = bev_trajectory_of(4, steps, of->states, of->powers_w);
   bev_status status = BEV_OK;
   best.stranding = *stranding;
   for (int32_t n = 0; n < 4 && status == BEV_OK; n++) {
-    bev_course run = bev_course_of(4, steps, states, powers_w);
+    bev_trajectory run = bev_trajectory_of(4, steps, states, powers_w);
     bool is_better = false;
     for (int32_t k = 0; k < steps; k++) {
       command_w[k] = 0.0;
@@ -283,7 +283,7 @@ static bev_status leave_out_thresholds(const planning *of, const bev_merit_plan 
   return status;
 }
 
-/* One stretch of heating as it can be driven, which ends where that of `once` does, if it saves. */
+/* One heating interval as it can be driven, which ends where that of `once` does, if it saves. */
 static bev_status switch_once(const planning *of, const bev_merit_plan *once,
                               bev_stranding *stranding, bool *is_taken) {
   const bev_trip *trip = of->trip;
@@ -293,13 +293,13 @@ static bev_status switch_once(const planning *of, const bev_merit_plan *once,
   uint8_t *const watched = &of->watched[2 * steps];
   double *const states = bev_take(&memory, rows * (steps + 1));
   double *const powers_w = bev_take(&memory, rows * steps);
-  bev_course run = bev_course_of(rows, steps, states, powers_w);
-  bev_course best = bev_course_of(rows, steps, of->states, of->powers_w);
+  bev_trajectory run = bev_trajectory_of(rows, steps, states, powers_w);
+  bev_trajectory best = bev_trajectory_of(rows, steps, of->states, of->powers_w);
   best.stranding = *stranding;
-  const bev_limited_stretch stretch = {
+  const bev_limited_interval interval = {
       of->vehicle, trip, of->goal->target_c,
       isnan(once->end_s) != 0 ? trip->time_s[steps] : once->end_s, &best};
-  bev_status status = bev_switch_within_limits(&stretch, &run, watched, memory);
+  bev_status status = bev_switch_within_limits(&interval, &run, watched, memory);
   if (status == BEV_OK) {
     status = saves(of, &run, &best, is_taken);
   }
@@ -310,7 +310,7 @@ static bev_status switch_once(const planning *of, const bev_merit_plan *once,
   return status;
 }
 
-/* What is left to the run under thresholds, and to one stretch of heating if that is the better one. */
+/* What is left to the run under thresholds, and to one heating interval if that is the better one. */
 static bev_status improve(const planning *of, const bev_merit_plan *once,
                           bev_stranding *stranding) {
   bool is_taken = false;

@@ -27,7 +27,7 @@ typedef struct {
   double voltage_v[BLOCK];
   double resistance_ohm[BLOCK];
   double surplus_w[BLOCK];
-  double lacking_w[BLOCK];
+  double deficit_w[BLOCK];
   double room_w[BLOCK];
   double terminal_w[BLOCK];
   double heat_w[BLOCK];
@@ -45,7 +45,7 @@ static void find_margins(stride_block *block) {
   if (inputs->is_limited[m] == 0u) {
     for (int32_t n = 0; n < block->count; n++) {
       block->surplus_w[n] = 0.0;
-      block->lacking_w[n] = 0.0;
+      block->deficit_w[n] = 0.0;
       block->room_w[n] = limit_w;
     }
     return;
@@ -65,7 +65,7 @@ static void find_margins(stride_block *block) {
                                    block->resistance_ohm[n], charge_w[n], discharge_w[n],
                                    variance_w2, limits_w);
     block->surplus_w[n] = bev_minimum(bev_maximum(limits_w[0] - power_w, 0.0), regenerated_w);
-    block->lacking_w[n] = bev_maximum(power_w - limits_w[1], 0.0);
+    block->deficit_w[n] = bev_maximum(power_w - limits_w[1], 0.0);
     block->room_w[n] = bev_minimum(bev_maximum(limits_w[1] - power_w, 0.0), limit_w);
   }
 }
@@ -109,7 +109,7 @@ static bev_status drive_stride(stride_block *block, const double *heater_w, doub
                          leakage_w_per_k, rates);
     end_c[n] = block->start_c[n] + duration_s * rates[1];
     energy_j[n] =
-        duration_s * (block->terminal_w[n] + rates[2] + block->penalty * block->lacking_w[n]);
+        duration_s * (block->terminal_w[n] + rates[2] + block->penalty * block->deficit_w[n]);
   }
   return bev_are_numbers(end_c, count) && bev_are_numbers(energy_j, count) ? BEV_OK
                                                                           : BEV_NOT_FINITE;
@@ -182,16 +182,16 @@ bev_status bev_map_stride(const bev_vehicle *vehicle, const bev_strides *inputs,
       return status;
     }
     for (int32_t n = from; n < from + block.count; n++) {
-      const double lacking_w = block.lacking_w[n - from];
+      const double deficit_w = block.deficit_w[n - from];
       /* Of the temperatures at which something is lacking the last one counts. */
-      if (lacking_w > 0.0) {
+      if (deficit_w > 0.0) {
         const int32_t before = n > 0 ? n - 1 : 0;
-        const double fallen_w = (n > 0 ? before_w : lacking_w) - lacking_w;
+        const double fallen_w = (n > 0 ? before_w : deficit_w) - deficit_w;
         const double slope =
             fallen_w / bev_maximum(map->start_c[n] - map->start_c[before], BEV_LEAST_WIDTH_K);
-        map->needed_c = map->start_c[n] + (slope > 0.0 ? lacking_w / slope : 0.0);
+        map->needed_c = map->start_c[n] + (slope > 0.0 ? deficit_w / slope : 0.0);
       }
-      before_w = lacking_w;
+      before_w = deficit_w;
     }
   }
   make_rising(map->unheated_end_c, map->count);

@@ -134,38 +134,38 @@ bev_status bev_find_surplus_ceiling(const bev_vehicle *vehicle, const bev_trip *
   return find_ceiling(&of, target_c, ceiling_c);
 }
 
-bool bev_is_too_warm(const bev_trip *trip, double target_c, const bev_course *course) {
+bool bev_is_too_warm(const bev_trip *trip, double target_c, const bev_trajectory *trajectory) {
   bool is_free = false;
   for (int32_t k = 0; k < trip->steps; k++) {
-    is_free = is_free || (course->powers_w[0][k] > 0.0 && trip->propulsion_power_w[k] < 0.0);
+    is_free = is_free || (trajectory->powers_w[0][k] > 0.0 && trip->propulsion_power_w[k] < 0.0);
   }
-  return is_free && course->states[1][trip->steps] > target_c + BEV_ABOVE_TARGET_K;
+  return is_free && trajectory->states[1][trip->steps] > target_c + BEV_ABOVE_TARGET_K;
 }
 
 bev_status bev_is_as_useful(const bev_vehicle *vehicle, const bev_trip *trip, double target_c,
-                            const bev_course *bounded, const bev_course *free_run, bool *is_so) {
+                            const bev_trajectory *bounded, const bev_trajectory *free_run, bool *is_so) {
   const int32_t steps = trip->steps;
   const int32_t drawn = bounded->rows == 2 ? 0 : 2;
   const double missed_k = target_c - bounded->states[1][steps];
   const double free_missed_k = target_c - free_run->states[1][steps];
-  double lacking_w = 0.0;
-  double free_lacking_w = 0.0;
+  double deficit_w = 0.0;
+  double free_deficit_w = 0.0;
   double saved_j = 0.0;
   *is_so = false;
   if ((bounded->stranding.step < 0) != (free_run->stranding.step < 0)
       || missed_k > bev_maximum(free_missed_k, 0.0) + BEV_MISSED_K) {
     return BEV_OK;
   }
-  bev_status status = bev_lacking_w(vehicle, trip, bounded, &lacking_w);
+  bev_status status = bev_deficit_w(vehicle, trip, bounded, &deficit_w);
   if (status == BEV_OK) {
-    status = bev_lacking_w(vehicle, trip, free_run, &free_lacking_w);
+    status = bev_deficit_w(vehicle, trip, free_run, &free_deficit_w);
   }
   for (int32_t k = 0; k < steps; k++) {
     saved_j += (free_run->powers_w[drawn][k] - bounded->powers_w[drawn][k]) * trip->duration_s[k];
   }
   const double lost_wh = (free_run->states[0][steps] - bounded->states[0][steps])
       * bev_whole_charge_wh(vehicle, free_run->states[0][steps], free_run->states[1][steps]);
-  *is_so = lacking_w <= free_lacking_w
+  *is_so = deficit_w <= free_deficit_w
       && lost_wh <= BEV_LEAST_GAIN * bev_maximum(saved_j / BEV_JOULES_PER_WH, 0.0);
   return status;
 }

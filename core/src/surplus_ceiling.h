@@ -5,13 +5,13 @@
 
 #include <stdbool.h>
 
-#include "courses.h"
+#include "trajectory.h"
 
 /* Whether free heat, if there is any, leads beyond the target. */
-bool bev_is_too_warm(const bev_trip *trip, double target_c, const bev_course *course);
+bool bev_is_too_warm(const bev_trip *trip, double target_c, const bev_trajectory *trajectory);
 
 /* Whether the heat that a run saves is worth its losses of charge, warmth and power against another run. */
 bev_status bev_is_as_useful(const bev_vehicle *vehicle, const bev_trip *trip, double target_c,
-                            const bev_course *bounded, const bev_course *free_run, bool *is_so);
+                            const bev_trajectory *bounded, const bev_trajectory *free_run, bool *is_so);
 
 #endif /* BEV_PREHEAT_CORE_SURPLUS_CEILING_H_ */

@@ -5,7 +5,7 @@
  */
 #include "bev_preheat_core_generated/constants.h"
 #include "bracketing.h"
-#include "caution.h"
+#include "uncertainty_margin.h"
 #include "checks.h"
 #include "limits_of_run.h"
 #include "means.h"
@@ -168,7 +168,7 @@ bev_status bev_keeps_limits(const bev_seen_run *run, int32_t first) {
   return BEV_OK;
 }
 
-/* What a stretch of heating is for: the first thing after it that a colder battery would not allow. */
+/* What a heating interval is for: the first thing after it that a colder battery would not allow. */
 static bev_status find_reason(const bev_seen_run *run, bev_switch_plan *plan) {
   const bev_trip *trip = run->trip;
   plan->reason = BEV_FOR_ARRIVAL;
@@ -192,8 +192,8 @@ static bev_status find_reason(const bev_seen_run *run, bev_switch_plan *plan) {
   return BEV_OK;
 }
 
-/* The heated steps: from which to which, what they take, and what for, if they are one stretch that is paid for. */
-static bev_status find_stretch(const bev_seen_run *run, bev_switch_plan *plan) {
+/* The heated steps: from which to which, what they take, and what for, if they are one interval that is paid for. */
+static bev_status find_interval(const bev_seen_run *run, bev_switch_plan *plan) {
   const bev_trip *trip = run->trip;
   double heating_j = 0.0;
   plan->is_heated = 0;
@@ -211,7 +211,7 @@ static bev_status find_stretch(const bev_seen_run *run, bev_switch_plan *plan) {
       } else if (plan->end_heated < k) {
         plan->is_one_interval = 0;
       } else {
-        /* The stretch goes on. */
+        /* The interval goes on. */
       }
       plan->end_heated = k + 1;
       heating_j += heater_w * trip->duration_s[k];
@@ -235,16 +235,16 @@ static double least_of(const double *values, int32_t count) {
 
 bev_status bev_describe_run(const bev_seen_run *run, bev_switch_plan *plan) {
   plan->least_soc = least_of(run->soc, run->trip->steps + 1);
-  return find_stretch(run, plan);
+  return find_interval(run, plan);
 }
 
-/* The planned run with its last stretch of heating begun early; what is known of its limits is its own. */
-static bev_status heat_early(const switch_search *of, const bev_seen_run *run, const bev_caution *caution,
+/* The planned run with its last heating interval begun early; what is known of its limits is its own. */
+static bev_status heat_early(const switch_search *of, const bev_seen_run *run, const bev_uncertainty_margin *margin,
                              bev_switch_plan *plan) {
   const bev_heated_run heated = {of->vehicle, of->trip,     of->target_c, of->soc,
                                  of->temperature_c, of->heater_w, of->means};
-  bev_early_stretch early;
-  const bev_status status = bev_switch_on_early(&heated, caution, &early);
+  bev_early_interval early;
+  const bev_status status = bev_switch_on_early(&heated, margin, &early);
   if (status < BEV_OK || early.first == of->trip->steps) {
     return status;
   }
@@ -268,8 +268,8 @@ static bev_status costs_least(const switch_search *of) {
 }
 
 /* The run that is planned, from the unheated one; what is known of its limits is that of the latter. */
-static bev_status plan_run(switch_search *of, bev_seen_run *run, int32_t in_one_stretch,
-                           const bev_caution *caution, bev_switch_plan *plan) {
+static bev_status plan_run(switch_search *of, bev_seen_run *run, int32_t in_one_interval,
+                           const bev_uncertainty_margin *margin, bev_switch_plan *plan) {
   const int32_t steps = of->trip->steps;
   for (int32_t k = 0; k < steps; k++) {
     of->heater_w[k] = 0.0;
@@ -289,15 +289,15 @@ static bev_status plan_run(switch_search *of, bev_seen_run *run, int32_t in_one_
   run->soc = of->soc;
   run->temperature_c = of->temperature_c;
   status = bev_keeps_limits(run, bev_step_at(of->trip, plan->switching_instant_s));
-  if (status == BEV_OK && in_one_stretch == 0) {
+  if (status == BEV_OK && in_one_interval == 0) {
     status = costs_least(of);
   }
-  return status != BEV_OK || caution == NULL ? status : heat_early(of, run, caution, plan);
+  return status != BEV_OK || margin == NULL ? status : heat_early(of, run, margin, plan);
 }
 
 bev_status bev_plan_switch(const bev_vehicle *vehicle, const bev_trip *trip, double start_soc,
-                           double start_c, double target_c, int32_t in_one_stretch,
-                           const bev_caution *caution, double *memory, double *soc,
+                           double start_c, double target_c, int32_t in_one_interval,
+                           const bev_uncertainty_margin *margin, double *memory, double *soc,
                            double *temperature_c, double *heater_w, bev_switch_plan *plan) {
   bev_status status = bev_checked(vehicle, trip, 0);
   if (status != BEV_OK) {
@@ -308,7 +308,7 @@ bev_status bev_plan_switch(const bev_vehicle *vehicle, const bev_trip *trip, dou
       || vehicle->coolant_heat_capacity_j_per_k > 0.0) {
     return BEV_BAD_ARGUMENT;
   }
-  if (!isfinite(target_c) || !bev_is_caution(caution)) {
+  if (!isfinite(target_c) || !bev_is_uncertainty_margin(margin)) {
     return BEV_BAD_INPUT;
   }
   const int32_t steps = trip->steps;
@@ -339,7 +339,7 @@ bev_status bev_plan_switch(const bev_vehicle *vehicle, const bev_trip *trip, dou
   }
   plan->switching_instant_s = NAN;
   plan->heating_end_s = NAN;
-  status = plan_run(&of, &run, in_one_stretch, caution, plan);
+  status = plan_run(&of, &run, in_one_interval, margin, plan);
   if (status == BEV_OK) {
     status = bev_describe_run(&run, plan);
   }

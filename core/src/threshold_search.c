@@ -109,7 +109,7 @@ static bev_status meet_target(bev_threshold_search *search, int32_t first) {
 }
 
 /* The same, unless less can then be delivered from step `first` on. */
-static bev_status meet_target_without_more_lacking(bev_threshold_search *search, int32_t first) {
+static bev_status meet_target_without_more_deficit(bev_threshold_search *search, int32_t first) {
   const bev_requirement rest = {first, search->limits.trip->steps};
   bev_search_run *kept = &search->runs[BEV_KEPT_RUN];
   double spare_w = 0.0;
@@ -187,7 +187,7 @@ static bev_status settle(bev_threshold_search *search) {
     }
   }
   if (status == BEV_OK && free_from < start) {
-    status = meet_target_without_more_lacking(search, free_from);
+    status = meet_target_without_more_deficit(search, free_from);
   }
   if (status == BEV_OK && start < steps) {
     status = meet_target(search, start);

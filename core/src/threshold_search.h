@@ -7,7 +7,7 @@
 #define BEV_PREHEAT_CORE_THRESHOLD_SEARCH_H_
 
 #include "bev_preheat_core_generated/constants.h"
-#include "courses.h"
+#include "trajectory.h"
 #include "limited_step.h"
 
 /* The run that is kept, and three that are tried. */

@@ -70,11 +70,11 @@ static double paid_k(const bev_vehicle *vehicle, const bev_trip *trip, const dou
 }
 
 /* The coldest and the warmest that the battery can be at the start of each stride, about. */
-static void find_reach(const bev_vehicle *vehicle, const bev_trip *trip, const bev_course *course,
+static void find_reach(const bev_vehicle *vehicle, const bev_trip *trip, const bev_trajectory *trajectory,
                        const bev_look *look, int32_t count, const bev_stride_room *room) {
-  const double *run_c = course->states[1];
+  const double *run_c = trajectory->states[1];
   const double too_warm_k = bev_minimum(run_c[trip->steps] - look->target_c,
-                                        paid_k(vehicle, trip, course->powers_w[0]))
+                                        paid_k(vehicle, trip, trajectory->powers_w[0]))
       - BEV_NEAR_TARGET_K;
   const double colder_k = BEV_NEAR_K + bev_maximum(too_warm_k, 0.0);
   double arrived_j = 0.0;
@@ -92,12 +92,12 @@ static void find_reach(const bev_vehicle *vehicle, const bev_trip *trip, const b
       m++;
     }
     if (k < trip->steps) {
-      const double arrived_w = course->rows == 2
-          ? vehicle->heater_efficiency * course->powers_w[0][k]
-          : course->powers_w[3][k];
+      const double arrived_w = trajectory->rows == 2
+          ? vehicle->heater_efficiency * trajectory->powers_w[0][k]
+          : trajectory->powers_w[3][k];
       const double more_w =
           bev_maximum(vehicle->heater_efficiency * trip->heater_limit_w[k] - arrived_w, 0.0)
-          + vehicle->heat_share * course->powers_w[1][k];
+          + vehicle->heat_share * trajectory->powers_w[1][k];
       arrived_j += arrived_w * trip->duration_s[k];
       more_j += more_w * trip->duration_s[k];
     }
@@ -105,7 +105,7 @@ static void find_reach(const bev_vehicle *vehicle, const bev_trip *trip, const b
 }
 
 bev_strides bev_make_strides(const bev_vehicle *vehicle, const bev_trip *trip,
-                             const bev_watch *watch, const bev_course *course,
+                             const bev_watch *watch, const bev_trajectory *trajectory,
                              const bev_acceptance_loss *loss, const bev_look *look,
                              const bev_stride_room *room) {
   const double *const averaged[PROPULSION - POWER + 1] = {
@@ -121,13 +121,13 @@ bev_strides bev_make_strides(const bev_vehicle *vehicle, const bev_trip *trip,
     for (int32_t n = POWER; n <= PROPULSION; n++) {
       column[n][m] = sum_of(averaged[n - POWER], trip->duration_s, first, last) / duration_s;
     }
-    column[SOC][m] = course->states[0][first];
-    column[END][m] = course->states[1][last];
+    column[SOC][m] = trajectory->states[0][first];
+    column[END][m] = trajectory->states[1][last];
     column[TO_BRAKE][m] = loss->to_brake[first];
     column[TO_HEATER][m] = loss->to_heater[first];
     room->is_limited[m] = watch->charge[first] != 0u || watch->discharge[first] != 0u ? 1u : 0u;
   }
-  find_reach(vehicle, trip, course, look, count, room);
+  find_reach(vehicle, trip, trajectory, look, count, room);
   const bev_strides strides = {
       count,           column[DURATION], column[POWER],     column[VARIANCE], column[HEAT],
       column[LEAKAGE], column[LIMIT],    column[PROPULSION], column[SOC],     column[END],

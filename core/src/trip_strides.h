@@ -3,7 +3,7 @@
 #ifndef BEV_PREHEAT_CORE_TRIP_STRIDES_H_
 #define BEV_PREHEAT_CORE_TRIP_STRIDES_H_
 
-#include "courses.h"
+#include "trajectory.h"
 
 /* Columns of bev_strides; BEV_STRIDE_COLUMNS of them have as many values as there are strides. */
 #define BEV_STRIDE_COLUMNS 11
@@ -26,7 +26,7 @@ typedef struct {
 
 /* The strides of a trip along a run: bev_preheat.planning.strides.make_strides. */
 bev_strides bev_make_strides(const bev_vehicle *vehicle, const bev_trip *trip,
-                             const bev_watch *watch, const bev_course *course,
+                             const bev_watch *watch, const bev_trajectory *trajectory,
                              const bev_acceptance_loss *loss, const bev_look *look,
                              const bev_stride_room *room);
 

@@ -94,9 +94,9 @@ static int32_t nearest(const two_switch_search *of, double off_s, int32_t other_
 /* About when to switch on [s]: along a line through the pairs next to this one. */
 static double guess_s(const two_switch_search *of, double off_s) {
   if (of->pairs < 2) {
-    const double lacking_k = of->target_c - of->idle_states[2 * of->trip->steps + 1];
+    const double deficit_k = of->target_c - of->idle_states[2 * of->trip->steps + 1];
     return off_s
-        - lacking_k * of->capacity_j_per_k
+        - deficit_k * of->capacity_j_per_k
         / bev_maximum(of->vehicle->heater_efficiency * of->mean_limit_w, 1.0);
   }
   const int32_t a = nearest(of, off_s, -1);
@@ -157,7 +157,7 @@ static bev_status heat_until(two_switch_search *of, double off_s, pair *made) {
       BEV_COMPARED_TOLERANCE_K, BEV_ARRIVAL_TOLERANCE_K + (BEV_SURE_SHARE * before_k(of, made->on_s)));
   const double slope = slope_k_per_s(of, made->on_s);
   if (above_k < -allowed_k) {
-    made->taken_wh -= BEV_LACKING_WH_PER_K * above_k;
+    made->taken_wh -= BEV_DEFICIT_WH_PER_K * above_k;
   } else if (slope < 0.0) {
     const double heater_w = of->trip->heater_limit_w[bev_step_at(of->trip, made->on_s)];
     made->taken_wh += above_k * heater_w / BEV_JOULES_PER_WH / slope;

@@ -116,7 +116,7 @@ static void fill_columns(double *const columns[COLUMNS], int32_t steps) {
 /* Whether a plan has only numbers that it may have. */
 static int is_possible(const bev_ecu_plan *plan, const bev_trip *trip) {
   const double numbers[] = {
-      plan->arrival_c, plan->arrival_soc, plan->least_soc, plan->shortfall_k, plan->lacking_w,
+      plan->arrival_c, plan->arrival_soc, plan->least_soc, plan->shortfall_k, plan->deficit_w,
       plan->energy_wh.joule, plan->energy_wh.drivetrain_heat, plan->energy_wh.hvch_heat,
       plan->energy_wh.leakage, plan->energy_wh.hvch_electric, plan->energy_wh.battery_total};
   for (size_t n = 0; n < sizeof numbers / sizeof *numbers; n++) {

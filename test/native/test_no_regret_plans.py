@@ -103,7 +103,7 @@ def test_what_is_held_back_is_what_python_alone_plans(number):
 
 
 def no_regret_call(path):
-    """Return the arguments of bev_plan_safeguarded over the pass, with a reserve that binds, and their arrays."""
+    """Return the arguments of bev_plan_no_regret over the pass, with a reserve that binds, and their arrays."""
     vehicle = replace(drawn_situations.car('reference'), heat_path=path)
     trip = make_trip(vehicle, load_route('alpine_pass', vehicle.defaults))
     idle_states = states_of(plan_without_heating(trip, BatteryState(-7.0, 0.9)))
@@ -111,7 +111,7 @@ def no_regret_call(path):
     goal, uncertainty_margin = SafeGoalStruct(25.0, 0.1, 0.737, 0.1), UncertaintyMargin(lead_k=4.0).native
     states, powers_w = np.empty_like(idle_states), np.empty((rows, steps))
     watched = np.full(room('BEV_MERIT_BYTES', steps) + 64, 3, dtype=np.uint8)
-    memory = np.full(room('BEV_SAFEGUARD_MEMORY', steps) + 64, 7.25)
+    memory = np.full(room('BEV_NO_REGRET_MEMORY', steps) + 64, 7.25)
     order, plan = np.empty(steps, dtype=np.int32), SafePlanStruct()
     arrays = idle_states, states, powers_w, watched, order, memory
     arguments = [native_vehicle(vehicle).address, trip.native.address, addressof(goal),
@@ -124,10 +124,10 @@ def test_it_needs_each_argument_but_a_caution_and_no_more_memory_than_it_asks_fo
     arguments, kept = no_regret_call(path)
     for missing in range(len(arguments)):
         if missing != 3:
-            assert core().bev_plan_safeguarded(
+            assert core().bev_plan_no_regret(
                 *arguments[:missing], None, *arguments[missing + 1:]) == BAD_ARGUMENT, missing
     *_, states, _, watched, _, memory, plan = kept
-    assert core().bev_plan_safeguarded(*arguments) == 0
+    assert core().bev_plan_no_regret(*arguments) == 0
     assert (plan.is_unheated, plan.held_back) == (0, 1) and states[0, -1] == pytest.approx(0.737, abs=2e-5)
     assert (watched[-64:] == 3).all() and (memory[-64:] == 7.25).all()
 
@@ -140,4 +140,4 @@ def test_what_is_no_number_is_refused(value):
             idle_states[1, 5] = value
         else:
             setattr(uncertainty_margin if name == 'lead_k' else goal, name, value)
-        assert core().bev_plan_safeguarded(*arguments) == BAD_INPUT, name
+        assert core().bev_plan_no_regret(*arguments) == BAD_INPUT, name

@@ -76,7 +76,7 @@ def test_what_the_unheated_trip_lacks_is_the_same(soc):
     for number in range(16):
         trip, state, _ = situation(number, soc)
         start = initial_states(state)[:2 if trip.vehicle.heat_path.is_direct else 4]
-        deficit_w, where = searches.unheated_lacks(native_vehicle(trip.vehicle), trip.native, start)
+        deficit_w, where = searches.unheated_deficit(native_vehicle(trip.vehicle), trip.native, start)
         with without_core():
             run = run_unheated(trip, state)
             expected_w = power_deficit(trip, run).worst_w
@@ -92,7 +92,7 @@ def test_the_unheated_trip_without_an_argument_is_refused():
     start, deficit_w, stranding = (c_double * 2)(state.soc, state.temperature_c), c_double(), StrandingStruct()
     arguments = [native_vehicle(trip.vehicle).address, trip.native.address, addressof(start),
                  place(memory), address_of(flags), byref(deficit_w), byref(stranding)]
-    assert core().bev_unheated_lacks(*arguments) == 0
+    assert core().bev_unheated_deficit(*arguments) == 0
     for missing in range(len(arguments)):
-        assert core().bev_unheated_lacks(*(
+        assert core().bev_unheated_deficit(*(
             None if at == missing else each for at, each in enumerate(arguments))) == BAD_ARGUMENT

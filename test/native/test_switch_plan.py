@@ -13,13 +13,13 @@ from bev_preheat.native import plans
 from bev_preheat.native.library import core, without_core
 from bev_preheat.native.runs import place
 from bev_preheat.native.structs import (
-    CautionStruct,
     ENERGIES,
     NativeTrip,
     NativeVehicle,
     room,
     RunOfPowersStruct,
     SwitchPlanStruct,
+    UncertaintyMarginStruct,
 )
 from bev_preheat.planning.dynamics import (
     hottest_c,
@@ -235,9 +235,9 @@ def test_a_trip_with_a_number_that_is_none_gives_no_plan(column):
 def test_a_caution_that_is_no_number_is_refused(at, number):
     numbers = [2.0, 300.0, 30.0]
     trip = make_trip(FORMULAS, steady_route())
-    assert call_plan_switch(trip, uncertainty_margin=CautionStruct(*numbers, False))[0] == 0
+    assert call_plan_switch(trip, uncertainty_margin=UncertaintyMarginStruct(*numbers, False))[0] == 0
     numbers[at] = number
-    assert call_plan_switch(trip, uncertainty_margin=CautionStruct(*numbers, False))[0] == BAD_INPUT
+    assert call_plan_switch(trip, uncertainty_margin=UncertaintyMarginStruct(*numbers, False))[0] == BAD_INPUT
 
 
 def test_time_that_does_not_rise_is_refused():

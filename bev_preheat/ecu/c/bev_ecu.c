@@ -95,10 +95,10 @@ void bev_ecu_tell_instants(const bev_trip *trip, const double *command_w, double
 
 bev_status bev_ecu_conclude(const bev_trip *trip, const bev_ecu_situation *situation,
                             bev_ecu_plan *plan) {
-  const double lacking_k = situation->target_c - plan->temperature_c[trip->steps];
+  const double deficit_k = situation->target_c - plan->temperature_c[trip->steps];
   plan->arrival_c = plan->temperature_c[trip->steps];
   plan->arrival_soc = plan->soc[trip->steps];
-  plan->shortfall_k = lacking_k > 0.0 ? lacking_k : 0.0;
+  plan->shortfall_k = deficit_k > 0.0 ? deficit_k : 0.0;
   plan->least_soc = plan->soc[0];
   for (int32_t k = 1; k <= trip->steps; k++) {
     if (plan->soc[k] < plan->least_soc) {

@@ -3,7 +3,7 @@
  * The interface of the exported planner: one function for each method. Whoever calls only one of them links only
  * what that one needs.
  *
- * bev_ecu_plan_switch, the method optimal_switch: one stretch of heating, for trips on which no limit of the
+ * bev_ecu_plan_switch, the method optimal_switch: one heating interval, for trips on which no limit of the
  * battery is active. It needs the least memory.
  *
  * bev_ecu_plan_merit_order, the method merit_order: heating in the steps in which a kelvin costs the least, and
@@ -61,7 +61,7 @@ typedef struct {
    * always without a heat path. `off_s` is never within steps in which the cabin leaves nothing, but before them.
    *
    * Of merit_order they are the first and, with a heat path, the last instant of heating; `heater_w` says what is
-   * heated between them: there may be several stretches, and within limits any power.
+   * heated between them: there may be several intervals, and within limits any power.
    */
   double on_s;
   double off_s;
@@ -75,7 +75,7 @@ typedef struct {
    * The worst power that the battery cannot deliver [W], 0 if nothing is lacking: never more than it would be
    * without paid heating, but for 10 W. It is driven with the most that the battery gives.
    */
-  double lacking_w;
+  double deficit_w;
   /* As bev_energies has them, what a heater that lags takes after arrival included. */
   bev_energies energy_wh;
   /* At each instant, steps + 1 values. */

@@ -10,7 +10,7 @@
 #include <stddef.h>
 
 #include "bev_preheat_core_generated/constants.h"
-#include "courses.h"
+#include "trajectory.h"
 #include "limits_of_run.h"
 #include "surplus_ceiling.h"
 
@@ -83,9 +83,9 @@ static bev_status find_allowed(const bev_vehicle *vehicle, const bev_trip *trip,
   status = bev_drive_as_planned(vehicle, trip, idle_w, room->idle_states, powers_w, room->watched,
                                 &stranding);
   if (status == BEV_OK) {
-    bev_course course = bev_course_of(room->rows, steps, room->idle_states, powers_w);
-    course.stranding = stranding;
-    status = bev_lacking_w(vehicle, trip, &course, allowed_w);
+    bev_trajectory trajectory = bev_trajectory_of(room->rows, steps, room->idle_states, powers_w);
+    trajectory.stranding = stranding;
+    status = bev_deficit_w(vehicle, trip, &trajectory, allowed_w);
   }
   if (*allowed_w > 0.0) {
     *allowed_w += BEV_NO_WORSE_W;
@@ -99,7 +99,7 @@ static bev_status keep_accounts(const bev_vehicle *vehicle, const bev_trip *trip
   const int32_t steps = trip->steps;
   const double *const powers_w = room->powers_w;
   const bool arrives_late = room->rows == 4;
-  const bev_run_of_powers made = {plan->lacking_w == 0.0,
+  const bev_run_of_powers made = {plan->deficit_w == 0.0,
                                   plan->soc,
                                   plan->temperature_c,
                                   arrives_late ? &powers_w[2 * steps] : powers_w,
@@ -120,25 +120,25 @@ static bev_status keep_accounts(const bev_vehicle *vehicle, const bev_trip *trip
 static bev_status plan_run(const bev_vehicle *vehicle, const bev_trip *trip,
                            const bev_ecu_situation *situation, const merit_room *room,
                            double *states, double *powers_w, bev_merit_plan *plan,
-                           bev_course *course) {
+                           bev_trajectory *trajectory) {
   const bev_settling goal = {1, situation->target_c, situation->least_soc};
   const bev_status status =
       bev_plan_merit_order(vehicle, trip, &goal, room->idle_states, states, powers_w,
                            room->watched, room->order, room->work, plan);
-  *course = bev_course_of(room->rows, trip->steps, states, powers_w);
-  course->stranding = plan->stranding;
+  *trajectory = bev_trajectory_of(room->rows, trip->steps, states, powers_w);
+  trajectory->stranding = plan->stranding;
   return status;
 }
 
 /* The plan, made again under a ceiling on free heat if that loses no use: bev_preheat.planning.free_heat. */
 static bev_status plan_useful(const bev_vehicle *vehicle, const bev_trip *trip,
                               const bev_ecu_situation *situation, merit_room *room,
-                              bev_merit_plan *found, bev_course *course) {
+                              bev_merit_plan *found, bev_trajectory *trajectory) {
   const double start[4] = {situation->soc, situation->temperature_c, situation->heater_w,
                            situation->coolant_excess_k};
   bev_status status = plan_run(vehicle, trip, situation, room, room->states, room->powers_w,
-                               found, course);
-  if (status != BEV_OK || !bev_is_too_warm(trip, situation->target_c, course)) {
+                               found, trajectory);
+  if (status != BEV_OK || !bev_is_too_warm(trip, situation->target_c, trajectory)) {
     return status;
   }
   bev_trip bounded_trip = *trip;
@@ -147,7 +147,7 @@ static bev_status plan_useful(const bev_vehicle *vehicle, const bev_trip *trip,
   bool is_useful = false;
   for (int32_t n = 0; n < BEV_MOST_CEILINGS && status == BEV_OK && !is_useful; n++) {
     bev_merit_plan bounded;
-    bev_course bounded_course;
+    bev_trajectory bounded_trajectory;
     status = bev_find_surplus_ceiling(vehicle, trip, start, aim_c, soc, room->work, room->watched,
                                       room->along_c);
     bool is_higher = n == 0;
@@ -162,21 +162,21 @@ static bev_status plan_useful(const bev_vehicle *vehicle, const bev_trip *trip,
     bounded_trip.surplus_ceiling_c = room->ceiling_c;
     if (status == BEV_OK) {
       status = plan_run(vehicle, &bounded_trip, situation, room, room->bounded_states,
-                        room->bounded_powers_w, &bounded, &bounded_course);
+                        room->bounded_powers_w, &bounded, &bounded_trajectory);
     }
     if (status == BEV_OK) {
-      status = bev_is_as_useful(vehicle, trip, situation->target_c, &bounded_course, course,
+      status = bev_is_as_useful(vehicle, trip, situation->target_c, &bounded_trajectory, trajectory,
                                 &is_useful);
     }
     if (status == BEV_OK && is_useful) {
       room->states = room->bounded_states;
       room->powers_w = room->bounded_powers_w;
       *found = bounded;
-      *course = bounded_course;
+      *trajectory = bounded_trajectory;
     }
     soc = room->bounded_states;
-    if (status == BEV_OK && bounded_course.states[1][trip->steps] < situation->target_c) {
-      aim_c += BEV_MORE_AIM * (situation->target_c - bounded_course.states[1][trip->steps]);
+    if (status == BEV_OK && bounded_trajectory.states[1][trip->steps] < situation->target_c) {
+      aim_c += BEV_MORE_AIM * (situation->target_c - bounded_trajectory.states[1][trip->steps]);
     }
   }
   return status;
@@ -187,14 +187,14 @@ static bev_status plan_within_limits(const bev_vehicle *vehicle, const bev_trip 
                                      bev_ecu_plan *plan) {
   const int32_t steps = trip->steps;
   bev_merit_plan found;
-  bev_course course;
+  bev_trajectory trajectory;
   double allowed_w = 0.0;
   bev_status status = run_idle(vehicle, trip, situation, room);
   if (status == BEV_OK) {
-    status = plan_useful(vehicle, trip, situation, room, &found, &course);
+    status = plan_useful(vehicle, trip, situation, room, &found, &trajectory);
   }
   if (status == BEV_OK) {
-    status = bev_lacking_w(vehicle, trip, &course, &plan->lacking_w);
+    status = bev_deficit_w(vehicle, trip, &trajectory, &plan->deficit_w);
   }
   if (status == BEV_OK) {
     status = find_allowed(vehicle, trip, room, &allowed_w);
@@ -202,7 +202,7 @@ static bev_status plan_within_limits(const bev_vehicle *vehicle, const bev_trip 
   if (status != BEV_OK) {
     return status;
   }
-  if (found.stranding.step >= 0 || plan->lacking_w > allowed_w) {
+  if (found.stranding.step >= 0 || plan->deficit_w > allowed_w) {
     return BEV_LIMITED;
   }
   plan->soc = room->states;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The method optimal_switch: a plan with one stretch of heating, for vehicles with and without a heat path, or
+ * The method optimal_switch: a plan with one heating interval, for vehicles with and without a heat path, or
  * that a limit is active.
  */
 #include "bev_ecu_shared.h"
@@ -129,7 +129,7 @@ bev_status bev_ecu_plan_switch(const bev_vehicle *vehicle, const bev_trip *trip,
   }
   plan->on_s = NAN;
   plan->off_s = NAN;
-  plan->lacking_w = 0.0;
+  plan->deficit_w = 0.0;
   plan->brake_w = NULL;
   status = bev_ecu_arrives_late(vehicle) ? plan_late(vehicle, trip, situation, memory, plan)
                                          : plan_direct(vehicle, trip, situation, memory, plan);

@@ -200,7 +200,7 @@ typedef struct {
 } bev_energies;
 
 /*
- * How careful a plan is, beyond its target: how many kelvin of heating the last stretch begins early. With
+ * How careful a plan is, beyond its target: how many kelvin of heating the last interval begins early. With
  * `is_heating` (not 0) the heater is on, and pauses only for longer than `least_pause_s`. One that is off is not
  * switched on for less than `least_heating_s` before arrival.
  */
@@ -209,7 +209,7 @@ typedef struct {
   double least_pause_s;
   double least_heating_s;
   int32_t is_heating;
-} bev_caution;
+} bev_uncertainty_margin;
 
 /* What is heated for; the numbers are those of PreheatPlan.stretch_reason. */
 typedef enum {
@@ -513,10 +513,10 @@ typedef struct {
 } bev_merit_plan;
 
 /*
- * The whole plan by merit order, from the unheated run on: the run that is heated in one stretch, limits left
+ * The whole plan by merit order, from the unheated run on: the run that is heated in one interval, limits left
  * aside, where it keeps them all, or that of bev_heat_cheapest; else that of bev_merit_order, as it can be driven,
  * and, where heat arrives at once, bev_exchange_heat; where it arrives late, the run that is heated once, or not at
- * all, if that saves charge as it can be driven. Last, one stretch of heating that arrives at the target within the
+ * all, if that saves charge as it can be driven. Last, one heating interval that arrives at the target within the
  * limits, if it saves charge, with bev_exchange_heat again.
  *
  * `idle_states` is the unheated run, limits left aside; it and what is written, `states` and `powers_w`, are as
@@ -532,28 +532,28 @@ bev_status bev_plan_merit_order(const bev_vehicle *vehicle, const bev_trip *trip
 #define BEV_HEAT_EARLY_MEMORY(steps) (3 * (steps))
 
 /*
- * A plan whose last stretch of heating begins as early as `caution` asks, and ends as soon as it is enough for the
+ * A plan whose last heating interval begins as early as `margin` asks, and ends as soon as it is enough for the
  * target [deg C].
  *
  * `states` and `powers_w`, as of bev_settle, and of `plan` the instant at which heating ends, are a plan. Where
  * `is_changed` (not 0) all of it is written over: limits are left aside where none is active then, else it is the run
- * of bev_drive_as_planned, as where a stretch is left out because it is too short, or its heat would come too late.
+ * of bev_drive_as_planned, as where a interval is left out because it is too short, or its heat would come too late.
  */
 bev_status bev_heat_early(const bev_vehicle *vehicle, const bev_trip *trip, double target_c,
-                          const bev_caution *caution, double *states, double *powers_w,
+                          const bev_uncertainty_margin *margin, double *states, double *powers_w,
                           uint8_t *watched, double *memory, bev_merit_plan *plan,
                           int32_t *is_changed);
 
-/* Memory of bev_unheated_lacks [doubles]; its `flags` are 2 * steps bytes. */
+/* Memory of bev_unheated_deficit [doubles]; its `flags` are 2 * steps bytes. */
 #define BEV_UNHEATED_MEMORY(steps) (9 * (steps) + 4)
 
 /*
  * What a trip lacks that is not heated but with surplus, driven within the limits from a start (two states, or
  * four, as of bev_settle): the most power that the battery cannot deliver [W], and where the charge runs out.
  */
-bev_status bev_unheated_lacks(const bev_vehicle *vehicle, const bev_trip *trip,
+bev_status bev_unheated_deficit(const bev_vehicle *vehicle, const bev_trip *trip,
                               const double *start, double *memory, uint8_t *flags,
-                              double *lacking_w, bev_stranding *stranding);
+                              double *deficit_w, bev_stranding *stranding);
 
 /* Memory of bev_find_surplus_ceiling [doubles]; its `flags` are 2 * steps bytes. */
 #define BEV_SURPLUS_CEILING_MEMORY(steps) (13 * (steps) + 8)
@@ -577,7 +577,7 @@ typedef enum {
 
 /*
  * What a plan is for, and what it must leave: the target on arrival [deg C], how much warmer than that the battery is
- * to arrive if there is a caution [K], and the charge on arrival and on the way.
+ * to arrive if there is a uncertainty margin [K], and the charge on arrival and on the way.
  */
 typedef struct {
   double target_c;
@@ -586,7 +586,7 @@ typedef struct {
   double lowest_soc;
 } bev_safe_goal;
 
-/* What bev_plan_safeguarded finds beside the run. */
+/* What bev_plan_no_regret finds beside the run. */
 typedef struct {
   bev_merit_plan plan;
   /* Not 0: no heating that is paid for is better than none, and the run that is written means nothing. */
@@ -595,18 +595,18 @@ typedef struct {
   int32_t held_back;
 } bev_safe_plan;
 
-/* Memory of bev_plan_safeguarded [doubles]; its `watched` has BEV_MERIT_BYTES. */
-#define BEV_SAFEGUARD_MEMORY(steps) (BEV_MERIT_PLAN_MEMORY(steps) + 8 * (steps) + 4)
+/* Memory of bev_plan_no_regret [doubles]; its `watched` has BEV_MERIT_BYTES. */
+#define BEV_NO_REGRET_MEMORY(steps) (BEV_MERIT_PLAN_MEMORY(steps) + 8 * (steps) + 4)
 
 /*
- * The plan of bev_plan_merit_order, with `caution` (null: without) that of bev_heat_early, that is no worse than not
+ * The plan of bev_plan_merit_order, with `margin` (null: without) that of bev_heat_early, that is no worse than not
  * heating: where it would cost the charge that must be left, or the drive would lack more power, that for the warmest
  * target that does not; where there is none, the same without heating for the sake of climbs.
  *
  * Arguments and what is written are those of bev_plan_merit_order.
  */
-bev_status bev_plan_safeguarded(const bev_vehicle *vehicle, const bev_trip *trip,
-                                const bev_safe_goal *goal, const bev_caution *caution,
+bev_status bev_plan_no_regret(const bev_vehicle *vehicle, const bev_trip *trip,
+                                const bev_safe_goal *goal, const bev_uncertainty_margin *margin,
                                 const double *idle_states, double *states, double *powers_w,
                                 uint8_t *watched, int32_t *order, double *memory,
                                 bev_safe_plan *plan);
@@ -636,16 +636,16 @@ bev_status bev_find_switch(const bev_vehicle *vehicle, const bev_trip *trip, dou
  * The whole plan of a trip on which no limit is active, from a start: the unheated run, where it arrives below
  * the target the switching instant, the run, and what it costs. BEV_LIMITED where a limit is active in the
  * unheated run or in the plan. For a vehicle whose heat arrives at once; one with a heat path is a bad argument.
- * With `caution` (null: without) heating begins early and ends as soon as it is enough. Unless it is to heat
- * `in_one_stretch` (not 0), BEV_CHEAPER_ELSEWHERE where bev_heat_cheapest may find a run that costs less.
+ * With `margin` (null: without) heating begins early and ends as soon as it is enough. Unless it is to heat
+ * `in_one_interval` (not 0), BEV_CHEAPER_ELSEWHERE where bev_heat_cheapest may find a run that costs less.
  *
  * `memory` has BEV_SWITCH_MEMORY(steps) doubles; where the status is not below BEV_OK it begins with the
  * unheated run, charge and temperature at each instant. Written are those of the plan, and what the heater takes
  * in each step [W].
  */
 bev_status bev_plan_switch(const bev_vehicle *vehicle, const bev_trip *trip, double start_soc,
-                           double start_c, double target_c, int32_t in_one_stretch,
-                           const bev_caution *caution, double *memory, double *soc,
+                           double start_c, double target_c, int32_t in_one_interval,
+                           const bev_uncertainty_margin *margin, double *memory, double *soc,
                            double *temperature_c, double *heater_w, bev_switch_plan *plan);
 
 /*

@@ -112,7 +112,7 @@ typedef struct {
   const double *soc;
   double gamma_0_w_per_k;
   double gamma_v_w_per_k_per_mps;
-} bev_course;
+} bev_expected_drive;
 
 /* Time that has passed in a drive: what bev_mix_belief, bev_move_belief and bev_see_propulsion_power take. */
 typedef struct {
@@ -197,7 +197,7 @@ bev_status bev_take_reading(const bev_belief *belief, const bev_belief_terms *te
  * Variance of the temperature on arrival [K^2]: of what is believed of the elements at the start, with this
  * covariance (BEV_ELEMENTS * BEV_ELEMENTS), and of the traffic in each step.
  */
-bev_status bev_arrival_variance(const bev_vehicle *vehicle, const bev_course *course,
+bev_status bev_arrival_variance(const bev_vehicle *vehicle, const bev_expected_drive *expected,
                                 const bev_belief_terms *terms, const double *covariance,
                                 double *variance_k2);
 

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * What a run along a trip says of limits and of charge: the functions of that name in
- * bev_preheat.planning.limits, safeguard and charge_acceptance.
+ * bev_preheat.planning.limits, no_regret and charge_acceptance.
  */
-#include "courses.h"
+#include "trajectory.h"
 
 #include "bev_preheat_core_generated/constants.h"
 #include <stdbool.h>
@@ -19,14 +19,14 @@ static bev_status limits_at(const bev_vehicle *vehicle, double soc, double tempe
 }
 
 bev_status bev_watch_limits(const bev_vehicle *vehicle, const bev_trip *trip,
-                            const bev_course *course, bev_watch *watch) {
+                            const bev_trajectory *trajectory, bev_watch *watch) {
   double least_w[BEV_LIMITS_BLOCK];
   double most_w[BEV_LIMITS_BLOCK];
   for (int32_t from = 0; from < trip->steps; from += BEV_LIMITS_BLOCK) {
     const int32_t count =
         trip->steps - from < BEV_LIMITS_BLOCK ? trip->steps - from : BEV_LIMITS_BLOCK;
     const bev_status status = bev_limits_of_block(
-        vehicle, count, &course->states[0][from], &course->states[1][from], BEV_COLDER_BY_K,
+        vehicle, count, &trajectory->states[0][from], &trajectory->states[1][from], BEV_COLDER_BY_K,
         &trip->power_variance_w2[from], least_w, most_w);
     if (status != BEV_OK) {
       return status;
@@ -42,28 +42,28 @@ bev_status bev_watch_limits(const bev_vehicle *vehicle, const bev_trip *trip,
   return BEV_OK;
 }
 
-bev_status bev_lacking_w(const bev_vehicle *vehicle, const bev_trip *trip,
-                         const bev_course *course, double *worst_w) {
+bev_status bev_deficit_w(const bev_vehicle *vehicle, const bev_trip *trip,
+                         const bev_trajectory *trajectory, double *worst_w) {
   /* With a heat path the heater takes on average what the third power says. */
-  const double *drawn_w = course->powers_w[course->rows == 2 ? 0 : 2];
+  const double *drawn_w = trajectory->powers_w[trajectory->rows == 2 ? 0 : 2];
   double worst_at_w = 0.0;
   double least_w[BEV_LIMITS_BLOCK];
   double most_w[BEV_LIMITS_BLOCK];
   /* What a vehicle that stands does not get is lacking charge, not power. */
-  const int32_t driven = course->stranding.step < 0 ? trip->steps : course->stranding.step;
+  const int32_t driven = trajectory->stranding.step < 0 ? trip->steps : trajectory->stranding.step;
   *worst_w = 0.0;
   for (int32_t from = 0; from < driven; from += BEV_LIMITS_BLOCK) {
     const int32_t count = driven - from < BEV_LIMITS_BLOCK ? driven - from : BEV_LIMITS_BLOCK;
     const bev_status status = bev_limits_of_block(
-        vehicle, count, &course->states[0][from], &course->states[1][from], 0.0,
+        vehicle, count, &trajectory->states[0][from], &trajectory->states[1][from], 0.0,
         &trip->power_variance_w2[from], least_w, most_w);
     if (status != BEV_OK) {
       return status;
     }
     for (int32_t n = 0; n < count; n++) {
-      const double lacking_w = trip->idle_power_w[from + n] + drawn_w[from + n] - most_w[n];
-      if (lacking_w > *worst_w) {
-        *worst_w = lacking_w;
+      const double deficit_w = trip->idle_power_w[from + n] + drawn_w[from + n] - most_w[n];
+      if (deficit_w > *worst_w) {
+        *worst_w = deficit_w;
         worst_at_w = trip->idle_power_w[from + n];
       }
     }
@@ -75,7 +75,7 @@ bev_status bev_lacking_w(const bev_vehicle *vehicle, const bev_trip *trip,
 }
 
 bev_status bev_blend_acceptance_loss(const bev_vehicle *vehicle, const bev_trip *trip,
-                                     const bev_watch *watch, const bev_course *course,
+                                     const bev_watch *watch, const bev_trajectory *trajectory,
                                      bev_acceptance_loss *loss, int32_t *any) {
   const double capacity_as = SECONDS_PER_HOUR * vehicle->capacity_ah;
   *any = 0;
@@ -83,8 +83,8 @@ bev_status bev_blend_acceptance_loss(const bev_vehicle *vehicle, const bev_trip 
     double lost = 0.0;
     double surplus_w = 0.0;
     if (watch->charge[k] != 0u) {
-      const double soc = course->states[0][k];
-      const double temperature_c = course->states[1][k];
+      const double soc = trajectory->states[0][k];
+      const double temperature_c = trajectory->states[1][k];
       const double variance_w2 = trip->power_variance_w2[k];
       double limits_w[2];
       double fuller_w[2];

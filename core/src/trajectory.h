@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * What a run along a trip says of limits and of charge: the functions of that name in
- * bev_preheat.planning.limits, safeguard and charge_acceptance.
+ * bev_preheat.planning.limits, no_regret and charge_acceptance.
  */
-#ifndef BEV_PREHEAT_CORE_COURSES_H_
-#define BEV_PREHEAT_CORE_COURSES_H_
+#ifndef BEV_PREHEAT_CORE_TRAJECTORY_H_
+#define BEV_PREHEAT_CORE_TRAJECTORY_H_
 
 #include "steps_of_model.h"
 
@@ -14,7 +14,7 @@ typedef struct {
   double *states[4];
   double *powers_w[4];
   bev_stranding stranding;
-} bev_course;
+} bev_trajectory;
 
 /* Steps in which charge and discharge limit may matter: not 0. */
 typedef struct {
@@ -36,29 +36,29 @@ static inline double *bev_take(double **memory, int32_t count) {
 }
 
 /* The rows of a run that lie one after the other; it does not strand. */
-static inline bev_course bev_course_of(int32_t rows, int32_t steps, double *states,
+static inline bev_trajectory bev_trajectory_of(int32_t rows, int32_t steps, double *states,
                                        double *powers_w) {
-  bev_course course;
-  course.rows = rows;
+  bev_trajectory trajectory;
+  trajectory.rows = rows;
   for (int32_t n = 0; n < 4; n++) {
-    course.states[n] = n < rows ? &states[n * (steps + 1)] : NULL;
-    course.powers_w[n] = n < rows ? &powers_w[n * steps] : NULL;
+    trajectory.states[n] = n < rows ? &states[n * (steps + 1)] : NULL;
+    trajectory.powers_w[n] = n < rows ? &powers_w[n * steps] : NULL;
   }
-  course.stranding.step = -1;
-  course.stranding.driven_share = 1.0;
-  return course;
+  trajectory.stranding.step = -1;
+  trajectory.stranding.driven_share = 1.0;
+  return trajectory;
 }
 
 bev_status bev_watch_limits(const bev_vehicle *vehicle, const bev_trip *trip,
-                            const bev_course *course, bev_watch *watch);
+                            const bev_trajectory *trajectory, bev_watch *watch);
 
 /* The worst power that the battery cannot deliver [W]; 0 where nothing but rounding is lacking. */
-bev_status bev_lacking_w(const bev_vehicle *vehicle, const bev_trip *trip,
-                         const bev_course *course, double *worst_w);
+bev_status bev_deficit_w(const bev_vehicle *vehicle, const bev_trip *trip,
+                         const bev_trajectory *trajectory, double *worst_w);
 
 /* Blend the loss along a run into the loss that was assumed; `any` says whether there is any then. */
 bev_status bev_blend_acceptance_loss(const bev_vehicle *vehicle, const bev_trip *trip,
-                                     const bev_watch *watch, const bev_course *course,
+                                     const bev_watch *watch, const bev_trajectory *trajectory,
                                      bev_acceptance_loss *loss, int32_t *any);
 
-#endif /* BEV_PREHEAT_CORE_COURSES_H_ */
+#endif /* BEV_PREHEAT_CORE_TRAJECTORY_H_ */

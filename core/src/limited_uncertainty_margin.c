@@ -5,15 +5,15 @@
  */
 #include "bev_preheat_core_generated/constants.h"
 #include "bracketing.h"
-#include "caution.h"
+#include "uncertainty_margin.h"
 #include "checks.h"
-#include "courses.h"
+#include "trajectory.h"
 #include "early_start.h"
 #include "instants.h"
 #include "limited_step.h"
 #include "limits_of_run.h"
 
-/* What stays the same, the run that is made anew, and its stretch of heating from `start_s` on. */
+/* What stays the same, the run that is made anew, and its heating interval from `start_s` on. */
 typedef struct {
   const bev_vehicle *vehicle;
   const bev_trip *trip;
@@ -22,7 +22,7 @@ typedef struct {
   double *states;
   double *powers_w;
   uint8_t *watched;
-  /* What is commanded in each step [W]; before step `first`, in which the stretch begins, what is planned. */
+  /* What is commanded in each step [W]; before step `first`, in which the interval begins, what is planned. */
   double *command_w;
   double *limits_w;
   int32_t first;
@@ -32,21 +32,21 @@ typedef struct {
   double end_s;
   int32_t is_driven;
   bev_stranding stranding;
-} last_stretch;
+} last_interval;
 
-static double *powers_of(const last_stretch *of, int32_t row) {
+static double *powers_of(const last_interval *of, int32_t row) {
   return &of->powers_w[row * of->trip->steps];
 }
 
 /* The run's temperatures. */
-static double *temperature_of(const last_stretch *of) { return &of->states[of->trip->steps + 1]; }
+static double *temperature_of(const last_interval *of) { return &of->states[of->trip->steps + 1]; }
 
-static double above_target_k(const last_stretch *of) {
+static double above_target_k(const last_interval *of) {
   return temperature_of(of)[of->trip->steps] - of->target_c;
 }
 
 /* BEV_OK if the steps before `end` keep all limits, BEV_LIMITED if not. */
-static bev_status keeps_limits(const last_stretch *of, int32_t end) {
+static bev_status keeps_limits(const last_interval *of, int32_t end) {
   bev_trip before = *of->trip;
   before.steps = end;
   const bev_seen_run run = {of->vehicle,
@@ -60,7 +60,7 @@ static bev_status keeps_limits(const last_stretch *of, int32_t end) {
 }
 
 /* Until the earlier of both ends the run that is there is that of another end; write what is commanded then. */
-static int32_t command_until(last_stretch *of, double end_s) {
+static int32_t command_until(last_interval *of, double end_s) {
   const int32_t first = bev_step_at(of->trip, bev_minimum(of->end_s, end_s));
   bev_heat_between(of->trip, first, of->start_s, end_s, of->command_w);
   of->end_s = end_s;
@@ -69,7 +69,7 @@ static int32_t command_until(last_stretch *of, double end_s) {
 
 /* The run that is heated until an instant, limits left aside, above the target on arrival. */
 static bev_status run_until(void *searched, double end_s, double *above_k) {
-  last_stretch *of = (last_stretch *)searched;
+  last_interval *of = (last_interval *)searched;
   const int32_t first = command_until(of, end_s);
   const double *const brake_w = powers_of(of, 1);
   const bev_status status = of->is_direct
@@ -81,7 +81,7 @@ static bev_status run_until(void *searched, double end_s, double *above_k) {
 }
 
 /* The run within limits from a step on, if the one that is there is one, else from its beginning. */
-static bev_status drive_on(last_stretch *of, int32_t first) {
+static bev_status drive_on(last_interval *of, int32_t first) {
   const bev_status status = bev_drive_on_as_planned(
       of->vehicle, of->trip, of->command_w, of->is_driven ? first : 0, of->states, of->powers_w,
       of->watched, &of->stranding);
@@ -92,14 +92,14 @@ static bev_status drive_on(last_stretch *of, int32_t first) {
 
 /* The run that is heated until an instant as far as the battery's limits let it. */
 static bev_status drive_until(void *searched, double end_s, double *above_k) {
-  last_stretch *of = (last_stretch *)searched;
+  last_interval *of = (last_interval *)searched;
   const bev_status status = drive_on(of, command_until(of, end_s));
   *above_k = above_target_k(of);
   return status;
 }
 
 /* The end of heating [s] with which the battery arrives at the target. */
-static bev_status find_end(last_stretch *of, bev_attempt attempt, double guess_s, double *end_s) {
+static bev_status find_end(last_interval *of, bev_attempt attempt, double guess_s, double *end_s) {
   const bev_ending ending = {BEV_EARLY_TOLERANCE_K, BEV_EARLY_RESOLUTION_S, BEV_MOST_EARLY_RUNS};
   double above_k = 0.0;
   *end_s = bev_minimum(bev_maximum(guess_s, of->start_s), of->latest_end_s);
@@ -116,7 +116,7 @@ static bev_status find_end(last_stretch *of, bev_attempt attempt, double guess_s
 }
 
 /* BEV_LIMITED where a limit is active. */
-static bev_status heat_early_beyond_limits(last_stretch *of, double guess_s, double *end_s) {
+static bev_status heat_early_beyond_limits(last_interval *of, double guess_s, double *end_s) {
   bev_status status = of->first == 0 ? BEV_OK : keeps_limits(of, of->first);
   if (status == BEV_OK) {
     status = find_end(of, run_until, guess_s, end_s);
@@ -135,8 +135,8 @@ static bev_status heat_early_beyond_limits(last_stretch *of, double guess_s, dou
   return status == BEV_OK ? keeps_limits(of, of->trip->steps) : status;
 }
 
-/* The plan whose last stretch begins early, as early as it is told, and ends as soon as it is enough. */
-static bev_status heat_early(last_stretch *of, double guess_s, bev_merit_plan *plan) {
+/* The plan whose last interval begins early, as early as it is told, and ends as soon as it is enough. */
+static bev_status heat_early(last_interval *of, double guess_s, bev_merit_plan *plan) {
   const bev_trip *trip = of->trip;
   double end_s = NAN;
   bev_status status = heat_early_beyond_limits(of, guess_s, &end_s);
@@ -156,8 +156,8 @@ static bev_status heat_early(last_stretch *of, double guess_s, bev_merit_plan *p
   return status;
 }
 
-/* The plan without the stretch that begins in a step. */
-static bev_status leave_out(last_stretch *of, int32_t first, bev_merit_plan *plan) {
+/* The plan without the interval that begins in a step. */
+static bev_status leave_out(last_interval *of, int32_t first, bev_merit_plan *plan) {
   for (int32_t k = first; k < of->trip->steps; k++) {
     of->command_w[k] = 0.0;
   }
@@ -169,26 +169,26 @@ static bev_status leave_out(last_stretch *of, int32_t first, bev_merit_plan *pla
 }
 
 bev_status bev_heat_early(const bev_vehicle *vehicle, const bev_trip *trip, double target_c,
-                          const bev_caution *caution, double *states, double *powers_w,
+                          const bev_uncertainty_margin *margin, double *states, double *powers_w,
                           uint8_t *watched, double *memory, bev_merit_plan *plan,
                           int32_t *is_changed) {
   bev_status status = bev_checked(vehicle, trip, 0);
   if (status != BEV_OK) {
     return status;
   }
-  if (caution == NULL || states == NULL || powers_w == NULL || watched == NULL || memory == NULL
+  if (margin == NULL || states == NULL || powers_w == NULL || watched == NULL || memory == NULL
       || plan == NULL || is_changed == NULL || trip->steps < 1) {
     return BEV_BAD_ARGUMENT;
   }
   const int32_t steps = trip->steps;
   const int32_t is_direct = bev_is_direct(vehicle);
   const int32_t rows = is_direct ? 2 : 4;
-  if (!isfinite(target_c) || !bev_is_caution(caution) || !bev_is_time(trip)
+  if (!isfinite(target_c) || !bev_is_uncertainty_margin(margin) || !bev_is_time(trip)
       || !bev_are_numbers(states, rows * (steps + 1)) || !bev_are_numbers(powers_w, rows * steps)
       || isinf(plan->end_s) != 0) {
     return BEV_BAD_INPUT;
   }
-  last_stretch of;
+  last_interval of;
   of.vehicle = vehicle;
   of.trip = trip;
   of.target_c = target_c;
@@ -207,7 +207,7 @@ bev_status bev_heat_early(const bev_vehicle *vehicle, const bev_trip *trip, doub
   }
   const bev_planned_heating planned = {vehicle, trip, of.command_w, of.latest_end_s};
   bev_early_start start;
-  status = bev_find_early_start(&planned, caution, &start);
+  status = bev_find_early_start(&planned, margin, &start);
   *is_changed = status == BEV_OK && start.change != BEV_STAYS ? 1 : 0;
   if (*is_changed == 0) {
     return status;

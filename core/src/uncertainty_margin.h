@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Heating a little earlier than a plan needs: bev_preheat.planning.uncertainty_margin, heat at once, no limit active. */
-#ifndef BEV_PREHEAT_CORE_CAUTION_H_
-#define BEV_PREHEAT_CORE_CAUTION_H_
+#ifndef BEV_PREHEAT_CORE_UNCERTAINTY_MARGIN_H_
+#define BEV_PREHEAT_CORE_UNCERTAINTY_MARGIN_H_
 
 #include <math.h>
 #include <stddef.h>
@@ -27,17 +27,17 @@ typedef struct {
   int32_t first;
   double start_s;
   double end_s;
-} bev_early_stretch;
+} bev_early_interval;
 
-/* Whether a caution, null for none, is made of numbers. */
-static inline int bev_is_caution(const bev_caution *caution) {
-  return caution == NULL
-      || (isfinite(caution->lead_k) && isfinite(caution->least_pause_s)
-          && isfinite(caution->least_heating_s));
+/* Whether a uncertainty margin, null for none, is made of numbers. */
+static inline int bev_is_uncertainty_margin(const bev_uncertainty_margin *margin) {
+  return margin == NULL
+      || (isfinite(margin->lead_k) && isfinite(margin->least_pause_s)
+          && isfinite(margin->least_heating_s));
 }
 
-/* The run with its last stretch of heating begun as early as `caution` asks, ended once it is enough. */
-bev_status bev_switch_on_early(const bev_heated_run *run, const bev_caution *caution,
-                               bev_early_stretch *stretch);
+/* The run with its last heating interval begun as early as `margin` asks, ended once it is enough. */
+bev_status bev_switch_on_early(const bev_heated_run *run, const bev_uncertainty_margin *margin,
+                               bev_early_interval *interval);
 
-#endif /* BEV_PREHEAT_CORE_CAUTION_H_ */
+#endif /* BEV_PREHEAT_CORE_UNCERTAINTY_MARGIN_H_ */

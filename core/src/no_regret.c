@@ -1,14 +1,14 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * No plan is worse than not heating: bev_preheat.planning.no_regret over what merit_order proposes, with a caution as
+ * No plan is worse than not heating: bev_preheat.planning.no_regret over what merit_order proposes, with a uncertainty margin as
  * bev_preheat.planning.planner has it.
  */
 #include <stdbool.h>
 
 #include "bev_preheat_core_generated/constants.h"
-#include "caution.h"
+#include "uncertainty_margin.h"
 #include "checks.h"
-#include "courses.h"
+#include "trajectory.h"
 #include "instants.h"
 #include "limited_step.h"
 
@@ -17,7 +17,7 @@ typedef struct {
   const bev_vehicle *vehicle;
   const bev_trip *trip;
   const bev_safe_goal *goal;
-  const bev_caution *caution;
+  const bev_uncertainty_margin *margin;
   const double *idle_states;
   int32_t rows;
   double allowed_w;
@@ -25,7 +25,7 @@ typedef struct {
   uint8_t *watched;
   int32_t *order;
   double *memory;
-} safeguard;
+} no_regret_check;
 
 /* A run with its instants: what was proposed for a target, and what it leaves to spare. */
 typedef struct {
@@ -37,18 +37,18 @@ typedef struct {
   double spare_w;
 } proposed;
 
-static bev_course course_of(const safeguard *of, const proposed *run) {
-  bev_course course = bev_course_of(of->rows, of->trip->steps, run->states, run->powers_w);
-  course.stranding = run->plan.stranding;
-  return course;
+static bev_trajectory trajectory_of(const no_regret_check *of, const proposed *run) {
+  bev_trajectory trajectory = bev_trajectory_of(of->rows, of->trip->steps, run->states, run->powers_w);
+  trajectory.stranding = run->plan.stranding;
+  return trajectory;
 }
 
-static double arrival_c(const safeguard *of, const proposed *run) {
+static double arrival_c(const no_regret_check *of, const proposed *run) {
   return run->states[2 * of->trip->steps + 1];
 }
 
 /* The energy at the terminals that the rest of a trip would take whose charge runs out [Wh]. */
-static double lacking_wh(const bev_trip *trip, const bev_stranding *stranding) {
+static double deficit_wh(const bev_trip *trip, const bev_stranding *stranding) {
   double rest_j = 0.0;
   double most_j = 0.0;
   for (int32_t k = stranding->step; k < trip->steps; k++) {
@@ -61,7 +61,7 @@ static double lacking_wh(const bev_trip *trip, const bev_stranding *stranding) {
 }
 
 /* Charge to spare: on arrival above what must be left, on the way above the lowest. */
-static bev_status find_spare_soc(const safeguard *of, proposed *run) {
+static bev_status find_spare_soc(const no_regret_check *of, proposed *run) {
   const int32_t steps = of->trip->steps;
   double least = run->states[0];
   for (int32_t k = 1; k <= steps; k++) {
@@ -73,24 +73,24 @@ static bev_status find_spare_soc(const safeguard *of, proposed *run) {
     const double whole_wh = of->vehicle->capacity_ah
         * bev_at(&of->vehicle->open_circuit_voltage, BEV_EXACT, 0.0, arrival_c(of, run));
     run->spare_soc -=
-        bev_maximum(lacking_wh(of->trip, &run->plan.stranding) / whole_wh, BEV_SOC_TOLERANCE);
+        bev_maximum(deficit_wh(of->trip, &run->plan.stranding) / whole_wh, BEV_SOC_TOLERANCE);
   }
   return isfinite(run->spare_soc) ? BEV_OK : BEV_NOT_FINITE;
 }
 
-static bev_status find_what_is_spare(const safeguard *of, proposed *run) {
-  const bev_course course = course_of(of, run);
-  double lacking_w = 0.0;
+static bev_status find_what_is_spare(const no_regret_check *of, proposed *run) {
+  const bev_trajectory trajectory = trajectory_of(of, run);
+  double deficit_w = 0.0;
   bev_status status = find_spare_soc(of, run);
   if (status == BEV_OK) {
-    status = bev_lacking_w(of->vehicle, of->trip, &course, &lacking_w);
+    status = bev_deficit_w(of->vehicle, of->trip, &trajectory, &deficit_w);
   }
-  run->spare_w = of->allowed_w - lacking_w;
+  run->spare_w = of->allowed_w - deficit_w;
   return status;
 }
 
 /* Whether a run stays within the charge, and the heat, that the model describes. */
-static bool is_described(const safeguard *of, const proposed *run) {
+static bool is_described(const no_regret_check *of, const proposed *run) {
   const int32_t instants = of->trip->steps + 1;
   bool is = true;
   for (int32_t k = 0; k < instants; k++) {
@@ -101,7 +101,7 @@ static bool is_described(const safeguard *of, const proposed *run) {
 }
 
 /* The run as it is driven within limits. */
-static bev_status drive(const safeguard *of, proposed *run) {
+static bev_status drive(const no_regret_check *of, proposed *run) {
   double *const command_w = of->memory;
   for (int32_t k = 0; k < of->trip->steps; k++) {
     command_w[k] = run->powers_w[k];
@@ -116,17 +116,17 @@ static bev_status drive(const safeguard *of, proposed *run) {
 }
 
 /* What is proposed for a target. */
-static bev_status propose(const safeguard *of, double target_c, proposed *run) {
+static bev_status propose(const no_regret_check *of, double target_c, proposed *run) {
   int32_t is_changed = 0;
   bev_settling goal = {of->serves_climbs, target_c, of->goal->lowest_soc};
-  if (of->caution != NULL) {
+  if (of->margin != NULL) {
     goal.target_c = bev_minimum(target_c + of->goal->margin_k, of->vehicle->highest_c);
   }
   bev_status status =
       bev_plan_merit_order(of->vehicle, of->trip, &goal, of->idle_states, run->states,
                            run->powers_w, of->watched, of->order, of->memory, &run->plan);
-  if (status == BEV_OK && of->caution != NULL) {
-    status = bev_heat_early(of->vehicle, of->trip, goal.target_c, of->caution, run->states,
+  if (status == BEV_OK && of->margin != NULL) {
+    status = bev_heat_early(of->vehicle, of->trip, goal.target_c, of->margin, run->states,
                             run->powers_w, of->watched, of->memory, &run->plan, &is_changed);
   }
   if (status == BEV_OK && !is_described(of, run)) {
@@ -160,7 +160,7 @@ static double left_of(double excess, double before) {
 }
 
 /* The warmest run that is allowed, between one that is and one that is not: close_in of planning.bracketing. */
-static bev_status close_in(const safeguard *of, proposed *allowed, proposed *room,
+static bev_status close_in(const no_regret_check *of, proposed *allowed, proposed *room,
                            const proposed *too_warm) {
   proposed forbidden = *too_warm;
   const double aim = excess_of(&forbidden) > -BEV_SOC_AIM ? BEV_SOC_AIM : 0.0;
@@ -200,7 +200,7 @@ typedef struct {
 } unheated_trip;
 
 /* The warmest run of a proposal that is allowed, if `is_found`; `wanted` is that of the goal's target. */
-static bev_status find_warmest(const safeguard *of, const unheated_trip *unheated,
+static bev_status find_warmest(const no_regret_check *of, const unheated_trip *unheated,
                                proposed *wanted, proposed *found, bool *is_found) {
   /* Driving alone meets this target, so only heating that pays for itself is left. */
   const double cold_c =
@@ -239,10 +239,10 @@ static bev_status find_warmest(const safeguard *of, const unheated_trip *unheate
 }
 
 /* How the trip without paid heating is driven; what may lack is what it lacks. */
-static bev_status drive_unheated(safeguard *of, proposed *run, unheated_trip *unheated) {
+static bev_status drive_unheated(no_regret_check *of, proposed *run, unheated_trip *unheated) {
   const int32_t instants = of->trip->steps + 1;
   double *const command_w = of->memory;
-  double lacking_w = 0.0;
+  double deficit_w = 0.0;
   for (int32_t k = 0; k < of->trip->steps; k++) {
     command_w[k] = 0.0;
   }
@@ -252,13 +252,13 @@ static bev_status drive_unheated(safeguard *of, proposed *run, unheated_trip *un
   bev_status status = bev_drive_as_planned(of->vehicle, of->trip, command_w, run->states,
                                            run->powers_w, of->watched, &run->plan.stranding);
   if (status == BEV_OK) {
-    const bev_course course = course_of(of, run);
-    status = bev_lacking_w(of->vehicle, of->trip, &course, &lacking_w);
+    const bev_trajectory trajectory = trajectory_of(of, run);
+    status = bev_deficit_w(of->vehicle, of->trip, &trajectory, &deficit_w);
   }
   if (status == BEV_OK) {
     status = find_spare_soc(of, run);
   }
-  of->allowed_w = lacking_w > 0.0 ? lacking_w + BEV_NO_WORSE_W : 0.0;
+  of->allowed_w = deficit_w > 0.0 ? deficit_w + BEV_NO_WORSE_W : 0.0;
   unheated->spare_soc = run->spare_soc;
   unheated->coldest_c = run->states[instants];
   for (int32_t k = 1; k < instants; k++) {
@@ -268,7 +268,7 @@ static bev_status drive_unheated(safeguard *of, proposed *run, unheated_trip *un
 }
 
 /* The first proposal that is allowed: with the goal's target, else the warmest below it. */
-static bev_status serve(safeguard *of, const unheated_trip *unheated, proposed *wanted,
+static bev_status serve(no_regret_check *of, const unheated_trip *unheated, proposed *wanted,
                         proposed *found, bev_safe_plan *plan) {
   for (int32_t n = 0; n < 2 && plan->is_unheated != 0; n++) {
     of->serves_climbs = n == 0 ? 1 : 0;
@@ -293,8 +293,8 @@ static bev_status serve(safeguard *of, const unheated_trip *unheated, proposed *
   return BEV_OK;
 }
 
-bev_status bev_plan_safeguarded(const bev_vehicle *vehicle, const bev_trip *trip,
-                                const bev_safe_goal *goal, const bev_caution *caution,
+bev_status bev_plan_no_regret(const bev_vehicle *vehicle, const bev_trip *trip,
+                                const bev_safe_goal *goal, const bev_uncertainty_margin *margin,
                                 const double *idle_states, double *states, double *powers_w,
                                 uint8_t *watched, int32_t *order, double *memory,
                                 bev_safe_plan *plan) {
@@ -307,11 +307,11 @@ bev_status bev_plan_safeguarded(const bev_vehicle *vehicle, const bev_trip *trip
     return BEV_BAD_ARGUMENT;
   }
   const int32_t steps = trip->steps;
-  safeguard of;
+  no_regret_check of;
   of.vehicle = vehicle;
   of.trip = trip;
   of.goal = goal;
-  of.caution = caution;
+  of.margin = margin;
   of.idle_states = idle_states;
   of.rows = bev_is_direct(vehicle) ? 2 : 4;
   of.allowed_w = 0.0;
@@ -319,7 +319,7 @@ bev_status bev_plan_safeguarded(const bev_vehicle *vehicle, const bev_trip *trip
   of.watched = watched;
   of.order = order;
   if (!isfinite(goal->target_c) || !isfinite(goal->margin_k) || !isfinite(goal->reserve_soc)
-      || !isfinite(goal->lowest_soc) || !bev_is_caution(caution)
+      || !isfinite(goal->lowest_soc) || !bev_is_uncertainty_margin(margin)
       || !bev_are_numbers(idle_states, of.rows * (steps + 1))) {
     return BEV_BAD_INPUT;
   }

@@ -3,14 +3,14 @@
  * Heating a little earlier than a plan needs, so that what turns out worse can be made up for:
  * bev_preheat.planning.uncertainty_margin for a run that is heated from one instant on, heat at once, no limit active.
  */
-#include "caution.h"
+#include "uncertainty_margin.h"
 
 #include "bev_preheat_core_generated/constants.h"
 #include "bracketing.h"
 #include "early_start.h"
 #include "steps_of_model.h"
 
-/* A stretch of heating that begins at `start_s`, and until when it is heated in the run that is there [s]. */
+/* A heating interval that begins at `start_s`, and until when it is heated in the run that is there [s]. */
 typedef struct {
   const bev_heated_run *run;
   double start_s;
@@ -37,18 +37,18 @@ static bev_status heat_early_until(void *searched, double end_s, double *above_k
   return status;
 }
 
-/* The run without the stretch that begins in a step. */
-static bev_status leave_out(const bev_heated_run *run, int32_t first, bev_early_stretch *stretch) {
+/* The run without the interval that begins in a step. */
+static bev_status leave_out(const bev_heated_run *run, int32_t first, bev_early_interval *interval) {
   for (int32_t k = first; k < run->trip->steps; k++) {
     run->heater_w[k] = 0.0;
   }
-  stretch->first = first;
+  interval->first = first;
   return run_on(run, first);
 }
 
 /* The run that is heated from an instant on, for as long as it needs; about until `guess_s`. */
 static bev_status heat_early_from(const bev_heated_run *run, double start_s, double guess_s,
-                            bev_early_stretch *stretch) {
+                            bev_early_interval *interval) {
   const double arrival_s = run->trip->time_s[run->trip->steps];
   /* At first nothing after the start is as it is to be. */
   search of = {run, start_s, start_s};
@@ -61,26 +61,26 @@ static bev_status heat_early_from(const bev_heated_run *run, double start_s, dou
   const bev_ending ending = {BEV_EARLY_TOLERANCE_K, BEV_EARLY_RESOLUTION_S, BEV_MOST_EARLY_RUNS};
   status = bev_follow_slope(arrival_s, start_s, bev_warmed_k_per_s(run->vehicle, run->trip, end_s),
                             &ending, heat_early_until, &of, &end_s, &above_k);
-  stretch->first = bev_step_at(run->trip, start_s);
-  stretch->start_s = end_s > start_s ? start_s : NAN;
-  stretch->end_s = start_s < end_s && end_s < arrival_s ? end_s : NAN;
+  interval->first = bev_step_at(run->trip, start_s);
+  interval->start_s = end_s > start_s ? start_s : NAN;
+  interval->end_s = start_s < end_s && end_s < arrival_s ? end_s : NAN;
   return status;
 }
 
-bev_status bev_switch_on_early(const bev_heated_run *run, const bev_caution *caution,
-                               bev_early_stretch *stretch) {
+bev_status bev_switch_on_early(const bev_heated_run *run, const bev_uncertainty_margin *margin,
+                               bev_early_interval *interval) {
   const bev_trip *trip = run->trip;
   const bev_planned_heating planned = {run->vehicle, trip, run->heater_w,
                                        trip->time_s[trip->steps]};
   bev_early_start start;
-  stretch->first = trip->steps;
-  stretch->start_s = NAN;
-  stretch->end_s = NAN;
-  const bev_status status = bev_find_early_start(&planned, caution, &start);
+  interval->first = trip->steps;
+  interval->start_s = NAN;
+  interval->end_s = NAN;
+  const bev_status status = bev_find_early_start(&planned, margin, &start);
   if (status != BEV_OK || start.change == BEV_STAYS) {
     return status;
   }
   return start.change == BEV_LEFT_OUT
-      ? leave_out(run, start.first, stretch)
-      : heat_early_from(run, start.start_s, start.guess_s, stretch);
+      ? leave_out(run, start.first, interval)
+      : heat_early_from(run, start.start_s, start.guess_s, interval);
 }
