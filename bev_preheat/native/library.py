@@ -164,7 +164,8 @@ def bindings() -> Interface:
     """Return the Interface that these bindings are written for."""
     structs = {
         'bev_arrival': ArrivalStruct, 'bev_belief': BeliefStruct, 'bev_belief_terms': BeliefTermsStruct,
-        'bev_uncertainty_margin': UncertaintyMarginStruct, 'bev_expected_drive': ExpectedDriveStruct, 'bev_curve': CurveStruct,
+        'bev_uncertainty_margin': UncertaintyMarginStruct, 'bev_expected_drive': ExpectedDriveStruct,
+        'bev_curve': CurveStruct,
         'bev_curve_range': CurveRangeStruct, 'bev_drive': DriveStruct, 'bev_energies': EnergiesStruct,
         'bev_heating': HeatingStruct, 'bev_merit_plan': MeritPlanStruct, 'bev_passed': PassedStruct,
         'bev_reading': ReadingStruct, 'bev_run_of_powers': RunOfPowersStruct,
