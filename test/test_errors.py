@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What came from outside, in messages: quoted, and never at length."""
+"""External text in messages is quoted and shortened."""
 
 import pytest
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is missing is said in one line that can be acted on; setup installs what is missing, no more."""
+"""A missing package is reported in a single line with advice; setup installs only missing packages."""
 
 from importlib import util
 from pathlib import Path

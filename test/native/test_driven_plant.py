@@ -25,7 +25,7 @@ def _core():
 
 
 def drawn(number):
-    """Return a vehicle, a route and the state at its start; some batteries lack power or run empty."""
+    """Return a vehicle, a route and the initial state; some batteries are too weak or run empty."""
     random = np.random.default_rng([61, number])
     car = drawn_situations.car(drawn_situations.CARS[number % len(drawn_situations.CARS)])
     vehicle = replace(car, heat_path=PATHS[number % len(PATHS)])
@@ -42,7 +42,7 @@ def drawn(number):
 
 
 def driven(number):
-    """Return what a plant is after each of many stretches under heater powers."""
+    """Return the plant's state after each of many intervals of heater power."""
     plant, random = drawn(number)
     seen = []
     while plant.time_s < plant.duration_s + 5.0:
@@ -65,7 +65,7 @@ def test_it_is_the_same_to_the_last_bit():
         assert found == expected, number
         deficit += expected[-1][7] > 0.0
         empty += expected[-1][8] is not None
-    # What the core leaves to Python is among them.
+    # Cases that the core leaves to Python are included.
     assert deficit > 5 and empty > 5 and deficit + empty < 2 * NUMBERS
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What comes of plans over limits, as the compiled core tells it, against Python."""
+"""Outcomes of plans beyond limits, from the native core, compared with Python."""
 
 from ctypes import addressof, byref, c_double, c_int32
 from dataclasses import astuple, replace
@@ -44,7 +44,7 @@ def schedule_of(number):
     return trip, plan_merit_order(trip, state, goal, plan_without_heating(trip, state))
 
 
-def test_energies_and_stretches_are_the_same(monkeypatch):
+def test_energies_and_heating_intervals_are_the_same(monkeypatch):
     reasons = set()
     for number in range(24):
         trip, schedule = schedule_of(number)
@@ -94,7 +94,7 @@ def test_what_the_unheated_trip_lacks_is_the_same(soc):
 
 
 def outcome_call(null=None):
-    """Call bev_find_outcome, one of its pointers null; return the status."""
+    """Call bev_find_outcome with one null pointer; return the status."""
     trip, schedule = schedule_of(0)
     arrays = {name: np.ascontiguousarray(getattr(schedule, name)) for name in (
         'soc', 'temperature_c', 'heater_power_w', 'brake_power_w')}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The executor of the nodes: whom it serves, in what order, and what it passes on."""
+"""The executor of the nodes: which callbacks it runs, their order, and exceptions that it passes on."""
 
 import threading
 import time
@@ -133,7 +133,7 @@ def test_a_message_that_resets_a_timer_does_so_though_it_has_run_out(spun, numbe
     subscribe(node, numbers, hear)
     timer = node.create_timer(0.3, lambda: ticks.append(len(heard)))
     numbers.publish(Int32())
-    # Both are ready before either is looked at.
+    # Both are ready before the executor checks either.
     time.sleep(0.5)
     executor.run(lambda: bool(heard))
     assert not ticks
