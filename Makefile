@@ -12,27 +12,27 @@ MINUTES := 10
 EXAMPLES := 1000
 # make test TESTS="test/vehicle/test_model.py -k joule"
 TESTS := test
-# The tests of one file stay together and share nodes; much of their time is waiting for them, so there are more workers than
-# cores. Files with few tests are the slow ones and must not come last, as newer versions of xdist would have it. Not every ROS
+# The tests of a file stay together and share nodes; they spend much time waiting for the nodes, so there are more workers than
+# cores. Files with few tests are slow and must not run last, as they would with newer versions of xdist. Not every ROS
 # machine has xdist.
 several_files_at_once := $$(python3 -c 'import xdist; print("-n 5 --dist loadfile", "--no-loadscope-reorder" * (tuple(map(int, xdist.__version__.split(".")[:2])) >= (3, 7)))' 2>/dev/null || true)
 
 several_without_nodes := $(subst -n 5,-n auto,$(several_files_at_once))
 
-# Where it is set, each of the test workers compiles all tests anew.
+# If it is set, each test worker compiles all tests again.
 unexport PYTHONDONTWRITEBYTECODE
 
-# What runs here must neither hear nor disturb the other robots of the network.
+# Isolate these nodes from other robots on the network.
 local_only := export ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST
 environment := . scripts/env.bash
 
-help: ## this list
+help: ## print this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/  make \1\t\2/' | expand -t 16
 
-setup: ## the working environment in .venv: what a ROS 2 distribution lacks, or ROS 2 from wheels
+setup: ## the working environment in .venv: packages missing from the ROS 2 distribution, or ROS 2 from wheels
 	@scripts/setup.bash
 
-# For a car, without what measures: BEV_PREHEAT_WITHOUT_STUDIES=1 make build.
+# For a car, without the studies: BEV_PREHEAT_WITHOUT_STUDIES=1 make build.
 build: setup ## the three packages, if anything changed (colcon build --base-paths . core msg_defs)
 	@scripts/build.bash
 
@@ -42,15 +42,15 @@ demo: build ## a simulated drive to the fast charger
 test: build ## all tests
 	@$(environment); $(local_only); python3 -m pytest -q $(several_files_at_once) -m "not deep and not linter" $(TESTS)
 
-# Python is tested as it is in the checkout, so only new messages and new equations need a build.
-test-quick: setup ## the tests without DDS, but for the costly ones, for the person who edits
+# The tests use the checkout's Python files, so only changed messages, equations and C files need a build.
+test-quick: setup ## the quick tests without DDS, for use while editing
 	@[ -e install/.built ] && [ -z "$$(find msg_defs core bev_preheat/native bev_preheat/vehicle/*.py -newer install/.built -print -quit)" ] || scripts/build.bash
 	@$(environment); $(local_only); PYTHONPATH="$$PWD:$$PWD/studies:$$PYTHONPATH" python3 -m pytest -q $(several_without_nodes) -m "not dds and not deep and not costly and not linter" $(TESTS)
 
-test-deep: build ## all tests, those too that take long: all scenarios over DDS, EXAMPLES (1000) for each property
+test-deep: build ## all tests, including the long ones: all scenarios over DDS, EXAMPLES (1000) for each property
 	@$(environment); $(local_only); BEV_PREHEAT_EXAMPLES=$(EXAMPLES) python3 -m pytest -q $(several_files_at_once) -m "not linter" --hypothesis-profile deep -o timeout=7200 $(TESTS)
 
-# In .oldest: an environment and a build of their own.
+# Uses its own environment and build in .oldest.
 test-oldest: export BEV_PREHEAT_OLDEST := 1
 test-oldest: build ## all tests with the oldest supported versions (scripts/requirements-oldest.txt), no optional package
 	@$(environment); $(local_only); python3 -m pytest -q $(several_files_at_once) -m "not deep and not linter" $(TESTS)
@@ -58,20 +58,20 @@ test-oldest: build ## all tests with the oldest supported versions (scripts/requ
 test-pythons: ## all tests with each supported Python that is installed (scripts/pythons.txt), in PATH or by pyenv
 	@scripts/test_pythons.bash $(TESTS)
 
-test-repeated: build ## make test 20 times, half of them beside one busy loop for each core
+test-repeated: build ## make test 20 times, half of the runs beside one busy loop per core
 	@scripts/repeat_tests.bash
 
-# Not part of make test: measuring makes Python that computes take nearly twice as long. The floor is in setup.cfg.
-coverage: build ## all tests, with the lines and branches that they execute, those of the nodes' processes too
+# Not part of make test: measuring nearly doubles the time of computations in Python. The threshold is in setup.cfg.
+coverage: build ## all tests, with their coverage of lines and branches, including the nodes' processes
 	@$(environment); $(local_only); export COVERAGE_FILE="$$PWD/out/coverage/data"; mkdir -p out/coverage; rm -f out/coverage/data*; \
 	    python3 -m coverage run -m pytest -q $(several_files_at_once) -m "not deep and not linter" $(TESTS); \
 	    python3 -m coverage combine -q; python3 -m coverage html -q -d out/coverage/html --fail-under=0; python3 -m coverage report
 
-bench: build ## speed and cost against other ways to plan
+bench: build ## time and memory of the planner, compared with other solvers
 	@scripts/setup.bash bench
 	@$(environment); $(local_only); $(BENCH)
 
-footprint: build ## bytes, stack and instructions of what preheat export-ecu writes, for this computer and a Cortex-M7
+footprint: build ## bytes, stack and instructions of an export by preheat export-ecu, for this computer and a Cortex-M7
 	@scripts/setup.bash footprint
 	@$(environment); python3 -m bev_preheat_studies.footprint
 
@@ -81,14 +81,14 @@ soak: build ## the planner under load for MINUTES (10), in real time
 soak-monitor: build ## preheat monitor beside drives at 100 times real time for MINUTES (10)
 	@$(environment); $(local_only); python3 -m bev_preheat_studies.soak.monitor --minutes $(MINUTES)
 
-# A broken link, an unknown anchor, any other warning is an error. The reference is made from the checkout's code.
+# A broken link, an unknown anchor and any other warning are errors. The reference is generated from the checkout's code.
 docs: build ## the documentation as a site: out/docs/index.html
 	@scripts/setup.bash docs
 	@$(environment); PYTHONPATH="$$PWD:$$PWD/studies:$$PYTHONPATH" python3 -m sphinx -q -W -n --keep-going -d out/.doctrees docs out/docs
 	@echo out/docs/index.html
 
 # Not every machine has shellcheck.
-lint: setup ## ruff (errors, imports, names, docstrings), mypy, ament_flake8 and ament_pep257 on the Python, each compiler there is on the C, shellcheck on the scripts
+lint: setup ## ruff (errors, imports, names, docstrings), mypy, ament_flake8 and ament_pep257 for Python, each installed compiler for C, shellcheck for the scripts
 	@scripts/setup.bash lint
 	@$(environment); ruff check --quiet
 	@$(environment); mypy
@@ -96,6 +96,6 @@ lint: setup ## ruff (errors, imports, names, docstrings), mypy, ament_flake8 and
 	@$(environment); scripts/lint_core.bash
 	@if command -v shellcheck >/dev/null; then shellcheck -x scripts/*.bash .ci/run; fi
 
-clean: ## what build and tests made; .venv stays
+clean: ## delete the results of build and tests, but not .venv
 	rm -rf build install log out .pytest_cache .hypothesis
 	find . \( -name .venv -o -path ./.oldest -o -path ./.pythons \) -prune -o -name __pycache__ -type d -print0 | xargs -0 -r rm -rf

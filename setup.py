@@ -54,7 +54,7 @@ def check_that_messages_are_built():
     End a build by colcon that has no bev_preheat_msgs below it, and say what to type.
 
     colcon does not look for packages inside a package, so a plain `colcon build` finds bev_preheat
-    alone, and the lack would show only when something runs.
+    alone, and the missing package would only show at run time.
     """
     if not WITH_COLCON or not {'install', 'develop'}.intersection(sys.argv):
         return

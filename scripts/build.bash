@@ -30,7 +30,7 @@ fi
 install=$bev_preheat_place/install
 build=$bev_preheat_place/build
 
-# What the last build was made with and of: a stamp for make, and the list of names that tells which have gone since.
+# Identity of the last build: a stamp for make, and the list of names that shows which files have gone since.
 made_with="with $bev_preheat_underlay $(tr '\n' ' ' <"$bev_preheat_place/.venv/.ready")"
 # As setup.py reads it.
 case ${BEV_PREHEAT_WITHOUT_STUDIES:-0} in 0) ;; *) made_with+='without studies' ;; esac
@@ -57,7 +57,7 @@ elif [ -d "$build" ]; then
 fi
 
 rm -f "$stamp"
-# Where nothing is byte-compiled (as in many containers), each start of a node would compile all modules anew.
+# Without byte-compiled files (as in many containers), each start of a node would compile all modules again.
 unset PYTHONDONTWRITEBYTECODE
 # With this Python, so that the installed executables run with it and see its packages.
 python3 -c 'import sys; from colcon_core.command import main; sys.exit(main())' --log-base "$bev_preheat_place/log" \

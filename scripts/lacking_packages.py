@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Prints what this Python lacks, for pip: requirements, or with --constraints what must stay as it is.
+Print the packages missing from this Python, for pip; with --constraints the packages that must stay as is.
 
 Run by setup.bash with the Python of .venv on a machine with a ROS 2 distribution. A package of the
 system that is at least the oldest supported version is used; an older or absent one is to be installed
@@ -13,7 +13,7 @@ from pathlib import Path
 import re
 
 SCRIPTS = Path(__file__).resolve().parent
-# The extensions of colcon's command line that a build of the two packages uses, and what they call.
+# Extensions of colcon's command line for a build of the two packages, and their own dependencies.
 BUILD = re.compile('colcon-|setuptools$')
 
 
@@ -42,7 +42,7 @@ def numbers(version):
 def main(arguments=None):
     """Print a line for each package; `arguments` None: those of the process."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('--constraints', action='store_true', help='what must stay as it is')
+    parser.add_argument('--constraints', action='store_true', help='print the packages that must stay as they are')
     parser.add_argument('--group', help='with what scripts/requirements-GROUP.txt names')
     arguments = parser.parse_args(arguments)
     group = pinned(f'requirements-{arguments.group}.txt') if arguments.group else {}

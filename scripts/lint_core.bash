@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Compiles the core, what is exported with it, and what measures that, with each compiler there is, every warning an error; keeps nothing. Run in scripts/env.bash.
+# Compile the core, the export's sources and the footprint study's with each installed compiler, with warnings as errors; keep no output. Run in scripts/env.bash.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 

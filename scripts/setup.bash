@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Makes the working environment in .venv, once. With a ROS 2 distribution: what the distribution lacks. Without:
-# ROS 2 Jazzy from wheels. "setup.bash bench" adds what only make bench needs; so do docs, footprint and lint. With
+# Make the working environment in .venv, once. With a ROS 2 distribution: the packages missing there. Without:
+# ROS 2 Jazzy from wheels. "setup.bash bench" adds the packages needed only by make bench; likewise docs, footprint and lint. With
 # BEV_PREHEAT_OLDEST=1: the oldest supported versions and no optional package, in .oldest/.venv.
 set -euo pipefail
 
@@ -32,7 +32,7 @@ python=$venv/bin/python
 # As it is said: .venv or .oldest/.venv.
 venv_name=${venv#"$bev_preheat_root/"}
 
-# --- what is there ---
+# --- found environment ---
 
 version_of() { "$1" -I -S -c 'import sys; print(*sys.version_info[:3], sep=".")' 2>/dev/null; }
 
@@ -54,7 +54,7 @@ check_build_tools() {
         fail "the messages are compiled against Python, and $1 has no Python.h (Debian, Ubuntu: sudo apt install python3-dev)"
 }
 
-# The distribution's Python is the one that can load its rclpy; another may come first in PATH.
+# The distribution's Python must be able to load its rclpy; another Python may come first in PATH.
 find_distribution_python() {
     local candidate
     for candidate in ${PYTHON:-python3 /usr/bin/python3}; do
@@ -173,22 +173,22 @@ stamp_for() {
 }
 
 is_ready() {
-    # Without PYTHON the one that .venv was made with stays: a later "make" must not switch back to python3.
+    # Without PYTHON, keep the Python of .venv: a later "make" must not switch back to python3.
     [ -x "$python" ] && { [ -z "${PYTHON:-}" ] || [ "$(version_of "$PYTHON")" = "$(version_of "$python")" ]; } &&
         [ "$(cat "$venv/.ready" 2>/dev/null)" = "$(stamp_for "$python")" ]
 }
 
 say_why_again() {
     case $(bev_preheat_venv_state) in
-        unfinished) say "the previous setup was interrupted or has failed; $venv_name is made anew" ;;
-        moved) say "the checkout was moved or copied; $venv_name is made anew" ;;
+        unfinished) say "the previous setup was interrupted or has failed; rebuilding $venv_name" ;;
+        moved) say "the checkout was moved or copied; rebuilding $venv_name" ;;
     esac
 }
 
 # A half-made .venv never counts as ready: .ready is removed first and written last.
 begin() {
     say_why_again
-    trap 'trap - INT TERM; echo; say "interrupted; $venv_name is incomplete. The next make or scripts/setup.bash begins anew." >&2; exit 130' INT TERM
+    trap 'trap - INT TERM; echo; say "interrupted; $venv_name is incomplete. The next make or scripts/setup.bash starts again." >&2; exit 130' INT TERM
     rm -f "$venv/.ready"
 }
 
@@ -214,7 +214,7 @@ make_venv_of_wheels() {
     check_build_tools "$base"
     begin
     say "ROS 2 Jazzy and what else is needed go into $venv_name, with Python $(version_of "$base")"
-    # Built anew rather than upgraded: what an older requirements.txt installed must not stay and help.
+    # Rebuilt rather than upgraded: packages of an older requirements.txt must not remain.
     make_venv "$base" --clear
     wheels >"$venv/requirements.txt"
     say "downloading and installing $(wc -l <"$venv/requirements.txt") packages, a minute or two"
@@ -238,7 +238,7 @@ make_venv_of_distribution() {
     lacking=$("$python" scripts/lacking_packages.py)
     if [ -n "$lacking" ]; then
         # shellcheck disable=SC2086
-        say "into .venv goes what the system lacks:" $lacking
+        say "installing the packages that the system is missing into .venv:" $lacking
         add_to_distribution
     fi
     finish

@@ -11,9 +11,9 @@ the marker of that name. Without it ROS 2 does not start in the test nor in its 
 over DDS gets into `make test-quick` unnoticed. (Only a process that chooses a ROS domain of its own
 escapes, as the demonstration does: `pytestmark = pytest.mark.usefixtures('dds')`.)
 
-Each of several workers imports every test file, to run a few of them. So what is slow to import and
-needed by few tests (SciPy) is imported by these. What all of them have imported and collected stays
-to the end, so the garbage collector need not look through it again and again: a twelfth of the run.
+Each of several workers imports every test file, to run only some of them. So modules that are slow to import and
+needed by few tests (SciPy) are imported inside these tests. Objects from importing and collecting live
+to the end, so the garbage collector need not search them repeatedly: a twelfth of the run.
 """
 
 import gc
@@ -57,7 +57,7 @@ def pytest_collection_modifyitems(items):
 
 
 def pytest_collection_finish():
-    """Let the garbage collector begin with what the tests leave behind."""
+    """Exempt all objects created so far from garbage collection."""
     gc.freeze()
     gc.enable()
 

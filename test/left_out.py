@@ -1,17 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Leaves out, by name, the tests of optional packages that are not installed.
+Leave out the tests of optional packages that are not installed, and report their names.
 
-A test is marked `needs('casadi')`, runs the installed nlp_checker, or its module imports what needs
-the package. The end of the run says in one line what was left out and how to install what it needs: no test
-is skipped in silence, and `make test`, whose setup installs the optional packages, leaves out none.
+A test is marked `needs('casadi')`, runs the installed nlp_checker, or its module imports the package. The end of
+the run reports the left-out tests and how to install the packages, one line each: no test
+is skipped silently, and `make test`, whose setup installs the optional packages, runs all tests.
 """
 
 import pytest
 
 from bev_preheat.optional_packages import advice, is_installed, PURPOSES
 
-# Only for tests, and no part of what the program says is missing.
+# Only for tests; not part of the product's optional packages.
 LINTERS = frozenset(('ament_flake8', 'ament_pep257'))
 LEFT_OUT = pytest.StashKey()
 
@@ -30,7 +30,7 @@ def how_to_install(package):
 
 
 class _Module(pytest.Module):
-    """A module that is left out where what it imports, itself or through others, is not installed."""
+    """A module that is left out if one of its imports, direct or indirect, is not installed."""
 
     def collect(self):
         try:
@@ -45,7 +45,7 @@ class _Module(pytest.Module):
 
 
 def pytest_pycollect_makemodule(module_path, parent):
-    """Collect each module of tests as one that may be left out."""
+    """Collect each test module as a module that may be left out."""
     return _Module.from_parent(parent, path=module_path)
 
 
@@ -69,7 +69,7 @@ def pytest_collection_modifyitems(config, items):
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_testnodedown(node):
-    """Take over what a worker of xdist has left out: each collects all tests."""
+    """Copy the report of an xdist worker: each worker collects all tests."""
     # A worker that has crashed has no output, and xdist is about to give the reason.
     left_out = getattr(node, 'workeroutput', {}).get('left_out')
     if left_out is not None:
@@ -78,7 +78,7 @@ def pytest_testnodedown(node):
 
 
 def pytest_sessionfinish(session):
-    """Hand what a worker of xdist has left out to the process that prints."""
+    """Send the report of an xdist worker to the main process, which prints."""
     if hasattr(session.config, 'workeroutput'):
         session.config.workeroutput['left_out'] = {
             package: [sorted(modules), count]
@@ -86,7 +86,7 @@ def pytest_sessionfinish(session):
 
 
 def pytest_terminal_summary(terminalreporter, config):
-    """Say what was left out, one line a package."""
+    """Print the left-out tests, one line per package."""
     for package, (modules, count) in sorted(config.stash[LEFT_OUT].items()):
         terminalreporter.write_line(
             f'NOT RUN: {", ".join(sorted(modules))} and {count} more tests: {how_to_install(package)}',

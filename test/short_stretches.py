@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Trips with a short stretch of high power, on which heating may be cheaper than at the end."""
+"""Trips with a short interval of high power, in which heating may be cheaper than at the end."""
 
 from dataclasses import replace
 
@@ -18,7 +18,7 @@ CAR = scale_vehicle(load_vehicle('reference'), 1.0, 1.0, 10.0)
 
 
 def draw(number, steps=None):
-    """Return (vehicle, route, state, goal) with a short stretch of high power, drawn."""
+    """Return (vehicle, route, state, goal) with a short interval of high power, drawn at random."""
     random = np.random.default_rng([41, number])
     efficiency = float(random.choice([0.4, 0.87]))
     vehicle = replace(CAR, hvch=replace(CAR.hvch, efficiency=efficiency))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A Supervisor that is given one thing at a time, and remembers what it put out."""
+"""A Supervisor that receives one input at a time, and records its output."""
 
 from bev_preheat.control.events import (
     BatteryStateArrived,
@@ -16,7 +16,7 @@ from bev_preheat.control.supervisor import StepOutput, Supervisor
 
 class Stepwise(Supervisor):
     """
-    Turns single inputs into steps, which raise what was refused.
+    Turns single inputs into steps, and raises refusals.
 
     What takes no instant happens at that of the step before.
     """
@@ -26,7 +26,7 @@ class Stepwise(Supervisor):
         self.output, self._now_ns = StepOutput(), 0
 
     def run(self, now_ns, *events):
-        """Take a step, and raise the InvalidInput of what it refused."""
+        """Take a step, and raise its refusal as InvalidInput."""
         self.step_through(now_ns, *events)
         assert not self.output.failure, self.output.failure
         for refusal in self.output.refusals:
@@ -81,7 +81,7 @@ class Stepwise(Supervisor):
     def replan(self, now_ns):
         """Return the Decision at an instant."""
         if now_ns != self._now_ns:
-            # Any event is planned for, also one that changes nothing.
+            # Every event causes a plan, even if it changes nothing.
             self.run(now_ns, PreheatingSwitched(self.is_enabled))
         return self.decision
 

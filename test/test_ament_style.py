@@ -8,7 +8,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 PLACES = [str(ROOT / name) for name in ('bev_preheat', 'docs', 'scripts', 'setup.py', 'studies', 'test')]
-# As in setup.cfg: properties are named for what they are.
+# As in setup.cfg: properties have the names of things.
 DOCSTRING_RULES_LEFT_OUT = ('D401', 'D402', 'D403')
 
 pytestmark = pytest.mark.linter

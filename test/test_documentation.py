@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-README and docs: what is typed in them works, what they link to exists, and the reference is complete.
+README and docs: commands work, links have targets, and the reference is complete.
 
-In a ```console block each line that begins with `$ preheat` is run, and the lines below it, up to the next
-command, must be in its output; an ellipsis stands for what is left out. The exit status must be 0, or 2
-where a line `preheat: error:` is shown. The commands of one page run one after the other in one folder,
-in which the code blocks with a caption are files. What is not to be run stands in ```bash or ```text.
+In a ```console block each line that begins with `$ preheat` is run, and its output must contain the lines
+up to the next command; an ellipsis stands for omitted text. The exit status must be 0, or 2 if a line
+`preheat: error:` is shown. The commands of a page run in order in one folder, which contains the page's code
+blocks with a caption as files. Commands that must not run are in ```bash or ```text.
 """
 
 from dataclasses import dataclass

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-What a process loads: planning runs without ROS, the planner node without solver and plots.
+Imports of a process: planning runs without ROS, the planner node without solver and plots.
 
 It does so where ROS is not installed, and the product does without the studies.
 
@@ -57,7 +57,7 @@ def loaded_by(groups, unwanted, *folders):
 
 @pytest.fixture(scope='module')
 def loaded_by_room():
-    """Return what has been loaded after each room, in their order: one process imports them all."""
+    """Return the loaded modules after each room, in order: one process imports all rooms."""
     return dict(zip(ROOMS, loaded_by(
         map(modules_of, ROOMS), ['rclpy', 'casadi', 'scipy', 'matplotlib'])))
 
@@ -96,7 +96,7 @@ def test_this_check_sees_what_is_loaded():
 
 
 def contracts_kept(checkout):
-    """Return whether the contracts of a checkout's setup.cfg are kept, and what was printed."""
+    """Return whether the contracts of a checkout's setup.cfg are kept, and the report."""
     done = subprocess.run(
         [sys.executable, '-c', 'from importlinter.cli import lint_imports_command; '
          'lint_imports_command()', '--config', 'setup.cfg', '--no-cache'],

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a power that varies normally within a step is on average without its sign, written again."""
+"""Mean magnitude of a power that varies normally within a step: an independent implementation."""
 
 from math import erf, exp, hypot, pi, sqrt
 

@@ -108,7 +108,7 @@ class Shipped(Generic[Result]):
         self._pickled = pickle.dumps(task)
 
     def __call__(self, number: int) -> Result:
-        """Return what the task returns."""
+        """Return the task's result."""
         result: Result = _unpickled(self._pickled)(number)
         return result
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Trips to a known charger for tests of the chosen target, and what a target costs."""
+"""Trips to a known charger for tests of the chosen target, and the cost of a target."""
 
 import math
 
@@ -53,7 +53,7 @@ def feed(supervisor, at_s=0.0, state=STATE):
 
 
 def cost(vehicle, route, state, target_c, charger, prices=PRICES, minimum_soc=0.0):
-    """Return what a target costs, None for no heating: plan, session, money, one after the other."""
+    """Return the cost of a target (None: no heating), from plan, session and prices in turn."""
     goal = Goal(20.0 if target_c is None else target_c, minimum_soc)
     plan = (plan_unheated if target_c is None else plan_preheating)(vehicle, route, state, goal)
     stop = ChargingStop(charger.power_w, charger.departure_soc, float(route.ambient_temperature_c[-1]),
@@ -68,7 +68,7 @@ def target_of(choice):
 
 
 def search_input(at_s, factors=(0.0, 0.0, 0.0, 0.0, 0.0), state=STATE):
-    """Return an Outset as the judgement makes it, for a car with these factors' logarithms."""
+    """Return the search input of the decision maker, for a car with these logarithms of its factors."""
     leg, = a_mission().legs
     car = corrected_vehicle(VEHICLE, Corrections(*np.exp(factors[:4]).tolist()))
     return TargetSearchInput('home', 0, leg, MEASURED, Goal(25.0), car, drive().with_propulsion(

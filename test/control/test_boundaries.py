@@ -49,7 +49,7 @@ def test_the_least_power_switches_the_heater_on_and_none_does_not():
     assert switch.is_on
     assert switch.power_w(NOW_NS + 1, 0.0, 5e3, 0.0, 0.0) == 0.0
     assert not switch.is_on
-    # A wish below nothing is none.
+    # A goal below 0 means no heating.
     assert switch.power_w(NOW_NS + 2, -1.0, 5e3, 0.0, 0.0) == 0.0
     assert not switch.is_on
 
@@ -88,7 +88,7 @@ def test_what_is_left_of_a_leg(after_ns, ended_for_s, ahead_s):
     ahead = drive.route_ahead(NOW_NS + after_ns)
     assert (ahead.total_duration_s if ahead else None) == (
         None if ahead_s is None else pytest.approx(ahead_s, abs=1e-9))
-    # Before the start, all of it, as it is.
+    # Before the start: the whole route, unchanged.
     assert (ahead is drive.route) == (after_ns <= 0)
 
 
@@ -116,7 +116,7 @@ def test_a_decision_is_marked_where_its_status_is_another_one():
     step(2, BatteryStateArrived(Measurement(STATE, NOW_NS + 2 * NS_PER_S)))
     step(3, PreheatingSwitched(False))
     step(4, PreheatingSwitched(False))
-    # As time passes a decision is put out only where it changes.
+    # As time passes, a decision is published only when it changes.
     step(5)
     assert marks == [
         (Status.NO_BATTERY_STATE, True), (Status.NO_BATTERY_STATE, False),

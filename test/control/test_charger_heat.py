@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Heat while the vehicle charges: only where it is asked for, given by the charger, and wanted."""
+"""Heat while the vehicle charges: only if enabled, supplied by the charger, and needed."""
 
 from dataclasses import replace
 
@@ -43,7 +43,7 @@ def measured(temperature_c, charged_with_w, now_ns=NOW_NS, soc=0.4):
 
 
 def supervisor_at(elapsed_s, settings=ASKED, vehicle=VEHICLE, **first):
-    """Return a supervisor on a trip that began so long before NOW_NS: a drive, a stop, a drive."""
+    """Return a supervisor on a trip that started before NOW_NS: a drive, a stop, a drive."""
     supervisor = Stepwise(vehicle, settings)
     supervisor.accept_mission(Mission('one stop', with_stops(
         (make_leg(start_ns=NOW_NS - ns(elapsed_s), **first),
@@ -140,7 +140,7 @@ def test_it_heats_at_the_charger_at_the_end_of_the_route(charged_with_w, chargin
 
 @pytest.mark.costly
 def test_a_whole_stop_is_heated_once_to_the_limit_and_no_heater_is_accused():
-    """A plant of its own: the charger gives what the battery takes, so that no heater shows in it."""
+    """An independent plant: the charger supplies the battery's power, so the heater has no effect on it."""
     supervisor = supervisor_at(0.0, replace(ASKED, estimation=True))
     temperature_c, soc, switchings, power_w = 18.0, 0.5, 0, 0.0
     for second in range(int(DRIVE_S) - 200, int(DRIVE_S + STOP_S) + 100):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How a battery state is judged: what is told of it."""
+"""The decision on a battery state, and its report."""
 
 import pytest
 
@@ -51,7 +51,7 @@ def test_what_cannot_be_planned_is_told_and_not_heated(monkeypatch, estimation, 
 
 @pytest.mark.parametrize('estimation', [False, True])
 def test_a_state_that_comes_late_does_not_shift_what_is_said(estimation):
-    """100 s into the route, of which 1100 s are left: times count from now, not from the state."""
+    """100 s into the route, 1100 s before its end: times count from now, not from the state."""
     supervisor = Supervisor(VEHICLE, Settings(estimation=estimation))
     state_ns = START_NS + ns(100.0)
     supervisor.step(START_NS, RouteArrived(Mission('home', (

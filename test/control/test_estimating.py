@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The supervisor with estimation, on simulated cars: what is unsure, and heaters that do not obey."""
+"""The supervisor with estimation, on simulated cars: uncertainty, and heaters that do not obey."""
 
 import json
 import re
@@ -169,29 +169,29 @@ def test_a_heater_that_comes_back_is_counted_on_again():
     assert decision.plan.hvch_battery_power_w.any()
 
 
-def test_a_derated_heater_is_planned_with_what_it_gives():
+def test_a_derated_heater_is_planned_with_its_real_power():
     ride = Ride(heater_faults=(HeaterFault(300.0, share=0.4),))
     decision = ride.until(1400.0)
     assert decision.explanation.startswith('The heater gives only ')
     assert decision.command_share == pytest.approx(0.4, abs=0.1)
-    # The command is what it would take, the plan what comes of it.
+    # The command is the full power; the plan contains the power that the heater really delivers.
     assert ride.command_w == pytest.approx(limit_w(ride))
     assert decision.plan.hvch_battery_power_w.max() == pytest.approx(
         decision.command_share * limit_w(ride), rel=0.1)
 
 
-def test_a_heater_that_is_stuck_on_is_told_to_be_off():
+def test_a_heater_that_is_stuck_on_is_commanded_off():
     ride = Ride(temperature_c=24.0, heater_faults=(HeaterFault(100.0, stuck_on=True),))
     decision = ride.until(800.0)
     assert decision.explanation.startswith('The heater heats without a command. ')
     assert ride.command_w == 0.0
-    # What it heats all the same is foreseen.
+    # The uncommanded heat is predicted.
     assert decision.plan.arrival_temperature_c > 30.0
 
 
 def test_a_heater_that_is_stuck_on_and_too_weak_leaves_the_blame_with_its_heat():
     ride = Ride(temperature_c=-20.0, heater_faults=(HeaterFault(100.0, stuck_on=True),))
-    # No command is needed to learn it where nothing is commanded.
+    # Preheating is switched off: the fault is found without any command.
     ride.supervisor.enabled = False
     ride.until(800.0)
     ride.supervisor.enabled = True
@@ -207,7 +207,7 @@ def test_a_heavier_car_is_heated_longer_and_arrives_as_warm():
         ride.until(1490.0)
         heated_s[capacity] = sum(command_w > 0.0 for _, _, command_w in ride.seen)
         assert ride.car.plant.temperature_c == pytest.approx(25.0, abs=0.5)
-    # 22 % more of it must be warmed up; what is not known at first blurs that a little.
+    # A 22 % larger heat capacity; the initial uncertainty blurs the difference a little.
     assert heated_s[1.1] > 1.1 * heated_s[0.9]
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What each event does to the inbox, and what comes of a refusal."""
+"""The effect of each event on the inbox, and of a refusal."""
 
 from dataclasses import fields, replace
 from typing import get_args

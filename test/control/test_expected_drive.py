@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the route says that the car does between two instants."""
+"""The expected drive between two instants, from the route."""
 
 import pytest
 
@@ -30,7 +30,7 @@ MISSION = Mission('two legs', (
 
 
 def between(from_s, to_s, mission=MISSION):
-    """Return (DriveInputs, heater power left by the cabin [W]) of the one stretch between two."""
+    """Return (DriveInputs, heater power left by the cabin [W]) of the single step between two instants."""
     edges_ns = [round((START_S + at_s) * NS_PER_S) for at_s in (from_s, to_s)]
     timetable = None if mission is None else Timetable(mission)
     interval, = intervals_between(edges_ns, VEHICLE, timetable, CommandHistory())
@@ -55,7 +55,7 @@ def test_all_of_a_segment_is_told():
     # 25^2 - 20^2 = 15^2
     assert drive.power_variance_w2 == pytest.approx(15e3**2)
     assert drive.terminal_power_w is None
-    # What the heater takes is the command's.
+    # The heater's power is the command.
     assert drive.heater_power_w == 0.0
     assert limit_w == VEHICLE.hvch.maximum_power_w - 1500.0
 
@@ -112,7 +112,7 @@ def test_without_a_route_nothing_is_known():
     assert between(0.0, 1.0, mission=None) == (None, 0.0)
 
 
-def test_each_stretch_has_its_mean_command():
+def test_each_step_has_its_mean_command():
     commands = CommandHistory()
     commands.note(START_S * NS_PER_S, 1000.0)
     commands.note((START_S + 15) * NS_PER_S, 4000.0)
@@ -122,14 +122,14 @@ def test_each_stretch_has_its_mean_command():
         (10.0, 1000.0), (10.0, 2500.0)]
 
 
-def test_stretches_need_not_last_whole_seconds():
+def test_steps_need_not_last_whole_seconds():
     # On a simulated clock that began a moment ago.
     edges_ns = [round(at_s * NS_PER_S) for at_s in (1.0, 2.5, 12.0, 12.25)]
     intervals = intervals_between(edges_ns, VEHICLE, None, CommandHistory())
     assert [interval.duration_s for interval in intervals] == [1.5, 9.5, 0.25]
 
 
-def test_between_no_instants_there_is_no_stretch():
+def test_between_no_instants_there_is_no_step():
     assert intervals_between((), VEHICLE, Timetable(MISSION), CommandHistory()) == ()
 
 
@@ -150,7 +150,7 @@ def test_who_is_early_is_driven_as_the_place_asks():
 
 
 def test_who_is_half_as_fast_takes_half_the_power():
-    """As much energy for each metre; cabin and auxiliaries take what they take."""
+    """The same energy per metre; cabin and auxiliaries keep their power."""
     at_s = [100.0, 102.0, 104.0]
     drive = along([(second, 1300.0 + 10.5 * (second - 100.0)) for second in at_s], 102.0, 104.0)
     planned, _ = between(65.0, 66.0)
@@ -175,7 +175,7 @@ def test_a_position_that_was_corrected_is_no_burst_of_speed():
 
 @pytest.mark.parametrize('at_s, shown_w', [
     (-5.0, 3e3), (0.0, 3e3), (179.9, 3e3),
-    # At the stop the charger gives what the heater takes; and after the end of the trip.
+    # At the stop, and after the end of the trip, the charger supplies the heater.
     (180.0, 0.0), (579.9, 0.0), (580.0, 3e3), (639.9, 3e3), (640.0, 0.0), (900.0, 0.0)])
 def test_the_battery_answers_for_the_heater_on_the_way_only(at_s, shown_w):
     commands = CommandHistory()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the planner is asked for an estimate: corrected vehicle, caution, and a heater that does not obey."""
+"""Planner calls for an estimate: corrected vehicle, uncertainty margin, and a heater that does not obey."""
 
 from dataclasses import replace
 import math
@@ -34,7 +34,7 @@ from bev_preheat.vehicle import load_vehicle
 VEHICLE = load_vehicle('reference')
 GOAL = Goal(25.0)
 ANSWERS = HeaterReport(Heater.ANSWERS, 1.0, 1.0)
-# Of a car of which only the file is known: even spreads of 10, 20, 20 and 5 %, over the root of 3.
+# Prior of a car known only from its file: uniform within 10, 20, 20 and 5 %, so divided by the root of 3.
 FILE_DEVIATIONS = {HEAT_CAPACITY: 0.058, LEAKAGE: 0.115, RESISTANCE: 0.115, HEATER: 0.029}
 
 
@@ -63,7 +63,7 @@ def make_estimate(temperature_c=20.0, deviations=None, heater=ANSWERS, **mean):
 
 @pytest.fixture
 def asked(monkeypatch):
-    """Return the list of what the planner was asked for, in order."""
+    """Return the list of the planner's calls, in order."""
     questions = []
 
     def plan(vehicle, route, state, goal, method, uncertainty_margin, **how):
@@ -138,7 +138,7 @@ def test_a_pause_lasts_ten_minutes_or_the_least_time_off(asked, minimum_off_time
 
 @pytest.mark.parametrize('minimum_on_time_s, least_heating_s', [(20.0, 90.0), (100.0, 100.0)])
 @pytest.mark.parametrize('is_heating', [False, True])
-def test_caution_knows_the_heater_and_its_least_time_on(asked, is_heating, minimum_on_time_s, least_heating_s):
+def test_the_margin_knows_the_heater_and_its_least_time_on(asked, is_heating, minimum_on_time_s, least_heating_s):
     make(make_estimate(), settings=Settings(minimum_on_time_s=minimum_on_time_s), is_heating=is_heating)
     margin = asked[-1].uncertainty_margin
     assert (margin.is_heating, margin.least_heating_s) == (is_heating, least_heating_s)
@@ -239,7 +239,7 @@ def test_a_heater_that_is_stuck_on_is_expected_to_heat_and_commanded_as_any(aske
     forecast_plan = make(make_estimate(24.0, heater=HeaterReport(Heater.STUCK_ON, 1.0, 1.0)))
     assert asked[-1].heats_throughout
     assert forecast_plan.plan.arrival_temperature_c > 30.0
-    # The command does not follow the heat that nobody commands.
+    # The command ignores uncommanded heat.
     assert (forecast_plan.commanded, forecast_plan.command_share) == (None, 1.0)
 
 
@@ -263,7 +263,7 @@ def test_heat_that_is_mostly_late_is_commanded_where_the_target_is_too_far(asked
     forecast_plan = make(make_estimate(-10.0))
     assert forecast_plan.plan.status is Status.TARGET_UNREACHABLE
     assert (forecast_plan.commanded, asked[-1].heat_lag_s) == (asked[-1].plan, 0.0)
-    # What is expected is with the lag.
+    # The expectation includes the lag.
     assert asked[-2].heat_lag_s == pytest.approx(40.0)
     assert forecast_plan.plan.battery_temperature_c is asked[-2].plan.battery_temperature_c
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Least times on and off: what they hold back, and what they must not."""
+"""Minimum times on and off: the switchings that they delay, and those that they must not delay."""
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -26,7 +26,7 @@ def heating():
     return switch
 
 
-def test_the_first_wish_is_granted_at_once(heating):
+def test_the_first_request_is_granted_at_once(heating):
     assert heating.is_on
 
 
@@ -47,11 +47,11 @@ def test_what_is_held_on_keeps_its_power_within_what_there_is(heating):
     assert heating.at(1007.0, 0.0, limit_w=0.0) == 0.0
 
 
-def test_a_wish_for_another_power_is_granted_at_once(heating):
+def test_a_request_for_another_power_is_granted_at_once(heating):
     assert heating.at(1001.0, 700.0) == 700.0
 
 
-def test_a_wish_that_is_taken_back_in_time_was_no_switching(heating):
+def test_a_request_withdrawn_in_time_is_no_switching(heating):
     heating.at(1010.0, 0.0)
     assert heating.at(1012.0, FULL_W) == FULL_W
     assert heating.at(1020.0, 0.0) == 0.0
@@ -70,7 +70,7 @@ def test_force_off_does_not_wait_and_leaves_no_wait_behind(heating):
     assert heating.at(1001.0, FULL_W) == FULL_W
 
 
-def test_allow_lets_the_next_wish_through(heating):
+def test_allow_lets_the_next_request_through(heating):
     heating.at(1030.0, 0.0)
     heating.allow()
     assert heating.at(1031.0, FULL_W) == FULL_W
@@ -91,7 +91,7 @@ WISHES = st.lists(st.tuples(st.floats(0.0, 60.0), st.sampled_from([0.0, 900.0, F
 
 @pytest.mark.costly
 @given(preparation_goals=WISHES)
-def test_switchings_by_wish_are_never_nearer_than_allowed(preparation_goals):
+def test_requested_switchings_are_never_closer_than_allowed(preparation_goals):
     switch, now_s, was_on, since_s = Watched(), 0.0, False, None
     for later_s, wanted_w, kind in preparation_goals:
         now_s += later_s

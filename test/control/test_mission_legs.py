@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A route with stops: which leg is commanded when, and what is planned beyond the next stop."""
+"""A route with stops: which leg is commanded when, and the plans beyond the next stop."""
 
 from dataclasses import replace
 import gc
@@ -22,7 +22,7 @@ from bev_preheat.vehicle import load_vehicle
 VEHICLE = load_vehicle('reference')
 NOW_NS = 1_700_000_000 * NS_PER_S
 COLD = BatteryState(-7.0, 0.8)
-# Plans start from what was measured, to the last digit.
+# Plans start exactly from the measured values.
 MEASURED = Settings(estimation=False, minimum_on_time_s=0.0, minimum_off_time_s=0.0)
 AFTER_FIRST, AFTER_SECOND = BatteryState(16.0, 0.7), BatteryState(31.0, 0.6)
 # Legs of 10, 10 and 5 min; the cabin leaves another power of the 7 kW in each.
@@ -45,7 +45,7 @@ def make_leg(duration_s, heater_left_w, **fields):
 
 
 def make_mission(start_ns=NOW_NS, **second):
-    """Return a trip with two stops and a plain stretch after them."""
+    """Return a trip with two stops and a final leg without charging."""
     legs = (make_leg(600.0, FIRST_W, start_ns=start_ns, target_temperature_c=25.0),
             make_leg(600.0, SECOND_W, departure=AFTER_FIRST,
                      **{'target_temperature_c': 20.0, 'minimum_arrival_soc': 0.15, **second}),
@@ -60,7 +60,7 @@ def feed(supervisor, now_ns=NOW_NS, state=COLD, stamp_ns=None):
 
 
 def supervisor_at(elapsed_s, settings=MEASURED, **mission):
-    """Return a supervisor that has planned at NOW_NS, so long after the start of the trip."""
+    """Return a supervisor that has planned at NOW_NS, some time after the start of the trip."""
     supervisor = Stepwise(VEHICLE, settings)
     supervisor.accept_mission(make_mission(NOW_NS - ns(elapsed_s), **mission))
     feed(supervisor)
@@ -195,7 +195,7 @@ def test_a_later_leg_is_planned_from_its_departure_for_its_goal():
         alone.status, alone.heating_start_s, alone.arrival_temperature_c, alone.arrival_soc)
 
 
-def test_a_plain_stretch_is_planned_without_heating():
+def test_a_leg_without_charging_is_planned_without_heating():
     _, decision = supervisor_at(0.0).later_decisions()
     assert (decision.status, decision.plan.heating_start_s, decision.plan.soc[0]) == (
         Status.NO_CHARGING_PLANNED, None, AFTER_SECOND.soc)

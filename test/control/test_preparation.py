@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Goals of ~/prepare_battery: what is planned for them, and how each of them ends."""
+"""Goals of ~/prepare_battery: their plans, and how each goal ends."""
 
 from dataclasses import replace
 from math import exp, inf, isnan, log, nan
@@ -100,7 +100,7 @@ class Car:
         return self.supervisor.decision.plan
 
     def ended(self, preparation_goal):
-        """Return the only outcome of a wish."""
+        """Return the only outcome of a goal."""
         [outcome] = [outcome for outcome in self.outcomes if outcome.preparation_goal is preparation_goal]
         return outcome
 
@@ -113,7 +113,7 @@ def mission(start_s=0.0, minutes=40.0, target_c=25.0, route_id='home', reserve=0
     return Mission(route_id, (Leg(route, at(start_s), True, target_c, reserve),))
 
 
-# What is planned
+# Plans
 
 
 def test_a_plugged_in_battery_is_heated_from_the_last_instant_that_is_early_enough():
@@ -138,7 +138,7 @@ def test_the_grid_takes_the_heater_s_power_from_the_battery_s_account():
     assert plugged.plan.energy_wh.hvch_electric == pytest.approx(
         driven.plan.energy_wh.hvch_electric, rel=0.03)
     energy_wh = driven.plan.energy_wh.hvch_electric + (CABIN_W + OTHERS_W) * 0.5
-    # All of it from the cells, and their losses.
+    # All energy and its losses come from the cells.
     assert energy_wh < driven.plan.energy_wh.battery_total < 1.03 * energy_wh
     assert driven.plan.soc[-1] < 0.59
 
@@ -155,7 +155,7 @@ def test_as_soon_as_possible_heats_now_and_says_when_that_is():
     car = Car()
     car.want(is_plugged_in=True)
     assert car.command == (FULL_W, Status.HEATING)
-    # 0.05 K below the target, see wished_plan.AIMS_BELOW_K.
+    # 0.05 K below the target, see preparation_plan.AIMS_BELOW_K.
     assert car.plan.arrival_time_s == pytest.approx(warm_after_s(START_C, TARGET_C - 0.05), abs=0.2)
     assert (car.plan.hvch_battery_power_w == FULL_W).all()
 
@@ -216,7 +216,7 @@ def test_the_heater_of_a_plugged_in_car_is_not_taken_for_dead():
 @pytest.mark.parametrize('settings', [Settings(), MEASURED])
 def test_as_much_as_the_reserve_allows_is_heated_at_once(settings):
     lowest = VEHICLE.battery.soc_range[0]
-    # Of 75 kWh or so 1.6 % are 1.2 kWh, of which the cabin has its part; 19 K take 2.3 kWh.
+    # 1.6 % of about 75 kWh are 1.2 kWh, part of it for the cabin; 19 K take 2.3 kWh.
     car = Car(settings, soc=lowest + 0.016)
     preparation_goal = car.want(target_c=20.0)
     assert car.command == (pytest.approx(FULL_W), Status.SOC_LIMITED)
@@ -301,7 +301,7 @@ def test_at_a_stop_of_the_route_the_vehicle_stands():
     route = car.supervisor.active_mission.legs[0].route
     assert route.propulsion_power_w @ route.duration_s == pytest.approx(20e3 * 600.0)
     assert route.propulsion_power_w[route.segment_at(450.0)] == 0.0
-    # What the goal says of the ambient holds before what the route says.
+    # The goal's ambient temperature takes precedence over the route's.
     assert (route.ambient_temperature_c == AMBIENT_C).all()
 
 
@@ -615,7 +615,7 @@ def test_another_vehicle_that_the_goal_does_not_fit_keeps_the_heater_off():
     assert car.command == (0.0, Status.INVALID_INPUT)
 
 
-def test_a_wish_that_takes_hours_is_given_up_after_six():
+def test_a_goal_that_takes_hours_is_given_up_after_six():
     car = Car()
     preparation_goal = car.want(target_c=40.0)
     for hour in range(1, 7):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the planner does once it is told where on its route the vehicle is."""
+"""The planner with a reported position on the route."""
 
 from dataclasses import replace
 from math import nan
@@ -220,7 +220,7 @@ def test_a_clock_that_was_set_back_leaves_the_stamp_of_the_route():
 
 def stood(drive, until_s, distance_m=6010.0, temperature_c=-7.0):
     """
-    Let the vehicle stand from 100 s on, and return what is commanded at the end.
+    Let the vehicle stand from 100 s on, and return the command at the end.
 
     It is early, and its place is known to 10 m, so that for the first second it counts as driving.
     """

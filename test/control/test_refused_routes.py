@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a refused route, and a cancellation, do to the trip before it: the rule of docs/explanation/safety.md."""
+"""The effect of a refused route, and of a cancellation, on the previous trip (docs/explanation/safety.md)."""
 
 from dataclasses import replace
 
@@ -240,7 +240,7 @@ def test_a_cancelled_trip_is_off_and_stays_off():
     supervisor.replan(NOW_NS)
     outcomes = {outcome(supervisor, NOW_NS)} | {
         feed(supervisor, NOW_NS + ns(second)) for second in range(1, 5)}
-    # Whatever becomes of the battery state: there is nothing to heat for.
+    # Whatever the battery state: no route asks for heat.
     supervisor.refresh(NOW_NS + ns(100.0))
     outcomes.add(outcome(supervisor, NOW_NS + ns(100.0)))
     assert (outcomes, supervisor.decision.explanation) == (
@@ -278,7 +278,7 @@ def test_a_new_route_after_a_cancellation_heats():
     assert feed(supervisor, NOW_NS + ns(1.0))[0] > 0.0
 
 
-# A route that begins later: what is said counts from now
+# A route that starts later: the times of the sentence count from now
 
 @pytest.fixture
 def early():

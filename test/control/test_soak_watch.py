@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""When a battery state is held against the standing time, and what is said of a sensor that is off."""
+"""When a battery state is compared with the standing time, and the report on an offset sensor."""
 
 from dataclasses import replace
 from math import exp
@@ -52,7 +52,7 @@ def test_the_second_state_and_an_update_of_the_route_are_not(watch):
     assert watch.report is report
 
 
-def test_another_trip_is_looked_at_anew(watch):
+def test_another_trip_is_checked_again(watch):
     watch.look(trip(), measured())
     assert watch.look(trip('evening'), measured())
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The supervisor: what the heater may do for every state of its inputs; doubt means 0 W."""
+"""The supervisor: the permitted heater power for every state of its inputs; in doubt 0 W."""
 
 from dataclasses import replace
 from math import inf, nan
@@ -23,7 +23,7 @@ from bev_preheat.vehicle import load_vehicle
 
 VEHICLE = load_vehicle('reference')
 NOW_NS = 1_700_000_000 * NS_PER_S
-# What the inputs do to the command; what is made of them by estimation is test_estimating.py's.
+# The effect of the inputs on the command; the estimate is tested in test_estimating.py.
 MEASURED = Settings(estimation=False, minimum_on_time_s=0.0, minimum_off_time_s=0.0)
 SETTINGS = replace(MEASURED, battery_state_timeout_s=4.0, clock_tolerance_s=0.5, lease_s=1.5)
 CABIN_W = 1500.0
@@ -127,7 +127,7 @@ def test_a_battery_that_does_not_carry_the_trip_is_not_heated(method):
 def test_a_charge_that_runs_short_switches_off_within_the_least_time_on():
     supervisor = make_supervisor(settings=replace(SETTINGS, minimum_on_time_s=60.0))
     assert outcome(supervisor)[0] == FULL_POWER_W
-    # A sensor that jumps, a battery that turns out to hold less: what is left is for driving.
+    # A sensor that jumps, a battery with less charge than reported: the rest is for driving.
     feed(supervisor, NOW_NS + ns(1.0), soc=0.05)
     assert outcome(supervisor, NOW_NS + ns(1.0)) == (0.0, Status.OUT_OF_CHARGE)
 
@@ -173,7 +173,7 @@ def test_finished_heating_is_told_as_such():
     finished = 'Heating finished after 1:00 min: arrival in '
     assert supervisor.decision.status is Status.NOT_NEEDED
     assert supervisor.decision.explanation.startswith(f'{finished}19:00 min at ')
-    # The command ends the heating. An update of the same trip changes nothing of what was done.
+    # The command ends the heating. An update of the same trip does not change its history.
     assert outcome(supervisor, NOW_NS + ns(60.0)) == (0.0, Status.NOT_NEEDED)
     supervisor.accept_mission(make_mission())
     feed(supervisor, NOW_NS + ns(120.0), temperature_c=30.0)
@@ -265,7 +265,7 @@ def test_lease_ends_after_its_own_length():
 
 
 def test_lease_ends_no_later_than_the_battery_state_is_stale():
-    # 3.1 s of the 4 s are gone: 0.9 s are left, less than the lease.
+    # 3.1 s of the 4 s have passed: the remaining 0.9 s are less than the lease.
     command = make_supervisor().command(NOW_NS + ns(3.1))
     assert (command.battery_heating_power_w > 0.0, command.valid_until_ns - NOW_NS) == (
         True, ns(4.0))
@@ -614,7 +614,7 @@ def test_target_comes_from_route_then_settings_then_vehicle(
 # Whatever comes, in whatever order
 
 class Oracle:
-    """What must hold for power, worked out from the inputs alone."""
+    """The invariants of power, computed from the inputs alone."""
 
     def __init__(self):
         self.enabled = True
@@ -738,5 +738,5 @@ def test_margin_is_left_on_top_of_the_reserve_that_a_route_asks_for():
     inbox = Inbox(VEHICLE, replace(MEASURED, arrival_soc_margin=0.07))
     goals = [inbox.goal_of(make_mission(minimum_arrival_soc=reserve).legs[0])
              for reserve in (0.0, 0.31, 0.98)]
-    # No reserve asked for is none, and more than all there is cannot be kept.
+    # Without a requested reserve there is none; a reserve above 1 cannot be kept.
     assert [goal.minimum_arrival_soc for goal in goals] == [0.0, pytest.approx(0.38), 1.0]

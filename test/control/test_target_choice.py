@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The planner chooses the target where it knows the charger: which, and when anew."""
+"""The planner chooses the target for a known charger: which target, and when it searches again."""
 
 from dataclasses import replace
 import math
@@ -153,7 +153,7 @@ def test_an_update_of_the_route_keeps_the_target_until_it_is_searched_through():
 
 @pytest.mark.parametrize('other', [
     {'charger': SLOW}, {'route_id': 'another'}, {'target_temperature_c': 21.0}, {'minimum_arrival_soc': 0.1}])
-def test_another_wish_is_answered_at_once(other):
+def test_another_goal_is_answered_at_once(other):
     supervisor = a_supervisor()
     before = feed(supervisor).target
     supervisor.accept_mission(a_mission(**other))
@@ -180,14 +180,14 @@ def test_an_estimate_that_jitters_does_not_make_the_target_hunt():
     chosen_after(chooser, 0.0)
     targets, best = [], []
     for number in range(1, 5):
-        # Three tenths of what is not known of a car at first: each of them starts a search.
+        # Three tenths of a new car's uncertainty: each change starts a search.
         factors = random.choice((-1.0, 1.0), 5) * (0.017, 0.035, 0.035, 0.009, 0.024)
         targets.append(chosen_after(chooser, 100.0 * number, factors).target_c)
         searched = search_input(0.0, factors)
         best.append(find_worth(searched.vehicle, searched.route, STATE, Goal(25.0), 150e3, 0.8, PRICES).best)
         kept = cost(searched.vehicle, searched.route, STATE, targets[-1], FAST)
         assert kept <= (1.0 + 1.01 * LEAST_GAIN_SHARE) * best[-1].cost
-    # The best moves with each of them; the chosen one does not.
+    # The best target follows each change; the chosen target does not.
     assert len({round(item.target_c, 1) for item in best}) >= 3
     assert sum(a != b for a, b in zip(targets, targets[1:])) <= 1
 
@@ -196,7 +196,7 @@ def test_an_estimate_that_jitters_does_not_make_the_target_hunt():
 def test_a_belief_that_has_really_changed_changes_the_target():
     chooser = TargetChooser()
     before = chosen_after(chooser, 0.0)
-    # A charge that turns out to be nearly enough; the same state as before, seen anew, changes nothing.
+    # A charge that turns out to be almost enough; a repeated state changes nothing.
     assert chosen_after(chooser, 700.0).target_c == before.target_c
     nearly_full = BatteryState(6.0, 0.82)
     after = chosen_after(chooser, 1400.0, np.zeros(5), nearly_full)
@@ -228,7 +228,7 @@ def test_over_a_drive_the_target_changes_a_few_times_and_is_reached():
         heated.append(power_w > 0.0)
         car.advance_under(HeaterLease(power_w, car.time_s + PERIOD_S), car.time_s + PERIOD_S)
     changes = sum(a != b for a, b in zip(targets, targets[1:]))
-    # It was searched for again and again, with what was learned meanwhile.
+    # The search was repeated with the factors learned meanwhile.
     assert len(reasons) >= 4 and changes <= 3
     assert sum(a != b for a, b in zip(heated, heated[1:])) <= 4
     assert car.plant.temperature_c == pytest.approx(targets[-1], abs=1.0)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A known charger where no target is chosen: one is given, nothing can be, or heating does not pay."""
+"""A known charger without a chosen target: the target is given, no search is possible, or heating does not pay."""
 
 from dataclasses import replace
 import math

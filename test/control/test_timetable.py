@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""When a trip is where, once the vehicle says where it is."""
+"""The timetable of a trip with a reported position."""
 
 from dataclasses import replace
 from math import inf, nan
@@ -90,7 +90,7 @@ def test_on_time_nothing_changes(at_s, distance_m):
     (250.0, 2000.0, 250.0 - 190.4), (60.0, 2000.0, 60.0 - 99.5),
     # It has not left; it left before its time; it was to be there long ago.
     (40.0, 0.0, 40.0 - 0.5), (-60.0, 500.0, -60.0 - 24.5), (4000.0, 3500.0, 4000.0 - 250.4),
-    # It is there, early; nobody is late at the end.
+    # The car arrives early; at the end no delay is left.
     (200.0, 5000.0, 200.0 - 309.6), (4000.0, 5000.0, 0.0), (4000.0, 4991.0, 0.0)])
 def test_the_delay_is_that_with_which_the_vehicle_is_where_it_is(at_s, distance_m, delay_s):
     driven = Driven()
@@ -253,7 +253,7 @@ def test_what_does_not_follow_is_refused(at_s, distance_m, message):
 
 @pytest.mark.parametrize('at_s, distance_m', [
     (50.0, 1000.0), (52.0, 901.0), (52.0, 1299.0),
-    # What came before is too old to be compared with.
+    # The previous position is too old for a comparison.
     (58.1, 100.0), (58.1, 4900.0)])
 def test_what_may_follow_is_accepted(at_s, distance_m):
     driven = Driven()
@@ -294,7 +294,7 @@ def test_time_left_falls_by_the_time_that_passes(segments, steps_s, late_s):
         distance_m = places.distance_at_m(at_s - late_s)
         if distance_m > places.length_m - 2.0 * KNOWN_TO_M:
             break
-        # Within 10 m: what the start, or standing, leaves open is settled as it drives.
+        # Within 10 m: the remaining error after a start or a stop settles while driving.
         delays_s.append(driven.tell(at_s, distance_m))
         planned_m = places.distance_at_m(at_s - driven.delay_s)
         assert abs(planned_m - distance_m) <= KNOWN_TO_M + 1e-3

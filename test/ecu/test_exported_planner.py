@@ -67,7 +67,7 @@ def export(tmp_path_factory):
 
 
 def with_vehicle(export, tmp_path, vehicle, vectors):
-    """Return the same folder with the constants and the vectors of another vehicle, compiled anew."""
+    """Return the same folder with the constants and the vectors of another vehicle, compiled again."""
     folder = tmp_path / 'other'
     shutil.copytree(export.folder, folder)
     (folder / 'vehicle.c').write_text(vehicle_source(vehicle))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Random cars, trips, states and goals on which the compiled core is held against Python."""
+"""Random cars, trips, states and goals for comparing the native core with Python."""
 
 from dataclasses import replace
 from functools import cache
@@ -26,7 +26,7 @@ def car(name):
 
 
 def draw(number, most_steps):
-    """Return (vehicle, route, state, goal, method, caution) of situation `number`, some far from usual."""
+    """Return (vehicle, route, state, goal, method, uncertainty margin) of situation `number`, some extreme."""
     random = np.random.default_rng([15, number])
     described = car(CARS[int(random.integers(2))])
     vehicle = replace(

@@ -23,7 +23,7 @@ CAR = drawn_situations.car('reference')
 
 
 def told(plan):
-    """Return what of a plan must agree to the last bit, and its energies [Wh]."""
+    """Return the parts of a plan that must be bit-identical, and its energies [Wh]."""
     told = plan.as_dictionary()
     del told['planning_time_s']
     energies_wh = list(told.pop('energy_wh').values())
@@ -92,7 +92,7 @@ def steady_route(last_power_w=14e3):
 
 @pytest.mark.parametrize('limit, reason', [(0, Reason.DESCENT), (1, Reason.CLIMB), (None, Reason.ARRIVAL)])
 def test_what_careful_heating_is_for_is_told_without_python(monkeypatch, limit, reason):
-    # What the last seconds ask for, the battery can do unheated, but not 5 K below what is planned.
+    # The battery can deliver the last seconds' power unheated, but not 5 K below the plan.
     state, uncertainty_margin = BatteryState(3.0, 0.8), UncertaintyMargin(0.1, 7.0)
     unheated = plan_unheated(CAR, steady_route(), state, Goal(10.0))
     limits_w = terminal_limits_w(

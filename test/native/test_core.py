@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The compiled core against the Python equations, at random points, and what it refuses."""
+"""The native core compared with the Python equations, at random points, and its refusals."""
 
 from ctypes import addressof, byref, c_double, c_int32
 from dataclasses import replace

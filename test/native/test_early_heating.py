@@ -28,7 +28,7 @@ BAD_ARGUMENT, BAD_INPUT = -1, -3
 
 
 class Seen(uncertainty_margin_module._LastInterval):
-    """Notes what a Python search for the end of heating returns."""
+    """Records the results of a Python search for the end of heating."""
 
     kinds = Counter()
 
@@ -48,7 +48,7 @@ class Seen(uncertainty_margin_module._LastInterval):
 
 @pytest.fixture
 def kinds(monkeypatch):
-    """How often what becomes of a plan, once Python has been asked."""
+    """Count the kinds of results of plans after a Python search."""
     monkeypatch.setattr(uncertainty_margin_module, '_LastInterval', Seen)
     Seen.kinds.clear()
     return Seen.kinds

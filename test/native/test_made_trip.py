@@ -39,7 +39,7 @@ def test_columns_are_the_same_to_the_last_bit():
         found = _made_trip(*situation)
         with without_core():
             expected = _made_trip(*situation)
-        # What the core is given is what Python has.
+        # The core's input is Python's.
         assert 'native' in vars(found) and 'native' not in vars(expected)
         for name in COLUMNS:
             assert getattr(found, name).tolist() == getattr(expected, name).tolist(), (number, name)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Plans that a reserve, or lacking power, holds back: one call of the core against Python's search."""
+"""Plans held back by a reserve or by a power deficit: a single call of the core compared with Python's search."""
 
 from collections import Counter
 from ctypes import addressof
@@ -38,7 +38,7 @@ def draw(number, most_steps):
     if random.random() < 0.3:
         state = replace(state, soc=float(random.uniform(0.05, 0.3)))
     else:
-        # About what a plan leaves.
+        # About the charge left by a plan.
         goal = replace(goal, minimum_arrival_soc=0.0)
         without, heated = (plan(vehicle, route, state, goal).arrival_soc
                            for plan in (plan_unheated, plan_preheating))
@@ -82,7 +82,7 @@ def test_plans_are_held_back_by_the_same(monkeypatch):
     assert seen['late'] > 60 and seen['stranded'] > 3 and seen['in Python'] < 5
 
 
-def test_power_that_would_be_lacking_holds_a_plan_back(monkeypatch):
+def test_a_power_deficit_holds_a_plan_back(monkeypatch):
     seen = check([229, 359, 512, 963], 40, monkeypatch)
     assert seen[HeldBack.POWER] == seen['heats less'] == 4 and not seen['in Python']
 
@@ -120,7 +120,7 @@ def no_regret_call(path):
 
 
 @pytest.mark.parametrize('path', [HeatPath(), HeatPath(45.0, 16e3, 280.0)], ids=['at once', 'late'])
-def test_it_needs_each_argument_but_a_caution_and_no_more_memory_than_it_asks_for(path):
+def test_it_needs_each_argument_but_the_margin_and_no_more_memory_than_it_asks_for(path):
     arguments, kept = no_regret_call(path)
     for missing in range(len(arguments)):
         if missing != 3:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What comes of plans over limits, with the core and without."""
+"""Outcomes of plans beyond limits, from the native core, compared with Python."""
 
 from ctypes import addressof, byref, c_double
 from dataclasses import astuple, replace

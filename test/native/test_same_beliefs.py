@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The estimation with the compiled core and without: the same beliefs and sensitivities, to rounding."""
+"""The estimation with and without the native core: the same beliefs and sensitivities, to rounding."""
 
 from contextlib import nullcontext
 from dataclasses import replace
@@ -40,7 +40,7 @@ def drawn_drive(drawn):
 
 
 def believed(vehicle, seed, is_in_core):
-    """Return what a belief is after each of many updates that are drawn: weights, means, covariances."""
+    """Return a belief's weights, means and covariances after each of many drawn updates."""
     drawn, belief, course = np.random.default_rng(seed), Belief(vehicle), []
     with nullcontext() if is_in_core else without_core():
         belief.place(-5.0, 0.2, 0.7, 1e-5)
@@ -75,7 +75,7 @@ def test_beliefs_are_the_same(name):
 
 def updated(vehicle, is_in_one_call, lost=(), seen_w=None):
     """
-    Return what a belief is after each of many updates, in one call each or part by part.
+    Return a belief after each of many updates, in a single call each or part by part.
 
     `lost` are the updates before which a filter is spoiled, (update, element); `seen_w` [W] is a power seen.
     """
@@ -140,7 +140,7 @@ def test_deviations_on_arrival_are_the_same(name):
                          'hvch_battery_power_w': heater_w}.items():
         object.__setattr__(plan, field, value)
     drawn = np.random.default_rng(4)
-    # Nothing but traffic, each element by itself, and all of them.
+    # Only traffic, each element by itself, and all elements.
     covariances = [np.zeros((SIZE, SIZE)), *(np.diag(row) for row in np.eye(SIZE))]
     for _ in range(20):
         roots = drawn.normal(size=(SIZE, SIZE))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Plans with the compiled core and without it, back to back in random situations."""
+"""Plans with and without the native core, back to back in random situations."""
 
 from collections import Counter
 
@@ -23,7 +23,7 @@ def plan_or_error(situation):
 
 
 def figures_of(plan):
-    """Return what must agree exactly, the instants [s] and the energies [Wh] of a plan."""
+    """Return the parts of a plan that must agree exactly, the instants [s] and the energies [Wh]."""
     if isinstance(plan, str):
         return plan, [], []
     intervals = [interval.reason for interval in plan.intervals]

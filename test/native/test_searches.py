@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Searches of the compiled core against those in Python, and what they refuse."""
+"""Searches of the native core compared with Python's, and their refusals."""
 
 from ctypes import addressof, byref
 from dataclasses import replace
@@ -109,7 +109,7 @@ def test_heating_by_merit_is_the_same_where_the_charge_runs_out(number, soc, mon
 
 
 def settling_call(number=4, **changes):
-    """Return the arguments of bev_settle for a situation, in a dictionary, and what they point to."""
+    """Return the arguments of bev_settle for a situation, in a dictionary, and the arrays behind them."""
     search, goal = threshold_search(number)
     trip = search._trip
     heating = search._heating()
@@ -187,7 +187,7 @@ def test_standing_from_where_it_makes_no_sense_is_refused(step, value):
 
 
 def merit_call():
-    """Return the arguments of bev_merit_order for a situation, and what they point to."""
+    """Return the arguments of bev_merit_order for a situation, and the arrays behind them."""
     trip, state, goal = situation(4)
     steps = len(trip.route)
     run = run_unheated(trip, state)
@@ -264,7 +264,7 @@ def test_the_whole_plan_by_merit_is_the_same(number, soc, target_c):
 
 
 @pytest.mark.parametrize('number', [6, 8])
-def test_where_no_limit_is_active_the_whole_plan_is_one_stretch(number):
+def test_without_an_active_limit_the_whole_plan_is_one_interval(number):
     drawn = draw_trip(drawn_situations.car('reference'), 15, number)
     for path in PATHS:
         trip = make_trip(replace(drawn.vehicle, heat_path=path), drawn.route)
@@ -294,7 +294,7 @@ def test_where_heating_is_cheaper_elsewhere_the_whole_plan_heats_there():
 
 
 def merit_plan_call(number):
-    """Return the arguments of bev_plan_merit_order for a situation, and what they point to."""
+    """Return the arguments of bev_plan_merit_order for a situation, and the arrays behind them."""
     trip, state, goal = situation(number)
     idle_states, powers_w = rows_of(plan_without_heating(trip, state))
     steps = trip.native.steps

@@ -232,7 +232,7 @@ def test_a_trip_with_a_number_that_is_none_gives_no_plan(column):
 
 @pytest.mark.parametrize('number', [nan, inf, -inf])
 @pytest.mark.parametrize('at', range(3))
-def test_a_caution_that_is_no_number_is_refused(at, number):
+def test_a_margin_that_is_no_number_is_refused(at, number):
     numbers = [2.0, 300.0, 30.0]
     trip = make_trip(FORMULAS, steady_route())
     assert call_plan_switch(trip, uncertainty_margin=UncertaintyMarginStruct(*numbers, False))[0] == 0

@@ -10,8 +10,8 @@ Fixtures for tests of the installed executables over real DDS.
         states.publish(BatteryState(...))
         commands.wait_for(lambda m: m.battery_heating_power == 0.0)  # and for the answer.
 
-Each test has its own ROS domain. What a test waits for is a condition with a time limit; the limit
-is generous because it is only ever used up where the test fails.
+Each test has its own ROS domain. Tests wait for a condition with a time limit; the limit
+is generous because only a failing test uses it up.
 """
 
 from collections import Counter
@@ -149,12 +149,11 @@ def signals_kept():
 @pytest.fixture
 def call_main(domain_id, monkeypatch, capfd):
     """
-    `call_main(name, *arguments)` does what an executable does, in this process.
+    `call_main(name, *arguments)` runs an executable's main function in this process.
 
-    For arguments with which it ends at once; returns its exit status and what it has printed. A
-    process would need most of a second of processor time to start. But in a process a node that
-    could not start ends with it; here it would be heard, in a domain that others have meanwhile,
-    until Python collects it.
+    Only for arguments with which it ends at once; returns its exit status and its output. A process
+    would need most of a second of processor time to start. But a node that could not start ends with its
+    process; here it would be visible, in a domain that other tests use meanwhile, until Python collects it.
     """
     # Of shared memory that another process holds, the middleware writes a line of its own.
     monkeypatch.setenv('FASTDDS_BUILTIN_TRANSPORTS', 'UDPv4')

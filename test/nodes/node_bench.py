@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What surrounds the installed executables in a test: recorders, senders, and what goes on meanwhile."""
+"""The environment of the installed executables in a test: recorders, senders, background actions."""
 
 from contextlib import contextmanager
 import threading
@@ -24,7 +24,7 @@ def poll_until(condition, what, timeout_s=TIME_LIMIT_S):
 
 @contextmanager
 def repeating(action, period_s):
-    """Call `action()` every `period_s` in a thread while the block lasts; raise what it raised."""
+    """Call `action()` every `period_s` in a thread inside the block; raise its exception."""
     enough, failures = threading.Event(), []
 
     def repeat():
@@ -63,7 +63,7 @@ class Recorder:
             self._changed.notify_all()
 
     def destroy(self):
-        """Unsubscribe; what was heard is kept."""
+        """Unsubscribe; recorded messages stay."""
         take_down(self._node, lambda: self._node.destroy_subscription(self._subscription))
 
     @property
@@ -89,7 +89,7 @@ class Recorder:
                 lambda: self._latest is not None and condition(self._latest), timeout_s)
 
     def clear(self):
-        """Forget what has come, so that wait_for() sees only what comes from now on."""
+        """Forget all messages, so that wait_for() sees only later ones."""
         with self._changed:
             self._received = []
 
@@ -97,7 +97,7 @@ class Recorder:
         """
         Return the first message, received already or to come, for which condition(message).
 
-        Each message is looked at once: there may be thousands.
+        Each message is checked once: there may be thousands.
         """
         received, looked_at = None, 0
 
@@ -142,7 +142,7 @@ class Sender:
         self._publisher = node.create_publisher(message_type, topic, qos)
 
     def destroy(self):
-        """Advertise no more: what it latched is gone too."""
+        """Stop advertising; latched messages disappear too."""
         take_down(self._node, lambda: self._node.destroy_publisher(self._publisher))
 
     def publish(self, message):
@@ -165,12 +165,12 @@ class PatientProcess(NodeProcess):
     """A NodeProcess whose end is waited for as long as for anything else."""
 
     def wait(self, timeout_s=TIME_LIMIT_S):
-        """Return the exit status; raises subprocess.TimeoutExpired where it runs on."""
+        """Return the exit status; raises subprocess.TimeoutExpired if the process keeps running."""
         return super().wait(timeout_s)
 
 
 class Bench:
-    """A test's node, and the executables that run beside it: what the fixtures give, in one."""
+    """A test's node and its executables: all fixtures in one object."""
 
     def __init__(self, node, start_executable):
         """`start_executable(name, *ros_arguments)` returns a NodeProcess."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A real PlannerNode in this process: what it publishes is kept instead of sent, its clock is set by hand."""
+"""A real PlannerNode in this process: publications are recorded instead of sent, its clock is set by hand."""
 
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -27,7 +27,7 @@ class Recorder:
 
 @dataclass
 class RehearsedPlanner:
-    """The node and what it has published."""
+    """The node and its publications."""
 
     node: PlannerNode
     commands: Recorder = field(default_factory=Recorder)

@@ -91,7 +91,7 @@ class Drive:
         routes.publish(message)
 
     def answer(self, second, wait_until, understood, **changed):
-        """Return the answer at an instant, once it is one that is understood."""
+        """Return the first understandable answer at an instant."""
         answers = []
 
         def asked_again():

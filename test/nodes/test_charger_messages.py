@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The charger in messages: what is refused and how it is named, what becomes of it, what plans say."""
+"""The charger in messages: refusals and their wording, the parsed charger, the texts of plans."""
 
 from math import inf, nan
 
@@ -38,7 +38,7 @@ DEPARTURE = '0 ... 1, or 0 or NaN: not known, 0.8'
 
 
 def route_message(**changed):
-    """Return a RoutePlan of 30 min with a stop after half of it."""
+    """Return a RoutePlan of 30 min with a stop halfway."""
     message = RoutePlan(**{
         'route_id': 'far', 'segment_duration': [60.0] * 30, 'speed': [25.0],
         'propulsion_power': [15e3], 'ambient_temperature': [-8.0], 'charging_planned': True,

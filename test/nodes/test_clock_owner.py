@@ -16,7 +16,7 @@ from bev_preheat_msgs.msg import RoutePlan
 MANY = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 START_S = 1_000_000
-# The graph shows a killed node for so long, or a little longer.
+# The graph shows a killed node for about this time.
 GRAPH_FORGETS_S = 20.0
 
 

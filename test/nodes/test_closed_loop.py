@@ -2,10 +2,9 @@
 """
 The whole trip: the installed planner and the simulated vehicle, each closing the other's loop.
 
-A quarter of an hour in the cold at 100 times real time; `make test-deep` drives the hour of the paper
-too. The planner's lease and what it tolerates of the clock
-are longer than usual: 1 s of simulated time is 10 ms here, and a busy computer may take longer than
-that to deliver a command, or /clock after the state that was measured at that instant.
+A quarter of an hour in the cold at 100 times real time; `make test-deep` also drives the paper's hour. The
+planner's lease and clock tolerance are longer than usual: 1 s of simulated time is 10 ms here, and a busy computer
+may take longer than that to deliver a command, or /clock after the state measured at that instant.
 """
 
 from dataclasses import dataclass
@@ -42,7 +41,7 @@ SIMULATOR = ('-p', 'vehicle:=reference', '-p', 'initial_soc:=0.9', '-p', f'start
              # difference here.
              '-p', 'battery_state_period:=5.0',
              '-p', 'wait_for_planner:=true', '-p', 'exit_on_arrival:=true')
-# What a plan at the start may be wrong by: it is made in steps of 30 s.
+# Error of a plan at the start, which is made in steps of 30 s.
 START_TOLERANCE_S = 90.0
 QUARTER = """duration_s,speed_mps,propulsion_power_w,propulsion_power_rms_w,ambient_temperature_c
 300,14,12000,16000,-7
@@ -78,7 +77,7 @@ def write_quarter(folder):
 
 
 class Trip:
-    """What was said on the way."""
+    """The messages on the way."""
 
     def __init__(self, bench, route, temperature_c):
         self.route, self.temperature_c = route, temperature_c
@@ -87,8 +86,8 @@ class Trip:
         self.diagnostics = bench.record(DiagnosticArray, '/diagnostics')
         self.states = bench.record(BatteryState, 'battery_state', qos_profile_sensor_data)
         self.planner = bench.start('planner', *PLANNER)
-        # The simulator waits for the planner, not for who listens: nodes may take seconds to find each other,
-        # and so many minutes of the drive pass meanwhile.
+        # The simulator waits for the planner, not for listeners: nodes may take seconds to find each other,
+        # and minutes of the drive pass meanwhile.
         self.commands.wait_for_publisher()
         self.plans.wait_for_publisher()
         self.simulator = bench.start(
@@ -132,7 +131,7 @@ def test_it_drives_the_whole_route(trip):
 
 
 def test_it_heats_between_what_the_plan_at_the_start_said_and_what_is_enough_for_a_known_vehicle(trip):
-    # The plan at the start heats early for what it does not know, and knows more each minute.
+    # The plan at the start has a lead for its uncertainty, which shrinks each minute.
     said = next(plan for plan in trip.plans.messages if plan.status == Status.WAITING)
     vehicle = load_vehicle('reference')
     known = plan_preheating(

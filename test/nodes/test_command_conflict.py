@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Two installed planners that command one heater: both stay off until one is gone."""
+"""Two installed planners that command the same heater: both stay off until one is gone."""
 
 from contextlib import contextmanager
 import signal
@@ -114,7 +114,7 @@ def test_a_stranger_that_commands_switches_the_heater_off(bench):
         assert all(map(heats, commands.wait_for_count(20)))
 
         def is_in_conflict():
-            # What the stranger says before the planner has found it is lost.
+            # Messages sent before the planner has found the stranger are lost.
             stranger.publish(HvchCommand(battery_heating_power=1000.0))
             return plans.comes_to(lambda plan: plan.status == Status.COMMAND_CONFLICT, 0.2)
 

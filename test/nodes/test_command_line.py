@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The command lines of the installed nodes: help, and one line for what is wrong.
+The command lines of the installed nodes: help, and one line for each error.
 
 Each kind of answer is asked of an installed executable once; what else there is to ask, of the function
 that the executable calls, in this process.

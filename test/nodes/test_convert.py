@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Messages to types and back: what is refused and how it is named, defaults, units, enums."""
+"""Messages to types and back: refusals and their wording, defaults, units, enums."""
 
 from array import array
 from dataclasses import replace
@@ -216,7 +216,7 @@ def test_an_empty_battery_with_another_value_is_empty(field, value):
     assert measurement_from_message(message).state.soc == 0.0
 
 
-# Route: what is refused
+# Route: refusals
 
 ARRAYS = list(ROUTE_FIELDS.values())
 LIMITS_TEXT = {
@@ -289,7 +289,7 @@ def test_no_segments_are_named_as_all_that_is_missing():
 @pytest.mark.parametrize('name', ARRAYS)
 def test_too_many_segments_are_refused_before_they_are_looked_at(name):
     class Unread(list):
-        """Numbers that nobody must read: there may be millions."""
+        """Numbers that must not be read: there may be millions."""
 
         def __iter__(self):
             raise AssertionError('read')
@@ -325,7 +325,7 @@ def test_every_bad_field_of_a_route_is_named():
         'header.stamp', 'minimum_arrival_soc', 'segment_duration', 'speed', 'auxiliary_power']
 
 
-# Route: what is understood
+# Route: conversion
 
 def test_fields_of_a_mission():
     mission = convert()
@@ -390,7 +390,7 @@ def test_each_array_goes_to_its_field(field, name):
 def test_an_array_of_one_holds_in_every_segment(name):
     value = {'propulsion_power_rms': 4e3, 'propulsion_power_magnitude': 3.3e3}.get(name, 7.0)
     field = next(field for field, other in ROUTE_FIELDS.items() if other == name)
-    # What varies in the route is constant in some of these.
+    # Some of these routes have constant columns.
     rest = {} if name == 'propulsion_power_magnitude' else {'propulsion_power_magnitude': []}
     if name in ('propulsion_power', 'propulsion_power_magnitude'):
         rest['propulsion_power_rms'] = [8e3]
@@ -439,7 +439,7 @@ def test_steps_are_as_long_as_asked_for():
 
 
 def legs_strategy(draw):
-    """Return Legs of three segments each, with whatever a message can hold of them."""
+    """Return Legs of three segments each, with all fields that a message can hold."""
     targets_c = st.one_of(st.none(), st.just(0.0), st.floats(-60.0, 60.0))
     shares = st.floats(0.0, 1.0)
     route = convert_leg(step_s=10.0).route
@@ -485,7 +485,7 @@ def test_time_to_message_and_back(instant_ns):
     assert nanoseconds(time_message(instant_ns)) == instant_ns
 
 
-# What goes out
+# Outgoing messages
 
 def test_command():
     message = command_message(
@@ -561,7 +561,7 @@ def test_instants_of_a_plan(message, decision):
         'east', True, 50 * NS_PER_S + start_ns, (50 + 1200) * NS_PER_S)
 
 
-# Four stretches, one for each reason, all figures different.
+# Four heating intervals, one for each reason, all figures different.
 STRETCHES = (HeatingInterval(10.0, 15.5, 7.25, Reason.CLIMB),
              HeatingInterval(30.0, 90.0, 61.0, Reason.DESCENT),
              HeatingInterval(90.0, 400.0, 330.5, Reason.SURPLUS),
@@ -577,7 +577,7 @@ STRETCHES = (HeatingInterval(10.0, 15.5, 7.25, Reason.CLIMB),
         PreheatPlan.STRETCH_ARRIVAL]),
     ((), 'stretch_start', []), ((), 'stretch_end', []), ((), 'stretch_energy', []),
     ((), 'stretch_reason', [])])
-def test_stretches_of_a_plan(decision, intervals, field, expected):
+def test_heating_intervals_of_a_plan(decision, intervals, field, expected):
     plan = replace(decision.plan, intervals=intervals)
     message = plan_message(replace(decision, plan=plan), EAST, now_ns=99 * NS_PER_S)
     assert list(getattr(message, field)) == expected
@@ -607,7 +607,7 @@ def test_charge_that_carries_the_trip_runs_out_nowhere(message):
 
 @pytest.mark.parametrize('field', [
     'stretch_start', 'stretch_end', 'stretch_energy', 'stretch_reason'])
-def test_without_a_plan_there_are_no_stretches(field):
+def test_without_a_plan_there_are_no_heating_intervals(field):
     message = plan_message(Decision(Status.DISABLED, 'No.'), None, now_ns=7 * NS_PER_S)
     assert len(getattr(message, field)) == 0
 

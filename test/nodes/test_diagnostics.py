@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the entry `planner: estimation` says of a temperature sensor that is off."""
+"""The entry `planner: estimation` on an offset temperature sensor."""
 
 from dataclasses import replace
 import math

@@ -26,13 +26,13 @@ START_NS = 1_700_000_000 * NS_PER_S
 
 
 def kind(waitable):
-    """Return what rclpy calls a part that it waits for; an action server by what it derives from."""
+    """Return rclpy's name of a waitable; for an action server, the name of its base class."""
     kinds = type(waitable).__mro__
     return kinds[kinds.index(Waitable) - 1].__name__, getattr(waitable, 'event_type', None)
 
 
 def shape(node):
-    """Return what a node has made, by what it is."""
+    """Return the parts of a node by kind."""
     return {
         'parameters': {name: parameter.value for name, parameter in node._parameters.items()},
         'checks of parameters': (len(node._on_set_parameters_callbacks),

@@ -17,8 +17,8 @@ def test_reserved_domains_differ(monkeypatch):
         assert {first, second} <= set(range(91, 101))
 
 
-# DDSI-RTPS 9.6.1.1: the first participant's port is 10 above the domain's, each next one's 2 higher.
-# The earlier ones of a domain may have gone.
+# DDSI-RTPS 9.6.1.1: the first participant's port is 10 above the domain's, each next port 2 higher.
+# Earlier participants of a domain may have gone.
 @pytest.mark.parametrize('participants_before', [0, 1, 6, 30])
 def test_domain_in_which_somebody_takes_part_is_left_alone(monkeypatch, participants_before):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as participant:

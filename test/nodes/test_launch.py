@@ -2,7 +2,7 @@
 """
 The launch file and its parameters, without launch: no package index has it.
 
-The file is read as XML, and what it says is started as launch would start it.
+The file is read as XML, and its nodes are started as launch would start them.
 """
 
 from pathlib import Path

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The installed `nlp_checker` over real DDS: what it reports, and that it disturbs nobody."""
+"""The installed `nlp_checker` over real DDS: its reports, and that it disturbs no other node."""
 
 from array import array
 from math import isnan, nan
@@ -61,7 +61,7 @@ def route_plan(stamp_ns, route_id='home', duration_s=2400, **fields):
 
 
 class Surroundings:
-    """Route, battery and whoever listens; the battery's states come by themselves once fed."""
+    """Route, battery and listeners; battery states are sent automatically after the first."""
 
     def __init__(self, bench, namespace=''):
         self.bench = bench
@@ -122,7 +122,7 @@ class Surroundings:
         """
         Return a report on the planner's own plan.
 
-        Where that does not come in time, the checker plans by itself, and says no caution energy.
+        If the plan does not arrive in time, the checker plans by itself and reports no caution energy.
         """
         for _ in range(MOST_CHECKS):
             report = self.report(of_route(route_id))
@@ -179,7 +179,7 @@ class Surroundings:
             lambda message: own(message) is not None and condition(*own(message))))
 
     def count(self, name):
-        """Return one of the checker's counts."""
+        """Return the value of a counter of the checker."""
         return int(self.diagnosis(lambda level, text, values: True)[2][name])
 
     def solver_process_id(self, route_id):
@@ -206,7 +206,7 @@ class Surroundings:
         return solver
 
     def end_hanging(self):
-        """End what a failed test may have left: a process that hangs does not end by itself."""
+        """Kill processes left by a failed test: a hanging process does not end by itself."""
         for process in self._hanging:
             try:
                 if process.status() == psutil.STATUS_STOPPED:
@@ -216,7 +216,7 @@ class Surroundings:
         self._hanging.clear()
 
     def expect_commands(self, count):
-        """Wait for so many commands more, all of them heating."""
+        """Wait for this number of further commands, all of them heating."""
         self.commands.clear()
         assert all(command.battery_heating_power > 0.0
                    for command in self.commands.wait_for_count(count))
@@ -241,10 +241,10 @@ def planner_and_checker(module_bench):
 
 @pytest.fixture
 def both(planner_and_checker):
-    """Planner and checker, which tests share; what a test has set is undone."""
+    """Planner and checker, shared by tests; changes made by a test are undone."""
     yield planner_and_checker
     planner_and_checker.end_hanging()
-    # Only that: a solver is started anew for a vehicle, be it the same.
+    # Only if changed: setting the vehicle restarts the solver, even for the same vehicle.
     planner_and_checker.undo_set({
         'planner': {'method': 'optimal_switch', 'planning_step': 30.0,
                     'target_battery_temperature': nan, 'estimation': True, 'value_of_time': 10.0},
@@ -290,7 +290,7 @@ def of_route(route_id):
     return lambda report: report.route_id == route_id
 
 
-# What is reported
+# Reports
 
 def test_reports_for_a_new_route_that_optimal_switch_is_the_optimum(both):
     both.send_route('home')
@@ -309,8 +309,8 @@ def test_reports_for_a_new_route_that_optimal_switch_is_the_optimum(both):
     assert report.plan_heating and report.optimal_heating
     starts_ns = nanoseconds(report.plan_heating_start), nanoseconds(report.optimal_heating_start)
     assert abs(starts_ns[0] - starts_ns[1]) < 5 * NS_PER_S
-    # The planner's own plan for that instant begins earlier, and says what that costs.
-    # A state may be planned from twice: when it comes, and when the route does.
+    # The planner's own plan for that instant starts earlier, and reports the cost of that.
+    # A state may be planned from twice: when it arrives, and when the route does.
     plan = both.plans.wait_for(
         lambda plan: plan.header.stamp == report.header.stamp
         and plan.battery_energy - report.plan_energy == pytest.approx(report.caution_energy))
@@ -330,7 +330,7 @@ def test_a_plan_from_what_was_measured_is_checked_as_it_is(both):
 
 
 def test_the_gap_of_another_method_is_that_of_the_same_situation(both):
-    # Without estimation plans start from what was measured, whichever of the states it is.
+    # Without estimation, plans start from the measured values of any of the states.
     assert both.set('planner', method='paper', estimation=False).successful
     sent = both.send_route('by paper')
     with both.feeding():
@@ -556,7 +556,7 @@ def test_compares_what_the_planner_says_where_its_situation_is_known(alone):
     assert report.optimal_arrival_temperature == pytest.approx(2.6, abs=1e-3)
 
 
-# What goes wrong
+# Faults
 
 def test_gives_up_at_the_time_limit_and_checks_again(alone):
     with alone.feeding():
@@ -596,7 +596,7 @@ def test_bad_inputs_do_no_harm(alone):
     foreign_plans.wait_for_subscription(2)
     alone.send_route('bent', speed=[20.0, 30.0])
     alone.diagnosis(lambda level, text, values: 'speed: has 2 values' in text)
-    # A plan whose arrays do not fit, of a method that nobody knows.
+    # A plan whose arrays do not fit, by an unknown method.
     foreign_plans.publish(PreheatPlan(
         route_id='straight', method='magic', time=[0.0, nan], target_battery_temperature=nan,
         heating_planned=True, battery_energy=1.0))
@@ -612,7 +612,7 @@ def test_bad_inputs_do_no_harm(alone):
 
 def test_the_solver_is_ready_before_the_first_check(surroundings):
     """Route first, battery later, as when a car wakes up: nothing is left to load or to build."""
-    # Steps so long that the vehicle is still in the first when it is checked.
+    # Steps so long that the vehicle is still in the first step when it is checked.
     steps = ('-p', 'planning_step:=300.0')
     surroundings.start('nlp_checker', *ONLY_ASKED, *steps)
     surroundings.start('planner', *PATIENT, *steps)
@@ -655,7 +655,7 @@ def test_planner_goes_on_while_the_checker_solves_hangs_and_dies(surroundings, w
         # Without its node none ends at a time limit, and none is started.
         solvers = [solver.pid for solver in psutil.Process(checker.process_id).children()]
         for solver in solvers:
-            # As one that gets no computing time: it cannot end by itself.
+            # Like a process without computing time: it cannot end by itself.
             os.kill(solver, signal.SIGSTOP)
         surroundings.expect_commands(10)
         checker.send_signal(signal.SIGKILL)

@@ -66,7 +66,7 @@ def test_what_was_dumped_can_be_loaded_and_started_with(bench, tmp_path, name, a
     values = services.values()
     dump(path, name, values)
     names, refused = services.load(path)
-    # What is fixed at the start cannot be set, be it to the same value.
+    # A fixed parameter cannot be set, not even to the same value.
     assert refused <= services.read_only(sorted(names))
     # NaN would differ from itself.
     assert (names, services.values()) == (set(values), values)

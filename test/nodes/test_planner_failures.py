@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Exceptions that nobody foresaw, put into the planner's own functions: doubt means off, and off it stays."""
+"""Unforeseen exceptions, injected into the planner's own functions: in doubt the heater is off and stays off."""
 
 from itertools import count
 
@@ -33,7 +33,7 @@ def short_route():
 
 
 def give_state(planner, second):
-    """Give a cold battery's state, measured so long after the start [s], at that instant."""
+    """Publish a cold battery's state, measured this time after the start [s], at that instant."""
     planner.set_clock((START_S + second) * NS_PER_S)
     message = BatteryState(temperature=-7.0, percentage=0.8)
     message.header.stamp = Time(sec=START_S + second)

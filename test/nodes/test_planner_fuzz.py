@@ -2,9 +2,9 @@
 """
 A hundred thousand random and malformed messages, seeded, given to the callbacks of a real PlannerNode.
 
-After each one an oracle holds the last command against docs/explanation/safety.md. It knows what is good because
-the messages are made so: valid, or valid but for one field. It keeps its own book of what
-was accepted and asks nothing of the planner.
+After each message an oracle checks the last command against docs/explanation/safety.md. The oracle knows
+which messages are valid, because each is built as valid, or as valid except for one field. It records the
+accepted inputs itself and does not query the planner.
 """
 
 from array import array
@@ -29,7 +29,7 @@ NS_PER_S = 1_000_000_000
 START_NS = 1_700_000_000 * NS_PER_S
 # The planner's defaults, and the reference vehicle's heater.
 TIMEOUT_S, TOLERANCE_S, LEASE_S, HVCH_W = 5.0, 1.0, 2.5, 7000.0
-# A clock that falls back further was set: what was measured before means nothing.
+# A clock that jumps back further was reset: earlier measurements are meaningless.
 RESTART_S = 1.0
 # A state that is older than the latest by no more than this is dropped.
 OVERTAKEN_S = 1.0
@@ -58,7 +58,7 @@ BAD_PARAMETERS = [('command_period', 0.0), ('command_lease', nan), ('planning_st
 
 @dataclass(frozen=True)
 class Book:
-    """What the oracle knows: what was accepted last, and what was refused since."""
+    """The state of the oracle: the last accepted inputs, and the refusals since."""
 
     now_ns: int = START_NS
     latest_ns: int = START_NS
@@ -84,7 +84,7 @@ class Fuzz:
         self.temperature_c = -7.0
         self.heated = self.heated_after_refused_update = 0
 
-    # What is given
+    # Inputs
 
     def give_state(self):
         good = self.random.random() < 0.25
@@ -182,7 +182,7 @@ class Fuzz:
         durations_s = list(message.segment_duration)
         if message.route_id != route_id or not all(0.0 < one < 1e5 for one in durations_s):
             return False
-        # Where nothing is wrong with them, nearly all arrays have one length, or 1.
+        # In valid routes, nearly all arrays have the same length, or length 1.
         end_ns = nanoseconds(message.header.stamp) + sum(durations_s) * NS_PER_S
         return end_ns >= start_ns + duration_s * len(cabin_w) * NS_PER_S - 1e6
 
@@ -244,7 +244,7 @@ class Fuzz:
             book = replace(book, state_ns=NEVER)
         self.book = replace(book, latest_ns=book.now_ns)
 
-    # What must hold
+    # Invariants
 
     def check(self):
         book, command = self.book, self.commands.last
@@ -262,7 +262,7 @@ class Fuzz:
         start_ns, duration_s, cabin_w, _ = book.route
         on_the_way_s = (book.now_ns - start_ns) / NS_PER_S
         assert 0.0 <= on_the_way_s < duration_s * len(cabin_w)
-        # Planned in steps of 30 s or of what the route has, if that is longer: a step holds the mean.
+        # Planned in steps of 30 s or of the route's own, longer steps: a step has the mean.
         step_s = max(30.0, duration_s)
         least_w = min(cabin_w[int(max(on_the_way_s - step_s, 0.0) // duration_s):
                               int((on_the_way_s + step_s) // duration_s) + 1])

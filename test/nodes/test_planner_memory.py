@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The installed planner and its `state_file`: what it refuses, keeps aside and says about it."""
+"""The installed planner and its `state_file`: refusals, backups and messages."""
 
 import errno
 import json
@@ -31,7 +31,7 @@ def theirs(tmp_path):
 
 
 class Planner:
-    """An installed planner with a battery, and what its diagnostics say of the state file."""
+    """An installed planner with a battery, and its diagnostics of the state file."""
 
     def __init__(self, bench, wait_until, *arguments):
         self._bench, self._wait_until = bench, wait_until
@@ -55,7 +55,7 @@ class Planner:
         self._wait_until(estimated, f'an estimate of {vehicle}')
 
     def set(self, **values):
-        """Set parameters; returns the reason of the refusal, empty if there is none."""
+        """Set parameters; returns the reason of the refusal, empty without a refusal."""
         (result,) = self._bench.call(
             SetParameters, '/planner/set_parameters', SetParameters.Request(parameters=[
                 Parameter(name=name, value=ParameterValue(
@@ -149,7 +149,7 @@ def test_files_of_others_are_refused_while_it_runs(start, theirs, tmp_path):
     assert planner.set(state_file=str(link)) == f'state_file: {link}: {NOT_OURS}'
     assert planner.says(OK, 'nothing written yet')['file'] == str(mine)
     planner.end()
-    # What was set before still holds.
+    # The earlier value still holds.
     assert len(json.loads(mine.read_text())['cars']) == 1
     assert link.is_symlink()
 
@@ -159,7 +159,7 @@ def test_a_file_that_was_replaced_meanwhile_is_left_alone_and_told(start, theirs
     planner = start('-p', f'state_file:={path}')
     planner.learn()
     path.write_bytes(VEHICLE)
-    # What was learned of a car is written when another takes its place; that is not refused.
+    # A car's factors are saved when another car replaces it; that is not refused.
     assert planner.set(vehicle='small_car') == ''
     planner.says(ERROR, f'{path}: {NOT_OURS}')
     assert planner.set(state_file=str(path)) == f'state_file: {path}: {NOT_OURS}'

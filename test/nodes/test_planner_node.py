@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The installed `planner` over real DDS: what it says to good, bad, late and missing input.
+The installed `planner` over real DDS: its answers to valid, invalid, late and missing input.
 
-Most tests share one planner (`car`) and begin with it heating, so that 0 W is an answer and not a
-habit; one that needs it fresh (`fresh_car`) leaves its own to those that follow, and one that ends it
-has the next start another.
+Most tests share a planner (`car`) and start while it heats, so that 0 W is a reaction and not the initial state.
+A test that needs a fresh planner (`fresh_car`) leaves it to the following tests; after a test that ends the
+planner, the next test starts another.
 
 Time is simulated, and stands still unless a test lets it go on: by a battery state at a time, or
 without any. It never runs ahead of the planner's answers, so nothing here depends on how much of the
@@ -43,9 +43,9 @@ START_S = 1_700_000_000
 SIMULATED = ('-p', 'use_sim_time:=true')
 QUICK = ('-p', f'command_period:={PERIOD_S}', '-p', f'command_lease:={LEASE_S}',
          '-p', f'battery_state_timeout:={TIMEOUT_S}',
-         # Here batteries jump from state to state, and the plans say where they stand.
+         # Here batteries jump between states, and the plans report standing vehicles.
          '-p', 'estimation:=false', '-p', 'minimum_on_time:=0.0', '-p', 'minimum_off_time:=0.0')
-# Simulated time between battery states; between ticks of the clock where there are none.
+# Simulated time between battery states; between ticks of the clock without battery states.
 STATE_PERIOD_S, TICK_S = 0.04, 0.02
 # The same where valid states only have to end the pause after doubt.
 VALID_PERIOD_S = 0.5
@@ -191,7 +191,7 @@ class Car:
                     and self.plans.latest.route_id == 'home')
 
         poll_until(heats_for_the_route, 'heating')
-        # The last of what a state makes; what was under way must not answer the next question.
+        # The last message caused by a state; messages in transit must not answer the next question.
         poll_until(lambda: self.temperatures.comes_to(self._is_of_now, RESEND_S),
                    'the predicted temperature')
         for recorder in (self.commands, self.plans, self.temperatures, self.diagnostics):
@@ -426,7 +426,7 @@ def test_a_battery_that_comes_back_heats_again(car):
 def test_bytes_that_are_no_message_do_no_harm(car):
     car.send_state(b'\x00\x01\x00\x00' + b'\xff' * 60)
     car.expect_heat()
-    # Of a route that cannot be read nobody knows whether it called the trip off.
+    # An unreadable route may have been a cancellation of the trip.
     car.send_route(b'\x00\x01\x00\x00\x01')
     car.plans.wait_for(lambda plan: plan.status == Status.INVALID_INPUT
                        and 'route_plan refused: the message cannot be read' in plan.explanation)
@@ -480,7 +480,7 @@ def test_a_bad_route_is_in_the_diagnostics_even_while_states_keep_coming(car):
 
 
 UPDATE = {'speed': [-1.0]}
-# What is refused besides the speed, and whether the route before it goes on.
+# Fields refused besides the speed, and whether the previous route continues.
 REFUSED_ROUTES = {
     'update': ({}, True), 'later': ({'segment_duration': [31.0] * 40}, True),
     'earlier': ({'segment_duration': [29.0] * 40}, False),
@@ -514,7 +514,7 @@ def test_after_a_refused_route_the_one_before_goes_on_only_if_it_was_not_called_
             assert {(plan.status, plan.route_id) for plan in plans} == {(Status.INVALID_INPUT, '')}
             assert not any(map(heats, car.commands.messages))
             status = 'INVALID_INPUT'
-        # The diagnostics remain at ERROR and name what was refused.
+        # The diagnostics remain at ERROR and name the refused fields.
         car.diagnostics.wait_for(lambda array: array.status[0].message.startswith(f'{status}: '))
         car.diagnostics.wait_for_count(4)
         entries = [array.status[0] for array in car.diagnostics.messages]
@@ -571,7 +571,7 @@ def test_no_segments_with_charging_planned_are_no_cancellation(car):
                        and 'missing or empty: segment_duration' in plan.explanation)
 
 
-# What was not typed
+# Fields that were not typed
 
 def test_a_target_that_nobody_set_is_left_to_the_vehicle(car):
     car.send_route(car.route(route_id='no target', target_battery_temperature=0.0))
@@ -1002,7 +1002,7 @@ def test_a_listener_that_hangs_does_not_keep_it_from_ending(last_drive):
     with subprocess.Popen([sys.executable, '-c', FROZEN_SUBSCRIBER],
                           stdout=subprocess.PIPE, env={**os.environ, **domain}) as listener:
         try:
-            # It tells of the first command, and commands come only while time passes.
+            # The log reports the first command, and commands are sent only while time passes.
             with car.silence():
                 assert listener.stdout.readline()
             listener.send_signal(signal.SIGSTOP)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The installed `planner` on a trip with two stops: what it commands and promises leg by leg."""
+"""The installed `planner` on a trip with two stops: commands and predictions leg by leg."""
 
 from itertools import count
 from math import nan
@@ -21,7 +21,7 @@ STEP_S = 2
 # The cabin leaves another power of the 7 kW in each leg.
 FIRST_W, SECOND_W = 5400.0, 6200.0
 HEATS = Status.TARGET_UNREACHABLE
-# Two legs of 2 min and one of 1 min; stops of 60 and 90 s between them.
+# Two legs of 2 min and a leg of 1 min; stops of 60 and 90 s in between.
 FIRST_ARRIVAL_S, SECOND_S, SECOND_ARRIVAL_S, THIRD_S, END_S = (
     START_S + seconds for seconds in (120, 180, 300, 390, 450))
 

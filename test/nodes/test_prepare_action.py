@@ -48,7 +48,7 @@ from bev_preheat.vehicle import load_vehicle
 from bev_preheat_msgs.action import PrepareBattery
 from bev_preheat_msgs.msg import HvchCommand, PreheatPlan
 
-# config/vehicles/reference.yaml: 7 kW, of which the cabin takes 1978 W.
+# config/vehicles/reference.yaml: 7 kW, less 1978 W for the cabin.
 FULL_POWER_W = 5022.0
 # A process that starts, on a busy computer.
 LIMIT_S = 240.0
@@ -159,13 +159,13 @@ NOW_NS = 1_700_000_000 * NS_PER_S
 
 
 def planned(*preparation_goals):
-    """Return (supervisor, measurement, PreheatPlan) for a route of 40 min, and for wishes."""
+    """Return (supervisor, measurement, PreheatPlan) for a route of 40 min, and for goals."""
     vehicle = load_vehicle('reference')
     route = make_route({'duration_s': [30.0] * 80, 'speed_mps': [20.0], 'propulsion_power_w': [20e3],
                         'ambient_temperature_c': [-3.0]}, vehicle.defaults)
     supervisor = Supervisor(vehicle, Settings())
     measurement = Measurement(BatteryInput(3.0, 0.8), NOW_NS)
-    # The same drive and the same target: what is planned is the same trip.
+    # The same drive and the same target give the same plan.
     for event in (RouteArrived(Mission('home', (Leg(route, NOW_NS, True, 20.0),))),
                   BatteryStateArrived(measurement), *map(PreparationWanted, preparation_goals)):
         assert not supervisor.step(NOW_NS, event).refusals
@@ -243,7 +243,7 @@ def test_a_goal_of_which_nothing_is_heard_may_be_pursued_all_the_same(client_of)
 
 
 class Driver:
-    """A client of the installed planner's action, a battery beside it, and what the planner says."""
+    """A client of the installed planner's action, a battery, and the planner's messages."""
 
     def __init__(self, bench):
         self.bench = bench

@@ -183,7 +183,7 @@ def driven(module_bench):
 
 
 def events_of(given, intake, supervisor):
-    """Return the events that the planner's node makes of what it was given."""
+    """Return the events that the planner's node makes from its input."""
     if given.kind == 'battery_state':
         return [battery_event(given.value)]
     if given.kind == 'route_plan':
@@ -215,7 +215,7 @@ def said(commands, plans):
 
 @pytest.fixture(scope='module')
 def replayed(driven):
-    """Return what the step without ROS says to what the planner was given."""
+    """Return the output of the step without ROS for the planner's input."""
     supervisor, intake = Supervisor(VEHICLE, SETTINGS), RouteIntake()
     commands, plans = [], []
     # The clock's leap to the first second sets off both timers.
@@ -251,14 +251,14 @@ def replayed(driven):
 
 @pytest.fixture(scope='module')
 def heard(driven):
-    """Return what the planner said."""
+    """Return the planner's output."""
     return said(driven.commands.messages, driven.plans.messages)
 
 
 @pytest.mark.parametrize('topic', ['commands', 'plans'])
 def test_the_step_says_what_the_planner_said(heard, replayed, topic):
     of_planner, of_step = getattr(heard, topic), getattr(replayed, topic)
-    # What came before the clock ran belongs to no second of the drive.
+    # Messages before the clock started belong to no second of the drive.
     for second in range(LENGTH_S + 1):
         # Unknown values are NaN, which is equal to itself as text only.
         assert list(map(str, of_step[second])) == list(map(str, of_planner[second])), second

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The installed planner is killed in mid-heating and started again: what the heater hears."""
+"""The installed planner is killed while heating and restarted: the commands that the heater receives."""
 
 import json
 import signal
@@ -21,7 +21,7 @@ STATE_PERIOD_S = 0.2
 
 
 def entry_of(array, name):
-    """Return the planner's entry of that name in a DiagnosticArray, None where it has none."""
+    """Return the planner's entry of that name in a DiagnosticArray, None if absent."""
     return next((entry for entry in array.status if entry.name == f'planner: {name}'), None)
 
 
@@ -74,7 +74,7 @@ def test_a_killed_planner_is_followed_by_one_that_heats_again(car):
     first.send_signal(signal.SIGKILL)
     assert first.wait() == -signal.SIGKILL
     killed_ns = nanoseconds(car.stamp())
-    # The lease is all that is left of it.
+    # The remainder of the lease.
     last_ns = max(nanoseconds(command.valid_until) for command in car.commands.messages)
     assert last_ns <= killed_ns + round(LEASE_S * NS_PER_S)
     car.commands.clear()
@@ -161,7 +161,7 @@ def test_the_file_has_the_battery_as_it_was_seen_last(car, tmp_path):
 
 
 def test_a_restarted_simulator_is_followed(bench):
-    """The clock begins anew, and so does the drive; the planner's process is the same."""
+    """Clock and drive restart; the planner's process is the same."""
     commands = bench.record(HvchCommand, 'hvch_command', 100)
     planner = bench.start('planner', '-p', 'use_sim_time:=true', '-p', 'command_lease:=10.0',
                           '-p', 'battery_state_timeout:=30.0', '-p', 'command_period:=2.0')

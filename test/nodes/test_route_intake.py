@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Route plans on their way into a supervisor: what can be read of a refused one, and what it ends."""
+"""Route plans on their way into a supervisor: the readable part of a refused plan, and the trip that it ends."""
 
 from dataclasses import replace
 from math import inf, nan
@@ -34,7 +34,7 @@ def route_message(stamp=Time(sec=START_S), **changed):
     return message
 
 
-# What can be read
+# Readable parts
 
 def arrivals_s(**changed):
     arrivals_ns = refused_route_of(route_message(**changed)).arrivals_ns
@@ -60,7 +60,7 @@ def test_arrivals_that_can_be_read(changed, expected):
 @pytest.mark.parametrize('changed', [
     {'segment_duration': []}, {'segment_duration': [30.0] * 39 + [nan]},
     {'segment_duration': [30.0] * 39 + [-30.0]}, {'segment_duration': [inf]},
-    # Nobody knows which of the two is right.
+    # Either of the two may be right.
     {'segment_duration': [30.0] * 39, 'speed': [20.0] * 40},
     {'segment_duration': [30.0], 'speed': [20.0] * 5, 'propulsion_power': [1e3] * 6},
     {'speed': [20.0] * 200_001}, {'stamp': Time()}, {'stamp': Time(sec=-5)},
@@ -83,7 +83,7 @@ def test_a_huge_route_id_is_not_kept():
     assert len(refused_route_of(route_message(route_id='x' * 1_000_000)).route_id) < 300
 
 
-# What becomes of it
+# Effects
 
 class Driver:
     """An intake, and the supervisor behind it, that heats."""
@@ -103,7 +103,7 @@ class Driver:
         return command.battery_heating_power_w, command.reason
 
     def take(self, message):
-        """Give a message to the supervisor; raise what it refuses."""
+        """Pass a message to the supervisor; raise its refusal."""
         self.supervisor.run(NOW_NS, self.intake.read(message, self.supervisor))
 
     def configure(self, settings=SETTINGS):

@@ -60,7 +60,7 @@ def reliable(module_bench, reliable_planner):
     """
     Give the bench of a planner that tests share, and its process.
 
-    Nobody publishes with best effort there, so each test finds the two subscriptions of the start.
+    No node publishes with best effort there, so each test finds the two initial subscriptions.
     """
     def subscriptions():
         return module_bench.node.count_subscribers('route_plan')
@@ -165,7 +165,7 @@ def test_a_huge_route_is_refused_by_its_size_and_leaves_nothing_behind(bench, wa
     assert re.search(r'route_plan refused: the message has 112\.0 MB; at most 11\.3 MB are read, '
                      'enough for 200000 segments', plan.explanation)
     commands.wait_for_count(4)
-    # Even if it had worked on nothing else, a command would have come within the lease.
+    # Even without other work, a command would have come within the lease.
     assert processor_time_s(planner) - before_s < LEASE_S
     # Of 112 MB twice, the middleware's, and the message's own.
     wait_until(lambda: resident_mb(planner) < before_mb + 20.0, 'the memory')

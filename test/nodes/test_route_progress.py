@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""RouteProgress at the door of the node, and what the diagnostics say of it; without DDS."""
+"""RouteProgress at the node's boundary, and in the diagnostics; without DDS."""
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus

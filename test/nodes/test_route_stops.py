@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Stops in the messages: what is refused and how it is named, what becomes of them, and back."""
+"""Stops in the messages: refusals and their wording, the parsed stops, and back."""
 
 from dataclasses import fields, replace
 from math import inf, isnan, nan
@@ -51,7 +51,7 @@ def problems_of(**changed):
     return refusal.value.problems
 
 
-# What is refused
+# Refusals
 
 ALLOWED = {
     'stop_duration': '1 ... 86400 s',
@@ -138,7 +138,7 @@ def test_a_route_whose_stops_end_after_time_itself_is_refused():
         'that a stamp can hold']
 
 
-# What is understood
+# Conversion
 
 def test_without_stops_there_is_one_leg():
     mission = convert(stop_after_segment=[], **{field: [] for field in STOP_FIELDS})
@@ -159,7 +159,7 @@ def test_what_is_wanted_of_each_leg(attribute, expected):
 @pytest.mark.parametrize('field, attribute, expected', [
     ('stop_target_battery_temperature', 'target_temperature_c', [None, None, 27.0]),
     ('stop_minimum_arrival_soc', 'minimum_arrival_soc', [0.0, 0.0, 0.35]),
-    # What is wanted on arrival; without a target of its own, the planner's default.
+    # The target on arrival; without its own target, the planner's default.
     ('departure_battery_temperature', 'departure',
      [None, BatteryState(21.0, 0.55), BatteryState(17.5, 0.65)]),
     ('departure_soc', 'departure', [None, BatteryState(31.0, 0.8), BatteryState(32.0, 0.8)])])
@@ -241,7 +241,7 @@ def test_each_route_comes_back(there_and_back, field):
         np.testing.assert_allclose(getattr(back.route, field), getattr(there.route, field))
 
 
-# What goes out
+# Outgoing messages
 
 LATER_FIELDS = ('later_arrival', 'later_heating_start', 'later_predicted_arrival_temperature',
                 'later_predicted_arrival_soc', 'later_status')

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Scenarios: what fails in them is noticed, and the drive goes as expected.
+Scenarios: failures are detected, and the drive meets its expectations.
 
-Those in which inputs, clock or heater fail are driven by the installed executables over real DDS;
-those that try the estimation, with the planner's own Supervisor. `make test-deep` drives all that
-come along; `make test`, shorter ones of the same kinds: one with the nodes together, and one each for
-car, heater, traffic and sensors.
+Scenarios with failures of inputs, clock or heater run with the installed executables over real DDS; scenarios
+for the estimation run with the planner's own Supervisor. `make test-deep` drives all shipped scenarios;
+`make test` drives shorter ones of the same kinds: one with the nodes together, and one each for car, heater,
+traffic and sensors.
 """
 
 from concurrent.futures import ThreadPoolExecutor
@@ -33,7 +33,7 @@ WITHOUT_ROS = {'ahead_of_plan', 'charge_in_percent', 'charge_never_set', 'charge
                'stood_after_charging', 'temperature_minus_40', 'temperature_stuck', 'two_batteries_second',
                'two_battery_managers', 'voltage_at_full_scale', 'voltage_of_12_v', 'whole_degrees'}
 OVER_DDS = ALL - WITHOUT_ROS
-# Each begins as one that comes along, nearer to its target and to its end.
+# Each is a shortened shipped scenario, which starts nearer to its target and to its end.
 SHORT = {
     'heavy_cold_car': {
         'drive': {'ends_after_s': 480, 'initial_battery_temperature_c': 24},
@@ -75,7 +75,7 @@ SHORT_OVER_DDS = {
 }
 # A drive of 25 min in 25 s; a command period is 17 ms.
 SPEED_UP = 60
-# A drive of 7 min has few states to judge a heater by: on a busy computer none of them must be lost.
+# A drive of 7 min has few states for assessing a heater: on a busy computer none of these may be lost.
 SHORT_SPEED_UP = 25
 # So many drives at the same time, each in a ROS domain of its own.
 AT_ONCE = 2

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is set up wrongly around the installed nodes is told in words, in the log and diagnostics."""
+"""Set-up errors around the installed nodes are described in the log and in the diagnostics."""
 
 import time
 
@@ -54,16 +54,16 @@ class Shared:
         self._made.append(lambda: node.destroy_subscription(subscription))
 
     def entry(self, text, level=DiagnosticStatus.WARN):
-        """Return the message of the setup entry that has the text and the level, once it comes anew."""
+        """Return the next message of the setup entry with this text and level."""
         self.diagnostics.clear()
         return setup_entry(self.diagnostics, self.name, text, level)
 
     def log(self):
-        """Return what it has logged since the test began."""
+        """Return the log since the start of the test."""
         return self.process.output()[self._before:]
 
     def take_down(self):
-        """Take away what the test has made; the node must find that all fits again."""
+        """Remove the test's own nodes; the planner must then report a correct set-up."""
         while self._made:
             take_down(self._bench.node, self._made.pop())
         self.entry('fit', DiagnosticStatus.OK)
@@ -96,7 +96,7 @@ def shared(running, name):
 @pytest.mark.parametrize('name', ['planner'])
 def test_all_is_well_with_what_fits(shared, name):
     shared.subscribe(HvchCommand, 'hvch_command', BEST_EFFORT)
-    # Matches one of the subscriptions.
+    # Matches one subscription.
     shared.publish(RoutePlan, 'route_plan', BEST_EFFORT)
     shared.publish(BatteryState, 'battery_state', LATCHED)
     # In the second look they are certainly seen.
@@ -175,7 +175,7 @@ def test_simulated_stamps_against_the_wall_clock_are_told(shared, name, wait_unt
     assert text in shared.log()
 
 
-# Parameters that nobody has
+# Unknown parameters
 
 def test_a_misspelt_parameter_on_the_command_line_is_told_with_the_nearest(bench):
     diagnostics = bench.record(DiagnosticArray, '/diagnostics')
@@ -243,7 +243,7 @@ def test_with_simulated_time_no_clock_and_wall_stamps_are_told(bench, wait_until
     def are_refused():
         clocks.publish(Clock(clock=time_message(1000 * 10**9 + time.monotonic_ns())))
         states.publish(stamped(time.time_ns()))
-        # The log repeats what is refused every 5 s, and the first may have come before the clock.
+        # The log repeats a refusal every 5 s, and the first may precede the clock.
         return (any(hint in refusal for refusal in refusals(diagnostics))
                 and hint in process.output())
 

@@ -36,7 +36,7 @@ class Shell:
         self._bench = bench
         self.commands = bench.record(HvchCommand, 'hvch_command')
         self.plans = bench.record(PreheatPlan, 'preheat_plan')
-        # What is typed comes late on a busy computer.
+        # Typed commands are late on a busy computer.
         self.process = bench.start('planner', '-p', 'battery_state_timeout:=60.0')
         self.commands.wait_for_publisher()
         self.plans.wait_for_publisher()

@@ -79,7 +79,7 @@ def outcome_at_the_end(diagnostics):
 
 
 class Drive:
-    """A simulator that starts in real time, and what is heard of it from before its start."""
+    """A simulator that starts in real time, and all its messages since before its start."""
 
     def __init__(self, bench, route):
         self.bench = bench

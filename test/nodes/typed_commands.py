@@ -2,9 +2,9 @@
 """
 The commands `ros2 topic pub` of a document, and what ros2cli would publish for them.
 
-No package index has ros2cli, so its way (jazzy: ros2topic/verb/pub.py, rosidl_runtime_py) is followed
-here: the values are YAML, arrays are made of what is listed, `header: auto` is the publisher's time at
-each message, and the quality of service is the profile `default`.
+No package index has ros2cli, so this follows its implementation (jazzy: ros2topic/verb/pub.py,
+rosidl_runtime_py): the values are YAML, arrays are built from lists, `header: auto` is the publisher's time
+at each message, and the quality of service is the profile `default`.
 """
 
 from dataclasses import dataclass

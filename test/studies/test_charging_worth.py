@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The table of what heating is worth on the reference trip: its cases are what they say."""
+"""The table of the worth of heating on the reference trip: its cases arrive as stated."""
 
 from dataclasses import replace
 

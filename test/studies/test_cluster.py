@@ -26,7 +26,7 @@ TRIPS = 40
 
 
 def drive_slowly(number):
-    """Return a result that is the number's, and where it was computed."""
+    """Return a result that depends on the number, and its worker."""
     time.sleep(0.15)
     return CarResult(number, Mismatch(), DIRECT, None, {}, cpu_s=1.0 / (1.0 + number), pace=os.getpid())
 
@@ -37,7 +37,7 @@ def from_record(record):
 
 @pytest.fixture
 def stack():
-    """Ends what a test starts."""
+    """Ends the processes started by a test."""
     with ExitStack() as stack:
         yield stack
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What an export takes: object files, stack and instructions, each counted where the answer is known."""
+"""Footprint of an export: object files, stack and instructions, each in a case with a known answer."""
 
 from dataclasses import replace
 import json
@@ -97,7 +97,7 @@ bev_status bev_ecu_plan_merit_order(const bev_vehicle *v, const bev_trip *t, con
 
 
 class PlansThatTakeStack:
-    """A build whose plans take as much stack as they are told to."""
+    """A build whose plans use a given amount of stack."""
 
     def __init__(self, folder):
         for name, text in {**core_sources(), **own_sources(), 'plans.c': TAKES_STACK}.items():
@@ -130,7 +130,7 @@ def test_the_stack_that_a_plan_overwrites_is_told_to_its_frames(tmp_path):
 
 @pytest.fixture(scope='module')
 def measured(tmp_path_factory):
-    """What an export of a vehicle with a heat path takes on this computer."""
+    """The footprint of an export of a vehicle with a heat path on this computer."""
     folder, path = tmp_path_factory.mktemp('export'), HeatPath(45.0, 20e3, 400.0)
     car = replace(SMALL, heat_path=path)
     exported = Export(car, folder, []).write(12, 4, lambda: None)
@@ -180,7 +180,7 @@ HEATED, UNHEATED = Answer(OK, (100.0, *9 * (0.0,))), Answer(OK, (float('nan'), *
 
 
 def counted(steps, instructions, *, heated=True, limited=False, route=''):
-    """A situation, and what its plans by both methods took."""
+    """A situation, and the cost of its plans by both methods."""
     answer = HEATED if heated else UNHEATED
     situation = replace(asked(steps), route=route)
     status = 4 if limited else OK
@@ -200,7 +200,7 @@ def test_instructions_are_told_for_heated_plans_by_length_and_limit():
         Bytes(), Bytes(), 0, {})])
     assert headings[3:] == ['40 to 60 steps', '360 steps', 'route reference', 'route alpine_pass']
     assert [row[2:] for row in rows] == [
-        # What the answers say is heated counts, also where a limit is active.
+        # The answers decide whether a plan heats, also with an active limit.
         ['optimal_switch', '1, 4, 7 (4)', '40', '6', '-'],
         ['merit_order, no limit active', '2, 6, 14 (3)', '80', '12', '-'],
         ['merit_order, a limit active', '10', '-', '-', '-']]

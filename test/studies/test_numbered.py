@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Trips by number: on any executor the same results in the same order, each of them run once."""
+"""Trips by number: on any executor the same results in the same order, each computed once."""
 
 from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
 from functools import partial
@@ -40,7 +40,7 @@ class Here(Executor):
 
 
 class Backwards(Here):
-    """Answers only once four tasks are there, the last of them first."""
+    """Answers after four tasks have arrived, the last task first."""
 
     def __init__(self):
         super().__init__(cores=2)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Results files: what is appended is read back, a half line is dropped, another study is refused."""
+"""Results files: records are read back, a half-written line is dropped, another study is refused."""
 
 import json
 
@@ -48,7 +48,7 @@ def test_a_half_written_line_is_dropped_wherever_it_was_cut(path):
         assert path.read_bytes() == whole
 
 
-def test_a_file_of_which_only_half_the_first_line_was_written_begins_anew(path):
+def test_a_file_with_half_a_first_line_is_started_again(path):
     path.write_bytes(path.read_bytes()[:20])
     assert read(path) == []
     assert json.loads(path.read_text()) == {'bev_preheat_study': STUDY}

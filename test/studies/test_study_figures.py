@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the figures of studies and drives show."""
+"""The content of the figures of studies and drives."""
 
 from dataclasses import dataclass
 from types import SimpleNamespace
@@ -23,7 +23,7 @@ def texts(axis):
 
 @dataclass(frozen=True)
 class Made:
-    """What the figure of a study reads of a method's result."""
+    """The part of a method's result that the figure of a study uses."""
 
     gap_wh: float | None
 
@@ -34,7 +34,7 @@ def trip(minutes, outcome=FEASIBLE, **methods):
 
 @pytest.fixture(scope='module')
 def study():
-    """Panels of three feasible trips, on one of which the paper reaches less, and another."""
+    """Panels of three feasible trips, on one of which the paper's method reaches less, and another trip."""
     return make_study_figure([
         trip(30, merit_order=Made(1e-3), optimal_switch=Made(1e-3), paper=Made(4.0)),
         trip(50, merit_order=Made(-0.5), optimal_switch=Made(80.0), paper=Made(None)),

@@ -133,7 +133,7 @@ class _Sessions:
 
     def step(self, at: IntArray, soc: FloatArray,
              temperature_c: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Return soc and temperature [deg C] after a step, its duration [s], and what is bought [W]."""
+        """Return soc and temperature [deg C] after a step, its duration [s], and the purchased power [W]."""
         supply_w, heater_w = self._supply_w[at], self._heater_w[at]
         power_w = charging_power(self._limit_w(soc, temperature_c), supply_w, ARRAYS)
         full_s = (self._vehicle.battery.capacity_as * self._voltage_v(soc, temperature_c)

@@ -36,7 +36,7 @@ class EmulatedCortexM7:
     """
     A program loaded into the emulator.
 
-    Its CPU model is the one with all instructions, in Thumb state, because the emulator's Cortex-M7 lacks double
+    Its CPU model has all instructions, in Thumb state, because the emulator's own Cortex-M7 has no double
     precision.
     """
 

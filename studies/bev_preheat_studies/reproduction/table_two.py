@@ -41,7 +41,7 @@ TABLE_II = (
     ('leakage', -525.8, -526.1),
     ('battery_total', 23889.0, 23888.0),
 )
-# What is not predicted. The route's integrals of the propulsion power were chosen so that the
+# Cells that are not predicted. The route's integrals of the propulsion power were chosen so that the
 # drivetrain's heat and the sum of the heuristic column hold.
 ORIGINS = {
     ('heuristic', 'joule'): 'fitted',
@@ -119,7 +119,7 @@ def _heated_s(plan: Plan) -> float:
 
 @dataclass(frozen=True)
 class Fit:
-    """What the fit found; `message` is the root finder's, None where it succeeded."""
+    """The result of the fit; `message` is the root finder's, None after success."""
 
     heat_capacity_j_per_k: float
     gamma_0_w_per_k: float

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A fleet: its sessions are those of `charge`, its ways do what they say, blocks are the same anywhere."""
+"""A fleet: its sessions agree with `charge`, its ways with their definition, its blocks with every executor."""
 
 from concurrent.futures import Future
 from dataclasses import fields, replace
@@ -132,7 +132,7 @@ def test_each_method_reaches_the_target_as_driven(cold_trip):
 
 @pytest.fixture
 def quick_tables(monkeypatch):
-    """A charger at which each kelvin that lacks to 25 degC costs 10 s, each percent of charge 20 s."""
+    """A charger at which each kelvin below 25 degC costs 10 s, each percent of charge 20 s."""
     class Times:
         def of(self, ambient_c, temperature_c, soc):
             time_s = 10.0 * np.maximum(25.0 - temperature_c, 0.0) + 2000.0 * (0.8 - soc)
@@ -166,7 +166,7 @@ def test_without_the_core_the_table_is_the_same(quick_tables):
 
 
 class Here:
-    """Runs what is submitted at once."""
+    """Runs each task at once."""
 
     cores = 2
 
@@ -194,7 +194,7 @@ def made_blocks(monkeypatch):
     # Seconds in all.
     monkeypatch.setattr(fleet_study, 'charging_times_of', lambda *plug: plug)
     monkeypatch.setattr(fleet_study, 'BLOCK', 10)
-    # What is pickled is what stands in the module.
+    # Pickling refers to the module's object.
     monkeypatch.setattr('bev_preheat_studies.numbered.Shipped', lambda task: task)
     return ran
 

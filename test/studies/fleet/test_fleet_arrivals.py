@@ -102,7 +102,7 @@ def test_what_limits_a_trip_is_in_its_statuses(trips):
     # More charge than is there must be left: without heating it drives, and always on, but no plan is allowed.
     found = planned(trips, car, places, lowest_soc=0.99)['status']
     assert (found[:, [ONE_SWITCH, PAPER]] == LIMITED).all() and (found[:, [UNHEATED, ALWAYS_ON]] == OK).all()
-    # A target that is no number is an error of each trip, whose numbers nobody may take.
+    # A NaN target is an error of each trip, whose numbers must not be used.
     assert (planned(trips, car, places, target_c=np.nan)['status'] < OK).all()
 
 

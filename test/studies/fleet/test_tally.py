@@ -61,7 +61,7 @@ def test_means_and_quantiles_are_those_of_the_trips(trips, way):
             values = np.array([own[way][quantity] for groups, own in trips if group in groups])
             assert tally.mean(way, group, quantity) == pytest.approx(values.mean(), abs=1e-3)
             for share in (0.05, 0.5, 0.95):
-                # Of the trips, at least so many are below a bin's width more, at most so many a width less.
+                # The share of trips up to the quantile is right, within a bin's width.
                 found, width = tally.quantile(way, group, quantity, share), BIN_WIDTHS[quantity]
                 assert (values <= found + width).mean() >= share >= (values <= found - width).mean()
 

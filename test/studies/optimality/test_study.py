@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Studies: the same trip each time, outcomes, what is made of them, and the command."""
+"""Studies: reproducible trips, outcomes, figures, and the command."""
 
 from dataclasses import asdict, replace
 import json
@@ -41,7 +41,7 @@ VEHICLE = load_vehicle('reference')
 
 
 def without_times(result):
-    """A GapResult but for what the clock measured."""
+    """A GapResult without measured times."""
     return replace(
         result, solve_time_s=None, methods={
             method: replace(own, planning_time_s=0.0) for method, own in result.methods.items()})
@@ -137,7 +137,7 @@ def test_a_climb_that_overheats_the_battery_is_no_lack_of_power(number):
 def test_optimal_switch_is_the_optimum_of_feasible_trips(free_trips):
     gaps_wh = [result.methods['optimal_switch'].gap_wh for result in free_trips
                if result.outcome == FEASIBLE]
-    # Below by IPOPT's tolerance at most, above by what a partial step leaves.
+    # Below by IPOPT's tolerance at most, above by the rest of a partial step.
     assert -1e-3 < min(gaps_wh) and max(gaps_wh) < 0.1
 
 
@@ -395,7 +395,7 @@ def test_trips_on_which_a_method_reaches_something_else_have_no_gap():
     figures = summarise_gaps(results, ['one'])['methods']['one']
     assert (figures['compared_trips'], figures['worst_trip']) == (2, 2)
     assert figures['gap_wh'] == pytest.approx(distribution([0.5, 7.0]))
-    # How far it arrives from the program is told of all trips.
+    # The distance from the program's arrival covers all trips.
     assert figures['arrival_error_k']['worst'] == pytest.approx(8.0)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The study of the best target: its trips, its figures, and what it shows."""
+"""The study of the best target: its trips, figures and tables."""
 
 import json
 import math
@@ -53,7 +53,7 @@ def test_all_kinds_of_trips_are_drawn():
 def test_the_best_target_is_as_good_as_the_program(number):
     result = solve_charging_trip(1, number)
     assert result.outcome == COMPARED and result.is_heated
-    # What the planner makes of late heat is no optimum of drive and session together.
+    # The planner's treatment of late heat is not an optimum of drive and session together.
     assert -1e-4 < result.gap < (5e-3 if result.has_heat_path else 1e-4)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Table II: how near ours is to the paper's, what is said of each cell, and the fit."""
+"""Table II: the difference from the paper's, the origin of each cell, and the fit."""
 
 from collections import Counter
 from dataclasses import replace

@@ -32,7 +32,7 @@ def short_conditions(period_s=2.0, **changes):
 
 
 def made_drive(**changes):
-    """Return a DriveOutcome with figures of its own where they are not given."""
+    """Return a DriveOutcome with default figures unless given."""
     return DriveOutcome(**{
         'arrival_error_k': 0.1, 'arrival_soc': 0.6, 'heating_energy_wh': 200.0,
         'battery_energy_wh': 2000.0, 'switch_ons': 1, 'first_switch_on_s': 60.0,

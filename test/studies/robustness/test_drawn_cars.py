@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is drawn for a study."""
+"""The distributions of a study's cars."""
 
 from dataclasses import replace
 
@@ -39,7 +39,7 @@ def test_factors_are_drawn_evenly_within_their_spread(name):
     factors = [getattr(draw_car(CONDITIONS, 1, number).mismatch, name) for number in range(2000)]
     shares = np.sort((np.array(factors) - 1.0) / SPREAD[name] / 2.0 + 0.5)
     assert 0.0 <= shares[0] and shares[-1] <= 1.0
-    # Kolmogorov and Smirnov: an even distribution is further off in one of 10 000 cases.
+    # Kolmogorov-Smirnov: a uniform distribution is further off in 1 of 10 000 cases.
     assert np.abs(shares - (np.arange(2000) + 0.5) / 2000).max() < 2.23 / np.sqrt(2000)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One drive: what is commanded, what is counted, and what a drive that knows the truth costs."""
+"""One drive: its commands, its counters, and the cost of a drive planned with the true car."""
 
 from dataclasses import asdict, replace
 
@@ -23,7 +23,7 @@ from bev_preheat_studies.robustness.drawn_cars import draw_car
 from bev_preheat_studies.robustness.drives import drive_informed, drive_with_planner
 
 CONDITIONS = short_conditions()
-# What the cabin leaves of the heater [W].
+# Heater power left by the cabin [W].
 LIMIT_W = 7000.0 - 1500.0
 MEASURED = Settings(estimation=False)
 
@@ -127,7 +127,7 @@ def test_route_is_planned_in_steps_of_the_settings(scripted):
 @pytest.mark.parametrize('settings', [MEASURED, Settings()])
 def test_perfect_car_arrives_at_its_target_as_predicted(settings):
     drive, course = drive_with_planner(make_car(), CONDITIONS.goal, every_two_seconds(settings))
-    # The estimating planner adds a margin for what it cannot know.
+    # The estimating planner adds a margin for the uncertainty.
     assert -0.1 < drive.arrival_error_k < 0.3
     # The last prediction is made two seconds before.
     assert course.predicted_arrival_c[-1] == pytest.approx(
@@ -187,7 +187,7 @@ def test_informed_drive_is_the_optimum_of_the_true_car(number):
 
 
 def test_plan_that_does_not_know_the_truth_misses_by_more():
-    """The informed drive is told the true car: on the described one it would arrive elsewhere."""
+    """The informed drive uses the true car: with the vehicle file it would arrive elsewhere."""
     car = make_car()
     believed = drive_informed(car, CONDITIONS.goal)
     weak = make_car(mismatch=Mismatch(heat_capacity=1.1, heater=0.95))
@@ -222,7 +222,7 @@ def test_planner_uses_the_heat_path_of_the_vehicle_file():
         if plan is not None and car.plant.heater_power_w > 4e3:
             under_way_w.append(plan.heat.heater_power_w[0])
             ends_s.append(moment.time_s + (plan.heating_end_s or 0.0))
-    # The estimation divides what is under way as under a steady command.
+    # The estimation splits the heat in transit as under a steady command.
     assert np.median(under_way_w) == pytest.approx(LIMIT_W, rel=0.4)
     assert max(ends_s) < car.plant.duration_s - 15.0
     assert car.plant.temperature_c == pytest.approx(SLOW.goal.target_temperature_c, abs=0.4)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`preheat robustness`: tables, files, pictures, and what it refuses."""
+"""`preheat robustness`: tables, files, pictures, and refusals."""
 
 from contextlib import suppress
 from dataclasses import asdict

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a worker of a study loads: neither ROS nor solver nor plots."""
+"""A worker of a study loads neither ROS nor solver nor plots."""
 
 import os
 from pathlib import Path

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Studies: the same results each time and on any number of processes; what is made of them."""
+"""Studies: the same results each time and on any number of processes; their summary."""
 
 from dataclasses import asdict, replace
 import json
@@ -31,7 +31,7 @@ CONDITIONS = short_conditions(period_s=10.0)
 
 
 def without_times(result):
-    """A CarResult but for what the clock measured."""
+    """A CarResult without measured times."""
     return replace(result, cpu_s=0.0, methods={
         method: replace(drive, planner_cpu_s=0.0) for method, drive in result.methods.items()})
 
@@ -74,7 +74,7 @@ def test_all_methods_drive_the_same_car():
     assert np.isnan(courses['replanned_paper'].estimated_c).all()
     assert np.isfinite(courses['planner'].estimated_c).all()
     first, second = courses.values()
-    # Until one of them heats, nothing tells them apart.
+    # The cars are identical until one heats.
     idle = int(min(np.argmax(course.command_w > 0.0) for course in (first, second)))
     assert idle > 3
     assert first.true_c[:idle].tolist() == second.true_c[:idle].tolist()
@@ -244,7 +244,7 @@ def test_a_slow_heater_is_not_accused(plant, number):
 
 
 @pytest.mark.costly
-# One is commanded, the other heats where no heat is needed.
+# One heats on command, the other although no heat is needed.
 @pytest.mark.parametrize('fault, verdict, target_c, duration_s', [
     ('dead', 'dead', 20.0, 1500.0), ('stuck_on', 'stuck on', -4.0, 1500.0)])
 def test_a_heater_that_fails_is_found_in_a_slow_car_too(fault, verdict, target_c, duration_s):
@@ -280,7 +280,7 @@ def test_how_long_a_fault_showed_that_was_not_found():
 
 
 @pytest.mark.parametrize('fault, commands, shown_s, found_s', [
-    # Found 30 s after it first showed, commanded for 20 of them.
+    # Found 30 s after its first effect, with a command for 20 s.
     ('dead', [(0.0, 0.0), (100.0, 5e3), (110.0, 0.0), (120.0, 5e3)], 20.0, 30.0),
     ('dead', [(0.0, 5e3), (40.0, 0.0)], None, None),
     # Never found: it shows from the instant of the fault, 50 s, to the end, but while it heats.

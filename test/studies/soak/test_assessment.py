@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The assessment of a soak test sees what it is there to see."""
+"""The assessment of a soak test detects each failure."""
 
 from types import SimpleNamespace
 

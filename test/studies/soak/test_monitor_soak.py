@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The soak test of the monitor sees what it is there to see."""
+"""The soak test of the monitor detects each failure."""
 
 import json
 import subprocess
