@@ -16,10 +16,10 @@ import numpy as np
 
 from bev_preheat.native.belief_structs import (
     BeliefStruct,
-    ExpectedDriveStruct,
     DRIVE_COLUMNS,
     DriveStruct,
     ELEMENTS,
+    ExpectedDriveStruct,
     MOST_HEATERS,
     PassedStruct,
     ReadingStruct,

@@ -19,8 +19,8 @@ from typing import Any
 from bev_preheat.native.belief_structs import (
     BeliefStruct,
     BeliefTermsStruct,
-    ExpectedDriveStruct,
     DriveStruct,
+    ExpectedDriveStruct,
     PassedStruct,
     ReadingStruct,
 )
@@ -28,7 +28,6 @@ from bev_preheat.native.declines import DECLINES
 from bev_preheat.native.interface import fields_of, Interface
 from bev_preheat.native.structs import (
     ArrivalStruct,
-    UncertaintyMarginStruct,
     CurveRangeStruct,
     CurveStruct,
     EnergiesStruct,
@@ -44,6 +43,7 @@ from bev_preheat.native.structs import (
     SwitchPlanStruct,
     TripStruct,
     TripTermsStruct,
+    UncertaintyMarginStruct,
     VehicleStruct,
 )
 
@@ -160,7 +160,8 @@ def bindings() -> Interface:
     """Return the Interface that these bindings are written for."""
     structs = {
         'bev_arrival': ArrivalStruct, 'bev_belief': BeliefStruct, 'bev_belief_terms': BeliefTermsStruct,
-        'bev_uncertainty_margin': UncertaintyMarginStruct, 'bev_expected_drive': ExpectedDriveStruct, 'bev_curve': CurveStruct,
+        'bev_uncertainty_margin': UncertaintyMarginStruct, 'bev_expected_drive': ExpectedDriveStruct,
+        'bev_curve': CurveStruct,
         'bev_curve_range': CurveRangeStruct, 'bev_drive': DriveStruct, 'bev_energies': EnergiesStruct,
         'bev_heating': HeatingStruct, 'bev_merit_plan': MeritPlanStruct, 'bev_passed': PassedStruct,
         'bev_reading': ReadingStruct, 'bev_run_of_powers': RunOfPowersStruct,

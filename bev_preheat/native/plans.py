@@ -26,7 +26,7 @@ from bev_preheat.native.structs import (
 )
 
 if TYPE_CHECKING:
-    from bev_preheat.native.structs import UncertaintyMarginStruct, NativeTrip, NativeVehicle, SettlingStruct
+    from bev_preheat.native.structs import NativeTrip, NativeVehicle, SettlingStruct, UncertaintyMarginStruct
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.vehicle.model import Integrator
 

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from bev_preheat.native.runs import Heating
-    from bev_preheat.native.structs import UncertaintyMarginStruct, NativeTrip, NativeVehicle
+    from bev_preheat.native.structs import NativeTrip, NativeVehicle, UncertaintyMarginStruct
     from bev_preheat.numerics.arrays import BoolArray, FloatArray
 
     # The step in which the charge runs out, and the share of it that is driven.
@@ -140,8 +140,8 @@ def plan_merit_order(vehicle: NativeVehicle, trip: NativeTrip, goal: SettlingStr
     return _merit_plan(arrays.states, arrays.powers_w, plan) if status == OK else None
 
 
-def heat_early(vehicle: NativeVehicle, trip: NativeTrip, target_c: float, uncertainty_margin: UncertaintyMarginStruct,
-               states: FloatArray, powers_w: FloatArray,
+def heat_early(vehicle: NativeVehicle, trip: NativeTrip, target_c: float,
+               uncertainty_margin: UncertaintyMarginStruct, states: FloatArray, powers_w: FloatArray,
                end_s: float | None) -> tuple[MeritPlan | None] | None:
     """
     Return the plan whose last stretch of heating begins early, in a tuple; None there: it stays as it is.

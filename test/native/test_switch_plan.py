@@ -13,13 +13,13 @@ from bev_preheat.native import plans
 from bev_preheat.native.library import core, without_core
 from bev_preheat.native.runs import place
 from bev_preheat.native.structs import (
-    UncertaintyMarginStruct,
     ENERGIES,
     NativeTrip,
     NativeVehicle,
     room,
     RunOfPowersStruct,
     SwitchPlanStruct,
+    UncertaintyMarginStruct,
 )
 from bev_preheat.planning.dynamics import (
     hottest_c,
