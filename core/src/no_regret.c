@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * No plan is worse than not heating: bev_preheat.planning.no_regret over what merit_order proposes, with a uncertainty margin as
+ * No plan is worse than not heating: bev_preheat.planning.no_regret over what merit_order proposes, with an uncertainty margin as
  * bev_preheat.planning.planner has it.
  */
 #include <stdbool.h>

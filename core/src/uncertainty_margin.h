@@ -29,7 +29,7 @@ typedef struct {
   double end_s;
 } bev_early_interval;
 
-/* Whether a uncertainty margin, null for none, is made of numbers. */
+/* Whether an uncertainty margin, null for none, is made of numbers. */
 static inline int bev_is_uncertainty_margin(const bev_uncertainty_margin *margin) {
   return margin == NULL
       || (isfinite(margin->lead_k) && isfinite(margin->least_pause_s)

@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The planner's forward runs in C99: the battery of one vehicle along one trip; and its estimation.
+ * The planner's forward runs in C99: the battery of one vehicle along one trip.
  *
- * All memory is the caller's; nothing is allocated, kept or changed beyond the outputs that are named.
- * Every loop is bounded, by BEV_MOST_STEPS, BEV_MOST_AXIS or a number in the code. A number that is not
- * finite, or impossible, is answered by a status below BEV_OK; outputs then mean nothing. Units are SI,
- * temperatures are in degrees Celsius, states of charge 0 ... 1. The reference is the Python package
- * bev_preheat, from whose equations the model's steps are generated: equal inputs give equal bits,
- * where compiled with -ffp-contract=off and with the same exp and log.
+ * The caller provides all memory. No function allocates memory, retains state between calls or changes anything but
+ * the outputs that its comment names. Every loop is bounded by BEV_MOST_STEPS, BEV_MOST_AXIS or a number in the
+ * code. If a number is not finite, or impossible, the function returns a status below BEV_OK and its outputs are
+ * undefined. Units are SI, temperatures are in degrees Celsius, states of charge are 0 ... 1. The reference is the
+ * Python package bev_preheat; the model's steps are generated from its equations. Equal inputs give equal bits if
+ * the code is compiled with -ffp-contract=off and with the same exp and log.
  */
 #ifndef BEV_PREHEAT_CORE_CORE_H_
 #define BEV_PREHEAT_CORE_CORE_H_
@@ -19,71 +19,71 @@
 extern "C" {
 #endif
 
-/* Changes when a struct or a function changes its meaning and keeps its form. */
+/* Incremented when a struct or a function changes its meaning but not its form. */
 #define BEV_INTERFACE 6
 
-/* Most steps of a trip; where memory is fixed, compile with less: -DBEV_MOST_STEPS=360. */
+/* Maximum number of steps of a trip; if memory is fixed, compile with less: -DBEV_MOST_STEPS=360. */
 #ifndef BEV_MOST_STEPS
 #define BEV_MOST_STEPS 1000000
 #endif
-/* States that curves and limits are worked out for side by side; where stack is scarce, compile with less. */
+/* States for which curves and limits are evaluated side by side; if stack is scarce, compile with less. */
 #ifndef BEV_BLOCK
 #define BEV_BLOCK 32
 #endif
-/* Most points of a table's axis, factors on a curve, bands of heating. */
+/* Maximum number of points on a table's axis, of factors on a curve, and of heating bands. */
 #define BEV_MOST_AXIS 1024
 #define BEV_MOST_FACTORS 4
 #define BEV_CURVE_PARAMETERS 5
 #define BEV_BANDS 2
 /*
- * Points of a value curve that there is room for (half of them after it was thinned), most points of its grid, and
- * the room it takes [doubles].
+ * Maximum number of points of a value curve (half of them after thinning) and of its grid, and its memory
+ * [doubles].
  */
 #define BEV_CURVE_POINTS 2048
 #define BEV_MOST_GRID 512
 #define BEV_CURVE_MEMORY (11 * BEV_CURVE_POINTS + 5 * BEV_MOST_GRID)
-/* Most bands of one stride in which heating may pay, of which BEV_BANDS are told. */
+/* Maximum number of bands of one stride in which heating may pay; BEV_BANDS of them are returned. */
 #define BEV_MOST_LOWER_BANDS 32
-/* Memory of bev_plan_switch for a trip of so many steps [doubles]. */
+/* Memory of bev_plan_switch for a trip of `steps` steps [doubles]. */
 #define BEV_SWITCH_MEMORY(steps) (8 * ((steps) + 1))
 /* Memory of bev_find_two_switches [doubles]. */
 #define BEV_TWO_SWITCHES_MEMORY(steps) ((steps) + 1)
-/* Memory of bev_plan_trips for a longest trip of so many steps: doubles, and bytes. */
+/* Memory of bev_plan_trips if the longest trip has `steps` steps: doubles, and bytes. */
 #define BEV_TRIPS_MEMORY(steps) (12 * ((steps) + 1))
 #define BEV_TRIPS_FLAGS(steps) (2 * (steps))
 
 typedef enum {
   BEV_OK = 0,
-  /* Done; the battery lacks power in at least one step, which is driven with the most it can give. */
+  /* Done; in at least one step the battery cannot deliver the power, and drives with its maximum. */
   BEV_SATURATED = 1,
-  /* The charge runs out in a step; what comes after it is not written. */
+  /* The charge runs out in a step; later steps are not written. */
   BEV_EMPTY = 2,
-  /* The backward run does not meet the unheated one. */
+  /* The backward run does not meet the unheated run. */
   BEV_NO_CROSSING = 3,
-  /* A limit of the battery is active; what is written means nothing. */
+  /* A limit of the battery is active; the outputs are undefined. */
   BEV_LIMITED = 4,
-  /* Heating in other steps may cost less; what is written means nothing. */
+  /* Heating in other steps may cost less; the outputs are undefined. */
   BEV_CHEAPER_ELSEWHERE = 5,
-  /* A pointer is null, or a count out of its range. */
+  /* A pointer is null, or a count is out of range. */
   BEV_BAD_ARGUMENT = -1,
   /* A number of the vehicle is not finite or impossible. */
   BEV_BAD_VEHICLE = -2,
   /* An input of a step, or a state at the start, is not finite. */
   BEV_BAD_INPUT = -3,
-  /* The model yields no finite number. */
+  /* The model's result is not finite. */
   BEV_NOT_FINITE = -4,
-  /* A search within a step did not end in the number of rounds it is given. */
+  /* A search exceeded its maximum number of rounds, or its memory. */
   BEV_NOT_SETTLED = -5
 } bev_status;
 
-/* How the model is integrated. */
+/* The integration method. */
 typedef enum {
   BEV_EULER = 0,
   BEV_MIDPOINT = 1,
   BEV_RUNGE_KUTTA_4 = 2
 } bev_integrator;
 
-/* Formulas of bev_preheat.vehicle.curves; what their parameters are is said there. */
+/* Formulas of bev_preheat.vehicle.curves, which documents their parameters. */
 typedef enum {
   BEV_POLYNOMIAL = 0,
   BEV_POLYNOMIAL_AND_LOGARITHM = 1,
@@ -94,8 +94,8 @@ typedef enum {
 /*
  * A quantity over state of charge and battery temperature: a formula or a table, times factors.
  *
- * Of a table `values[i * temperature_count + j]` belongs to soc[i] and temperature_c[j]; axes rise, an
- * axis with one point means that the value does not depend on it. Linear between the points, level
+ * In a table, `values[i * temperature_count + j]` belongs to soc[i] and temperature_c[j]. Axes rise; if an axis has
+ * one point, the value does not depend on it. Values are interpolated linearly between the points and constant
  * beyond them. The factors are applied one after the other.
  */
 typedef struct {
@@ -110,28 +110,30 @@ typedef struct {
   const double *values;
 } bev_curve;
 
-/* One vehicle, as bev_preheat.vehicle.description has it; a heat path of zeros is a direct one. */
+/*
+ * One vehicle, as in bev_preheat.vehicle.description. If the heat path's numbers are all 0, heat arrives at once.
+ */
 typedef struct {
   double capacity_ah;
   double heat_capacity_j_per_k;
-  /* Lowest and highest temperature of the battery's range, and the highest that is planned with [deg C]. */
+  /* Lowest and highest temperature of the battery's range, and the highest temperature in planning [deg C]. */
   double lowest_c;
   double highest_c;
   double hottest_c;
   double heater_efficiency;
-  /* Part of the magnitude of the propulsion power that heats the battery. */
+  /* Share of the magnitude of the propulsion power that heats the battery. */
   double heat_share;
   double heater_lag_s;
   double coolant_heat_capacity_j_per_k;
   double coolant_conductance_w_per_k;
   bev_curve open_circuit_voltage;
   bev_curve resistance;
-  /* Least and most power of the cells [W]: charge negative, discharge positive. */
+  /* Least and most power of the cells [W]; charging is negative, discharging positive. */
   bev_curve charge_power_limit;
   bev_curve discharge_power_limit;
 } bev_vehicle;
 
-/* A trip of `steps` steps; arrays of that length, `time_s` one longer. */
+/* A trip of `steps` steps: arrays of that length, `time_s` one longer. */
 typedef struct {
   int32_t steps;
   const double *time_s;
@@ -141,41 +143,41 @@ typedef struct {
   const double *power_variance_w2;
   const double *idle_heat_w;
   const double *leakage_w_per_k;
-  /* What the cabin leaves of the heater [W]. */
+  /* Heater power that the cabin does not need [W]. */
   const double *heater_limit_w;
   const double *propulsion_power_w;
-  /* Of the idle heat, what comes from the drivetrain [W]. */
+  /* The drivetrain's part of the idle heat [W]. */
   const double *drivetrain_heat_w;
   const double *ambient_temperature_c;
   /*
-   * How warm surplus regeneration may make the battery by the end of each step [deg C], as bev_find_surplus_ceiling
-   * has it; null: up to 5 K below its highest temperature.
+   * Temperature up to which surplus regeneration may heat the battery by the end of each step [deg C], from
+   * bev_find_surplus_ceiling; null: up to 5 K below the highest temperature.
    */
   const double *surplus_ceiling_c;
 } bev_trip;
 
 /*
- * When a run within limits heats, arrays over the steps: with `power_w` [W] in each step where `bands`
- * is 0, else with so much below temperatures. In each of `bands` bands (arrays of steps * bands), from
- * `floor_c` to `low_c` at `power_w`, not at all from `high_c`, in between in proportion.
+ * Heating in a run within limits: arrays over the steps. If `bands` is 0, each step is heated with `power_w` [W].
+ * Otherwise heating depends on the temperature: in each of `bands` bands (arrays of steps * bands) with `power_w`
+ * from `floor_c` to `low_c`, not at all from `high_c`, and in proportion in between.
  */
 typedef struct {
   int32_t bands;
-  /* Regeneration that the battery does not take goes to the heater before it goes to the brake. */
+  /* Regeneration beyond the charge limit goes to the heater first, then to the brake. */
   int32_t takes_surplus;
   const double *power_w;
   const double *floor_c;
   const double *low_c;
   const double *high_c;
-  /* Steps in which the charge limit, and in which the discharge limit, may matter: not 0. */
+  /* Steps in which the charge limit, and the discharge limit, may be active: not 0. */
   const uint8_t *may_overcharge;
   const uint8_t *may_overdraw;
 } bev_heating;
 
 /*
- * A run whose energies are asked for: states at each instant, and means over each step [W]. What the heater
- * takes, the heat that arrives from it (null: at once, all of it), and what the friction brake takes (null:
- * none). `is_deliverable` (not 0): it is known that the circuit gives every power that is asked for.
+ * A run whose energies are computed: states at each instant, and means over each step [W] of the heater's power, of
+ * the heat that arrives from the heater (null: all of it, at once), and of the friction brake's power (null: none).
+ * `is_deliverable` (not 0): the circuit is known to deliver all power.
  */
 typedef struct {
   int32_t is_deliverable;
@@ -187,8 +189,8 @@ typedef struct {
 } bev_run_of_powers;
 
 /*
- * Energies of a run [Wh]. `leakage` is negative where heat is lost; `battery_total` is what the cells give,
- * losses included. What a heater that lags takes after arrival is in none of them.
+ * Energies of a run [Wh]. `leakage` is negative if heat is lost; `battery_total` is the energy from the cells,
+ * losses included. The power of a lagging heater after arrival is not included.
  */
 typedef struct {
   double joule;
@@ -200,9 +202,9 @@ typedef struct {
 } bev_energies;
 
 /*
- * How careful a plan is, beyond its target: how many kelvin of heating the last interval begins early. With
- * `is_heating` (not 0) the heater is on, and pauses only for longer than `least_pause_s`. One that is off is not
- * switched on for less than `least_heating_s` before arrival.
+ * The uncertainty margin of a plan: the last heating interval begins early, by `lead_k` kelvin of heating. If
+ * `is_heating` is not 0, the heater is on and pauses only for longer than `least_pause_s`. A heater that is off is
+ * not switched on less than `least_heating_s` before arrival.
  */
 typedef struct {
   double lead_k;
@@ -211,19 +213,19 @@ typedef struct {
   int32_t is_heating;
 } bev_uncertainty_margin;
 
-/* What is heated for; the numbers are those of PreheatPlan.stretch_reason. */
+/* The reason for heating; the numbers are those of PreheatPlan.stretch_reason. */
 typedef enum {
   BEV_FOR_ARRIVAL = 0,
-  /* So that the battery may take more of the regeneration ahead. */
+  /* The battery can then absorb more of the regeneration ahead. */
   BEV_FOR_DESCENT = 2,
-  /* So that the battery can deliver the power of the climb ahead. */
+  /* The battery can then deliver the power of the climb ahead. */
   BEV_FOR_CLIMB = 3
 } bev_reason;
 
 /*
- * What a trip is made with: the leakage at a speed, the share of the propulsion power's magnitude that warms the
- * battery, the leakage from which on steps must be shorter, the heater's power, the share of it that is there for
- * the battery, and how late its heat arrives.
+ * Vehicle data of a trip: the leakage as a function of speed, the share of the propulsion power's magnitude that
+ * heats the battery, the leakage above which steps must be shorter, the heater's power, the share of the heater's
+ * power that the battery may use, and the lag of its heat.
  */
 typedef struct {
   double gamma_0_w_per_k;
@@ -235,104 +237,104 @@ typedef struct {
   double heat_lag_s;
 } bev_trip_terms;
 
-/* What bev_plan_switch finds. */
+/* The plan of bev_plan_switch. */
 typedef struct {
-  /* From this instant on it is heated [s]; NaN where it is not. */
+  /* The switch-on instant [s]; NaN if the plan does not heat. */
   double switching_instant_s;
-  /* Where heating ends for good within a step [s]; NaN where it ends on arrival, or with a step. */
+  /* The final switch-off instant within a step [s]; NaN if heating ends on arrival or with a step. */
   double heating_end_s;
   double least_soc;
-  /* What the heated steps take [Wh, electrical]. */
+  /* Energy of the heated steps [Wh, electrical]. */
   double interval_wh;
   bev_energies energy_wh;
   int32_t is_heated;
-  /* The first heated step, and the one after the last; `steps` both, where none is. */
+  /* The first heated step, and the step after the last one; both are `steps` if no step is heated. */
   int32_t first_heated;
   int32_t end_heated;
-  /* Whether all in between are heated, none with surplus, and then what for, a bev_reason. */
+  /* Whether all steps in between are heated, none with surplus; if so, `reason` is the bev_reason. */
   int32_t is_one_interval;
   int32_t reason;
 } bev_switch_plan;
 
 /*
- * A digest of BEV_INTERFACE and of all structs, prototypes and memory sizes of these headers. A caller that loads the
- * library compares it with its own; sources that are compiled together do not need it.
+ * A digest of BEV_INTERFACE and of all structs, prototypes and memory sizes of these headers. A caller that loads
+ * the library compares it with its own digest. Sources that are compiled together do not need it.
  */
 int32_t bev_interface(void);
 
-/* BEV_OK, or BEV_BAD_VEHICLE or BEV_BAD_ARGUMENT. The runs do not look into the tables again. */
+/* BEV_OK, BEV_BAD_VEHICLE or BEV_BAD_ARGUMENT. The runs do not check the tables again. */
 bev_status bev_check_vehicle(const bev_vehicle *vehicle);
 
 /*
- * The columns of a trip from those of a route. `route` has eight arrays of `steps` values, one after the other:
- * duration, speed, mean and root mean square of the propulsion power, ambient temperature, cabin, auxiliaries,
- * mean magnitude of the propulsion power. Written are those of bev_trip in their order: time_s, of steps + 1
- * values, and nine of `steps`. A step that is too long for the integrators is a bad input.
+ * Compute the columns of a trip from those of a route. `route` has eight arrays of `steps` values, one after the
+ * other: duration, speed, mean and root mean square of the propulsion power, ambient temperature, cabin,
+ * auxiliaries, mean magnitude of the propulsion power. `columns` are those of bev_trip in their order: time_s with
+ * steps + 1 values, and nine with `steps`. A step that is too long for the integrators is a bad input.
  */
 bev_status bev_make_trip(const bev_trip_terms *terms, int32_t steps, const double *route,
                          double *columns);
 
-/* The value of a curve; NaN where there is none. `saturating` holds the charge within 0 ... 1. */
+/* The value of a curve; NaN if it has no value. `saturating` clips the charge to 0 ... 1. */
 double bev_curve_value(const bev_curve *curve, int32_t saturating, double soc,
                        double temperature_c);
 
 /*
- * One step of the model: `result` is the charge and the temperature at its end, the mean temperature
- * and the mean Joule heat [W]. With `saturating`, a power that the battery lacks is driven with the most
- * it can give; without, the result is not finite, and so is the status.
+ * One step of the model: `result` is the charge and the temperature at its end, the mean temperature and the mean
+ * Joule heat [W]. If the battery cannot deliver the power, it drives with its maximum with `saturating`; otherwise
+ * the result is not finite, and the status reports it.
  */
 bev_status bev_step(const bev_vehicle *vehicle, int32_t integrator, int32_t saturating, double soc,
                     double temperature_c, double duration_s, double power_w, double variance_w2,
                     double heat_w, double leakage_w_per_k, double result[4]);
 
 /*
- * One Runge-Kutta step with the heat path: `result` is the four states at its end (charge, temperature,
- * the heater's power [W], the coolant's excess temperature [K]), mean temperature, mean Joule heat, and
- * the means of what the heater takes and of the heat that reaches the battery [W].
+ * One Runge-Kutta step with the heat path: `result` is the four states at its end (charge, temperature, the
+ * heater's power [W], the coolant's excess temperature [K]), mean temperature, mean Joule heat, and the means of
+ * the heater's power and of the heat that reaches the battery [W].
  */
 bev_status bev_heated_step(const bev_vehicle *vehicle, int32_t saturating, const double states[4],
                            double duration_s, double power_w, double variance_w2, double heat_w,
                            double leakage_w_per_k, double command_w, double result[8]);
 
 /*
- * The model over a trip, from step `first` on, limits left aside, heat at once.
+ * Run the model over a trip from step `first` on, ignoring limits; heat arrives at once.
  *
- * `heater_w` and `brake_w` are powers in each step of the whole trip [W]; null is none. soc[first] and
- * temperature_c[first] are the start; written are the values from first + 1 to `steps`.
+ * `heater_w` and `brake_w` are powers in each step of the whole trip [W]; null: none. soc[first] and
+ * temperature_c[first] are the start; the values from first + 1 to `steps` are written.
  */
 bev_status bev_run(const bev_vehicle *vehicle, int32_t integrator, const bev_trip *trip,
                    int32_t first, const double *heater_w, const double *brake_w, double *soc,
                    double *temperature_c);
 
 /*
- * The same with the heat path: `command_w` is what the heater is told, and `states` are four arrays of
- * steps + 1 values, one after the other: charge, temperature, heater power [W], coolant excess [K].
+ * The same with the heat path: `command_w` is the heater's command, and `states` are four arrays of steps + 1
+ * values, one after the other: charge, temperature, heater power [W], coolant excess [K].
  */
 bev_status bev_run_heated(const bev_vehicle *vehicle, const bev_trip *trip, int32_t first,
                           const double *command_w, const double *brake_w, double *states);
 
 /*
- * What heater and coolant do in the steps of a run: `heat_w` is two arrays of `steps` values, one after the
- * other, the means of what the heater takes and of the heat that reaches the battery [W]. `states` are as of
- * bev_run_heated, `brake_w` may be null.
+ * Heater and coolant in the steps of a run: `heat_w` is two arrays of `steps` values, one after the other, the
+ * means of the heater's power and of the heat that reaches the battery [W]. `states` are as in bev_run_heated,
+ * `brake_w` may be null.
  */
 bev_status bev_heat_along(const bev_vehicle *vehicle, const bev_trip *trip, const double *states,
                           const double *command_w, const double *brake_w, double *heat_w);
 
 /*
- * The instant [s] at which a run backward from the target, heated with all that the cabin leaves, meets
- * the unheated run. The backward run is given up `lost_k` above the target.
+ * The instant [s] at which a run backward from the target, heated with all power that the cabin leaves, meets the
+ * unheated run. The backward run ends `lost_k` above the target.
  */
 bev_status bev_find_crossing(const bev_vehicle *vehicle, int32_t integrator, const bev_trip *trip,
                              double target_c, double terminal_soc, double lost_k,
                              const double *idle_temperature_c, double *instant_s);
 
 /*
- * A run that keeps the battery's limits, from step `first` on, heat at once.
+ * A run within the battery's limits, from step `first` on; heat arrives at once.
  *
- * soc[first] and temperature_c[first] are the start; written are the states after it, and what heater
- * and friction brake take in each step [W]. Where it returns BEV_EMPTY, `empty_step` is the step that
- * the charge does not carry, and its powers are the last that are written.
+ * soc[first] and temperature_c[first] are the start; the states after it are written, and the powers of heater and
+ * friction brake in each step [W]. If the status is BEV_EMPTY, the charge runs out in step `empty_step`, whose
+ * powers are the last that are written.
  */
 bev_status bev_run_within_limits(const bev_vehicle *vehicle, const bev_trip *trip,
                                  const bev_heating *heating, int32_t first, double *soc,
@@ -340,8 +342,8 @@ bev_status bev_run_within_limits(const bev_vehicle *vehicle, const bev_trip *tri
                                  int32_t *empty_step);
 
 /*
- * The same with the heat path: `states` as of bev_run_heated, `powers_w` four arrays of `steps` values, one
- * after the other: command, friction brake, what the heater takes, and heat into the battery, means [W].
+ * The same with the heat path: `states` as in bev_run_heated, `powers_w` four arrays of `steps` values, one after
+ * the other: means of command, friction brake, heater power, and heat into the battery [W].
  */
 bev_status bev_run_heated_within_limits(const bev_vehicle *vehicle, const bev_trip *trip,
                                         const bev_heating *heating, int32_t first, double *states,
@@ -356,8 +358,8 @@ bev_status bev_limits_along(const bev_vehicle *vehicle, int32_t count, const dou
                             double *least_w, double *most_w);
 
 /*
- * The same for steps, whose power is to keep the limits at both ends: `soc` and `temperature_c` have a value
- * more than there are steps, the others one for each.
+ * The same for steps whose power keeps the limits at both ends: `soc` and `temperature_c` have one value more than
+ * there are steps, the other arrays one for each step.
  */
 bev_status bev_limits_of_steps(const bev_vehicle *vehicle, int32_t steps, const double *soc,
                                const double *temperature_c, const double *variance_w2,
@@ -365,10 +367,10 @@ bev_status bev_limits_of_steps(const bev_vehicle *vehicle, int32_t steps, const 
 
 /*
  * A trip in strides, arrays of `strides` values: means of power, variance, heat, leakage, heater limit and
- * propulsion power over each, the charge at its start, the temperature about which its end is needed, the
- * shares of a joule that a fuller battery leaves to brake and heater [J/J], and whether charge or discharge
- * limit may matter in it (not 0). `coldest_c` and `warmest_c` have one value more: between these the
- * battery is at the start of each stride, and on arrival.
+ * propulsion power over each stride, the charge at its start, the temperature around which its end is needed, the
+ * shares of a joule that a fuller battery leaves to brake and heater [J/J], and whether charge or discharge limit
+ * may be active (not 0). `coldest_c` and `warmest_c` have one value more: they bound the battery's temperature at
+ * the start of each stride, and on arrival.
  */
 typedef struct {
   int32_t strides;
@@ -389,13 +391,13 @@ typedef struct {
 } bev_strides;
 
 /*
- * Where the value curve is worked out: on a grid of rising temperatures, from the target on arrival, within
- * the coldest and the warmest temperature [deg C]. A watt that the battery lacks counts `penalty` times, and
- * a kelvin below the target `short_penalty` times what the heater takes for it.
+ * The range of the value curve: a grid of rising temperatures, the target on arrival, and the coldest and the
+ * warmest temperature [deg C]. A watt of power deficit counts `penalty` times, and a kelvin below the target
+ * `short_penalty` times the heater energy of a kelvin.
  */
 typedef struct {
   int32_t grid_points;
-  /* Not 0: of the grid's points a part is enough in all strides, not only in those without limits. */
+  /* Not 0: a part of the grid's points is enough in all strides, not only in strides without limits. */
   int32_t is_first_look;
   const double *grid_c;
   double target_c;
@@ -406,17 +408,17 @@ typedef struct {
 } bev_curve_range;
 
 /*
- * Below which temperatures heating pays in each stride: the value curve, run backward over all strides.
+ * The temperatures below which heating pays in each stride, from the value curve, run backward over all strides.
  *
- * `memory` has BEV_CURVE_MEMORY doubles. `bands_c` are three arrays of strides * BEV_BANDS, floor, low and
- * high of each band [deg C], the warmest band first; where there is none the floor is infinite.
+ * `memory` has BEV_CURVE_MEMORY doubles. `bands_c` are three arrays of strides * BEV_BANDS: floor, low and high of
+ * each band [deg C], the warmest band first; if a band is absent, its floor is infinite.
  */
 bev_status bev_find_bands(const bev_vehicle *vehicle, const bev_strides *strides,
                           const bev_curve_range *range, double *memory, double *bands_c);
 
 /*
- * What a run is to meet: the target on arrival [deg C] and, with `serves_climbs`, the power of each climb.
- * Exchanges of heat lead to no state of charge below `lowest_soc`; thresholds do not look at it.
+ * The requirements on a run: the target on arrival [deg C] and, with `serves_climbs`, the power of each climb.
+ * Exchanges of heat keep the state of charge at `lowest_soc` or above; thresholds ignore it.
  */
 typedef struct {
   int32_t serves_climbs;
@@ -424,75 +426,75 @@ typedef struct {
   double lowest_soc;
 } bev_settling;
 
-/* Where the charge of a run runs out: in this step (-1: in none), of which so large a share is driven. */
+/* The step in which a run's charge runs out (-1: it does not), and the share of this step that is driven. */
 typedef struct {
   int32_t step;
   double driven_share;
 } bev_stranding;
 
 /*
- * How a run within limits ends whose charge runs out in the step of `stranding`: the share of it that is
- * driven is written, and what comes after it, where the vehicle stands. `states` and `powers_w`, as of
- * bev_settle, are known until that step, and the powers with which it was to be driven.
+ * The end of a run within limits whose charge runs out in the step of `stranding`. The share of the step that is
+ * driven is written, and the states after it, at which the vehicle stands. `states` and `powers_w`, as in
+ * bev_settle, are given up to this step, with the step's intended powers.
  */
 bev_status bev_stand(const bev_vehicle *vehicle, const bev_trip *trip, double *states,
                      double *powers_w, bev_stranding *stranding);
 
 /*
- * The run from a start that keeps the limits under heater commands [W]; surplus goes to the heater before it
- * goes to the brake, and where the charge runs out the vehicle stands. `states`, whose first ones are the start,
- * and `powers_w` are as of bev_settle. Of `watched`, 2 * steps bytes, the first `steps` say in which steps the
- * charge limit was looked at, the others the discharge limit.
+ * The run within limits under heater commands [W]. Surplus goes to the heater before it goes to the brake; if the
+ * charge runs out, the vehicle stands. `states`, whose first values are the start, and `powers_w` are as in
+ * bev_settle. `watched` has 2 * steps bytes: the first `steps` mark the steps in which the charge limit was
+ * checked, the others those in which the discharge limit was checked.
  */
 bev_status bev_drive_as_planned(const bev_vehicle *vehicle, const bev_trip *trip,
                                 const double *command_w, double *states, double *powers_w,
                                 uint8_t *watched, bev_stranding *stranding);
 
-/* Room that bev_settle takes [doubles]. */
+/* Memory of bev_settle [doubles]. */
 #define BEV_SETTLE_MEMORY(steps) (48 * (steps) + 20)
 
 /*
- * The run within limits under thresholds, moved together by the little that is needed, that delivers each
- * climb it can, and arrives at the target.
+ * The run within limits under thresholds. The thresholds are shifted together, by as little as possible, until each
+ * feasible climb is delivered and the target is met.
  *
- * `heating` has bands. `states` are two arrays of steps + 1 values, charge and temperature, whose first ones
- * are the start, and `powers_w` two arrays of `steps`, heater and friction brake; of a vehicle with a heat
- * path, four and four as of bev_run_heated_within_limits. Where the charge runs out the vehicle stands for
- * the rest of the trip.
+ * `heating` has bands. `states` are two arrays of steps + 1 values, charge and temperature, whose first values are
+ * the start; `powers_w` are two arrays of `steps`, heater and friction brake. For a vehicle with a heat path, both
+ * are four arrays as in bev_run_heated_within_limits. If the charge runs out, the vehicle stands for the rest of
+ * the trip.
  */
 bev_status bev_settle(const bev_vehicle *vehicle, const bev_trip *trip, const bev_heating *heating,
                       const bev_settling *goal, double *states, double *powers_w,
                       bev_stranding *stranding, double *memory);
 
-/* The room that bev_merit_order takes: doubles, and bytes. */
+/* Memory of bev_merit_order: doubles, and bytes. */
 #define BEV_MERIT_MEMORY(steps) \
   (BEV_SETTLE_MEMORY(steps) + BEV_CURVE_MEMORY + BEV_MOST_GRID + 44 * (steps) + 11)
 #define BEV_MERIT_BYTES(steps) (5 * (steps))
 
 /*
- * The run within limits that heats where a watt-hour of battery energy brings the most.
+ * The run within limits that heats when a watt-hour of battery energy has the most effect.
  *
- * `states` and `powers_w`, as of bev_settle, are the run without regard to limits; the best run that was
- * found is written over it. `lumped` is the vehicle whose heat arrives at once, in a battery that has the
- * coolant's heat capacity too; without a heat path the vehicle itself. `paid_w` is the most heater power that
- * each step is paid for [W]. Of `watched` (BEV_MERIT_BYTES) the first `steps`, and the `steps` that follow, say
- * in which steps the best run's charge limit, and its discharge limit, were looked at.
+ * `states` and `powers_w`, as in bev_settle, are the run that ignores limits; the best run is written over it.
+ * `lumped` is the vehicle whose heat arrives at once, in a battery whose heat capacity includes the coolant's;
+ * without a heat path it is the vehicle itself. `paid_w` is the maximum heater power of each step that is not
+ * surplus [W]. `watched` has BEV_MERIT_BYTES bytes: the first `steps` mark the steps in which the best run's charge
+ * limit was checked, the next `steps` those in which its discharge limit was checked.
  */
 bev_status bev_merit_order(const bev_vehicle *vehicle, const bev_vehicle *lumped,
                            const bev_trip *trip, const bev_settling *goal, const double *paid_w,
                            double *states, double *powers_w, bev_stranding *stranding,
                            uint8_t *watched, double *memory);
 
-/* Room that bev_exchange_heat takes [doubles]. */
+/* Memory of bev_exchange_heat [doubles]. */
 #define BEV_EXCHANGE_MEMORY(steps) (67 * (steps) + 2)
 
 /*
- * The run within limits after heat was moved from steps in which it costs much to steps in which it costs little.
+ * The run within limits after heat was moved from expensive steps to cheap steps.
  *
- * `states` and `powers_w`, two arrays each as of bev_settle, are a run within limits that does not strand, of a
- * vehicle whose heat arrives at once. Where another one saves something, and falls no shorter of the goal's
- * target, of the power of the drive or of the goal's lowest charge, it is written over it, and `exchanges` says in how
- * many steps it was found; 0: nothing is written. `watched` is room for 2 * steps bytes.
+ * `states` and `powers_w`, two arrays each as in bev_settle, are a run within limits that does not strand, of a
+ * vehicle whose heat arrives at once. If another run saves energy, and misses neither the goal's target, the power
+ * of the drive nor the goal's lowest charge by more, it is written over the given run. `exchanges` is the number of
+ * steps in which it was found; 0: nothing is written. `watched` has 2 * steps bytes.
  */
 bev_status bev_exchange_heat(const bev_vehicle *vehicle, const bev_trip *trip,
                              const bev_settling *goal, double *states, double *powers_w,
@@ -501,74 +503,72 @@ bev_status bev_exchange_heat(const bev_vehicle *vehicle, const bev_trip *trip,
 /* Memory of bev_plan_merit_order [doubles]; its `watched` has BEV_MERIT_BYTES. */
 #define BEV_MERIT_PLAN_MEMORY(steps) (BEV_MERIT_MEMORY(steps) + (steps))
 
-/* What a plan is beside its run. */
+/* A plan, beside its run. */
 typedef struct {
-  /* The first instant of heating [s]; NaN: there is none. */
+  /* The first instant of heating [s]; NaN: no heating. */
   double start_s;
-  /*
-   * Where the heat arrives late, or heating begins early, the instant at which it ends for good [s]; NaN: on arrival.
-   */
+  /* If heat arrives late or heating begins early, the final switch-off instant [s]; NaN: on arrival. */
   double end_s;
   bev_stranding stranding;
 } bev_merit_plan;
 
 /*
- * The whole plan by merit order, from the unheated run on: the run that is heated in one interval, limits left
- * aside, where it keeps them all, or that of bev_heat_cheapest; else that of bev_merit_order, as it can be driven,
- * and, where heat arrives at once, bev_exchange_heat; where it arrives late, the run that is heated once, or not at
- * all, if that saves charge as it can be driven. Last, one heating interval that arrives at the target within the
- * limits, if it saves charge, with bev_exchange_heat again.
+ * The whole plan by merit order, from the unheated run on. First the run with one heating interval that ignores
+ * limits, if it keeps them all, or that of bev_heat_cheapest. Otherwise the run of bev_merit_order as it can be
+ * driven; if heat arrives at once, with bev_exchange_heat; if heat arrives late, the run that is heated once, or
+ * not at all, replaces it if that saves charge as it can be driven. Last, one heating interval that reaches the
+ * target within the limits, if it saves charge, again with bev_exchange_heat.
  *
- * `idle_states` is the unheated run, limits left aside; it and what is written, `states` and `powers_w`, are as
- * of bev_settle. What the plan costs of the charge that must be left is not looked at. `order` is room for
- * `steps` numbers.
+ * `idle_states` is the unheated run that ignores limits; `idle_states` and the outputs `states` and `powers_w` are
+ * as in bev_settle. The charge that must remain is not checked. `order` has room for `steps` numbers.
  */
 bev_status bev_plan_merit_order(const bev_vehicle *vehicle, const bev_trip *trip,
                                 const bev_settling *goal, const double *idle_states,
                                 double *states, double *powers_w, uint8_t *watched,
                                 int32_t *order, double *memory, bev_merit_plan *plan);
 
-/* Memory of bev_heat_early [doubles]; its `watched` are 2 * steps bytes. */
+/* Memory of bev_heat_early [doubles]; its `watched` has 2 * steps bytes. */
 #define BEV_HEAT_EARLY_MEMORY(steps) (3 * (steps))
 
 /*
- * A plan whose last heating interval begins as early as `margin` asks, and ends as soon as it is enough for the
- * target [deg C].
+ * A plan whose last heating interval begins early, by `margin`, and ends as soon as the target [deg C] is ensured.
  *
- * `states` and `powers_w`, as of bev_settle, and of `plan` the instant at which heating ends, are a plan. Where
- * `is_changed` (not 0) all of it is written over: limits are left aside where none is active then, else it is the run
- * of bev_drive_as_planned, as where a interval is left out because it is too short, or its heat would come too late.
+ * `states` and `powers_w`, as in bev_settle, and the final switch-off instant in `plan` are a plan. If `is_changed`
+ * is not 0, all of it is written over. The new run ignores limits if none is active in it; otherwise, and if an
+ * interval is left out because it is too short or its heat would arrive too late, it is that of
+ * bev_drive_as_planned.
  */
 bev_status bev_heat_early(const bev_vehicle *vehicle, const bev_trip *trip, double target_c,
                           const bev_uncertainty_margin *margin, double *states, double *powers_w,
                           uint8_t *watched, double *memory, bev_merit_plan *plan,
                           int32_t *is_changed);
 
-/* Memory of bev_unheated_deficit [doubles]; its `flags` are 2 * steps bytes. */
+/* Memory of bev_unheated_deficit [doubles]; its `flags` has 2 * steps bytes. */
 #define BEV_UNHEATED_MEMORY(steps) (9 * (steps) + 4)
 
 /*
- * What a trip lacks that is not heated but with surplus, driven within the limits from a start (two states, or
- * four, as of bev_settle): the most power that the battery cannot deliver [W], and where the charge runs out.
+ * The deficit of a trip that is heated with surplus only, driven within the limits from a start (two states, or
+ * four, as in bev_settle): the highest power that the battery cannot deliver [W], and the point at which the charge
+ * runs out.
  */
 bev_status bev_unheated_deficit(const bev_vehicle *vehicle, const bev_trip *trip,
                               const double *start, double *memory, uint8_t *flags,
                               double *deficit_w, bev_stranding *stranding);
 
-/* Memory of bev_find_surplus_ceiling [doubles]; its `flags` are 2 * steps bytes. */
+/* Memory of bev_find_surplus_ceiling [doubles]; its `flags` has 2 * steps bytes. */
 #define BEV_SURPLUS_CEILING_MEMORY(steps) (13 * (steps) + 8)
 
 /*
- * How warm surplus regeneration is of use by the end of each step of a trip [deg C]: as warm as it takes to arrive at
- * the target without further heating, or as warm as gains energy that the battery's limits would refuse at the states
- * of charge `soc` (steps + 1 values), whichever is warmer, and never near its highest temperature. From a start of two
- * states, or four, as of bev_settle.
+ * The temperature up to which surplus regeneration is useful by the end of each step [deg C]. It is the warmer of
+ * two: the temperature from which the target is reached without further heating, and the temperature up to which
+ * heating gains energy that the battery's limits would refuse at the states of charge `soc` (steps + 1 values). It
+ * is never near the highest temperature. The start has two states, or four, as in bev_settle.
  */
 bev_status bev_find_surplus_ceiling(const bev_vehicle *vehicle, const bev_trip *trip,
                                     const double *start, double target_c, const double *soc,
                                     double *memory, uint8_t *flags, double *ceiling_c);
 
-/* Why a plan heats less than its target asks for: the charge that must be left, or power that would be lacking. */
+/* The reason why a plan heats less than its target requires: the charge reserve, or a power deficit. */
 typedef enum {
   BEV_NOT_HELD_BACK = 0,
   BEV_BY_RESERVE = 1,
@@ -576,8 +576,8 @@ typedef enum {
 } bev_held_back;
 
 /*
- * What a plan is for, and what it must leave: the target on arrival [deg C], how much warmer than that the battery is
- * to arrive if there is a uncertainty margin [K], and the charge on arrival and on the way.
+ * The goal of a plan and its bounds: the target on arrival [deg C], the additional temperature with an uncertainty
+ * margin [K], and the lowest charge on arrival and on the way.
  */
 typedef struct {
   double target_c;
@@ -586,10 +586,10 @@ typedef struct {
   double lowest_soc;
 } bev_safe_goal;
 
-/* What bev_plan_no_regret finds beside the run. */
+/* The plan of bev_plan_no_regret, beside its run. */
 typedef struct {
   bev_merit_plan plan;
-  /* Not 0: no heating that is paid for is better than none, and the run that is written means nothing. */
+  /* Not 0: no paid heating is worthwhile, and the run is undefined. */
   int32_t is_unheated;
   /* A bev_held_back. */
   int32_t held_back;
@@ -599,11 +599,11 @@ typedef struct {
 #define BEV_NO_REGRET_MEMORY(steps) (BEV_MERIT_PLAN_MEMORY(steps) + 8 * (steps) + 4)
 
 /*
- * The plan of bev_plan_merit_order, with `margin` (null: without) that of bev_heat_early, that is no worse than not
- * heating: where it would cost the charge that must be left, or the drive would lack more power, that for the warmest
- * target that does not; where there is none, the same without heating for the sake of climbs.
+ * The plan of bev_plan_merit_order, with `margin` (null: without) that of bev_heat_early, if it is no worse than
+ * not heating. If it would cost the reserve or increase the power deficit, it is the plan for the warmest target
+ * that does neither; if there is no such target, the same without heating for climbs.
  *
- * Arguments and what is written are those of bev_plan_merit_order.
+ * Arguments and outputs are those of bev_plan_merit_order.
  */
 bev_status bev_plan_no_regret(const bev_vehicle *vehicle, const bev_trip *trip,
                                 const bev_safe_goal *goal, const bev_uncertainty_margin *margin,
@@ -612,36 +612,36 @@ bev_status bev_plan_no_regret(const bev_vehicle *vehicle, const bev_trip *trip,
                                 bev_safe_plan *plan);
 
 /*
- * The energies of a run that was made with an integrator. Where `columns` is not null, four arrays of `steps`
- * values are written, one after the other, means over each step [W]: Joule heat, leakage (negative where heat
- * is lost; below it, what is taken away to hold the hottest temperature), what the cells give, and what the
- * circuit cannot.
+ * The energies of a run that was made with an integrator. If `columns` is not null, four arrays of `steps` values
+ * are written, one after the other, means over each step [W]: Joule heat, leakage (negative if heat is lost; it
+ * includes the heat that is removed at the hottest temperature), power of the cells, and power that the circuit
+ * cannot deliver.
  */
 bev_status bev_keep_accounts(const bev_vehicle *vehicle, int32_t integrator, const bev_trip *trip,
                              const bev_run_of_powers *run, double *columns,
                              bev_energies *energies);
 
 /*
- * The instant [s] from which on the heater takes all that the cabin leaves, so that the battery arrives at a
- * target; heat at once, limits left aside. 0 where that is not enough.
+ * The switch-on instant [s] from which the heater takes all power that the cabin leaves, so that the battery
+ * arrives at a target; heat arrives at once, limits are ignored. 0 if that is not enough.
  *
- * `idle_soc` and `idle_c` are the unheated run, which arrives below the target. Written are the run, its
- * start included, and what the heater takes in each step [W].
+ * `idle_soc` and `idle_c` are the unheated run, which arrives below the target. The run, its start included, and
+ * the heater's power in each step [W] are written.
  */
 bev_status bev_find_switch(const bev_vehicle *vehicle, const bev_trip *trip, double target_c,
                            const double *idle_soc, const double *idle_c, double *soc,
                            double *temperature_c, double *heater_w, double *instant_s);
 
 /*
- * The whole plan of a trip on which no limit is active, from a start: the unheated run, where it arrives below
- * the target the switching instant, the run, and what it costs. BEV_LIMITED where a limit is active in the
- * unheated run or in the plan. For a vehicle whose heat arrives at once; one with a heat path is a bad argument.
- * With `margin` (null: without) heating begins early and ends as soon as it is enough. Unless it is to heat
- * `in_one_interval` (not 0), BEV_CHEAPER_ELSEWHERE where bev_heat_cheapest may find a run that costs less.
+ * The whole plan of a trip without an active limit, from a start: the unheated run and, if it arrives below the
+ * target, the switching instant, the run, and its energies. BEV_LIMITED if a limit is active in the unheated run or
+ * in the plan. Heat must arrive at once; a vehicle with a heat path is a bad argument. With `margin` (null:
+ * without) heating begins early and ends as soon as the target is ensured. Unless `in_one_interval` is not 0, the
+ * status is BEV_CHEAPER_ELSEWHERE if bev_heat_cheapest may find a run that costs less.
  *
- * `memory` has BEV_SWITCH_MEMORY(steps) doubles; where the status is not below BEV_OK it begins with the
- * unheated run, charge and temperature at each instant. Written are those of the plan, and what the heater takes
- * in each step [W].
+ * `memory` has BEV_SWITCH_MEMORY(steps) doubles; unless the status is below BEV_OK, it begins with the unheated
+ * run, charge and temperature at each instant. The plan's charge and temperature are written, and the heater's
+ * power in each step [W].
  */
 bev_status bev_plan_switch(const bev_vehicle *vehicle, const bev_trip *trip, double start_soc,
                            double start_c, double target_c, int32_t in_one_interval,
@@ -649,83 +649,83 @@ bev_status bev_plan_switch(const bev_vehicle *vehicle, const bev_trip *trip, dou
                            double *temperature_c, double *heater_w, bev_switch_plan *plan);
 
 /*
- * What a watt of the heater in each step of a run does until arrival, arrays of `steps` values: by how much the
- * battery arrives warmer [K/W], and by how much less charge it has then [1/W]; the mean from no heating to all that
- * the cabin leaves. Heat at once, limits left aside.
+ * The effect of a watt of the heater in each step on the arrival, arrays of `steps` values: how much warmer the
+ * battery arrives [K/W], and how much less charge it has [1/W]; the mean from no heating to all power that the
+ * cabin leaves. Heat arrives at once, limits are ignored.
  */
 bev_status bev_find_prices(const bev_vehicle *vehicle, const bev_trip *trip, const double *soc,
                            const double *temperature_c, const double *heater_w,
                            double *warmth_k_per_w, double *charge_per_w);
 
-/* Room that bev_heat_cheapest takes [doubles]. */
+/* Memory of bev_heat_cheapest [doubles]. */
 #define BEV_CHEAPEST_MEMORY(steps) (6 * (steps) + 2)
 
 /*
- * The run that arrives at the target for the least charge, heat at once, limits left aside: heated in the steps
- * in which a kelvin on arrival costs the least.
+ * The run that arrives at the target for the least charge: heated in the steps in which a kelvin on arrival costs
+ * the least. Heat arrives at once, limits are ignored.
  *
- * `soc`, `temperature_c` and `heater_w` are a run that arrives there. Where another one saves something it is
- * written over it, and `orders` says in how many orders of the steps it was found; 0: nothing is written. `memory`
- * has BEV_CHEAPEST_MEMORY(steps) doubles, `order` room for `steps` numbers.
+ * `soc`, `temperature_c` and `heater_w` are a run that arrives at the target. If another run saves energy, it is
+ * written over the given run, and `orders` is the number of orders of the steps in which it was found; 0: nothing
+ * is written. `memory` has BEV_CHEAPEST_MEMORY(steps) doubles, `order` has room for `steps` numbers.
  */
 bev_status bev_heat_cheapest(const bev_vehicle *vehicle, const bev_trip *trip, double target_c,
                              double *soc, double *temperature_c, double *heater_w, double *memory,
                              int32_t *order, int32_t *orders);
 
 /*
- * The whole plan of the paper's heuristic, planned and run by Euler's method: as of bev_plan_switch.
+ * The whole plan of the paper's heuristic, planned and run by Euler's method: otherwise as bev_plan_switch.
  *
- * BEV_LIMITED where a limit is active in the unheated run, or the plan lacks power or leaves what the model
- * describes.
+ * BEV_LIMITED if a limit is active in the unheated run, or if the plan has a power deficit or leaves the model's
+ * range.
  */
 bev_status bev_plan_paper(const bev_vehicle *vehicle, const bev_trip *trip, double start_soc,
                           double start_c, double target_c, double *memory, double *soc,
                           double *temperature_c, double *heater_w, bev_switch_plan *plan);
 
 /*
- * The instants [s] between which the heater takes all that the cabin leaves, so that the battery arrives at a
- * target for the least energy, heat arriving late, limits left aside. 0 and the arrival where that is not enough.
+ * The instants [s] between which the heater takes all power that the cabin leaves, so that the battery arrives at a
+ * target for the least energy; heat arrives late, limits are ignored. 0 and the arrival if that is not enough.
  *
- * `idle_states` is the unheated run, which arrives below the target; it and `states`, which is written, are as
- * of bev_run_heated. `memory` has BEV_TWO_SWITCHES_MEMORY(steps) doubles. Written is what the heater is told in
- * each step [W], too.
+ * `idle_states` is the unheated run, which arrives below the target; `idle_states` and the output `states` are as
+ * in bev_run_heated. `memory` has BEV_TWO_SWITCHES_MEMORY(steps) doubles. The heater's command in each step [W] is
+ * written, too.
  */
 bev_status bev_find_two_switches(const bev_vehicle *vehicle, const bev_trip *trip, double target_c,
                                  const double *idle_states, double *memory, double *states,
                                  double *command_w, double *on_s, double *off_s);
 
-/* The ways to heat that bev_plan_trips compares. */
+/* The heating strategies that bev_plan_trips compares. */
 typedef enum {
   BEV_UNHEATED = 0,
-  /* Below the target with all that the cabin leaves, from the start on, within the limits. */
+  /* All power that the cabin leaves, below the target, from the start on, within the limits. */
   BEV_ALWAYS_ON = 1,
-  /* From the instant on that the paper's algorithms find, by Euler's method; driven with Runge-Kutta steps. */
+  /* From the instant of the paper's algorithms on, by Euler's method; driven with Runge-Kutta steps. */
   BEV_PAPER = 2,
   /* As bev_plan_switch. */
   BEV_ONE_SWITCH = 3,
   BEV_WAYS = 4
 } bev_way;
 
-/* How one way to heat a trip ends: what the heater takes, and the battery on arrival. */
+/* The result of one heating strategy on a trip: the heater's energy, and the battery on arrival. */
 typedef struct {
   double heater_wh;
   double temperature_c;
   double soc;
-  /* From this instant on it is heated [s]; NaN where it is not, and where the way has no such instant. */
+  /* The switch-on instant [s]; NaN without heating, and if the strategy has no such instant. */
   double instant_s;
-  /* Of this way; the rest means nothing but where it is BEV_OK. */
+  /* The bev_status of this strategy; unless it is BEV_OK, the other fields are undefined. */
   int32_t status;
 } bev_arrival;
 
 /*
- * Plans many trips of one vehicle, each in BEV_WAYS ways: `arrivals` has count * BEV_WAYS elements, trip by
- * trip. For a vehicle whose heat arrives at once.
+ * Plan many trips of one vehicle, each with BEV_WAYS strategies: `arrivals` has count * BEV_WAYS elements, trip by
+ * trip. The vehicle's heat must arrive at once.
  *
- * The steps of the trips lie one after the other in the arrays of `trips`, whose `steps` is their sum;
- * `time_s` is not read, each trip begins at 0 s. Of each trip, arrays of `count`: its steps, the charge and the
- * temperature at its start, its target. A plan leaves `reserve_soc` on arrival and `lowest_soc` on the way. A
- * way is BEV_LIMITED where it does not, or where a limit of the battery is active, which BEV_ALWAYS_ON keeps
- * instead (BEV_EMPTY where the charge runs out). What one trip lacks is said in its statuses only.
+ * The steps of the trips lie one after the other in the arrays of `trips`, whose `steps` is their sum; `time_s` is
+ * not read, each trip begins at 0 s. Arrays of `count` give each trip's number of steps, the charge and the
+ * temperature at its start, and its target. A plan leaves `reserve_soc` on arrival and `lowest_soc` on the way;
+ * otherwise, or if a limit of the battery is active, the strategy is BEV_LIMITED. BEV_ALWAYS_ON keeps the limits
+ * instead (BEV_EMPTY if the charge runs out). Errors of one trip are reported in its statuses only.
  *
  * `memory` has BEV_TRIPS_MEMORY(longest) doubles, `flags` BEV_TRIPS_FLAGS(longest) bytes; a trip of more than
  * `longest` steps is a bad argument.

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * What the estimation of bev_preheat computes in each update, in C99: filters over the state of the car, and how
- * the arrival depends on it. Memory, loops, numbers and statuses are as core.h has them.
+ * The computations of bev_preheat's estimation in each update, in C99: filters over the state of the car, and the
+ * sensitivity of the arrival to it. Memory, loops, numbers and statuses are as in core.h.
  */
 #ifndef BEV_PREHEAT_CORE_ESTIMATION_H_
 #define BEV_PREHEAT_CORE_ESTIMATION_H_
@@ -13,8 +13,8 @@ extern "C" {
 #endif
 
 /*
- * The estimation: bev_preheat.estimation.state says what the elements of its state are. Those that are
- * logarithms are of factors (heat capacity to propulsion) and of lags over nominal ones.
+ * Elements of the state, documented in bev_preheat.estimation.state. Elements that are logarithms are of factors
+ * (heat capacity to propulsion) and of lags over nominal lags.
  */
 enum {
   BEV_TEMPERATURE = 0,
@@ -34,20 +34,19 @@ enum {
   BEV_ELEMENTS
 };
 
-/* Factors, and the elements that are kept within bounds: the factors, the lags and the local rises. */
+/* Number of factors, and of elements with bounds: the factors, the lags and the local rises. */
 #define BEV_FACTORS 5
 #define BEV_BOUNDED 9
-/* Most heaters, and most kinds of noise, of which there are hypotheses; the memory of a belief [doubles]. */
+/* Maximum number of heater hypotheses and of noise hypotheses; the memory of a belief [doubles]. */
 #define BEV_MOST_HEATERS 16
 #define BEV_MOST_NOISES 8
 #define BEV_MOST_FILTERS (BEV_MOST_HEATERS * BEV_MOST_NOISES)
 #define BEV_BELIEF_MEMORY(filters) ((filters) * (1 + BEV_ELEMENTS + BEV_ELEMENTS * BEV_ELEMENTS))
 
 /*
- * One extended Kalman filter for each hypothesis, `heaters` times `noises` of them: weights, means
- * (BEV_ELEMENTS each) and covariances (BEV_ELEMENTS * BEV_ELEMENTS each). `memory` is the caller's, of
- * BEV_BELIEF_MEMORY doubles; nothing is kept in it. A call that does not return BEV_OK leaves them as
- * they were.
+ * One extended Kalman filter for each hypothesis, `heaters` times `noises` in total: weights, means (BEV_ELEMENTS
+ * each) and covariances (BEV_ELEMENTS * BEV_ELEMENTS each). `memory` has BEV_BELIEF_MEMORY doubles; it holds
+ * nothing between calls. A call that does not return BEV_OK leaves the filters unchanged.
  */
 typedef struct {
   int32_t heaters;
@@ -58,9 +57,9 @@ typedef struct {
   double *memory;
 } bev_belief;
 
-/* What is the same for all filters; see bev_preheat.estimation.belief. */
+/* Parameters that all filters share; see bev_preheat.estimation.belief. */
 typedef struct {
-  /* By how much each element is moved to see what depends on it. */
+  /* Perturbation of each element for numerical derivatives. */
   double perturbation[BEV_ELEMENTS];
   /* Bounds of the elements from BEV_HEAT_CAPACITY on. */
   double lowest[BEV_BOUNDED];
@@ -70,20 +69,20 @@ typedef struct {
   double local_lag_s;
   double least_variance;
   double least_weight;
-  /* How much less likely than the likeliest a reading makes a hypothesis, at most [nats]. */
+  /* Maximum loss of likelihood of a hypothesis by one reading, relative to the likeliest hypothesis [nats]. */
   double most_evidence;
-  /* How far battery and sensor may be apart, and how much heat may be under way [K]. */
+  /* Maximum difference between battery and sensor, and maximum heat under way [K]. */
   double most_apart_k;
   double most_under_way_k;
-  /* A route's power is wrong by this share of it, and of this power [W] at least, for so long [s]. */
+  /* Error of a route's power: its share, the least power to which the share applies [W], and its duration [s]. */
   double power_noise;
   double least_power_w;
   double power_noise_lasts_s;
-  /* How much the local rise by Joule heat differs from one peak of the power to the next. */
+  /* Spread of the local rise by Joule heat from one peak of the power to the next. */
   double joule_rise_noise_k_per_kw;
 } bev_belief_terms;
 
-/* What the car does in one step; see bev_preheat.vehicle.uncertain_car. With the nominal leakage. */
+/* The car's drive in one step, with the nominal leakage; see bev_preheat.vehicle.uncertain_car. */
 typedef struct {
   double speed_mps;
   double ambient_temperature_c;
@@ -92,7 +91,7 @@ typedef struct {
   double propulsion_power_magnitude_w;
   double cabin_heating_power_w;
   double auxiliary_power_w;
-  /* The last two mean something where `is_seen` is not 0. */
+  /* The last two are defined if `is_seen` is not 0. */
   double terminal_power_w;
   double hidden_variance_w2;
   double gamma_0_w_per_k;
@@ -101,8 +100,9 @@ typedef struct {
 } bev_drive;
 
 /*
- * The same along a trip of `steps` steps: the columns of its route, one after the other as bev_make_trip takes
- * them, the heater's power in each step, and the battery's course at the start of each. With the nominal leakage.
+ * The expected drive along a trip of `steps` steps, with the nominal leakage: the columns of its route, one after
+ * the other as in bev_make_trip, the heater's power in each step, and the battery's temperature and charge at the
+ * start of each.
  */
 typedef struct {
   int32_t steps;
@@ -114,7 +114,7 @@ typedef struct {
   double gamma_v_w_per_k_per_mps;
 } bev_expected_drive;
 
-/* Time that has passed in a drive: what bev_mix_belief, bev_move_belief and bev_see_propulsion_power take. */
+/* Elapsed time in a drive: the arguments of bev_mix_belief, bev_move_belief and bev_see_propulsion_power. */
 typedef struct {
   const double *transitions;
   const double *wander;
@@ -128,7 +128,10 @@ typedef struct {
   bev_drive drive;
 } bev_passed;
 
-/* A reading of the battery: the intervals in which temperature [deg C] and charge lie, with the noise of each kind. */
+/*
+ * A reading of the battery: the intervals of temperature [deg C] and charge, with the variance of each noise
+ * hypothesis.
+ */
 typedef struct {
   const double *noise_variances_k2;
   const double *noise_variances;
@@ -136,18 +139,18 @@ typedef struct {
   double highest_c;
   double lowest_soc;
   double highest_soc;
-  /* Whether the weights follow the temperature. */
+  /* Whether the temperature changes the weights. */
   int32_t tells_hypotheses;
 } bev_reading;
 
-/* Mix the filters: `transitions[from * heaters + to]` is how likely one heater turned into another. */
+/* Mix the filters: `transitions[from * heaters + to]` is the probability that one heater turned into another. */
 bev_status bev_mix_belief(const bev_belief *belief, const double *transitions);
 
 /*
- * Let `duration_s` pass in a drive in which the heater of hypothesis h takes heater_power_w[h].
+ * Propagate the filters by `duration_s` in a drive; the heater of hypothesis h takes heater_power_w[h].
  *
- * `wander` are the variances that each element gains, `hidden_variance_s2` the variance of the logarithm
- * of the propulsion power times s^2: what it makes of temperature and charge is added.
+ * `wander` are the variances that each element gains, `hidden_variance_s2` is the variance of the logarithm of the
+ * propulsion power times s^2; its effect on temperature and charge is added.
  */
 bev_status bev_move_belief(const bev_vehicle *vehicle, const bev_belief *belief,
                            const bev_belief_terms *terms, const bev_drive *drive,
@@ -155,18 +158,18 @@ bev_status bev_move_belief(const bev_vehicle *vehicle, const bev_belief *belief,
                            double hidden_variance_s2);
 
 /*
- * Take into account that an element, with the noise of each kind [variance], lies within low ... high.
+ * Update the filters: an element, with the variance of each noise hypothesis, lies within low ... high.
  *
- * BEV_SENSOR is the sensor with its local rise. With `tells_hypotheses` the weights follow. `lost` is how many
- * filters are beyond what means anything.
+ * BEV_SENSOR is the sensor with its local rise. With `tells_hypotheses` the weights follow. `lost` is the number of
+ * filters that have diverged.
  */
 bev_status bev_see_interval(const bev_belief *belief, const bev_belief_terms *terms,
                             int32_t element, const double *noise_variance, double low, double high,
                             int32_t tells_hypotheses, int32_t *lost);
 
 /*
- * Compare the propulsion power seen with the route's [W]; the difference has a variance [W^2], and is
- * clipped at `most_w`. `lost` as above.
+ * Compare the observed propulsion power with the route's [W]; the difference has a variance [W^2] and is clipped at
+ * `most_w`. `lost` as above.
  */
 bev_status bev_see_propulsion_power(const bev_belief *belief, const bev_belief_terms *terms,
                                     double seen_w, double route_w, double variance_w2,
@@ -176,26 +179,26 @@ bev_status bev_see_propulsion_power(const bev_belief *belief, const bev_belief_t
 bev_status bev_expect(const bev_belief *belief, double *mean, double *covariance);
 
 /*
- * Mix the filters, move them, and, where `drive.is_seen`, compare the propulsion power: the three calls in one.
+ * Mix the filters, propagate them and, if `drive.is_seen`, compare the propulsion power: the three calls in one.
  *
- * `done` is how many of them were; one that does not return BEV_OK ends the call, and what it returns is
- * returned. `lost` as above.
+ * `done` is the number of completed calls; the first status other than BEV_OK ends the sequence and is returned.
+ * `lost` as above.
  */
 bev_status bev_follow(const bev_vehicle *vehicle, const bev_belief *belief,
                       const bev_belief_terms *terms, const bev_passed *passed, int32_t *done,
                       int32_t *lost);
 
 /*
- * Take a reading's temperature and charge into account, and say what is expected then: bev_see_interval
- * twice, and bev_expect. `done` and `lost` as in bev_follow; where filters are lost nothing more is done.
+ * Update the filters with a reading's temperature and charge, and compute the mean and covariance: bev_see_interval
+ * twice, and bev_expect. `done` and `lost` as in bev_follow; if filters are lost, the sequence ends.
  */
 bev_status bev_take_reading(const bev_belief *belief, const bev_belief_terms *terms,
                             const bev_reading *reading, double *mean, double *covariance,
                             int32_t *done, int32_t *lost);
 
 /*
- * Variance of the temperature on arrival [K^2]: of what is believed of the elements at the start, with this
- * covariance (BEV_ELEMENTS * BEV_ELEMENTS), and of the traffic in each step.
+ * Variance of the temperature on arrival [K^2]: by the uncertainty of the elements at the start, with this
+ * covariance (BEV_ELEMENTS * BEV_ELEMENTS), and by the traffic in each step.
  */
 bev_status bev_arrival_variance(const bev_vehicle *vehicle, const bev_expected_drive *expected,
                                 const bev_belief_terms *terms, const double *covariance,
