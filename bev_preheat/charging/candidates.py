@@ -18,7 +18,8 @@ from typing import Any, TYPE_CHECKING
 
 from bev_preheat.charging.session import charge
 from bev_preheat.charging.stop import arrival_state, stop_after, WH_PER_KWH
-from bev_preheat.charging.worth import find_worth, Prices, SECONDS_PER_H
+from bev_preheat.charging.target_worth import Prices
+from bev_preheat.charging.worth import find_worth, SECONDS_PER_H
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.planner import plan_preheating, plan_unheated

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from bev_preheat.planning.explanation import duration_text
 
 if TYPE_CHECKING:
-    from bev_preheat.charging.worth import Prices, TargetWorth
+    from bev_preheat.charging.target_worth import Prices, TargetWorth
 
 WH_PER_KWH = 1000.0
 # Cost differences below this, in any currency, do not matter to a driver.

@@ -18,6 +18,7 @@ from typing import Any, TYPE_CHECKING
 
 from bev_preheat.charging.session import charge
 from bev_preheat.charging.stop import arrival_state, check_stop, refuse_stranded, stop_after
+from bev_preheat.charging.target_worth import Prices, TargetWorth
 from bev_preheat.charging.verdict import verdict_on
 from bev_preheat.errors import figure, figure_beyond, InvalidInput
 from bev_preheat.planning.bracketing import least_of, Trial
@@ -46,40 +47,6 @@ LEAST_SAVED_S = 0.1
 MOST_PRICE_PER_KWH, MOST_VALUE_PER_H = 1e3, 1e6
 # Not a recommendation: the verdict states the value of time from which on heating pays.
 ENERGY_PRICE_PER_KWH, VALUE_OF_TIME_PER_H = 0.60, 10.0
-
-
-@dataclass(frozen=True)
-class Prices:
-    """Price of energy [per kWh] and value of the driver's time [per h], in one currency."""
-
-    energy_per_kwh: float
-    time_per_h: float
-
-    def cost(self, energy_wh: float, time_s: float) -> float:
-        """Return price times energy [Wh] plus value of time times time [s]; infinite if either is."""
-        if math.isinf(energy_wh) or math.isinf(time_s):
-            return math.inf
-        return (self.energy_per_kwh * energy_wh / WH_PER_KWH
-                + self.time_per_h * time_s / SECONDS_PER_H)
-
-
-@dataclass(frozen=True)
-class TargetWorth:
-    """
-    One target [deg C] and its result; the fields are those of the JSON.
-
-    `hvch_electric_wh` is the heater's energy before arrival [Wh]. Charging time [s], bought energy [Wh] and cost
-    are infinite if the session never ends. The target of a drive without heating is the temperature on arrival,
-    the highest target that needs no heating.
-    """
-
-    target_c: float
-    arrival_temperature_c: float
-    arrival_soc: float
-    hvch_electric_wh: float
-    charging_time_s: float
-    bought_energy_wh: float
-    cost: float
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 from bev_preheat.charging.candidates import rank_chargers, ranking_verdict
 from bev_preheat.charging.chargers_file import load_chargers
-from bev_preheat.charging.worth import check_prices, Prices
+from bev_preheat.charging.target_worth import Prices
+from bev_preheat.charging.worth import check_prices
 from bev_preheat.commands.situation import read_situation
 from bev_preheat.console.output import check_output_arguments, write_json
 from bev_preheat.console.terminal import print_records, result_console

@@ -8,12 +8,8 @@ import math
 from typing import TYPE_CHECKING
 
 from bev_preheat.charging.spread import time_deviation
-from bev_preheat.charging.worth import (
-    ENERGY_PRICE_PER_KWH,
-    find_worth,
-    Prices,
-    VALUE_OF_TIME_PER_H,
-)
+from bev_preheat.charging.target_worth import Prices
+from bev_preheat.charging.worth import ENERGY_PRICE_PER_KWH, find_worth, VALUE_OF_TIME_PER_H
 from bev_preheat.commands.charge import add_charger_arguments
 from bev_preheat.commands.chargers import check_charger_arguments, run_chargers
 from bev_preheat.commands.completion import completed_by, NameCompleter
@@ -26,7 +22,8 @@ if TYPE_CHECKING:
     from argparse import Namespace
 
     from bev_preheat.charging.spread import TimeDeviation
-    from bev_preheat.charging.worth import TargetWorth, Worth
+    from bev_preheat.charging.target_worth import TargetWorth
+    from bev_preheat.charging.worth import Worth
     from bev_preheat.commands.arguments import Subparsers
 
 WH_PER_KWH = 1000.0

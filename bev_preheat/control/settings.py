@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import math
 from typing import Any, TYPE_CHECKING
 
-from bev_preheat.charging.worth import ENERGY_PRICE_PER_KWH, Prices, VALUE_OF_TIME_PER_H
+from bev_preheat.charging.target_worth import Prices
+from bev_preheat.charging.worth import ENERGY_PRICE_PER_KWH, VALUE_OF_TIME_PER_H
 from bev_preheat.planning.planner import DEFAULT_METHOD
 
 if TYPE_CHECKING:

@@ -28,7 +28,7 @@ from bev_preheat.vehicle.charging import charging_of
 
 if TYPE_CHECKING:
     from bev_preheat.charging.stop import Charger
-    from bev_preheat.charging.worth import TargetWorth
+    from bev_preheat.charging.target_worth import TargetWorth
     from bev_preheat.control.inputs import Leg
     from bev_preheat.control.settings import Settings
     from bev_preheat.planning.plan import Plan

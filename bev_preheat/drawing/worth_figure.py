@@ -17,7 +17,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from bev_preheat.charging.worth import TargetWorth, Worth
+    from bev_preheat.charging.target_worth import TargetWorth
+    from bev_preheat.charging.worth import Worth
     from bev_preheat.files.output_files import AnyPath
 
     # Coordinates of a target on the axes: x, y.

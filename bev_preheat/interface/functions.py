@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 from bev_preheat.charging.session import charge
 from bev_preheat.charging.stop import ChargingStop
-from bev_preheat.charging.worth import ENERGY_PRICE_PER_KWH, find_worth, Prices, VALUE_OF_TIME_PER_H
+from bev_preheat.charging.target_worth import Prices
+from bev_preheat.charging.worth import ENERGY_PRICE_PER_KWH, find_worth, VALUE_OF_TIME_PER_H
 from bev_preheat.interface.results import (
     ComparisonResult,
     DriveResult,

@@ -35,7 +35,7 @@ PHASE_KEYS = {'started_s': 'start [s]', 'ended_s': 'end [s]', 'arrival_c': 'arri
 
 
 @dataclass(frozen=True)
-class DriveResult:
+class SimulatedDriveReport:
     """
     The state of a trip: DRIVING, CHARGING, PARKED, ARRIVED or EMPTY, and its energies so far [Wh].
 
@@ -95,12 +95,12 @@ def trip_diagnostics(node_name: str, car: ImperfectCar, stamp: Time) -> Diagnost
     return message
 
 
-def outcome_from_diagnostics(message: DiagnosticArray) -> DriveResult | None:
-    """Return the DriveResult in the simulator's DiagnosticArray; None for any other."""
+def outcome_from_diagnostics(message: DiagnosticArray) -> SimulatedDriveReport | None:
+    """Return the SimulatedDriveReport in the simulator's DiagnosticArray; None for any other."""
     for status in message.status:
         if status.name.endswith(ENTRY):
             values = {item.key: item.value for item in status.values}
-            return DriveResult(
+            return SimulatedDriveReport(
                 state=status.message,
                 energy_wh=Energies(**{field.name: float(values[_energy_key(field)])
                                       for field in fields(Energies)}),

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
     from bev_preheat.charging.session import Session
     from bev_preheat.charging.stop import ChargingStop
-    from bev_preheat.charging.worth import Prices
+    from bev_preheat.charging.target_worth import Prices
     from bev_preheat.nonlinear_program.layout import Layout, Values
     from bev_preheat.nonlinear_program.program_solvers import ByName
     from bev_preheat.numerics.arrays import FloatArray

@@ -16,12 +16,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
 
-from bev_preheat.charging.worth import (
-    ENERGY_PRICE_PER_KWH,
-    find_worth,
-    Prices,
-    VALUE_OF_TIME_PER_H,
-)
+from bev_preheat.charging.target_worth import Prices
+from bev_preheat.charging.worth import ENERGY_PRICE_PER_KWH, find_worth, VALUE_OF_TIME_PER_H
 from bev_preheat.console.parser import OneLineParser
 from bev_preheat.console.program import run_program
 from bev_preheat.console.terminal import print_records, progress_bar, result_console

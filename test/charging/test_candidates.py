@@ -10,7 +10,8 @@ import pytest
 
 from bev_preheat.charging.candidates import Candidate, rank_chargers, ranking_verdict
 from bev_preheat.charging.chargers_file import load_chargers
-from bev_preheat.charging.worth import find_worth, Prices
+from bev_preheat.charging.target_worth import Prices
+from bev_preheat.charging.worth import find_worth
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import Route

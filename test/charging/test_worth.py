@@ -11,16 +11,9 @@ import pytest
 from bev_preheat.charging.session import charge
 from bev_preheat.charging.spread import time_deviation
 from bev_preheat.charging.stop import ChargingStop, stop_after
+from bev_preheat.charging.target_worth import Prices, TargetWorth
 from bev_preheat.charging.verdict import verdict_on
-from bev_preheat.charging.worth import (
-    find_worth,
-    minima,
-    pays_from_per_h,
-    Prices,
-    targets_between,
-    TargetWorth,
-    WorthSearch,
-)
+from bev_preheat.charging.worth import find_worth, minima, pays_from_per_h, targets_between, WorthSearch
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.planner import plan_preheating, plan_unheated
 from bev_preheat.planning.situation import BatteryState, Goal

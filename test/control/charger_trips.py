@@ -8,7 +8,7 @@ from stepwise import Stepwise
 
 from bev_preheat.charging.session import charge
 from bev_preheat.charging.stop import Charger, ChargingStop
-from bev_preheat.charging.worth import Prices
+from bev_preheat.charging.target_worth import Prices
 from bev_preheat.control.inputs import Leg, Measurement, Mission, NS_PER_S
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.target_choice import TargetSearchInput

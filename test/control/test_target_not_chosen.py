@@ -25,7 +25,8 @@ import pytest
 from stepwise import Stepwise
 
 from bev_preheat.charging.stop import Charger
-from bev_preheat.charging.worth import find_worth, Prices, TargetWorth
+from bev_preheat.charging.target_worth import Prices, TargetWorth
+from bev_preheat.charging.worth import find_worth
 from bev_preheat.control.inputs import Leg, Mission, NS_PER_S
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.target_choice import LEAST_GAIN_SHARE, TargetChooser, TargetSource

@@ -9,7 +9,8 @@ from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import BatteryState
 
-from bev_preheat.charging.worth import find_worth, Prices
+from bev_preheat.charging.target_worth import Prices
+from bev_preheat.charging.worth import find_worth
 from bev_preheat.planning import situation
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle

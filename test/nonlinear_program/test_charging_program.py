@@ -10,7 +10,8 @@ import pytest
 
 from bev_preheat.charging.session import charge
 from bev_preheat.charging.stop import ChargingStop, stop_after
-from bev_preheat.charging.worth import find_worth, Prices
+from bev_preheat.charging.target_worth import Prices
+from bev_preheat.charging.worth import find_worth
 from bev_preheat.nonlinear_program import charging_steps, smooth_maps
 from bev_preheat.nonlinear_program.charging_program import ChargingProgram, solve_charging
 from bev_preheat.nonlinear_program.charging_steps import symbolic_charging_step

@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bev_preheat.charging.worth import TargetWorth, Worth
+from bev_preheat.charging.target_worth import TargetWorth
+from bev_preheat.charging.worth import Worth
 from bev_preheat.planning.planner import plan_unheated
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import load_route

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.charging.stop import ChargingStop, stop_after
-from bev_preheat.charging.worth import Prices
+from bev_preheat.charging.target_worth import Prices
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route.segments import make_route, Route
 from bev_preheat.route.variation import vary

@@ -1,0 +1,44 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What one target costs: prices, and the figures of the drive and the charging session after it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+
+WH_PER_KWH = 1000.0
+SECONDS_PER_H = 3600.0
+
+
+@dataclass(frozen=True)
+class Prices:
+    """Price of energy [per kWh] and value of the driver's time [per h], in one currency."""
+
+    energy_per_kwh: float
+    time_per_h: float
+
+    def cost(self, energy_wh: float, time_s: float) -> float:
+        """Return price times energy [Wh] plus value of time times time [s]; infinite if either is."""
+        if math.isinf(energy_wh) or math.isinf(time_s):
+            return math.inf
+        return (self.energy_per_kwh * energy_wh / WH_PER_KWH
+                + self.time_per_h * time_s / SECONDS_PER_H)
+
+
+@dataclass(frozen=True)
+class TargetWorth:
+    """
+    One target [deg C] and its result; the fields are those of the JSON.
+
+    `hvch_electric_wh` is the heater's energy before arrival [Wh]. Charging time [s], bought energy [Wh] and cost
+    are infinite if the session never ends. The target of a drive without heating is the temperature on arrival,
+    the highest target that needs no heating.
+    """
+
+    target_c: float
+    arrival_temperature_c: float
+    arrival_soc: float
+    hvch_electric_wh: float
+    charging_time_s: float
+    bought_energy_wh: float
+    cost: float
