@@ -5,7 +5,7 @@
 #include "means.h"
 #include "steps_of_model.h"
 
-/* What one step of a run takes and gives, means [W]. */
+/* Power balance of one step of a run, means [W]. */
 typedef struct {
   double joule_w;
   double leakage_w;

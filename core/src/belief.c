@@ -101,7 +101,7 @@ static void rates_of(const bev_vehicle *vehicle, const bev_drive *drive, double 
   }
 }
 
-/* The lags of a state [s], what is left after a step of what lags so, and the factor on what the heater's power warms. */
+/* The lags of a state [s], the remainders of lagging values after a step, and the factor on the heater's warming. */
 typedef struct {
   double heat_s;
   double sensor_s;
@@ -111,7 +111,7 @@ typedef struct {
   double warming;
 } lags;
 
-/* Work out what of the lags depends on element `moved` of a state; -1: all. */
+/* Compute the lags that depend on element `moved` of a state; -1: all. */
 static void find_lags(const bev_belief_terms *terms, const double state[BEV_ELEMENTS],
                       double duration_s, int32_t moved, lags *of) {
   if (moved < 0 || moved == BEV_HEAT_LAG) {
@@ -293,7 +293,7 @@ static void update(double *mean, double *covariance, const double gain[BEV_ELEME
   }
 }
 
-/* Hold what is bounded; return whether the filter is beyond what means anything. */
+/* Clip the bounded elements; return whether the filter has diverged beyond meaningful values. */
 static int32_t hold(const bev_belief_terms *terms, double *mean) {
   for (int32_t n = 0; n < BEV_BOUNDED; n++) {
     double *const value = &mean[BEV_HEAT_CAPACITY + n];

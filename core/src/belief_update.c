@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What one battery state is for the filters: belief.c has the parts, bev_preheat.estimation.belief their order. */
+/* One filter update: belief.c has the parts, bev_preheat.estimation.belief their order. */
 #include <stddef.h>
 
 #include "bev_preheat_core/estimation.h"

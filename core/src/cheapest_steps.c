@@ -67,7 +67,7 @@ static void put_in_order(filling *of) {
   }
 }
 
-/* Heats in steps of the order until what they give, `per_w` for each watt, is as much as is wanted. */
+/* Heat in steps of the order until their sum, `per_w` for each watt, reaches the wanted value. */
 static void fill(const filling *of, const double *per_w, double wanted) {
   for (int32_t k = 0; k < of->trip->steps; k++) {
     of->heater_w[k] = 0.0;

@@ -34,7 +34,7 @@ static double heated_s(const bev_planned_heating *planned, int32_t first) {
   return seconds;
 }
 
-/* The most heat that the heater can give in a step: [W], and over all of it [J]. */
+/* Maximum heat from the heater in a step: power [W], and energy over the whole step [J]. */
 static double heat_w(const bev_vehicle *vehicle, const bev_trip *trip, int32_t k) {
   return vehicle->heater_efficiency * trip->heater_limit_w[k];
 }
@@ -58,7 +58,7 @@ static double given_until_j(const bev_vehicle *vehicle, const bev_trip *trip, do
   return slope_w * (until_s - trip->time_s[before]) + given_j;
 }
 
-/* The instant [s] from which the heater gives `lead_k` by `until_s`; NaN where there is none. */
+/* The instant [s] from which the heater gives `lead_k` by `until_s`; NaN if no instant does. */
 static double earlier_s(const bev_vehicle *vehicle, const bev_trip *trip, double until_s,
                         double lead_k) {
   if (lead_k <= 0.0) {
@@ -129,7 +129,7 @@ bev_status bev_find_early_start(const bev_planned_heating *planned, const bev_un
   }
   start->change = BEV_BEGINS_EARLY;
   start->start_s = early_s;
-  /* What is heated earlier need not be heated later. */
+  /* Heat given earlier is not needed later. */
   start->guess_s = end_s - (start_s - early_s);
   return BEV_OK;
 }

@@ -5,10 +5,10 @@
 
 #include "bev_preheat_core/core.h"
 
-/* What becomes of the last interval, values of `change`. */
+/* Values of `change`: treatment of the last heating interval. */
 enum { BEV_STAYS = 0, BEV_LEFT_OUT = 1, BEV_BEGINS_EARLY = 2 };
 
-/* The heating that is planned: what is commanded in each step [W], from when on heat would come too late [s]. */
+/* The planned heating: command in each step [W], and the instant after which heat would come too late [s]. */
 typedef struct {
   const bev_vehicle *vehicle;
   const bev_trip *trip;
@@ -17,8 +17,8 @@ typedef struct {
 } bev_planned_heating;
 
 /*
- * What becomes of its last interval. One that is left out has had `first` as its first heated step. One that begins
- * early does so at `start_s`, and ends about at `guess_s` [s].
+ * Treatment of its last heating interval. `first` is its first heated step before the change. An interval that
+ * begins early starts at `start_s` and ends at about `guess_s` [s].
  */
 typedef struct {
   int32_t change;

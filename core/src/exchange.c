@@ -10,7 +10,7 @@
 #include "linear_program.h"
 #include "prices.h"
 
-/* The run so far, the one that is tried, and what is exchanged. */
+/* The run so far, the trial run, and the heat exchanged. */
 typedef struct {
   bev_needs needs;
   bev_limited_trajectory run;
@@ -24,14 +24,14 @@ typedef struct {
   double *gains;
   double *uses;
   double spare[BEV_MOST_NEEDS];
-  /* By how much more than the prices promise the run had of each need when it was last tried. */
+  /* Surplus of the last trial run over the prediction, for each need. */
   double beyond[BEV_MOST_NEEDS];
   int32_t mends;
-  /* So much heat is moved at most [J]. */
+  /* Maximum heat moved in one exchange [J]. */
   double trusted_j;
 } exchange;
 
-/* What an exchange promises, and what it brings. */
+/* Predicted and actual result of an exchange. */
 typedef struct {
   double saving;
   double moved_j;
@@ -46,7 +46,7 @@ static void begin_anew(exchange *of) {
   of->mends = 0;
 }
 
-/* Whether the prices are held against what a run had of a need. */
+/* Whether the prices are corrected by the result of an earlier trial run. */
 static bool is_corrected(const exchange *of) {
   bool is_one = false;
   for (int32_t n = 0; n < of->changes.needs; n++) {
@@ -55,7 +55,7 @@ static bool is_corrected(const exchange *of) {
   return is_one;
 }
 
-/* The greatest magnitude of values, 1 where they are all 0. */
+/* The greatest magnitude of values; 1 if all are 0. */
 static double greatest_of(const double *values, int32_t count) {
   double greatest = 0.0;
   for (int32_t n = 0; n < count; n++) {
@@ -64,7 +64,7 @@ static double greatest_of(const double *values, int32_t count) {
   return greatest > 0.0 ? greatest : 1.0;
 }
 
-/* What is changed by so much of each change. */
+/* Total effect of the changes found, at `per_j` for each joule. */
 static double changed_by(const exchange *of, const double *per_j) {
   double sum = 0.0;
   for (int32_t n = 0; n < of->changes.count; n++) {
@@ -202,7 +202,7 @@ static bool learn(exchange *of, const exchanged *best, double least_saving) {
     if (!best->is_met && best->saved > BEV_MENDED_SHARE * best->saving && of->mends < BEV_MOST_MENDS) {
       of->mends++;
     } else {
-      /* What differs from the promise does so in proportion to the square of what is moved. */
+      /* The prediction error grows with the square of the heat moved. */
       share = best->saved < best->saving
           ? best->saving / (2.0 * (best->saving - best->saved))
           : BEV_MOST_LEFT;
@@ -218,7 +218,7 @@ static bool learn(exchange *of, const exchanged *best, double least_saving) {
   return is_kept;
 }
 
-/* Exchange heat as long as that saves something. */
+/* Exchange heat until an exchange saves no more charge. */
 static bev_status exchange_on(exchange *of, double least_saving, int32_t *exchanges) {
   bool is_new = true;
   bool goes_on = true;

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Many trips of one vehicle, each without heating, always heated, and planned by two methods: what
- * bev_preheat_studies.fleet.ways does for one trip where nothing limits it.
+ * Many trips of one vehicle, each without heating, always heated, and planned by two methods, as
+ * bev_preheat_studies.fleet.ways does for one trip without active limits.
  */
 #include "bev_preheat_core_generated/constants.h"
 #include "checks.h"
@@ -14,7 +14,7 @@
 #define SWITCH_ROOMS 8
 #define ROOMS 12
 
-/* One trip, what is asked of it, and the memory that its ways share. */
+/* One trip, its requirements, and the memory that its ways share. */
 typedef struct {
   const bev_vehicle *vehicle;
   bev_trip trip;
@@ -38,7 +38,7 @@ static void arrive(bev_arrival *arrival, bev_status status, double heater_wh, do
   arrival->instant_s = instant_s;
 }
 
-/* What a heater takes [Wh]. */
+/* Heater energy [Wh]. */
 static double taken_wh(const bev_trip *trip, const double *heater_w) {
   double sum = 0.0;
   for (int32_t k = 0; k < trip->steps; k++) {
@@ -47,7 +47,7 @@ static double taken_wh(const bev_trip *trip, const double *heater_w) {
   return sum;
 }
 
-/* Whether a run leaves what must be left, on arrival and on the way. */
+/* Whether a run leaves the required charge, on arrival and on the way. */
 static int leaves_enough(const drive *of, const double *soc) {
   for (int32_t k = 0; k <= of->trip.steps; k++) {
     if (!(soc[k] >= of->lowest_soc)) {
@@ -101,7 +101,7 @@ static void always_on(const drive *of, bev_arrival *arrival) {
   }
 }
 
-/* The paper's run, of which `heater_w` is written, as bev_preheat.planning.no_regret holds it; NaN is no instant. */
+/* The paper's run, checked as in bev_preheat.planning.no_regret; writes `heater_w` and the instant (NaN: none). */
 static bev_status plan_paper(const drive *of, double *heater_w, double *instant_s) {
   double *soc = of->room[2];
   double *temperature_c = of->room[3];
@@ -198,7 +198,7 @@ static bev_trip trip_at(const bev_trip *trips, int32_t first, int32_t steps, dou
   return trip;
 }
 
-/* Whether the trips, none of them longer than `longest`, are as many steps as there are. */
+/* Whether the lengths of the trips add up to `total` steps, each at most `longest`. */
 static int are_trips(int32_t total, int32_t count, const int32_t *steps, int32_t longest) {
   int32_t left = total;
   for (int32_t n = 0; n < count; n++) {

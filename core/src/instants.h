@@ -18,7 +18,7 @@ static inline double bev_switched_on_s(const bev_trip *trip, const double *comma
   return NAN;
 }
 
-/* The same of a run within limits, of which `watched`, 2 * steps bytes, says where limits were looked at. */
+/* The same for a run within limits; `watched`, 2 * steps bytes, marks the steps whose limits were checked. */
 static inline double bev_switched_on_within_limits_s(const bev_trip *trip,
                                                      const double *command_w,
                                                      const uint8_t *watched) {
@@ -31,7 +31,7 @@ static inline double bev_switched_on_within_limits_s(const bev_trip *trip,
   return watched[on] != 0u || watched[trip->steps + on] != 0u ? trip->time_s[on] : start_s;
 }
 
-/* The end of the last heated step [s]; NaN where that is the arrival, or there is none. */
+/* The end of the last heated step [s]; NaN if it is the arrival, or if no step is heated. */
 static inline double bev_ends_before_arrival_s(const bev_trip *trip, const double *command_w) {
   for (int32_t k = trip->steps - 1; k >= 0; k--) {
     if (bev_is_heated(trip, command_w, k) != 0) {

@@ -17,7 +17,7 @@ typedef struct {
   int32_t k;
   bev_inputs idle;
   const double *states;
-  /* What is left of a difference between heater and command, on average over the step. */
+  /* Remaining share of the difference between heater and command, mean over the step. */
   double left;
 } step_start;
 
@@ -174,7 +174,7 @@ static bev_status drive_between(const bev_limited_run *run, const step_start *st
   return status;
 }
 
-/* A step whose limits at the end are kept, and what came of the last terminal power that was tried. */
+/* A step that keeps the limits at its end, and the result of the last terminal power tried. */
 typedef struct {
   const bev_limited_run *run;
   const step_start *start;
@@ -205,7 +205,7 @@ static double spare_w(const step_to_end *of, const double limits_w[2]) {
   return to_spare_w - 0.5 * BEV_END_TOLERANCE_W;
 }
 
-/* The step with one of its limits moved. */
+/* The step with one limit moved. */
 static bev_status attempt_end(void *moved, double limit_w, double *excess) {
   step_to_end *of = (step_to_end *)moved;
   double at_end_w[2];

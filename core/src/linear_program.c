@@ -14,8 +14,8 @@
 #define IN_BASIS 2.0
 
 /*
- * The basis: a variable for each row, its value and what a unit of it gains, and the inverse. Variables come
- * first, then for each row what is left of it, then what it lacks.
+ * The basis: a variable for each row, its value, its gain per unit, and the inverse. Variables come first, then the
+ * slack of each row, then the deficit of each row.
  */
 typedef struct {
   int32_t variable[BEV_MOST_ROWS];
@@ -92,7 +92,7 @@ static bool find_entry(const bev_linear_program *of, const basis *at, entry *ent
   return gain > BEV_PIVOT_LEAST_GAIN;
 }
 
-/* What the variable that enters does to those of the basis. */
+/* Effect of the entering variable on those of the basis. */
 static void find_changes(const bev_linear_program *of, const basis *at, entry *enters) {
   const bool is_variable = enters->variable < of->count;
   enters->direction = is_variable && of->place[enters->variable] == AT_MOST ? -1.0 : 1.0;
@@ -110,7 +110,7 @@ static void find_changes(const bev_linear_program *of, const basis *at, entry *e
   }
 }
 
-/* How far it goes until a variable of the basis is at one of its bounds, or itself at its other one. */
+/* Step until a variable of the basis reaches a bound, or the entering variable its other bound. */
 static pivot find_pivot(const bev_linear_program *of, const basis *at, const entry *enters) {
   pivot found = {enters->bound, -1, false};
   for (int32_t row = 0; row < of->rows; row++) {
@@ -179,7 +179,7 @@ void bev_maximise(const bev_linear_program *program) {
         double *const place = &program->place[enters.variable];
         *place = *place == AT_MOST ? AT_NOTHING : AT_MOST;
       } else {
-        /* Nothing bounds what is gained. */
+        /* The gain is unbounded. */
       }
     }
   }

@@ -6,7 +6,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-/* Where a sorted array of `count` values is not above x for the last time; -1 where it always is. */
+/* Last index at which a sorted array of `count` values is not above x; -1 if all values are above x. */
 static inline int32_t bev_last_up_to(const double *values, int32_t count, double x) {
   int32_t low = 0;
   int32_t high = count;
@@ -54,7 +54,7 @@ static inline double bev_interpolated(const double *x_of, const double *y_of, in
 }
 
 static inline int bev_is_sorted(const double *values, int32_t count) {
-  /* To the end in any case: without a branch several are looked at at once. */
+  /* No early exit: without a branch the compiler checks several values at once. */
   int is_sorted = 1;
   for (int32_t n = 1; n < count; n++) {
     is_sorted = values[n] >= values[n - 1] ? is_sorted : 0;
