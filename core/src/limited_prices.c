@@ -238,7 +238,7 @@ static void find_worst(const bev_needs *needs, const bev_limited_trajectory *run
   }
 }
 
-/* The instant at which a run's charge is lowest; -1 if that charge is far above the need. */
+/* The instant of the lowest charge before a run charges again; -1 if that charge is far above the need. */
 static int32_t lowest_instant(const bev_needs *needs, const bev_limited_trajectory *run) {
   int32_t lowest = -1;
   double least_soc = needs->lowest_soc + BEV_NEAR_LOWEST_SOC;

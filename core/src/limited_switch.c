@@ -52,7 +52,7 @@ static double share_given(const limited_switch *of, int32_t step) {
 static bev_status heat_within_limits_from(void *searched, double on_s, double *above_k) {
   limited_switch *of = (limited_switch *)searched;
   const bev_trip *trip = of->interval->trip;
-  /* One whose charge runs out is no beginning of another. */
+  /* A run whose charge runs out cannot be the beginning of another run. */
   const int32_t step = bev_step_at(trip, on_s);
   const int32_t first = of->idle.stranding.step < 0 ? step : 0;
   copy_idle(of, first);

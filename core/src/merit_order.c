@@ -11,7 +11,7 @@
 #include "strides.h"
 #include "trip_strides.h"
 
-/* What stays the same over the passes, and what each of them works in. */
+/* The constant inputs of the passes, and their working memory. */
 typedef struct {
   const bev_vehicle *vehicle;
   const bev_vehicle *lumped;
@@ -30,7 +30,7 @@ typedef struct {
   double *settle_memory;
 } passes;
 
-/* How good a run is: does its charge carry the trip, what does it lack and miss, what charge is left. */
+/* How good a run is: whether its charge lasts for the trip, its deficits, and the charge left. */
 typedef struct {
   int32_t is_stranded;
   double deficit_w;
@@ -111,7 +111,7 @@ static bev_status merit_of(const passes *pass, const bev_trajectory *trajectory,
       : BEV_OK;
 }
 
-/* Whether a run lacks less than another, or costs less where both lack the same. */
+/* Whether a run has a smaller deficit than another, or costs less at the same deficit. */
 static int is_better(const merit *one, const merit *other) {
   if (one->is_stranded != other->is_stranded) {
     return !one->is_stranded;
@@ -131,7 +131,7 @@ static bool is_exchanged(const passes *pass, const merit *found) {
   return bev_is_direct(pass->vehicle) != 0 && found->is_stranded == 0 && found->deficit_w == 0.0;
 }
 
-/* Copy a run, and the steps in which its limits were looked at. */
+/* Copy a run, and the marks of the steps whose limits were checked. */
 static void keep(const passes *pass, const bev_trajectory *from, bev_trajectory *to, uint8_t *watched) {
   const int32_t steps = pass->trip->steps;
   for (int32_t n = 0; n < from->rows; n++) {

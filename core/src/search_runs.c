@@ -165,7 +165,7 @@ static double left_of(double excess, double before) {
   return left > 0.0 ? left : 0.5;
 }
 
-/* The last trial that is enough, between one that is and one that is not. */
+/* The last sufficient trial, between a sufficient and an insufficient trial. */
 static bev_status close_in(bev_threshold_search *search, int32_t first, int32_t last,
                            const bev_requirement *required, double tolerance,
                            bev_search_trial *enough, const bev_search_trial *first_too_little) {
@@ -221,7 +221,7 @@ bev_status bev_search_move(bev_threshold_search *search, int32_t first, int32_t 
       return status;
     }
     if (there.excess * here.excess <= 0.0) {
-      /* The middle of what is tolerated is aimed at: either side of it ends the search. */
+      /* Aim at the middle of the tolerance band: an excess on either side ends the search. */
       bev_search_trial enough = here.excess < 0.0 ? there : here;
       status = close_in(search, first, last, required, tolerance, &enough,
                         here.excess < 0.0 ? &here : &there);

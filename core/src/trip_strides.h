@@ -5,7 +5,7 @@
 
 #include "trajectory.h"
 
-/* Columns of bev_strides; BEV_STRIDE_COLUMNS of them have as many values as there are strides. */
+/* Number of columns of bev_strides that have one value for each stride. */
 #define BEV_STRIDE_COLUMNS 11
 
 /* Room for a trip in strides: its columns, the first step of each, and whether limits matter. */

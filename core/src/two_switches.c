@@ -12,7 +12,7 @@
 /* Instants of switching off that are tried at most: a bracket of any length comes down to the resolution. */
 #define MOST_PAIRS 64
 
-/* What stays the same while instants are searched for, where each run is written, and what was found. */
+/* The constant inputs of the search for instants, the memory of each run, and the result. */
 typedef struct {
   const bev_vehicle *vehicle;
   const bev_trip *trip;
@@ -23,17 +23,17 @@ typedef struct {
   double mean_limit_w;
   double *states;
   double *command_w;
-  /* What the cells give in the unheated run until the start of each step [Wh]. */
+  /* Energy from the cells in the unheated run until the start of each step [Wh]. */
   double *idle_taken_wh;
   double off_s;
-  /* What the cells give in the run that was made last [Wh]. */
+  /* Energy from the cells in the last run [Wh]. */
   double taken_wh;
   int32_t pairs;
   double off_of[MOST_PAIRS];
   double on_of[MOST_PAIRS];
 } two_switch_search;
 
-/* An instant of switching off [s], what it takes [Wh], and when to switch on [s]. */
+/* An instant of switching off [s], the energy taken [Wh], and the instant of switching on [s]. */
 typedef struct {
   double off_s;
   double taken_wh;
@@ -133,7 +133,7 @@ static double before_k(const two_switch_search *of, double on_s) {
   return of->vehicle->heater_efficiency * heater_j / of->capacity_j_per_k;
 }
 
-/* What it takes to arrive at the target, switched off at an instant. */
+/* Energy taken to arrive at the target when switched off at an instant. */
 static bev_status heat_until(two_switch_search *of, double off_s, pair *made) {
   if (of->pairs >= MOST_PAIRS) {
     return BEV_NOT_SETTLED;
@@ -150,8 +150,7 @@ static bev_status heat_until(two_switch_search *of, double off_s, pair *made) {
   of->pairs++;
   made->taken_wh = of->taken_wh;
   /*
-   * What is lacking is to be made up for by heat from the first instant on, of which some leaks, or stays in the
-   * coolant.
+   * The deficit is made up for by heat from the first instant on; part of that heat leaks, or stays in the coolant.
    */
   const double allowed_k = bev_minimum(
       BEV_COMPARED_TOLERANCE_K, BEV_ARRIVAL_TOLERANCE_K + (BEV_SURE_SHARE * before_k(of, made->on_s)));
@@ -162,7 +161,7 @@ static bev_status heat_until(two_switch_search *of, double off_s, pair *made) {
     const double heater_w = of->trip->heater_limit_w[bev_step_at(of->trip, made->on_s)];
     made->taken_wh += above_k * heater_w / BEV_JOULES_PER_WH / slope;
   } else {
-    /* Where the heater takes nothing, what is too much costs nothing. */
+    /* If the heater takes no power there, the excess costs nothing. */
   }
   return isfinite(made->taken_wh) ? BEV_OK : BEV_NOT_FINITE;
 }
@@ -222,7 +221,7 @@ static bev_status find_least(two_switch_search *of, double earliest_s, double la
   return BEV_OK;
 }
 
-/* The search for both instants; throughout where that is not enough. */
+/* The search for both instants; if no pair is enough, heat throughout. */
 static bev_status find_switches(two_switch_search *of, double *on_s, double *off_s) {
   double above_k = 0.0;
   *on_s = 0.0;
@@ -249,7 +248,7 @@ static bev_status find_switches(two_switch_search *of, double *on_s, double *off
   return find_on(of, best.off_s, best.on_s, BEV_ARRIVAL_TOLERANCE_K, on_s, &above_k);
 }
 
-/* What the cells give in the unheated run until the start of each step [Wh]. */
+/* Energy from the cells in the unheated run until the start of each step [Wh]. */
 static bev_status add_up_idle(const two_switch_search *of) {
   const bev_trip *trip = of->trip;
   const int32_t instants = trip->steps + 1;

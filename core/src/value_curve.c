@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * What a kelvin is worth, over temperature: bev_preheat.planning.value_curve, where the constants below and
- * the reasons for them stand.
+ * Value of a kelvin, over temperature: bev_preheat.planning.value_curve, which documents the constants below and
+ * the reasons for them.
  */
 #include "value_curve.h"
 
@@ -13,8 +13,8 @@
 #include "sorted.h"
 
 /*
- * The curve before a stride: each point where it comes from, with what the stride takes. As numpy.interp works
- * it out, cell by cell of the map, whose slopes are the same for all points in it.
+ * The curve before a stride: each point moved back to its origin, plus the energy of the stride. Interpolates as
+ * numpy.interp does, cell by cell of the map; all points in a cell share its slopes.
  */
 static void run_backward(const bev_points *after, const double *grid_c, const double *end_c,
                          const double *energy_j, int32_t grid, double joule_worth,
@@ -201,7 +201,7 @@ static void find_where_it_pays(const bev_curves *work, double warmest_c, double 
   const double *heated_j = work->heated.energy_j;
   const double *unheated_c = work->unheated.temperature_c;
   const double *unheated_j = work->unheated.energy_j;
-  /* Without a branch, so that several pieces are worked out at once. */
+  /* Without a branch, so that several pieces are computed at once. */
   for (int32_t n = 0; n + 1 < work->after.count; n++) {
     const double gained_k = unheated_c[n + 1] - heated_c[n + 1];
     const double j_per_k = (heated_j[n + 1] - unheated_j[n + 1])
@@ -254,13 +254,13 @@ static bev_status add_point(bev_points *curve, double temperature_c, double ener
   return BEV_OK;
 }
 
-/* Of too many points, without every other one that lies on the line of its neighbours. */
+/* If there are too many points, drop every other point that lies on the line of its neighbours. */
 static void thin_out(bev_points *part) {
   const int32_t count = part->count;
   double *temperature_c = part->temperature_c;
   double *energy_j = part->energy_j;
   int32_t kept = 1;
-  /* The last point that is kept in any case, as it was. */
+  /* The last point that is always retained, with its original values. */
   double before_c = temperature_c[0];
   double before_j = energy_j[0];
   int32_t n = 1;
