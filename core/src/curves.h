@@ -89,7 +89,7 @@ static inline double bev_table_as_arrays(const bev_curve *curve, double soc,
   return bev_table_along(curve, &along_soc, &along_temperature, soc, temperature_c);
 }
 
-/* The value of a table; not inline, so that the formulas of bev_at stay small enough to be inlined. */
+/* The value of a table; not inline, so that the formulas are inlined where bev_at is called. */
 double bev_table_value(const bev_curve *curve, int32_t saturating, double soc,
                        double temperature_c);
 

@@ -49,7 +49,7 @@ bev_status bev_deficit_w(const bev_vehicle *vehicle, const bev_trip *trip,
   double worst_at_w = 0.0;
   double least_w[BEV_LIMITS_BLOCK];
   double most_w[BEV_LIMITS_BLOCK];
-  /* Once the vehicle has stranded, the deficit is one of charge, not of power. */
+  /* A stranded vehicle has a charge deficit, not a power deficit. */
   const int32_t driven = trajectory->stranding.step < 0 ? trip->steps : trajectory->stranding.step;
   *worst_w = 0.0;
   for (int32_t from = 0; from < driven; from += BEV_LIMITS_BLOCK) {

@@ -41,8 +41,8 @@ static inline void bev_append(bev_points *curve, double temperature_c, double en
 }
 
 /*
- * The curve before a stride, `curves->next`, from the curve after it and the stride's map; writes `bands` if
- * not null. `joule_worth` is the value on arrival of a joule in the battery [J/J].
+ * The curve before a stride, `curves->next`, from the curve after it and the stride's map; writes the bands found
+ * to `bands`. `joule_worth` is the value on arrival of a joule in the battery [J/J].
  */
 bev_status bev_curve_before(bev_curves *curves, double joule_worth, const bev_bands *bands);
 

@@ -50,7 +50,7 @@ static const double tolerances[EXPECTED_NUMBERS] = {
     ENERGY_TOLERANCE_WH, ENERGY_TOLERANCE_WH, ENERGY_TOLERANCE_WH, ENERGY_TOLERANCE_WH,
     ARRIVAL_TOLERANCE_K, ARRIVAL_TOLERANCE_SOC};
 
-/* A number, "nan" and "inf" too, whatever the library's scanf makes of these; 0 where there is none. */
+/* Read a number, including "nan" and "inf", which some libraries' scanf cannot read; return 0 if there is no number. */
 static int read_number(FILE *file, double *number) {
   char word[64];
   char *end = word;
@@ -78,7 +78,7 @@ static int read_numbers(FILE *file, double *numbers, int32_t count) {
   return 1;
 }
 
-/* What one method is expected to answer. */
+/* Read the expected answer of one method. */
 static int read_answer(FILE *file, vector *read, int method) {
   double status = 0.0;
   if (!read_number(file, &status) || !(fabs(status) < 100.0)
@@ -89,7 +89,7 @@ static int read_answer(FILE *file, vector *read, int method) {
   return 1;
 }
 
-/* What follows the word "vector". */
+/* Read the text after the word "vector". */
 static int read_vector(FILE *file, vector *read) {
   double steps = 0.0;
   if (!read_number(file, &steps) || !(steps >= 1.0)) {
