@@ -72,8 +72,8 @@ typedef struct {
   /* Shortfall from the target in spite of heating all the way [K]; 0 if the target is reached. */
   double shortfall_k;
   /*
-   * The worst power deficit of the battery [W], 0 if there is none: at most 10 W more than without paid heating. The
-   * vehicle then drives with the most power that the battery gives.
+   * The worst power deficit of the battery [W], or 0: at most 10 W more than without paid heating. In a deficit the
+   * vehicle drives with the most power that the battery gives.
    */
   double deficit_w;
   /* As in bev_energies, including the energy that a lagging heater takes after arrival. */

@@ -13,8 +13,8 @@ bev_status bev_ecu_check(const bev_vehicle *vehicle, const bev_trip *trip,
 int bev_ecu_arrives_late(const bev_vehicle *vehicle);
 
 /*
- * Tell when it is heated, from commands [W]; `off_s` is the instant of switching off, or the arrival. Where the
- * cabin takes all of the heater nothing is heated, and it ends before that.
+ * Write the heating instants to the plan, from commands [W]; `off_s` is the instant of switching off, or the arrival.
+ * While the cabin takes all heater power, the battery is not heated: heating then ends before those steps.
  */
 void bev_ecu_tell_instants(const bev_trip *trip, const double *command_w, double on_s,
                            double off_s, bev_ecu_plan *plan);
