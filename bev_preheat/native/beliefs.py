@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The estimation's filters in the native core, with arrays in and out; core.h says what each call does.
+The estimation's filters in the native core, with arrays in and out; core.h documents the calls.
 
 Each call returns None or False if the core does not answer, and has then changed no array: the caller
 falls back to Python.

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* How sure the temperature on arrival is: bev_preheat.estimation.forecast, to rounding. */
+/* Uncertainty of the temperature on arrival: bev_preheat.estimation.forecast, to rounding. */
 #include <stddef.h>
 #include <string.h>
 

@@ -46,12 +46,12 @@ static inline bev_status bev_follow_slope(double most, double least, double firs
     const double high = enough < too_little ? too_little : enough;
     double following = slope * direction > 0.0 ? *value - *excess / slope : NAN;
     if (enough == most && (following - most) * direction >= 0.0) {
-      /* Whether the utmost is enough is not known before it has been tried. */
+      /* Only a trial shows whether the utmost is enough. */
       following = most;
     } else if (!(low < following && following < high)) {
       following = 0.5 * (enough + too_little);
     } else {
-      /* Where the slope leads. */
+      /* Follow the slope. */
     }
     if (fabs(following - *value) <= ending->resolution) {
       return BEV_OK;

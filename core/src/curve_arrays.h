@@ -69,7 +69,7 @@ static inline void bev_table_at_charge(const bev_curve *curve, double soc, int32
   const double last = (double)columns - 1.0;
   for (int32_t n = 0; n < count; n++) {
     const double x = temperature_c[n];
-    /* As bev_place has it: beyond either end the position is that end. */
+    /* As in bev_place: beyond either end the position is that end. */
     double position = 0.0;
     if (x >= axis[columns - 1]) {
       position = last;

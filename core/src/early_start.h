@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* From when on the last interval of a plan's heating is heated: what bev_preheat.planning.uncertainty_margin decides first. */
+/* Start of the last heating interval of a plan: the first decision of bev_preheat.planning.uncertainty_margin. */
 #ifndef BEV_PREHEAT_CORE_EARLY_START_H_
 #define BEV_PREHEAT_CORE_EARLY_START_H_
 
@@ -30,7 +30,7 @@ typedef struct {
 bev_status bev_find_early_start(const bev_planned_heating *planned, const bev_uncertainty_margin *margin,
                                 bev_early_start *start);
 
-/* How much warmer the battery arrives for each second that heating lasts longer, about [K/s]. */
+/* Approximate warming on arrival for each second of longer heating [K/s]. */
 double bev_warmed_k_per_s(const bev_vehicle *vehicle, const bev_trip *trip, double end_s);
 
 /* Write the mean heater power [W] of the steps from `from` on, at full power between two instants [s]. */

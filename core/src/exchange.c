@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Heat that is moved to steps in which it costs less, within the limits: bev_preheat.planning.exchange. */
+/* Move heat to steps in which it costs less, within the limits: bev_preheat.planning.exchange. */
 #include <stdbool.h>
 
 #include "bev_preheat_core_generated/constants.h"
@@ -126,7 +126,7 @@ static void find_commands(const exchange *of) {
   }
 }
 
-/* The first step that is heated otherwise. */
+/* The first step whose heating changes. */
 static int32_t first_changed(const exchange *of) {
   int32_t first = of->needs.trip->steps;
   for (int32_t n = 0; n < of->changes.count; n++) {
@@ -151,13 +151,13 @@ static void copy_until(const bev_limited_trajectory *from, const bev_limited_tra
   }
 }
 
-/* Make the run after an exchange. */
+/* Drive the run after an exchange. */
 static bev_status try_exchange(const exchange *of, exchanged *best) {
   const bev_vehicle *vehicle = of->needs.vehicle;
   const bev_trip *trip = of->needs.trip;
   bev_stranding stranding = {-1, 1.0};
   find_commands(of);
-  /* Before the first step that is heated otherwise nothing changes. */
+  /* The run is unchanged before the first step whose heating changes. */
   const int32_t first = first_changed(of);
   copy_until(&of->run, &of->there, first);
   bev_status status =
@@ -173,7 +173,7 @@ static bev_status try_exchange(const exchange *of, exchanged *best) {
   return status;
 }
 
-/* Keep the run that was tried. */
+/* Accept the trial run. */
 static void keep_tried(exchange *of) {
   const int32_t steps = of->needs.trip->steps;
   copy_until(&of->there, &of->run, steps);
@@ -183,7 +183,7 @@ static void keep_tried(exchange *of) {
   }
 }
 
-/* Learn from an exchange that was tried; whether the run that came of it is kept. */
+/* Learn from a tried exchange; returns whether its run is accepted. */
 static bool learn(exchange *of, const exchanged *best, double least_saving) {
   const bool is_kept = best->is_met && best->saved >= least_saving;
   if (is_kept) {

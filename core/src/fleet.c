@@ -23,7 +23,7 @@ typedef struct {
   double lowest_soc;
   const double *idle_soc;
   const double *idle_c;
-  /* Of SWITCH_ROOMS, those behind the unheated run are free once the plan is made. */
+  /* Of SWITCH_ROOMS, the arrays behind the unheated run are free once the plan is made. */
   double *room[ROOMS];
   uint8_t *may_overcharge;
   uint8_t *may_overdraw;
@@ -152,7 +152,7 @@ static void drive_each_way(drive *of, double start_soc, double start_c, bev_arri
                                        1, NULL, of->room[0], soc, temperature_c, heater_w, &plan);
   bev_status unheated = planned;
   if (planned == BEV_LIMITED) {
-    /* The plan, or already the unheated run, which is all that is known to be complete. */
+    /* The plan, or only the unheated run, which alone is known to be complete. */
     for (int32_t k = 0; k < steps; k++) {
       heater_w[k] = 0.0;
     }
@@ -177,7 +177,7 @@ static void drive_each_way(drive *of, double start_soc, double start_c, bev_arri
   paper(of, &arrivals[BEV_UNHEATED], &arrivals[BEV_PAPER]);
 }
 
-/* The trip of so many steps that begins at a step of `trips`, with its own time. */
+/* The trip that begins at a step of `trips`, with its own time. */
 static bev_trip trip_at(const bev_trip *trips, int32_t first, int32_t steps, double *time_s) {
   const bev_trip trip = {steps,
                          time_s,

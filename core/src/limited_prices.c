@@ -78,7 +78,7 @@ static double least_at(const bev_middle *of, double soc, double temperature_c) {
   return limits_w[0];
 }
 
-/* The slopes of step k of a run, in which the heater takes so much surplus anyway [W]. */
+/* The slopes of step k of a run; the heater takes a given surplus anyway [W]. */
 static limited_slopes slopes_of(const bev_middle *of, const bev_limited_trajectory *run, int32_t k,
                                 double free_w) {
   static const bev_charge_warmth NOTHING = {0.0, 0.0};
@@ -97,7 +97,7 @@ static limited_slopes slopes_of(const bev_middle *of, const bev_limited_trajecto
   } else {
     return slopes;
   }
-  /* The battery leaves it at that end of the step at which it takes less. */
+  /* The surplus arises at the end of the step at which the battery takes less. */
   const double start_w = least_at(of, run->soc[k], run->temperature_c[k]);
   const double end_w = least_at(of, run->soc[k + 1], run->temperature_c[k + 1]);
   const int32_t instant = start_w >= end_w ? k : k + 1;

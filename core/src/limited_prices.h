@@ -13,7 +13,7 @@
 
 /* The target, each climb, and the lowest charge. */
 #define BEV_MOST_NEEDS (2 + BEV_MOST_CLIMBS)
-/* The slopes of a step are so many numbers. */
+/* Number of values in the slopes of a step. */
 #define BEV_SLOPES 10
 
 /* A run within limits, and the limits of its steps on the terminal power [W]. */
@@ -67,7 +67,7 @@ bev_status bev_look_at_limits(const bev_vehicle *vehicle, const bev_trip *trip,
 bev_status bev_find_needs(const bev_limited_trajectory *run, const bev_settling *goal,
                           bev_needs *needs);
 
-/* Whether a run that does not strand falls short of nothing but rounding. */
+/* Whether a run that does not strand meets all needs, except for rounding. */
 bool bev_are_met(const bev_needs *needs, const bev_limited_trajectory *run);
 
 /* Margin of a run over each need [K, W, ..., 1], less the margin aimed at. */

@@ -90,7 +90,7 @@ static bev_status limited_command(const bev_limited_run *run, const step_start *
     }
     const double free_w = bev_minimum(cap_w, surplus_w);
     if (wanted_w <= free_w) {
-      /* No heat is paid for, for any caller. */
+      /* The surplus covers the wanted heat: no heat is paid for, for any caller. */
       wanted_w = free_w;
       *paid_w = 0.0;
     }
@@ -230,7 +230,7 @@ static bev_status move_limit(step_to_end *of, int moved, double utmost_w,
   bev_status status = bev_follow_slope(utmost_w, value_w, moved == 1 ? -1.0 : 1.0, &ending,
                                        attempt_end, of, &value_w, &excess_w);
   if (status == BEV_OK && excess_w < -0.5 * BEV_END_TOLERANCE_W && value_w != utmost_w) {
-    /* In a long step less heat may lower the limit by more than it saves: nothing holds it. */
+    /* In a long step less heat may lower the limit by more than it saves: the limit cannot be kept. */
     status = attempt_end(of, utmost_w, &excess_w);
   }
   return status;

@@ -10,7 +10,7 @@
 
 #include "steps_of_model.h"
 
-/* What stays the same over a run. */
+/* Constants of a run. */
 typedef struct {
   const bev_vehicle *vehicle;
   const bev_trip *trip;
@@ -70,7 +70,7 @@ static inline int32_t bev_is_direct(const bev_vehicle *vehicle) {
   return vehicle->heater_lag_s == 0.0 && vehicle->coolant_heat_capacity_j_per_k == 0.0;
 }
 
-/* How late heat arrives in all [s]. */
+/* Total lag of the heat [s]. */
 static inline double bev_heat_lag_s(const bev_vehicle *vehicle) {
   return vehicle->heater_lag_s
       + (vehicle->coolant_heat_capacity_j_per_k > 0.0

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* One switching instant within limits: bev_preheat.planning.limited_switch, where the reasons stand. */
+/* One switching instant within limits: bev_preheat.planning.limited_switch, which documents the reasons. */
 #include "limited_switch.h"
 
 #include "bev_preheat_core_generated/constants.h"
@@ -22,7 +22,7 @@ static bev_status drive_commanded(limited_switch *of, bev_trajectory *run, int32
                                  run->states[0], run->powers_w[0], of->watched, &run->stranding);
 }
 
-/* The run that is not heated until step `first`, up to there. */
+/* Copy the unheated run up to step `first`. */
 static void copy_idle(limited_switch *of, int32_t first) {
   for (int32_t row = 0; row < of->idle.rows; row++) {
     for (int32_t k = 0; k <= first; k++) {
@@ -34,7 +34,7 @@ static void copy_idle(limited_switch *of, int32_t first) {
   }
 }
 
-/* Which share of the most command of a step the battery can give, from the state of the unheated run. */
+/* The share of the maximum command of a step that the battery can give, from the state of the unheated run. */
 static double share_given(const limited_switch *of, int32_t step) {
   const bev_vehicle *vehicle = of->interval->vehicle;
   const bev_trip *trip = of->interval->trip;

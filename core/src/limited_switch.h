@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* One switching instant within limits: bev_preheat.planning.limited_switch, where the reasons stand. */
+/* One switching instant within limits: bev_preheat.planning.limited_switch, which documents the reasons. */
 #ifndef BEV_PREHEAT_CORE_LIMITED_SWITCH_H_
 #define BEV_PREHEAT_CORE_LIMITED_SWITCH_H_
 

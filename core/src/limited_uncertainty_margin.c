@@ -28,7 +28,7 @@ typedef struct {
   int32_t first;
   double start_s;
   double latest_end_s;
-  /* Until when it is heated in the run that is there [s], and whether that is one within limits to its end. */
+  /* The end of heating in the current run [s], and whether that run is driven within limits to its end. */
   double end_s;
   int32_t is_driven;
   bev_stranding stranding;
@@ -67,7 +67,7 @@ static int32_t command_until(last_interval *of, double end_s) {
   return first;
 }
 
-/* The run that is heated until an instant, limits left aside, above the target on arrival. */
+/* The run heated until an instant, ignoring limits; its excess over the target on arrival. */
 static bev_status run_until(void *searched, double end_s, double *above_k) {
   last_interval *of = (last_interval *)searched;
   const int32_t first = command_until(of, end_s);

@@ -8,7 +8,7 @@
 
 #include "arithmetic.h"
 
-/* Where a variable is: at 0, at its most, or in the basis. */
+/* Place of a variable: at 0, at its upper bound, or in the basis. */
 #define AT_NOTHING 0.0
 #define AT_MOST 1.0
 #define IN_BASIS 2.0
@@ -24,7 +24,7 @@ typedef struct {
   double inverse[BEV_MOST_ROWS][BEV_MOST_ROWS];
 } basis;
 
-/* The variable that enters, which way it goes, how far at most, and by how much that lowers those of the basis. */
+/* The entering variable, its direction, its maximum step, and its effect on the variables of the basis. */
 typedef struct {
   int32_t variable;
   double direction;
@@ -32,7 +32,7 @@ typedef struct {
   double changes[BEV_MOST_ROWS];
 } entry;
 
-/* How far it goes, and the row whose variable leaves then (-1: none), at its most or at 0. */
+/* The step, and the row whose variable leaves the basis (-1: none), at its upper bound or at 0. */
 typedef struct {
   double step;
   int32_t leaving;

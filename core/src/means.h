@@ -21,7 +21,7 @@ bev_status bev_run_heated_with_energy(const bev_vehicle *vehicle, const bev_trip
                                       int32_t first, const double *command_w, double *states,
                                       double *taken_wh);
 
-/* As bev_keep_accounts of a run whose means are known, and which was never held at the hottest temperature. */
+/* As bev_keep_accounts for a run whose means are known and which was never clipped at the hottest temperature. */
 bev_status bev_energies_of_means(const bev_vehicle *vehicle, const bev_trip *trip,
                                  const bev_run_of_powers *run, bev_means means,
                                  bev_energies *energies);

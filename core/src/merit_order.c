@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * Heating where a watt-hour of battery energy brings the most: the passes of
- * bev_preheat.planning.merit_order, where the constants below and the reasons for them stand.
+ * bev_preheat.planning.merit_order, which documents the constants below and the reasons for them.
  */
 #include <stdbool.h>
 
@@ -79,7 +79,7 @@ static bev_status find_thresholds(const passes *pass, int32_t is_first_look,
   return status;
 }
 
-/* The run under the thresholds along another one. */
+/* The run under the thresholds along another run. */
 static bev_status make_pass(passes *pass, int32_t is_first_look, const bev_trajectory *assumed,
                             bev_trajectory *trajectory) {
   bev_status status = bev_watch_limits(pass->vehicle, pass->trip, assumed, &pass->watch);
@@ -160,7 +160,7 @@ static bev_status make_passes(passes *pass, bev_trajectory runs[2], bev_trajecto
                               uint8_t *watched) {
   merit best_merit = {0, 0.0, 0.0, 0.0};
   int32_t had_loss = 0;
-  /* The run that thresholds are made along; the other one is made then. */
+  /* Index of the run along which thresholds are computed; the other run is driven under them. */
   int32_t assumed = 0;
   for (int32_t n = 0; n < BEV_MOST_PASSES; n++) {
     bev_trajectory *trajectory = &runs[1 - assumed];

@@ -15,7 +15,7 @@
 #include "limits_of_run.h"
 #include "prices.h"
 
-/* What stays the same, and the run that is planned: its states and powers, one array after the other. */
+/* The constant inputs, and the planned run: its states and powers, one array after the other. */
 typedef struct {
   const bev_vehicle *vehicle;
   const bev_trip *trip;
@@ -46,7 +46,7 @@ static bev_vehicle lumped_of(const bev_vehicle *vehicle) {
   return lumped;
 }
 
-/* One heating interval that meets the target; limits left aside. */
+/* One heating interval that meets the target, ignoring limits. */
 static bev_status heat_once(const planning *of, const double *idle_states, bev_merit_plan *plan) {
   const bev_trip *trip = of->trip;
   const int32_t steps = trip->steps;

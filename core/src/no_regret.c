@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * No plan is worse than not heating: bev_preheat.planning.no_regret over what merit_order proposes, with an uncertainty margin as
- * bev_preheat.planning.planner has it.
+ * No plan is worse than not heating: bev_preheat.planning.no_regret over the proposals of merit_order, with an
+ * uncertainty margin as in bev_preheat.planning.planner.
  */
 #include <stdbool.h>
 
@@ -47,7 +47,7 @@ static double arrival_c(const no_regret_check *of, const proposed *run) {
   return run->states[2 * of->trip->steps + 1];
 }
 
-/* The energy at the terminals that the rest of a trip would take whose charge runs out [Wh]. */
+/* The terminal energy for the rest of a trip whose charge runs out [Wh]. */
 static double deficit_wh(const bev_trip *trip, const bev_stranding *stranding) {
   double rest_j = 0.0;
   double most_j = 0.0;
@@ -89,7 +89,7 @@ static bev_status find_what_is_spare(const no_regret_check *of, proposed *run) {
   return status;
 }
 
-/* Whether a run stays within the charge, and the heat, that the model describes. */
+/* Whether a run stays within the range of charge and temperature that the model describes. */
 static bool is_described(const no_regret_check *of, const proposed *run) {
   const int32_t instants = of->trip->steps + 1;
   bool is = true;
@@ -153,7 +153,7 @@ static bool is_close(const proposed *allowed, const proposed *forbidden) {
   return excess_of(allowed) <= BEV_SOC_TOLERANCE || forbidden->target_c - allowed->target_c <= width_k;
 }
 
-/* What counts of the side that stands still, once the other's excess was `before`. */
+/* Weight of the side that does not move, once the other side's excess was `before`. */
 static double left_of(double excess, double before) {
   const double left = before != 0.0 ? 1.0 - excess / before : 0.0;
   return left > 0.0 ? left : 0.5;

@@ -5,7 +5,7 @@
 #include "checks.h"
 #include "slopes.h"
 
-/* What charge and warmth are worth on arrival, in warmth and in charge, at the end of a step. */
+/* Value on arrival of charge and warmth at the end of a step, in warmth and in charge. */
 typedef struct {
   bev_charge_warmth warmth;
   bev_charge_warmth charge;

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Steps and runs of the model, limits left aside.
+ * Steps and runs of the model, ignoring limits.
  *
- * A run is made without saturation first, because a negative discriminant costs nothing to find: it
- * leaves NaN. Only then is it made again with powers that saturate, from its beginning, as in
+ * A run is first driven without saturation, because a negative discriminant is detected at no cost: it
+ * leaves NaN. Only then is the run driven again with powers that saturate, from its beginning, as in
  * bev_preheat.planning.dynamics.
  */
 #include "bev_preheat_core_generated/constants.h"

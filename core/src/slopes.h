@@ -86,7 +86,7 @@ static inline bev_charge_warmth bev_slope_of(bev_charge_warmth here, bev_charge_
   return slope;
 }
 
-/* Of a step whose heater and brake do not depend on the state. */
+/* The slopes of a step whose heater and brake do not depend on the state. */
 static inline bev_slopes bev_slopes_of_model(const bev_middle *of) {
   const double duration_s = of->idle.duration_s;
   const bev_circuit circuit = bev_circuit_in(of, 0.0, 0.0);
@@ -98,7 +98,7 @@ static inline bev_slopes bev_slopes_of_model(const bev_middle *of) {
   slopes.by_warmth = bev_slope_of(
       here, bev_rates_at(of, of->heater_w, of->brake_w, 0.0, BEV_TEMPERATURE_DIFFERENCE_K),
       BEV_TEMPERATURE_DIFFERENCE_K, duration_s);
-  /* From no heating to all there is: a step is heated or not. */
+  /* From no heating to full heating: a step is heated or not. */
   slopes.by_power = bev_slope_of(bev_rates_under(of, &circuit, 0.0, 0.0),
                                  bev_rates_under(of, &circuit, of->limit_w, 0.0),
                                  of->limit_w > 0.0 ? of->limit_w : 1.0, duration_s);

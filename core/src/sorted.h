@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Arrays of rising values, and lines through points, as NumPy works them out. */
+/* Arrays of rising values, and lines through points, computed as in NumPy. */
 #ifndef BEV_PREHEAT_CORE_SORTED_H_
 #define BEV_PREHEAT_CORE_SORTED_H_
 
@@ -12,7 +12,7 @@ static inline int32_t bev_last_up_to(const double *values, int32_t count, double
   int32_t high = count;
   while (low < high) {
     const int32_t middle = low + (high - low) / 2;
-    /* Chosen without a branch, which would be guessed wrong half of the time. */
+    /* Selected without a branch, which would be mispredicted half of the time. */
     const bool is_up_to = x >= values[middle];
     low = is_up_to ? middle + 1 : low;
     high = is_up_to ? high : middle;
@@ -20,7 +20,7 @@ static inline int32_t bev_last_up_to(const double *values, int32_t count, double
   return low - 1;
 }
 
-/* How many values of a sorted array are below x. */
+/* Number of values of a sorted array below x. */
 static inline int32_t bev_number_below(const double *values, int32_t count, double x) {
   int32_t low = 0;
   int32_t high = count;
@@ -33,7 +33,7 @@ static inline int32_t bev_number_below(const double *values, int32_t count, doub
   return low;
 }
 
-/* The value at x of a line through points whose last one up to x is j, as numpy.interp works it out. */
+/* The value at x of a line through points whose last one up to x is j, computed as in numpy.interp. */
 static inline double bev_at_point(const double *x_of, const double *y_of, int32_t count, int32_t j, double x,
                        double left, double right) {
   if (j < 0) {

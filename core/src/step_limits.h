@@ -22,7 +22,7 @@ static inline bev_status bev_limits_of_step(const bev_vehicle *vehicle, const do
   return BEV_OK;
 }
 
-/* The same for a battery so much colder, but not below the vehicle's range: where a limit may matter. */
+/* The same for a battery colder by BEV_COLDER_BY_K, but not below the vehicle's range: shows where a limit may matter. */
 static inline bev_status bev_limits_of_colder_step(const bev_vehicle *vehicle, const double soc[2],
                                                    const double temperature_c[2],
                                                    double variance_w2, double limits_w[2]) {

@@ -10,7 +10,7 @@
 #include "bev_preheat_core_generated/constants.h"
 #include "bev_preheat_core_generated/steps.h"
 
-/* Inputs of one step of the model, as bev_preheat.planning.trip has them. */
+/* Inputs of one step of the model, as in bev_preheat.planning.trip. */
 typedef struct {
   double duration_s;
   double power_w;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * How a run ends whose charge runs out: bev_preheat.planning.limits._stranded and
+ * The end of a run whose charge runs out: bev_preheat.planning.limits._stranded and
  * bev_preheat.planning.heated_limits._strand.
  */
 #include "bev_preheat_core_generated/constants.h"

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Where each stride of a trip leads from each temperature: bev_preheat.planning.strides. */
+/* The map of each stride of a trip, from start to end temperatures: bev_preheat.planning.strides. */
 #include "strides.h"
 
 #include "bev_preheat_core_generated/constants.h"

@@ -24,7 +24,7 @@ typedef struct {
   double needed_c;
 } bev_stride_map;
 
-/* Work out stride m on those points of the grid that it needs; the grid has more than BEV_COARSE. */
+/* Compute stride m on the points of the grid that it needs; the grid has more than BEV_COARSE points. */
 bev_status bev_map_stride(const bev_vehicle *vehicle, const bev_strides *inputs, int32_t m,
                           const bev_curve_range *range, bev_stride_map *map);
 

@@ -13,7 +13,7 @@
 #include "step_limits.h"
 #include "steps_of_model.h"
 
-/* What stays the same while the instant is searched for, and where each trial is written. */
+/* The constant inputs of the search for the instant, and the memory of each trial. */
 typedef struct {
   const bev_vehicle *vehicle;
   const bev_trip *trip;
@@ -27,7 +27,7 @@ typedef struct {
   bev_means means;
 } switch_search;
 
-/* The run that is heated from an instant on, above the target on arrival; before it, it is the unheated one. */
+/* The run heated from an instant on, and unheated before; its excess over the target on arrival. */
 static bev_status switch_on_at(void *searched, double instant_s, double *above_k) {
   const switch_search *of = (const switch_search *)searched;
   const bev_trip *trip = of->trip;
@@ -75,7 +75,7 @@ static double arrival_slope_k_per_s(const switch_search *of, double instant_s) {
   return -gained_k_per_s * exp(-damping_per_s * (trip->time_s[trip->steps] - instant_s));
 }
 
-/* State of charge on arrival, about: that of the unheated run less what heating will take. */
+/* Approximate state of charge on arrival: that of the unheated run less the charge for heating. */
 static double terminal_soc(const switch_search *of) {
   const bev_vehicle *vehicle = of->vehicle;
   const double idle_soc = of->idle_soc[of->trip->steps];
@@ -253,7 +253,7 @@ static bev_status heat_early(const switch_search *of, const bev_seen_run *run, c
   return bev_keeps_limits(run, early.first);
 }
 
-/* BEV_OK, or BEV_CHEAPER_ELSEWHERE where heating in other steps than from one instant on may save something. */
+/* BEV_OK, or BEV_CHEAPER_ELSEWHERE if heating in other steps than from one instant on may save charge. */
 static bev_status costs_least(const switch_search *of) {
   const int32_t steps = of->trip->steps;
   double saving = 0.0;

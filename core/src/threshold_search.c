@@ -64,7 +64,7 @@ static void copy_run(const bev_threshold_search *search, bev_search_run *to,
   to->stranding = from->stranding;
 }
 
-/* Keep the run without paid heating in steps first ... last - 1 if it has more. */
+/* Keep the run without paid heating in steps first ... last - 1 if its excess is greater. */
 static bev_status take_unheated_if_better(bev_threshold_search *search, int32_t first, int32_t last,
                                           const bev_requirement *required, double excess) {
   copy(search->saved_shift_k, search->shift_k, search->limits.trip->steps);
@@ -148,7 +148,7 @@ static bev_status serve_climb(bev_threshold_search *search, const bev_requiremen
       status = bev_search_excess(search, &search->runs[0], climb, &spare_w);
     }
     if (status == BEV_OK && spare_w > 0.0) {
-      /* Delivered whatever is heated for it. */
+      /* Delivered even with the thresholds lowered by the overshoot. */
       *start = climb->last;
       return BEV_OK;
     }

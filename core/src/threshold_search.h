@@ -10,7 +10,7 @@
 #include "trajectory.h"
 #include "limited_step.h"
 
-/* The run that is kept, and three that are tried. */
+/* The retained run, and three trial runs. */
 #define BEV_SEARCH_RUNS 4
 #define BEV_KEPT_RUN 3
 
@@ -27,11 +27,11 @@ typedef struct {
   bev_limited_run limits;
   const bev_heating *heating;
   const bev_settling *goal;
-  /* How many states and powers there are. */
+  /* Number of states and of powers. */
   int32_t rows;
   /* The step in which most of the heat of each step arrives; as a double, so that one memory is enough. */
   double *arrives_in_step;
-  /* By how much the thresholds of each step are moved. */
+  /* Shift of the thresholds of each step. */
   double *shift_k;
   bev_search_run runs[BEV_SEARCH_RUNS];
   /* The run to restore if a change turns out worse. */

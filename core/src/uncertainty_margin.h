@@ -8,7 +8,7 @@
 
 #include "means.h"
 
-/* A run that is heated from one instant on, above its target on arrival; written is another one over it. */
+/* A run heated from one instant on that arrives above its target; it is overwritten by the new run. */
 typedef struct {
   const bev_vehicle *vehicle;
   const bev_trip *trip;

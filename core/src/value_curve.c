@@ -85,8 +85,8 @@ static double on_line(const double *x_of, const double *y_of, int32_t j, double 
 }
 
 /*
- * The energy of both curves at the temperatures of both, which is `meshed`; each curve ends with infinity. As
- * numpy.interp has it, without the heated one where only the unheated one is known, and the other way round.
+ * The energy of both curves at the temperatures of both, which is `meshed`; each curve ends with infinity.
+ * Interpolates as numpy.interp does. If only one curve is known at a temperature, the other is left out.
  */
 static void mesh_curves(bev_curves *work, int32_t meshed) {
   const double *heated_c = work->heated.temperature_c;
@@ -98,7 +98,7 @@ static void mesh_curves(bev_curves *work, int32_t meshed) {
   int32_t h = 0;
   int32_t u = 0;
   for (int32_t n = 0; n < meshed; n++) {
-    /* Of points at the same temperature the last one counts. */
+    /* Of points at the same temperature the last point counts. */
     if (heated_c[h] <= unheated_c[u]) {
       const double here_c = heated_c[h];
       int32_t at = h;
@@ -147,7 +147,7 @@ static bev_status take_lower(bev_curves *work, const bev_bands *bands) {
   heated->temperature_c[count] = INFINITY;
   unheated->temperature_c[count] = INFINITY;
   mesh_curves(work, meshed);
-  /* Where heating is no dearer: from behind the last point at which it is, to a point at which it is not. */
+  /* The ranges in which heating is no dearer: each from behind the last dearer point to a point that is not dearer. */
   int32_t ends[BEV_MOST_LOWER_BANDS];
   int32_t colder[BEV_MOST_LOWER_BANDS];
   int32_t found = 0;
@@ -193,7 +193,7 @@ static bev_status take_lower(bev_curves *work, const bev_bands *bands) {
   return BEV_OK;
 }
 
-/* In which pieces of the curve a kelvin is worth more than the heater takes for it: not 0. */
+/* Marks (not 0) the pieces of the curve in which a kelvin is worth more than the heater energy for it. */
 static void find_where_it_pays(const bev_curves *work, double warmest_c, double *is_paid) {
   const double *after_c = work->after.temperature_c;
   const double *after_j = work->after.energy_j;
@@ -303,7 +303,7 @@ bev_status bev_part_of_curve(const bev_points *curve, double coldest_c, double w
   double before_c = INFINITY;
   double before_j = 0.0;
   for (int32_t n = first; n < last; n++) {
-    /* Of points at the same temperature the last one is left. */
+    /* Of points at the same temperature the last point remains. */
     here_c = bev_maximum(here_c, temperature_c[n]);
     if (n + 1 < last && !(temperature_c[n + 1] > here_c)) {
       continue;
@@ -369,7 +369,7 @@ bev_status bev_curve_before(bev_curves *curves, double joule_worth, const bev_ba
 }
 
 bev_curves bev_curves_in(double *memory) {
-  /* Curves change places, so there is as much room for each; a map has a point for each of the grid's. */
+  /* Curves are swapped, so each has the same room; a map has a point for each point of the grid. */
   double *room[16];
   for (int32_t n = 0; n < 16; n++) {
     room[n] = n < 11 ? &memory[n * BEV_CURVE_POINTS]
