@@ -22,7 +22,7 @@ static inline bev_status bev_limits_of_step(const bev_vehicle *vehicle, const do
   return BEV_OK;
 }
 
-/* The same for a battery colder by BEV_COLDER_BY_K, but not below the vehicle's range: shows where a limit may matter. */
+/* The same for a battery BEV_COLDER_BY_K colder, but not below the vehicle's range: a limit may matter there. */
 static inline bev_status bev_limits_of_colder_step(const bev_vehicle *vehicle, const double soc[2],
                                                    const double temperature_c[2],
                                                    double variance_w2, double limits_w[2]) {

@@ -139,7 +139,7 @@ static bev_status map_block(stride_block *block, int32_t first, bev_stride_map *
   return status;
 }
 
-/* A battery far beyond its limits may end the colder the warmer it was; a map only rises. */
+/* Make values rise: far beyond its limits a warmer battery may end colder, but a map must rise. */
 static void make_rising(double *values, int32_t count) {
   for (int32_t n = 1; n < count; n++) {
     values[n] = bev_maximum(values[n], values[n - 1]);

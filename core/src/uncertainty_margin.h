@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Heating a little earlier than a plan needs: bev_preheat.planning.uncertainty_margin, heat at once, no limit active. */
+/* Heat a little earlier than a plan needs: bev_preheat.planning.uncertainty_margin, heat at once, no active limit. */
 #ifndef BEV_PREHEAT_CORE_UNCERTAINTY_MARGIN_H_
 #define BEV_PREHEAT_CORE_UNCERTAINTY_MARGIN_H_
 

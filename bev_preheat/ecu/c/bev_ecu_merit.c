@@ -130,7 +130,7 @@ static bev_status plan_run(const bev_vehicle *vehicle, const bev_trip *trip,
   return status;
 }
 
-/* The plan, computed again under a ceiling on free heat if that loses no useful heat: bev_preheat.planning.free_heat. */
+/* The plan, computed again under a ceiling on free heat if no useful heat is lost: bev_preheat.planning.free_heat. */
 static bev_status plan_useful(const bev_vehicle *vehicle, const bev_trip *trip,
                               const bev_ecu_situation *situation, merit_room *room,
                               bev_merit_plan *found, bev_trajectory *trajectory) {
