@@ -28,7 +28,7 @@ WIDTH = 100
 
 
 def vehicle_source(vehicle: Vehicle) -> str:
-    """Return vehicle.c of a Vehicle; raises InvalidInput where the core has no such curve."""
+    """Return vehicle.c of a Vehicle; raises InvalidInput if the core does not have a kind of curve."""
     try:
         native = NativeVehicle(vehicle, hottest_c(vehicle))
     except NotDescribed as error:
@@ -60,7 +60,7 @@ def example_source(columns: Sequence[Sequence[float]], situation: Iterable[float
 
 
 def number(value: float) -> str:
-    """Return a number as C reads it, to the last bit."""
+    """Return a number as a C literal, bit-exact."""
     if not math.isfinite(value):
         raise InvalidInput(f'{value}: a constant must be finite')
     return repr(float(value))
@@ -94,6 +94,6 @@ def _braced(values: Iterable[float]) -> str:
 
 
 def _text(text: str) -> str:
-    """Return a string literal; what is not plain ASCII, or may be more than itself in C, is '_'."""
+    """Return a string literal; characters outside plain ASCII, or special in C, become '_'."""
     return '"' + ''.join(each if each.isascii() and each.isprintable() and each not in '"\\?' else '_'
                          for each in text) + '"'

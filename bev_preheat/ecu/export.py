@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The folder of an export: every file that it has, and how it is written."""
+"""The folder of an export: its files, and how they are written."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from bev_preheat.vehicle.description import Vehicle
 
 MADE = ('example.c', 'vectors.txt', 'vehicle.c')
-# What the export's Makefile makes.
+# Output of the export's Makefile.
 BUILD = 'build'
 
 
@@ -30,10 +30,10 @@ class Export:
 
     def __init__(self, vehicle: Vehicle, folder: AnyPath, inputs: list[Path]) -> None:
         """
-        Collect what is known before anything is computed, and check that it can be written.
+        Collect the files that need no planning, and check that the export can be written.
 
-        `inputs` are the files that were read. Raises InvalidInput where the folder cannot be made or has
-        files that are none of an export's, where the vehicle cannot be exported, and where the sources of
+        `inputs` are the files that were read. Raises InvalidInput if the folder cannot be made or has
+        files that do not belong to an export, if the vehicle cannot be exported, and if the sources of
         the core are missing.
         """
         self._vehicle, self._folder = vehicle, expanded(folder)
@@ -44,11 +44,11 @@ class Export:
             check_outputs([OutputFile('--output', os.path.join(folder, name), make_folder=True)
                            for name in sorted(names)], inputs)
         except InvalidInput as error:
-            # What is wrong with the folder is wrong with each of its files.
+            # A problem of the folder is a problem of each of its files: raise only the first.
             raise InvalidInput(error.problems[0]) from error
 
     def write(self, count: int, seed: int, report: Callable[[], None]) -> list[Vector]:
-        """Draw so many vectors, write all files, and return the vectors; `report` is called after each."""
+        """Draw `count` vectors, write all files, and return the vectors; `report` is called after each."""
         vectors = draw_vectors(self._vehicle, count, seed, report)
         example = first_heated(vectors)
         self._files['example.c'] = example_source(example.columns, example.situation)
@@ -58,7 +58,7 @@ class Export:
         return vectors
 
     def _check_folder(self, folder: AnyPath, names: set[str]) -> None:
-        """Raise InvalidInput where a folder has files that an export does not write."""
+        """Raise InvalidInput if a folder has files that an export does not write."""
         if not os.path.lexists(self._folder):
             return
         if not os.path.isdir(self._folder):

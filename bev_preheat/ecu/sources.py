@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The C sources of an export: those of the core that planning needs, and those that are the export's own."""
+"""The C sources of an export: those of the core that planning needs, and the export's own sources."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from bev_preheat.errors import InvalidInput
 from bev_preheat.files.installed import installed_prefix
 from bev_preheat.native import c_source
 
-# Where the sources are read in place, their own files are the ones that belong to them.
+# If the sources are read in place, the C files beside them belong to them.
 _CHECKOUT = Path(__file__).resolve().parents[2]
 _OWN = Path(__file__).resolve().parent / 'c'
 CORE = 'bev_preheat_core'
-# What bev_plan_switch, bev_find_two_switches and bev_plan_merit_order need; headers as they are included.
+# Files for bev_plan_switch, bev_find_two_switches and bev_plan_merit_order; headers as they are included.
 SOURCES = (
     'accounts.c', 'cheapest_steps.c', 'checks.c', 'curves.c', 'early_start.c', 'exchange.c', 'foresight.c',
     'limited_prices.c', 'limited_run.c', 'limited_step.c', 'limited_switch.c', 'limits.c', 'linear_program.c',
@@ -50,7 +50,7 @@ def core_sources() -> dict[str, str]:
 
 
 def own_sources() -> dict[str, str]:
-    """Return {path in the export: text} of what does not depend on the vehicle."""
+    """Return {path in the export: text} of the files that do not depend on the vehicle."""
     return {name: (_OWN / name).read_text(encoding='utf-8') for name in OWN_FILES}
 
 

@@ -2,7 +2,7 @@
 """
 Drawn situations of one vehicle with the plans of Python, for the runner of an export (check.c).
 
-Planned without the native core: what is held against the C is made by other code.
+Planned without the native core: the expected values of the C code come from independent code.
 """
 
 from __future__ import annotations
@@ -33,9 +33,10 @@ if TYPE_CHECKING:
     from bev_preheat.vehicle.description import Vehicle
 
 OK, LIMITED, BAD_INPUT = 0, 4, -3
-# The methods of an export, in the order in which a vector has their answers.
+# The methods of an export, in the order of their answers in a vector.
 METHODS = ('optimal_switch', 'merit_order')
-# Most steps of an export. One trip in so many has that many, and one a number that is none: never the same.
+# Maximum steps of an export. One trip in LONG_EVERY has that many steps, one in DAMAGED_EVERY a value that is not
+# finite; never the same trip.
 MOST_STEPS = 360
 LONG_EVERY, LONG_AT = 50, 10
 DAMAGED_EVERY, DAMAGED_AT = 25, 24
@@ -49,10 +50,10 @@ NOT_A_NUMBER = (math.nan, math.inf, -math.inf)
 
 class Answer(NamedTuple):
     """
-    What one method is expected to answer: a status and, where it is OK, what the plan is told by.
+    The expected answer of one method: a status and, if it is OK, the values of the plan.
 
     `expected` are the instants of switching on and off [s], six energies [Wh], and temperature [deg C] and
-    charge on arrival; NaN is none.
+    charge on arrival; NaN: no value.
     """
 
     status: int
@@ -60,14 +61,14 @@ class Answer(NamedTuple):
 
     @property
     def heats(self) -> bool:
-        """Whether it is planned and heated."""
+        """Whether the method plans heating."""
         return self.status == OK and not math.isnan(self.expected[0])
 
 
 @dataclass(frozen=True)
 class Vector:
     """
-    A situation and what each of METHODS is expected to answer; numbers in the order of check.c.
+    A situation and the expected answers of METHODS; numbers in the order of check.c.
 
     `columns` are those of bev_trip, `situation` those of bev_ecu_situation.
     """
@@ -77,7 +78,7 @@ class Vector:
     answers: tuple[Answer, ...]
 
     def lines(self) -> Iterator[str]:
-        """Return it as lines of vectors.txt."""
+        """Return the vector as lines of vectors.txt."""
         yield f'vector {len(self.columns[1])} {_words(self.situation)}'
         for answer in self.answers:
             yield f'{answer.status} {_words(answer.expected)}'
@@ -86,7 +87,7 @@ class Vector:
 
 def draw_vectors(vehicle: Vehicle, count: int, seed: int,
                  report: Callable[[], None] = lambda: None) -> list[Vector]:
-    """Return so many Vectors of a Vehicle; the same ones for the same seed. `report` is called after each."""
+    """Return `count` Vectors of a Vehicle, reproducible by the seed. `report` is called after each."""
     vectors = []
     with without_core():
         for number in range(count):
@@ -108,7 +109,7 @@ def draw_vector(vehicle: Vehicle, seed: int, number: int) -> Vector:
 
 
 def vector_of(trip: Trip, state: BatteryState, goal: Goal) -> Vector:
-    """Return the Vector of a Trip; made without the core if it is called without."""
+    """Return the Vector of a Trip; planned without the core if called without the core."""
     unheated = plan_without_heating(trip, state)
     return Vector(_columns(trip), _situation(trip.vehicle, state, goal), tuple(
         _answer(trip, plan(trip, state, goal, unheated)) for plan in (_switched, _by_merit)))
@@ -121,7 +122,7 @@ def _situation(vehicle: Vehicle, state: BatteryState, goal: Goal) -> tuple[float
 
 
 def _switched(trip: Trip, state: BatteryState, goal: Goal, unheated: Schedule) -> Schedule | None:
-    """Return what the method optimal_switch plans; None where a limit is active."""
+    """Return the plan of the method optimal_switch; None if a limit is active."""
     if not limits_hold(trip, unheated):
         return None
     schedule = plan_optimal_switch(trip, state, goal, unheated)
@@ -132,7 +133,7 @@ def _switched(trip: Trip, state: BatteryState, goal: Goal, unheated: Schedule) -
 
 
 def _by_merit(trip: Trip, state: BatteryState, goal: Goal, unheated: Schedule) -> Schedule | None:
-    """Return what the method merit_order plans; None where that is worse than not heating."""
+    """Return the plan of the method merit_order; None if the plan is worse than not heating."""
     guard = NoRegretCheck(trip, state, goal, unheated)
     if guard.unheated.empty_at_s is not None:
         return None
@@ -143,7 +144,7 @@ def _by_merit(trip: Trip, state: BatteryState, goal: Goal, unheated: Schedule) -
 
 
 def _answer(trip: Trip, schedule: Schedule | None) -> Answer:
-    """Return what is expected of the C where Python plans a Schedule, and where it plans none."""
+    """Return the expected answer of the C code for a Schedule of Python, or for no Schedule."""
     if schedule is None:
         return Answer(LIMITED)
     energy = find_outcome(trip, schedule).energy_wh
@@ -155,10 +156,10 @@ def _answer(trip: Trip, schedule: Schedule | None) -> Answer:
 
 def _instants_s(trip: Trip, schedule: Schedule) -> tuple[float, float]:
     """
-    Return when the heater is switched on and off [s]; NaN where it is not, or not before arrival.
+    Return when the heater is switched on and off [s]; NaN if it is not, or not before arrival.
 
-    Where the cabin takes all of the heater, any instant of switching off is as good; the plan's own is then
-    a matter of rounding, and the one that is told is where heating really ends.
+    While the cabin takes all heater power, any instant of switching off is equivalent; the plan's own instant
+    then depends on rounding, so the end of the actual heating is returned.
     """
     if schedule.heating_start_s is None or not schedule.heater_power_w.any():
         return math.nan, math.nan

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The estimation's filters in the native core, with arrays in and out; core.h says what each call does.
+The estimation's filters in the native core, with arrays in and out; core.h documents the calls.
 
-Each call returns None or False where the core does not answer, and has changed nothing then: whoever
-calls does it in Python.
+Each call returns None or False if the core does not answer, and has then changed no array: the caller
+falls back to Python.
 """
 
 from __future__ import annotations
@@ -138,8 +138,8 @@ class NativeBelief:
         """
         Do `bev_take_reading` of intervals of temperature [deg C] and charge; see bev_reading.
 
-        Returns how many of its three parts were done, how many filters are lost, and, where all were,
-        what `expected` does.
+        Returns how many of its three parts were done, how many filters are lost, and, if all parts were
+        done, the result of `expected`.
         """
         library, both = core(), np.empty((ELEMENTS + 1, ELEMENTS))
         if library is None:
@@ -168,7 +168,7 @@ def arrival_variance(vehicle: NativeVehicle, terms: BeliefTermsStruct, leakage: 
     """
     Do `bev_arrival_variance`; return the variance of the temperature on arrival [K^2].
 
-    `route` (8, N) are the columns of a route, `heater_w` (N,) is what the heater takes in each step [W],
+    `route` (8, N) are the columns of a route, `heater_w` (N,) is the heater power in each step [W],
     temperatures [deg C] and charge (N + 1,) are the run, `covariance` is (ELEMENTS, ELEMENTS).
     """
     library = core()
@@ -194,5 +194,5 @@ def _numbers_of(drive: DriveInputs, leakage: Leakage) -> tuple[float, ...]:
 
 
 def _place(array: FloatArray, offset: int = 0) -> Any:
-    """Return a pointer into a contiguous array of doubles, so many bytes behind its beginning."""
+    """Return a pointer into a contiguous array of doubles, at an offset in bytes from its beginning."""
     return byref(c_double.from_buffer(array, offset))  # type: ignore[arg-type]

@@ -4,7 +4,7 @@ C of the model's equations, made from the Python ones: `python3 -m bev_preheat.n
 
 core/CMakeLists.txt runs it when the core is built. DIR gets formulas.h, the formulas of curves, steps.h,
 the rates of change, the steps of the integrators, with and without a heat path, and the limits on terminal
-power, drives.h, what the estimation needs of a car that is known up to factors, constants.h, the constants
+power, drives.h, the functions of the estimation for a car known up to factors, constants.h, the constants
 that the core shares with Python modules, and interface.h, a digest of the core's headers.
 """
 
@@ -44,7 +44,7 @@ HEATED_STEP = ('soc', 'temperature_c', 'heater_w', 'excess_k', *INPUTS, 'command
 CURVE = ('soc', 'temperature_c')
 LIMITS = ('soc', 'temperature_c', 'variance_w2')
 RATES = ('soc', 'temperature_c', *INPUTS[1:])
-# What curves give at a state, as arguments.
+# Values of the curves at a state, as arguments.
 CIRCUIT = ('voltage_v', 'resistance_ohm')
 POWER_LIMITS = ('charge_w', 'discharge_w')
 # State, factors and inputs of vehicle.uncertain_car, and the nominal leakage.
@@ -90,7 +90,7 @@ def _with_given_curves(vehicle: Vehicle) -> Vehicle:
 
 
 def _vehicle(heat_path: HeatPath, leakage: Leakage = NO_LEAKAGE) -> Vehicle:
-    """Return a Vehicle whose numbers are fields of the struct `bev_vehicle`; its leakage is not there."""
+    """Return a Vehicle whose numbers are fields of the struct `bev_vehicle`, except its leakage."""
     return Vehicle(
         name='', battery=Battery(
             capacity_ah=_field('capacity_ah'),
@@ -111,7 +111,7 @@ def _field(name: str) -> AnyNumber:
 
 def _function(name: str, subject: str, arguments: Sequence[str], results: Sequence[Operand],
               is_value: bool = False, may_saturate: bool = True) -> str:
-    """Return a function of C: of `subject`, `saturating`, where it may, and doubles, to one value or `result`."""
+    """Return a C function of `subject`, `saturating` if it may saturate, and doubles, to one value or `result`."""
     lines, ends = written_out(results)
     lines += ([f'return {ends[0]};'] if is_value
               else [f'result[{n}] = {end};' for n, end in enumerate(ends)])
@@ -165,7 +165,7 @@ def _balance() -> list[str]:
 
 
 def _trip_terms() -> list[str]:
-    """Return what a trip is made with: leakage, drivetrain heat, power and heat without battery heating."""
+    """Return the terms of a trip: leakage, drivetrain heat, power and heat without battery heating."""
     leakage: list[AnyNumber] = [Field(f'terms->{name}') for name in LEAKAGE]
     heat_share: AnyNumber = Field('terms->heat_share')
     drivetrain = Drivetrain(0.0, heat_share, 0.0)
@@ -183,7 +183,7 @@ def steps() -> str:
     """
     Return steps.h: rates, one function for each integrator and kind of heat path, limits, and heat balance.
 
-    Rates and limits are there once more with what the curves give as arguments.
+    Rates and limits also have a variant with the values of the curves as arguments.
     """
     lag_s = _field('heater_lag_s')
     coolant = _field('coolant_heat_capacity_j_per_k'), _field('coolant_conductance_w_per_k')
@@ -219,9 +219,9 @@ def steps() -> str:
 
 def drives() -> str:
     """
-    Return drives.h: the rates in a drive of which the route is known, or the power too, and the lags.
+    Return drives.h: the rates in a drive with a known route, or with known power too, and the lags.
 
-    What the curves give is an argument: of a car that is known up to factors it is the same for many.
+    The values of the curves are arguments: many hypotheses of a car known up to factors share them.
     """
     leakage: list[AnyNumber] = [Symbol(name) for name in LEAKAGE]
     car = _with_given_curves(_vehicle(HeatPath(), Leakage(*leakage)))
@@ -244,7 +244,7 @@ def drives() -> str:
 
 
 def constants() -> str:
-    """Return constants.h: tolerances, bounds and other constants that stand in Python modules."""
+    """Return constants.h: tolerances, bounds and other constants defined in Python modules."""
     return '\n'.join([HEAD.format(guard='BEV_PREHEAT_CORE_CONSTANTS_H_', includes='\n'.join(constant_lines())),
                       '#endif', ''])
 
@@ -257,7 +257,7 @@ def interface() -> str:
 
 
 def main(folder: str) -> None:
-    """Write the headers into a folder, which is made where it is missing."""
+    """Write the headers into a folder, which is made if it does not exist."""
     Path(folder).mkdir(parents=True, exist_ok=True)
     for name, text in (
             ('constants.h', constants()), ('formulas.h', formulas()), ('steps.h', steps()), ('drives.h', drives()),

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Constants of the Python modules that the core needs too: written once, there, and made into C here."""
+"""Constants that the core shares with the Python modules: defined there, converted to C here."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ from bev_preheat.planning import (
     value_curve,
 )
 
-# Names in each module; where another module has the same name, that in C follows after a colon.
+# Names in each module; if another module has the same name, the name in C follows after a colon.
 NAMES: Mapping[ModuleType, str] = {
     truncated_normal: 'LOG_ROOT_2_PI ROOT_2 TAIL',
     folded_normal: 'CERTAIN_DEVIATIONS ROOT_2_OVER_PI',
@@ -75,7 +75,7 @@ NAMES: Mapping[ModuleType, str] = {
 
 
 def constants() -> dict[str, int | float]:
-    """Return {name in C: value}; raises ValueError where two constants have one name."""
+    """Return {name in C: value}; raises ValueError if two constants have the same name."""
     found: dict[str, int | float] = {}
     for name, value in _named():
         if name in found:
@@ -85,7 +85,7 @@ def constants() -> dict[str, int | float]:
 
 
 def constant_lines() -> list[str]:
-    """Return a definition in C for each constant: to the last bit, by the shortest decimal."""
+    """Return a definition in C for each constant: bit-exact, by the shortest decimal."""
     return [f'#define {name} {value!r}' if value >= 0 else f'#define {name} ({value!r})'
             for name, value in constants().items()]
 

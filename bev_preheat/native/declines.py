@@ -7,12 +7,12 @@ from collections import Counter
 from typing import Any
 
 OK, SATURATED, EMPTY, NO_CROSSING, LIMITED, CHEAPER_ELSEWHERE = range(6)
-# Of bev_status; what follows is how the counter names them.
+# Values of bev_status, then their names in the counter.
 REASONS = {
     SATURATED: 'the battery lacks power', EMPTY: 'the charge runs out', NO_CROSSING: 'no crossing',
     LIMITED: 'a limit is active', CHEAPER_ELSEWHERE: 'heating elsewhere may cost less', -1: 'bad argument',
     -2: 'bad vehicle', -3: 'bad input', -4: 'no finite number', -5: 'search not settled'}
-# Statuses beside OK that are answers: the caller goes on with what the core returns.
+# Statuses besides OK that are answers: the caller uses the core's result.
 ANSWERS = {
     'bev_run': {SATURATED}, 'bev_run_heated': {SATURATED}, 'bev_find_switch': {SATURATED},
     'bev_find_crossing': {NO_CROSSING}, 'bev_run_within_limits': {EMPTY},
@@ -25,7 +25,7 @@ class Declines:
     """How often each function declined, and why."""
 
     def __init__(self) -> None:
-        """Begin at none."""
+        """Begin with no declined call."""
         self.counts: Counter[tuple[str, str]] = Counter()
 
     def note(self, status: int, function: Any, arguments: Any) -> int:
@@ -40,5 +40,5 @@ class Declines:
         return f'{self.counts.total()}: {each}' if each else '0'
 
 
-# Of the process.
+# The counter of the process.
 DECLINES = Declines()

@@ -35,11 +35,11 @@ class Macros:
     functions: dict[str, tuple[str, str]] = field(default_factory=dict)
 
     def value(self, text: str | int, **known: int) -> int:
-        """Return the value of an expression of integers; raises ValueError where it is another."""
+        """Return the value of an expression of integers; raises ValueError for any other expression."""
         return text if isinstance(text, int) else self._value(ast.parse(text, mode='eval').body, known)
 
     def room(self, name: str) -> Room:
-        """Return what a function has for each step, and once; raises ValueError unless it is a straight line."""
+        """Return the slope per step and the constant of a function; raises ValueError unless it is linear."""
         argument, text = self.functions[name]
         once, at_one, at_many = (self.value(text, **{argument: steps}) for steps in (0, 1, 1000))
         if at_many - once != 1000 * (at_one - once):
@@ -62,7 +62,7 @@ class Macros:
 
 
 def read_headers(folder: Path = INCLUDE) -> Interface:
-    """Return the Interface of the headers in a folder; raises ValueError where they are not as ours are."""
+    """Return the Interface of the headers in a folder; raises ValueError if they have another format."""
     text = '\n'.join((folder / name).read_text(encoding='utf-8') for name in FILES)
     text = COMMENT.sub('', text).replace('\\\n', ' ')
     macros = read_macros(text)

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-What C and Python must agree on to call each other: structs, prototypes and memory, and a digest of them.
+The interface on which C and Python must agree: structs, prototypes and memory, and its digest.
 
 The C build computes the digest from the headers, Python from its bindings.
 """
@@ -15,7 +15,7 @@ from typing import Any, TypeAlias
 
 # (name, type, count) of each field: P an address, D a double, I an integer, else the name of a struct.
 Fields: TypeAlias = tuple[tuple[str, str, int], ...]
-# What a function takes of memory for each step, and once.
+# Memory of a function: for each step, and once.
 Room: TypeAlias = tuple[int, int]
 LETTERS = {c_void_p: 'P', c_double: 'D', c_int32: 'I'}
 
@@ -30,7 +30,7 @@ class Interface:
     memory: Mapping[str, Room]
 
     def digest(self) -> int:
-        """Return a number of 31 bits that another interface has not, as good as surely."""
+        """Return a number of 31 bits that is almost surely unique to this interface."""
         text = repr((self.number, *(sorted(each.items()) for each in (
             self.structs, self.functions, self.memory))))
         return int.from_bytes(sha256(text.encode()).digest()[:4], 'big') >> 1

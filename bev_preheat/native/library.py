@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The library of the package bev_preheat_core: found, loaded once it is needed, and switched off.
+The library of the package bev_preheat_core: found, loaded on first use, and switched off.
 
-Whoever calls it has the same in Python, and takes that where there is no library, where it is switched
-off, and where it answers that it cannot do what is asked. The header core.h says what its functions
-do.
+Every caller has a pure-Python fallback, for use without the library, with the library switched off, and
+if the library declines a call. The header core.h documents the functions.
 """
 
 from __future__ import annotations
@@ -97,20 +96,20 @@ _SIGNATURES = {
 
 
 class _Switch:
-    """Whether the process uses the library where there is one."""
+    """Whether the process uses the library if it is available."""
 
     is_on = True
     is_held_off = False
 
 
 def use_core(is_on: bool) -> None:
-    """Use the library in this process from now on, or leave it."""
+    """Switch the use of the library in this process on or off."""
     _Switch.is_on = is_on
 
 
 @contextmanager
 def without_core() -> Iterator[None]:
-    """Use Python alone for a while, whoever asks for the library: what the core is held against."""
+    """Use Python alone within the context, in the whole process: the reference for the core."""
     before, _Switch.is_held_off = _Switch.is_held_off, True
     try:
         yield
@@ -119,7 +118,7 @@ def without_core() -> Iterator[None]:
 
 
 def core() -> Any:
-    """Return the library, None where there is none or it is switched off."""
+    """Return the library, None if it is not available or switched off."""
     return _loaded()[0] if _Switch.is_on and not _Switch.is_held_off else None
 
 

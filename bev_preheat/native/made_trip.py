@@ -23,7 +23,7 @@ def make_trip(terms: Sequence[float], route: FloatArray) -> NativeTrip | None:
     """
     Return the trip of a route, whose columns (8, N) are given in their order; see `bev_make_trip` in core.h.
 
-    `terms` are those of TripTermsStruct. None too where a step is too long for the integrators.
+    `terms` are those of TripTermsStruct. Also None if a step is too long for the integrators.
     """
     library = core()
     if library is None:

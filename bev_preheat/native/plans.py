@@ -2,7 +2,7 @@
 """
 Plans and accounts of the native core, with arrays in and out.
 
-As those of `runs`, each returns None where the core does not answer.
+As in `runs`, each function returns None if the core does not answer.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def plan_switch(vehicle: NativeVehicle, trip: NativeTrip, soc: float, temperatur
     """
     Return the whole plan of a trip on which no limit is active; see core.h.
 
-    Where one is, or heating may be cheaper elsewhere, (None, the unheated run) is returned.
+    If a limit is active, or heating may be cheaper elsewhere, (None, the unheated run) is returned.
     """
     library = core()
     if library is None:
@@ -89,7 +89,7 @@ def plan_switch(vehicle: NativeVehicle, trip: NativeTrip, soc: float, temperatur
 
 def plan_paper(vehicle: NativeVehicle, trip: NativeTrip, soc: float, temperature_c: float,
                target_c: float) -> tuple[SwitchPlanStruct, SwitchedRun] | None:
-    """Return the whole plan of the paper's heuristic; None where it is limited. See core.h."""
+    """Return the whole plan of the paper's heuristic; None if a limit is active. See core.h."""
     library = core()
     if library is None:
         return None
@@ -102,7 +102,7 @@ def plan_paper(vehicle: NativeVehicle, trip: NativeTrip, soc: float, temperature
 
 
 def _new_run(steps: int) -> tuple[tuple[FloatArray, FloatArray, FloatArray], tuple[int, int, int]]:
-    """Return arrays for charge, temperature and heater power, and where they lie."""
+    """Return arrays for charge, temperature and heater power, and their addresses."""
     block = np.empty(3 * steps + 2)
     at = addressof(c_double.from_buffer(block))  # type: ignore[arg-type]
     after, end = steps + 1, 2 * steps + 2
@@ -112,7 +112,7 @@ def _new_run(steps: int) -> tuple[tuple[FloatArray, FloatArray, FloatArray], tup
 
 def find_prices(vehicle: NativeVehicle, trip: NativeTrip, soc: FloatArray, temperature_c: FloatArray,
                 heater_w: FloatArray) -> FloatArray | None:
-    """Return what a watt in each step does until arrival, warmth [K/W] and charge [1/W], (2, N); see core.h."""
+    """Return the effect on arrival of a watt in each step, warmth [K/W] and charge [1/W], (2, N); see core.h."""
     library = core()
     if library is None:
         return None
@@ -131,8 +131,8 @@ def heat_cheapest(
     """
     Return the run that arrives at the target [deg C] for the least charge, in a tuple.
 
-    That is charge, temperature and heater power, as of the run that is given, (N + 1), (N + 1) and (N,);
-    None there: the run that is given is the one.
+    The run is charge, temperature and heater power, as of the given run, (N + 1), (N + 1) and (N,);
+    (None,) if the given run is the cheapest.
     """
     library = core()
     if library is None:
@@ -156,8 +156,8 @@ def exchange_heat(
     """
     Return the run within limits after exchanges of heat, in a tuple; see core.h.
 
-    That is states (2, N + 1), charge and temperature, and powers (2, N), heater and brake, as of the run that
-    is given; None there: the run that is given is the one.
+    The run is states (2, N + 1), charge and temperature, and powers (2, N), heater and brake, as of the given
+    run; (None,) if no exchange improves the given run.
     """
     library = core()
     if library is None:
@@ -199,7 +199,7 @@ def find_two_switches(vehicle: NativeVehicle, trip: NativeTrip, target_c: float,
 
 def heat_along(vehicle: NativeVehicle, trip: NativeTrip, states: FloatArray, command_w: FloatArray,
                brake_w: FloatArray) -> FloatArray | None:
-    """Return means of what the heater takes and of the heat that arrives [W], (2, N), along states (4, N + 1)."""
+    """Return means of heater power and of the heat that arrives [W], (2, N), along states (4, N + 1)."""
     library = core()
     if library is None:
         return None
@@ -217,7 +217,7 @@ def keep_accounts(vehicle: NativeVehicle, make_integrator: Integrator, trip: Nat
     """
     Return energies [Wh], as ENERGIES, and means over each step [W], (4, N), of a run.
 
-    The means are Joule heat, leakage, what the cells give, and what the circuit cannot; see core.h.
+    The means are Joule heat, leakage, power of the cells, and deficit of the circuit; see core.h.
     """
     library, integrator = core(), INTEGRATORS.get(make_integrator)
     if library is None or integrator is None:

@@ -2,8 +2,8 @@
 """
 Runs of the native core, with arrays in and out.
 
-Each returns None where the core does not answer: whoever calls does it in Python then, which has the
-same result or the exception that belongs to it.
+Each returns None if the core does not answer: the caller then falls back to Python, which has the same
+result or raises the appropriate exception.
 """
 
 from __future__ import annotations
@@ -42,8 +42,8 @@ def run(vehicle: NativeVehicle, make_integrator: Integrator, trip: NativeTrip,
     """
     Return states of charge and temperatures [deg C] of a run from step `first` on, (2, N + 1).
 
-    `states` are those at the start of step `first`, written into what is returned; before it nothing
-    is. `heater_w` and `brake_w` are powers [W] of each step (N,), None: none.
+    `states` are those at the start of step `first`, written into the returned array; values before it are
+    undefined. `heater_w` and `brake_w` are powers [W] of each step (N,), None: no power.
     """
     library, integrator = core(), INTEGRATORS.get(make_integrator)
     if library is None or integrator is None:
@@ -59,7 +59,7 @@ def run_heated(vehicle: NativeVehicle, trip: NativeTrip, states: FloatArray, fir
     """
     Return the four states of a run with the heat path from step `first` on, (4, N + 1).
 
-    As `run`; `command_w` (N,) is what the heater is told [W].
+    As `run`; `command_w` (N,) is the heater command [W].
     """
     library = core()
     if library is None:
@@ -73,7 +73,7 @@ def run_heated(vehicle: NativeVehicle, trip: NativeTrip, states: FloatArray, fir
 def crossing(vehicle: NativeVehicle, make_integrator: Integrator, trip: NativeTrip,
              target_c: float, terminal_soc: float, lost_k: float,
              idle_temperature_c: FloatArray) -> tuple[float | None] | None:
-    """Return the instant [s] at which the backward run meets the unheated one, in a tuple; None there: never."""
+    """Return the instant [s] at which the backward run meets the unheated one, in a tuple; (None,) if never."""
     library, integrator = core(), INTEGRATORS.get(make_integrator)
     if library is None or integrator is None:
         return None
@@ -108,7 +108,7 @@ def run_within_limits(vehicle: NativeVehicle, trip: NativeTrip, heating: Heating
     Drive on from step `first` within the limits; `states` and `powers_w` are written.
 
     `states` (2, N + 1) are charge and temperature [deg C], `powers_w` (2, N) heater and brake. Returns
-    the step in which the charge runs out, in a tuple; None there: it does not.
+    the step in which the charge runs out, in a tuple; (None,) if it does not run out.
     """
     library = core()
     if library is None:
@@ -127,8 +127,8 @@ def run_heated_within_limits(vehicle: NativeVehicle, trip: NativeTrip, heating: 
     """
     Do as `run_within_limits`, with the heat path.
 
-    `states` (4, N + 1) are those of `run_heated`; `powers_w` (4, N) are command, friction brake, what the
-    heater takes and the heat into the battery [W].
+    `states` (4, N + 1) are those of `run_heated`; `powers_w` (4, N) are command, friction brake, heater
+    power and heat into the battery [W].
     """
     library = core()
     if library is None:
@@ -171,7 +171,7 @@ def limits_of_steps(vehicle: NativeVehicle, soc: FloatArray, temperature_c: Floa
 
 
 def doubles_at(values: FloatArray | None, count: int) -> Any:
-    """Return a pointer to values (count,), or to a copy that can be pointed to; None for none."""
+    """Return a pointer to values (count,), or to a contiguous copy; None for None."""
     if values is None:
         return None
     try:
@@ -192,5 +192,5 @@ def _rows(array: FloatArray, rows: int) -> list[Any]:
 
 
 def place(array: FloatArray, offset: int = 0) -> Any:
-    """Return a pointer into an array, so many bytes behind its beginning; the array is kept alive."""
+    """Return a pointer into an array, at an offset in bytes from its beginning; keeps the array alive."""
     return byref(c_double.from_buffer(array, offset))  # type: ignore[arg-type]

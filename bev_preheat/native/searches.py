@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Searches of the native core: where heating pays, and the runs that meet what must be met.
+Searches of the native core: where heating pays, and the runs that meet their requirements.
 
-As in `runs`, each returns None where the core does not answer.
+As in `runs`, each returns None if the core does not answer.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from bev_preheat.native.structs import NativeTrip, NativeVehicle, UncertaintyMarginStruct
     from bev_preheat.numerics.arrays import BoolArray, FloatArray
 
-    # The step in which the charge runs out, and the share of it that is driven.
+    # The step in which the charge runs out, and its driven share.
     Stranded = tuple[int, float] | None
 
 
@@ -77,7 +77,7 @@ def find_bands(vehicle: NativeVehicle, columns: dict[str, FloatArray], is_limite
 def stand(vehicle: NativeVehicle, trip: NativeTrip, empty: int, states: FloatArray,
           powers_w: FloatArray) -> float | None:
     """
-    Write how a run ends whose charge runs out in step `empty`; return the share of it that is driven.
+    Write the end of a run whose charge runs out in step `empty`; return the driven share of that step.
 
     `states` (S, N + 1) and `powers_w` (S, N) are those of `settle`; see `bev_stand` in core.h.
     """
@@ -98,7 +98,7 @@ def settle(vehicle: NativeVehicle, trip: NativeTrip, heating: Heating, goal: Set
     """
     Return states (S, N + 1) and powers (S, N) of the run that delivers its climbs and meets the target.
 
-    Last, the step in which its charge runs out and the share of it that is driven; None where it does not.
+    Last, the step in which its charge runs out and the driven share of that step; None if it does not run out.
     `start` are the S states at its beginning, two or, with a heat path, four; see `bev_settle` in core.h.
     """
     library = core()
@@ -118,7 +118,7 @@ class MeritPlan(NamedTuple):
     """
     A plan: states (S, N + 1) and powers (S, N), as of `settle`, and when it heats [s].
 
-    `start_s` is None where nothing is heated, `end_s` where it is heated until arrival; `stranded` as of `settle`.
+    `start_s` is None without heating, `end_s` if heating lasts until arrival; `stranded` as of `settle`.
     """
 
     states: FloatArray
@@ -144,7 +144,7 @@ def heat_early(vehicle: NativeVehicle, trip: NativeTrip, target_c: float,
                uncertainty_margin: UncertaintyMarginStruct, states: FloatArray, powers_w: FloatArray,
                end_s: float | None) -> tuple[MeritPlan | None] | None:
     """
-    Return the plan whose last stretch of heating begins early, in a tuple; None there: it stays as it is.
+    Return the plan whose last heating interval begins early, in a tuple; (None,) if the plan is unchanged.
 
     `states` (S, N + 1), `powers_w` (S, N) and `end_s` are those of a MeritPlan; both arrays are written to. See
     `bev_heat_early` in core.h.
@@ -177,7 +177,7 @@ def plan_no_regret(vehicle: NativeVehicle, trip: NativeTrip, goal: SafeGoalStruc
     """
     Return the plan by merit order that is no worse than not heating, and what holds it back, a `bev_held_back`.
 
-    None for the plan: no heating that is paid for is better than none. From the unheated run (S, N + 1) on; see
+    None for the plan: no paid heating is better than not heating. From the unheated run (S, N + 1) on; see
     `bev_plan_no_regret` in core.h.
     """
     library = core()
@@ -197,7 +197,7 @@ def plan_no_regret(vehicle: NativeVehicle, trip: NativeTrip, goal: SafeGoalStruc
 def unheated_deficit(vehicle: NativeVehicle, trip: NativeTrip,
                    start: Sequence[float]) -> tuple[float, Stranded] | None:
     """
-    Return the most power [W] that a trip lacks without paid heating, and where it strands, as `settle`.
+    Return the worst power deficit [W] of a trip without paid heating, and its stranding, as `settle`.
 
     It is driven within the limits from the states `start`, two or, with a heat path, four; see
     `bev_unheated_deficit` in core.h.

@@ -32,7 +32,7 @@ DOUBLE_BYTES = 8
 BANDS = 2
 MOST_GRID = 512
 CURVE_MEMORY = 11 * 2048 + 5 * MOST_GRID
-# What functions of core.h take of memory, doubles (flags: bytes) for each step of a trip, and once.
+# Memory of the functions of core.h, doubles (flags: bytes) for each step of a trip, and once.
 _SETTLE = 48, 20
 _MERIT = _SETTLE[0] + 44, _SETTLE[1] + CURVE_MEMORY + MOST_GRID + 11
 _MERIT_PLAN = _MERIT[0] + 1, _MERIT[1]
@@ -106,7 +106,7 @@ class HeatingStruct(Structure):
         'power_w', 'floor_c', 'low_c', 'high_c', 'may_overcharge', 'may_overdraw'))]
 
 
-# The last two are one longer than the others.
+# The last two have one value more than the others.
 STRIDE_COLUMNS = ('duration_s', 'idle_power_w', 'power_variance_w2', 'idle_heat_w', 'leakage_w_per_k',
                   'heater_limit_w', 'propulsion_w', 'soc', 'end_c', 'loss_to_brake', 'loss_to_heater',
                   'coldest_c', 'warmest_c')
@@ -127,7 +127,7 @@ class CurveRangeStruct(Structure):
 
 
 class SettlingStruct(Structure):
-    """`bev_settling`: what a run is to meet."""
+    """`bev_settling`: the requirements of a run."""
 
     _fields_ = [('serves_climbs', c_int32), ('target_c', c_double), ('lowest_soc', c_double)]
 
@@ -145,7 +145,7 @@ class MeritPlanStruct(Structure):
 
 
 class SafeGoalStruct(Structure):
-    """`bev_safe_goal`: what a plan is for, and what it must leave."""
+    """`bev_safe_goal`: the goal of a plan, and the charge it must leave."""
 
     _fields_ = [(name, c_double) for name in ('target_c', 'margin_k', 'reserve_soc', 'lowest_soc')]
 
@@ -206,7 +206,7 @@ class NotDescribed(Exception):
 
 
 class NativeVehicle:
-    """A `bev_vehicle`; raises NotDescribed where a curve is none of those that the core has."""
+    """A `bev_vehicle`; raises NotDescribed if the core does not have the kind of a curve."""
 
     def __init__(self, vehicle: Vehicle, hottest_c: float) -> None:
         """`hottest_c` is the hottest battery that is planned with [deg C]."""
@@ -283,7 +283,7 @@ class NativeTrip:
         return [*map(self.column, TRIP_COLUMNS)]
 
     def column(self, name: str) -> FloatArray:
-        """Return one of TRIP_COLUMNS, as a part of the block."""
+        """Return a column of TRIP_COLUMNS, as a part of the block."""
         number, steps = TRIP_COLUMNS.index(name), self.steps
         # The first has one value more.
         end = 1 + (number + 1) * steps
@@ -291,7 +291,7 @@ class NativeTrip:
 
 
 def address_of(array: NDArray[Any] | None) -> Any:
-    """Return where the numbers of a contiguous array begin; None for none."""
+    """Return the address of the numbers of a contiguous array; None for None."""
     if array is None:
         return None
     try:

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Symbols that note what is done to them: an equation called with them becomes lines of C.
+Symbols that record operations: an equation called with them becomes lines of C.
 
-The equations stand once, in `vehicle`, as functions that call functions. Called with symbols they
-note their arithmetic, operation by operation in the same order, so the numbers that C makes of it are
-the same to the last bit. Only arithmetic can be noted: a branch on a symbol raises TypeError. The one
-exception is a Field, a number of the vehicle that is there: equations leave out what a vehicle does
-not have, and a vehicle that has it is another function.
+The equations are defined once, in `vehicle`, as functions that call functions. Called with symbols they
+record their arithmetic, operation by operation in the same order, so the numbers of the resulting C are
+bit-identical. Only arithmetic can be recorded: a branch on a symbol raises TypeError. The only
+exception is a Field, a number that the vehicle has: equations leave out the parts that a vehicle does
+not have, and a vehicle with such a part gets another function.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ LONGEST_TEXT = 70
 
 
 class Symbol:
-    """An operation and what it is done to; arithmetic on it makes another one."""
+    """An operation and its operands; arithmetic on a Symbol makes another Symbol."""
 
     def __init__(self, form: str, *operands: Operand) -> None:
         """`form` is the operation in C, with {} for each operand."""
@@ -63,7 +63,7 @@ class Symbol:
 
 
 class Field(Symbol):
-    """A number of the vehicle that is there: where equations ask whether it is, they are told so."""
+    """A number that the vehicle has: it is true if equations test for its presence."""
 
     def __bool__(self) -> bool:
         return True
@@ -74,7 +74,7 @@ class Field(Symbol):
         return True
 
 
-# `saturating` is an argument of every function that is made, not 0 where powers saturate.
+# `saturating` is an argument of every generated function, not 0 if powers saturate.
 SYMBOLS: Arithmetic[AnyNumber] = Arithmetic(
     root=lambda value: Symbol('bev_root({}, saturating)', value),
     log=lambda value: Symbol('log({})', value),
@@ -88,7 +88,7 @@ def written_out(results: Sequence[Operand]) -> tuple[list[str], list[str]]:
     """
     Return (lines, texts): declarations in C, and the text of each result.
 
-    A value that is used once, and is short, stands in its place.
+    A short value that is used once is inserted in place.
     """
     uses: dict[Symbol, int] = {}
     order: list[Symbol] = []
@@ -121,7 +121,7 @@ def written_out(results: Sequence[Operand]) -> tuple[list[str], list[str]]:
 
 
 def without_parentheses(text: str) -> str:
-    """Return an expression without parentheses that enclose all of it."""
+    """Return an expression without parentheses that enclose the whole expression."""
     if not text.startswith('('):
         return text
     depth = 0

@@ -32,14 +32,14 @@ def plan_trips(vehicle: NativeVehicle, trips: NativeTrip, steps: NDArray[np.inte
     Return how each way to heat each of K trips ends, ARRIVAL (K, WAYS_OF_TRIP); see core.h.
 
     The trips lie in `trips` one after the other, of `steps` (K,) each; charge, temperature [deg C] at the
-    start and target [deg C] have the same shape. What `status` is not OK, the core does not answer.
+    start and target [deg C] have the same shape. An arrival whose `status` is not OK has no answer of the core.
     """
     library, count = core(), len(steps)
     if library is None:
         return None
     longest = int(steps.max(initial=1))
     arrivals = np.zeros((count, WAYS_OF_TRIP), ARRIVAL)
-    # What is only pointed to must live until the call has ended.
+    # Memory behind pointers must live until the call has ended.
     counts, flags = np.ascontiguousarray(steps, np.int32), np.empty(room('BEV_TRIPS_FLAGS', longest), np.uint8)
     status = library.bev_plan_trips(
         vehicle.address, trips.address, count, counts.ctypes.data, doubles_at(soc, count),

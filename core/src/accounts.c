@@ -5,7 +5,7 @@
 #include "means.h"
 #include "steps_of_model.h"
 
-/* What one step of a run takes and gives, means [W]. */
+/* Power balance of one step of a run, means [W]. */
 typedef struct {
   double joule_w;
   double leakage_w;
@@ -34,7 +34,7 @@ static double deliverable_w(const bev_vehicle *vehicle, double soc, double tempe
       bev_at(&vehicle->resistance, BEV_AS_ARRAYS, soc, temperature_c));
 }
 
-/* The account of a step whose means are known; `end_c` is where the model alone leads. */
+/* The account of a step whose means are known; `end_c` is the end temperature by the model alone [deg C]. */
 static step_account account_of(const bev_vehicle *vehicle, const bev_trip *trip,
                                const bev_run_of_powers *run, int32_t k, const bev_inputs *inputs,
                                double end_c, double mean_c, double joule_w) {

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What the equations need beyond + - * /, as bev_preheat.numerics.arithmetic has it for floats. */
+/* Operations of the equations beyond + - * /, as in bev_preheat.numerics.arithmetic for floats. */
 #ifndef BEV_PREHEAT_CORE_ARITHMETIC_H_
 #define BEV_PREHEAT_CORE_ARITHMETIC_H_
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* How sure the temperature on arrival is: bev_preheat.estimation.forecast, to rounding. */
+/* Uncertainty of the temperature on arrival: bev_preheat.estimation.forecast, to rounding. */
 #include <stddef.h>
 #include <string.h>
 
@@ -34,10 +34,10 @@ static double rate_of(const bev_vehicle *vehicle, const bev_expected_drive *expe
   return rates[0];
 }
 
-/* What traffic in a step makes of the arrival [K^2], which changes so with the logarithm of its power [K]. */
+/* Variance of the arrival due to traffic in a step [K^2]; `by_power_k`: sensitivity to the log of its power [K]. */
 static double traffic_k2(const bev_expected_drive *expected, const bev_belief_terms *terms, int32_t k,
                          double by_power_k) {
-  /* Of a step that drives and regenerates about as much the mean is small, and what it warms is not. */
+  /* If a step drives and regenerates about equally, its mean power is small but its heat is not. */
   const double magnitude_w = bev_maximum(at(expected, BEV_ROUTE_MAGNITUDE, k), 1.0);
   const double deviation_k =
       by_power_k * (terms->power_noise * bev_maximum(1.0, terms->least_power_w / magnitude_w));
@@ -45,7 +45,7 @@ static double traffic_k2(const bev_expected_drive *expected, const bev_belief_te
       * bev_maximum(1.0, terms->power_noise_lasts_s / at(expected, BEV_ROUTE_DURATION, k));
 }
 
-/* The change of the arrival with each element at the start, and what traffic makes of it [K^2]. */
+/* Sensitivity of the arrival to each element at the start, and its variance due to traffic [K^2]. */
 static bev_status find_sensitivities(const bev_vehicle *vehicle, const bev_expected_drive *expected,
                                      const bev_belief_terms *terms, double total[BEV_ELEMENTS],
                                      double *by_traffic_k2) {
@@ -57,7 +57,7 @@ static bev_status find_sensitivities(const bev_vehicle *vehicle, const bev_expec
   }
   memset(total, 0, BEV_ELEMENTS * sizeof(double));
   *by_traffic_k2 = 0.0;
-  /* What a kelvin at the end of the step is worth on arrival. */
+  /* Kelvins on arrival per kelvin at the end of the step. */
   double worth = 1.0;
   for (int32_t k = expected->steps - 1; k >= 0; k--) {
     const double temperature_c = expected->temperature_c[k];
@@ -88,7 +88,7 @@ static bev_status find_sensitivities(const bev_vehicle *vehicle, const bev_expec
       return BEV_NOT_FINITE;
     }
   }
-  /* What is under way arrives. */
+  /* Heat under way arrives. */
   total[BEV_TEMPERATURE] = worth;
   total[BEV_UNDER_WAY] = worth;
   return BEV_OK;

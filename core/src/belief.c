@@ -101,7 +101,7 @@ static void rates_of(const bev_vehicle *vehicle, const bev_drive *drive, double 
   }
 }
 
-/* The lags of a state [s], what is left after a step of what lags so, and the factor on what the heater's power warms. */
+/* The lags of a state [s], the remainders of lagging values after a step, and the factor on the heater's warming. */
 typedef struct {
   double heat_s;
   double sensor_s;
@@ -111,7 +111,7 @@ typedef struct {
   double warming;
 } lags;
 
-/* Work out what of the lags depends on element `moved` of a state; -1: all. */
+/* Compute the lags that depend on element `moved` of a state; -1: all. */
 static void find_lags(const bev_belief_terms *terms, const double state[BEV_ELEMENTS],
                       double duration_s, int32_t moved, lags *of) {
   if (moved < 0 || moved == BEV_HEAT_LAG) {
@@ -130,7 +130,7 @@ static void find_lags(const bev_belief_terms *terms, const double state[BEV_ELEM
   }
 }
 
-/* Where a state leads, and the slopes of that over each element; whether all of it is finite. */
+/* The state after a step, and its slope over each element; returns whether all are finite. */
 static int moved_with_slopes(const bev_vehicle *vehicle, const bev_belief_terms *terms,
                              const bev_drive *drive, double duration_s, double heater_w,
                              const double state[BEV_ELEMENTS], double after[MOVING],
@@ -147,7 +147,7 @@ static int moved_with_slopes(const bev_vehicle *vehicle, const bev_belief_terms 
   double x[BEV_ELEMENTS];
   memcpy(x, state, sizeof x);
   int is_finite = 1;
-  /* First as it is, then moved along each element. */
+  /* First unchanged, then moved along each element. */
   for (int32_t along = -1; along < BEV_ELEMENTS; along++) {
     double own_rates[RATES] = {rates[0], rates[1], rates[2]};
     lags own = lagging;
@@ -265,7 +265,7 @@ bev_status bev_move_belief(const bev_vehicle *vehicle, const bev_belief *belief,
     for (int32_t i = 0; i < BEV_ELEMENTS; i++) {
       covariance[i * BEV_ELEMENTS + i] += wander[i];
     }
-    /* The slope of the local rise over the steady rise says how much Joule heat there is. */
+    /* The slope of the local rise over the steady rise gives the Joule heat. */
     const double rose = slopes[MOVING - 1][BEV_JOULE_RISE];
     covariance[BEV_LOCAL * BEV_ELEMENTS + BEV_LOCAL] += rise_noise_k2 * (rose * rose);
     /* Temperature and state of charge come first. */
@@ -282,7 +282,7 @@ bev_status bev_move_belief(const bev_vehicle *vehicle, const bev_belief *belief,
   return BEV_OK;
 }
 
-/* Mean and covariance of a filter after a Kalman update: shifted by gain * shift, and surer by kept. */
+/* Kalman update of a filter: mean shifted by gain * shift, covariance reduced by gain * gain' * kept. */
 static void update(double *mean, double *covariance, const double gain[BEV_ELEMENTS], double shift,
                    double kept) {
   for (int32_t i = 0; i < BEV_ELEMENTS; i++) {
@@ -293,7 +293,7 @@ static void update(double *mean, double *covariance, const double gain[BEV_ELEME
   }
 }
 
-/* Hold what is bounded; return whether the filter is beyond what means anything. */
+/* Clip the bounded elements; return whether the filter has diverged beyond meaningful values. */
 static int32_t hold(const bev_belief_terms *terms, double *mean) {
   for (int32_t n = 0; n < BEV_BOUNDED; n++) {
     double *const value = &mean[BEV_HEAT_CAPACITY + n];

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What one battery state is for the filters: belief.c has the parts, bev_preheat.estimation.belief their order. */
+/* The filters' updates for one battery state: parts from belief.c, order as in bev_preheat.estimation.belief. */
 #include <stddef.h>
 
 #include "bev_preheat_core/estimation.h"

@@ -8,20 +8,20 @@
 
 #include "bev_preheat_core/core.h"
 
-/* When a search ends: the excess is this near to 0, values differ by no more than that, or so many were tried. */
+/* When a search ends: tolerance of the excess about 0, resolution of the value, maximum number of trials. */
 typedef struct {
   double tolerance;
   double resolution;
   int32_t most_trials;
 } bev_ending;
 
-/* Tries a value: by how much what comes of it is more than required. Below BEV_OK it has failed. */
+/* Tries a value and writes the excess of its result over the requirement. Below BEV_OK it has failed. */
 typedef bev_status (*bev_attempt)(void *of, double value, double *excess);
 
 /*
  * The value whose excess is within a tolerance of 0; the last that is tried. `value` and `excess` are the first
- * trial, and the last one afterwards. The excess is greatest at `most`, which is returned where it is not enough,
- * and falls towards `least`: a secant, kept within the bracket.
+ * trial, and the last one afterwards. The excess is greatest at `most`, which is returned if it is not enough,
+ * and falls towards `least`: a secant, confined to the bracket.
  */
 static inline bev_status bev_follow_slope(double most, double least, double first_slope,
                                           const bev_ending *ending, bev_attempt attempt, void *of,
@@ -46,12 +46,12 @@ static inline bev_status bev_follow_slope(double most, double least, double firs
     const double high = enough < too_little ? too_little : enough;
     double following = slope * direction > 0.0 ? *value - *excess / slope : NAN;
     if (enough == most && (following - most) * direction >= 0.0) {
-      /* Whether the utmost is enough is not known before it has been tried. */
+      /* Only a trial shows whether the utmost is enough. */
       following = most;
     } else if (!(low < following && following < high)) {
       following = 0.5 * (enough + too_little);
     } else {
-      /* Where the slope leads. */
+      /* Follow the slope. */
     }
     if (fabs(following - *value) <= ending->resolution) {
       return BEV_OK;

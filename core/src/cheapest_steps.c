@@ -6,7 +6,7 @@
 #include "prices.h"
 #include "steps_of_model.h"
 
-/* The steps that are heated, one after the other, and where each trial is written. */
+/* The heated steps, in their order, and the memory of each trial. */
 typedef struct {
   const bev_vehicle *vehicle;
   const bev_trip *trip;
@@ -21,7 +21,7 @@ typedef struct {
   double *heater_w;
 } filling;
 
-/* Whether one step is to be heated before another: it costs less, or the same and comes later. */
+/* Whether one step takes precedence over another: it costs less, or the same and comes later. */
 static int is_cheaper(const filling *of, int32_t one, int32_t other) {
   return of->per_k[one] < of->per_k[other]
       || (of->per_k[one] == of->per_k[other] && one > other);
@@ -67,7 +67,7 @@ static void put_in_order(filling *of) {
   }
 }
 
-/* Heats in steps of the order until what they give, `per_w` for each watt, is as much as is wanted. */
+/* Heat in steps of the order until their sum, `per_w` for each watt, reaches the wanted value. */
 static void fill(const filling *of, const double *per_w, double wanted) {
   for (int32_t k = 0; k < of->trip->steps; k++) {
     of->heater_w[k] = 0.0;
@@ -83,7 +83,7 @@ static void fill(const filling *of, const double *per_w, double wanted) {
   }
 }
 
-/* What heater powers give in the steps of the order, `per_w` for each watt. */
+/* Sum of `per_w` times the heater powers over the steps of the order. */
 static double given_by(const filling *of, const double *heater_w, const double *per_w) {
   double given = 0.0;
   for (int32_t n = 0; n < of->count; n++) {
@@ -92,7 +92,7 @@ static double given_by(const filling *of, const double *heater_w, const double *
   return given;
 }
 
-/* The run that is heated with so many joules, above the target on arrival. */
+/* The run heated with a number of joules; its excess over the target on arrival. */
 static bev_status heat_with(void *filled, double heat_j, double *above_k) {
   const filling *of = (const filling *)filled;
   fill(of, of->trip->duration_s, heat_j);
@@ -103,7 +103,7 @@ static bev_status heat_with(void *filled, double heat_j, double *above_k) {
   return status;
 }
 
-/* By how much a joule more makes the battery warmer on arrival, in the last step that is heated [K/J]. */
+/* Warming on arrival per joule more in the last heated step [K/J]. */
 static double last_slope(const filling *of) {
   for (int32_t n = of->count - 1; n >= 0; n--) {
     const int32_t k = of->order[n];

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What is checked of a call's arguments before they are used. */
+/* Checks of a call's arguments before use. */
 #ifndef BEV_PREHEAT_CORE_CHECKS_H_
 #define BEV_PREHEAT_CORE_CHECKS_H_
 
@@ -10,7 +10,7 @@
 #include "bev_preheat_core/core.h"
 
 static inline int bev_are_numbers(const double *values, int32_t count) {
-  /* To the end in any case: without a branch several are looked at at once. */
+  /* No early exit: without a branch the compiler checks several values at once. */
   int are_numbers = 1;
   for (int32_t n = 0; n < count; n++) {
     are_numbers = isfinite(values[n]) != 0 ? are_numbers : 0;

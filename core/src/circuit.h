@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What the curves of the battery's circuit give at a state: the same for whatever power is asked of it there. */
+/* Values of the battery circuit's curves at a state; they do not depend on the power. */
 #ifndef BEV_PREHEAT_CORE_CIRCUIT_H_
 #define BEV_PREHEAT_CORE_CIRCUIT_H_
 

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Curves over many states at once, to the last bit what bev_at gives for each of them as arrays: what kind of
- * curve it is, and where in a table a charge lies, is found out once.
+ * Curves over many states at once, bit-identical to bev_at for each state. The kind of curve and the position of a
+ * charge in a table are looked up once.
  */
 #ifndef BEV_PREHEAT_CORE_CURVE_ARRAYS_H_
 #define BEV_PREHEAT_CORE_CURVE_ARRAYS_H_
@@ -69,7 +69,7 @@ static inline void bev_table_at_charge(const bev_curve *curve, double soc, int32
   const double last = (double)columns - 1.0;
   for (int32_t n = 0; n < count; n++) {
     const double x = temperature_c[n];
-    /* As bev_place has it: beyond either end the position is that end. */
+    /* As in bev_place: beyond either end the position is that end. */
     double position = 0.0;
     if (x >= axis[columns - 1]) {
       position = last;

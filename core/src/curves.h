@@ -9,7 +9,7 @@
 
 /* How many of the rising axis' points are not above x. */
 static inline int32_t bev_points_up_to(const double *axis, int32_t count, double x) {
-  /* Without a branch that would be guessed wrong half of the time: `left` points are undecided. */
+  /* Without a branch, which would be mispredicted half of the time: `left` points are undecided. */
   int32_t low = 0;
   int32_t left = count;
   while (left > 0) {
@@ -20,7 +20,7 @@ static inline int32_t bev_points_up_to(const double *axis, int32_t count, double
   return low;
 }
 
-/* An axis, and the cell in which the last value along it was: the next one is mostly in the same. */
+/* An axis, and the cell of the last value along it: the next value is mostly in the same cell. */
 typedef struct {
   const double *axis;
   int32_t count;
@@ -89,7 +89,7 @@ static inline double bev_table_as_arrays(const bev_curve *curve, double soc,
   return bev_table_along(curve, &along_soc, &along_temperature, soc, temperature_c);
 }
 
-/* The value of a table; not inline, so that formulas are where they are read. */
+/* The value of a table; not inline, so that the formulas are inlined where bev_at is called. */
 double bev_table_value(const bev_curve *curve, int32_t saturating, double soc,
                        double temperature_c);
 

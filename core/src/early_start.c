@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* From when on the last interval of a plan's heating is heated: bev_preheat.planning.uncertainty_margin. */
+/* Start of the last heating interval of a plan: bev_preheat.planning.uncertainty_margin. */
 #include "early_start.h"
 
 #include "instants.h"
@@ -10,7 +10,7 @@ static int32_t first_of_last_interval(const bev_planned_heating *planned) {
   const bev_trip *trip = planned->trip;
   int32_t first = trip->steps;
   for (int32_t k = trip->steps - 1; k >= 0; k--) {
-    /* Steps in which nothing can be heated are no pause. */
+    /* Steps in which heating is impossible are no pause. */
     if (!(trip->heater_limit_w[k] > 0.0 && trip->time_s[k] < planned->latest_end_s)) {
       continue;
     }
@@ -34,7 +34,7 @@ static double heated_s(const bev_planned_heating *planned, int32_t first) {
   return seconds;
 }
 
-/* The most heat that the heater can give in a step: [W], and over all of it [J]. */
+/* Maximum heat from the heater in a step: power [W], and energy over the whole step [J]. */
 static double heat_w(const bev_vehicle *vehicle, const bev_trip *trip, int32_t k) {
   return vehicle->heater_efficiency * trip->heater_limit_w[k];
 }
@@ -58,7 +58,7 @@ static double given_until_j(const bev_vehicle *vehicle, const bev_trip *trip, do
   return slope_w * (until_s - trip->time_s[before]) + given_j;
 }
 
-/* The instant [s] from which the heater gives `lead_k` by `until_s`; NaN where there is none. */
+/* The instant [s] from which the heater gives `lead_k` by `until_s`; NaN if no instant does. */
 static double earlier_s(const bev_vehicle *vehicle, const bev_trip *trip, double until_s,
                         double lead_k) {
   if (lead_k <= 0.0) {
@@ -70,7 +70,7 @@ static double earlier_s(const bev_vehicle *vehicle, const bev_trip *trip, double
   for (int32_t k = 0; k < trip->steps; k++) {
     const double following_j = given_j + heat_j(vehicle, trip, k);
     if (following_j > wanted_j) {
-      /* The last step that begins with no more than that gives some, so its power is not 0. */
+      /* This step gives some heat, so its power is not 0. */
       return bev_minimum(trip->time_s[k] + (wanted_j - given_j) / heat_w(vehicle, trip, k),
                          until_s);
     }
@@ -110,7 +110,7 @@ bev_status bev_find_early_start(const bev_planned_heating *planned, const bev_un
     return BEV_OK;
   }
   const double start_s = bev_switched_on_s(trip, planned->command_w, start->first, trip->steps);
-  /* Most of the heat from an instant on that is less than the lag before arrival would be under way then. */
+  /* If heating starts less than the lag before arrival, most of its heat would still be under way on arrival. */
   const double left_s = trip->time_s[trip->steps] - start_s;
   if (margin->is_heating == 0
       && (heated_s(planned, start->first) < margin->least_heating_s || left_s < bev_heat_lag_s(vehicle))) {
@@ -129,7 +129,7 @@ bev_status bev_find_early_start(const bev_planned_heating *planned, const bev_un
   }
   start->change = BEV_BEGINS_EARLY;
   start->start_s = early_s;
-  /* What is heated earlier need not be heated later. */
+  /* Heat given earlier is not needed later. */
   start->guess_s = end_s - (start_s - early_s);
   return BEV_OK;
 }

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Heat that is moved to steps in which it costs less, within the limits: bev_preheat.planning.exchange. */
+/* Move heat to steps in which it costs less, within the limits: bev_preheat.planning.exchange. */
 #include <stdbool.h>
 
 #include "bev_preheat_core_generated/constants.h"
@@ -10,7 +10,7 @@
 #include "linear_program.h"
 #include "prices.h"
 
-/* The run so far, the one that is tried, and what is exchanged. */
+/* The run so far, the trial run, and the heat exchanged. */
 typedef struct {
   bev_needs needs;
   bev_limited_trajectory run;
@@ -24,14 +24,14 @@ typedef struct {
   double *gains;
   double *uses;
   double spare[BEV_MOST_NEEDS];
-  /* By how much more than the prices promise the run had of each need when it was last tried. */
+  /* Surplus of the last trial run over the prediction, for each need. */
   double beyond[BEV_MOST_NEEDS];
   int32_t mends;
-  /* So much heat is moved at most [J]. */
+  /* Maximum heat moved in one exchange [J]. */
   double trusted_j;
 } exchange;
 
-/* What an exchange promises, and what it brings. */
+/* Predicted and actual result of an exchange. */
 typedef struct {
   double saving;
   double moved_j;
@@ -46,7 +46,7 @@ static void begin_anew(exchange *of) {
   of->mends = 0;
 }
 
-/* Whether the prices are held against what a run had of a need. */
+/* Whether the prices are corrected by the result of an earlier trial run. */
 static bool is_corrected(const exchange *of) {
   bool is_one = false;
   for (int32_t n = 0; n < of->changes.needs; n++) {
@@ -55,7 +55,7 @@ static bool is_corrected(const exchange *of) {
   return is_one;
 }
 
-/* The greatest magnitude of values, 1 where they are all 0. */
+/* The greatest magnitude of values; 1 if all are 0. */
 static double greatest_of(const double *values, int32_t count) {
   double greatest = 0.0;
   for (int32_t n = 0; n < count; n++) {
@@ -64,7 +64,7 @@ static double greatest_of(const double *values, int32_t count) {
   return greatest > 0.0 ? greatest : 1.0;
 }
 
-/* What is changed by so much of each change. */
+/* Total effect of the changes found, at `per_j` for each joule. */
 static double changed_by(const exchange *of, const double *per_j) {
   double sum = 0.0;
   for (int32_t n = 0; n < of->changes.count; n++) {
@@ -126,7 +126,7 @@ static void find_commands(const exchange *of) {
   }
 }
 
-/* The first step that is heated otherwise. */
+/* The first step whose heating changes. */
 static int32_t first_changed(const exchange *of) {
   int32_t first = of->needs.trip->steps;
   for (int32_t n = 0; n < of->changes.count; n++) {
@@ -151,13 +151,13 @@ static void copy_until(const bev_limited_trajectory *from, const bev_limited_tra
   }
 }
 
-/* Make the run after an exchange. */
+/* Drive the run after an exchange. */
 static bev_status try_exchange(const exchange *of, exchanged *best) {
   const bev_vehicle *vehicle = of->needs.vehicle;
   const bev_trip *trip = of->needs.trip;
   bev_stranding stranding = {-1, 1.0};
   find_commands(of);
-  /* Before the first step that is heated otherwise nothing changes. */
+  /* The run is unchanged before the first step whose heating changes. */
   const int32_t first = first_changed(of);
   copy_until(&of->run, &of->there, first);
   bev_status status =
@@ -173,7 +173,7 @@ static bev_status try_exchange(const exchange *of, exchanged *best) {
   return status;
 }
 
-/* Keep the run that was tried. */
+/* Accept the trial run. */
 static void keep_tried(exchange *of) {
   const int32_t steps = of->needs.trip->steps;
   copy_until(&of->there, &of->run, steps);
@@ -183,7 +183,7 @@ static void keep_tried(exchange *of) {
   }
 }
 
-/* Learn from an exchange that was tried; whether the run that came of it is kept. */
+/* Learn from a tried exchange; returns whether its run is accepted. */
 static bool learn(exchange *of, const exchanged *best, double least_saving) {
   const bool is_kept = best->is_met && best->saved >= least_saving;
   if (is_kept) {
@@ -202,7 +202,7 @@ static bool learn(exchange *of, const exchanged *best, double least_saving) {
     if (!best->is_met && best->saved > BEV_MENDED_SHARE * best->saving && of->mends < BEV_MOST_MENDS) {
       of->mends++;
     } else {
-      /* What differs from the promise does so in proportion to the square of what is moved. */
+      /* The prediction error grows with the square of the heat moved. */
       share = best->saved < best->saving
           ? best->saving / (2.0 * (best->saving - best->saved))
           : BEV_MOST_LEFT;
@@ -218,7 +218,7 @@ static bool learn(exchange *of, const exchanged *best, double least_saving) {
   return is_kept;
 }
 
-/* Exchange heat as long as that saves something. */
+/* Exchange heat until an exchange saves no more charge. */
 static bev_status exchange_on(exchange *of, double least_saving, int32_t *exchanges) {
   bool is_new = true;
   bool goes_on = true;

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Many trips of one vehicle, each without heating, always heated, and planned by two methods: what
- * bev_preheat_studies.fleet.ways does for one trip where nothing limits it.
+ * Many trips of one vehicle, each without heating, always heated, and planned by two methods, as
+ * bev_preheat_studies.fleet.ways does for one trip without active limits.
  */
 #include "bev_preheat_core_generated/constants.h"
 #include "checks.h"
@@ -14,7 +14,7 @@
 #define SWITCH_ROOMS 8
 #define ROOMS 12
 
-/* One trip, what is asked of it, and the memory that its ways share. */
+/* One trip, its requirements, and the memory that its ways share. */
 typedef struct {
   const bev_vehicle *vehicle;
   bev_trip trip;
@@ -23,7 +23,7 @@ typedef struct {
   double lowest_soc;
   const double *idle_soc;
   const double *idle_c;
-  /* Of SWITCH_ROOMS, those behind the unheated run are free once the plan is made. */
+  /* Of SWITCH_ROOMS, the arrays behind the unheated run are free once the plan is made. */
   double *room[ROOMS];
   uint8_t *may_overcharge;
   uint8_t *may_overdraw;
@@ -38,7 +38,7 @@ static void arrive(bev_arrival *arrival, bev_status status, double heater_wh, do
   arrival->instant_s = instant_s;
 }
 
-/* What a heater takes [Wh]. */
+/* Heater energy [Wh]. */
 static double taken_wh(const bev_trip *trip, const double *heater_w) {
   double sum = 0.0;
   for (int32_t k = 0; k < trip->steps; k++) {
@@ -47,7 +47,7 @@ static double taken_wh(const bev_trip *trip, const double *heater_w) {
   return sum;
 }
 
-/* Whether a run leaves what must be left, on arrival and on the way. */
+/* Whether a run leaves the required charge, on arrival and on the way. */
 static int leaves_enough(const drive *of, const double *soc) {
   for (int32_t k = 0; k <= of->trip.steps; k++) {
     if (!(soc[k] >= of->lowest_soc)) {
@@ -101,7 +101,7 @@ static void always_on(const drive *of, bev_arrival *arrival) {
   }
 }
 
-/* The paper's run, of which `heater_w` is written, as bev_preheat.planning.no_regret holds it; NaN is no instant. */
+/* The paper's run, checked as in bev_preheat.planning.no_regret; writes `heater_w` and the instant (NaN: none). */
 static bev_status plan_paper(const drive *of, double *heater_w, double *instant_s) {
   double *soc = of->room[2];
   double *temperature_c = of->room[3];
@@ -152,7 +152,7 @@ static void drive_each_way(drive *of, double start_soc, double start_c, bev_arri
                                        1, NULL, of->room[0], soc, temperature_c, heater_w, &plan);
   bev_status unheated = planned;
   if (planned == BEV_LIMITED) {
-    /* The plan, or already the unheated run, which is all that is known to be complete. */
+    /* The plan, or only the unheated run, which alone is known to be complete. */
     for (int32_t k = 0; k < steps; k++) {
       heater_w[k] = 0.0;
     }
@@ -177,7 +177,7 @@ static void drive_each_way(drive *of, double start_soc, double start_c, bev_arri
   paper(of, &arrivals[BEV_UNHEATED], &arrivals[BEV_PAPER]);
 }
 
-/* The trip of so many steps that begins at a step of `trips`, with its own time. */
+/* The trip that begins at a step of `trips`, with its own time. */
 static bev_trip trip_at(const bev_trip *trips, int32_t first, int32_t steps, double *time_s) {
   const bev_trip trip = {steps,
                          time_s,
@@ -198,7 +198,7 @@ static bev_trip trip_at(const bev_trip *trips, int32_t first, int32_t steps, dou
   return trip;
 }
 
-/* Whether the trips, none of them longer than `longest`, are as many steps as there are. */
+/* Whether the lengths of the trips add up to `total` steps, each at most `longest`. */
 static int are_trips(int32_t total, int32_t count, const int32_t *steps, int32_t longest) {
   int32_t left = total;
   for (int32_t n = 0; n < count; n++) {

@@ -4,7 +4,7 @@
 
 #include "bev_preheat_core_generated/constants.h"
 
-/* The last of the steps that begin within so long after the end of step k. */
+/* The last step that begins within `duration_s` after the end of step k. */
 static int32_t last_after(const bev_trip *trip, int32_t k, double duration_s) {
   double left_s = duration_s;
   for (int32_t last = k; last + 1 < trip->steps; last++) {

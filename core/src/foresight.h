@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What a heater that lags must be commanded now, for later steps: bev_preheat.planning.foresight. */
+/* Command for a lagging heater in view of later steps: bev_preheat.planning.foresight. */
 #ifndef BEV_PREHEAT_CORE_FORESIGHT_H_
 #define BEV_PREHEAT_CORE_FORESIGHT_H_
 
@@ -8,7 +8,7 @@
 /* The command after which the heater, switched off, leaves a climb its power [W]. */
 double bev_off_in_time_w(const bev_limited_run *run, int32_t k, const double states[4]);
 
-/* What of the surplus goes on: what the heater takes afterwards is paid for [W]. */
+/* The part of the surplus that lasts [W]: heater power beyond it is paid for later. */
 double bev_lasting_surplus_w(const bev_limited_run *run, int32_t k, const double states[4]);
 
 #endif /* BEV_PREHEAT_CORE_FORESIGHT_H_ */

@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* When a run within limits heats, and how closely it keeps them. */
+/* When a run within limits heats, and how closely it keeps the limits. */
 #ifndef BEV_PREHEAT_CORE_HEATING_H_
 #define BEV_PREHEAT_CORE_HEATING_H_
 
 #include "checks.h"
 
-/* The highest temperature is kept by heating in so many rounds. */
+/* Maximum number of rounds for finding the command that keeps the highest temperature. */
 #define BEV_MOST_HEATING_ROUNDS 1000
 
 static inline int bev_is_heating(const bev_heating *heating) {

@@ -10,7 +10,7 @@ static inline double bev_switched_on_s(const bev_trip *trip, const double *comma
                                        int32_t first, int32_t last) {
   for (int32_t k = first; k < last; k++) {
     if (bev_is_heated(trip, command_w, k) != 0) {
-      /* A first step that is heated in part is off first, then at full power to its end. */
+      /* A first step heated in part is off first, then at full power to its end. */
       const double share_on = bev_minimum(command_w[k] / trip->heater_limit_w[k], 1.0);
       return trip->time_s[k + 1] - share_on * trip->duration_s[k];
     }
@@ -18,7 +18,7 @@ static inline double bev_switched_on_s(const bev_trip *trip, const double *comma
   return NAN;
 }
 
-/* The same of a run within limits, of which `watched`, 2 * steps bytes, says where limits were looked at. */
+/* The same for a run within limits; `watched`, 2 * steps bytes, marks the steps whose limits were checked. */
 static inline double bev_switched_on_within_limits_s(const bev_trip *trip,
                                                      const double *command_w,
                                                      const uint8_t *watched) {
@@ -27,11 +27,11 @@ static inline double bev_switched_on_within_limits_s(const bev_trip *trip,
     return start_s;
   }
   const int32_t on = bev_step_at(trip, start_s);
-  /* A step that is heated in part because of a limit is heated evenly, from its beginning. */
+  /* A step heated in part because of a limit is heated evenly, from its beginning. */
   return watched[on] != 0u || watched[trip->steps + on] != 0u ? trip->time_s[on] : start_s;
 }
 
-/* The end of the last heated step [s]; NaN where that is the arrival, or there is none. */
+/* The end of the last heated step [s]; NaN if it is the arrival, or if no step is heated. */
 static inline double bev_ends_before_arrival_s(const bev_trip *trip, const double *command_w) {
   for (int32_t k = trip->steps - 1; k >= 0; k--) {
     if (bev_is_heated(trip, command_w, k) != 0) {

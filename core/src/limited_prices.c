@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What a joule of heat does along a run within limits: bev_preheat.planning.limited_prices. */
+/* Effect of a joule of heat along a run within limits: bev_preheat.planning.limited_prices. */
 #include "limited_prices.h"
 
 #include "bev_preheat_core_generated/constants.h"
@@ -63,7 +63,7 @@ double bev_free_heat_w(const bev_trip *trip, const bev_limited_trajectory *run, 
   return run->brake_w[k] > 0.0 ? bev_minimum(free_w, run->heater_w[k]) : free_w;
 }
 
-/* The slopes of a step within limits: for a watt of surplus, too, and how much more of it [W] there is then. */
+/* The slopes of a step within limits, also for a watt of surplus, and the slopes of the surplus itself [W]. */
 typedef struct {
   bev_slopes of_model;
   bev_charge_warmth by_surplus;
@@ -78,7 +78,7 @@ static double least_at(const bev_middle *of, double soc, double temperature_c) {
   return limits_w[0];
 }
 
-/* The slopes of step k of a run, in which the heater takes so much surplus anyway [W]. */
+/* The slopes of step k of a run; the heater takes a given surplus anyway [W]. */
 static limited_slopes slopes_of(const bev_middle *of, const bev_limited_trajectory *run, int32_t k,
                                 double free_w) {
   static const bev_charge_warmth NOTHING = {0.0, 0.0};
@@ -97,7 +97,7 @@ static limited_slopes slopes_of(const bev_middle *of, const bev_limited_trajecto
   } else {
     return slopes;
   }
-  /* The battery leaves it at that end of the step at which it takes less. */
+  /* The surplus arises at the end of the step at which the battery takes less. */
   const double start_w = least_at(of, run->soc[k], run->temperature_c[k]);
   const double end_w = least_at(of, run->soc[k + 1], run->temperature_c[k + 1]);
   const int32_t instant = start_w >= end_w ? k : k + 1;
@@ -144,7 +144,7 @@ static bev_status find_slopes(const bev_needs *needs, const bev_limited_trajecto
   return BEV_OK;
 }
 
-/* What a joule of each change does until an instant, at which charge and warmth are worth so much. */
+/* Effect of a joule of each change until an instant; `worth` is the value of charge and warmth there. */
 static bev_status find_effects(const bev_trip *trip, const bev_changes *changes, int32_t instant,
                                bev_charge_warmth worth, double *per_j) {
   for (int32_t k = instant; k < trip->steps; k++) {
@@ -180,14 +180,14 @@ static double most_at(const bev_needs *needs, const bev_limited_trajectory *run,
   return limits_w[1];
 }
 
-/* What a joule of each change does to the power that can be given at the worse end of step k. */
+/* Effect of a joule of each change on the available power at the worse end of step k. */
 static bev_status find_effects_on_climb(const bev_needs *needs, const bev_limited_trajectory *run,
                                         const bev_changes *changes, int32_t k, double *per_j) {
   const double start_w = most_at(needs, run, k, k, 0.0, 0.0);
   const double end_w = most_at(needs, run, k, k + 1, 0.0, 0.0);
   const int32_t instant = start_w <= end_w ? k : k + 1;
   const double here_w = start_w <= end_w ? start_w : end_w;
-  /* Downwards: what is full already is not fuller. */
+  /* Downward difference: a full battery cannot be fuller. */
   const bev_charge_warmth worth = {
       (here_w - most_at(needs, run, k, instant, -BEV_SOC_DIFFERENCE, 0.0)) / BEV_SOC_DIFFERENCE,
       (most_at(needs, run, k, instant, 0.0, BEV_TEMPERATURE_DIFFERENCE_K) - here_w)
@@ -238,7 +238,7 @@ static void find_worst(const bev_needs *needs, const bev_limited_trajectory *run
   }
 }
 
-/* The instant from which a run charges again from its lowest; -1 where that is far above the need. */
+/* The instant of the lowest charge before a run charges again; -1 if that charge is far above the need. */
 static int32_t lowest_instant(const bev_needs *needs, const bev_limited_trajectory *run) {
   int32_t lowest = -1;
   double least_soc = needs->lowest_soc + BEV_NEAR_LOWEST_SOC;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * What a joule of heat in each step does along a run within limits, of a vehicle without a heat path:
+ * Effect of a joule of heat in each step along a run within limits, for a vehicle without a heat path:
  * bev_preheat.planning.limited_prices.
  */
 #ifndef BEV_PREHEAT_CORE_LIMITED_PRICES_H_
@@ -13,7 +13,7 @@
 
 /* The target, each climb, and the lowest charge. */
 #define BEV_MOST_NEEDS (2 + BEV_MOST_CLIMBS)
-/* The slopes of a step are so many numbers. */
+/* Number of values in the slopes of a step. */
 #define BEV_SLOPES 10
 
 /* A run within limits, and the limits of its steps on the terminal power [W]. */
@@ -26,7 +26,7 @@ typedef struct {
   double *most_w;
 } bev_limited_trajectory;
 
-/* What a run must not fall short of: arrival temperature, power in each step, and in climbs, and lowest charge. */
+/* Lower bounds of a run: arrival temperature, power in each step, power in climbs, and lowest charge. */
 typedef struct {
   const bev_vehicle *vehicle;
   const bev_trip *trip;
@@ -38,10 +38,11 @@ typedef struct {
 } bev_needs;
 
 /*
- * What heating a step more, or less, does: `count` changes, the first `more` of which heat more. In each `step`
- * (a double, so that one memory is enough) by at most so many joules. Of a joule, by how much it changes the charge
- * on arrival, and each of `needs`, one array after the other: the temperature on arrival [K], the power that can
- * be given in the `worst` step of each climb [W], and the charge at the instant `lowest`, if that is not -1.
+ * Effects of heating a step more or less: `count` changes; the first `more` changes heat more. `step` is the step of
+ * each change (a double, so that all arrays share one memory), `most_j` its maximum [J]. For a joule:
+ * `charge_per_j` is the change of the charge on arrival, `needs_per_j` that of each of `needs`, one array after the
+ * other: the temperature on arrival [K], the available power in the `worst` step of each climb [W], and the charge
+ * at the instant `lowest`, if that is not -1.
  */
 typedef struct {
   int32_t count;
@@ -62,14 +63,14 @@ typedef struct {
 bev_status bev_look_at_limits(const bev_vehicle *vehicle, const bev_trip *trip,
                               const bev_limited_trajectory *run);
 
-/* What a run whose limits are known is to be compared with; vehicle, trip and room are known. */
+/* Find the needs of a run whose limits are known; vehicle, trip and room are set already. */
 bev_status bev_find_needs(const bev_limited_trajectory *run, const bev_settling *goal,
                           bev_needs *needs);
 
-/* Whether a run that does not strand falls short of nothing but rounding. */
+/* Whether a run that does not strand meets all needs, except for rounding. */
 bool bev_are_met(const bev_needs *needs, const bev_limited_trajectory *run);
 
-/* What a run has beyond each need [K, W, ..., 1], less what is aimed at. */
+/* Margin of a run over each need [K, W, ..., 1], less the margin aimed at. */
 void bev_spare_of(const bev_needs *needs, const bev_changes *changes, const bev_limited_trajectory *run,
                   double spare[BEV_MOST_NEEDS]);
 

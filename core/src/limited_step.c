@@ -17,7 +17,7 @@ typedef struct {
   int32_t k;
   bev_inputs idle;
   const double *states;
-  /* What is left of a difference between heater and command, on average over the step. */
+  /* Remaining share of the difference between heater and command, mean over the step. */
   double left;
 } step_start;
 
@@ -90,7 +90,7 @@ static bev_status limited_command(const bev_limited_run *run, const step_start *
     }
     const double free_w = bev_minimum(cap_w, surplus_w);
     if (wanted_w <= free_w) {
-      /* No heat is paid for, for any caller. */
+      /* The surplus covers the wanted heat: no heat is paid for, for any caller. */
       wanted_w = free_w;
       *paid_w = 0.0;
     }
@@ -174,7 +174,7 @@ static bev_status drive_between(const bev_limited_run *run, const step_start *st
   return status;
 }
 
-/* A step whose limits at the end are kept, and what came of the last terminal power that was tried. */
+/* A step that keeps the limits at its end, and the result of the last terminal power tried. */
 typedef struct {
   const bev_limited_run *run;
   const step_start *start;
@@ -205,7 +205,7 @@ static double spare_w(const step_to_end *of, const double limits_w[2]) {
   return to_spare_w - 0.5 * BEV_END_TOLERANCE_W;
 }
 
-/* The step with one of its limits moved. */
+/* The step with one limit moved. */
 static bev_status attempt_end(void *moved, double limit_w, double *excess) {
   step_to_end *of = (step_to_end *)moved;
   double at_end_w[2];
@@ -230,7 +230,7 @@ static bev_status move_limit(step_to_end *of, int moved, double utmost_w,
   bev_status status = bev_follow_slope(utmost_w, value_w, moved == 1 ? -1.0 : 1.0, &ending,
                                        attempt_end, of, &value_w, &excess_w);
   if (status == BEV_OK && excess_w < -0.5 * BEV_END_TOLERANCE_W && value_w != utmost_w) {
-    /* In a long step less heat may lower the limit by more than it saves: nothing holds it. */
+    /* In a long step less heat may lower the limit by more than it saves: the limit cannot be kept. */
     status = attempt_end(of, utmost_w, &excess_w);
   }
   return status;

@@ -2,15 +2,15 @@
 /*
  * One step within the battery's limits: bev_preheat.planning.limits and bev_preheat.planning.heated_limits.
  *
- * The states of a step are charge, temperature [deg C], heater power [W] and coolant excess [K], of which a
- * vehicle whose heat arrives at once has the first two; the others are 0.
+ * The states of a step are charge, temperature [deg C], heater power [W] and coolant excess [K]. A vehicle whose
+ * heat arrives at once has only the first two; the others are 0.
  */
 #ifndef BEV_PREHEAT_CORE_LIMITED_STEP_H_
 #define BEV_PREHEAT_CORE_LIMITED_STEP_H_
 
 #include "steps_of_model.h"
 
-/* What stays the same over a run. */
+/* Constants of a run. */
 typedef struct {
   const bev_vehicle *vehicle;
   const bev_trip *trip;
@@ -20,7 +20,7 @@ typedef struct {
   int32_t takes_surplus;
   int32_t is_direct;
   double lag_s;
-  /* What a watt of heater power, and a kelvin of coolant excess, will still bring [K]. */
+  /* Warming still to come from a watt of heater power, and from a kelvin of coolant excess [K]. */
   double k_per_watt;
   double share_of_excess;
   double joules_per_k;
@@ -40,15 +40,15 @@ static inline double bev_settled_c(const bev_limited_run *run, const double stat
 /*
  * Drive step k from its states, heated with `wanted_w` [W] as far as limits let it.
  *
- * Written are the states at its end, and command, friction brake, what the heater takes and the heat into the
- * battery, means [W]. BEV_EMPTY: the charge does not carry the step, and only the powers mean something.
+ * Writes the states at its end, and command, friction brake, heater power and heat into the battery, means [W].
+ * BEV_EMPTY: the charge does not last for the step, and only the powers are meaningful.
  */
 bev_status bev_drive_within_limits(const bev_limited_run *run, int32_t k, const double states[4],
                                    double wanted_w, double ends[4], double powers_w[4]);
 
 /*
- * Drive the step of `stranding` as far as the charge carries, and stand from then on: `states` and
- * `powers_w`, of `rows` arrays each, are known until that step, and with what it was to be driven.
+ * Drive the step of `stranding` as far as the charge lasts, and stand from then on. `states` and `powers_w`, of
+ * `rows` arrays each, are known until that step, including the powers planned for it.
  */
 bev_status bev_strand(const bev_limited_run *run, int32_t rows, double *const states[4],
                       double *const powers_w[4],
@@ -70,7 +70,7 @@ static inline int32_t bev_is_direct(const bev_vehicle *vehicle) {
   return vehicle->heater_lag_s == 0.0 && vehicle->coolant_heat_capacity_j_per_k == 0.0;
 }
 
-/* How late heat arrives in all [s]. */
+/* Total lag of the heat [s]. */
 static inline double bev_heat_lag_s(const bev_vehicle *vehicle) {
   return vehicle->heater_lag_s
       + (vehicle->coolant_heat_capacity_j_per_k > 0.0
@@ -78,7 +78,7 @@ static inline double bev_heat_lag_s(const bev_vehicle *vehicle) {
              : 0.0);
 }
 
-/* What is left of a difference between heater and command, on average over a step. */
+/* Remaining share of the difference between heater and command, mean over a step. */
 double bev_mean_share_left(double lag_s, double duration_s);
 
 #endif /* BEV_PREHEAT_CORE_LIMITED_STEP_H_ */

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* One switching instant within limits: bev_preheat.planning.limited_switch, where the reasons stand. */
+/* One switching instant within limits: bev_preheat.planning.limited_switch, which documents the reasons. */
 #include "limited_switch.h"
 
 #include "bev_preheat_core_generated/constants.h"
@@ -7,7 +7,7 @@
 #include "early_start.h"
 #include "limited_step.h"
 
-/* The unheated run, the one that is tried, and what is commanded in it. */
+/* The unheated run, the trial run, and the trial run's commands. */
 typedef struct {
   const bev_limited_interval *interval;
   bev_trajectory idle;
@@ -22,7 +22,7 @@ static bev_status drive_commanded(limited_switch *of, bev_trajectory *run, int32
                                  run->states[0], run->powers_w[0], of->watched, &run->stranding);
 }
 
-/* The run that is not heated until step `first`, up to there. */
+/* Copy the unheated run up to step `first`. */
 static void copy_idle(limited_switch *of, int32_t first) {
   for (int32_t row = 0; row < of->idle.rows; row++) {
     for (int32_t k = 0; k <= first; k++) {
@@ -34,14 +34,14 @@ static void copy_idle(limited_switch *of, int32_t first) {
   }
 }
 
-/* Which share of the most command of a step the battery can give, from the state of the unheated run. */
+/* The share of the maximum command of a step that the battery can give, from the state of the unheated run. */
 static double share_given(const limited_switch *of, int32_t step) {
   const bev_vehicle *vehicle = of->interval->vehicle;
   const bev_trip *trip = of->interval->trip;
   double limits_w[2];
   bev_terminal_limits(vehicle, BEV_AS_ARRAYS, of->idle.states[0][step], of->idle.states[1][step],
                       trip->power_variance_w2[step], limits_w);
-  /* A heater that lags takes only a part of it in this step. */
+  /* A lagging heater takes only part of its limit in this step. */
   const double taken_w = trip->heater_limit_w[step]
       * (1.0 - bev_mean_share_left(vehicle->heater_lag_s, trip->duration_s[step]));
   const double room_w = bev_maximum(limits_w[1] - trip->idle_power_w[step], 0.0);
@@ -52,19 +52,19 @@ static double share_given(const limited_switch *of, int32_t step) {
 static bev_status heat_within_limits_from(void *searched, double on_s, double *above_k) {
   limited_switch *of = (limited_switch *)searched;
   const bev_trip *trip = of->interval->trip;
-  /* One whose charge runs out is no beginning of another. */
+  /* A run whose charge runs out cannot be the beginning of another run. */
   const int32_t step = bev_step_at(trip, on_s);
   const int32_t first = of->idle.stranding.step < 0 ? step : 0;
   copy_idle(of, first);
   bev_heat_between(trip, 0, on_s, of->interval->off_s, of->command_w);
-  /* Of what the battery gives the heater, or in a part of the step it would be heated as in all of it. */
+  /* A share of the power available to the heater, or a part of the step would heat like the whole step. */
   of->command_w[step] *= share_given(of, step);
   const bev_status status = drive_commanded(of, of->run, first);
   *above_k = of->run->states[1][trip->steps] - of->interval->target_c;
   return status;
 }
 
-/* From when on [s] heating takes what it takes in a planned run, whose limits are `most_w` [W]. */
+/* The instant [s] from which heating takes the same energy as in a planned run, whose limits are `most_w` [W]. */
 static double guessed_on_s(const limited_switch *of, const double *most_w) {
   const bev_trip *trip = of->interval->trip;
   const bev_trajectory *planned = of->interval->planned;

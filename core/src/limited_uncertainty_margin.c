@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Heating a little earlier than a plan needs: bev_preheat.planning.uncertainty_margin for any run, within the battery's limits
- * where one is active, and with a heat path.
+ * Heating a little earlier than a plan needs: bev_preheat.planning.uncertainty_margin for any run, within the
+ * battery's limits if one is active, and with a heat path.
  */
 #include "bev_preheat_core_generated/constants.h"
 #include "bracketing.h"
@@ -13,7 +13,7 @@
 #include "limited_step.h"
 #include "limits_of_run.h"
 
-/* What stays the same, the run that is made anew, and its heating interval from `start_s` on. */
+/* The constant inputs, the run that is computed again, and its heating interval from `start_s` on. */
 typedef struct {
   const bev_vehicle *vehicle;
   const bev_trip *trip;
@@ -22,13 +22,13 @@ typedef struct {
   double *states;
   double *powers_w;
   uint8_t *watched;
-  /* What is commanded in each step [W]; before step `first`, in which the interval begins, what is planned. */
+  /* Command in each step [W]; before step `first`, in which the interval begins, the planned command. */
   double *command_w;
   double *limits_w;
   int32_t first;
   double start_s;
   double latest_end_s;
-  /* Until when it is heated in the run that is there [s], and whether that is one within limits to its end. */
+  /* The end of heating in the current run [s], and whether that run is driven within limits to its end. */
   double end_s;
   int32_t is_driven;
   bev_stranding stranding;
@@ -59,7 +59,7 @@ static bev_status keeps_limits(const last_interval *of, int32_t end) {
   return bev_keeps_limits(&run, 0);
 }
 
-/* Until the earlier of both ends the run that is there is that of another end; write what is commanded then. */
+/* Move the end of heating: the run is unchanged until the earlier end. Write the commands; return its step. */
 static int32_t command_until(last_interval *of, double end_s) {
   const int32_t first = bev_step_at(of->trip, bev_minimum(of->end_s, end_s));
   bev_heat_between(of->trip, first, of->start_s, end_s, of->command_w);
@@ -67,7 +67,7 @@ static int32_t command_until(last_interval *of, double end_s) {
   return first;
 }
 
-/* The run that is heated until an instant, limits left aside, above the target on arrival. */
+/* The run heated until an instant, ignoring limits; its excess over the target on arrival. */
 static bev_status run_until(void *searched, double end_s, double *above_k) {
   last_interval *of = (last_interval *)searched;
   const int32_t first = command_until(of, end_s);
@@ -80,12 +80,12 @@ static bev_status run_until(void *searched, double end_s, double *above_k) {
   return status;
 }
 
-/* The run within limits from a step on, if the one that is there is one, else from its beginning. */
+/* Drive within limits from a step on if the current run was driven that way, else from its beginning. */
 static bev_status drive_on(last_interval *of, int32_t first) {
   const bev_status status = bev_drive_on_as_planned(
       of->vehicle, of->trip, of->command_w, of->is_driven ? first : 0, of->states, of->powers_w,
       of->watched, &of->stranding);
-  /* One whose charge runs out is driven anew. */
+  /* A run whose charge runs out is driven again from its beginning. */
   of->is_driven = of->stranding.step < 0 ? 1 : 0;
   return status;
 }
@@ -103,7 +103,7 @@ static bev_status find_end(last_interval *of, bev_attempt attempt, double guess_
   const bev_ending ending = {BEV_EARLY_TOLERANCE_K, BEV_EARLY_RESOLUTION_S, BEV_MOST_EARLY_RUNS};
   double above_k = 0.0;
   *end_s = bev_minimum(bev_maximum(guess_s, of->start_s), of->latest_end_s);
-  /* At first nothing after the start is as it is to be. */
+  /* At first, everything after the start must be computed. */
   of->end_s = of->start_s;
   bev_status status = attempt(of, *end_s, &above_k);
   if (status >= BEV_OK) {
@@ -115,7 +115,7 @@ static bev_status find_end(last_interval *of, bev_attempt attempt, double guess_
   return status;
 }
 
-/* BEV_LIMITED where a limit is active. */
+/* BEV_LIMITED if a limit is active. */
 static bev_status heat_early_beyond_limits(last_interval *of, double guess_s, double *end_s) {
   bev_status status = of->first == 0 ? BEV_OK : keeps_limits(of, of->first);
   if (status == BEV_OK) {
@@ -135,7 +135,7 @@ static bev_status heat_early_beyond_limits(last_interval *of, double guess_s, do
   return status == BEV_OK ? keeps_limits(of, of->trip->steps) : status;
 }
 
-/* The plan whose last interval begins early, as early as it is told, and ends as soon as it is enough. */
+/* The plan whose last interval begins early, at `start_s`, and ends as soon as the target is reached. */
 static bev_status heat_early(last_interval *of, double guess_s, bev_merit_plan *plan) {
   const bev_trip *trip = of->trip;
   double end_s = NAN;

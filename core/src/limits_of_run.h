@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Whether a run that was made without regard to limits keeps them, and what a plan says of it. */
+/* Check whether a run that ignores limits keeps them, and the resulting entries of a plan. */
 #ifndef BEV_PREHEAT_CORE_LIMITS_OF_RUN_H_
 #define BEV_PREHEAT_CORE_LIMITS_OF_RUN_H_
 
 #include "bev_preheat_core/core.h"
 
-/* A run that is looked at, and its limits on the terminal power [W], which are written. */
+/* The run to check, and its limits on the terminal power [W], which are written. */
 typedef struct {
   const bev_vehicle *vehicle;
   const bev_trip *trip;

@@ -8,14 +8,14 @@
 
 #include "arithmetic.h"
 
-/* Where a variable is: at 0, at its most, or in the basis. */
+/* Place of a variable: at 0, at its upper bound, or in the basis. */
 #define AT_NOTHING 0.0
 #define AT_MOST 1.0
 #define IN_BASIS 2.0
 
 /*
- * The basis: a variable for each row, its value and what a unit of it gains, and the inverse. Variables come
- * first, then for each row what is left of it, then what it lacks.
+ * The basis: a variable for each row, its value, its gain per unit, and the inverse. Variables come first, then the
+ * slack of each row, then the deficit of each row.
  */
 typedef struct {
   int32_t variable[BEV_MOST_ROWS];
@@ -24,7 +24,7 @@ typedef struct {
   double inverse[BEV_MOST_ROWS][BEV_MOST_ROWS];
 } basis;
 
-/* The variable that enters, which way it goes, how far at most, and by how much that lowers those of the basis. */
+/* The entering variable, its direction, its maximum step, and its effect on the variables of the basis. */
 typedef struct {
   int32_t variable;
   double direction;
@@ -32,7 +32,7 @@ typedef struct {
   double changes[BEV_MOST_ROWS];
 } entry;
 
-/* How far it goes, and the row whose variable leaves then (-1: none), at its most or at 0. */
+/* The step, and the row whose variable leaves the basis (-1: none), at its upper bound or at 0. */
 typedef struct {
   double step;
   int32_t leaving;
@@ -92,7 +92,7 @@ static bool find_entry(const bev_linear_program *of, const basis *at, entry *ent
   return gain > BEV_PIVOT_LEAST_GAIN;
 }
 
-/* What the variable that enters does to those of the basis. */
+/* Effect of the entering variable on those of the basis. */
 static void find_changes(const bev_linear_program *of, const basis *at, entry *enters) {
   const bool is_variable = enters->variable < of->count;
   enters->direction = is_variable && of->place[enters->variable] == AT_MOST ? -1.0 : 1.0;
@@ -110,7 +110,7 @@ static void find_changes(const bev_linear_program *of, const basis *at, entry *e
   }
 }
 
-/* How far it goes until a variable of the basis is at one of its bounds, or itself at its other one. */
+/* Step until a variable of the basis reaches a bound, or the entering variable its other bound. */
 static pivot find_pivot(const bev_linear_program *of, const basis *at, const entry *enters) {
   pivot found = {enters->bound, -1, false};
   for (int32_t row = 0; row < of->rows; row++) {
@@ -179,7 +179,7 @@ void bev_maximise(const bev_linear_program *program) {
         double *const place = &program->place[enters.variable];
         *place = *place == AT_MOST ? AT_NOTHING : AT_MOST;
       } else {
-        /* Nothing bounds what is gained. */
+        /* The gain is unbounded. */
       }
     }
   }

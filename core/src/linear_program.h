@@ -8,9 +8,9 @@
 #define BEV_MOST_ROWS 9
 
 /*
- * The greatest sum of `gains` times what is found, of which each row's `uses` leave what it has `left`. What is
- * found lies between 0 and `most`. `gains` and `most` have `count` values, `uses` as many for each row, one
- * row after the other; `place` is room for `count` numbers.
+ * Maximise the sum of `gains` times `found`, subject to: the sum of `uses` times `found` is at most `left` in each
+ * row, and `found` lies between 0 and `most`. `gains` and `most` have `count` values, `uses` has `count` for each
+ * row, one row after the other; `place` is room for `count` numbers.
  */
 typedef struct {
   int32_t count;
@@ -23,7 +23,7 @@ typedef struct {
   double *found;
 } bev_linear_program;
 
-/* Write what is found. There is one row at least, and BEV_MOST_ROWS at most. */
+/* Write `found`. `rows` is 1 ... BEV_MOST_ROWS. */
 void bev_maximise(const bev_linear_program *program);
 
 #endif /* BEV_PREHEAT_CORE_LINEAR_PROGRAM_H_ */

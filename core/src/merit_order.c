@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * Heating where a watt-hour of battery energy brings the most: the passes of
- * bev_preheat.planning.merit_order, where the constants below and the reasons for them stand.
+ * bev_preheat.planning.merit_order, which documents the constants below and the reasons for them.
  */
 #include <stdbool.h>
 
@@ -11,7 +11,7 @@
 #include "strides.h"
 #include "trip_strides.h"
 
-/* What stays the same over the passes, and what each of them works in. */
+/* The constant inputs of the passes, and their working memory. */
 typedef struct {
   const bev_vehicle *vehicle;
   const bev_vehicle *lumped;
@@ -30,7 +30,7 @@ typedef struct {
   double *settle_memory;
 } passes;
 
-/* How good a run is: does its charge carry the trip, what does it lack and miss, what charge is left. */
+/* How good a run is: whether its charge lasts for the trip, its deficits, and the charge left. */
 typedef struct {
   int32_t is_stranded;
   double deficit_w;
@@ -79,7 +79,7 @@ static bev_status find_thresholds(const passes *pass, int32_t is_first_look,
   return status;
 }
 
-/* The run under the thresholds along another one. */
+/* The run under the thresholds along another run. */
 static bev_status make_pass(passes *pass, int32_t is_first_look, const bev_trajectory *assumed,
                             bev_trajectory *trajectory) {
   bev_status status = bev_watch_limits(pass->vehicle, pass->trip, assumed, &pass->watch);
@@ -111,7 +111,7 @@ static bev_status merit_of(const passes *pass, const bev_trajectory *trajectory,
       : BEV_OK;
 }
 
-/* Whether a run lacks less than another, or costs less where both lack the same. */
+/* Whether a run has a smaller deficit than another, or costs less at the same deficit. */
 static int is_better(const merit *one, const merit *other) {
   if (one->is_stranded != other->is_stranded) {
     return !one->is_stranded;
@@ -131,7 +131,7 @@ static bool is_exchanged(const passes *pass, const merit *found) {
   return bev_is_direct(pass->vehicle) != 0 && found->is_stranded == 0 && found->deficit_w == 0.0;
 }
 
-/* Copy a run, and the steps in which its limits were looked at. */
+/* Copy a run, and the marks of the steps whose limits were checked. */
 static void keep(const passes *pass, const bev_trajectory *from, bev_trajectory *to, uint8_t *watched) {
   const int32_t steps = pass->trip->steps;
   for (int32_t n = 0; n < from->rows; n++) {
@@ -160,7 +160,7 @@ static bev_status make_passes(passes *pass, bev_trajectory runs[2], bev_trajecto
                               uint8_t *watched) {
   merit best_merit = {0, 0.0, 0.0, 0.0};
   int32_t had_loss = 0;
-  /* The run that thresholds are made along; the other one is made then. */
+  /* Index of the run along which thresholds are computed; the other run is driven under them. */
   int32_t assumed = 0;
   for (int32_t n = 0; n < BEV_MOST_PASSES; n++) {
     bev_trajectory *trajectory = &runs[1 - assumed];

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The whole plan by merit order, from the unheated run on: bev_preheat.planning.merit_order.plan_merit_order,
- * with what it takes of optimal_switch, two_switches, limits and schedule, where the reasons stand.
+ * The whole plan by merit order, from the unheated run on: bev_preheat.planning.merit_order.plan_merit_order, with
+ * the parts that it uses of optimal_switch, two_switches, limits and schedule. The reasons are documented there.
  */
 #include <stdbool.h>
 
@@ -15,7 +15,7 @@
 #include "limits_of_run.h"
 #include "prices.h"
 
-/* What stays the same, and the run that is planned: its states and powers, one array after the other. */
+/* The constant inputs, and the planned run: its states and powers, one array after the other. */
 typedef struct {
   const bev_vehicle *vehicle;
   const bev_trip *trip;
@@ -32,7 +32,7 @@ static double *powers_of(const planning *of, int32_t row) {
   return &of->powers_w[row * of->trip->steps];
 }
 
-/* What the heater takes in each step, on average. */
+/* Mean heater power in each step. */
 static const double *drawn_of(const planning *of) { return powers_of(of, of->is_direct ? 0 : 2); }
 
 /* The vehicle whose heat arrives at once, in a battery that has the coolant's heat capacity too. */
@@ -46,7 +46,7 @@ static bev_vehicle lumped_of(const bev_vehicle *vehicle) {
   return lumped;
 }
 
-/* One heating interval that meets the target; limits left aside. */
+/* One heating interval that meets the target, ignoring limits. */
 static bev_status heat_once(const planning *of, const double *idle_states, bev_merit_plan *plan) {
   const bev_trip *trip = of->trip;
   const int32_t steps = trip->steps;
@@ -106,7 +106,7 @@ static void find_paid_w(const planning *of, double end_s) {
   }
 }
 
-/* When a run within limits heats, from its commands and the steps whose limits were looked at. */
+/* When a run within limits heats, from its commands and the steps whose limits were checked. */
 static void find_instants(const planning *of, bev_merit_plan *plan) {
   plan->start_s = bev_switched_on_within_limits_s(of->trip, of->powers_w, of->watched);
   plan->end_s = of->is_direct ? NAN : bev_ends_before_arrival_s(of->trip, of->powers_w);
@@ -134,7 +134,7 @@ static bev_status misses_no_limit(const planning *of) {
   return status;
 }
 
-/* The run as it can be driven, the limits of each step looked at. */
+/* Drive the run within limits, which are checked in each step. */
 static bev_status keep_limits(const planning *of, bev_stranding *stranding) {
   for (int32_t k = 0; k < of->trip->steps; k++) {
     of->paid_w[k] = of->powers_w[k];
@@ -143,7 +143,7 @@ static bev_status keep_limits(const planning *of, bev_stranding *stranding) {
                               of->watched, stranding);
 }
 
-/* The run that is heated in the cheapest steps, if it keeps the limits as the one that is heated once does. */
+/* The run heated in the cheapest steps, if it keeps the limits; otherwise the run heated once. */
 static bev_status heat_cheapest(const planning *of, const double *idle_states, int32_t *order,
                                 bev_merit_plan *plan) {
   const int32_t steps = of->trip->steps;
@@ -165,7 +165,7 @@ static bev_status heat_cheapest(const planning *of, const double *idle_states, i
   return status;
 }
 
-/* The run after exchanges of heat, all limits of which were looked at; one that strands stays what it is. */
+/* Exchange heat in a run whose limits were all checked; a run that strands stays unchanged. */
 static bev_status exchange_heat(const planning *of, const bev_stranding *stranding) {
   const int32_t steps = of->trip->steps;
   int32_t exchanges = 0;
@@ -223,7 +223,7 @@ static bev_status saves(const planning *of, const bev_trajectory *run, const bev
   return status;
 }
 
-/* Write a run over the one that is planned. */
+/* Replace the planned run by another. */
 static void take_over(const planning *of, const bev_trajectory *from, const uint8_t *watched) {
   const int32_t steps = of->trip->steps;
   for (int32_t n = 0; n < from->rows * (steps + 1); n++) {
@@ -238,8 +238,8 @@ static void take_over(const planning *of, const bev_trajectory *from, const uint
 }
 
 /*
- * Where heat arrives late: the run without thresholds, heated once between two instants (NaN: not, and until arrival)
- * or not at all, if it saves against the one that is there.
+ * If heat arrives late: the run without thresholds, heated once between two instants (NaN: not, and until arrival)
+ * or not at all, if it saves charge compared with the planned run.
  */
 static bev_status leave_out_thresholds(const planning *of, const bev_merit_plan *once,
                                        bev_stranding *stranding) {
@@ -283,7 +283,7 @@ static bev_status leave_out_thresholds(const planning *of, const bev_merit_plan 
   return status;
 }
 
-/* One heating interval as it can be driven, which ends where that of `once` does, if it saves. */
+/* One heating interval driven within limits, with the end of that of `once`, if it saves charge. */
 static bev_status switch_once(const planning *of, const bev_merit_plan *once,
                               bev_stranding *stranding, bool *is_taken) {
   const bev_trip *trip = of->trip;
@@ -310,7 +310,7 @@ static bev_status switch_once(const planning *of, const bev_merit_plan *once,
   return status;
 }
 
-/* What is left to the run under thresholds, and to one heating interval if that is the better one. */
+/* Remaining improvements: of the run under thresholds, and one heating interval if that is better. */
 static bev_status improve(const planning *of, const bev_merit_plan *once,
                           bev_stranding *stranding) {
   bool is_taken = false;

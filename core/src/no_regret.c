@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * No plan is worse than not heating: bev_preheat.planning.no_regret over what merit_order proposes, with an uncertainty margin as
- * bev_preheat.planning.planner has it.
+ * No plan is worse than not heating: bev_preheat.planning.no_regret over the proposals of merit_order, with an
+ * uncertainty margin as in bev_preheat.planning.planner.
  */
 #include <stdbool.h>
 
@@ -12,7 +12,7 @@
 #include "instants.h"
 #include "limited_step.h"
 
-/* What stays the same, the most power that may lack, and the room that plans are made in. */
+/* The constant inputs, the largest power deficit allowed, and the working memory of plans. */
 typedef struct {
   const bev_vehicle *vehicle;
   const bev_trip *trip;
@@ -27,7 +27,7 @@ typedef struct {
   double *memory;
 } no_regret_check;
 
-/* A run with its instants: what was proposed for a target, and what it leaves to spare. */
+/* The run proposed for a target, with its instants and its margins. */
 typedef struct {
   double *states;
   double *powers_w;
@@ -47,20 +47,20 @@ static double arrival_c(const no_regret_check *of, const proposed *run) {
   return run->states[2 * of->trip->steps + 1];
 }
 
-/* The energy at the terminals that the rest of a trip would take whose charge runs out [Wh]. */
+/* The terminal energy for the rest of a trip whose charge runs out [Wh]. */
 static double deficit_wh(const bev_trip *trip, const bev_stranding *stranding) {
   double rest_j = 0.0;
   double most_j = 0.0;
   for (int32_t k = stranding->step; k < trip->steps; k++) {
     const double driven_share = k == stranding->step ? stranding->driven_share : 0.0;
     rest_j += (1.0 - driven_share) * trip->idle_power_w[k] * trip->duration_s[k];
-    /* What a later descent would give back does not help before it. */
+    /* Energy from a later descent is not available before the descent. */
     most_j = bev_maximum(most_j, rest_j);
   }
   return most_j / BEV_JOULES_PER_WH;
 }
 
-/* Charge to spare: on arrival above what must be left, on the way above the lowest. */
+/* Charge margin: on arrival above the required charge, on the way above the lowest charge. */
 static bev_status find_spare_soc(const no_regret_check *of, proposed *run) {
   const int32_t steps = of->trip->steps;
   double least = run->states[0];
@@ -89,7 +89,7 @@ static bev_status find_what_is_spare(const no_regret_check *of, proposed *run) {
   return status;
 }
 
-/* Whether a run stays within the charge, and the heat, that the model describes. */
+/* Whether a run stays within the range of charge and temperature that the model describes. */
 static bool is_described(const no_regret_check *of, const proposed *run) {
   const int32_t instants = of->trip->steps + 1;
   bool is = true;
@@ -100,7 +100,7 @@ static bool is_described(const no_regret_check *of, const proposed *run) {
   return is;
 }
 
-/* The run as it is driven within limits. */
+/* Drive the run within limits. */
 static bev_status drive(const no_regret_check *of, proposed *run) {
   double *const command_w = of->memory;
   for (int32_t k = 0; k < of->trip->steps; k++) {
@@ -115,7 +115,7 @@ static bev_status drive(const no_regret_check *of, proposed *run) {
   return status;
 }
 
-/* What is proposed for a target. */
+/* Propose a run for a target. */
 static bev_status propose(const no_regret_check *of, double target_c, proposed *run) {
   int32_t is_changed = 0;
   bev_settling goal = {of->serves_climbs, target_c, of->goal->lowest_soc};
@@ -140,9 +140,9 @@ static bool is_allowed(const proposed *run) {
   return run->spare_soc >= 0.0 && run->spare_w >= 0.0;
 }
 
-/* What a run leaves to spare [share of the charge]. */
+/* Margin of a run [share of the charge]. */
 static double excess_of(const proposed *run) {
-  /* Power to spare does not make heat affordable; power that lacks forbids it. */
+  /* A power margin does not make heat affordable; a power deficit forbids it. */
   return run->spare_w >= 0.0 ? run->spare_soc
                              : bev_minimum(run->spare_soc, run->spare_w / BEV_POWER_WEIGHT_W);
 }
@@ -153,13 +153,13 @@ static bool is_close(const proposed *allowed, const proposed *forbidden) {
   return excess_of(allowed) <= BEV_SOC_TOLERANCE || forbidden->target_c - allowed->target_c <= width_k;
 }
 
-/* What counts of the side that stands still, once the other's excess was `before`. */
+/* Weight of the side that does not move, once the other side's excess was `before`. */
 static double left_of(double excess, double before) {
   const double left = before != 0.0 ? 1.0 - excess / before : 0.0;
   return left > 0.0 ? left : 0.5;
 }
 
-/* The warmest run that is allowed, between one that is and one that is not: close_in of planning.bracketing. */
+/* The warmest allowed run, between an allowed and a forbidden run: close_in of planning.bracketing. */
 static bev_status close_in(const no_regret_check *of, proposed *allowed, proposed *room,
                            const proposed *too_warm) {
   proposed forbidden = *too_warm;
@@ -220,8 +220,8 @@ static bev_status find_warmest(const no_regret_check *of, const unheated_trip *u
   const double reached_c = arrival_c(of, wanted);
   if (reached_c < wanted->target_c - BEV_TARGET_TOLERANCE_OF_POWER_K) {
     /*
-     * Of a target that is out of reach nothing else is known; asking for what comes of it heats less where the
-     * heater gives way to the drive.
+     * If a target is out of reach, the temperature reached is the only thing known about it. With that temperature
+     * as the target, the plan heats less in steps in which the heater gives way to the drive.
      */
     status = propose(of, reached_c, wanted);
     if (status != BEV_OK) {
@@ -238,7 +238,7 @@ static bev_status find_warmest(const no_regret_check *of, const unheated_trip *u
   return close_in(of, found, wanted, &forbidden);
 }
 
-/* How the trip without paid heating is driven; what may lack is what it lacks. */
+/* Drive the trip without paid heating; its power deficit is the deficit allowed. */
 static bev_status drive_unheated(no_regret_check *of, proposed *run, unheated_trip *unheated) {
   const int32_t instants = of->trip->steps + 1;
   double *const command_w = of->memory;

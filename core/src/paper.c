@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The paper's heuristic, and its whole plan where nothing limits it: bev_preheat.planning.paper. */
+/* The paper's heuristic, and its whole plan if no limit is active: bev_preheat.planning.paper. */
 #include "paper.h"
 
 #include "bev_preheat_core_generated/constants.h"

@@ -7,15 +7,15 @@
 
 /*
  * The run by Euler's method from soc[0] and temperature_c[0] on, heated from the instant [s] at which the
- * unheated run meets the one backward from the target; NaN where the target is met without. Written are the
- * run, what the heater takes in each step [W], and the instant.
+ * unheated run meets the backward run from the target; NaN if the target is met without heating. Writes the run,
+ * the heater power in each step [W], and the instant.
  */
 bev_status bev_run_paper(const bev_vehicle *vehicle, const bev_trip *trip, double target_c,
                          double *soc, double *temperature_c, double *heater_w, double *instant_s);
 
 /*
- * BEV_LIMITED where a run lacks power, or leaves the charge or the heat that the model describes: what
- * bev_preheat.planning.no_regret does not take as it is. The limits along it are written [W].
+ * BEV_LIMITED if a run has a power deficit, or leaves the range of charge or temperature that the model describes:
+ * bev_preheat.planning.no_regret does not accept such a run unchanged. Writes the limits along the run [W].
  */
 bev_status bev_is_driven_as_planned(const bev_vehicle *vehicle, const bev_trip *trip,
                                     const double *soc, const double *temperature_c,

@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What a kelvin on arrival costs in each step: bev_preheat.planning.prices. */
+/* Cost of a kelvin on arrival in each step: bev_preheat.planning.prices. */
 #include "prices.h"
 
 #include "checks.h"
 #include "slopes.h"
 
-/* What charge and warmth are worth on arrival, in warmth and in charge, at the end of a step. */
+/* Value on arrival of charge and warmth at the end of a step, in warmth and in charge. */
 typedef struct {
   bev_charge_warmth warmth;
   bev_charge_warmth charge;
@@ -13,7 +13,7 @@ typedef struct {
 
 static const worths ON_ARRIVAL = {{0.0, 1.0}, {1.0, 0.0}};
 
-/* What a watt in step k makes on arrival, from what charge and warmth after it are worth there; then before it. */
+/* Effect on arrival of a watt in step k. `worth`: value of charge and warmth after the step, then before it. */
 static bev_status price_of_step(const bev_vehicle *vehicle, const bev_trip *trip, const double *soc,
                                 const double *temperature_c, double heater_w, int32_t k,
                                 worths *worth, bev_price *price) {

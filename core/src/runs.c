@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Steps and runs of the model, limits left aside.
+ * Steps and runs of the model, ignoring limits.
  *
- * A run is made without saturation first, because a negative discriminant costs nothing to find: it
- * leaves NaN. Only then is it made again with powers that saturate, from its beginning, as in
+ * A run is first driven without saturation, because a negative discriminant is detected at no cost: it
+ * leaves NaN. Only then is the run driven again with powers that saturate, from its beginning, as in
  * bev_preheat.planning.dynamics.
  */
 #include "bev_preheat_core_generated/constants.h"
@@ -113,8 +113,8 @@ bev_status bev_run(const bev_vehicle *vehicle, int32_t integrator, const bev_tri
 }
 
 /*
- * What the cells give on average in a step whose result is known [W], as bev_keep_accounts has it: with the
- * charge held within 0 ... 1, which a step that may leave it is taken again for.
+ * Mean power from the cells in a step whose result is known [W], as in bev_keep_accounts: with the charge clipped
+ * to 0 ... 1. A step that may leave that range is computed again.
  */
 static double battery_power_w(const bev_vehicle *vehicle, int32_t saturating,
                               const double states[4], const bev_inputs *inputs, double command_w,

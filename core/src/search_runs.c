@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The runs of a search for thresholds, and how they are moved: bev_preheat.planning.threshold_search. */
+/* The runs of a search for thresholds, and their shifts: bev_preheat.planning.threshold_search. */
 #include <stdbool.h>
 
 #include "bev_preheat_core_generated/constants.h"
@@ -7,7 +7,7 @@
 #include "step_limits.h"
 #include "threshold_search.h"
 
-/* The shift of the thresholds of step k, where those of steps first ... last - 1 are tried with `shift_k`. */
+/* The shift of the thresholds of step k, if `shift_k` is tried in steps first ... last - 1. */
 static double shift_of(const bev_threshold_search *search, int32_t k, int32_t first, int32_t last,
                        double shift_k) {
   const double moved_k = search->shift_k[k];
@@ -46,7 +46,7 @@ bev_status bev_search_drive(bev_threshold_search *search, int32_t first, int32_t
     here[n] = kept->states[n][start];
     run->states[n][start] = here[n];
   }
-  /* Of a run whose charge runs out, that step is driven again. */
+  /* If the charge of a run runs out, that step is driven again. */
   const int32_t known = other->stranding.step < 0 ? other->until : other->stranding.step;
   bool is_like = like != into;
   run->until = until;
@@ -105,7 +105,7 @@ bev_status bev_search_excess(const bev_threshold_search *search, const bev_searc
     }
     double spare_w = limits_w[1] - trip->idle_power_w[k];
     if (!search->limits.is_direct) {
-      /* A heater that lags goes on taking power after it was switched off. */
+      /* A lagging heater still takes power after it is switched off. */
       spare_w = spare_w
           - run->states[2][k] * bev_mean_share_left(search->limits.lag_s, trip->duration_s[k]);
     }
@@ -149,7 +149,7 @@ static bev_status attempt_shift(bev_threshold_search *search, int32_t first, int
   return status;
 }
 
-/* One of the runs that are tried which is neither of two. */
+/* A trial run that is neither of two. */
 static int32_t other_than(int32_t a, int32_t b) {
   for (int32_t run = 0; run < 2; run++) {
     if (run != a && run != b) {
@@ -159,13 +159,13 @@ static int32_t other_than(int32_t a, int32_t b) {
   return 2;
 }
 
-/* What counts of the side that stands still, once the other's excess was `before`. */
+/* Weight of the side that does not move, once the other side's excess was `before`. */
 static double left_of(double excess, double before) {
   const double left = before != 0.0 ? 1.0 - excess / before : 0.0;
   return left > 0.0 ? left : 0.5;
 }
 
-/* The last trial that is enough, between one that is and one that is not. */
+/* The last sufficient trial, between a sufficient and an insufficient trial. */
 static bev_status close_in(bev_threshold_search *search, int32_t first, int32_t last,
                            const bev_requirement *required, double tolerance,
                            bev_search_trial *enough, const bev_search_trial *first_too_little) {
@@ -221,7 +221,7 @@ bev_status bev_search_move(bev_threshold_search *search, int32_t first, int32_t 
       return status;
     }
     if (there.excess * here.excess <= 0.0) {
-      /* The middle of what is tolerated is aimed at: either side of it ends the search. */
+      /* Aim at the middle of the tolerance band: an excess on either side ends the search. */
       bev_search_trial enough = here.excess < 0.0 ? there : here;
       status = close_in(search, first, last, required, tolerance, &enough,
                         here.excess < 0.0 ? &here : &there);

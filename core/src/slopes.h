@@ -1,7 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * By how much a step of a run ends otherwise, and what that is worth on arrival: Slopes of
- * bev_preheat.planning.prices.
+ * Sensitivities of the end of a step of a run, and their value on arrival: Slopes of bev_preheat.planning.prices.
  */
 #ifndef BEV_PREHEAT_CORE_SLOPES_H_
 #define BEV_PREHEAT_CORE_SLOPES_H_
@@ -10,7 +9,7 @@
 #include "circuit.h"
 #include "steps_of_model.h"
 
-/* A number for the charge and one for the warmth: rates, slopes, or what they are worth on arrival. */
+/* A number for the charge and one for the warmth: rates, slopes, or values on arrival. */
 typedef struct {
   double charge;
   double warmth;
@@ -53,7 +52,7 @@ static inline int bev_is_middle(const bev_middle *of) {
       && isfinite(of->brake_w) && isfinite(of->soc) && isfinite(of->temperature_c);
 }
 
-/* The circuit in a step, with so much more charge and warmth. */
+/* The circuit in a step, with the charge raised by `fuller` and the temperature by `warmer_k`. */
 static inline bev_circuit bev_circuit_in(const bev_middle *of, double fuller, double warmer_k) {
   return bev_circuit_at(of->vehicle, of->soc + fuller, of->temperature_c + warmer_k);
 }
@@ -72,14 +71,14 @@ static inline bev_charge_warmth bev_rates_under(const bev_middle *of, const bev_
   return rates;
 }
 
-/* The same with so much more charge and warmth. */
+/* The same with the charge raised by `fuller` and the temperature by `warmer_k`. */
 static inline bev_charge_warmth bev_rates_at(const bev_middle *of, double heater_w, double brake_w,
                                              double fuller, double warmer_k) {
   const bev_circuit circuit = bev_circuit_in(of, fuller, warmer_k);
   return bev_rates_under(of, &circuit, heater_w, brake_w);
 }
 
-/* By how much a step ends otherwise, for each unit of a difference in what it starts with. */
+/* Change at the end of a step for each unit of a difference at its start. */
 static inline bev_charge_warmth bev_slope_of(bev_charge_warmth here, bev_charge_warmth there,
                                              double difference, double duration_s) {
   const bev_charge_warmth slope = {(there.charge - here.charge) / difference * duration_s,
@@ -87,7 +86,7 @@ static inline bev_charge_warmth bev_slope_of(bev_charge_warmth here, bev_charge_
   return slope;
 }
 
-/* Of a step whose heater and brake do not depend on the state. */
+/* The slopes of a step whose heater and brake do not depend on the state. */
 static inline bev_slopes bev_slopes_of_model(const bev_middle *of) {
   const double duration_s = of->idle.duration_s;
   const bev_circuit circuit = bev_circuit_in(of, 0.0, 0.0);
@@ -99,14 +98,14 @@ static inline bev_slopes bev_slopes_of_model(const bev_middle *of) {
   slopes.by_warmth = bev_slope_of(
       here, bev_rates_at(of, of->heater_w, of->brake_w, 0.0, BEV_TEMPERATURE_DIFFERENCE_K),
       BEV_TEMPERATURE_DIFFERENCE_K, duration_s);
-  /* From no heating to all there is: a step is heated or not. */
+  /* From no heating to full heating: a step is heated or not. */
   slopes.by_power = bev_slope_of(bev_rates_under(of, &circuit, 0.0, 0.0),
                                  bev_rates_under(of, &circuit, of->limit_w, 0.0),
                                  of->limit_w > 0.0 ? of->limit_w : 1.0, duration_s);
   return slopes;
 }
 
-/* What charge and warmth before a step are worth, from what they are after it. */
+/* Value of charge and warmth before a step, from their value after it. */
 static inline bev_charge_warmth bev_worth_before(bev_charge_warmth worth,
                                                  const bev_slopes *slopes) {
   const bev_charge_warmth by_charge = slopes->by_charge;
@@ -122,7 +121,7 @@ static inline bev_charge_warmth bev_worth_before(bev_charge_warmth worth,
   return changed;
 }
 
-/* What a watt in a step makes on arrival, from what charge and warmth are worth at both ends. */
+/* Effect of a watt in a step on arrival, from the value of charge and warmth at both ends. */
 static inline double bev_effect(bev_charge_warmth after, bev_charge_warmth earlier,
                                 bev_charge_warmth by_power) {
   return 0.5 * (after.charge + earlier.charge) * by_power.charge

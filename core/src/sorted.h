@@ -1,18 +1,18 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Arrays of rising values, and lines through points, as NumPy works them out. */
+/* Arrays of rising values, and lines through points, computed as in NumPy. */
 #ifndef BEV_PREHEAT_CORE_SORTED_H_
 #define BEV_PREHEAT_CORE_SORTED_H_
 
 #include <stdbool.h>
 #include <stdint.h>
 
-/* Where a sorted array of `count` values is not above x for the last time; -1 where it always is. */
+/* Last index at which a sorted array of `count` values is not above x; -1 if all values are above x. */
 static inline int32_t bev_last_up_to(const double *values, int32_t count, double x) {
   int32_t low = 0;
   int32_t high = count;
   while (low < high) {
     const int32_t middle = low + (high - low) / 2;
-    /* Chosen without a branch, which would be guessed wrong half of the time. */
+    /* Selected without a branch, which would be mispredicted half of the time. */
     const bool is_up_to = x >= values[middle];
     low = is_up_to ? middle + 1 : low;
     high = is_up_to ? high : middle;
@@ -20,7 +20,7 @@ static inline int32_t bev_last_up_to(const double *values, int32_t count, double
   return low - 1;
 }
 
-/* How many values of a sorted array are below x. */
+/* Number of values of a sorted array below x. */
 static inline int32_t bev_number_below(const double *values, int32_t count, double x) {
   int32_t low = 0;
   int32_t high = count;
@@ -33,7 +33,7 @@ static inline int32_t bev_number_below(const double *values, int32_t count, doub
   return low;
 }
 
-/* The value at x of a line through points whose last one up to x is j, as numpy.interp works it out. */
+/* The value at x of a line through points whose last one up to x is j, computed as in numpy.interp. */
 static inline double bev_at_point(const double *x_of, const double *y_of, int32_t count, int32_t j, double x,
                        double left, double right) {
   if (j < 0) {
@@ -54,7 +54,7 @@ static inline double bev_interpolated(const double *x_of, const double *y_of, in
 }
 
 static inline int bev_is_sorted(const double *values, int32_t count) {
-  /* To the end in any case: without a branch several are looked at at once. */
+  /* No early exit: without a branch the compiler checks several values at once. */
   int is_sorted = 1;
   for (int32_t n = 1; n < count; n++) {
     is_sorted = values[n] >= values[n - 1] ? is_sorted : 0;

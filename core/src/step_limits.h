@@ -22,7 +22,7 @@ static inline bev_status bev_limits_of_step(const bev_vehicle *vehicle, const do
   return BEV_OK;
 }
 
-/* The same for a battery so much colder, but not below the vehicle's range: where a limit may matter. */
+/* The same for a battery BEV_COLDER_BY_K colder, but not below the vehicle's range: a limit may matter there. */
 static inline bev_status bev_limits_of_colder_step(const bev_vehicle *vehicle, const double soc[2],
                                                    const double temperature_c[2],
                                                    double variance_w2, double limits_w[2]) {
@@ -32,13 +32,13 @@ static inline bev_status bev_limits_of_colder_step(const bev_vehicle *vehicle, c
   return bev_limits_of_step(vehicle, soc, colder_c, variance_w2, limits_w);
 }
 
-/* So many steps are looked at side by side. */
+/* Number of steps computed side by side. */
 #define BEV_LIMITS_BLOCK BEV_BLOCK
 
 /*
- * The same, to the last bit, of up to BEV_LIMITS_BLOCK steps between the states of a run, one more than there are
- * steps: what the curves give at the end of a step they give at the start of the next one. Of a battery so much
- * colder [K], but not below its range.
+ * The same, bit-identical, for up to BEV_LIMITS_BLOCK steps between the states of a run (one more state than steps):
+ * the curves' values at the end of a step serve for the start of the next step. The battery is `colder_by_k` [K]
+ * colder, but not below its range.
  */
 bev_status bev_limits_of_block(const bev_vehicle *vehicle, int32_t steps, const double *soc,
                                const double *temperature_c, double colder_by_k,

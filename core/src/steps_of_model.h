@@ -10,7 +10,7 @@
 #include "bev_preheat_core_generated/constants.h"
 #include "bev_preheat_core_generated/steps.h"
 
-/* Inputs of one step of the model, as bev_preheat.planning.trip has them. */
+/* Inputs of one step of the model, as in bev_preheat.planning.trip. */
 typedef struct {
   double duration_s;
   double power_w;
@@ -19,7 +19,7 @@ typedef struct {
   double leakage_w_per_k;
 } bev_inputs;
 
-/* The inputs of step k of a trip under heater and brake powers; null is none. */
+/* The inputs of step k of a trip under heater and brake powers; null: no power. */
 static inline bev_inputs bev_inputs_of(const bev_vehicle *vehicle, const bev_trip *trip,
                                        int32_t k, const double *heater_w,
                                        const double *brake_w) {
@@ -54,7 +54,7 @@ static inline int bev_are_finite(const bev_inputs *inputs) {
       && isfinite(inputs->leakage_w_per_k);
 }
 
-/* Whether two states are numbers: BEV_OK; NaN, which a power that is lacking leaves: BEV_SATURATED. */
+/* Whether two states are numbers: BEV_OK. After a power deficit they are NaN: BEV_SATURATED. */
 static inline bev_status bev_kind_of(double soc, double temperature_c) {
   if (isfinite(soc) && isfinite(temperature_c)) {
     return BEV_OK;

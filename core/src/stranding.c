@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * How a run ends whose charge runs out: bev_preheat.planning.limits._stranded and
+ * The end of a run whose charge runs out: bev_preheat.planning.limits._stranded and
  * bev_preheat.planning.heated_limits._strand.
  */
 #include "bev_preheat_core_generated/constants.h"
@@ -8,14 +8,14 @@
 #include "heating.h"
 #include "limited_step.h"
 
-/* The run up to the step that the charge does not carry, and what that step was to be driven with. */
+/* The run up to the step in which the charge runs out, and the powers planned for that step. */
 typedef struct {
   const bev_limited_run *run;
   double command_w;
   double brake_w;
 } last_drive;
 
-/* A step of which a share is driven: `result` is that of the model's step. */
+/* Drive a share of a step: `result` is as of the model's step. */
 static bev_status drive_share(const last_drive *drive, int32_t k, double share,
                               const double states[4], double result[8]) {
   const bev_vehicle *vehicle = drive->run->vehicle;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Where each stride of a trip leads from each temperature: bev_preheat.planning.strides. */
+/* The map of each stride of a trip, from start to end temperatures: bev_preheat.planning.strides. */
 #include "strides.h"
 
 #include "bev_preheat_core_generated/constants.h"
@@ -10,12 +10,12 @@
 #include "sorted.h"
 #include "steps_of_model.h"
 
-/* So many temperatures are worked out side by side. */
+/* Number of temperatures computed side by side. */
 #define BLOCK BEV_BLOCK
 
 /*
- * One stride, and what it starts from: temperatures, and what the circuit and its limits are there; then where
- * its middle is, under which powers, and what the circuit is there.
+ * One stride and its start: temperatures, with the circuit and its limits there; then its middle: temperatures,
+ * powers and circuit.
  */
 typedef struct {
   const bev_vehicle *vehicle;
@@ -71,8 +71,8 @@ static void find_margins(stride_block *block) {
 }
 
 /*
- * The ends of a stride [deg C] and what it takes [J] under heater powers [W]: steps of bev_midpoint, to the last
- * bit; the circuit at their beginning is known.
+ * The ends of a stride [deg C] and the energy it takes [J] under heater powers [W]: bit-identical to steps of
+ * bev_midpoint; the circuit at their beginning is known.
  */
 static bev_status drive_stride(stride_block *block, const double *heater_w, double *end_c,
                                double *energy_j) {
@@ -139,7 +139,7 @@ static bev_status map_block(stride_block *block, int32_t first, bev_stride_map *
   return status;
 }
 
-/* A battery far beyond its limits may end the colder the warmer it was; a map only rises. */
+/* Make values rise: far beyond its limits a warmer battery may end colder, but a map must rise. */
 static void make_rising(double *values, int32_t count) {
   for (int32_t n = 1; n < count; n++) {
     values[n] = bev_maximum(values[n], values[n - 1]);
@@ -183,7 +183,7 @@ bev_status bev_map_stride(const bev_vehicle *vehicle, const bev_strides *inputs,
     }
     for (int32_t n = from; n < from + block.count; n++) {
       const double deficit_w = block.deficit_w[n - from];
-      /* Of the temperatures at which something is lacking the last one counts. */
+      /* The last temperature with a deficit counts. */
       if (deficit_w > 0.0) {
         const int32_t before = n > 0 ? n - 1 : 0;
         const double fallen_w = (n > 0 ? before_w : deficit_w) - deficit_w;

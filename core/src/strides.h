@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Where one stride of a trip leads from each temperature: bev_preheat.planning.strides. */
+/* The map of one stride of a trip, from start to end temperatures: bev_preheat.planning.strides. */
 #ifndef BEV_PREHEAT_CORE_STRIDES_H_
 #define BEV_PREHEAT_CORE_STRIDES_H_
 
@@ -11,9 +11,8 @@
 #include "bev_preheat_core_generated/constants.h"
 
 /*
- * The `count` temperatures from which a stride is worked out, and from each where it ends [deg C] and what
- * it takes [J], with free heating only and with all the heating there is. It is delivered unheated from
- * `needed_c` on; -inf: always.
+ * The `count` start temperatures of a stride, and for each the end temperature [deg C] and the energy taken [J], with
+ * free heating only and with full heating. The stride's power is delivered unheated from `needed_c` on; -inf: always.
  */
 typedef struct {
   int32_t count;
@@ -25,7 +24,7 @@ typedef struct {
   double needed_c;
 } bev_stride_map;
 
-/* Work out stride m on those points of the grid that it needs; the grid has more than BEV_COARSE. */
+/* Compute stride m on the points of the grid that it needs; the grid has more than BEV_COARSE points. */
 bev_status bev_map_stride(const bev_vehicle *vehicle, const bev_strides *inputs, int32_t m,
                           const bev_curve_range *range, bev_stride_map *map);
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* How warm surplus regeneration may heat the battery: bev_preheat.planning.free_heat, where the reasons stand. */
+/* How warm surplus regeneration may heat the battery: bev_preheat.planning.free_heat, which documents the reasons. */
 #include "surplus_ceiling.h"
 
 #include "bev_preheat_core_generated/constants.h"
@@ -120,7 +120,7 @@ bev_status bev_find_surplus_ceiling(const bev_vehicle *vehicle, const bev_trip *
   if (status != BEV_OK) {
     return status;
   }
-  /* Of the warmer run nothing is asked but this. */
+  /* This is the only use of the warmer run. */
   double *const kept = warm;
   for (int32_t k = 0; k < instants; k++) {
     kept[k] = bev_maximum((warm[instants + k] - cool[instants + k]) / BEV_WARMER_K, BEV_LEAST_KEPT);

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * When to switch the heater on, heat at once: bev_preheat.planning.optimal_switch with the search of
- * bev_preheat.planning.bracketing, and what the plan so found costs.
+ * bev_preheat.planning.bracketing, and the cost of the plan found.
  */
 #include "bev_preheat_core_generated/constants.h"
 #include "bracketing.h"
@@ -13,7 +13,7 @@
 #include "step_limits.h"
 #include "steps_of_model.h"
 
-/* What stays the same while the instant is searched for, and where each trial is written. */
+/* The constant inputs of the search for the instant, and the memory of each trial. */
 typedef struct {
   const bev_vehicle *vehicle;
   const bev_trip *trip;
@@ -27,7 +27,7 @@ typedef struct {
   bev_means means;
 } switch_search;
 
-/* The run that is heated from an instant on, above the target on arrival; before it, it is the unheated one. */
+/* The run heated from an instant on, and unheated before; its excess over the target on arrival. */
 static bev_status switch_on_at(void *searched, double instant_s, double *above_k) {
   const switch_search *of = (const switch_search *)searched;
   const bev_trip *trip = of->trip;
@@ -75,7 +75,7 @@ static double arrival_slope_k_per_s(const switch_search *of, double instant_s) {
   return -gained_k_per_s * exp(-damping_per_s * (trip->time_s[trip->steps] - instant_s));
 }
 
-/* State of charge on arrival, about: that of the unheated run less what heating will take. */
+/* Approximate state of charge on arrival: that of the unheated run less the charge for heating. */
 static double terminal_soc(const switch_search *of) {
   const bev_vehicle *vehicle = of->vehicle;
   const double idle_soc = of->idle_soc[of->trip->steps];
@@ -168,7 +168,7 @@ bev_status bev_keeps_limits(const bev_seen_run *run, int32_t first) {
   return BEV_OK;
 }
 
-/* What a heating interval is for: the first thing after it that a colder battery would not allow. */
+/* The reason for a heating interval: the first thing after it that a colder battery would not allow. */
 static bev_status find_reason(const bev_seen_run *run, bev_switch_plan *plan) {
   const bev_trip *trip = run->trip;
   plan->reason = BEV_FOR_ARRIVAL;
@@ -192,7 +192,7 @@ static bev_status find_reason(const bev_seen_run *run, bev_switch_plan *plan) {
   return BEV_OK;
 }
 
-/* The heated steps: from which to which, what they take, and what for, if they are one interval that is paid for. */
+/* The heated steps: first and last, their energy, and their reason, if they form one paid interval. */
 static bev_status find_interval(const bev_seen_run *run, bev_switch_plan *plan) {
   const bev_trip *trip = run->trip;
   double heating_j = 0.0;
@@ -238,7 +238,7 @@ bev_status bev_describe_run(const bev_seen_run *run, bev_switch_plan *plan) {
   return find_interval(run, plan);
 }
 
-/* The planned run with its last heating interval begun early; what is known of its limits is its own. */
+/* The planned run with its last heating interval begun early; the known limits are those of this run. */
 static bev_status heat_early(const switch_search *of, const bev_seen_run *run, const bev_uncertainty_margin *margin,
                              bev_switch_plan *plan) {
   const bev_heated_run heated = {of->vehicle, of->trip,     of->target_c, of->soc,
@@ -253,7 +253,7 @@ static bev_status heat_early(const switch_search *of, const bev_seen_run *run, c
   return bev_keeps_limits(run, early.first);
 }
 
-/* BEV_OK, or BEV_CHEAPER_ELSEWHERE where heating in other steps than from one instant on may save something. */
+/* BEV_OK, or BEV_CHEAPER_ELSEWHERE if heating in other steps than from one instant on may save charge. */
 static bev_status costs_least(const switch_search *of) {
   const int32_t steps = of->trip->steps;
   double saving = 0.0;
@@ -267,7 +267,7 @@ static bev_status costs_least(const switch_search *of) {
   return saving < least ? BEV_OK : BEV_CHEAPER_ELSEWHERE;
 }
 
-/* The run that is planned, from the unheated one; what is known of its limits is that of the latter. */
+/* Plan a run from the unheated run; the known limits are those of the unheated run. */
 static bev_status plan_run(switch_search *of, bev_seen_run *run, int32_t in_one_interval,
                            const bev_uncertainty_margin *margin, bev_switch_plan *plan) {
   const int32_t steps = of->trip->steps;

@@ -64,7 +64,7 @@ static void copy_run(const bev_threshold_search *search, bev_search_run *to,
   to->stranding = from->stranding;
 }
 
-/* Keep the run without paid heating in steps first ... last - 1 if it has more. */
+/* Keep the run without paid heating in steps first ... last - 1 if its excess is greater. */
 static bev_status take_unheated_if_better(bev_threshold_search *search, int32_t first, int32_t last,
                                           const bev_requirement *required, double excess) {
   copy(search->saved_shift_k, search->shift_k, search->limits.trip->steps);
@@ -94,7 +94,7 @@ static bev_status meet_target(bev_threshold_search *search, int32_t first) {
   bev_status status =
       bev_search_excess(search, &search->runs[BEV_KEPT_RUN], &TARGET, &excess_k);
   if (status == BEV_OK && excess_k > BEV_ARRIVAL_TOLERANCE_K) {
-    /* Where heating that pays for itself, and what is free, lead beyond it, no shift brings it down. */
+    /* If heating that pays for itself and free heating lead beyond the target, no shift brings the run down. */
     status = bev_search_drive(search, first, steps, -BEV_ARRIVAL_OVERSHOOT_K, steps, BEV_KEPT_RUN, 0);
     if (status == BEV_OK) {
       status = bev_search_excess(search, &search->runs[0], &TARGET, &excess_k);
@@ -129,7 +129,7 @@ static bev_status meet_target_without_more_deficit(bev_threshold_search *search,
   return status;
 }
 
-/* Deliver one climb, what comes before step `start` being settled; `start` and `free` move on with it. */
+/* Deliver one climb; the steps before `start` are settled. Advances `start` and `free_from`. */
 static bev_status serve_climb(bev_threshold_search *search, const bev_requirement *climb,
                               int32_t *start, int32_t *free_from) {
   const bev_trip *trip = search->limits.trip;
@@ -148,7 +148,7 @@ static bev_status serve_climb(bev_threshold_search *search, const bev_requiremen
       status = bev_search_excess(search, &search->runs[0], climb, &spare_w);
     }
     if (status == BEV_OK && spare_w > 0.0) {
-      /* Delivered whatever is heated for it. */
+      /* Delivered even with the thresholds lowered by the overshoot. */
       *start = climb->last;
       return BEV_OK;
     }
@@ -160,7 +160,7 @@ static bev_status serve_climb(bev_threshold_search *search, const bev_requiremen
     status = bev_search_excess(search, kept, climb, &spare_w);
   }
   if (status == BEV_OK && spare_w < 0.0) {
-    /* Heating takes charge too, and where that is what lacks it makes things worse. */
+    /* Heating takes charge too: if charge is the cause of the deficit, heating makes it worse. */
     status = take_unheated_if_better(search, *start, climb->first, climb, spare_w);
   }
   *start = climb->last;
@@ -194,7 +194,7 @@ static bev_status settle(bev_threshold_search *search) {
   }
   if (status == BEV_OK && start > 0
       && search->runs[BEV_KEPT_RUN].states[1][steps] - search->goal->target_c < 0.0) {
-    /* What comes after the last climb is not enough. */
+    /* Heating after the last climb alone is not enough. */
     status = bev_search_move(search, 0, steps, &TARGET, BEV_ARRIVAL_TOLERANCE_K);
   }
   return status;

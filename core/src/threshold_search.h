@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Forward runs that heat below thresholds, moved so that they meet what must be met exactly:
- * bev_preheat.planning.threshold_search, where the constants and the reasons for them stand.
+ * Forward runs that heat below thresholds, shifted so that they meet their requirements exactly:
+ * bev_preheat.planning.threshold_search, which documents the constants and the reasons for them.
  */
 #ifndef BEV_PREHEAT_CORE_THRESHOLD_SEARCH_H_
 #define BEV_PREHEAT_CORE_THRESHOLD_SEARCH_H_
@@ -10,11 +10,11 @@
 #include "trajectory.h"
 #include "limited_step.h"
 
-/* The run that is kept, and three that are tried. */
+/* The retained run, and three trial runs. */
 #define BEV_SEARCH_RUNS 4
 #define BEV_KEPT_RUN 3
 
-/* One run: arrays over instants and steps, and with what each step was to be heated; known before `until`. */
+/* One run: arrays over instants and steps, and the wanted heater power in each step; known before `until`. */
 typedef struct {
   double *states[4];
   double *powers_w[4];
@@ -27,30 +27,30 @@ typedef struct {
   bev_limited_run limits;
   const bev_heating *heating;
   const bev_settling *goal;
-  /* How many states and powers there are. */
+  /* Number of states and of powers. */
   int32_t rows;
   /* The step in which most of the heat of each step arrives; as a double, so that one memory is enough. */
   double *arrives_in_step;
-  /* By how much the thresholds of each step are moved. */
+  /* Shift of the thresholds of each step. */
   double *shift_k;
   bev_search_run runs[BEV_SEARCH_RUNS];
-  /* What the search comes back to where a change turns out worse. */
+  /* The run to restore if a change turns out worse. */
   bev_search_run saved;
   double *saved_shift_k;
 } bev_threshold_search;
 
-/* What a run is to have: so much power to spare in steps first ... last - 1, or (first < 0) the target. */
+/* Requirement of a run: enough power in steps first ... last - 1, or (first < 0) the target. */
 typedef struct {
   int32_t first;
   int32_t last;
 } bev_requirement;
 
-/* Stretches of a run that a battery a little colder could not deliver. */
+/* Intervals of a run whose power a slightly colder battery could not deliver. */
 bev_status bev_find_climbs(const bev_vehicle *vehicle, const bev_trip *trip, const double *soc,
                            const double *temperature_c,
                            bev_requirement climbs[BEV_MOST_CLIMBS], int32_t *count);
 
-/* A shift that was tried, in which of the runs, and by how much that is above what is required. */
+/* A shift that was tried, its run, and the excess over the requirement. */
 typedef struct {
   double shift_k;
   double excess;
@@ -65,7 +65,7 @@ typedef struct {
 bev_status bev_search_drive(bev_threshold_search *search, int32_t first, int32_t last,
                             double shift_k, int32_t until, int32_t like, int32_t into);
 
-/* By how much a run is above what is required of it. */
+/* Excess of a run over a requirement. */
 bev_status bev_search_excess(const bev_threshold_search *search, const bev_search_run *run,
                              const bev_requirement *required, double *excess);
 

@@ -6,7 +6,7 @@
 #include "sorted.h"
 #include "value_curve.h"
 
-/* What a joule in the battery is worth before stride m, of what it is worth after it [J/J]. */
+/* Value of a joule in the battery before stride m, from its value after the stride [J/J]. */
 static double joule_worth_before(const bev_strides *strides, int32_t m, const bev_points *after,
                                  double k_per_joule, double joule_worth) {
   double worth = joule_worth - joule_worth * strides->loss_to_brake[m];

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * What a run along a trip says of limits and of charge: the functions of that name in
+ * Limits and charge along a run: the functions of the same names in
  * bev_preheat.planning.limits, no_regret and charge_acceptance.
  */
 #include "trajectory.h"
@@ -44,12 +44,12 @@ bev_status bev_watch_limits(const bev_vehicle *vehicle, const bev_trip *trip,
 
 bev_status bev_deficit_w(const bev_vehicle *vehicle, const bev_trip *trip,
                          const bev_trajectory *trajectory, double *worst_w) {
-  /* With a heat path the heater takes on average what the third power says. */
+  /* With a heat path the mean heater power is the third row of powers. */
   const double *drawn_w = trajectory->powers_w[trajectory->rows == 2 ? 0 : 2];
   double worst_at_w = 0.0;
   double least_w[BEV_LIMITS_BLOCK];
   double most_w[BEV_LIMITS_BLOCK];
-  /* What a vehicle that stands does not get is lacking charge, not power. */
+  /* A stranded vehicle has a charge deficit, not a power deficit. */
   const int32_t driven = trajectory->stranding.step < 0 ? trip->steps : trajectory->stranding.step;
   *worst_w = 0.0;
   for (int32_t from = 0; from < driven; from += BEV_LIMITS_BLOCK) {

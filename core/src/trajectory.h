@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * What a run along a trip says of limits and of charge: the functions of that name in
+ * Limits and charge along a run: the functions of the same names in
  * bev_preheat.planning.limits, no_regret and charge_acceptance.
  */
 #ifndef BEV_PREHEAT_CORE_TRAJECTORY_H_
@@ -22,13 +22,13 @@ typedef struct {
   uint8_t *discharge;
 } bev_watch;
 
-/* What the battery takes less, for a joule more in it, and who gets it [J/J], over the steps. */
+/* Energy no longer accepted per joule more in the battery, to the brake and to the heater [J/J], over the steps. */
 typedef struct {
   double *to_brake;
   double *to_heater;
 } bev_acceptance_loss;
 
-/* So many doubles of the memory, which begins behind them from then on. */
+/* Take `count` doubles from the memory and advance its beginning behind them. */
 static inline double *bev_take(double **memory, int32_t count) {
   double *const taken = *memory;
   *memory = &taken[count];
@@ -52,7 +52,7 @@ static inline bev_trajectory bev_trajectory_of(int32_t rows, int32_t steps, doub
 bev_status bev_watch_limits(const bev_vehicle *vehicle, const bev_trip *trip,
                             const bev_trajectory *trajectory, bev_watch *watch);
 
-/* The worst power that the battery cannot deliver [W]; 0 where nothing but rounding is lacking. */
+/* The worst power deficit of the battery [W]; 0 if it is only rounding. */
 bev_status bev_deficit_w(const bev_vehicle *vehicle, const bev_trip *trip,
                          const bev_trajectory *trajectory, double *worst_w);
 

@@ -68,7 +68,7 @@ bev_status bev_make_trip(const bev_trip_terms *terms, int32_t steps, const doubl
   }
   const bev_status status = make_steps(terms, steps, from, columns, to);
   if (status == BEV_OK && terms->heat_lag_s > 0.0) {
-    /* Of a step whose heat comes too late, for the most part, nothing is heated. */
+    /* A step whose heat would mostly come too late is not heated. */
     for (int32_t k = 0; k < steps; k++) {
       if (!(columns[steps] - columns[k + 1] + 0.5 * route[k] > terms->heat_lag_s)) {
         to[HEATER_LIMIT][k] = 0.0;

@@ -60,7 +60,7 @@ static int32_t find_first_steps(const bev_trip *trip, const bev_watch *watch,
   return count;
 }
 
-/* By how much a run is warmed in steps that do not regenerate [K]; what leaks is left aside. */
+/* Warming of a run in steps that do not regenerate [K], ignoring leakage. */
 static double paid_k(const bev_vehicle *vehicle, const bev_trip *trip, const double *heater_w) {
   double paid_j = 0.0;
   for (int32_t k = 0; k < trip->steps; k++) {
@@ -69,7 +69,7 @@ static double paid_k(const bev_vehicle *vehicle, const bev_trip *trip, const dou
   return vehicle->heater_efficiency * paid_j / vehicle->heat_capacity_j_per_k;
 }
 
-/* The coldest and the warmest that the battery can be at the start of each stride, about. */
+/* Approximate lowest and highest temperature of the battery at the start of each stride. */
 static void find_reach(const bev_vehicle *vehicle, const bev_trip *trip, const bev_trajectory *trajectory,
                        const bev_look *look, int32_t count, const bev_stride_room *room) {
   const double *run_c = trajectory->states[1];
@@ -136,7 +136,7 @@ bev_strides bev_make_strides(const bev_vehicle *vehicle, const bev_trip *trip,
 }
 
 static double between(double here_c, double there_c, double share) {
-  /* A band that begins or ends, or another one in its place, is no neighbour. */
+  /* A band that begins or ends, or is replaced by another band, has no neighbour. */
   double change_c = 0.0;
   if (isfinite(here_c) && isfinite(there_c) && fabs(there_c - here_c) < BEV_NEIGHBOUR_K) {
     change_c = there_c - here_c;

@@ -5,7 +5,7 @@
 
 #include "trajectory.h"
 
-/* Columns of bev_strides; BEV_STRIDE_COLUMNS of them have as many values as there are strides. */
+/* Number of columns of bev_strides that have one value for each stride. */
 #define BEV_STRIDE_COLUMNS 11
 
 /* Room for a trip in strides: its columns, the first step of each, and whether limits matter. */
@@ -18,7 +18,7 @@ typedef struct {
   uint8_t *is_limited;
 } bev_stride_room;
 
-/* What strides are made for: a first look, from which the run may be far, or not; the target [deg C]. */
+/* Purpose of the strides: whether a first look, from which the run may differ greatly; the target [deg C]. */
 typedef struct {
   int32_t is_first;
   double target_c;
@@ -30,7 +30,7 @@ bev_strides bev_make_strides(const bev_vehicle *vehicle, const bev_trip *trip,
                              const bev_acceptance_loss *loss, const bev_look *look,
                              const bev_stride_room *room);
 
-/* Thresholds of steps from those of strides, in between along a line: arrays of steps * BEV_BANDS. */
+/* Thresholds of steps from those of strides, linearly interpolated: arrays of steps * BEV_BANDS. */
 void bev_bands_in_steps(const bev_strides *strides, const bev_stride_room *room, int32_t steps,
                         const double *bands_c, double *floor_c, double *low_c, double *high_c);
 

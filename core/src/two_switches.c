@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * When to switch the heater on and off where its heat arrives late: bev_preheat.planning.two_switches with the
+ * When to switch the heater on and off if its heat arrives late: bev_preheat.planning.two_switches with the
  * searches of bev_preheat.planning.bracketing.
  */
 #include "bev_preheat_core_generated/constants.h"
@@ -9,10 +9,10 @@
 #include "means.h"
 #include "steps_of_model.h"
 
-/* Instants of switching off that are tried at most: a bracket of any length comes down to the resolution. */
+/* Maximum number of switch-off instants tried: enough to reduce a bracket of any length to the resolution. */
 #define MOST_PAIRS 64
 
-/* What stays the same while instants are searched for, where each run is written, and what was found. */
+/* The constant inputs of the search for instants, the memory of each run, and the result. */
 typedef struct {
   const bev_vehicle *vehicle;
   const bev_trip *trip;
@@ -23,17 +23,17 @@ typedef struct {
   double mean_limit_w;
   double *states;
   double *command_w;
-  /* What the cells give in the unheated run until the start of each step [Wh]. */
+  /* Energy from the cells in the unheated run until the start of each step [Wh]. */
   double *idle_taken_wh;
   double off_s;
-  /* What the cells give in the run that was made last [Wh]. */
+  /* Energy from the cells in the last run [Wh]. */
   double taken_wh;
   int32_t pairs;
   double off_of[MOST_PAIRS];
   double on_of[MOST_PAIRS];
 } two_switch_search;
 
-/* An instant of switching off [s], what it takes [Wh], and when to switch on [s]. */
+/* An instant of switching off [s], the energy taken [Wh], and the instant of switching on [s]. */
 typedef struct {
   double off_s;
   double taken_wh;
@@ -46,7 +46,7 @@ static double heat_lag_s(const bev_vehicle *vehicle) {
       + (coolant_j_per_k > 0.0 ? coolant_j_per_k / vehicle->coolant_conductance_w_per_k : 0.0);
 }
 
-/* The run that is heated from an instant on until `off_s`, above the target on arrival. */
+/* The run heated from an instant on until `off_s`; its excess over the target on arrival. */
 static bev_status heat_from(void *searched, double on_s, double *above_k) {
   two_switch_search *of = (two_switch_search *)searched;
   const bev_trip *trip = of->trip;
@@ -79,7 +79,7 @@ static double slope_k_per_s(const two_switch_search *of, double on_s) {
       * exp(-leaks_per_s * (of->arrival_s - on_s));
 }
 
-/* The pairs that were found next to an instant: the n-th nearest, of equals the one found first. */
+/* The pairs found next to an instant: the n-th nearest; among equals, the earliest found. */
 static int32_t nearest(const two_switch_search *of, double off_s, int32_t other_than) {
   int32_t found = -1;
   for (int32_t n = 0; n < of->pairs; n++) {
@@ -91,7 +91,7 @@ static int32_t nearest(const two_switch_search *of, double off_s, int32_t other_
   return found;
 }
 
-/* About when to switch on [s]: along a line through the pairs next to this one. */
+/* Estimate of when to switch on [s]: along a line through the nearest pairs. */
 static double guess_s(const two_switch_search *of, double off_s) {
   if (of->pairs < 2) {
     const double deficit_k = of->target_c - of->idle_states[2 * of->trip->steps + 1];
@@ -122,7 +122,7 @@ static bev_status find_on(two_switch_search *of, double off_s, double guessed_s,
                           above_k);
 }
 
-/* By how much full heating until an instant warms battery and coolant [K], leakage left aside. */
+/* By how much full heating until an instant warms battery and coolant [K], ignoring leakage. */
 static double before_k(const two_switch_search *of, double on_s) {
   const bev_trip *trip = of->trip;
   double heater_j = 0.0;
@@ -133,7 +133,7 @@ static double before_k(const two_switch_search *of, double on_s) {
   return of->vehicle->heater_efficiency * heater_j / of->capacity_j_per_k;
 }
 
-/* What it takes to arrive at the target, switched off at an instant. */
+/* Energy taken to arrive at the target when switched off at an instant. */
 static bev_status heat_until(two_switch_search *of, double off_s, pair *made) {
   if (of->pairs >= MOST_PAIRS) {
     return BEV_NOT_SETTLED;
@@ -150,8 +150,7 @@ static bev_status heat_until(two_switch_search *of, double off_s, pair *made) {
   of->pairs++;
   made->taken_wh = of->taken_wh;
   /*
-   * What is lacking is to be made up for by heat from the first instant on, of which some leaks, or stays in the
-   * coolant.
+   * The deficit is made up for by heat from the first instant on; part of that heat leaks, or stays in the coolant.
    */
   const double allowed_k = bev_minimum(
       BEV_COMPARED_TOLERANCE_K, BEV_ARRIVAL_TOLERANCE_K + (BEV_SURE_SHARE * before_k(of, made->on_s)));
@@ -162,7 +161,7 @@ static bev_status heat_until(two_switch_search *of, double off_s, pair *made) {
     const double heater_w = of->trip->heater_limit_w[bev_step_at(of->trip, made->on_s)];
     made->taken_wh += above_k * heater_w / BEV_JOULES_PER_WH / slope;
   } else {
-    /* Where the heater takes nothing, what is too much costs nothing. */
+    /* If the heater takes no power there, the excess costs nothing. */
   }
   return isfinite(made->taken_wh) ? BEV_OK : BEV_NOT_FINITE;
 }
@@ -173,7 +172,7 @@ static void keep_better(pair *best, const pair *other) {
   }
 }
 
-/* The golden section: the pair that takes the least, switched off between two instants. */
+/* Golden section search: the pair that takes the least energy, switched off between two instants. */
 static bev_status find_least(two_switch_search *of, double earliest_s, double latest_s,
                              pair *best) {
   const double golden = 0.5 * (sqrt(5.0) - 1.0);
@@ -209,7 +208,7 @@ static bev_status find_least(two_switch_search *of, double earliest_s, double la
     }
     keep_better(best, following);
   }
-  /* The minimum may lie at an end, which the section only comes near to. */
+  /* The minimum may lie at an end, which the search only approaches. */
   const double ends_s[2] = {low_s, high_s};
   for (int32_t n = 0; n < 2; n++) {
     pair end;
@@ -222,7 +221,7 @@ static bev_status find_least(two_switch_search *of, double earliest_s, double la
   return BEV_OK;
 }
 
-/* The search for both instants; throughout where that is not enough. */
+/* The search for both instants; if no pair is enough, heat throughout. */
 static bev_status find_switches(two_switch_search *of, double *on_s, double *off_s) {
   double above_k = 0.0;
   *on_s = 0.0;
@@ -249,7 +248,7 @@ static bev_status find_switches(two_switch_search *of, double *on_s, double *off
   return find_on(of, best.off_s, best.on_s, BEV_ARRIVAL_TOLERANCE_K, on_s, &above_k);
 }
 
-/* What the cells give in the unheated run until the start of each step [Wh]. */
+/* Energy from the cells in the unheated run until the start of each step [Wh]. */
 static bev_status add_up_idle(const two_switch_search *of) {
   const bev_trip *trip = of->trip;
   const int32_t instants = trip->steps + 1;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Heating a little earlier than a plan needs, so that what turns out worse can be made up for:
+ * Heating a little earlier than a plan needs, as a margin for a drive that turns out worse:
  * bev_preheat.planning.uncertainty_margin for a run that is heated from one instant on, heat at once, no limit active.
  */
 #include "uncertainty_margin.h"
@@ -10,7 +10,7 @@
 #include "early_start.h"
 #include "steps_of_model.h"
 
-/* A heating interval that begins at `start_s`, and until when it is heated in the run that is there [s]. */
+/* A heating interval that begins at `start_s`, and its end in the current run [s]. */
 typedef struct {
   const bev_heated_run *run;
   double start_s;
@@ -23,12 +23,12 @@ static bev_status run_on(const bev_heated_run *run, int32_t first) {
                             run->soc, run->temperature_c, run->means);
 }
 
-/* The run that is heated until an instant, above the target on arrival. */
+/* The run heated until an instant; its excess over the target on arrival. */
 static bev_status heat_early_until(void *searched, double end_s, double *above_k) {
   search *of = (search *)searched;
   const bev_heated_run *run = of->run;
   const bev_trip *trip = run->trip;
-  /* Until the earlier of both ends it is the run that is there. */
+  /* Until the earlier of both ends, the current run is unchanged. */
   const int32_t first = bev_step_at(trip, bev_minimum(of->end_s, end_s));
   bev_heat_between(trip, first, of->start_s, end_s, run->heater_w);
   of->end_s = end_s;
@@ -50,7 +50,7 @@ static bev_status leave_out(const bev_heated_run *run, int32_t first, bev_early_
 static bev_status heat_early_from(const bev_heated_run *run, double start_s, double guess_s,
                             bev_early_interval *interval) {
   const double arrival_s = run->trip->time_s[run->trip->steps];
-  /* At first nothing after the start is as it is to be. */
+  /* At first, everything after the start must be computed. */
   search of = {run, start_s, start_s};
   double end_s = bev_minimum(bev_maximum(guess_s, start_s), arrival_s);
   double above_k = 0.0;

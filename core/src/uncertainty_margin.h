@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Heating a little earlier than a plan needs: bev_preheat.planning.uncertainty_margin, heat at once, no limit active. */
+/* Heat a little earlier than a plan needs: bev_preheat.planning.uncertainty_margin, heat at once, no active limit. */
 #ifndef BEV_PREHEAT_CORE_UNCERTAINTY_MARGIN_H_
 #define BEV_PREHEAT_CORE_UNCERTAINTY_MARGIN_H_
 
@@ -8,7 +8,7 @@
 
 #include "means.h"
 
-/* A run that is heated from one instant on, above its target on arrival; written is another one over it. */
+/* A run heated from one instant on that arrives above its target; it is overwritten by the new run. */
 typedef struct {
   const bev_vehicle *vehicle;
   const bev_trip *trip;
@@ -20,8 +20,8 @@ typedef struct {
 } bev_heated_run;
 
 /*
- * What becomes of the heating of a run: the first step that is another one (`steps`: none is), between which
- * instants it is heated now [s]. `start_s` is NaN where it is not, `end_s` where that is not within the trip.
+ * New heating of a run: the first step that changes (`steps`: no step does), and the instants between which it is
+ * heated now [s]. `start_s` is NaN if it is not heated, `end_s` if the end is not within the trip.
  */
 typedef struct {
   int32_t first;
@@ -29,7 +29,7 @@ typedef struct {
   double end_s;
 } bev_early_interval;
 
-/* Whether an uncertainty margin, null for none, is made of numbers. */
+/* Whether an uncertainty margin (null: no margin) has only finite numbers. */
 static inline int bev_is_uncertainty_margin(const bev_uncertainty_margin *margin) {
   return margin == NULL
       || (isfinite(margin->lead_k) && isfinite(margin->least_pause_s)

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What a trip lacks without paid heating: what bev_preheat.planning.no_regret holds a plan against. */
+/* Power deficit of a trip without paid heating, with which bev_preheat.planning.no_regret compares a plan. */
 #include "checks.h"
 #include "trajectory.h"
 #include "limited_step.h"

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * What a kelvin is worth, over temperature: bev_preheat.planning.value_curve, where the constants below and
- * the reasons for them stand.
+ * Value of a kelvin, over temperature: bev_preheat.planning.value_curve, which documents the constants below and
+ * the reasons for them.
  */
 #include "value_curve.h"
 
@@ -13,8 +13,8 @@
 #include "sorted.h"
 
 /*
- * The curve before a stride: each point where it comes from, with what the stride takes. As numpy.interp works
- * it out, cell by cell of the map, whose slopes are the same for all points in it.
+ * The curve before a stride: each point moved back to its origin, plus the energy of the stride. Interpolates as
+ * numpy.interp does, cell by cell of the map; all points in a cell share its slopes.
  */
 static void run_backward(const bev_points *after, const double *grid_c, const double *end_c,
                          const double *energy_j, int32_t grid, double joule_worth,
@@ -85,8 +85,8 @@ static double on_line(const double *x_of, const double *y_of, int32_t j, double 
 }
 
 /*
- * The energy of both curves at the temperatures of both, which is `meshed`; each curve ends with infinity. As
- * numpy.interp has it, without the heated one where only the unheated one is known, and the other way round.
+ * The energy of both curves at the temperatures of both, which is `meshed`; each curve ends with infinity.
+ * Interpolates as numpy.interp does. If only one curve is known at a temperature, the other is left out.
  */
 static void mesh_curves(bev_curves *work, int32_t meshed) {
   const double *heated_c = work->heated.temperature_c;
@@ -98,7 +98,7 @@ static void mesh_curves(bev_curves *work, int32_t meshed) {
   int32_t h = 0;
   int32_t u = 0;
   for (int32_t n = 0; n < meshed; n++) {
-    /* Of points at the same temperature the last one counts. */
+    /* Of points at the same temperature the last point counts. */
     if (heated_c[h] <= unheated_c[u]) {
       const double here_c = heated_c[h];
       int32_t at = h;
@@ -147,7 +147,7 @@ static bev_status take_lower(bev_curves *work, const bev_bands *bands) {
   heated->temperature_c[count] = INFINITY;
   unheated->temperature_c[count] = INFINITY;
   mesh_curves(work, meshed);
-  /* Where heating is no dearer: from behind the last point at which it is, to a point at which it is not. */
+  /* The ranges in which heating is no dearer: each from behind the last dearer point to a point that is not dearer. */
   int32_t ends[BEV_MOST_LOWER_BANDS];
   int32_t colder[BEV_MOST_LOWER_BANDS];
   int32_t found = 0;
@@ -193,7 +193,7 @@ static bev_status take_lower(bev_curves *work, const bev_bands *bands) {
   return BEV_OK;
 }
 
-/* In which pieces of the curve a kelvin is worth more than the heater takes for it: not 0. */
+/* Marks (not 0) the pieces of the curve in which a kelvin is worth more than the heater energy for it. */
 static void find_where_it_pays(const bev_curves *work, double warmest_c, double *is_paid) {
   const double *after_c = work->after.temperature_c;
   const double *after_j = work->after.energy_j;
@@ -201,7 +201,7 @@ static void find_where_it_pays(const bev_curves *work, double warmest_c, double 
   const double *heated_j = work->heated.energy_j;
   const double *unheated_c = work->unheated.temperature_c;
   const double *unheated_j = work->unheated.energy_j;
-  /* Without a branch, so that several pieces are worked out at once. */
+  /* Without a branch, so that several pieces are computed at once. */
   for (int32_t n = 0; n + 1 < work->after.count; n++) {
     const double gained_k = unheated_c[n + 1] - heated_c[n + 1];
     const double j_per_k = (heated_j[n + 1] - unheated_j[n + 1])
@@ -254,13 +254,13 @@ static bev_status add_point(bev_points *curve, double temperature_c, double ener
   return BEV_OK;
 }
 
-/* Of too many points, without every other one that lies on the line of its neighbours. */
+/* If there are too many points, drop every other point that lies on the line of its neighbours. */
 static void thin_out(bev_points *part) {
   const int32_t count = part->count;
   double *temperature_c = part->temperature_c;
   double *energy_j = part->energy_j;
   int32_t kept = 1;
-  /* The last point that is kept in any case, as it was. */
+  /* The last point that is always retained, with its original values. */
   double before_c = temperature_c[0];
   double before_j = energy_j[0];
   int32_t n = 1;
@@ -303,7 +303,7 @@ bev_status bev_part_of_curve(const bev_points *curve, double coldest_c, double w
   double before_c = INFINITY;
   double before_j = 0.0;
   for (int32_t n = first; n < last; n++) {
-    /* Of points at the same temperature the last one is left. */
+    /* Of points at the same temperature the last point remains. */
     here_c = bev_maximum(here_c, temperature_c[n]);
     if (n + 1 < last && !(temperature_c[n + 1] > here_c)) {
       continue;
@@ -369,7 +369,7 @@ bev_status bev_curve_before(bev_curves *curves, double joule_worth, const bev_ba
 }
 
 bev_curves bev_curves_in(double *memory) {
-  /* Curves change places, so there is as much room for each; a map has a point for each of the grid's. */
+  /* Curves are swapped, so each has the same room; a map has a point for each point of the grid. */
   double *room[16];
   for (int32_t n = 0; n < 16; n++) {
     room[n] = n < 11 ? &memory[n * BEV_CURVE_POINTS]

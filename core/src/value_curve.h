@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What a kelvin is worth, over temperature: bev_preheat.planning.value_curve. */
+/* Value of a kelvin, over temperature: bev_preheat.planning.value_curve. */
 #ifndef BEV_PREHEAT_CORE_VALUE_CURVE_H_
 #define BEV_PREHEAT_CORE_VALUE_CURVE_H_
 
@@ -12,7 +12,7 @@ typedef struct {
   double *energy_j;
 } bev_points;
 
-/* The curves before and after one stride, where it leads, and room for the next one. */
+/* The curves before and after one stride, its map, and room for the next curve. */
 typedef struct {
   bev_points after;
   bev_points heated;
@@ -41,8 +41,8 @@ static inline void bev_append(bev_points *curve, double temperature_c, double en
 }
 
 /*
- * The curve before a stride, `curves->next`, from the one after it and the stride's map; `bands` are written
- * where there are some. `joule_worth` is what a joule in the battery is worth on arrival [J/J].
+ * The curve before a stride, `curves->next`, from the curve after it and the stride's map; writes the bands found
+ * to `bands`. `joule_worth` is the value on arrival of a joule in the battery [J/J].
  */
 bev_status bev_curve_before(bev_curves *curves, double joule_worth, const bev_bands *bands);
 
@@ -50,7 +50,7 @@ bev_status bev_curve_before(bev_curves *curves, double joule_worth, const bev_ba
 bev_status bev_part_of_curve(const bev_points *curve, double coldest_c, double warmest_c,
                              bev_points *part);
 
-/* What a kelvin is worth about a temperature [J/K]. */
+/* Value of a kelvin near a temperature [J/K]. */
 double bev_worth_j_per_k(const bev_points *curve, double temperature_c);
 
 #endif /* BEV_PREHEAT_CORE_VALUE_CURVE_H_ */

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What both methods share: the checks of their inputs, and what is told of a run. */
+/* Code shared by both methods: the checks of their inputs, and the report on a run. */
 #include "bev_ecu_shared.h"
 
 #include <math.h>
@@ -22,7 +22,7 @@ static int is_trip(const bev_trip *trip) {
       && trip->ambient_temperature_c != NULL;
 }
 
-/* BEV_OK if each number of a trip can be one. */
+/* BEV_OK if each number of a trip is valid. */
 static bev_status check_steps(const bev_trip *trip) {
   if (!isfinite(trip->time_s[0])) {
     return BEV_BAD_INPUT;
@@ -71,7 +71,7 @@ int bev_ecu_arrives_late(const bev_vehicle *vehicle) {
   return vehicle->heater_lag_s > 0.0 || vehicle->coolant_heat_capacity_j_per_k > 0.0;
 }
 
-/* The last instant before one at which anything is heated: where the cabin takes all, nothing is. */
+/* The last instant of heating before `off_s`: the battery is not heated while the cabin takes all power. */
 static double heated_until_s(const bev_trip *trip, double off_s) {
   for (int32_t k = trip->steps - 1; k >= 0; k--) {
     if (trip->heater_limit_w[k] > 0.0 && trip->time_s[k] < off_s) {

@@ -1,22 +1,22 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The interface of the exported planner: one function for each method. Whoever calls only one of them links only
- * what that one needs.
+ * The interface of the exported planner: one function for each method. A program that calls only one function links
+ * only the code which that function needs.
  *
  * bev_ecu_plan_switch, the method optimal_switch: one heating interval, for trips on which no limit of the
  * battery is active. It needs the least memory.
  *
  * bev_ecu_plan_merit_order, the method merit_order: heating in the steps in which a kelvin costs the least, and
- * within the limits where one is active.
+ * within the limits if one is active.
  *
- * Both answer BEV_LIMITED and no plan where they have none that is better than not heating: the caller then keeps
- * the heater off, or follows the plan it has.
+ * Both return BEV_LIMITED and no plan if no plan is better than not heating: the caller then keeps the heater off, or
+ * follows its current plan.
  *
  * Units: seconds, watts, kelvin, degrees Celsius (names that end in _c), states of charge 0 ... 1,
  * energies in Wh. bev_trip, bev_vehicle and the status codes are those of bev_preheat_core/core.h.
  *
- * Nothing is allocated, nothing is kept between calls; vehicle and trip are only read. The functions may
- * be called from several tasks at once, each with memory of its own.
+ * The functions allocate no memory and retain no state between calls; vehicle and trip are only read. They may be
+ * called from several tasks at once, each with memory of its own.
  */
 #ifndef BEV_ECU_H_
 #define BEV_ECU_H_
@@ -24,8 +24,8 @@
 #include "bev_preheat_core/core.h"
 
 /*
- * Memory of bev_ecu_plan_switch for a trip of so many steps [doubles], without and with a heat path, and the
- * greater.
+ * Memory of bev_ecu_plan_switch for a trip of `steps` steps [doubles], without and with a heat path, and the greater
+ * of both.
  */
 #define BEV_ECU_DIRECT_MEMORY(steps) (BEV_SWITCH_MEMORY(steps) + 3 * (steps) + 2)
 #define BEV_ECU_LATE_MEMORY(steps) (BEV_TWO_SWITCHES_MEMORY(steps) + 13 * (steps) + 8)
@@ -37,13 +37,13 @@
 #define BEV_ECU_MERIT_MEMORY(steps) (BEV_MERIT_PLAN_MEMORY(steps) + 22 * (steps) + 12)
 #define BEV_ECU_MERIT_FLAGS(steps) BEV_MERIT_BYTES(steps)
 
-/* The state at the start of a trip, and what is wanted on arrival. */
+/* The state at the start of a trip, and the requirements on arrival. */
 typedef struct {
   /* 0 ... 1 */
   double soc;
   /* Of the battery, within its range, lowest_c ... highest_c of the vehicle. */
   double temperature_c;
-  /* What the heater takes, and how much warmer than the battery the coolant is; 0 without a heat path. */
+  /* Heater power, and excess of the coolant temperature over the battery's; 0 without a heat path. */
   double heater_w;
   double coolant_excess_k;
   /* Wanted on arrival, within the battery's range. */
@@ -53,15 +53,15 @@ typedef struct {
   double least_soc;
 } bev_ecu_situation;
 
-/* A plan. Its arrays lie in the memory that was given. */
+/* A plan. Its arrays lie in the caller's memory. */
 typedef struct {
   /*
-   * Of optimal_switch, the heater takes all that the cabin leaves from `on_s` until `off_s`, seconds after
-   * the start of the trip. `on_s` is NaN where nothing is heated, `off_s` where it is heated until arrival:
-   * always without a heat path. `off_s` is never within steps in which the cabin leaves nothing, but before them.
+   * optimal_switch: the heater takes all power that the cabin leaves from `on_s` until `off_s`, seconds after the
+   * start of the trip. `on_s` is NaN without heating, `off_s` if heating lasts until arrival: always without a heat
+   * path. `off_s` is never within steps in which the cabin leaves no power, but before them.
    *
-   * Of merit_order they are the first and, with a heat path, the last instant of heating; `heater_w` says what is
-   * heated between them: there may be several intervals, and within limits any power.
+   * merit_order: the first and, with a heat path, the last instant of heating; `heater_w` has the powers between
+   * them: there may be several intervals, and within limits any power.
    */
   double on_s;
   double off_s;
@@ -69,40 +69,41 @@ typedef struct {
   double arrival_soc;
   /* Least state of charge on the way. */
   double least_soc;
-  /* What the target lacks although it is heated all the way [K], 0 if it is reached. */
+  /* Shortfall from the target in spite of heating all the way [K]; 0 if the target is reached. */
   double shortfall_k;
   /*
-   * The worst power that the battery cannot deliver [W], 0 if nothing is lacking: never more than it would be
-   * without paid heating, but for 10 W. It is driven with the most that the battery gives.
+   * The worst power deficit of the battery [W], or 0: at most 10 W more than without paid heating. In a deficit the
+   * vehicle drives with the most power that the battery gives.
    */
   double deficit_w;
-  /* As bev_energies has them, what a heater that lags takes after arrival included. */
+  /* As in bev_energies, including the energy that a lagging heater takes after arrival. */
   bev_energies energy_wh;
   /* At each instant, steps + 1 values. */
   const double *soc;
   const double *temperature_c;
-  /* What the heater is told in each step [W], mean. */
+  /* Heater command in each step [W], mean. */
   const double *heater_w;
-  /* What the friction brake takes of the regeneration in each step [W], mean; null: nothing in any. */
+  /* Regeneration power taken by the friction brake in each step [W], mean; null: 0 in all steps. */
   const double *brake_w;
 } bev_ecu_plan;
 
 /*
- * The plan of a trip. BEV_OK: `plan` is written. Any other answer: there is no plan, `plan` means nothing.
+ * The plan of a trip. BEV_OK: `plan` is written. Any other status: there is no plan, and `plan` is undefined.
  *
  *   BEV_LIMITED (4)        there is no plan that is better than not heating, see below
  *   BEV_BAD_ARGUMENT (-1)  a pointer is null, or the trip has no steps or more than BEV_MOST_STEPS
  *   BEV_BAD_VEHICLE (-2)   a number of the vehicle is not finite or impossible
  *   BEV_BAD_INPUT (-3)     a number of trip or situation is not finite or out of its range
  *   BEV_NOT_FINITE (-4)    the model yields no finite number
- *   BEV_NOT_SETTLED (-5)   a search did not end in the number of rounds it is given
+ *   BEV_NOT_SETTLED (-5)   a search did not end within its maximum number of rounds
  *
  * Ranges of the trip, beyond being finite: time_s rises, by duration_s; power_variance_w2,
  * leakage_w_per_k and heater_limit_w are 0 or more.
  */
 
 /*
- * BEV_LIMITED: a limit of the battery is active, with heating or without, or the charge that must be left is not.
+ * BEV_LIMITED: a limit of the battery is active, with or without heating, or the plan does not leave the required
+ * charge.
  * `memory` has BEV_ECU_MEMORY(steps) doubles.
  */
 bev_status bev_ecu_plan_switch(const bev_vehicle *vehicle, const bev_trip *trip,
@@ -110,8 +111,8 @@ bev_status bev_ecu_plan_switch(const bev_vehicle *vehicle, const bev_trip *trip,
                                bev_ecu_plan *plan);
 
 /*
- * BEV_LIMITED: the plan that reaches the target does not leave the charge that must be left, or lacks more power
- * than the trip without paid heating, or the charge does not carry the trip. `memory` has
+ * BEV_LIMITED: the plan that reaches the target does not leave the required charge, or has a greater power deficit
+ * than the trip without paid heating, or the charge does not last for the trip. `memory` has
  * BEV_ECU_MERIT_MEMORY(steps) doubles, `flags` has BEV_ECU_MERIT_FLAGS(steps) bytes, `order` `steps` numbers.
  */
 bev_status bev_ecu_plan_merit_order(const bev_vehicle *vehicle, const bev_trip *trip,

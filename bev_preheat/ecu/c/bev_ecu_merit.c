@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The method merit_order: a plan within the limits of the battery, and whether it may be driven by: no plan is
- * worse than not heating (bev_preheat.planning.no_regret).
+ * The method merit_order: a plan within the limits of the battery, and the check whether it may be used: no plan may
+ * be worse than not heating (bev_preheat.planning.no_regret).
  */
 #include "bev_ecu_shared.h"
 
@@ -14,13 +14,13 @@
 #include "limits_of_run.h"
 #include "surplus_ceiling.h"
 
-/* What the plan is made in; runs are as of bev_settle. */
+/* Working memory of the plan; runs are as of bev_settle. */
 typedef struct {
   int32_t rows;
   double *idle_states;
   double *states;
   double *powers_w;
-  /* Those of a plan under a ceiling on free heat, and that ceiling. */
+  /* Arrays of a plan under a ceiling on free heat, and the ceiling. */
   double *bounded_states;
   double *bounded_powers_w;
   double *ceiling_c;
@@ -30,7 +30,7 @@ typedef struct {
   int32_t *order;
 } merit_room;
 
-/* The run without any heating, limits left aside. */
+/* The run without any heating, ignoring limits. */
 static bev_status run_idle(const bev_vehicle *vehicle, const bev_trip *trip,
                            const bev_ecu_situation *situation, const merit_room *room) {
   const int32_t instants = trip->steps + 1;
@@ -52,8 +52,8 @@ static bev_status run_idle(const bev_vehicle *vehicle, const bev_trip *trip,
 }
 
 /*
- * The most power that a plan may lack [W]: none where the trip without paid heating lacks none, else hardly more
- * than that. BEV_LIMITED where the charge does not carry that trip. What was the idle run is written over.
+ * The largest power deficit allowed for a plan [W]: 0 if the trip without paid heating has no deficit, else hardly
+ * more than its deficit. BEV_LIMITED if the charge does not last for that trip. Overwrites the idle run.
  */
 static bev_status find_allowed(const bev_vehicle *vehicle, const bev_trip *trip,
                                const merit_room *room, double *allowed_w) {
@@ -79,7 +79,7 @@ static bev_status find_allowed(const bev_vehicle *vehicle, const bev_trip *trip,
   if (status != BEV_LIMITED) {
     return status;
   }
-  /* What is free is taken: surplus that the friction brake would waste. */
+  /* Take free heat: surplus that the friction brake would waste. */
   status = bev_drive_as_planned(vehicle, trip, idle_w, room->idle_states, powers_w, room->watched,
                                 &stranding);
   if (status == BEV_OK) {
@@ -93,7 +93,7 @@ static bev_status find_allowed(const bev_vehicle *vehicle, const bev_trip *trip,
   return status == BEV_OK && stranding.step >= 0 ? BEV_LIMITED : status;
 }
 
-/* What a plan costs, what a heater that lags takes after arrival included. */
+/* Energies of a plan, including the energy that a lagging heater takes after arrival. */
 static bev_status keep_accounts(const bev_vehicle *vehicle, const bev_trip *trip,
                                 const merit_room *room, bev_ecu_plan *plan) {
   const int32_t steps = trip->steps;
@@ -130,7 +130,7 @@ static bev_status plan_run(const bev_vehicle *vehicle, const bev_trip *trip,
   return status;
 }
 
-/* The plan, made again under a ceiling on free heat if that loses no use: bev_preheat.planning.free_heat. */
+/* The plan, computed again under a ceiling on free heat if no useful heat is lost: bev_preheat.planning.free_heat. */
 static bev_status plan_useful(const bev_vehicle *vehicle, const bev_trip *trip,
                               const bev_ecu_situation *situation, merit_room *room,
                               bev_merit_plan *found, bev_trajectory *trajectory) {

@@ -11,19 +11,19 @@
 #include "bev_preheat_core_generated/constants.h"
 #include "limits_of_run.h"
 
-/* Arrays of a run with a heat path, in the memory that was given. */
+/* Arrays of a run with a heat path, in the caller's memory. */
 typedef struct {
   double *idle_states;
   double *states;
   double *search;
   double *command_w;
-  /* What the heater takes and what arrives, two arrays. */
+  /* Heater power and arriving heat, two arrays. */
   double *heat_w;
   double *least_w;
   double *most_w;
 } late_room;
 
-/* BEV_OK if a run keeps all limits of the battery; written is what heater and coolant do in it. */
+/* BEV_OK if a run keeps all limits of the battery; writes the heater power and the arriving heat along it. */
 static bev_status follow_heat(const bev_vehicle *vehicle, const bev_trip *trip,
                               const double *states, const late_room *room) {
   const bev_status status =

@@ -1,14 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Back to back: plans each situation of a file (vectors.txt) with both methods and compares with the plans that
- * stand there.
+ * Back to back: plans each situation of a file (vectors.txt) with both methods and compares with the file's plans.
  *
- *     check FILE     exit status 0: all agree; 1: some do not; 2: the file cannot be read
+ *     check FILE     exit status 0: all plans agree; 1: some differ; 2: the file cannot be read
  *
- * Of each vector the file has the word "vector", steps, charge, battery temperature, heater power, coolant
- * excess, target, charge that must be left on arrival and on the way; for optimal_switch, then for merit_order the
+ * For each vector the file has the word "vector", steps, charge, battery temperature, heater power, coolant
+ * excess, target, required charge on arrival and on the way; for optimal_switch, then for merit_order the
  * expected status, instants of switching on and off, six energies [Wh], temperature and charge on arrival; then
- * the columns of the trip in the order of bev_trip. The word "end" ends it, with the number of vectors.
+ * the columns of the trip in the order of bev_trip. The file ends with the word "end" and the number of vectors.
  */
 #include <math.h>
 #include <stdio.h>
@@ -50,7 +49,7 @@ static const double tolerances[EXPECTED_NUMBERS] = {
     ENERGY_TOLERANCE_WH, ENERGY_TOLERANCE_WH, ENERGY_TOLERANCE_WH, ENERGY_TOLERANCE_WH,
     ARRIVAL_TOLERANCE_K, ARRIVAL_TOLERANCE_SOC};
 
-/* A number, "nan" and "inf" too, whatever the library's scanf makes of these; 0 where there is none. */
+/* Read a number, also "nan" and "inf", independently of the library's scanf; return 0 if it is not a number. */
 static int read_number(FILE *file, double *number) {
   char word[64];
   char *end = word;
@@ -78,7 +77,7 @@ static int read_numbers(FILE *file, double *numbers, int32_t count) {
   return 1;
 }
 
-/* What one method is expected to answer. */
+/* Read the expected answer of one method. */
 static int read_answer(FILE *file, vector *read, int method) {
   double status = 0.0;
   if (!read_number(file, &status) || !(fabs(status) < 100.0)
@@ -89,7 +88,7 @@ static int read_answer(FILE *file, vector *read, int method) {
   return 1;
 }
 
-/* What follows the word "vector". */
+/* Read the text after the word "vector". */
 static int read_vector(FILE *file, vector *read) {
   double steps = 0.0;
   if (!read_number(file, &steps) || !(steps >= 1.0)) {
@@ -113,7 +112,7 @@ static int read_vector(FILE *file, vector *read) {
   return 1;
 }
 
-/* How many numbers of a plan differ; of each kind, the greatest difference is kept. */
+/* Number of differing values of a plan; records the greatest difference of each kind. */
 static int compare(const vector *from, int method, const bev_ecu_plan *plan, long number,
                    int is_told, double worst[EXPECTED_NUMBERS]) {
   const double found[EXPECTED_NUMBERS] = {

@@ -1,16 +1,16 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The vehicle that was exported, and a situation to try it with; constants, in vehicle.c and example.c. */
+/* The exported vehicle, and an example situation: constants, in vehicle.c and example.c. */
 #ifndef BEV_ECU_VEHICLE_H_
 #define BEV_ECU_VEHICLE_H_
 
 #include "bev_ecu.h"
 
-/* What the columns of a trip are made from, beside the vehicle's own heat_share (README.md). */
+/* Constants for computing the columns of a trip, besides heat_share of the vehicle (README.md). */
 typedef struct {
-  /* Leakage of the battery's heat: this, and this for each m/s of speed. */
+  /* Leakage of the battery's heat: constant part, and part for each m/s of speed. */
   double leakage_w_per_k;
   double leakage_w_per_k_per_mps;
-  /* Most power of the heater, electrical, of which the cabin takes first. */
+  /* Maximum electrical power of the heater; the cabin takes its share first. */
   double heater_maximum_w;
   /* The state of charge below which no plan goes. */
   double lowest_soc;

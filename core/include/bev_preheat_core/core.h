@@ -36,7 +36,7 @@ extern "C" {
 #define BEV_CURVE_PARAMETERS 5
 #define BEV_BANDS 2
 /*
- * Maximum number of points of a value curve (half of them after thinning) and of its grid, and its memory
+ * Maximum number of points of a value curve (half as many after thinning) and of its grid, and its memory
  * [doubles].
  */
 #define BEV_CURVE_POINTS 2048
@@ -176,7 +176,7 @@ typedef struct {
 
 /*
  * A run whose energies are computed: states at each instant, and means over each step [W] of the heater's power, of
- * the heat that arrives from the heater (null: all of it, at once), and of the friction brake's power (null: none).
+ * the heat that arrives from the heater (null: all heat, at once), and of the friction brake's power (null: none).
  * `is_deliverable` (not 0): the circuit is known to deliver all power.
  */
 typedef struct {
@@ -514,9 +514,9 @@ typedef struct {
 
 /*
  * The whole plan by merit order, from the unheated run on. First the run with one heating interval that ignores
- * limits, if it keeps them all, or that of bev_heat_cheapest. Otherwise the run of bev_merit_order as it can be
- * driven; if heat arrives at once, with bev_exchange_heat; if heat arrives late, the run that is heated once, or
- * not at all, replaces it if that saves charge as it can be driven. Last, one heating interval that reaches the
+ * limits, if it keeps them all, or that of bev_heat_cheapest. Otherwise the run of bev_merit_order, driven within
+ * the limits; if heat arrives at once, with bev_exchange_heat; if heat arrives late, the run that is heated once, or
+ * not at all, replaces it if, driven within the limits, it saves charge. Last, one heating interval that reaches the
  * target within the limits, if it saves charge, again with bev_exchange_heat.
  *
  * `idle_states` is the unheated run that ignores limits; `idle_states` and the outputs `states` and `powers_w` are
