@@ -80,7 +80,7 @@ class BuildCore(build_ext):
         """Generate the headers and compile."""
         generated = Path(self.build_temp, 'generated')
         headers = generated / 'bev_preheat_core_generated'
-        subprocess.run([sys.executable, '-m', f'{PACKAGE}.native.c_source', str(headers)], check=True,
+        subprocess.run([sys.executable, '-m', f'{PACKAGE}.code_generation.c_source', str(headers)], check=True,
                        env={**os.environ, 'PYTHONPATH': os.pathsep.join([str(HERE), *sys.path])})
         extension.include_dirs.append(str(generated))
         super().build_extension(extension)

@@ -6,7 +6,7 @@ cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
 generated=$(mktemp -d)
 trap 'rm -rf "$generated"' EXIT
-PYTHONPATH=$PWD:${PYTHONPATH:-} python3 -m bev_preheat.native.c_source "$generated/bev_preheat_core_generated"
+PYTHONPATH=$PWD:${PYTHONPATH:-} python3 -m bev_preheat.code_generation.c_source "$generated/bev_preheat_core_generated"
 for compiler in gcc clang; do
     command -v "$compiler" >/dev/null || continue
     for source in core/src/*.c bev_preheat/ecu/c/*.c studies/bev_preheat_studies/footprint/*.c; do

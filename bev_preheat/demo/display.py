@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from rich.console import Console, RenderableType
 
     from bev_preheat.demo.observer import ObservedDrive
-    from bev_preheat.nodes.simulator_messages import DriveResult
+    from bev_preheat.nodes.simulator_messages import SimulatedDriveReport
 
     Row = tuple[str, str, str]
 
@@ -140,7 +140,7 @@ def summary_rows(drive: ObservedDrive) -> tuple[Row, list[Row]]:
     return ('', 'planned at the start', 'actual'), rows
 
 
-def _outcome(drive: ObservedDrive) -> DriveResult:
+def _outcome(drive: ObservedDrive) -> SimulatedDriveReport:
     if drive.outcome is None:
         raise ValueError('the drive is not over')
     return drive.outcome

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from rclpy.node import Node
 
-    from bev_preheat.nodes.simulator_messages import DriveResult
+    from bev_preheat.nodes.simulator_messages import SimulatedDriveReport
 
 
 # Statuses of a planner without a trip to plan.
@@ -52,7 +52,7 @@ class ObservedDrive:
         self.states: list[tuple[float, float, float]] = []
         self.commands: list[tuple[float, float]] = []
         self.predictions: list[tuple[float, float]] = []
-        self.outcome: DriveResult | None = None
+        self.outcome: SimulatedDriveReport | None = None
         self.heard_at_s: float | None = None
 
     @property

@@ -2,7 +2,7 @@
 """
 The terms of the battery's heat balance and of its terminal power, for every kind of number.
 
-The core's C is generated from these lines (`bev_preheat.native.c_source`), as from those of `model`.
+The core's C is generated from these lines (`bev_preheat.code_generation.c_source`), as from those of `model`.
 """
 
 from __future__ import annotations

@@ -14,6 +14,7 @@ from bev_preheat.control.events import BatteryStateArrived, RouteArrived
 from bev_preheat.control.inputs import Leg, Measurement, Mission, NS_PER_S
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
+from bev_preheat.native.declines import DECLINES
 from bev_preheat.nodes.convert import plan_message
 from bev_preheat.nodes.diagnostics import planner_diagnostics
 from bev_preheat.nodes.planner_node import PlannerNode
@@ -86,6 +87,8 @@ def supervisor():
 
 def test_its_messages_are_as_long_as_the_planners(supervisor):
     now_ns = supervisor.measurement.stamp_ns
+    # Of other tests in this process.
+    DECLINES.counts.clear()
     for its, the_planners in (
             (empty_node.plan_message(),
              plan_message(supervisor.decision, supervisor.mission, now_ns)),

@@ -225,7 +225,7 @@ def test_reference_is_the_car_of_the_papers_table_1():
      'known keys: name, battery, drivetrain, hvch, heat_path, charging, defaults, road_load, assumed'),
     ('assumed', ['battery.resistanc'], "assumed[0]: 'battery.resistanc' is not a key of this file; did "
      "you mean 'battery.resistance'?"),
-    ('assumed', ['hvch.efficiency', 'wheels'], "assumed[1]: 'wheels' is no key of this "
+    ('assumed', ['hvch.efficiency', 'wheels'], "assumed[1]: 'wheels' is not a key of this "
      'file; such as battery.resistance'),
     ('assumed', ['hvch', 'hvch'], "assumed: contains 'hvch' twice"),
     # A key of the schema that this file does not have.
@@ -272,8 +272,8 @@ def test_reference_is_the_car_of_the_papers_table_1():
      'heat_path.coolant_conductance_w_per_k: 0.5 W/K take 30000 s for the heat of 15000 J/K; it '
      'must be at most 3600 s'),
     # The charger.
-    ('charging', {'battery_heating': True}, 'charging: battery_heating needs heating_limit_c beside '
-     'it, the battery temperature up to which the car heats'),
+    ('charging', {'battery_heating': True}, 'charging: battery_heating needs heating_limit_c'
+     ', the battery temperature up to which the car heats'),
     ('charging', {'battery_heating': True, 'heating_limit_c': 58}, 'charging.heating_limit_c: 58 is '
      'outside battery.temperature_range_c -33 ... 57'),
     ('charging', {'maximum_inlet_power_w': 150}, 'charging.maximum_inlet_power_w: 150 is not allowed; '

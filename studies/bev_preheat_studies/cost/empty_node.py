@@ -45,7 +45,7 @@ PARAMETERS: dict[str, Any] = {
 # Of the plan for the reference trip: steps, heating intervals, characters of its sentence.
 STEPS, STRETCHES, CHARACTERS = 120, 2, 120
 # Size of the diagnostics.
-ENTRIES, VALUES = 4, 13
+ENTRIES, VALUES = 4, 9
 LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
 LATEST = QoSProfile(depth=1, reliability=QoSReliabilityPolicy.BEST_EFFORT)
 OVERRIDABLE = QoSOverridingOptions((QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH,

@@ -288,7 +288,7 @@ def test_an_interrupted_fleet_keeps_what_is_finished(quick_command, tmp_path, ca
     out, err = capsys.readouterr()
     assert err == ('preheat: interrupted after 10 of 35 trips; the summary covers finished results only; the same '
                    f'command continues from {results}\n')
-    assert 'part of the study, 10 of 35 trips' in ' '.join(out.split())
+    assert 'part of the study has run, 10 of 35 trips' in ' '.join(out.split())
 
 
 def test_a_fleet_that_is_interrupted_at_once_says_where_it_goes_on(quick_command, tmp_path, capsys, monkeypatch):

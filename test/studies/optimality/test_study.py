@@ -372,8 +372,8 @@ def test_an_interrupted_sweep_without_a_file_says_so(monkeypatch, capsys):
 def test_a_sweep_that_is_interrupted_at_once_writes_nothing(monkeypatch, tmp_path, capsys):
     monkeypatch.setattr(study_run, 'run_study', reporting([], Interrupted()))
     assert main(['sweep', '--feasible', '2', '--json', str(tmp_path / 'x.json')]) == 130
-    assert capsys.readouterr() == ('', 'preheat: interrupted after 0 of 2 feasible trips; nothing is '
-                                       'finished, nothing is written\n')
+    assert capsys.readouterr() == ('', 'preheat: interrupted after 0 of 2 feasible trips; nothing '
+                                       'finished, nothing written\n')
     assert list(tmp_path.iterdir()) == []
 
 

@@ -66,8 +66,8 @@ def test_days_are_printed_written_and_gone_on_with(arguments, tmp_path, capsys):
     assert main([*study, '--trips', '1']) == 0
     assert main([*study, '--trips', '2']) == 0
     printed = ' '.join(capsys.readouterr().out.split())
-    for text in ('2 days with', 'later, time known', 'Heating while parked, too long', 'Requirements',
-                 'healthy heaters reported as faulty'):
+    for text in ('2 days with', 'later, time known', 'Heating while parked, beyond the stated time',
+                 'Requirements', 'healthy heaters reported as faulty'):
         assert text in printed
     written = json.loads(file.read_text(encoding='utf-8'))
     assert [result['number'] for result in written['results']] == [0, 1]
@@ -207,7 +207,7 @@ def test_an_interrupted_study_keeps_what_is_finished(arguments, monkeypatch, tmp
     out, err = capsys.readouterr()
     assert err == (f'preheat: interrupted after 3 of 50 trips; finished results are in {file} and '
                    f'{picture}\n')
-    assert 'part of the study, 3 of 50 trips' in ' '.join(out.split())
+    assert 'part of the study has run, 3 of 50 trips' in ' '.join(out.split())
     written = json.loads(file.read_text(encoding='utf-8'))
     assert (written['complete'], written['trips'], len(written['results'])) == (False, 50, 3)
     assert imread(picture).std() > 0.02

@@ -3,7 +3,7 @@
 
 import pytest
 
-from bev_preheat.native.symbols import Field, Symbol, SYMBOLS, without_parentheses, written_out
+from bev_preheat.code_generation.symbols import Field, Symbol, SYMBOLS, without_parentheses, written_out
 
 X, Y = Symbol('x'), Symbol('y')
 

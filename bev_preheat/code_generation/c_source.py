@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-C of the model's equations, made from the Python ones: `python3 -m bev_preheat.native.c_source DIR`.
+C of the model's equations, made from the Python ones: `python3 -m bev_preheat.code_generation.c_source DIR`.
 
 core/CMakeLists.txt runs it when the core is built. DIR gets formulas.h, the formulas of curves, steps.h,
 the rates of change, the steps of the integrators, with and without a heat path, and the limits on terminal
@@ -17,9 +17,9 @@ import re
 import sys
 from textwrap import fill
 
-from bev_preheat.native.core_constants import constant_lines
+from bev_preheat.code_generation.core_constants import constant_lines
+from bev_preheat.code_generation.symbols import Field, Operand, Symbol, SYMBOLS, written_out
 from bev_preheat.native.headers import read_headers
-from bev_preheat.native.symbols import Field, Operand, Symbol, SYMBOLS, written_out
 from bev_preheat.numerics.arithmetic import AnyNumber, Arithmetic, CurveFunction
 from bev_preheat.vehicle import heat_balance
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage
@@ -31,7 +31,7 @@ from bev_preheat.vehicle.uncertain_car import DriveInputs, Lagging, make_drive_r
 
 HEAD = """\
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Made by bev_preheat.native.c_source from Python and the core's headers; changes are made there. */
+/* Made by bev_preheat.code_generation.c_source from Python and the core's headers; changes are made there. */
 #ifndef {guard}
 #define {guard}
 
