@@ -36,19 +36,19 @@ def charger_heat(vehicle: Vehicle, leg: Leg, measurement: Measurement, temperatu
     """
     charging, power_w = vehicle.charging, measurement.power_w
     if not leg.charging_planned:
-        return ChargerHeat(0.0, 'It is not heated: no charging is planned here.')
+        return ChargerHeat(0.0, 'No heating: no charging is planned here.')
     if charging is None or not charging.battery_heating:
-        return ChargerHeat(0.0, 'It is not heated: the vehicle file does not say that the vehicle heats '
-                           'its battery while it charges.')
+        return ChargerHeat(0.0, 'No heating: the vehicle file does not say that the vehicle heats its battery '
+                           'while it charges.')
     limit_c = charging.heated_below_c
     if temperature_c >= limit_c - (0.0 if is_heating else BEGINS_BELOW_K):
-        return ChargerHeat(0.0, f'It is not heated: at {temperature_c:.1f} degC it is warm enough.')
+        return ChargerHeat(0.0, f'No heating: at {temperature_c:.1f} degC the battery is warm enough.')
     if power_w is None:
-        return ChargerHeat(0.0, 'It is not heated: battery_state does not say whether it is charged.')
+        return ChargerHeat(0.0, 'No heating: battery_state does not say whether the battery is being charged.')
     heat_w = max(0.0, vehicle.hvch.maximum_power_w - float(leg.route.cabin_heating_power_w[-1]))
     if heat_w == 0.0:
-        return ChargerHeat(0.0, 'It is not heated: the cabin takes the whole heater.')
+        return ChargerHeat(0.0, 'No heating: the cabin takes the whole heater power.')
     if -power_w <= (0.0 if is_heating else heat_w):
-        return ChargerHeat(0.0, f'It is not heated: it is charged with {max(0.0, -power_w):.0f} W, and the '
+        return ChargerHeat(0.0, f'No heating: the battery is charged with {max(0.0, -power_w):.0f} W, and the '
                            f'heater takes {heat_w:.0f} W.')
-    return ChargerHeat(heat_w, f'It is heated with {heat_w:.0f} W up to {limit_c:.1f} degC.')
+    return ChargerHeat(heat_w, f'Heating with {heat_w:.0f} W up to {limit_c:.1f} degC.')

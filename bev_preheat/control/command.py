@@ -31,7 +31,7 @@ CAUSES = {
     Status.STALE_INPUT: 'battery_state was too old, or ahead of the clock,',
     Status.COMMAND_CONFLICT: 'Another node commanded the heater',
     Status.INTERNAL_ERROR: 'Planning failed',
-    Status.NO_BATTERY_STATE: 'No valid battery state was there',
+    Status.NO_BATTERY_STATE: 'There was no valid battery state',
 }
 DOUBT = frozenset((*CAUSES, Status.INVALID_INPUT))
 # Decisions of the plan: the least time off holds as for any other switching.

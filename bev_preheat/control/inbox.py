@@ -246,8 +246,8 @@ class Inbox:
             raise InvalidInput(f'header.stamp: the state is {age_beyond(age_s, ahead_s, timeout_s)}')
         if self.measurement is not None and measurement.stamp_ns < self.measurement.stamp_ns:
             late_s = (self.measurement.stamp_ns - measurement.stamp_ns) / NS_PER_S
-            raise InvalidInput(f'header.stamp: the state is {late_s:.3f} s older than one that '
-                               'came before it; stamps must not go back')
+            raise InvalidInput(f'header.stamp: the state is {late_s:.3f} s older than the previous one; '
+                               'stamps must not go back')
 
     def _check_scale(self, measurement: Measurement, now_ns: int) -> None:
         scale_doubt = self._percent_scale.doubt(

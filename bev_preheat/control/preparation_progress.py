@@ -70,7 +70,7 @@ def conclusion(progress: PreparationProgress, inputs: AdmittedInputs, now_ns: in
             decision.plan is None and not is_time):
         held_off_s = (now_ns - (progress.held_off_ns or now_ns)) / NS_PER_S
         if is_time:
-            return PreparationEnding.INPUT_LOST, f'The heater was off at the instant: {decision.explanation}'
+            return PreparationEnding.INPUT_LOST, f'The heater was off at the requested time: {decision.explanation}'
         if held_off_s >= PATIENCE_S:
             return PreparationEnding.INPUT_LOST, (
                 f'The heater has been off for {duration_text(held_off_s)}: {decision.explanation}')
@@ -91,7 +91,7 @@ def _soonest_conclusion(progress: PreparationProgress, now_ns: int, plan: Plan,
     if target_c - temperature_c <= SOONEST_WITHIN_K or (
             is_idle and target_c - temperature_c <= SHORTFALL_TOLERANCE_K):
         return _arrived(temperature_c, target_c, True)
-    missed = (f'The battery is at {temperature_c:.1f} degC and does not get to the target of '
+    missed = (f'The battery is at {temperature_c:.1f} degC and does not reach the target of '
               f'{target_c:.1f} degC')
     if plan.arrival_time_s >= LONGEST_SOONEST_S - 1.0:
         return PreparationEnding.MISSED, (

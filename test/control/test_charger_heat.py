@@ -91,10 +91,10 @@ def test_by_default_the_stop_is_told_as_ever():
 
 
 @pytest.mark.parametrize('temperature_c, charged_with_w, reason', [
-    (-3.0, 50e3, 'It is heated with 5500 W up to 25.0 degC.'),
-    (-3.0, 4e3, 'It is not heated: it is charged with 4000 W, and the heater takes 5500 W.'),
-    (-3.0, None, 'It is not heated: battery_state does not say whether it is charged.'),
-    (24.6, 50e3, 'It is not heated: at 24.6 degC it is warm enough.')])
+    (-3.0, 50e3, 'Heating with 5500 W up to 25.0 degC.'),
+    (-3.0, 4e3, 'No heating: the battery is charged with 4000 W, and the heater takes 5500 W.'),
+    (-3.0, None, 'No heating: battery_state does not say whether the battery is being charged.'),
+    (24.6, 50e3, 'No heating: at 24.6 degC the battery is warm enough.')])
 def test_why_is_told(temperature_c, charged_with_w, reason):
     supervisor = supervisor_at(AT_STOP_S)
     outcome(supervisor, measured(temperature_c, charged_with_w))

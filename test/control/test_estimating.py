@@ -172,7 +172,7 @@ def test_a_heater_that_comes_back_is_counted_on_again():
 def test_a_derated_heater_is_planned_with_its_real_power():
     ride = Ride(heater_faults=(HeaterFault(300.0, share=0.4),))
     decision = ride.until(1400.0)
-    assert decision.explanation.startswith('The heater gives only ')
+    assert decision.explanation.startswith('The heater delivers only ')
     assert decision.command_share == pytest.approx(0.4, abs=0.1)
     # The command is the full power; the plan contains the power that the heater really delivers.
     assert ride.command_w == pytest.approx(limit_w(ride))

@@ -222,7 +222,7 @@ def test_of_a_derated_heater_is_told_what_it_gives(asked):
     forecast_plan = make(make_estimate(heater=HeaterReport(Heater.DERATED, 0.97, 0.9)))
     assert (forecast_plan.command_share, asked[-1].heater_share, forecast_plan.commanded) == (0.9, 0.9, None)
     assert forecast_plan.plan.explanation.startswith(
-        'The heater gives only 90 % of what is commanded. Heating starts in ')
+        'The heater delivers only 90 % of its command. Heating starts in ')
 
 
 def test_a_dead_heater_is_commanded_by_a_plan_of_one_that_answers(asked):

@@ -355,7 +355,7 @@ def test_the_last_ambient_temperature_of_a_route_is_known_for_six_hours():
     car.step(PreparationEnded(None, PreparationEnding.CANCELED, 'enough'))
     car.state(601.0 + 6 * 3600.0)
     preparation_goal = car.want(1200.0, ambient_c=None)
-    assert 'ambient_temperature: is not given, and none is known' in car.ended(preparation_goal).explanation
+    assert 'ambient_temperature: is not given, and no route has reported one' in car.ended(preparation_goal).explanation
 
 
 # Goals that are refused
@@ -370,7 +370,7 @@ def test_the_last_ambient_temperature_of_a_route_is_known_for_six_hours():
     ({'ambient_c': nan}, 'ambient_temperature: nan degC is not allowed; it must be -60 ... 60 degC'),
     ({'ambient_c': inf}, 'ambient_temperature: inf degC is not allowed'),
     ({'ambient_c': -59.0}, "the vehicle's battery is not described below that"),
-    ({'ambient_c': None}, 'ambient_temperature: is not given, and none is known')])
+    ({'ambient_c': None}, 'ambient_temperature: is not given, and no route has reported one')])
 def test_a_refused_goal_says_why_and_changes_nothing(preparation_goal, sentence):
     car = Car()
     before = car.want(900.0)
@@ -459,7 +459,7 @@ def test_what_no_power_reaches_ends_without_any():
     car = Car(temperature_c=-20.0, vehicle=replace(VEHICLE, battery=leaky))
     preparation_goal = car.want(target_c=5.0, ambient_c=-39.0)
     assert car.ended(preparation_goal).ending is PreparationEnding.MISSED
-    assert 'does not get to the target' in car.ended(preparation_goal).explanation
+    assert 'does not reach the target' in car.ended(preparation_goal).explanation
     assert all(command.battery_heating_power_w == 0.0 for command in car.commands)
 
 
@@ -533,7 +533,7 @@ def test_an_instant_at_which_nothing_is_known_is_no_success():
     car.now_s = 30.0
     car.step()
     assert car.ended(preparation_goal).ending is PreparationEnding.INPUT_LOST
-    assert 'The heater was off at the instant: battery_state is 30.000 s old' in car.ended(
+    assert 'The heater was off at the requested time: battery_state is 30.000 s old' in car.ended(
         preparation_goal).explanation
 
 

@@ -347,7 +347,7 @@ def test_before_the_clock_starts_nothing_is_accepted():
 
 def test_stamps_that_go_back_are_refused():
     message = refused_battery(make_supervisor(), NOW_NS + ns(1.0), stamp_ns=NOW_NS - ns(1.125))
-    assert message == ('header.stamp: the state is 1.125 s older than one that came before it; '
+    assert message == ('header.stamp: the state is 1.125 s older than the previous one; '
                        'stamps must not go back')
 
 

@@ -66,7 +66,7 @@ def test_without_charger_or_car_everything_is_as_without_them(vehicle, charger, 
 
 
 @pytest.mark.parametrize('charger, state, why', [
-    (Charger(150e3), BatteryState(6.0, 0.95), 'the state of charge to leave with is not known'),
+    (Charger(150e3), BatteryState(6.0, 0.95), 'the state of charge for departure is unknown'),
     (Charger(150e3, 0.01), BatteryState(6.0, 0.08), 'is not enough for this trip'),
     (Charger(1800.0, 0.8), STATE, 'cannot charge the battery that far')],
     ids=['full enough', 'stranded', 'too weak'])

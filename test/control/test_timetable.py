@@ -219,7 +219,7 @@ def test_a_vehicle_that_stands_gets_no_further():
     ((50.0, 5100.1), {}, 'distance: 5100.1 m is not allowed; it must be 0 ... 5000 m'),
     ((50.0, 1e9), {}, 'distance: 1000000000 m is not allowed; it must be 0 ... 5000 m'),
     ((50.0, 1000.0), {'route_id': 'work'},
-     "route_id: 'work' is not the route that is driven, 'home'"),
+     "route_id: 'work' is not the current route, 'home'"),
     ((50.0, 1000.0), {'route_id': ''}, "route_id: '' is not the route"),
     ((50.0, 1000.0), {'route_start_ns': START_NS - ns(2.5)},
      'route_stamp: is not that of the latest route plan, but 2.500 s before it'),
@@ -241,7 +241,7 @@ def test_what_may_be_is_accepted(where, how):
 
 
 @pytest.mark.parametrize('at_s, distance_m, message', [
-    (49.9, 1000.0, 'header.stamp: the position is 0.100 s older than one that came before it'),
+    (49.9, 1000.0, 'header.stamp: the position is 0.100 s older than the previous one'),
     (52.0, 899.0, 'distance: 899 m is 101 m behind the 1000 m of 2.0 s before; it must be at most '
      '300 m beyond or 100 m behind'),
     (52.0, 1301.0, 'distance: 1301 m is 301 m beyond the 1000 m of 2.0 s before')])

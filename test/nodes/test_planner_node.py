@@ -383,7 +383,7 @@ BAD_STATES = {
     'late': (lambda car: car.state(age_s=60.0), 'header.stamp: the state is 60'),
     'from_the_future': (lambda car: car.state(age_s=-60.0), 's ahead of the clock; at most'),
     'out_of_order': (lambda car: car.state(age_s=0.9 * TIMEOUT_S),
-                     'older than one that came before it; stamps must not go back'),
+                     'older than the previous one; stamps must not go back'),
 }
 
 
