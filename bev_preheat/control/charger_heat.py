@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Heating on while the vehicle charges, where the integrator asks for it and the vehicle does so.
+Heating while the vehicle charges, if the integrator asks for it and the vehicle supports it.
 
-The charger then gives the heat, as long as it gives the battery something too: that is seen in the
-battery's own power, so without voltage and current there is no such heat.
+The charger then feeds the heater, as long as it also charges the battery. This shows in the battery's own
+power, so heating at the charger needs voltage and current.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ BEGINS_BELOW_K = 1.0
 
 
 class ChargerHeat(NamedTuple):
-    """Power to command while the vehicle charges [W], 0: none; and why, as a sentence."""
+    """Power to command while the vehicle charges [W], and the reason as a sentence."""
 
     power_w: float
     reason: str
@@ -28,11 +28,11 @@ class ChargerHeat(NamedTuple):
 def charger_heat(vehicle: Vehicle, leg: Leg, measurement: Measurement, temperature_c: float,
                  is_heating: bool) -> ChargerHeat:
     """
-    Return the ChargerHeat after a Leg, of a battery at `temperature_c` [deg C] by what is believed.
+    Return the ChargerHeat after a Leg, of a battery at an estimated `temperature_c` [deg C].
 
-    `is_heating`: the heater is on. All that the cabin leaves of the heater, up to the temperature up to
-    which the vehicle heats while it charges. It is switched on where the battery is charged with more
-    than the heater will take, and off where it is not charged any more.
+    `is_heating`: the heater is on. It gets all the heater power that the cabin leaves, up to the temperature to
+    which the vehicle heats while charging. It is switched on if the battery is charged with more power than the
+    heater will take, and off once the battery is no longer charged.
     """
     charging, power_w = vehicle.charging, measurement.power_w
     if not leg.charging_planned:

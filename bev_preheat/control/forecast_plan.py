@@ -48,7 +48,7 @@ if TYPE_CHECKING:
     from bev_preheat.vehicle.description import Vehicle
 
 # The corrected vehicle is rebuilt once a factor has moved by more than this share of its prior standard
-# deviation, that of a car of which only the file is known.
+# deviation (the deviation if only the vehicle file is known).
 FACTOR_STEP = 0.05
 
 FACTOR_STEPS = (FACTOR_STEP * np.sqrt(np.diag(prior_factor_covariance()))).tolist()[
@@ -206,7 +206,7 @@ class _Planning:
                             if goal is not None and goal.is_soonest else None)
 
     def wanted(self, forecast: Forecast | None) -> Plan:
-        """Return the Plan to heat by, with the lead for a Forecast (None: no lead for the arrival's uncertainty)."""
+        """Return the Plan to heat by, with the lead for a Forecast; None: without that lead."""
         if self._full_power is None:
             return self._plan(forecast, heater_share=self.share)
 

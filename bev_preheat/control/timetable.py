@@ -30,7 +30,7 @@ CORRECTED_BY_M = 100.0
 FASTEST_MPS = LIMITS['speed_mps'][1]
 # The end of the route is known to this share of its length, and to CORRECTED_BY_M at least.
 END_KNOWN_TO = 0.01
-# Fixes are kept for KEPT_NS, because no caller asks further back, at least SPACED_NS apart.
+# Fixes older than KEPT_NS are dropped, because no caller asks further back; fixes are SPACED_NS apart or more.
 KEPT_NS = 70 * NS_PER_S
 SPACED_NS = NS_PER_S
 # The pace along the route is averaged over this time.

@@ -355,7 +355,8 @@ def test_the_last_ambient_temperature_of_a_route_is_known_for_six_hours():
     car.step(PreparationEnded(None, PreparationEnding.CANCELED, 'enough'))
     car.state(601.0 + 6 * 3600.0)
     preparation_goal = car.want(1200.0, ambient_c=None)
-    assert 'ambient_temperature: is not given, and no route has reported one' in car.ended(preparation_goal).explanation
+    assert 'ambient_temperature: is not given, and no route has reported one' in car.ended(
+        preparation_goal).explanation
 
 
 # Goals that are refused

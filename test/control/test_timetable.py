@@ -220,7 +220,7 @@ def test_a_vehicle_that_stands_gets_no_further():
     ((50.0, 1e9), {}, 'distance: 1000000000 m is not allowed; it must be 0 ... 5000 m'),
     ((50.0, 1000.0), {'route_id': 'work'},
      "route_id: 'work' is not the current route, 'home'"),
-    ((50.0, 1000.0), {'route_id': ''}, "route_id: '' is not the route"),
+    ((50.0, 1000.0), {'route_id': ''}, "route_id: '' is not the current route"),
     ((50.0, 1000.0), {'route_start_ns': START_NS - ns(2.5)},
      'route_stamp: is not that of the latest route plan, but 2.500 s before it'),
     ((50.0, 1000.0), {'now_s': 58.001},
