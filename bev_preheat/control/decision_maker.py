@@ -164,7 +164,7 @@ class DecisionMaker:
                 if starts_in_s > FORESEEN_S and decision.status in ALARMS:
                     decision = replace(decision, status=Status.WAITING, sentence=(
                         f'The route starts in {duration_text(starts_in_s)}; the heater waits until then. '
-                        f'From the present state: {decision.explanation}'))
+                        f'From the current state: {decision.explanation}'))
             return replace(decision, later_legs=later_legs) if later_legs else decision
         heat = self._charger_heat(inputs, leg, is_heating)
         why = f' {heat.reason}' if heat.reason else ''
@@ -320,7 +320,7 @@ def _own_sentence(plan: Plan, choice: TargetChoice | None) -> str | None:
 def _standing_sentence(stood_s: float, regime: RegimeReport) -> str:
     """Return the sentence on a vehicle that has stood for too long to be kept warm."""
     evidence = f' ({regime.evidence})' if regime.evidence else ''
-    return (f'The vehicle has stood for {duration_text(stood_s)} where its route does not stop{evidence}: '
+    return (f'The vehicle has stood for {duration_text(stood_s)} although its route has no stop here{evidence}: '
             'no heating until it drives on.')
 
 

@@ -59,7 +59,7 @@ def conclusion(progress: PreparationProgress, inputs: AdmittedInputs, now_ns: in
         return PreparationEnding.DISABLED, 'Preheating was switched off through ~/enable.'
     objection = contradiction(progress, inputs, now_ns)
     if objection:
-        return PreparationEnding.UNPLUGGED, f'The vehicle is not plugged in any more: {objection}.'
+        return PreparationEnding.UNPLUGGED, f'The vehicle is no longer plugged in: {objection}.'
     if decision.plan is not None:
         progress.held_off_ns = None
         progress.expected_ns = decision.plan_start_ns + round(decision.plan.arrival_time_s * NS_PER_S)

@@ -129,9 +129,9 @@ class Refusals:
         objection = 'no route came before it' if mission is None else refused.objection_to(mission, now_ns)
         if not objection:
             until = Until.VALID_STATE
-            consequence = f'The route before it holds again from {until.value} on.'
+            consequence = f'The previous route holds again from {until.value} on.'
         elif mission is not None:
-            consequence = f'The route before it was dropped because {objection}. {consequence}'
+            consequence = f'The previous route was dropped because {objection}. {consequence}'
         self._note(ROUTE, f'{ROUTE} refused: {error}. {consequence}', until)
         return not objection
 

@@ -264,8 +264,8 @@ def _nothing_to_charge(now: TargetSearchInput, arrival_soc: float, wanted_soc: f
         return _unchosen(now.leg, now.settings, f'the battery arrives with {100.0 * arrival_soc:.1f} %, and '
                          'the state of charge for departure is unknown')
     choice = TargetChoice(TargetSource.GIVEN, now.given) if now.given else TargetChoice(
-        TargetSource.CHOSEN, f'Not worth it: the battery arrives with {100.0 * arrival_soc:.1f} %, and the '
-        f'{100.0 * wanted_soc:.1f} % to leave with need no charging.', heating_pays=False)
+        TargetSource.CHOSEN, f'Not worth it: the battery arrives with {100.0 * arrival_soc:.1f} %, and departure '
+        f'with {100.0 * wanted_soc:.1f} % needs no charging.', heating_pays=False)
     return replace(choice, charging_time_s=0.0, unheated_charging_time_s=0.0, bought_energy_wh=0.0,
                    unheated_bought_energy_wh=0.0)
 
@@ -283,12 +283,12 @@ def _reason(search: WorthSearch, chosen: TargetWorth, best: TargetWorth) -> str:
     if chosen is best:
         return search.verdict(best)
     if chosen.cost < (1.0 - LEAST_GAIN_SHARE) * search.without.cost:
-        return f'{search.verdict(chosen)} No other target costs less by {share}.'
+        return f'{search.verdict(chosen)} No other target is cheaper by {share}.'
     if chosen is search.without:
         return (f'Not worth it: heating the battery to {best.arrival_temperature_c:.1f} degC before '
                 f'arrival would save less than {share} of the cost. Some heating pays as soon as an hour is '
                 f'worth {search.break_even_per_h():.2f} to you.')
-    return f'The target stays as it was chosen before: no other costs less by {share}.'
+    return f'The earlier target stays: no other is cheaper by {share}.'
 
 
 def _with_figures(choice: TargetChoice, heated: TargetWorth, without: TargetWorth) -> TargetChoice:

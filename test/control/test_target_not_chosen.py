@@ -121,7 +121,7 @@ def test_a_heater_that_is_on_is_switched_off_at_once():
 
 def test_a_battery_with_more_than_is_asked_for_is_not_heated():
     decision = feed(a_supervisor(Charger(150e3, 0.6)), state=BatteryState(6.0, 0.9))
-    assert decision.status is Status.NOT_WORTH_IT and 'need no charging' in decision.explanation
+    assert decision.status is Status.NOT_WORTH_IT and 'needs no charging' in decision.explanation
     assert (decision.target.charging_time_s, decision.target.bought_energy_wh) == (0.0, 0.0)
 
 
