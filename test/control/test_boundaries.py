@@ -129,7 +129,7 @@ def test_a_decision_is_marked_where_its_status_is_another_one():
 def test_a_command_of_0_w_says_that_it_waits_only_where_it_was_to_heat(status):
     """A heater that was switched off a moment ago waits, regardless of the plan's status."""
     trip, target_c = leg(duration_s=[30.0] * 16), 25.0
-    # So cold that heating all the way misses the target by a tenth of a kelvin, or by a whole kelvin.
+    # So cold that heating all the way misses the target by a tenth of a kelvin, or by a kelvin more.
     cold_c = 10.0
     for _ in range(3):
         cold_c += plan_preheating(VEHICLE, trip.route, BatteryState(cold_c, 0.8),

@@ -82,7 +82,7 @@ SAME = RefusedRoute('home', True, (HOME_END_NS,))
 
 @pytest.mark.parametrize('refused', [
     SAME, replace(SAME, arrivals_ns=(HOME_END_NS + ns(300.0),)),
-    # Sums in different steps differ by less.
+    # The difference between sums in different steps.
     replace(SAME, arrivals_ns=(HOME_END_NS - 1000,))], ids=['same', 'later', 'rounding'])
 def test_after_an_update_that_arrives_no_earlier_the_old_route_goes_on(refused):
     supervisor = heating_supervisor(make_mission())
