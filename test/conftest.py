@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-What all tests share: how many examples property tests draw, and which tests use DDS.
+Shared by all tests: the number of examples of property tests, and the marker of tests over DDS.
 
 `make test` draws few examples and the same ones on every run, `make test-deep` many and new ones. A
 property test that needs more or fewer than others says so as a multiple:
@@ -11,9 +11,9 @@ the marker of that name. Without it ROS 2 does not start in the test nor in its 
 over DDS gets into `make test-quick` unnoticed. (Only a process that chooses a ROS domain of its own
 escapes, as the demonstration does: `pytestmark = pytest.mark.usefixtures('dds')`.)
 
-Each of several workers imports every test file, to run only some of them. So modules that are slow to import and
+Each of several workers imports every test file, although it runs only some. So modules that are slow to import and
 needed by few tests (SciPy) are imported inside these tests. Objects from importing and collecting live
-to the end, so the garbage collector need not search them repeatedly: a twelfth of the run.
+to the end, so the garbage collector need not search them repeatedly, which would take a twelfth of the run.
 """
 
 import gc
@@ -24,7 +24,7 @@ from hypothesis import HealthCheck, settings
 import left_out
 import pytest
 
-# Wall-clock limits on examples would make a test depend on what else the machine is doing.
+# Wall-clock limits on examples would make a test depend on the load of the machine.
 UNTIMED = {'deadline': None, 'suppress_health_check': [HealthCheck.too_slow]}
 settings.register_profile('daily', max_examples=25, derandomize=True, **UNTIMED)
 settings.register_profile(

@@ -17,7 +17,7 @@ LEFT_OUT = pytest.StashKey()
 
 
 def begin(config):
-    """Begin with nothing left out: {package: [modules, number of tests]}."""
+    """Start without omissions: {package: [modules, number of tests]}."""
     config.stash[LEFT_OUT] = {}
 
 
@@ -30,7 +30,7 @@ def how_to_install(package):
 
 
 class _Module(pytest.Module):
-    """A module that is left out if one of its imports, direct or indirect, is not installed."""
+    """A module that is left out if a direct or indirect import is not installed."""
 
     def collect(self):
         try:

@@ -13,7 +13,7 @@ from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.model import make_runge_kutta_4
 from bev_preheat_studies.optimality.drawn_trips import scale_vehicle
 
-# No limit of this one is ever active.
+# The limits of this vehicle are never active.
 CAR = scale_vehicle(load_vehicle('reference'), 1.0, 1.0, 10.0)
 
 
@@ -36,5 +36,5 @@ def draw(number, steps=None):
     coldest_c, warmest_c = (float(run_forward(
         trip, make_runge_kutta_4, state.soc, ambient_c, share * trip.heater_limit_w)[1][-1])
         for share in (0.0, 1.0))
-    # Met with a part of the heating there is.
+    # Reached with part of the available heating.
     return vehicle, route, state, Goal(coldest_c + random.uniform(0.1, 0.9) * (warmest_c - coldest_c))

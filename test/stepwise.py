@@ -18,7 +18,7 @@ class Stepwise(Supervisor):
     """
     Turns single inputs into steps, and raises refusals.
 
-    What takes no instant happens at that of the step before.
+    Calls without an instant use that of the previous step.
     """
 
     def __init__(self, vehicle, settings, learned=None, **before_restart):
@@ -33,7 +33,7 @@ class Stepwise(Supervisor):
             raise refusal.error
 
     def step_through(self, now_ns, *events):
-        """Take a step, whatever it refuses."""
+        """Take a step and ignore its refusals."""
         self._now_ns, self.output = now_ns, self.step(now_ns, *events)
         if self.output.decision is not None:
             # As the node does, after the command.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The style as ament_flake8 and ament_pep257 see it: what `colcon test` asks of a ROS package."""
+"""The style checks of ament_flake8 and ament_pep257, which `colcon test` runs for a ROS package."""
 
 import logging
 from pathlib import Path
@@ -24,6 +24,6 @@ def test_flake8():
 @pytest.mark.needs('ament_pep257')
 def test_pep257():
     from ament_pep257.main import main
-    # It names each file that it looks at, as an information.
+    # It lists each checked file as information.
     logging.getLogger('pydocstyle.utils').setLevel(logging.ERROR)
     assert main(argv=['--add-ignore', *DOCSTRING_RULES_LEFT_OUT, '--', *PLACES]) == 0

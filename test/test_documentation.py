@@ -164,7 +164,7 @@ def test_code_comments_name_pages_that_exist():
 
 
 def cells(table):
-    """Return the rows of a Markdown table, the code marks taken away."""
+    """Return the rows of a Markdown table, without code marks."""
     return [[cell.strip().strip('`') for cell in re.split(r'(?<!\\)\|', line)[1:-1]]
             for line in table.splitlines() if line.startswith('| ')]
 
@@ -217,7 +217,7 @@ def test_keys_of_files_have_range_and_comment(generated):
     assert rows['capacity_ah'][:2] == ['number 1\N{NO-BREAK SPACE}…\N{NO-BREAK SPACE}2000', 'yes']
     assert rows['soc_range'][2] == '\\[low, high\\]; the low end is the reserve.'
     assert '-acceleration_mps2' not in generated['legs_keys']
-    # Keys that older files have are refused with advice, and not offered.
+    # Keys of older files are refused with advice, and not documented.
     assert 'road_vehicle' not in generated['legs_keys']
 
 

@@ -2,9 +2,9 @@
 """
 Imports of a process: planning runs without ROS, the planner node without solver and plots.
 
-It does so where ROS is not installed, and the product does without the studies.
+Planning works without ROS installed, and the product works without the studies.
 
-Imported in processes of their own, as this one has loaded everything already.
+Imports run in separate processes, because this one has already loaded everything.
 """
 
 from importlib.util import find_spec
@@ -40,7 +40,7 @@ def modules_of(room):
 def with_path(*folders):
     """Return the environment of a process that imports from these folders first, then as this one."""
     environment = dict(os.environ, PYTHONPATH=os.pathsep.join([*map(str, folders), *filter(None, sys.path)]))
-    # What measures coverage loads packages of its own.
+    # The coverage tool loads packages of its own.
     environment.pop('COVERAGE_PROCESS_CONFIG', None)
     return environment
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The supported versions of Python are those of scripts/pythons.txt, wherever they are named."""
+"""Every mention of supported Python versions agrees with scripts/pythons.txt."""
 
 import configparser
 from pathlib import Path

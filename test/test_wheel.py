@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The wheel: built, and run where there is neither ROS nor the checkout."""
+"""The wheel: built, and run without ROS and without the checkout."""
 
 from importlib.metadata import distribution
 import os
@@ -20,7 +20,7 @@ pytestmark = pytest.mark.costly
 
 
 def requirements_of(name, found):
-    """Collect the distributions that one needs, without extras."""
+    """Collect the distributions that a distribution requires, without extras."""
     if name.lower() in found:
         return
     found[name.lower()] = needed = distribution(name)
@@ -30,7 +30,7 @@ def requirements_of(name, found):
 
 
 def link_packages(folder, names):
-    """Put links to the installed files of distributions into a folder: all that the wheel may import besides."""
+    """Link the installed files of distributions into a folder: the only other imports of the wheel."""
     found = {}
     for name in names:
         requirements_of(name, found)
@@ -65,7 +65,7 @@ def sources(tmp_path_factory):
 
 @pytest.fixture(scope='module')
 def site(sources, tmp_path_factory):
-    """Return a folder with the unpacked wheel and the packages that it needs, nothing else."""
+    """Return a folder with only the unpacked wheel and the packages that it needs."""
     wheel = build(sources, tmp_path_factory.mktemp('wheel'))
     folder = tmp_path_factory.mktemp('site')
     shutil.unpack_archive(wheel, folder, 'zip')
@@ -74,7 +74,7 @@ def site(sources, tmp_path_factory):
 
 
 def run(site, *words):
-    """Run Python with the site's packages alone."""
+    """Run Python with only the site's packages."""
     return subprocess.run([sys.executable, '-S', *words], capture_output=True, text=True, cwd=site,
                           env={'PATH': os.environ['PATH'], 'PYTHONPATH': str(site), 'HOME': str(site)})
 

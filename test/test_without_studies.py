@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A build installs both packages, and with BEV_PREHEAT_WITHOUT_STUDIES=1 the product alone."""
+"""A build installs both packages, and with BEV_PREHEAT_WITHOUT_STUDIES=1 only the product."""
 
 import os
 from pathlib import Path

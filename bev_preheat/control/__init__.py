@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the planner process does between a message and a command, without ROS."""
+"""Control: the planner's steps from a message to a command, without ROS."""

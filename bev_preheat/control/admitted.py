@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The valid inputs at an instant, as one value that nothing changes afterwards."""
+"""The valid inputs at an instant, as one immutable value."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ class AdmittedInputs(NamedTuple):
     """
     The valid inputs and the refusals that hold the heater off.
 
-    `timetable` is the route's, `active_timetable` the one that is planned for: of a preparation goal if there is
-    one, else the route's. `measurement` has only the signals that hold; `doubt` is the sentence on a missing
+    `timetable` is the route's; planning uses `active_timetable`, which is that of the preparation goal, or the
+    route's without a goal. `measurement` has only the signals that hold; `doubt` is the sentence on a missing
     signal without which the heater stays off. `rivals` are other nodes that command the same heater.
     """
 

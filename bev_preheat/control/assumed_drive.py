@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The drive until a battery is to be warm: that of the route, or the one of the last minutes, going on.
+The drive until a battery is to be warm: the route's, or the drive of the last minutes continued.
 
-A vehicle that is plugged in stands. Before a route begins, at its stops and behind its end the vehicle
-stands, too. Instants are integers, in nanoseconds of the node's clock.
+The vehicle stands while it is plugged in, before its route begins, at stops and after the route's end.
+Instants are integers, in nanoseconds of the node's clock.
 """
 
 from __future__ import annotations
@@ -22,22 +22,22 @@ if TYPE_CHECKING:
     from bev_preheat.control.inputs import Leg, Mission
     from bev_preheat.vehicle.description import Defaults
 
-# The power of so much time is what goes on, sampled no more densely than that.
+# The power of this time is assumed to continue; samples are at least SPACED_NS apart.
 REMEMBERED_NS = 300 * NS_PER_S
 SPACED_NS = NS_PER_S
-# A mean and a root mean square below this [W] are a vehicle that stands; so is one that is charged.
+# A vehicle stands if the mean and the root mean square of its power are below this [W], or if it is charged.
 STANDING_W = 500.0
 
 
 class DriveMemory:
-    """What the drivetrain and the other consumers took from the battery in the last 5 minutes."""
+    """Power that drivetrain and other consumers took from the battery in the last 5 minutes."""
 
     def __init__(self) -> None:
-        """Know nothing: the vehicle stands."""
+        """Start without samples: the vehicle stands."""
         self._samples: deque[tuple[int, float]] = deque()
 
     def see(self, stamp_ns: int, power_w: float | None, heater_w: float) -> None:
-        """Take in the battery's power [W], None: unknown, of which the heater has its part [W]."""
+        """Take in the battery's power [W], None: unknown, which includes the heater's `heater_w` [W]."""
         samples = self._samples
         if samples and stamp_ns < samples[-1][0]:
             samples.clear()
@@ -51,7 +51,7 @@ class DriveMemory:
         """
         Return (mean, root mean square) of the propulsion power [W]; (0, 0) for a vehicle that stands.
 
-        `others_w` [W] is what cabin and auxiliaries take of the battery's power.
+        `others_w` [W] is the power of cabin and auxiliaries.
         """
         powers_w = np.array([power_w - others_w for stamp_ns, power_w in self._samples
                              if 0 <= now_ns - stamp_ns <= REMEMBERED_NS])
@@ -66,7 +66,7 @@ class DriveMemory:
 def steady_drive(duration_s: float, ambient_c: float, defaults: Defaults,
                  propulsion_w: tuple[float, float] = (0.0, 0.0)) -> Route:
     """
-    Return the Route of one segment for a vehicle that drives on, or stands; its speed is not known: 0.
+    Return a Route of one segment for a vehicle that keeps driving, or stands; its speed is unknown: 0.
 
     `propulsion_w` is (mean, root mean square) of its propulsion power [W].
     """
@@ -78,7 +78,7 @@ def steady_drive(duration_s: float, ambient_c: float, defaults: Defaults,
 
 
 def drive_of_route(mission: Mission, from_ns: int, until_ns: int, defaults: Defaults) -> Route:
-    """Return the Route between two instants [ns] of a Mission; where it does not drive, it stands."""
+    """Return the Route between two instants [ns] of a Mission; the vehicle stands outside the legs."""
     parts, reached_ns = [], from_ns
 
     def stand(to_ns: int, leg: Leg, segment: int) -> None:

@@ -31,7 +31,7 @@ CAUSES = {
     Status.STALE_INPUT: 'battery_state was too old, or ahead of the clock,',
     Status.COMMAND_CONFLICT: 'Another node commanded the heater',
     Status.INTERNAL_ERROR: 'Planning failed',
-    Status.NO_BATTERY_STATE: 'No valid battery state was there',
+    Status.NO_BATTERY_STATE: 'There was no valid battery state',
 }
 DOUBT = frozenset((*CAUSES, Status.INVALID_INPUT))
 # Decisions of the plan: the least time off holds as for any other switching.
@@ -45,7 +45,7 @@ class Commander:
         """Start with the heater off."""
         self.history = CommandHistory()
         self._switch = HeaterSwitch()
-        # Why the latest pause began, and whether heat that is wanted waits for its end.
+        # The reason for the latest pause, and whether requested heat waits for its end.
         self._doubt = Status.WAITING
         self._is_paused = False
         self._steady = SteadyStatus()
@@ -59,7 +59,7 @@ class Commander:
         return self._switch.is_on
 
     def allow_switching(self) -> None:
-        """Let the heater be switched at once: the reason for its waiting time is gone."""
+        """Let the heater be switched at once: the reason for its waiting time no longer holds."""
         self._switch.allow()
         self._steady.forget()
 
@@ -161,8 +161,7 @@ class Commander:
         elapsed_s = (now_ns - decision.plan_start_ns) / NS_PER_S
         if elapsed_s >= plan.arrival_time_s:
             return Status.CHARGING if decision.later_legs else Status.ARRIVED
-        # Before the trip begins, and where charging is not planned or heating for it does not pay,
-        # there is nothing to heat for.
+        # No heating before the trip begins, without planned charging, or if heating for it does not pay.
         if elapsed_s < 0.0 or decision.status in (
                 Status.NO_CHARGING_PLANNED, Status.NOT_WORTH_IT):
             return decision.status
@@ -170,7 +169,7 @@ class Commander:
 
 
 def _may_be_held_on(inputs: AdmittedInputs, plan: Plan) -> bool:
-    """Return whether a heater that a Plan has no use for may stay on for its least time: heat is harmless."""
+    """Return whether the heater may stay on for its least time beyond its Plan, because the heat is harmless."""
     assert inputs.measurement is not None
     temperature_c = inputs.measurement.state.temperature_c
     highest_c = inputs.vehicle.battery.temperature_range_c[1]
@@ -178,7 +177,7 @@ def _may_be_held_on(inputs: AdmittedInputs, plan: Plan) -> bool:
 
 
 def _cause_in_words(reason: Status, sentence: str) -> str:
-    """Return what began a pause, for a sentence that goes on with how long ago that was."""
+    """Return the cause of a pause, for a sentence that continues with its age."""
     if reason is Status.INVALID_INPUT:
         for source in (BATTERY, ROUTE):
             if sentence.startswith(f'{source} refused'):
@@ -191,7 +190,7 @@ def _lease_end_ns(now_ns: int, inputs: AdmittedInputs) -> int:
     """Return the instant [ns] until which a command of now may be used."""
     settings, measurement = inputs.settings, inputs.measurement
     assert measurement is not None
-    # No lease outlives the battery state that it rests on.
+    # No lease outlives the battery state that it is based on.
     stale_ns = measurement.stamp_ns + round(settings.battery_state_timeout_s * NS_PER_S)
     return min(now_ns + round(settings.lease_s * NS_PER_S), stale_ns)
 

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the heater was told: its power over the last minutes, and for how long it heated."""
+"""The heater's commands: power over the last minutes, and time of heating."""
 
 from collections import deque
 
 from bev_preheat.control.inputs import NS_PER_S
 
-# What lies further back is not asked for.
+# No caller asks further back.
 KEPT_NS = 70_000_000_000
 
 
@@ -18,10 +18,10 @@ class CommandHistory:
         self._heated_ns = 0
 
     def note(self, instant_ns: int, power_w: float) -> None:
-        """Note that from an instant on this is commanded; instants do not fall."""
+        """Note that `power_w` is commanded from an instant on; instants do not fall."""
         changes = self._changes
         if changes[-1][0] > instant_ns:
-            # The clock was set back: what was noted before lies in no time of its own.
+            # The clock was set back: earlier entries are void.
             changes.clear()
             changes.append((0, 0.0))
         if changes[-1][1] == power_w:
@@ -44,7 +44,7 @@ class CommandHistory:
         return max(0, now_ns - since_ns) if power_w > 0.0 else 0
 
     def mean_w(self, from_ns: int, to_ns: int) -> float:
-        """Return the mean commanded power [W] between two instants; at one, where they are one."""
+        """Return the mean commanded power [W] between two instants; the power then if they are equal."""
         if to_ns <= from_ns:
             return self._power_w(to_ns)
         later_ns, energy = to_ns, 0.0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Supervision results: the decision that holds until the next input, and the heater's command."""
+"""Results of control: the decision that holds until the next input, and the heater's command."""
 
 from dataclasses import dataclass
 import math
@@ -13,7 +13,7 @@ from bev_preheat.planning.status import Status
 
 
 class Command(NamedTuple):
-    """Electrical power for the battery [W], until when it may be used [ns], and why."""
+    """Electrical power for the battery [W], the end of its lease [ns], and its reason."""
 
     battery_heating_power_w: float
     valid_until_ns: int
@@ -26,12 +26,11 @@ class Decision:
     Status and sentence that hold until the next input, and the plan behind them, if any.
 
     `sentence` None is the plan's own. `plan_start_ns` is the instant of the plan's time 0, `leg` the leg
-    that it plans. `later_legs` lie beyond the current or next stop. `forecast` says how sure the
-    temperature on arrival is; None: that is unknown. The command follows `commanded` where that is not
-    None, else the plan; the heater delivers `command_share` of the command. `model_factors` are the
-    factors of the corrected vehicle (PreheatPlan.msg); (): none. `target` says where the plan's target
-    comes from; None: it has none. `charger_heat_w` [W] is commanded while the vehicle charges, where
-    there is no plan.
+    that it plans. `later_legs` lie beyond the current or next stop. `forecast` has the uncertainty of the
+    arrival temperature; None: unknown. The command follows `commanded` unless that is None, else the plan; the
+    heater delivers `command_share` of the command. `model_factors` are the factors of the corrected vehicle
+    (PreheatPlan.msg); (): not corrected. `target` is the choice of the plan's target; None: no choice.
+    `charger_heat_w` [W] is commanded while the vehicle charges and has no plan.
     """
 
     status: Status
@@ -55,14 +54,14 @@ class Decision:
         return '' if self.plan is None else self.plan.explanation
 
     def read(self) -> tuple[str, float]:
-        """Return `explanation` and `arrival_deviation_k`; raises what working them out raises."""
+        """Return `explanation` and `arrival_deviation_k`; raises any exception of computing them."""
         return self.explanation, self.arrival_deviation_k
 
     @property
     def arrival_deviation_k(self) -> float:
-        """Standard deviation of the temperature on arrival [K]; NaN where it is unknown."""
+        """Standard deviation of the temperature on arrival [K]; NaN if unknown."""
         return math.nan if self.forecast is None else self.forecast.deviation_k
 
 
-# Before anything has arrived, and until a valid route plan has.
+# Until the first valid route plan arrives.
 WITHOUT_ROUTE = Decision(Status.NO_ROUTE, 'No valid route plan has arrived yet.')

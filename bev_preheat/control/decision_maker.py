@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The judgement: what is learned of the car, and which plan holds.
+The decision maker: learns about the car and decides which plan holds.
 
-Only the current leg is planned from the battery's state, again with every input. A later leg starts
-from the departure that the route gives; its plan is made once.
+Only the current leg is planned from the battery's state, again on every input. A later leg is planned once, from
+the departure that the route gives.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ if TYPE_CHECKING:
     from bev_preheat.vehicle.description import Vehicle
 
 ALARMS = (Status.TARGET_UNREACHABLE, Status.SOC_LIMITED, Status.POWER_LIMITED, Status.OUT_OF_CHARGE)
-# What a vehicle that stands too long is told instead of these: they heat, or are about to.
+# A vehicle that stands too long waits instead of these, because they heat or are about to.
 WITHHELD = (Status.WAITING, Status.HEATING, Status.TARGET_UNREACHABLE, Status.SOC_LIMITED,
             Status.POWER_LIMITED)
 
@@ -68,14 +68,14 @@ class DecisionMaker:
     def __init__(self, vehicle: Vehicle, learned: Learned | None = None,
                  last_seen: LastSeen | None = None) -> None:
         """Start from the vehicle file, or from the Learned of earlier drives, and the battery's LastSeen."""
-        # As described, and with the power limits of its coldest cell.
+        # The vehicle as described, and with the power limits of its coldest cell.
         self._vehicle = self._limited = vehicle
         self._colder_by_k = 0.0
         self._forecast_planner = ForecastPlanner(vehicle)
         self._targets = TargetChooser()
         self._estimator = Estimator(vehicle, learned)
         self._stand_watch = StandWatch(vehicle, last_seen)
-        # Decisions by how many legs follow, and the settings that they were made with.
+        # Decisions by the number of legs that follow, and the settings that they were made with.
         self._later_decisions: dict[int, Decision] = {}
         self._later_settings: Settings | None = None
 
@@ -91,7 +91,7 @@ class DecisionMaker:
 
     @property
     def stand_report(self) -> StandReport | None:
-        """What the first battery state of the trip says of the sensor; None: nothing."""
+        """The StandReport on the trip's first battery state; None without one."""
         return self._stand_watch.report
 
     def follow_new_mission(self) -> None:
@@ -119,12 +119,12 @@ class DecisionMaker:
         stamp_ns = measurement.stamp_ns
         standing = self._stand_watch.look(trip, measurement) if known.trusts_temperature else None
         if timetable is not None and is_from_grid(timetable.mission.legs[0]):
-            # The battery's power then says nothing of the heater.
+            # Then the battery's power does not show the heater's.
             measurement = replace(measurement, voltage_v=None, current_a=None)
         if standing is not None:
             self._estimator.rely_on(standing)
         if known.is_open:
-            # The next state that is not will be compared with the latest before this one.
+            # The next state that is clear is compared with the latest one before this.
             return
         if known.is_described:
             self._estimator.observe(
@@ -164,7 +164,7 @@ class DecisionMaker:
                 if starts_in_s > FORESEEN_S and decision.status in ALARMS:
                     decision = replace(decision, status=Status.WAITING, sentence=(
                         f'The route starts in {duration_text(starts_in_s)}; the heater waits until then. '
-                        f'From the present state: {decision.explanation}'))
+                        f'From the current state: {decision.explanation}'))
             return replace(decision, later_legs=later_legs) if later_legs else decision
         heat = self._charger_heat(inputs, leg, is_heating)
         why = f' {heat.reason}' if heat.reason else ''
@@ -185,7 +185,7 @@ class DecisionMaker:
             heat = self._charger_heat(inputs, leg, is_heating)
             why = f' {heat.reason}' if heat.reason else ''
             return Decision(Status.CHARGING, (
-                f'The vehicle is charged {duration_text(-leg.ended_for_s(now_ns))} before its route ends: '
+                f'The vehicle is charging {duration_text(-leg.ended_for_s(now_ns))} before its route ends: '
                 f'{regime.evidence}; no heating for the route until it drives on.{why}'), leg=leg,
                 charger_heat_w=heat.power_w)
         if regime.suspicion:
@@ -194,7 +194,7 @@ class DecisionMaker:
         return None
 
     def _charger_heat(self, inputs: AdmittedInputs, leg: Leg, is_heating: bool) -> ChargerHeat:
-        """Return the ChargerHeat after a leg that has ended; nothing where nobody asks for it."""
+        """Return the ChargerHeat after a leg that has ended; 0 W if the settings do not ask for it."""
         measurement, settings = inputs.measurement, inputs.settings
         assert measurement is not None
         if not settings.heat_while_charging or leg.made_for is not None:
@@ -205,7 +205,7 @@ class DecisionMaker:
 
     def _plan_current(self, inputs: AdmittedInputs, leg: Leg, now_ns: int, is_heating: bool,
                       heated_s: float) -> Decision:
-        """Return the Decision for the current leg, from the battery's present state."""
+        """Return the Decision for the current leg, from the battery's current state."""
         settings, goal, measurement = inputs.settings, inputs.goal_of(leg), inputs.measurement
         choice: TargetChoice | None = None
         assert measurement is not None
@@ -213,13 +213,13 @@ class DecisionMaker:
         self._limit_to_coldest_cell(measurement, settings)
         estimate = self.estimate if settings.estimation else None
         stamp_ns = measurement.stamp_ns if estimate is None else estimate.stamp_ns
-        # A stamp ahead of this clock must not delay what the plan wants now.
+        # A stamp ahead of this clock must not delay heating that the plan wants now.
         start_ns = max(min(stamp_ns, now_ns), leg.start_ns)
         starts_in_s = (start_ns - now_ns) / NS_PER_S
         route = leg.route_ahead(start_ns)
         assert route is not None
         if starts_in_s > 0.0:
-            # Until then it stands.
+            # The vehicle stands until the start.
             ambient_c = float(route.ambient_temperature_c[0])
             state = replace(state, temperature_c=temperature_after(
                 self._vehicle, state.temperature_c, ambient_c, starts_in_s))
@@ -256,7 +256,7 @@ class DecisionMaker:
         coldest_c = measurement.coldest_cell_c if settings.coldest_cell_limits else None
         colder_by_k = 0.0 if coldest_c is None else min(
             max(measurement.state.temperature_c - coldest_c, 0.0), MOST_COLDER_K)
-        # A vehicle is made for whole kelvins only: each costs some milliseconds.
+        # Vehicles are made for whole kelvins only, because each takes some milliseconds.
         if abs(colder_by_k - self._colder_by_k) >= 1.0:
             self._colder_by_k = float(round(colder_by_k))
             self._limited = limited_by_coldest_cell(self._vehicle, self._colder_by_k)
@@ -265,7 +265,7 @@ class DecisionMaker:
 
     def _choose_target(self, inputs: AdmittedInputs, leg: Leg, goal: Goal, route: Route,
                        estimate: Estimate | None) -> TargetChoice:
-        """Return the TargetChoice for the current leg, of which the Route is ahead."""
+        """Return the TargetChoice for the current leg; `route` is its part ahead."""
         mission, measurement = inputs.mission, inputs.measurement
         assert mission is not None and measurement is not None
         search_input = TargetSearchInput(
@@ -281,7 +281,7 @@ class DecisionMaker:
 
     def _plan(self, inputs: AdmittedInputs, leg: Leg, route: Route, goal: Goal, state: BatteryState,
               start_ns: int) -> Decision:
-        """Return the Decision for a leg from a state at an instant [ns] on, at which the Route is ahead."""
+        """Return the Decision for a leg, from a state at an instant [ns]; `route` is the part ahead then."""
         try:
             plan = plan_preheating(
                 self._limited, route, state, goal, inputs.settings.method
@@ -304,14 +304,14 @@ class DecisionMaker:
                 self._later_decisions[following] = self._plan(
                     inputs, leg, leg.route, inputs.goal_of(leg), leg.departure, leg.start_ns)
             planned = self._later_decisions[following]
-            # A leg that begins later is driven, and heated for, no differently.
+            # A delayed leg keeps its plan; only its instants change.
             decisions.append(planned if planned.leg in (None, leg) else replace(
                 planned, leg=leg, plan_start_ns=leg.start_ns))
         return tuple(decisions)
 
 
 def _own_sentence(plan: Plan, choice: TargetChoice | None) -> str | None:
-    """Return the sentence with the reason of a target's choice for which nothing is heated; None: the Plan's."""
+    """Return the sentence with the reason why heating is not worth it; None: the Plan's own sentence."""
     if choice is not None and plan.status is Status.NOT_WORTH_IT:
         return f'{choice.reason} {plan.explanation}'
     return None
@@ -320,7 +320,7 @@ def _own_sentence(plan: Plan, choice: TargetChoice | None) -> str | None:
 def _standing_sentence(stood_s: float, regime: RegimeReport) -> str:
     """Return the sentence on a vehicle that has stood for too long to be kept warm."""
     evidence = f' ({regime.evidence})' if regime.evidence else ''
-    return (f'The vehicle has stood for {duration_text(stood_s)} where its route does not stop{evidence}: '
+    return (f'The vehicle has stood for {duration_text(stood_s)} although its route has no stop here{evidence}: '
             'no heating until it drives on.')
 
 

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Everything that a step of the planner can be given.
+The events that a step of the planner takes.
 
 Plain data; `inbox.Inbox.admit` and the supervisor act on it. `source` names the input in log lines; '' if it
 cannot be refused.
@@ -67,7 +67,7 @@ class TripCancelled:
 
 @dataclass(frozen=True)
 class ProgressArrived:
-    """The vehicle said where on its route it is; `hint` is added to its refusal, '' adds nothing."""
+    """The vehicle reported its place on the route; `hint` is added to its refusal, '' adds nothing."""
 
     source: ClassVar[str] = PROGRESS
     progress: Progress
@@ -100,7 +100,7 @@ class PreparationWanted:
 
 @dataclass(frozen=True)
 class PreparationEnded:
-    """A goal of ~/prepare_battery, `preparation_goal`, is not to be pursued any more; None: whichever it is."""
+    """The goal of ~/prepare_battery `preparation_goal` ends; None: the current goal, whichever it is."""
 
     source: ClassVar[str] = ''
     preparation_goal: PreparationGoal | None
@@ -110,7 +110,7 @@ class PreparationEnded:
 
 @dataclass(frozen=True)
 class RivalsChanged:
-    """Other nodes command the same heater, by these `names`; '': none does any more."""
+    """Other nodes command the same heater, by these `names`; '': no longer."""
 
     source: ClassVar[str] = ''
     names: str
@@ -121,10 +121,9 @@ class Reconfigured:
     """
     Parameters were set.
 
-    `mission` is the current route as read with the new parameters, or the InvalidInput where it
-    cannot be read with them; None: there is no route.
-    `learned` is the Learned that the estimation restarts with, None to keep it where the vehicle
-    stays.
+    `mission` is the current route as read with the new parameters, or the InvalidInput if it cannot be read with
+    them; None without a route. `learned` is the Learned that the estimation restarts with; None: keep the
+    estimation if the vehicle does not change.
     """
 
     source: ClassVar[str] = ROUTE
@@ -134,7 +133,7 @@ class Reconfigured:
     learned: Learned | None = None
 
 
-# What Supervisor.step is given.
+# The events of Supervisor.step.
 Event = (BatteryStateArrived | BatteryStateUnreadable | RouteArrived | RouteUnreadable
          | ProgressArrived | ProgressUnreadable | TripCancelled | PreheatingSwitched | RivalsChanged
          | PreparationWanted | PreparationEnded | Reconfigured)

@@ -2,9 +2,8 @@
 """
 The drive that the route plans between two instants, for the estimator.
 
-Where the vehicle is late or early it is the drive at the place where the vehicle was. A route that
-goes by slower than planned takes as much less power: as much energy for each metre. One that goes
-by faster takes more.
+If the vehicle is late or early, it is the drive at the vehicle's actual place. A route driven more slowly than
+planned takes proportionally less power, because the energy per metre is the same; driven faster, it takes more.
 """
 
 from __future__ import annotations
@@ -28,13 +27,13 @@ if TYPE_CHECKING:
     from bev_preheat.route.segments import Route
     from bev_preheat.vehicle.description import Defaults, Vehicle
 
-# A route that goes by faster than this many times the plan's pace is a position that was corrected.
+# Progress faster than this multiple of the planned pace is a corrected position.
 FASTEST_PACE = 2.0
 # The place on the route is uncertain: power within this time before and after an instant counts.
 # It grows by a share of the time since departure, because traffic is faster or slower.
 AROUND_NS = 60 * NS_PER_S
 AROUND_SHARE, MOST_AROUND_S = 0.05, 300.0
-# How finely this is looked up, and in how many places.
+# Step of this lookup in time, and its number of places.
 LOOKED_UP_NS = 15 * NS_PER_S
 SHIFTS = 25
 # A segment lasts for many updates.
@@ -44,9 +43,9 @@ KEPT_SEGMENTS = 8
 def intervals_between(edges_ns: Sequence[int], vehicle: Vehicle, timetable: Timetable | None,
                       commands: CommandHistory) -> tuple[DrivenInterval, ...]:
     """
-    Return the estimation.estimator.Stretch between each of the instants [ns] and the next.
+    Return the estimation.estimator.DrivenInterval between each of the instants [ns] and the next.
 
-    `timetable` is None where there is no route; `commands` is the CommandHistory.
+    `timetable` is None without a route; `commands` is the CommandHistory.
     """
     intervals = []
     for from_ns, to_ns in zip(edges_ns, edges_ns[1:]):
@@ -58,9 +57,9 @@ def intervals_between(edges_ns: Sequence[int], vehicle: Vehicle, timetable: Time
 
 def shown_command_w(timetable: Timetable | None, instant_ns: int, commands: CommandHistory) -> float:
     """
-    Return the command [W] that the battery's power has to answer at an instant [ns].
+    Return the command [W] that the battery's power should follow at an instant [ns].
 
-    While the vehicle charges it is none: the charger gives what the heater takes.
+    It is 0 while the vehicle charges, because the charger then feeds the heater.
     """
     if timetable is not None:
         mission, planned_ns = timetable.planned, timetable.planned_ns(instant_ns)
@@ -121,7 +120,7 @@ def _driven_between(vehicle: Vehicle, timetable: Timetable | None, from_ns: int,
     """
     Return (DriveInputs, heater power left by the cabin [W]) for the middle of two instants [ns].
 
-    (None, 0.0) where no route covers it: before its start, at stops, after its end.
+    (None, 0.0) outside the route: before its start, at stops, after its end.
     """
     if timetable is None:
         return None, 0.0
@@ -133,7 +132,7 @@ def _driven_between(vehicle: Vehicle, timetable: Timetable | None, from_ns: int,
 
 
 def _at_pace(drive: DriveInputs, pace: float) -> DriveInputs:
-    """Return the DriveInputs of a route that goes by so many times as fast as planned."""
+    """Return the DriveInputs of a route driven at `pace` times the planned pace."""
     return replace(
         drive, speed_mps=pace * drive.speed_mps,
         propulsion_power_w=pace * drive.propulsion_power_w,

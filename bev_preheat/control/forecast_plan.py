@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Plans from what is believed.
+Plans from the estimate.
 
-That is the estimated state, the corrected model, a margin for the uncertainty, and the heater as it
-answers.
+A forecast plan uses the estimated state, the corrected model, a margin for the uncertainty, and the heater as
+it responds.
 """
 
 from __future__ import annotations
@@ -47,25 +47,25 @@ if TYPE_CHECKING:
     from bev_preheat.route.segments import Route
     from bev_preheat.vehicle.description import Vehicle
 
-# The corrected vehicle is made anew where a factor has moved by more than this share of what is
-# uncertain of it in a car of which only the file is known.
+# The corrected vehicle is rebuilt once a factor has moved by more than this share of its prior standard
+# deviation (the deviation if only the vehicle file is known).
 FACTOR_STEP = 0.05
 
 FACTOR_STEPS = (FACTOR_STEP * np.sqrt(np.diag(prior_factor_covariance()))).tolist()[
     :PROPULSION - FACTORS.start]
 
 SENTENCES = {
-    Heater.DERATED: 'The heater gives only {share:.0f} % of what is commanded. ',
+    Heater.DERATED: 'The heater delivers only {share:.0f} % of its command. ',
     Heater.DEAD: 'The heater does not respond to its command. ',
     Heater.STUCK_ON: 'The heater heats without a command. ',
 }
-# What `explain` says of a plan without heating, where the heater is the cause.
+# Words for `explain` on a plan without heating if the heater is the cause.
 UNHEATED: dict[Heater, dict[str, Any]] = {
     Heater.DEAD: {'too_cold_because': 'Driving alone does not warm the battery enough'},
     Heater.STUCK_ON: {'too_cold_because': 'Its uncommanded heat is not enough',
                       'unheated': 'no heating is commanded'},
 }
-# … and where the heat of the command would mostly be late for the arrival.
+# … and if the heat of the command would mostly arrive too late.
 LATE: dict[str, Any] = {'too_cold_because': 'Most of the heat arrives too late'}
 
 
@@ -74,8 +74,8 @@ class PlanningTask(NamedTuple):
     A route and a goal to plan for now.
 
     The route starts in `starts_in_s` [s]; the battery has been heated for `heated_s` [s] on this trip;
-    `is_heating`: the heater is on. `preparation_goal` is the goal that the route was made for; None: the route is
-    that of a route plan.
+    `is_heating`: the heater is on. `preparation_goal` is the goal that the route was made for; None: the route
+    comes from a route plan.
     """
 
     route: Route
@@ -89,12 +89,12 @@ class PlanningTask(NamedTuple):
 
 class ForecastPlan(NamedTuple):
     """
-    A Plan from an estimate; what is to be expected.
+    The expected Plan, from an estimate.
 
-    `commanded` is the plan that the command follows, where it is another one: a heater that does
-    not respond is still commanded. `command_share` is what the heater gives of its command, `forecast`
-    says how sure the temperature on arrival is. `model_factors` are those of the corrected car; () where
-    a heater that does not obey is beyond them.
+    `commanded` is the plan that the command follows if it differs from `plan`: a heater that does not
+    respond is still commanded. `command_share` is the share of its command that the heater delivers, `forecast`
+    has the uncertainty of the arrival temperature. `model_factors` are those of the corrected vehicle; () if the
+    heater does not obey, because they do not cover that.
     """
 
     plan: Plan
@@ -107,7 +107,7 @@ class ForecastPlan(NamedTuple):
 def seen_from_now(plan: Plan, vehicle: Vehicle, goal: Goal, starts_in_s: float,
                   heated_s: float = 0.0) -> Plan:
     """
-    Return a Plan whose status and sentence hold now; its time 0 lies `starts_in_s` [s] ahead.
+    Return the Plan with status and sentence as of now; its time 0 lies `starts_in_s` [s] ahead.
 
     The battery has been heated for `heated_s` [s].
     """
@@ -116,16 +116,16 @@ def seen_from_now(plan: Plan, vehicle: Vehicle, goal: Goal, starts_in_s: float,
 
 
 def _status_now(plan: Plan, starts_in_s: float) -> Status:
-    """Return the Status of a Plan that holds now; its time 0 lies `starts_in_s` [s] ahead."""
+    """Return the current Status of a Plan; its time 0 lies `starts_in_s` [s] ahead."""
     return (Status.WAITING if plan.status is Status.HEATING and starts_in_s > 0.0
             else plan.status)
 
 
 def believed_state(vehicle: Vehicle, estimate: Estimate) -> BatteryState:
-    """Return the BatteryState that an Estimate means for a Vehicle, with the heat that is under way."""
+    """Return the BatteryState of an Estimate for a Vehicle, including the heat under way."""
     lowest_c, highest_c = vehicle.battery.temperature_range_c
     if vehicle.heat_path.is_direct:
-        # What is under way arrives.
+        # The heat under way still arrives.
         return BatteryState(min(max(
             estimate.temperature_c + estimate.under_way_k, lowest_c), highest_c), estimate.soc)
     return state_with_heat_under_way(
@@ -134,17 +134,17 @@ def believed_state(vehicle: Vehicle, estimate: Estimate) -> BatteryState:
 
 
 def believed_share(heater: HeaterReport) -> float:
-    """Return what the heater gives of its power, 0 ... 1, for planning what is commanded."""
+    """Return the share of its power that the heater delivers, 0 ... 1, for planning the command."""
     return heater.share if heater.heater is Heater.DERATED else 1.0
 
 
 class ForecastPlanner:
-    """Makes Outlooks for one vehicle; keeps the corrected vehicle while it holds."""
+    """Makes ForecastPlans for one vehicle; caches the corrected vehicle until its factors move."""
 
     def __init__(self, vehicle: Vehicle) -> None:
         """Take the vehicle as its file describes it."""
         self._vehicle = vehicle
-        # Logarithms of the factors that are corrected for, and the factors; none at first.
+        # Factors of the corrected vehicle and their logarithms; empty before the first estimate.
         self._logs: list[float] = []
         self._factors: tuple[float, ...] = ()
         self._corrected = vehicle
@@ -155,11 +155,11 @@ class ForecastPlanner:
         self._vehicle, self._logs = vehicle, []
 
     def forget_deviation(self) -> None:
-        """Forget how sure the arrival was: the route has changed."""
+        """Forget the arrival's uncertainty: the route has changed."""
         self._forecast = None
 
     def vehicle(self, estimate: Estimate) -> Vehicle:
-        """Return the corrected vehicle of an Estimate; the same one while the factors stay."""
+        """Return the corrected vehicle of an Estimate; the cached one unless a factor has moved."""
         logs = estimate.mean[FACTORS.start:PROPULSION].tolist()
         if not self._logs or any(abs(log - before) > step for log, before, step in zip(
                 logs, self._logs, FACTOR_STEPS)):
@@ -176,7 +176,7 @@ class ForecastPlanner:
         planning = _Planning(task, estimate, fed(self.vehicle(estimate), task.preparation_goal))
         wanted = planning.wanted(self._forecast)
         if self._forecast is None:
-            # The lead depends on the deviation on arrival, which depends on a plan.
+            # The lead depends on the arrival's standard deviation, which depends on a plan.
             self._forecast = planning.forecast(wanted)
             wanted = planning.wanted(self._forecast)
         expected, commanded, words = planning.expected(wanted, self._forecast)
@@ -186,7 +186,7 @@ class ForecastPlanner:
             self._model_factors(estimate))
 
     def _model_factors(self, estimate: Estimate) -> tuple[float, ...]:
-        """Factors of the corrected car; () where a heater that does not obey is beyond them."""
+        """Return the factors of the corrected vehicle; () if the heater does not obey."""
         if estimate.heater.heater is not Heater.ANSWERS:
             return ()
         return (*self._factors, estimate.propulsion_factor)
@@ -198,7 +198,7 @@ class _Planning:
     def __init__(self, task: PlanningTask, estimate: Estimate, vehicle: Vehicle) -> None:
         self._task, self._estimate, self._vehicle = task, estimate, vehicle
         self._state, self.share = believed_state(vehicle, estimate), believed_share(estimate.heater)
-        # Heat that arrives after the end of the route; a vehicle with a heat path has that in its model.
+        # Lag after which heat arrives; a vehicle with a heat path has it in its model.
         self._lag_s = estimate.heat_lag_s if vehicle.heat_path.is_direct else 0.0
         self._route = task.route.with_propulsion(estimate.propulsion_factor)
         goal = task.preparation_goal
@@ -206,7 +206,7 @@ class _Planning:
                             if goal is not None and goal.is_soonest else None)
 
     def wanted(self, forecast: Forecast | None) -> Plan:
-        """Return the Plan to heat by, with the lead for a Forecast; None: without one."""
+        """Return the Plan to heat by, with the lead for a Forecast; None: without that lead."""
         if self._full_power is None:
             return self._plan(forecast, heater_share=self.share)
 
@@ -229,20 +229,20 @@ class _Planning:
         if heater is Heater.STUCK_ON:
             return self._plan(forecast, heats_throughout=True), None, words
         if wanted.status is Status.TARGET_UNREACHABLE and self._lag_s > 0.0:
-            # Some of the heat, although most of it arrives late, is better than none.
+            # Most of the heat arrives too late, but some is better than none.
             commanded = self._plan(forecast, heat_lag_s=0.0, heater_share=self.share)
             return wanted, commanded, words if commanded.heating_start_s is None else LATE
         return wanted, None, words
 
     def forecast(self, plan: Plan) -> Forecast:
         """Return the Forecast of a Plan."""
-        # Only a trip whose long segments were divided has other steps than its route.
+        # The steps of a trip differ from its route only if long segments were divided.
         has_steps_of_route = len(plan.hvch_battery_power_w) == len(self._route)
         return Forecast(DrivenRoute(self._vehicle, self._route) if has_steps_of_route
                         else make_trip(self._vehicle, self._route, self.share), plan, self._estimate)
 
     def in_words(self, expected: Plan, forecast: Forecast, words: dict[str, Any]) -> Plan:
-        """Return the Plan with status and sentence as of now, and the battery's own account."""
+        """Return the Plan with status and sentence as of now, and with the battery's own energy."""
         task = self._task
         return accounted(expected.told(_status_now(expected, task.starts_in_s), partial(
             _in_words, heater=self._estimate.heater, forecast=forecast, **words,
@@ -273,9 +273,9 @@ class _Planning:
 
 def _in_words(plan: Plan, heater: HeaterReport, forecast: Forecast, **told: Any) -> str:
     """
-    Return a plan's sentence with what the heater does, and what is uncertain.
+    Return a plan's sentence with the heater's behaviour and the uncertainty.
 
-    `told` is what planning.explanation.explain needs in any case.
+    `told` are the other arguments of planning.explanation.explain.
     """
     sentence = SENTENCES.get(heater.heater, '').format(share=100.0 * heater.share)
     sentence += explain(plan, **told)

@@ -7,23 +7,23 @@ from bev_preheat.control.inputs import NS_PER_S
 
 class HeaterSwitch:
     """
-    Least times on and off between a plan's wish and the command; instants in nanoseconds.
+    Least times on and off between a plan's request and the command; instants in nanoseconds.
 
-    They delay requests, never safety: `force_off` and `doubt` take effect at once. After a
-    `doubt` the heater stays off for a while, whatever is wanted.
+    They delay requests, never a forced shutdown: `force_off` and `doubt` take effect at once. After a
+    `doubt` the heater stays off for a while, whatever is requested.
     """
 
     def __init__(self) -> None:
         """Start with the heater off."""
         self.is_on = False
-        # Kept on by the least time alone.
+        # On only because of the least time.
         self.is_held = False
         self.pause = HeatingPause()
         self._since_ns: int | None = None
         self._power_w = 0.0
 
     def force_off(self) -> None:
-        """Switch off because there is nothing to heat for, or the driver does not want it."""
+        """Switch off because no heating is needed, or the driver does not want it."""
         self.is_on = self.is_held = False
         self._since_ns, self._power_w = None, 0.0
 
@@ -41,7 +41,7 @@ class HeaterSwitch:
         self.force_off()
 
     def allow(self) -> None:
-        """Let the heater be switched at once: what made it wait is no longer true; a pause goes on."""
+        """Let the heater be switched at once: the reason to wait no longer holds; a pause continues."""
         self._since_ns = None
 
     def power_w(self, now_ns: int, wanted_w: float, limit_w: float, minimum_on_time_s: float,
@@ -49,7 +49,7 @@ class HeaterSwitch:
         """
         Return the power [W] to command: `wanted_w`, unless the latest switching was too recent.
 
-        What is held on keeps its power, up to `limit_w` [W].
+        A heater held on keeps its power, up to `limit_w` [W].
         """
         self.pause.let_time_pass(now_ns)
         wants_on = wanted_w > 0.0
@@ -68,7 +68,7 @@ class HeaterSwitch:
         return self._power_w
 
     def held_for_s(self, now_ns: int, minimum_on_time_s: float, minimum_off_time_s: float) -> float:
-        """Return for how long [s] the heater is not switched after this."""
+        """Return the time [s] until the heater may be switched again."""
         if self._since_ns is None:
             return 0.0
         least_s = self._least_s(minimum_on_time_s if self.is_on else minimum_off_time_s)
@@ -78,6 +78,6 @@ class HeaterSwitch:
         return max(minimum_s, self.pause.spacing_s)
 
     def _must_wait(self, now_ns: int, least_s: float) -> bool:
-        # A clock that was set back tells nothing of how long ago it was.
+        # After the clock was set back the time since the last switching is unknown.
         return (self._since_ns is not None
                 and 0 <= now_ns - self._since_ns < round(least_s * NS_PER_S))

@@ -46,9 +46,9 @@ class HeatingPause:
 
     def doubt(self, cause: str, was_on: bool, minimum_off_time_s: float) -> None:
         """
-        Begin a pause, or begin it again, for a cause in words.
+        Begin or restart a pause, for a cause in words.
 
-        It is longer for each time within COUNTED_OVER_S that this switched a heater off that was on.
+        It gets longer with each interruption of heating within COUNTED_OVER_S.
         """
         if was_on:
             self._interruptions.append(self._elapsed_ns)

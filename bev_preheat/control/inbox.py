@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The inbox: checks every input at the door, keeps the last valid one, and remembers refusals.
+The inbox: checks every input on arrival, stores the last valid one, and remembers refusals.
 
-A refused input raises InvalidInput, and holds the heater off as docs/explanation/safety.md says. Instants are
+A refused input raises InvalidInput, and keeps the heater off as docs/explanation/safety.md describes. Instants are
 integers, in nanoseconds of the node's clock.
 """
 
@@ -45,7 +45,7 @@ class InputChanges:
 
     `measurements` are the valid battery states, oldest first. `has_new_mission`: the route was
     replaced or dropped. `has_new_trip`: another trip began, or the trip was cancelled.
-    `clock_restarted`: stamps before this mean nothing.
+    `clock_restarted`: earlier stamps are void.
     """
 
     measurements: tuple[Measurement, ...] = ()
@@ -70,19 +70,19 @@ class Inbox:
         self.timetable: Timetable | None = None
         # The sentence of the latest refused route progress; None after a valid one, or a route.
         self.refused_progress: str | None = None
-        # The mission, or the one that was dropped because it does not fit the parameters.
+        # The latest mission, including one dropped because it does not fit the parameters.
         self.latest_mission: Mission | None = None
         self.measurement: Measurement | None = None
-        # Battery states that were dropped because a later one came before them.
+        # Number of battery states dropped because a later one had arrived before them.
         self.overtaken_states = 0
         # Sentences on fields of the current route that look like wrong units.
         self.unit_warnings: list[str] = []
         self.is_cancelled = False  # By the latest route plan, or before a restart.
-        # Of the latest valid route, also after that was dropped.
+        # Of the latest valid route, even after it was dropped.
         self._route_id: str | None = None
         self._refusals = Refusals()
         self._percent_scale = PercentScale()
-        # On a state of charge that is on a scale of 100; None: it is not.
+        # On a state of charge given in percent instead of 0 ... 1; None: no such doubt.
         self.scale_verdict: SignalVerdict | None = None
         self._latest_ns = 0
         self._changes = NO_CHANGES
@@ -98,11 +98,11 @@ class Inbox:
 
     @property
     def mission(self) -> Mission | None:
-        """The current Mission as it is driven (see timetable.Timetable); None without a route."""
+        """The current Mission with its delay (see timetable.Timetable); None without a route."""
         return None if self.timetable is None else self.timetable.mission
 
     def note_other_goal(self) -> None:
-        """Note that a wish began or ended: heating so far was for something else."""
+        """Note that a preparation goal began or ended: heating so far does not count for the next trip."""
         self._changes = replace(self._changes, has_new_mission=True, has_new_trip=True)
 
     @property
@@ -124,7 +124,7 @@ class Inbox:
         """
         Return the AdmittedInputs of now.
 
-        `preparation` is the Timetable of a preparation goal; None: there is none. `measurement` is the latest one
+        `preparation` is the Timetable of a preparation goal; None without one. `measurement` is the latest one
         with the signals that hold, `doubt` the sentence on those that do not.
         """
         return AdmittedInputs(
@@ -133,7 +133,7 @@ class Inbox:
             measurement, doubt)
 
     def take_changes(self) -> InputChanges:
-        """Return the Changes since the last call."""
+        """Return the InputChanges since the last call."""
         changes, self._changes = self._changes, NO_CHANGES
         return changes
 
@@ -193,7 +193,7 @@ class Inbox:
     # Battery states
 
     def accept_battery(self, measurement: Measurement, now_ns: int) -> None:
-        """Keep a Measurement, or refuse it and keep the one before."""
+        """Store a Measurement, or refuse it and keep the previous one."""
         if now_ns < self._latest_ns - CLOCK_RESTART_S * NS_PER_S:
             self.measurement = None
             if self.timetable is not None:
@@ -217,7 +217,7 @@ class Inbox:
         self._refusals.lift_by_battery()
 
     def _is_overtaken(self, measurement: Measurement, now_ns: int) -> bool:
-        """Whether a later state has arrived before this one, a moment ago."""
+        """Return whether a later state arrived a moment before this one."""
         if self.measurement is None:
             return False
         late_ns = self.measurement.stamp_ns - measurement.stamp_ns
@@ -246,8 +246,8 @@ class Inbox:
             raise InvalidInput(f'header.stamp: the state is {age_beyond(age_s, ahead_s, timeout_s)}')
         if self.measurement is not None and measurement.stamp_ns < self.measurement.stamp_ns:
             late_s = (self.measurement.stamp_ns - measurement.stamp_ns) / NS_PER_S
-            raise InvalidInput(f'header.stamp: the state is {late_s:.3f} s older than one that '
-                               'came before it; stamps must not go back')
+            raise InvalidInput(f'header.stamp: the state is {late_s:.3f} s older than the previous one; '
+                               'stamps must not go back')
 
     def _check_scale(self, measurement: Measurement, now_ns: int) -> None:
         scale_doubt = self._percent_scale.doubt(
@@ -259,21 +259,21 @@ class Inbox:
         self.scale_verdict = None
 
     def _voltage_vouches_for(self, measurement: Measurement) -> bool:
-        """Whether the voltage fits the state of charge better than a hundredth of that."""
+        """Return whether the voltage fits the state of charge better than a hundredth of the reading."""
         state, voltage_v, current_a = measurement.state, measurement.voltage_v, measurement.current_a
         return voltage_v is not None and current_a is not None and ElectricalCheck(self.vehicle).is_nearer(
             voltage_v, current_a, state.temperature_c, state.soc, state.soc / 100.0)
 
-    # Where the vehicle is: needed by nothing, so that a refusal leaves the heater alone
+    # Route progress: optional, so a refusal does not affect the heater
 
     def accept_progress(self, progress: Progress, now_ns: int) -> None:
-        """Note where the vehicle is, or refuse that; without a route it says nothing."""
+        """Take a route progress in, or refuse it; it is ignored without a route."""
         if self.timetable is not None:
             self.timetable.accept(progress, now_ns, self.settings)
             self.refused_progress = None
 
     def refuse_progress(self, error: InvalidInput) -> None:
-        """Note that a route progress was refused: the one before it holds while it is not too old."""
+        """Note that a route progress was refused: the previous one holds until it is too old."""
         self.refused_progress = f'{PROGRESS} refused: {error}'
 
     # Routes
@@ -300,7 +300,7 @@ class Inbox:
         """
         Replace the current route by the same one under other parameters.
 
-        Where it does not fit them, it is dropped until it is revised again or a valid one arrives.
+        If it does not fit them, it is dropped until it is revised again or a valid one arrives.
         """
         try:
             self._check_mission(mission)
@@ -316,14 +316,14 @@ class Inbox:
         self._refusals.lift_misfit()
 
     def drop_misfit(self, error: InvalidInput) -> None:
-        """Drop the current route, which does not fit the parameters, but remember that it is there."""
+        """Drop the current route, which does not fit the parameters, but remember it as the latest."""
         latest_mission = self.latest_mission
         self._follow(None)
         self.latest_mission = latest_mission
         self._refusals.note_misfit(error)
 
     def cancel(self, now_ns: int) -> None:
-        """Drop the route at an instant [ns]: there is nothing to heat for until a new one arrives."""
+        """Drop the route at an instant [ns]: no heating until a new one arrives."""
         mission = self.latest_mission
         if mission is not None:
             self.choices = replace(self.choices, cancelled_trip=CancelledTrip(
@@ -341,7 +341,7 @@ class Inbox:
         self._refusals.lift_by_route()
 
     def refuse_route(self, error: InvalidInput, refused: RefusedRoute = RefusedRoute()) -> None:
-        """Note that a route was refused: 0 W, for how long depends on its RefusedRoute."""
+        """Note that a route was refused: 0 W, for a time that depends on its RefusedRoute."""
         if not self._refusals.note_route(error, refused, self.mission, self._latest_ns):
             self._follow(None)
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Inputs of the supervisor, stamped: the battery's state, the trip, and where on it the vehicle is."""
+"""Stamped inputs of the supervisor: the battery's state, the trip, and the vehicle's place on it."""
 
 from __future__ import annotations
 
@@ -37,11 +37,11 @@ class SupplyStatus(IntEnum):
 @dataclass(frozen=True)
 class Measurement:
     """
-    The battery's state at an instant [ns of the node's clock], as its sensors tell it.
+    The battery's state at an instant [ns of the node's clock], as measured.
 
     None stands for an unknown terminal voltage [V], current [A], positive = discharging, temperature of
     the coldest cell [deg C], and difference between the warmest and the coldest cell [K]. `location` and
-    `serial_number` tell batteries apart ('': not given); their lengths are not bounded, so quote them
+    `serial_number` distinguish batteries ('': not given); their lengths are not bounded, so quote them
     with `errors.quoted`.
     """
 
@@ -57,7 +57,7 @@ class Measurement:
 
     @property
     def power_w(self) -> float | None:
-        """Power that the battery gives at its terminals [W]; None where it is not known."""
+        """Power that the battery delivers at its terminals [W]; None if unknown."""
         if self.voltage_v is None or self.current_a is None:
             return None
         return self.voltage_v * self.current_a
@@ -74,7 +74,7 @@ class Measurement:
 
 class Progress(NamedTuple):
     """
-    Where on its route the vehicle is: the distance [m] from its start at an instant [ns].
+    The vehicle's place on its route: the distance [m] from its start at an instant [ns].
 
     `route_start_ns` is the stamp of the route plan from whose start it counts; None: the latest.
     """
@@ -88,13 +88,12 @@ class Progress(NamedTuple):
 @dataclass(frozen=True, eq=False)
 class Leg:
     """
-    A drive without a stop, and what is wanted at its end; segment 0 starts at `start_ns` [ns].
+    A drive without a stop, and the requests at its end; segment 0 starts at `start_ns` [ns].
 
-    `target_temperature_c` [deg C] is None where the planner's default holds. `departure` is the
-    battery's state that the stop before it leaves; None where no stop lies before it. `places` are
-    those of the route before it was put into planning steps; None: its own. `charger` is what is
-    known of the charger at its end; None: nothing. `made_for` is the Wish that the planner made it for;
-    None: it is a route plan's. A leg equals itself only.
+    `target_temperature_c` [deg C] None: the planner's default. `departure` is the battery's state after the
+    preceding stop; None without one. `places` are those of the route before it was put into planning steps;
+    None: its own. `charger` is the Charger at its end; None: unknown. `made_for` is the PreparationGoal that the
+    planner made it for; None: it comes from a route plan. A leg equals only itself.
     """
 
     route: Route
@@ -108,7 +107,7 @@ class Leg:
     made_for: PreparationGoal | None = None
 
     def in_planning_steps(self, planning_step_s: float) -> Leg:
-        """Return the Leg in steps of `planning_step_s` seconds or longer; its places are kept."""
+        """Return the Leg in steps of `planning_step_s` seconds or longer, with the same places."""
         return replace(self, route=in_planning_steps(self.route, planning_step_s),
                        places=self.places or Places.of_route(self.route))
 
@@ -140,8 +139,8 @@ class Mission:
     """
     A trip: at least one Leg, in driving order, with a stop between each and the next.
 
-    The vehicle stood for `standing_time_s` [s] before it; 0: that is not known. `delay_ns` [ns] is in
-    the legs' instants: how much later they are than its route plan said.
+    The vehicle stood for `standing_time_s` [s] before it; 0: unknown. The legs' instants include `delay_ns` [ns],
+    their delay against the route plan.
     """
 
     route_id: str
@@ -165,7 +164,7 @@ class Mission:
             leg.in_planning_steps(planning_step_s) for leg in self.legs))
 
     def delayed(self, by_ns: int) -> Mission:
-        """Return the Mission that is so much later [ns], stops included; earlier where negative."""
+        """Return the Mission delayed by `by_ns` [ns], stops included; negative: earlier."""
         return self if by_ns == 0 else replace(self, delay_ns=self.delay_ns + by_ns, legs=tuple(
             replace(leg, start_ns=leg.start_ns + by_ns) for leg in self.legs))
 
@@ -188,7 +187,7 @@ def goal_of_leg(leg: Leg, vehicle: Vehicle, settings: Settings) -> Goal:
 
 
 def in_planning_steps(route: Route, planning_step_s: float) -> Route:
-    """Return the Route in steps of `planning_step_s` seconds, longer where it is a long one."""
+    """Return the Route in steps of `planning_step_s` seconds, or longer steps for a long route."""
     return route.resampled(max(planning_step_s, route.total_duration_s / MOST_PLANNED_STEPS))
 
 
@@ -203,13 +202,13 @@ def with_stops(legs: Sequence[Leg], stop_durations_s: Sequence[float]) -> tuple[
 
 
 def check_mission(vehicle: Vehicle, mission: Mission, default_target_c: float) -> None:
-    """Raise InvalidInput, one problem a quantity, where the vehicle's model does not fit."""
+    """Raise InvalidInput, with one problem per quantity, if the mission is outside the vehicle's model."""
     problems = []
     for number, leg in enumerate(mission.legs, start=1):
         try:
             check_situation(vehicle, leg.route, leg.departure, leg.goal(default_target_c))
         except InvalidInput as error:
-            # Which leg is no question where there is but one.
+            # A single leg needs no number.
             where = f'leg {number}: ' if len(mission.legs) > 1 else ''
             problems += [where + problem for problem in error.problems]
     if problems:

@@ -26,8 +26,8 @@ class Itinerary:
     """
     A Mission that starts at instant 0.
 
-    `route_names` is what the file calls the route of each leg, `routes_made_for` the name of the
-    vehicle whose powers it has (None: unknown); `files` are the paths of all files that were read;
+    `route_names` are the names in the file of each leg's route, `routes_made_for` the names of the
+    vehicles whose powers they have (None: unknown); `files` are the paths of all files that were read;
     `warnings` are sentences on routes that were made for another vehicle.
     """
 
@@ -43,8 +43,8 @@ def load_itinerary(name_or_file: str | Path, vehicle: Vehicle) -> Itinerary:
     Return the Itinerary of a name (a file in config/itineraries) or of a YAML file.
 
     `vehicle` (vehicle.description.Vehicle) drives the legs that are descriptions of a road, and
-    its defaults fill columns that the other routes may lack. Raises InvalidInput naming file, key,
-    value and what is allowed.
+    its defaults fill optional columns that are missing in other routes. Raises InvalidInput naming file, key,
+    value and allowed values.
     """
     path = find_configuration('itineraries', name_or_file, '.yaml')
     description = load_checked_yaml(path, SCHEMA)
@@ -76,7 +76,7 @@ def load_itinerary(name_or_file: str | Path, vehicle: Vehicle) -> Itinerary:
 
 
 def _stop_problems(nodes: list[dict[str, FileData]]) -> list[str]:
-    """Return what is wrong with the stops, which are between the legs and nowhere else."""
+    """Return the problems of the stops, which are allowed only between legs."""
     problems = []
     for index, node in enumerate(nodes[:-1]):
         missing = [key for key in STOP_KEYS if key not in node]

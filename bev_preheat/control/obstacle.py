@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The reasons that keep the heater off whatever a plan says."""
+"""Reasons that keep the heater off regardless of the plan."""
 
 from __future__ import annotations
 

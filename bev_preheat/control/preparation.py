@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Pursues a goal of ~/prepare_battery: as a trip that the planner makes itself, until the goal has ended.
+Pursues a goal of ~/prepare_battery as a trip of the planner's own until the goal ends.
 
-The trip has one leg, whose drive is that of the route or an assumed one (see `assumed_drive`); it is
-made anew with every input. Instants are integers, in nanoseconds of the node's clock.
+The trip has one leg; its drive is taken from the route or assumed (see `assumed_drive`). It is rebuilt on
+every input. Instants are integers, in nanoseconds of the node's clock.
 """
 
 from __future__ import annotations
@@ -32,46 +32,45 @@ if TYPE_CHECKING:
     from bev_preheat.control.preparation_progress import Conclusion
     from bev_preheat.route.segments import Route
 
-# The route_id of plans for a goal; no route plan that is typed by hand has it.
+# The route_id of plans for a goal; no route plan typed by hand has it.
 ROUTE_ID = '~/prepare_battery'
-# The furthest instant [s].
+# A goal's instant lies at most this far ahead [s].
 LONGEST_S = 24 * 3600.0
-# An ambient temperature is known for so long [s].
+# A known ambient temperature expires after this time [s].
 AMBIENT_KNOWN_S = 6 * 3600.0
 
 
 class PreparationControl:
     """
-    Keeps one Wish at a time, and makes its `timetable`; None while there is none.
+    Holds at most one PreparationGoal and builds its `timetable`; None without a goal.
 
-    It also remembers what is assumed where no route says it: the power of the drive, and the
-    ambient temperature.
+    It also remembers the drive's power and the ambient temperature, which are assumed if no route gives them.
     """
 
     def __init__(self) -> None:
-        """Without a wish."""
+        """Start without a goal."""
         self.timetable: Timetable | None = None
         self._progress: PreparationProgress | None = None
         self._outcomes: list[PreparationOutcome] = []
         self._memory = DriveMemory()
-        # When it was known [ns], and what it was [deg C].
+        # Latest known ambient temperature: (instant [ns], temperature [deg C]).
         self._ambient: tuple[int, float] | None = None
         self._has_lost_time = False
 
     @property
     def goal(self) -> PreparationGoal | None:
-        """The Wish that is pursued; None: none is."""
+        """The current PreparationGoal; None without one."""
         return None if self._progress is None else self._progress.goal
 
     def take_outcomes(self) -> tuple[PreparationOutcome, ...]:
-        """Return the Outcomes since the last call, those of wishes that were refused too."""
+        """Return the PreparationOutcomes since the last call, including those of refused goals."""
         if not self._outcomes:
             return ()
         outcomes, self._outcomes = tuple(self._outcomes), []
         return outcomes
 
     def see(self, measurement: Measurement, heater_w: float, inputs: AdmittedInputs) -> None:
-        """Remember what a drive without a route goes on with; the heater takes `heater_w` [W]."""
+        """Remember power and ambient temperature for a drive without a route; the heater takes `heater_w` [W]."""
         if self.goal is None or not self.goal.is_plugged_in:
             self._memory.see(measurement.stamp_ns, measurement.power_w, heater_w)
         self._note_ambient(inputs.mission, measurement.stamp_ns)
@@ -84,14 +83,14 @@ class PreparationControl:
                              float(leg.route.ambient_temperature_c[at]))
 
     def lose_time(self) -> None:
-        """End the wish, because the clock was restarted: its instants mean nothing any more."""
+        """Mark the goal to end, because the clock was restarted and its instants are void."""
         self._has_lost_time = True
         self._memory, self._ambient = DriveMemory(), None
 
     # Beginning and end
 
     def begin(self, goal: PreparationGoal, inputs: AdmittedInputs, now_ns: int) -> None:
-        """Pursue a Wish in place of the one before, or raise InvalidInput and go on with that."""
+        """Replace the current goal by this one; raise InvalidInput and keep the current one if it is refused."""
         before = self._progress, self.timetable
         try:
             self._begin(goal, inputs, now_ns)
@@ -132,12 +131,12 @@ class PreparationControl:
         goal.is_plugged_in or not _has_route(
             inputs,
              now_ns)):
-            raise InvalidInput('ambient_temperature: is not given, and none is known; it must be given '
-                               'where no route has told it in the last 6 h')
+            raise InvalidInput('ambient_temperature: is not given, and no route has reported one in the '
+                               'last 6 h; give it in the goal')
         objection = contradiction(self._progress, inputs, now_ns)
         if objection:
             raise InvalidInput(f'plugged_in: {objection}')
-        # Whatever it is, now there is something to heat for.
+        # A placeholder trip: without any, find_obstacle would report a missing route.
         self.timetable = Timetable(Mission(ROUTE_ID, (Leg(steady_drive(1.0, 0.0, inputs.defaults)),)))
         obstacle = find_obstacle(inputs._replace(active_timetable=self.timetable), now_ns)
         if obstacle is not None:
@@ -150,7 +149,7 @@ class PreparationControl:
     ending: PreparationEnding,
     explanation: str,
      inputs: AdmittedInputs) -> bool:
-        """End the present wish, where it is this one (None: whichever it is); return whether it is."""
+        """End the current goal if it is `goal` (None: any goal); return whether it was ended."""
         if self._progress is None or goal not in (
             None, self._progress.goal):
             return False
@@ -164,7 +163,7 @@ class PreparationControl:
         """
         End the goal if its time has come; return whether it has.
 
-        `decision` is the current one, `obstacle` the reason that keeps the heater off (None: there is none),
+        `decision` is the current one, `obstacle` the reason that keeps the heater off (None: no obstacle),
         `temperature_c` the battery's temperature [deg C].
         """
         progress = self._progress
@@ -172,7 +171,7 @@ class PreparationControl:
             return False
         if self._has_lost_time:
             over: Conclusion = (PreparationEnding.INPUT_LOST,
-                                'The clock was set back: the instant of the goal means nothing now.')
+                                "The clock was set back: the goal's instant is no longer valid.")
         else:
             over = conclusion(progress, inputs, now_ns, decision, obstacle, temperature_c)
         if over is None:
@@ -196,10 +195,10 @@ class PreparationControl:
 
     def revise(self, inputs: AdmittedInputs, now_ns: int, propulsion_factor: float) -> None:
         """
-        Make the trip anew from what is known now; without a wish there is nothing to do.
+        Rebuild the trip from the current inputs; do nothing without a goal.
 
-        An assumed drive takes the power that was measured; the estimator would multiply it with the
-        `propulsion_factor` that it has found for routes.
+        An assumed drive uses measured power. It is divided by the `propulsion_factor` that the estimator
+        found for routes, because planning multiplies by it.
         """
         progress = self._progress
         if progress is None or self._has_lost_time:
@@ -227,7 +226,7 @@ class PreparationControl:
         ambient_c = self._ambient_c(goal, now_ns)
         if ambient_c is not None:
             progress.ambient_c = ambient_c
-        # It was known when the goal began, or a route has told it since.
+        # It was known when the goal began, or a route has reported it since.
         assert progress.ambient_c is not None
         propulsion_w = (0.0, 0.0) if goal.is_plugged_in else self._memory.propulsion_w(
             now_ns, defaults.cabin_heating_power_w + defaults.auxiliary_power_w)
@@ -235,7 +234,7 @@ class PreparationControl:
             propulsion_w[0] / propulsion_factor, propulsion_w[1] / propulsion_factor))
 
     def _ambient_c(self, goal: PreparationGoal, now_ns: int) -> float | None:
-        """Return the ambient temperature [deg C] of a wish, or the last known; None: none is known."""
+        """Return the ambient temperature [deg C] of a goal, else the last known; None: unknown or expired."""
         if goal.ambient_c is not None or self._ambient is None:
             return goal.ambient_c
         known_ns, ambient_c = self._ambient
@@ -247,7 +246,7 @@ def _has_route(inputs: AdmittedInputs, now_ns: int) -> bool:
 
 
 def _problems(goal: PreparationGoal, now_ns: int) -> list[str]:
-    """Return what is wrong with a Wish by itself, as sentences."""
+    """Return the problems of a PreparationGoal by itself, as sentences."""
     problems = []
     ahead_s = (goal.ready_at_ns - now_ns) / NS_PER_S
     if not goal.is_soonest and not 0.0 < ahead_s <= LONGEST_S:

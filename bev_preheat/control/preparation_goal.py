@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a goal of ~/prepare_battery asks for, and how it ended."""
+"""A goal of ~/prepare_battery and its outcome."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ class PreparationEnding(IntEnum):
 @dataclass(frozen=True, eq=False)
 class PreparationGoal:
     """
-    A battery that is warm at an instant [ns of the node's clock]; it equals itself only.
+    A request for a warm battery at an instant [ns of the node's clock]; it equals only itself.
 
     `ready_at_ns` 0: as soon as possible. `target_c` [deg C] None: the planner's default.
     `is_plugged_in`: the vehicle stands, and the grid feeds the heater. `ambient_c` [deg C] None: that
-    of the route, or the last that is known.
+    of the route, or the last known.
     """
 
     ready_at_ns: int = 0
@@ -46,10 +46,10 @@ class PreparationGoal:
 
 class PreparationOutcome(NamedTuple):
     """
-    How a Wish ended, and in one sentence why.
+    The ending of a PreparationGoal, with the reason as a sentence.
 
-    `shortfall_k` is by how much the battery is below the target [K], `temperature_c` how warm it is
-    [deg C]; NaN where that is unknown.
+    `shortfall_k` is the shortfall to the target [K], `temperature_c` the battery's temperature [deg C];
+    NaN if unknown.
     """
 
     preparation_goal: PreparationGoal

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-What differs in a plan for a Wish: as soon as possible, and fed by the grid.
+Plans for a PreparationGoal: as soon as possible, or fed by the grid.
 
-The planner is the same. As soon as possible means a route that ends where full power from now on
-reaches the target: on it nothing but full power does. Plugged in means a vehicle whose battery gives
-nothing.
+They use the same planner. "As soon as possible" is planned on a route that ends when full power from now on
+reaches the target, because only full power reaches it there. "Plugged in" is planned with a vehicle whose battery
+delivers no power.
 """
 
 from __future__ import annotations
@@ -43,12 +43,12 @@ if TYPE_CHECKING:
     from bev_preheat.vehicle.description import Vehicle
 
 
-# A route on which full power all the way exceeds the target by rounding would have heating begin a
-# moment later, again and again; so it ends where this much is missing [K].
+# If full power exceeded the target by rounding, each new plan would start heating a moment later. So the route
+# ends this far below the target [K].
 AIMS_BELOW_K = 0.05
-# How a sentence for a goal begins.
+# Start of every sentence for a goal.
 PREPARING = 'Preparing the battery.'
-# So much more than the reserve is left, for the same reason.
+# State of charge left above the reserve, for the same reason.
 SPARES = 1e-4
 
 
@@ -58,7 +58,7 @@ def is_from_grid(leg: Leg) -> bool:
 
 
 def fed(vehicle: Vehicle, preparation_goal: PreparationGoal | None) -> Vehicle:
-    """Return the Vehicle to plan a Wish with: fed by the grid where that is plugged in."""
+    """Return the Vehicle to plan a goal with: fed by the grid if the goal is plugged in."""
     return grid_fed(vehicle) if preparation_goal is not None and preparation_goal.is_plugged_in else vehicle
 
 
@@ -67,14 +67,14 @@ class FullPower:
 
     def __init__(self, vehicle: Vehicle, route: Route, state: BatteryState,
                  heater_share: float = 1.0, heat_lag_s: float = 0.0) -> None:
-        """Take what plan_preheating takes."""
+        """Take the arguments of plan_preheating."""
         trip = make_trip(vehicle, route, heater_share)
         self._route, self._lag_s = route, heat_lag_s
         self._time_s = trip.time_s
         run = drive_as_planned(trip, state, trip.heater_limit_w)
         self._temperature_c, self._soc = run.temperature_c, run.soc
         if run.empty_at_s is not None:
-            # How warm it would get if only the heater's power mattered.
+            # The temperature if only the heater's power were limited.
             fed_trip = make_trip(grid_fed(vehicle), route, heater_share)
             self._temperature_c = drive_as_planned(
                 fed_trip, state, fed_trip.heater_limit_w).temperature_c
@@ -83,8 +83,8 @@ class FullPower:
         """
         Return the Plan that heats at once, as far towards the goal's target as its reserve allows.
 
-        `plan_on(route)` makes a plan on a route that ends there; on all of it, where the heater does
-        not get there at all.
+        `plan_on(route)` makes a plan on the part of the route that ends there, or on the whole route if the heater
+        never reaches the target.
         """
         aim_c = goal.target_temperature_c - AIMS_BELOW_K
         warm_s = self._reached_s(self._temperature_c, aim_c)
@@ -93,7 +93,7 @@ class FullPower:
         spent_s = self._reached_s(-self._soc, -(reserve_soc(vehicle, goal) + SPARES))
         if spent_s is None or spent_s >= warm_s:
             plan = plan_on(self._until(warm_s))
-            # While the last heat is under way, some is lost.
+            # Some of the last heat is lost on its way to the battery.
             warm_s = self._reached_s(self._temperature_c, aim_c + plan.shortfall_k - AIMS_BELOW_K)
             if self._lag_s == 0.0 or warm_s is None or plan.shortfall_k <= AIMS_BELOW_K:
                 return plan
@@ -104,7 +104,7 @@ class FullPower:
         return replace(plan, status=Status.SOC_LIMITED, held_back=HeldBack.RESERVE)
 
     def _reached_s(self, values: FloatArray, wanted: float) -> float | None:
-        """Return when values (N + 1,) reach one for the first time [s]; None where they never do."""
+        """Return the first time [s] at which `values` (N + 1,) reach `wanted`; None if they never do."""
         reached = np.flatnonzero(values >= wanted)
         if not len(reached):
             return None
@@ -113,18 +113,18 @@ class FullPower:
             wanted, values[after - 1:after + 1], self._time_s[after - 1:after + 1]))
 
     def _until(self, end_s: float) -> Route:
-        """Return the route until an instant [s], and until the heat of that instant has arrived."""
+        """Return the route until an instant [s], plus the time until that instant's heat has arrived."""
         total_s = self._route.total_duration_s
         end_s = min(max(end_s, LIMITS['duration_s'][0]), total_s)
         route, felt_s = self._route.before(end_s), min(end_s + self._lag_s, total_s)
-        # A step of its own, in which nothing is heated: its heat would come too late.
+        # A separate step without heating, because its heat would arrive too late.
         return route if felt_s <= end_s else route.followed_by(
             self._route.before(felt_s).after(end_s))
 
 
 def plan_preparation(preparation_goal: PreparationGoal, vehicle: Vehicle, route: Route,
                      state: BatteryState, goal: Goal, method: str) -> Plan:
-    """Return the Plan for a Wish on the route that was made for it; raise what plan_preheating does."""
+    """Return the Plan for a goal on the route that was made for it; raises as plan_preheating does."""
     vehicle = fed(vehicle, preparation_goal)
     if not preparation_goal.is_soonest:
         plan = plan_preheating(vehicle, route, state, goal, method)
@@ -135,7 +135,7 @@ def plan_preparation(preparation_goal: PreparationGoal, vehicle: Vehicle, route:
 
 
 def accounted(plan: Plan, preparation_goal: PreparationGoal | None, soc: float) -> Plan:
-    """Return the Plan with the battery's own account: fed by the grid, its charge stays."""
+    """Return the Plan with the battery's own energy: if the grid feeds the heater, the charge does not change."""
     if preparation_goal is None or not preparation_goal.is_plugged_in:
         return plan
     return replace(plan, soc=np.full(len(plan.soc), soc),
@@ -143,7 +143,7 @@ def accounted(plan: Plan, preparation_goal: PreparationGoal | None, soc: float) 
 
 
 def target_of_preparation(preparation_goal: PreparationGoal, settings: Settings) -> TargetChoice:
-    """Return where the target of a Wish comes from; it is never chosen."""
+    """Return the TargetChoice of a goal; its target is given or the default, never chosen."""
     if preparation_goal.target_c is not None:
         return TargetChoice(TargetSource.GIVEN, 'The target is given by the goal.')
     if settings.target_temperature_c is not None:
@@ -153,7 +153,7 @@ def target_of_preparation(preparation_goal: PreparationGoal, settings: Settings)
 
 
 def in_words_of_preparation(decision: Decision) -> Decision:
-    """Return the Decision for a goal, in words without a trip: its instant is not an arrival."""
+    """Return the Decision with sentences for a goal, which do not call its instant an arrival."""
     plan = decision.plan
     if plan is None:
         return replace(decision, sentence=f'{PREPARING} {decision.explanation}')
@@ -163,9 +163,9 @@ def in_words_of_preparation(decision: Decision) -> Decision:
 
 def reserve_before(inputs: AdmittedInputs, now_ns: int, until_ns: int) -> float:
     """
-    Return the state of charge to be left at an instant [ns], so that the route's leg keeps its own.
+    Return the state of charge to leave at an instant [ns] so that the route's leg keeps its reserve.
 
-    That is what its end asks for, and what the drive from the instant to there takes.
+    It is the reserve at the leg's end plus the charge that the drive from the instant to there takes.
     """
     mission, measurement = inputs.mission, inputs.measurement
     if mission is None or measurement is None:
@@ -180,10 +180,10 @@ def reserve_before(inputs: AdmittedInputs, now_ns: int, until_ns: int) -> float:
     try:
         plan = plan_unheated(inputs.vehicle, route, measurement.state, goal)
     except (InvalidInput, PlanningFailure):
-        # Then the goal itself cannot be planned, and says so.
+        # Then the goal cannot be planned either, which is reported.
         return reserve
     until_s = (until_ns - start_ns) / NS_PER_S
-    # What a descent behind it gives back does not help before it.
+    # Energy regenerated on a later descent is not available earlier.
     least_soc = plan.soc[plan.time_s >= until_s].min()
     takes = max(0.0, float(np.interp(until_s, plan.time_s, plan.soc) - least_soc))
     return min(reserve + takes, 1.0)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""When the pursuit of a Wish is over, and why; instants are integers, in nanoseconds."""
+"""When a PreparationGoal ends, and why; instants are integers, in nanoseconds."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ if TYPE_CHECKING:
     from bev_preheat.control.preparation_goal import PreparationGoal
     from bev_preheat.planning.plan import Plan
 
-    # None: it goes on.
+    # None: the preparation continues.
     Conclusion = tuple[PreparationEnding, str] | None
 
 
 @dataclass
 class PreparationProgress:
     """
-    A Wish that is pursued: its target and ambient temperature [deg C], and when it began [ns].
+    Progress of the current PreparationGoal: target and ambient temperature [deg C], and start [ns].
 
-    `highest_soc` is the most charge that there has been since. `expected_ns` is the instant at which
-    the battery is predicted to be warm, `held_off_ns` since when nothing can be planned; None: neither
-    is known.
+    `highest_soc` is the highest state of charge since the start. `expected_ns` is the instant at which the
+    battery is predicted to be warm, None: unknown; `held_off_ns` the instant since which no plan can be made,
+    None: a plan can be made.
     """
 
     goal: PreparationGoal
@@ -52,14 +52,14 @@ def conclusion(progress: PreparationProgress, inputs: AdmittedInputs, now_ns: in
     """
     Return (PreparationEnding, sentence) if the preparation is over at an instant [ns]; None if it continues.
 
-    `decision` is the current one, `obstacle` the reason that keeps the heater off (None: there is none),
+    `decision` is the current one, `obstacle` the reason that keeps the heater off (None: no obstacle),
     `temperature_c` the battery's temperature [deg C]. `progress` is updated.
     """
     if not inputs.is_enabled:
         return PreparationEnding.DISABLED, 'Preheating was switched off through ~/enable.'
     objection = contradiction(progress, inputs, now_ns)
     if objection:
-        return PreparationEnding.UNPLUGGED, f'The vehicle is not plugged in any more: {objection}.'
+        return PreparationEnding.UNPLUGGED, f'The vehicle is no longer plugged in: {objection}.'
     if decision.plan is not None:
         progress.held_off_ns = None
         progress.expected_ns = decision.plan_start_ns + round(decision.plan.arrival_time_s * NS_PER_S)
@@ -70,7 +70,8 @@ def conclusion(progress: PreparationProgress, inputs: AdmittedInputs, now_ns: in
             decision.plan is None and not is_time):
         held_off_s = (now_ns - (progress.held_off_ns or now_ns)) / NS_PER_S
         if is_time:
-            return PreparationEnding.INPUT_LOST, f'The heater was off at the instant: {decision.explanation}'
+            return PreparationEnding.INPUT_LOST, (
+                f'The heater was off at the requested time: {decision.explanation}')
         if held_off_s >= PATIENCE_S:
             return PreparationEnding.INPUT_LOST, (
                 f'The heater has been off for {duration_text(held_off_s)}: {decision.explanation}')
@@ -91,7 +92,7 @@ def _soonest_conclusion(progress: PreparationProgress, now_ns: int, plan: Plan,
     if target_c - temperature_c <= SOONEST_WITHIN_K or (
             is_idle and target_c - temperature_c <= SHORTFALL_TOLERANCE_K):
         return _arrived(temperature_c, target_c, True)
-    missed = (f'The battery is at {temperature_c:.1f} degC and does not get to the target of '
+    missed = (f'The battery is at {temperature_c:.1f} degC and does not reach the target of '
               f'{target_c:.1f} degC')
     if plan.arrival_time_s >= LONGEST_SOONEST_S - 1.0:
         return PreparationEnding.MISSED, (
@@ -104,7 +105,7 @@ def _soonest_conclusion(progress: PreparationProgress, now_ns: int, plan: Plan,
 
 
 def contradiction(progress: PreparationProgress, inputs: AdmittedInputs, now_ns: int) -> str:
-    """Return what speaks against a vehicle that is plugged in, as a sentence; '': nothing."""
+    """Return the evidence that the vehicle is not plugged in, as a sentence; '' without evidence."""
     mission, measurement = inputs.mission, inputs.measurement
     if not progress.goal.is_plugged_in:
         return ''

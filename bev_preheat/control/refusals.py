@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-What was refused, and for how long that keeps the heater off.
+Refused inputs, and for how long each keeps the heater off.
 
-A refused battery state says nothing about the trip, and the next valid one makes it good. A refused
-route may have been a cancellation or another trip: the route before it goes on only where the part
-of the refused one that can be read rules that out (docs/explanation/safety.md has the reasons).
+A refused battery state says nothing about the trip; the next valid one clears it. A refused route may have
+been a cancellation or another trip: the previous route continues only if the readable part of the refused
+route rules that out (docs/explanation/safety.md has the reasons).
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ ROUNDING_NS = 1_000_000
 
 
 class Until(Enum):
-    """What has to come before the heater may be on again."""
+    """The input that must arrive before the heater may be on again."""
 
     VALID_STATE = 'the next valid battery state'
     VALID_ROUTE = 'a valid route plan'
@@ -34,9 +34,9 @@ class Until(Enum):
 @dataclass(frozen=True)
 class RefusedRoute:
     """
-    The part of a refused route plan that says whether the trip before it may go on.
+    The part of a refused route plan that decides whether the previous trip may continue.
 
-    `arrivals_ns` are the instants [ns] at which its legs end, None where they cannot be read.
+    `arrivals_ns` are the instants [ns] at which its legs end, None if they cannot be read.
     """
 
     route_id: str = ''
@@ -45,16 +45,16 @@ class RefusedRoute:
 
     @classmethod
     def of_mission(cls, mission: Mission) -> Self:
-        """Return what a Mission says that was read, but does not fit the vehicle."""
+        """Return the RefusedRoute of a Mission that is readable but does not fit the vehicle."""
         return cls(mission.route_id, mission.legs[-1].charging_planned,
                    tuple(leg.arrival_ns for leg in mission.legs))
 
     def objection_to(self, mission: Mission, now_ns: int) -> str:
         """
-        Return why a Mission must not go on after this refusal, '' where it may.
+        Return why a Mission must not continue after this refusal; '' if it may.
 
-        It may where the refused route is an update of the same trip whose arrivals lie no earlier:
-        then nobody has called off the heating that the old route asks for.
+        It may if the refused route is an update of the same trip with no earlier arrivals: such an update does
+        not call off the heating that the old route asks for.
         """
         if not self.route_id:
             return 'the refused route has no route_id'
@@ -68,7 +68,7 @@ class RefusedRoute:
         before = [leg.arrival_ns for leg in mission.legs]
         if self._is_earlier(self.arrivals_ns[-1], before[-1]):
             return 'the refused route arrives earlier'
-        # An update may leave out the stops that lie behind.
+        # An update may omit stops that have been passed.
         before, after = ([arrival_ns for arrival_ns in arrivals_ns if arrival_ns > now_ns]
                          for arrivals_ns in (before, self.arrivals_ns))
         if len(after) != len(before) or any(map(self._is_earlier, after, before)):
@@ -89,14 +89,14 @@ class _Refusal:
 
 class Refusals:
     """
-    Refused inputs that have not been made good, the latest last: at most one for each source.
+    Refusals not yet cleared, the latest last: at most one per source.
 
-    Each holds the heater off until its `Until` has come. That of a route remains known after that,
-    until a valid route comes.
+    Each holds the heater off until its `Until` arrives. The refusal of a route is remembered after that, until a
+    valid route arrives.
     """
 
     def __init__(self) -> None:
-        """Begin with none."""
+        """Start without refusals."""
         self._by_source: dict[str, _Refusal] = {}
 
     @property
@@ -109,7 +109,7 @@ class Refusals:
 
     @property
     def route(self) -> str | None:
-        """The sentence of the refused route, until a valid one comes; None if there is none."""
+        """The sentence of the refused route, until a valid one arrives; None without a refused route."""
         refusal = self._by_source.get(ROUTE)
         return refusal.sentence if refusal else None
 
@@ -120,27 +120,27 @@ class Refusals:
     def note_route(self, error: InvalidInput, refused: RefusedRoute, mission: Mission | None,
                    now_ns: int) -> bool:
         """
-        Note that a route was refused; return whether the one before it, `mission`, may go on.
+        Note that a route was refused; return whether the previous route may continue.
 
-        `refused` is its RefusedRoute; `mission` is None where there is none.
+        `refused` is the RefusedRoute of the refused route, `mission` the previous route; None without one.
         """
         until = Until.VALID_ROUTE
         consequence = f'The heater is off until {until.value} arrives.'
-        objection = 'there is none' if mission is None else refused.objection_to(mission, now_ns)
+        objection = 'no route came before it' if mission is None else refused.objection_to(mission, now_ns)
         if not objection:
             until = Until.VALID_STATE
-            consequence = f'The route before it holds again from {until.value} on.'
+            consequence = f'The previous route holds again from {until.value} on.'
         elif mission is not None:
-            consequence = f'The route before it was dropped because {objection}. {consequence}'
+            consequence = f'The previous route was dropped because {objection}. {consequence}'
         self._note(ROUTE, f'{ROUTE} refused: {error}. {consequence}', until)
         return not objection
 
     def note_misfit(self, error: InvalidInput) -> None:
-        """Note that the present route does not fit a new vehicle or new settings."""
+        """Note that the current route does not fit a new vehicle or new settings."""
         self._note(VEHICLE, f'{ROUTE} refused: {error}', Until.VALID_ROUTE)
 
     def lift_by_battery(self) -> None:
-        """Clear the refusals that a valid battery state makes good."""
+        """Clear the refusals that a valid battery state ends."""
         if not self._by_source:
             return
         self._by_source.pop(BATTERY, None)
@@ -149,12 +149,12 @@ class Refusals:
             for source, refusal in self._by_source.items()}
 
     def lift_by_route(self) -> None:
-        """Clear the refusals that a valid route, or a cancellation, makes good."""
+        """Clear the refusals that a valid route, or a cancellation, ends."""
         self._by_source.pop(ROUTE, None)
         self.lift_misfit()
 
     def lift_misfit(self) -> None:
-        """Let a vehicle that the route fits lift the misfit."""
+        """Clear the misfit, because the route fits the vehicle."""
         self._by_source.pop(VEHICLE, None)
 
     def _note(self, source: str, sentence: str, until: Until) -> None:

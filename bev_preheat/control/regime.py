@@ -183,7 +183,7 @@ class RegimeWatch:
             self._enter(Regime.STANDING, since_ns, since_ns + round(STANDING_AFTER_S * NS_PER_S), standing)
             self.report = self.report._replace(is_parked=is_parked)
         elif before is Regime.CHARGING:
-            self._enter(Regime.STANDING, evidence.stamp_ns, evidence.stamp_ns, 'it is not charged any more')
+            self._enter(Regime.STANDING, evidence.stamp_ns, evidence.stamp_ns, 'it is no longer charged')
         elif before is Regime.STANDING and (evidence.power_w is not None or evidence.has_moved is not None):
             pass
         elif evidence.power_w is not None and not suspicion:

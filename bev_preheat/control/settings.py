@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What an integrator may set; the one source of the defaults."""
+"""Settings for the integrator; the only source of the defaults."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from bev_preheat.planning.planner import DEFAULT_METHOD
 if TYPE_CHECKING:
     from bev_preheat.vehicle.description import Defaults, Vehicle
 
-# Longer legs are planned in longer steps, so that a plan never keeps the next command waiting.
+# Longer legs are planned in longer steps, so that planning never delays the next command.
 MOST_PLANNED_STEPS = 360
-# What lies beyond the next stop is planned at once when a route comes: that must not take long.
+# All legs beyond the next stop are planned at once when a route arrives, which must not take long.
 MOST_STOPS = 20
 
 
@@ -27,17 +27,17 @@ class Settings:
     Settings of the planner; times in seconds.
 
     `battery_state_timeout_s`: an older battery state is stale. `clock_tolerance_s`: how far a stamp
-    may lie in the future. `command_period_s`: the command is repeated this often.
-    `lease_s`: a command is valid this long. `planning_step_s`: routes are planned in such steps.
-    `target_temperature_c` [deg C]: target where the route names none; None: the vehicle's default.
-    `arrival_soc_margin` (0 ... 1): is left on top of the state of charge that a route asks for.
-    `estimation`: plans start from the estimated state of the battery, with the corrected model and
-    a margin for what is uncertain; without it they start from what was measured.
-    `minimum_on_time_s`, `minimum_off_time_s`: the heater is not switched more often than that.
-    `energy_price_per_kwh`, `value_of_time_per_h`: what the target is chosen by where the charger is
-    known, in one currency. `heat_while_charging`: heat on while the vehicle charges, where it does so.
-    `coldest_cell_limits`: power limits are those of the coldest cell, where cell temperatures are known.
-    `compiled_core`: plans are made with the compiled core where it is built; it changes no plan.
+    may lie in the future. `command_period_s`: period at which the command is repeated.
+    `lease_s`: lease of a command. `planning_step_s`: step in which routes are planned.
+    `target_temperature_c` [deg C]: target if the route names none; None: the vehicle's default.
+    `arrival_soc_margin` (0 ... 1): margin added to the state of charge that a route asks for.
+    `estimation`: plan from the estimated battery state, with the corrected model and a margin for the
+    uncertainty; otherwise plan from the measured state.
+    `minimum_on_time_s`, `minimum_off_time_s`: least time between two switchings of the heater.
+    `energy_price_per_kwh`, `value_of_time_per_h`: prices, in one currency, by which the target is chosen if the
+    charger is known. `heat_while_charging`: keep heating while the vehicle charges, if the vehicle does so.
+    `coldest_cell_limits`: use the power limits of the coldest cell if cell temperatures are known.
+    `compiled_core`: plan with the native core if it is built; it changes no plan.
     """
 
     method: str = DEFAULT_METHOD
@@ -65,13 +65,13 @@ class Settings:
 
 
 def defaults_of(vehicle: Vehicle, settings: Settings) -> Defaults:
-    """Return a vehicle's Defaults, with the target of the settings where they have one."""
+    """Return a vehicle's Defaults, with the target of the settings if they have one."""
     target_c = settings.target_temperature_c
     return vehicle.defaults if target_c is None else replace(
         vehicle.defaults, target_battery_temperature_c=target_c)
 
 
-# Parameters of the planner by name, and the settings that they are.
+# Field of Settings by parameter name.
 FIELD_OF_PARAMETER = {
     'method': 'method',
     'target_battery_temperature': 'target_temperature_c',
@@ -95,9 +95,9 @@ FIELD_OF_PARAMETER = {
 
 def settings_of(parameters: Mapping[str, Any]) -> Settings:
     """
-    Return the Settings of parameters by name; what is missing keeps its default.
+    Return the Settings of parameters by name; a missing parameter keeps its default.
 
-    A target of 0 or NaN is the vehicle's. Raises KeyError where a name is none of FIELD_OF_PARAMETER.
+    A target of 0 or NaN means the vehicle's. Raises KeyError if a name is not in FIELD_OF_PARAMETER.
     """
     values = {FIELD_OF_PARAMETER[name]: value for name, value in parameters.items()}
     target_c = values.get('target_temperature_c')

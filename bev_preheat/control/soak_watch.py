@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Holds the first battery state of a trip against the time that the vehicle stood before it."""
+"""Compares the first battery state of a trip with the soak before it."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ if TYPE_CHECKING:
     from bev_preheat.estimation.last_seen import LastSeen
     from bev_preheat.vehicle.description import Vehicle
 
-# A state that comes later than this after the start [s] is no longer one of a battery that stood.
+# A battery state later than this after the start [s] no longer shows the soak.
 FIRST_STATE_WITHIN_S = 60.0
 # A temperature within this time before or after parking [s] is that of the parked battery.
 SEEN_BEFORE_S, SEEN_AFTER_S = 900.0, 600.0
 # Temperatures are noted this often [s], and before a silence longer than the second; for two days.
 NOTED_EVERY_S, SILENCE_S = 300.0, 60.0
 MOST_NOTED = 576
-# A sensor contradicts the standing time beyond this [K], and a standard deviation of what is left of
-# the temperature with which the battery was parked.
+# A sensor contradicts the standing time if it deviates by more than this [K] plus one standard deviation of the
+# remaining difference to ambient.
 CONTRADICTS_BEYOND_K = 2.0
 
 
 class StandReport(NamedTuple):
-    """A temperature [deg C] that was read after `stood_s` [s] at `ambient_c` [deg C], and Standing."""
+    """A temperature [deg C] read after `stood_s` [s] at `ambient_c` [deg C], and the Soak."""
 
     reading_c: float
     stood_s: float
@@ -37,7 +37,7 @@ class StandReport(NamedTuple):
 
     @property
     def contradiction(self) -> str:
-        """The sentence on a sensor that contradicts the standing time; '' where it does not."""
+        """The sentence on a sensor that contradicts the standing time; '' without a contradiction."""
         expected_c = self.standing.temperature_c
         allowed_k = CONTRADICTS_BEYOND_K + self.standing.left_deviation_k
         difference_k = self.reading_c - expected_c
@@ -51,7 +51,7 @@ class StandReport(NamedTuple):
 
 
 class StandWatch:
-    """Looks at the first battery state of each trip; `report` is the StandReport of this one."""
+    """Checks the first battery state of each trip; `report` is the StandReport of the current trip."""
 
     def __init__(self, vehicle: Vehicle, last_seen: LastSeen | None = None) -> None:
         """Start without a trip; `last_seen` is the battery's LastSeen before a restart, None: unknown."""
@@ -82,9 +82,9 @@ class StandWatch:
 
     def look(self, mission: Mission | None, measurement: Measurement) -> Soak | None:
         """
-        Return the Standing that a Measurement is of; None where it is not of a battery that stood.
+        Return the Soak before a Measurement; None if the Measurement does not follow a soak.
 
-        That is so at most once in a trip: an update of its route tells nothing new.
+        It is returned at most once per trip, because an update of the route adds no information.
         """
         route_id = None if mission is None else mission.route_id
         if route_id != self._route_id:

@@ -4,7 +4,7 @@ One step of the planner: events and the time in, one output out.
 
     admit (checks, age, order) -> know (regime, signals) -> learn -> decide (goal, plan) -> gate -> output
 
-The node, the simulated drives and every replay call `Supervisor.step`; nothing else changes what the planner does.
+The node, the simulated drives and every replay call `Supervisor.step`, the only way to change the planner's state.
 Instants are integers, in nanoseconds of the node's clock.
 """
 
@@ -60,7 +60,7 @@ class Refusal(NamedTuple):
 
 class StepOutput(NamedTuple):
     """
-    Everything to be published after a step; None for nothing.
+    Everything to publish after a step; None: not published.
 
     `has_new_status`: the decision's status differs from that of the latest published decision. `refusals` are
     those of this step's events. `failure` is the sentence of an unexpected exception, '' for none. `outcomes`
@@ -211,7 +211,7 @@ class Supervisor:
 
     @property
     def preparation_goal(self) -> PreparationGoal | None:
-        """The Wish that is pursued; None: none is."""
+        """The current PreparationGoal; None without one."""
         return self._preparation.goal
 
     @property
@@ -223,12 +223,12 @@ class Supervisor:
 
     @property
     def latest_mission(self) -> Mission | None:
-        """The Mission, or the one that was dropped because it does not fit the parameters."""
+        """The latest Mission, including one dropped because it does not fit the parameters."""
         return self._inbox.latest_mission
 
     @property
     def timetable(self) -> Timetable | None:
-        """When the current Mission is where; None without a route."""
+        """The Timetable of the current Mission; None without a route."""
         return self._inbox.timetable
 
     @property
@@ -254,7 +254,7 @@ class Supervisor:
 
     @property
     def overtaken_states(self) -> int:
-        """How many battery states were dropped because a later one came a moment before them."""
+        """Number of battery states dropped because a later one had arrived a moment before them."""
         return self._inbox.overtaken_states
 
     @property
@@ -274,7 +274,7 @@ class Supervisor:
 
     @property
     def stand_report(self) -> StandReport | None:
-        """What the first battery state of the trip says of the sensor; None: nothing."""
+        """The StandReport on the trip's first battery state; None without one."""
         return self._decision_maker.stand_report if self.settings.estimation else None
 
     @property
@@ -341,7 +341,7 @@ class Supervisor:
             self._knowledge = Knowledge(event.vehicle)
 
     def _see(self, measurement: Measurement) -> None:
-        """Take a valid Measurement in: which of its signals hold, and what it says of the car."""
+        """Take a valid Measurement in: check its signals and learn from it."""
         inputs, history, stamp_ns = self._inputs, self._commander.history, measurement.stamp_ns
         known = self._knowledge.see(
             measurement, inputs.active_timetable, history, inputs.settings, inputs.defaults)
@@ -352,7 +352,7 @@ class Supervisor:
             self._decision_maker.learn(known, inputs.active_timetable, history, inputs.mission)
 
     def _decide(self, now_ns: int) -> Decision | None:
-        """Make the Decision of an instant; return the obstacle, None if there is none."""
+        """Make the Decision of an instant; return the obstacle, None without one."""
         obstacle = self._obstacle(now_ns)
         if obstacle is not None:
             self._decision = obstacle

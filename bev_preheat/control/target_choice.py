@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Chooses the target of the current leg where its charger is known and no target is given.
+Chooses the target of the current leg if its charger is known and no target is given.
 
-The target is the one that costs least by `charging.worth`, for the corrected vehicle and the estimated
-state. A new leg gets one at once, after a first look at every fifth degree; the whole search follows with
-the next updates, PLANS_EACH_UPDATE plans with each, so that no update takes long. It is made again, in
-the same way, when the estimate, the route or the time of arrival has changed, and every SEARCH_PERIOD_S.
-A target is given up only for one that is cheaper by LEAST_GAIN_SHARE; so jitter does not change it.
+It chooses the cheapest target by `charging.worth`, for the corrected vehicle and the estimated state. A new
+leg gets a target at once, after a first look at every fifth degree. The full search follows in the next
+updates, with PLANS_EACH_UPDATE plans each, so that no update takes long. It is repeated in the same way when
+the estimate, the route or the time of arrival has changed, and every SEARCH_PERIOD_S. A target is replaced only
+if another is cheaper by LEAST_GAIN_SHARE, so that jitter does not change it.
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ if TYPE_CHECKING:
     from bev_preheat.route.segments import Route
     from bev_preheat.vehicle.description import Vehicle
 
-# On a new leg every so many kelvin are looked at, up to so much above the usual target.
+# The first look at a new leg: spacing of its targets, and how far it goes above the usual target [K].
 FIRST_LOOK_K = 5.0
 PLANS_EACH_UPDATE = 1
-# A target is exchanged for one that costs less by this share of the cost.
+# A target is replaced if another is cheaper by more than this share of the cost.
 LEAST_GAIN_SHARE = 5e-4
-# The search is made again after this time [s], or earlier, but not before the least period, once a
-# factor has moved by so many of its deviations or arrival by so many seconds.
+# The search is repeated after SEARCH_PERIOD_S [s]. After LEAST_PERIOD_S [s] it is repeated as soon as a factor has
+# moved by FACTOR_CHANGE of its standard deviation, or the arrival by ARRIVAL_CHANGE_S [s].
 SEARCH_PERIOD_S, LEAST_PERIOD_S = 600.0, 60.0
 FACTOR_CHANGE = 0.25
 ARRIVAL_CHANGE_S = 60.0
@@ -51,7 +51,7 @@ _FACTOR_DEVIATIONS = np.sqrt(np.diag(prior_factor_covariance()))
 
 
 class TargetSource(IntEnum):
-    """Where the target comes from; the numbers are those of PreheatPlan's constants TARGET_...."""
+    """Source of the target; the numbers are those of PreheatPlan's constants TARGET_...."""
 
     UNKNOWN = 0
     GIVEN = 1
@@ -62,11 +62,11 @@ class TargetSource(IntEnum):
 @dataclass(frozen=True)
 class TargetChoice:
     """
-    The target of a leg [deg C], where it comes from and why, as a sentence.
+    The target of a leg [deg C], its source and the reason as a sentence.
 
-    `target_c` is None where the goal's own holds. Charging times [s] and bought energies [Wh] are those
-    with the target and without any further heating, as at the latest search: NaN where they are not
-    known, infinite where the session never ends.
+    `target_c` is None if the goal's own target holds. Charging times [s] and bought energies [Wh] are those
+    with the target and without any further heating, from the latest search; NaN if unknown, infinite if
+    the session never ends.
     """
 
     source: TargetSource
@@ -89,11 +89,11 @@ class TargetChoice:
 @dataclass(frozen=True, eq=False)
 class TargetSearchInput:
     """
-    What a target is chosen for: what is believed at an instant [ns] of the car on a leg's route ahead.
+    Input of a target search: vehicle, battery state and route ahead on a leg, estimated at an instant [ns].
 
-    `route_id` and `legs_after` say which leg it is. `vehicle` and `route` are corrected by the estimated
-    factors, whose logarithms are `log_factors` (5,), None without estimation; `heater_share` is what the
-    heater gives of its power. `goal` has the usual target.
+    `route_id` and `legs_after` identify the leg. `vehicle` and `route` are corrected by the estimated
+    factors; `log_factors` (5,) are their logarithms, None without estimation. `heater_share` is the share of
+    its power that the heater delivers. `goal` has the usual target.
     """
 
     route_id: str
@@ -110,7 +110,7 @@ class TargetSearchInput:
 
     @property
     def given(self) -> str:
-        """Who gives a target, as a sentence; '': nobody."""
+        """The source of a given target, as a sentence; '' if no target is given."""
         return _given(self.leg, self.settings)
 
 
@@ -133,12 +133,12 @@ class TargetChooser:
         self._is_outdated = True
 
     def without_charger(self, leg: Leg, settings: Settings) -> TargetChoice:
-        """Return the TargetChoice of a leg of whose charger nothing is known."""
+        """Return the TargetChoice of a leg whose charger is unknown."""
         self._forget()
         return _unchosen(leg, settings, "the route plan does not say the charger's power")
 
     def choose(self, now: TargetSearchInput) -> TargetChoice:
-        """Return the TargetChoice for an Outset; goes on with a search where one is needed."""
+        """Return the TargetChoice for a TargetSearchInput; start or continue a search if one is due."""
         charger = now.leg.charger
         if charger is None:
             return self.without_charger(now.leg, now.settings)
@@ -195,7 +195,7 @@ class TargetChooser:
                 or later_s > ARRIVAL_CHANGE_S or now.heater_share != before.heater_share)
 
     def _begin(self, now: TargetSearchInput, charger: Charger) -> None:
-        """Begin a search; where nothing is left to charge, there is only a choice."""
+        """Begin a search; if nothing is left to charge, set the choice without one."""
         unheated = plan_unheated(now.vehicle, now.route, now.state, now.goal)
         refuse_stranded(unheated)
         wanted_soc = charger.departure_soc
@@ -234,7 +234,7 @@ class TargetChooser:
 
 
 def _obstacle(now: TargetSearchInput) -> str:
-    """Return why there is nothing to choose by, '' where there is."""
+    """Return why no target can be chosen; '' if one can."""
     try:
         charging_of(now.vehicle)
     except InvalidInput as error:
@@ -243,7 +243,7 @@ def _obstacle(now: TargetSearchInput) -> str:
 
 
 def _given(leg: Leg, settings: Settings) -> str:
-    """Return who gives a target, as a sentence; '': nobody."""
+    """Return the source of a given target, as a sentence; '' if no target is given."""
     if leg.target_temperature_c is not None:
         return 'The target is given by the route plan.'
     if settings.target_temperature_c is not None:
@@ -252,7 +252,7 @@ def _given(leg: Leg, settings: Settings) -> str:
 
 
 def _unchosen(leg: Leg, settings: Settings, why: str) -> TargetChoice:
-    """Return the TargetChoice of the target that holds where none is chosen."""
+    """Return the TargetChoice if no target is chosen: the given target, or the default for the reason `why`."""
     given = _given(leg, settings)
     if given:
         return TargetChoice(TargetSource.GIVEN, given)
@@ -262,10 +262,10 @@ def _unchosen(leg: Leg, settings: Settings, why: str) -> TargetChoice:
 def _nothing_to_charge(now: TargetSearchInput, arrival_soc: float, wanted_soc: float | None) -> TargetChoice:
     if wanted_soc is None:
         return _unchosen(now.leg, now.settings, f'the battery arrives with {100.0 * arrival_soc:.1f} %, and '
-                         'the state of charge to leave with is not known')
+                         'the state of charge for departure is unknown')
     choice = TargetChoice(TargetSource.GIVEN, now.given) if now.given else TargetChoice(
-        TargetSource.CHOSEN, f'Not worth it: the battery arrives with {100.0 * arrival_soc:.1f} %, and the '
-        f'{100.0 * wanted_soc:.1f} % to leave with need no charging.', heating_pays=False)
+        TargetSource.CHOSEN, f'Not worth it: the battery arrives with {100.0 * arrival_soc:.1f} %, and departure '
+        f'with {100.0 * wanted_soc:.1f} % needs no charging.', heating_pays=False)
     return replace(choice, charging_time_s=0.0, unheated_charging_time_s=0.0, bought_energy_wh=0.0,
                    unheated_bought_energy_wh=0.0)
 
@@ -283,12 +283,12 @@ def _reason(search: WorthSearch, chosen: TargetWorth, best: TargetWorth) -> str:
     if chosen is best:
         return search.verdict(best)
     if chosen.cost < (1.0 - LEAST_GAIN_SHARE) * search.without.cost:
-        return f'{search.verdict(chosen)} No other target costs less by {share}.'
+        return f'{search.verdict(chosen)} No other target is cheaper by {share}.'
     if chosen is search.without:
         return (f'Not worth it: heating the battery to {best.arrival_temperature_c:.1f} degC before '
                 f'arrival would save less than {share} of the cost. Some heating pays as soon as an hour is '
                 f'worth {search.break_even_per_h():.2f} to you.')
-    return f'The target stays as it was chosen before: no other costs less by {share}.'
+    return f'The earlier target stays: no other is cheaper by {share}.'
 
 
 def _with_figures(choice: TargetChoice, heated: TargetWorth, without: TargetWorth) -> TargetChoice:

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-When a trip is where: by its route's own stamp, and by where the vehicle is once that is known.
+When a trip is where: by its route's stamp, and by the vehicle's position once that is known.
 
-Whatever asks for a time on the route asks here, for the mission as it is driven or for the planned
-instant of an instant. Instants are integers, in nanoseconds of the node's clock.
+The timetable is the only source of times on the route: the mission with its delay, and the planned instant of
+an actual one. Instants are integers, in nanoseconds of the node's clock.
 """
 
 from __future__ import annotations
@@ -21,26 +21,26 @@ if TYPE_CHECKING:
     from bev_preheat.control.inputs import Mission, Progress
     from bev_preheat.control.settings import Settings
 
-# A distance is known to this [m]: a vehicle so near to where it is to be is on time, and one that
-# moves no further stands.
+# Accuracy of a distance [m]: a vehicle within it of its planned place is on time; a vehicle that moves no further
+# than this stands.
 KNOWN_TO_M = 10.0
-# From one message to the next the distance may fall by so much, or rise by so much more than the
-# fastest vehicle drives [m]: positions are corrected.
+# From one message to the next the distance may fall by CORRECTED_BY_M [m], or exceed by that the distance that the
+# fastest vehicle drives: positions are corrected.
 CORRECTED_BY_M = 100.0
 FASTEST_MPS = LIMITS['speed_mps'][1]
 # The end of the route is known to this share of its length, and to CORRECTED_BY_M at least.
 END_KNOWN_TO = 0.01
-# Nobody asks what lies further back; nor is it kept more densely.
+# Fixes older than KEPT_NS are dropped, because no caller asks further back; fixes are SPACED_NS apart or more.
 KEPT_NS = 70 * NS_PER_S
 SPACED_NS = NS_PER_S
-# How fast the route goes by is taken from so much time.
+# The pace along the route is averaged over this time.
 PACE_OVER_NS = 5 * NS_PER_S
 # A vehicle moves if its position has grown by more than KNOWN_TO_M within this time.
 MOVES_WITHIN_NS = 10 * NS_PER_S
 
 
 class _Fix(NamedTuple):
-    """An instant, and the instant at which the vehicle was to be where it is then [ns]."""
+    """An instant, and the instant at which the vehicle's position at that time was planned [ns]."""
 
     stamp_ns: int
     planned_ns: int
@@ -48,12 +48,11 @@ class _Fix(NamedTuple):
 
 class Timetable:
     """
-    One Mission, and where on it the vehicle is.
+    One Mission, and the vehicle's place on it.
 
-    `planned` is the Mission by its own stamp, `mission` the one as it is driven: all its instants
-    have the delay of the latest Progress in them. Without any they are the same. `latest` is the
-    latest valid Progress, None before the first; `stood_ns` how much later than planned the vehicle
-    has become without moving any further.
+    `planned` is the Mission by its own stamp; `mission` is the same with all its instants shifted by the delay of
+    the latest Progress. Without Progress the two are equal. `latest` is the latest valid Progress, None before the
+    first; `stood_ns` is the delay that has built up since the vehicle last moved.
     """
 
     def __init__(self, planned: Mission) -> None:
@@ -62,16 +61,16 @@ class Timetable:
         self.latest: Progress | None = None
         self.stood_ns = 0
         self._fixes: deque[_Fix] = deque()
-        # For how long after the latest Progress the route goes by as before [ns].
+        # For how long after the latest Progress the pace is assumed to continue [ns].
         self._goes_on_ns = 0
         self._places: Places | None = None
-        # The furthest distance so far [m], and since when it is this one, by distance and delay.
+        # The furthest distance so far [m], and the distance [m] and delay [ns] at which it last grew.
         self._furthest_m = 0.0
         self._stands_at_m, self._stands_from_ns = 0.0, 0
-        # When it grew last [ns], and the planned instant at which the vehicle stands by other evidence.
+        # The instant at which it last grew, and the planned instant at which other evidence has the vehicle stand.
         self._moved_ns = 0
         self._frozen_ns: int | None = None
-        # The delay before that [ns]; None: it never stood so.
+        # The delay before that [ns]; None: no such standing.
         self._delay_before_ns: int | None = None
 
     @property
@@ -86,11 +85,11 @@ class Timetable:
 
     @property
     def delay_ns(self) -> int:
-        """How much later than planned the vehicle is [ns]; negative: it is early."""
+        """The vehicle's delay [ns]; negative: it is early."""
         return self.mission.delay_ns
 
     def age_s(self, now_ns: int) -> float | None:
-        """Return how old the latest Progress is [s]; None where there is none."""
+        """Return the age of the latest Progress [s]; None without one."""
         return None if self.latest is None else (now_ns - self.latest.stamp_ns) / NS_PER_S
 
     def lose_time(self) -> None:
@@ -105,10 +104,10 @@ class Timetable:
 
     def planned_ns(self, instant_ns: int) -> int:
         """
-        Return the instant at which the vehicle was to be where it is at an instant.
+        Return the planned instant of the vehicle's position at an instant.
 
-        Between two Progresses the route goes by evenly; after the latest as it did before that, and
-        as planned once that is too old.
+        Between two Progresses it is interpolated linearly; after the latest the pace continues, and becomes the
+        planned pace once the latest is too old.
         """
         fixes = self._fixes
         if not fixes or instant_ns <= fixes[0].stamp_ns:
@@ -127,10 +126,10 @@ class Timetable:
 
     def accept(self, progress: Progress, now_ns: int, settings: Settings) -> None:
         """
-        Take a Progress in; raise InvalidInput, with one problem a field, and keep the one before.
+        Take a Progress in; raise InvalidInput, with one problem per field, and keep the previous one if it is bad.
 
-        The delay becomes that with which the vehicle is where it says, the nearest to the one
-        before; where the route plans to stand, it stays.
+        The delay changes by the least amount that explains the reported position; it does not change while the
+        route plans to stand.
         """
         is_followed = self._is_followed(progress, settings)
         problems = self._problems(progress, now_ns, settings, is_followed)
@@ -142,7 +141,7 @@ class Timetable:
             self._fixes.clear()
         self._furthest_m = min(max(
             progress.distance_m, self._furthest_m if is_followed else 0.0), places.length_m)
-        # Not beyond the end, which is reached where the vehicle is as near to it as is known.
+        # Not beyond the end, which counts as reached within the accuracy of a distance.
         earliest_s = places.earliest_s(self._furthest_m - KNOWN_TO_M)
         latest_s = places.latest_s(self._furthest_m + KNOWN_TO_M)
         planned_ns = expected_ns
@@ -170,11 +169,11 @@ class Timetable:
 
     def stand(self, since_ns: int, recognised_ns: int, now_ns: int) -> None:
         """
-        Stay at the place of an instant, because the vehicle stands or is charged: the route gets later.
+        Stay at the place of an instant, because the vehicle stands or is charged: the delay grows.
 
-        It stands since `since_ns` [ns], which was recognised at `recognised_ns` [ns]. The place is
-        that of the recognition: a short stop is part of the route. Before the trip, at its stops and
-        behind its end time goes on as planned.
+        The vehicle has stood since `since_ns` [ns], recognised at `recognised_ns` [ns]. Its place is that at
+        recognition, because a short stop is part of the route. Before the trip, at its stops and after its end
+        time passes as planned.
         """
         planned, planned_ns = self.planned, self.planned_ns(now_ns)
         leg = planned.legs[planned.leg_number(planned_ns)]
@@ -190,12 +189,12 @@ class Timetable:
         self.stood_ns = now_ns - max(since_ns, planned.start_ns)
 
     def go_on(self) -> None:
-        """Let the route go on from where the vehicle stood."""
+        """Continue the route from the place where the vehicle stood."""
         if self._frozen_ns is not None:
             self._frozen_ns, self.stood_ns = None, 0
 
     def take_back(self) -> None:
-        """Undo the latest `stand` or `arrive`: the vehicle has driven all the while."""
+        """Undo the latest `stand` or `arrive`: the vehicle was driving all along."""
         if self._delay_before_ns is None:
             return
         self.mission = self.planned.delayed(self._delay_before_ns)
@@ -204,7 +203,7 @@ class Timetable:
         self._fixes.clear()
 
     def arrive(self, since_ns: int) -> None:
-        """Be at the end of the current leg since an instant [ns]: the vehicle has reached its charger."""
+        """End the current leg as of an instant [ns]: the vehicle has reached its charger."""
         planned = self.planned
         leg = planned.legs[planned.leg_number(
             self.planned_ns(since_ns) if self._frozen_ns is None else self._frozen_ns)]
@@ -215,7 +214,7 @@ class Timetable:
         self.mission = planned.delayed(since_ns - leg.arrival_ns)
 
     def _is_followed(self, progress: Progress, settings: Settings) -> bool:
-        """Whether the latest Progress is recent enough to be compared with this one."""
+        """Return whether the latest Progress is recent enough to be compared with this one."""
         return self.latest is not None and (
             progress.stamp_ns - self.latest.stamp_ns
             <= settings.route_progress_timeout_s * NS_PER_S)
@@ -228,11 +227,11 @@ class Timetable:
         if not -ahead_s <= age_s <= oldest_s:
             problems.append(f'header.stamp: the position is {age_beyond(age_s, ahead_s, oldest_s)}')
         if problems:
-            # What a distance along another route means is not known.
+            # A distance along another route cannot be checked.
             return problems
         length_m, distance_m = self.places.length_m, progress.distance_m
         if length_m == 0.0:
-            return ['distance: says nothing on a route whose speed is 0 in each segment']
+            return ['distance: has no meaning on a route whose speed is 0 in each segment']
         most_m = length_m + max(END_KNOWN_TO * length_m, CORRECTED_BY_M)
         if not 0.0 <= distance_m <= most_m:
             return [f'distance: {figure_beyond(distance_m, 0.0, most_m)} m is not allowed; it must be 0 ... '
@@ -242,8 +241,8 @@ class Timetable:
             return []
         since_s = (progress.stamp_ns - latest.stamp_ns) / NS_PER_S
         if since_s < 0.0:
-            return [f'header.stamp: the position is {-since_s:.3f} s older than one that came '
-                    'before it; stamps must not go back']
+            return [f'header.stamp: the position is {-since_s:.3f} s older than the previous one; '
+                    'stamps must not go back']
         if not is_followed:
             return []
         gain_m, most_m = distance_m - latest.distance_m, FASTEST_MPS * since_s + CORRECTED_BY_M
@@ -257,7 +256,7 @@ class Timetable:
     def _problems_with_route(self, progress: Progress) -> list[str]:
         planned = self.planned
         if progress.route_id != planned.route_id:
-            return [f'route_id: {quoted(progress.route_id)} is not the route that is driven, '
+            return [f'route_id: {quoted(progress.route_id)} is not the current route, '
                     f'{quoted(planned.route_id)}']
         if progress.route_start_ns not in (None, planned.start_ns):
             apart_s = (progress.route_start_ns - planned.start_ns) / NS_PER_S
@@ -279,7 +278,7 @@ class Timetable:
 
 
 def _part_ns(span_ns: int, before: _Fix, after: _Fix) -> int:
-    """Return how much of the planned time goes by in a span [ns], as fast as between two fixes."""
+    """Return the planned time that passes in a span [ns] at the pace between two fixes."""
     real_ns, planned_ns = after.stamp_ns - before.stamp_ns, after.planned_ns - before.planned_ns
-    # Whole numbers: on time nothing is rounded.
+    # Integers: without delay nothing is rounded.
     return span_ns if real_ns in (0, planned_ns) else span_ns * planned_ns // real_ns

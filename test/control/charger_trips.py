@@ -24,7 +24,7 @@ PRICES = Prices(0.55, 12.0)
 MEASURED = Settings(estimation=False, energy_price_per_kwh=0.55, value_of_time_per_h=12.0)
 FAST, SLOW = Charger(150e3, 0.8), Charger(50e3, 0.8)
 STATE = BatteryState(6.0, 0.35)
-# Enough for any search, one plan with each.
+# Enough updates for any search, with one plan each.
 ENOUGH = 85
 
 
@@ -53,7 +53,7 @@ def feed(supervisor, at_s=0.0, state=STATE):
 
 
 def cost(vehicle, route, state, target_c, charger, prices=PRICES, minimum_soc=0.0):
-    """Return the cost of a target (None: no heating), from plan, session and prices in turn."""
+    """Return the cost of a target (None: no heating), computed from plan, session and prices."""
     goal = Goal(20.0 if target_c is None else target_c, minimum_soc)
     plan = (plan_unheated if target_c is None else plan_preheating)(vehicle, route, state, goal)
     stop = ChargingStop(charger.power_w, charger.departure_soc, float(route.ambient_temperature_c[-1]),

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Small questions whose answers turn at one value: what holds exactly there, and just beyond."""
+"""Boundary values: the behaviour exactly at a limit, and just beyond it."""
 
 from dataclasses import replace
 
@@ -36,7 +36,7 @@ def test_a_clock_that_falls_back_by_more_than_a_second_was_restarted(back_ns, re
     inbox = Inbox(VEHICLE, Settings())
     inbox.accept_battery(Measurement(STATE, NOW_NS), NOW_NS)
     inbox.take_changes()
-    # With the stamp of the one before, as stamps must not go back unless the clock does.
+    # With the previous stamp, because stamps must not go back unless the clock does.
     measurement = Measurement(STATE, NOW_NS - back_ns if restarted else NOW_NS)
     inbox.accept_battery(measurement, NOW_NS - back_ns)
     assert inbox.take_changes().clock_restarted is restarted
@@ -67,7 +67,7 @@ def test_what_is_forced_off_keeps_no_power():
     switch.power_w(NOW_NS, 3e3, 5e3, 20.0, 120.0)
     switch.force_off()
     assert (switch.is_on, switch.power_w(NOW_NS, 0.0, 5e3, 20.0, 120.0)) == (False, 0.0)
-    # Nor does it leave a waiting time behind.
+    # It leaves no waiting time either.
     assert switch.power_w(NOW_NS, 2e3, 5e3, 20.0, 120.0) == 2e3
 
 
@@ -127,9 +127,9 @@ def test_a_decision_is_marked_where_its_status_is_another_one():
 
 @pytest.mark.parametrize('status', [Status.HEATING, Status.TARGET_UNREACHABLE])
 def test_a_command_of_0_w_says_that_it_waits_only_where_it_was_to_heat(status):
-    """A heater that was switched off a moment ago waits, whatever the plan's status is."""
+    """A heater that was switched off a moment ago waits, regardless of the plan's status."""
     trip, target_c = leg(duration_s=[30.0] * 16), 25.0
-    # So cold that heating all the way is enough to a tenth of a kelvin, or a whole kelvin too little.
+    # So cold that heating all the way misses the target by a tenth of a kelvin, or by a kelvin more.
     cold_c = 10.0
     for _ in range(3):
         cold_c += plan_preheating(VEHICLE, trip.route, BatteryState(cold_c, 0.8),

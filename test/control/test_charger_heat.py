@@ -37,7 +37,7 @@ def make_leg(**fields):
 
 
 def measured(temperature_c, charged_with_w, now_ns=NOW_NS, soc=0.4):
-    """Return a Measurement of a battery that is charged with so much; None: not known."""
+    """Return a Measurement of a battery charged with this power [W]; None: unknown."""
     current_a = None if charged_with_w is None else -charged_with_w / VOLTAGE_V
     return Measurement(BatteryState(temperature_c, soc), now_ns, VOLTAGE_V, current_a)
 
@@ -91,10 +91,10 @@ def test_by_default_the_stop_is_told_as_ever():
 
 
 @pytest.mark.parametrize('temperature_c, charged_with_w, reason', [
-    (-3.0, 50e3, 'It is heated with 5500 W up to 25.0 degC.'),
-    (-3.0, 4e3, 'It is not heated: it is charged with 4000 W, and the heater takes 5500 W.'),
-    (-3.0, None, 'It is not heated: battery_state does not say whether it is charged.'),
-    (24.6, 50e3, 'It is not heated: at 24.6 degC it is warm enough.')])
+    (-3.0, 50e3, 'Heating with 5500 W up to 25.0 degC.'),
+    (-3.0, 4e3, 'No heating: the battery is charged with 4000 W, and the heater takes 5500 W.'),
+    (-3.0, None, 'No heating: battery_state does not say whether the battery is being charged.'),
+    (24.6, 50e3, 'No heating: at 24.6 degC the battery is warm enough.')])
 def test_why_is_told(temperature_c, charged_with_w, reason):
     supervisor = supervisor_at(AT_STOP_S)
     outcome(supervisor, measured(temperature_c, charged_with_w))
@@ -147,7 +147,7 @@ def test_a_whole_stop_is_heated_once_to_the_limit_and_no_heater_is_accused():
         now_ns = NOW_NS + ns(second)
         at_stop = DRIVE_S <= second < DRIVE_S + STOP_S
         battery_w = -60e3 if at_stop else 18e3 + CABIN_W + 400.0 + power_w
-        # The battery's losses, the drivetrain's, what leaks to the air, by hand.
+        # Losses of battery and drivetrain, and leakage to the air, by hand.
         losses_w = 4.31 / (temperature_c + 45.0) * (battery_w / VOLTAGE_V)**2
         drivetrain_w, leakage_w_per_k = (0.0, 34.9) if at_stop else (0.1 * 0.8 * 18e3, 45.5)
         heat_w = 0.87 * power_w + losses_w + drivetrain_w - leakage_w_per_k * (temperature_c + 5.0)

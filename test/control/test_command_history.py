@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The heater's commands of late, against sums over every millisecond."""
+"""The heater's latest commands, compared with sums over every millisecond."""
 
 from hypothesis import given
 from hypothesis import strategies as st

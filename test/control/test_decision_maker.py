@@ -70,7 +70,7 @@ def test_a_state_is_answered_once_by_the_plan_made_from_it(estimation):
         Leg(make_a_route(), START_NS, True, 25.0),))))
     for second in range(3):
         now_ns = START_NS + ns(second)
-        # Where the plan before had predicted it.
+        # As the previous plan had predicted.
         output = supervisor.step(now_ns, BatteryStateArrived(Measurement(STATE, now_ns)))
         assert output.command is not None
         assert supervisor.decision.plan_start_ns == now_ns

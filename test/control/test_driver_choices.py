@@ -63,7 +63,7 @@ def test_an_opt_out_survives_a_restart_until_the_driver_takes_it_back():
 
 @pytest.mark.parametrize('age_ns, is_off', [
     (24 * HOUR_NS, True), (24 * HOUR_NS + 1, False),
-    # A clock that was set back: how old the choice is, is unknown.
+    # The clock was set back, so the age of the choice is unknown.
     (-5 * HOUR_NS, True)])
 def test_an_opt_out_counts_for_a_day(age_ns, is_off):
     assert answer(start(DriverChoices(NOW_NS - age_ns))) == (OFF if is_off else HEATS)
@@ -92,7 +92,7 @@ def test_the_route_of_a_cancelled_trip_does_not_heat_after_a_restart():
     assert planner.decision.explanation == (
         'The trip was cancelled before the planner restarted: no heating until a route plan with '
         'another stamp arrives.')
-    # It is remembered for the next restart, too.
+    # It is also remembered for the next restart.
     assert planner.choices == cancelled_choices()
 
 
@@ -102,7 +102,7 @@ def test_any_other_route_heats_after_a_restart(mission):
     now_ns = NOW_NS + 60 * NS_PER_S
     planner = start(cancelled_choices(), now_ns, mission)
     assert (answer(planner), planner.choices) == (HEATS, NO_CHOICES)
-    # And then the first one may be driven after all.
+    # Then the first route may be driven after all.
     planner.accept_mission(make_mission())
     assert answer(planner) == HEATS
 

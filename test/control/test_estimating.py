@@ -56,7 +56,7 @@ class Ride:
         return START_NS + round(self.car.time_s * NS_PER_S)
 
     def until(self, to_s):
-        """Go on to an instant [s]; return the last Decision."""
+        """Simulate until an instant [s]; return the last Decision."""
         while self.car.time_s < to_s:
             for reading in self.car.readings():
                 self.supervisor.accept_battery(Measurement(
@@ -89,9 +89,9 @@ def test_the_arrival_becomes_surer_on_the_way(healthy):
     first, middle, last = (deviations_k[at] for at in (3, 187, -2))
     assert first > middle > last > 0.0
     assert first < 3.0
-    # The sensor sits in a place of its own, so a quarter of a kelvin is left.
+    # The sensor has its own location, which leaves an error of a quarter of a kelvin.
     assert last < 0.25
-    # Heating to come makes good what turns out otherwise.
+    # Later heating corrects deviations.
     assert healthy.seen[3][1].arrival_deviation_k < first
 
 
@@ -104,7 +104,7 @@ def test_the_arrival_is_within_what_was_unsure_of_it(healthy):
 
 
 def test_the_plan_aims_a_margin_beyond_the_target_and_not_further(healthy):
-    # While it heats, and can still end it in time.
+    # While it heats, and can still stop in time.
     aimed_k = [decision.plan.arrival_temperature_c - 25.0 for at_s, decision, _ in healthy.seen
                if 600.0 < at_s < 1300.0 and decision.status is Status.HEATING]
     assert len(aimed_k) > 100
@@ -151,11 +151,11 @@ def test_a_dead_heater_is_asked_all_the_same_and_not_counted_on():
         r'enough: arrival in \d+:\d\d min at [\d.]+ degC, [\d.]+ K below the target 25\.0 degC\.',
         decision.explanation)
     assert decision.status is Status.TARGET_UNREACHABLE
-    # It may come back, so it goes on to be asked for all it has.
+    # The heater may recover, so it is still commanded at full power.
     assert ride.command_w == pytest.approx(limit_w(ride))
     cools_c = decision.plan.arrival_temperature_c
     assert cools_c < 24.0
-    # Nothing that is commanded changes the rest of the drive.
+    # No command changes the rest of the drive.
     ride.car.advance_under(HeaterLease(ride.command_w, 1490.0), 1490.0)
     assert ride.car.plant.temperature_c == pytest.approx(cools_c, abs=1.0)
 
@@ -172,7 +172,7 @@ def test_a_heater_that_comes_back_is_counted_on_again():
 def test_a_derated_heater_is_planned_with_its_real_power():
     ride = Ride(heater_faults=(HeaterFault(300.0, share=0.4),))
     decision = ride.until(1400.0)
-    assert decision.explanation.startswith('The heater gives only ')
+    assert decision.explanation.startswith('The heater delivers only ')
     assert decision.command_share == pytest.approx(0.4, abs=0.1)
     # The command is the full power; the plan contains the power that the heater really delivers.
     assert ride.command_w == pytest.approx(limit_w(ride))

@@ -61,7 +61,7 @@ def refused(inbox, event):
 @pytest.mark.parametrize('kind', [*get_args(Event), Command, Decision,
                          ForecastPlan], ids=lambda kind: kind.__name__)
 def test_what_was_handed_over_cannot_be_changed(kind):
-    # Without __init__, which each has its own of.
+    # Without __init__, which differs between classes.
     if issubclass(kind, tuple):
         names, value = kind._fields, kind._make(kind._fields)
     else:
@@ -136,6 +136,6 @@ def test_a_route_that_does_not_fit_new_parameters_is_dropped_but_not_forgotten(i
     settings = Settings(lease_s=1.0)
     assert refused(inbox, Reconfigured(VEHICLE, settings, misfit))[0].startswith(problem)
     assert (inbox.mission, inbox.settings) == (None, settings)
-    # The next parameters may fit it.
+    # It may fit the next parameters.
     assert inbox.latest_mission is (before if misfit is ERROR else misfit)
     assert problem in inbox.refusal

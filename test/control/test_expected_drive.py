@@ -40,7 +40,7 @@ def between(from_s, to_s, mission=MISSION):
 @pytest.mark.parametrize('from_s, to_s, power_w', [
     (0.0, 1.0, 10e3), (58.0, 59.9, 10e3), (59.0, 62.0, 20e3), (120.0, 179.0, -5e3),
     (590.0, 591.0, 7e3),
-    # With the middle on the very start of the trip, of a segment and of the second leg.
+    # With the middle exactly at the start of the trip, of a segment and of the second leg.
     (-1.0, 1.0, 10e3), (55.0, 65.0, 20e3), (579.0, 581.0, 7e3),
     # Within a nanosecond of the end.
     (178.0, 181.999_999_998, -5e3)])
@@ -84,7 +84,7 @@ def test_a_simulated_clock_may_have_begun_a_moment_ago():
 
 
 def test_instants_of_today_are_not_rounded():
-    # As a float, this one is a nanosecond earlier.
+    # As a float, this instant is a nanosecond earlier.
     start_ns = 1_700_000_000_000_000_001
     drive = Leg(MISSION.legs[0].route, start_ns)
     intervals = intervals_between((start_ns - 2, start_ns, start_ns + 2), VEHICLE,
@@ -123,7 +123,7 @@ def test_each_step_has_its_mean_command():
 
 
 def test_steps_need_not_last_whole_seconds():
-    # On a simulated clock that began a moment ago.
+    # On a simulated clock that started a moment ago.
     edges_ns = [round(at_s * NS_PER_S) for at_s in (1.0, 2.5, 12.0, 12.25)]
     intervals = intervals_between(edges_ns, VEHICLE, None, CommandHistory())
     assert [interval.duration_s for interval in intervals] == [1.5, 9.5, 0.25]

@@ -82,7 +82,7 @@ def make(estimate, maker=None, goal=GOAL, settings=Settings(), is_heating=False,
         route, goal, settings, is_heating, starts_in_s, heated_s), estimate)
 
 
-# Caution
+# Uncertainty margin
 
 @pytest.mark.parametrize('deviation_k, margin_k', [(0.0, 0.0), (0.05, 0.065), (0.07, 0.091), (0.2, 0.1)])
 def test_the_margin_is_1_3_deviations_of_the_temperature_and_at_most_0_1_k(asked, deviation_k, margin_k):
@@ -93,7 +93,7 @@ def test_the_margin_is_1_3_deviations_of_the_temperature_and_at_most_0_1_k(asked
 def test_the_lead_is_two_deviations_of_the_arrival_as_planned(asked):
     maker, estimate = ForecastPlanner(VEHICLE), make_estimate(deviations={TEMPERATURE: 1.6})
     before = make(estimate, maker)
-    # Nothing is known of the arrival before the first plan, so two are made.
+    # The arrival's uncertainty is unknown before the first plan, so two plans are made.
     assert [len(asked), asked[0].uncertainty_margin.lead_k] == [2, 0.0]
     make(estimate, maker)
     assert len(asked) == 3
@@ -181,7 +181,7 @@ def test_the_corrected_vehicle_is_the_files_times_the_factors():
     (0.0, False), (0.04, False), (-0.04, False), (0.06, True), (-0.06, True)])
 def test_the_corrected_vehicle_is_kept_until_a_factor_moves_by_a_twentieth_of_its_spread(
         element, share, is_new):
-    # From factors that are not those of the file.
+    # From factors that differ from the file's.
     maker, at_first = ForecastPlanner(VEHICLE), make_estimate()
     at_first.mean[FACTORS] = 0.03, -0.07, 0.05, -0.01, 0.02
     kept = maker.vehicle(at_first)
@@ -193,7 +193,7 @@ def test_the_corrected_vehicle_is_kept_until_a_factor_moves_by_a_twentieth_of_it
 def test_small_moves_of_a_factor_add_up():
     maker, estimate = ForecastPlanner(VEHICLE), make_estimate()
     cars = [maker.vehicle(with_factors(estimate, capacity=0.04 * 0.058 * step)) for step in range(4)]
-    # 4 % is kept, 8 % is not; 12 % is within 5 % of that.
+    # A change of 4 % keeps the cached vehicle, one of 8 % does not; 12 % is within 5 % of that.
     assert [car is cars[0] for car in cars] == [True, True, False, False]
     assert cars[2] is cars[3]
 
@@ -222,7 +222,7 @@ def test_of_a_derated_heater_is_told_what_it_gives(asked):
     forecast_plan = make(make_estimate(heater=HeaterReport(Heater.DERATED, 0.97, 0.9)))
     assert (forecast_plan.command_share, asked[-1].heater_share, forecast_plan.commanded) == (0.9, 0.9, None)
     assert forecast_plan.plan.explanation.startswith(
-        'The heater gives only 90 % of what is commanded. Heating starts in ')
+        'The heater delivers only 90 % of its command. Heating starts in ')
 
 
 def test_a_dead_heater_is_commanded_by_a_plan_of_one_that_answers(asked):
@@ -269,8 +269,8 @@ def test_heat_that_is_mostly_late_is_commanded_where_the_target_is_too_far(asked
 
 
 def test_heat_that_is_commanded_though_all_of_it_is_late_is_told_as_that():
-    # The lag is 40 s: in the last half minute the expected plan does not heat any more, the command does.
-    # A command that is on stays: there is no switching for so little.
+    # The lag is 40 s: in the last half minute the expected plan no longer heats, but the command does.
+    # A heater that is on stays on, because such a short pause is not worth switching.
     forecast_plan = make(make_estimate(-10.0), route=ROUTE.after(1170.0), is_heating=True)
     assert (forecast_plan.plan.status, forecast_plan.plan.heating_start_s) == (Status.TARGET_UNREACHABLE, None)
     assert forecast_plan.commanded.heating_start_s == 0.0
@@ -306,7 +306,7 @@ def test_sentences_count_from_now(heated_s, starts_in_s, beginning):
     assert forecast_plan.plan.explanation.startswith(beginning)
 
 
-# A plan as it is now
+# A plan as of now
 
 @pytest.mark.parametrize('status, starts_in_s, status_now', [
     (Status.HEATING, -0.5, Status.HEATING), (Status.HEATING, 0.0, Status.HEATING),

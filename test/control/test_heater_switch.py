@@ -13,7 +13,7 @@ ON_S, OFF_S = 20.0, 120.0
 
 
 class Watched(HeaterSwitch):
-    """With the times of this test."""
+    """A HeaterSwitch with the times of this test."""
 
     def at(self, now_s, wanted_w, limit_w=LIMIT_W):
         return self.power_w(round(now_s * S), wanted_w, limit_w, ON_S, OFF_S)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The pause after doubt: short after one fault, long after many, and never for ever."""
+"""The pause after doubt: short after one fault, long after many, and always finite."""
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -34,7 +34,7 @@ class Driven:
         return self.switch.is_on
 
     def off_for_s(self):
-        """Do no wrong until it heats; return after how long that was [s]."""
+        """Give valid input until it heats; return the time that took [s]."""
         begun = self.tenths
         while not self.step():
             assert self.tenths - begun < 40_000
@@ -80,7 +80,7 @@ def test_one_bad_state_among_good_ones_ten_times_a_second_does_not_relay():
 
 
 def test_a_bad_state_a_minute_does_not_relay_for_ever():
-    # 10, 20 and 40 s of each minute are waited for; 80 s never pass.
+    # It waits for 10, 20 and 40 s of each minute; 80 s never pass without a fault.
     driven = Driven()
     driven.step()
     for number in range(36_000):
@@ -143,7 +143,7 @@ def test_a_plan_that_changes_its_mind_each_second_heats_half_of_the_time_to_the_
     switch = HeaterSwitch()
     on_s = [at_s for at_s in range(3600)
             if switch.power_w(at_s * S, FULL_W * (at_s % 2 == 0), FULL_W, 0.0, 0.0) > 0.0]
-    # Half of the hour's switchings go in 20 s. Then 90 s on and 90 s off, or a second more.
+    # Half of the hour's switchings take 20 s. Then it is 90 s on and 90 s off, or a second longer.
     assert sum(second - first > 1 for first, second in zip([-2, *on_s], on_s)) <= MOST_SWITCH_ONS
     for minute in range(1, 29):
         assert 85 <= sum(60 * minute <= at_s < 60 * minute + 180 for at_s in on_s) <= 95
@@ -176,6 +176,6 @@ def test_whatever_comes_in_switch_ons_are_bounded_and_the_heater_is_never_locked
             switch_ons_s.append(passed_s)
     for first_s, beyond_s in zip(switch_ons_s, switch_ons_s[MOST_SWITCH_ONS:]):
         assert beyond_s - first_s >= 3600.0 - 1e-3
-    # After an hour without anything wrong it heats.
+    # After an hour without faults it heats.
     switch.power_w(round((now_s + 3600.0) * S), FULL_W, FULL_W, 0.0, minimum_off_s)
     assert switch.power_w(round((now_s + 7300.0) * S), FULL_W, FULL_W, 0.0, minimum_off_s) == FULL_W

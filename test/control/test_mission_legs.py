@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A route with stops: which leg is commanded when, and the plans beyond the next stop."""
+"""A route with stops: the commanded leg at each time, and the plans beyond the next stop."""
 
 from dataclasses import replace
 import gc
@@ -128,7 +128,7 @@ PATIENT = replace(MEASURED, battery_state_timeout_s=5000.0)
 
 @pytest.mark.parametrize('elapsed_s, expected', [
     (599.999, (pytest.approx(FIRST_W), HEATS)), (600.0, (0.0, Status.CHARGING)),
-    # The next leg is not heated before there is a plan for it.
+    # No heating for the next leg before it has a plan.
     (SECOND_S + 50.0, (0.0, Status.CHARGING))])
 def test_time_alone_ends_a_leg(elapsed_s, expected):
     supervisor = supervisor_at(0.0, PATIENT)

@@ -33,7 +33,7 @@ class Car:
         self.planner = Supervisor(VEHICLE, settings)
         self.at_s, self.temperature_c, self.soc, self.reports_power = 0, temperature_c, soc, reports_power
         self.command_w, self.commands = 0.0, []
-        # The sign of the current is known before the route comes.
+        # The sign of the current is known before the route arrives.
         for _ in range(60):
             self.go(1, 0.0, CONSUMERS_W)
         self.start_s = self.at_s
@@ -116,7 +116,7 @@ def test_a_parked_car_is_not_heated_for_longer_than_stated():
     assert 'has stood for 30:' in car.planner.decision.explanation or 'has stood for 29:' in (
         car.planner.decision.explanation)
     assert car.delay_s == pytest.approx(1800.0 - 60.0, abs=3.0)
-    # It drives on: the rest of the route is the same, and the heater goes on.
+    # It drives on: the rest of the route is the same, and the heater stays on.
     car.go(10, DRIVE_W)
     assert car.command_w > 0.0
     assert car.delay_s == pytest.approx(1740.0, abs=8.0)

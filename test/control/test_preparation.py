@@ -39,7 +39,7 @@ AMBIENT_C, START_C, TARGET_C = -8.0, 1.0, 14.0
 CABIN_W, OTHERS_W = VEHICLE.defaults.cabin_heating_power_w, VEHICLE.defaults.auxiliary_power_w
 FULL_W = VEHICLE.hvch.maximum_power_w - CABIN_W
 JOULES_PER_K = VEHICLE.battery.heat_capacity_j_per_k
-# A vehicle that stands.
+# A standing vehicle.
 LEAKAGE_W_PER_K = VEHICLE.battery.leakage.gamma_0_w_per_k
 TAU_S = JOULES_PER_K / LEAKAGE_W_PER_K
 HEATED_C = AMBIENT_C + VEHICLE.hvch.efficiency * FULL_W / LEAKAGE_W_PER_K
@@ -59,7 +59,7 @@ def warm_after_s(start_c, target_c):
 
 
 class Car:
-    """A supervisor and all that it puts out."""
+    """A supervisor and all its output."""
 
     def __init__(self, settings=MEASURED, temperature_c=START_C, soc=0.6, vehicle=VEHICLE):
         self.supervisor = Supervisor(vehicle, settings)
@@ -75,7 +75,7 @@ class Car:
         self.refusals += [str(refusal.error) for refusal in output.refusals]
 
     def state(self, now_s=None, **changes):
-        """Let a battery state come, by default as the latest; with power_w as measured."""
+        """Send a battery state, by default like the latest; with the measured `power_w`."""
         power_w = changes.pop('power_w', None)
         self.now_s = self.now_s if now_s is None else now_s
         for name, value in changes.items():
@@ -85,7 +85,7 @@ class Car:
             *((None, None) if power_w is None else (400.0, power_w / 400.0)))))
 
     def want(self, ready_in_s=None, **preparation_goal):
-        """Send a goal, and return its Wish."""
+        """Send a goal; return its PreparationGoal."""
         preparation_goal = PreparationGoal(**{'ready_at_ns': 0 if ready_in_s is None else at(
             self.now_s + ready_in_s), 'target_c': TARGET_C, 'ambient_c': AMBIENT_C, **preparation_goal})
         self.step(PreparationWanted(preparation_goal))
@@ -216,7 +216,7 @@ def test_the_heater_of_a_plugged_in_car_is_not_taken_for_dead():
 @pytest.mark.parametrize('settings', [Settings(), MEASURED])
 def test_as_much_as_the_reserve_allows_is_heated_at_once(settings):
     lowest = VEHICLE.battery.soc_range[0]
-    # 1.6 % of about 75 kWh are 1.2 kWh, part of it for the cabin; 19 K take 2.3 kWh.
+    # 1.6 % of about 75 kWh are 1.2 kWh, of which the cabin takes a part; 19 K take 2.3 kWh.
     car = Car(settings, soc=lowest + 0.016)
     preparation_goal = car.want(target_c=20.0)
     assert car.command == (pytest.approx(FULL_W), Status.SOC_LIMITED)
@@ -229,7 +229,7 @@ def test_as_much_as_the_reserve_allows_is_heated_at_once(settings):
         preparation_goal).explanation
 
 
-# The drive until then
+# The drive until the instant
 
 
 def test_a_drive_goes_on_as_it_was_in_the_last_five_minutes():
@@ -355,7 +355,8 @@ def test_the_last_ambient_temperature_of_a_route_is_known_for_six_hours():
     car.step(PreparationEnded(None, PreparationEnding.CANCELED, 'enough'))
     car.state(601.0 + 6 * 3600.0)
     preparation_goal = car.want(1200.0, ambient_c=None)
-    assert 'ambient_temperature: is not given, and none is known' in car.ended(preparation_goal).explanation
+    assert 'ambient_temperature: is not given, and no route has reported one' in car.ended(
+        preparation_goal).explanation
 
 
 # Goals that are refused
@@ -370,7 +371,7 @@ def test_the_last_ambient_temperature_of_a_route_is_known_for_six_hours():
     ({'ambient_c': nan}, 'ambient_temperature: nan degC is not allowed; it must be -60 ... 60 degC'),
     ({'ambient_c': inf}, 'ambient_temperature: inf degC is not allowed'),
     ({'ambient_c': -59.0}, "the vehicle's battery is not described below that"),
-    ({'ambient_c': None}, 'ambient_temperature: is not given, and none is known')])
+    ({'ambient_c': None}, 'ambient_temperature: is not given, and no route has reported one')])
 def test_a_refused_goal_says_why_and_changes_nothing(preparation_goal, sentence):
     car = Car()
     before = car.want(900.0)
@@ -412,7 +413,7 @@ def test_without_a_fresh_battery_state_goals_are_refused():
     assert 'battery_state is 6.000 s old' in car.ended(car.want()).explanation
 
 
-# How goals end
+# Endings of goals
 
 
 def test_at_the_instant_it_says_by_how_much_the_target_is_missed():
@@ -459,7 +460,7 @@ def test_what_no_power_reaches_ends_without_any():
     car = Car(temperature_c=-20.0, vehicle=replace(VEHICLE, battery=leaky))
     preparation_goal = car.want(target_c=5.0, ambient_c=-39.0)
     assert car.ended(preparation_goal).ending is PreparationEnding.MISSED
-    assert 'does not get to the target' in car.ended(preparation_goal).explanation
+    assert 'does not reach the target' in car.ended(preparation_goal).explanation
     assert all(command.battery_heating_power_w == 0.0 for command in car.commands)
 
 
@@ -480,7 +481,7 @@ def test_a_cancelled_goal_switches_off_at_once_within_the_least_time_on():
     assert car.command == (0.0, Status.NO_ROUTE)
     assert car.ended(preparation_goal).ending is PreparationEnding.CANCELED
     assert car.supervisor.preparation_goal is None
-    # Nor does cancelling it again harm the next.
+    # Cancelling it again does not affect the next goal.
     later = car.want()
     car.step(PreparationEnded(preparation_goal, PreparationEnding.CANCELED, 'The goal was cancelled.'))
     assert car.supervisor.preparation_goal is later and car.command[0] == FULL_W
@@ -533,7 +534,7 @@ def test_an_instant_at_which_nothing_is_known_is_no_success():
     car.now_s = 30.0
     car.step()
     assert car.ended(preparation_goal).ending is PreparationEnding.INPUT_LOST
-    assert 'The heater was off at the instant: battery_state is 30.000 s old' in car.ended(
+    assert 'The heater was off at the requested time: battery_state is 30.000 s old' in car.ended(
         preparation_goal).explanation
 
 
@@ -629,6 +630,6 @@ def test_the_words_say_what_the_plan_is_for():
     car.want(900.0)
     sentence = car.supervisor.decision.explanation
     assert sentence == f'Preparing the battery. {car.plan.explanation}'
-    # It has no trip, so nothing arrives, and no name that only an engineer knows.
+    # The sentence mentions neither an arrival, because no trip exists, nor internal names.
     assert re.fullmatch(r'Heating[^.:]*: in 15:00 min the battery is at [0-9.]+ degC, .*', car.plan.explanation)
     assert 'arriv' not in sentence and '~/' not in sentence

@@ -107,7 +107,7 @@ def test_a_vehicle_that_leaves_early_is_heated_before_the_stamp_of_its_route():
 def test_a_vehicle_that_has_not_left_has_all_its_route_ahead():
     drive = Drive()
     drive.tell(100.0, 0.0)
-    # But for the 10 m to which its place is known.
+    # Except for the accuracy of 10 m of its place.
     assert drive.feed(100.0) == (HEATS, COLD, 599.5)
 
 
@@ -186,7 +186,7 @@ def test_a_refused_position_is_told_and_leaves_the_heater_alone(event):
     assert refusal.source == 'route_progress'
     assert refusal.error.problems[-1] == 'look at the clocks'
     assert drive.supervisor.refused_progress == f'route_progress refused: {refusal.error}'
-    # The place before it holds.
+    # The previous place holds.
     assert drive.feed(101.0) == (HEATS, COLD, 598.5)
     drive.tell(102.0, 0.0)
     assert drive.supervisor.refused_progress is None
@@ -222,7 +222,7 @@ def stood(drive, until_s, distance_m=6010.0, temperature_c=-7.0):
     """
     Let the vehicle stand from 100 s on, and return the command at the end.
 
-    It is early, and its place is known to 10 m, so that for the first second it counts as driving.
+    It is early, and its place is accurate to 10 m, so it counts as driving for the first second.
     """
     for at_s in range(100, until_s, 5):
         drive.tell(float(at_s), distance_m)
@@ -240,7 +240,7 @@ def test_who_drives_on_is_heated_again_at_once():
     drive = Drive()
     assert stood(drive, 2000)[0] == OFF
     assert drive.supervisor.decision.explanation == (
-        'The vehicle has stood for 31:34 min where its route does not stop (the position has not moved for '
+        'The vehicle has stood for 31:34 min although its route has no stop here (the position has not moved for '
         '1894 s): no heating until it drives on.')
     drive.tell(2001.0, 6030.0)
     assert drive.feed(2001.0)[0] == HEATS

@@ -47,15 +47,15 @@ def make_trip_with_stop(first_s=DURATION_S, stop_s=600.0, second_s=900.0, start_
 
 
 def feed(supervisor, now_ns):
-    """Give a good state, and return (power [W], status) that the supervisor answers with."""
+    """Give a valid state; return the supervisor's answer (power [W], status)."""
     supervisor.accept_battery(Measurement(BatteryState(-7.0, 0.8), now_ns), now_ns)
     supervisor.replan(now_ns)
     return outcome(supervisor, now_ns)
 
 
 def feed_on(supervisor, from_s):
-    """Give good states from so many seconds [s] on, past the pause after doubt; return the last answer."""
-    # For 10 s nothing may be wrong.
+    """Give valid states from a second [s] on, past the pause after doubt; return the last answer."""
+    # Input must be valid for 10 s.
     assert feed(supervisor, NOW_NS + ns(from_s)) == OFF
     return [feed(supervisor, NOW_NS + ns(from_s + second)) for second in range(1, 12)][-1]
 
@@ -82,7 +82,7 @@ SAME = RefusedRoute('home', True, (HOME_END_NS,))
 
 @pytest.mark.parametrize('refused', [
     SAME, replace(SAME, arrivals_ns=(HOME_END_NS + ns(300.0),)),
-    # What sums in other steps differ by.
+    # The difference between sums in different steps.
     replace(SAME, arrivals_ns=(HOME_END_NS - 1000,))], ids=['same', 'later', 'rounding'])
 def test_after_an_update_that_arrives_no_earlier_the_old_route_goes_on(refused):
     supervisor = heating_supervisor(make_mission())
@@ -110,11 +110,11 @@ def test_a_refused_update_remains_known_until_a_valid_route_comes():
         known.append(supervisor.refused_route)
     supervisor.accept_mission(make_mission())
     assert (set(known), supervisor.refused_route) == ({
-        'route_plan refused: speed[0]: -1 is not allowed. The route before it holds again from '
+        'route_plan refused: speed[0]: -1 is not allowed. The previous route holds again from '
         'the next valid battery state on.'}, None)
 
 
-# Anything else
+# Other refusals
 
 DROPPED = {
     'other_id': (replace(SAME, route_id='work'),
@@ -182,7 +182,7 @@ def test_a_refused_route_without_one_before_it_is_told_until_a_valid_one_comes()
 
 @pytest.mark.parametrize('arrivals_s, goes_on', [
     ((1200, 2700), True), ((1300, 2800), True),
-    # The stop is left out, one more comes, it comes earlier, the end does.
+    # The stop is missing, one is added, the stop is earlier, the end is earlier.
     ((2700,), False), ((1200, 1500, 2700), False), ((1100, 2800), False), ((1200, 2600), False)])
 def test_stops_ahead_must_not_be_called_off_either(arrivals_s, goes_on):
     supervisor = heating_supervisor(make_trip_with_stop())
@@ -240,7 +240,7 @@ def test_a_cancelled_trip_is_off_and_stays_off():
     supervisor.replan(NOW_NS)
     outcomes = {outcome(supervisor, NOW_NS)} | {
         feed(supervisor, NOW_NS + ns(second)) for second in range(1, 5)}
-    # Whatever the battery state: no route asks for heat.
+    # Regardless of the battery state, because no route asks for heat.
     supervisor.refresh(NOW_NS + ns(100.0))
     outcomes.add(outcome(supervisor, NOW_NS + ns(100.0)))
     assert (outcomes, supervisor.decision.explanation) == (
@@ -295,7 +295,7 @@ def test_times_of_a_route_that_begins_later_count_from_now(early):
 
 
 def test_what_waits_for_the_beginning_of_the_route_is_waiting(early):
-    # So little is missing that the target counts as reached, and there is no second to spare.
+    # The deficit is so small that the target counts as reached, with no second to spare.
     leg = replace(make_leg(start_ns=NOW_NS + ns(600.0)),
                   target_temperature_c=early.decision.plan.arrival_temperature_c + 0.001)
     early.accept_mission(Mission('home', (leg,)))

@@ -93,7 +93,7 @@ def test_a_status_tells_charging_from_regeneration():
     unsteady = [-5000.0, -9000.0] * 10
     assert last(unsteady).regime is Regime.DRIVING
     assert last(unsteady, **said).regime is Regime.CHARGING
-    # Many batteries say so whenever the current flows in, downhill too.
+    # Many batteries report this whenever current flows in, also downhill.
     assert last(unsteady, DESCENT, **said).regime is Regime.DRIVING
     assert last([-9000.0] * 20, supply=SupplyStatus.DISCHARGING).regime is Regime.DRIVING
 
@@ -133,7 +133,7 @@ def test_a_power_that_mirrors_the_route_is_suspected_only_while_the_sign_is_not_
     assert report.regime is not Regime.CHARGING
     assert 'sign of battery_state.current may be reversed' in report.suspicion
     assert last([-17400.0] * 30).regime is Regime.CHARGING
-    # It goes on while the current varies, until some flows out.
+    # It continues while the current varies, until current flows out.
     assert last([-17400.0] * 30 + [-6000.0, -30000.0] * 10, is_sign_proven=False).suspicion
     assert not last([-17400.0] * 30 + [9000.0] * 2, is_sign_proven=False).suspicion
     assert last([-90000.0] * 30, is_sign_proven=False).regime is Regime.CHARGING

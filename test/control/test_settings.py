@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters and the settings that they are."""
+"""Parameters and their settings."""
 
 from math import nan
 

@@ -66,7 +66,7 @@ def test_a_cancelled_trip_leaves_no_report(watch):
 def test_a_trip_that_does_not_say_how_long_it_stood_says_nothing(watch):
     assert watch.look(trip(standing_time_s=0.0), measured()) is None
     assert watch.report is None
-    # The trip planner may know it a moment later.
+    # The trip planner may learn it a moment later.
     assert watch.look(trip(), measured(after_start_s=1.0))
 
 
@@ -141,7 +141,7 @@ def seen(temperature_c, before_s):
 
 
 def cooled_c(warmer_k, stood_s):
-    """Return how warm the battery is by Newton's law of cooling, with the leakage at rest."""
+    """Return the battery temperature [deg C] by Newton's law of cooling, with the leakage at rest."""
     battery = VEHICLE.battery
     return -7.0 + warmer_k * exp(-battery.leakage.gamma_0_w_per_k * stood_s / battery.heat_capacity_j_per_k)
 

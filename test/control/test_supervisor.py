@@ -51,7 +51,7 @@ def make_measurement(temperature_c=-7.0, soc=0.8, stamp_ns=NOW_NS):
 
 
 def make_supervisor(temperature_c=-7.0, stamp_ns=NOW_NS, settings=SETTINGS, **mission):
-    """Return a supervisor with good inputs that has planned at NOW_NS."""
+    """Return a supervisor with valid inputs that has planned at NOW_NS."""
     supervisor = Stepwise(VEHICLE, settings)
     supervisor.accept_mission(make_mission(**mission))
     supervisor.accept_battery(make_measurement(temperature_c, stamp_ns=stamp_ns), NOW_NS)
@@ -65,7 +65,7 @@ def feed(supervisor, now_ns, **measurement):
 
 
 def heats_after_pause(supervisor, from_s):
-    """Whether good states from so many seconds [s] on lead to heat after 10 s, and not before."""
+    """Return whether valid states from a second [s] on lead to heat after 10 s, and not before."""
     powers_w = []
     for second in range(12):
         now_ns = NOW_NS + ns(from_s + second)
@@ -156,7 +156,7 @@ def test_outcome_of_a_plan(situation, power_w, reason):
 
 def test_outcome_of_a_plan_that_just_reaches_the_target():
     warmest_c = make_supervisor(target_c=50.0).decision.plan.arrival_temperature_c
-    # So little is missing that the target counts as reached, and there is no second to spare.
+    # The deficit is so small that the target counts as reached, with no second to spare.
     supervisor = make_supervisor(target_c=warmest_c + 0.001)
     assert outcome(supervisor) == (pytest.approx(FULL_POWER_W), Status.HEATING)
 
@@ -224,7 +224,7 @@ def test_a_failure_of_the_model_is_told(monkeypatch):
 
 @pytest.mark.parametrize('what', ['control.decision_maker.plan_preheating', 'control.forecast_plan.explain'])
 def test_an_exception_that_nobody_foresaw_switches_off_and_is_told_once(monkeypatch, what):
-    """In a plan, or in its sentence, which is made when it is read."""
+    """Raised in a plan, or in its sentence, which is built on reading."""
     def fail(*_, **named):
         raise ZeroDivisionError('by chance')
     supervisor = make_supervisor()
@@ -347,7 +347,7 @@ def test_before_the_clock_starts_nothing_is_accepted():
 
 def test_stamps_that_go_back_are_refused():
     message = refused_battery(make_supervisor(), NOW_NS + ns(1.0), stamp_ns=NOW_NS - ns(1.125))
-    assert message == ('header.stamp: the state is 1.125 s older than one that came before it; '
+    assert message == ('header.stamp: the state is 1.125 s older than the previous one; '
                        'stamps must not go back')
 
 
@@ -611,7 +611,7 @@ def test_target_comes_from_route_then_settings_then_vehicle(
     assert goal.target_temperature_c == expected_c
 
 
-# Whatever comes, in whatever order
+# Arbitrary inputs in arbitrary order
 
 class Oracle:
     """The invariants of power, computed from the inputs alone."""
@@ -628,7 +628,7 @@ class Oracle:
         return self._temperature_c
 
     def objection(self, command, now_ns):
-        """Return why a command must not be, None if it may."""
+        """Return why a command is forbidden; None if it is allowed."""
         power_w = command.battery_heating_power_w
         if not 0.0 <= power_w < inf:
             return f'{power_w} W is no power'
@@ -654,7 +654,7 @@ class Oracle:
 
 
 def random_step(seeded, supervisor, oracle, now_ns):
-    """Do something to the supervisor, and return the new time."""
+    """Give the supervisor a random input; return the new time."""
     what = seeded.choice(('battery',) * 4 + ('mission',) * 2 + (
         'bad battery', 'bad mission', 'bad mission', 'cancel', 'enable', 'time', 'clock', 'calm', 'calm', 'calm'))
     if what == 'battery':
@@ -690,7 +690,7 @@ def random_step(seeded, supervisor, oracle, now_ns):
             supervisor.accept_battery(make_measurement(nan, stamp_ns=now_ns), now_ns)
         oracle.battery_trusted = False
     elif what == 'bad mission':
-        # Mostly an update of the same trip: the one before may then go on.
+        # Mostly an update of the same trip: then the previous route may continue.
         before, start_ns = oracle.mission, now_ns - ns(seeded.uniform(-50.0, DURATION_S))
         if before is not None and seeded.random() < 0.7:
             start_ns = before.start_ns + ns(seeded.uniform(-1.0, 20.0))
@@ -730,7 +730,7 @@ def test_no_sequence_of_inputs_heats_in_doubt(seed):
         command = supervisor.command(later_ns)
         assert oracle.objection(command, later_ns) is None
         heated += command.battery_heating_power_w > 0.0
-    # Else nothing was tried.
+    # Otherwise the test tried nothing.
     assert heated > 10
 
 
@@ -738,5 +738,5 @@ def test_margin_is_left_on_top_of_the_reserve_that_a_route_asks_for():
     inbox = Inbox(VEHICLE, replace(MEASURED, arrival_soc_margin=0.07))
     goals = [inbox.goal_of(make_mission(minimum_arrival_soc=reserve).legs[0])
              for reserve in (0.0, 0.31, 0.98)]
-    # Without a requested reserve there is none; a reserve above 1 cannot be kept.
+    # Without a request the reserve is 0; a reserve above 1 cannot be met.
     assert [goal.minimum_arrival_soc for goal in goals] == [0.0, pytest.approx(0.38), 1.0]

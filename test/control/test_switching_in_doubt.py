@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How the heater is switched by a supervisor whose inputs are wrong now and then."""
+"""Switching of the heater by a supervisor with intermittently invalid inputs."""
 
 from dataclasses import replace
 import random
@@ -37,7 +37,7 @@ def ns(seconds):
 
 
 def mission(minutes=90, target_c=60.0, ambient_c=-20.0, route_id='home', start_ns=NOW_NS):
-    """A trip that must be heated from its start to its end: 60 degC are never reached."""
+    """A trip that heats from start to end, because 60 degC is never reached."""
     return Mission(route_id, (Leg(make_route({
         'duration_s': [30.0] * (2 * minutes), 'speed_mps': [30.0], 'propulsion_power_w': [10e3],
         'ambient_temperature_c': [ambient_c], 'cabin_heating_power_w': [1978.0],
@@ -160,7 +160,7 @@ def test_a_feed_slower_than_the_timeout_does_not_relay(every_s, timeout_s, doubt
         words = 'battery_state arrives every 10.0 s; battery_state_timeout is 5 s: raise it'
         assert words in verdicts[0].sentence
         assert words in car.planner.decision.explanation
-        # Once it is steady, heat goes on.
+        # Once it is steady, heating continues.
         for second in range(1200, 1230):
             car.give(second, car.state(second))
         assert (car.planner.signal_verdicts, car.powers_w[-1] > 0.0) == ((), True)
@@ -177,7 +177,7 @@ def test_one_long_gap_is_no_slow_feed():
 # The least time on
 
 def held_car(temperature_c, target_c):
-    """Return a car that begins to heat at the start, and is that warm 3 s later; outside it is warm, too."""
+    """Return a car that starts heating at once and is this warm [deg C] 3 s later; ambient is warm, too."""
     car = Car(temperature_c=target_c - 10.0, target_c=target_c, minutes=10, ambient_c=25.0)
     for second in range(3):
         car.give(second, car.state(second))
@@ -244,5 +244,5 @@ def test_attacks_never_switch_on_more_often_than_stated(seed, share):
         car.give(at_s, *events)
     for first_s, beyond_s in zip(car.switch_ons_s, car.switch_ons_s[MOST_SWITCH_ONS:]):
         assert beyond_s - first_s >= 3600.0
-    # With ~/enable and new routes left out even fewer.
+    # Without ~/enable and new routes even fewer.
     assert len(car.switch_ons_s) <= 1 + MOST_SWITCH_ONS * (1 + int(at_s // 3600.0))

@@ -97,7 +97,7 @@ def test_it_is_chosen_for_the_car_as_it_is_known():
     goal = Goal(25.0)
     best = find_worth(car, route, state, goal, 150e3, 0.8, PRICES).best
     assert cost(car, route, state, chosen.target_c, FAST) <= 1.001 * best.cost
-    # By the vehicle file it would have been told otherwise.
+    # The vehicle file alone would have given another answer.
     by_file = plan_unheated(VEHICLE, route, state, goal).arrival_temperature_c
     assert abs(by_file - plan_unheated(car, route, state, goal).arrival_temperature_c) > 0.5
     unheated = cost(car, route, state, None, FAST), cost(VEHICLE, route, state, None, FAST)
@@ -105,7 +105,7 @@ def test_it_is_chosen_for_the_car_as_it_is_known():
     assert abs(told - unheated[0]) < 0.1 * abs(told - unheated[1])
 
 
-# When, and how long it takes
+# Time and duration of a search
 
 @pytest.mark.costly
 def test_no_update_makes_more_than_a_plan(monkeypatch):
@@ -122,7 +122,7 @@ def test_no_update_makes_more_than_a_plan(monkeypatch):
         feed(supervisor, 0.5 * second)
         counts.append(len(plans))
     assert 3 <= counts[0] <= 7 and max(counts[1:]) == PLANS_EACH_UPDATE
-    # Once it has been found nothing is searched.
+    # After the target is found, no search runs.
     assert 40 < sum(counts) < 95 and sum(counts[-3:]) == 0
 
 
@@ -168,7 +168,7 @@ def test_other_prices_are_answered_at_once():
 
 
 def chosen_after(chooser, at_s, *belief):
-    """Return the TargetChoice once a search that begins at `at_s` [s] has come to its end."""
+    """Return the TargetChoice at the end of a search that begins at `at_s` [s]."""
     for plans in range(ENOUGH):
         choice = chooser.choose(search_input(at_s + 0.01 * plans, *belief))
     return choice

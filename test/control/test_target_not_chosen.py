@@ -67,7 +67,7 @@ def test_without_charger_or_car_everything_is_as_without_them(vehicle, charger, 
 
 
 @pytest.mark.parametrize('charger, state, why', [
-    (Charger(150e3), BatteryState(6.0, 0.95), 'the state of charge to leave with is not known'),
+    (Charger(150e3), BatteryState(6.0, 0.95), 'the state of charge for departure is unknown'),
     (Charger(150e3, 0.01), BatteryState(6.0, 0.08), 'is not enough for this trip'),
     (Charger(1800.0, 0.8), STATE, 'cannot charge the battery that far')],
     ids=['full enough', 'stranded', 'too weak'])
@@ -122,7 +122,7 @@ def test_a_heater_that_is_on_is_switched_off_at_once():
 
 def test_a_battery_with_more_than_is_asked_for_is_not_heated():
     decision = feed(a_supervisor(Charger(150e3, 0.6)), state=BatteryState(6.0, 0.9))
-    assert decision.status is Status.NOT_WORTH_IT and 'need no charging' in decision.explanation
+    assert decision.status is Status.NOT_WORTH_IT and 'needs no charging' in decision.explanation
     assert (decision.target.charging_time_s, decision.target.bought_energy_wh) == (0.0, 0.0)
 
 

@@ -37,7 +37,7 @@ TWO_LEGS = Mission('far', with_stops((LEG, replace(LEG)), (600.0,)))
 
 
 class Driven:
-    """A Timetable that hears where the vehicle is at seconds after the start."""
+    """A Timetable with positions of the vehicle at seconds after the start."""
 
     def __init__(self, mission=MISSION, settings=SETTINGS):
         self.timetable, self._settings = Timetable(mission), settings
@@ -78,7 +78,7 @@ def test_without_progress_the_route_goes_by_its_stamp():
 def test_on_time_nothing_changes(at_s, distance_m):
     driven = Driven()
     assert driven.tell(at_s, distance_m) == 0.0
-    # The very same: plans are the same to the last bit.
+    # The same object, so plans are bit-identical.
     assert driven.timetable.mission is MISSION
 
 
@@ -86,9 +86,9 @@ def test_on_time_nothing_changes(at_s, distance_m):
     # 10 m are 0.5 s at 20 m/s and 0.4 s at 25 m/s.
     (80.0, 1000.0, 80.0 - 50.5), (30.0, 1000.0, 30.0 - 49.5),
     (300.0, 3500.0, 300.0 - 250.4), (200.0, 3500.0, 200.0 - 249.6),
-    # Where the vehicle is to stand it is late once it should have left, early before it should come.
+    # At a planned stop the vehicle is late after its departure time, early before its arrival time.
     (250.0, 2000.0, 250.0 - 190.4), (60.0, 2000.0, 60.0 - 99.5),
-    # It has not left; it left before its time; it was to be there long ago.
+    # It has not left; it left early; it should have been there long ago.
     (40.0, 0.0, 40.0 - 0.5), (-60.0, 500.0, -60.0 - 24.5), (4000.0, 3500.0, 4000.0 - 250.4),
     # The car arrives early; at the end no delay is left.
     (200.0, 5000.0, 200.0 - 309.6), (4000.0, 5000.0, 0.0), (4000.0, 4991.0, 0.0)])
@@ -135,7 +135,7 @@ def test_time_goes_on_as_planned_from_the_last_known_place():
     driven = Driven()
     late_s = driven.tell(80.0, 1000.0)
     assert driven.delay_s == late_s
-    # As if it drove on; the estimation goes on so too.
+    # As if it kept driving; the estimation assumes the same.
     assert driven.planned_s(500.0) - driven.planned_s(100.0) == pytest.approx(400.0)
 
 
@@ -198,7 +198,7 @@ def test_the_time_of_places_goes_by_evenly_between_two_of_them():
     driven.tell(68.0, 1080.0)
     assert [driven.planned_s(at_s) for at_s in (60.0, 64.0, 68.0)] == pytest.approx(
         [50.5, 52.5, 54.5])
-    # And as fast as that afterwards, until that is too old.
+    # The pace continues afterwards until the position is too old.
     assert [driven.planned_s(at_s) for at_s in (70.0, 76.0, 86.0)] == pytest.approx(
         [55.5, 58.5, 68.5])
 
@@ -210,7 +210,7 @@ def test_a_vehicle_that_stands_gets_no_further():
     assert driven.planned_s(74.6) == driven.planned_s(62.0) == pytest.approx(50.5)
 
 
-# At the door
+# Refusals
 
 @pytest.mark.parametrize('where, how, message', [
     ((50.0, nan), {}, 'distance: nan m is not allowed; it must be 0 ... 5000 m, the length of'),
@@ -219,8 +219,8 @@ def test_a_vehicle_that_stands_gets_no_further():
     ((50.0, 5100.1), {}, 'distance: 5100.1 m is not allowed; it must be 0 ... 5000 m'),
     ((50.0, 1e9), {}, 'distance: 1000000000 m is not allowed; it must be 0 ... 5000 m'),
     ((50.0, 1000.0), {'route_id': 'work'},
-     "route_id: 'work' is not the route that is driven, 'home'"),
-    ((50.0, 1000.0), {'route_id': ''}, "route_id: '' is not the route"),
+     "route_id: 'work' is not the current route, 'home'"),
+    ((50.0, 1000.0), {'route_id': ''}, "route_id: '' is not the current route"),
     ((50.0, 1000.0), {'route_start_ns': START_NS - ns(2.5)},
      'route_stamp: is not that of the latest route plan, but 2.500 s before it'),
     ((50.0, 1000.0), {'now_s': 58.001},
@@ -241,7 +241,7 @@ def test_what_may_be_is_accepted(where, how):
 
 
 @pytest.mark.parametrize('at_s, distance_m, message', [
-    (49.9, 1000.0, 'header.stamp: the position is 0.100 s older than one that came before it'),
+    (49.9, 1000.0, 'header.stamp: the position is 0.100 s older than the previous one'),
     (52.0, 899.0, 'distance: 899 m is 101 m behind the 1000 m of 2.0 s before; it must be at most '
      '300 m beyond or 100 m behind'),
     (52.0, 1301.0, 'distance: 1301 m is 301 m beyond the 1000 m of 2.0 s before')])

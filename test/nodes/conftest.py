@@ -35,7 +35,7 @@ MAIN_MODULES = {'planner': planner_node, 'nlp_checker': nlp_checker_node,
 
 
 def pytest_collection_modifyitems(items):
-    """Begin with the files over DDS, the longest first: they mostly wait, and others compute beside them."""
+    """Run the files over DDS first, the longest first: they mostly wait while other tests compute."""
     waiting = Counter(item.path for item in items if 'dds' in item.fixturenames)
     items.sort(key=lambda item: -waiting[item.path])
 
@@ -115,7 +115,7 @@ def start_executable(domain_id, tmp_path):
     """
     `start_executable(name, *ros_arguments)` starts an installed executable: a NodeProcess.
 
-    It is ended after the test; its output is shown where the test fails.
+    It is ended after the test; its output is shown if the test fails.
     """
     processes = []
 
@@ -134,7 +134,7 @@ def start_executable(domain_id, tmp_path):
 
 @contextmanager
 def signals_kept():
-    """Put the handlers of signals back that a node's process has for itself."""
+    """Restore the signal handlers that a node's process replaces."""
     numbers = signal.SIGINT, signal.SIGTERM
     handlers = [signal.getsignal(number) for number in numbers]
     wakeup = signal.set_wakeup_fd(-1)
@@ -151,11 +151,11 @@ def call_main(domain_id, monkeypatch, capfd):
     """
     `call_main(name, *arguments)` runs an executable's main function in this process.
 
-    Only for arguments with which it ends at once; returns its exit status and its output. A process
+    Only for arguments that make it exit at once; returns its exit status and its output. A process
     would need most of a second of processor time to start. But a node that could not start ends with its
     process; here it would be visible, in a domain that other tests use meanwhile, until Python collects it.
     """
-    # Of shared memory that another process holds, the middleware writes a line of its own.
+    # The middleware prints a line of its own if another process holds its shared memory.
     monkeypatch.setenv('FASTDDS_BUILTIN_TRANSPORTS', 'UDPv4')
 
     def call_main(name, *arguments):

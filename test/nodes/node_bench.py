@@ -79,7 +79,7 @@ class Recorder:
 
     @property
     def latest(self):
-        """Return the last message, forgotten or not; None where none has come."""
+        """Return the last message, forgotten or not; None before the first."""
         return self._latest
 
     def comes_to(self, condition, timeout_s):
@@ -120,7 +120,7 @@ class Recorder:
             return item[1]
 
     def wait_for_count(self, count, timeout_s=TIME_LIMIT_S):
-        """Return the first `count` messages once there are so many."""
+        """Return the first `count` messages once they have arrived."""
         with self._changed:
             enough = self._changed.wait_for(lambda: len(self._received) >= count, timeout_s)
             assert enough, (f'{self._topic}: {len(self._received)} of {count} messages within '
@@ -128,7 +128,7 @@ class Recorder:
             return [message for _, message in self._received[:count]]
 
     def wait_for_publisher(self, timeout_s=TIME_LIMIT_S):
-        """Wait until somebody publishes the topic."""
+        """Wait for a publisher of the topic."""
         poll_until(lambda: self._subscription.get_publisher_count(),
                    f'{self._topic}: a publisher', timeout_s)
 
@@ -152,7 +152,7 @@ class Sender:
     def wait_for_subscription(self, count=1, timeout_s=TIME_LIMIT_S):
         """Wait until at least `count` subscriptions are matched."""
         def matched():
-            # While they are being discovered, the count of matched ones may have one twice.
+            # During discovery the count of matches may include a subscription twice.
             endpoints = self._node.get_subscriptions_info_by_topic(self._publisher.topic_name)
             return min(self._publisher.get_subscription_count(),
                        len({bytes(endpoint.endpoint_gid) for endpoint in endpoints}))
@@ -162,7 +162,7 @@ class Sender:
 
 
 class PatientProcess(NodeProcess):
-    """A NodeProcess whose end is waited for as long as for anything else."""
+    """A NodeProcess whose end has the same time limit as any other wait."""
 
     def wait(self, timeout_s=TIME_LIMIT_S):
         """Return the exit status; raises subprocess.TimeoutExpired if the process keeps running."""
@@ -186,7 +186,7 @@ class Bench:
         return Sender(self.node, message_type, topic, qos)
 
     def call(self, service_type, name, request, timeout_s=TIME_LIMIT_S):
-        """Return the response of a service, waiting for it to be there."""
+        """Wait for a service and return its response."""
         client = self.node.create_client(service_type, name)
         try:
             assert client.wait_for_service(timeout_s), f'{name}: no such service'
@@ -196,7 +196,7 @@ class Bench:
                 return next((future for future in futures if future.done()), None)
 
             def asked_and_answered():
-                # A server that has not found the client yet answers into the void.
+                # The answer of a server that has not yet discovered the client is lost.
                 futures.append(client.call_async(request))
                 try:
                     return poll_until(answered, name, ANSWER_TIME_S)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A node that a thread spins, so that a test can wait for what others say."""
+"""A node spun in a thread, so that a test can wait for messages."""
 
 from contextlib import contextmanager
 import threading
@@ -8,13 +8,13 @@ import rclpy
 from rclpy.context import Context
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 
-# Only ever used up where a test fails, or on a computer that has very much else to do.
+# Used up only by a failing test, or on a heavily loaded computer.
 TIME_LIMIT_S = 240.0
 
 
 @contextmanager
 def spun_node(name, domain_id=None):
-    """Give a node whose callbacks run in a thread of their own while the block lasts."""
+    """Give a node whose callbacks run in their own thread inside the block."""
     context = Context()
     rclpy.init(context=context, domain_id=domain_id)
     try:
@@ -37,7 +37,7 @@ def take_down(node, action):
     """
     Call `action()`, which destroys parts of a spun node, between two waits of the thread that spins.
 
-    A part that goes while that thread prepares to wait for it would end the thread (InvalidHandle).
+    A part destroyed while that thread prepares to wait for it would end the thread (InvalidHandle).
     """
     done = threading.Event()
     task = node.executor.create_task(action)

@@ -41,7 +41,7 @@ def asked(**changed):
 # The request
 
 def test_a_place_is_an_instant_of_the_rest_of_the_route():
-    # 6 km are behind; 15 km from the start are 9 km ahead, at 25 m/s.
+    # 6 km are driven; 15 km from the start are 9 km ahead, at 25 m/s.
     near, far = candidates_of(asked(), route_ahead(), 6e3, PRICE)
     assert near == Candidate('near', 360.0, 50e3, 0.375, 120.0, 0.0)
     assert far == Candidate('far', 1560.0, 150e3, PRICE, 0.0, 60.0)
@@ -91,11 +91,11 @@ class Drive:
         routes.publish(message)
 
     def answer(self, second, wait_until, understood, **changed):
-        """Return the first understandable answer at an instant."""
+        """Return the first readable answer at an instant."""
         answers = []
 
         def asked_again():
-            # Clock, route and state come in any order.
+            # Clock, route and state arrive in any order.
             self._clock.publish(Clock(clock=Time(sec=second)))
             state = BatteryState(temperature=TEMPERATURE_C, percentage=SOC)
             state.header.stamp = Time(sec=second)
@@ -141,7 +141,7 @@ def test_a_charger_that_is_behind_is_refused_by_its_place(drive, wait_until):
 
 
 def test_one_that_cannot_serve_is_last_and_says_why(drive, wait_until):
-    # Nothing is to be charged where the end may come as it is.
+    # No charging is needed if the end is reachable without it.
     answer = drive.answer(START_S, wait_until, lambda answer: answer.success, end_soc=0.0625)
     assert all(problem.startswith('not needed') for problem in answer.problem)
     assert answer.message == 'No charger is needed: the charge is enough for the whole route.'

@@ -110,7 +110,7 @@ def test_the_shortest_cancellation_has_no_charger_to_it():
     assert not is_cancellation(RoutePlan(stop_charger_power=[50e3]))
 
 
-# What plans say
+# Texts of plans
 
 def planned(settings=Settings(estimation=False), **changed):
     """Return (Stepwise, PreheatPlan) at the start of a route without a stop."""

@@ -92,7 +92,7 @@ def test_a_vehicle_that_is_late_is_checked_where_it_is(inputs):
     assert case_of_plan(planned, inputs.goal_of, [measurement], plan) is None
     case = case_of_plan(as_driven(planned, plan), inputs.goal_of, [measurement], plan)
     assert case.question.route.total_duration_s == pytest.approx(600.0 + 60.0 - 90.0)
-    # A plan for another route says nothing of this one.
+    # A plan for another route does not apply to this one.
     plan.route_id = 'near'
     assert as_driven(planned, plan) is planned
 

@@ -31,7 +31,7 @@ def error_lines(process):
 def test_the_simulator_that_comes_later_ends_and_says_why(bench):
     clock = bench.record(Clock, '/clock', MANY)
     first = start_in(bench, '/car1', '-p', f'start_time:={START_S}.0')
-    # Long enough ago that the first is the one to stay.
+    # Long enough ago that the first node stays.
     clock.wait_for(lambda message: message.clock.sec > START_S + 3)
     second = start_in(bench, '/car2', '-p', f'start_time:={2 * START_S}.0')
     assert second.wait() == 2
@@ -39,7 +39,7 @@ def test_the_simulator_that_comes_later_ends_and_says_why(bench):
     assert line == (
         'vehicle_simulator: error: /car1/vehicle_simulator also publishes /clock; set '
         'publish_clock:=false (and use_sim_time:=true) to drive by that clock')
-    # The first one's clock runs on, alone.
+    # Only the first clock keeps running.
     clock.clear()
     assert all(START_S <= message.clock.sec < 2 * START_S
                for message in clock.wait_for_count(100))

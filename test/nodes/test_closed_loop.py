@@ -77,7 +77,7 @@ def write_quarter(folder):
 
 
 class Trip:
-    """The messages on the way."""
+    """The messages of the trip."""
 
     def __init__(self, bench, route, temperature_c):
         self.route, self.temperature_c = route, temperature_c
@@ -177,7 +177,7 @@ def test_a_planner_killed_while_heating_leaves_no_heat_after_the_lease(bench, tm
                       if command.battery_heating_power > 0.0)
 
     def heat_wh_after(instant_s):
-        """Return the heat that the simulated battery has got in all by then [Wh]."""
+        """Return the total heat of the simulated battery up to this time [Wh]."""
         outcome = outcome_from_diagnostics(trip.diagnostics.wait_for(
             lambda array: outcome_from_diagnostics(array)
             and on_the_way_s(array.header.stamp) > instant_s))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Two installed planners that command the same heater: both stay off until one is gone."""
+"""Two installed planners that command the same heater: both stay off until one ends."""
 
 from contextlib import contextmanager
 import signal
@@ -17,7 +17,7 @@ from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 STATE_PERIOD_S = 0.2
-# A planner that is heard no more for a lease counts as gone: longer than a busy computer holds one up.
+# A planner counts as ended after a lease without commands: longer than any delay on a busy computer.
 LEASE_S = 5.0
 # The graph shows a killed node for some 20 s.
 GRAPH_FORGETS_S = 20.0
@@ -28,7 +28,7 @@ QUICK = ('-p', 'command_period:=0.2', '-p', f'command_lease:={LEASE_S}',
 
 @contextmanager
 def feeding(bench, namespace=''):
-    """Publish battery states all the time, and a latched route that needs heat at once."""
+    """Publish battery states continuously, and a latched route that needs heat at once."""
     def stamp():
         return time_message(bench.node.get_clock().now().nanoseconds)
 
@@ -79,7 +79,7 @@ def test_two_planners_stay_off_until_one_is_gone(bench, number):
         first.send_signal(number)
         first.wait()
         commands.clear()
-        # A lease and a look or two.
+        # A lease and one or two checks.
         commands.wait_for(heats, 'heat of the second', timeout_s=GRAPH_FORGETS_S)
         diagnostics.clear()
         diagnostics.wait_for(lambda array: any(
@@ -94,7 +94,7 @@ def test_two_planners_of_one_name_stay_off_and_name_it(bench, wait_until):
         bench.start('planner', *QUICK)
         bench.start('planner', *QUICK)
         diagnostics.wait_for(errors_of('planner', 'another node named /planner'))
-        # One hears the other a little earlier; from both come 40 commands in a second.
+        # One detects the other slightly earlier; together they send 40 commands per second.
         wait_until(lambda: len(commands.messages) >= 40
                    and all(map(is_in_conflict, commands.messages[-40:])), 'both in conflict')
         commands.clear()
@@ -109,12 +109,12 @@ def test_a_stranger_that_commands_switches_the_heater_off(bench):
         commands.wait_for(heats)
         stranger = bench.publisher(HvchCommand, 'hvch_command', 10)
         stranger.wait_for_subscription(2)
-        # Advertised, but silent: the planner heats on.
+        # Advertised but silent: the planner keeps heating.
         commands.clear()
         assert all(map(heats, commands.wait_for_count(20)))
 
         def is_in_conflict():
-            # Messages sent before the planner has found the stranger are lost.
+            # Messages sent before the planner has discovered the other publisher are lost.
             stranger.publish(HvchCommand(battery_heating_power=1000.0))
             return plans.comes_to(lambda plan: plan.status == Status.COMMAND_CONFLICT, 0.2)
 

@@ -2,7 +2,7 @@
 """
 The command lines of the installed nodes: help, and one line for each error.
 
-Each kind of answer is asked of an installed executable once; what else there is to ask, of the function
+Each kind of answer is tested once with an installed executable; all others with the function
 that the executable calls, in this process.
 """
 
@@ -102,7 +102,7 @@ def test_a_malformed_parameter_file_is_named(call_main, tmp_path, content, text)
     assert text in done.stderr
 
 
-# Of each node a text, a truth value and a whole number where another type is meant.
+# For each node a string, a boolean and an integer in place of another type.
 MISTYPED = {
     'planner': {'value_of_time': ('much', 'a number, such as 10.0'), 'estimation': ('1', 'true or false'),
                 'vehicle': ('2024', 'a text, such as reference'), 'state_file': ('true', 'a text'),

@@ -15,10 +15,10 @@ LEASE_S = 1.5
 
 
 class Controller:
-    """A heater's controller: what DDS tells it of the commands."""
+    """A heater's controller: the DDS events on its commands."""
 
     def __init__(self, node, deadline_s, liveliness):
-        """Subscribe with such a deadline and liveliness, both within `deadline_s`."""
+        """Subscribe with a deadline and a liveliness lease of `deadline_s` [s]."""
         self.commands, self.alive, self.missed, self.misfits = 0, [], 0, 0
         within = Duration(seconds=deadline_s)
         node.create_subscription(

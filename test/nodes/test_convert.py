@@ -289,13 +289,13 @@ def test_no_segments_are_named_as_all_that_is_missing():
 @pytest.mark.parametrize('name', ARRAYS)
 def test_too_many_segments_are_refused_before_they_are_looked_at(name):
     class Unread(list):
-        """Numbers that must not be read: there may be millions."""
+        """Numbers that must not be read, because there may be millions."""
 
         def __iter__(self):
             raise AssertionError('read')
 
     message = route_message()
-    # Past the setter, which would look at each element.
+    # Bypasses the setter, which would check each element.
     setattr(message, f'_{name}', Unread([nan] * 200_001))
     assert problems_of(mission_from_message, message, DEFAULTS, 30.0) == [
         f'{name}: has 200001 values; at most 200000 segments are planned']

@@ -76,7 +76,7 @@ def test_a_wrong_unit_in_the_route_is_a_warning_and_no_refusal(cabin_w, warning)
     supervisor = Stepwise(VEHICLE, Settings())
     route = load_route('reference', VEHICLE.defaults)
     powers_w = route.cabin_heating_power_w.copy()
-    # For so short that the charge still carries the trip.
+    # So briefly that the charge is still enough for the trip.
     powers_w[0] = cabin_w
     supervisor.accept_mission(Mission('home', (
         Leg(replace(route, cabin_heating_power_w=powers_w), START_NS, True, -10.0),)))

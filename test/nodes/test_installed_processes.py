@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""ROS domains of one's own."""
+"""Private ROS domains."""
 
 import socket
 
@@ -18,7 +18,7 @@ def test_reserved_domains_differ(monkeypatch):
 
 
 # DDSI-RTPS 9.6.1.1: the first participant's port is 10 above the domain's, each next port 2 higher.
-# Earlier participants of a domain may have gone.
+# Earlier participants of a domain may have ended.
 @pytest.mark.parametrize('participants_before', [0, 1, 6, 30])
 def test_domain_in_which_somebody_takes_part_is_left_alone(monkeypatch, participants_before):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as participant:

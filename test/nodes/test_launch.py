@@ -30,7 +30,7 @@ def launch():
 
 
 def substituted(text, values):
-    """Replace what launch replaces: $(var NAME) and $(find-pkg-share PACKAGE)."""
+    """Substitute as launch does: $(var NAME) and $(find-pkg-share PACKAGE)."""
     text = re.sub(r'\$\(find-pkg-share (\w+)\)', lambda found: get_package_share_directory(found[1]),
                   text)
     return re.sub(r'\$\(var (\w+)\)', lambda found: substituted(values[found[1]], values), text)
@@ -43,7 +43,7 @@ def values_of(launch, **given):
 
 
 def started_by(launch, **given):
-    """Return [(executable, ROS arguments)] of what `ros2 launch` starts with these arguments."""
+    """Return [(executable, ROS arguments)] of the nodes that `ros2 launch` starts with these arguments."""
     values, started = values_of(launch, **given), []
     for node in launch.iter('node'):
         if substituted(node.get('if', 'true'), values) != 'true':

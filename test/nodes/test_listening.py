@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Who follows a node hears in its own thread: nothing changes while it draws."""
+"""A follower receives in its own thread, so that its data do not change while it draws."""
 
 import threading
 import time
@@ -68,7 +68,7 @@ def test_callbacks_run_in_the_thread_that_listens_and_only_then(flood, domain_id
             follower.listen(0.01)
         count = len(heard_in)
         assert count > 0
-        # So much is published meanwhile that another thread would have run the callback.
+        # Enough is published meanwhile for another thread to have run the callback.
         flood.wait_for_all_acked(rclpy.duration.Duration(seconds=0.2))
         time.sleep(0.1)
         assert len(heard_in) == count

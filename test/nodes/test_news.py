@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The log repeats nothing, and hides nothing that is new."""
+"""The log suppresses repetitions and shows everything new."""
 
 import pytest
 
@@ -9,7 +9,7 @@ TOO_OLD = 'battery_state refused: header.stamp: is {} s old; at most 5 s are all
 
 
 class Clock:
-    """Real time, moved by hand."""
+    """Real time, set by hand."""
 
     now_s = 100.0
 

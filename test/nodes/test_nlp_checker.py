@@ -37,14 +37,14 @@ TEMPERATURE_C, SOC, TARGET_C = 2.25, 0.8125, 15.0
 RESERVE_SOC = 0.15
 # States come in real time; on a busy computer with long pauses.
 PATIENT = ('-p', 'battery_state_timeout:=60.0')
-# A solver that takes only what others leave gets nothing for minutes on a busy computer.
+# A solver with the lowest priority gets no processor time for minutes on a busy computer.
 SHARING = (*PATIENT, '-p', 'solver_niceness:=0', '-p', 'time_limit:=300.0')
 # No check by itself.
 ONLY_ASKED = (*SHARING, '-p', 'check_period:=0.0')
 SWITCH = (*PATIENT, '-p', 'method:=optimal_switch')
 QUICK_COMMANDS = ('-p', 'command_period:=0.1')
 REPORT_PATIENCE_S = 240.0
-# Times that a check is asked for until the planner's plan came in time for it.
+# Maximum number of checks requested until the planner's plan arrives in time.
 MOST_CHECKS = 5
 
 
@@ -111,11 +111,11 @@ class Surroundings:
         self._routes.publish(message)
 
     def feeding(self, send=None):
-        """Publish battery states, or what `send` sends, all the time."""
+        """Publish battery states, or the messages of `send`, continuously."""
         return repeating(send or self.send_state, FEEDING_PERIOD_S)
 
     def report(self, condition=lambda report: True):
-        """Return the first report for which condition(report), heard already or to come."""
+        """Return the first report for which condition(report), already received or later."""
         return self.reports.wait_for(condition, timeout_s=REPORT_PATIENCE_S)
 
     def report_on_plan(self, route_id):
@@ -158,7 +158,7 @@ class Surroundings:
                             for name, value in values.items()])).results[-1]
 
     def undo_set(self, values):
-        """Give parameters that were set the values they had at first, {node: {name: value}}."""
+        """Reset parameters to their initial values, {node: {name: value}}."""
         for node, names in list(self._were_set.items()):
             assert self.set(node, **{name: values[node][name] for name in names}).successful
         self._were_set.clear()
@@ -224,7 +224,7 @@ class Surroundings:
 
 @pytest.fixture
 def surroundings(bench):
-    """Nothing runs yet."""
+    """Start without processes."""
     surroundings = Surroundings(bench)
     yield surroundings
     surroundings.end_hanging()
@@ -260,7 +260,7 @@ def only_checker(module_bench):
 
 @pytest.fixture
 def alone(only_checker):
-    """A checker without a planner, which tests share; it must live on after each."""
+    """A checker without a planner, which tests share; it must keep running after each test."""
     yield only_checker
     only_checker.end_hanging()
     assert only_checker.process.exit_status is None
@@ -275,7 +275,7 @@ def is_gone(process_id):
 
 
 def working_solver(checker):
-    """Return a solver's process of a checker that gives way to all others and works, or None."""
+    """Return a checker's solver process that has the lowest priority and works, or None."""
     for solver in psutil.Process(checker.process_id).children():
         try:
             if solver.nice() == 19 and solver.cpu_times().user > 0.0:
@@ -309,8 +309,8 @@ def test_reports_for_a_new_route_that_optimal_switch_is_the_optimum(both):
     assert report.plan_heating and report.optimal_heating
     starts_ns = nanoseconds(report.plan_heating_start), nanoseconds(report.optimal_heating_start)
     assert abs(starts_ns[0] - starts_ns[1]) < 5 * NS_PER_S
-    # The planner's own plan for that instant starts earlier, and reports the cost of that.
-    # A state may be planned from twice: when it arrives, and when the route does.
+    # The planner's own plan for that instant starts earlier, and reports the cost of the lead.
+    # A state may be planned from twice: on its arrival, and on the route's.
     plan = both.plans.wait_for(
         lambda plan: plan.header.stamp == report.header.stamp
         and plan.battery_energy - report.plan_energy == pytest.approx(report.caution_energy))
@@ -376,7 +376,7 @@ def test_the_target_that_the_planner_has_chosen_is_checked(both, value_of_time, 
     assert report.optimal and report.optimal_heating is pays
     # The vehicle's default is 25 degC.
     assert plan.target_battery_temperature < 21.0
-    # Of the targets that were chosen one after the other, which one the checker met is open.
+    # The checker may have met any of the successively chosen targets.
     assert any(abs(plan.target_battery_temperature - report.optimal_arrival_temperature) < 0.1
                for plan in both.plans.messages if plan.route_id == route_id)
     assert abs(report.energy_gap) < 0.05
@@ -403,7 +403,7 @@ def test_says_what_cannot_be_kept(both):
     assert not report.optimal
     assert report.solver_status == 'Infeasible_Problem_Detected'
     assert 'target temperature' in report.infeasible_constraint
-    # Neither can do more than heat all the way.
+    # Both can only heat all the way.
     assert report.plan_arrival_temperature == pytest.approx(
         report.optimal_arrival_temperature, abs=1e-3)
 
@@ -427,7 +427,7 @@ def test_checks_on_demand_and_not_by_itself_where_told_so(both):
     route = both.send_route('asked')
     with both.feeding():
         first = both.report(of_route('asked'))
-        # The same again is no new route.
+        # A repeated route is not a new route.
         both.repeat_route(route)
         both.plans.clear()
         both.plans.wait_for_count(10)
@@ -491,7 +491,7 @@ def test_checks_by_itself_but_not_more_often_than_the_period_in_simulated_time(s
     with surroundings.feeding(send):
         first = surroundings.report()
         now_ns = start_ns + round(9.9 * NS_PER_S)
-        # A check that begins now is not for the report of before.
+        # A check that begins now is not for the earlier report.
         for _ in range(3):
             surroundings.diagnosis(lambda level, text, values: values['state'] == 'idle')
         now_ns = start_ns + round(10.1 * NS_PER_S)
@@ -611,8 +611,8 @@ def test_bad_inputs_do_no_harm(alone):
 
 
 def test_the_solver_is_ready_before_the_first_check(surroundings):
-    """Route first, battery later, as when a car wakes up: nothing is left to load or to build."""
-    # Steps so long that the vehicle is still in the first step when it is checked.
+    """Route first, battery later, as when a car wakes up: everything is loaded and built by then."""
+    # Long steps, so that the vehicle is still in the first step when it is checked.
     steps = ('-p', 'planning_step:=300.0')
     surroundings.start('nlp_checker', *ONLY_ASKED, *steps)
     surroundings.start('planner', *PATIENT, *steps)
@@ -621,7 +621,7 @@ def test_the_solver_is_ready_before_the_first_check(surroundings):
         lambda level, text, values: values['solver prepared for [steps]'] == '8')
     prepared = values['solver process']
     with surroundings.feeding():
-        # The factors that the planner estimates go into the program, they need none of their own.
+        # The planner's estimated factors are inputs of the program, which is not rebuilt for them.
         report = surroundings.report_on_plan('first')
         _, _, values = surroundings.diagnosis(
             lambda level, text, values: int(values['reports']) >= 1)
@@ -637,22 +637,22 @@ def test_cannot_start_with_an_unknown_vehicle(bench):
     assert "did you mean 'small_car'" in checker.output()
 
 
-# Beside others
+# Beside other processes
 
 def test_planner_goes_on_while_the_checker_solves_hangs_and_dies(surroundings, wait_until):
     surroundings.start('planner', *SWITCH, *QUICK_COMMANDS)
-    # The next check begins when one is done.
+    # The next check begins after the previous one.
     checker = surroundings.start('nlp_checker', *PATIENT, '-p', 'check_period:=0.01')
-    # Too cold to be ever warm: it heats from the start.
+    # Too cold to ever reach the target: it heats from the start.
     surroundings.send_route('long', ambient_temperature=[-35.0], target_battery_temperature=55.0)
     with surroundings.feeding():
         surroundings.commands.wait_for(lambda command: command.battery_heating_power > 0.0)
         surroundings.diagnosis(lambda level, text, values: values['checked route_id'] == 'long')
-        # It takes only what others leave, which may be nothing for a while.
+        # It has the lowest priority, so it may get no processor time for a while.
         wait_until(lambda: working_solver(checker), 'work of the solver', REPORT_PATIENCE_S)
         surroundings.expect_commands(20)
         checker.send_signal(signal.SIGSTOP)
-        # Without its node none ends at a time limit, and none is started.
+        # Without its node no solver ends at a time limit, and no solver is started.
         solvers = [solver.pid for solver in psutil.Process(checker.process_id).children()]
         for solver in solvers:
             # Like a process without computing time: it cannot end by itself.

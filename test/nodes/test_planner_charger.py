@@ -36,7 +36,7 @@ def worth(charger_w, prices):
 
 
 class Trip:
-    """A planner in simulated time, which goes on a second with each battery state."""
+    """A planner in simulated time, which advances a second with each battery state."""
 
     def __init__(self, bench):
         self.bench = bench
@@ -54,13 +54,13 @@ class Trip:
 
     def send_route(self, route_id, **charger):
         message = RoutePlan(route_id=route_id, charging_planned=True, **SEGMENTS, **charger)
-        # It begins where the clock stands, so that each drive is a whole one.
+        # It begins at the current time, so that each drive is complete.
         message.header.stamp = Time(sec=START_S + 600)
         self._routes.publish(message)
 
     def go_on(self, seconds=1):
         for _ in range(seconds):
-            # Never as far as the start of the routes, however slow the computer is.
+            # Never up to the start of the routes, even on a slow computer.
             self.second = min(self.second + 1, START_S + 500)
             self._clock.publish(Clock(clock=Time(sec=self.second)))
             state = BatteryState(temperature=TEMPERATURE_C, percentage=SOC)

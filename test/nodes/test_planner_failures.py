@@ -110,7 +110,7 @@ def test_where_no_command_can_be_made_no_exception_leaves_a_callback(planner, mo
         give_state(planner, 1)
         planner.node._on_repeat()
         planner.node._on_route_plan(short_route())
-        # Nothing was sent: the lease of the command before ends.
+        # No command was sent: the lease of the previous command ends.
         assert planner.commands.count == given
     assert after_pause(planner, 2) == heats
 

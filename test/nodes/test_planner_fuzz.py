@@ -68,7 +68,7 @@ class Book:
     route: tuple = ()
     is_state_refused: bool = False
     is_route_refused: bool = False
-    # Since the latest route was refused no good one has come.
+    # The latest route was refused, and no valid one has arrived since.
     is_update_due: bool = False
 
 
@@ -126,10 +126,10 @@ class Fuzz:
         book = self.book
         late_ns = book.state_ns - stamp_ns
         if good and 0 < late_ns <= OVERTAKEN_S * NS_PER_S and stamp_ns <= book.now_ns:
-            # A later one has overtaken it: dropped without a word.
+            # A later one has overtaken it: dropped silently.
             return
         if good and late_ns <= 0:
-            # Whether a refused route has ended the one before it shows in whether there is one.
+            # Whether the refused route ended the previous one shows in the planner's current route.
             self.book = replace(book, state_ns=stamp_ns, is_state_refused=False,
                                 is_route_refused=False)
         else:
@@ -175,7 +175,7 @@ class Fuzz:
                 route=self.book.route if self._is_update(message) else ())
 
     def _is_update(self, message):
-        """Whether the trip before a refused route may go on, as docs/explanation/safety.md has it."""
+        """Return whether the previous trip may continue after a refused route (docs/explanation/safety.md)."""
         if not self.book.route or not message.charging_planned or not message.route_id:
             return False
         start_ns, duration_s, cabin_w, route_id = self.book.route
@@ -225,7 +225,7 @@ class Fuzz:
         self.book = replace(book, now_ns=0)
         self.node._on_battery_state(BatteryState(temperature=-7.0, percentage=0.8))
         assert self.commands.last.battery_heating_power == 0.0
-        # That was a fall back.
+        # The clock fell back.
         self.book = replace(book, latest_ns=book.now_ns, state_ns=NEVER, is_state_refused=True)
 
     def give_enable(self):
@@ -285,13 +285,13 @@ def test_no_message_ends_the_process_or_leaves_heat_on(fuzz, messages):
              (fuzz.give_cancellation, 0.3), (fuzz.give_enable, 1), (fuzz.give_parameters, 0.5),
              (fuzz.give_no_clock, 0.2))
     gives, weights = zip(*kinds)
-    # The few of each day are the first of the many.
+    # The default examples are the first of the deep test's.
     for give in fuzz.random.choices(gives, weights, k=MESSAGES)[:messages]:
         given = fuzz.commands.count
         give()
         fuzz.check()
-        # Everything but a refused parameter is answered by a command.
+        # Every input except a refused parameter is answered by a command.
         assert fuzz.commands.count > given or give == fuzz.give_parameters
-    # The oracle was no idle one: it heated often in between.
+    # The oracle was exercised: the heater was often on in between.
     assert fuzz.heated > messages // 50
     assert fuzz.heated_after_refused_update > messages // 5000

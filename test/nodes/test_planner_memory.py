@@ -43,7 +43,7 @@ class Planner:
         self._diagnostics.wait_for_publisher()
 
     def learn(self, vehicle='reference'):
-        """Give battery states until there is an estimate of this vehicle, which can be kept."""
+        """Give battery states until this vehicle has an estimate that can be stored."""
         def estimated():
             state = BatteryState(temperature=-7.0, percentage=0.8)
             state.header.stamp = time_message(self._bench.node.get_clock().now().nanoseconds)
@@ -113,7 +113,7 @@ FOREIGN = {
 
 
 def what_is_there(path):
-    """Return all that a write would change; reading may change the time of access."""
+    """Return everything that a write would change; reading may change the access time."""
     found = path.lstat()
     return found.st_ino, found.st_mode, found.st_size, found.st_mtime_ns, found.st_ctime_ns
 
@@ -202,7 +202,7 @@ def test_a_damaged_file_is_kept_aside(start, tmp_path):
     assert planner.says(OK, ' s ago')['damaged file kept as'] == aside
     planner.end()
     assert (tmp_path / 'state.json.damaged').read_text() == DAMAGED
-    # Of the small car nothing was learned.
+    # Nothing was learned about the small car.
     assert sum('log_factors' in car for car in json.loads(path.read_text())['cars'].values()) == 1
     assert f'the damaged file was kept as {aside}' in planner.process.output()
 

@@ -6,8 +6,8 @@ Most tests share a planner (`car`) and start while it heats, so that 0 W is a re
 A test that needs a fresh planner (`fresh_car`) leaves it to the following tests; after a test that ends the
 planner, the next test starts another.
 
-Time is simulated, and stands still unless a test lets it go on: by a battery state at a time, or
-without any. It never runs ahead of the planner's answers, so nothing here depends on how much of the
+Time is simulated, and stands still unless a test advances it: one battery state at a time, or
+without any. It never runs ahead of the planner's answers, so no test depends on how much of the
 processor planner and test get.
 """
 
@@ -47,11 +47,11 @@ QUICK = ('-p', f'command_period:={PERIOD_S}', '-p', f'command_lease:={LEASE_S}',
          '-p', 'estimation:=false', '-p', 'minimum_on_time:=0.0', '-p', 'minimum_off_time:=0.0')
 # Simulated time between battery states; between ticks of the clock without battery states.
 STATE_PERIOD_S, TICK_S = 0.04, 0.02
-# The same where valid states only have to end the pause after doubt.
+# The same if valid states only have to end the pause after doubt.
 VALID_PERIOD_S = 0.5
-# Between tests so much time passes that interruptions and switch-ons of the test before no longer count.
+# Enough time between tests for interruptions and switch-ons of the previous test to expire.
 BETWEEN_TESTS_S = 3700.0
-# What best-effort topics lose is sent again after this time, which is real.
+# Messages lost on best-effort topics are sent again after this real time.
 RESEND_S = 0.2
 CABIN_W = 1600.0
 # config/vehicles/reference.yaml: 7 kW.
@@ -75,7 +75,7 @@ def is_off_for(status):
 
 
 class Car:
-    """What surrounds the planner: clock, battery and route in, everything that it says recorded."""
+    """The planner's environment: sends clock, battery and route, and records all its messages."""
 
     def __init__(self, bench, *arguments, namespace='', battery_topic='battery_state'):
         self.bench = bench
@@ -98,7 +98,7 @@ class Car:
             recorder.wait_for_publisher()
 
     def take_down(self):
-        """End the planner and all that is around it; the next one must hear nothing of this one."""
+        """End the planner and its environment; the next planner must not receive its messages."""
         self.process.end()
         parts = (self.commands, self.plans, self.temperatures, self.diagnostics,
                  self._clock, self._states, self._routes, self._positions)
@@ -137,14 +137,14 @@ class Car:
         self._positions.publish(message)
 
     def give_state(self, make_state=None, period_s=STATE_PERIOD_S):
-        """Let time go on by a battery state, and return once the planner has answered it."""
+        """Advance time by a battery state, and return once the planner has answered it."""
         self.now_ns += round(period_s * NS_PER_S)
         message = (make_state or self.state)()
 
         def is_answered():
             self.send_clock()
             self.send_state(message)
-            # A plan for a route that begins later is stamped with its begin.
+            # A plan for a route that begins later is stamped with its start.
             return (self.commands.comes_to(self._is_of_now, RESEND_S)
                     and self.plans.comes_to(
                         lambda plan: nanoseconds(plan.header.stamp) >= self.now_ns, RESEND_S))
@@ -155,12 +155,12 @@ class Car:
         return nanoseconds(message.header.stamp) == self.now_ns
 
     def feeding(self, make_state=None):
-        """Give battery states all the time, each once the one before it is answered."""
+        """Give battery states continuously, each after the answer to the previous one."""
         return repeating(lambda: self.give_state(make_state), 0.0)
 
     def silence(self, period_s=PERIOD_S):
         """
-        Let time go on without battery states, but not ahead of the planner's commands.
+        Advance time without battery states, but not ahead of the planner's commands.
 
         `period_s` is the time in which it repeats them.
         """
@@ -170,20 +170,20 @@ class Car:
             if latest is not None:
                 next_ns = min(
                     next_ns, nanoseconds(latest.header.stamp) + round(period_s * NS_PER_S))
-            # Time goes on too while no command is heard: the planner may have found this listener
-            # only after its first one, and where time stands still there is no second.
+            # Time also advances while no command arrives: the planner may have discovered this listener
+            # only after its first command, and without advancing time no second one follows.
             self.now_ns = max(self.now_ns, next_ns)
             self.send_clock()
 
         return repeating(tick, POLL_S)
 
     def heat(self):
-        """Give good input until it heats as this route demands, and forget its earlier messages."""
+        """Give valid input until it heats as this route demands, and forget its earlier messages."""
         self.send_route()
         self.expect_heat()
 
     def expect_heat(self):
-        """Give good states until it heats, for 10 s and more after doubt; forget its earlier messages."""
+        """Give valid states until it heats, for 10 s or more after doubt; forget its earlier messages."""
         def heats_for_the_route():
             self.give_state(period_s=VALID_PERIOD_S)
             return (self.commands.latest.battery_heating_power == pytest.approx(FULL_POWER_W)
@@ -242,7 +242,7 @@ def cars(module_bench):
 
 @pytest.fixture
 def fresh_car(cars):
-    """Return a car whose planner has heard nothing yet, not even the clock; others will share it."""
+    """Return a car whose planner has not received anything yet, not even the clock; others will share it."""
     car = cars(fresh=True)
     yield car
     assert car.process.exit_status is None, 'the planner has ended'
@@ -259,7 +259,7 @@ def last_drive(cars):
 
 @pytest.fixture
 def car(last_drive):
-    """Return the car that the tests share, heating; it must live on."""
+    """Return the car that the tests share, heating; it must keep running."""
     yield last_drive
     assert last_drive.process.exit_status is None, 'the planner has ended'
 
@@ -276,7 +276,7 @@ def test_no_heat_before_both_inputs(fresh_car):
         'NO_ROUTE: No valid route plan has arrived yet.')
     with car.feeding():
         car.plans.wait_for(lambda plan: plan.status == Status.NO_ROUTE)
-        # Five times the battery state alone has been answered.
+        # Five battery states alone have been answered.
         car.commands.clear()
         assert not any(map(heats, car.commands.wait_for_count(5)))
         car.send_route()
@@ -325,7 +325,7 @@ def test_an_array_of_one_and_empty_ones_make_a_route(car):
     assert command.battery_heating_power == pytest.approx(7000.0 - 1978.0)
 
 
-# Where the vehicle is
+# Position of the vehicle
 
 def entry(array):
     return next((status for status in array.status if status.name == 'planner: route progress'),
@@ -333,7 +333,7 @@ def entry(array):
 
 
 def is_told(car, condition, **fields):
-    """Say where the vehicle is, let time go on, and return whether condition(the entry) holds."""
+    """Report the vehicle's position, advance time, and return whether condition(the entry) holds."""
     car.send_position(**fields)
     car.give_state()
     return any(entry(array) and condition(entry(array)) for array in car.diagnostics.messages)
@@ -344,14 +344,14 @@ def test_a_late_vehicle_is_heated_by_place_and_a_refused_place_leaves_that_alone
     car.send_route(car.route(age_s=300.0))
 
     def late_plan():
-        # Of one instant diagnostics may come before the plan, and a plan may be of a state before the place.
+        # Diagnostics may precede the plan of the same instant, and a plan may precede the position.
         is_late = is_told(car, lambda status: status.message.endswith('min late'),
                           distance=0.0, has_distance=True)
         return is_late and next((plan for plan in reversed(car.plans.messages)
                                  if plan.delay == pytest.approx(300.0, abs=5.0)), None)
 
     plan = poll_until(late_plan, 'a delay')
-    # The planned 20 m/s take it 0.5 s over the 10 m to which its place is known.
+    # At the planned 20 m/s it takes 0.5 s to cover the 10 m of position accuracy.
     assert (nanoseconds(plan.arrival) - nanoseconds(plan.header.stamp)) / NS_PER_S == pytest.approx(
         1199.5, abs=0.5)
     assert heats(car.commands.latest)
@@ -383,7 +383,7 @@ BAD_STATES = {
     'late': (lambda car: car.state(age_s=60.0), 'header.stamp: the state is 60'),
     'from_the_future': (lambda car: car.state(age_s=-60.0), 's ahead of the clock; at most'),
     'out_of_order': (lambda car: car.state(age_s=0.9 * TIMEOUT_S),
-                     'older than one that came before it; stamps must not go back'),
+                     'older than the previous one; stamps must not go back'),
 }
 
 
@@ -493,7 +493,7 @@ REFUSED_ROUTES = {
 @pytest.mark.parametrize('fields, goes_on', REFUSED_ROUTES.values(), ids=REFUSED_ROUTES)
 def test_after_a_refused_route_the_one_before_goes_on_only_if_it_was_not_called_off(
         car, fields, goes_on):
-    # Else the same route, stamped later, would arrive later.
+    # Otherwise the same route, stamped later, would arrive later.
     first = car.route()
     car.send_route(first)
     refused = car.route(**{**UPDATE, **fields})
@@ -502,7 +502,7 @@ def test_after_a_refused_route_the_one_before_goes_on_only_if_it_was_not_called_
         car.plans.wait_for(lambda plan: plan.route_id == 'home')
         car.send_route(refused)
         car.plans.wait_for(lambda plan: plan.status == Status.INVALID_INPUT)
-        # Some states later, if it may.
+        # Some states later, if the previous route may continue.
         car.plans.clear()
         car.commands.clear()
         car.diagnostics.clear()
@@ -571,7 +571,7 @@ def test_no_segments_with_charging_planned_are_no_cancellation(car):
                        and 'missing or empty: segment_duration' in plan.explanation)
 
 
-# Fields that were not typed
+# Omitted fields
 
 def test_a_target_that_nobody_set_is_left_to_the_vehicle(car):
     car.send_route(car.route(route_id='no target', target_battery_temperature=0.0))
@@ -659,7 +659,7 @@ def switched_off_car(car):
 
 
 def test_switching_off_is_off_at_once(switched_off_car):
-    # Neither time nor a battery state has passed.
+    # No time has passed and no battery state has arrived.
     switched_off_car.commands.wait_for(is_off_for(Status.DISABLED), 'off')
 
 
@@ -809,7 +809,7 @@ REFUSED = {
                'target_battery_temperature: 298.15 degC is not allowed; it must be -40 ... 60'),
     # It is taken for 1.0, so it is the value that is refused.
     'integer': ({'command_period': 1}, 'command_lease: 0.6 s must be longer than command_period, 1 s'),
-    # In rclpy's words, which are its own affair.
+    # In rclpy's own words, which are not tested.
     'text': ({'target_battery_temperature': 'warm'}, ''),
     'method': ({'method': 'magic'}, "method: 'magic' is not one of "),
     'vehicle': ({'vehicle': 'refrence'},
@@ -828,7 +828,7 @@ def test_a_wrong_parameter_is_refused_with_the_reason(tunable_car, values, text)
         before, tunable_car.get_parameters(name))]
     assert (result.successful, same) == (False, [True])
     assert text.partition(':')[0] in result.reason
-    # rclpy checks ranges itself and words them itself.
+    # rclpy checks ranges itself, with its own messages.
     assert text in result.reason or 'range' in result.reason
 
 
@@ -955,14 +955,14 @@ def test_no_solver_and_no_plots_are_in_the_process(car):
     assert [name for name in ('casadi', 'matplotlib', 'scipy') if f'/{name}' in loaded] == []
 
 
-# The end, and planners that are fresh
+# The end, and fresh planners
 
 def expect_good_end(car, number):
     car.process.send_signal(number)
     last = car.commands.wait_for(is_off_for(Status.SHUTTING_DOWN), 'the last command')
     assert car.process.wait() == 0
     assert car.commands.messages[-1].reason == Status.SHUTTING_DOWN
-    # A heater's controller may ignore a command whose lease is over, and heat on.
+    # A heater's controller may ignore an expired command and keep heating.
     assert nanoseconds(last.valid_until) > nanoseconds(last.header.stamp)
 
 
@@ -1015,7 +1015,7 @@ def test_a_listener_that_hangs_does_not_keep_it_from_ending(last_drive):
 # Names
 
 def test_two_cars_have_topics_of_their_own(bench, wait_until):
-    # Of the first all is named otherwise; the second hears routes in another way.
+    # The first has other names for everything; the second receives routes differently.
     first = Car(bench, '-r', '__ns:=/car1', '-r', 'battery_state:=bms/state', namespace='/car1',
                 battery_topic='bms/state')
     override = 'qos_overrides./car2/route_plan.subscription.durability:=volatile'

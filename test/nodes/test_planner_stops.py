@@ -16,7 +16,7 @@ from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
 
 LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
 START_S = 1000
-# Time goes on in steps of this many seconds, well within the age that a battery state may have.
+# Time advances in steps of this [s], well below the maximum age of a battery state.
 STEP_S = 2
 # The cabin leaves another power of the 7 kW in each leg.
 FIRST_W, SECOND_W = 5400.0, 6200.0
@@ -57,12 +57,12 @@ class Trip:
             recorder.wait_for_publisher()
 
     def at(self, second, what, **power):
-        """Let it be that second, with a battery of -7 degC, until `what(command, plan)` holds."""
+        """Set the clock to that second, with a battery at -7 degC, until `what(command, plan)` holds."""
         self.between(second, second, what, **power)
 
     def between(self, first_s, last_s, what, **power):
         """
-        Let time go from one second to another one until `what(command, plan)` holds; return the second.
+        Advance time from one second to another until `what(command, plan)` holds; return the second.
 
         After a leap of the clock the battery state is too old; then heat waits for 10 s.
         """
@@ -82,7 +82,7 @@ class Trip:
         return second
 
     def drive(self, first_s, last_s):
-        """Let time go from one second to another one without a leap."""
+        """Advance time from one second to another without a leap."""
         for second in range(first_s, last_s + 1, STEP_S):
             self._wait(lambda second=second: self._answer(second, {})[0] is not None, second)
 
@@ -92,7 +92,7 @@ class Trip:
         self._clock.publish(Clock(clock=stamp))
         command = next((command for command in reversed(self._commands.messages)
                         if command.header.stamp == stamp), None)
-        # The planner knows the time: a state heard before its clock would be refused.
+        # The planner knows the time: a state received before its clock would be refused.
         if command is not None:
             state = BatteryState(temperature=-7.0, percentage=0.8, **power)
             state.header.stamp = stamp
@@ -163,7 +163,7 @@ def test_it_heats_on_while_the_battery_is_charged(trip):
         return lambda command, plan: (command.battery_heating_power, command.reason) == (
             pytest.approx(power_w), int(Status.CHARGING))
 
-    # What charges has a positive current in sensor_msgs.
+    # A charging current is positive in sensor_msgs.
     trip.between(FIRST_ARRIVAL_S + 20, FIRST_ARRIVAL_S + 50, commands(FIRST_W), voltage=400.0, current=100.0)
     trip.at(FIRST_ARRIVAL_S + 51, commands(0.0), voltage=400.0, current=-5.0)
     trip.at(FIRST_ARRIVAL_S + 52, commands(0.0))

@@ -152,7 +152,7 @@ def test_the_goals_that_the_how_to_types_are_goals():
         time.time() + 2400.0, abs=LIMIT_S)
 
 
-# Those who read plans
+# Readers of plans
 
 
 NOW_NS = 1_700_000_000 * NS_PER_S
@@ -276,8 +276,8 @@ class Driver:
         sent = []
 
         def latest_answered():
-            # A server that has not found the client yet answers into the void. The goal that is sent
-            # again replaces the one before.
+            # The answer of a server that has not yet discovered the client is lost. The goal that is sent
+            # again replaces the previous one.
             if not sent or time.monotonic() - sent[-1][0] > RESEND_AFTER_S:
                 sent.append((time.monotonic(), self.client.send_goal_async(
                     goal(**fields), lambda message: self.feedback.append(message.feedback))))
@@ -314,7 +314,7 @@ def test_a_goal_heats_tells_how_it_goes_and_is_cancelled(driver):
     told = poll_until(lambda: next((one for one in driver.feedback if one.battery_heating_power > 0.0), None),
                       'feedback on heating')
     assert told.status == int(Status.HEATING) and told.battery_temperature == pytest.approx(3.0, abs=0.5)
-    # 5022 W times 0.87 warm 378 kJ/K; what leaks comes on top.
+    # 5022 W times 0.87 warm 378 kJ/K; the leakage comes on top.
     assert 17.0 / (5022.0 * 0.87 / 378e3) < told.time_left < 1.5 * 17.0 / (5022.0 * 0.87 / 378e3)
     assert driver.plans.latest.route_id == '~/prepare_battery'
     entry = poll_until(lambda: next(
@@ -359,7 +359,7 @@ def prepare(driver):
             [*PREPARE, *arguments], text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
             env={**os.environ, 'ROS_DOMAIN_ID': str(driver.bench.node.context.get_domain_id()),
                  'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-                 # Of shared memory that another process holds, the middleware writes a line of its own.
+                 # The middleware prints a line of its own if another process holds its shared memory.
                  'FASTDDS_BUILTIN_TRANSPORTS': 'UDPv4'}))
         return started[-1]
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The main loop: its resources, its ends, and the exceptions that it passes on."""
+"""The main loop: its resources, its endings, and the exceptions that it passes on."""
 
 import os
 import signal

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The installed planner and the step without ROS: given the same, they say the same.
+The installed planner and the step without ROS give the same output for the same input.
 
-A car with faults drives under an installed planner. All that the planner is given, and all that it
+A car with faults drives under an installed planner. All inputs of the planner, and everything that it
 publishes, is recorded over DDS. The record of the inputs then goes through `Supervisor.step`: each
-command and each plan must come out again, at its instant, to the last digit.
+command and each plan must be reproduced, at its instant, to the last digit.
 """
 
 from collections import defaultdict
@@ -68,7 +68,7 @@ def second_of(stamp):
 
 @dataclass(frozen=True)
 class Given:
-    """Something that the planner was given at a second; `kind` names the topic or service."""
+    """An input of the planner at a second; `kind` names the topic or service."""
 
     second: int
     kind: str
@@ -113,7 +113,7 @@ class Drive:
         self._clock.publish(Clock(clock=time_message(START_NS + second * NS_PER_S)))
 
     def tick(self, second):
-        """Let the clock show a second, and wait until the planner's timer has gone off."""
+        """Set the clock to a second, and wait until the planner's timer has fired."""
         self._second = second
         self._show(second)
         assert self.commands.comes_to(
@@ -148,7 +148,7 @@ def a_route(**changed):
 
 
 NO_TARGET = {'target_battery_temperature': 0.0, 'has_target_battery_temperature': False}
-# What happens besides battery states, by second.
+# Events besides battery states, by second.
 HAPPENINGS = {
     0: lambda drive: drive.give('route_plan', a_route()),
     60: lambda drive: drive.give('route_plan', a_route(speed=[-1.0])),
@@ -177,7 +177,7 @@ def driven(module_bench):
         command = drive.commands.latest
         CAR.advance_under(HeaterLease(
             command.battery_heating_power, second_of(command.valid_until)), second + 1.0)
-    # The planner answers the last tick after all that it was given before.
+    # The planner answers the last tick after all earlier inputs.
     drive.tick(LENGTH_S)
     return drive
 
@@ -207,7 +207,7 @@ def said(commands, plans):
     for command in commands:
         by_second.commands[second_of(command.header.stamp)].append(command)
     for plan in plans:
-        # How long it took is all that differs.
+        # Only the computing time differs.
         plan.planning_time = 0.0
         by_second.plans[second_of(plan.header.stamp)].append(plan)
     return by_second
@@ -218,7 +218,7 @@ def replayed(driven):
     """Return the output of the step without ROS for the planner's input."""
     supervisor, intake = Supervisor(VEHICLE, SETTINGS), RouteIntake()
     commands, plans = [], []
-    # The clock's leap to the first second sets off both timers.
+    # The clock's leap to the first second fires both timers.
     given, stale_at = defaultdict(list), 0
     for each in driven.given:
         given[each.second].append(each)
@@ -239,7 +239,7 @@ def replayed(driven):
     for second in range(LENGTH_S + 1):
         step(second)
         if second == stale_at:
-            # The timer for stale states goes off too.
+            # The timer for stale states fires too.
             step(second)
             stale_at += TIMEOUT_S
         for each in given[second]:
@@ -265,7 +265,7 @@ def test_the_step_says_what_the_planner_said(heard, replayed, topic):
 
 
 def test_the_drive_had_something_to_say(heard):
-    """Each kind of fault has shown, or the comparison would show little."""
+    """Each kind of fault occurred; otherwise the comparison would prove little."""
     statuses = {Status(plan.status) for plans in heard.plans.values() for plan in plans}
     assert statuses >= {
         Status.NO_BATTERY_STATE, Status.STALE_INPUT, Status.INVALID_INPUT, Status.DISABLED,

@@ -26,7 +26,7 @@ def entry_of(array, name):
 
 
 class Car:
-    """A battery that is published all the time, and a latched route that needs heat at once."""
+    """A battery that is published continuously, and a latched route that needs heat at once."""
 
     def __init__(self, bench):
         self._bench = bench
@@ -154,7 +154,7 @@ def test_the_file_has_the_battery_as_it_was_seen_last(car, tmp_path):
     assert planner.wait() == 0
     (entry,) = json.loads(memory.read_text())['cars'].values()
     seen = entry['last_seen']
-    # It takes the heat of some seconds for more than the sensor's noise.
+    # It takes the heat of some seconds to exceed the sensor's noise.
     assert (seen['temperature_c'], seen['soc']) == (
         pytest.approx(-7.0, abs=0.5), pytest.approx(0.8, abs=0.01))
     assert 0 <= nanoseconds(car.stamp()) - seen['stamp_ns'] < 60 * NS_PER_S
@@ -167,10 +167,10 @@ def test_a_restarted_simulator_is_followed(bench):
                           '-p', 'battery_state_timeout:=30.0', '-p', 'command_period:=2.0')
 
     def start_simulator():
-        # So cold that it is heated from the start.
+        # So cold that it heats from the start.
         return bench.start('vehicle_simulator', '-p', 'initial_battery_temperature:=-25.0',
                            '-p', 'start_time:=1000.0', '-p', 'speed_up:=60.0',
-                           # So few states and commands are enough, and take little time.
+                           # These few states and commands are enough and take little time.
                            '-p', 'battery_state_period:=5.0',
                            '-p', 'wait_for_planner:=true')
 
@@ -184,7 +184,7 @@ def test_a_restarted_simulator_is_followed(bench):
     assert first.wait() == -signal.SIGKILL
     commands.clear()
     start_simulator()
-    # Nodes take some seconds to find each other, and so many minutes pass here meanwhile.
+    # Nodes take some seconds to discover each other, which are minutes of simulated time here.
     commands.wait_for(heats_between(1000, 1400), 'heat in the new drive')
     assert planner.exit_status is None
     assert 'Traceback' not in planner.output()

@@ -47,7 +47,7 @@ def arrivals_s(**changed):
     ({'stamp': Time(sec=START_S + 7, nanosec=500_000_000)}, [1207.5]),
     # One duration for all, whose number the other arrays agree on.
     ({'segment_duration': [30.0], 'speed': [20.0] * 5}, [150.0]),
-    # What else is wrong does not matter.
+    # Other errors do not matter.
     ({'speed': [-1.0]}, [1200.0]), ({'propulsion_power': [nan]}, [1200.0]),
     ({'speed': [20.0] * 39}, [1200.0]), ({'minimum_arrival_soc': 7.0}, [1200.0]),
     ({'stop_after_segment': [9, 19], 'stop_duration': [600.0, 60.0]}, [300.0, 1200.0, 1860.0]),
@@ -139,7 +139,7 @@ def test_a_refused_update_leaves_the_route_before_it(driver, changed):
     {'speed': [-1.0], 'route_id': ''}, {'speed': [-1.0], 'segment_duration': [29.0] * 40},
     {'segment_duration': [nan]}, {'segment_duration': []}, {'stamp': Time()},
     {'route_id': 'x' * 1_000_000}, {'speed': [20.0] * 300_000},
-    # No cancellation, for it has a stop, or some of a segment.
+    # Not a cancellation, because it has a stop, or part of a segment.
     {**dict.fromkeys(('segment_duration', 'speed', 'propulsion_power', 'ambient_temperature'), []),
      'charging_planned': False, 'stop_after_segment': [0]},
     {**dict.fromkeys(('segment_duration', 'speed', 'propulsion_power'), []),

@@ -15,7 +15,7 @@ from bev_preheat.planning.status import Status
 from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-# What `ros2 topic pub` publishes with.
+# The quality of service of `ros2 topic pub`.
 VOLATILE = QoSProfile(depth=1)
 BEST_EFFORT = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 LATCHED_BEST_EFFORT = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL,
@@ -73,7 +73,7 @@ def reliable(module_bench, reliable_planner):
 
 
 def publish_once_matched(bench, qos, message):
-    """Publish as `ros2 topic pub --once` does: one match is waited for, no more."""
+    """Publish as `ros2 topic pub --once` does: wait for only one match."""
     routes = bench.publisher(RoutePlan, 'route_plan', qos)
     routes.wait_for_subscription()
     routes.publish(message)
@@ -93,7 +93,7 @@ def test_a_route_arrives_with_best_effort(bench, wait_until, kind):
     routes = publish_once_matched(bench, KINDS[kind], route(bench))
 
     def has_arrived():
-        # Whatever is sent before the planner has found the publisher is lost.
+        # Messages sent before the planner has discovered the publisher are lost.
         routes.publish(route(bench))
         return times_accepted(planner, 'home')
 
@@ -126,7 +126,7 @@ def test_a_route_is_handled_once_and_again_when_it_is_sent_again(reliable, wait_
 def test_a_route_that_comes_three_ways_is_handled_once(bench, wait_until):
     planner = bench.start('planner')
     routes = bench.publisher(RoutePlan, 'route_plan', LATCHED)
-    # So that there is a third subscription, which matches every publisher as the second does.
+    # This adds a third subscription, which matches every publisher, like the second.
     bench.publisher(RoutePlan, 'route_plan', BEST_EFFORT)
     routes.wait_for_subscription(3)
     expect_handled_once_each_time(planner, routes, bench, wait_until)
@@ -167,9 +167,9 @@ def test_a_huge_route_is_refused_by_its_size_and_leaves_nothing_behind(bench, wa
     commands.wait_for_count(4)
     # Even without other work, a command would have come within the lease.
     assert processor_time_s(planner) - before_s < LEASE_S
-    # Of 112 MB twice, the middleware's, and the message's own.
+    # Twice 112 MB: the middleware's copy and the message itself.
     wait_until(lambda: resident_mb(planner) < before_mb + 20.0, 'the memory')
-    # It is latched still, and refused but once.
+    # It is still latched, and refused only once.
     routes.publish(route(bench, 'next'))
     wait_until(lambda: times_accepted(planner, 'next'), 'the next route')
     assert len(re.findall(r'\[ERROR\].*the message has 112', planner.output())) == 1
@@ -182,7 +182,7 @@ def test_after_a_huge_route_a_latched_one_of_another_publisher_arrives(bench, wa
     routes.publish(long_route(bench, 'huge', 300_000))
     wait_until(lambda: 'the message has 16.8 MB' in planner.output(), 'the refusal')
     other = bench.publisher(RoutePlan, 'route_plan', LATCHED)
-    # Before any of the planner's subscriptions has found it.
+    # Before any of the planner's subscriptions has discovered it.
     other.publish(route(bench, 'rescued'))
     wait_until(lambda: times_accepted(planner, 'rescued'), 'the latched route')
 

@@ -125,7 +125,7 @@ def test_a_place_that_is_too_old_is_a_warning():
 def test_a_refused_place_is_a_warning():
     supervisor = a_supervisor()
     assert told(supervisor, 50.0, route_id='work') == (
-        DiagnosticStatus.WARN, "route_progress refused: route_id: 'work' is not the route that is "
-        "driven, 'home'. The planner follows the stamp of route_plan.")
+        DiagnosticStatus.WARN, "route_progress refused: route_id: 'work' is not the current route, "
+        "'home'. The planner follows the stamp of route_plan.")
     assert told(supervisor, 51.0)[0] == DiagnosticStatus.OK
     assert told(supervisor, 52.0, route_id='work')[0] == DiagnosticStatus.WARN

@@ -227,7 +227,7 @@ def test_each_leg_comes_back(there_and_back, attribute):
 
 
 def test_the_places_of_each_leg_come_back(there_and_back):
-    # Those of the route as it was before it was put into steps, and of the steps: other points.
+    # Places of the original route and of its planning steps have different points.
     for there, back in zip(*(mission.legs for mission in there_and_back)):
         assert back.places.length_m == pytest.approx(there.places.length_m)
         for time_s in np.linspace(0.0, there.route.total_duration_s, 50):
@@ -278,7 +278,7 @@ def test_later_legs_in_the_plan(plan, field, expected):
     ('later_predicted_arrival_temperature', 'arrival_temperature_c'),
     ('later_predicted_arrival_soc', 'arrival_soc')])
 def test_later_predictions_in_the_plan(plan, field, attribute):
-    # At a stop there is no plan for now, but one for later.
+    # At a stop no plan exists for now, but one for later.
     message = plan_message(
         Decision(Status.CHARGING, ''), TRIP, 99 * NS_PER_S,
         (Decision(Status.INVALID_INPUT, 'No.'), Decision(plan.status, '', plan, 5 * NS_PER_S)))

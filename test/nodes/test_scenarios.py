@@ -4,7 +4,7 @@ Scenarios: failures are detected, and the drive meets its expectations.
 
 Scenarios with failures of inputs, clock or heater run with the installed executables over real DDS; scenarios
 for the estimation run with the planner's own Supervisor. `make test-deep` drives all shipped scenarios;
-`make test` drives shorter ones of the same kinds: one with the nodes together, and one each for car, heater,
+`make test` drives shorter scenarios of the same kinds: one with the nodes together, and one each for car, heater,
 traffic and sensors.
 """
 
@@ -39,7 +39,7 @@ SHORT = {
         'drive': {'ends_after_s': 480, 'initial_battery_temperature_c': 24},
         'expect': {'statuses': ['WAITING', 'HEATING', 'ARRIVED']}},
     'heater_stuck_on': {
-        # Warm enough, or the planner would heat. Temperature alone tells it after a long course.
+        # Warm enough, or the planner would heat. After a long drive temperature alone shows it.
         'drive': {'ends_after_s': 1200, 'initial_battery_temperature_c': 32},
         'expect': {'off_during': [[0, 1200]]}},
     'late_without_a_word': {
@@ -66,7 +66,7 @@ SHORT = {
 }
 # A heater that never answers, and battery states that drop out for 40 s.
 SHORT_OVER_DDS = {
-    # A heater that lags would answer no sooner: that it is dead takes five minutes to tell.
+    # A lagging heater would respond just as late, so a dead one is only recognised after five minutes.
     'drive': {'ends_after_s': 420},
     'sensors': {'drop_outs': [[100, 140]]},
     'expect': {'statuses': ['STALE_INPUT', 'TARGET_UNREACHABLE'], 'most_switch_ons': 2,
@@ -77,7 +77,7 @@ SHORT_OVER_DDS = {
 SPEED_UP = 60
 # A drive of 7 min has few states for assessing a heater: on a busy computer none of these may be lost.
 SHORT_SPEED_UP = 25
-# So many drives at the same time, each in a ROS domain of its own.
+# Number of concurrent drives, each in its own ROS domain.
 AT_ONCE = 2
 TIME_LIMIT_S = 300.0
 
@@ -95,7 +95,7 @@ def write_short(folder, base, changes):
 
 
 def selected(request, scenarios):
-    """Return which of the scenarios are tried in this session."""
+    """Return the scenarios that are run in this session."""
     tried = {item.callspec.params.get('name') for item in request.session.items
              if item.path == request.path and hasattr(item, 'callspec')}
     return sorted(scenarios & tried)

@@ -73,7 +73,7 @@ class Shared:
 
 @pytest.fixture(scope='module')
 def running(module_bench):
-    """`running(name)` is the Shared of an executable; the one before it is ended: each takes time."""
+    """`running(name)` is the Shared of an executable; the previous one is ended, because each takes time."""
     latest = []
 
     def running(name):
@@ -99,7 +99,7 @@ def test_all_is_well_with_what_fits(shared, name):
     # Matches one subscription.
     shared.publish(RoutePlan, 'route_plan', BEST_EFFORT)
     shared.publish(BatteryState, 'battery_state', LATCHED)
-    # In the second look they are certainly seen.
+    # The second check certainly sees them.
     for _ in range(2):
         shared.entry('parameters, clock and topics fit', DiagnosticStatus.OK)
     assert 'WARN' not in shared.log()
@@ -142,7 +142,7 @@ def test_who_does_not_fit_is_named_once_in_the_log_and_forgotten_when_gone(share
         make(shared)
     for text in texts:
         setup_entry(shared.diagnostics, name, text)
-    # Two looks later they are there still, and not logged again.
+    # Two checks later they are still there, and not logged again.
     message = shared.entry(texts[0])
     assert all(text in message for text in texts)
     assert [shared.log().count(text) for text in texts] == [1] * len(texts)

@@ -30,7 +30,7 @@ def command_for(message_type, cancels=False):
 
 
 class Shell:
-    """A planner, and who types commands beside it."""
+    """A planner, and a user who types commands beside it."""
 
     def __init__(self, bench):
         self._bench = bench
@@ -42,7 +42,7 @@ class Shell:
         self.plans.wait_for_publisher()
 
     def type_once(self, command):
-        """Do what the command with --once does: wait for a subscriber, publish."""
+        """Act like the command with --once: wait for a subscriber, publish."""
         assert command.once
         self._publisher(command).publish(command.message(self._now()))
 
@@ -93,7 +93,7 @@ def test_what_is_typed_heats_and_what_is_cancelled_stays_off(shell):
 
 @pytest.fixture
 def by_hand(bench, tmp_path):
-    """`by_hand(word)` starts the file of the tutorial; those that are left are ended."""
+    """`by_hand(word)` starts the file of the tutorial; remaining processes are ended."""
     path, started = tmp_path / 'by_hand.py', []
     path.write_text(re.search(r':caption: by_hand\.py\n\n(.*?)\n```', TUTORIAL.read_text(), re.DOTALL)[1])
 

@@ -135,7 +135,7 @@ class TestOnTheWay:
                                         for real_s, message in drive.clock.timed]).T
         assert np.all(np.diff(simulated_s) >= 0.0)
         assert simulated_s[0] >= 0.0
-        # A busy computer makes time slow down: how slow is no matter of the simulator's.
+        # A busy computer slows time down; the amount does not depend on the simulator.
         assert np.all(simulated_s <= real_s - drive.started_s
                       + 29.0 * np.maximum(real_s - faster_s, 0.0))
 
@@ -231,7 +231,7 @@ def leaves_target_to_planner(message):
 
 
 class TestWhileTheClockIsHeld:
-    """One simulator, which tests share; the last one lets it go."""
+    """One simulator, which tests share; the last test releases its clock."""
 
     def test_battery_state_tells_what_is_known_and_nan_for_the_rest(self, held):
         message = held.record(BatteryState, 'battery_state', MANY).wait_for()
@@ -282,7 +282,7 @@ def test_empty_battery_ends_a_drive_whose_target_is_left_to_the_planner(record, 
     record(BatteryState, 'battery_state', MANY)
     simulator = start_simulator(speed_up=100.0, initial_soc=0.004, wait_for_listeners=1,
                                 target_battery_temperature='.nan', exit_on_arrival='true')
-    # That is no target.
+    # This is not a target.
     assert leaves_target_to_planner(plans.wait_for())
     assert outcome_at_the_end(diagnostics).state == EMPTY
     assert simulator.wait() == 0

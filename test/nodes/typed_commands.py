@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The commands `ros2 topic pub` of a document, and what ros2cli would publish for them.
+The commands `ros2 topic pub` of a document, and the messages that ros2cli would publish for them.
 
 No package index has ros2cli, so this follows its implementation (jazzy: ros2topic/verb/pub.py,
 rosidl_runtime_py): the values are YAML, arrays are built from lists, `header: auto` is the publisher's time
@@ -44,7 +44,7 @@ class Typed:
 def typed_commands(text):
     """Return the commands `ros2 topic pub` in the code blocks of a Markdown text, in order."""
     blocks = re.findall(r'^```\w*\n(.*?)^```', text, re.MULTILINE | re.DOTALL)
-    # A backslash goes on in the next line.
+    # A backslash continues on the next line.
     lines = '\n'.join(blocks).replace('\\\n', ' ').splitlines()
     return [_typed(shlex.split(line, comments=True)[3:]) for line in lines
             if line.startswith('ros2 topic pub ')]

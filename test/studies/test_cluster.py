@@ -90,7 +90,7 @@ def test_a_worker_that_is_killed_costs_no_result_and_none_is_counted_twice(stack
                 os.kill(killed, signal.SIGKILL)
     assert [result.number for result in results] == list(range(TRIPS))
     assert [result.cpu_s for result in results] == [1.0 / (1.0 + number) for number in range(TRIPS)]
-    # Both worked, the other one to the end.
+    # Both worked; the surviving one until the end.
     assert {int(result.pace) for result in results} >= {killed} and int(results[-1].pace) != killed
     with kept_results(path, {}, from_record) as kept:
         assert [kept.finished[number] for number in range(TRIPS)] == results

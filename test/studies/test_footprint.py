@@ -53,7 +53,7 @@ def test_a_program_links_what_a_function_needs_and_nothing_else(parts):
 def test_bytes_are_code_constants_or_variables(parts):
     size = total(needed_for(['wanted'], parts))
     assert (size.constants, size.variables) == (20 * 4, 3 * 4)
-    # Two short functions; what unwinds the stack is not counted.
+    # Two short functions; the unwinding tables are not counted.
     assert 10 < size.code < 150
     assert total(needed_for(['table'], parts)) == Bytes(constants=20 * 4)
     assert total(needed_for(['unused'], parts)).constants == 20 * 4 + 1000

@@ -34,7 +34,7 @@ def trip(minutes, outcome=FEASIBLE, **methods):
 
 @pytest.fixture(scope='module')
 def study():
-    """Panels of three feasible trips, on one of which the paper's method reaches less, and another trip."""
+    """Panels of an infeasible trip and three feasible trips; the paper's method reaches less on one."""
     return make_study_figure([
         trip(30, merit_order=Made(1e-3), optimal_switch=Made(1e-3), paper=Made(4.0)),
         trip(50, merit_order=Made(-0.5), optimal_switch=Made(80.0), paper=Made(None)),

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""All trips of a block at once arrive as they do one by one, also those on which a limit is active."""
+"""All trips of a block computed at once arrive as one by one, even with an active limit."""
 
 import numpy as np
 import pytest
@@ -46,7 +46,7 @@ def test_a_block_arrives_as_its_trips_do_one_by_one(trips):
         assert arrivals.are_driven[place] and list(expected) == list(WAYS)
         for values, name in ((arrivals.heater_wh, 'heater_wh'), (arrivals.temperature_c, 'temperature_c'),
                              (arrivals.soc, 'soc')):
-            # To 1 mWh; the others far closer than anything is asked for.
+            # To 1 mWh; the others much closer than required.
             assert values[place] == pytest.approx(
                 [getattr(expected[way], name) for way in WAYS], abs=1e-3 if name == 'heater_wh' else 1e-9)
 
@@ -99,7 +99,7 @@ def test_a_limited_trip_is_asked_for_one_by_one(trips, monkeypatch):
 def test_what_limits_a_trip_is_in_its_statuses(trips):
     car, places = next(trips.cars())
     assert (planned(trips, car, places)['status'] == OK).all()
-    # More charge than is there must be left: without heating it drives, and always on, but no plan is allowed.
+    # The reserve exceeds the charge: it can drive unheated and heated throughout, but no plan is allowed.
     found = planned(trips, car, places, lowest_soc=0.99)['status']
     assert (found[:, [ONE_SWITCH, PAPER]] == LIMITED).all() and (found[:, [UNHEATED, ALWAYS_ON]] == OK).all()
     # A NaN target is an error of each trip, whose numbers must not be used.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Statistics of a fleet: the same in any order and after a file, means exact, quantiles to a bin."""
+"""Statistics of a fleet: independent of order and unchanged by a file; means exact, quantiles to a bin."""
 
 import json
 

@@ -137,7 +137,7 @@ def test_a_climb_that_overheats_the_battery_is_no_lack_of_power(number):
 def test_optimal_switch_is_the_optimum_of_feasible_trips(free_trips):
     gaps_wh = [result.methods['optimal_switch'].gap_wh for result in free_trips
                if result.outcome == FEASIBLE]
-    # Below by IPOPT's tolerance at most, above by the rest of a partial step.
+    # Lower by at most IPOPT's tolerance, higher by the rest of a partial step.
     assert -1e-3 < min(gaps_wh) and max(gaps_wh) < 0.1
 
 
@@ -408,7 +408,7 @@ def test_where_no_trip_can_be_compared_there_is_no_figure(capsys):
 
 
 def test_on_trips_with_limits_only_like_is_compared_with_like():
-    """Methods that ignore limits cannot drive this trip as it is, and would seem to save energy."""
+    """Methods that ignore limits cannot drive this trip as planned, and would seem to save energy."""
     result = solve_trip(VEHICLE, 1, 3, 'limits')
     paper, merit_order = result.methods['paper'], result.methods['merit_order']
     assert paper.energy_wh < result.optimal_energy_wh - 100.0

@@ -31,7 +31,7 @@ def reproduction():
 
 @pytest.fixture(scope='module')
 def fit():
-    """The fit, from a start that is some per cent off in each number."""
+    """The fit, from a start that is off by some per cent in each number."""
     vehicle = load_vehicle('reference')
     battery = vehicle.battery
     start = replace(vehicle, battery=replace(

@@ -41,7 +41,7 @@ def test_days_have_the_phases_that_are_said(days):
         assert len(drives) == len(day.paces) == len(day.route_numbers)
         assert isinstance(day.phases[0], DrivePhase) and isinstance(day.phases[-1], DrivePhase)
         for before, after in zip(day.phases, day.phases[1:]):
-            # Between two drives there is something.
+            # The time between two drives is not empty.
             assert not (isinstance(before, DrivePhase) and isinstance(after, DrivePhase))
             if isinstance(after, DrivePhase) and after.standing_time_s > 0.0:
                 assert after.standing_time_s == before.duration_s

@@ -113,6 +113,6 @@ def test_the_position_is_said_where_it_is_asked_for(tells):
     car = draw_car(short_conditions(tells_position=tells, traffic=0.2), 1, 2).car()
     car.mission(0)
     assert (car.progress(0) is not None) is tells
-    # The trip planner has nothing to add.
+    # The trip planner sends no updates.
     car.advance_under(NO_LEASE, 30.0)
     assert car.route_news(0) is None

@@ -214,7 +214,7 @@ def test_informed_drive_knows_the_heat_path():
 
 @pytest.mark.costly
 def test_planner_uses_the_heat_path_of_the_vehicle_file():
-    """It plans from heat that is under way, and switches off before arrival."""
+    """It plans with the heat under way, and switches off before arrival."""
     supervisor, car = Supervisor(SLOW.vehicle, every_two_seconds(Settings())), make_car(SLOW)
     under_way_w, ends_s = [], []
     for moment in moments(car, supervisor, lambda: car.plant.is_standing):

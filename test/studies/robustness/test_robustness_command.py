@@ -216,7 +216,7 @@ def test_an_interrupted_study_keeps_what_is_finished(arguments, monkeypatch, tmp
 @pytest.mark.parametrize('number', [
     signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.deep)])
 def test_a_signal_ends_the_study_and_its_workers(arguments, tmp_path, number):
-    """In a terminal, which shows how far it is; SIGINT goes to all processes, as with Ctrl-C."""
+    """In a terminal, which shows progress; SIGINT goes to all processes, as with Ctrl-C."""
     file = tmp_path / 'study.json'
     terminal, its_end = pty.openpty()
     started = subprocess.Popen(

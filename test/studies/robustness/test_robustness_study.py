@@ -70,7 +70,7 @@ def test_all_methods_drive_the_same_car():
     # The planner begins up to 7 K of heating early; a target so near leaves some time before that.
     result, courses = drive_car(replace(CONDITIONS, goal=Goal(18.0)), 7, 4, COMPARED)
     assert set(courses) == set(result.methods) == set(COMPARED)
-    # Only the planner estimates.
+    # Only this planner estimates.
     assert np.isnan(courses['replanned_paper'].estimated_c).all()
     assert np.isfinite(courses['planner'].estimated_c).all()
     first, second = courses.values()
@@ -152,7 +152,7 @@ def test_summary_of_energies(results, key, field):
     best = np.array([getattr(result.informed, field) for result in results])
     assert figures['one'][field] == pytest.approx(own.mean())
     assert figures['informed'][field] == pytest.approx(best.mean())
-    # What arrives more than 0.2 K colder than the target, or runs empty, saves nothing.
+    # Arrivals more than 0.2 K below the target, or with an empty battery, save nothing.
     alike = np.array([result.methods['one'].arrival_error_k >= -0.2
                       and not result.methods['one'].ran_empty for result in results])
     assert 20 < alike.sum() < 41
@@ -280,10 +280,10 @@ def test_how_long_a_fault_showed_that_was_not_found():
 
 
 @pytest.mark.parametrize('fault, commands, shown_s, found_s', [
-    # Found 30 s after its first effect, with a command for 20 s.
+    # Found 30 s after its first effect, 20 s with a command.
     ('dead', [(0.0, 0.0), (100.0, 5e3), (110.0, 0.0), (120.0, 5e3)], 20.0, 30.0),
     ('dead', [(0.0, 5e3), (40.0, 0.0)], None, None),
-    # Never found: it shows from the instant of the fault, 50 s, to the end, but while it heats.
+    # Never found: it shows from the fault at 50 s to the end, except while it heats.
     ('stuck_on', [(0.0, 0.0), (50.0, 0.0), (60.0, 5e3), (80.0, 0.0)], 30.0, None)])
 def test_how_long_a_fault_showed(fault, commands, shown_s, found_s):
     watch = FaultWatch([replace(FAULTS[fault], from_s=50.0)])

@@ -17,8 +17,8 @@ def test_a_short_soak_test_loads_the_planner_and_judges_it(tmp_path):
          str(picture)], capture_output=True, text=True, timeout=300)
     items = {item['what']: item for item in json.loads(
         picture.with_suffix('.json').read_text())['judgements']}
-    # In seconds the memory still fills, and how regularly commands come is a matter of what else
-    # the computer has to do; all else must hold.
+    # Within seconds the memory still grows, and the regularity of commands depends on the load of
+    # the computer; all other requirements must hold.
     for what in ('resident memory, growth in 10 min', 'command periods missed',
                  'longest time without a command'):
         del items[what]
