@@ -193,7 +193,7 @@ def test_the_corrected_vehicle_is_kept_until_a_factor_moves_by_a_twentieth_of_it
 def test_small_moves_of_a_factor_add_up():
     maker, estimate = ForecastPlanner(VEHICLE), make_estimate()
     cars = [maker.vehicle(with_factors(estimate, capacity=0.04 * 0.058 * step)) for step in range(4)]
-    # A change of 4 % keeps the cached vehicle, one of 8 % does not; 12 % is within 5 % of that.
+    # After a change of 4 % the cached vehicle is used, after 8 % a new one; 12 % is within 5 % of 8 %.
     assert [car is cars[0] for car in cars] == [True, True, False, False]
     assert cars[2] is cars[3]
 

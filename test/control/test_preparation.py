@@ -216,7 +216,7 @@ def test_the_heater_of_a_plugged_in_car_is_not_taken_for_dead():
 @pytest.mark.parametrize('settings', [Settings(), MEASURED])
 def test_as_much_as_the_reserve_allows_is_heated_at_once(settings):
     lowest = VEHICLE.battery.soc_range[0]
-    # 1.6 % of about 75 kWh are 1.2 kWh, of which the cabin takes a part; 19 K take 2.3 kWh.
+    # 1.6 % of about 75 kWh are 1.2 kWh, including the cabin's share; 19 K take 2.3 kWh.
     car = Car(settings, soc=lowest + 0.016)
     preparation_goal = car.want(target_c=20.0)
     assert car.command == (pytest.approx(FULL_W), Status.SOC_LIMITED)

@@ -137,8 +137,8 @@ def test_any_other_refused_route_ends_the_one_before(refused, reason):
         feed(supervisor, NOW_NS + ns(second)) for second in range(1, 5)}
     assert (outcomes, supervisor.mission) == ({OFF}, None)
     sentence = supervisor.decision.explanation
-    assert sentence.startswith('route_plan refused: speed[0]: -1 is not allowed. The route before '
-                               'it was dropped because ')
+    assert sentence.startswith('route_plan refused: speed[0]: -1 is not allowed. The previous route '
+                               'was dropped because ')
     assert reason in sentence
     assert sentence.endswith('The heater is off until a valid route plan arrives.')
 

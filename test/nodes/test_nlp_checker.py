@@ -216,7 +216,7 @@ class Surroundings:
         self._hanging.clear()
 
     def expect_commands(self, count):
-        """Wait for this number of further commands, all of them heating."""
+        """Wait for this number of further commands, all with heating."""
         self.commands.clear()
         assert all(command.battery_heating_power > 0.0
                    for command in self.commands.wait_for_count(count))
