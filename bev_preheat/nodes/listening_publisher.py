@@ -30,8 +30,6 @@ if TYPE_CHECKING:
 # Matches reliable and best-effort publishers.
 LISTENING = QoSProfile(depth=20, reliability=ReliabilityPolicy.BEST_EFFORT)
 PUBLICATIONS_KEPT = 256
-# While the graph does not show the others yet.
-UNNAMED = 'another node'
 # DDS stores the instant of a publication in units of 2^-32 s.
 ROUNDING_NS = 1000
 
@@ -85,7 +83,7 @@ class ListeningPublisher:
         others = sorted(set(names) - {own})
         if names.count(own) > 1:
             others.append(f'another node named {own}')
-        return ' and '.join(others) or UNNAMED
+        return ' and '.join(others) or 'another node'
 
     def _on_message(self, serialized: bytes, info: Mapping[str, int]) -> None:
         # The node also receives its own messages, which were sent while `publish` ran. A message older than all

@@ -17,7 +17,7 @@ from rosgraph_msgs.msg import Clock
 
 from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.errors import InvalidInput
-from bev_preheat.nodes.listening_publisher import ListeningPublisher, UNNAMED
+from bev_preheat.nodes.listening_publisher import ListeningPublisher
 from bev_preheat.simulation.pace import Pace
 
 if TYPE_CHECKING:
@@ -40,8 +40,6 @@ SILENCE_S = 1.0
 YOUNG_S = 4.0
 PATIENCE_OF_YOUNG_S = 0.5
 PATIENCE_S = 5.0
-# The name of a publisher reaches the graph after its first messages, at most this late [s].
-NAMED_WITHIN_S = 3.0
 # A clock that falls back by more than this was restarted.
 RESTART_S = 1.0
 
@@ -100,11 +98,8 @@ class OwnTime:
         if now_s - latest_s > SILENCE_S:
             self._other_ticks_s = None
         elif now_s - first_s > patience_s and not self._is_lost:
-            names = self._clock.names_of_others()
-            if names == UNNAMED and now_s - first_s <= patience_s + NAMED_WITHIN_S:
-                return
             self._is_lost = True
-            self._on_lost(f'{names} also publishes /clock; set publish_clock:=false (and '
+            self._on_lost(f'{self._clock.names_of_others()} also publishes /clock; set publish_clock:=false (and '
                           'use_sim_time:=true) to drive by that clock')
 
     def _on_other_tick(self, serialized: bytes) -> None:
