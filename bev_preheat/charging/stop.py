@@ -57,7 +57,7 @@ class ChargingStop:
 def stop_after(route: Route, charger_power_w: float, departure_soc: float) -> ChargingStop:
     """Return the ChargingStop at the end of a Route: air, cabin and auxiliaries as in its last segment."""
     return ChargingStop(charger_power_w, departure_soc, float(route.ambient_temperature_c[-1]),
-                float(route.cabin_heating_power_w[-1]), float(route.auxiliary_power_w[-1]))
+                        float(route.cabin_heating_power_w[-1]), float(route.auxiliary_power_w[-1]))
 
 
 def arrival_state(plan: Plan) -> BatteryState:

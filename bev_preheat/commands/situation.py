@@ -90,10 +90,10 @@ def read_situation(arguments: Namespace) -> PlanningArguments:
     warn(loaded.warning, *(f'route {arguments.route}: {sentence}'
                            for sentence in unit_warnings([loaded.route], vehicle, with_units=True)))
     return PlanningArguments(vehicle, in_steps(loaded.route, arguments),
-                     BatteryState(arguments.temperature, arguments.soc),
-                     Goal(target_of(arguments, vehicle), arguments.min_soc,
-                          not arguments.no_charging),
-                     (vehicle_file(arguments.vehicle), loaded.file), loaded.made_for)
+                             BatteryState(arguments.temperature, arguments.soc),
+                             Goal(target_of(arguments, vehicle), arguments.min_soc,
+                                  not arguments.no_charging),
+                             (vehicle_file(arguments.vehicle), loaded.file), loaded.made_for)
 
 
 def warn(*sentences: str | None) -> None:

@@ -51,7 +51,7 @@ def intervals_between(edges_ns: Sequence[int], vehicle: Vehicle, timetable: Time
     for from_ns, to_ns in zip(edges_ns, edges_ns[1:]):
         drive, limit_w = _driven_between(vehicle, timetable, from_ns, to_ns)
         intervals.append(DrivenInterval((to_ns - from_ns) / NS_PER_S, drive,
-                                 commands.mean_w(from_ns, to_ns), limit_w))
+                                        commands.mean_w(from_ns, to_ns), limit_w))
     return tuple(intervals)
 
 

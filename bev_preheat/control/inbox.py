@@ -213,7 +213,7 @@ class Inbox:
         self.measurement = measurement
         changes = self._changes
         self._changes = InputChanges((*changes.measurements, measurement), changes.has_new_mission,
-                                changes.has_new_trip, changes.clock_restarted)
+                                     changes.has_new_trip, changes.clock_restarted)
         self._refusals.lift_by_battery()
 
     def _is_overtaken(self, measurement: Measurement, now_ns: int) -> bool:

@@ -116,21 +116,21 @@ class PreparationControl:
         lowest_c = inputs.vehicle.battery.temperature_range_c[0]
         if goal.ambient_c is not None and goal.ambient_c < lowest_c:
             problems.append(
-    f'ambient_temperature: {goal.ambient_c:g} degC is not allowed; it must be at '
-    f"least {lowest_c:g} degC: the vehicle's battery is not described below that")
+                f'ambient_temperature: {goal.ambient_c:g} degC is not allowed; it must be at '
+                f"least {lowest_c:g} degC: the vehicle's battery is not described below that")
         if problems:
             raise InvalidInput(problems)
         measurement = inputs.measurement
         self._note_ambient(inputs.mission, now_ns)
         self._progress = PreparationProgress(
-    goal, target_c, now_ns, measurement.state.soc if measurement else 0.0)
+            goal, target_c, now_ns, measurement.state.soc if measurement else 0.0)
         self._has_lost_time = False
         if self._ambient_c(
-    goal,
-    now_ns) is None and (
-        goal.is_plugged_in or not _has_route(
-            inputs,
-             now_ns)):
+            goal,
+            now_ns) is None and (
+            goal.is_plugged_in or not _has_route(
+                inputs,
+                now_ns)):
             raise InvalidInput('ambient_temperature: is not given, and no route has reported one in the '
                                'last 6 h; give it in the goal')
         objection = contradiction(self._progress, inputs, now_ns)
@@ -144,14 +144,14 @@ class PreparationControl:
         self.revise(inputs, now_ns, 1.0)
 
     def end(
-    self,
-    goal: PreparationGoal | None,
-    ending: PreparationEnding,
-    explanation: str,
-     inputs: AdmittedInputs) -> bool:
+            self,
+            goal: PreparationGoal | None,
+            ending: PreparationEnding,
+            explanation: str,
+            inputs: AdmittedInputs) -> bool:
         """End the current goal if it is `goal` (None: any goal); return whether it was ended."""
         if self._progress is None or goal not in (
-            None, self._progress.goal):
+                None, self._progress.goal):
             return False
         self._note(self._progress.goal, ending,
                    explanation, inputs, self._progress.target_c)

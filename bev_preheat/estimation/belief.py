@@ -397,7 +397,7 @@ class Belief:
         """Return the filters in the form of the native core."""
         native = self._native
         if native is None or not (native.weights is self.weights and native.mean is self.mean
-                                    and native.covariance is self.covariance):
+                                  and native.covariance is self.covariance):
             self.weights, self.mean, self.covariance = map(
                 np.ascontiguousarray, (self.weights, self.mean, self.covariance))
             native = self._native = NativeBelief(self.weights, self.mean, self.covariance)

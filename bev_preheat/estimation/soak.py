@@ -60,7 +60,7 @@ class Soak(NamedTuple):
 
 
 def after_soak(vehicle: Vehicle, ambient_c: float, standing_s: float,
-                   parked_c: float | None = None) -> Soak:
+               parked_c: float | None = None) -> Soak:
     """
     Return the Soak of a vehicle's battery after `standing_s` [s] at an ambient temperature [deg C].
 

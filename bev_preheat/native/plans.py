@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from bev_preheat.vehicle.model import Integrator
 
 
-
 class SwitchedRun(NamedTuple):
     """A run with one switching instant [s]: states (N + 1,), temperatures in deg C, and heater powers [W] (N,)."""
 
@@ -70,16 +69,16 @@ def plan_switch(vehicle: NativeVehicle, trip: NativeTrip, soc: float, temperatur
     run, places = _new_run(trip.steps)
     memory, found = np.empty(room('BEV_SWITCH_MEMORY', trip.steps)), SwitchPlanStruct()
     status = library.bev_plan_switch(
-    vehicle.address,
-    trip.address,
-    soc,
-    temperature_c,
-    target_c,
-    in_one_interval,
-    None if uncertainty_margin is None else addressof(uncertainty_margin),
-    place(memory),
-    *places,
-     addressof(found))
+        vehicle.address,
+        trip.address,
+        soc,
+        temperature_c,
+        target_c,
+        in_one_interval,
+        None if uncertainty_margin is None else addressof(uncertainty_margin),
+        place(memory),
+        *places,
+        addressof(found))
     if status > OK:
         # The memory begins with the unheated run.
         idle = memory[:2 * trip.steps + 2].reshape(2, -1).copy()

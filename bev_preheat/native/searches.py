@@ -156,24 +156,24 @@ def heat_early(vehicle: NativeVehicle, trip: NativeTrip, target_c: float,
     memory = np.empty(room('BEV_HEAT_EARLY_MEMORY', trip.steps))
     watched = np.empty((2, trip.steps), dtype=np.uint8)
     status = library.bev_heat_early(
-    vehicle.address,
-    trip.address,
-    target_c,
-    byref(uncertainty_margin),
-    address_of(states),
-    address_of(powers_w),
-    address_of(watched),
-    address_of(memory),
-    byref(plan),
-     byref(is_changed))
+        vehicle.address,
+        trip.address,
+        target_c,
+        byref(uncertainty_margin),
+        address_of(states),
+        address_of(powers_w),
+        address_of(watched),
+        address_of(memory),
+        byref(plan),
+        byref(is_changed))
     if status != OK:
         return None
     return (_merit_plan(states, powers_w, plan) if is_changed.value else None,)
 
 
 def plan_no_regret(vehicle: NativeVehicle, trip: NativeTrip, goal: SafeGoalStruct,
-                     uncertainty_margin: UncertaintyMarginStruct | None,
-                     idle_states: FloatArray) -> tuple[MeritPlan | None, int] | None:
+                   uncertainty_margin: UncertaintyMarginStruct | None,
+                   idle_states: FloatArray) -> tuple[MeritPlan | None, int] | None:
     """
     Return the plan by merit order that is no worse than not heating, and what holds it back, a `bev_held_back`.
 
@@ -195,7 +195,7 @@ def plan_no_regret(vehicle: NativeVehicle, trip: NativeTrip, goal: SafeGoalStruc
 
 
 def unheated_deficit(vehicle: NativeVehicle, trip: NativeTrip,
-                   start: Sequence[float]) -> tuple[float, Stranded] | None:
+                     start: Sequence[float]) -> tuple[float, Stranded] | None:
     """
     Return the worst power deficit [W] of a trip without paid heating, and its stranding, as `settle`.
 

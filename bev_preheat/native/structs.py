@@ -200,7 +200,6 @@ class ArrivalStruct(Structure):
                 ('status', c_int32)]
 
 
-
 class NotDescribed(Exception):
     """The core has no such curve."""
 

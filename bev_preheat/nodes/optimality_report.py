@@ -121,11 +121,11 @@ def case_of_plan(mission: Mission, goal_of: GoalOf, measurements: Iterable[Measu
         goal = _with_target_of(plan, leg, goal_of(leg))
         if not factors and state == measurement.state:
             return CheckedCase(mission.route_id, start_ns, plan.method, _figures_of_message(plan),
-                        Question(route, state, goal), plan.battery_energy)
+                               Question(route, state, goal), plan.battery_energy)
         if len(factors) == len(FACTOR_NAMES) and plan.method in METHODS:
             # Made with an uncertainty margin: compare the optimum with the method without the margin.
             return CheckedCase(mission.route_id, start_ns, plan.method, UNKNOWN,
-                        Question(route, state, goal, plan.method, factors), plan.battery_energy)
+                               Question(route, state, goal, plan.method, factors), plan.battery_energy)
     return None
 
 
@@ -162,7 +162,7 @@ def case_of_state(mission: Mission, goal_of: GoalOf, measurement: Measurement,
     if plan is not None and plan.route_id == mission.route_id:
         method, goal = plan.method, _with_target_of(plan, leg, goal)
     return CheckedCase(mission.route_id, start_ns, method, UNKNOWN,
-                Question(route, measurement.state, goal, method if method in METHODS else ''))
+                       Question(route, measurement.state, goal, method if method in METHODS else ''))
 
 
 def _with_target_of(plan: PreheatPlan, leg: Leg, goal: Goal) -> Goal:

@@ -88,9 +88,9 @@ class PrepareAction:
 
     def _on_cancel(self, goal_handle: ServerGoalHandle) -> CancelResponse:
         preparation_goal = next(
-    (preparation_goal for preparation_goal,
-    handle in self._goals.items() if handle == goal_handle),
-     None)
+            (preparation_goal for preparation_goal,
+             handle in self._goals.items() if handle == goal_handle),
+            None)
         if preparation_goal is None:
             # The goal has ended already.
             return CancelResponse.REJECT
@@ -157,7 +157,7 @@ def preparation_goal_of(goal: PrepareBattery.Goal) -> PreparationGoal:
     if problems:
         raise InvalidInput(problems)
     return PreparationGoal(nanoseconds(goal.ready_at), values['target_battery_temperature'], goal.plugged_in,
-                values['ambient_temperature'])
+                           values['ambient_temperature'])
 
 
 def result_message(outcome: PreparationOutcome) -> PrepareBattery.Result:

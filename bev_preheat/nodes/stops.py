@@ -109,8 +109,8 @@ def _stop(message: RoutePlan, at: int, default_target_c: float) -> PlannedStop:
     if math.isnan(departure_soc) or departure_soc == 0.0:
         departure_soc = USUAL_DEPARTURE_SOC
     return PlannedStop(message.stop_after_segment[at], message.stop_duration[at], target_c,
-                0.0 if math.isnan(least_soc) else least_soc,
-                BatteryState(departure_c, departure_soc), charger)
+                       0.0 if math.isnan(least_soc) else least_soc,
+                       BatteryState(departure_c, departure_soc), charger)
 
 
 def charger_of(power_w: float, departure_soc: float) -> Charger | None:

@@ -159,7 +159,7 @@ class ChargingProgram:
             found = self._variables.unpack(np.asarray(result['x']).ravel())
             driven = self._driven(found['heater'])
         return SessionAttempt(drive.cost, status, int(statistics['iter_count']),
-                       float(result['f']) * self._cost_scale, driven)
+                              float(result['f']) * self._cost_scale, driven)
 
     def _charged(self, plan: Plan) -> ChargedDrive:
         session = charge(self._trip.vehicle, self._stop, arrival_state(plan))

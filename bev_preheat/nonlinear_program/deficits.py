@@ -43,35 +43,35 @@ def find_deficits(trip: Trip, solution: ProgramSolution) -> Iterator[StepDeficit
     soc, slacks = solution.soc, solution.slacks
     if slacks.target_k > TOLERANCE_K:
         yield StepDeficit(TARGET, slacks.target_k, 'K',
-                      f'target temperature: missed by {slacks.target_k:.2f} K')
+                          f'target temperature: missed by {slacks.target_k:.2f} K')
     if slacks.soc[-1] > SOC_TOLERANCE:
         percent = 100.0 * float(slacks.soc[-1])
         yield StepDeficit(ARRIVAL_SOC, percent, '%',
-                      f'state of charge on arrival: {percent:.2f} % short')
+                          f'state of charge on arrival: {percent:.2f} % short')
     at = int(np.argmax(slacks.soc))
     # A battery that is emptiest on arrival has been reported above.
     if slacks.soc[at] > SOC_TOLERANCE and soc[at + 1] < soc[-1]:
         percent = 100.0 * float(slacks.soc[at])
         yield StepDeficit(LOWEST_SOC, percent, '%',
-                      f'state of charge: {percent:.2f} % below its range at '
-                      f'{trip.time_s[at + 1]:.0f} s')
+                          f'state of charge: {percent:.2f} % below its range at '
+                          f'{trip.time_s[at + 1]:.0f} s')
     at = int(np.argmax(slacks.discharge_w))
     if slacks.discharge_w[at] > TOLERANCE_W:
         deficit_w = float(slacks.discharge_w[at])
         yield StepDeficit(DISCHARGE_POWER, deficit_w, 'W',
-                      f'discharge power: {deficit_w / 1e3:.2f} kW cannot be delivered at '
-                      f'{trip.time_s[at]:.0f} s')
+                          f'discharge power: {deficit_w / 1e3:.2f} kW cannot be delivered at '
+                          f'{trip.time_s[at]:.0f} s')
     at = int(np.argmax(slacks.soc_above))
     if slacks.soc_above[at] > SOC_TOLERANCE:
         percent = 100.0 * float(slacks.soc_above[at])
         yield StepDeficit(HIGHEST_SOC, percent, '%',
-                      f'state of charge: {percent:.2f} % above its range at '
-                      f'{trip.time_s[at + 1]:.0f} s')
+                          f'state of charge: {percent:.2f} % above its range at '
+                          f'{trip.time_s[at + 1]:.0f} s')
     # Without a slack, too, because the range may be relaxed.
     beyond_k = solution.temperature_c[1:] - trip.vehicle.battery.temperature_range_c[1]
     at = int(np.argmax(beyond_k))
     if beyond_k[at] > TOLERANCE_K:
         above_k = float(beyond_k[at])
         yield StepDeficit(HIGHEST_TEMPERATURE, above_k, 'K',
-                      f'battery temperature: {above_k:.2f} K above its range at '
-                      f'{trip.time_s[at + 1]:.0f} s')
+                          f'battery temperature: {above_k:.2f} K above its range at '
+                          f'{trip.time_s[at + 1]:.0f} s')

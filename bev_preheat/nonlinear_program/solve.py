@@ -130,7 +130,7 @@ def solve_optimum(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goa
     else:
         run = attempt(rounded, limited, give, starts[:1])
         if run.status != SUCCESS:
-                        raise SolverFailure(f'IPOPT ended with {runs[0].status}, and with '
+            raise SolverFailure(f'IPOPT ended with {runs[0].status}, and with '
                                 f'{runs[1].status} and {runs[2].status} with relaxed constraints')
         runs.append(run)
     deficit = tuple(find_deficits(trip, run.solution))
@@ -151,7 +151,7 @@ def solve_optimum(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goa
             if run.status == SUCCESS:
                 break
         else:
-                        raise SolverFailure(f'IPOPT ended with {runs[2].status}, and with {run.status} when '
+            raise SolverFailure(f'IPOPT ended with {runs[2].status}, and with {run.status} when '
                                 'started from a feasible point')
     return _optimum(trip, goal, runs, deficit, started)
 

@@ -107,7 +107,7 @@ def heating_intervals(trip: Trip, schedule: Schedule, least_w: FloatArray,
 
 
 def make_interval(schedule: Schedule, start_s: float, end_s: float, energy_wh: float,
-                 reason: Reason) -> HeatingInterval:
+                  reason: Reason) -> HeatingInterval:
     """Return the HeatingInterval of a Schedule between two instants [s], with its energy [Wh]."""
     if schedule.heating_start_s is not None:
         start_s = max(start_s, schedule.heating_start_s)

@@ -145,7 +145,7 @@ def find_changes(trip: Trip, run: Schedule, needs: Needs) -> LimitChanges:
     sign = np.where(np.arange(len(step)) < len(more), 1.0, -1.0)
     per_j = np.array([sign * effect[step] / duration_s for effect in effects])
     return LimitChanges(step, sign, np.concatenate((room_w[0][more], room_w[1][less])) * duration_s,
-                   per_j[0], per_j[1:], worst, lowest)
+                        per_j[0], per_j[1:], worst, lowest)
 
 
 def _lowest_instant(run: Schedule, needs: Needs) -> int | None:

@@ -95,7 +95,7 @@ def unheated_within_limits(trip: Trip, state: BatteryState, unheated: Schedule) 
 
 
 def checked_by_core(trip: Trip, state: BatteryState, goal: Goal, uncertainty_margin: UncertaintyMargin | None,
-                        unheated: Schedule) -> Schedule | None:
+                    unheated: Schedule) -> Schedule | None:
     """
     Return `NoRegretCheck.serve` for the proposals of `merit_order`, in one call of the native core.
 

@@ -133,14 +133,14 @@ class _Uncommanded:
 
 
 def _schedule(trip: Trip,
-    state: BatteryState,
-    goal: Goal,
-    method: str,
-    uncertainty_margin: UncertaintyMargin | None,
-    no_regret: bool,
-    options: dict[str,
-    Any],
-     unheated: Schedule) -> Schedule:
+              state: BatteryState,
+              goal: Goal,
+              method: str,
+              uncertainty_margin: UncertaintyMargin | None,
+              no_regret: bool,
+              options: dict[str,
+                            Any],
+              unheated: Schedule) -> Schedule:
     """Return the Schedule of a method; `unheated` is the one without any heating, ignoring limits."""
     if not goal.charging_planned:
         return as_described(trip, state, unheated)

@@ -76,7 +76,7 @@ def check_situation(vehicle: Vehicle, route: Route | None = None,
                            in_battery_range))
     if route is not None:
         checks.append((route.lowest_ambient_temperature_c, lowest_c, math.inf, 'ambient temperature',
-                                     "degC: the vehicle's battery is not described below that"))
+                       "degC: the vehicle's battery is not described below that"))
     problems = [
         f'{name}: {figure_beyond(value, low, high)} is not allowed; it must be '
         + (f'at least {low:g} {what}' if high == math.inf else

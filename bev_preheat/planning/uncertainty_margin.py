@@ -80,7 +80,7 @@ def heat_early(trip: Trip, state: BatteryState, schedule: Schedule, target_c: fl
     first, start_s = last
     end_s = _latest_end_s(trip, schedule)
     if not uncertainty_margin.is_heating and (_heated_s(trip, schedule, first) < uncertainty_margin.least_heating_s
-                                   or _comes_too_late(trip, schedule, start_s)):
+                                              or _comes_too_late(trip, schedule, start_s)):
         return _LastInterval(trip, state, schedule, first, start_s).without()
     early_s = _earlier_s(trip, start_s, uncertainty_margin.lead_k)
     if uncertainty_margin.is_heating and early_s <= uncertainty_margin.least_pause_s:

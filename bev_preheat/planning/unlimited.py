@@ -66,11 +66,9 @@ def plan_unlimited(trip: Trip, state: BatteryState, goal: Goal,
         schedule.heating_start_s if plan.is_heated else None)
 
 
-def plan_unlimited_paper(trip: Trip,
-    state: BatteryState,
-    goal: Goal,
-    uncertainty_margin: UncertaintyMargin | None = None) -> tuple[Schedule,
-     ScheduleOutcome] | None:
+def plan_unlimited_paper(
+        trip: Trip, state: BatteryState, goal: Goal,
+        uncertainty_margin: UncertaintyMargin | None = None) -> tuple[Schedule, ScheduleOutcome] | None:
     """Return Schedule and ScheduleOutcome of the paper's heuristic; None in the cases of `plan_unlimited`."""
     vehicle = trip.vehicle
     native = native_vehicle(vehicle) if vehicle.heat_path.is_direct else None

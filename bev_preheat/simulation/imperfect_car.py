@@ -293,10 +293,10 @@ class ImperfectCar:
     def _announce(self, drive: DrivePhase, begins_s: float) -> None:
         at_s = max(self.time_s, begins_s - drive.announced_s)
         self._letters.append(
-    _Letter(
-        at_s, begins_s, drive, TrafficNews(
-            0.0, drive.route, drive.goal.charging_planned), self._id_of(
-                self._drives)))
+            _Letter(
+                at_s, begins_s, drive, TrafficNews(
+                    0.0, drive.route, drive.goal.charging_planned), self._id_of(
+                    self._drives)))
 
     def _drive(self, lease: HeaterLease, to_s: float) -> None:
         plant, faults, phase = self.plant, self.imperfections.heater_faults, self.phase

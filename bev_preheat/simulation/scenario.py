@@ -89,7 +89,7 @@ class Scenario:
     def drives(self) -> list[DrivePhase]:
         """All drives, in order."""
         first = DrivePhase(self.route, self.goal, self.standing_time_s, self.imperfections.events,
-                      self.imperfections.position)
+                           self.imperfections.position)
         return [first, *(phase for phase in self.following if isinstance(phase, DrivePhase))]
 
     def car(self) -> ImperfectCar:
@@ -190,7 +190,8 @@ class _PhaseReader:
                     float(node.get('minimum_arrival_soc', 0.0)), node.get('charging_planned', True))
         check_situation(vehicle, route, goal=goal)
         return DrivePhase(route, goal, float(node.get('standing_time_s', 0.0)), events,
-                     _position(node, where), float(node.get('announced_s', 0.0)), node.get('starts_over', False))
+                          _position(node, where), float(node.get('announced_s', 0.0)),
+                          node.get('starts_over', False))
 
     def _route(self, name_or_file: str) -> Route:
         loaded = route_for(name_or_file, self.vehicle, self._folder)

@@ -41,7 +41,7 @@ def cost(vehicle, route, target_c, charger_w, prices=PRICES, state=STATE):
     plan = (plan_unheated(vehicle, route, state, GOAL) if target_c is None else
             plan_preheating(vehicle, route, state, Goal(target_c)))
     stop = ChargingStop(charger_w, 0.8, float(route.ambient_temperature_c[-1]),
-                float(route.cabin_heating_power_w[-1]), 400.0)
+                        float(route.cabin_heating_power_w[-1]), 400.0)
     session = charge(vehicle, stop, BatteryState(plan.arrival_temperature_c, plan.arrival_soc))
     return (prices.energy_per_kwh * session.bought_energy_wh / 1000.0
             + prices.time_per_h * session.charging_time_s / 3600.0)

@@ -57,7 +57,7 @@ def cost(vehicle, route, state, target_c, charger, prices=PRICES, minimum_soc=0.
     goal = Goal(20.0 if target_c is None else target_c, minimum_soc)
     plan = (plan_unheated if target_c is None else plan_preheating)(vehicle, route, state, goal)
     stop = ChargingStop(charger.power_w, charger.departure_soc, float(route.ambient_temperature_c[-1]),
-                float(route.cabin_heating_power_w[-1]), float(route.auxiliary_power_w[-1]))
+                        float(route.cabin_heating_power_w[-1]), float(route.auxiliary_power_w[-1]))
     session = charge(vehicle, stop, BatteryState(plan.arrival_temperature_c, plan.arrival_soc))
     return (prices.energy_per_kwh * session.bought_energy_wh / 1000.0
             + prices.time_per_h * session.charging_time_s / 3600.0)

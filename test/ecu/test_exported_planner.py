@@ -207,8 +207,8 @@ def test_a_name_becomes_a_string_of_c():
 def answers_of_random_inputs(export, objects, method, cases, *options):
     """Return {status: how often} of cases in which numbers may be NaN, infinite, huge or zero."""
     native = export.run('cc', '-std=c99', '-Wall', '-Wextra', '-Wpedantic', '-Wconversion', '-Werror',
-                          '-DBEV_MOST_STEPS=360', '-I.', '-Iinclude', *options, str(FUZZ), objects, '-lm',
-                          '-o', 'fuzz')
+                        '-DBEV_MOST_STEPS=360', '-I.', '-Iinclude', *options, str(FUZZ), objects, '-lm',
+                        '-o', 'fuzz')
     assert native.returncode == 0, native.stderr
     done = export.run('./fuzz', method, str(cases), '11')
     assert (done.returncode, done.stderr) == (0, ''), done.stdout

@@ -89,8 +89,8 @@ def test_a_fault_is_told_after_a_while_and_then_stays_told():
                for more_s in (-0.1, 0.0)]
     assert [report.heater for report in reports] == [Heater.ANSWERS, Heater.DERATED]
     assert judge(
-    weights_of(
-        derated=0.5), reports[1], suspicion=Suspicion(
+        weights_of(
+            derated=0.5), reports[1], suspicion=Suspicion(
             0.0, 0.0, 0.0, 0.0)).heater is Heater.DERATED
 
 

@@ -79,12 +79,12 @@ def test_an_instant_is_read_to_the_nanosecond():
     preparation_goal = preparation_goal_of(
         PrepareBattery.Goal(ready_at=Time(sec=1700, nanosec=7), plugged_in=True))
     assert (
-    preparation_goal.ready_at_ns,
-    preparation_goal.is_soonest,
-    preparation_goal.is_plugged_in) == (
+        preparation_goal.ready_at_ns,
+        preparation_goal.is_soonest,
+        preparation_goal.is_plugged_in) == (
         1_700_000_000_007,
         False,
-         True)
+        True)
 
 
 @pytest.mark.parametrize('fields, sentence', [

@@ -331,12 +331,12 @@ def test_caution_does_not_switch_on_what_mostly_comes_too_late():
     assert plan_preheating(slow(BOTH), route, state, goal).heating_start_s is not None
     for is_heating, heats in ((False, False), (True, True)):
         plan = plan_preheating(
-    slow(BOTH),
-    route,
-    state,
-    goal,
-    uncertainty_margin=UncertaintyMargin(
-        is_heating=is_heating))
+            slow(BOTH),
+            route,
+            state,
+            goal,
+            uncertainty_margin=UncertaintyMargin(
+                is_heating=is_heating))
         assert (plan.heating_start_s is not None) is heats
 
 

@@ -38,12 +38,12 @@ def steady_route(minutes=60, step_s=60.0, **changed):
 
 def planned(route=None, state=START, goal=GOAL, **uncertainty_margin):
     return plan_preheating(
-    CAR,
-    steady_route() if route is None else route,
-    state,
-    goal,
-    uncertainty_margin=UncertaintyMargin(
-        **uncertainty_margin) if uncertainty_margin else None)
+        CAR,
+        steady_route() if route is None else route,
+        state,
+        goal,
+        uncertainty_margin=UncertaintyMargin(
+            **uncertainty_margin) if uncertainty_margin else None)
 
 
 def arrival_in_continuous_time_c(route, state, from_s, to_s):

@@ -44,7 +44,7 @@ def make_endurance_figure(commands: Commands, memory_samples: Samples) -> Figure
     draw_course(memory, time(samples[:, 0]), samples[:, 1], **line)
     show_range(memory, samples[:, 1], least=10.0)
     memory.set_ylabel('resident memory\n[MB]')
-        # With tens of thousands of commands, only the longest gap in each second is visible.
+    # With tens of thousands of commands, only the longest gap in each second is visible.
     second = elapsed_s.astype(int)
     seconds = np.arange(second[-1] + 1 if len(second) else 0)
     longest_s, sum_w = np.zeros(len(seconds)), np.zeros(len(seconds))

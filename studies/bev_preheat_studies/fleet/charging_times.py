@@ -83,7 +83,7 @@ def charging_times_of(car: str, charger_w: float) -> ChargingTimes:
 def stop_of(vehicle: Vehicle, charger_w: float, ambient_c: float) -> ChargingStop:
     """Return the ChargingStop of a fleet trip at this air temperature [deg C]."""
     return ChargingStop(charger_w, DEPARTURE_SOC, ambient_c, float(cabin_heating_power_w(vehicle, ambient_c)),
-                vehicle.defaults.auxiliary_power_w)
+                        vehicle.defaults.auxiliary_power_w)
 
 
 def sessions(vehicle: Vehicle, charger_w: float, ambient_c: FloatArray, temperature_c: FloatArray,

@@ -81,5 +81,5 @@ def situations(vehicle: Vehicle, exported: Sequence[Vector], long: int, seed: in
         return [
             *(FootprintCase(vector) for vector in vectors if vector.answers[0].status != BAD_INPUT),
             *(FootprintCase(vector_of(make_trip(vehicle, load_route(route, vehicle.defaults)),
-                                  BatteryState(start_c, ROUTE_SOC), Goal(ROUTE_TARGET_C)), route)
+                                      BatteryState(start_c, ROUTE_SOC), Goal(ROUTE_TARGET_C)), route)
               for route, start_c in ROUTES.items())]

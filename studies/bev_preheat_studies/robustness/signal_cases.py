@@ -99,7 +99,7 @@ def drive_case(conditions: Conditions, seed: int, number: int) -> SignalResult:
                          state.soc if case.soc is None else case.soc)
     drawn = draw_car(replace(conditions, state=state), seed, car_number)
     car = drawn.car(case.sensors(drawn.sensors()))
-        # The planner with the slow feed is configured for a state each second.
+    # The planner with the slow feed is configured for a state each second.
     period_s = 1.0 if case.signal == FEED else conditions.period_s
     supervisor = Supervisor(car.vehicle, settings_of_compared('planner', period_s))
     named_s: float | None = None
