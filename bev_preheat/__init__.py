@@ -3,7 +3,7 @@
 Battery preheating before fast charging: model, planning, command line and ROS 2 nodes.
 
 `import bev_preheat as bp` gives the public Python interface, the names in `__all__`; everything else is internal
-and may change. A name is loaded when it is first used, so that the nodes do not load what they do not need.
+and may change. A name is loaded when it is first used, to keep the nodes small.
 """
 
 from importlib import import_module

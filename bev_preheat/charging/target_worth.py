@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What one target costs: prices, and the figures of the drive and the charging session after it."""
+"""Cost of one target: prices, and the figures of the drive and the charging session after it."""
 
 from __future__ import annotations
 

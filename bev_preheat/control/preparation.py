@@ -125,12 +125,8 @@ class PreparationControl:
         self._progress = PreparationProgress(
             goal, target_c, now_ns, measurement.state.soc if measurement else 0.0)
         self._has_lost_time = False
-        if self._ambient_c(
-            goal,
-            now_ns) is None and (
-            goal.is_plugged_in or not _has_route(
-                inputs,
-                now_ns)):
+        needs_ambient = goal.is_plugged_in or not _has_route(inputs, now_ns)
+        if needs_ambient and self._ambient_c(goal, now_ns) is None:
             raise InvalidInput('ambient_temperature: is not given, and no route has reported one in the '
                                'last 6 h; give it in the goal')
         objection = contradiction(self._progress, inputs, now_ns)
@@ -143,18 +139,12 @@ class PreparationControl:
             raise InvalidInput(obstacle.explanation.removesuffix('.'))
         self.revise(inputs, now_ns, 1.0)
 
-    def end(
-            self,
-            goal: PreparationGoal | None,
-            ending: PreparationEnding,
-            explanation: str,
+    def end(self, goal: PreparationGoal | None, ending: PreparationEnding, explanation: str,
             inputs: AdmittedInputs) -> bool:
         """End the current goal if it is `goal` (None: any goal); return whether it was ended."""
-        if self._progress is None or goal not in (
-                None, self._progress.goal):
+        if self._progress is None or goal not in (None, self._progress.goal):
             return False
-        self._note(self._progress.goal, ending,
-                   explanation, inputs, self._progress.target_c)
+        self._note(self._progress.goal, ending, explanation, inputs, self._progress.target_c)
         self._progress = self.timetable = None
         return True
 

@@ -104,7 +104,7 @@ def legend_above(axis: Axes, handles: Sequence[Artist] | None = None, title: str
 
 
 def save_figure(figure: Figure, path: AnyPath) -> None:
-    """Write a figure; the suffix of the path, one of PICTURE_SUFFIXES, gives the format."""
+    """Write a figure; the path's suffix (PICTURE_SUFFIXES) gives the format."""
     drawn = io.BytesIO()
     with warnings.catch_warnings():
         # A character missing in the font is drawn as a box.

@@ -43,7 +43,7 @@ def load_route(name_or_file: str | Path, vehicle: Vehicle) -> Route:
     """
     Return the Route of a name in `routes()`, a CSV file or a YAML description of legs, driven by a vehicle.
 
-    Raises InvalidInput, which names file, place, value and what is allowed.
+    Raises InvalidInput, which names file, place, value and allowed range.
     """
     return route_for(name_or_file, vehicle).route
 

@@ -42,7 +42,7 @@ def _frame(columns: dict[str, FloatArray]) -> DataFrame:
 @dataclass(frozen=True, eq=False)
 class PlanResult:
     """
-    A plan, and what it was made for; times in seconds after the start of the route.
+    A plan with its vehicle, route and goal; times in seconds after the start of the route.
 
     Shapes for N steps: `time_s`, `battery_temperature_c` and `soc` (N + 1,), `hvch_battery_power_w` (N,).
     """
@@ -282,7 +282,7 @@ class DriveResult:
     """
     A drive of a simulated car under the planner; arrays with one entry for each of its steps, (N,).
 
-    Instants [s]; battery temperature: true, measured and estimated [deg C], NaN if there is none; predicted
+    Instants [s]; battery temperature: true, measured and estimated [deg C], NaN before the first; predicted
     temperature on arrival [deg C]; heater command [W].
     """
 

@@ -9,7 +9,7 @@ from typing import Any
 OK, SATURATED, EMPTY, NO_CROSSING, LIMITED, CHEAPER_ELSEWHERE = range(6)
 # Values of bev_status, then their names in the counter.
 REASONS = {
-    SATURATED: 'the battery lacks power', EMPTY: 'the charge runs out', NO_CROSSING: 'no crossing',
+    SATURATED: 'the battery is short of power', EMPTY: 'the charge runs out', NO_CROSSING: 'no crossing',
     LIMITED: 'a limit is active', CHEAPER_ELSEWHERE: 'heating elsewhere may cost less', -1: 'bad argument',
     -2: 'bad vehicle', -3: 'bad input', -4: 'no finite number', -5: 'search not settled'}
 # Statuses besides OK that are answers: the caller uses the core's result.

@@ -69,15 +69,8 @@ def plan_switch(vehicle: NativeVehicle, trip: NativeTrip, soc: float, temperatur
     run, places = _new_run(trip.steps)
     memory, found = np.empty(room('BEV_SWITCH_MEMORY', trip.steps)), SwitchPlanStruct()
     status = library.bev_plan_switch(
-        vehicle.address,
-        trip.address,
-        soc,
-        temperature_c,
-        target_c,
-        in_one_interval,
-        None if uncertainty_margin is None else addressof(uncertainty_margin),
-        place(memory),
-        *places,
+        vehicle.address, trip.address, soc, temperature_c, target_c, in_one_interval,
+        None if uncertainty_margin is None else addressof(uncertainty_margin), place(memory), *places,
         addressof(found))
     if status > OK:
         # The memory begins with the unheated run.

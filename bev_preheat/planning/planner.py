@@ -77,7 +77,7 @@ def plan_preheating(vehicle: Vehicle, route: Route, state: BatteryState, goal: G
     """
     Return the Plan for a vehicle with a battery state at the start of a route.
 
-    `method` is one of METHODS; `options` are its own. An `uncertainty_margin` makes the plan heat a little
+    `method` is a name in METHODS; `options` are its own. An `uncertainty_margin` makes the plan heat a little
     more and earlier. `heater_share` (0 ... 1) is the share of its power that the heater gives. With
     `heats_throughout` the heater heats regardless of the plan; the energies include that. The heat arrives
     `heat_lag_s` [s] late; heat that would come after the end is not planned. (This is for a vehicle without a

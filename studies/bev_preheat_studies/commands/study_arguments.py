@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Arguments that all studies share: where they run, and where their results are stored."""
+"""Arguments of all studies: processes, cluster, and the file of results."""
 
 from __future__ import annotations
 
