@@ -21,7 +21,7 @@ def pinned(*files):
     """Return {package: version} of requirement files; of several lines the first counts."""
     versions = {}
     for file in files:
-        for name, version in re.findall(r'^([\w-]+)==([\w.]+)', (SCRIPTS / file).read_text(), re.M):
+        for name, version in re.findall(r'^([\w.-]+)==([\w.]+)', (SCRIPTS / file).read_text(), re.M):
             versions.setdefault(name, version)
     return versions
 

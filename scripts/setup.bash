@@ -125,7 +125,7 @@ wheels() {
             scripts/requirements-oldest.txt scripts/requirements.txt
         grep '==' scripts/requirements-oldest.txt
     else
-        grep -h '==' scripts/requirements.txt scripts/requirements-optional.txt
+        grep -h '==' scripts/requirements.txt scripts/requirements-optional.txt scripts/requirements-wheels.txt
     fi
 }
 

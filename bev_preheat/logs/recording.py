@@ -1,0 +1,49 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A recorded drive in SI units: one series of samples for each signal, at the log's own instants."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from bev_preheat.numerics.arrays import FloatArray
+
+
+@dataclass(frozen=True)
+class Series:
+    """
+    Samples of one signal: `time_s` (strictly increasing) and `value`, both of shape (N,), all finite.
+
+    Times count from the start of the recording. The unit is the ending of the signal's name.
+    """
+
+    time_s: FloatArray
+    value: FloatArray
+
+
+@dataclass(frozen=True)
+class Recording:
+    """
+    A recorded drive, charging session or night.
+
+    `signals` maps names of SIGNALS to their Series; a signal that was not recorded is absent. `start_s` is the
+    start in seconds since the epoch, None if the log has relative times only. `signal_map` names the signal map
+    that was used. `remarks` are sentences on doubts and on everything that was dropped or bridged, one a cause.
+    """
+
+    name: str
+    signals: Mapping[str, Series]
+    start_s: float | None = None
+    signal_map: str = ''
+    remarks: tuple[str, ...] = ()
+
+
+# Every signal that a recording may have; the ending is the unit. `current_a` and `power_w` (the battery's terminal
+# power) are positive while it is discharged. `power_w` holds everything that the battery delivers.
+SIGNALS = (
+    'battery_temperature_c', 'soc', 'voltage_v', 'current_a', 'power_w', 'speed_mps', 'elevation_m', 'ambient_c',
+    # Electrical power of the coolant heater for battery and cabin together, if not known separately.
+    'heater_w', 'battery_heater_w', 'cabin_heater_w', 'auxiliary_w', 'propulsion_power_w', 'coolant_c',
+    'latitude_deg', 'longitude_deg', 'odometer_m')
