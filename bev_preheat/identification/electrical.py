@@ -4,7 +4,7 @@ Open-circuit voltage, capacity and resistance over temperature, from voltage and
 
 The voltage is U_oc(s) - R(T) (I + rho x), where x follows the current with a time constant (one RC pair: fast
 polarisation). Hysteresis and slower relaxation are errors that last; the residuals are therefore differenced,
-e(t) - phi e(t - 1 s) with phi = exp(-1 s / 30 s), which leaves a thirtieth of a constant error. The Joule heat of
+e(t) - phi e(t - 5 s) with phi = exp(-5 s / 30 s), which leaves a seventh of a constant error. The Joule heat of
 the model is R I^2, so the file's resistance is the one with the heat of both parts: R (1 + rho <x^2>/<I^2>).
 """
 
@@ -29,13 +29,15 @@ if TYPE_CHECKING:
     from bev_preheat.vehicle.description import Vehicle
 
 LASTING_S = 30.0
+# Voltage and current are averaged over this time [s], because noise of the current makes the resistance too small.
+BLOCK_S = 5.0
 POLARISATION_S = (4.0, 10.0, 20.0)
 # Readings in whole degrees are smoothed over this time [s].
 SMOOTHING_S = 121
 # Errors of neighbouring rows hang together: so many of them count as one observation against the prior.
-ROWS_PER_OBSERVATION = 100.0
+ROWS_PER_OBSERVATION = 20.0
 # Rows of one trip, so that a night does not outweigh the drives.
-MOST_ROWS = 4000
+MOST_ROWS = 1500
 # Least root mean square of the current's changes within 30 s [A] for a trip that tells the resistance.
 LEAST_VARIATION_A = 3.0
 # Prior standard deviations: open-circuit voltage as shares of itself (offset, slope and curvature over the whole
@@ -104,11 +106,13 @@ class _Rows:
         follows_a = lfilter([1.0 - left], [1.0, -left], current_a, zi=[left * current_a[0]])[0]
         self.heat_share = float(np.mean(follows_a**2) / max(np.mean(current_a**2), 1e-9))
         self.square_a2 = float(np.mean(current_a**2))
-        keeps = math.exp(-1.0 / LASTING_S)
-        stride = -(-len(trip) // MOST_ROWS)
+        keeps = math.exp(-BLOCK_S / LASTING_S)
+        blocks = np.arange(0.0, len(trip) + 1.0, BLOCK_S)
+        stride = -(-len(blocks) // MOST_ROWS)
 
         def differenced(values: FloatArray) -> FloatArray:
-            return np.asarray((values[1:] - keeps * values[:-1])[::stride])
+            means = trip.means(values, blocks)
+            return np.asarray((means[1:] - keeps * means[:-1])[::stride])
 
         centred = soc - 0.5
         self.error_v = differenced(open_v - trip.voltage_v)
@@ -116,7 +120,7 @@ class _Rows:
             np.ones_like(soc), centred, centred**2)], axis=-1)
         weights = knot_weights(temperature_c)
         # The knots' part is not differenced before it is multiplied: R is at both instants nearly the same.
-        self.weights = weights[1:][::stride]
+        self.weights = weights[int(BLOCK_S)::int(BLOCK_S)][:len(blocks) - 2][::stride]
         self.drop_v, self.polarised_v = differenced(resistance * current_a), differenced(resistance * follows_a)
 
     def residuals(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -144,7 +148,6 @@ def fit_electrical(vehicle: Vehicle, trips: Sequence[Trip], weights: Sequence[fl
                key=lambda found: found[0])
     _, polarisation_s, theta, covariance, heat_share, residual_v = best
     heat_factor = 1.0 + theta[RHO] * heat_share
-    # The voltage offset is seen through a thirtieth of itself: a lasting error of the drop shifts it.
     return Electrical(
         theta[:OCV], np.sqrt(np.diag(covariance)[:OCV]), theta[BETA] + math.log(heat_factor),
         covariance[BETA, BETA] + SYSTEMATIC_DEVIATION**2, float(theta[RHO]), polarisation_s, float(heat_factor),

@@ -12,11 +12,11 @@ from scipy.optimize import least_squares
 
 from bev_preheat.identification.electrical import fit_electrical
 from bev_preheat.identification.parameters import ALWAYS, NAMES, parameters_of, STRUCTURES
-from bev_preheat.identification.readings import interval_residuals, NOISE_K
+from bev_preheat.identification.readings import interval_residuals
 from bev_preheat.identification.thermal import course_of, PARAMETERS, ThermalModel
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from bev_preheat.identification.electrical import Electrical
     from bev_preheat.identification.thermal import Course
@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import BoolArray, FloatArray
     from bev_preheat.vehicle.description import Vehicle
 
-# Readings hang together over about this time [s]: that much of a trip is one observation against the priors.
-CORRELATION_S = 300.0
+# Readings (one in 30 s) that count as one independent observation against the priors: at least, at most.
+LEAST_DISPERSION, MOST_DISPERSION = 1.0, 30.0
 # The start temperature lies in the interval of the first reading; a lagging sensor widens it [K].
 START_NOISE_K = 0.2
 # A reading is the sensor's: with a coarse step the cell may be anywhere in it.
@@ -71,7 +71,6 @@ class ThermalFit:
         count = len(gradients)
         spread = gradients.T @ gradients * (count / max(count - 1.0, 1.0))
         own = inverse @ (spread + self.prior_precision) @ inverse
-        # Never less than if the readings alone were uncertain.
         whole = np.zeros((PARAMETERS, PARAMETERS))
         whole[np.ix_(self.free, self.free)] = own
         return whole
@@ -86,10 +85,33 @@ class Fitter:
         self.parameters = parameters_of(vehicle)
         self.courses = [course_of(trip, vehicle) for trip in trips]
         self.has_heating = [trip.heats for trip in trips]
+        self._models: dict[bool, ThermalModel] = {}
+        # Readings that count as one independent observation.
+        self.dispersion = LEAST_DISPERSION
 
     def electrical(self, kept: Sequence[int] | None = None) -> Electrical:
         """Return the Electrical of the kept trips (indices; None: all)."""
         return fit_electrical(self.vehicle, [self.trips[at] for at in self._kept(kept)])
+
+    def find_dispersion(self, electrical: Electrical) -> ThermalFit:
+        """
+        Set `dispersion` from a fit of one mass to all trips; return that fit.
+
+        If the model were exact, the trips' gradients would vary as their information says. They vary more by the
+        factor that is found here, because errors of model and sensor last (quasi-likelihood).
+        """
+        structure = next(iter(STRUCTURES))
+        self.dispersion = LEAST_DISPERSION
+        fit = self.fit(structure, None, electrical)
+        inverse = np.linalg.inv(fit.information)
+        gradients = np.array([term.gradient for term in fit.terms])
+        gradients = gradients - gradients.mean(axis=0)
+        own = fit.information - fit.prior_precision
+        count = len(gradients)
+        ratio = (np.einsum('ti,ij,tj->', gradients, inverse, gradients) * count / max(count - 1.0, 1.0)
+                 / max(float(np.trace(own @ inverse)), 1e-9))
+        self.dispersion = LEAST_DISPERSION * min(max(float(ratio), 1.0), MOST_DISPERSION / LEAST_DISPERSION)
+        return fit
 
     def _kept(self, kept: Sequence[int] | None) -> Sequence[int]:
         return range(len(self.trips)) if kept is None else kept
@@ -101,16 +123,16 @@ class Fitter:
                 or (heating and name == 'heat_lag')]
 
     def fit(self, structure: str, kept: Sequence[int] | None = None, electrical: Electrical | None = None,
-            begin: FloatArray | None = None, held: tuple[str, float] | None = None) -> ThermalFit:
+            begin: FloatArray | None = None, held: Mapping[str, float] | None = None) -> ThermalFit:
         """
         Return the ThermalFit of a structure to the kept trips (indices; None: all).
 
-        `electrical` is that of these trips, `begin` the coordinates to begin at; `held` is a name and the coordinate
-        at which it is held (profile likelihood).
+        `electrical` is that of these trips, `begin` the coordinates to begin at; `held` maps names to
+        the coordinates at which they are held.
         """
         indices = list(self._kept(kept))
         electrical = self.electrical(indices) if electrical is None else electrical
-        model = model_of(self.vehicle, electrical, structure)
+        model = self.model(structure)
         names = self.free_names(structure, indices)
         free = np.array([name in names for name in NAMES] + [True] * (PARAMETERS - len(NAMES)))
         prior, low, high = self._prior(electrical)
@@ -118,11 +140,11 @@ class Fitter:
         for at, name in enumerate(NAMES):
             if not free[at]:
                 theta[at] = prior[at] = self.parameters[name].fixed
-        if held is not None:
-            at = NAMES.index(held[0])
-            free[at], theta[at] = False, held[1]
         if begin is not None:
             theta[free] = begin[free]
+        for name, coordinate in (held or {}).items():
+            at = NAMES.index(name)
+            free[at], theta[at] = False, coordinate
         precision = self._precision(electrical)[np.ix_(free, free)]
         prior_root = np.linalg.cholesky(precision).T
         count = int(free.sum())
@@ -137,7 +159,8 @@ class Fitter:
                 theta[free] = values[:count]
                 residuals, slopes = [], []
                 for at, course in enumerate(courses):
-                    residual, slope = trip_residuals(model, course, theta, values[count + at])
+                    residual, slope = self.trip_residuals(
+                        model, course, theta, values[count + at], electrical)
                     row = np.zeros((len(residual), len(values)))
                     row[:, :count], row[:, count + at] = slope[:, :-1][:, free], slope[:, -1]
                     residuals.append(residual)
@@ -169,6 +192,22 @@ class Fitter:
                           tuple(course.trip.start_c + offset for course, offset in zip(courses, found.x[count:])),
                           electrical, float(found.cost))
 
+    def model(self, structure: str) -> ThermalModel:
+        """Return the ThermalModel of a structure."""
+        has_shell = 'shell_share' in STRUCTURES[structure]
+        if has_shell not in self._models:
+            self._models[has_shell] = ThermalModel(self.vehicle, has_shell)
+        return self._models[has_shell]
+
+    def trip_residuals(self, model: ThermalModel, course: Course, theta: FloatArray, start_offset_k: float,
+                       electrical: Electrical) -> tuple[FloatArray, FloatArray]:
+        """Return weighted residuals (K,) of a course's readings and their slopes (K, PARAMETERS + 1)."""
+        readings_c, slopes = model.course(course, theta, course.trip.start_c + start_offset_k, electrical)
+        residual, slope = interval_residuals(
+            readings_c[course.reading_at], course.reading_c, course.trip.resolution_k)
+        weight = math.sqrt(1.0 / self.dispersion)
+        return weight * residual, (weight * slope)[:, np.newaxis] * slopes[course.reading_at]
+
     def _prior(self, electrical: Electrical) -> tuple[FloatArray, FloatArray, FloatArray]:
         own = [self.parameters[name] for name in NAMES]
         bound = np.full(len(electrical.log_factors), 3.0)
@@ -184,24 +223,9 @@ class Fitter:
         return precision
 
 
-def model_of(vehicle: Vehicle, electrical: Electrical, structure: str) -> ThermalModel:
-    """Return the ThermalModel of a structure."""
-    return ThermalModel(vehicle, electrical, 'shell_share' in STRUCTURES[structure])
-
-
 def start_deviation_k(course: Course) -> float:
     """Return the standard deviation of the battery temperature at the first reading [K]."""
     return math.hypot(SHARE_OF_STEP * course.trip.resolution_k, START_NOISE_K)
-
-
-def trip_residuals(model: ThermalModel, course: Course, theta: FloatArray,
-                   start_offset_k: float) -> tuple[FloatArray, FloatArray]:
-    """Return weighted residuals (K,) of a course's readings and their slopes (K, PARAMETERS + 1)."""
-    readings_c, slopes = model.course(course, theta, course.trip.start_c + start_offset_k)
-    residual, slope = interval_residuals(
-        readings_c[course.reading_at], course.reading_c, course.trip.resolution_k)
-    weight = np.sqrt(np.minimum(course.reading_weight_s / CORRELATION_S, 1.0))
-    return weight * residual, (weight * slope)[:, np.newaxis] * slopes[course.reading_at]
 
 
 def _terms(residual: FloatArray, slope: FloatArray, start_slope: FloatArray, start_offset_k: float,
@@ -211,6 +235,3 @@ def _terms(residual: FloatArray, slope: FloatArray, start_slope: FloatArray, sta
     cross, own = slope.T @ start_slope, start_slope @ start_slope + 1.0 / start_deviation_k**2
     start_gradient = start_slope @ residual + start_offset_k / start_deviation_k**2
     return TripTerms(gradient - cross * (start_gradient / own), information - np.outer(cross, cross) / own)
-
-
-__all__ = ['Fitter', 'model_of', 'NOISE_K', 'start_deviation_k', 'ThermalFit', 'trip_residuals', 'TripTerms']

@@ -74,11 +74,13 @@ IN_THE_FILE = ('one mass', 'one mass, sensor lag')
 def parameters_of(vehicle: Vehicle) -> dict[str, Parameter]:
     """Return the Parameters by name, with priors around a START vehicle."""
     battery, path = vehicle.battery, vehicle.heat_path
-    capacity, gamma = battery.heat_capacity_j_per_k, battery.leakage.gamma_0_w_per_k
+    # Coolant warms with the battery.
+    capacity = battery.heat_capacity_j_per_k + path.coolant_heat_capacity_j_per_k
+    gamma = battery.leakage.gamma_0_w_per_k
     per_speed = battery.leakage.gamma_v_w_per_k_per_mps
     log = math.log
     listed = (
-        Parameter('heat_capacity', 'heat capacity', 'J/K', capacity, True, 0.3, log(2e4), log(1e7), log(capacity),
+        Parameter('heat_capacity', 'heat capacity of battery and coolant', 'J/K', capacity, True, 0.3, log(2e4), log(1e7), log(capacity),
                   'START within 30 %: cells, plates and housing of one size differ by no more',
                   'battery.heat_capacity_j_per_k'),
         Parameter('leakage', 'leakage at stand', 'W/K', max(gamma, 0.5), True, 0.8, log(0.2), log(1000.0),
@@ -93,8 +95,8 @@ def parameters_of(vehicle: Vehicle) -> dict[str, Parameter]:
                   vehicle.drivetrain.heat_share,
                   'START within 0.03: from 0 (air-cooled drivetrain) to all losses',
                   'drivetrain.heat_recovery_efficiency'),
-        Parameter('heater_efficiency', 'heater efficiency', '', vehicle.hvch.efficiency, False, 0.08, 0.3, 1.0,
-                  vehicle.hvch.efficiency, 'START within 0.08: losses of heater and hoses', 'hvch.efficiency'),
+        Parameter('heater_efficiency', 'heater efficiency', '', vehicle.hvch.efficiency, False, 0.04, 0.3, 1.0,
+                  vehicle.hvch.efficiency, 'START within 0.04: losses of heater and hoses', 'hvch.efficiency'),
         Parameter('heat_lag', 'lag of the heat', 's', path.coolant_lag_s or NOMINAL_HEAT_LAG_S, True, 0.7, log(0.5),
                   log(600.0), log(path.coolant_lag_s or NO_LAG_S), 'START, else 40 s, within a factor of 2',
                   'heat_path.coolant_conductance_w_per_k'),

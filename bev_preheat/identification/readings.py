@@ -16,6 +16,7 @@ NOISE_K = 0.3
 # Residuals beyond this many standard deviations count linearly (Huber), so that a spike decides nothing.
 MOST_DEVIATIONS = 2.5
 LEAST_RESIDUAL = 1e-4
+FARTHEST = 25.0
 HALF = 0.5
 
 
@@ -32,7 +33,8 @@ def interval_residuals(model_c: FloatArray, reading_c: FloatArray,
     if half < LEAST_RESIDUAL:
         residual, slope = off, np.full_like(off, 1.0 / NOISE_K)
     else:
-        distance = np.abs(off)
+        # Beyond this the logarithms lose their digits; such readings count linearly anyway.
+        distance = np.minimum(np.abs(off), half + FARTHEST)
         log_share = _log_share(distance, half)
         square = np.maximum(2.0 * (_log_share(np.zeros(1), half) - log_share), 0.0)
         magnitude = np.sqrt(square)

@@ -34,6 +34,8 @@ if TYPE_CHECKING:
 
 STATES = 6
 INPUTS = 8
+# Offset, slope and curvature that correct the open-circuit voltage.
+VOLTAGES = 3
 PARAMETERS = len(NAMES) + len(KNOTS_C)
 # Steps while the car draws power, and at stand [s].
 DRIVE_STEP_S, STAND_STEP_S = 30, 300
@@ -102,39 +104,40 @@ def course_of(trip: Trip, vehicle: Vehicle) -> Course:
 
 class ThermalModel:
     """
-    Sensor temperatures over courses, for one START vehicle and the curves found from voltage and current.
+    Sensor temperatures over courses, for one START vehicle.
 
     Parameters (PARAMETERS,) are coordinates: those of `parameters.NAMES`, then the resistance's log factors.
     """
 
-    def __init__(self, vehicle: Vehicle, electrical: Electrical, has_shell: bool = False) -> None:
-        """Derive the step and its derivatives."""
-        self._vehicle = replace(vehicle, battery=replace(
-            vehicle.battery, capacity_ah=electrical.capacity_ah,
-            open_circuit_voltage=CorrectedVoltage(
-                vehicle.battery.open_circuit_voltage, *map(float, electrical.voltage_v))))
+    def __init__(self, vehicle: Vehicle, has_shell: bool = False) -> None:
+        """Take the START vehicle; the step and its derivatives are derived at first use."""
+        self._vehicle = vehicle
         self._has_shell = has_shell
         self._over: dict[int, casadi.Function] = {}
 
     @cached_property
     def _step(self) -> casadi.Function:
-        """Return the step of states and of their slopes over parameters and start temperature."""
-        state, inputs, theta = (casadi.SX.sym(name, size) for name, size in (
-            ('state', STATES), ('inputs', INPUTS), ('theta', PARAMETERS)))
-        after = self._after(casadi.vertsplit(state), casadi.vertsplit(inputs), casadi.vertsplit(theta))
+        """Return the step of states with their slopes over parameters and start temperature, and the reading's row."""
+        state, inputs, theta, voltage_v = (casadi.SX.sym(name, size) for name, size in (
+            ('state', STATES), ('inputs', INPUTS), ('theta', PARAMETERS), ('voltage_v', VOLTAGES)))
+        after = self._after(*map(casadi.vertsplit, (state, inputs, theta, voltage_v)))
         slopes = casadi.SX.sym('slopes', STATES, PARAMETERS + 1)
         own = casadi.horzcat(casadi.jacobian(after, theta), casadi.SX(STATES, 1))
         slopes_after = casadi.jacobian(after, state) @ slopes + own
         joined = casadi.vertcat(state, casadi.vec(slopes))
-        return casadi.Function('step', [joined, inputs, theta],
-                               [casadi.vertcat(after, casadi.vec(slopes_after))]).expand()
+        return casadi.Function('step', [joined, inputs, theta, voltage_v],
+                               [casadi.vertcat(after, casadi.vec(slopes_after)),
+                                casadi.horzcat(after[STATES - 1], slopes_after[STATES - 1, :])]).expand()
 
-    def _after(self, state: list[casadi.SX], inputs: list[casadi.SX], theta: list[casadi.SX]) -> casadi.SX:
+    def _after(self, state: list[casadi.SX], inputs: list[casadi.SX], theta: list[casadi.SX],
+               voltage_v: list[casadi.SX]) -> casadi.SX:
         temperature_c, shell_c, under_way_k, sensor_c, local_k, _ = state
         duration_s, power_w, variance_a2, magnitude_w, heater_w, speed_mps, ambient_c, soc = inputs
         (log_capacity, log_leakage, per_speed, drivetrain_heat, efficiency, log_heat_lag, log_sensor_lag, local_rise,
          shell_share, log_conductance), log_factors = theta[:len(NAMES)], theta[len(NAMES):]
-        vehicle = self._vehicle
+        vehicle = replace(self._vehicle, battery=replace(
+            self._vehicle.battery,
+            open_circuit_voltage=CorrectedVoltage(self._vehicle.battery.open_circuit_voltage, *voltage_v)))
         capacity, conductance = casadi.exp(log_capacity), casadi.exp(log_conductance)
         leakage = Leakage(casadi.exp(log_leakage), per_speed)
         core = capacity * (1.0 - shell_share) if self._has_shell else capacity
@@ -174,11 +177,12 @@ class ThermalModel:
         return casadi.vertcat(end_c, shell_end_c, under_way_end_k, sensor_end_c, local_end_k,
                               sensor_end_c + local_end_k)
 
-    def course(self, course: Course, theta: FloatArray, start_c: float) -> tuple[FloatArray, FloatArray]:
+    def course(self, course: Course, theta: FloatArray, start_c: float,
+               electrical: Electrical) -> tuple[FloatArray, FloatArray]:
         """
         Return sensor temperatures after each step (M,) [deg C] and their slopes (M, PARAMETERS + 1).
 
-        The last slope is that over the start temperature `start_c`.
+        The last slope is that over the start temperature `start_c`; the open-circuit voltage is that of `electrical`.
         """
         steps = course.inputs.shape[1]
         if steps not in self._over:
@@ -186,6 +190,8 @@ class ThermalModel:
         slopes = np.zeros((STATES, PARAMETERS + 1))
         slopes[[0, 1, 3, 5], -1] = 1.0
         state = np.concatenate(([start_c, start_c, 0.0, start_c, 0.0, start_c], slopes.ravel('F')))
-        after = np.asarray(self._over[steps](state, course.inputs, np.tile(theta[:, np.newaxis], steps)))
-        # Slopes are stored column by column.
-        return after[STATES - 1], after[STATES:].reshape(PARAMETERS + 1, STATES, steps)[:, STATES - 1].T
+        _, rows = self._over[steps](state, course.inputs, *(
+            np.tile(values[:, np.newaxis], steps) for values in (theta, electrical.voltage_v)))
+        # The rows of all steps stand side by side.
+        read = rows.full().reshape(steps, PARAMETERS + 2)
+        return read[:, 0], read[:, 1:]
