@@ -8,11 +8,14 @@ from pathlib import Path
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.logs.channels import RawLog
+from bev_preheat.logs.json_lines import open_json_lines
+from bev_preheat.logs.long_csv import open_long_csv
 from bev_preheat.logs.text_lines import read_head
 from bev_preheat.logs.wide_csv import open_wide_csv
 
 # Each takes a path and the file's first bytes, and returns the open log, None if the file has another format.
-FORMATS: tuple[Callable[[str | Path, bytes], RawLog | None], ...] = (open_wide_csv,)
+FORMATS: tuple[Callable[[str | Path, bytes], RawLog | None], ...] = (
+    open_json_lines, open_long_csv, open_wide_csv)
 
 
 def open_log(path: str | Path) -> RawLog:

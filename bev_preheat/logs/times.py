@@ -82,10 +82,32 @@ def _number_clock(numbers: FloatArray, unit: str, decimal: str) -> Clock | None:
             scale = 1e-3
             remark = (f'times have no unit; steps of {np.median(steps):g} are taken as milliseconds')
 
+    days = _Days() if not absolute and scale == 1.0 and numbers.max() < DAY_S else None
+
     def read(texts: Sequence[str]) -> FloatArray:
-        return read_numbers(texts, decimal)[0] * scale
+        seconds = read_numbers(texts, decimal)[0] * scale
+        return seconds if days is None else days.continued(seconds)
 
     return Clock(read, absolute, remark)
+
+
+class _Days:
+    """Continues seconds since midnight after the next midnight."""
+
+    def __init__(self) -> None:
+        self._days, self._last_s = 0, np.nan
+
+    def continued(self, seconds: FloatArray) -> FloatArray:
+        """Return seconds that go on where the day ends, shape (N,)."""
+        known = seconds[np.isfinite(seconds)]
+        if not known.size:
+            return seconds
+        steps = np.diff(known, prepend=known[0] if np.isnan(self._last_s) else self._last_s)
+        days = self._days + np.cumsum((steps < -0.9 * DAY_S) & (known <= DAY_S))
+        self._days, self._last_s = int(days[-1]), float(known[-1])
+        later = seconds.copy()
+        later[np.isfinite(seconds)] = known + DAY_S * days
+        return later
 
 
 def _scale_of(unit: str) -> float | None:
