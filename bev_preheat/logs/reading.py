@@ -3,20 +3,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.errors import InvalidInput, quoted, shortened
+from bev_preheat.errors import figure, InvalidInput, shortened
 from bev_preheat.logs.channels import RawLog
 from bev_preheat.logs.decoding import Decoder
+from bev_preheat.logs.doubts import find_doubts
 from bev_preheat.logs.formats import open_log
 from bev_preheat.logs.recording import Recording, Series
 from bev_preheat.logs.remarks import Remarks
 from bev_preheat.logs.samples import combined, Samples
 from bev_preheat.logs.signal_map import load_signal_map, recognised_map, SignalMap
+from bev_preheat.logs.units import split_unit
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray, IntArray
@@ -26,14 +27,17 @@ HOLD_S = 60.0
 # Share of the readings that may be out of order before the log counts as several logs in one.
 MOST_OUT_OF_ORDER = 0.02
 LONGEST_LIST = 400
+FASTEST_MPS = 100.0
 
 
-def read_recording(path: str | Path, signals: str | Path | SignalMap | None = None) -> Recording:
+def read_recording(path: str | Path, signals: str | Path | SignalMap | None = None,
+                   repair: bool = False) -> Recording:
     """
     Return the Recording of a log.
 
     `signals` is a signal map: a name in config/signals, a YAML file or a SignalMap; None: the map that recognises
-    the log's channels, else the common one. Raises InvalidInput naming file, place, value and what is allowed.
+    the log's channels, else the common one. Doubts about sign, unit or scale are among the remarks; with `repair`
+    they are corrected. Power is added as voltage times current if the log has none. Raises InvalidInput naming file, place, value and what is allowed.
     """
     log = open_log(path)
     names = [channel.name for channel in log.channels]
@@ -48,7 +52,8 @@ def read_recording(path: str | Path, signals: str | Path | SignalMap | None = No
     log.use(signal_map)
     remarks = Remarks()
     units = {channel.name: channel.unit for channel in log.channels}
-    decoders = {(signal, channel): Decoder(signal_map.sources[signal], channel, units[channel], log.decimal)
+    decoders = {(signal, channel): Decoder(signal_map.sources[signal], channel, units[channel], log.decimal,
+                                         repair)
                 for signal, channels in chosen.items() for channel in channels}
     samples = {key: Samples() for key in decoders}
     by_channel: dict[str, list[tuple[str, str]]] = {}
@@ -61,18 +66,67 @@ def read_recording(path: str | Path, signals: str | Path | SignalMap | None = No
     series = _series(path, log, chosen, samples, signal_map, remarks)
     if not series:
         raise InvalidInput([f'{path}: no signal has a valid reading', *remarks.sentences()])
+    sources = {signal: tuple(_described(decoders[signal, channel]) for channel in channels
+                             if samples[signal, channel].readings)
+               for signal, channels in chosen.items() if signal in series}
+    _judge(path, series, remarks, repair)
+    _drop_too_fast(path, series, remarks)
+    _add_power(series, sources)
+    if not series:
+        raise InvalidInput([f'{path}: no signal has a valid reading', *remarks.sentences()])
     start_s = min(float(each.time_s[0]) for each in series.values())
     return Recording(
         name=Path(path).stem,
         signals={signal: Series(each.time_s - start_s, each.value) for signal, each in series.items()},
         start_s=start_s if log.absolute else None, signal_map=signal_map.name, remarks=remarks.sentences(),
-        format=log.format, sources={signal: tuple(_described(decoders[signal, channel]) for channel in channels
-                                                  if samples[signal, channel].readings)
-                                    for signal, channels in chosen.items() if signal in series})
+        format=log.format, sources=sources)
 
 
 def _described(decoder: Decoder) -> str:
-    return f'{decoder.channel} [{decoder.unit}]' if decoder.unit else decoder.channel
+    named = decoder.unit and not split_unit(decoder.channel).unit
+    return f'{decoder.channel} [{decoder.unit}]' if named else decoder.channel
+
+
+def _judge(path: str | Path, series: dict[str, Series], remarks: Remarks, repair: bool) -> None:
+    """Remark on doubts about the signals, and correct them on request."""
+    # A corrected speed or current may settle the doubt about another signal.
+    for _ in range(len(series)):
+        doubts = find_doubts(series)
+        for doubt in doubts[:1] if repair else doubts:
+            done = 'repaired' if repair else 'to correct it, read the log with repair (--repair) or a signal map'
+            remarks.add(f'doubt {doubt.signal} {doubt.factor:g}', f'{path}: {doubt.sentence} {done}'
+                        if doubt.sentence.endswith('?') else f'{path}: {doubt.sentence}; {done}')
+            if repair:
+                series[doubt.signal] = doubt.repaired(series[doubt.signal])
+        if not doubts or not repair:
+            return
+
+
+def _drop_too_fast(path: str | Path, series: dict[str, Series], remarks: Remarks) -> None:
+    """Drop speeds that no car reaches, now that their unit is as good as it gets."""
+    speed = series.get('speed_mps')
+    if speed is None or (speed.value <= FASTEST_MPS).all():
+        return
+    good = speed.value <= FASTEST_MPS
+    at = int(np.argmin(good))
+    remarks.add('fast', f'{path}: speed_mps: {figure(speed.value[at])} at {figure(speed.time_s[at] - speed.time_s[0])} s '
+                f'is dropped (plausible: 0 ... {FASTEST_MPS:g})', int((~good).sum()))
+    if good.any():
+        series['speed_mps'] = Series(speed.time_s[good], speed.value[good])
+    else:
+        del series['speed_mps']
+
+
+def _add_power(series: dict[str, Series], sources: dict[str, tuple[str, ...]]) -> None:
+    """Add the power as voltage times current, at the instants of the current that the voltage covers."""
+    if 'power_w' in series or not {'voltage_v', 'current_a'} <= series.keys():
+        return
+    voltage, current = series['voltage_v'], series['current_a']
+    inside = (current.time_s >= voltage.time_s[0]) & (current.time_s <= voltage.time_s[-1])
+    if inside.any():
+        time_s = current.time_s[inside]
+        series['power_w'] = Series(time_s, np.interp(time_s, voltage.time_s, voltage.value) * current.value[inside])
+        sources['power_w'] = ('voltage_v x current_a',)
 
 
 def _series(path: str | Path, log: RawLog, chosen: dict[str, tuple[str, ...]],
@@ -121,8 +175,3 @@ def _in_order(path: str | Path, log: RawLog, channel: str, time_s: FloatArray, v
         time_s = time_s[starts]
     return Series(time_s, values)
 
-
-def channel_list(log: RawLog) -> Iterator[str]:
-    """Yield the channels of a log with their units."""
-    for channel in log.channels:
-        yield f'{quoted(channel.name)} [{channel.unit}]' if channel.unit else quoted(channel.name)

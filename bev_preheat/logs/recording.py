@@ -42,6 +42,11 @@ class Recording:
     format: str = ''
     sources: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
+    @property
+    def duration_s(self) -> float:
+        """Time from the first sample of any signal to the last [s]."""
+        return max(float(series.time_s[-1]) for series in self.signals.values())
+
 
 # Every signal that a recording may have; the ending is the unit. `current_a` and `power_w` (the battery's terminal
 # power) are positive while it is discharged. `power_w` holds everything that the battery delivers.

@@ -22,14 +22,20 @@ SCHEMA = Path(__file__).with_name('signal_map_schema.yaml')
 SUFFIX = '.yaml'
 # The map for logs that no other map recognises.
 COMMON = 'common'
-# Plausible values (low, high) of the signals, in their own units; others are dropped.
+# Plausible values (low, high) of the signals, in their own units; others are dropped. Speeds in a wrong unit pass,
+# so that the mix-up can be told and repaired.
 PLAUSIBLE = {
     'battery_temperature_c': (-50.0, 90.0), 'soc': (0.0, 1.01), 'voltage_v': (20.0, 1500.0),
-    'current_a': (-3000.0, 3000.0), 'power_w': (-2e6, 2e6), 'speed_mps': (0.0, 100.0),
+    'current_a': (-3000.0, 3000.0), 'power_w': (-2e6, 2e6), 'speed_mps': (0.0, 350.0),
     'elevation_m': (-500.0, 9000.0), 'ambient_c': (-60.0, 60.0), 'heater_w': (0.0, 50e3),
     'battery_heater_w': (0.0, 50e3), 'cabin_heater_w': (0.0, 50e3), 'auxiliary_w': (0.0, 50e3), 'aircon_w': (0.0, 50e3),
     'propulsion_power_w': (-2e6, 2e6), 'coolant_c': (-60.0, 130.0), 'latitude_deg': (-90.0, 90.0),
     'longitude_deg': (-180.0, 180.0), 'odometer_m': (0.0, 1e10)}
+
+
+# Last parts of dotted paths that mean something only with the parts before: TractionBattery.StateOfCharge.Current.
+NOT_ALONE = frozenset(('average', 'current', 'level', 'max', 'mean', 'min', 'power', 'range', 'speed', 'state',
+                       'temperature', 'time', 'value', 'voltage'))
 
 
 @dataclass(frozen=True)
@@ -81,7 +87,9 @@ def matches(entry: str, name: str) -> bool:
     """Return whether an entry of a map, a name or a pattern between slashes, means a channel."""
     if len(entry) > 2 and entry[0] == entry[-1] == '/':
         return re.search(entry[1:-1], name, re.IGNORECASE) is not None
-    return plain(entry) in (plain(name), plain(split_unit(name).name))
+    last = name.rpartition('.')[2]
+    return plain(entry) in (plain(name), plain(split_unit(name).name)) or (
+        plain(entry) == plain(last) and plain(last) not in NOT_ALONE)
 
 
 def plain(name: str) -> str:

@@ -48,7 +48,7 @@ def find_time_column(header: Sequence[str], units: Sequence[str], rows: Sequence
         if joined is not None:
             return TimeColumn((dates[0], times[0]), joined)
     ranked += [at for pattern in NAMES for at, name in enumerate(header)
-               if re.search(pattern, name.strip(), re.IGNORECASE) and not DURATION.search(name)]
+               if re.search(pattern, name.rpartition('.')[2].strip(), re.IGNORECASE) and not DURATION.search(name)]
     fallback = None
     for at in dict.fromkeys(ranked):
         clock = clock_of(at)

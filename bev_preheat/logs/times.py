@@ -169,7 +169,7 @@ def _date_clock(texts: Sequence[str]) -> Clock | None:
         order = 'mdy'
     else:
         order = 'mdy' if mark == '/' else 'dmy'
-        remark = (f'date {first[0]!r} can be read in two ways; the '
+        remark = '' if mark == '.' else (f'date {first[0]!r} can be read in two ways; the '
                   f'{"month" if order == "mdy" else "day"} is taken to come first')
     return Clock(lambda cells: np.array([_date_seconds(cell, order) for cell in cells], dtype=float), True, remark)
 
