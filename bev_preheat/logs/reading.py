@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -31,20 +32,21 @@ FASTEST_MPS = 100.0
 
 
 def read_recording(path: str | Path, signals: str | Path | SignalMap | None = None,
-                   repair: bool = False) -> Recording:
+                   repair: bool = False, only: Collection[str] | None = None) -> Recording:
     """
     Return the Recording of a log.
 
     `signals` is a signal map: a name in config/signals, a YAML file or a SignalMap; None: the map that recognises
     the log's channels, else the common one. Doubts about sign, unit or scale are among the remarks; with `repair`
-    they are corrected. Power is added as voltage times current if the log has none. Raises InvalidInput naming file, place, value and what is allowed.
+    they are corrected. `only` names the signals that are read (None: all). Power is added as voltage times current if the log has none. Raises InvalidInput naming file, place, value and what is allowed.
     """
     log = open_log(path)
     names = [channel.name for channel in log.channels]
     signal_map = (signals if isinstance(signals, SignalMap) else
                   recognised_map(names) if signals is None else load_signal_map(signals))
     chosen = {signal: source.chosen(names) for signal, source in signal_map.sources.items()}
-    chosen = {signal: channels for signal, channels in chosen.items() if channels}
+    chosen = {signal: channels for signal, channels in chosen.items()
+              if channels and (only is None or signal in only)}
     if not chosen:
         raise InvalidInput(
             f'{path}: none of its channels is a signal of the signal map {signal_map.name}; the channels are '
