@@ -40,10 +40,10 @@ def read_recording(path: str | Path, signals: str | Path | SignalMap | None = No
     the log's channels, else the common one. Doubts about sign, unit or scale are among the remarks; with `repair`
     they are corrected. `only` names the signals that are read (None: all). Power is added as voltage times current if the log has none. Raises InvalidInput naming file, place, value and what is allowed.
     """
-    log = open_log(path)
+    given = signals if signals is None or isinstance(signals, SignalMap) else load_signal_map(signals)
+    log = open_log(path, () if given is None else given.databases)
     names = [channel.name for channel in log.channels]
-    signal_map = (signals if isinstance(signals, SignalMap) else
-                  recognised_map(names) if signals is None else load_signal_map(signals))
+    signal_map = recognised_map(names) if given is None else given
     chosen = {signal: source.chosen(names) for signal, source in signal_map.sources.items()}
     chosen = {signal: channels for signal, channels in chosen.items()
               if channels and (only is None or signal in only)}
@@ -53,6 +53,8 @@ def read_recording(path: str | Path, signals: str | Path | SignalMap | None = No
             f'{shortened(", ".join(names), LONGEST_LIST)}; name them in a signal map')
     log.use(signal_map)
     remarks = Remarks()
+    for channel in {each for channels in chosen.values() for each in channels if f'{each} #2' in names}:
+        remarks.add(f'twice {channel}', f'{path}: {channel} is named more than once; the first counts')
     units = {channel.name: channel.unit for channel in log.channels}
     decoders = {(signal, channel): Decoder(signal_map.sources[signal], channel, units[channel], log.decimal,
                                          repair)
