@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
+from contextlib import suppress
 import logging
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
@@ -36,6 +37,8 @@ class Mdf:
         require('asammdf')
         import asammdf
         logging.getLogger('asammdf').setLevel(logging.CRITICAL)
+        for version in (asammdf.blocks.mdf_v3.MDF3, asammdf.blocks.mdf_v4.MDF4):
+            _quieten(version)
         self._path = path
         try:
             file: Any = asammdf.MDF(path)
@@ -85,6 +88,20 @@ class Mdf:
                 else:
                     yield Piece(name, time_s + self._start_s, values.astype(float),
                                 first + np.arange(1, len(values) + 1))
+
+
+def _quieten(version: Any) -> None:
+    """Silence the destructor of an asammdf class, which prints a traceback for a file that could not be opened."""
+    destroy = version.__del__
+    if getattr(destroy, 'is_quiet', False):
+        return
+
+    def quiet(self: Any) -> None:
+        with suppress(Exception):
+            destroy(self)
+
+    quiet.is_quiet = True  # type: ignore[attr-defined]
+    version.__del__ = quiet
 
 
 def _text(value: Any) -> str:
