@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator
 from contextlib import closing
+import logging
 from pathlib import Path
 import re
 from typing import Any, TYPE_CHECKING
@@ -78,6 +79,8 @@ class CanFrames:
     def _frames(self, remarks: Remarks | None) -> Iterator[Any]:
         """Yield the frames (can.Message); remark on the first that cannot be read, which ends an ASC or BLF file."""
         import can
+        # It logs each object that it does not know.
+        logging.getLogger('can').setLevel(logging.CRITICAL)
         try:
             if self._kind == 'candump':
                 yield from can.CanutilsLogReader(_Lines(self._sound_lines(remarks)))

@@ -131,7 +131,9 @@ class Decoder:
 
     def _converted(self, numbers: FloatArray) -> FloatArray:
         assert self._conversion is not None
-        own = (numbers * self._scale + self.source.offset) * self._conversion.factor + self._conversion.offset
+        # A damaged number may be too large for any unit; it is implausible then.
+        with np.errstate(over='ignore'):
+            own = (numbers * self._scale + self.source.offset) * self._conversion.factor + self._conversion.offset
         return -own if self.source.charging_is_positive else own
 
     def _range(self) -> str:

@@ -340,7 +340,7 @@ def test_a_sample_a_minute_is_too_slow(write):
 
 def test_a_column_named_twice_counts_once(tmp_path):
     path = tmp_path / 'twice.csv'
-    path.write_text(f'# log\n{HEADER},speed_mps\n' + ''.join(f'{at},1,200,3,400,5,600,7\n' for at in range(9)),
+    path.write_text(f'# log\n{HEADER},speed_mps\n' + ''.join(f'{at},1,200,30,400,5,600,7\n' for at in range(9)),
                     encoding='utf-8')
     made = load_drive_logs([path], DEFAULTS)
     assert made.remarks == (f'{path}: speed_mps is named more than once; the first counts',)
