@@ -12,6 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from bev_preheat.commands.completion import completed_by, NameCompleter, VEHICLES
+from bev_preheat.commands.log import add_signal_arguments
 from bev_preheat.console.terminal import result_console
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.output_files import check_outputs, expanded, OutputFile, PICTURE_SUFFIXES
@@ -39,7 +40,7 @@ def add_parser(subparsers: Subparsers) -> None:
     parser = subparsers.add_parser(
         'route', help='make a route file from a description of a trip or from drive logs',
         description='Make a route file from a description of a trip (legs of road with limits, '
-                    'slopes and stops) or from drive logs (CSV, one sample a second).')
+                    'slopes and stops) or from drive logs of any known format.')
     source = parser.add_mutually_exclusive_group(required=True)
     completed_by(NameCompleter('routes/legs'), source.add_argument(
         '--legs', metavar='NAME|FILE',
@@ -52,6 +53,7 @@ def add_parser(subparsers: Subparsers) -> None:
         '--vehicle', required=True, metavar='NAME|FILE',
         help='with --legs: the car that drives; with --log: the car that drove, for its '
         'auxiliary power; a name in config/vehicles or a YAML file'))
+    add_signal_arguments(parser)
     parser.add_argument('--step', type=float, metavar='SECONDS',
                         help=f'duration of a segment, with --log (default {DEFAULT_STEP_S:g})')
     parser.add_argument('--plot', metavar='FILE',
@@ -89,22 +91,24 @@ def _load(arguments: Namespace,
         if arguments.step is not None:
             raise InvalidInput('--step: only with --log; a description of legs states its own '
                                'segment_duration_s')
+        if arguments.signals is not None or arguments.repair:
+            raise InvalidInput('--signals and --repair: only with --log')
         made = load_legs(arguments.legs, vehicle)
         return made.name, made.route, made.remarks, [legs_file(arguments.legs)]
     step_s = DEFAULT_STEP_S if arguments.step is None else arguments.step
     logs = [expanded(path) for path in arguments.log]
-    logged = load_drive_logs(logs, vehicle.defaults, step_s)
+    logged = load_drive_logs(logs, vehicle.defaults, step_s, arguments.signals, arguments.repair)
     return ' + '.join(Path(path).stem for path in logs), logged.route, logged.remarks, logs
 
 
 def _command(arguments: Namespace) -> str:
     """Return the command that reproduces this route file."""
     words = ['preheat', 'route']
-    for option in ('legs', 'log', 'vehicle', 'step', 'output'):
+    for option in ('legs', 'log', 'signals', 'vehicle', 'step', 'output'):
         value = getattr(arguments, option)
         if value is not None:
             words += [f'--{option}', *map(str, value if isinstance(value, list) else [value])]
-    return shlex.join(words)
+    return shlex.join([*words, '--repair'] if arguments.repair else words)
 
 
 def _table(name: str, route: Route) -> Table:
