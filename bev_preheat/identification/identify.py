@@ -24,6 +24,7 @@ from bev_preheat.identification.structures import (
     left_out_electricals,
     try_structures,
 )
+from bev_preheat.identification.trips import common_remarks
 from bev_preheat.identification.uncertainty import correlations, Interval, intervals_of, QUANTILE
 from bev_preheat.identification.vehicle_file import identified_vehicle
 from bev_preheat.identification.verdict import record_next, verdict_of
@@ -76,7 +77,7 @@ def identify(vehicle: Vehicle, trips: Sequence[Trip], name: str,
     return Identification(
         car, vehicle.name, estimates, _resistance(vehicle, full), electrical, structure, tuple(structures),
         known_without, tuple(left_out), together, coverage, check,
-        tuple(f'{trip.name}: {remark}' for trip in trips for remark in trip.remarks),
+        common_remarks(trips),
         tuple(verdict_of(estimates, left_out, known_without, structures, structure, coverage, together, electrical)),
         tuple(record_next(estimates, coverage, electrical)), time.perf_counter() - began_s)
 

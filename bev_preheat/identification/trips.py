@@ -24,7 +24,7 @@ POSSIBLE = {
     'soc': (0.0, 1.0, '(a share of 1, not percent)'), 'voltage_v': (10.0, 1500.0, 'V'),
     'current_a': (-3000.0, 3000.0, 'A'), 'power_w': (-2e6, 2e6, 'W'), 'speed_mps': (0.0, 100.0, 'm/s'),
     'battery_heater_w': (0.0, 50e3, 'W'), 'cabin_heater_w': (0.0, 50e3, 'W'), 'auxiliary_w': (0.0, 50e3, 'W'),
-    'heater_w': (0.0, 50e3, 'W'), 'propulsion_power_w': (-2e6, 2e6, 'W')}
+    'aircon_w': (0.0, 50e3, 'W'),    'heater_w': (0.0, 50e3, 'W'), 'propulsion_power_w': (-2e6, 2e6, 'W')}
 # Sensors of power show slightly negative values when nothing is drawn [W].
 MOST_NEGATIVE_NOISE_W = 500.0
 SHORTEST_TRIP_S = 120.0
@@ -35,6 +35,8 @@ LEAST_DRAWN_W = 2000.0
 # The arrival is the median reading of the last seconds, because a whole-degree sensor flickers.
 ARRIVAL_S = 10.0
 STANDING_MPS = 0.3
+# A remark on more logs than this gives their number.
+MOST_NAMED = 3
 # Steps of the current from here on [A] show the sign of the current in the voltage.
 LEAST_CURRENT_STEP_A = 20.0
 # Usual steps of a temperature signal.
@@ -201,6 +203,8 @@ def _others(signals: Mapping[str, Series], held: Callable[[str], FloatArray], gr
         elif key == 'cabin_heater_w' and 'heater_w' in signals:
             remarks.append('heater_w serves cabin and battery; it is taken as cabin heating')
             values.append(held('heater_w'))
+        elif key == 'auxiliary_w' and 'aircon_w' in signals:
+            values.append(default_w + held('aircon_w'))
         else:
             remarks.append(f"no {key}: the vehicle file's {default_w:g} W are used")
             values.append(np.full_like(grid_s, default_w))
@@ -210,7 +214,7 @@ def _others(signals: Mapping[str, Series], held: Callable[[str], FloatArray], gr
 def _without_noise(signals: Mapping[str, Series]) -> dict[str, Series]:
     """Return the signals, with slightly negative powers of consumers set to 0."""
     cleaned = dict(signals)
-    for key in ('battery_heater_w', 'cabin_heater_w', 'auxiliary_w', 'heater_w'):
+    for key in ('battery_heater_w', 'cabin_heater_w', 'auxiliary_w', 'aircon_w', 'heater_w'):
         if key in cleaned and np.all(cleaned[key].value > -MOST_NEGATIVE_NOISE_W):
             cleaned[key] = Series(cleaned[key].time_s, np.maximum(cleaned[key].value, 0.0))
     return cleaned
@@ -283,3 +287,13 @@ def _refuse_gap(name: str, key: str, time_s: FloatArray, start_s: float, power_w
         if drawn.any():
             raise InvalidInput(f'{name}: {key}: no sample for {gaps_s[at]:.0f} s after {time_s[at]:.0f} s while the car '
                                f'draws power; at most {LONGEST_GAP_S:.0f} s are allowed')
+
+
+def common_remarks(trips: Iterable[Trip]) -> tuple[str, ...]:
+    """Return the remarks on Trips, each once, with the names of the trips or their number."""
+    names: dict[str, list[str]] = {}
+    for trip in trips:
+        for remark in trip.remarks:
+            names.setdefault(remark, []).append(trip.name)
+    return tuple(f'{", ".join(found) if len(found) <= MOST_NAMED else f"{len(found)} logs"}: {remark}'
+                 for remark, found in names.items())
