@@ -31,7 +31,7 @@ from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.planning.bracketing import close_in, follow_slope, Trial
 from bev_preheat.planning.dynamics import hottest_c, JOULES_PER_WH
 from bev_preheat.vehicle.charging import charging_of
-from bev_preheat.vehicle.heat_path import make_heat_step
+from bev_preheat.vehicle.heated_step import make_heat_step
 from bev_preheat.vehicle.model import make_rates, make_runge_kutta_4
 
 if TYPE_CHECKING:

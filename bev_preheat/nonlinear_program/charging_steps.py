@@ -27,7 +27,7 @@ from bev_preheat.nonlinear_program.drive_step import SOC_SCALE
 from bev_preheat.nonlinear_program.smooth_maps import SMOOTH, smoothed
 from bev_preheat.nonlinear_program.symbols import SYMBOLS
 from bev_preheat.vehicle.charging import charging_of
-from bev_preheat.vehicle.heat_path import make_heat_step
+from bev_preheat.vehicle.heated_step import make_heat_step
 from bev_preheat.vehicle.model import make_rates, make_runge_kutta_4
 
 if TYPE_CHECKING:

@@ -27,8 +27,8 @@ from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import load_route
 from bev_preheat.vehicle import load_vehicle
-from bev_preheat.vehicle.charging import Charging
 from bev_preheat.vehicle.curves import Table
+from bev_preheat.vehicle.description import Charging
 from bev_preheat.vehicle.heat_path import HeatPath
 
 REFERENCE, SMALL = load_vehicle('reference'), load_vehicle('small_car')
