@@ -34,7 +34,8 @@ class Plan:
     where the charge runs out, or None. Shapes: `time_s`, `battery_temperature_c` and `soc` (N + 1,);
     `hvch_battery_power_w` (N,), the mean electrical power in each step; `friction_brake_power_w` (N,), the power
     that the friction brake takes because the battery cannot. If the vehicle has a heat path,
-    `hvch_battery_power_w` is the command and `heat` (planning.heat_run.HeatRun) its outcome; else None.
+    `hvch_battery_power_w` is the command and `heat` (planning.heat_run.HeatRun) its outcome; else None. `note` is a remark on an installed
+    method's powers, '' without one.
     """
 
     status: Status
@@ -58,6 +59,7 @@ class Plan:
     held_back: HeldBack | None = None
     stranding: Stranding | None = None
     heat: HeatRun | None = None
+    note: str = ''
 
     @cached_property
     def explanation(self) -> str:
