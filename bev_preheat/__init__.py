@@ -16,9 +16,9 @@ os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
 __all__ = [
     'BatteryState', 'ComparisonResult', 'DriveResult', 'Goal', 'HeaterFault', 'InvalidInput',
-    'MethodSituation', 'Mismatch', 'OptimumResult', 'PlanResult', 'PlanningFailure', 'Prediction', 'Route', 'Sensors',
-    'SessionResult', 'Vehicle', 'WorthResult', 'charging_session', 'compare', 'drive', 'load_route', 'load_vehicle', 'make_route', 'methods',
-    'optimum', 'plan', 'routes', 'vehicles', 'worth']
+    'MethodSituation', 'Mismatch', 'OptimumResult', 'PlanResult', 'PlanningFailure', 'Prediction', 'Route',
+    'Sensors', 'SessionResult', 'Vehicle', 'WorthResult', 'charging_session', 'compare', 'drive', 'load_route',
+    'load_vehicle', 'make_route', 'methods', 'optimum', 'plan', 'routes', 'vehicles', 'worth']
 
 if TYPE_CHECKING:
     from bev_preheat.errors import InvalidInput, PlanningFailure

@@ -34,8 +34,8 @@ class Parameter:
 
     `limits` is (low, high) for numbers; `unset_means` explains 0 and NaN if they mean that the value is unset
     (0 as the default: a NaN does not survive `ros2 param dump` and `load`); `choices` lists the allowed texts.
-    `more_choices` returns further ones; it is called for the help and for a text that `choices` does not list, because
-    it may take longer than a start allows, and `more_in_words` names them elsewhere.
+    `more_choices` returns further ones; it is called for the help and for a text that `choices` does not list,
+    because it may take longer than a start allows, and `more_in_words` names them elsewhere.
     """
 
     name: str

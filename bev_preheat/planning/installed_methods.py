@@ -32,8 +32,8 @@ GROUP = 'bev_preheat.methods'
 NAME = re.compile(r'[a-z][a-z0-9_]{0,39}')
 # Names of results beside those of methods.
 TAKEN = frozenset({'nlp', 'optimum', 'planner', 'replanned_paper', 'no_heating', 'always_on'})
-# After a late answer, a method is not asked again for this many times its duration, so that a slow method leaves the
-# processor to the rest of the planner.
+# After a late answer, a method is not asked again for this many times its duration, so that a slow method leaves
+# the processor to the rest of the planner.
 PAUSE_FACTOR = 10.0
 # Anything a method raises; sys.exit in a method must not end the planner.
 BROKEN = (Exception, SystemExit)
@@ -118,8 +118,8 @@ class InstalledMethod:
         took_s = perf_counter() - started_s
         if took_s > _TimeLimit.limit_s:
             self._asked_again_s = perf_counter() + PAUSE_FACTOR * took_s
-            self._late = (f'took {took_s:.2f} s; at most {_TimeLimit.limit_s:.2g} s are allowed, a tenth of the time '
-                          'by which command_lease is longer than command_period')
+            self._late = (f'took {took_s:.2f} s; at most {_TimeLimit.limit_s:.2g} s are allowed, a tenth of the '
+                          'time by which command_lease is longer than command_period')
             failure = self._failure(self._late)
         if failure is not None:
             raise failure
@@ -158,7 +158,8 @@ def installed_method(name: str, built_in: Collection[str]) -> InstalledMethod:
     try:
         function = entry.load()
     except BROKEN as error:
-        raise InvalidInput(f'{about} cannot be loaded from {entry.value}: {type(error).__name__}: {error}') from error
+        raise InvalidInput(
+            f'{about} cannot be loaded from {entry.value}: {type(error).__name__}: {error}') from error
     if not callable(function):
         raise InvalidInput(f'{about}: {entry.value} is {type(function).__name__}; it must be a function of a '
                            'MethodSituation')

@@ -59,9 +59,9 @@ class MethodSituation:
     """
     The situation that a planning method plans for, from now until arrival; all arrays are read-only.
 
-    `vehicle` is the model to plan with, `route` the rest of the route in N steps, `state` the battery's now, `goal`
-    the one to meet on arrival. In a running planner, `vehicle` and `state` are estimated and the goal's target
-    includes the margin for the uncertainty. `time_s` (N + 1,) are the ends of the steps [s], from 0 to the
+    `vehicle` is the model to plan with, `route` the rest of the route in N steps, `state` the battery's now,
+    `goal` the one to meet on arrival. In a running planner, `vehicle` and `state` are estimated and the goal's
+    target includes the margin for the uncertainty. `time_s` (N + 1,) are the ends of the steps [s], from 0 to the
     arrival; `heater_limit_w` (N,) is the most electrical power that the heater can give to the battery in
     each step [W], after cabin heating and derating.
     """
@@ -120,8 +120,8 @@ def checked_powers(answer: ArrayLike, steps: int) -> FloatArray:
     """
     given = np.asarray(answer)
     if given.dtype.kind not in 'fiu':
-        raise ValueError(f'{type(answer).__name__} of {given.dtype} is not allowed; it must be an array of powers in '
-                         'W, one for each step')
+        raise ValueError(f'{type(answer).__name__} of {given.dtype} is not allowed; it must be an array of powers '
+                         'in W, one for each step')
     if given.shape != (steps,):
         raise ValueError(f'shape {given.shape} is not allowed; it must be ({steps},), a power in W for each step')
     power_w = given.astype(float)
@@ -129,5 +129,7 @@ def checked_powers(answer: ArrayLike, steps: int) -> FloatArray:
     if bad.any():
         at, others = int(bad.argmax()), int(bad.sum()) - 1
         more = f' (and {others} more)' if others else ''
-        raise ValueError(f'{power_w[at]:g} W in step {at} is not allowed; it must be finite and at least 0 W{more}')
-    return np.maximum(power_w, 0.0)
+        raise ValueError(
+            f'{power_w[at]:g} W in step {at} is not allowed; it must be finite and at least 0 W{more}')
+    positive_w: FloatArray = np.maximum(power_w, 0.0)
+    return positive_w

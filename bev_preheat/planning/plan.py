@@ -34,8 +34,8 @@ class Plan:
     where the charge runs out, or None. Shapes: `time_s`, `battery_temperature_c` and `soc` (N + 1,);
     `hvch_battery_power_w` (N,), the mean electrical power in each step; `friction_brake_power_w` (N,), the power
     that the friction brake takes because the battery cannot. If the vehicle has a heat path,
-    `hvch_battery_power_w` is the command and `heat` (planning.heat_run.HeatRun) its outcome; else None. `note` is a remark on an installed
-    method's powers, '' without one.
+    `hvch_battery_power_w` is the command and `heat` (planning.heat_run.HeatRun) its outcome; else None.
+    `note` is a remark on an installed method's powers, '' without one.
     """
 
     status: Status

@@ -16,7 +16,7 @@ from bev_preheat.planning.dynamics import Energies, JOULES_PER_WH, run_forward
 from bev_preheat.planning.explanation import explain
 from bev_preheat.planning.free_heat import leave_useless_heat
 from bev_preheat.planning.heat_run import initial_states, run_heated
-from bev_preheat.planning.installed_methods import find_methods, InstalledMethod, installed_method, MethodFailure
+from bev_preheat.planning.installed_methods import find_methods, installed_method, InstalledMethod, MethodFailure
 from bev_preheat.planning.limits import drive_as_planned
 from bev_preheat.planning.merit_order import plan_merit_order
 from bev_preheat.planning.no_regret import (
@@ -115,8 +115,8 @@ def plan_preheating(vehicle: Vehicle, route: Route, state: BatteryState, goal: G
     """
     Return the Plan for a vehicle with a battery state at the start of a route.
 
-    `method` is a name in `method_names()`; `options` are its own. An `uncertainty_margin` makes the plan heat a little
-    more and earlier. `heater_share` (0 ... 1) is the share of its power that the heater gives. With
+    `method` is a name in `method_names()`; `options` are its own. An `uncertainty_margin` makes the plan heat a
+    little more and earlier. `heater_share` (0 ... 1) is the share of its power that the heater gives. With
     `heats_throughout` the heater heats regardless of the plan; the energies include that. The heat arrives
     `heat_lag_s` [s] late; heat that would come after the end is not planned. (This is for a vehicle without a
     heat path; a heat path is planned as such, and `state` gives the heat under way.) Without `no_regret` the

@@ -14,12 +14,15 @@ def heat_last(situation: bp.MethodSituation, minutes: float) -> np.ndarray:
 
 
 def last_10_minutes(situation: bp.MethodSituation) -> np.ndarray:
+    """Heat for the last 10 minutes."""
     return heat_last(situation, 10.0)
 
 
 def last_20_minutes(situation: bp.MethodSituation) -> np.ndarray:
+    """Heat for the last 20 minutes."""
     return heat_last(situation, 20.0)
 
 
 def last_30_minutes(situation: bp.MethodSituation) -> np.ndarray:
+    """Heat for the last 30 minutes."""
     return heat_last(situation, 30.0)
