@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Packages with planning methods, as pip leaves them in a folder: modules and the metadata of their entry points."""
+"""Packages with planning methods, as pip installs them: modules and the metadata of their entry points."""
 
 from pathlib import Path
 import shutil

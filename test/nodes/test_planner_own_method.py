@@ -78,7 +78,8 @@ def test_the_planner_heats_by_an_installed_method_and_refuses_a_broken_one(bench
     # The last 20 of 30 minutes.
     heated = [power for power in plan.hvch_power if power > 0.0]
     assert sum(heated) * STEP_S == pytest.approx(1200.0 * (7000.0 - 1600.0), rel=1e-3)
-    assert after(605, lambda command: command.battery_heating_power > 5000.0).reason == int(Status.TARGET_UNREACHABLE)
+    heats = after(605, lambda command: command.battery_heating_power > 5000.0)
+    assert heats.reason == int(Status.TARGET_UNREACHABLE)
 
     described = bench.call(DescribeParameters, '/planner/describe_parameters',
                            DescribeParameters.Request(names=['method'])).descriptors[0]
@@ -94,7 +95,8 @@ def test_the_planner_heats_by_an_installed_method_and_refuses_a_broken_one(bench
     off = after(607, lambda command: command.reason == int(Status.INVALID_INPUT))
     assert off.battery_heating_power == 0.0
     plan = plans.wait_for(lambda message: message.status == int(Status.INVALID_INPUT))
-    assert plan.explanation.startswith('method negative of package broken-method 1.0: the answer is refused: -5400 W')
+    assert plan.explanation.startswith(
+        'method negative of package broken-method 1.0: the answer is refused: -5400 W')
 
 
 @pytest.fixture
@@ -111,7 +113,7 @@ def after_state(planner, second):
     return planner.commands.last.battery_heating_power, Status(planner.commands.last.reason)
 
 
-def test_a_method_that_fails_in_the_middle_of_a_drive_switches_off_and_heats_again_once_it_works(planner, monkeypatch):
+def test_a_method_that_fails_during_a_drive_switches_off_and_heats_again_once_it_works(planner, monkeypatch):
     fails = []
 
     def full(situation):
