@@ -35,7 +35,7 @@ def route():
     message = RoutePlan(
         route_id='home', segment_duration=[STEP_S] * STEPS, speed=[20.0], propulsion_power=[20e3],
         ambient_temperature=[-7.0], cabin_heating_power=[1600.0], charging_planned=True,
-        target_battery_temperature=25.0)
+        target_battery_temperature=12.0)
     message.header.stamp = Time(sec=START_S)
     return message
 
@@ -79,7 +79,7 @@ def test_the_planner_heats_by_an_installed_method_and_refuses_a_broken_one(bench
     heated = [power for power in plan.hvch_power if power > 0.0]
     assert sum(heated) * STEP_S == pytest.approx(1200.0 * (7000.0 - 1600.0), rel=1e-3)
     heats = after(605, lambda command: command.battery_heating_power > 5000.0)
-    assert heats.reason == int(Status.TARGET_UNREACHABLE)
+    assert heats.reason == int(Status.HEATING)
 
     described = bench.call(DescribeParameters, '/planner/describe_parameters',
                            DescribeParameters.Request(names=['method'])).descriptors[0]
