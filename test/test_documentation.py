@@ -5,7 +5,7 @@ README and docs: commands work, links have targets, and the reference is complet
 In a ```console block each line that begins with `$ preheat` is run, and its output must contain the lines
 up to the next command; an ellipsis stands for omitted text. The exit status must be 0, or 2 if a line
 `preheat: error:` is shown. The commands of a page run in order in one folder, which contains the page's code
-blocks with a caption as files. Commands that must not run are in ```bash or ```text.
+blocks with a caption as files; packages of docs/examples that the page names are installed. Commands that must not run are in ```bash or ```text.
 """
 
 from dataclasses import dataclass
@@ -14,6 +14,7 @@ from pathlib import Path
 import re
 import shlex
 
+import installed_packages
 import pytest
 
 from bev_preheat.commands.main import main, SUBCOMMANDS
@@ -88,6 +89,10 @@ def test_what_is_typed_gives_what_is_shown(page, tmp_path, monkeypatch, capfd):
     # Wide enough for every table.
     monkeypatch.setenv('COLUMNS', '250')
     text = page.read_text()
+    for example in sorted(set(re.findall(r'/examples/(\w+)', text))):
+        (folder := tmp_path / 'installed' / example).mkdir(parents=True)
+        installed_packages.put_example(folder, example)
+        installed_packages.use_folder(monkeypatch, folder)
     for name, content in files_of(text).items():
         (tmp_path / name).write_text(content)
     for command in commands_of(text):

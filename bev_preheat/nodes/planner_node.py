@@ -38,7 +38,8 @@ from bev_preheat.nodes.route_listener import RouteListener
 from bev_preheat.nodes.route_progress import progress_event
 from bev_preheat.nodes.setup_watch import SetupWatch
 from bev_preheat.nodes.state_keeper import check_parameter, SAVE_PERIOD_S, StateKeeper
-from bev_preheat.planning.planner import METHODS
+from bev_preheat.planning.installed_methods import limit_answer_time
+from bev_preheat.planning.planner import check_method, installed_names, METHODS
 from bev_preheat.vehicle import load_vehicle, vehicle_contents, vehicle_file
 from bev_preheat.vehicle.assumptions import assumption_warning
 from bev_preheat_msgs.msg import PreheatPlan, RouteProgress
@@ -62,7 +63,8 @@ if TYPE_CHECKING:
 DEFAULTS = Settings()
 PARAMETERS = (
     Parameter('vehicle', 'reference', 'Vehicle: a name in config/vehicles or a YAML file.'),
-    Parameter('method', DEFAULTS.method, 'Planning method.', choices=tuple(METHODS)),
+    Parameter('method', DEFAULTS.method, 'Planning method.', choices=tuple(METHODS), more_choices=installed_names,
+              more_in_words=', or a method of an installed package (planner --help lists them)'),
     Parameter('target_battery_temperature', 0.0,
               'Battery temperature on arrival if the route names none', 'degC', (-40.0, 60.0),
               unset_means="the vehicle's default"),
@@ -115,6 +117,8 @@ PROGRAM = NodeProgram(
     actions=((PREPARE, 'bev_preheat_msgs/PrepareBattery: a battery that is warm at an instant'),))
 # A subscriber that hangs must not keep the process from ending.
 LAST_WORDS_TIME = Duration(seconds=0.5)
+# Share of the time by which the lease is longer than the command period.
+ANSWER_SHARE = 0.1
 _OWN = frozenset(parameter.name for parameter in PARAMETERS)
 
 
@@ -148,6 +152,7 @@ class PlannerNode(Node):
         values = declare(self, PARAMETERS)
         vehicle, settings = _take_effect(values)
         use_core(settings.compiled_core)
+        limit_answer_time(_answer_time_s(settings))
         self._vehicle_contents = vehicle_contents(values['vehicle'])
         self._state_keeper = StateKeeper(self.get_logger())
         recalled = self._state_keeper.attach(values['state_file'], self._vehicle_contents)
@@ -325,6 +330,7 @@ class PlannerNode(Node):
             timer.timer_period_ns = round(period_s * 1e9)
             timer.reset()
         use_core(settings.compiled_core)
+        limit_answer_time(_answer_time_s(settings))
         self._step(Reconfigured(
             vehicle, settings, self._routes.read_again(supervisor, vehicle, settings),
             self._state_keeper.attach(values['state_file'], contents).learned))
@@ -452,6 +458,11 @@ def _has_plan_or_heats(output: StepOutput) -> bool:
         command is not None and command.battery_heating_power_w > 0.0)
 
 
+def _answer_time_s(settings: Settings) -> float:
+    """Return the time that an installed method may take for an answer [s]; a step may ask it several times."""
+    return ANSWER_SHARE * (settings.lease_s - settings.command_period_s)
+
+
 def _take_effect(values: Values) -> tuple[Vehicle, Settings]:
     """Return (Vehicle, Settings) of parameter values; raise InvalidInput if they are wrong."""
     check(PARAMETERS, values)
@@ -459,6 +470,8 @@ def _take_effect(values: Values) -> tuple[Vehicle, Settings]:
         raise InvalidInput(
             f'command_lease: {values["command_lease"]:g} s must be longer than command_period, '
             f'{values["command_period"]:g} s, or the heater drops out between two commands')
+    # A method of an installed package is loaded before it is needed.
+    check_method(values['method'])
     return load_vehicle(values['vehicle']), settings_of(
         {name: values[name] for name in FIELD_OF_PARAMETER})
 
