@@ -3,6 +3,7 @@
 
 from pathlib import Path
 import re
+from shutil import rmtree
 import sys
 from xml.etree import ElementTree
 
@@ -15,18 +16,35 @@ project = 'bev_preheat'
 project_copyright = 'bev_preheat maintainers, Apache-2.0'
 version = release = ElementTree.parse(HERE.parent / 'package.xml').findtext('version')
 
-extensions = ['myst_parser', 'sphinx.ext.mathjax', 'sphinx-mathjax-offline', 'sphinx_gallery.gen_gallery']
+extensions = ['myst_parser', 'sphinx.ext.autodoc', 'sphinx.ext.mathjax', 'sphinx-mathjax-offline',
+              'sphinx_gallery.gen_gallery']
 # Formulas as GitHub writes them: $…$ in a line, ```math for a block. MathJax is part of the site.
 myst_enable_extensions = ['dollarmath']
 myst_fence_as_directive = ['math']
 # The files of this folder are included by the pages of reference/.
-exclude_patterns = ['reference/generated/*', 'examples/*', 'sg_execution_times.rst', 'gallery/sg_execution_times.rst']
+exclude_patterns = ['reference/generated/*', 'examples/*']
 # Links may point to headings: page.md#heading.
 myst_heading_anchors = 4
 myst_links_external_new_tab = False
 highlight_language = 'none'
 
-# Each script of examples/ is run and becomes a page of gallery/.
+# The public interface, in reference/api.md: each class with its documented attributes and methods.
+autodoc_default_options = {'members': True, 'inherited-members': 'object, ValueError, ArithmeticError',
+                           'member-order': 'bysource'}
+autodoc_typehints = 'signature'
+python_maximum_signature_line_length = 88
+# Docstrings have code in single backticks.
+default_role = 'code'
+# Types in signatures that have no page: those of other packages, and internal ones.
+nitpick_ignore_regex = [
+    ('py:class', r'ArrayLike|DataFrame|FloatArray|Path|collections\.abc\.\w+'),
+    ('py:class', r'ChargingStop|Optimum|Plan|Session|Worth'),
+    ('py:class', r'bev_preheat\.(simulation|vehicle)\.[\w.]+'),
+]
+
+# Each script of examples/ is run and becomes a page of gallery/. sphinx-gallery would not run an unchanged script
+# again, although the package may have changed, so gallery/ is rebuilt.
+rmtree(HERE / 'gallery', ignore_errors=True)
 sphinx_gallery_conf = {
     'examples_dirs': 'examples',
     'gallery_dirs': 'gallery',

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The order of the examples in the gallery; Sphinx refuses a function in conf.py itself, because it cannot cache it."""
+"""
+The order of the examples in the gallery.
+
+A module of its own, because Sphinx can cache neither functions nor classes of conf.py.
+"""
 
 from pathlib import Path
 

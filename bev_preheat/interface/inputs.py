@@ -71,7 +71,7 @@ def make_vehicle(name: str, *, chemistry: str, charging_power_kw: float, **figur
 
 
 def _check_figures(name: object, chemistry: object, figures: Mapping[str, object]) -> None:
-    """Raise InvalidInput if a figure is unknown or not a number, or if a text is none."""
+    """Raise InvalidInput if a figure is unknown or not a number, or name or chemistry is not a text."""
     from difflib import get_close_matches
 
     from bev_preheat.vehicle.data_sheet import QUANTITIES

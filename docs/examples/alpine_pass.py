@@ -21,8 +21,8 @@ state = bp.BatteryState(temperature_c=-10.0, soc=0.9)
 # %%
 # Three plans
 # -----------
-# ``compare`` returns the plans of all methods as they would be driven: one that ignores the battery's limits
-# loses the power that the battery refuses.
+# ``compare`` returns the plans of all methods as they would be driven: a plan that ignores the battery's
+# limits loses the power that the battery refuses.
 
 compared = bp.compare(vehicle, route, state)
 best, paper = compared.plans['merit_order'], compared.plans['paper']

@@ -19,7 +19,7 @@ car = bp.make_vehicle('my car', **sheet)
 # %%
 # Assumed values
 # --------------
-# Each vehicle lists the values that nobody measured or stated for it. Plans are as good as these.
+# Each vehicle lists its assumed values. Plans are only as good as these.
 
 print(f'{len(car.assumed)} values are assumed:')
 for key in car.assumed:

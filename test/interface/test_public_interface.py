@@ -14,6 +14,7 @@ import bev_preheat as bp
 from bev_preheat.commands.main import main
 
 PAGE = Path(__file__).resolve().parents[2] / 'docs' / 'reference' / 'python.md'
+API = PAGE.with_name('api.md')
 STATE = bp.BatteryState(-7.0, 0.9)
 SITUATION = ['--vehicle', 'reference', '--route', 'reference', '--temperature', '-7', '--soc', '0.9']
 
@@ -50,14 +51,13 @@ def test_no_other_name_is_there():
         bp.supervisor  # noqa: B018
 
 
-def test_the_page_runs(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    names = {}
-    for block in re.findall(r'```python\n(.*?)```', PAGE.read_text(), re.DOTALL):
-        exec(block, names)
-    said = capsys.readouterr().out
-    assert '32.0' in said and '25.0' in said
-    assert 'state of charge: 80 is not allowed; it must be 0 ... 1' in said
+def test_each_public_name_is_in_the_api_reference():
+    directives = re.findall(r'^\.\. auto(function|class|exception):: (\w+)$', API.read_text(), re.MULTILINE)
+    assert sorted(name for _, name in directives) == sorted(bp.__all__)
+    for kind, name in directives:
+        public = getattr(bp, name)
+        assert kind == ('function' if not isinstance(public, type) else
+                        'exception' if issubclass(public, Exception) else 'class'), name
 
 
 SHEET = {'chemistry': 'nmc', 'charging_power_kw': 135.0, 'usable_energy_kwh': 77.0, 'gross_energy_kwh': 82.0,
@@ -114,6 +114,11 @@ def test_a_plan_is_that_of_the_command(vehicle, route, capsys):
     assert len(plan.time_s) == len(plan.soc) == len(plan.hvch_battery_power_w) + 1
     spent_wh = float((plan.hvch_battery_power_w * np.diff(plan.time_s)).sum()) / 3600.0
     assert plan.heating_energy_wh == pytest.approx(spent_wh, rel=1e-6)
+
+
+def test_a_share_in_percent_is_refused(vehicle, route):
+    with pytest.raises(bp.InvalidInput, match=r'^state of charge: 80 is not allowed; it must be 0 \.\.\. 1'):
+        bp.plan(vehicle, route, bp.BatteryState(-7.0, soc=80.0))
 
 
 def test_a_number_is_a_target(vehicle, route):
