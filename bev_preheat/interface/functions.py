@@ -46,8 +46,9 @@ def plan(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal | float
     Return when to heat on a route, as `preheat plan` does.
 
     `state` is the battery's at the start; `goal` a Goal, a target temperature on arrival [deg C], or None for
-    the vehicle's default; `method` a name in `methods()`. Raises InvalidInput, which names field, value and
-    allowed range, and PlanningFailure if the model yields no numbers.
+    the vehicle's default. `method` is a name in `methods()`: `merit_order` keeps the paper's limits (9e)-(9i),
+    `optimal_switch` has one switching instant, `paper` is the heuristic of its Algorithms 1 and 2. Raises
+    InvalidInput, which names field, value and allowed range, and PlanningFailure if the model yields no numbers.
     """
     goal = _goal_of(vehicle, goal)
     return PlanResult(vehicle, route, goal, plan_preheating(vehicle, route, state, goal, method))
