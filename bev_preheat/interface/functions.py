@@ -159,11 +159,11 @@ def drive(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal | floa
         if moment.output.command is not None:
             command_w = moment.output.command.battery_heating_power_w
         if moment.is_last:
-            estimate, current = supervisor.estimate, supervisor.decision.plan
+            estimate, current = supervisor.state.estimate, supervisor.state.decision.plan
             rows.append((moment.time_s, plant.temperature_c, measured_c,
                          math.nan if estimate is None else estimate.temperature_c,
                          math.nan if current is None else current.arrival_temperature_c, command_w))
-    energy_wh, estimate = plant.energy_wh, supervisor.estimate
+    energy_wh, estimate = plant.energy_wh, supervisor.state.estimate
     time_s, true_c, seen_c, estimated_c, predicted_c, commanded_w = np.array(rows).T
     return DriveResult(
         time_s, true_c, seen_c, estimated_c, predicted_c, commanded_w, plant.temperature_c, plant.soc,

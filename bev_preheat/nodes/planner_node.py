@@ -166,7 +166,7 @@ class PlannerNode(Node):
 
         latched = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
         self._command_publisher = commands = CommandPublisher(
-            self, lambda: round(self._supervisor.settings.lease_s * NS_PER_S), self._on_rival)
+            self, lambda: round(self._supervisor.state.settings.lease_s * NS_PER_S), self._on_rival)
         self._temperature_publisher = self.create_publisher(
             Temperature, 'predicted_arrival_temperature', 1)
         self._plan_publisher = self.create_publisher(PreheatPlan, 'preheat_plan', latched)
@@ -197,7 +197,7 @@ class PlannerNode(Node):
             f'Planning for vehicle {vehicle.name} with method {settings.method}; '
             f'native core {core_in_words()}.')
         self._tell_assumptions(values['vehicle'])
-        if not self._supervisor.is_enabled:
+        if not self._supervisor.state.is_enabled:
             self.get_logger().info('Preheating is switched off, as it was before the restart.')
 
     # Input
@@ -211,7 +211,7 @@ class PlannerNode(Node):
 
     @guarded
     def _on_route_plan(self, message: RoutePlan) -> None:
-        if self._step(self._routes.read(message, self._supervisor)):
+        if self._step(self._routes.read(message, self._supervisor.state)):
             self._tell_route()
 
     @guarded
@@ -225,7 +225,7 @@ class PlannerNode(Node):
         self._step(RouteUnreadable(error))
 
     def _tell_route(self) -> None:
-        mission = self._supervisor.mission
+        mission = self._supervisor.state.mission
         if mission is None:
             self.get_logger().info('The trip was cancelled.')
             return
@@ -235,14 +235,14 @@ class PlannerNode(Node):
             f'{sum(route.total_duration_s for route in routes) / 60:.1f} min, '
             f'{sum(route.distance_m for route in routes) / 1000:.1f} km, '
             f'stops on the way: {len(routes) - 1}.')
-        for warning in self._supervisor.unit_warnings:
+        for warning in self._supervisor.state.unit_warnings:
             self.get_logger().warning(f'route_plan: {warning}.')
 
     @guarded
     def _on_rival(self) -> None:
         """Switch the heater off while another node commands it."""
         rivals = self._command_publisher.rivals(self._now_ns())
-        if rivals == self._supervisor.rivals:
+        if rivals == self._supervisor.state.rivals:
             return
         if rivals:
             self.get_logger().error(f'{rivals} also publishes hvch_command: the heater is off.')
@@ -265,13 +265,14 @@ class PlannerNode(Node):
         return response
 
     def _tell_assumptions(self, name_or_file: str) -> None:
-        warning = assumption_warning(self._supervisor.vehicle, vehicle_file(name_or_file))
+        warning = assumption_warning(self._supervisor.state.vehicle, vehicle_file(name_or_file))
         if warning is not None:
             self.get_logger().warning(f'{warning}.')
 
     def _tell_findings(self) -> None:
         """Log regime, signals in doubt and the findings of the estimation, once."""
-        regime, verdicts = self._supervisor.regime, self._supervisor.signal_verdicts
+        state = self._supervisor.state
+        regime, verdicts = state.regime, state.signal_verdicts
         if regime.regime is not self._told.regime and regime.evidence:
             self.get_logger().info(f'Regime: {regime.regime.value}: {regime.evidence}.')
         signals = frozenset(verdict.signal for verdict in verdicts)
@@ -281,7 +282,7 @@ class PlannerNode(Node):
         for signal in sorted(self._told.signals - signals):
             self.get_logger().info(f'Signal valid again: {signal}.')
         self._told = self._told._replace(regime=regime.regime, signals=signals)
-        estimate = self._supervisor.estimate
+        estimate = state.estimate
         if estimate is None:
             return
         if estimate.heater.heater is not self._told.heater:
@@ -314,17 +315,17 @@ class PlannerNode(Node):
     def _apply_parameters(self, parameters: Sequence[RosParameter]) -> None:
         if not _OWN.intersection(parameter.name for parameter in parameters):
             return
-        supervisor = self._supervisor
+        state = self._supervisor.state
         values = self._values_with(parameters)
         vehicle, settings = _take_effect(values)
         contents = vehicle_contents(values['vehicle'])
         is_new_car = contents != self._vehicle_contents
         if is_new_car:
-            self._state_keeper.save(supervisor)
+            self._state_keeper.save(state)
             self._vehicle_contents = contents
         else:
             # The estimation continues as long as the vehicle is the same object.
-            vehicle = supervisor.vehicle
+            vehicle = state.vehicle
         for timer, period_s in ((self._repeat_timer, settings.command_period_s),
                                 (self._stale_timer, settings.battery_state_timeout_s)):
             timer.timer_period_ns = round(period_s * 1e9)
@@ -332,7 +333,7 @@ class PlannerNode(Node):
         use_core(settings.compiled_core)
         limit_answer_time(_answer_time_s(settings))
         self._step(Reconfigured(
-            vehicle, settings, self._routes.read_again(supervisor, vehicle, settings),
+            vehicle, settings, self._routes.read_again(state, vehicle, settings),
             self._state_keeper.attach(values['state_file'], contents).learned))
         self.get_logger().info('In effect now: ' + ', '.join(
             f'{parameter.name} = {parameter.value}' for parameter in parameters if parameter.name in _OWN) + '.')
@@ -370,7 +371,7 @@ class PlannerNode(Node):
             # Only a published plan shows that plans can be published again.
             in_doubt = not _has_plan_or_heats(output)
         self._is_in_doubt = bool(output.failure) or in_doubt
-        self._state_keeper.save_choices(self._supervisor)
+        self._state_keeper.save_choices(self._supervisor.state)
         return not output.refusals and not output.failure
 
     def _publish_command(self, output: StepOutput, now_ns: int) -> None:
@@ -386,7 +387,7 @@ class PlannerNode(Node):
         if decision is None:
             return
         self._plan_publisher.publish(plan_message(
-            decision, self._supervisor.active_mission, now_ns, self._supervisor.later_decisions()))
+            decision, self._supervisor.state.active_mission, now_ns, self._supervisor.later_decisions()))
         if decision.plan is not None:
             self._temperature_publisher.publish(temperature_message(decision, now_ns))
         if output.has_new_status:
@@ -404,12 +405,12 @@ class PlannerNode(Node):
         self._publish_diagnostics(now_ns)
 
     def _publish_diagnostics(self, now_ns: int) -> None:
-        supervisor = self._supervisor
+        state = self._supervisor.state
         message = planner_diagnostics(
-            self.get_fully_qualified_name(), supervisor, now_ns, self._state_keeper.report())
+            self.get_fully_qualified_name(), state, now_ns, self._state_keeper.report())
         message.status.append(self._setup.entry(
-            supervisor.vehicle.name,
-            f'{supervisor.rivals} also publishes hvch_command' if supervisor.rivals else ''))
+            state.vehicle.name,
+            f'{state.rivals} also publishes hvch_command' if state.rivals else ''))
         self._diagnostics_publisher.publish(message)
 
     def fail(self, where: str, error: Exception) -> None:
@@ -427,7 +428,7 @@ class PlannerNode(Node):
 
     @guarded
     def _on_save_due(self) -> None:
-        self._state_keeper.save(self._supervisor)
+        self._state_keeper.save(self._supervisor.state)
 
     def last_words(self) -> None:
         """Publish 0 W before the process ends, and wait up to LAST_WORDS_TIME for delivery."""
