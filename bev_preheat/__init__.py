@@ -15,17 +15,10 @@ from typing import Any, TYPE_CHECKING
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
 __all__ = [
-<<<<<<< HEAD
     'BatteryState', 'ComparisonResult', 'DriveResult', 'Goal', 'HeaterFault', 'InvalidInput',
     'MethodSituation', 'Mismatch', 'OptimumResult', 'PlanResult', 'PlanningFailure', 'Prediction', 'Route',
     'Sensors', 'SessionResult', 'Vehicle', 'WorthResult', 'charging_session', 'compare', 'drive', 'load_route',
-    'load_vehicle', 'make_route', 'methods', 'optimum', 'plan', 'routes', 'vehicles', 'worth']
-=======
-    'BatteryState', 'ComparisonResult', 'DriveResult', 'Goal', 'HeaterFault', 'InvalidInput', 'Mismatch',
-    'OptimumResult', 'PlanResult', 'PlanningFailure', 'Route', 'Sensors', 'SessionResult', 'Vehicle',
-    'WorthResult', 'charging_session', 'compare', 'drive', 'load_route', 'load_vehicle', 'make_route',
-    'make_vehicle', 'methods', 'optimum', 'plan', 'routes', 'vehicles', 'worth']
->>>>>>> gallery
+    'load_vehicle', 'make_route', 'make_vehicle', 'methods', 'optimum', 'plan', 'routes', 'vehicles', 'worth']
 
 if TYPE_CHECKING:
     from bev_preheat.errors import InvalidInput, PlanningFailure

@@ -2,20 +2,14 @@
 """
 README and docs: commands work, links have targets, and the reference is complete.
 
-<<<<<<< HEAD
-In a ```console block each line that begins with `$ preheat` is run, and its output must contain the lines
-up to the next command; an ellipsis stands for omitted text. The exit status must be 0, or 2 if a line
-`preheat: error:` is shown. The commands of a page run in order in one folder, which contains the page's code
-blocks with a caption as files; packages of docs/examples that the page names are installed. Commands that must not run are in ```bash or ```text.
-=======
 In a ```console block each line that begins with `$ preheat` or `$ python3 FILE` is run, and its output must
 contain the lines up to the next command; an ellipsis stands for omitted text. The exit status must be 0, or 2
 if a line `preheat: error:` is shown. The commands of a page run in order in one folder, which contains the page's
-code blocks with a caption as files. Commands that must not run are in ```bash or ```text.
+code blocks with a caption as files; packages of docs/examples that the page names are installed. Commands that
+must not run are in ```bash or ```text.
 
 The ```python blocks of a page are run in order, like the cells of a notebook. If a comment follows `print(…)` on
 its line, the output must have the comment's numbers, to the comment's digits.
->>>>>>> gallery
 """
 
 from dataclasses import dataclass
