@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 from bev_preheat.errors import InvalidInput
 from bev_preheat.route.csv_file import in_one_line, load_file_route, rounded, route_file
 from bev_preheat.route.legs import legs_file, load_legs
+from bev_preheat.route.line import RouteLine
 from bev_preheat.route.segments import Route
 
 if TYPE_CHECKING:
@@ -31,13 +32,15 @@ class RouteForVehicle:
     A Route, and the car that its powers are valid for.
 
     `made_for` is the name of that vehicle, None if the file does not name it; `file` is the path;
-    `warning` is a sentence if it is not the vehicle that will drive, else None.
+    `warning` is a sentence if it is not the vehicle that will drive, else None. `line` is the route's line on the
+    map, None if the file has no coordinates.
     """
 
     route: Route
     made_for: str | None
     file: Path
     warning: str | None
+    line: RouteLine | None = None
 
 
 def route_for(name_or_file: str | Path, vehicle: Vehicle,
