@@ -59,7 +59,7 @@ def _ambient_c(journey: Journey, options: RouteOptions, path: Path) -> FloatArra
         return journey.ambient_temperature_c
     if options.ambient_temperature_c is None:
         raise InvalidInput(f'{path}: this {journey.kind} has no ambient temperature; give it [degC], such as: '
-                           '--ambient -5')
+                           '--ambient -5; in a scenario or an itinerary: ambient_temperature_c: -5 beside route')
     if not -60.0 <= options.ambient_temperature_c <= 60.0:
         raise InvalidInput(f'--ambient: {options.ambient_temperature_c:g} degC is not allowed; it must be '
                            '-60 ... 60 degC')
