@@ -17,10 +17,12 @@ from bev_preheat.console.terminal import result_console
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.output_files import check_outputs, expanded, OutputFile, PICTURE_SUFFIXES
 from bev_preheat.route import route_for
+from bev_preheat.route.averages import compare_averages
 from bev_preheat.route.csv_file import rounded, save_route
 from bev_preheat.route.drive_log import load_drive_logs
+from bev_preheat.route.driven import ambient_of
 from bev_preheat.route.legs import legs_file, load_legs
-from bev_preheat.route.sources.registry import has_powers
+from bev_preheat.route.sources.registry import has_powers, read_journey
 from bev_preheat.vehicle.loading import load_vehicle, vehicle_file
 
 if TYPE_CHECKING:
@@ -62,6 +64,9 @@ def add_parser(subparsers: Subparsers) -> None:
     add_route_options(parser)
     parser.add_argument('--step', type=float, metavar='SECONDS',
                         help=f'duration of a segment, with --log (default {DEFAULT_STEP_S:g})')
+    parser.add_argument('--averages', type=float, nargs='+', metavar='SECONDS',
+                        help='with --from a drive cycle: compare its energy with the estimate from mean speeds '
+                        'over these durations')
     parser.add_argument('--plot', metavar='FILE',
                         help='draw speed, power and ambient temperature (PNG, PDF, SVG)')
     parser.set_defaults(run=run)
@@ -82,6 +87,8 @@ def run(arguments: Namespace) -> int:
     for remark in remarks:
         console.print(f'note: {remark}', markup=False)
     console.print(f'written: {arguments.output}', markup=False)
+    if arguments.averages:
+        console.print(_comparison(arguments, vehicle))
     if arguments.plot:
         # matplotlib takes longer to import than a route takes to make.
         from bev_preheat.drawing.route_figure import draw_route
@@ -111,7 +118,7 @@ def _load(arguments: Namespace,
 
 def _refuse_route_options(arguments: Namespace) -> None:
     """Raise InvalidInput if an option for --from is given without it."""
-    given = [f'--{option}' for option in ROUTE_OPTIONS
+    given = [f'--{option}' for option in (*ROUTE_OPTIONS, 'averages')
              if getattr(arguments, option.replace('-', '_')) is not None]
     if given:
         raise InvalidInput(f'{", ".join(given)}: only with --from; descriptions of legs and drive logs have their '
@@ -138,6 +145,33 @@ def _command(arguments: Namespace) -> str:
         if value is not None:
             words += [f'--{option}', *map(str, value if isinstance(value, list) else [value])]
     return shlex.join(words)
+
+
+def _comparison(arguments: Namespace, vehicle: Vehicle) -> Table:
+    """Return the comparison of a drive cycle with the estimate from its mean speeds."""
+    options = route_options(arguments)
+    path = Path(expanded(arguments.source))
+    journey = read_journey(path, options)
+    assert journey is not None
+    ambient_c = ambient_of(journey, options, path)
+    table = Table(title='Propulsion from mean speeds, against the samples', title_justify='left')
+    for heading in ('means over', 'energy', 'deviation', 'without accelerations', 'mean magnitude',
+                    'root mean square'):
+        table.add_column(heading, justify='right')
+    for step_s in arguments.averages:
+        exact, estimated, plain = compare_averages(journey.motion, vehicle, ambient_c, step_s)
+        if not table.rows:
+            table.add_row('samples', f'{exact.energy_wh:.0f} Wh', '', '', f'{exact.magnitude_w / 1e3:.2f} kW',
+                          f'{exact.rms_w / 1e3:.2f} kW')
+        table.add_row(
+            f'{step_s:g} s', f'{estimated.energy_wh:.0f} Wh', f'{_deviation(estimated.energy_wh, exact.energy_wh)}',
+            _deviation(plain.energy_wh, exact.energy_wh), _deviation(estimated.magnitude_w, exact.magnitude_w),
+            _deviation(estimated.rms_w, exact.rms_w))
+    return table
+
+
+def _deviation(value: float, true: float) -> str:
+    return f'{100.0 * (value / true - 1.0):+.1f} %' if true else '-'
 
 
 def _table(name: str, route: Route) -> Table:

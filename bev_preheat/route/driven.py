@@ -31,7 +31,7 @@ def drive_journey(journey: Journey, vehicle: Vehicle, options: RouteOptions, pat
     """
     motion = journey.motion
     remarks = list(journey.remarks)
-    ambient_c = _ambient_c(journey, options, path)
+    ambient_c = ambient_of(journey, options, path)
     columns: dict[str, FloatArray | None] = {
         'duration_s': motion.duration_s, 'speed_mps': motion.speed_mps, 'ambient_temperature_c': ambient_c,
         'cabin_heating_power_w': journey.cabin_heating_power_w,
@@ -51,7 +51,8 @@ def drive_journey(journey: Journey, vehicle: Vehicle, options: RouteOptions, pat
     return route.resampled(SEGMENT_S) if journey.sampled else route, remarks
 
 
-def _ambient_c(journey: Journey, options: RouteOptions, path: Path) -> FloatArray:
+def ambient_of(journey: Journey, options: RouteOptions, path: Path) -> FloatArray:
+    """Return the ambient temperatures [degC] of a Journey, shape (N,); raise InvalidInput without any."""
     count = len(journey.motion.duration_s)
     if journey.ambient_temperature_c is not None:
         if options.ambient_temperature_c is not None:

@@ -40,7 +40,10 @@ def read_journey(path: Path, options: RouteOptions) -> Journey | None:
         if has_powers(path):
             return None
         from bev_preheat.route.sources.table import read_table
-        _refuse_unused(options, ())
+        try:
+            _refuse_unused(options, ())
+        except InvalidInput as error:
+            raise InvalidInput([f'{path}: {problem}' for problem in error.problems]) from error
         return read_table(path)
     try:
         text = path.read_bytes()
