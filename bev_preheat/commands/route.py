@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`preheat route`: makes a route file from a description of a trip, or from drive logs."""
+"""`preheat route`: makes a route file from a description of a trip, from any route, or from drive logs."""
 
 from __future__ import annotations
 
@@ -12,12 +12,15 @@ from rich.table import Table
 from rich.text import Text
 
 from bev_preheat.commands.completion import completed_by, NameCompleter, VEHICLES
+from bev_preheat.commands.situation import add_route_options, in_steps, route_options
 from bev_preheat.console.terminal import result_console
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.output_files import check_outputs, expanded, OutputFile, PICTURE_SUFFIXES
+from bev_preheat.route import route_for
 from bev_preheat.route.csv_file import rounded, save_route
 from bev_preheat.route.drive_log import load_drive_logs
 from bev_preheat.route.legs import legs_file, load_legs
+from bev_preheat.route.sources.registry import has_powers
 from bev_preheat.vehicle.loading import load_vehicle, vehicle_file
 
 if TYPE_CHECKING:
@@ -37,21 +40,25 @@ DEFAULT_STEP_S = 30.0
 def add_parser(subparsers: Subparsers) -> None:
     """Add the subcommand to those of `preheat`."""
     parser = subparsers.add_parser(
-        'route', help='make a route file from a description of a trip or from drive logs',
-        description='Make a route file from a description of a trip (legs of road with limits, '
-                    'slopes and stops) or from drive logs (CSV, one sample a second).')
+        'route', help='make a route file from navigation, a drive cycle, a description of a trip or drive logs',
+        description='Make a route file from any file with a route (drive cycle, list of segments, GPX, GeoJSON, '
+                    'answer of OSRM or Valhalla, SUMO), from a description of a trip (legs of road with '
+                    'limits, slopes and stops) or from drive logs (CSV, one sample a second).')
     source = parser.add_mutually_exclusive_group(required=True)
     completed_by(NameCompleter('routes/legs'), source.add_argument(
         '--legs', metavar='NAME|FILE',
         help='description of a trip: a name in config/routes/legs or a YAML file'))
+    source.add_argument('--from', dest='source', metavar='FILE',
+                        help='file with a route, of any format; recognised by its content')
     source.add_argument('--log', nargs='+', metavar='FILE',
                         help='drive logs, joined in this order')
     parser.add_argument('--output', required=True, metavar='FILE',
                         help='route file to write (CSV)')
     completed_by(VEHICLES, parser.add_argument(
         '--vehicle', required=True, metavar='NAME|FILE',
-        help='with --legs: the car that drives; with --log: the car that drove, for its '
+        help='with --legs and --from: the car that drives; with --log: the car that drove, for its '
         'auxiliary power; a name in config/vehicles or a YAML file'))
+    add_route_options(parser)
     parser.add_argument('--step', type=float, metavar='SECONDS',
                         help=f'duration of a segment, with --log (default {DEFAULT_STEP_S:g})')
     parser.add_argument('--plot', metavar='FILE',
@@ -86,22 +93,40 @@ def _load(arguments: Namespace,
           vehicle: Vehicle) -> tuple[str, Route, Sequence[str], Sequence[AnyPath]]:
     """Return name, Route and remarks for the arguments, and the files that were read."""
     if arguments.legs:
+        if arguments.ambient is not None or arguments.consumption is not None:
+            raise InvalidInput('--ambient, --consumption: only with --from; a description of legs states its own '
+                               'ambient_temperature_c')
         if arguments.step is not None:
             raise InvalidInput('--step: only with --log; a description of legs states its own '
                                'segment_duration_s')
         made = load_legs(arguments.legs, vehicle)
         return made.name, made.route, made.remarks, [legs_file(arguments.legs)]
+    if arguments.source:
+        return _driven(arguments, vehicle)
+    if arguments.ambient is not None or arguments.consumption is not None:
+        raise InvalidInput('--ambient, --consumption: only with --from; a drive log has its own ambient_c')
     step_s = DEFAULT_STEP_S if arguments.step is None else arguments.step
     logs = [expanded(path) for path in arguments.log]
     logged = load_drive_logs(logs, vehicle.defaults, step_s)
     return ' + '.join(Path(path).stem for path in logs), logged.route, logged.remarks, logs
 
 
+def _driven(arguments: Namespace,
+            vehicle: Vehicle) -> tuple[str, Route, Sequence[str], Sequence[AnyPath]]:
+    path = expanded(arguments.source)
+    loaded = route_for(path if '/' in path else f'./{path}', vehicle, options=route_options(arguments))
+    if has_powers(loaded.file):
+        raise InvalidInput(f'--from {arguments.source}: is a route file with powers already; use it as it is: '
+                           f'--route {arguments.source}')
+    route = loaded.route if arguments.step is None else in_steps(loaded.route, arguments)
+    return Path(path).stem, route, loaded.remarks, [loaded.file]
+
+
 def _command(arguments: Namespace) -> str:
     """Return the command that reproduces this route file."""
     words = ['preheat', 'route']
-    for option in ('legs', 'log', 'vehicle', 'step', 'output'):
-        value = getattr(arguments, option)
+    for option in ('legs', 'from', 'log', 'vehicle', 'ambient', 'consumption', 'step', 'output'):
+        value = getattr(arguments, 'source' if option == 'from' else option)
         if value is not None:
             words += [f'--{option}', *map(str, value if isinstance(value, list) else [value])]
     return shlex.join(words)

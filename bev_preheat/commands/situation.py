@@ -12,6 +12,7 @@ from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import Route, route_for
 from bev_preheat.route.plausibility import unit_warnings
+from bev_preheat.route.sources.journey import RouteOptions
 from bev_preheat.vehicle import load_vehicle, Vehicle, vehicle_file
 from bev_preheat.vehicle.assumptions import assumption_warning
 
@@ -61,8 +62,9 @@ def add_drive_arguments(parser: ArgumentParser, route_group: Alternatives | None
     add_vehicle_argument(parser)
     completed_by(ROUTES, (route_group or parser).add_argument(
         '--route', required=route_group is None, metavar='NAME|FILE',
-        help='route: a name in config/routes or a CSV file; or a description of its legs, driven '
-        'by the vehicle: legs/NAME or a YAML file'))
+        help='route: a name in config/routes or a file of any format of the manual (CSV, drive cycle, GPX, '
+        'GeoJSON, answer of OSRM or Valhalla, ...); or a description of its legs: legs/NAME or a YAML file'))
+    add_route_options(parser)
     parser.add_argument('--temperature', required=needs_state, type=float, metavar='DEGC',
                         help='battery temperature at the start [degC]')
     parser.add_argument('--soc', required=needs_state, type=float, metavar='0..1',
@@ -76,6 +78,20 @@ def add_drive_arguments(parser: ArgumentParser, route_group: Alternatives | None
     parser.set_defaults(no_charging=False)
 
 
+def add_route_options(parser: ArgumentParser) -> None:
+    """Add the options that `route_options` reads."""
+    parser.add_argument('--ambient', type=float, metavar='DEGC',
+                        help='ambient temperature [degC] of a route whose file has none')
+    parser.add_argument('--consumption', choices=('total', 'drivetrain'),
+                        help='whether the consumption in a list of segments includes heating and auxiliaries')
+
+
+def route_options(arguments: Namespace) -> RouteOptions:
+    """Return the RouteOptions of parsed arguments."""
+    with_auxiliaries = None if arguments.consumption is None else arguments.consumption == 'total'
+    return RouteOptions(arguments.ambient, with_auxiliaries)
+
+
 def add_vehicle_argument(parser: ArgumentParser) -> None:
     """Add `--vehicle`."""
     completed_by(VEHICLES, parser.add_argument(
@@ -86,7 +102,8 @@ def add_vehicle_argument(parser: ArgumentParser) -> None:
 def read_situation(arguments: Namespace) -> PlanningArguments:
     """Return the PlanningArguments of parsed arguments; raise InvalidInput if they are invalid."""
     vehicle = load_planned_vehicle(arguments.vehicle)
-    loaded = route_for(arguments.route, vehicle)
+    loaded = route_for(arguments.route, vehicle, options=route_options(arguments))
+    note(*loaded.remarks)
     warn(loaded.warning, *(f'route {arguments.route}: {sentence}'
                            for sentence in unit_warnings([loaded.route], vehicle, with_units=True)))
     return PlanningArguments(vehicle, in_steps(loaded.route, arguments),
@@ -100,6 +117,12 @@ def warn(*sentences: str | None) -> None:
     """Print each sentence that is not None to standard error, once."""
     for sentence in dict.fromkeys(filter(None, sentences)):
         print(f'preheat: warning: {sentence}', file=sys.stderr)
+
+
+def note(*sentences: str) -> None:
+    """Print each sentence to standard error."""
+    for sentence in sentences:
+        print(f'preheat: note: {sentence}', file=sys.stderr)
 
 
 def load_planned_vehicle(name_or_file: str) -> Vehicle:
