@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
     from bev_preheat.commands.arguments import Alternatives
 
+AMBIENT_HELP = 'ambient temperature [degC] of a route whose file has none'
+
 
 @dataclass(frozen=True)
 class PlanningArguments:
@@ -52,7 +54,7 @@ def add_situation_arguments(parser: ArgumentParser,
 
 
 def add_drive_arguments(parser: ArgumentParser, route_group: Alternatives | None = None,
-                        needs_state: bool = True) -> None:
+                        needs_state: bool = True, ambient_help: str = AMBIENT_HELP) -> None:
     """
     Add the arguments of a drive to a charger, all that `read_situation` needs.
 
@@ -64,7 +66,7 @@ def add_drive_arguments(parser: ArgumentParser, route_group: Alternatives | None
         '--route', required=route_group is None, metavar='NAME|FILE',
         help='route: a name in config/routes or a file of any format of the manual (CSV, drive cycle, GPX, '
         'GeoJSON, answer of OSRM or Valhalla, ...); or a description of its legs: legs/NAME or a YAML file'))
-    add_route_options(parser)
+    add_route_options(parser, ambient_help)
     parser.add_argument('--temperature', required=needs_state, type=float, metavar='DEGC',
                         help='battery temperature at the start [degC]')
     parser.add_argument('--soc', required=needs_state, type=float, metavar='0..1',
@@ -78,10 +80,9 @@ def add_drive_arguments(parser: ArgumentParser, route_group: Alternatives | None
     parser.set_defaults(no_charging=False)
 
 
-def add_route_options(parser: ArgumentParser) -> None:
+def add_route_options(parser: ArgumentParser, ambient_help: str = AMBIENT_HELP) -> None:
     """Add the options that `route_options` reads."""
-    parser.add_argument('--ambient', type=float, metavar='DEGC',
-                        help='ambient temperature [degC] of a route whose file has none')
+    parser.add_argument('--ambient', type=float, metavar='DEGC', help=ambient_help)
     parser.add_argument('--consumption', choices=('total', 'drivetrain'),
                         help='whether the consumption in a list of segments includes heating and auxiliaries')
 

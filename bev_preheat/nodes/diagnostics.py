@@ -91,6 +91,7 @@ def _preheating(name: str, hardware: str, supervisor: Supervisor, now_ns: int) -
         'compiled core': core_in_words(),
         'declined by the core': DECLINES.in_words(),
         'route_id': mission.route_id if mission else '',
+        'propulsion power': mission.power_source if mission else '',
         'legs after this one': str(len(decision.later_legs)),
         'enabled': str(supervisor.is_enabled).lower(),
     }

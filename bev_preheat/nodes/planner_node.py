@@ -229,7 +229,7 @@ class PlannerNode(Node):
             f'Route {mission.route_id!r}: '
             f'{sum(route.total_duration_s for route in routes) / 60:.1f} min, '
             f'{sum(route.distance_m for route in routes) / 1000:.1f} km, '
-            f'stops on the way: {len(routes) - 1}.')
+            f'stops on the way: {len(routes) - 1}; propulsion power: {mission.power_source}.')
         for warning in self._supervisor.unit_warnings:
             self.get_logger().warning(f'route_plan: {warning}.')
 

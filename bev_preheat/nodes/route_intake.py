@@ -84,7 +84,7 @@ class RouteIntake:
 
     def _mission(self, message: RoutePlan, vehicle: Vehicle, settings: Settings) -> Mission:
         mission = mission_from_message(
-            message, defaults_of(vehicle, settings), settings.planning_step_s)
+            message, defaults_of(vehicle, settings), settings.planning_step_s, vehicle)
         self._messages[mission] = message
         return mission
 

@@ -40,6 +40,8 @@ def drive_journey(journey: Journey, vehicle: Vehicle, options: RouteOptions, pat
         if journey.consumption_wh is None or vehicle.road_load is not None:
             columns.update(propulsion_columns(road_vehicle(vehicle), motion, ambient_c))
         if journey.consumption_wh is None:
+            if options.with_auxiliaries is not None:
+                raise InvalidInput('has no consumption; leave out --consumption')
             remarks.append(_road_load_remark(vehicle, journey))
         else:
             _use_consumption(columns, journey, vehicle, options, remarks)
@@ -52,6 +54,8 @@ def drive_journey(journey: Journey, vehicle: Vehicle, options: RouteOptions, pat
 def _ambient_c(journey: Journey, options: RouteOptions, path: Path) -> FloatArray:
     count = len(journey.motion.duration_s)
     if journey.ambient_temperature_c is not None:
+        if options.ambient_temperature_c is not None:
+            raise InvalidInput(f'{path}: has its own ambient temperature; leave out --ambient')
         return journey.ambient_temperature_c
     if options.ambient_temperature_c is None:
         raise InvalidInput(f'{path}: this {journey.kind} has no ambient temperature; give it [degC], such as: '

@@ -56,20 +56,24 @@ def route_for(name_or_file: str | Path, vehicle: Vehicle,
 
     A name is that of a file in config/routes, `legs/NAME` that of a description in
     config/routes/legs; a text with any other slash or with a suffix is a file of any format, relative
-    to `folder` if given. `options` are the figures that such a file lacks. Raises InvalidInput naming file, place, value and allowed range.
+    to `folder` if given. `options` are the figures that such a file lacks. Raises InvalidInput naming
+    file, place, value and allowed range.
     """
     is_legs, source = _source(name_or_file, folder)
     name = in_one_line(vehicle.name)
+    options = options or RouteOptions()
     if is_legs:
+        _refuse_options(legs_file(source), options)
         # Rounded as in a file, so that the plan equals that for the file made from the legs.
         return RouteForVehicle(rounded(load_legs(source, vehicle).route), name, legs_file(source),
                                None)
     file = route_file(source)
     journey = read_journey(file)
     if journey is not None:
-        route, remarks = drive_journey(journey, vehicle, options or RouteOptions(), file)
+        route, remarks = drive_journey(journey, vehicle, options, file)
         # Rounded, as from legs.
         return RouteForVehicle(rounded(route), name, file, None, journey.line, tuple(remarks), journey.stops)
+    _refuse_options(file, options)
     loaded = load_file_route(source, vehicle.defaults)
     return RouteForVehicle(loaded.route, loaded.made_for, file,
                            _warning(file, loaded.made_for, vehicle))
@@ -96,6 +100,14 @@ def _source(name_or_file: str | Path, folder: Path | None = None) -> tuple[bool,
     elif '/' not in text and Path(text).suffix and os.path.isfile(text):
         text = f'./{text}'
     return is_legs, text
+
+
+def _refuse_options(file: Path, options: RouteOptions) -> None:
+    """Raise InvalidInput if figures are given that the file has itself."""
+    if options.ambient_temperature_c is not None:
+        raise InvalidInput(f'{file}: has its own ambient temperature; leave out --ambient')
+    if options.with_auxiliaries is not None:
+        raise InvalidInput(f'{file}: has no consumption; leave out --consumption')
 
 
 def _warning(file: Path, made_for: str | None, vehicle: Vehicle) -> str | None:

@@ -31,6 +31,8 @@ QUANTILES = 32
 _PROBABILITY = (np.arange(QUANTILES) + 0.5) / QUANTILES
 _LAPLACE = np.sign(_PROBABILITY - 0.5) * -np.log(1.0 - 2.0 * np.abs(_PROBABILITY - 0.5))
 DEVIATIONS = _LAPLACE / np.sqrt(np.mean(_LAPLACE**2))
+# Largest difference in elevation on a route [m].
+MOST_RISE_M = 6000.0
 # Segments computed at once, so that a long route needs no more memory.
 AT_ONCE = 10_000
 
@@ -55,11 +57,19 @@ class Motion:
         return np.concatenate(([0.0], np.cumsum(self.duration_s * self.speed_mps)))
 
 
-def elevation_of_slope(duration_s: FloatArray, speed_mps: FloatArray, slope: FloatArray,
-                       start_m: float = 0.0) -> FloatArray:
-    """Return the elevations [m] at the boundaries of N segments with slopes (rise over run), shape (N + 1,)."""
+def elevation_of_slope(duration_s: FloatArray, speed_mps: FloatArray, slope: FloatArray) -> FloatArray:
+    """
+    Return the elevations [m] at the boundaries of N segments with slopes (rise over run), shape (N + 1,).
+
+    The lowest place is at sea level. Raises InvalidInput if the road would be higher than any.
+    """
     rise_m = duration_s * speed_mps * slope / np.hypot(1.0, slope)
-    return start_m + np.concatenate(([0.0], np.cumsum(rise_m)))
+    elevation_m = np.concatenate(([0.0], np.cumsum(rise_m)))
+    elevation_m -= elevation_m.min()
+    if elevation_m.max() > MOST_RISE_M:
+        raise InvalidInput(f'slope: the road rises by {elevation_m.max():.0f} m in total; at most {MOST_RISE_M:g} m '
+                           'are plausible; it must be rise over run')
+    return elevation_m
 
 
 def road_vehicle(vehicle: Vehicle, load: RoadForces | None = None) -> RoadVehicle:

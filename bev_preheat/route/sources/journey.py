@@ -11,6 +11,9 @@ if TYPE_CHECKING:
     from bev_preheat.route.line import RouteLine
     from bev_preheat.route.motion import Motion
 
+# Slopes of roads for cars, rise over run.
+SLOPE_RANGE = (-0.4, 0.4)
+
 
 @dataclass(frozen=True)
 class ChargingStop:

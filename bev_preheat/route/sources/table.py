@@ -17,7 +17,7 @@ from bev_preheat.errors import figure, InvalidInput, quoted
 from bev_preheat.route.motion import elevation_of_slope, Motion
 from bev_preheat.route.segments import LIMITS, LONGEST_ROUTE_S
 from bev_preheat.route.sources.headers import Header, read_header
-from bev_preheat.route.sources.journey import ChargingStop, Journey
+from bev_preheat.route.sources.journey import ChargingStop, Journey, SLOPE_RANGE
 from bev_preheat.route.text_table import read_text_table, TextTable
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ ACCEPTED = ('time_s', 'speed_kmh', 'slope', 'elevation_m', 'duration_s', 'length
             'ambient_temperature_c')
 # Valid range by quantity, in SI units, and the unit for messages.
 RANGES = {
-    'speed': (*LIMITS['speed_mps'], 'm/s'), 'slope': (-0.4, 0.4, 'rise over run'),
+    'speed': (*LIMITS['speed_mps'], 'm/s'), 'slope': (*SLOPE_RANGE, 'rise over run'),
     'elevation': (-500.0, 9000.0, 'm'), 'duration': (0.0, LONGEST_ROUTE_S, 's'), 'length': (0.0, 3e6, 'm'),
     'distance': (-1e9, 1e9, 'm'), 'consumption': (-1e6, 1e6, 'Wh'),
     'ambient_temperature': (*LIMITS['ambient_temperature_c'], 'degC'),
