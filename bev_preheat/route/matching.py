@@ -2,9 +2,9 @@
 """
 The vehicle's place on its route, from position fixes and an odometer; no place if in doubt.
 
-A belief about the place is followed from fix to fix (place_belief.py). A fix that contradicts it gives no place, and
-begins a trial: a second belief, which replaces the first once it has proved itself. So one bad fix costs nothing,
-and a vehicle that left the route has to drive along it again before it is back.
+A belief about the place is followed from fix to fix (place_belief.py). A fix that contradicts it gives no place,
+and begins a trial: a second belief, which replaces the first once it has proved itself. So one bad fix costs
+nothing, and a vehicle that left the route has to drive along it again before it is back.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from bev_preheat.route.odometer import driven_m, NS_PER_S, Odometer, Reading
 from bev_preheat.route.place_belief import (
     begin,
     carried_on,
+    FASTEST_MPS,
     GATE_DEVIATIONS,
     ODOMETER_DEVIATION,
     place_of,
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
 USUAL_DEVIATION_M, LEAST_DEVIATION_M = 8.0, 3.0
 # Deviation of the road from the digitised line: lane, centre line, digitising [m].
 LINE_DEVIATION_M = 5.0
-# A coarser fix is not used [m]: its place would not be known to the 100 m by which a route_progress may be corrected.
+# A coarser fix is not used [m]: two of them may differ by more than the 100 m by which a route_progress may fall.
 COARSEST_M = 50.0
 # Fixes closer in time tell nothing new [s]; the planner needs a place once a second.
 SPACED_S = 0.45
@@ -45,13 +46,18 @@ SPACED_S = 0.45
 GAP_S = 30.0
 # A place is told if its pass has at least this probability, and the place at most this deviation [m].
 LEAST_PROBABILITY, MOST_DEVIATION_M = 0.99, 50.0
+# A place that is less certain than so many fixes has two humps: both sides of a turning point.
+WIDEST_DEVIATIONS = 2.0
 # A vehicle that falls back by more [m] drives against the route's direction.
 TURNED_BACK_M = 40.0
 # So many contradicting fixes over this time [s]: the vehicle has left its place, and the fixes are no outliers.
 LEFT_FIXES, LEFT_AFTER_S = 3, 5.0
-# A trial is confirmed after so many fixes over this time [s]; if the vehicle had left its route, after this distance
-# along it [m], in which a road that crosses the route leaves the gate.
+# A trial is confirmed after so many fixes over this time [s]; if the vehicle had left its route, after this
+# distance along it [m], in which a road that crosses the route leaves the gate.
 CONFIRM_FIXES, CONFIRM_AFTER_S, CONFIRM_AFTER_M = 3, 5.0, 100.0
+# A vehicle that has not left its route may stand, within STANDS_M [m] for STANDS_S [s], or has driven ALONG_M [m]
+# along the route.
+STANDS_M, STANDS_S, ALONG_M = 10.0, 10.0, 50.0
 # Meanwhile the fix moves with the place to this many deviations; a road that crosses the route takes it aside.
 STEADY_DEVIATIONS = 2.0
 # A trip is found at its start as often as anywhere else; its start reaches so far [m].
@@ -62,11 +68,14 @@ END_M = 100.0
 COURSE_M, COURSE_S = 25.0, 15.0
 # A receiver that holds its position while it stands does so for the length of a red light [s].
 USUAL_FROZEN_AFTER_S = 30.0
-# A vehicle faster than this [m/s] over at least this time [s] moves: its position cannot stay the same to the last
-# digit. For SLOW_RECEIVER_S a publisher may repeat the position of a slower receiver.
-MOVES_MPS, MOVES_OVER_S, SLOW_RECEIVER_S = 3.0, 2.0, 2.0
+# The speed is that over this time [s]; noise, bends and the time since then change it by SPEED_DEVIATION_MPS
+# [m/s], and no car accelerates faster [m/s^2].
+SPEED_OVER_S, SPEED_DEVIATION_MPS, ACCELERATION_MPS2 = 2.0, 10.0, 6.0
+# A vehicle faster than this [m/s] moves: its position cannot stay the same to the last digit. For
+# SLOW_RECEIVER_S [s] a publisher may repeat the position of a slower receiver.
+MOVES_MPS, SLOW_RECEIVER_S = 3.0, 2.0
 # An odometer that counts this much meanwhile [m] shows the same.
-MOVED_M = 20.0
+MOVED_M = 10.0
 # The cosine beyond which the course is along the route's direction, or against it: 45 degrees.
 ALONG = math.cos(math.radians(45.0))
 
@@ -89,9 +98,9 @@ class Matcher:
     """
     Follows the vehicle along a MapLine.
 
-    `from_start`: the trip begins now, so a vehicle near the start is taken to be there rather than at a later place
-    nearby. A position that stays the same to the last digit for `frozen_after_s` [s] is not believed, and at once
-    if the vehicle was moving before; with an odometer that counts for it, it is believed while that stands.
+    `from_start`: the trip begins now, so a vehicle near the start is taken to be there rather than at a later
+    place nearby. A position that stays the same to the last digit is believed for `frozen_after_s` [s]; as long as
+    the odometer stands; and not at all if the vehicle was moving before.
     """
 
     def __init__(self, line: MapLine, from_start: bool, frozen_after_s: float = USUAL_FROZEN_AFTER_S) -> None:
@@ -111,7 +120,11 @@ class Matcher:
         self.match = Match(Cause.SILENT, 'No position has arrived yet', 0)
 
     def take(self, fix: Fix) -> Match:
-        """Return the Match of a fix, and keep it as `match`; a fix that follows the last one at once has no place."""
+        """
+        Return the Match of a fix, and keep it as `match`.
+
+        A fix that follows the last one within SPACED_S has no place.
+        """
         latest = self._latest
         if latest is not None and fix.stamp_ns <= latest.stamp_ns:
             return Match(Cause.OVERTAKEN, 'The position is not newer than the one before', fix.stamp_ns)
@@ -165,13 +178,16 @@ class Matcher:
 
     def _moves(self, fix: Fix) -> bool:
         """Return whether the vehicle moved before a fix."""
+        speed_mps = self._speed_mps(fix)
+        return speed_mps is not None and speed_mps > MOVES_MPS
+
+    def _speed_mps(self, fix: Fix) -> float | None:
+        """Return the vehicle's mean speed [m/s] over at least SPEED_OVER_S before a fix; None: not known."""
         before = [other for other in self._course
-                  if fix.stamp_ns - other.stamp_ns >= MOVES_OVER_S * NS_PER_S]
+                  if fix.stamp_ns - other.stamp_ns >= SPEED_OVER_S * NS_PER_S]
         if not before:
-            return False
-        apart_m = math.hypot(*offset_m(before[-1].latitude_deg, before[-1].longitude_deg,
-                                       fix.latitude_deg, fix.longitude_deg))
-        return apart_m > MOVES_MPS * (fix.stamp_ns - before[-1].stamp_ns) / NS_PER_S
+            return None
+        return _apart_m(before[-1], fix) / (fix.stamp_ns - before[-1].stamp_ns) * NS_PER_S
 
     # One fix
 
@@ -204,8 +220,13 @@ class Matcher:
 
     def _followed(self, track: _Track, fix: Fix, near: Nearby) -> _Track | None:
         reading = self.odometer.at(fix.stamp_ns)
-        belief = updated(self.line, track.belief, near, _sigma_m(fix),
-                         (fix.stamp_ns - track.fix.stamp_ns) / NS_PER_S, driven_m(track.odometer, reading))
+        seconds = (fix.stamp_ns - track.fix.stamp_ns) / NS_PER_S
+        speed_mps = self._speed_mps(track.fix)
+        # The vehicle accelerates throughout at most.
+        fastest_mps = FASTEST_MPS if speed_mps is None else min(
+            FASTEST_MPS, speed_mps + SPEED_DEVIATION_MPS + ACCELERATION_MPS2 * seconds)
+        belief = updated(self.line, track.belief, near, _sigma_m(fix), seconds,
+                         driven_m(track.odometer, reading), fastest_mps)
         if belief is None:
             return None
         place = place_of(self.line, belief)
@@ -238,9 +259,11 @@ class Matcher:
         seconds = (last.stamp_ns - first.stamp_ns) / NS_PER_S
         moved_m = trial.place.distance_m - trial.first_place.distance_m
         is_long = trial.fixes >= CONFIRM_FIXES and seconds >= CONFIRM_AFTER_S
-        if not is_long or (self._has_left and moved_m < CONFIRM_AFTER_M):
+        if not is_long or not _is_clear(trial.place):
             return False
-        return _is_clear(trial.place)
+        if self._has_left:
+            return moved_m >= CONFIRM_AFTER_M
+        return moved_m >= ALONG_M or (seconds >= STANDS_S and _apart_m(first, last) <= STANDS_M)
 
     def _aside_m(self, trial: _Track) -> float:
         """Return by how much the fix has moved against its place since the trial began [m]."""
@@ -258,9 +281,9 @@ class Matcher:
             return Match(Cause.AMBIGUOUS, f'The position fits several places of the route: '
                          f'{place.distance_m / 1000:.2f} km and {(place.other_m or 0.0) / 1000:.2f} km',
                          fix.stamp_ns)
-        if deviation_m > MOST_DEVIATION_M:
-            return Match(Cause.UNCERTAIN, f'The place has a deviation of {deviation_m:.0f} m; at most '
-                         f'{MOST_DEVIATION_M:.0f} m are told', fix.stamp_ns)
+        if deviation_m > MOST_DEVIATION_M or place.deviation_m > WIDEST_DEVIATIONS * _sigma_m(fix):
+            return Match(Cause.UNCERTAIN, f'The place has a deviation of {deviation_m:.0f} m, too much '
+                         'for a position', fix.stamp_ns)
         return Match(Cause.MATCHED, f'{place.distance_m / 1000:.2f} km from the start', fix.stamp_ns,
                      place.distance_m, deviation_m)
 
@@ -305,14 +328,16 @@ class Matcher:
     def _is_against(self, fix: Fix, near: Nearby) -> bool:
         """Return whether the vehicle drives against the direction of all parts of the route near it."""
         for other in reversed(self._course):
-            apart_m = math.hypot(*offset_m(other.latitude_deg, other.longitude_deg,
-                                           fix.latitude_deg, fix.longitude_deg))
-            if apart_m >= COURSE_M:
+            if _apart_m(other, fix) >= COURSE_M:
                 east, north = unit_vector(other.latitude_deg, other.longitude_deg,
                                           fix.latitude_deg, fix.longitude_deg)
                 cosines = [np.dot((east, north), self.line.direction(at)) for at in near.at]
-                return min(cosines) <= -ALONG and max(cosines) < ALONG
+                return bool(min(cosines) <= -ALONG and max(cosines) < ALONG)
         return False
+
+
+def _apart_m(one: Fix, other: Fix) -> float:
+    return math.hypot(*offset_m(one.latitude_deg, one.longitude_deg, other.latitude_deg, other.longitude_deg))
 
 
 def _is_clear(place: Place) -> bool:

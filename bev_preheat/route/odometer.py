@@ -14,20 +14,20 @@ NS_PER_S = 1_000_000_000
 VALID_S = 2.0
 # Readings kept; at 100 Hz, twice VALID_S.
 KEPT = 400
-# A reading that falls by more [m], or rises faster than the vehicle drives and by more, starts another count.
+# A reading that falls by more [m], or rises faster than the vehicle drives and by more, starts another series.
 JUMP_M = 50.0
 
 
 class Reading(NamedTuple):
-    """A reading [m] at an instant [ns], on a count: readings on different counts cannot be subtracted."""
+    """A reading [m] at an instant [ns]; readings of different series cannot be subtracted."""
 
     stamp_ns: int
     distance_m: float
-    count: int
+    series: int
 
 
 class Odometer:
-    """Readings of an odometer, at whatever offset; a reset or a jump starts another count."""
+    """Readings of an odometer, at whatever offset; a reset or a jump starts another series."""
 
     def __init__(self) -> None:
         """Start without a reading."""
@@ -43,12 +43,12 @@ class Odometer:
         latest = self.latest
         if not math.isfinite(distance_m) or (latest is not None and stamp_ns <= latest.stamp_ns):
             return False
-        count = 0
+        series = 0
         if latest is not None:
             most_m = FASTEST_MPS * (stamp_ns - latest.stamp_ns) / NS_PER_S + JUMP_M
             gain_m = distance_m - latest.distance_m
-            count = latest.count if -JUMP_M <= gain_m <= most_m else latest.count + 1
-        self._readings.append(Reading(stamp_ns, distance_m, count))
+            series = latest.series if -JUMP_M <= gain_m <= most_m else latest.series + 1
+        self._readings.append(Reading(stamp_ns, distance_m, series))
         return True
 
     def at(self, stamp_ns: int) -> Reading | None:
@@ -63,15 +63,15 @@ class Odometer:
                 and abs(reading.stamp_ns - stamp_ns) <= VALID_S * NS_PER_S]
         if not near:
             return None
-        if len(near) == 1 or near[0].count != near[1].count:
+        if len(near) == 1 or near[0].series != near[1].series:
             return near[0]
         share = (stamp_ns - near[0].stamp_ns) / (near[1].stamp_ns - near[0].stamp_ns)
         return Reading(stamp_ns, near[0].distance_m + share * (near[1].distance_m - near[0].distance_m),
-                       near[0].count)
+                       near[0].series)
 
 
 def driven_m(since: Reading | None, until: Reading | None) -> float | None:
     """Return the distance [m] between two readings; None if it is not known."""
-    if since is None or until is None or since.count != until.count:
+    if since is None or until is None or since.series != until.series:
         return None
     return max(until.distance_m - since.distance_m, 0.0)

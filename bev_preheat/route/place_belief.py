@@ -74,11 +74,11 @@ def begin(line: MapLine, near: Nearby, fix_deviation_m: float, prior: FloatArray
 
 
 def carried_on(line: MapLine, belief: PlaceBelief, near: Nearby, seconds: float,
-               odometer_m: float | None) -> FloatArray:
+               odometer_m: float | None, fastest_mps: float = FASTEST_MPS) -> FloatArray:
     """
     Return the density [1/m] of places `seconds` after a belief at the points near a fix, shape (K,).
 
-    `odometer_m` is the distance driven since then [m]; None: not known.
+    `odometer_m` is the distance driven since then [m]; None: not known. The vehicle drives at most `fastest_mps`.
     """
     from_m = line.along_m[belief.at][:, None]
     gain_m = line.along_m[near.at][None, :] - from_m
@@ -87,7 +87,7 @@ def carried_on(line: MapLine, belief: PlaceBelief, near: Nearby, seconds: float,
         density = _normal(gain_m - odometer_m, math.hypot(drift_m, ODOMETER_DEVIATION * odometer_m))
     else:
         planned_m = line.planned_m(from_m, seconds) - from_m
-        reach_m = FASTEST_MPS * seconds + JUMP_M
+        reach_m = fastest_mps * seconds + JUMP_M
         ahead = (gain_m >= 0.0) & (gain_m <= reach_m)
         by_plan = seconds / (seconds + PACE_AFTER_S)
         moving = (1.0 - by_plan) * ahead / reach_m + by_plan * ahead * _normal(
@@ -98,11 +98,11 @@ def carried_on(line: MapLine, belief: PlaceBelief, near: Nearby, seconds: float,
 
 
 def updated(line: MapLine, belief: PlaceBelief, near: Nearby, fix_deviation_m: float, seconds: float,
-            odometer_m: float | None) -> PlaceBelief | None:
+            odometer_m: float | None, fastest_mps: float = FASTEST_MPS) -> PlaceBelief | None:
     """Return the belief after the next fix; None if it is not near any place that the vehicle can have reached."""
     if len(near.at) == 0:
         return None
-    carried = carried_on(line, belief, near, seconds, odometer_m)
+    carried = carried_on(line, belief, near, seconds, odometer_m, fastest_mps)
     evidence = float(carried @ _likelihood(near, fix_deviation_m)) * line.spacing_m
     if evidence < LEAST_EVIDENCE:
         return None

@@ -63,8 +63,10 @@ class Road:
         random = np.random.default_rng(seed)
         count = int(length_m / step_m)
         along_m = np.arange(count) * step_m
-        heading = sum(random.normal(0.0, 0.35) * np.sin(2.0 * math.pi * along_m / wave_m + random.uniform(0.0, 6.3))
-                      for wave_m in (400.0, 1100.0, 2500.0, 6000.0))
+        waves_m = (400.0, 1100.0, 2500.0, 6000.0)
+        bends = [random.normal(0.0, 0.35) * np.sin(2.0 * math.pi * along_m / wave_m + random.uniform(0.0, 6.3))
+                 for wave_m in waves_m]
+        heading = np.sum(bends, axis=0)
         return cls(np.cumsum(np.cos(heading)) * step_m, np.cumsum(np.sin(heading)) * step_m)
 
     @property
