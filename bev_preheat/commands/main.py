@@ -24,6 +24,7 @@ SUBCOMMANDS = {
     'robustness': 'bev_preheat_studies.commands.robustness',
     'scenario': 'bev_preheat.commands.scenario',
     'route': 'bev_preheat.commands.route',
+    'log': 'bev_preheat.commands.log',
     'vehicle': 'bev_preheat.commands.vehicle',
     'export-ecu': 'bev_preheat.commands.export_ecu',
     'monitor': 'bev_preheat.commands.monitor',

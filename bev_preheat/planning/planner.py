@@ -227,8 +227,9 @@ def finish_plan(trip: Trip, goal: Goal, schedule: Schedule, method: str, started
     outcome = outcome or find_outcome(
         trip, schedule, goal.target_temperature_c if goal.heating_pays else -math.inf)
     reserve = reserve_soc(trip.vehicle, goal)
-    plan = Plan(
-        status=Status.WAITING,
+    shortfall_k, soc_shortfall = max(0.0, target_c - arrival_c), max(0.0, reserve - arrival_soc)
+    return Plan(
+        status=_status(goal, schedule, outcome, shortfall_k, soc_shortfall),
         sentence=partial(explain, reserve=reserve),
         method=method,
         target_temperature_c=target_c,
@@ -239,33 +240,31 @@ def finish_plan(trip: Trip, goal: Goal, schedule: Schedule, method: str, started
         hvch_battery_power_w=schedule.heater_power_w,
         friction_brake_power_w=schedule.brake_power_w,
         energy_wh=outcome.energy_wh,
-        shortfall_k=max(0.0, target_c - arrival_c),
-        soc_shortfall=max(0.0, reserve - arrival_soc),
+        shortfall_k=shortfall_k,
+        soc_shortfall=soc_shortfall,
         undeliverable_power_w=outcome.undeliverable_power_w,
         undeliverable_at_s=outcome.undeliverable_at_s,
         intervals=outcome.intervals,
-        planning_time_s=0.0,
+        planning_time_s=perf_counter() - started,
         heating_end_s=schedule.heating_end_s,
         held_back=schedule.held_back,
         stranding=outcome.stranding,
         heat=schedule.heat)
-    # The plan has no other user yet, and `replace` would take as long as all of the above.
-    vars(plan).update(status=_status(plan, goal), planning_time_s=perf_counter() - started)
-    return plan
 
 
-def _status(plan: Plan, goal: Goal) -> Status:
+def _status(goal: Goal, schedule: Schedule, outcome: ScheduleOutcome, shortfall_k: float,
+            soc_shortfall: float) -> Status:
     if not goal.charging_planned:
         return Status.NO_CHARGING_PLANNED
-    if plan.stranding is not None:
+    if outcome.stranding is not None:
         return Status.OUT_OF_CHARGE
-    if plan.undeliverable_power_w > 0.0:
+    if outcome.undeliverable_power_w > 0.0:
         return Status.POWER_LIMITED
-    missed = plan.shortfall_k > SHORTFALL_TOLERANCE_K
-    if plan.soc_shortfall > SOC_TOLERANCE or (missed and plan.held_back is not None):
+    missed = shortfall_k > SHORTFALL_TOLERANCE_K
+    if soc_shortfall > SOC_TOLERANCE or (missed and schedule.held_back is not None):
         return Status.SOC_LIMITED
     if missed:
         return Status.TARGET_UNREACHABLE
-    if plan.heating_start_s is None:
+    if outcome.heating_start_s is None:
         return Status.NOT_NEEDED if goal.heating_pays else Status.NOT_WORTH_IT
-    return Status.WAITING if plan.heating_start_s > NOW_S else Status.HEATING
+    return Status.WAITING if outcome.heating_start_s > NOW_S else Status.HEATING
