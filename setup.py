@@ -36,6 +36,7 @@ EXTRAS = {
     'nlp': ['casadi>=3.6'],
     'plot': ['matplotlib>=3.6.3'],
     'logs': ['asammdf>=7.3', 'cantools>=39', 'pint>=0.19', 'python-can>=4.0', 'rosbags>=0.9.16'],
+    'routes': ['gpxpy>=1.5'],
     'studies': ['casadi>=3.6', 'matplotlib>=3.6.3', 'psutil>=5.9.8', 'scipy>=1.11.4'],
     'test': ['pytest'],
 }

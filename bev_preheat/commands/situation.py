@@ -83,6 +83,12 @@ def add_drive_arguments(parser: ArgumentParser, route_group: Alternatives | None
 def add_route_options(parser: ArgumentParser, ambient_help: str = AMBIENT_HELP) -> None:
     """Add the options that `route_options` reads."""
     parser.add_argument('--ambient', type=float, metavar='DEGC', help=ambient_help)
+    parser.add_argument('--free-speed', type=float, metavar='KMH',
+                        help='speed on free road [km/h] of a line on the map without times')
+    parser.add_argument('--stop-duration', type=float, metavar='MIN',
+                        help='the waypoints of navigation are charging stops of this duration [min] '
+                        '(default: they are passed)')
+    parser.add_argument('--vehicle-id', metavar='ID', help='the vehicle in a SUMO file with several')
     parser.add_argument('--consumption', choices=('total', 'drivetrain'),
                         help='whether the consumption in a list of segments includes heating and auxiliaries')
 
@@ -90,7 +96,11 @@ def add_route_options(parser: ArgumentParser, ambient_help: str = AMBIENT_HELP) 
 def route_options(arguments: Namespace) -> RouteOptions:
     """Return the RouteOptions of parsed arguments."""
     with_auxiliaries = None if arguments.consumption is None else arguments.consumption == 'total'
-    return RouteOptions(arguments.ambient, with_auxiliaries)
+    stop_min = arguments.stop_duration
+    if stop_min is not None and not 1.0 <= stop_min <= 1440.0:
+        raise InvalidInput(f'--stop-duration: {stop_min:g} min is not allowed; it must be 1 ... 1440 min')
+    return RouteOptions(arguments.ambient, with_auxiliaries, arguments.free_speed,
+                        None if stop_min is None else 60.0 * stop_min, arguments.vehicle_id)
 
 
 def add_vehicle_argument(parser: ArgumentParser) -> None:

@@ -68,7 +68,7 @@ def route_for(name_or_file: str | Path, vehicle: Vehicle,
         return RouteForVehicle(rounded(load_legs(source, vehicle).route), name, legs_file(source),
                                None)
     file = route_file(source)
-    journey = read_journey(file)
+    journey = read_journey(file, options)
     if journey is not None:
         route, remarks = drive_journey(journey, vehicle, options, file)
         # Rounded, as from legs.

@@ -17,7 +17,7 @@ SLOPE_RANGE = (-0.4, 0.4)
 
 @dataclass(frozen=True)
 class ChargingStop:
-    """A charging stop after a segment (index), with its duration [s]; inf: not known."""
+    """A charging stop after a segment (index), with its duration [s]."""
 
     after_segment: int
     duration_s: float
@@ -50,9 +50,14 @@ class RouteOptions:
     """
     Figures that a source may lack.
 
-    `ambient_temperature_c` [degC] applies where the file has none. `with_auxiliaries`: the consumption in the
-    file includes heating and auxiliaries (None: not said).
+    `ambient_temperature_c` [degC] applies if the file has none. `with_auxiliaries`: the consumption in the
+    file includes heating and auxiliaries (None: not given). `free_speed_kmh` [km/h]: speed on free road, for a line
+    without times. `stop_duration_s` [s]: duration of a charging stop at each waypoint (None: waypoints are
+    passed). `vehicle_id`: the vehicle in a file with several.
     """
 
     ambient_temperature_c: float | None = None
     with_auxiliaries: bool | None = None
+    free_speed_kmh: float | None = None
+    stop_duration_s: float | None = None
+    vehicle_id: str | None = None

@@ -43,11 +43,14 @@ MOST_ACCELERATION_MPS2 = 12.0
 
 def read_table(path: str | Path) -> Journey:
     """Return the Journey of a table (CSV); raise InvalidInput naming file, line, column and value."""
-    table = read_text_table(path, ACCEPTED)
-    table = _with_units_from_second_line(table)
+    return journey_of_table(_with_units_from_second_line(read_text_table(path, ACCEPTED)))
+
+
+def journey_of_table(table: TextTable) -> Journey:
+    """Return the Journey of a TextTable; raise InvalidInput naming line, column and value."""
     headers = _headers(table)
     if not table.rows:
-        raise InvalidInput(f'{path}: has no rows below its header')
+        raise InvalidInput(f'{table.path}: has no rows below its header')
     if 'time' in headers and 'duration' not in headers:
         return _samples(table, headers)
     return _segments(table, headers)
@@ -67,7 +70,7 @@ def _with_units_from_second_line(table: TextTable) -> TextTable:
 
 def _headers(table: TextTable) -> dict[str, Header]:
     """Return the columns by quantity; raise InvalidInput if one is ambiguous."""
-    where = f'{table.path}, line {table.header_line}'
+    where = f'{table.path}, line {table.header_line}' if table.header_line else table.path
     found: dict[str, Header] = {}
     problems, advice = [], []
     for name in table.header:
