@@ -28,6 +28,9 @@ if TYPE_CHECKING:
 
 # No ambient temperature [deg C]; ROS parameters have no None, and a NaN does not survive a parameter file.
 NO_AMBIENT_C = -100.0
+# Options of `preheat`, and the parameters of the node.
+OPTIONS = {'--ambient -5': '-p ambient_temperature:=-5.0', '--ambient:': 'ambient_temperature:',
+           '--consumption ': '-p consumption:='}
 WITH_AUXILIARIES = {'unknown': None, 'total': True, 'drivetrain': False}
 
 
@@ -36,8 +39,8 @@ class RouteOffer:
     """
     A mission without its start, its MapLine (None without coordinates) and its length [m].
 
-    `stops` are (index of the segment before it, duration [s]) of each charging stop; `remarks` are sentences for
-    the log.
+    `stops` are (index of the segment before it, duration [s]) of each charging stop; `remarks` and `warnings` are
+    sentences for the log.
     """
 
     mission: Mission
@@ -46,6 +49,7 @@ class RouteOffer:
     vehicle_name: str
     stops: tuple[tuple[int, float], ...]
     remarks: tuple[str, ...]
+    warnings: tuple[str, ...]
 
     def route_plan(self, start_ns: int) -> RoutePlan:
         """Return the RoutePlan of a trip that starts at an instant [ns]."""
@@ -73,8 +77,11 @@ def load_offer(values: Mapping[str, Any]) -> RouteOffer:
     ambient_c = values['ambient_temperature']
     # Lower than any ambient temperature that a route may have.
     is_given = ambient_c >= LIMITS['ambient_temperature_c'][0]
-    loaded = route_for(values['route'], vehicle, options=RouteOptions(
-        ambient_c if is_given else None, WITH_AUXILIARIES[values['consumption']]))
+    try:
+        loaded = route_for(values['route'], vehicle, options=RouteOptions(
+            ambient_c if is_given else None, WITH_AUXILIARIES[values['consumption']]))
+    except InvalidInput as error:
+        raise InvalidInput([_with_parameters(problem) for problem in error.problems]) from error
     route = loaded.route
     route_id = values['route_id'] or loaded.file.stem[:LONGEST_ROUTE_ID]
     problems = []
@@ -92,17 +99,17 @@ def load_offer(values: Mapping[str, Any]) -> RouteOffer:
               target_temperature_c=target_c if is_set else None, minimum_arrival_soc=values['minimum_arrival_soc'],
               charger=charger_of(values['charger_power'], values['charging_departure_soc']))
     check_situation(vehicle, route=route, goal=leg.goal(vehicle.defaults.target_battery_temperature_c))
-    remarks = [sentence for sentence in (loaded.warning, *loaded.remarks) if sentence]
+    warnings = [loaded.warning] if loaded.warning else []
     if loaded.line is None:
-        remarks.append(f'route {loaded.file.name} has no coordinates, so fixes cannot be matched; the odometer '
+        warnings.append(f'route {loaded.file.name} has no coordinates, so fixes cannot be matched; the odometer '
                        'gives the place')
     if not route.distance_m > 0.0:
-        remarks.append(f'route {loaded.file.name} has no length, so no place on it is known')
+        warnings.append(f'route {loaded.file.name} has no length, so no place on it is known')
     return RouteOffer(
         Mission(route_id, (leg,), values['standing_time']),
         None if loaded.line is None else MapLine(loaded.line), route.distance_m, vehicle.name,
         tuple((stop.after_segment, _stop_s(stop.duration_s, values['stop_duration'])) for stop in loaded.stops),
-        tuple(remarks))
+        loaded.remarks, tuple(warnings))
 
 
 def in_words(offer: RouteOffer) -> str:
@@ -111,6 +118,13 @@ def in_words(offer: RouteOffer) -> str:
     coordinates = 'without coordinates' if offer.line is None else 'with coordinates'
     return (f'Route {offer.mission.route_id!r} for vehicle {offer.vehicle_name}: {offer.length_m / 1000:.1f} km '
             f'in {figure(route.total_duration_s / 60, 4)} min, {coordinates}, {len(offer.stops)} charging stops.')
+
+
+def _with_parameters(problem: str) -> str:
+    """Return a problem with the node's parameters in place of the options of `preheat`."""
+    for option, parameter in OPTIONS.items():
+        problem = problem.replace(option, parameter)
+    return problem
 
 
 def _stop_s(duration_s: float, usual_s: float) -> float:

@@ -152,7 +152,9 @@ class RoutePublisherNode(Node):
         begins_now = now_ns - start_ns < BEGUN_BEFORE_S * NS_PER_S
         self.get_logger().info(in_words(offer))
         for remark in offer.remarks:
-            self.get_logger().warning(remark)
+            self.get_logger().info(remark)
+        for warning in offer.warnings:
+            self.get_logger().warning(warning)
         self._places = None
         at_start_m = self._values['odometer_at_start']
         if offer.line is not None:

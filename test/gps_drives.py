@@ -7,6 +7,7 @@ curvature as the product does.
 """
 
 from dataclasses import dataclass
+from datetime import datetime, UTC
 import math
 
 import numpy as np
@@ -101,3 +102,15 @@ def gnss_errors(count, period_s, seed, correlated_m=4.0, white_m=1.5, time_s=60.
         errors[number] = state
         state = keeps * state + math.sqrt(1.0 - keeps**2) * random.normal(0.0, correlated_m, 2)
     return errors + random.normal(0.0, white_m, (count, 2))
+
+
+def gpx(road, speed_mps=15.0, spacing_m=50.0):
+    """Return a GPX 1.1 track along a road, with times."""
+    at_m = np.linspace(0.0, road.length_m, round(road.length_m / spacing_m) + 1)
+    points = []
+    for latitude_deg, longitude_deg, second in zip(*on_earth(*road.at(at_m), road.origin), at_m / speed_mps):
+        time = datetime.fromtimestamp(START_NS / NS + second, UTC).isoformat(timespec='milliseconds')
+        points.append(f'<trkpt lat="{latitude_deg:.8f}" lon="{longitude_deg:.8f}"><ele>300</ele>'
+                      f'<time>{time.replace("+00:00", "Z")}</time></trkpt>')
+    return ('<?xml version="1.0"?><gpx version="1.1" creator="test" xmlns="http://www.topografix.com/GPX/1/1">'
+            f'<trk><trkseg>{"".join(points)}</trkseg></trk></gpx>')
