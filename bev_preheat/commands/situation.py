@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
     from bev_preheat.commands.arguments import Alternatives
 
+# Options of `add_route_options`.
+ROUTE_OPTIONS = ('ambient', 'free-speed', 'stop-duration', 'vehicle-id', 'consumption')
 AMBIENT_HELP = 'ambient temperature [degC] of a route whose file has none'
 
 
@@ -115,9 +117,14 @@ def read_situation(arguments: Namespace) -> PlanningArguments:
     vehicle = load_planned_vehicle(arguments.vehicle)
     loaded = route_for(arguments.route, vehicle, options=route_options(arguments))
     note(*loaded.remarks)
+    route = loaded.route
+    if loaded.stops:
+        route = route.segments(0, loaded.stops[0].after_segment + 1)
+        note(f'planned up to the first of {len(loaded.stops)} charging stops, after '
+             f'{route.total_duration_s / 60.0:.0f} min')
     warn(loaded.warning, *(f'route {arguments.route}: {sentence}'
                            for sentence in unit_warnings([loaded.route], vehicle, with_units=True)))
-    return PlanningArguments(vehicle, in_steps(loaded.route, arguments),
+    return PlanningArguments(vehicle, in_steps(route, arguments),
                              BatteryState(arguments.temperature, arguments.soc),
                              Goal(target_of(arguments, vehicle), arguments.min_soc,
                                   not arguments.no_charging),

@@ -31,7 +31,7 @@ def drive_journey(journey: Journey, vehicle: Vehicle, options: RouteOptions, pat
     """
     motion = journey.motion
     remarks = list(journey.remarks)
-    ambient_c = _ambient_c(journey, options, path)
+    ambient_c = ambient_of(journey, options, path)
     columns: dict[str, FloatArray | None] = {
         'duration_s': motion.duration_s, 'speed_mps': motion.speed_mps, 'ambient_temperature_c': ambient_c,
         'cabin_heating_power_w': journey.cabin_heating_power_w,
@@ -51,7 +51,8 @@ def drive_journey(journey: Journey, vehicle: Vehicle, options: RouteOptions, pat
     return route.resampled(SEGMENT_S) if journey.sampled else route, remarks
 
 
-def _ambient_c(journey: Journey, options: RouteOptions, path: Path) -> FloatArray:
+def ambient_of(journey: Journey, options: RouteOptions, path: Path) -> FloatArray:
+    """Return the ambient temperatures [degC] of a Journey, shape (N,); raise InvalidInput without any."""
     count = len(journey.motion.duration_s)
     if journey.ambient_temperature_c is not None:
         if options.ambient_temperature_c is not None:
@@ -59,7 +60,7 @@ def _ambient_c(journey: Journey, options: RouteOptions, path: Path) -> FloatArra
         return journey.ambient_temperature_c
     if options.ambient_temperature_c is None:
         raise InvalidInput(f'{path}: this {journey.kind} has no ambient temperature; give it [degC], such as: '
-                           '--ambient -5')
+                           '--ambient -5; in a scenario or an itinerary: ambient_temperature_c: -5 beside route')
     if not -60.0 <= options.ambient_temperature_c <= 60.0:
         raise InvalidInput(f'--ambient: {options.ambient_temperature_c:g} degC is not allowed; it must be '
                            '-60 ... 60 degC')

@@ -76,7 +76,7 @@ def route_for(name_or_file: str | Path, vehicle: Vehicle,
     _refuse_options(file, options)
     loaded = load_file_route(source, vehicle.defaults)
     return RouteForVehicle(loaded.route, loaded.made_for, file,
-                           _warning(file, loaded.made_for, vehicle))
+                           _warning(file, loaded.made_for, vehicle), stops=loaded.stops)
 
 
 def route_source(name_or_file: str | Path) -> Path:
@@ -106,8 +106,9 @@ def _refuse_options(file: Path, options: RouteOptions) -> None:
     """Raise InvalidInput if figures are given that the file has itself."""
     if options.ambient_temperature_c is not None:
         raise InvalidInput(f'{file}: has its own ambient temperature; leave out --ambient')
-    if options.with_auxiliaries is not None:
-        raise InvalidInput(f'{file}: has no consumption; leave out --consumption')
+    if options != RouteOptions():
+        raise InvalidInput(f'{file}: has powers; --consumption, --free-speed, --stop-duration and --vehicle-id do '
+                           'not apply')
 
 
 def _warning(file: Path, made_for: str | None, vehicle: Vehicle) -> str | None:

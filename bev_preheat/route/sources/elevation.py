@@ -29,6 +29,9 @@ OUTLIER_DEVIATIONS = 6.0
 OUTLIER_NEIGHBOURS = 5
 # Standard deviation of a normal distribution over its median absolute deviation.
 NORMAL_OVER_MAD = 1.4826
+# Values that change at fewer than this share of the points are held; held ones count this far [m] from a change.
+MOST_CHANGES = 0.5
+HELD_M = 100.0
 ELEVATION_RANGE_M = (-500.0, 9000.0)
 # Gaussian kernels are cut off here.
 REACH = 4.0
@@ -52,6 +55,7 @@ def smooth_elevation(distance_m: FloatArray, elevation_m: FloatArray) -> tuple[F
         return np.full(len(distance_m), float(elevation_m[known][0]) if known.any() else 0.0), None
     values_m = elevation_m[known][first]
     values_m, outliers = _without_outliers(values_m)
+    at_m, values_m = _without_steps(at_m, values_m)
     step_m = max(GRID_M, (at_m[-1] - at_m[0]) / MOST_POINTS)
     grid_m = np.arange(at_m[0], at_m[-1] + step_m, step_m)
     noise_m = _noise_m(at_m, values_m)
@@ -68,6 +72,25 @@ def smooth_elevation(distance_m: FloatArray, elevation_m: FloatArray) -> tuple[F
         remark = (f'elevation smoothed over {length_m:.0f} m, because it has an error of about {noise_m:.1f} m: the '
                   f'climbs add up to {climb:.0f} m instead of {raw_climb:.0f} m')
     return np.interp(distance_m, grid_m, smooth_m), remark
+
+
+def _without_steps(at_m: FloatArray, values_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """
+    Return distances and values without the steps of values that are held, as loggers hold whole metres.
+
+    A short run of equal values becomes its middle, a long one two points inside of it.
+    """
+    starts = np.flatnonzero(np.concatenate(([True], np.diff(values_m) != 0.0)))
+    if len(starts) > MOST_CHANGES * len(values_m) or len(starts) < 2:
+        return at_m, values_m
+    ends = np.append(starts[1:] - 1, len(values_m) - 1)
+    first_m, last_m = at_m[starts], at_m[ends]
+    inset_m = np.minimum(0.5 * (last_m - first_m), HELD_M)
+    places_m = np.stack((first_m + inset_m, last_m - inset_m), axis=1)
+    # The ends of the road keep their elevations.
+    places_m[0, 0], places_m[-1, 1] = at_m[0], at_m[-1]
+    kept_m, first = np.unique(places_m.ravel(), return_index=True)
+    return kept_m, np.repeat(values_m[starts], 2)[first]
 
 
 def _without_outliers(values_m: FloatArray) -> tuple[FloatArray, int]:

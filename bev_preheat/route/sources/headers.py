@@ -77,7 +77,9 @@ class Header:
         """Return values of the column in SI units; degrees of slope become rise over run."""
         if np.isnan(self.factor):
             return np.tan(values if self.unit == 'rad' else np.radians(values))
-        return values * self.factor
+        with np.errstate(over='ignore'):
+            # An infinite value is out of every range.
+            return values * self.factor
 
 
 def read_header(name: str) -> Header | str | None:

@@ -42,14 +42,23 @@ def read_osrm(contents: Any, options: RouteOptions) -> Journey:
     if not isinstance(route, dict):
         raise InvalidInput(f'{place}: must be an object')
     legs_key = 'legs' if 'legs' in route else 'segments'
-    legs = [_leg(leg, f'{place}.{legs_key}[{at}]', remarks) for at, leg in enumerate(items(route, legs_key, place))]
+    scales: list[float] = []
+    legs = [_leg(leg, f'{place}.{legs_key}[{at}]', remarks, scales) for at, leg in enumerate(items(route, legs_key, place))]
     if not legs:
         raise InvalidInput(f'{place}.{legs_key}: is empty')
     length_m = float(sum(leg.length_m.sum() for leg in legs))
+    if scales:
+        remarks.append(f'durations of the edges are scaled by {_span(scales)} to the durations of the legs: OSRM '
+                       'leaves turns and traffic lights out of them')
     return journey_of_pieces(KIND, legs, options, list(dict.fromkeys(remarks)), _line(route, length_m, place))
 
 
-def _leg(leg: Any, place: str, remarks: list[str]) -> Pieces:
+def _span(scales: list[float]) -> str:
+    low, high = f'{min(scales):.3f}', f'{max(scales):.3f}'
+    return low if low == high else f'{low} ... {high}'
+
+
+def _leg(leg: Any, place: str, remarks: list[str], scales: list[float]) -> Pieces:
     total_s, total_m = number(leg, 'duration', place), number(leg, 'distance', place)
     annotation = leg.get('annotation')
     if annotation is not None and not isinstance(annotation, dict):
@@ -61,8 +70,7 @@ def _leg(leg: Any, place: str, remarks: list[str]) -> Pieces:
             low, high = SCALE_RANGE
             if not low <= total_s / own_s <= high:
                 raise InvalidInput(f'{place}: duration: {total_s:g} s, but the annotations add up to {own_s:.0f} s')
-            remarks.append(f'durations of the edges are scaled by {total_s / own_s:.3f} to the duration of the leg, '
-                           f'{total_s:.0f} s: OSRM leaves turns and traffic lights out of them')
+            scales.append(total_s / own_s)
             pieces = pieces.scaled_to(total_s)
         return pieces
     steps = leg.get('steps')
@@ -100,10 +108,10 @@ def _line(route: dict[str, Any], length_m: float, place: str) -> tuple[FloatArra
         return line_of(geometry, length_m, f'{place}.geometry')
     parts = []
     for at, leg in enumerate(route.get('legs') or ()):
-        for number_of_step, step in enumerate(leg.get('steps') or ()):
+        for index, step in enumerate(leg['steps'] if isinstance(leg.get('steps'), list) else ()):
             if isinstance(step, dict) and step.get('geometry'):
-                parts.append(line_of(step['geometry'], float(step.get('distance') or 0.0),
-                                     f'{place}.legs[{at}].steps[{number_of_step}].geometry'))
+                where = f'{place}.legs[{at}].steps[{index}]'
+                parts.append(line_of(step['geometry'], number(step, 'distance', where), f'{where}.geometry'))
     if not parts:
         return None
     latitudes, longitudes = (np.concatenate(column) for column in zip(*parts))

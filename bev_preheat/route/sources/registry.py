@@ -19,6 +19,10 @@ if TYPE_CHECKING:
 LARGEST_FILE = 64_000_000
 # Enough text to recognise a format.
 BEGINNING = 4096
+# Option and purpose of fields of RouteOptions that only some formats use.
+OPTIONS = {'free_speed_kmh': ('--free-speed', 'a line on the map without times'),
+           'stop_duration_s': ('--stop-duration', 'an answer of navigation with waypoints'),
+           'vehicle_id': ('--vehicle-id', 'the battery output of SUMO')}
 ROOT_ELEMENT = re.compile(rb'<(?![?!])(?:[\w.-]+:)?([\w.-]+)')
 COMMENT = re.compile(rb'<!--.*?-->', re.DOTALL)
 GEOJSON_TYPES = ('FeatureCollection', 'Feature', 'LineString', 'MultiLineString', 'GeometryCollection', 'Point',
@@ -36,6 +40,10 @@ def read_journey(path: Path, options: RouteOptions) -> Journey | None:
         if has_powers(path):
             return None
         from bev_preheat.route.sources.table import read_table
+        try:
+            _refuse_unused(options, ())
+        except InvalidInput as error:
+            raise InvalidInput([f'{path}: {problem}' for problem in error.problems]) from error
         return read_table(path)
     try:
         text = path.read_bytes()
@@ -75,14 +83,23 @@ def has_powers(path: Path) -> bool:
     return not known & {'time', 'speed', 'duration', 'length'}
 
 
+def _refuse_unused(options: RouteOptions, used: tuple[str, ...]) -> None:
+    """Raise InvalidInput if an option is given that a format does not use."""
+    for field, (option, purpose) in OPTIONS.items():
+        if getattr(options, field) is not None and field not in used:
+            raise InvalidInput(f'{option}: is only for {purpose}')
+
+
 def _read_xml(text: bytes, options: RouteOptions) -> Journey:
     root = ROOT_ELEMENT.search(COMMENT.sub(b'', text[:1_000_000]))
     name = root[1].decode('ascii', 'replace') if root else ''
     if name == 'gpx':
         from bev_preheat.route.sources.gpx import read_gpx
+        _refuse_unused(options, ('free_speed_kmh',))
         return read_gpx(text, options)
     if name in ('battery-export', 'battery-output'):
         from bev_preheat.route.sources.sumo import read_sumo
+        _refuse_unused(options, ('vehicle_id',))
         return read_sumo(text, options)
     if not name:
         raise InvalidInput('is not XML: it has no element; is the file complete?')
@@ -97,12 +114,16 @@ def _read_json(text: bytes, options: RouteOptions) -> Journey:
     if isinstance(contents, dict):
         if contents.get('type') in GEOJSON_TYPES:
             from bev_preheat.route.sources.geojson import read_geojson
+            _refuse_unused(options, ('free_speed_kmh', 'stop_duration_s'))
             return read_geojson(contents, options)
         if 'trip' in contents or 'error_code' in contents:
             from bev_preheat.route.sources.valhalla import read_valhalla
+            _refuse_unused(options, ('stop_duration_s',))
             return read_valhalla(contents, options)
         if 'routes' in contents or 'matchings' in contents or 'code' in contents:
             from bev_preheat.route.sources.osrm import read_osrm
+            _refuse_unused(options, ('stop_duration_s',))
             return read_osrm(contents, options)
     from bev_preheat.route.sources.records import read_records
+    _refuse_unused(options, ())
     return read_records(contents)

@@ -16,6 +16,7 @@ import numpy as np
 from bev_preheat.errors import figure, InvalidInput, quoted
 from bev_preheat.route.motion import elevation_of_slope, Motion
 from bev_preheat.route.segments import LIMITS, LONGEST_ROUTE_S
+from bev_preheat.route.sources.elevation import smooth_elevation
 from bev_preheat.route.sources.headers import Header, read_header
 from bev_preheat.route.sources.journey import ChargingStop, Journey, SLOPE_RANGE
 from bev_preheat.route.text_table import read_text_table, TextTable
@@ -134,7 +135,9 @@ def _samples(table: TextTable, headers: dict[str, Header]) -> Journey:
         _check_accelerations(table, headers['speed'], boundary_mps, steps_s)
     remarks: list[str] = []
     if 'elevation' in headers:
-        elevation_m = _column(table, headers['elevation'])
+        distance_m = np.concatenate(([0.0], np.cumsum(steps_s * mean_mps)))
+        elevation_m, remark = smooth_elevation(distance_m, _column(table, headers['elevation']))
+        remarks += [remark] if remark else []
     else:
         slope = np.zeros(len(steps_s))
         if 'slope' in headers:
@@ -143,11 +146,12 @@ def _samples(table: TextTable, headers: dict[str, Header]) -> Journey:
         else:
             remarks.append('no slope and no elevation: a level road')
         elevation_m = elevation_of_slope(steps_s, mean_mps, slope)
+    own = {name: _middle(_column(table, headers[name]))
+           for name in ('ambient_temperature', 'cabin_heating_power', 'auxiliary_power') if name in headers}
     return Journey('drive cycle', Motion(steps_s, mean_mps, elevation_m, boundary_mps),
-                   **{f'{name}_{unit}': _middle(_column(table, headers[name])) for name, unit in (
-                       ('ambient_temperature', 'c'), ('cabin_heating_power', 'w'), ('auxiliary_power', 'w'))
-                      if name in headers},
-                   remarks=tuple(remarks), sampled=True)
+                   ambient_temperature_c=own.get('ambient_temperature'),
+                   cabin_heating_power_w=own.get('cabin_heating_power'),
+                   auxiliary_power_w=own.get('auxiliary_power'), remarks=tuple(remarks), sampled=True)
 
 
 def _middle(values: FloatArray) -> FloatArray:

@@ -30,7 +30,7 @@ def read_valhalla(contents: Any, options: RouteOptions) -> Journey:
     if trip.get('status', 0) != 0:
         raise InvalidInput(f'the service found no route: {quoted(str(trip.get("status_message", trip["status"])))}')
     units = trip.get('units', 'kilometers')
-    if units not in M_PER_UNIT:
+    if not isinstance(units, str) or units not in M_PER_UNIT:
         raise InvalidInput(f'trip.units: {quoted(str(units))} is not known; it must be kilometers or miles')
     metres = M_PER_UNIT[units]
     legs, lines, heights, remarks, length_m = [], [], [], [], 0.0

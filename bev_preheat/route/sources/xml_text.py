@@ -53,5 +53,7 @@ def check_xml(text: bytes, on_element: Callable[[str, dict[str, str], int], None
     except expat.ExpatError as error:
         raise InvalidInput(f'line {error.lineno}: is not XML: {expat.ErrorString(error.code)}; is the file '
                            'complete?') from error
+    except InvalidInput:
+        raise
     except (ValueError, LookupError) as error:
         raise InvalidInput(f'line {parser.CurrentLineNumber}: is not XML: {error}') from error
