@@ -6,6 +6,7 @@ from __future__ import annotations
 from array import array
 from dataclasses import dataclass, replace
 import math
+import re
 from typing import TYPE_CHECKING
 
 from bev_preheat.control.inputs import Leg, Mission
@@ -28,9 +29,15 @@ if TYPE_CHECKING:
 
 # No ambient temperature [deg C]; ROS parameters have no None, and a NaN does not survive a parameter file.
 NO_AMBIENT_C = -100.0
-# Options of `preheat`, and the parameters of the node.
-OPTIONS = {'--ambient -5': '-p ambient_temperature:=-5.0', '--ambient:': 'ambient_temperature:',
-           '--consumption ': '-p consumption:='}
+# Options of `preheat`, and the parameters of the node with their units.
+OPTIONS = {'ambient': 'ambient_temperature [degC]', 'consumption': 'consumption', 'free-speed': 'free_speed [m/s]',
+           'stop-duration': 'stop_duration [s]', 'vehicle-id': 'vehicle_id'}
+# An example of such an option in a message: its figure has another unit.
+EXAMPLE = re.compile(r'( \[[^]]+\])?,? such as: --([a-z-]+) \S+')
+OPTION = re.compile(r'--([a-z-]+)')
+KMH_PER_MPS = 3.6
+# Duration of a charging stop if neither file nor parameter names one [s]: from 10 to 80 % at a fast charger.
+USUAL_STOP_S = 1500.0
 WITH_AUXILIARIES = {'unknown': None, 'total': True, 'drivetrain': False}
 
 
@@ -79,7 +86,9 @@ def load_offer(values: Mapping[str, Any]) -> RouteOffer:
     is_given = ambient_c >= LIMITS['ambient_temperature_c'][0]
     try:
         loaded = route_for(values['route'], vehicle, options=RouteOptions(
-            ambient_c if is_given else None, WITH_AUXILIARIES[values['consumption']]))
+            ambient_c if is_given else None, WITH_AUXILIARIES[values['consumption']],
+            _given(KMH_PER_MPS * values['free_speed']), _given(values['stop_duration']),
+            values['vehicle_id'] or None))
     except InvalidInput as error:
         raise InvalidInput([_with_parameters(problem) for problem in error.problems]) from error
     route = loaded.route
@@ -108,7 +117,8 @@ def load_offer(values: Mapping[str, Any]) -> RouteOffer:
     return RouteOffer(
         Mission(route_id, (leg,), values['standing_time']),
         None if loaded.line is None else MapLine(loaded.line), route.distance_m, vehicle.name,
-        tuple((stop.after_segment, _stop_s(stop.duration_s, values['stop_duration'])) for stop in loaded.stops),
+        tuple((stop.after_segment, stop.duration_s if math.isfinite(stop.duration_s) else USUAL_STOP_S)
+              for stop in loaded.stops),
         loaded.remarks, tuple(warnings))
 
 
@@ -122,10 +132,9 @@ def in_words(offer: RouteOffer) -> str:
 
 def _with_parameters(problem: str) -> str:
     """Return a problem with the node's parameters in place of the options of `preheat`."""
-    for option, parameter in OPTIONS.items():
-        problem = problem.replace(option, parameter)
-    return problem
+    named = EXAMPLE.sub(lambda found: f': parameter {OPTIONS.get(found[2], found[2])}', problem)
+    return OPTION.sub(lambda found: f'parameter {OPTIONS[found[1]]}' if found[1] in OPTIONS else found[0], named)
 
 
-def _stop_s(duration_s: float, usual_s: float) -> float:
-    return duration_s if math.isfinite(duration_s) else usual_s
+def _given(value: float) -> float | None:
+    return None if value == 0.0 or math.isnan(value) else value

@@ -39,7 +39,8 @@ if TYPE_CHECKING:
 
     from bev_preheat.nodes.route_offer import RouteOffer
 
-PARAMETERS = (
+# A change of one of these publishes the route again.
+ROUTE_PARAMETERS = (
     Parameter('route', 'reference', 'Route: a name in config/routes, or a route file of any format.'),
     Parameter('vehicle', 'reference', "Vehicle: a name in config/vehicles or a YAML file; the planner's own.",
               read_only=True),
@@ -59,10 +60,16 @@ PARAMETERS = (
               unset_means='not known'),
     Parameter('charging_departure_soc', 0.0, 'State of charge on leaving it', '', (0.0, 1.0),
               unset_means='not known'),
-    Parameter('stop_duration', 1500.0, 'Duration of a charging stop on the way whose duration the file does not '
-              'name', 's', (1.0, 86400.0)),
+    Parameter('free_speed', 0.0, 'Speed on free road, for a line on the map without times', 'm/s', (1.0, 100.0),
+              unset_means='not given'),
+    Parameter('stop_duration', 0.0, 'Duration of the charging stops at the waypoints of an answer of navigation',
+              's', (1.0, 86400.0), unset_means='waypoints are passed'),
+    Parameter('vehicle_id', '', 'The vehicle in a file with several, such as the battery output of SUMO.'),
     Parameter('standing_time', 0.0, 'Standing time of the vehicle before the start; 0: not known', 's',
               (0.0, 1e7)),
+)
+PARAMETERS = (
+    *ROUTE_PARAMETERS,
     Parameter('odometer_at_start', 0.0, 'Reading of the odometer at the start of the route', 'm', (0.0, 1e10),
               unset_means='the first reading, if the route starts now', read_only=True),
     Parameter('position_timeout', 5.0, 'A position older than this is not used, and silence is reported after it',
@@ -71,8 +78,7 @@ PARAMETERS = (
     Parameter('frozen_after', USUAL_FROZEN_AFTER_S, 'A standing position that stays the same to the last digit is '
               'believed for this time', 's', (0.0, 86400.0), read_only=True),
 )
-# Parameters that change the route.
-OF_ROUTE = frozenset(parameter.name for parameter in PARAMETERS[:13] if not parameter.read_only)
+OF_ROUTE = frozenset(parameter.name for parameter in ROUTE_PARAMETERS)
 PROGRAM = NodeProgram(
     'route_publisher', 'Publishes a route file as route_plan, and the place of the vehicle on it as '
     'route_progress.', PARAMETERS,

@@ -9,6 +9,8 @@ from diagnostic_msgs.msg import DiagnosticArray
 from gps_drives import gpx, NS, on_earth, Road
 import numpy as np
 import pytest
+from rcl_interfaces.srv import SetParametersAtomically
+from rclpy.parameter import Parameter as RosParameter
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import BatteryState, NavSatFix, NavSatStatus
@@ -99,7 +101,7 @@ def test_the_route_plan_carries_what_the_parameters_say(file):
 
 
 @pytest.mark.parametrize('changed, problem', [
-    ({}, 'has no ambient temperature; give it .*, such as: -p ambient_temperature:=-5.0'),
+    ({}, r'has no ambient temperature; give it: parameter ambient_temperature \[degC\]'),
     ({'ambient_temperature': -59.0}, 'ambient temperature: -59 is not allowed; it must be at least -40'),
     ({'ambient_temperature': 0.0, 'target_battery_temperature': -55.0}, 'target battery temperature: -55'),
     ({'ambient_temperature': 0.0, 'route_id': 'x' * 300}, 'route_id: .* it must have at most 256 characters')])
@@ -212,6 +214,21 @@ def test_on_departure_and_after_a_restart_of_the_clock_the_route_is_published_ag
     departed, _ = trip.drive(lambda: trip.routes.latest.header.stamp.sec > START_S + 19, second, place)
     assert trip.routes.latest.header.stamp.sec == pytest.approx(second, abs=4.0)
     assert publisher.output().count('left the start') == 1
+
+    # Another file replaces the route; one that cannot be read does not.
+    def replaced(**changed):
+        return bench.call(
+            SetParametersAtomically, '/route_publisher/set_parameters_atomically',
+            SetParametersAtomically.Request(parameters=[
+                RosParameter(name, value=value).to_parameter_msg() for name, value in changed.items()])).result
+
+    refused = replaced(route='reference')
+    assert not refused.successful
+    assert 'has its own ambient temperature; leave out parameter ambient_temperature' in refused.reason
+    assert replaced(route='reference', ambient_temperature=-100.0).successful
+    assert trip.routes.wait_for(lambda message: message.route_id == 'reference').header.stamp.sec >= departed
+    assert replaced(route=str(file), ambient_temperature=-6.5).successful
+
     trip.routes.clear()
     trip.drive(lambda: trip.routes.messages, START_S - 5000, place)
     assert trip.routes.latest.header.stamp.sec == pytest.approx(START_S - 5000, abs=60.0)
