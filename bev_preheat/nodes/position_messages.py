@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from bev_preheat.route.match import Match
 
 LIMITS = {'latitude': 90.0, 'longitude': 180.0}
-# The vehicle is where it should be, as far as anybody knows.
+# The place is known, or no longer needed.
 GOOD = (Cause.MATCHED, Cause.RECKONED, Cause.ARRIVED)
 
 

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
     from bev_preheat.nodes.route_offer import RouteOffer
 
-# A change of one of these publishes the route again.
+# A change of these publishes the route again.
 ROUTE_PARAMETERS = (
     Parameter('route', 'reference', 'Route: a name in config/routes, or a route file of any format.'),
     Parameter('vehicle', 'reference', "Vehicle: a name in config/vehicles or a YAML file; the planner's own.",
@@ -76,7 +76,7 @@ PARAMETERS = (
               's', (0.5, 60.0)),
     Parameter('clock_tolerance', 1.0, 'A position may be stamped this far in the future', 's', (0.0, 10.0)),
     Parameter('frozen_after', USUAL_FROZEN_AFTER_S, 'A standing position that stays the same to the last digit is '
-              'believed for this time', 's', (0.0, 86400.0), read_only=True),
+              'used for this time', 's', (0.0, 86400.0), read_only=True),
 )
 OF_ROUTE = frozenset(parameter.name for parameter in ROUTE_PARAMETERS)
 PROGRAM = NodeProgram(
@@ -152,7 +152,7 @@ class RoutePublisherNode(Node):
         return now_ns
 
     def _begin(self, now_ns: int, departure_time_s: float) -> None:
-        """Publish the route, and look for the vehicle on it anew."""
+        """Publish the route, and search for the vehicle on it."""
         offer = self._offer
         start_ns = round(departure_time_s * NS_PER_S) or now_ns
         begins_now = now_ns - start_ns < BEGUN_BEFORE_S * NS_PER_S
@@ -301,7 +301,7 @@ class RoutePublisherNode(Node):
         if is_new or 'departure_time' in values:
             self._begin(now_ns, values.get('departure_time', 0.0))
         else:
-            # The same road with other wishes: the place stays.
+            # The same road with another goal: the place stays.
             self._publish_route(self._start_ns)
 
 

@@ -24,7 +24,7 @@ SEMI_MAJOR_AXIS_M = 6_378_137.0
 ECCENTRICITY_SQUARED = 6.694_379_990_14e-3
 # Half of it is well below the deviation of a good receiver, and 1000 km are 250 000 points.
 SPACING_M = 4.0
-# Points in one block of the search: 25 of them take as long to search as the blocks of some 100 km.
+# Points in one block of the search, 100 m of road: a route of 500 km has 5000 blocks.
 BLOCK = 25
 # Beyond it the plane's longitude is degenerate; no road goes there.
 MOST_LATITUDE_DEG = 85.0
@@ -157,8 +157,8 @@ def _offset_m(latitude_deg: float | FloatArray, longitude_deg: float | FloatArra
 
 def _check(line: RouteLine) -> None:
     arrays = {name: getattr(line, name) for name in ('latitude_deg', 'longitude_deg', 'distance_m', 'elapsed_s')}
-    problems = [f'{name} of the line: has {len(values)} values; it must have as many as the others, and 2 at '
-                'least' for name, values in arrays.items() if len(values) != len(line.distance_m)
+    problems = [f'{name} of the line: has {len(values)} values; all arrays must have the same length, at '
+                'least 2' for name, values in arrays.items() if len(values) != len(line.distance_m)
                 or len(values) < 2]
     if problems:
         raise InvalidInput(problems)

@@ -34,17 +34,17 @@ if TYPE_CHECKING:
     from bev_preheat.route.map_line import MapLine, Nearby
     from bev_preheat.route.place_belief import Place
 
-# Deviation of a fix that names none, and the least that is believed: receivers underrate correlated errors [m].
+# Deviation of a fix that names none, and the least that is used: receivers underrate correlated errors [m].
 USUAL_DEVIATION_M, LEAST_DEVIATION_M = 8.0, 3.0
 # Deviation of the road from the digitised line: lane, centre line, digitising [m].
 LINE_DEVIATION_M = 5.0
-# A coarser fix is not used [m]: two of them may differ by more than the 100 m by which a route_progress may fall.
+# A coarser fix is not used [m]: two such fixes may differ by more than the 100 m by which a route_progress may fall.
 COARSEST_M = 50.0
 # Fixes closer in time tell nothing new [s]; the planner needs a place once a second.
 SPACED_S = 0.45
-# After a longer silence the place is confirmed before it is told [s]: the vehicle may have driven 1.8 km.
+# After a longer silence the place is confirmed before it is published [s]: the vehicle may have driven 1.8 km.
 GAP_S = 30.0
-# A place is told if its pass has at least this probability, and the place at most this deviation [m].
+# A place is published if its pass has at least this probability, and the place at most this deviation [m].
 LEAST_PROBABILITY, MOST_DEVIATION_M = 0.99, 50.0
 # A place that is less certain than so many fixes has two humps: both sides of a turning point.
 WIDEST_DEVIATIONS = 2.0
@@ -99,7 +99,7 @@ class Matcher:
     Follows the vehicle along a MapLine.
 
     `from_start`: the trip begins now, so a vehicle near the start is taken to be there rather than at a later
-    place nearby. A position that stays the same to the last digit is believed for `frozen_after_s` [s]; as long as
+    place nearby. A position that stays the same to the last digit is used for `frozen_after_s` [s]; as long as
     the odometer stands; and not at all if the vehicle was moving before.
     """
 
