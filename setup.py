@@ -20,6 +20,7 @@ ENTRY_POINTS = {
     'planner': f'{PACKAGE}.nodes.executables:planner',
     'nlp_checker': f'{PACKAGE}.nodes.executables:nlp_checker',
     'charger_adviser': f'{PACKAGE}.nodes.executables:charger_adviser',
+    'route_publisher': f'{PACKAGE}.nodes.executables:route_publisher',
     'vehicle_simulator': f'{PACKAGE}.nodes.executables:vehicle_simulator',
     'preheat': f'{PACKAGE}.commands.main:main',
 }

@@ -280,7 +280,7 @@ def test_parameters_have_default_range_and_meaning(generated):
     assert rows['battery_state_timeout'] == [
         'battery_state_timeout', '5.0', '0.1\N{NO-BREAK SPACE}…\N{NO-BREAK SPACE}60\N{NO-BREAK SPACE}s',
         'A battery state older than this is stale', 'yes']
-    simulator = {row[0]: row[-1] for row in cells(generated['parameters'].split('## ')[4])}
+    simulator = {row[0]: row[-1] for row in cells(generated['parameters'].split('## ')[5])}
     assert (simulator['route'], simulator['speed_up']) == ('no', 'yes')
 
 
@@ -302,9 +302,16 @@ def test_keys_of_files_have_range_and_comment(generated):
 
 
 def test_every_topic_is_described():
-    from bev_preheat.nodes import charger_adviser_node, nlp_checker_node, planner_node, vehicle_simulator_node
+    from bev_preheat.nodes import (
+        charger_adviser_node,
+        nlp_checker_node,
+        planner_node,
+        route_publisher_node,
+        vehicle_simulator_node,
+    )
     page = (ROOT / 'docs/reference/topics.md').read_text()
-    for node in planner_node, nlp_checker_node, charger_adviser_node, vehicle_simulator_node:
+    for node in (planner_node, nlp_checker_node, charger_adviser_node, route_publisher_node,
+                 vehicle_simulator_node):
         program = node.PROGRAM
         for name, _ in (*program.subscribes, *program.publishes, *program.services, *program.actions):
             assert f'`{name}`' in page, f'{program.name}: {name}'
