@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+import yaml
 
 from bev_preheat.errors import figure, figure_beyond, InvalidInput, quoted
 from bev_preheat.files.checked_yaml import FileData, load_checked_yaml
@@ -45,7 +46,16 @@ def load_vehicle(name_or_file: str | Path) -> Vehicle:
     Raises InvalidInput naming file, key, value and allowed range.
     """
     path = vehicle_file(name_or_file)
-    contents = load_checked_yaml(path, SCHEMA)
+    return _vehicle(load_checked_yaml(path, SCHEMA), str(path))
+
+
+def vehicle_of_text(text: str, name: str) -> Vehicle:
+    """Return the Vehicle of the text of a made file, which obeys the schema; `name` stands in messages."""
+    return _vehicle(yaml.safe_load(text), name)
+
+
+def _vehicle(contents: dict[str, FileData], path: str) -> Vehicle:
+    """Return the Vehicle of contents that obey the schema; raise InvalidInput naming `path`."""
     battery = contents['battery']
     problems = []
     for key in ('soc_range', 'temperature_range_c'):
@@ -136,7 +146,13 @@ def _charging(contents: dict[str, FileData], charge: Table,
     node, limit = dict(contents['charging']), charge
     has_own_limit = 'power_limit' in node
     if has_own_limit:
-        limit = _table('charging.power_limit', node.pop('power_limit'), problems)
+        table = node.pop('power_limit')
+        if 'temperature_c' not in table:
+            problems.append(
+                'charging.power_limit: has no temperature_c, so a cold battery would charge like a warm one and '
+                'preheating would gain nothing; add the axis, or let preheat vehicle new --charging-curve combine '
+                'the curve with the cold')
+        limit = _table('charging.power_limit', table, problems)
     heating = node.pop('battery_heating', None)
     charging = Charging(limit, heating, has_own_limit=has_own_limit, **_floats(node))
     problems += charging_problems(charging, _pair(contents['battery']['temperature_range_c']))
