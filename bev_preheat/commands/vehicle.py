@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from bev_preheat.charging.published_time import describe_timed_car, S_PER_MIN, WARM_C, warm_session
 from bev_preheat.commands.completion import completed_by, VEHICLES
+from bev_preheat.commands.vehicle_times import add_times
 from bev_preheat.console.output import add_output_arguments, check_output_arguments, write_json
 from bev_preheat.console.terminal import print_figures, print_records, result_console
 from bev_preheat.errors import InvalidInput
@@ -84,6 +85,7 @@ def add_parser(subparsers: Subparsers) -> None:
     actions.add_parser(
         'list', help='the cars that come with the package',
         description='List the cars that come with the package.').set_defaults(run=run_list)
+    add_times(actions)
 
 
 def _add_new(actions: Subparsers) -> None:
@@ -278,9 +280,9 @@ def _print_meaning(console: Console, meaning: Meaning, sessions: dict[float, Ses
     charging = meaning.charging_power_kw
     print_figures(
         console, 'Power limits and charging times', ('battery at', *(f'{at_c:g} degC' for at_c in charging)),
-        [(f'charging power at {100 * soc:.0f} % in kW',
+        [(f'charging at {100 * soc:.0f} % in kW',
           *(f'{row[soc]:.0f}' for row in charging.values()))
          for soc in next(iter(charging.values()))]
-        + [('discharging power at 50 % in kW',
+        + [('discharging at 50 % in kW',
             *(f'{power_kw:.0f}' for power_kw in meaning.discharging_power_kw.values())),
-           ('10 ... 80 % at a fast charger in min', *map(_minutes_text, sessions.values()))])
+           ('10 ... 80 % in min', *map(_minutes_text, sessions.values()))])

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from matplotlib.figure import Figure
 import numpy as np
 
-from bev_preheat.charging.published_time import S_PER_MIN, warm_session
+from bev_preheat.charging.published_time import S_PER_MIN, WARM_C, warm_session
 from bev_preheat.drawing.figure import save_figure
 from bev_preheat.numerics.arithmetic import ARRAYS
 from bev_preheat.vehicle.charging import session_charging
@@ -56,7 +56,7 @@ def draw_vehicle(path: AnyPath, vehicle: Vehicle) -> None:
     _draw_over_temperature(limits, battery.discharge_power_limit, temperatures_c, 1e-3)
     limits.legend(title='state of charge', fontsize='small', title_fontsize='small', ncols=2, loc='upper left')
     _draw_over_temperature(limits, battery.charge_power_limit, temperatures_c, 1e-3)
-    limits.set(title='power limits\ndischarging above 0, charging below 0', ylabel='battery power [kW]')
+    limits.set(title='power limits of the battery\ndischarging above 0, charging below 0', ylabel='battery power [kW]')
     _draw_warming(panels[1, 1], vehicle)
     _draw_charging_curves(panels[0, 2], vehicle)
     _draw_sessions(panels[1, 2], vehicle)
@@ -102,11 +102,11 @@ def _draw_charging_curves(axis: Axes, vehicle: Vehicle) -> None:
     for at_c, colour in _temperatures(vehicle):
         power_w = np.minimum(-limit_w(socs, np.full_like(socs, at_c)) + np.zeros_like(socs),
                              charging.maximum_inlet_power_w)
-        axis.plot(100.0 * socs, 1e-3 * power_w, color=colour, label=f'{at_c:g} °C')
+        axis.plot(100.0 * socs, 1e-3 * power_w, color=colour, linewidth=_width(at_c), label=f'{at_c:g} °C')
     axis.set(title='charging curve at a fast charger', xlabel='state of charge [%]', ylabel='charging power [kW]',
              xlim=(0.0, 100.0))
-    axis.set_ylim(bottom=0.0)
-    axis.legend(title='battery', fontsize='small', title_fontsize='small', loc='lower left')
+    axis.set_ylim(0.0, 1.25 * axis.get_ylim()[1])
+    axis.legend(title='battery', fontsize='small', title_fontsize='small', loc='upper right', ncols=3)
 
 
 def _draw_sessions(axis: Axes, vehicle: Vehicle) -> None:
@@ -115,7 +115,7 @@ def _draw_sessions(axis: Axes, vehicle: Vehicle) -> None:
     for at_c, colour in _temperatures(vehicle):
         session = warm_session(vehicle, battery_c=at_c)
         minutes = session.time_s / S_PER_MIN
-        axis.plot(minutes, 100.0 * session.soc, color=colour,
+        axis.plot(minutes, 100.0 * session.soc, color=colour, linewidth=_width(at_c),
                   label=f'{at_c:g} °C: ' + ('never' if session.problem else f'{minutes[-1]:.0f} min'))
         if not session.problem:
             longest_min = max(longest_min, minutes[-1])
@@ -124,6 +124,11 @@ def _draw_sessions(axis: Axes, vehicle: Vehicle) -> None:
     axis.set(title='session from 10 to 80 %\nair 20 °C, or as cold as the battery', xlabel='time [min]',
              ylabel='state of charge [%]')
     axis.legend(title='battery on arrival', fontsize='small', title_fontsize='small', loc='lower right')
+
+
+def _width(at_c: float) -> float:
+    """Return a line width: a warm battery's is wide, because hotter ones may charge alike."""
+    return SOC_WIDTHS[2] if at_c == WARM_C else SOC_WIDTHS[0]
 
 
 def _temperatures(vehicle: Vehicle) -> list[tuple[float, str]]:

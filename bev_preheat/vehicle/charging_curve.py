@@ -12,8 +12,10 @@ shape is that of the car's class, which is read off published curves.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 import csv
 from dataclasses import dataclass, replace
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -37,8 +39,8 @@ MOST_POWER_KW = 2000.0
 CURVE_TEMPERATURES_C = (10.0, 45.0)
 # Packs with a higher nominal voltage belong to the 800 V class.
 HIGH_VOLTAGE_V = 550.0
-# Range of `fit`: for the fastest one the charging power is constant up to a high state of charge.
-FIT_RANGE = (1.0 / 6.0, 50.0)
+# Range of `fit`: from far steeper than published curves to a maximum held up to a high state of charge.
+FIT_RANGE = (1.0 / 3.0, 20.0)
 # Points of a class curve besides its corners: a power of a line is not a line.
 SOC_GRID = np.linspace(0.0, 1.0, 21)
 # A point this close to the line between its neighbours, as a share of the maximum, is left out.
@@ -90,23 +92,35 @@ def read_charging_curve(path: str | Path, temperature_c: float, note: str = 'giv
             percent, power_kw = map(float, cells)
         except ValueError:
             problems.append(f'line {number}: {quoted(",".join(cells))} is not two numbers')
-            continue
-        if not 0.0 <= percent <= PERCENT:
-            problems.append(f'line {number}: {percent:g} % is not allowed; it must be 0 ... 100 %')
-        elif not 0.0 <= power_kw <= MOST_POWER_KW:
-            problems.append(f'line {number}: {power_kw:g} kW is not allowed; it must be 0 ... {MOST_POWER_KW:g} kW')
-        elif points and percent <= points[-1][0]:
-            problems.append(f'line {number}: {percent:g} % must be above the {points[-1][0]:g} % of the line before')
         else:
             points.append((percent, power_kw))
+    try:
+        if problems:
+            raise InvalidInput(problems)
+        return checked_curve(points, temperature_c, note)
+    except InvalidInput as error:
+        raise InvalidInput([f'--charging-curve: {path}: {problem}' for problem in error.problems]) from error
+
+
+def checked_curve(points: Sequence[tuple[float, float]], temperature_c: float, note: str) -> ChargingCurve:
+    """Return the ChargingCurve of points (state of charge [%], power [kW]); raise InvalidInput if implausible."""
+    problems, before = [], -math.inf
+    for percent, power_kw in points:
+        if not 0.0 <= percent <= PERCENT:
+            problems.append(f'{percent:g} % is not allowed; it must be 0 ... 100 %')
+        elif not 0.0 <= power_kw <= MOST_POWER_KW:
+            problems.append(f'{power_kw:g} kW at {percent:g} % is not allowed; it must be 0 ... {MOST_POWER_KW:g} kW')
+        elif percent <= before:
+            problems.append(f'{percent:g} % must be above the {before:g} % before it')
+        before = percent
     problems = problems or _problems_with_span(points)
     if problems:
-        raise InvalidInput([f'--charging-curve: {path}: {problem}' for problem in problems])
+        raise InvalidInput(problems)
     return ChargingCurve(tuple(percent / PERCENT for percent, _ in points),
-                         tuple(power_kw for _, power_kw in points), temperature_c, note)
+                         tuple(float(power_kw) for _, power_kw in points), temperature_c, note)
 
 
-def _problems_with_span(points: list[tuple[float, float]]) -> list[str]:
+def _problems_with_span(points: Sequence[tuple[float, float]]) -> list[str]:
     low, high = NEEDED_PERCENT
     if len(points) > MOST_POINTS:
         return [f'{len(points)} points; at most {MOST_POINTS} are allowed']
