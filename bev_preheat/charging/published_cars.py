@@ -3,7 +3,7 @@
 Published charging times of cars against computed ones; cars and sources are in published_times.yaml.
 
 Each time is computed from the data sheet alone (the curve of the car's class), with the published curve, with the
-published time from 10 to 80 %, and with the shipped file of the car, where there is one.
+published time from 10 to 80 %, and with the car's shipped file, if it has one.
 """
 
 from __future__ import annotations
