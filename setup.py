@@ -116,6 +116,7 @@ setup(
     package_data={PACKAGE: ['vehicle/schema.yaml', 'vehicle/heat_path_schema.yaml',
                             'route/legs_schema.yaml', 'logs/signal_map_schema.yaml',
                             'charging/chargers_schema.yaml',
+                            'charging/published_times.yaml', 'charging/published_times_schema.yaml',
                             'control/itinerary_schema.yaml',
                             'simulation/scenario_schema.yaml', 'vehicle/chemistry.yaml',
                             'vehicle/vehicle_template.yaml',

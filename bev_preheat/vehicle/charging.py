@@ -9,13 +9,15 @@ without it serves for plans, but not for charging sessions.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from math import inf
 from typing import TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput
+from bev_preheat.vehicle.description import Charging
 
 if TYPE_CHECKING:
-    from bev_preheat.vehicle.description import Charging, Vehicle
+    from bev_preheat.vehicle.description import Vehicle
 
 W_PER_KW = 1000.0
 
@@ -29,6 +31,16 @@ def charging_of(vehicle: Vehicle) -> Charging:
             'whether the car heats its battery while it charges (true or false), because the '
             'benefit of preheating depends on it')
     return charging
+
+
+def session_charging(vehicle: Vehicle) -> Charging:
+    """
+    Return the Charging of a Vehicle for sessions that show its charging power.
+
+    A car whose file does not say whether it heats its battery while charging does not heat it here.
+    """
+    charging = vehicle.charging or Charging(vehicle.battery.charge_power_limit)
+    return replace(charging, battery_heating=bool(charging.battery_heating))
 
 
 def charging_problems(charging: Charging, temperature_range_c: tuple[float, float]) -> Iterator[str]:

@@ -154,11 +154,24 @@ def _charging(contents: dict[str, FileData], charge: Table,
     node, limit = dict(contents['charging']), charge
     has_own_limit = 'power_limit' in node
     if has_own_limit:
-        limit = _table('charging.power_limit', node.pop('power_limit'), problems)
+        table = node.pop('power_limit')
+        problems += _no_cold('charging.power_limit', table)
+        limit = _table('charging.power_limit', table, problems)
+    else:
+        problems += _no_cold('battery.power_limits.charge (there is no charging.power_limit)',
+                             contents['battery']['power_limits']['charge'])
     heating = node.pop('battery_heating', None)
     charging = Charging(limit, heating, has_own_limit=has_own_limit, **_floats(node))
     problems += charging_problems(charging, _pair(contents['battery']['temperature_range_c']))
     return charging
+
+
+def _no_cold(key: str, table: dict[str, FileData]) -> Iterator[str]:
+    """Yield a sentence if the charging power of sessions does not depend on the temperature."""
+    if 'temperature_c' not in table:
+        yield (f'{key}: has no temperature_c, so a cold battery would charge like a warm one and preheating would '
+               'gain nothing; add the axis, or let preheat vehicle new --charging-curve combine the curve with the '
+               'cold')
 
 
 def heat_path_problems(path: HeatPath) -> Iterator[str]:
