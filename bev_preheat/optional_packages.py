@@ -12,20 +12,27 @@ from bev_preheat.errors import InvalidInput
 
 # Purpose of each module.
 PURPOSES = {
+    'asammdf': 'reads MDF4 files',
+    'can': 'reads recordings of CAN frames',
+    'cantools': 'decodes CAN signals by a DBC',
     'casadi': 'solves the nonlinear program',
     'distributed': 'runs studies on a cluster',
     'do_mpc': 'is the benchmark of the nonlinear program',
     'elftools': 'reads object files',
+    'gpxpy': 'reads GPX files',
+    'jinja2': 'writes reports',
     'matplotlib': 'draws figures',
     'pandas': 'holds results as tables',
+    'pint': 'converts the units of logs',
     'plotext': 'draws the chart',
     'psutil': 'measures processes',
-    'scipy': 'fits the vehicle to the paper',
+    'rosbags': 'reads rosbag2 and MCAP files',
+    'scipy': 'fits vehicles to logs and to the paper',
     'unicorn': "emulates a control unit's processor",
 }
 # Distribution names that differ from the module's name, and targets of make that install
 # the package, if not setup.
-PACKAGES = {'do_mpc': 'do-mpc', 'elftools': 'pyelftools'}
+PACKAGES = {'can': 'python-can', 'do_mpc': 'do-mpc', 'elftools': 'pyelftools'}
 TARGETS = {'do_mpc': 'bench', 'unicorn': 'footprint'}
 
 

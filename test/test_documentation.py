@@ -5,7 +5,8 @@ README and docs: commands work, links have targets, and the reference is complet
 In a ```console block each line that begins with `$ preheat` or `$ python3 FILE` is run, and its output must
 contain the lines up to the next command; an ellipsis stands for omitted text. The exit status must be 0, or 2
 if a line `preheat: error:` is shown. The commands of a page run in order in one folder, which contains the page's
-code blocks with a caption as files. Commands that must not run are in ```bash or ```text.
+code blocks with a caption as files; packages of docs/examples that the page names are installed. Commands that
+must not run are in ```bash or ```text.
 
 The ```python blocks of a page are run in order, like the cells of a notebook. If a comment follows `print(…)` on
 its line, the output must have the comment's numbers, to the comment's digits.
@@ -19,6 +20,7 @@ from runpy import run_path
 import shlex
 import sys
 
+import installed_packages
 import pytest
 
 from bev_preheat.commands.main import main, SUBCOMMANDS
@@ -104,6 +106,10 @@ def test_what_is_typed_gives_what_is_shown(page, tmp_path, monkeypatch, capfd):
     # Wide enough for every table.
     monkeypatch.setenv('COLUMNS', '250')
     text = page.read_text()
+    for example in sorted(set(re.findall(r'/examples/(\w+)', text))):
+        (folder := tmp_path / 'installed' / example).mkdir(parents=True)
+        installed_packages.put_example(folder, example)
+        installed_packages.use_folder(monkeypatch, folder)
     for name, content in files_of(text).items():
         (tmp_path / name).write_text(content)
     for command in commands_of(text):
@@ -274,7 +280,7 @@ def test_parameters_have_default_range_and_meaning(generated):
     assert rows['battery_state_timeout'] == [
         'battery_state_timeout', '5.0', '0.1\N{NO-BREAK SPACE}…\N{NO-BREAK SPACE}60\N{NO-BREAK SPACE}s',
         'A battery state older than this is stale', 'yes']
-    simulator = {row[0]: row[-1] for row in cells(generated['parameters'].split('## ')[4])}
+    simulator = {row[0]: row[-1] for row in cells(generated['parameters'].split('## ')[5])}
     assert (simulator['route'], simulator['speed_up']) == ('no', 'yes')
 
 
@@ -296,9 +302,16 @@ def test_keys_of_files_have_range_and_comment(generated):
 
 
 def test_every_topic_is_described():
-    from bev_preheat.nodes import charger_adviser_node, nlp_checker_node, planner_node, vehicle_simulator_node
+    from bev_preheat.nodes import (
+        charger_adviser_node,
+        nlp_checker_node,
+        planner_node,
+        route_publisher_node,
+        vehicle_simulator_node,
+    )
     page = (ROOT / 'docs/reference/topics.md').read_text()
-    for node in planner_node, nlp_checker_node, charger_adviser_node, vehicle_simulator_node:
+    for node in (planner_node, nlp_checker_node, charger_adviser_node, route_publisher_node,
+                 vehicle_simulator_node):
         program = node.PROGRAM
         for name, _ in (*program.subscribes, *program.publishes, *program.services, *program.actions):
             assert f'`{name}`' in page, f'{program.name}: {name}'

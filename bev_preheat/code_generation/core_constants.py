@@ -15,8 +15,8 @@ from bev_preheat.planning import (
     cheapest_steps,
     dynamics,
     exchange,
-    foresight,
     free_heat,
+    heated_limits,
     heating_intervals,
     limited_prices,
     limited_switch,
@@ -48,7 +48,7 @@ NAMES: Mapping[ModuleType, str] = {
     dynamics: 'JOULES_PER_WH',
     exchange: ('FIRST_SHARE GOOD_SHARE LEAST_LEFT MENDED_SHARE MOST_LEFT MOST_MENDS '
                'MOST_TRIALS:MOST_EXCHANGE_TRIALS POOR_SHARE'),
-    foresight: 'LAGS_AHEAD LASTING_LAGS',
+    heated_limits: 'LAGS_AHEAD LASTING_LAGS',
     free_heat: ('ABOVE_TARGET_K AIM_K FULL_SOC HIGHER_K LEAST_GAIN LEAST_KEPT MISSED_K MORE_AIM MOST_CEILINGS '
                 'PIECES WARMER_K WIDER'),
     heating_intervals: 'SURPLUS_TOLERANCE_W',

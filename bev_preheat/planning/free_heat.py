@@ -71,7 +71,7 @@ def leave_useless_heat(trip: Trip, state: BatteryState, target_c: float, schedul
         if not (along_c > ceiling_c + HIGHER_K).any():
             break
         ceiling_c = np.maximum(ceiling_c, along_c)
-        bounded = plan_again(replace(trip, surplus_ceiling_c=ceiling_c))
+        bounded = plan_again(trip.changed(surplus_ceiling_c=ceiling_c))
         if _is_as_useful(trip, target_c, bounded, schedule):
             return bounded
         # The remaining share of a kelvin depends on the battery temperature.

@@ -15,9 +15,18 @@ from bev_preheat.errors import figure, figure_beyond, InvalidInput, quoted
 from bev_preheat.files.checked_yaml import check_yaml, FileData, load_checked_yaml
 from bev_preheat.files.configuration import find_configuration
 from bev_preheat.numerics.arithmetic import ARRAYS, Curve
-from bev_preheat.vehicle.charging import Charging, charging_problems
+from bev_preheat.vehicle.charging import charging_problems
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, Table
-from bev_preheat.vehicle.description import Battery, Defaults, Drivetrain, Hvch, Leakage, RoadLoad, Vehicle
+from bev_preheat.vehicle.description import (
+    Battery,
+    Charging,
+    Defaults,
+    Drivetrain,
+    Hvch,
+    Leakage,
+    RoadLoad,
+    Vehicle,
+)
 from bev_preheat.vehicle.heat_path import HeatPath
 
 if TYPE_CHECKING:

@@ -19,8 +19,8 @@ from bev_preheat.planning.planner import plan_preheating, plan_unheated
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import Route
 from bev_preheat.vehicle import load_vehicle
-from bev_preheat.vehicle.charging import Charging
 from bev_preheat.vehicle.curves import Table
+from bev_preheat.vehicle.description import Charging
 
 REFERENCE = load_vehicle('reference')
 PRICES = Prices(0.55, 12.0)

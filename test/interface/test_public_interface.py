@@ -29,6 +29,11 @@ def route(vehicle):
     return bp.load_route('reference', vehicle)
 
 
+@pytest.fixture(scope='module')
+def drive(vehicle, route):
+    return bp.drive(vehicle, route, STATE)
+
+
 def json_of(capsys, *words):
     assert main([*words, '--json', '-']) == 0
     return json.loads(capsys.readouterr().out)
@@ -177,22 +182,80 @@ def test_a_route_of_numbers(vehicle):
                        'ambient_temperature_c': 0.0}, vehicle)
 
 
-def test_pictures(vehicle, route, tmp_path):
+def test_pictures(vehicle, route, drive, tmp_path):
     pytest.importorskip('matplotlib')
     for number, result in enumerate((
             bp.plan(vehicle, route, STATE), bp.worth(vehicle, route, STATE, 150e3, 0.8),
             bp.charging_session(vehicle, bp.BatteryState(5.0, 0.2), 150e3, 0.8, -7.0),
-            bp.drive(vehicle, route, STATE))):
+            drive)):
         path = tmp_path / f'{number}.png'
         result.plot(path)
         assert path.read_bytes().startswith(b'\x89PNG')
 
 
-def test_frames(vehicle, route):
-    pytest.importorskip('pandas')
-    frame = bp.plan(vehicle, route, STATE).to_frame()
-    assert frame.index.name == 'time_s'
+@pytest.mark.needs('pandas')
+def test_the_frame_of_a_plan(vehicle, route):
+    plan = bp.plan(vehicle, route, STATE)
+    frame = plan.to_frame()
+    assert list(frame.columns) == ['battery_temperature_c', 'soc', 'hvch_battery_power_w']
+    np.testing.assert_array_equal(frame.index, plan.time_s)
+    assert frame.index.name == 'time_s' and len(frame) == len(route) + 1
     assert frame['battery_temperature_c'].iloc[-1] == pytest.approx(25.0, abs=1e-3)
+    # A power holds until the next instant; there is none after the arrival.
+    assert np.isnan(frame['hvch_battery_power_w'].iloc[-1])
+    assert frame['hvch_battery_power_w'].iloc[:-1].tolist() == plan.hvch_battery_power_w.tolist()
+
+
+@pytest.mark.needs('pandas')
+def test_the_frame_of_a_session(vehicle):
+    session = bp.charging_session(vehicle, bp.BatteryState(5.0, 0.2), 150e3, 0.8, -7.0)
+    frame = session.to_frame()
+    assert frame.index[-1] == pytest.approx(session.charging_time_s)
+    assert frame['soc'].iloc[0] == 0.2 and frame['soc'].iloc[-1] == pytest.approx(0.8, abs=1e-6)
+    assert np.isnan(frame['charging_power_w'].iloc[-1]) and not frame.iloc[:-1].isna().to_numpy().any()
+    with pytest.raises(KeyError):
+        frame['power']
+
+
+@pytest.mark.needs('pandas')
+def test_the_frame_of_a_session_that_does_not_end(vehicle):
+    session = bp.charging_session(vehicle, bp.BatteryState(5.0, 0.2), 1e3, 0.8, -7.0, auxiliary_power_w=2e3)
+    assert session.problem is not None
+    assert session.to_frame().index.name == 'time_s'
+
+
+@pytest.mark.needs('pandas')
+def test_the_frame_of_targets(vehicle, route):
+    worth = bp.worth(vehicle, route, STATE, 150e3, 0.8)
+    frame = worth.to_frame()
+    assert frame['cost'].idxmin() == worth.best_target_c
+    assert len(frame) == len(worth.to_dict()['targets']) and frame.index.is_unique
+
+
+@pytest.mark.needs('pandas')
+def test_the_frame_of_a_drive(drive):
+    frame = drive.to_frame()
+    assert len(frame.columns) == 5 and len(frame) == len(drive.time_s)
+    assert frame['true_temperature_c'].iloc[-1] == pytest.approx(drive.arrival_temperature_c, abs=0.05)
+    # The command's energy, with each command until the next one.
+    spent_wh = float((frame['command_w'].to_numpy()[:-1] * np.diff(frame.index)).sum()) / 3600.0
+    assert spent_wh == pytest.approx(drive.heating_energy_wh, rel=0.01)
+
+
+@pytest.mark.needs('pandas')
+@pytest.mark.needs('casadi')
+def test_the_frames_of_a_comparison_and_an_optimum(vehicle, route):
+    compared = bp.compare(vehicle, route, STATE, methods=['paper'])
+    frame = compared.to_frame()
+    assert list(frame.index) == ['paper', 'optimum']
+    assert frame.loc['optimum', 'above_optimum_wh'] == 0.0
+    assert frame.loc['paper', 'above_optimum_wh'] == pytest.approx(
+        frame.loc['paper', 'battery_energy_wh'] - frame.loc['optimum', 'battery_energy_wh'])
+    optimum = compared.optimum.to_frame()
+    assert optimum['battery_temperature_c'].iloc[-1] == pytest.approx(25.0, abs=0.01)
+    # A warm battery: nothing is heated, and no start is none in the frame.
+    warm = bp.compare(vehicle, route, bp.BatteryState(30.0, 0.9), methods=['paper']).to_frame()
+    assert warm['heating_start_s'].isna().all() and (warm['heating_energy_wh'] < 0.1).all()
 
 
 def test_importing_loads_nothing_heavy():

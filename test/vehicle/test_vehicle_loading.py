@@ -12,8 +12,8 @@ from bev_preheat.errors import InvalidInput
 from bev_preheat.files.configuration import configuration_folder
 from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.vehicle import load_vehicle
-from bev_preheat.vehicle.charging import Charging, charging_of
-from bev_preheat.vehicle.description import RoadLoad
+from bev_preheat.vehicle.charging import charging_of
+from bev_preheat.vehicle.description import Charging, RoadLoad
 from bev_preheat.vehicle.heat_path import DIRECT, HeatPath
 
 GOOD = {

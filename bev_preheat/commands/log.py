@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`preheat log`: says what is in a log: format, signals, sampling, gaps, doubts."""
+
+from __future__ import annotations
+
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bev_preheat.commands.completion import completed_by, NameCompleter
+from bev_preheat.console.output import add_output_arguments, check_output_arguments, write_json
+from bev_preheat.console.terminal import print_records, result_console
+from bev_preheat.errors import figure
+from bev_preheat.files.output_files import expanded
+from bev_preheat.logs.reading import read_recording
+from bev_preheat.logs.sampling import Sampling, sampling
+
+if TYPE_CHECKING:
+    from argparse import ArgumentParser, Namespace
+
+    from bev_preheat.commands.arguments import Subparsers
+    from bev_preheat.logs.recording import Recording, Series
+
+
+def add_parser(subparsers: Subparsers) -> None:
+    """Add the subcommand to those of `preheat`."""
+    parser = subparsers.add_parser(
+        'log', help='say what is in a drive log: signals, sampling, gaps, doubts',
+        description='Say what is in a drive log: its format, the signals found and their ranges in SI units, sampling, '
+                    'gaps, and doubts about sign, unit and scale.')
+    parser.add_argument('file', metavar='FILE',
+                        help='log: CSV (one column a signal, or one reading a line), LeafSpy, JSON lines, MDF4, '
+                        'candump, ASC or BLF with a DBC, MCAP, rosbag2')
+    add_signal_arguments(parser)
+    add_output_arguments(parser)
+    parser.set_defaults(run=run)
+
+
+def add_signal_arguments(parser: ArgumentParser) -> None:
+    """Add `--signals` and `--repair`."""
+    completed_by(NameCompleter('signals'), parser.add_argument(
+        '--signals', metavar='NAME|FILE',
+        help='signal map: a name in config/signals or a YAML file (default: the one that recognises the log)'))
+    parser.add_argument('--repair', action='store_true',
+                        help='correct mix-ups of sign, unit and scale that are told from physics')
+
+
+def run(arguments: Namespace) -> int:
+    """Read the log, print and write what is in it, and return the exit status."""
+    path = expanded(arguments.file)
+    check_output_arguments(arguments, (path,))
+    recording = read_recording(path, arguments.signals, arguments.repair)
+    samplings = {signal: sampling(series) for signal, series in recording.signals.items()}
+    if arguments.json:
+        write_json(arguments.json, as_dictionary(recording, samplings))
+    if arguments.plot:
+        from bev_preheat.drawing.log_figure import draw_recording
+        draw_recording(arguments.plot, recording)
+    console = result_console(arguments.json)
+    begun = '' if recording.start_s is None else f', from {_moment(recording.start_s)}'
+    print_records(console, f'Log {Path(path).name}: {recording.format}, signal map {recording.signal_map}{begun}, '
+                  f'{recording.duration_s / 60.0:.1f} min',
+                  ('signal', 'min', 'max', 'samples', 'every [s]', 'gaps', 'longest gap [s]'),
+                  [_row(recording.signals[signal], signal, samplings[signal]) for signal in recording.signals],
+                  ('left', *('right',) * 6))
+    for signal, names in recording.sources.items():
+        console.print(f'{signal}: from {", ".join(names)}', markup=False, soft_wrap=True)
+    for remark in recording.remarks:
+        console.print(f'note: {remark}', markup=False, soft_wrap=True)
+    for option, done in (('plot', 'drawn'), ('json', 'written')):
+        if getattr(arguments, option) not in (None, '-'):
+            console.print(f'{done}: {getattr(arguments, option)}', markup=False, soft_wrap=True)
+    return 0
+
+
+def _row(series: Series, signal: str, found: Sampling) -> tuple[str, ...]:
+    return (signal, figure(float(series.value.min()), 5), figure(float(series.value.max()), 5),
+            str(len(series.value)), '' if np.isnan(found.interval_s) else figure(found.interval_s, 3),
+            str(found.gaps or ''), figure(found.longest_gap_s, 3) if found.gaps else '')
+
+
+def as_dictionary(recording: Recording, samplings: dict[str, Sampling]) -> dict[str, object]:
+    """Return what is in a recording, for JSON."""
+    return {
+        'format': recording.format, 'signal_map': recording.signal_map,
+        'start': None if recording.start_s is None else _moment(recording.start_s),
+        'duration_s': recording.duration_s,
+        'signals': {signal: {'min': float(series.value.min()), 'max': float(series.value.max()),
+                             'samples': len(series.value)} for signal, series in recording.signals.items()},
+        'sources': {signal: list(names) for signal, names in recording.sources.items()},
+        'sampling': {signal: {
+            'interval_s': None if np.isnan(found.interval_s) else found.interval_s, 'gaps': found.gaps,
+            'longest_gap_s': found.longest_gap_s} for signal, found in samplings.items()},
+        'remarks': list(recording.remarks)}
+
+
+def _moment(start_s: float) -> str:
+    return datetime.fromtimestamp(start_s, timezone.utc).strftime('%Y-%m-%d %H:%M:%S UTC')

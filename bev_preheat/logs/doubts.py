@@ -1,0 +1,236 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Mix-ups of sign, unit and scale, told from physics: charge and energy balances, distances, magnitudes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bev_preheat.errors import figure
+from bev_preheat.logs.recording import Series
+
+if TYPE_CHECKING:
+    from bev_preheat.numerics.arrays import FloatArray
+
+Signals = Mapping[str, Series]
+SECONDS_PER_HOUR, J_PER_KWH = 3600.0, 3.6e6
+# Intervals longer than this [s] have no known charge, energy or distance.
+LONGEST_HOLD_S = 120.0
+# A change of the state of charge that is clearly more than its resolution, and a clear correlation with the charge.
+LEAST_SOC_CHANGE, LEAST_CORRELATION = 0.015, 0.7
+# Capacities of vehicles' batteries [Ah] and [kWh], from a small hybrid's to a heavy truck's.
+CAPACITIES_AH, CAPACITIES_KWH = (8.0, 2000.0), (3.0, 1000.0)
+# Typical ones, nearest to which a scale is guessed.
+TYPICAL_AH, TYPICAL_KWH = 150.0, 60.0
+# Distance that tells a speed's unit [m], and the agreement that a unit must reach.
+LEAST_DISTANCE_M, AGREEMENT = 500.0, 0.08
+EARTH_RADIUS_M = 6371008.8
+# What a speed has wrongly been taken for, by the factor that corrects it.
+SPEED_FACTORS = {1.0 / 3.6: 'km/h taken as m/s', 3.6: 'm/s taken as km/h', 1.609344: 'mph taken as km/h',
+                 1.0 / 1.609344: 'km/h taken as mph', 0.44704: 'mph taken as m/s', 1.0 / 0.44704: 'm/s taken as mph'}
+# Hardest changes of speed on the road [m/s2], and the fastest usual travel [m/s].
+HARDEST_MPS2, FASTEST_MPS = 6.0, 62.0
+# A temperature that exceeds the other by more than FAR_K, and differs by less than NEAR_K if it is in degF.
+FAR_K, NEAR_K = 22.0, 15.0
+HOTTEST_PARKED_C, HOTTEST_C = 40.0, 52.0
+# The largest power of a heater that was on at some time.
+LEAST_HEATER_W = 25.0
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """A doubt about a signal: its sentence, and the linear correction (factor, offset) that removes it."""
+
+    signal: str
+    sentence: str
+    factor: float = 1.0
+    offset: float = 0.0
+
+    def repaired(self, series: Series) -> Series:
+        """Return the corrected Series."""
+        return Series(series.time_s, self.factor * series.value + self.offset)
+
+
+def find_doubts(signals: Signals) -> tuple[Doubt, ...]:
+    """Return the Doubts about a recording's signals, at most one for each signal."""
+    found: dict[str, Doubt] = {}
+    for check in CHECKS:
+        for doubt in check(signals):
+            found.setdefault(doubt.signal, doubt)
+    return tuple(found.values())
+
+
+def integral(series: Series) -> FloatArray:
+    """Return the integral of a signal up to each sample, shape (N,); long intervals count nothing."""
+    step_s = np.diff(series.time_s)
+    means = 0.5 * (series.value[1:] + series.value[:-1])
+    return np.concatenate([[0.0], np.cumsum(np.where(step_s <= LONGEST_HOLD_S, step_s, 0.0) * means)])
+
+
+def _balance(signals: Signals) -> Iterator[Doubt]:
+    """Compare charge and energy with the state of charge: sign and scale of current and power."""
+    for signal, over, unit, typical, (low, high) in (
+            ('current_a', SECONDS_PER_HOUR, 'Ah', TYPICAL_AH, CAPACITIES_AH),
+            ('power_w', J_PER_KWH, 'kWh', TYPICAL_KWH, CAPACITIES_KWH)):
+        if signal not in signals or 'soc' not in signals:
+            continue
+        series, soc = signals[signal], signals['soc']
+        inside = (soc.time_s >= series.time_s[0]) & (soc.time_s <= series.time_s[-1])
+        share = soc.value[inside]
+        if len(share) < 5 or len(series.time_s) < 5 or np.ptp(share) < LEAST_SOC_CHANGE:
+            continue
+        taken = np.interp(soc.time_s[inside], series.time_s, integral(series)) / over
+        if np.ptp(taken) == 0.0:
+            continue
+        slope = float(np.polyfit(share, taken, 1)[0])
+        if abs(np.corrcoef(share, taken)[0, 1]) < LEAST_CORRELATION:
+            continue
+        sign, capacity = (-1.0 if slope > 0.0 else 1.0), abs(slope)
+        scale, factor = '', 1.0
+        if not low <= capacity <= high:
+            # The power of ten that brings the capacity nearest to a typical one.
+            factor = 10.0 ** np.round(np.log10(typical / capacity))
+            scale = (f'its integral over the change of the state of charge gives a capacity of {figure(capacity, 3)} '
+                     f'{unit} (plausible: {low:g} ... {high:g}); a factor of {figure(factor)} is missing')
+        turned = 'it grows while the state of charge rises; positive must mean discharging' if sign < 0.0 else ''
+        if scale or turned:
+            yield Doubt(signal, f'{signal}: {" and ".join(filter(None, (turned, scale)))}', sign * factor)
+
+
+def _power(signals: Signals) -> Iterator[Doubt]:
+    """Compare power with voltage times current."""
+    if not {'power_w', 'voltage_v', 'current_a'} <= signals.keys():
+        return
+    power, current = signals['power_w'], signals['current_a']
+    product = _at(power.time_s, current) * _at(power.time_s, signals['voltage_v'])
+    clear = np.isfinite(product) & (np.abs(product) > 1000.0) & (power.value != 0.0)
+    if clear.sum() < 5:
+        return
+    ratio = float(np.median(product[clear] / power.value[clear]))
+    turned = any(doubt.signal == 'current_a' and doubt.factor < 0.0 for doubt in _balance(signals))
+    for factor, words in ((-1.0, 'has the opposite sign of voltage times current'),
+                          (1000.0, 'is a thousandth of voltage times current; is it in kW?'),
+                          (-1000.0, 'is a thousandth of voltage times current, with the opposite sign'),
+                          (0.001, 'is a thousand times voltage times current; is it in mW?')):
+        if abs(ratio / factor - 1.0) < 0.3 and not (factor < 0.0 and turned):
+            yield Doubt('power_w', f'power_w: {words}', factor)
+
+
+def _size_of_power(signals: Signals) -> Iterator[Doubt]:
+    """A moving car needs kilowatts."""
+    for signal in ('power_w', 'propulsion_power_w'):
+        if {signal, 'speed_mps'} <= signals.keys():
+            power = signals[signal]
+            moving = power.value[_at(power.time_s, signals['speed_mps']) > 5.0]
+            largest = float(np.max(np.abs(moving), initial=0.0))
+            if len(moving) >= 10 and 0.0 < largest < 600.0:
+                yield Doubt(signal, f'{signal}: is at most {figure(largest, 3)} W while the car drives; is it in kW?',
+                            1000.0)
+
+
+def _distance(signals: Signals) -> Iterator[Doubt]:
+    """Compare the integral of the speed with the distance by odometer or position."""
+    if 'speed_mps' not in signals:
+        return
+    speed = signals['speed_mps']
+    for driven, words in ((_by_odometer(signals), 'odometer'), (_by_position(signals), 'position')):
+        if driven is None:
+            continue
+        inside = (driven.time_s >= speed.time_s[0]) & (driven.time_s <= speed.time_s[-1])
+        if inside.sum() < 2:
+            continue
+        ends = driven.time_s[inside][[0, -1]]
+        length_m = float(np.ptp(driven.value[inside]))
+        integrated_m = float(np.diff(np.interp(ends, speed.time_s, integral(speed)))[0])
+        if length_m < LEAST_DISTANCE_M or integrated_m <= 0.0:
+            continue
+        ratio = length_m / integrated_m
+        for factor, mixed in SPEED_FACTORS.items():
+            if abs(ratio / factor - 1.0) < AGREEMENT:
+                yield Doubt('speed_mps', f'speed_mps: its integral is {integrated_m / 1000.0:.2f} km, the distance by '
+                            f'{words} {length_m / 1000.0:.2f} km; {mixed}?', factor)
+                return
+        if abs(ratio - 1.0) < 2.0 * AGREEMENT:
+            return
+
+
+def _by_odometer(signals: Signals) -> Series | None:
+    if 'odometer_m' not in signals or np.ptp(signals['odometer_m'].value) < 10.0 * LEAST_DISTANCE_M:
+        # Whole kilometres tell nothing over a few of them.
+        return None
+    return signals['odometer_m']
+
+
+def _by_position(signals: Signals) -> Series | None:
+    if not {'latitude_deg', 'longitude_deg'} <= signals.keys():
+        return None
+    latitude, longitude = signals['latitude_deg'], signals['longitude_deg']
+    north = np.radians(latitude.value)
+    east = np.radians(_at(latitude.time_s, longitude))
+    step_s = np.diff(latitude.time_s)
+    steps_m = EARTH_RADIUS_M * np.hypot(np.diff(north), np.diff(east) * np.cos(0.5 * (north[1:] + north[:-1])))
+    # Jumps of the receiver are no drives.
+    steps_m = np.where(np.isfinite(steps_m) & (steps_m <= 70.0 * np.maximum(step_s, 1.0))
+                       & (step_s <= LONGEST_HOLD_S), steps_m, 0.0)
+    return Series(latitude.time_s, np.concatenate([[0.0], np.cumsum(steps_m)]))
+
+
+def _motion(signals: Signals) -> Iterator[Doubt]:
+    """Speeds and changes of speed that no car reaches."""
+    if 'speed_mps' not in signals:
+        return
+    speed = signals['speed_mps']
+    moving = speed.value[speed.value > 1.0]
+    step_s = np.diff(speed.time_s)
+    quick = step_s <= 2.5
+    if quick.sum() >= 60:
+        hardest = float(np.quantile(np.abs(np.diff(speed.value)[quick] / step_s[quick]), 0.995))
+        if hardest > HARDEST_MPS2 and np.median(moving) > 15.0:
+            yield Doubt('speed_mps', f'speed_mps: changes by {figure(hardest, 3)} m/s2; km/h taken as m/s?', 1.0 / 3.6)
+    if len(moving) >= 10 and np.quantile(moving, 0.9) > FASTEST_MPS:
+        yield Doubt('speed_mps', f'speed_mps: is above {figure(float(np.quantile(moving, 0.9)), 3)} m/s for a tenth of '
+                    'the drive; km/h taken as m/s?', 1.0 / 3.6)
+
+
+def _temperature(signals: Signals) -> Iterator[Doubt]:
+    """A parked battery begins near the ambient; degrees Fahrenheit lie far from it."""
+    if not {'battery_temperature_c', 'ambient_c'} <= signals.keys():
+        return
+    battery = float(np.median(signals['battery_temperature_c'].value[:20]))
+    ambient = float(np.median(signals['ambient_c'].value[:20]))
+    for signal, value, name, other, least in (
+            # A battery may be warm from a garage or from charging, but hardly so warm.
+            ('battery_temperature_c', battery, 'ambient_c', ambient, HOTTEST_PARKED_C),
+            ('ambient_c', ambient, 'battery_temperature_c', battery, -np.inf)):
+        if value > least and value - other > FAR_K and abs((value - 32.0) / 1.8 - other) < NEAR_K:
+            yield Doubt(signal, f'{signal}: begins at {figure(value, 4)}, {name} at {figure(other, 4)}; is it in degF?',
+                        1.0 / 1.8, -32.0 / 1.8)
+    if battery > HOTTEST_C:
+        yield Doubt('battery_temperature_c', f'battery_temperature_c: begins at {figure(battery, 4)}, which no battery '
+                    'in use reaches; is it in degF?', 1.0 / 1.8, -32.0 / 1.8)
+
+
+def _heaters(signals: Signals) -> Iterator[Doubt]:
+    """A heater that is on needs hundreds of watts."""
+    for signal in ('heater_w', 'battery_heater_w', 'cabin_heater_w', 'aircon_w'):
+        if signal in signals and 0.0 < (largest := float(np.max(signals[signal].value))) < LEAST_HEATER_W:
+            yield Doubt(signal, f'{signal}: is at most {figure(largest, 3)} W; is it in kW?', 1000.0)
+
+
+def _charge(signals: Signals) -> Iterator[Doubt]:
+    """A car in use has more than a percent of charge."""
+    if 'soc' in signals and 0.0 < np.max(signals['soc'].value) <= 0.0102:
+        yield Doubt('soc', f'soc: is at most {figure(float(np.max(signals["soc"].value)), 3)}; a share taken as percent?',
+                    100.0)
+
+
+def _at(time_s: FloatArray, series: Series) -> FloatArray:
+    """Return a signal at instants, NaN outside its samples."""
+    return np.interp(time_s, series.time_s, series.value, left=np.nan, right=np.nan)
+
+
+CHECKS: tuple[Callable[[Signals], Iterator[Doubt]], ...] = (
+    _charge, _balance, _power, _size_of_power, _distance, _motion, _temperature, _heaters)

@@ -1,0 +1,204 @@
+# SPDX-License-Identifier: Apache-2.0
+"""JSON lines: an object a line, nested, with any of the fields; or one array of such objects."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping
+import json
+import math
+from pathlib import Path
+import re
+from typing import Any, TYPE_CHECKING
+
+import numpy as np
+
+from bev_preheat.errors import InvalidInput, quoted
+from bev_preheat.logs.channels import Channel, Piece
+from bev_preheat.logs.long_csv import NAME, UNIT, VALUE
+from bev_preheat.logs.text_lines import encoding_of, line_blocks
+from bev_preheat.logs.time_column import find_time_column
+from bev_preheat.logs.units import pint_unit, split_unit
+
+if TYPE_CHECKING:
+    from bev_preheat.logs.remarks import Remarks
+    from bev_preheat.logs.signal_map import SignalMap
+    from bev_preheat.logs.times import Clock
+
+# Objects that are searched for channels, and those that tell how time is written.
+MOST_SEARCHED, SAMPLE = 200_000, 400
+DEEPEST, MOST_CHANNELS = 20, 5000
+# Largest file that is one array [bytes]; it is read as a whole.
+LARGEST_ARRAY = 1 << 28
+Item = Mapping[str, str]
+
+
+class JsonLines:
+    """An open log of JSON objects; see RawLog."""
+
+    format = 'JSON lines'
+    place = 'line'
+    decimal = '.'
+
+    def __init__(self, path: str | Path, encoding: str) -> None:
+        """Read the first objects for their fields; raises InvalidInput if there is none."""
+        self._path, self._encoding, self.absolute = path, encoding, False
+        self._clock: Clock | None = None
+        self._time, self._sample = '', []
+        found: dict[str, str] = {}
+        self._name = self._value = self._unit = ''
+        for count, (_, item) in enumerate(self._items(None)):
+            if count == 0:
+                # {"path": "Vehicle.Speed", "value": 12} is one reading, not two fields.
+                roles = [next((key for key in item if pattern.match(key)), '') for pattern in (NAME, VALUE, UNIT)]
+                if roles[0] and roles[1]:
+                    self._name, self._value, self._unit = roles
+            if count < SAMPLE:
+                self._sample.append(item)
+            elif count > MOST_SEARCHED:
+                break
+            if self._name:
+                channel = item.get(self._name, '')
+                if channel and not found.get(channel):
+                    found[channel] = pint_unit(item.get(self._unit, '')) or split_unit(channel).unit
+            else:
+                for key in item.keys() - found.keys():
+                    found[key] = split_unit(key).unit
+            if len(found) > MOST_CHANNELS:
+                raise InvalidInput(f'{path}: its objects have more than {MOST_CHANNELS} fields; this is no log')
+        if not found:
+            raise InvalidInput(f'{path}: has no JSON object with fields')
+        self.channels = tuple(Channel(*item) for item in sorted(found.items()))
+
+    def use(self, signal_map: SignalMap) -> None:
+        """Choose the field of the time; raises InvalidInput if there is none."""
+        keys = list(dict.fromkeys(key for item in self._sample for key in item))
+        rows = [[item.get(key, '') for key in keys] for item in self._sample]
+        found = find_time_column(keys, [''] * len(keys), rows, '.', signal_map.time)
+        if found is None or len(found.columns) != 1:
+            raise InvalidInput(f'{self._path}: no field holds the time; the fields are {quoted(", ".join(keys))}; '
+                               'give a signal map with time')
+        self._clock, self._time, self.absolute = found.clock, keys[found.columns[0]], found.clock.absolute
+
+    def pieces(self, wanted: Collection[str], remarks: Remarks) -> Iterator[Piece]:
+        """Yield the Pieces of the wanted fields; see RawLog."""
+        assert self._clock is not None
+        if self._clock.remark:
+            remarks.add('clock', f'{self._path}: {self._clock.remark}')
+        readings: dict[str, tuple[list[int], list[str]]] = {}
+        times: list[str] = []
+        numbers: list[int] = []
+        for number, item in self._items(remarks):
+            for name, value in self._readings(item):
+                if name in wanted:
+                    at, values = readings.setdefault(name, ([], []))
+                    at.append(len(times))
+                    values.append(value)
+            times.append(item.get(self._time, ''))
+            numbers.append(number)
+            if len(times) >= 50_000:
+                yield from self._pieces(times, numbers, readings, remarks)
+                times, numbers, readings = [], [], {}
+        yield from self._pieces(times, numbers, readings, remarks)
+
+    def _readings(self, item: Item) -> Iterator[tuple[str, str]]:
+        if self._name:
+            yield item.get(self._name, ''), item.get(self._value, '')
+        else:
+            yield from item.items()
+
+    def _pieces(self, times: list[str], numbers: list[int], readings: dict[str, tuple[list[int], list[str]]],
+                remarks: Remarks) -> Iterator[Piece]:
+        if not times:
+            return
+        assert self._clock is not None
+        time_s, places = self._clock.seconds(times), np.array(numbers)
+        bad = ~np.isfinite(time_s)
+        if bad.any():
+            at = int(np.argmax(bad))
+            remarks.add('time', f'{self._path}, line {numbers[at]}: {self._time}: {quoted(times[at])} is not a time; '
+                        'the line is dropped', int(bad.sum()), 'line')
+        for name, (at_rows, values) in readings.items():
+            yield Piece(name, time_s[at_rows], values, places[at_rows])
+
+    def _items(self, remarks: Remarks | None) -> Iterator[tuple[int, Item]]:
+        """Yield line numbers and the objects with flat keys; remark on lines that are none."""
+        if _is_array(self._path, self._encoding):
+            yield from self._array()
+            return
+        for first, lines in line_blocks(self._path, self._encoding):
+            for number, line in enumerate(lines, start=first):
+                text = line.strip().rstrip(',')
+                if not text or text in '[]':
+                    continue
+                try:
+                    value = json.loads(text)
+                except (ValueError, RecursionError):
+                    value = None
+                if isinstance(value, dict):
+                    yield number, flat(value)
+                elif remarks is not None:
+                    remarks.add('json', f'{self._path}, line {number}: {quoted(text)} is not a JSON object; the line '
+                                'is dropped', noun='line')
+
+    def _array(self) -> Iterator[tuple[int, Item]]:
+        if Path(self._path).stat().st_size > LARGEST_ARRAY:
+            raise InvalidInput(f'{self._path}: is one array of more than {LARGEST_ARRAY >> 20} MB; write an object a '
+                               'line')
+        try:
+            values = json.loads(Path(self._path).read_text(encoding=self._encoding))
+        except (ValueError, RecursionError) as error:
+            raise InvalidInput(f'{self._path}: is not JSON: {error}') from error
+        # An answer of a server often wraps the list.
+        if isinstance(values, dict):
+            values = next((value for value in values.values() if isinstance(value, list)), [values])
+        for number, value in enumerate(values, start=1):
+            if isinstance(value, dict):
+                yield number, flat(value)
+
+
+def flat(value: Mapping[str, Any], prefix: str = '', depth: int = 0) -> dict[str, str]:
+    """Return the numbers and texts of a nested object by dotted path; items of lists have their number."""
+    found: dict[str, str] = {}
+    for key, item in value.items():
+        name = f'{prefix}{key}'
+        if isinstance(item, dict | list) and depth < DEEPEST:
+            inner = item if isinstance(item, dict) else {str(at): each for at, each in enumerate(item[:1000])}
+            found.update(flat(inner, f'{name}.', depth + 1))
+        elif isinstance(item, str):
+            found[name] = item
+        elif isinstance(item, bool):
+            found[name] = str(item)
+        elif isinstance(item, int | float):
+            found[name] = repr(float(item)) if abs(item) < 1e300 and math.isfinite(item) else ''
+    return found
+
+
+def _is_array(path: str | Path, encoding: str) -> bool:
+    """Return whether a file is one JSON value of several lines, not an object a line."""
+    for _, lines in line_blocks(path, encoding):
+        for line in lines:
+            text = line.strip()
+            if not text:
+                continue
+            if not text.startswith('{'):
+                return text != '[' or not _is_object(next((each for each in map(str.strip, lines[1:]) if each), ''))
+            return not _is_object(text) and text.rstrip() in ('{', '{"') or bool(re.fullmatch(r'\{\s*"[^"]*"\s*:\s*\[?', text))
+    return False
+
+
+def _is_object(text: str) -> bool:
+    try:
+        return isinstance(json.loads(text.rstrip(',')), dict)
+    except (ValueError, RecursionError):
+        return False
+
+
+def open_json_lines(path: str | Path, head: bytes) -> JsonLines | None:
+    """Return the open log if a file begins with a JSON object or array, else None."""
+    encoding = encoding_of(head)
+    if encoding is None:
+        return None
+    text = head.decode(encoding, 'replace').lstrip()
+    if not re.match(r'\[\s*\{|\{\s*"|\{\s*$', text):
+        return None
+    return JsonLines(path, encoding)

@@ -1,0 +1,176 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Signal maps: which channel of a log is which signal, in which unit, sign and scale (YAML)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+import re
+from typing import TYPE_CHECKING
+
+from bev_preheat.errors import InvalidInput, quoted
+from bev_preheat.files.checked_yaml import load_checked_yaml
+from bev_preheat.files.configuration import configuration_folder, find_configuration
+from bev_preheat.logs.recording import SIGNALS
+from bev_preheat.logs.units import check_unit, own_unit, split_unit
+
+if TYPE_CHECKING:
+    from bev_preheat.files.checked_yaml import FileData
+
+SCHEMA = Path(__file__).with_name('signal_map_schema.yaml')
+SUFFIX = '.yaml'
+# The map for logs that no other map recognises.
+COMMON = 'common'
+# Plausible values (low, high) of the signals, in their own units; others are dropped. Speeds in a wrong unit pass,
+# so that the mix-up can be told and repaired.
+PLAUSIBLE = {
+    'battery_temperature_c': (-50.0, 90.0), 'soc': (0.0, 1.01), 'voltage_v': (20.0, 1500.0),
+    'current_a': (-3000.0, 3000.0), 'power_w': (-2e6, 2e6), 'speed_mps': (0.0, 350.0),
+    'elevation_m': (-500.0, 9000.0), 'ambient_c': (-60.0, 60.0), 'heater_w': (0.0, 50e3),
+    'battery_heater_w': (0.0, 50e3), 'cabin_heater_w': (0.0, 50e3), 'auxiliary_w': (0.0, 50e3), 'aircon_w': (0.0, 50e3),
+    'propulsion_power_w': (-2e6, 2e6), 'coolant_c': (-60.0, 130.0), 'latitude_deg': (-90.0, 90.0),
+    'longitude_deg': (-180.0, 180.0), 'odometer_m': (0.0, 1e10)}
+
+
+# Last parts of dotted paths that mean something only with the parts before: TractionBattery.StateOfCharge.Current.
+NOT_ALONE = frozenset(('average', 'current', 'level', 'max', 'mean', 'min', 'power', 'range', 'speed', 'state',
+                       'temperature', 'time', 'value', 'voltage'))
+
+
+@dataclass(frozen=True)
+class Source:
+    """
+    Where a signal comes from, and how its readings are converted.
+
+    `channels` are names, or patterns between slashes, in order of preference; all channels of the first entry
+    that matches any are combined (`combine`: mean, min, max, first). `unit` is empty if the log names it.
+    `scales`: factors on the reading, the first that makes the signal plausible counts; then `offset` is added, and
+    the unit converted. `no_reading` are readings that mean none; `plausible` is the range in the signal's unit.
+    """
+
+    signal: str
+    channels: tuple[str, ...]
+    combine: str = 'mean'
+    unit: str = ''
+    scales: tuple[float, ...] = (1.0,)
+    offset: float = 0.0
+    charging_is_positive: bool = False
+    no_reading: tuple[float, ...] = ()
+    plausible: tuple[float, float] = (-1e300, 1e300)
+
+    def chosen(self, names: Sequence[str]) -> tuple[str, ...]:
+        """Return the channels among `names` that the signal is made of, () if there are none."""
+        for entry in self.channels:
+            found = tuple(name for name in names if matches(entry, name))
+            if found:
+                return found[:1] if self.combine == 'first' else found
+        return ()
+
+
+@dataclass(frozen=True)
+class SignalMap:
+    """A signal map: Sources by signal, names of the channel with the time, channels that tell the log, DBC files."""
+
+    name: str
+    sources: dict[str, Source]
+    time: tuple[str, ...] = ()
+    recognised_by: tuple[str, ...] = ()
+    databases: tuple[Path, ...] = ()
+
+    def recognises(self, names: Sequence[str]) -> bool:
+        """Return whether a log with these channels belongs to this map."""
+        return bool(self.recognised_by) and all(
+            any(matches(entry, name) for name in names) for entry in self.recognised_by)
+
+
+def matches(entry: str, name: str) -> bool:
+    """Return whether an entry of a map, a name or a pattern between slashes, means a channel."""
+    if len(entry) > 2 and entry[0] == entry[-1] == '/':
+        return re.search(entry[1:-1], name, re.IGNORECASE) is not None
+    last = name.rpartition('.')[2]
+    return plain(entry) in (plain(name), plain(split_unit(name).name)) or (
+        plain(entry) == plain(last) and plain(last) not in NOT_ALONE)
+
+
+def plain(name: str) -> str:
+    """Return a name in the form in which names are compared."""
+    return ' '.join(re.sub(r'[\s_\-]+', ' ', name).split()).casefold()
+
+
+def load_signal_map(name_or_file: str | Path) -> SignalMap:
+    """
+    Return the SignalMap with a name (a file in config/signals) or of a YAML file.
+
+    Raises InvalidInput naming file, key, value and allowed values.
+    """
+    path = find_configuration('signals', name_or_file, SUFFIX)
+    contents = load_checked_yaml(path, SCHEMA)
+    problems: list[str] = []
+    everywhere = tuple(map(float, contents.get('no_reading', ())))
+    sources = {}
+    for signal, entry in contents['signals'].items():
+        if signal not in SIGNALS:
+            problems.append(f'{path}: signals.{signal} is unknown; known: {", ".join(SIGNALS)}')
+            continue
+        problems += [f'{path}: signals.{signal}: {problem}' for problem in _problems(signal, entry)]
+        sources[signal] = _source(signal, entry, everywhere)
+    problems += [f'{path}: {problem}' for key in ('time', 'recognised_by')
+                 for problem in _bad_patterns(contents.get(key, ()))]
+    if problems:
+        raise InvalidInput(problems)
+    return SignalMap(contents.get('name', path.stem), sources, _texts(contents.get('time', ())),
+                     _texts(contents.get('recognised_by', ())),
+                     tuple(path.parent / file for file in _texts(contents.get('dbc', ()))))
+
+
+def shipped_maps() -> tuple[SignalMap, ...]:
+    """Return the signal maps of config/signals, the common one last."""
+    names = sorted(path.stem for path in configuration_folder('signals').glob(f'*{SUFFIX}'))
+    return tuple(load_signal_map(name) for name in sorted(names, key=lambda name: name == COMMON))
+
+
+def recognised_map(names: Sequence[str]) -> SignalMap:
+    """Return the shipped map that recognises these channels; the common map if none does."""
+    maps = shipped_maps()
+    return next((each for each in maps if each.recognises(names)), maps[-1])
+
+
+def _texts(value: FileData) -> tuple[str, ...]:
+    return (value,) if isinstance(value, str) else tuple(value)
+
+
+def _source(signal: str, entry: FileData, everywhere: tuple[float, ...]) -> Source:
+    if isinstance(entry, str | list):
+        entry = {'channels': entry}
+    scale = entry.get('scale', 1.0)
+    return Source(
+        signal, _texts(entry['channels']), entry.get('combine', 'mean'), entry.get('unit', ''),
+        tuple(map(float, scale if isinstance(scale, list) else [scale])), float(entry.get('offset', 0.0)),
+        entry.get('positive') == 'charging', everywhere + tuple(map(float, entry.get('no_reading', ()))),
+        tuple(map(float, entry.get('range', PLAUSIBLE[signal]))))  # type: ignore[arg-type]
+
+
+def _problems(signal: str, entry: FileData) -> Iterable[str]:
+    """Yield sentences on faults of an entry that the schema cannot tell."""
+    if isinstance(entry, str | list):
+        entry = {'channels': entry}
+    yield from _bad_patterns(entry['channels'])
+    try:
+        check_unit(entry.get('unit', own_unit(signal)), signal)
+    except InvalidInput as error:
+        yield from (f'unit: {problem}' for problem in error.problems)
+    low, high = entry.get('range', PLAUSIBLE[signal])
+    if low >= high:
+        yield f'range: {low:g} is not below {high:g}'
+    if 'positive' in entry and signal not in ('current_a', 'power_w'):
+        yield 'positive: only current_a and power_w have a sign of charging'
+
+
+def _bad_patterns(entries: FileData) -> Iterable[str]:
+    for entry in _texts(entries):
+        if len(entry) > 2 and entry[0] == entry[-1] == '/':
+            try:
+                re.compile(entry[1:-1])
+            except (re.error, RecursionError, OverflowError) as error:
+                yield f'{quoted(entry)} is not a regular expression: {error}'
