@@ -12,6 +12,8 @@ sys.path[:0] = [str(HERE), str(HERE.parent), str(HERE.parent / 'studies')]
 
 from generated_reference import write_reference  # noqa: E402
 
+import bev_preheat  # noqa: E402
+
 project = 'bev_preheat'
 project_copyright = 'bev_preheat maintainers, Apache-2.0'
 version = release = ElementTree.parse(HERE.parent / 'package.xml').findtext('version')
@@ -29,7 +31,7 @@ myst_links_external_new_tab = False
 highlight_language = 'none'
 
 # The public interface, in reference/api.md: each class with its documented attributes and methods.
-autodoc_default_options = {'members': True, 'inherited-members': 'object, ValueError, ArithmeticError',
+autodoc_default_options = {'members': True, 'inherited-members': 'object, BaseException',
                            'member-order': 'bysource'}
 autodoc_typehints = 'signature'
 python_maximum_signature_line_length = 88
@@ -38,7 +40,7 @@ default_role = 'code'
 # Types in signatures that have no page: those of other packages, and internal ones.
 nitpick_ignore_regex = [
     ('py:class', r'ArrayLike|DataFrame|FloatArray|Path|collections\.abc\.\w+'),
-    ('py:class', r'ChargingStop|Optimum|Plan|Session|Worth'),
+    ('py:class', r'ChargingStop|Optimum|Plan|Schedule|Session|Trip|Worth'),
     ('py:class', r'bev_preheat\.(simulation|vehicle)\.[\w.]+'),
 ]
 
@@ -74,6 +76,16 @@ def link_to_gallery(app, name, source):
                        lambda link: f']({link[1]}gallery/{"index" if link[2] else link[3]}.rst)', source[0])
 
 
+def link_public_names(app, what, name, obj, options, lines):
+    """Turn public classes, and functions with brackets, into links in a docstring."""
+    for number, line in enumerate(lines):
+        line = re.sub(r'`(\w+)\(\)`', lambda found: (
+            f':func:`{found[1]}`' if found[1] in bev_preheat.__all__ else found[0]), line)
+        lines[number] = re.sub(r'(?<![\w.`:])([A-Z]\w+)(?![\w.`(])', lambda found: (
+            f':class:`{found[1]}`' if found[1] in bev_preheat.__all__ else found[0]), line)
+
+
 def setup(app):
     """Connect the functions above to the build."""
+    app.connect('autodoc-process-docstring', link_public_names)
     app.connect('source-read', link_to_gallery)

@@ -26,10 +26,11 @@ state = bp.BatteryState(temperature_c=-10.0, soc=0.9)
 
 compared = bp.compare(vehicle, route, state)
 best, paper = compared.plans['merit_order'], compared.plans['paper']
+print('               from the cells   heating    brakes   on arrival')
 for name, plan in (('merit_order', best), ('paper', paper), ('optimum', compared.optimum)):
     braked_wh = float(plan.friction_brake_power_w @ np.diff(plan.time_s)) / 3600.0
-    print(f'{name:12} {plan.battery_energy_wh:6.0f} Wh from the cells, {plan.heating_energy_wh:4.0f} Wh to heat, '
-          f'{braked_wh:4.0f} Wh in the brakes, arrives with {plan.arrival_temperature_c:.1f} °C')
+    print(f'{name:15}{plan.battery_energy_wh:11.0f} Wh{plan.heating_energy_wh:7.0f} Wh'
+          f'{braked_wh:7.0f} Wh{plan.arrival_temperature_c:10.1f} °C')
 
 # %%
 # Each interval of heating has a reason: ``DESCENT`` warms the battery in advance, ``SURPLUS`` uses power that
@@ -37,7 +38,8 @@ for name, plan in (('merit_order', best), ('paper', paper), ('optimum', compared
 
 for reason in ('DESCENT', 'SURPLUS', 'ARRIVAL'):
     intervals = [each for each in best.to_dict()['stretches'] if each['reason'] == reason]
-    print(f'{reason:8} {intervals[0]["start_s"] / 60.0:4.1f} ... {intervals[-1]["end_s"] / 60.0:4.1f} min: '
+    start_min, end_min = intervals[0]['start_s'] / 60.0, intervals[-1]['end_s'] / 60.0
+    print(f'{reason:8} {start_min:4.1f} ... {end_min:4.1f} min: '
           f'{sum(each["energy_wh"] for each in intervals):5.0f} Wh')
 
 # %%
@@ -49,7 +51,8 @@ for reason in ('DESCENT', 'SURPLUS', 'ARRIVAL'):
 
 figure, (temperature, heater, power, brake) = plt.subplots(
     4, 1, sharex=True, figsize=(8.0, 9.0), layout='constrained', height_ratios=(1.3, 0.8, 1.6, 0.8))
-for plan, name, colour in ((best, 'merit_order', '#0072B2'), (paper, "the paper's plan, driven", '#009E73')):
+for plan, name, colour in ((best, 'merit_order', '#0072B2'),
+                           (paper, "the paper's plan, driven", '#009E73')):
     minutes = plan.time_s / 60.0
     temperature.plot(minutes, plan.battery_temperature_c, color=colour, label=name)
     heater.stairs(plan.hvch_battery_power_w / 1e3, minutes, color=colour, baseline=None, linewidth=1.5)

@@ -49,18 +49,20 @@ plt.show()
 route = bp.load_route('legs/reference', vehicle)
 state = bp.BatteryState(temperature_c=-10.0, soc=0.9)
 values_per_h = np.geomspace(0.5, 50.0, 21)
-results = [bp.worth(vehicle, route, state, CHARGER_W, 0.80, energy_price_per_kwh=0.50, value_of_time_per_h=value)
-           for value in values_per_h]
+results = [bp.worth(vehicle, route, state, CHARGER_W, departure_soc=0.80, energy_price_per_kwh=0.50,
+                    value_of_time_per_h=value) for value in values_per_h]
 print(results[-1].verdict)
 
 arrival_c = [each.to_dict()['best']['arrival_temperature_c'] for each in results]
 saved_min = [each.saved_charging_time_s / 60.0 for each in results]
-extra_cost = [0.50 * (each.to_dict()['best']['bought_energy_wh']
-                      - each.to_dict()['without_heating']['bought_energy_wh']) / 1e3 for each in results]
+bought_wh = [[each.to_dict()[case]['bought_energy_wh'] for case in ('best', 'without_heating')]
+             for each in results]
+extra_cost = [0.50 * (best_wh - unheated_wh) / 1e3 for best_wh, unheated_wh in bought_wh]
 for value, saved, cost in list(zip(values_per_h, saved_min, extra_cost, strict=True))[::5]:
     print(f'an hour is worth {value:5.2f}: {saved:4.1f} min saved for {cost:.2f}')
 
-figure, (target, minutes_saved) = plt.subplots(2, 1, sharex=True, figsize=(8.0, 5.5), layout='constrained')
+figure, (target, minutes_saved) = plt.subplots(
+    2, 1, sharex=True, figsize=(8.0, 5.5), layout='constrained')
 target.plot(values_per_h, arrival_c, 'o-', color='#D55E00')
 target.set_ylabel('best battery temperature\non arrival [°C]')
 minutes_saved.plot(values_per_h, saved_min, 'o-', color='#0072B2')

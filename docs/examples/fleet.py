@@ -29,10 +29,11 @@ def savings_of(number):
     ambient_c = random.normal(-3.0, 6.0)
     minutes = int(random.integers(30, 76))
     speed_mps = random.uniform(80.0, 120.0) / 3.6
+    power_w = 12.0 * speed_mps ** 2 + 6e3 + random.normal(0.0, 2e3, minutes)
     route = bp.make_route({'duration_s': np.full(minutes, 60.0), 'speed_mps': speed_mps,
-                           'propulsion_power_w': 12.0 * speed_mps ** 2 + 6e3 + random.normal(0.0, 2e3, minutes),
-                           'ambient_temperature_c': ambient_c}, vehicle)
-    worth = bp.worth(vehicle, route, bp.BatteryState(ambient_c, soc=0.7), 150e3, departure_soc=0.8).to_dict()
+                           'propulsion_power_w': power_w, 'ambient_temperature_c': ambient_c}, vehicle)
+    state = bp.BatteryState(ambient_c, soc=0.7)
+    worth = bp.worth(vehicle, route, state, charger_power_w=150e3, departure_soc=0.8).to_dict()
     best, without = worth['best'], worth['without_heating']
     return (car, ambient_c, (without['charging_time_s'] - best['charging_time_s']) / 60.0,
             (best['bought_energy_wh'] - without['bought_energy_wh']) / 1e3)
@@ -50,8 +51,8 @@ if __name__ == '__main__':
     for car in CARS:
         saved_min = np.array([trip[2] for trip in trips if trip[0] == car])
         energy_kwh = np.array([trip[3] for trip in trips if trip[0] == car])
-        print(f'{car:16} median {np.median(saved_min):4.1f} min saved for {np.median(energy_kwh):5.2f} kWh, '
-              f'one trip in ten saves {np.quantile(saved_min, 0.9):4.1f} min or more')
+        print(f'{car:15}: median {np.median(saved_min):4.1f} min for {np.median(energy_kwh):4.2f} kWh; '
+              f'one trip in ten {np.quantile(saved_min, 0.9):4.1f} min or more')
 
 # %%
 # Savings over the weather
@@ -62,7 +63,8 @@ if __name__ == '__main__':
 if __name__ == '__main__':
     figure, (saved, energy) = plt.subplots(2, 1, sharex=True, figsize=(8.0, 6.0), layout='constrained')
     for car, colour, mark in zip(CARS, ('#0072B2', '#E69F00', '#009E73'), 'os^', strict=True):
-        _, ambient_c, saved_min, extra_kwh = zip(*(trip for trip in trips if trip[0] == car), strict=True)
+        own = [trip for trip in trips if trip[0] == car]
+        _, ambient_c, saved_min, extra_kwh = zip(*own, strict=True)
         saved.plot(ambient_c, saved_min, mark, color=colour, alpha=0.8, label=car)
         energy.plot(ambient_c, extra_kwh, mark, color=colour, alpha=0.8)
     saved.set_ylabel('time saved at the charger [min]')

@@ -12,8 +12,9 @@ import matplotlib.pyplot as plt
 
 import bev_preheat as bp
 
-sheet = {'chemistry': 'nmc', 'usable_energy_kwh': 77.0, 'gross_energy_kwh': 82.0, 'battery_mass_kg': 493.0,
-         'cells_in_series': 96, 'charging_power_kw': 135.0, 'vehicle_mass_kg': 2200.0}
+sheet = {'chemistry': 'nmc', 'usable_energy_kwh': 77.0, 'gross_energy_kwh': 82.0,
+         'battery_mass_kg': 493.0, 'cells_in_series': 96, 'charging_power_kw': 135.0,
+         'vehicle_mass_kg': 2200.0}
 car = bp.make_vehicle('my car', **sheet)
 
 # %%

@@ -47,7 +47,8 @@ for plan, name, style in ((heuristic, "the paper's heuristic", {'color': '#009E7
                           (optimum, 'optimum', {'color': 'black', 'linestyle': ':', 'linewidth': 2.0})):
     label = f'{name}: {plan.arrival_temperature_c:.2f} °C, {plan.battery_energy_wh / 1e3:.3f} kWh'
     temperature.plot(plan.time_s / 60.0, plan.battery_temperature_c, label=label, **style)
-    power.stairs(plan.hvch_battery_power_w / 1e3, plan.time_s / 60.0, label=name, baseline=None, **style)
+    power.stairs(plan.hvch_battery_power_w / 1e3, plan.time_s / 60.0, label=name, baseline=None,
+                 **style)
 temperature.axhline(25.0, color='gray', linestyle='--', linewidth=1.0, label='target')
 temperature.set_ylabel('battery temperature [°C]')
 temperature.legend(title='battery on arrival, energy drawn from the cells')

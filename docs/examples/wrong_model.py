@@ -31,7 +31,7 @@ faults = {'wrong model, coarse sensor': [],
 drives = {name: bp.drive(vehicle, route, state, mismatch=wrong, sensors=coarse, heater_faults=each)
           for name, each in faults.items()}
 for name, drive in drives.items():
-    print(f'{name:36} arrives {drive.arrival_error_k:+6.2f} K from the target; heater: {drive.heater_verdict}')
+    print(f'{name:37}: {drive.arrival_error_k:+6.2f} K on arrival, heater {drive.heater_verdict}')
 
 # %%
 # The drives
