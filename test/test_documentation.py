@@ -2,10 +2,11 @@
 """
 README and docs: commands work, links have targets, and the reference is complete.
 
-In a ```console block each line that begins with `$ preheat` is run, and its output must contain the lines
-up to the next command; an ellipsis stands for omitted text. The exit status must be 0, or 2 if a line
-`preheat: error:` is shown. The commands of a page run in order in one folder, which contains the page's code
-blocks with a caption as files; packages of docs/examples that the page names are installed. Commands that must not run are in ```bash or ```text.
+In a ```console block each line that begins with `$ preheat` is run, and its output must contain the lines up to
+the next command; an ellipsis stands for omitted text. The exit status must be 0, or 2 if a line `preheat: error:`
+is shown. The commands of a page run in order in one folder, which contains the page's code blocks with a caption
+as files; packages of docs/examples that the page names are installed for them. Commands that must not run are in
+```bash or ```text.
 """
 
 from dataclasses import dataclass
