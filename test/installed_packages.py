@@ -34,5 +34,5 @@ def use_folder(monkeypatch, folder):
     monkeypatch.syspath_prepend(str(folder))
     monkeypatch.setattr(installed_methods, '_loaded', {})
     for module in folder.glob('*.py'):
-        # Also one that a test loaded from another folder.
+        # A test may have loaded this module from another folder.
         monkeypatch.delitem(sys.modules, module.stem, raising=False)

@@ -201,7 +201,7 @@ def test_the_frame_of_a_plan(vehicle, route):
     np.testing.assert_array_equal(frame.index, plan.time_s)
     assert frame.index.name == 'time_s' and len(frame) == len(route) + 1
     assert frame['battery_temperature_c'].iloc[-1] == pytest.approx(25.0, abs=1e-3)
-    # A power holds until the next instant; there is none after the arrival.
+    # A power holds until the next instant, so the arrival has no power.
     assert np.isnan(frame['hvch_battery_power_w'].iloc[-1])
     assert frame['hvch_battery_power_w'].iloc[:-1].tolist() == plan.hvch_battery_power_w.tolist()
 
@@ -253,7 +253,7 @@ def test_the_frames_of_a_comparison_and_an_optimum(vehicle, route):
         frame.loc['paper', 'battery_energy_wh'] - frame.loc['optimum', 'battery_energy_wh'])
     optimum = compared.optimum.to_frame()
     assert optimum['battery_temperature_c'].iloc[-1] == pytest.approx(25.0, abs=0.01)
-    # A warm battery: nothing is heated, and no start is none in the frame.
+    # A warm battery is not heated; the frame then has NaN as the start.
     warm = bp.compare(vehicle, route, bp.BatteryState(30.0, 0.9), methods=['paper']).to_frame()
     assert warm['heating_start_s'].isna().all() and (warm['heating_energy_wh'] < 0.1).all()
 

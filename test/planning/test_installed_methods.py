@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Planning methods of other packages: how they are found, what they receive, and what may come back."""
+"""Planning methods of other packages: discovery, the situation, and valid and broken answers."""
 
 import math
 import subprocess

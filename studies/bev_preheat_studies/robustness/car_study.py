@@ -59,7 +59,7 @@ class CarResult:
 
 
 def settings_of_compared(method: str, period_s: float) -> Settings:
-    """Return the Settings of one of COMPARED or a planning method; states and commands come every period [s]."""
+    """Return the Settings of a name in COMPARED or of a planning method, for a period [s]."""
     settings = COMPARED[method] if method in COMPARED else Settings(method=method)
     return replace(
         settings, command_period_s=period_s,
