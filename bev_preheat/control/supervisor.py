@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from typing import NamedTuple, TYPE_CHECKING
 
+from bev_preheat.control.admitted import find_obstacle
 from bev_preheat.control.command import Commander
 from bev_preheat.control.decision import Command, Decision, WITHOUT_ROUTE
 from bev_preheat.control.decision_maker import DecisionMaker
@@ -25,7 +26,6 @@ from bev_preheat.control.events import (
 )
 from bev_preheat.control.inbox import Inbox
 from bev_preheat.control.knowledge import Knowledge
-from bev_preheat.control.obstacle import find_obstacle
 from bev_preheat.control.planner_state import PlannerState
 from bev_preheat.control.preparation import PreparationControl
 from bev_preheat.errors import InvalidInput, LONGEST_PROBLEM, shortened
