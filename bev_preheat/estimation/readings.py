@@ -127,12 +127,15 @@ class ReadingCheck:
 
     def judge(self, measurement: MeasuredState, expected: tuple[Expected, Expected]) -> Verdict:
         """Return the Verdict on a MeasuredState; `expected` are temperature [deg C] and charge, with variances."""
-        excursion = self._excursion(measurement, expected)
+        looks = self._looks_at(measurement.state)
+        excursion = self._excursion(measurement.stamp_ns, looks[0], expected[0])
         if excursion is not None:
             self._doubted = None
             self._ignored.append(excursion is Verdict.EXCURSION)
             return excursion
-        is_plausible = self._is_plausible(measurement.state, expected)
+        is_plausible = all(
+            abs(reading - mean) <= 0.5 * step + IMPLAUSIBLE_DEVIATIONS * max(math.sqrt(max(variance, 0.0)), least)
+            for (reading, step, least), (mean, variance) in zip(looks, expected))
         self._ignored.append(not is_plausible)
         if is_plausible:
             self._doubted = None
@@ -144,28 +147,20 @@ class ReadingCheck:
             return Verdict.DOUBTED
         return Verdict.JUMPED
 
-    def _excursion(self, measurement: MeasuredState, expected: tuple[Expected, Expected]) -> Verdict | None:
+    def _excursion(self, stamp_ns: int, look: Look, expected: Expected) -> Verdict | None:
         """Return the Verdict on a temperature in an excursion, or one that just ended; None: no excursion."""
-        reading, step, least = self._looks_at(measurement.state)[0]
-        mean, variance = expected[0]
+        (reading, step, least), (mean, variance) = look, expected
         beyond_k = abs(reading - mean) - 0.5 * step
         deviations = EXCURSION_DEVIATIONS if self._excursion_ns is None else RETURN_DEVIATIONS
         if not deviations * max(math.sqrt(max(variance, 0.0)), least) < beyond_k <= LARGEST_EXCURSION_K:
             self._excursion_ns = None
             return None
         if self._excursion_ns is None:
-            self._excursion_ns = measurement.stamp_ns
-        if measurement.stamp_ns - self._excursion_ns < LONGEST_EXCURSION_S * NS_PER_S:
+            self._excursion_ns = stamp_ns
+        if stamp_ns - self._excursion_ns < LONGEST_EXCURSION_S * NS_PER_S:
             return Verdict.EXCURSION
         self._excursion_ns = None
         return Verdict.LASTING
-
-    def _is_plausible(self, state: BatteryState, expected: tuple[Expected, Expected]) -> bool:
-        """Whether the readings agree with the expectation within MOST_DEVIATIONS."""
-        return all(
-            abs(reading - mean) <= 0.5 * step + IMPLAUSIBLE_DEVIATIONS * max(
-                math.sqrt(max(variance, 0.0)), least)
-            for (reading, step, least), (mean, variance) in zip(self._looks_at(state), expected))
 
     def _agree(self, one: BatteryState, other: BatteryState) -> bool:
         """Whether two rejected readings agree."""
