@@ -24,6 +24,7 @@ from bev_preheat.planning import (
     merit_order,
     no_regret,
     optimal_switch,
+    outcome,
     paper,
     prices,
     schedule,
@@ -57,9 +58,10 @@ NAMES: Mapping[ModuleType, str] = {
     limited_switch: 'MOST_RUNS:MOST_LIMITED_SWITCH_RUNS',
     limits: 'ACTIVE_W COLDER_BY_K',
     merit_order: 'LEAST_SAVING_SOC LEAST_WARMER_K MOST_PASSES SOC_AGREEMENT SOC_AGREEMENT_FOR_EXCHANGES',
-    no_regret: ('BELOW_UNHEATED_K MOST_HALVINGS MOST_TARGETS NO_WORSE_W POWER_TOLERANCE POWER_WEIGHT_W SOC_AIM '
+    no_regret: ('BELOW_UNHEATED_K MOST_HALVINGS MOST_TARGETS NO_WORSE_W POWER_WEIGHT_W SOC_AIM '
                 'SOC_TOLERANCE TARGET_TOLERANCE_K TARGET_TOLERANCE_OF_POWER_K'),
     optimal_switch: 'HEATING_ALLOWANCE',
+    outcome: 'POWER_TOLERANCE',
     paper: 'LOST_ABOVE_TARGET_K',
     prices: 'SOC_DIFFERENCE TEMPERATURE_DIFFERENCE_K',
     schedule: 'HEATING_SHARE',

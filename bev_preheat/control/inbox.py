@@ -32,8 +32,7 @@ from bev_preheat.errors import age_beyond, InvalidInput
 from bev_preheat.estimation.driver_choices import CancelledTrip, DriverChoices, NO_CHOICES
 from bev_preheat.planning.situation import check_situation, Goal
 from bev_preheat.route.plausibility import unit_warnings
-from bev_preheat.signals.electrical import ElectricalCheck
-from bev_preheat.signals.percent_scale import PercentScale
+from bev_preheat.signals.electrical import ElectricalCheck, PercentScale
 from bev_preheat.signals.verdict import SignalVerdict, STATE_OF_CHARGE
 from bev_preheat.vehicle.description import Vehicle
 

@@ -27,8 +27,8 @@ class PlannerState(NamedTuple):
     Inputs: the `vehicle` as its file describes it, the `settings`, the driver's `choices` and the battery's
     `last_seen` (None: unknown), which outlive the process; `rivals`, the names of other nodes that command the
     same heater ('' for none). `mission` is that of the route (None without one), `active_mission` that which is
-    planned for: the one made for `preparation_goal`, else that of the route. `latest_mission` includes one that
-    was dropped because it does not fit the parameters; `unit_warnings` are sentences on fields of the current
+    planned for: the one made for `preparation_goal`, else that of the route. `latest_mission` may have been
+    dropped because it does not fit the parameters; `unit_warnings` are sentences on fields of the current
     route that look like wrong units, `refused_route` and `refused_progress` the sentences of the latest refusals
     (None after a valid input). `place` is the place by route progress, None before the first.
     `overtaken_states` is the number of battery states dropped because a later one had arrived a moment before

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from typing import NamedTuple, TYPE_CHECKING
 
+from bev_preheat.control.admitted import find_obstacle
 from bev_preheat.control.command import Commander
 from bev_preheat.control.decision import Command, Decision, WITHOUT_ROUTE
 from bev_preheat.control.decision_maker import DecisionMaker
@@ -25,7 +26,6 @@ from bev_preheat.control.events import (
 )
 from bev_preheat.control.inbox import Inbox
 from bev_preheat.control.knowledge import Knowledge
-from bev_preheat.control.obstacle import find_obstacle
 from bev_preheat.control.planner_state import PlannerState
 from bev_preheat.control.preparation import PreparationControl
 from bev_preheat.errors import InvalidInput, LONGEST_PROBLEM, shortened
@@ -107,9 +107,10 @@ class Supervisor:
         an event time passes: the command is renewed, and a decision whose inputs have expired is dropped. An
         unexpected exception switches the heater off.
         """
-        refusals: tuple[Refusal, ...] = ()
+        refusals: list[Refusal] = []
         try:
-            refusals = tuple(refusal for event in events if (refusal := self._admit(event, now_ns)) is not None)
+            for event in events:
+                self._admit(event, now_ns, refusals)
             if not events:
                 output = self._let_time_pass(now_ns)
             elif all(isinstance(event, PLACES) for event in events):
@@ -118,7 +119,7 @@ class Supervisor:
                 output = self._react(now_ns, events)
         except Exception as error:
             output = self.fail(now_ns, f'{type(error).__name__}: {error}')
-        return output._replace(refusals=refusals, outcomes=self._preparation.take_outcomes())
+        return output._replace(refusals=tuple(refusals), outcomes=self._preparation.take_outcomes())
 
     def later_decisions(self) -> tuple[Decision, ...]:
         """
@@ -203,8 +204,8 @@ class Supervisor:
         return self._inbox.admitted(
             self._preparation.timetable, self._screened if arrived is self._arrived else arrived, self._doubt)
 
-    def _admit(self, event: Event, now_ns: int) -> Refusal | None:
-        """Take an event in; return its Refusal, None if it is accepted."""
+    def _admit(self, event: Event, now_ns: int, refusals: list[Refusal]) -> None:
+        """Take an event in, or add its Refusal."""
         try:
             if isinstance(event, PreparationWanted):
                 self._preparation.begin(event.preparation_goal, self._admitted(), now_ns)
@@ -216,8 +217,7 @@ class Supervisor:
             else:
                 self._inbox.admit(event, now_ns)
         except InvalidInput as error:
-            return Refusal(event.source, error)
-        return None
+            refusals.append(Refusal(event.source, error))
 
     def _learn_from_changes(self, now_ns: int, events: tuple[Event, ...]) -> None:
         """Bring all that is known up to date with the admitted events."""
@@ -251,12 +251,12 @@ class Supervisor:
 
     def _see(self, measurement: Measurement) -> None:
         """Take a valid Measurement in: check its signals and learn from it."""
-        inputs, history, stamp_ns = self._inputs, self._commander.history, measurement.stamp_ns
+        inputs, history = self._inputs, self._commander.history
         known = self._knowledge.see(
             measurement, inputs.active_timetable, history, inputs.settings, inputs.defaults)
         self._arrived, self._screened, self._doubt = measurement, known.measurement, self._knowledge.obstacle
-        self._inputs = self._admitted()
-        self._preparation.see(known.measurement, history.mean_w(stamp_ns, stamp_ns), self._inputs)
+        self._inputs = inputs._replace(measurement=self._screened, doubt=self._doubt)
+        self._preparation.see(known.measurement, known.command_w, self._inputs)
         if inputs.settings.estimation:
             self._decision_maker.learn(known, inputs.active_timetable, history, inputs.mission)
 

@@ -127,7 +127,7 @@ class Timetable:
         """
         fixes = self._fixes
         if not fixes or instant_ns <= fixes[0].stamp_ns:
-            delay_ns = fixes[0].stamp_ns - fixes[0].planned_ns if fixes else self.delay_ns
+            delay_ns = fixes[0].stamp_ns - fixes[0].planned_ns if fixes else self.mission.delay_ns
             return instant_ns - delay_ns
         last = fixes[-1]
         if instant_ns > last.stamp_ns:

@@ -40,8 +40,8 @@ if TYPE_CHECKING:
 
     from bev_preheat.control.decision import Command, Decision
     from bev_preheat.nodes.stops import PlannedStop
+    from bev_preheat.planning.outcome import Stranding
     from bev_preheat.planning.plan import Plan
-    from bev_preheat.planning.stranding import Stranding
     from bev_preheat.route import Route
     from bev_preheat.vehicle.description import Defaults, Vehicle
 

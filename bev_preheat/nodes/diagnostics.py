@@ -11,8 +11,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.estimation.state import FACTOR_NAMES
-from bev_preheat.native.declines import DECLINES
-from bev_preheat.native.library import core_in_words
+from bev_preheat.native.library import core_in_words, DECLINES
 from bev_preheat.nodes.convert import time_message
 from bev_preheat.nodes.route_progress import progress_diagnostics
 from bev_preheat.planning.explanation import duration_text

@@ -11,8 +11,8 @@ from bev_preheat.planning.schedule import HeldBack
 from bev_preheat.planning.status import Status
 
 if TYPE_CHECKING:
+    from bev_preheat.planning.outcome import Stranding
     from bev_preheat.planning.plan import Plan
-    from bev_preheat.planning.stranding import Stranding
 
 # A route that starts within this time starts now.
 LEAST_TOLD_S = 0.5

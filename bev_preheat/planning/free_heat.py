@@ -21,7 +21,7 @@ from bev_preheat.planning.cheapest_steps import whole_charge_wh
 from bev_preheat.planning.dynamics import JOULES_PER_WH, native_vehicle, terminal_limits_w
 from bev_preheat.planning.heat_run import initial_states
 from bev_preheat.planning.limits import drive_as_planned
-from bev_preheat.planning.no_regret import power_deficit
+from bev_preheat.planning.outcome import power_deficit
 from bev_preheat.planning.trip import BELOW_HIGHEST_K
 
 if TYPE_CHECKING:

@@ -9,10 +9,10 @@ from functools import cached_property
 from typing import Any, TYPE_CHECKING
 
 from bev_preheat.planning.dynamics import Energies
+from bev_preheat.planning.outcome import Stranding
 from bev_preheat.planning.schedule import HeatRun, HeldBack
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.status import Status
-from bev_preheat.planning.stranding import Stranding
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray

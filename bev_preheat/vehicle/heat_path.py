@@ -8,6 +8,7 @@ The equations are in `heated_step`.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 
 @dataclass(frozen=True)
@@ -28,7 +29,7 @@ class HeatPath:
         """Whether the heat passes through coolant."""
         return self.coolant_heat_capacity_j_per_k > 0.0
 
-    @property
+    @cached_property
     def is_direct(self) -> bool:
         """Whether heat arrives without delay."""
         return self.heater_lag_s == 0.0 and not self.has_coolant

@@ -1,16 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Response of the battery's power to the heater's command: evidence on the heater if power is measured.
+The battery's measured power: its samples, and its response to the heater's command.
 
-The power beyond the route plan, its cabin and its auxiliaries is the heater's power plus an excess: traffic, a
-wrong consumption, an unplanned consumer. The excess lasts for minutes, and the heater's power follows
-its command with a lag. Each kind of heater, with each of three lags, therefore has a scalar Kalman filter for the
-excess, and is weighted by how well it predicts the mean power of the next block. A power that does not step with
-the command only moves the excess.
+The samples give mean and variance of a step, the hidden ripple, and the excess over the route.
+
+The response is evidence on the heater. The power beyond the route plan, its cabin and its auxiliaries is the
+heater's power plus an excess: traffic, a wrong consumption, an unplanned consumer. The excess lasts for minutes,
+and the heater's power follows its command with a lag. Each kind of heater, with each of three lags, therefore has
+a scalar Kalman filter for the excess, and is weighted by how well it predicts the mean power of the next block.
+A power that does not step with the command only moves the excess.
 """
 
 from __future__ import annotations
 
+from collections import deque
 import math
 from typing import TYPE_CHECKING
 
@@ -20,9 +23,18 @@ from bev_preheat.estimation.hypotheses import HEALTHY, HEATERS, prior_weights, S
 from bev_preheat.numerics.arithmetic import array_exp, array_log
 
 if TYPE_CHECKING:
+    from collections.abc import Collection
+
     from bev_preheat.estimation.hypotheses import Heater
     from bev_preheat.numerics.arrays import FloatArray
 
+# The samples' variance is computed over this time [s], about a segment of a route.
+VARIATION_S = 40.0
+# The comparison with the route's variance reaches back this far [s].
+REMEMBERED_S = 600.0
+# On a real drive the power of a single second is several times the route's mean, so the excess is averaged over
+# this time [s].
+AVERAGED_S = 30.0
 # Power is averaged over blocks of this length [s]: longer than most heater ramps, shorter than a heating interval.
 BLOCK_S = 30.0
 # Lags of the heater behind its command [s]; heaters lag by up to 90 s.
@@ -44,6 +56,83 @@ MOST_EVIDENCE = 3.0
 # Degrees of freedom of Student's t: traffic makes large errors likely.
 FREEDOM = 4.0
 LEAST_WEIGHT = 1e-9
+
+
+class PowerSamples:
+    """Samples of the battery's power [W]; instants in seconds."""
+
+    def __init__(self) -> None:
+        """Start without samples."""
+        # Samples of the current step; the first one ended the previous step.
+        self._step_w: list[float] = []
+        # Instants [s] and powers [W] of the last VARIATION_S.
+        self._latest_s: deque[float] = deque()
+        self._latest_w: deque[float] = deque()
+        # Variance of the samples and of the route, each times its duration [W^2 s].
+        self._seen_w2s = self._route_w2s = 0.0
+        # Duration of each step [s], and its propulsion energy beyond the route's [J].
+        self._excess: deque[tuple[float, float]] = deque()
+
+    def see(self, instant_s: float, power_w: float | None) -> None:
+        """Add a sample; None: the power is unknown, and the step has no mean."""
+        if power_w is None:
+            self._step_w = []
+            self._excess.clear()
+            return
+        self._step_w.append(power_w)
+        self._latest_s.append(instant_s)
+        self._latest_w.append(power_w)
+        while self._latest_s[0] < instant_s - VARIATION_S:
+            self._latest_s.popleft()
+            self._latest_w.popleft()
+
+    def begin_step(self, power_w: float | None) -> None:
+        """Begin a step with the sample of its first instant [W], None: unknown."""
+        self._step_w = [] if power_w is None else [power_w]
+
+    def end_step(self) -> None:
+        """Begin the next step with the last sample of this one."""
+        self._step_w = self._step_w[-1:]
+
+    def forget_latest(self) -> None:
+        """Discard the samples; keep the share of the route's variance that they showed."""
+        self._step_w = []
+        self._latest_s.clear()
+        self._latest_w.clear()
+        self._excess.clear()
+
+    def step(self) -> tuple[float, float] | None:
+        """Return mean [W] and variance [W^2] of the power in the step; None: unknown."""
+        return _mean_and_variance(self._step_w) if len(self._step_w) >= 2 else None
+
+    def hidden_w2(self, route_w2: float, duration_s: float) -> float:
+        """
+        Return the part of a route's power variance [W^2] that the samples do not show in a step.
+
+        Samples once a second may miss a ripple. Single segments vary more or less than the route states, so
+        sums over REMEMBERED_S are compared.
+        """
+        if route_w2 == 0.0:
+            return 0.0
+        kept = max(0.0, 1.0 - duration_s / REMEMBERED_S)
+        self._seen_w2s = kept * self._seen_w2s + duration_s * _mean_and_variance(self._latest_w)[1]
+        self._route_w2s = kept * self._route_w2s + duration_s * route_w2
+        return route_w2 * max(0.0, 1.0 - self._seen_w2s / self._route_w2s)
+
+    def mean_propulsion_w(self, seen_w: float, route_w: float, duration_s: float) -> float:
+        """Return the route's propulsion power [W] plus the mean excess over it in the last AVERAGED_S."""
+        self._excess.append((duration_s, duration_s * (seen_w - route_w)))
+        total_s = sum([seconds for seconds, _ in self._excess])
+        while total_s - self._excess[0][0] >= AVERAGED_S:
+            total_s -= self._excess.popleft()[0]
+        return route_w + sum([excess_j for _, excess_j in self._excess]) / total_s
+
+
+def _mean_and_variance(values: Collection[float]) -> tuple[float, float]:
+    """Return mean and variance of values."""
+    # NumPy is slower for a few dozen values.
+    mean = sum(values) / len(values)
+    return mean, sum([(value - mean)**2 for value in values]) / len(values)
 
 
 class PowerResponse:
