@@ -12,6 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from bev_preheat.commands.completion import completed_by, NameCompleter, VEHICLES
+from bev_preheat.commands.log import add_signal_arguments
 from bev_preheat.commands.situation import add_route_options, in_steps, ROUTE_OPTIONS, route_options
 from bev_preheat.console.terminal import result_console
 from bev_preheat.errors import InvalidInput
@@ -46,7 +47,7 @@ def add_parser(subparsers: Subparsers) -> None:
         'route', help='make a route file from navigation, a drive cycle, a description of a trip or drive logs',
         description='Make a route file from any file with a route (drive cycle, list of segments, GPX, GeoJSON, '
                     'answer of OSRM or Valhalla, SUMO), from a description of a trip (legs of road with '
-                    'limits, slopes and stops) or from drive logs (CSV, one sample a second).')
+                    'limits, slopes and stops) or from drive logs of any known format.')
     source = parser.add_mutually_exclusive_group(required=True)
     completed_by(NameCompleter('routes/legs'), source.add_argument(
         '--legs', metavar='NAME|FILE',
@@ -62,6 +63,7 @@ def add_parser(subparsers: Subparsers) -> None:
         help='with --legs and --from: the car that drives; with --log: the car that drove, for its '
         'auxiliary power; a name in config/vehicles or a YAML file'))
     add_route_options(parser)
+    add_signal_arguments(parser)
     parser.add_argument('--step', type=float, metavar='SECONDS',
                         help=f'duration of a segment, with --log (default {DEFAULT_STEP_S:g})')
     parser.add_argument('--averages', type=float, nargs='+', metavar='SECONDS',
@@ -112,7 +114,7 @@ def _load(arguments: Namespace,
     _refuse_route_options(arguments)
     step_s = DEFAULT_STEP_S if arguments.step is None else arguments.step
     logs = [expanded(path) for path in arguments.log]
-    logged = load_drive_logs(logs, vehicle.defaults, step_s)
+    logged = load_drive_logs(logs, vehicle.defaults, step_s, arguments.signals, arguments.repair)
     return ' + '.join(Path(path).stem for path in logs), logged.route, logged.remarks, logs, ()
 
 
@@ -140,11 +142,11 @@ def _driven(arguments: Namespace,
 def _command(arguments: Namespace) -> str:
     """Return the command that reproduces this route file."""
     words = ['preheat', 'route']
-    for option in ('legs', 'from', 'log', 'vehicle', *ROUTE_OPTIONS, 'step', 'output'):
+    for option in ('legs', 'from', 'log', 'signals', 'vehicle', *ROUTE_OPTIONS, 'step', 'output'):
         value = getattr(arguments, 'source' if option == 'from' else option.replace('-', '_'))
         if value is not None:
             words += [f'--{option}', *map(str, value if isinstance(value, list) else [value])]
-    return shlex.join(words)
+    return shlex.join([*words, '--repair'] if arguments.repair else words)
 
 
 def _comparison(arguments: Namespace, vehicle: Vehicle) -> Table:

@@ -46,6 +46,19 @@ class _Fix(NamedTuple):
     planned_ns: int
 
 
+class PlaceReport(NamedTuple):
+    """
+    The vehicle's place on a route of `length_m` [m], by its latest Progress.
+
+    `delay_ns` [ns] is negative if it is early; `stood_ns` [ns] is the delay that has built up since it last moved.
+    """
+
+    latest: Progress
+    length_m: float
+    delay_ns: int
+    stood_ns: int
+
+
 class Timetable:
     """
     One Mission, and the vehicle's place on it.
@@ -88,9 +101,12 @@ class Timetable:
         """The vehicle's delay [ns]; negative: it is early."""
         return self.mission.delay_ns
 
-    def age_s(self, now_ns: int) -> float | None:
-        """Return the age of the latest Progress [s]; None without one."""
-        return None if self.latest is None else (now_ns - self.latest.stamp_ns) / NS_PER_S
+    @property
+    def place(self) -> PlaceReport | None:
+        """The PlaceReport of now; None without Progress."""
+        if self.latest is None:
+            return None
+        return PlaceReport(self.latest, self.places.length_m, self.delay_ns, self.stood_ns)
 
     def lose_time(self) -> None:
         """Go by the Mission's own stamp again, because the clock was restarted."""

@@ -68,7 +68,7 @@ class Decoder:
         numbers = np.where(np.isfinite(numbers), numbers, np.nan)
         for nothing in self.source.no_reading:
             none = np.abs(numbers - nothing) <= 1e-9 * max(abs(nothing), 1.0)
-            self._dropped(remarks, f'none {nothing:g}', f'{nothing:g} means no reading and', none, places, where)
+            self._dropped(remarks, f'none {nothing:g}', f'{nothing:g} means no reading', none, places, where)
             numbers[none] = np.nan
         if self._conversion is None:
             if not np.isfinite(numbers).any():
@@ -81,7 +81,7 @@ class Decoder:
             at = int(np.argmax(bad))
             # Rounding of the unit's conversion.
             bad &= (own < low - 1e-9 * abs(low)) | (own > high + 1e-9 * abs(high))
-            self._dropped(remarks, 'range', f'{figure(numbers[at])} (plausible: {self._range()})', bad, places, where)
+            self._dropped(remarks, 'range', f'{figure(numbers[at])} is implausible ({self._range()})', bad, places, where)
         return np.where(bad, np.nan, own)
 
     def _choose(self, numbers: FloatArray, remarks: Remarks, path: str) -> None:
@@ -131,7 +131,9 @@ class Decoder:
 
     def _converted(self, numbers: FloatArray) -> FloatArray:
         assert self._conversion is not None
-        own = (numbers * self._scale + self.source.offset) * self._conversion.factor + self._conversion.offset
+        # A damaged number may be too large for any unit; it is implausible then.
+        with np.errstate(over='ignore'):
+            own = (numbers * self._scale + self.source.offset) * self._conversion.factor + self._conversion.offset
         return -own if self.source.charging_is_positive else own
 
     def _range(self) -> str:
@@ -139,13 +141,13 @@ class Decoder:
         ends = sorted((((-end if self.source.charging_is_positive else end) - self._conversion.offset)
                        / self._conversion.factor - self.source.offset) / self._scale
                       for end in self.source.plausible)
-        return f'{figure(ends[0])} ... {figure(ends[1])}'
+        return f'plausible: {figure(ends[0])} ... {figure(ends[1])}'
 
     def _dropped(self, remarks: Remarks, cause: str, words: str, which: BoolArray, places: IntArray,
                  where: str) -> None:
         if which.any():
             remarks.add(f'{self.channel} {self.source.signal} {cause}',
-                        f'{where} {places[int(np.argmax(which))]}: {self.channel}: {words} is dropped',
+                        f'{where} {places[int(np.argmax(which))]}: {self.channel}: {words}; it is dropped',
                         int(which.sum()))
 
 

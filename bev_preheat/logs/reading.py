@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -28,29 +29,33 @@ HOLD_S = 60.0
 MOST_OUT_OF_ORDER = 0.02
 LONGEST_LIST = 400
 FASTEST_MPS = 100.0
+LONGEST_LOG_S = 60.0 * 86400.0
 
 
 def read_recording(path: str | Path, signals: str | Path | SignalMap | None = None,
-                   repair: bool = False) -> Recording:
+                   repair: bool = False, only: Collection[str] | None = None) -> Recording:
     """
     Return the Recording of a log.
 
     `signals` is a signal map: a name in config/signals, a YAML file or a SignalMap; None: the map that recognises
     the log's channels, else the common one. Doubts about sign, unit or scale are among the remarks; with `repair`
-    they are corrected. Power is added as voltage times current if the log has none. Raises InvalidInput naming file, place, value and what is allowed.
+    they are corrected. `only` names the signals that are read (None: all). Power is added as voltage times current if the log has none. Raises InvalidInput naming file, place, value and what is allowed.
     """
-    log = open_log(path)
+    given = signals if signals is None or isinstance(signals, SignalMap) else load_signal_map(signals)
+    log = open_log(path, () if given is None else given.databases)
     names = [channel.name for channel in log.channels]
-    signal_map = (signals if isinstance(signals, SignalMap) else
-                  recognised_map(names) if signals is None else load_signal_map(signals))
+    signal_map = recognised_map(names) if given is None else given
     chosen = {signal: source.chosen(names) for signal, source in signal_map.sources.items()}
-    chosen = {signal: channels for signal, channels in chosen.items() if channels}
+    chosen = {signal: channels for signal, channels in chosen.items()
+              if channels and (only is None or signal in only)}
     if not chosen:
         raise InvalidInput(
             f'{path}: none of its channels is a signal of the signal map {signal_map.name}; the channels are '
             f'{shortened(", ".join(names), LONGEST_LIST)}; name them in a signal map')
     log.use(signal_map)
     remarks = Remarks()
+    for channel in {each for channels in chosen.values() for each in channels if f'{each} #2' in names}:
+        remarks.add(f'twice {channel}', f'{path}: {channel} is named more than once; the first counts')
     units = {channel.name: channel.unit for channel in log.channels}
     decoders = {(signal, channel): Decoder(signal_map.sources[signal], channel, units[channel], log.decimal,
                                          repair)
@@ -138,8 +143,8 @@ def _series(path: str | Path, log: RawLog, chosen: dict[str, tuple[str, ...]],
         for channel in channels:
             kept = samples[signal, channel]
             if kept.averaged > 1:
-                remarks.add('averaged', f'{path}: the log is long; each sample is the mean of {kept.averaged} readings '
-                            f'({channel}: {kept.readings})', noun='channel')
+                remarks.add('averaged', f'{path}: the log is long ({channel}: {kept.readings} readings); a sample is the '
+                            f'mean of {kept.averaged} readings', noun='channel')
             part = _in_order(path, log, channel, *kept.arrays(), remarks)
             if len(part.time_s):
                 parts.append(part)
@@ -153,6 +158,14 @@ def _series(path: str | Path, log: RawLog, chosen: dict[str, tuple[str, ...]],
 def _in_order(path: str | Path, log: RawLog, channel: str, time_s: FloatArray, values: FloatArray,
               places: IntArray, remarks: Remarks) -> Series:
     """Return the samples with strictly increasing times; remark on those that were sorted or left out."""
+    if len(time_s):
+        # Clocks that were not yet set, or a digit that was lost.
+        far = np.abs(time_s - np.median(time_s)) > LONGEST_LOG_S
+        if far.any():
+            remarks.add_shared('far', f'{path}, {log.place} {places[int(np.argmax(far))]}: the time is more than '
+                        f'{LONGEST_LOG_S / 86400.0:g} days from the others; the reading is dropped', int(far.sum()),
+                        'reading')
+            time_s, values, places = time_s[~far], values[~far], places[~far]
     steps_s = np.diff(time_s)
     back = np.flatnonzero(steps_s < 0.0)
     if back.size:
@@ -161,15 +174,15 @@ def _in_order(path: str | Path, log: RawLog, channel: str, time_s: FloatArray, v
         if back.size > max(2.0, MOST_OUT_OF_ORDER * len(time_s)) or time_s[-1] - time_s.min() < 0.5 * np.ptp(time_s):
             raise InvalidInput(f'{where}, in {back.size} places; a log must be one drive: split it, or name the '
                                'channel of the time in a signal map')
-        remarks.add('order', f'{where}; the readings are sorted', int(back.size), 'place')
+        remarks.add_shared('order', f'{where}; the readings are sorted', int(back.size), 'place')
         order = np.argsort(time_s, kind='stable')
         time_s, values, places = time_s[order], values[order], places[order]
         steps_s = np.diff(time_s)
     same = np.flatnonzero(steps_s == 0.0)
     if same.size:
         # A clock of whole seconds, and faster readings: their mean counts.
-        remarks.add('same', f'{path}, {log.place} {places[same[0] + 1]}: {channel} has another reading at the same '
-                    'time; their mean counts', int(same.size), 'reading')
+        remarks.add_shared('same', f'{path}, {log.place} {places[same[0] + 1]}: has the time of the reading before; '
+                           'their mean counts', int(same.size), 'reading')
         starts = np.flatnonzero(np.concatenate([[True], steps_s > 0.0]))
         values = np.add.reduceat(values, starts) / np.diff(starts, append=len(values))
         time_s = time_s[starts]

@@ -27,9 +27,12 @@ class Remarks:
         elif count:
             self._causes[cause] = _Cause(first, noun, count)
 
-    def __contains__(self, cause: str) -> bool:
-        """Return whether a cause has a case."""
-        return cause in self._causes
+    def add_shared(self, cause: str, first: str, count: int, noun: str) -> None:
+        """Add cases of a cause that channels share, such as a faulty line; the largest count of a channel counts."""
+        if cause in self._causes:
+            self._causes[cause].count = max(self._causes[cause].count, count)
+        else:
+            self.add(cause, first, count, noun)
 
     def sentences(self) -> tuple[str, ...]:
         """Return a sentence for each cause."""

@@ -12,8 +12,8 @@ from bev_preheat.logs.recording import Series
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray, IntArray
 
-# Beyond this many samples of a channel, pairs of neighbours are averaged (half a day at 10 Hz).
-MOST_SAMPLES = 400_000
+# Beyond this many samples of a channel, pairs of neighbours are averaged (six hours at 10 Hz).
+MOST_SAMPLES = 200_000
 
 
 class Samples:

@@ -12,8 +12,10 @@ if TYPE_CHECKING:
     from bev_preheat.logs.recording import Series
     from bev_preheat.numerics.arrays import BoolArray
 
-# An interval is a gap if it is this many times the usual one, and longer than LEAST_GAP_S.
-GAP_TIMES, LEAST_GAP_S = 2.5, 1.5
+# An interval is a gap if it is this many times the usual one, and longer than LEAST_GAP_S. In a log whose intervals
+# mostly are the same, a single missing sample is a gap.
+GAP_TIMES, REGULAR_GAP_TIMES, LEAST_GAP_S = 2.5, 1.9, 1.5
+REGULAR_SHARE, REGULAR_DEVIATION = 0.6, 0.05
 
 
 @dataclass(frozen=True)
@@ -28,7 +30,12 @@ class Sampling:
 
 def shortest_gap_s(series: Series) -> float:
     """Return the length from which on an interval is a gap [s]."""
-    return max(LEAST_GAP_S, GAP_TIMES * float(np.median(np.diff(series.time_s)))) if len(series.time_s) > 1 else np.inf
+    if len(series.time_s) < 2:
+        return np.inf
+    steps_s = np.diff(series.time_s)
+    usual_s = float(np.median(steps_s))
+    regular = np.mean(np.abs(steps_s - usual_s) <= REGULAR_DEVIATION * usual_s) >= REGULAR_SHARE
+    return max(LEAST_GAP_S, (REGULAR_GAP_TIMES if regular else GAP_TIMES) * usual_s)
 
 
 def gaps(series: Series) -> BoolArray:

@@ -70,12 +70,13 @@ class Source:
 
 @dataclass(frozen=True)
 class SignalMap:
-    """A signal map: Sources by signal, names of the channel with the time, and channels that tell the log."""
+    """A signal map: Sources by signal, names of the channel with the time, channels that tell the log, DBC files."""
 
     name: str
     sources: dict[str, Source]
     time: tuple[str, ...] = ()
     recognised_by: tuple[str, ...] = ()
+    databases: tuple[Path, ...] = ()
 
     def recognises(self, names: Sequence[str]) -> bool:
         """Return whether a log with these channels belongs to this map."""
@@ -119,7 +120,8 @@ def load_signal_map(name_or_file: str | Path) -> SignalMap:
     if problems:
         raise InvalidInput(problems)
     return SignalMap(contents.get('name', path.stem), sources, _texts(contents.get('time', ())),
-                     _texts(contents.get('recognised_by', ())))
+                     _texts(contents.get('recognised_by', ())),
+                     tuple(path.parent / file for file in _texts(contents.get('dbc', ()))))
 
 
 def shipped_maps() -> tuple[SignalMap, ...]:

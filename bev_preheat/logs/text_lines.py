@@ -9,7 +9,7 @@ from pathlib import Path
 from bev_preheat.errors import InvalidInput
 
 HEAD_BYTES = 1 << 18
-BLOCK_CHARACTERS = 1 << 22
+BLOCK_CHARACTERS = 1 << 20
 # No logger writes a longer line.
 LONGEST_LINE = 1 << 22
 # Characters that no text has.

@@ -49,7 +49,8 @@ def explain(plan: Plan, reserve: float, starts_in_s: float = 0.0, unheated: str 
     """
     begins = (f'The route begins in {duration_text(starts_in_s)}. '
               if starts_in_s >= LEAST_TOLD_S else '')
-    return begins + _outcome(plan, reserve, starts_in_s, unheated, too_cold_because, heated_s, words)
+    note = f' {plan.note}' if plan.note else ''
+    return begins + _outcome(plan, reserve, starts_in_s, unheated, too_cold_because, heated_s, words) + note
 
 
 def _outcome(plan: Plan, reserve: float, starts_in_s: float, unheated: str, too_cold_because: str,

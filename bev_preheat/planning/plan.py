@@ -34,6 +34,7 @@ class Plan:
     `hvch_battery_power_w` (N,), the mean electrical power in each step; `friction_brake_power_w` (N,), the power
     that the friction brake takes because the battery cannot. If the vehicle has a heat path,
     `hvch_battery_power_w` is the command and `heat` (planning.schedule.HeatRun) its outcome; else None.
+    `note` is a remark on an installed method's powers, '' without one.
     """
 
     status: Status
@@ -57,6 +58,7 @@ class Plan:
     held_back: HeldBack | None = None
     stranding: Stranding | None = None
     heat: HeatRun | None = None
+    note: str = ''
 
     @cached_property
     def explanation(self) -> str:

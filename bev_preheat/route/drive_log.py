@@ -1,59 +1,42 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Builds a Route from drive logs: CSV files, one sample a second, a header, `#` for comments.
+Builds a Route from drive logs of any format that bev_preheat.logs reads.
 
-Columns: time_s, speed_mps, ambient_c (ambient temperature), cabin_heater_w (electrical
-power of the cabin heater), and the battery's terminal power, positive when discharging: either
-power_w or voltage_v and current_a. aircon_w (air conditioning) is optional; other columns are
-ignored. Speed may be in km/h (speed_kmh), powers in kW (power_kw, ...).
+A log needs speed, ambient temperature and the battery's terminal power (or voltage and current). Cabin heater, air
+conditioning and auxiliaries are optional. Samples may be a tenth of a second to half a minute apart.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
-from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.errors import InvalidInput
-from bev_preheat.route.columns import advice, alternatives, Column, doubled, power_columns, speed_columns
-from bev_preheat.route.segments import LIMITS, make_route, Route
-from bev_preheat.route.text_table import read_text_table
+from bev_preheat.errors import figure, InvalidInput
+from bev_preheat.logs.reading import read_recording
+from bev_preheat.logs.recording import Recording, Series
+from bev_preheat.logs.sampling import gaps, LEAST_GAP_S
+from bev_preheat.route.segments import make_route, Route
 
 if TYPE_CHECKING:
-    from bev_preheat.numerics.arrays import FloatArray, IntArray
+    from bev_preheat.logs.signal_map import SignalMap
+    from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.vehicle.description import Defaults
 
-# Valid range of a sample: (low, high). Values outside come from sensor faults.
-POSSIBLE = {
-    'speed_mps': LIMITS['speed_mps'],
-    'voltage_v': (1.0, 1500.0),
-    'current_a': (-3000.0, 3000.0),
-    'power_w': LIMITS['propulsion_power_w'],
-    'ambient_c': LIMITS['ambient_temperature_c'],
-    'cabin_heater_w': LIMITS['cabin_heating_power_w'],
-    'aircon_w': LIMITS['auxiliary_power_w'],
-}
-COLUMNS = {
-    'time_s': Column('time_s'),
-    **speed_columns(),
-    'ambient_c': Column('ambient_c'),
-    **power_columns('cabin_heater_w'),
-    **power_columns('power_w'),
-    'voltage_v': Column('voltage_v'),
-    'current_a': Column('current_a'),
-    **power_columns('aircon_w'),
-}
-# A sample is valid for at most this time [s]; a longer interval is a gap.
-LONGEST_INTERVAL_S = 1.5
-# Longest gap that is bridged [s], and the largest share of a log that is bridged.
-LONGEST_GAP_S = 10.0
+# Signals that a route is made of, or that tell mix-ups of these.
+USED = ('speed_mps', 'ambient_c', 'power_w', 'voltage_v', 'current_a', 'soc', 'battery_temperature_c', 'heater_w',
+        'battery_heater_w', 'cabin_heater_w', 'auxiliary_w', 'aircon_w', 'latitude_deg', 'longitude_deg',
+        'odometer_m')
+# Longest gap that is bridged [s], or as many usual intervals, and the largest share of a log that is bridged.
+LONGEST_GAP_S, LONGEST_GAP_INTERVALS = 10.0, 4.0
 MOST_BRIDGED = 0.2
-# Number of a log's gaps that are reported individually.
-MOST_GAPS_NAMED = 5
+# Longest usual interval [s]; from SLOW_S on, the variation between the samples is unknown.
+LONGEST_INTERVAL_S, SLOW_S = 40.0, 5.0
+# Instants closer than this [s] become one.
+SHORTEST_STEP_S = 0.05
 
 
 @dataclass(frozen=True)
@@ -64,27 +47,26 @@ class LoggedRoute:
     remarks: tuple[str, ...]
 
 
-def load_drive_logs(paths: Iterable[str | Path], defaults: Defaults,
-                    step_s: float = 30.0) -> LoggedRoute:
+def load_drive_logs(paths: Iterable[str | Path], defaults: Defaults, step_s: float = 30.0,
+                    signals: str | Path | SignalMap | None = None, repair: bool = False) -> LoggedRoute:
     """
     Return the LoggedRoute of drive logs, joined in the given order, in segments of `step_s`.
 
-    Propulsion power is the terminal power minus cabin heater, air conditioning
-    and the constant auxiliary power of `defaults` (vehicle.description.Defaults). A sample holds
-    until the next one. Empty, NaN or implausible samples are dropped and reported; gaps
-    up to LONGEST_GAP_S are bridged by linear interpolation and reported.
+    Propulsion power is the terminal power minus heaters, air conditioning and auxiliaries; without a cabin heater
+    or auxiliaries in the log, those of `defaults` (vehicle.description.Defaults) count. A sample holds until the
+    next one; gaps up to LONGEST_GAP_S or LONGEST_GAP_INTERVALS are bridged by linear interpolation. `signals` and
+    `repair` as for `read_recording`.
 
-    Raises InvalidInput naming file, line, column, value and allowed range: missing columns, text
-    instead of a number, time that does not increase, gaps too long or too many.
+    Raises InvalidInput naming file, place and what is allowed: missing signals, gaps too long or too many.
     """
     if not 1.0 <= step_s <= 3600.0:
         raise InvalidInput(f'step: {step_s:g} s is not allowed; it must be 1 ... 3600 s')
     remarks: list[str] = []
     pieces = []
     for path in paths:
-        names, lines, samples = _read(path)
-        lines, samples = _possible_samples(path, names, lines, samples, remarks)
-        pieces.append(_segments(path, names, lines, samples, defaults, remarks))
+        recording = read_recording(path, signals, repair, USED)
+        remarks += recording.remarks
+        pieces.append(_segments(path, recording, defaults, remarks))
     columns = {name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]}
     described = ', '.join(map(str, paths))
     try:
@@ -97,120 +79,98 @@ def load_drive_logs(paths: Iterable[str | Path], defaults: Defaults,
     return LoggedRoute(route, tuple(remarks))
 
 
-def _read(path: str | Path) -> tuple[tuple[str, ...], IntArray, FloatArray]:
-    """Return the names of the columns used, line numbers (N,), samples (N, columns) in SI units."""
-    table = read_text_table(path, COLUMNS)
-    if len(table.rows) < 2:
-        raise InvalidInput(f'{path}: has {len(table.rows)} samples; at least 2 are needed, '
-                           'below a header')
-    names = _wanted_columns(f'{path}, line {table.header_line}', table.header)
-    columns = table.numbers(names, empty_is_nan=True)
-    return names, np.array(table.lines), np.column_stack(
-        [COLUMNS[name].si(values) for name, values in zip(names, columns)])
+def _segments(path: str | Path, recording: Recording, defaults: Defaults,
+              remarks: list[str]) -> dict[str, FloatArray]:
+    """Return the columns of Route, one segment a sample."""
+    found = recording.signals
+    missing = [f'{name}{" (or voltage_v and current_a)" if name == "power_w" else ""}'
+               for name in ('speed_mps', 'ambient_c', 'power_w') if name not in found]
+    if missing:
+        raise InvalidInput([f'{path}: has no {", no ".join(missing)}; signals found: {", ".join(found)}; name its '
+                            'channel in a signal map (--signals), or rename the column', *recording.remarks])
+    time_s, usual_s = _instants(path, found['speed_mps'], found['power_w'], remarks)
 
+    def at_instants(name: str) -> FloatArray:
+        series = found[name]
+        return np.interp(time_s, series.time_s, series.value)
 
-def _wanted_columns(where: str, header: list[str]) -> tuple[str, ...]:
-    """Return the columns used, time first."""
-    found = {COLUMNS[name].quantity: name for name in header if name in COLUMNS}
-    power = ('power_w',) if 'power_w' in found else ('voltage_v', 'current_a')
-    wanted = ('time_s', 'speed_mps', 'ambient_c', 'cabin_heater_w', *power)
-    # A log has many other columns; only a name that may stand for a missing column gets advice.
-    advised = [advice(name, COLUMNS) for name in header if name not in COLUMNS]
-    problems = []
-    for quantity in wanted:
-        if quantity in found:
-            continue
-        names = alternatives(quantity, COLUMNS)
-        renaming = [sentence for sentence in advised if sentence.endswith(f'to {names}')]
-        if renaming:
-            problems.append(f'{where}: {renaming[0]}')
-            continue
-        near = get_close_matches(quantity, header, n=1)
-        hint = f'; is it {near[0]!r}?' if near else ''
-        other = f' (or {alternatives("power_w", COLUMNS)})' \
-            if quantity in ('voltage_v', 'current_a') else ''
-        problems.append(f'{where}: missing column {names}{other}{hint}')
-    used = {quantity: found[quantity] for quantity in (*wanted, 'aircon_w') if quantity in found}
-    problems += [f'{where}: {problem}' for problem in doubled(
-        header, {name: column for name, column in COLUMNS.items() if column.quantity in used})]
-    if problems:
-        raise InvalidInput(problems)
-    return tuple(used.values())
-
-
-def _possible_samples(path: str | Path, names: Sequence[str], lines: IntArray, samples: FloatArray,
-                      remarks: list[str]) -> tuple[IntArray, FloatArray]:
-    """Return lines and samples without implausible ones; time must increase."""
-    time_s = samples[:, 0]
-    at = int(np.argmin(np.isfinite(time_s)))
-    if not np.isfinite(time_s[at]):
-        raise InvalidInput(f'{path}, line {lines[at]}: time_s: {time_s[at]:g} is not a time')
-    falls = np.flatnonzero(np.diff(time_s) <= 0.0)
-    if falls.size:
-        at = falls[0] + 1
-        raise InvalidInput(f'{path}, line {lines[at]}: time_s: {time_s[at]:g} is not after '
-                           f'{time_s[at - 1]:g} of the previous sample')
-    good = np.ones(len(samples), dtype=bool)
-    for name, values in zip(names[1:], samples.T[1:]):
-        column = COLUMNS[name]
-        low, high = POSSIBLE[column.quantity]
-        bad = ~((values >= low) & (values <= high))
-        if bad.any():
-            at, count = int(np.argmax(bad)), int(bad.sum())
-            more = f' (and {count - 1} more lines)' if count > 1 else ''
-            remarks.append(f'{path}, line {lines[at]}: {name}: {column.own(values[at]):g} is '
-                           f'dropped; allowed: {column.own(low):g} ... {column.own(high):g}{more}')
-            good &= ~bad
-    if good.sum() < 2:
-        raise InvalidInput(f'{path}: has {int(good.sum())} valid samples; at least 2 '
-                           'are needed')
-    return lines[good], samples[good]
-
-
-def _segments(path: str | Path, names: Sequence[str], lines: IntArray, samples: FloatArray,
-              defaults: Defaults, remarks: list[str]) -> dict[str, FloatArray]:
-    """Return the columns of Route, one segment per sample; gaps are bridged."""
-    logged_s = samples[:, 0]
-    time_s = _bridged(path, lines, logged_s, remarks)
-    log = {COLUMNS[name].quantity: values for name, values in zip(names, samples.T)}
-    power_w = log['power_w'] if 'power_w' in log else log['voltage_v'] * log['current_a']
-    auxiliary_w = log.get('aircon_w', 0.0) + np.full(len(logged_s), defaults.auxiliary_power_w)
-
-    def over_gaps(values: FloatArray) -> FloatArray:
-        return np.interp(time_s, logged_s, values)
-
-    # The last sample is valid for the usual sampling time.
-    interval_s = min(float(np.median(np.diff(logged_s))), LONGEST_INTERVAL_S)
+    cabin_w, battery_w = _heaters(path, recording, defaults, time_s, remarks)
+    auxiliary_w = (at_instants('auxiliary_w') if 'auxiliary_w' in found else
+                   np.full(len(time_s), defaults.auxiliary_power_w))
+    if 'aircon_w' in found:
+        auxiliary_w = auxiliary_w + at_instants('aircon_w')
     return {
-        'duration_s': np.diff(time_s, append=time_s[-1] + interval_s),
-        'speed_mps': over_gaps(log['speed_mps']),
-        'propulsion_power_w': over_gaps(power_w - log['cabin_heater_w'] - auxiliary_w),
-        'ambient_temperature_c': over_gaps(log['ambient_c']),
-        'cabin_heating_power_w': over_gaps(log['cabin_heater_w']),
-        'auxiliary_power_w': over_gaps(auxiliary_w),
-    }
+        'duration_s': np.diff(time_s, append=time_s[-1] + usual_s), 'speed_mps': at_instants('speed_mps'),
+        'propulsion_power_w': at_instants('power_w') - cabin_w - battery_w - auxiliary_w,
+        'ambient_temperature_c': at_instants('ambient_c'), 'cabin_heating_power_w': cabin_w,
+        'auxiliary_power_w': auxiliary_w}
 
 
-def _bridged(path: str | Path, lines: IntArray, time_s: FloatArray,
-             remarks: list[str]) -> FloatArray:
-    """Return the instants of the samples, with extra ones about a second apart in the gaps."""
-    lengths_s = np.diff(time_s)
-    gaps = np.flatnonzero(lengths_s > LONGEST_INTERVAL_S)
-    # Both ends of a gap have samples; those between are missing.
-    missing_s = float(np.sum(lengths_s[gaps] - 1.0))
-    allowed_s = MOST_BRIDGED * (time_s[-1] - time_s[0])
-    described = [f'{path}, line {lines[at + 1]}: {lengths_s[at]:g} s without a valid sample, from '
-                 f'{time_s[at]:g} s to {time_s[at + 1]:g} s' for at in gaps]
-    too_long = [f'{gap}; at most {LONGEST_GAP_S:g} s are bridged'
-                for gap, at in zip(described, gaps) if lengths_s[at] > LONGEST_GAP_S]
-    if too_long:
-        raise InvalidInput(too_long)
-    if missing_s > allowed_s:
-        raise InvalidInput(f'{path}: {missing_s:g} s without samples, in {len(gaps)} gaps; at most '
-                           f'{allowed_s:g} s, {MOST_BRIDGED:.0%} of the log, are bridged')
-    remarks += [f'{gap}, are bridged' for gap in described[:MOST_GAPS_NAMED]]
-    if len(gaps) > MOST_GAPS_NAMED:
-        remarks.append(f'{path}: {len(gaps) - MOST_GAPS_NAMED} more gaps are bridged')
-    inserted = [np.linspace(time_s[at], time_s[at + 1], int(np.ceil(lengths_s[at])) + 1)[1:-1]
-                for at in gaps]
-    return np.sort(np.concatenate([time_s, *inserted]))
+def _heaters(path: str | Path, recording: Recording, defaults: Defaults, time_s: FloatArray,
+             remarks: list[str]) -> tuple[FloatArray, FloatArray]:
+    """Return the electrical powers of heating cabin and battery [W] at instants."""
+    power_w = {name: np.interp(time_s, recording.signals[name].time_s, recording.signals[name].value)
+               for name in ('heater_w', 'battery_heater_w', 'cabin_heater_w') if name in recording.signals}
+    battery_w = power_w.get('battery_heater_w', np.zeros(len(time_s)))
+    if 'cabin_heater_w' in power_w:
+        return power_w['cabin_heater_w'], battery_w
+    if 'heater_w' in power_w:
+        if 'battery_heater_w' not in power_w:
+            remarks.append(f'{path}: has no cabin_heater_w; all of heater_w is taken to heat the cabin')
+        return np.maximum(power_w['heater_w'] - battery_w, 0.0), battery_w
+    also = '' if 'auxiliary_w' in recording.signals else f' and auxiliaries ({figure(defaults.auxiliary_power_w)} W)'
+    remarks.append(f'{path}: has no cabin_heater_w; cabin heating ({figure(defaults.cabin_heating_power_w)} W)'
+                   f'{also} are those of the vehicle')
+    return np.full(len(time_s), defaults.cabin_heating_power_w), battery_w
+
+
+def _instants(path: str | Path, speed: Series, power: Series, remarks: list[str]) -> tuple[FloatArray, float]:
+    """Return the instants of the segments [s], extra ones in gaps, and the usual interval [s]."""
+    begin_s, end_s = max(speed.time_s[0], power.time_s[0]), min(speed.time_s[-1], power.time_s[-1])
+    inside = [series.time_s[(series.time_s >= begin_s) & (series.time_s <= end_s)] for series in (speed, power)]
+    fewest = min(map(len, inside))
+    if fewest < 2:
+        raise InvalidInput(f'{path}: has {fewest} samples of speed and power at the same time; at least 2 are needed')
+    usual_s = max(float(np.median(np.diff(time_s))) for time_s in inside)
+    if usual_s > LONGEST_INTERVAL_S:
+        raise InvalidInput(f'{path}: has a sample every {figure(usual_s, 3)} s; at most {LONGEST_INTERVAL_S:g} s are '
+                           'allowed')
+    if usual_s >= SLOW_S:
+        remarks.append(f'{path}: has a sample every {figure(usual_s, 3)} s; a sample holds until the next one, so peaks '
+                       'between them are missing')
+    _check_gaps(path, {'speed_mps': Series(inside[0], inside[0]), 'power_w': Series(inside[1], inside[1])}, remarks)
+    time_s = np.union1d(*inside)
+    while (close := np.diff(time_s) < SHORTEST_STEP_S).any():
+        # Of several close instants each second one goes, until none are close.
+        gone = np.flatnonzero(close) + 1
+        time_s = np.delete(time_s, gone[::2] if len(gone) > 1 else gone)
+    steps_s = np.diff(time_s)
+    inserted = [np.linspace(time_s[at], time_s[at + 1], max(int(np.ceil(steps_s[at] / usual_s)), 1) + 1)[1:-1]
+                for at in np.flatnonzero(steps_s > max(LEAST_GAP_S, 1.5 * usual_s))]
+    return np.sort(np.concatenate([time_s, *inserted])), usual_s
+
+
+def _check_gaps(path: str | Path, sampled: dict[str, Series], remarks: list[str]) -> None:
+    """Refuse gaps that are too long or too many; remark on the others, once for signals with the same gaps."""
+    described: dict[str, list[str]] = {}
+    for name, series in sampled.items():
+        steps_s, at = np.diff(series.time_s), np.flatnonzero(gaps(series))
+        if not at.size:
+            continue
+        usual_s, span_s = float(np.median(steps_s)), float(np.ptp(series.time_s))
+        longest_s = max(LONGEST_GAP_S, LONGEST_GAP_INTERVALS * usual_s)
+        worst = at[np.argmax(steps_s[at])]
+        if steps_s[worst] > longest_s:
+            raise InvalidInput(f'{path}: {name}: {figure(steps_s[worst])} s without a valid sample, from '
+                               f'{figure(series.time_s[worst])} s to {figure(series.time_s[worst + 1])} s; at most '
+                               f'{figure(longest_s)} s are bridged')
+        missing_s = float(np.sum(steps_s[at] - usual_s))
+        if missing_s > MOST_BRIDGED * span_s:
+            raise InvalidInput(f'{path}: {name}: {figure(missing_s)} s without samples, in {len(at)} gaps; at most '
+                               f'{figure(MOST_BRIDGED * span_s)} s, {MOST_BRIDGED:.0%} of the log, are bridged')
+        first = at[0]
+        many = f' (and {len(at) - 1} more gaps, {figure(missing_s)} s in all)' if len(at) > 1 else ''
+        described.setdefault(
+            f'{figure(steps_s[first])} s without a valid sample, from {figure(series.time_s[first])} s to '
+            f'{figure(series.time_s[first + 1])} s, are bridged{many}', []).append(name)
+    remarks += [f'{path}: {" and ".join(names)}: {text}' for text, names in described.items()]

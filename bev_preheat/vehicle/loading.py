@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.errors import figure, figure_beyond, InvalidInput, quoted
-from bev_preheat.files.checked_yaml import FileData, load_checked_yaml
+from bev_preheat.files.checked_yaml import check_yaml, FileData, load_checked_yaml
 from bev_preheat.files.configuration import find_configuration
 from bev_preheat.numerics.arithmetic import ARRAYS, Curve
 from bev_preheat.vehicle.charging import charging_problems
@@ -54,7 +54,16 @@ def load_vehicle(name_or_file: str | Path) -> Vehicle:
     Raises InvalidInput naming file, key, value and allowed range.
     """
     path = vehicle_file(name_or_file)
-    contents = load_checked_yaml(path, SCHEMA)
+    return _vehicle(load_checked_yaml(path, SCHEMA), path)
+
+
+def vehicle_of_text(text: str, name: str) -> Vehicle:
+    """Return the Vehicle of the text of a vehicle file; `name` names the text in InvalidInput."""
+    return _vehicle(check_yaml(text, name, SCHEMA), name)
+
+
+def _vehicle(contents: dict[str, FileData], path: str | Path) -> Vehicle:
+    """Return the Vehicle of a checked file; raises InvalidInput that names the file."""
     battery = contents['battery']
     problems = []
     for key in ('soc_range', 'temperature_range_c'):

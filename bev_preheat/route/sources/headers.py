@@ -17,7 +17,7 @@ TIME = {'s': 1.0, 'sec': 1.0, 'secs': 1.0, 'second': 1.0, 'seconds': 1.0, 'ms': 
         'minute': 60.0, 'minutes': 60.0, 'h': 3600.0, 'hr': 3600.0, 'hours': 3600.0}
 LENGTH = {'m': 1.0, 'meter': 1.0, 'meters': 1.0, 'metre': 1.0, 'metres': 1.0, 'km': 1000.0, 'mi': 1609.344,
           'mile': 1609.344, 'miles': 1609.344, 'ft': 0.3048, 'feet': 0.3048}
-SPEED = {'m/s': 1.0, 'mps': 1.0, 'ms': 1.0, 'ms-1': 1.0, 'm/sec': 1.0, 'meters per second': 1.0, 'km/h': 1 / 3.6,
+SPEED = {'mps': 1.0, 'm/s': 1.0, 'ms': 1.0, 'ms-1': 1.0, 'm/sec': 1.0, 'meters per second': 1.0, 'km/h': 1 / 3.6,
          'kmh': 1 / 3.6, 'kph': 1 / 3.6, 'km/hr': 1 / 3.6, 'kmph': 1 / 3.6, 'kmh-1': 1 / 3.6, 'mph': 0.44704,
          'mi/h': 0.44704}
 SLOPE = {'': 1.0, '-': 1.0, 'm/m': 1.0, 'fraction': 1.0, 'ratio': 1.0, '1': 1.0, 'rise over run': 1.0,

@@ -1,0 +1,163 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The same drive read from every form of text in which it may be logged."""
+
+from logs_written import drive, moments, START_S, write_json_lines, write_leafspy, write_long, write_wide
+import numpy as np
+import pytest
+
+from bev_preheat.errors import InvalidInput
+from bev_preheat.logs.reading import read_recording
+
+SIGNALS = ('battery_temperature_c', 'soc', 'voltage_v', 'current_a', 'speed_mps', 'ambient_c', 'cabin_heater_w')
+
+
+def assert_is(recording, log, signals=SIGNALS, **tolerance):
+    """Compare each signal with the drive, at the recording's own instants."""
+    for signal in signals:
+        series = recording.signals[signal]
+        first_s = log['time_s'][0]
+        expected = np.interp(series.time_s + first_s, log['time_s'], log[signal])
+        np.testing.assert_allclose(series.value, expected, err_msg=signal, **(tolerance or {'rtol': 1e-5, 'atol': 1e-5}))
+    assert not set(signals) - recording.signals.keys()
+
+
+@pytest.mark.parametrize('separator, decimal', [(',', '.'), (';', ','), (';', '.'), ('\t', ','), ('|', '.')])
+@pytest.mark.parametrize('end, mark', [('\n', ''), ('\r\n', '\ufeff'), ('\r', '')])
+def test_separators_marks_and_line_ends(tmp_path, separator, decimal, end, mark):
+    log = drive(60.0)
+    recording = read_recording(write_wide(tmp_path / 'a.csv', log, separator, decimal, end, mark))
+    assert_is(recording, log)
+    assert recording.remarks == ()
+    assert recording.start_s is None
+    assert recording.format == 'CSV'
+
+
+@pytest.mark.parametrize('form', [
+    '%Y-%m-%dT%H:%M:%S+00:00', '%Y-%m-%dT%H:%M:%SZ', '%Y-%m-%d %H:%M:%S', '%Y-%m-%d %H:%M:%S.%f', '%d.%m.%Y %H:%M:%S',
+    '%m/%d/%Y %I:%M:%S %p', '%d/%m/%Y %H:%M:%S', '%d-%b-%Y %H:%M:%S.%f', '%Y/%m/%d %H:%M:%S', '%s', '%s000', '%s000000'])
+def test_absolute_times(tmp_path, form):
+    log = drive(60.0)
+    recording = read_recording(write_wide(tmp_path / 'a.csv', log, names={**{name: name for name in log},
+                                                                          'time_s': 'Timestamp'},
+                                          times=moments(log, form)))
+    assert_is(recording, log)
+    # 14 November 2023 is no month's 14th in disguise.
+    assert recording.start_s == START_S
+    assert recording.remarks == ()
+
+
+@pytest.mark.parametrize('heading, times, start_s', [
+    ('time_ms', lambda second: f'{1000.0 * second:.0f}', None), ('time [min]', lambda second: f'{second / 60.0:.9f}', None),
+    ('t', lambda second: f'{1000.0 * second:.0f}', None),
+    ('time', lambda second: f'{int(86390 + second) % 86400 // 3600}:{int(86390 + second) % 3600 // 60:02}'
+     f':{(86390 + second) % 60:02.0f}', None)])
+def test_relative_times(tmp_path, heading, times, start_s):
+    log = drive(60.0)
+    recording = read_recording(write_wide(tmp_path / 'a.csv', log, names={**{name: name for name in log},
+                                                                          'time_s': heading},
+                                          times=[times(second) for second in log['time_s']]))
+    assert_is(recording, log)
+    assert recording.signals['soc'].time_s[-1] == pytest.approx(60.0)
+    assert recording.start_s is start_s
+    assert len(recording.remarks) == (heading == 't')
+
+
+@pytest.mark.needs('pint')
+def test_headings_of_a_german_spreadsheet(tmp_path):
+    log = drive(60.0)
+    names = {'time_s': 'Zeit [s]', 'battery_temperature_c': 'Batterietemperatur [°F]', 'soc': 'Ladezustand (%)',
+             'voltage_v': 'HV-Spannung in V', 'current_a': 'Strom Batterie [mA]', 'speed_mps': 'Geschwindigkeit [mph]',
+             'ambient_c': 'Außentemperatur [K]'}
+    written = {name: log[name] for name in names}
+    written |= {'battery_temperature_c': 1.8 * log['battery_temperature_c'] + 32.0, 'soc': 100.0 * log['soc'],
+                'current_a': 1000.0 * log['current_a'], 'speed_mps': log['speed_mps'] / 0.44704,
+                'ambient_c': log['ambient_c'] + 273.15}
+    names['voltage_v'] = 'Spannung Batterie [V]'
+    recording = read_recording(write_wide(tmp_path / 'a.csv', written, ';', ',', names=names))
+    assert_is(recording, log, list(names)[1:])
+
+
+@pytest.mark.needs('pint')
+def test_a_log_of_leafspy(tmp_path):
+    log = drive(1700.0, 17.0)
+    recording = read_recording(write_leafspy(tmp_path / 'Log.csv', log))
+    assert recording.signal_map == 'leafspy'
+    assert recording.start_s == START_S
+    assert_is(recording, log, (*SIGNALS, 'latitude_deg', 'longitude_deg'), rtol=1e-4, atol=1e-3)
+    # The mean of the three sensors that the car has.
+    assert recording.sources['battery_temperature_c'] == ('Pack T1 C', 'Pack T2 C', 'Pack T4 C')
+    # A sine sampled 17 s apart: the distance by position is not quite that by speed, but no unit is mixed up.
+    assert recording.remarks == ()
+    np.testing.assert_allclose(recording.signals['power_w'].value, log['voltage_v'] * log['current_a'], rtol=1e-4)
+
+
+@pytest.mark.needs('pint')
+def test_a_log_of_leafspy_in_miles_is_doubted_and_repaired(tmp_path):
+    log = drive(1700.0, 17.0)
+    path = write_leafspy(tmp_path / 'Log.csv', {**log, 'speed_mps': log['speed_mps'] / 1.609344})
+    remark, = read_recording(path).remarks
+    assert 'speed_mps: its integral is' in remark and 'by position' in remark and 'mph taken as km/h?' in remark
+    assert_is(read_recording(path, repair=True), log, ('speed_mps',), rtol=1e-3)
+
+
+@pytest.mark.needs('pint')
+def test_a_reading_a_line_in_russian(tmp_path):
+    log = drive(700.0)
+    names = {'speed_mps': ('Скорость автомобиля', 'км/ч', 3.6), 'soc': ('[BMS] Уровень заряда батареи (SOC)', '%', 100.0),
+             'battery_temperature_c': ('Температура батареи', '℃', 1.0), 'voltage_v': ('Напряжение батареи', 'V', 1.0),
+             'current_a': ('Ток батареи', 'A', 1.0), 'ambient_c': ('Температура наружного воздуха', '℃', 1.0)}
+    recording = read_recording(write_long(tmp_path / 'a.csv', log, names))
+    assert recording.format == 'CSV, one reading a line'
+    assert recording.duration_s == pytest.approx(700.0, abs=1.0)
+    assert_is(recording, log, list(names), rtol=1e-4, atol=1e-4)
+
+
+@pytest.mark.needs('pint')
+def test_json_lines_with_nested_fields_that_arrive_singly(tmp_path):
+    log = drive(700.0)
+    names = {'speed_mps': ('speed', 3.6), 'soc': ('soc', 100.0), 'battery_temperature_c': ('batt_temp', 1.0),
+             'voltage_v': ('voltage', 1.0), 'current_a': ('current', 1.0), 'ambient_c': ('ext_temp', 1.0)}
+    recording = read_recording(write_json_lines(tmp_path / 'a.jsonl', log, names))
+    assert (recording.format, recording.signal_map, recording.start_s) == ('JSON lines', 'abrp', START_S)
+    assert_is(recording, log, list(names), rtol=1e-4, atol=1e-4)
+
+
+def test_damaged_lines_are_one_remark_a_cause(tmp_path):
+    log = drive(200.0)
+    path = write_wide(tmp_path / 'a.csv', log)
+    lines = path.read_text(encoding='utf-8').splitlines()
+    for at in range(20, 60):
+        lines[at] = lines[at].replace(',', ',65535,', 1)
+    for at in (80, 90, 100):
+        cells = lines[at].split(',')
+        lines[at] = ','.join([*cells[:4], 'high', *cells[5:]])
+    path.write_text('\n'.join(lines), encoding='utf-8')
+    assert read_recording(path).remarks == (
+        f'{path}, line 21: has 11 values; the header names 10 columns; the line is dropped (and 39 more lines)',
+        f"{path}, line 81: current_a: 'high' is not a number; it is dropped (and 2 more samples)")
+
+
+@pytest.mark.parametrize('contents, problem', [
+    (b'', 'is empty'), (b'\n \n', 'is empty'), (b'\x00\x01\x02\x03' * 99, 'is no log of a known format'),
+    (b'hello world\nthis is a letter\n', 'is text, but no log'),
+    (b'a,b\n1,2\n3,4\n', 'none of its channels is a signal of the signal map common; the channels are a, b'),
+    (b'colour,speed_mps\nred,2\nblue,4\n', 'line 1: no column holds the time'),
+    (b'time_s,speed_mps\n0,none\n1,none\n', 'no signal has a valid reading'),
+    (b'{"speed": 1}\n{"speed": 2}\n', 'no field holds the time'),
+    (b'\x89MCAP0\r\n', 'no message can be read'), (b'MDF     4.10', 'cannot be read as MDF'),
+])
+@pytest.mark.needs('asammdf')
+@pytest.mark.needs('rosbags')
+def test_files_that_are_no_logs(tmp_path, contents, problem):
+    path = tmp_path / 'log.mcap'
+    path.write_bytes(contents)
+    with pytest.raises(InvalidInput, match='log.mcap(:|,) .*') as caught:
+        read_recording(path)
+    assert problem in caught.value.problems[0]
+
+
+def test_missing_files_and_folders(tmp_path):
+    with pytest.raises(InvalidInput, match='no such file'):
+        read_recording(tmp_path / 'nowhere.csv')
+    with pytest.raises(InvalidInput, match='is not a regular file'):
+        read_recording(tmp_path)
