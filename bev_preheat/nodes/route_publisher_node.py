@@ -188,7 +188,12 @@ class RoutePublisherNode(Node):
             hint = self._setup.clock_hint(message.header.stamp, now_ns)
             self._refuse(f'fix refused: {error}' + (f'; {hint}' if hint else ''))
             return
-        match = places.take(fix)
+        try:
+            match = places.take(fix)
+        except Exception as error:
+            # No place for this fix; the next one may be matched.
+            self._refuse(f'fix not matched: {type(error).__name__}: {error}')
+            return
         if match.cause is Cause.OVERTAKEN:
             self._refuse(f'fix refused: {match.sentence}')
             return

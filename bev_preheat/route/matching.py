@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 USUAL_DEVIATION_M, LEAST_DEVIATION_M = 8.0, 3.0
 # Deviation of the road from the digitised line: lane, centre line, digitising [m].
 LINE_DEVIATION_M = 5.0
-# A coarser fix is not used [m]: two such fixes may differ by more than the 100 m by which a route_progress may fall.
+# A coarser fix is not used [m]: two such fixes may differ by more than the 100 m that a route_progress may fall.
 COARSEST_M = 50.0
 # Fixes closer in time tell nothing new [s]; the planner needs a place once a second.
 SPACED_S = 0.45
@@ -311,7 +311,7 @@ class Matcher:
             cause = Cause.OUTLIER
         return Match(cause, sentence, fix.stamp_ns)
 
-    # What has happened
+    # Events
 
     def _note_contradiction(self, fix: Fix) -> None:
         if self._contradicts == 0:

@@ -52,7 +52,7 @@ class Odometer:
         return True
 
     def at(self, stamp_ns: int) -> Reading | None:
-        """Return the reading at an instant [ns], interpolated; None if there is none nearby."""
+        """Return the reading at an instant [ns], interpolated; None without a reading nearby."""
         before = after = None
         for reading in reversed(self._readings):
             if reading.stamp_ns <= stamp_ns:

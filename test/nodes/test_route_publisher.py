@@ -122,7 +122,7 @@ def test_a_file_that_is_no_route_is_one_line_and_2(call_main, tmp_path):
 # Over DDS, in simulated time
 
 class Trip:
-    """A clock, a vehicle at a place, and what publisher and planner make of it."""
+    """A clock, a vehicle at a place, and the topics of publisher and planner."""
 
     def __init__(self, bench):
         self.bench = bench
@@ -215,7 +215,7 @@ def test_on_departure_and_after_a_restart_of_the_clock_the_route_is_published_ag
     assert trip.routes.latest.header.stamp.sec == pytest.approx(second, abs=4.0)
     assert publisher.output().count('left the start') == 1
 
-    # Another file replaces the route; one that cannot be read does not.
+    # Another file replaces the route; an unreadable file does not.
     def replaced(**changed):
         return bench.call(
             SetParametersAtomically, '/route_publisher/set_parameters_atomically',

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The route's line on the map: distances to it, places along it, and lines that are none."""
+"""The route's line on the map: distances to it, places along it, and unusable lines."""
 
 from dataclasses import replace
 import math

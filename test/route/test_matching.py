@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Positions matched to the route: the true place within its accuracy, and no place where there is none."""
+"""Positions matched to the route: the true place within its accuracy, and no place for a vehicle off it."""
 
 from collections import Counter
 from dataclasses import replace
@@ -57,7 +57,7 @@ class Drive:
         return self
 
     def places(self, begin_s=0.0, end_s=math.inf):
-        """Return (s, told place - true place [m]) of each place that was told."""
+        """Return (s, error of the place [m]) of each Match with a place."""
         return np.array([(second, match.distance_m - true_m) for second, match, true_m in self.told
                          if match.distance_m is not None and begin_s <= second < end_s]).reshape(-1, 2)
 
@@ -222,7 +222,7 @@ def test_a_vehicle_that_leaves_the_route_and_crosses_it_later_is_off_it(speed_mp
     drive = Drive(CORNERS, path, speed_mps=speed_mps, seed=6).run()
     left_s = 1000.0 / speed_mps
     assert np.abs(drive.errors(0.0, left_s)).max() < 30.0
-    # The gate is 33 m wide; beyond it no place is told.
+    # The gate is 33 m wide; beyond it there is no place.
     assert len(drive.errors(left_s + 45.0 / speed_mps + 1.0)) == 0
 
 
