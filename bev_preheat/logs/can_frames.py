@@ -36,7 +36,7 @@ class CanFrames:
     decimal = '.'
 
     def __init__(self, path: str | Path, kind: str, encoding: str, databases: Collection[str | Path]) -> None:
-        """Take the DBC files; raises InvalidInput if there are none, or if one cannot be read."""
+        """Take the DBC files; raises InvalidInput if none is given, or if one cannot be read."""
         require('can', 'cantools')
         self._path, self._kind, self._encoding = path, kind, encoding
         self.format = f'CAN frames ({kind})'

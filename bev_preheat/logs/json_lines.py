@@ -73,7 +73,7 @@ class JsonLines:
         """Choose the field of the time; raises InvalidInput if there is none."""
         keys = list(dict.fromkeys(key for item in self._sample for key in item))
         rows = [[item.get(key, '') for key in keys] for item in self._sample]
-        found = find_time_column(keys, [''] * len(keys), rows, '.', signal_map.time)
+        found = find_time_column(keys, [''] * len(keys), rows, '.', signal_map)
         if found is None or len(found.columns) != 1:
             raise InvalidInput(f'{self._path}: no field holds the time; the fields are {quoted(", ".join(keys))}; '
                                'give a signal map with time')

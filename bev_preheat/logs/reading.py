@@ -39,7 +39,7 @@ def read_recording(path: str | Path, signals: str | Path | SignalMap | None = No
 
     `signals` is a signal map: a name in config/signals, a YAML file or a SignalMap; None: the map that recognises
     the log's channels, else the common one. Doubts about sign, unit or scale are among the remarks; with `repair`
-    they are corrected. `only` names the signals that are read (None: all). Power is added as voltage times current if the log has none. Raises InvalidInput naming file, place, value and what is allowed.
+    they are corrected. `only` names the signals that are read (None: all). Power is added as voltage times current if the log has none. Raises InvalidInput naming file, place, value and allowed values.
     """
     given = signals if signals is None or isinstance(signals, SignalMap) else load_signal_map(signals)
     log = open_log(path, () if given is None else given.databases)

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 import re
 from typing import TYPE_CHECKING
@@ -124,6 +125,7 @@ def load_signal_map(name_or_file: str | Path) -> SignalMap:
                      tuple(path.parent / file for file in _texts(contents.get('dbc', ()))))
 
 
+@cache
 def shipped_maps() -> tuple[SignalMap, ...]:
     """Return the signal maps of config/signals, the common one last."""
     names = sorted(path.stem for path in configuration_folder('signals').glob(f'*{SUFFIX}'))

@@ -57,7 +57,7 @@ def load_drive_logs(paths: Iterable[str | Path], defaults: Defaults, step_s: flo
     next one; gaps up to LONGEST_GAP_S or LONGEST_GAP_INTERVALS are bridged by linear interpolation. `signals` and
     `repair` as for `read_recording`.
 
-    Raises InvalidInput naming file, place and what is allowed: missing signals, gaps too long or too many.
+    Raises InvalidInput naming file, place and limit: missing signals, gaps too long or too many.
     """
     if not 1.0 <= step_s <= 3600.0:
         raise InvalidInput(f'step: {step_s:g} s is not allowed; it must be 1 ... 3600 s')
