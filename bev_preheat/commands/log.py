@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from datetime import datetime, timezone
+from datetime import datetime, UTC
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -98,4 +98,4 @@ def as_dictionary(recording: Recording, samplings: dict[str, Sampling]) -> dict[
 
 
 def _moment(start_s: float) -> str:
-    return datetime.fromtimestamp(start_s, timezone.utc).strftime('%Y-%m-%d %H:%M:%S UTC')
+    return datetime.fromtimestamp(start_s, UTC).strftime('%Y-%m-%d %H:%M:%S UTC')

@@ -8,7 +8,7 @@ from contextlib import closing
 import logging
 from pathlib import Path
 import re
-from typing import Any, TYPE_CHECKING
+from typing import Any, cast, TextIO, TYPE_CHECKING
 
 import numpy as np
 
@@ -83,7 +83,7 @@ class CanFrames:
         logging.getLogger('can').setLevel(logging.CRITICAL)
         try:
             if self._kind == 'candump':
-                yield from can.CanutilsLogReader(_Lines(self._sound_lines(remarks)))
+                yield from can.CanutilsLogReader(cast(TextIO, _Lines(self._sound_lines(remarks))))
                 return
             reader = (can.ASCReader(self._path, relative_timestamp=False) if self._kind == 'ASC' else
                       can.BLFReader(self._path))

@@ -92,7 +92,7 @@ def _balance(signals: Signals) -> Iterator[Doubt]:
         scale, factor = '', 1.0
         if not low <= capacity <= high:
             # The power of ten that brings the capacity nearest to a typical one.
-            factor = 10.0 ** np.round(np.log10(typical / capacity))
+            factor = float(10.0 ** np.round(np.log10(typical / capacity)))
             scale = (f'its integral over the change of the state of charge gives a capacity of {figure(capacity, 3)} '
                      f'{unit} (plausible: {low:g} ... {high:g}); a factor of {figure(factor)} is missing')
         turned = 'it grows while the state of charge rises; positive must mean discharging' if sign < 0.0 else ''
@@ -120,7 +120,7 @@ def _power(signals: Signals) -> Iterator[Doubt]:
 
 
 def _size_of_power(signals: Signals) -> Iterator[Doubt]:
-    """A moving car needs kilowatts."""
+    """Doubt powers of less than kilowatts while the car moves."""
     for signal in ('power_w', 'propulsion_power_w'):
         if {signal, 'speed_mps'} <= signals.keys():
             power = signals[signal]
@@ -179,7 +179,7 @@ def _by_position(signals: Signals) -> Series | None:
 
 
 def _motion(signals: Signals) -> Iterator[Doubt]:
-    """Speeds and changes of speed that no car reaches."""
+    """Doubt speeds and changes of speed that no car reaches."""
     if 'speed_mps' not in signals:
         return
     speed = signals['speed_mps']
@@ -196,7 +196,7 @@ def _motion(signals: Signals) -> Iterator[Doubt]:
 
 
 def _temperature(signals: Signals) -> Iterator[Doubt]:
-    """A parked battery begins near the ambient; degrees Fahrenheit lie far from it."""
+    """Doubt temperatures far from each other at the start, as degrees Fahrenheit are."""
     if not {'battery_temperature_c', 'ambient_c'} <= signals.keys():
         return
     battery = float(np.median(signals['battery_temperature_c'].value[:20]))
@@ -214,14 +214,14 @@ def _temperature(signals: Signals) -> Iterator[Doubt]:
 
 
 def _heaters(signals: Signals) -> Iterator[Doubt]:
-    """A heater that is on needs hundreds of watts."""
+    """Doubt heaters of a few watts."""
     for signal in ('heater_w', 'battery_heater_w', 'cabin_heater_w', 'aircon_w'):
         if signal in signals and 0.0 < (largest := float(np.max(signals[signal].value))) < LEAST_HEATER_W:
             yield Doubt(signal, f'{signal}: is at most {figure(largest, 3)} W; is it in kW?', 1000.0)
 
 
 def _charge(signals: Signals) -> Iterator[Doubt]:
-    """A car in use has more than a percent of charge."""
+    """Doubt a state of charge that never exceeds a percent."""
     if 'soc' in signals and 0.0 < np.max(signals['soc'].value) <= 0.0102:
         yield Doubt('soc', f'soc: is at most {figure(float(np.max(signals["soc"].value)), 3)}; a share taken as percent?',
                     100.0)

@@ -182,7 +182,7 @@ def _is_array(path: str | Path, encoding: str) -> bool:
                 continue
             if not text.startswith('{'):
                 return text != '[' or not _is_object(next((each for each in map(str.strip, lines[1:]) if each), ''))
-            return not _is_object(text) and text.rstrip() in ('{', '{"') or bool(re.fullmatch(r'\{\s*"[^"]*"\s*:\s*\[?', text))
+            return (not _is_object(text) and text.rstrip() in ('{', '{"')) or bool(re.fullmatch(r'\{\s*"[^"]*"\s*:\s*\[?', text))
     return False
 
 

@@ -14,7 +14,7 @@ from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.files.checked_yaml import load_checked_yaml
 from bev_preheat.files.configuration import configuration_folder, find_configuration
 from bev_preheat.logs.recording import SIGNALS
-from bev_preheat.logs.units import check_unit, own_unit, split_unit
+from bev_preheat.logs.units import check_unit, LONGEST_NAME, own_unit, split_unit
 
 if TYPE_CHECKING:
     from bev_preheat.files.checked_yaml import FileData
@@ -87,6 +87,8 @@ class SignalMap:
 
 def matches(entry: str, name: str) -> bool:
     """Return whether an entry of a map, a name or a pattern between slashes, means a channel."""
+    if len(name) > LONGEST_NAME:
+        return False
     if len(entry) > 2 and entry[0] == entry[-1] == '/':
         return re.search(entry[1:-1], name, re.IGNORECASE) is not None
     last = name.rpartition('.')[2]

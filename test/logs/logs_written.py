@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """One drive, written in the forms in which loggers and apps write it."""
 
-from datetime import datetime, timedelta, timezone
+from datetime import datetime, timedelta, UTC
 import json
 
 import numpy as np
@@ -48,7 +48,7 @@ def write_wide(path, log, separator=',', decimal='.', end='\n', mark='', names=N
 
 def moments(log, form):
     """Return the times of a log as texts in a format of strftime."""
-    return [(datetime.fromtimestamp(START_S, timezone.utc) + timedelta(seconds=float(second))).strftime(form)
+    return [(datetime.fromtimestamp(START_S, UTC) + timedelta(seconds=float(second))).strftime(form)
             for second in log['time_s']]
 
 

@@ -8,7 +8,7 @@ import pytest
 from bev_preheat.errors import InvalidInput
 from bev_preheat.logs.reading import read_recording
 
-DBC = '''VERSION ""
+DBC = """VERSION ""
 NS_ :
 BS_:
 BU_: BMS
@@ -21,7 +21,7 @@ BO_ 341 BMS_State: 8 BMS
 BO_ 500 VCU_Drive: 4 BMS
  SG_ VehicleSpeed : 0|16@1+ (0.01,0) [0|250] "km/h" BMS
  SG_ AmbientTemperature : 16|8@1+ (0.5,-40) [-40|80] "degC" BMS
-'''
+"""
 
 
 def write_frames(path, log, writer):
