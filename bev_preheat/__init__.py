@@ -17,8 +17,8 @@ os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 __all__ = [
     'BatteryState', 'ComparisonResult', 'DriveResult', 'Goal', 'HeaterFault', 'InvalidInput', 'Mismatch',
     'OptimumResult', 'PlanResult', 'PlanningFailure', 'Recording', 'Route', 'Sensors', 'SessionResult', 'Vehicle',
-    'WorthResult', 'charging_session', 'compare', 'drive', 'load_recording', 'load_route', 'load_vehicle', 'make_route', 'methods',
-    'optimum', 'plan', 'routes', 'vehicles', 'worth']
+    'WorthResult', 'charging_session', 'compare', 'drive', 'load_recording', 'load_route', 'load_vehicle',
+    'make_route', 'methods', 'optimum', 'plan', 'routes', 'vehicles', 'worth']
 
 if TYPE_CHECKING:
     from bev_preheat.errors import InvalidInput, PlanningFailure
@@ -57,8 +57,8 @@ else:
         **dict.fromkeys(('ComparisonResult', 'DriveResult', 'OptimumResult', 'PlanResult', 'SessionResult',
                          'WorthResult'), 'interface.results'),
         **dict.fromkeys(('BatteryState', 'Goal'), 'planning.situation'),
-        'Recording': 'logs.recording', 'Route': 'route', 'HeaterFault': 'simulation.heater_faults', 'Mismatch': 'simulation.mismatch',
-        'Sensors': 'simulation.sensors', 'Vehicle': 'vehicle'}
+        'Recording': 'logs.recording', 'Route': 'route', 'HeaterFault': 'simulation.heater_faults',
+        'Mismatch': 'simulation.mismatch', 'Sensors': 'simulation.sensors', 'Vehicle': 'vehicle'}
 
     def __getattr__(name: str) -> Any:
         """Return a name of `__all__` out of its module."""

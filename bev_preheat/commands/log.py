@@ -64,7 +64,8 @@ def run(arguments: Namespace) -> int:
                   ('signal', 'min', 'max', 'samples', 'every [s]', 'gaps', 'longest gap [s]'),
                   [_row(recording.signals[signal], signal, samplings[signal]) for signal in recording.signals],
                   ('left', *('right',) * 6))
-    console.print(f'{recording.format}, signal map {recording.signal_map}, {recording.duration_s / 60.0:.1f} min{begun}',
+    console.print(f'{recording.format}, signal map {recording.signal_map}, {recording.duration_s / 60.0:.1f} '
+                  f'min{begun}',
                   markup=False, soft_wrap=True)
     for signal, names in recording.sources.items():
         console.print(f'{signal}: from {", ".join(names)}', markup=False, soft_wrap=True)

@@ -54,7 +54,8 @@ def load_recording(file: str | Path, signals: str | Path | None = None, repair: 
     """
     Return the Recording of a drive log of any known format; `signals` is a signal map (None: found).
 
-    With `repair` mix-ups of sign, unit and scale are corrected. Raises InvalidInput, which names file, place, value.
+    With `repair` mix-ups of sign, unit and scale are corrected. Raises InvalidInput, which names file, place,
+    value.
     """
     return read_recording(file, signals, repair)
 

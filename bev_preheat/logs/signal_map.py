@@ -29,7 +29,8 @@ PLAUSIBLE = {
     'battery_temperature_c': (-50.0, 90.0), 'soc': (0.0, 1.01), 'voltage_v': (20.0, 1500.0),
     'current_a': (-3000.0, 3000.0), 'power_w': (-2e6, 2e6), 'speed_mps': (0.0, 350.0),
     'elevation_m': (-500.0, 9000.0), 'ambient_c': (-60.0, 60.0), 'heater_w': (0.0, 50e3),
-    'battery_heater_w': (0.0, 50e3), 'cabin_heater_w': (0.0, 50e3), 'auxiliary_w': (0.0, 50e3), 'aircon_w': (0.0, 50e3),
+    'battery_heater_w': (0.0, 50e3), 'cabin_heater_w': (0.0, 50e3), 'auxiliary_w': (0.0, 50e3),
+    'aircon_w': (0.0, 50e3),
     'propulsion_power_w': (-2e6, 2e6), 'coolant_c': (-60.0, 130.0), 'latitude_deg': (-90.0, 90.0),
     'longitude_deg': (-180.0, 180.0), 'odometer_m': (0.0, 1e10)}
 
@@ -71,7 +72,7 @@ class Source:
 
 @dataclass(frozen=True)
 class SignalMap:
-    """A signal map: Sources by signal, names of the channel with the time, channels that tell the log, DBC files."""
+    """A signal map: Sources by signal, channels with the time, channels that identify the log, DBC files."""
 
     name: str
     sources: dict[str, Source]

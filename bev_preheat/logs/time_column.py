@@ -16,7 +16,8 @@ from bev_preheat.logs.units import pint_unit, split_unit
 # Names of times, the best first.
 NAMES = (
     r'^(epoch|unix|posix)', r'^(time_?stamp|utc|date[ _/-]?time|zeitstempel|datum[ _/-]?(uhr)?zeit|ts)\b',
-    r'^(device|log|local)[ _]?time', r'^(time|zeit)_', r'^(time|zeit|tiempo|temps|tempo|время|时间|aika|tid|tijd|czas)\b',
+    r'^(device|log|local)[ _]?time', r'^(time|zeit)_',
+    r'^(time|zeit|tiempo|temps|tempo|время|时间|aika|tid|tijd|czas)\b',
     r'^(elapsed|seconds|secs?|sekunden|running|relative|uptime|rel)\b', r'gps[ _]?time',
     r'^(date|datum)$', r'^t([ _]|$)', r'time|zeit|timestamp|date')
 DATE = re.compile(r'^(date|datum|fecha|дата|日期|day)$', re.IGNORECASE)

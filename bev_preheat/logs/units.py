@@ -28,13 +28,15 @@ SPELLINGS = {
     'deg': 'degree', '°': 'degree', 'degrees': 'degree', 'rad': 'radian',
     's': 'second', 'sec': 'second', 'secs': 'second', 'seconds': 'second', 'second': 'second',
     'ms': 'millisecond', 'msec': 'millisecond', 'milliseconds': 'millisecond',
-    'us': 'microsecond', 'µs': 'microsecond', 'ns': 'nanosecond', 'min': 'minute', 'minutes': 'minute', 'h': 'hour'}
+    'us': 'microsecond', 'µs': 'microsecond', 'ns': 'nanosecond', 'min': 'minute', 'minutes': 'minute',
+    'h': 'hour'}
 # Units of the signals by the ending of their names.
 OWN_UNITS = {'c': 'degC', 'v': 'volt', 'a': 'ampere', 'w': 'watt', 'mps': 'meter/second', 'm': 'meter',
              'deg': 'degree', 's': 'second', 'soc': '1'}
 # Units that convert to each own unit; for others pint is asked.
 ALIKE = {'degC': ('degC', 'degF', 'kelvin'), '1': ('1', 'percent'), 'volt': ('volt', 'millivolt', 'kilovolt'),
-         'ampere': ('ampere', 'milliampere'), 'watt': ('watt', 'kilowatt'), 'meter': ('meter', 'kilometer', 'mile', 'foot'),
+         'ampere': ('ampere', 'milliampere'), 'watt': ('watt', 'kilowatt'),
+         'meter': ('meter', 'kilometer', 'mile', 'foot'),
          'meter/second': ('meter/second', 'kilometer/hour', 'mile/hour'), 'degree': ('degree',)}
 # Longer texts are no names of channels; regular expressions would take minutes for some of them.
 LONGEST_NAME = 200

@@ -39,7 +39,7 @@ def test_json_has_the_signals_in_si_units(log, capfd):
     assert found['signals']['speed_mps'] == pytest.approx({'min': 10.0, 'max': 75.0 / 3.6, 'samples': 40})
     assert found['signals']['current_a'] == {'min': 20.0, 'max': 24.0, 'samples': 40}
     assert found['signals']['power_w'] == {'min': 7400.0, 'max': 8880.0, 'samples': 40}
-    assert (found['format'], found['signal_map'], found['start'], found['duration_s']) == ('CSV', 'map', None, 663.0)
+    assert [found[key] for key in ('format', 'signal_map', 'start', 'duration_s')] == ['CSV', 'map', None, 663.0]
     assert found['sampling']['soc'] == {'interval_s': 17.0, 'gaps': 0, 'longest_gap_s': 0.0}
     assert found['sources']['current_a'] == ['I']
     assert found['remarks'] == []
@@ -58,7 +58,8 @@ def test_table_and_picture(log, capfd, monkeypatch):
 
 
 @pytest.mark.parametrize('arguments, problem', [
-    (['--json', '{log}'], 'is a file that this run reads'), (['--signals', 'nobody'], "signal 'nobody' is unknown"),
+    (['--json', '{log}'], 'is a file that this run '
+                          'reads'), (['--signals', 'nobody'], "signal 'nobody' is unknown"),
     (['--plot', 'a.txt'], '--plot')])
 def test_wrong_arguments_are_refused_in_one_line(log, capfd, arguments, problem):
     assert main(['log', str(log), *(each.format(log=log) for each in arguments)]) == 2
@@ -74,7 +75,8 @@ def test_a_route_of_a_slow_log_without_cabin_heater(log, capfd):
     out = capfd.readouterr().out
     assert 'has no cabin_heater_w; cabin heating (1500 W) and auxiliaries (350 W) are those of the vehicle' in out
     assert f'--signals {log.with_name("map.yaml")}' in output.read_text(encoding='utf-8')
-    assert main(['plan', '--vehicle', 'small_car', '--route', str(output), '--temperature', '-5', '--soc', '0.8']) == 0
+    assert main(['plan', '--vehicle', 'small_car', '--route', str(output), '--temperature', '-5',
+                 '--soc', '0.8']) == 0
 
 
 def test_a_signal_map_belongs_to_a_log(tmp_path, capfd):

@@ -2,7 +2,6 @@
 """`preheat route`: from descriptions and from drive logs to files, tables and plots."""
 
 from dataclasses import fields
-import errno
 import os
 import subprocess
 import sys

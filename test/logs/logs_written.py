@@ -53,7 +53,7 @@ def moments(log, form):
 
 
 def write_leafspy(path, log):
-    """Write a log as LeafSpy does: degrees and minutes, percent x 10 000, degF outside, none for the third sensor."""
+    """Write a log as LeafSpy does: degrees and minutes, percent x 10 000, degF outside, no third sensor."""
     rows = [','.join(LEAFSPY_HEADER)]
     for at, moment in enumerate(moments(log, '%m/%d/%Y %H:%M:%S')):
         cells = dict.fromkeys(LEAFSPY_HEADER, '0')
@@ -79,7 +79,7 @@ def _minutes(degrees):
 
 
 def write_long(path, log, names):
-    """Write a reading a line, one channel after another; `names` has a PID, a unit and a factor for each signal."""
+    """Write a reading a line, channels in turn; `names` has PID, unit and factor for each signal."""
     lines = ['"SECONDS";"PID";"VALUE";"UNITS";']
     for at, second in enumerate(log['time_s']):
         signal = list(names)[at % len(names)]
@@ -96,6 +96,7 @@ def write_json_lines(path, log, names):
     for at, second in enumerate(log['time_s']):
         signal = list(names)[at % len(names)]
         key, factor = names[signal]
-        lines.append(json.dumps({'car': 'x', 'tlm': {'utc': START_S + second, key: f'{factor * log[signal][at]:.6g}'}}))
+        fields = {'utc': START_S + second, key: f'{factor * log[signal][at]:.6g}'}
+        lines.append(json.dumps({'car': 'x', 'tlm': fields}))
     path.write_text('\n'.join(lines) + '\n', encoding='utf-8')
     return path

@@ -49,7 +49,8 @@ def assert_is(recording, log, signals, atol):
 SIGNALS = ('voltage_v', 'current_a', 'soc', 'battery_temperature_c', 'speed_mps', 'ambient_c')
 
 
-@pytest.mark.parametrize('writer, name, kind', [('CanutilsLogWriter', 'a.log', 'candump'), ('ASCWriter', 'a.asc', 'ASC'),
+@pytest.mark.parametrize('writer, name, '
+                         'kind', [('CanutilsLogWriter', 'a.log', 'candump'), ('ASCWriter', 'a.asc', 'ASC'),
                                                 ('BLFWriter', 'a.blf', 'BLF')])
 @pytest.mark.needs('can')
 @pytest.mark.needs('cantools')
@@ -86,7 +87,8 @@ def test_mdf(tmp_path):
                  Signal(log['voltage_v'], log['time_s'], name='HV_Battery_Voltage', unit='V'),
                  Signal(3.6 * log['speed_mps'], log['time_s'], name='VehicleSpeed', unit='km/h')])
     file.append([Signal(100.0 * log['soc'][slow], log['time_s'][slow], name='BMS_SOC', unit='%'),
-                 Signal(log['battery_temperature_c'][slow] + 273.15, log['time_s'][slow], name='BMS_BatteryTemp', unit='K'),
+                 Signal(log['battery_temperature_c'][slow] + 273.15, log['time_s'][slow],
+                        name='BMS_BatteryTemp', unit='K'),
                  Signal(log['ambient_c'][slow], log['time_s'][slow], name='AmbientTemp', unit='degC')])
     path = tmp_path / 'a.mf4'
     file.save(path)
@@ -114,7 +116,8 @@ def test_recorded_topics(tmp_path, storage):
             message = state(header(stamp(1000 + int(second), 0), ''), log['voltage_v'][at],
                             log['battery_temperature_c'][at], -log['current_a'][at], 0.0, 0.0, 0.0, log['soc'][at],
                             0, 0, 0, True, empty, empty, '', '')
-            file.write(topic, int((START_S + second / 20.0) * 1e9), store.serialize_cdr(message, state.__msgtype__))
+            received_ns = int((START_S + second / 20.0) * 1e9)
+            file.write(topic, received_ns, store.serialize_cdr(message, state.__msgtype__))
     for path in (tmp_path / 'bag', next((tmp_path / 'bag').glob('bag.*'))):
         recording = read_recording(path)
         assert (recording.format, recording.signal_map, recording.start_s) == ('ROS 2 topics', 'topics', 1000.0)

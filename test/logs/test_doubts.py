@@ -41,7 +41,8 @@ def test_a_mix_up_is_named_and_repaired_on_request_only(tmp_path, signal, mixed,
     named = [remark for remark in as_it_is.remarks if words in remark]
     assert len(named) == 1 and signal in named[0] and 'repair' in named[0]
     series = repaired.signals[signal]
-    np.testing.assert_allclose(series.value, np.interp(series.time_s, log['time_s'], expected), rtol=1e-4, atol=1e-4)
+    np.testing.assert_allclose(series.value, np.interp(series.time_s, log['time_s'], expected),
+                               rtol=1e-4, atol=1e-4)
     assert any(remark.endswith('repaired') for remark in repaired.remarks)
     kept = as_it_is.signals.get(signal)
     assert kept is None or not np.allclose(kept.value, np.interp(kept.time_s, log['time_s'], expected), rtol=0.01)

@@ -47,7 +47,8 @@ signals:
     assert recording.signal_map == 'map'
 
 
-@pytest.mark.parametrize('combine, expected', [('mean', [5.0, 14.0 / 3.0]), ('min', [2.0, 2.0]), ('max', [8.0, 8.0]),
+@pytest.mark.parametrize('combine, '
+                         'expected', [('mean', [5.0, 14.0 / 3.0]), ('min', [2.0, 2.0]), ('max', [8.0, 8.0]),
                                                ('first', [2.0])])
 def test_several_temperatures_become_one(tmp_path, combine, expected):
     # A sensor without a reading keeps its last one for a minute.
@@ -72,7 +73,8 @@ def test_readings_that_mean_none_are_counted(tmp_path):
         f'{log}, line 3: S: 65535 means no reading; it is dropped (and 1 more sample)',)
 
 
-@pytest.mark.parametrize('raw, expected', [('812345', 0.812345), ('8123', 0.8123), ('81.2', 0.812), ('0.81', 0.81)])
+@pytest.mark.parametrize('raw, expected', [
+    ('812345', 0.812345), ('8123', 0.8123), ('81.2', 0.812), ('0.81', 0.81)])
 def test_one_of_several_scales_is_chosen_by_plausibility(tmp_path, raw, expected):
     log = log_file(tmp_path, 'epoch time,Gids,SOC,Pack Volts,Pack Amps', f'1700000000,1,{raw},370,5',
                    f'1700000017,1,{raw},370,5')
