@@ -12,6 +12,7 @@ import numpy as np
 
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.files.configuration import configuration_folder
+from bev_preheat.logs.reading import read_recording
 from bev_preheat.route import make_route as make_route_of_columns
 from bev_preheat.route import route_for
 from bev_preheat.vehicle import load_vehicle as load_vehicle_file
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike
 
+    from bev_preheat.logs.recording import Recording
     from bev_preheat.route import Route
     from bev_preheat.vehicle import Vehicle
 
@@ -97,6 +99,16 @@ def load_route(name_or_file: str | Path, vehicle: Vehicle) -> Route:
     Raises InvalidInput, which names file, place, value and allowed range.
     """
     return route_for(name_or_file, vehicle).route
+
+
+def load_recording(file: str | Path, signals: str | Path | None = None, repair: bool = False) -> Recording:
+    """
+    Return the Recording of a drive log of any known format; `signals` is a signal map (None: found).
+
+    With `repair` mix-ups of sign, unit and scale are corrected. Raises InvalidInput, which names file, place,
+    value.
+    """
+    return read_recording(file, signals, repair)
 
 
 def make_route(columns: Mapping[str, ArrayLike], vehicle: Vehicle) -> Route:
