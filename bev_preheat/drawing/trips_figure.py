@@ -39,8 +39,8 @@ def check_figure(check: Check) -> Figure:
         ROW_HEIGHT_IN * len(shown) + 0.8)
     for row, trip in zip(axes, shown):
         draw_trip(row[0], row[1], trip)
-    legend_above(axes[0, 0])
-    legend_above(axes[0, 1])
+    legend_above(axes[0, 0], columns=1)
+    legend_above(axes[0, 1], columns=1)
     return figure
 
 

@@ -38,7 +38,7 @@ STANDING_MPS = 0.3
 # A remark on more logs than this gives their number.
 MOST_NAMED = 3
 # Steps of the current from here on [A] show the sign of the current in the voltage.
-LEAST_CURRENT_STEP_A = 20.0
+LEAST_CURRENT_STEP_A = 5.0
 # Usual steps of a temperature signal.
 RESOLUTIONS_K = (1.0, 0.5, 0.25, 0.2, 0.1)
 
