@@ -121,8 +121,9 @@ def load_chemistry(name: str) -> Chemistry:
     """Return the Chemistry of one of CHEMISTRIES."""
     figures = dict(yaml.safe_load(FIGURES.read_text(encoding='utf-8'))[name])
     for key, kind in (('open_circuit_voltage', CellVoltage), ('resistance', CellResistance),
+                      ('hot_share', HotShare),
                       ('charge_share', Shares), ('discharge_share', Shares),
-                      ('hot_share', HotShare), ('charging_shape_400_v', ChargingShape), ('charging_shape_800_v', ChargingShape)):
+                      ('charging_shape_400_v', ChargingShape), ('charging_shape_800_v', ChargingShape)):
         figures[key] = kind(**_frozen(figures[key]))
     return Chemistry(**_frozen(figures))
 
