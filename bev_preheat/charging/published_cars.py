@@ -39,8 +39,8 @@ class ComputedTime:
     """
     A published charging time and its computed counterparts [min], between two states of charge (0 ... 1).
 
-    None if the curve, the time from 10 to 80 % or a shipped file is missing. `fitted_min` of the published span from
-    10 to 80 % is the published time by construction.
+    None if the curve, the time from 10 to 80 % or a shipped file is missing. `fitted_min` of the span from 10 to
+    80 % is the published time by construction.
     """
 
     car: str

@@ -85,10 +85,10 @@ def _unfit(sheet: DataSheet, usual_s: float, shortest_s: float, longest_s: float
     low, high = (f'{seconds / S_PER_MIN:.1f}' for seconds in (shortest_s, longest_s))
     start = f'--charging-time-10-80-min: {sheet.charging_time_10_80_min:g} min'
     if sheet.charging_curve is not None:
-        return (f'{start} does not fit --charging-curve, which takes {duration_text(usual_s)}; {low} ... {high} min '
-                'are allowed. Do both belong to one car?')
-    return (f'{start} does not fit --charging-power-kw {sheet.charging_power_kw:g} kW; it must be {low} ... {high} '
-            'min. Give the maximum power and the time of one car')
+        return (f'{start} does not fit --charging-curve, which takes {duration_text(usual_s)}; {low} ... {high} '
+                'min are allowed. Do both belong to one car?')
+    return (f'{start} does not fit --charging-power-kw {sheet.charging_power_kw:g} kW; it must be {low} ... '
+            f'{high} min. Give the maximum power and the time of one car')
 
 
 def describe_timed_car(sheet: DataSheet) -> dict[str, Entry]:

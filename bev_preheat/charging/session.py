@@ -248,7 +248,8 @@ class _Plug:
 
     def _above_k(self, state: _SessionState) -> float:
         """Return by how much battery and heat under way exceed the limit of heating [K]."""
-        return heated_c(self._vehicle, state.temperature_c, state.heater_w, state.excess_k) - self._heated_below_c
+        reached_c: float = heated_c(self._vehicle, state.temperature_c, state.heater_w, state.excess_k)
+        return reached_c - self._heated_below_c
 
     def step_from(self, state: _SessionState) -> _Step:
         """Return the step from a state; it ends when heating or the session is to end."""

@@ -105,7 +105,8 @@ def _add_new(actions: Subparsers) -> None:
                             metavar=QUANTITIES[name].unit or 'NUMBER',
                             required=name == 'charging_power_kw')
     parser.add_argument('--charging-curve', metavar='FILE',
-                        help=f'published power of a warm battery over its state of charge (CSV: {",".join(HEADER)})')
+                        help='published power of a warm battery over its state of charge (CSV: '
+                             f'{",".join(HEADER)})')
     parser.add_argument('--charging-curve-temperature-c', type=float, metavar='degC',
                         help='battery temperature of the curve [degC], needed with --charging-curve; magazines '
                              'mostly measure with a battery of 25 ... 35 degC')
@@ -146,8 +147,8 @@ def _curve(arguments: Namespace, sources: dict[str, str]) -> ChargingCurve | Non
     """Return the given charging curve, or None."""
     path, temperature_c = arguments.charging_curve, arguments.charging_curve_temperature_c
     if (path is None) != (temperature_c is None):
-        raise InvalidInput('--charging-curve and --charging-curve-temperature-c belong together: the file, and the '
-                           'battery temperature at which it was recorded')
+        raise InvalidInput('--charging-curve and --charging-curve-temperature-c belong together: the file, and '
+                           'the battery temperature at which it was recorded')
     if path is None:
         if CURVE in sources:
             raise InvalidInput('--source: --charging-curve is not given')

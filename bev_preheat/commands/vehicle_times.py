@@ -22,7 +22,8 @@ def add_times(actions: Subparsers) -> None:
         'times', help='published charging times of cars against computed ones',
         description='Print published charging times of cars, and the times of charging sessions of the same cars, '
                     'described from their data sheets: from the data sheet alone, with the published charging '
-                    'curve, with the published time from 10 to 80 %%, and with the file that comes with the package.')
+                    'curve, with the published time from 10 to 80 %%, and with the file that comes with the '
+                    'package.')
     parser.add_argument('--sources', action='store_true', help='print the source of each published time')
     add_json_argument(parser)
     parser.set_defaults(run=run_times)
@@ -40,7 +41,8 @@ def run_times(arguments: Namespace) -> int:
         def text(minutes: float | None, published_min: float = time.published_min) -> str:
             return '' if minutes is None else f'{minutes:.1f} {100.0 * (minutes / published_min - 1.0):+.0f} %'
 
-        rows.append((time.car, f'{100 * time.start_soc:g} ... {100 * time.end_soc:g} %', f'{time.published_min:.1f}',
+        span = f'{100 * time.start_soc:g} ... {100 * time.end_soc:g} %'
+        rows.append((time.car, span, f'{time.published_min:.1f}',
                      text(time.data_sheet_min), text(time.curve_min),
                      'given' if time.is_fitted else text(time.fitted_min), text(time.shipped_min)))
     print_records(console, 'Charging times in min', (

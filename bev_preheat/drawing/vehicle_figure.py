@@ -56,7 +56,8 @@ def draw_vehicle(path: AnyPath, vehicle: Vehicle) -> None:
     _draw_over_temperature(limits, battery.discharge_power_limit, temperatures_c, 1e-3)
     limits.legend(title='state of charge', fontsize='small', title_fontsize='small', ncols=2, loc='upper left')
     _draw_over_temperature(limits, battery.charge_power_limit, temperatures_c, 1e-3)
-    limits.set(title='power limits of the battery\ndischarging above 0, charging below 0', ylabel='battery power [kW]')
+    limits.set(title='power limits of the battery\ndischarging above 0, charging below 0',
+               ylabel='battery power [kW]')
     _draw_warming(panels[1, 1], vehicle)
     _draw_charging_curves(panels[0, 2], vehicle)
     _draw_sessions(panels[1, 2], vehicle)

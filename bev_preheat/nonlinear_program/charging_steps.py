@@ -97,8 +97,8 @@ def symbolic_charging_step(vehicle: Vehicle, stop: ChargingStop) -> casadi.Funct
     Return a step of `charging.session`, its switch smoothed, as a CasADi Function.
 
     Inputs: soc, temperature [deg C], heater power [W], coolant excess [K], duration [s], and the
-    temperature with the heat under way at its end (`heated_c`) [deg C]. Outputs: the four states at the end, and the means of the power into
-    the terminals and of the heater's power [W].
+    temperature with the heat under way at its end (`heated_c`) [deg C]. Outputs: the four states at the
+    end, and the means of the power into the terminals and of the heater's power [W].
     """
     inputs = [casadi.SX.sym(name) for name in (
         'soc', 'temperature_c', 'heater_w', 'excess_k', 'duration_s', 'heated_end_c')]

@@ -4,10 +4,10 @@ The power of a warm car at a fast charger over its state of charge, and its map 
 
 A charging curve is published for a warm battery. The map of a vehicle file is
 
-    P(s, T) = min(P_max, P_curve(s) share(T) / share(T_curve))
+    P(s, T) = share_hot(T) min(P_max, P_curve(s) share(T) / share(T_curve))
 
-with the chemistry's share of the power over the battery temperature (chemistry.yaml). Without a published curve, its
-shape is that of the car's class, which is read off published curves.
+with the chemistry's shares of the power over the battery temperature (chemistry.yaml). Without a published curve,
+its shape is that of the car's class, which is read off published curves.
 """
 
 from __future__ import annotations
@@ -109,7 +109,8 @@ def checked_curve(points: Sequence[tuple[float, float]], temperature_c: float, n
         if not 0.0 <= percent <= PERCENT:
             problems.append(f'{percent:g} % is not allowed; it must be 0 ... 100 %')
         elif not 0.0 <= power_kw <= MOST_POWER_KW:
-            problems.append(f'{power_kw:g} kW at {percent:g} % is not allowed; it must be 0 ... {MOST_POWER_KW:g} kW')
+            problems.append(f'{power_kw:g} kW at {percent:g} % is not allowed; it must be 0 ... '
+                            f'{MOST_POWER_KW:g} kW')
         elif percent <= before:
             problems.append(f'{percent:g} % must be above the {before:g} % before it')
         before = percent
@@ -171,10 +172,13 @@ def _corners(x: FloatArray, y: FloatArray) -> list[int]:
 
 def charging_map(curve: ChargingCurve, chemistry: Chemistry, most_kw: float) -> Table:
     """Return the charging power [W, negative] of a curve over charge and temperature, at most `most_kw` [kW]."""
-    cold = chemistry.charge_share
+    cold, hot = chemistry.charge_share, chemistry.hot_share
+    temperatures_c = sorted({*map(float, cold.temperature_c), *map(float, hot.temperature_c)})
+    hot_share: FloatArray = np.interp(temperatures_c, hot.temperature_c, hot.share)
     at_curve = float(np.interp(curve.temperature_c, cold.temperature_c, cold.temperature_share))
-    rows_kw = np.outer(curve.power_kw, np.array(cold.temperature_share) / at_curve)
-    # + 0.0 avoids -0 in files.
-    values_w = -np.round(W_PER_KW * np.minimum(rows_kw, most_kw)) + 0.0
-    return Table(tuple(round(soc, DECIMALS) for soc in curve.soc), tuple(map(float, cold.temperature_c)),
+    rows_kw = np.outer(curve.power_kw, np.interp(
+        temperatures_c, cold.temperature_c, cold.temperature_share) / at_curve)
+    # A hot battery takes a share of the power that the car would give it. + 0.0 avoids -0 in files.
+    values_w = -np.round(W_PER_KW * hot_share * np.minimum(rows_kw, most_kw)) + 0.0
+    return Table(tuple(round(soc, DECIMALS) for soc in curve.soc), tuple(temperatures_c),
                  tuple(map(tuple, values_w.tolist())))

@@ -31,6 +31,15 @@ class Shares:
 
 
 @dataclass(frozen=True)
+class HotShare:
+    """Share of its charging power that a hot battery takes, over its temperature [deg C]; 1 below the first."""
+
+    temperature_c: tuple[float, ...]
+    share: tuple[float, ...]
+    source: str
+
+
+@dataclass(frozen=True)
 class ChargingShape:
     """
     Charging power of a class of cars over the state of charge, as a share of its maximum.
@@ -98,6 +107,7 @@ class Chemistry:
     resistance: CellResistance
     charge_share: Shares
     discharge_share: Shares
+    hot_share: HotShare
     charging_shape_400_v: ChargingShape
     charging_shape_800_v: ChargingShape
 
@@ -111,6 +121,7 @@ def load_chemistry(name: str) -> Chemistry:
     """Return the Chemistry of one of CHEMISTRIES."""
     figures = dict(yaml.safe_load(FIGURES.read_text(encoding='utf-8'))[name])
     for key, kind in (('open_circuit_voltage', CellVoltage), ('resistance', CellResistance),
+                      ('hot_share', HotShare),
                       ('charge_share', Shares), ('discharge_share', Shares),
                       ('charging_shape_400_v', ChargingShape), ('charging_shape_800_v', ChargingShape)):
         figures[key] = kind(**_frozen(figures[key]))

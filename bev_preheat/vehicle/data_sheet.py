@@ -210,8 +210,8 @@ def _inconsistent_powers(sheet: DataSheet) -> Iterator[str]:
         least_min = PUBLISHED_SPAN * (sheet.usable_energy_kwh or sheet.gross_energy_kwh or 0.0) * (
             MINUTES_PER_H / sheet.charging_power_kw)
         if round(time_min, 1) < round(LEAST_TIME_SHARE * least_min, 1):
-            yield (f'--charging-time-10-80-min: {time_min:g} min is too short: {PUBLISHED_SPAN:.0%} of the energy at '
-                   f'--charging-power-kw {sheet.charging_power_kw:g} kW take {least_min:.1f} min')
+            yield (f'--charging-time-10-80-min: {time_min:g} min is too short: {PUBLISHED_SPAN:.0%} of the energy '
+                   f'at --charging-power-kw {sheet.charging_power_kw:g} kW take {least_min:.1f} min')
     curve = sheet.charging_curve
     if curve is not None and max(curve.power_kw) > (1.0 + CURVE_TOLERANCE) * sheet.charging_power_kw:
         yield (f'--charging-curve: its maximum of {max(curve.power_kw):g} kW exceeds --charging-power-kw '

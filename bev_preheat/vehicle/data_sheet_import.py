@@ -292,7 +292,7 @@ def _charging(sheet: DataSheet, curve_fit: float) -> dict[str, Entry]:
     table = charging_map(curve, chemistry, sheet.charging_power_kw)
     time_note = ''
     if sheet.charging_time_10_80_min is not None:
-        how = (f'its power times {curve_fit:.3f}' if sheet.charging_curve is not None else 'made fuller or steeper')
+        how = f'its power times {curve_fit:.3f}' if sheet.charging_curve is not None else 'made fuller or steeper'
         time_note = (f', {how} so that 10 to 80 % take {sheet.charging_time_10_80_min:g} min '
                      f'({_origin(sheet, "charging_time_10_80_min")})')
     return {
@@ -308,7 +308,7 @@ def _charging(sheet: DataSheet, curve_fit: float) -> dict[str, Entry]:
             {'soc': list(table.soc), 'temperature_c': list(table.temperature_c),
              'values': [list(row) for row in table.values]},
             f'W, curve at {curve.temperature_c:g} degC: {curve.note}{time_note}. In the cold: '
-            f'{chemistry.charge_share.source}', assumed=True),
+            f'{chemistry.charge_share.source}. Hot: {chemistry.hot_share.source}', assumed=True),
     }
 
 

@@ -170,8 +170,8 @@ def _no_cold(key: str, table: dict[str, FileData]) -> Iterator[str]:
     """Yield a sentence if the charging power of sessions does not depend on the temperature."""
     if 'temperature_c' not in table:
         yield (f'{key}: has no temperature_c, so a cold battery would charge like a warm one and preheating would '
-               'gain nothing; add the axis, or let preheat vehicle new --charging-curve combine the curve with the '
-               'cold')
+               'gain nothing; add the axis, or let preheat vehicle new --charging-curve combine the curve with '
+               'the cold')
 
 
 def heat_path_problems(path: HeatPath) -> Iterator[str]:

@@ -59,10 +59,10 @@ class Meaning:
     Key figures of one car; resistance at half charge, heating from 0 degC at -10 degC outside.
 
     `resistance_ohm` is by temperature [degC], `charging_power_kw` (of the map that charging sessions use) by
-    temperature, then by state of charge; `discharging_power_kw` at half charge by temperature, `open_circuit_voltage_v` at 25 degC by
-    state of charge. `heating_…` are K in the first 10 min: full heater power at rest and at
-    100 km/h, and the heater power left by the vehicle's default cabin heating. `heat_path` and `charging` describe
-    the arrival of heat and the car at a charger in words.
+    temperature, then by state of charge; `discharging_power_kw` at half charge by temperature,
+    `open_circuit_voltage_v` at 25 degC by state of charge. `heating_…` are K in the first 10 min: full heater
+    power at rest and at 100 km/h, and the heater power left by the vehicle's default cabin heating.
+    `heat_path` and `charging` describe the arrival of heat and the car at a charger in words.
     """
 
     name: str

@@ -80,13 +80,14 @@ def test_a_curve_without_a_time_is_taken_as_it_is():
 @pytest.mark.parametrize('changes, problem', [
     ({'charging_time_10_80_min': 12.0}, '--charging-time-10-80-min: 12 min is too short: 70% of the energy at '
      '--charging-power-kw 135 kW take 24.0 min'),
-    ({'charging_time_10_80_min': 240.0}, '--charging-time-10-80-min: 240 min does not fit --charging-power-kw 135 kW; '
-     'it must be '),
+    ({'charging_time_10_80_min': 240.0}, '--charging-time-10-80-min: 240 min does not fit --charging-power-kw '
+     '135 kW; it must be '),
     ({'charging_time_10_80_min': 60.0, 'charging_curve': CURVE}, '--charging-time-10-80-min: 60 min does not fit '
      '--charging-curve, which takes '),
-    ({'charging_time_10_80_min': 0.53}, '--charging-time-10-80-min: 0.53 min is implausible; it must be 4 ... 240 min; '
-     '0.53 h would be 31.8 min'),
-    ({'charging_curve': CURVE.scaled(1.2)}, '--charging-curve: its maximum of 162 kW exceeds --charging-power-kw 135 kW')])
+    ({'charging_time_10_80_min': 0.53}, '--charging-time-10-80-min: 0.53 min is implausible; it must be 4 ... '
+     '240 min; 0.53 h would be 31.8 min'),
+    ({'charging_curve': CURVE.scaled(1.2)}, '--charging-curve: its maximum of 162 kW exceeds --charging-power-kw '
+     '135 kW')])
 def test_a_time_that_cannot_be_is_refused_in_words(changes, problem):
     with pytest.raises(InvalidInput) as refused:
         describe_timed_car(replace(ID4, **changes))
@@ -155,8 +156,8 @@ def test_a_file_of_times_with_a_wrong_car_is_refused_with_its_name(tmp_path):
     with pytest.raises(InvalidInput) as refused:
         computed_times(file)
     assert refused.value.problems == [
-        f'{file}: VW ID.3 Pro: --charging-power-kw: 100000 kW is implausible; it must be 5 ... 2000 kW; 100000 W would '
-        'be 100 kW']
+        f'{file}: VW ID.3 Pro: --charging-power-kw: 100000 kW is implausible; it must be 5 ... 2000 kW; 100000 W '
+        'would be 100 kW']
 
 
 @pytest.mark.parametrize('name', ['reference', 'small_car', 'small_hatchback', 'mid_size_lfp', 'large_suv'])
@@ -164,3 +165,9 @@ def test_the_colder_the_battery_the_longer_the_session(name):
     vehicle = load_vehicle(name)
     minutes = [warm_session(vehicle, (0.2, 0.7), at_c).charging_time_s for at_c in (0.0, 10.0, 25.0)]
     assert minutes[0] > 1.05 * minutes[1] > 1.05 * 1.02 * minutes[2]
+
+
+def test_a_battery_that_arrives_hot_waits_for_its_power():
+    car = car_of(replace(ID4, charging_time_10_80_min=35.0))
+    minutes = {at_c: warm_session(car, battery_c=at_c).charging_time_s / 60.0 for at_c in (25.0, 44.0, 52.0, 58.0)}
+    assert minutes[25.0] <= 1.01 * minutes[44.0] and minutes[44.0] < 0.9 * minutes[52.0] < 0.9 * minutes[58.0]

@@ -174,10 +174,12 @@ def test_times_prints_published_against_computed_times(said, monkeypatch):
 def test_a_published_curve_and_time_become_the_map(said):
     Path('curve.csv').write_text('state_of_charge_percent,power_kw\n0,135\n30,135\n70,70\n100,20\n')
     status, output, _ = said(*ID4, '--output', 'id4.yaml', '--charging-time-10-80-min', '36', '--charging-curve',
-                             'curve.csv', '--charging-curve-temperature-c', '30', '--source', 'charging-curve=magazine')
+                             'curve.csv', '--charging-curve-temperature-c', '30', '--source',
+                             'charging-curve=magazine')
     assert status == 0 and '10 ... 80 % at a fast charger: 36:00 min from 25 degC' in output
     text = Path('id4.yaml').read_text()
-    assert '--charging-curve curve.csv --charging-curve-temperature-c' in ' '.join(text.split()).replace(' # ', ' ')
+    words = ' '.join(text.split()).replace(' # ', ' ')
+    assert '--charging-curve curve.csv --charging-curve-temperature-c' in words
     assert 'source: magazine' in text
     status, output, _ = said('vehicle', 'check', 'id4.yaml', '--json', 'id4.json')
     assert '36:00 min' in output
@@ -188,7 +190,8 @@ def test_a_published_curve_and_time_become_the_map(said):
 
 @pytest.mark.parametrize('arguments, problem', [
     (['--charging-curve', 'curve.csv'], '--charging-curve and --charging-curve-temperature-c belong together'),
-    (['--charging-curve-temperature-c', '25'], '--charging-curve and --charging-curve-temperature-c belong together'),
+    (['--charging-curve-temperature-c', '25'],
+     '--charging-curve and --charging-curve-temperature-c belong together'),
     (['--charging-curve', 'none.csv', '--charging-curve-temperature-c', '25'],
      '--charging-curve: none.csv: cannot be read: '),
     (['--source', 'charging-curve=magazine'], '--source: --charging-curve is not given')])
@@ -199,10 +202,10 @@ def test_half_a_curve_is_refused(said, arguments, problem):
 
 @pytest.mark.parametrize('arguments', [
     ['--chemistry', 'lfp', '--usable-energy-kwh', '600', '--gross-energy-kwh', '621', '--nominal-voltage-v', '800',
-     '--battery-mass-kg', '4500', '--vehicle-mass-kg', '40000', '--frontal-area-m2', '10', '--charging-power-kw', '400',
-     '--heater-power-kw', '16'],
-    ['--chemistry', 'nmc', '--usable-energy-kwh', '21.6', '--nominal-voltage-v', '355', '--charging-power-kw', '50',
-     '--heater-power-kw', '0.3']], ids=['truck', 'heating pads'])
+     '--battery-mass-kg', '4500', '--vehicle-mass-kg', '40000', '--frontal-area-m2', '10', '--charging-power-kw',
+     '400', '--heater-power-kw', '16'],
+    ['--chemistry', 'nmc', '--usable-energy-kwh', '21.6', '--nominal-voltage-v', '355', '--charging-power-kw',
+     '50', '--heater-power-kw', '0.3']], ids=['truck', 'heating pads'])
 def test_trucks_and_heating_pads_are_admitted(said, arguments):
     assert said('vehicle', 'new', '--output', 'car.yaml', *arguments)[0] == 0
     assert said('charge', '--vehicle', './car.yaml', '--arrival-temperature', '25', '0', '--arrival-soc', '0.2',

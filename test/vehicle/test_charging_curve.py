@@ -79,6 +79,16 @@ def test_the_map_is_the_curve_times_the_share_of_the_cold(temperature_c, at_c, e
     assert -table.function(FLOATS)(0.5, at_c) / 1e3 == pytest.approx(expected_kw, abs=0.001)
 
 
+@pytest.mark.parametrize('chemistry, at_c, share', [
+    (NMC, 45.0, 1.0), (NMC, 50.0, 0.5), (NMC, 52.5, 0.35), (NMC, 60.0, 0.0), (NMC, 75.0, 0.0),
+    (LFP, 50.0, 1.0), (LFP, 60.0, 0.5), (LFP, 70.0, 0.0)])
+def test_a_hot_battery_takes_less(chemistry, at_c, share):
+    table = charging_map(ChargingCurve((0.0, 1.0), (150.0, 80.0), 30.0), chemistry, 120.0)
+    # The maximum is 120 kW at 0 %, whatever the curve says; the hot share is one of the power that is left.
+    assert table.function(FLOATS)(0.0, at_c) == pytest.approx(-120e3 * share, abs=1.0)
+    assert table.function(FLOATS)(1.0, at_c) == pytest.approx(-80e3 * share, abs=1.0)
+
+
 @given(chemistry=st.sampled_from(CHEMISTRIES), voltage_v=st.sampled_from([350.0, 700.0]),
        energy_kwh=st.floats(20.0, 700.0), rate=st.floats(0.2, 5.0), fit=st.floats(*FIT_RANGE),
        fuller=st.floats(1.0, 3.0))
