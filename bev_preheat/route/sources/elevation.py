@@ -33,6 +33,8 @@ NORMAL_OVER_MAD = 1.4826
 MOST_CHANGES = 0.5
 HELD_M = 100.0
 ELEVATION_RANGE_M = (-500.0, 9000.0)
+# Points farther apart [m] differ by hills, not by errors.
+DENSE_M = 500.0
 # Gaussian kernels are cut off here.
 REACH = 4.0
 
@@ -108,7 +110,7 @@ def _without_outliers(values_m: FloatArray) -> tuple[FloatArray, int]:
 
 def _noise_m(at_m: FloatArray, values_m: FloatArray) -> float:
     """Return the standard deviation of independent errors, from each point against its neighbours' line."""
-    if len(values_m) < 5:
+    if len(values_m) < 5 or np.median(np.diff(at_m)) > DENSE_M:
         return 0.0
     before, after = np.diff(at_m)[:-1], np.diff(at_m)[1:]
     share = before / (before + after)
