@@ -50,8 +50,8 @@ def smooth_elevation(distance_m: FloatArray, elevation_m: FloatArray) -> tuple[F
     bad = known & ~((elevation_m >= low_m) & (elevation_m <= high_m))
     if bad.any():
         at = int(np.argmax(bad))
-        raise InvalidInput(f'point {at + 1}: elevation: {figure(float(elevation_m[at]))} m is not allowed; it must '
-                           f'be {low_m:g} ... {high_m:g} m')
+        raise InvalidInput(f'point {at + 1}: elevation: {figure(float(elevation_m[at]))} m is not allowed; it '
+                           f'must be {low_m:g} ... {high_m:g} m')
     at_m, first = np.unique(distance_m[known], return_index=True)
     if len(at_m) < 2:
         return np.full(len(distance_m), float(elevation_m[known][0]) if known.any() else 0.0), None
@@ -71,8 +71,8 @@ def smooth_elevation(distance_m: FloatArray, elevation_m: FloatArray) -> tuple[F
     remark = None
     if noise_m > 0.3 or outliers:
         raw_climb, climb = (float(np.maximum(np.diff(column), 0.0).sum()) for column in (values_m, smooth_m))
-        remark = (f'elevation smoothed over {length_m:.0f} m, because it has an error of about {noise_m:.1f} m: the '
-                  f'climbs add up to {climb:.0f} m instead of {raw_climb:.0f} m')
+        remark = (f'elevation smoothed over {length_m:.0f} m, because it has an error of about {noise_m:.1f} m: '
+                  f'the climbs add up to {climb:.0f} m instead of {raw_climb:.0f} m')
     return np.interp(distance_m, grid_m, smooth_m), remark
 
 
