@@ -34,7 +34,8 @@ def gpx(times=True, element='trkpt', noise_m=0.0, stop_s=0.0, speed_mps=SPEED_MP
              '<gpx version="1.1" creator="test" xmlns="http://www.topografix.com/GPX/1/1">']
     lines.append('<trk><trkseg>' if element == 'trkpt' else '<rte>')
     for at in range(POINTS):
-        for waited_s in ((0.0, stop_s) if stop_s and at == POINTS // 2 else (stop_s,) if at > POINTS // 2 else (0.0,)):
+        middle = POINTS // 2
+        for waited_s in (0.0, stop_s) if stop_s and at == middle else (stop_s,) if at > middle else (0.0,):
             moment = START + timedelta(seconds=STEP_M / speed_mps * at + waited_s)
             time = f'<time>{moment.strftime("%Y-%m-%dT%H:%M:%S.%fZ")}</time>' if times else ''
             lines.append(f'<{element} lat="{LATITUDE[at]:.7f}" lon="{LONGITUDE[at]:.7f}">'

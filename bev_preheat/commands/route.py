@@ -166,7 +166,7 @@ def _comparison(arguments: Namespace, vehicle: Vehicle) -> Table:
             table.add_row('samples', f'{exact.energy_wh:.0f} Wh', '', '', f'{exact.magnitude_w / 1e3:.2f} kW',
                           f'{exact.rms_w / 1e3:.2f} kW')
         table.add_row(
-            f'{step_s:g} s', f'{estimated.energy_wh:.0f} Wh', f'{_deviation(estimated.energy_wh, exact.energy_wh)}',
+            f'{step_s:g} s', f'{estimated.energy_wh:.0f} Wh', _deviation(estimated.energy_wh, exact.energy_wh),
             _deviation(plain.energy_wh, exact.energy_wh), _deviation(estimated.magnitude_w, exact.magnitude_w),
             _deviation(estimated.rms_w, exact.rms_w))
     return table

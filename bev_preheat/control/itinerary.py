@@ -81,8 +81,8 @@ def load_itinerary(name_or_file: str | Path, vehicle: Vehicle) -> Itinerary:
 def _refuse_stops(loaded: RouteForVehicle) -> None:
     """Raise InvalidInput if the route of one leg has charging stops of its own."""
     if loaded.stops:
-        raise InvalidInput(f'{loaded.file}: has {len(loaded.stops)} charging stops; a leg of an itinerary has none '
-                           'on the way: divide the route')
+        raise InvalidInput(f'{loaded.file}: has {len(loaded.stops)} charging stops; a leg of an itinerary has '
+                           'none on the way: divide the route')
 
 
 def _stop_problems(nodes: list[dict[str, FileData]]) -> list[str]:

@@ -122,7 +122,8 @@ def mission_from_message(message: RoutePlan, defaults: Defaults, planning_step_s
     """
     Return the Mission of a RoutePlan, its legs in steps of `planning_step_s` seconds or longer.
 
-    `defaults` (vehicle.description.Defaults) fill in fields that the message leaves open, the road load of `vehicle`
+    `defaults` (vehicle.description.Defaults) fill in fields that the message leaves open, the road load of
+    `vehicle`
     the propulsion power. Raises InvalidInput with one problem per field.
     """
     _check_sizes(message)

@@ -43,7 +43,8 @@ def powers_of_road_load(message: RoutePlan, columns: dict[str, FloatArray],
     Columns that make_route will refuse are returned as they are. Raises InvalidInput if the vehicle has no
     road_load, or if rms or magnitude are given without the mean power.
     """
-    given = [name for name in ('propulsion_power_rms', 'propulsion_power_magnitude') if len(getattr(message, name))]
+    given = [name for name in ('propulsion_power_rms', 'propulsion_power_magnitude')
+             if len(getattr(message, name))]
     if given:
         raise InvalidInput(f'{" and ".join(given)}: given without propulsion_power; give all of them, or none')
     if any(not len(columns[field]) for field in NEEDED):

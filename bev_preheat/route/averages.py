@@ -46,10 +46,11 @@ def compare_averages(motion: Motion, vehicle: Vehicle, ambient_temperature_c: Fl
     too far apart.
     """
     if motion.boundary_speed_mps is None or motion.duration_s.max() > FULLY_SAMPLED_S:
-        raise InvalidInput(f'--averages: needs a drive cycle with a sample every {FULLY_SAMPLED_S:g} s or more often')
+        raise InvalidInput(f'--averages: needs a drive cycle with a sample every {FULLY_SAMPLED_S:g} s or more '
+                           'often')
     if not FULLY_SAMPLED_S < step_s <= 3600.0:
-        raise InvalidInput(f'--averages: {step_s:g} s is not allowed; it must be above {FULLY_SAMPLED_S:g}, at most '
-                           '3600 s')
+        raise InvalidInput(f'--averages: {step_s:g} s is not allowed; it must be above {FULLY_SAMPLED_S:g}, at '
+                           'most 3600 s')
     car = road_vehicle(vehicle)
     exact = Comparison.of(motion.duration_s, propulsion_columns(car, motion, ambient_temperature_c))
     time_s = np.concatenate(([0.0], np.cumsum(motion.duration_s)))

@@ -105,7 +105,8 @@ def save_route(path: AnyPath, route: Route, comments: Iterable[str] = (),
     """
     Write a Route as CSV; `comments` are lines of text above the header.
 
-    `made_for` is the name of the vehicle that the powers belong to, `stops` are the charging stops. Raises InvalidInput if
+    `made_for` is the name of the vehicle that the powers belong to, `stops` are the charging stops. Raises
+    InvalidInput if
     the file cannot be written.
     """
     text = io.StringIO()
@@ -163,11 +164,11 @@ def _stops_of(table: TextTable) -> tuple[ChargingStop, ...]:
         after, duration_s = int(match[1]), float(match[2])
         first = stops[-1].after_segment + 2 if stops else 1
         if not first <= after < len(table.rows):
-            raise InvalidInput(f'{table.path}, line {number}: charging stop: after segment {after} is not allowed; it '
-                               f'must be {first} ... {len(table.rows) - 1}, before the last segment')
+            raise InvalidInput(f'{table.path}, line {number}: charging stop: after segment {after} is not '
+                               f'allowed; it must be {first} ... {len(table.rows) - 1}, before the last segment')
         if not low_s <= duration_s <= high_s:
-            raise InvalidInput(f'{table.path}, line {number}: charging stop: {duration_s:g} s is not allowed; it must '
-                               f'be {low_s:g} ... {high_s:g} s')
+            raise InvalidInput(f'{table.path}, line {number}: charging stop: {duration_s:g} s is not allowed; it '
+                               f'must be {low_s:g} ... {high_s:g} s')
         stops.append(ChargingStop(after - 1, duration_s))
     return tuple(stops)
 
@@ -233,8 +234,7 @@ def _replace_length(columns: dict[str, FloatArray], names: dict[str, str], table
     if standing.any():
         raise InvalidInput(
             f'{table.where(int(np.argmax(standing)))}: {by_quantity["speed_mps"]}: a segment in '
-            'which the car stands has no length; give duration_s instead of '
-            f'{by_quantity[LENGTH]}')
+            f'which the car stands has no length; give duration_s instead of {by_quantity[LENGTH]}')
     columns['duration_s'] = length_m / columns['speed_mps']
     names['duration_s'] = f'duration, in s, by {length_name}'
 

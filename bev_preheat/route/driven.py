@@ -23,7 +23,8 @@ JOULES_PER_WH = 3600.0
 SEGMENT_S = 30.0
 
 
-def drive_journey(journey: Journey, vehicle: Vehicle, options: RouteOptions, path: Path) -> tuple[Route, list[str]]:
+def drive_journey(journey: Journey, vehicle: Vehicle, options: RouteOptions,
+                  path: Path) -> tuple[Route, list[str]]:
     """
     Return the Route of a Vehicle along the Journey of a file, and remarks on how its powers were made.
 
@@ -90,12 +91,15 @@ def _use_consumption(columns: dict[str, FloatArray | None], journey: Journey, ve
     rms_w, magnitude_w = np.abs(mean_w), np.abs(mean_w)
     if vehicle.road_load is not None:
         road_w = columns['propulsion_power_w']
-        variance_w2 = np.maximum(columns['propulsion_power_rms_w']**2 - road_w**2, 0.0)
+        road_rms_w, road_magnitude_w = columns['propulsion_power_rms_w'], columns['propulsion_power_magnitude_w']
+        assert road_w is not None and road_rms_w is not None and road_magnitude_w is not None
+        variance_w2 = np.maximum(road_rms_w**2 - road_w**2, 0.0)
         rms_w = np.sqrt(mean_w**2 + variance_w2)
         # The difference between magnitude and mean is the energy braked and driven again.
-        magnitude_w = np.clip(magnitude_w + columns['propulsion_power_magnitude_w'] - np.abs(road_w),
+        magnitude_w = np.clip(magnitude_w + road_magnitude_w - np.abs(road_w),
                               magnitude_w, rms_w)
-    columns.update(propulsion_power_w=mean_w, propulsion_power_rms_w=rms_w, propulsion_power_magnitude_w=magnitude_w)
+    columns.update(propulsion_power_w=mean_w, propulsion_power_rms_w=rms_w,
+                   propulsion_power_magnitude_w=magnitude_w)
     remarks.append('propulsion power: from the consumption in the file' + (
         ', less cabin heating and auxiliaries' if options.with_auxiliaries else ', of the drivetrain alone')
         + (f'; its variation from the road_load of vehicle {vehicle.name}' if vehicle.road_load else ''))

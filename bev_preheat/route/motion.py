@@ -42,7 +42,8 @@ class Motion:
     """
     Motion of any car along N segments: durations and mean speeds, shapes (N,).
 
-    `elevation_m` above sea level at the boundaries has shape (N + 1,). `boundary_speed_mps`, shape (N + 1,), are the
+    `elevation_m` above sea level at the boundaries has shape (N + 1,). `boundary_speed_mps`, shape (N + 1,), are
+    the
     speeds there if they are known.
     """
 
@@ -67,8 +68,8 @@ def elevation_of_slope(duration_s: FloatArray, speed_mps: FloatArray, slope: Flo
     elevation_m = np.concatenate(([0.0], np.cumsum(rise_m)))
     elevation_m -= elevation_m.min()
     if elevation_m.max() > MOST_RISE_M:
-        raise InvalidInput(f'slope: the road rises by {elevation_m.max():.0f} m in total; at most {MOST_RISE_M:g} m '
-                           'are plausible; it must be rise over run')
+        raise InvalidInput(f'slope: the road rises by {elevation_m.max():.0f} m in total; at most '
+                           f'{MOST_RISE_M:g} m are plausible; it must be rise over run')
     return elevation_m
 
 

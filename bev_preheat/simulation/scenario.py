@@ -14,8 +14,8 @@ from bev_preheat.files.configuration import find_configuration
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal
 from bev_preheat.planning.status import Status
 from bev_preheat.route import route_for
-from bev_preheat.route.sources.journey import RouteOptions
 from bev_preheat.route.segments import Route
+from bev_preheat.route.sources.journey import RouteOptions
 from bev_preheat.simulation.heater_faults import HeaterFault
 from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
 from bev_preheat.simulation.mismatch import Mismatch

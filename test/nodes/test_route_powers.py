@@ -56,8 +56,8 @@ def test_powers_are_those_of_the_same_segments_in_a_file(tmp_path):
     for name in ('propulsion_power_w', 'propulsion_power_rms_w', 'propulsion_power_magnitude_w'):
         assert powers(mission, name) == pytest.approx(getattr(route, name), abs=1e-3)
     assert mission.power_source == (
-        'computed from speeds and slopes and the road_load of vehicle small_car; accelerations within the segments '
-        'are estimated')
+        'computed from speeds and slopes and the road_load of vehicle small_car; accelerations within the '
+        'segments are estimated')
 
 
 def test_a_missing_slope_is_level_and_one_slope_is_for_all():

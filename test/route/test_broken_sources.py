@@ -7,12 +7,12 @@ import random
 import re
 
 import pytest
+import route_examples as examples
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.route import route_for
 from bev_preheat.route.sources.journey import RouteOptions
 from bev_preheat.vehicle import load_vehicle
-import route_examples as examples
 
 CAR = load_vehicle('small_car')
 COLD = RouteOptions(ambient_temperature_c=-5.0)
@@ -31,8 +31,8 @@ FORMATS = {
 MARKED = [pytest.param(name, marks=GPX) if name.startswith('gpx') else name for name in FORMATS]
 JSONS = [name for name in FORMATS if FORMATS[name][0].startswith('{')]
 BROKEN_FILES = 20
-PIECES = [b'nan', b'inf', b'-1', b'1e999', b'', b'null', b'[]', b'"x"', b'9' * 30, b'<', b'>', b',', b'\xff', b'\0', b';',
-          b'"', b'1e-300', b'-0', b'\n', b'0']
+PIECES = [b'nan', b'inf', b'-1', b'1e999', b'', b'null', b'[]', b'"x"', b'9' * 30, b'<', b'>', b',', b'\xff',
+          b'\0', b';', b'"', b'1e-300', b'-0', b'\n', b'0']
 VALUES = [None, [], {}, '', 'x', -1, 0, 1e308, -1e308, 10**400, True, [[]], [None], {'a': 1}, 1e-9, 'NaN', 50]
 
 
@@ -106,10 +106,11 @@ def test_changed_values_give_a_route_or_a_refusal(tmp_path, name):
 
 @pytest.mark.parametrize('contents, problem', [
     ('', 'is empty; its first line must name the columns: '),
-    ('{', 'line 1: is not JSON: '), ('[]', 'is not a list of segments: a list'), ('[1]', 'segment 1: must be an object'),
+    ('{', 'line 1: is not JSON: '), ('[]', 'is not a list of segments: a list'), ('[1]', 'segment 1: must be an '
+     'object'),
     ('{"a": [1], "b": [1, 2]}', 'its lists have different lengths: 1, 2'),
-    ('{"a": 1}', 'is not a route: it has no routes (OSRM), no trip (Valhalla), no type (GeoJSON) and no segments; its '
-     'keys are: a'),
+    ('{"a": 1}', 'is not a route: it has no routes (OSRM), no trip (Valhalla), no type (GeoJSON) and no '
+     'segments; its keys are: a'),
     ('{"code": "NoRoute", "message": "Impossible"}', "the service found no route: code 'NoRoute', 'Impossible'"),
     ('{"code": "Ok", "routes": []}', 'routes: is empty; the service found no route'),
     ('{"trip": {"status": 442, "status_message": "No path"}}', "the service found no route: 'No path'"),
@@ -129,12 +130,12 @@ def test_changed_values_give_a_route_or_a_refusal(tmp_path, name):
     ('time_s,speed_kmh\n0,0\n', 'has 1 sample; at least 2 are needed'),
     ('time_s,speed\n0,0\n1,1\n', "line 1: column 'speed' has no unit: rename it to speed_mps or speed_kmh"),
     ('time_s,speed_knots\n0,0\n1,1\n', "line 1: column 'speed_knots': the unit 'knots' is not known"),
-    ('time_s,speed_kmh,slope\n0,0,3\n1,1,3\n', 'line 2: slope: 3 rise over run is not allowed; it must be -0.4 ... 0.4 '
-     'rise over run; is it in percent? then name it slope_percent'),
+    ('time_s,speed_kmh,slope\n0,0,3\n1,1,3\n', 'line 2: slope: 3 rise over run is not allowed; it must be -0.4 '
+     '... 0.4 rise over run; is it in percent? then name it slope_percent'),
     ('duration_s,speed_kmh\n0,50\n', 'line 2: duration_s: 0 s is not allowed'),
     ('length_km,speed_kmh\n1,0\n', 'line 2: speed_kmh: a segment in which the car stands has no length'),
-    ('duration_min,length_km,speed_kmh\n10,12,20\n', 'line 2: speed_kmh times duration_min is 3333.33 m, but length_km '
-     'is 12000 m; check the units')])
+    ('duration_min,length_km,speed_kmh\n10,12,20\n', 'line 2: speed_kmh times duration_min is 3333.33 m, but '
+     'length_km is 12000 m; check the units')])
 def test_mistakes_are_named(tmp_path, contents, problem):
     found = load(tmp_path, contents if isinstance(contents, bytes) else contents.encode(), COLD)
     assert isinstance(found, InvalidInput)
@@ -144,9 +145,10 @@ def test_mistakes_are_named(tmp_path, contents, problem):
 @GPX
 @pytest.mark.parametrize('change, problem', [
     (('lat="47.0000000"', 'lat="97"'), 'trkpt 1: latitude: 97 is not allowed; it must be -90 ... 90 degrees'),
-    (('lat="47.0000000"', 'lat="x"'), "is not GPX: "), (('lat="47.0000000"', ''), 'is not GPX: '),
+    (('lat="47.0000000"', 'lat="x"'), 'is not GPX: '), (('lat="47.0000000"', ''), 'is not GPX: '),
     (('T07:00:02.500000Z', 'T06:00:02.500000Z'), 'trkpt 2: time: is 3597.5 s before that of the previous trkpt'),
-    (('<ele>600.00</ele>', '<ele>60000</ele>'), 'point 1: elevation: 60000 m is not allowed; it must be -500 ... 9000 m'),
+    (('<ele>600.00</ele>', '<ele>60000</ele>'), 'point 1: elevation: 60000 m is not allowed; it must be -500 ... '
+      '9000 m'),
     (('</trkseg>', ''), 'line 404: is not XML: mismatched tag; is the file complete?'),
     (('<trk>', '<wpt lat="1" lon="2"/><metadata/><trk>'), None)])
 def test_mistakes_in_gpx_are_named(tmp_path, change, problem):

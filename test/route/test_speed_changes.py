@@ -24,7 +24,8 @@ VEHICLE = load_vehicle('small_car')
 FOLDER = Path(os.environ.get('BEV_PREHEAT_DRIVE_LOGS') or (
     Path(__file__).resolve().parents[3] / 'shared' / 'data' / 'i3_winter_trips'))
 DRIVES = sorted(path.stem for path in FOLDER.glob('Trip*.csv'))
-# A drive in town with accelerations of 3 m/s^2, twice those of the public cycles: nothing in its mean speeds shows it.
+# A drive in town with accelerations of 3 m/s^2, twice those of the public cycles: nothing in its mean speeds
+# shows it.
 HARD_DRIVEN, HARD_DEVIATION = 'TripB38', 0.07
 
 
@@ -69,7 +70,8 @@ def test_the_share_within_segments_is_that_of_a_simulated_process():
         per = round(duration_s / step_s)
         parts = process[:count // per * per].reshape(-1, per)
         within = float(parts.var(axis=1).mean())
-        # At high speed the deviation has its highest value; the drive's own changes are the usual ones without any.
+        # At high speed the deviation has its highest value; the drive's own changes are the usual ones without
+        # any.
         found = speed_changes(np.full(400, duration_s), np.full(400, 30.0),
                               np.full(401, 30.0)).kinetic_power_variance
         assert found[0] / speed_changes(np.full(400, 1e4), np.full(400, 30.0),
@@ -78,7 +80,8 @@ def test_the_share_within_segments_is_that_of_a_simulated_process():
 
 
 @settings(deadline=None)
-@given(st.lists(st.tuples(st.floats(0.5, 600.0), st.floats(0.0, 60.0), st.floats(-0.1, 0.1)), min_size=1, max_size=30),
+@given(st.lists(st.tuples(st.floats(0.5, 600.0), st.floats(0.0, 60.0), st.floats(-0.1, 0.1)),
+                min_size=1, max_size=30),
        st.floats(-40.0, 40.0))
 def test_mean_magnitude_and_rms_are_ordered_and_kinetic_energy_is_conserved(segments, ambient_c):
     duration_s, speed_mps, slope = map(np.array, zip(*segments))

@@ -33,6 +33,8 @@ NORMAL_OVER_MAD = 1.4826
 MOST_CHANGES = 0.5
 HELD_M = 100.0
 ELEVATION_RANGE_M = (-500.0, 9000.0)
+# Points farther apart [m] differ by hills, not by errors.
+DENSE_M = 500.0
 # Gaussian kernels are cut off here.
 REACH = 4.0
 
@@ -48,8 +50,8 @@ def smooth_elevation(distance_m: FloatArray, elevation_m: FloatArray) -> tuple[F
     bad = known & ~((elevation_m >= low_m) & (elevation_m <= high_m))
     if bad.any():
         at = int(np.argmax(bad))
-        raise InvalidInput(f'point {at + 1}: elevation: {figure(float(elevation_m[at]))} m is not allowed; it must '
-                           f'be {low_m:g} ... {high_m:g} m')
+        raise InvalidInput(f'point {at + 1}: elevation: {figure(float(elevation_m[at]))} m is not allowed; it '
+                           f'must be {low_m:g} ... {high_m:g} m')
     at_m, first = np.unique(distance_m[known], return_index=True)
     if len(at_m) < 2:
         return np.full(len(distance_m), float(elevation_m[known][0]) if known.any() else 0.0), None
@@ -69,8 +71,8 @@ def smooth_elevation(distance_m: FloatArray, elevation_m: FloatArray) -> tuple[F
     remark = None
     if noise_m > 0.3 or outliers:
         raw_climb, climb = (float(np.maximum(np.diff(column), 0.0).sum()) for column in (values_m, smooth_m))
-        remark = (f'elevation smoothed over {length_m:.0f} m, because it has an error of about {noise_m:.1f} m: the '
-                  f'climbs add up to {climb:.0f} m instead of {raw_climb:.0f} m')
+        remark = (f'elevation smoothed over {length_m:.0f} m, because it has an error of about {noise_m:.1f} m: '
+                  f'the climbs add up to {climb:.0f} m instead of {raw_climb:.0f} m')
     return np.interp(distance_m, grid_m, smooth_m), remark
 
 
@@ -108,7 +110,7 @@ def _without_outliers(values_m: FloatArray) -> tuple[FloatArray, int]:
 
 def _noise_m(at_m: FloatArray, values_m: FloatArray) -> float:
     """Return the standard deviation of independent errors, from each point against its neighbours' line."""
-    if len(values_m) < 5:
+    if len(values_m) < 5 or np.median(np.diff(at_m)) > DENSE_M:
         return 0.0
     before, after = np.diff(at_m)[:-1], np.diff(at_m)[1:]
     share = before / (before + after)

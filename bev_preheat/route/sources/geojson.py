@@ -2,7 +2,8 @@
 """
 Reads GeoJSON (RFC 7946): LineString or MultiLineString, alone or in features.
 
-Times of the points are taken from properties.coordTimes (or times, coordinateProperties.times), durations of parts of the
+Times of the points are taken from properties.coordTimes (or times, coordinateProperties.times), durations of
+parts of the
 line from properties.segments[].steps[] with way_points, as openrouteservice writes them.
 """
 
@@ -38,8 +39,8 @@ def read_geojson(contents: Any, options: RouteOptions) -> Journey:
     for (one, other), (_, place, _) in zip(zip(points, points[1:]), lines[1:]):
         gap_m = float(distances_m(*np.stack((one[-1], other[0]), axis=1)[[1, 0]])[0])
         if gap_m > MOST_GAP_M:
-            raise InvalidInput(f'{place}: begins {gap_m / 1e3:.1f} km from the end of the line before it; keep one '
-                               'route in the file')
+            raise InvalidInput(f'{place}: begins {gap_m / 1e3:.1f} km from the end of the line before it; keep '
+                               'one route in the file')
     remarks = [f'{len(lines)} lines are joined in their order'] if len(lines) > 1 else []
     array = np.concatenate(points)
     longitude_deg, latitude_deg, elevation_m = array.T
@@ -56,7 +57,8 @@ def read_geojson(contents: Any, options: RouteOptions) -> Journey:
     times = [_times(line_properties, len(line)) for (_, _, line_properties), line in zip(lines, points)]
     time_s = None if any(each is None for each in times) else np.concatenate(
         [each for each in times if each is not None])
-    return journey_of_points(KIND, latitude_deg, longitude_deg, elevation_m, time_s, options, remarks, 'coordinate')
+    return journey_of_points(KIND, latitude_deg, longitude_deg, elevation_m, time_s, options, remarks,
+                             'coordinate')
 
 
 def _lines(node: Any, place: str, properties: dict[str, Any]) -> list[tuple[list[Any], str, dict[str, Any]]]:
@@ -78,10 +80,11 @@ def _lines(node: Any, place: str, properties: dict[str, Any]) -> list[tuple[list
     if kind == 'LineString':
         return [(items(node, 'coordinates', place), place, properties)]
     if kind == 'MultiLineString':
-        lines = []
+        lines: list[tuple[list[Any], str, dict[str, Any]]] = []
         for at, line in enumerate(items(node, 'coordinates', place)):
             if not isinstance(line, list):
-                raise InvalidInput(f'{place}.coordinates[{at}]: must be a list of coordinates, not {in_words(line)}')
+                raise InvalidInput(f'{place}.coordinates[{at}]: must be a list of coordinates, not '
+                                   f'{in_words(line)}')
             lines.append((line, f'{place}.coordinates[{at}]', {}))
         return lines
     return []

@@ -26,7 +26,8 @@ def read_gpx(text: bytes, options: RouteOptions) -> Journey:
     check_xml(text)
     import gpxpy
     try:
-        contents = gpxpy.parse(text.decode('utf-8-sig') if b'encoding' not in text[:200].lower() else text)
+        # gpxpy follows the encoding that the file names.
+        contents = gpxpy.parse(text)
     except (gpxpy.gpx.GPXException, ValueError, TypeError, AttributeError, LookupError, OverflowError) as error:
         cause = error.__cause__ or error
         raise InvalidInput(f'is not GPX: {" ".join(str(cause).split())}') from error

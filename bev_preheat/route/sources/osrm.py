@@ -43,7 +43,8 @@ def read_osrm(contents: Any, options: RouteOptions) -> Journey:
         raise InvalidInput(f'{place}: must be an object')
     legs_key = 'legs' if 'legs' in route else 'segments'
     scales: list[float] = []
-    legs = [_leg(leg, f'{place}.{legs_key}[{at}]', remarks, scales) for at, leg in enumerate(items(route, legs_key, place))]
+    legs = [_leg(leg, f'{place}.{legs_key}[{at}]', remarks, scales)
+            for at, leg in enumerate(items(route, legs_key, place))]
     if not legs:
         raise InvalidInput(f'{place}.{legs_key}: is empty')
     length_m = float(sum(leg.length_m.sum() for leg in legs))
@@ -69,7 +70,8 @@ def _leg(leg: Any, place: str, remarks: list[str], scales: list[float]) -> Piece
         if own_s > 0.0 and abs(own_s - total_s) > 0.001 * total_s:
             low, high = SCALE_RANGE
             if not low <= total_s / own_s <= high:
-                raise InvalidInput(f'{place}: duration: {total_s:g} s, but the annotations add up to {own_s:.0f} s')
+                raise InvalidInput(f'{place}: duration: {total_s:g} s, but the annotations add up to {own_s:.0f} '
+                                   's')
             scales.append(total_s / own_s)
             pieces = pieces.scaled_to(total_s)
         return pieces

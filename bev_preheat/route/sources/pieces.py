@@ -40,7 +40,8 @@ def journey_of_pieces(kind: str, legs: Sequence[Pieces], options: RouteOptions, 
     """
     Return the Journey of legs in driving order.
 
-    `line`: latitudes and longitudes [deg] of the whole way; `elevation`: distances [m] and elevations [m] of points
+    `line`: latitudes and longitudes [deg] of the whole way; `elevation`: distances [m] and elevations [m] of
+    points
     along it. Waypoints between legs are charging stops if the options give a duration.
     """
     remarks = list(remarks)
@@ -76,4 +77,5 @@ def journey_of_pieces(kind: str, legs: Sequence[Pieces], options: RouteOptions, 
     if elevation is not None:
         at_m, values_m = elevation
         elevation_m = np.interp(distance_m, at_m, values_m)
-    return journey_of(kind, Timeline(distance_m, elapsed_s, latitude_deg, longitude_deg, elevation_m, stops), remarks)
+    return journey_of(
+        kind, Timeline(distance_m, elapsed_s, latitude_deg, longitude_deg, elevation_m, stops), remarks)

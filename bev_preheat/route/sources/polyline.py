@@ -43,12 +43,12 @@ def decode_polyline(text: object, places: int) -> tuple[FloatArray, FloatArray]:
 
 def decode_by_length(text: object, length_m: float) -> tuple[FloatArray, FloatArray]:
     """Return the coordinates of a polyline with the number of places that fits its length [m] best."""
-    best = min((decode_polyline(text, places) for places in (5, 6)), key=lambda line: _misfit(line, length_m))
-    return best
+    return min((decode_polyline(text, places) for places in (5, 6)), key=lambda line: _misfit(line, length_m))
 
 
 def _misfit(line: tuple[FloatArray, FloatArray], length_m: float) -> float:
     latitude_deg, longitude_deg = line
     if np.abs(latitude_deg).max() > 90.0 or np.abs(longitude_deg).max() > 180.0:
         return np.inf
-    return abs(float(np.log(max(float(distances_m(latitude_deg, longitude_deg).sum()), 1e-3) / max(length_m, 1e-3))))
+    own_m = max(float(distances_m(latitude_deg, longitude_deg).sum()), 1e-3)
+    return abs(float(np.log(own_m / max(length_m, 1e-3))))

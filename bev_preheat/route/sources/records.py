@@ -37,8 +37,8 @@ def read_records(contents: Any) -> Journey:
         elif contents and all(isinstance(column, list) for column in contents.values()):
             records = _rows(contents)
         else:
-            raise InvalidInput('is not a route: it has no routes (OSRM), no trip (Valhalla), no type (GeoJSON) and no '
-                               f'segments; its keys are: {", ".join(map(str, list(contents)[:8]))}')
+            raise InvalidInput('is not a route: it has no routes (OSRM), no trip (Valhalla), no type (GeoJSON) '
+                               f'and no segments; its keys are: {", ".join(map(str, list(contents)[:8]))}')
     if not isinstance(records, list) or not records:
         raise InvalidInput(f'is not a list of segments: {in_words(records)}')
     header: dict[str, None] = {}

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -43,8 +42,8 @@ def read_sumo(text: bytes, options: RouteOptions) -> Journey:
 
     check_xml(text, on_element)
     if not rows:
-        raise InvalidInput(f'{root[0] if root else "the file"}: has no vehicle with a battery; the simulation needs '
-                           '--battery-output and a vehicle with has.battery.device')
+        raise InvalidInput(f'{root[0] if root else "the file"}: has no vehicle with a battery; the simulation '
+                           'needs --battery-output and a vehicle with has.battery.device')
     chosen = _chosen(rows, options)
     at_s, speed_mps, energy_wh = np.array(rows[chosen]).T
     if len(at_s) < 2:
@@ -52,17 +51,18 @@ def read_sumo(text: bytes, options: RouteOptions) -> Journey:
     steps_s = np.diff(at_s)
     if not (steps_s > 0.0).all():
         at = int(np.argmin(steps_s > 0.0)) + 1
-        raise InvalidInput(f'vehicle {quoted(chosen)}: timestep {at + 1}: time {figure(float(at_s[at]))} s is not after '
-                           'the previous one')
+        raise InvalidInput(f'vehicle {quoted(chosen)}: timestep {at + 1}: time {figure(float(at_s[at]))} s is '
+                           'not after the previous one')
     for name, values, (low, high) in (('speed', speed_mps, LIMITS['speed_mps']),
                                       ('energyConsumed', energy_wh, CONSUMPTION_RANGE_WH)):
         bad = ~((values >= low) & (values <= high))
         if bad.any():
             at = int(np.argmax(bad))
-            raise InvalidInput(f'vehicle {quoted(chosen)}: timestep {at + 1}: {name}: {figure(float(values[at]))} is '
-                               f'not allowed; it must be {low:g} ... {high:g}')
+            raise InvalidInput(f'vehicle {quoted(chosen)}: timestep {at + 1}: {name}: '
+                               f'{figure(float(values[at]))} is not allowed; it must be {low:g} ... {high:g}')
     if at_s[-1] - at_s[0] > LONGEST_ROUTE_S:
-        raise InvalidInput(f'lasts {figure(float(at_s[-1] - at_s[0]))} s; at most {LONGEST_ROUTE_S:g} s are planned')
+        raise InvalidInput(f'lasts {figure(float(at_s[-1] - at_s[0]))} s; at most {LONGEST_ROUTE_S:g} s are '
+                           'planned')
     mean_mps = 0.5 * (speed_mps[1:] + speed_mps[:-1])
     # The energy of a timestep is that of the step that ends with it.
     return Journey(KIND, Motion(steps_s, mean_mps, np.zeros(len(at_s)), speed_mps), consumption_wh=energy_wh[1:],
@@ -76,8 +76,8 @@ def _chosen(rows: dict[str, list[tuple[float, float, float]]], options: RouteOpt
             raise InvalidInput(f'--vehicle-id: {quoted(options.vehicle_id)} is not in the file; it has: {names}')
         return options.vehicle_id
     if len(rows) > 1:
-        raise InvalidInput(f'has {len(rows)} vehicles; choose one, such as: --vehicle-id {next(iter(rows))} (it has: '
-                           f'{names})')
+        raise InvalidInput(f'has {len(rows)} vehicles; choose one, such as: --vehicle-id {next(iter(rows))} (it '
+                           f'has: {names})')
     return next(iter(rows))
 
 

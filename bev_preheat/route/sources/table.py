@@ -116,12 +116,13 @@ def _samples(table: TextTable, headers: dict[str, Header]) -> Journey:
     bad = ~(steps_s > 0.0)
     if bad.any():
         at = int(np.argmax(bad)) + 1
-        raise InvalidInput(f'{table.where(at)}: {headers["time"].name}: {figure(float(time_s[at]))} s is not after '
-                           f'{figure(float(time_s[at - 1]))} s of the previous row')
+        raise InvalidInput(f'{table.where(at)}: {headers["time"].name}: {figure(float(time_s[at]))} s is not '
+                           f'after {figure(float(time_s[at - 1]))} s of the previous row')
     gap = steps_s > LONGEST_INTERVAL_S
     if gap.any():
         at = int(np.argmax(gap)) + 1
-        raise InvalidInput(f'{table.where(at)}: {headers["time"].name}: {figure(float(steps_s[at - 1]))} s without '
+        raise InvalidInput(f'{table.where(at)}: {headers["time"].name}: {figure(float(steps_s[at - 1]))} s '
+                           'without '
                            f'a sample; at most {LONGEST_INTERVAL_S:g} s are allowed; is the time in seconds? '
                            'Rows that are segments need duration_s instead of a time')
     total_s = float(time_s[-1] - time_s[0])
@@ -174,8 +175,8 @@ def _speed_of_distance(table: TextTable, header: Header, steps_s: FloatArray) ->
     if bad.any():
         at = int(np.argmax(bad))
         raise InvalidInput(f'{table.where(at + 1)}: {header.name}: {figure(float(driven_m[at]))} m in '
-                           f'{figure(float(steps_s[at]))} s; a cumulated distance must not fall, and the speed must '
-                           f'be at most {LIMITS["speed_mps"][1]:g} m/s')
+                           f'{figure(float(steps_s[at]))} s; a cumulated distance must not fall, and the speed '
+                           f'must be at most {LIMITS["speed_mps"][1]:g} m/s')
     return speed_mps
 
 
@@ -192,8 +193,8 @@ def _times(table: TextTable, header: Header) -> FloatArray:
             # Without time zone throughout, or with one throughout: the difference counts.
             seconds.append((moment - datetime(2000, 1, 1, tzinfo=moment.tzinfo)).total_seconds())
         except (ValueError, OverflowError) as error:
-            raise InvalidInput(f'{table.where(at)}: {header.name}: {quoted(text)} is not a time; use seconds, or a '
-                               'date and time as in ISO 8601: 2026-01-31T08:00:00') from error
+            raise InvalidInput(f'{table.where(at)}: {header.name}: {quoted(text)} is not a time; use seconds, or '
+                               'a date and time as in ISO 8601: 2026-01-31T08:00:00') from error
     return np.array(seconds)
 
 
@@ -221,8 +222,8 @@ def _segments(table: TextTable, headers: dict[str, Header]) -> Journey:
         duration_s = length_m / speed_mps
     if speed_mps.max() > LIMITS['speed_mps'][1]:
         at = int(speed_mps.argmax())
-        raise InvalidInput(f'{table.where(at)}: length and duration give {figure(float(speed_mps[at]))} m/s; at most '
-                           f'{LIMITS["speed_mps"][1]:g} m/s are allowed; check their units')
+        raise InvalidInput(f'{table.where(at)}: length and duration give {figure(float(speed_mps[at]))} m/s; at '
+                           f'most {LIMITS["speed_mps"][1]:g} m/s are allowed; check their units')
     remarks: list[str] = []
     if 'elevation' in columns:
         # Of the end of each segment; the first one is taken as level.
@@ -231,7 +232,8 @@ def _segments(table: TextTable, headers: dict[str, Header]) -> Journey:
         slope = columns.get('slope')
         if slope is None and 'consumption' not in columns:
             remarks.append('no slope and no elevation: a level road')
-        elevation_m = elevation_of_slope(duration_s, speed_mps, np.zeros(len(speed_mps)) if slope is None else slope)
+        elevation_m = elevation_of_slope(
+            duration_s, speed_mps, np.zeros(len(speed_mps)) if slope is None else slope)
     charging_s = columns.get('charging_time')
     stops = () if charging_s is None else tuple(
         ChargingStop(int(at), float(charging_s[at])) for at in np.flatnonzero(charging_s > 0.0))

@@ -65,8 +65,8 @@ def journey_of(kind: str, timeline: Timeline, remarks: Sequence[str] = ()) -> Jo
     most_mps = LIMITS['speed_mps'][1]
     at = int(speed_mps.argmax())
     if speed_mps[at] > most_mps:
-        raise InvalidInput(f'the {kind} has {figure(float(speed_mps[at]))} m/s at min {edges_s[at] / 60.0:.1f}; at '
-                           f'most {most_mps:g} m/s are allowed; check times and coordinates')
+        raise InvalidInput(f'the {kind} has {figure(float(speed_mps[at]))} m/s at min {edges_s[at] / 60.0:.1f}; '
+                           f'at most {most_mps:g} m/s are allowed; check times and coordinates')
     # A standstill keeps its elevation; its jitter is not driven.
     speed_mps = np.where(speed_mps < STANDSTILL_MPS, 0.0, speed_mps)
     if timeline.elevation_m is not None and np.isfinite(timeline.elevation_m).any():
@@ -81,7 +81,8 @@ def journey_of(kind: str, timeline: Timeline, remarks: Sequence[str] = ()) -> Jo
     line = None
     if timeline.latitude_deg is not None and timeline.longitude_deg is not None:
         line = RouteLine(timeline.latitude_deg, timeline.longitude_deg, distance_m, elapsed_s)
-    return Journey(kind, Motion(duration_s, speed_mps, elevation_m), line=line, stops=stops, remarks=tuple(remarks))
+    return Journey(kind, Motion(duration_s, speed_mps, elevation_m), line=line, stops=stops,
+                   remarks=tuple(remarks))
 
 
 def _edges(timeline: Timeline) -> FloatArray:
@@ -100,13 +101,15 @@ def _edges(timeline: Timeline) -> FloatArray:
     kept[-1] = end_s
     pieces = [np.linspace(start_s, until_s, max(1, round((until_s - start_s) / SEGMENT_S)) + 1)[:-1]
               for start_s, until_s in zip(kept, kept[1:])]
-    return np.concatenate((*pieces, [end_s]))
+    edges_s: FloatArray = np.concatenate((*pieces, [end_s]))
+    return edges_s
 
 
 def interpolated(at: FloatArray, x: FloatArray, y: FloatArray) -> FloatArray:
     """Return y at `at`, linear between points; where x repeats, y of its last point counts."""
     last = np.append(np.diff(x) > 0.0, True)
-    return np.interp(at, x[last], y[last])
+    values: FloatArray = np.interp(at, x[last], y[last])
+    return values
 
 
 def distances_m(latitude_deg: FloatArray, longitude_deg: FloatArray) -> FloatArray:
@@ -114,7 +117,8 @@ def distances_m(latitude_deg: FloatArray, longitude_deg: FloatArray) -> FloatArr
     latitude, longitude = np.radians(latitude_deg), np.radians(longitude_deg)
     half = (np.sin(0.5 * np.diff(latitude))**2 + np.cos(latitude[:-1]) * np.cos(latitude[1:])
             * np.sin(0.5 * np.diff(longitude))**2)
-    return 2.0 * EARTH_RADIUS_M * np.arcsin(np.sqrt(np.clip(half, 0.0, 1.0)))
+    apart_m: FloatArray = 2.0 * EARTH_RADIUS_M * np.arcsin(np.sqrt(np.clip(half, 0.0, 1.0)))
+    return apart_m
 
 
 def check_coordinates(latitude_deg: FloatArray, longitude_deg: FloatArray, element: str = 'point') -> None:
@@ -125,5 +129,5 @@ def check_coordinates(latitude_deg: FloatArray, longitude_deg: FloatArray, eleme
         bad = ~(np.abs(values) <= most)
         if bad.any():
             at = int(np.argmax(bad))
-            raise InvalidInput(f'{element} {at + 1}: {name}: {figure(float(values[at]))} is not allowed; it must be '
-                               f'{-most:g} ... {most:g} degrees')
+            raise InvalidInput(f'{element} {at + 1}: {name}: {figure(float(values[at]))} is not allowed; it must '
+                               f'be {-most:g} ... {most:g} degrees')

@@ -32,7 +32,8 @@ STOP_RADIUS_M = 15.0
 LEAST_STOP_S = 20.0
 # Positions closer in time are filtered by a Gaussian with this deviation [s].
 POSITION_FILTER_S = 2.0
-# Free driving: comfortable acceleration, also in curves [m/s^2], and the length over which a curve is measured [m].
+# Free driving: comfortable acceleration, also in curves [m/s^2], and the length over which a curve is measured
+# [m].
 COMFORTABLE_MPS2 = 1.0
 LATERAL_MPS2 = 2.0
 CURVE_M = 60.0
@@ -44,9 +45,9 @@ DENSE_M = 60.0
 SPEED_RANGE_KMH = (5.0, 250.0)
 
 
-def journey_of_points(kind: str, latitude_deg: FloatArray, longitude_deg: FloatArray, elevation_m: FloatArray | None,
-                      time_s: FloatArray | None, options: RouteOptions, remarks: Sequence[str] = (),
-                      element: str = 'point') -> Journey:
+def journey_of_points(kind: str, latitude_deg: FloatArray, longitude_deg: FloatArray,
+                      elevation_m: FloatArray | None, time_s: FloatArray | None, options: RouteOptions,
+                      remarks: Sequence[str] = (), element: str = 'point') -> Journey:
     """
     Return the Journey of M points on the map, shapes (M,), `time_s` or `elevation_m` None if unknown.
 
@@ -61,17 +62,17 @@ def journey_of_points(kind: str, latitude_deg: FloatArray, longitude_deg: FloatA
     falls = np.flatnonzero(np.diff(time_s) < 0.0)
     if falls.size:
         at = int(falls[0]) + 1
-        raise InvalidInput(f'{element} {at + 1}: time: is {figure(float(time_s[at - 1] - time_s[at]))} s before that '
-                           f'of the previous {element}')
+        raise InvalidInput(f'{element} {at + 1}: time: is {figure(float(time_s[at - 1] - time_s[at]))} s before '
+                           f'that of the previous {element}')
     keep = _believed(latitude_deg, longitude_deg, time_s)
     dropped = int((~keep).sum())
     if dropped > MOST_DROPPED * len(keep) or keep.sum() < 2:
-        raise InvalidInput(f'{dropped} of {len(keep)} {element}s would need more than {MOST_SPEED_MPS * 3.6:.0f} km/h '
-                           'from the previous one; check times and coordinates')
+        raise InvalidInput(f'{dropped} of {len(keep)} {element}s would need more than {MOST_SPEED_MPS * 3.6:.0f} '
+                           'km/h from the previous one; check times and coordinates')
     if dropped:
         first = int(np.argmin(keep)) + 1
-        remarks.append(f'{dropped} {element}s dropped, the first of them {element} {first}: at the same time as the '
-                       'one before, or too far from it')
+        remarks.append(f'{dropped} {element}s dropped, the first of them {element} {first}: at the same time as '
+                       'the one before, or too far from it')
     latitude_deg, longitude_deg, time_s = latitude_deg[keep], longitude_deg[keep], time_s[keep]
     elevation_m = None if elevation_m is None else elevation_m[keep]
     elapsed_s = time_s - time_s[0]
@@ -157,7 +158,8 @@ def _free(kind: str, latitude_deg: FloatArray, longitude_deg: FloatArray, elevat
           options: RouteOptions, remarks: list[str]) -> Journey:
     """Return the Journey of a line without times, driven at the free speed and slower in curves."""
     if options.free_speed_kmh is None:
-        raise InvalidInput(f'the {kind} has no times; give the speed on free road [km/h], such as: --free-speed 90')
+        raise InvalidInput(f'the {kind} has no times; give the speed on free road [km/h], such as: --free-speed '
+                           '90')
     low, high = SPEED_RANGE_KMH
     if not low <= options.free_speed_kmh <= high:
         raise InvalidInput(f'--free-speed: {options.free_speed_kmh:g} km/h is not allowed; it must be {low:g} ... '
@@ -179,9 +181,10 @@ def _free(kind: str, latitude_deg: FloatArray, longitude_deg: FloatArray, elevat
         remarks.append(f'no times: driven at {options.free_speed_kmh:g} km/h')
     allowed_mps[[0, -1]] = 0.0
     drive = drive_along(Track(grid_m, allowed_mps, np.zeros(len(grid_m))), COMFORTABLE_MPS2, COMFORTABLE_MPS2)
-    at_grid = [None if values is None else np.interp(grid_m, distance_m, values)
-               for values in (latitude_deg, longitude_deg, elevation_m)]
-    return journey_of(kind, Timeline(drive.distance_m, drive.time_s, *at_grid), remarks)
+    return journey_of(kind, Timeline(
+        drive.distance_m, drive.time_s, np.interp(grid_m, distance_m, latitude_deg),
+        np.interp(grid_m, distance_m, longitude_deg),
+        None if elevation_m is None else np.interp(grid_m, distance_m, elevation_m)), remarks)
 
 
 def _curve_speed_mps(grid_m: FloatArray, distance_m: FloatArray, latitude_deg: FloatArray,

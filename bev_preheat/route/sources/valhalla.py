@@ -26,9 +26,11 @@ def read_valhalla(contents: Any, options: RouteOptions) -> Journey:
     """Return the Journey of an answer; raise InvalidInput naming the key."""
     trip = contents.get('trip')
     if not isinstance(trip, dict):
-        raise InvalidInput(f'the service found no route: {quoted(str(contents.get("error", "no trip in the answer")))}')
+        raise InvalidInput(f'the service found no route: '
+                           f'{quoted(str(contents.get("error", "no trip in the answer")))}')
     if trip.get('status', 0) != 0:
-        raise InvalidInput(f'the service found no route: {quoted(str(trip.get("status_message", trip["status"])))}')
+        raise InvalidInput(f'the service found no route: '
+                           f'{quoted(str(trip.get("status_message", trip["status"])))}')
     units = trip.get('units', 'kilometers')
     if not isinstance(units, str) or units not in M_PER_UNIT:
         raise InvalidInput(f'trip.units: {quoted(str(units))} is not known; it must be kilometers or miles')
