@@ -69,7 +69,7 @@ def power_deficit(trip: Trip, schedule: Schedule, most_w: FloatArray | None = No
         _, most_w = limits_along(trip, schedule)
     power_w = trip.idle_power_w + schedule.drawn_power_w - most_w
     if schedule.driven_share is not None:
-        # When the vehicle stands without charge, it lacks charge, not power.
+        # When the vehicle stands without charge, it is short of energy, not of power.
         power_w = np.where(schedule.driven_share < 1.0, 0.0, power_w)
     at = int(power_w.argmax())
     worst_w = float(power_w[at])
