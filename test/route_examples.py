@@ -123,7 +123,7 @@ def sumo(vehicles=('ev',), power_w=5000.0):
 
 
 def fastsim(grade=0.01):
-    """Return a cycle of FASTSim: up to SPEED_MPS, half a minute of it, and down again."""
+    """Return a cycle of FASTSim: up to SPEED_MPS, half a minute at this speed, and down again."""
     speeds = [*range(0, 21), *[SPEED_MPS] * 30, *range(20, -1, -1)]
     return 'cycSecs,cycMps,cycGrade,cycRoadType\n' + ''.join(
         f'{second},{speed},{grade},0\n' for second, speed in enumerate(speeds))

@@ -81,6 +81,7 @@ def run(arguments: Namespace) -> int:
     check_outputs([OutputFile('--output', arguments.output),
                    OutputFile('--plot', arguments.plot, PICTURE_SUFFIXES)],
                   [vehicle_file(arguments.vehicle), *inputs])
+    comparison = _comparison(arguments, vehicle) if arguments.averages else None
     route = rounded(route)
     comments = [f'Route {name}, made by:', f'    {_command(arguments)}', *remarks]
     save_route(arguments.output, route, comments, made_for=vehicle.name, stops=stops)
@@ -89,8 +90,8 @@ def run(arguments: Namespace) -> int:
     for remark in remarks:
         console.print(f'note: {remark}', markup=False)
     console.print(f'written: {arguments.output}', markup=False)
-    if arguments.averages:
-        console.print(_comparison(arguments, vehicle))
+    if comparison is not None:
+        console.print(comparison)
     if arguments.plot:
         # matplotlib takes longer to import than a route takes to make.
         from bev_preheat.drawing.route_figure import draw_route

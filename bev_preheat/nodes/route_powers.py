@@ -46,7 +46,7 @@ def powers_of_road_load(message: RoutePlan, columns: dict[str, FloatArray],
     given = [name for name in ('propulsion_power_rms', 'propulsion_power_magnitude')
              if len(getattr(message, name))]
     if given:
-        raise InvalidInput(f'{" and ".join(given)}: given without propulsion_power; give all of them, or none')
+        raise InvalidInput(f'{" and ".join(given)}: given without propulsion_power; give all three, or none')
     if any(not len(columns[field]) for field in NEEDED):
         return columns, ''
     try:

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 JOULES_PER_WH = 3600.0
 # Duration [s] of the segments that samples are joined to.
 SEGMENT_S = 30.0
+LEAST_DISTANCE_M = 10.0
 
 
 def drive_journey(journey: Journey, vehicle: Vehicle, options: RouteOptions,
@@ -32,6 +33,9 @@ def drive_journey(journey: Journey, vehicle: Vehicle, options: RouteOptions,
     """
     motion = journey.motion
     remarks = list(journey.remarks)
+    if motion.distance_m[-1] < LEAST_DISTANCE_M:
+        raise InvalidInput(f'{path}: this {journey.kind} is {motion.distance_m[-1]:.1f} m long; at least '
+                           f'{LEAST_DISTANCE_M:g} m are needed; check column and unit of the speed')
     ambient_c = ambient_of(journey, options, path)
     columns: dict[str, FloatArray | None] = {
         'duration_s': motion.duration_s, 'speed_mps': motion.speed_mps, 'ambient_temperature_c': ambient_c,

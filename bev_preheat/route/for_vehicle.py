@@ -56,7 +56,7 @@ def route_for(name_or_file: str | Path, vehicle: Vehicle,
 
     A name is that of a file in config/routes, `legs/NAME` that of a description in
     config/routes/legs; a text with any other slash or with a suffix is a file of any format, relative
-    to `folder` if given. `options` are the figures that such a file lacks. Raises InvalidInput naming
+    to `folder` if given. `options` complete such a file. Raises InvalidInput naming
     file, place, value and allowed range.
     """
     is_legs, source = _source(name_or_file, folder)
@@ -73,8 +73,8 @@ def route_for(name_or_file: str | Path, vehicle: Vehicle,
         route, remarks = drive_journey(journey, vehicle, options, file)
         # Rounded, as from legs.
         return RouteForVehicle(rounded(route), name, file, None, journey.line, tuple(remarks), journey.stops)
-    _refuse_options(file, options)
     loaded = load_file_route(source, vehicle.defaults)
+    _refuse_options(file, options)
     return RouteForVehicle(loaded.route, loaded.made_for, file,
                            _warning(file, loaded.made_for, vehicle), stops=loaded.stops)
 

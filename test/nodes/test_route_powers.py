@@ -81,7 +81,7 @@ def test_powers_that_are_given_are_kept():
     ({'slope': [float('nan')]}, 'slope[0]: nan is not allowed; it must be -0.4 ... 0.4 (rise over run)'),
     ({'slope': [0.1, 0.1]}, 'slope: has 2 values; it must have 1 or 3, the length of the longest array, or none'),
     ({'propulsion_power_rms': [1.0]},
-     'propulsion_power_rms: given without propulsion_power; give all of them, or none'),
+     'propulsion_power_rms: given without propulsion_power; give all three, or none'),
     ({'speed': [-1.0]}, 'speed[0]: -1 is not allowed; it must be 0 ... 100 m/s'),
     ({'ambient_temperature': []}, 'missing or empty: propulsion_power, ambient_temperature'),
     ({'speed': [90.0], 'segment_duration': [900.0], 'slope': [0.3]},

@@ -235,3 +235,35 @@ def test_byte_order_marks_and_line_ends_do_not_matter(tmp_path, name, change):
     text = getattr(examples, name)().encode()
     one, other = (loaded(tmp_path, each).route for each in (text, change(text)))
     assert (one.propulsion_power_w == other.propulsion_power_w).all()
+
+
+@pytest.mark.parametrize('header', [
+    'time_s,speed_kmh', 'Time [s],v [km/h]', 'Total elapsed time (s),Speed (km/h)', 'Zeit [s],Geschwindigkeit [km/h]',
+    't_s,v_kmh', 'Time,WLTC speed [kph]', 'time_s,wltc_class_3b_kmh', 'Elapsed time / s,Speed / km/h',
+    'time,speed\n[s],[km/h]'])
+def test_columns_are_spelt_in_many_ways(tmp_path, header):
+    usual = examples.speed_table()
+    wanted = loaded(tmp_path, usual).route
+    found = loaded(tmp_path, usual.replace('time_s,speed_kmh', header)).route
+    assert (found.propulsion_power_w == wanted.propulsion_power_w).all()
+
+
+@pytest.mark.parametrize('moment', [
+    lambda second: f'2026-01-31T08:{second // 60:02d}:{second % 60:02d}Z', lambda second: 1_769_846_400 + second,
+    lambda second: f'08:{second // 60:02d}:{second % 60:02d}'])
+def test_times_are_seconds_dates_or_times_of_day(tmp_path, moment):
+    rows = examples.speed_table().splitlines()
+    text = '\n'.join(['time,speed_kmh', *(f'{moment(second)},{row.split(",")[1]}' for second, row in enumerate(rows[1:]))])
+    assert loaded(tmp_path, text).route.distance_m == pytest.approx(
+        loaded(tmp_path, examples.speed_table()).route.distance_m)
+
+
+def test_fastsim_cycles_climb_by_their_grade(tmp_path):
+    level, steep = (loaded(tmp_path, examples.fastsim(grade)).route for grade in (0.0, 0.02))
+    rise_j = CAR.road_load.mass_kg * 9.80665 * 0.02 * level.distance_m
+    extra_j = (steep.propulsion_power_w - level.propulsion_power_w) @ level.duration_s
+    assert rise_j * CAR.drivetrain.efficiency < extra_j < rise_j / CAR.drivetrain.efficiency
+
+
+def test_a_drive_that_never_moves_is_refused(tmp_path):
+    assert 'check column and unit of the speed' in refusal(tmp_path, 'time_s,speed_kmh\n0,0\n60,0\n')

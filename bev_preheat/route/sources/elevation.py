@@ -80,7 +80,7 @@ def _without_steps(at_m: FloatArray, values_m: FloatArray) -> tuple[FloatArray, 
     """
     Return distances and values without the steps of values that are held, as loggers hold whole metres.
 
-    A short run of equal values becomes its middle, a long one two points inside of it.
+    A short run of equal values becomes its middle, a long one two inner points.
     """
     starts = np.flatnonzero(np.concatenate(([True], np.diff(values_m) != 0.0)))
     if len(starts) > MOST_CHANGES * len(values_m) or len(starts) < 2:

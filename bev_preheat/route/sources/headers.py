@@ -58,6 +58,9 @@ NAMES = {
     'charging_time': ('charging_time', 'charging_duration', 'charge_time', 'charge_duration', 'ladezeit'),
     'propulsion_power': ('propulsion_power',),
 }
+# Words in longer names.
+KEYWORDS = {'time': re.compile(r'time$|^elapsed'),
+            'speed': re.compile(r'(speed|velocity)$|^(wltc|wltp|nedc|udds|hwfet|us06|artemis)')}
 _QUANTITY_OF: dict[str, list[str]] = {}
 for _quantity, _names in NAMES.items():
     for _name in _names:
@@ -93,6 +96,11 @@ def read_header(name: str) -> Header | str | None:
             if unit in UNITS[quantity]:
                 return Header(quantity, name, unit, UNITS[quantity][unit])
     for stem, unit in _splits(name):
+        # Longer names, such as the name of the cycle before the quantity, need their unit.
+        for quantity, words in KEYWORDS.items():
+            if unit and unit in UNITS[quantity] and words.search(stem):
+                return Header(quantity, name, unit, UNITS[quantity][unit])
+    for stem, unit in _splits(name):
         for quantity in _QUANTITY_OF.get(stem, ()):
             if unit:
                 return (f'column {name!r}: the unit {unit!r} is not known; known for {quantity}: '
@@ -118,9 +126,9 @@ def _splits(name: str) -> list[tuple[str, str]]:
         return [(_stem(match[1]), match[2].lower())]
     lower = text.lower()
     ways = []
-    for mark in (' in ', '/', ', '):
+    for mark in (' in ', ' / ', ', '):
         first, found, last = lower.partition(mark)
-        if found and mark != '/':
+        if found:
             ways.append((_stem(first), last.strip()))
     pieces = re.split(r'[\s_\-]+', lower)
     for at in range(1, len(pieces)):

@@ -48,7 +48,7 @@ class Journey:
 @dataclass(frozen=True)
 class RouteOptions:
     """
-    Figures that a source may lack.
+    Figures that may be missing in a source.
 
     `ambient_temperature_c` [degC] applies if the file has none. `with_auxiliaries`: the consumption in the
     file includes heating and auxiliaries (None: not given). `free_speed_kmh` [km/h]: speed on free road, for a

@@ -49,8 +49,8 @@ def read_osrm(contents: Any, options: RouteOptions) -> Journey:
         raise InvalidInput(f'{place}.{legs_key}: is empty')
     length_m = float(sum(leg.length_m.sum() for leg in legs))
     if scales:
-        remarks.append(f'durations of the edges are scaled by {_span(scales)} to the durations of the legs: OSRM '
-                       'leaves turns and traffic lights out of them')
+        remarks.append(f'durations of the edges are scaled by {_span(scales)} to the durations of the legs, which '
+                       'include turns and traffic lights')
     return journey_of_pieces(KIND, legs, options, list(dict.fromkeys(remarks)), _line(route, length_m, place))
 
 

@@ -64,14 +64,14 @@ def journey_of_points(kind: str, latitude_deg: FloatArray, longitude_deg: FloatA
         at = int(falls[0]) + 1
         raise InvalidInput(f'{element} {at + 1}: time: is {figure(float(time_s[at - 1] - time_s[at]))} s before '
                            f'that of the previous {element}')
-    keep = _believed(latitude_deg, longitude_deg, time_s)
+    keep = _plausible(latitude_deg, longitude_deg, time_s)
     dropped = int((~keep).sum())
     if dropped > MOST_DROPPED * len(keep) or keep.sum() < 2:
         raise InvalidInput(f'{dropped} of {len(keep)} {element}s would need more than {MOST_SPEED_MPS * 3.6:.0f} '
                            'km/h from the previous one; check times and coordinates')
     if dropped:
         first = int(np.argmin(keep)) + 1
-        remarks.append(f'{dropped} {element}s dropped, the first of them {element} {first}: at the same time as '
+        remarks.append(f'{dropped} {element}s dropped, from {element} {first} on: at the same time as '
                        'the one before, or too far from it')
     latitude_deg, longitude_deg, time_s = latitude_deg[keep], longitude_deg[keep], time_s[keep]
     elevation_m = None if elevation_m is None else elevation_m[keep]
@@ -87,8 +87,8 @@ def journey_of_points(kind: str, latitude_deg: FloatArray, longitude_deg: FloatA
                                      breaks_s=tuple(breaks_s)), remarks)
 
 
-def _believed(latitude_deg: FloatArray, longitude_deg: FloatArray, time_s: FloatArray) -> BoolArray:
-    """Return whether each fix can be reached from the last one believed, shape (M,)."""
+def _plausible(latitude_deg: FloatArray, longitude_deg: FloatArray, time_s: FloatArray) -> BoolArray:
+    """Return whether each fix can be reached from the last plausible fix, shape (M,)."""
     keep = np.ones(len(time_s), dtype=bool)
     step_s, step_m = np.diff(time_s), distances_m(latitude_deg, longitude_deg)
     if (step_s > 0.0).all() and (step_m <= MOST_SPEED_MPS * step_s).all():
