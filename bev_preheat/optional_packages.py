@@ -19,6 +19,7 @@ PURPOSES = {
     'distributed': 'runs studies on a cluster',
     'do_mpc': 'is the benchmark of the nonlinear program',
     'elftools': 'reads object files',
+    'gpxpy': 'reads GPX files',
     'jinja2': 'writes reports',
     'matplotlib': 'draws figures',
     'pandas': 'holds results as tables',

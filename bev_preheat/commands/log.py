@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`preheat log`: says what is in a log: format, signals, sampling, gaps, doubts."""
+"""`preheat log`: describes a log: format, signals, sampling, gaps, doubts."""
 
 from __future__ import annotations
 
-from datetime import datetime, timezone
+from datetime import datetime, UTC
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 def add_parser(subparsers: Subparsers) -> None:
     """Add the subcommand to those of `preheat`."""
     parser = subparsers.add_parser(
-        'log', help='say what is in a drive log: signals, sampling, gaps, doubts',
-        description='Say what is in a drive log: its format, the signals found and their ranges in SI units, sampling, '
+        'log', help='describe a drive log: signals, sampling, gaps, doubts',
+        description='Describe a drive log: its format, the signals found and their ranges in SI units, sampling, '
                     'gaps, and doubts about sign, unit and scale.')
     parser.add_argument('file', metavar='FILE',
                         help='log: CSV (one column a signal, or one reading a line), LeafSpy, JSON lines, MDF4, '
@@ -48,7 +48,7 @@ def add_signal_arguments(parser: ArgumentParser) -> None:
 
 
 def run(arguments: Namespace) -> int:
-    """Read the log, print and write what is in it, and return the exit status."""
+    """Read the log, print and write its description, and return the exit status."""
     path = expanded(arguments.file)
     check_output_arguments(arguments, (path,))
     recording = read_recording(path, arguments.signals, arguments.repair)
@@ -60,11 +60,13 @@ def run(arguments: Namespace) -> int:
         draw_recording(arguments.plot, recording)
     console = result_console(arguments.json)
     begun = '' if recording.start_s is None else f', from {_moment(recording.start_s)}'
-    print_records(console, f'Log {Path(path).name}: {recording.format}, signal map {recording.signal_map}{begun}, '
-                  f'{recording.duration_s / 60.0:.1f} min',
+    print_records(console, f'Log {Path(path).name}',
                   ('signal', 'min', 'max', 'samples', 'every [s]', 'gaps', 'longest gap [s]'),
                   [_row(recording.signals[signal], signal, samplings[signal]) for signal in recording.signals],
                   ('left', *('right',) * 6))
+    console.print(f'{recording.format}, signal map {recording.signal_map}, {recording.duration_s / 60.0:.1f} '
+                  f'min{begun}',
+                  markup=False, soft_wrap=True)
     for signal, names in recording.sources.items():
         console.print(f'{signal}: from {", ".join(names)}', markup=False, soft_wrap=True)
     for remark in recording.remarks:
@@ -82,7 +84,7 @@ def _row(series: Series, signal: str, found: Sampling) -> tuple[str, ...]:
 
 
 def as_dictionary(recording: Recording, samplings: dict[str, Sampling]) -> dict[str, object]:
-    """Return what is in a recording, for JSON."""
+    """Return the description of a recording for JSON."""
     return {
         'format': recording.format, 'signal_map': recording.signal_map,
         'start': None if recording.start_s is None else _moment(recording.start_s),
@@ -97,4 +99,4 @@ def as_dictionary(recording: Recording, samplings: dict[str, Sampling]) -> dict[
 
 
 def _moment(start_s: float) -> str:
-    return datetime.fromtimestamp(start_s, timezone.utc).strftime('%Y-%m-%d %H:%M:%S UTC')
+    return datetime.fromtimestamp(start_s, UTC).strftime('%Y-%m-%d %H:%M:%S UTC')

@@ -21,8 +21,9 @@ if TYPE_CHECKING:
 
 # Panels: label, factor from the signals' unit, and signals with colour and name.
 PANELS = (
-    ('temperature\n[°C]', 1.0, (('battery_temperature_c', VERMILLION, 'battery'), ('ambient_c', SKY_BLUE, 'ambient'),
-                                ('coolant_c', GREEN, 'coolant'))),
+    ('temperature\n[°C]', 1.0, (
+        ('battery_temperature_c', VERMILLION, 'battery'), ('ambient_c', SKY_BLUE, 'ambient'),
+        ('coolant_c', GREEN, 'coolant'))),
     ('state of\ncharge [%]', 100.0, (('soc', BLACK, 'state of charge'),)),
     ('voltage\n[V]', 1.0, (('voltage_v', BLUE, 'voltage'),)),
     ('current\n[A]', 1.0, (('current_a', PURPLE, 'current'),)),

@@ -8,7 +8,7 @@ from contextlib import closing
 import logging
 from pathlib import Path
 import re
-from typing import Any, TYPE_CHECKING
+from typing import Any, cast, TextIO, TYPE_CHECKING
 
 import numpy as np
 
@@ -25,7 +25,8 @@ if TYPE_CHECKING:
 
 CANDUMP = re.compile(r'\(\d{1,12}(?:\.\d+)?\)\s+\S+\s+[0-9A-Fa-f]{3,8}#(?:#[0-9A-Fa-f])?'
                      r'(?:(?:[0-9A-Fa-f]{2}){0,64}|[Rr]\d?)(?:\s+[RTrt])?')
-ASC = re.compile(r'^(date .*|base\s+(hex|dec)\s+timestamps\s+(absolute|relative).*)$', re.MULTILINE | re.IGNORECASE)
+ASC = re.compile(r'^(date .*|base\s+(hex|dec)\s+timestamps\s+(absolute|relative).*)$',
+                 re.MULTILINE | re.IGNORECASE)
 BATCH = 20_000
 
 
@@ -36,7 +37,7 @@ class CanFrames:
     decimal = '.'
 
     def __init__(self, path: str | Path, kind: str, encoding: str, databases: Collection[str | Path]) -> None:
-        """Take the DBC files; raises InvalidInput if there are none, or if one cannot be read."""
+        """Take the DBC files; raises InvalidInput if none is given, or if one cannot be read."""
         require('can', 'cantools')
         self._path, self._kind, self._encoding = path, kind, encoding
         self.format = f'CAN frames ({kind})'
@@ -64,7 +65,8 @@ class CanFrames:
                 values = message.decode(bytes(frame.data), decode_choices=False, allow_truncated=True)
             except Exception as error:
                 # cantools raises errors of several packages for frames that do not fit the DBC.
-                remarks.add(f'decode {message.name}', f'{self._path}, frame {number}: {message.name}: does not fit the '
+                remarks.add(f'decode {message.name}', f'{self._path}, frame {number}: {message.name}: does not '
+                                                      'fit the '
                             f'DBC ({quoted(str(error))}); it is dropped', noun='frame')
                 continue
             for signal, value in values.items():
@@ -77,13 +79,13 @@ class CanFrames:
         yield from _pieces(readings)
 
     def _frames(self, remarks: Remarks | None) -> Iterator[Any]:
-        """Yield the frames (can.Message); remark on the first that cannot be read, which ends an ASC or BLF file."""
+        """Yield the frames (can.Message); remark on a damaged one, which ends an ASC or BLF file."""
         import can
         # It logs each object that it does not know.
         logging.getLogger('can').setLevel(logging.CRITICAL)
         try:
             if self._kind == 'candump':
-                yield from can.CanutilsLogReader(_Lines(self._sound_lines(remarks)))
+                yield from can.CanutilsLogReader(cast(TextIO, _Lines(self._sound_lines(remarks))))
                 return
             reader = (can.ASCReader(self._path, relative_timestamp=False) if self._kind == 'ASC' else
                       can.BLFReader(self._path))
@@ -94,7 +96,8 @@ class CanFrames:
         except Exception as error:
             # python-can raises errors of several kinds for damaged files.
             if remarks is not None:
-                remarks.add('frames', f'{self._path}: is damaged ({quoted(str(error))}); the frames before are used')
+                remarks.add('frames', f'{self._path}: is damaged ({quoted(str(error))}); the frames before are '
+                                      'used')
 
     def _sound_lines(self, remarks: Remarks | None) -> Iterator[str]:
         for first, lines in line_blocks(self._path, self._encoding):
@@ -102,7 +105,8 @@ class CanFrames:
                 if CANDUMP.fullmatch(line.strip()):
                     yield line
                 elif line.strip() and remarks is not None:
-                    remarks.add('line', f'{self._path}, line {number}: {quoted(line.strip())} is no frame; it is dropped',
+                    remarks.add('line', f'{self._path}, line {number}: {quoted(line.strip())} is no frame; it '
+                                        'is dropped',
                                 noun='line')
 
 
@@ -140,7 +144,8 @@ def _messages(path: str | Path, kind: str, databases: Collection[str | Path]) ->
     beside = Path(path).with_suffix('.dbc')
     files = list(databases) or ([beside] if beside.is_file() else [])
     if not files:
-        raise InvalidInput(f'{path}: CAN frames ({kind}) need a DBC: name it in a signal map (dbc: FILE), or put it '
+        raise InvalidInput(f'{path}: CAN frames ({kind}) need a DBC: name it in a signal map (dbc: FILE), or '
+                           'put it '
                            f'beside the log as {beside.name}')
     return {message.frame_id: message for file in files for message in load_dbc(file).messages}
 

@@ -61,9 +61,9 @@ def find_layout(lines: Sequence[str]) -> Layout | None:
     wanted = [(number, line.lstrip('\ufeff')) for number, line in enumerate(lines[:SAMPLE_LINES], start=1)
               if not is_blank(line.lstrip('\ufeff'))]
     if wanted and (match := SEPARATOR_LINE.fullmatch(wanted[0][1].strip())):
-        given, wanted = (match[1],), wanted[1:]
+        given, wanted = [match[1] or ','], wanted[1:]
     else:
-        given = ()
+        given = []
     best = None
     for separator in (*given, *SEPARATORS, None):
         layout = _layout(wanted, separator)
@@ -110,8 +110,8 @@ def _trimmed(cells: list[str]) -> list[str]:
 
 def _is_value(cell: str) -> bool:
     cell = cell.replace(',', '.')
-    return NUMBER.fullmatch(cell) is not None and not read_numbers([cell])[1][0] or bool(
-        re.match(r'\d{1,4}[-/.:]\d', cell))
+    is_number = NUMBER.fullmatch(cell) is not None and not read_numbers([cell])[1][0]
+    return is_number or re.match(r'\d{1,4}[-/.:]\d', cell) is not None
 
 
 def _are_names(cells: Sequence[str]) -> bool:

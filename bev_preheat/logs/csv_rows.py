@@ -70,7 +70,8 @@ class CsvRows:
         for number, line in enumerate(lines, start=first):
             if number < layout.first or is_blank(line):
                 continue
-            cells = split_line(line.partition('#')[0] if '#' in line and '"' not in line else line, layout.separator)
+            text = line.partition('#')[0] if '#' in line and '"' not in line else line
+            cells = split_line(text, layout.separator)
             while len(cells) > self._most and not cells[-1]:
                 cells.pop()
             if not self._least <= len(cells) <= self._most:

@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 
 # The state of charge of a battery in use; a scale that gives less does not fit.
 LEAST_PLAUSIBLE_SOC = 0.02
-# Units for readings that have none, by their size: a share of charge exceeds 1.01 only as a percentage; a drive needs
+# Units for readings that have none, by their size: a share of charge exceeds 1.01 only as a percentage; a drive
+# needs
 # more than LARGEST_KW watts at some instant, and fewer kilowatts; loggers for people write km/h.
 LARGEST_SHARE, LARGEST_KW = 1.01, 600.0
 # Scales that are tried for readings that are implausible in every unit.
@@ -81,7 +82,8 @@ class Decoder:
             at = int(np.argmax(bad))
             # Rounding of the unit's conversion.
             bad &= (own < low - 1e-9 * abs(low)) | (own > high + 1e-9 * abs(high))
-            self._dropped(remarks, 'range', f'{figure(numbers[at])} is implausible ({self._range()})', bad, places, where)
+            self._dropped(remarks, 'range', f'{figure(numbers[at])} is implausible '
+                                            f'({self._range()})', bad, places, where)
         return np.where(bad, np.nan, own)
 
     def _choose(self, numbers: FloatArray, remarks: Remarks, path: str) -> None:
@@ -89,7 +91,8 @@ class Decoder:
         if not self.unit:
             self.unit = _usual_unit(self.source.signal, numbers[np.isfinite(numbers)])
             if self.unit:
-                remarks.add(f'unit {self.channel}', f'{path}: {self.channel}: has no unit; its readings are taken as '
+                remarks.add(f'unit {self.channel}', f'{path}: {self.channel}: has no unit; its readings are '
+                                                    'taken as '
                             f'{self.unit}')
         self._conversion = conversion(self.unit or own_unit(self.source.signal), own_unit(self.source.signal))
         finite = numbers[np.isfinite(numbers)]
@@ -120,7 +123,8 @@ class Decoder:
             self._conversion = conversion(unit or own_unit(signal), own_unit(signal))
             if self._fits(finite, 0.99):
                 words = f'a factor of {scale:g}' if scale != 1.0 else f'the unit {unit}'
-                done = 'repaired' if self._repair else 'read the log with repair (--repair) or name it in a signal map'
+                done = ('repaired' if self._repair else
+                        'read the log with repair (--repair) or name it in a signal map')
                 remarks.add(f'mixed {self.channel}', f'{path}: {self.channel}: its readings, '
                             f'{figure(float(np.median(finite)))} in the middle, are implausible as {signal}; with '
                             f'{words} they are plausible; {done}')

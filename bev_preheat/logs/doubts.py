@@ -19,7 +19,8 @@ Signals = Mapping[str, Series]
 SECONDS_PER_HOUR, J_PER_KWH = 3600.0, 3.6e6
 # Intervals longer than this [s] have no known charge, energy or distance.
 LONGEST_HOLD_S = 120.0
-# A change of the state of charge that is clearly more than its resolution, and a clear correlation with the charge.
+# A change of the state of charge that is clearly more than its resolution, and a clear correlation with the
+# charge.
 LEAST_SOC_CHANGE, LEAST_CORRELATION = 0.015, 0.7
 # Capacities of vehicles' batteries [Ah] and [kWh], from a small hybrid's to a heavy truck's.
 CAPACITIES_AH, CAPACITIES_KWH = (8.0, 2000.0), (3.0, 1000.0)
@@ -30,7 +31,8 @@ LEAST_DISTANCE_M, AGREEMENT = 500.0, 0.08
 EARTH_RADIUS_M = 6371008.8
 # What a speed has wrongly been taken for, by the factor that corrects it.
 SPEED_FACTORS = {1.0 / 3.6: 'km/h taken as m/s', 3.6: 'm/s taken as km/h', 1.609344: 'mph taken as km/h',
-                 1.0 / 1.609344: 'km/h taken as mph', 0.44704: 'mph taken as m/s', 1.0 / 0.44704: 'm/s taken as mph'}
+                 1.0 / 1.609344: 'km/h taken as mph', 0.44704: 'mph taken as m/s', 1.0 / 0.44704: 'm/s taken as '
+                                                                                                  'mph'}
 # Hardest changes of speed on the road [m/s2], and the fastest usual travel [m/s].
 HARDEST_MPS2, FASTEST_MPS = 6.0, 62.0
 # A temperature that exceeds the other by more than FAR_K, and differs by less than NEAR_K if it is in degF.
@@ -92,8 +94,9 @@ def _balance(signals: Signals) -> Iterator[Doubt]:
         scale, factor = '', 1.0
         if not low <= capacity <= high:
             # The power of ten that brings the capacity nearest to a typical one.
-            factor = 10.0 ** np.round(np.log10(typical / capacity))
-            scale = (f'its integral over the change of the state of charge gives a capacity of {figure(capacity, 3)} '
+            factor = float(10.0 ** np.round(np.log10(typical / capacity)))
+            scale = ('its integral over the change of the state of charge gives a capacity of '
+                     f'{figure(capacity, 3)} '
                      f'{unit} (plausible: {low:g} ... {high:g}); a factor of {figure(factor)} is missing')
         turned = 'it grows while the state of charge rises; positive must mean discharging' if sign < 0.0 else ''
         if scale or turned:
@@ -120,14 +123,15 @@ def _power(signals: Signals) -> Iterator[Doubt]:
 
 
 def _size_of_power(signals: Signals) -> Iterator[Doubt]:
-    """A moving car needs kilowatts."""
+    """Doubt powers of less than kilowatts while the car moves."""
     for signal in ('power_w', 'propulsion_power_w'):
         if {signal, 'speed_mps'} <= signals.keys():
             power = signals[signal]
             moving = power.value[_at(power.time_s, signals['speed_mps']) > 5.0]
             largest = float(np.max(np.abs(moving), initial=0.0))
             if len(moving) >= 10 and 0.0 < largest < 600.0:
-                yield Doubt(signal, f'{signal}: is at most {figure(largest, 3)} W while the car drives; is it in kW?',
+                yield Doubt(signal, f'{signal}: is at most {figure(largest, 3)} W while the car drives; is it '
+                                    'in kW?',
                             1000.0)
 
 
@@ -150,7 +154,8 @@ def _distance(signals: Signals) -> Iterator[Doubt]:
         ratio = length_m / integrated_m
         for factor, mixed in SPEED_FACTORS.items():
             if abs(ratio / factor - 1.0) < AGREEMENT:
-                yield Doubt('speed_mps', f'speed_mps: its integral is {integrated_m / 1000.0:.2f} km, the distance by '
+                yield Doubt('speed_mps', f'speed_mps: its integral is {integrated_m / 1000.0:.2f} km, the '
+                                         'distance by '
                             f'{words} {length_m / 1000.0:.2f} km; {mixed}?', factor)
                 return
         if abs(ratio - 1.0) < 2.0 * AGREEMENT:
@@ -179,7 +184,7 @@ def _by_position(signals: Signals) -> Series | None:
 
 
 def _motion(signals: Signals) -> Iterator[Doubt]:
-    """Speeds and changes of speed that no car reaches."""
+    """Doubt speeds and changes of speed that no car reaches."""
     if 'speed_mps' not in signals:
         return
     speed = signals['speed_mps']
@@ -189,14 +194,16 @@ def _motion(signals: Signals) -> Iterator[Doubt]:
     if quick.sum() >= 60:
         hardest = float(np.quantile(np.abs(np.diff(speed.value)[quick] / step_s[quick]), 0.995))
         if hardest > HARDEST_MPS2 and np.median(moving) > 15.0:
-            yield Doubt('speed_mps', f'speed_mps: changes by {figure(hardest, 3)} m/s2; km/h taken as m/s?', 1.0 / 3.6)
+            yield Doubt('speed_mps', f'speed_mps: changes by {figure(hardest, 3)} m/s2; km/h taken as '
+                                     'm/s?', 1.0 / 3.6)
     if len(moving) >= 10 and np.quantile(moving, 0.9) > FASTEST_MPS:
-        yield Doubt('speed_mps', f'speed_mps: is above {figure(float(np.quantile(moving, 0.9)), 3)} m/s for a tenth of '
+        yield Doubt('speed_mps', f'speed_mps: is above {figure(float(np.quantile(moving, 0.9)), 3)} m/s for a '
+                                 'tenth of '
                     'the drive; km/h taken as m/s?', 1.0 / 3.6)
 
 
 def _temperature(signals: Signals) -> Iterator[Doubt]:
-    """A parked battery begins near the ambient; degrees Fahrenheit lie far from it."""
+    """Doubt temperatures far from each other at the start, as degrees Fahrenheit are."""
     if not {'battery_temperature_c', 'ambient_c'} <= signals.keys():
         return
     battery = float(np.median(signals['battery_temperature_c'].value[:20]))
@@ -206,24 +213,27 @@ def _temperature(signals: Signals) -> Iterator[Doubt]:
             ('battery_temperature_c', battery, 'ambient_c', ambient, HOTTEST_PARKED_C),
             ('ambient_c', ambient, 'battery_temperature_c', battery, -np.inf)):
         if value > least and value - other > FAR_K and abs((value - 32.0) / 1.8 - other) < NEAR_K:
-            yield Doubt(signal, f'{signal}: begins at {figure(value, 4)}, {name} at {figure(other, 4)}; is it in degF?',
+            yield Doubt(signal, f'{signal}: begins at {figure(value, 4)}, {name} at {figure(other, 4)}; is it '
+                                'in degF?',
                         1.0 / 1.8, -32.0 / 1.8)
     if battery > HOTTEST_C:
-        yield Doubt('battery_temperature_c', f'battery_temperature_c: begins at {figure(battery, 4)}, which no battery '
+        yield Doubt('battery_temperature_c', f'battery_temperature_c: begins at {figure(battery, 4)}, which no '
+                                             'battery '
                     'in use reaches; is it in degF?', 1.0 / 1.8, -32.0 / 1.8)
 
 
 def _heaters(signals: Signals) -> Iterator[Doubt]:
-    """A heater that is on needs hundreds of watts."""
+    """Doubt heaters of a few watts."""
     for signal in ('heater_w', 'battery_heater_w', 'cabin_heater_w', 'aircon_w'):
         if signal in signals and 0.0 < (largest := float(np.max(signals[signal].value))) < LEAST_HEATER_W:
             yield Doubt(signal, f'{signal}: is at most {figure(largest, 3)} W; is it in kW?', 1000.0)
 
 
 def _charge(signals: Signals) -> Iterator[Doubt]:
-    """A car in use has more than a percent of charge."""
+    """Doubt a state of charge that never exceeds a percent."""
     if 'soc' in signals and 0.0 < np.max(signals['soc'].value) <= 0.0102:
-        yield Doubt('soc', f'soc: is at most {figure(float(np.max(signals["soc"].value)), 3)}; a share taken as percent?',
+        yield Doubt('soc', f'soc: is at most {figure(float(np.max(signals["soc"].value)), 3)}; a share taken as '
+                           'percent?',
                     100.0)
 
 

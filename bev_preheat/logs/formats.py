@@ -40,7 +40,9 @@ def open_log(path: str | Path, databases: Collection[str | Path] = ()) -> RawLog
         if log is not None:
             return log
     if encoding_of(head) is not None:
-        raise InvalidInput(f'{path}: is text, but no log: a CSV log has a header that names its columns and lines of '
+        raise InvalidInput(f'{path}: is text, but no log: a CSV log has a header that names its columns and '
+                           'lines of '
                            'values below it, JSON lines have an object a line, candump has (time) channel frame')
     raise InvalidInput(f'{path}: is no log of a known format; known: CSV with a header (one column a signal, or '
-                       'SECONDS;PID;VALUE;UNITS), JSON lines, MDF, candump, ASC or BLF with a DBC, MCAP and rosbag2')
+                       'SECONDS;PID;VALUE;UNITS), JSON lines, MDF, candump, ASC or BLF with a DBC, MCAP and '
+                       'rosbag2')

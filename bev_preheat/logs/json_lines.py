@@ -29,6 +29,8 @@ MOST_SEARCHED, SAMPLE = 200_000, 400
 DEEPEST, MOST_CHANNELS = 20, 5000
 # Largest file that is one array [bytes]; it is read as a whole.
 LARGEST_ARRAY = 1 << 28
+# First line of an object that wraps an array.
+WRAPPED = re.compile(r'\{\s*"[^"]*"\s*:\s*\[?')
 Item = Mapping[str, str]
 
 
@@ -73,7 +75,7 @@ class JsonLines:
         """Choose the field of the time; raises InvalidInput if there is none."""
         keys = list(dict.fromkeys(key for item in self._sample for key in item))
         rows = [[item.get(key, '') for key in keys] for item in self._sample]
-        found = find_time_column(keys, [''] * len(keys), rows, '.', signal_map.time)
+        found = find_time_column(keys, [''] * len(keys), rows, '.', signal_map)
         if found is None or len(found.columns) != 1:
             raise InvalidInput(f'{self._path}: no field holds the time; the fields are {quoted(", ".join(keys))}; '
                                'give a signal map with time')
@@ -115,7 +117,8 @@ class JsonLines:
         bad = ~np.isfinite(time_s)
         if bad.any():
             at = int(np.argmax(bad))
-            remarks.add('time', f'{self._path}, line {numbers[at]}: {self._time}: {quoted(times[at])} is not a time; '
+            remarks.add('time', f'{self._path}, line {numbers[at]}: {self._time}: {quoted(times[at])} is not a '
+                                'time; '
                         'the line is dropped', int(bad.sum()), 'line')
         for name, (at_rows, values) in readings.items():
             yield Piece(name, time_s[at_rows], values, places[at_rows])
@@ -137,12 +140,14 @@ class JsonLines:
                 if isinstance(value, dict):
                     yield number, flat(value)
                 elif remarks is not None:
-                    remarks.add('json', f'{self._path}, line {number}: {quoted(text)} is not a JSON object; the line '
+                    remarks.add('json', f'{self._path}, line {number}: {quoted(text)} is not a JSON object; the '
+                                        'line '
                                 'is dropped', noun='line')
 
     def _array(self) -> Iterator[tuple[int, Item]]:
         if Path(self._path).stat().st_size > LARGEST_ARRAY:
-            raise InvalidInput(f'{self._path}: is one array of more than {LARGEST_ARRAY >> 20} MB; write an object a '
+            raise InvalidInput(f'{self._path}: is one array of more than {LARGEST_ARRAY >> 20} MB; write an '
+                               'object a '
                                'line')
         try:
             values = json.loads(Path(self._path).read_text(encoding=self._encoding))
@@ -181,8 +186,9 @@ def _is_array(path: str | Path, encoding: str) -> bool:
             if not text:
                 continue
             if not text.startswith('{'):
-                return text != '[' or not _is_object(next((each for each in map(str.strip, lines[1:]) if each), ''))
-            return not _is_object(text) and text.rstrip() in ('{', '{"') or bool(re.fullmatch(r'\{\s*"[^"]*"\s*:\s*\[?', text))
+                following = next((each for each in map(str.strip, lines[1:]) if each), '')
+                return text != '[' or not _is_object(following)
+            return text in ('{', '{"') or WRAPPED.fullmatch(text) is not None
     return False
 
 

@@ -22,10 +22,12 @@ if TYPE_CHECKING:
     from bev_preheat.logs.signal_map import SignalMap
 
 # Headings of the columns with names, values and units.
-NAME = re.compile(r'^(pid|name|parameter( ?name)?|sensor( ?name)?|signal( ?name)?|channel|kanal|metric|key|topic|path|'
-                  r'item|variable|entity_id|messgröße|параметр|датчик|参数|名称)$', re.IGNORECASE)
-VALUE = re.compile(r'^(value|val|wert|messwert|reading|state|data|payload|значение|valor|valeur|数值|值)$', re.IGNORECASE)
-UNIT = re.compile(r'^(units?|einheit(en)?|uom|unidad(es)?|unités?|единицы|единица|单位|unit_of_measurement)$', re.IGNORECASE)
+NAME = re.compile(r'^(pid|name|parameter( ?name)?|sensor( ?name)?|signal( ?name)?|channel|kanal|metric|key|topic|'
+                  r'path|item|variable|entity_id|messgröße|параметр|датчик|参数|名称)$', re.IGNORECASE)
+VALUE = re.compile(r'^(value|val|wert|messwert|reading|state|data|payload|значение|valor|valeur|数值|值)$',
+                   re.IGNORECASE)
+UNIT = re.compile(r'^(units?|einheit(en)?|uom|unidad(es)?|unités?|единицы|единица|单位|unit_of_measurement)$',
+                  re.IGNORECASE)
 PLACE = re.compile(r'^(lat(itude)?|lon(g|gt?itude)?)$', re.IGNORECASE)
 # More channels are texts, not names.
 MOST_CHANNELS = 5000
@@ -51,7 +53,8 @@ class LongCsv:
                 if channel and not found.get(channel):
                     found[channel] = pint_unit(text) or split_unit(channel).unit
             if len(found) > MOST_CHANNELS:
-                raise InvalidInput(f'{rows.path}: the column {rows.layout.header[name]} has more than {MOST_CHANNELS} '
+                raise InvalidInput(f'{rows.path}: the column {rows.layout.header[name]} has more than '
+                                   f'{MOST_CHANNELS} '
                                    'names; it holds no names of channels')
         self.channels = (*(Channel(*item) for item in found.items()),
                          *(Channel(heading) for heading in self._own.values()))

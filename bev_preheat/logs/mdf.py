@@ -55,11 +55,13 @@ class Mdf:
                         continue
                     name = channel.name if channel.name not in self._at else f'{channel.name} #{number}'
                     self._at[name] = (number, index)
-                    unit = getattr(channel, 'unit', '') or getattr(getattr(channel, 'conversion', None), 'unit', '')
+                    unit = getattr(channel, 'unit', '') or getattr(
+                        getattr(channel, 'conversion', None), 'unit', '')
                     channels.append(Channel(name, pint_unit(unit or '') or split_unit(name).unit))
         except Exception as error:
             # asammdf raises errors of many kinds for damaged files.
-            raise InvalidInput(f'{path}: cannot be read as MDF: {quoted(str(error) or type(error).__name__)}') from error
+            raise InvalidInput(f'{path}: cannot be read as MDF: '
+                               f'{quoted(str(error) or type(error).__name__)}') from error
         self.channels = tuple(channels)
         self.absolute = self._start_s > 0.0
 
@@ -81,10 +83,10 @@ class Mdf:
                                 f'({quoted(str(error) or type(error).__name__)})')
                     break
                 if values.ndim != 1 or values.dtype.kind not in 'biuf':
-                    values = np.array([_text(value) for value in values], dtype=object) if values.ndim == 1 else values
                     if values.ndim != 1:
                         break
-                    yield Piece(name, time_s + self._start_s, list(values), first + np.arange(1, len(values) + 1))
+                    yield Piece(name, time_s + self._start_s, [_text(value) for value in values],
+                                first + np.arange(1, len(values) + 1))
                 else:
                     yield Piece(name, time_s + self._start_s, values.astype(float),
                                 first + np.arange(1, len(values) + 1))

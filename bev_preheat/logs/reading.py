@@ -39,7 +39,8 @@ def read_recording(path: str | Path, signals: str | Path | SignalMap | None = No
 
     `signals` is a signal map: a name in config/signals, a YAML file or a SignalMap; None: the map that recognises
     the log's channels, else the common one. Doubts about sign, unit or scale are among the remarks; with `repair`
-    they are corrected. `only` names the signals that are read (None: all). Power is added as voltage times current if the log has none. Raises InvalidInput naming file, place, value and what is allowed.
+    they are corrected. `only` names the signals that are read (None: all). Power is added as voltage times
+    current if the log has none. Raises InvalidInput naming file, place, value and allowed values.
     """
     given = signals if signals is None or isinstance(signals, SignalMap) else load_signal_map(signals)
     log = open_log(path, () if given is None else given.databases)
@@ -114,7 +115,8 @@ def _drop_too_fast(path: str | Path, series: dict[str, Series], remarks: Remarks
         return
     good = speed.value <= FASTEST_MPS
     at = int(np.argmin(good))
-    remarks.add('fast', f'{path}: speed_mps: {figure(speed.value[at])} at {figure(speed.time_s[at] - speed.time_s[0])} s '
+    remarks.add('fast', f'{path}: speed_mps: {figure(speed.value[at])} at '
+                        f'{figure(speed.time_s[at] - speed.time_s[0])} s '
                 f'is dropped (plausible: 0 ... {FASTEST_MPS:g})', int((~good).sum()))
     if good.any():
         series['speed_mps'] = Series(speed.time_s[good], speed.value[good])
@@ -130,7 +132,8 @@ def _add_power(series: dict[str, Series], sources: dict[str, tuple[str, ...]]) -
     inside = (current.time_s >= voltage.time_s[0]) & (current.time_s <= voltage.time_s[-1])
     if inside.any():
         time_s = current.time_s[inside]
-        series['power_w'] = Series(time_s, np.interp(time_s, voltage.time_s, voltage.value) * current.value[inside])
+        volts = np.interp(time_s, voltage.time_s, voltage.value)
+        series['power_w'] = Series(time_s, volts * current.value[inside])
         sources['power_w'] = ('voltage_v x current_a',)
 
 
@@ -143,7 +146,8 @@ def _series(path: str | Path, log: RawLog, chosen: dict[str, tuple[str, ...]],
         for channel in channels:
             kept = samples[signal, channel]
             if kept.averaged > 1:
-                remarks.add('averaged', f'{path}: the log is long ({channel}: {kept.readings} readings); a sample is the '
+                remarks.add('averaged', f'{path}: the log is long ({channel}: {kept.readings} readings); a '
+                                        'sample is the '
                             f'mean of {kept.averaged} readings', noun='channel')
             part = _in_order(path, log, channel, *kept.arrays(), remarks)
             if len(part.time_s):
@@ -163,7 +167,8 @@ def _in_order(path: str | Path, log: RawLog, channel: str, time_s: FloatArray, v
         far = np.abs(time_s - np.median(time_s)) > LONGEST_LOG_S
         if far.any():
             remarks.add_shared('far', f'{path}, {log.place} {places[int(np.argmax(far))]}: the time is more than '
-                        f'{LONGEST_LOG_S / 86400.0:g} days from the others; the reading is dropped', int(far.sum()),
+                        f'{LONGEST_LOG_S / 86400.0:g} days from the others; the reading is '
+                        'dropped', int(far.sum()),
                         'reading')
             time_s, values, places = time_s[~far], values[~far], places[~far]
     steps_s = np.diff(time_s)
@@ -171,7 +176,8 @@ def _in_order(path: str | Path, log: RawLog, channel: str, time_s: FloatArray, v
     if back.size:
         at = back[0] + 1
         where = (f'{path}, {log.place} {places[at]}: the time goes back by {-steps_s[back[0]]:g} s')
-        if back.size > max(2.0, MOST_OUT_OF_ORDER * len(time_s)) or time_s[-1] - time_s.min() < 0.5 * np.ptp(time_s):
+        many = back.size > max(2.0, MOST_OUT_OF_ORDER * len(time_s))
+        if many or time_s[-1] - time_s.min() < 0.5 * np.ptp(time_s):
             raise InvalidInput(f'{where}, in {back.size} places; a log must be one drive: split it, or name the '
                                'channel of the time in a signal map')
         remarks.add_shared('order', f'{where}; the readings are sorted', int(back.size), 'place')
@@ -181,7 +187,8 @@ def _in_order(path: str | Path, log: RawLog, channel: str, time_s: FloatArray, v
     same = np.flatnonzero(steps_s == 0.0)
     if same.size:
         # A clock of whole seconds, and faster readings: their mean counts.
-        remarks.add_shared('same', f'{path}, {log.place} {places[same[0] + 1]}: has the time of the reading before; '
+        remarks.add_shared('same', f'{path}, {log.place} {places[same[0] + 1]}: has the time of the reading '
+                                   'before; '
                            'their mean counts', int(same.size), 'reading')
         starts = np.flatnonzero(np.concatenate([[True], steps_s > 0.0]))
         values = np.add.reduceat(values, starts) / np.diff(starts, append=len(values))

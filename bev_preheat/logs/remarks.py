@@ -28,7 +28,7 @@ class Remarks:
             self._causes[cause] = _Cause(first, noun, count)
 
     def add_shared(self, cause: str, first: str, count: int, noun: str) -> None:
-        """Add cases of a cause that channels share, such as a faulty line; the largest count of a channel counts."""
+        """Add cases of a cause that channels share, such as a faulty line; the largest count is kept."""
         if cause in self._causes:
             self._causes[cause].count = max(self._causes[cause].count, count)
         else:

@@ -61,7 +61,8 @@ class RosBag:
         topics = {name.partition('.')[0] for name in wanted}
         readings: dict[str, list[tuple[float, float, int]]] = {}
         # Simulated time runs apart from the recorder's clock; stamps tell by how much.
-        ahead_s, problem = 0.0, []
+        ahead_s = 0.0
+        problem: list[str] = []
         for number, (topic, received_s, stamp_s, message) in enumerate(self._messages(problem), start=1):
             if stamp_s is not None:
                 ahead_s = stamp_s - received_s

@@ -56,7 +56,8 @@ def _halved(time_s: FloatArray, values: FloatArray, places: IntArray) -> tuple[F
     def mean(array: FloatArray) -> FloatArray:
         return np.concatenate([0.5 * (array[0:pairs:2] + array[1:pairs:2]), array[pairs:]])
 
-    return mean(time_s), mean(values), places[::2]
+    # A view would keep all places in memory.
+    return mean(time_s), mean(values), places[::2].copy()
 
 
 def combined(parts: list[Series], how: str, hold_s: float) -> Series:
@@ -73,5 +74,7 @@ def combined(parts: list[Series], how: str, hold_s: float) -> Series:
         nearest_s = np.minimum(np.abs(part.time_s[before] - longest.time_s),
                                np.abs(part.time_s[after] - longest.time_s))
         rows.append(np.where(nearest_s <= hold_s, np.interp(longest.time_s, part.time_s, part.value), np.nan))
-    reduce = {'mean': np.nanmean, 'min': np.nanmin, 'max': np.nanmax}[how]
-    return Series(longest.time_s, reduce(np.array(rows), axis=0))
+    table = np.array(rows)
+    value = (np.nanmin(table, axis=0) if how == 'min' else np.nanmax(table, axis=0) if how == 'max' else
+             np.nanmean(table, axis=0))
+    return Series(longest.time_s, value)

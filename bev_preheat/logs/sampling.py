@@ -12,7 +12,8 @@ if TYPE_CHECKING:
     from bev_preheat.logs.recording import Series
     from bev_preheat.numerics.arrays import BoolArray
 
-# An interval is a gap if it is this many times the usual one, and longer than LEAST_GAP_S. In a log whose intervals
+# An interval is a gap if it is this many times the usual one, and longer than LEAST_GAP_S. In a log whose
+# intervals
 # mostly are the same, a single missing sample is a gap.
 GAP_TIMES, REGULAR_GAP_TIMES, LEAST_GAP_S = 2.5, 1.9, 1.5
 REGULAR_SHARE, REGULAR_DEVIATION = 0.6, 0.05
@@ -20,7 +21,7 @@ REGULAR_SHARE, REGULAR_DEVIATION = 0.6, 0.05
 
 @dataclass(frozen=True)
 class Sampling:
-    """Usual interval of the samples [s] (NaN: fewer than two), and number, longest and start of the longest gap [s]."""
+    """Usual interval of the samples [s] (NaN: fewer than two); number of gaps; the longest and its start [s]."""
 
     interval_s: float
     gaps: int

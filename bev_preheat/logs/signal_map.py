@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 import re
 from typing import TYPE_CHECKING
@@ -13,7 +14,7 @@ from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.files.checked_yaml import load_checked_yaml
 from bev_preheat.files.configuration import configuration_folder, find_configuration
 from bev_preheat.logs.recording import SIGNALS
-from bev_preheat.logs.units import check_unit, own_unit, split_unit
+from bev_preheat.logs.units import check_unit, LONGEST_NAME, own_unit, split_unit
 
 if TYPE_CHECKING:
     from bev_preheat.files.checked_yaml import FileData
@@ -28,7 +29,8 @@ PLAUSIBLE = {
     'battery_temperature_c': (-50.0, 90.0), 'soc': (0.0, 1.01), 'voltage_v': (20.0, 1500.0),
     'current_a': (-3000.0, 3000.0), 'power_w': (-2e6, 2e6), 'speed_mps': (0.0, 350.0),
     'elevation_m': (-500.0, 9000.0), 'ambient_c': (-60.0, 60.0), 'heater_w': (0.0, 50e3),
-    'battery_heater_w': (0.0, 50e3), 'cabin_heater_w': (0.0, 50e3), 'auxiliary_w': (0.0, 50e3), 'aircon_w': (0.0, 50e3),
+    'battery_heater_w': (0.0, 50e3), 'cabin_heater_w': (0.0, 50e3), 'auxiliary_w': (0.0, 50e3),
+    'aircon_w': (0.0, 50e3),
     'propulsion_power_w': (-2e6, 2e6), 'coolant_c': (-60.0, 130.0), 'latitude_deg': (-90.0, 90.0),
     'longitude_deg': (-180.0, 180.0), 'odometer_m': (0.0, 1e10)}
 
@@ -70,7 +72,7 @@ class Source:
 
 @dataclass(frozen=True)
 class SignalMap:
-    """A signal map: Sources by signal, names of the channel with the time, channels that tell the log, DBC files."""
+    """A signal map: Sources by signal, channels with the time, channels that identify the log, DBC files."""
 
     name: str
     sources: dict[str, Source]
@@ -86,6 +88,8 @@ class SignalMap:
 
 def matches(entry: str, name: str) -> bool:
     """Return whether an entry of a map, a name or a pattern between slashes, means a channel."""
+    if len(name) > LONGEST_NAME:
+        return False
     if len(entry) > 2 and entry[0] == entry[-1] == '/':
         return re.search(entry[1:-1], name, re.IGNORECASE) is not None
     last = name.rpartition('.')[2]
@@ -124,6 +128,7 @@ def load_signal_map(name_or_file: str | Path) -> SignalMap:
                      tuple(path.parent / file for file in _texts(contents.get('dbc', ()))))
 
 
+@cache
 def shipped_maps() -> tuple[SignalMap, ...]:
     """Return the signal maps of config/signals, the common one last."""
     names = sorted(path.stem for path in configuration_folder('signals').glob(f'*{SUFFIX}'))

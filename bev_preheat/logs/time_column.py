@@ -9,19 +9,24 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bev_preheat.logs.signal_map import matches
+from bev_preheat.logs.signal_map import matches, SignalMap
 from bev_preheat.logs.times import Clock, find_clock
 from bev_preheat.logs.units import pint_unit, split_unit
 
 # Names of times, the best first.
 NAMES = (
     r'^(epoch|unix|posix)', r'^(time_?stamp|utc|date[ _/-]?time|zeitstempel|datum[ _/-]?(uhr)?zeit|ts)\b',
-    r'^(device|log|local)[ _]?time', r'^(time|t|zeit|tiempo|temps|tempo|время|时间|aika|tid|tijd|czas)\b',
-    r'^(time|t|zeit)_', r'^(elapsed|seconds|secs?|sekunden|running|relative|uptime|rel)\b', r'gps[ _]?time',
-    r'^(date|datum)$', r'time|zeit|timestamp|date')
+    r'^(device|log|local)[ _]?time', r'^(time|zeit)_',
+    r'^(time|zeit|tiempo|temps|tempo|время|时间|aika|tid|tijd|czas)\b',
+    r'^(elapsed|seconds|secs?|sekunden|running|relative|uptime|rel)\b', r'gps[ _]?time',
+    r'^(date|datum)$', r'^t([ _]|$)', r'time|zeit|timestamp|date')
 DATE = re.compile(r'^(date|datum|fecha|дата|日期|day)$', re.IGNORECASE)
 DAY_TIME = re.compile(r'^(time|zeit|uhrzeit|hora|время|时间|clock|time of day)$', re.IGNORECASE)
 DURATION = re.compile(r'dur(ation|ée)|dauer|remaining|to[ _]full|charge[ _]time', re.IGNORECASE)
+
+
+# Share of the steps of a time that do not go back.
+LEAST_RISING = 0.8
 
 
 class TimeColumn(NamedTuple):
@@ -32,8 +37,8 @@ class TimeColumn(NamedTuple):
 
 
 def find_time_column(header: Sequence[str], units: Sequence[str], rows: Sequence[Sequence[str]], decimal: str,
-                     preferred: Sequence[str] = ()) -> TimeColumn | None:
-    """Return the TimeColumn of a table, None if it has no time; `preferred` are entries of a signal map."""
+                     signal_map: SignalMap) -> TimeColumn | None:
+    """Return the TimeColumn of a table, None if it has no time; no signal's channel is the time."""
     def texts(column: int) -> list[str]:
         return [row[column] if column < len(row) else '' for row in rows]
 
@@ -42,13 +47,15 @@ def find_time_column(header: Sequence[str], units: Sequence[str], rows: Sequence
 
     dates = [at for at, name in enumerate(header) if DATE.match(name.strip())]
     times = [at for at, name in enumerate(header) if DAY_TIME.match(name.strip())]
-    ranked = [at for entry in preferred for at, name in enumerate(header) if matches(entry, name)]
+    ranked = [at for entry in signal_map.time for at, name in enumerate(header) if matches(entry, name)]
     if not ranked and dates and times:
         joined = find_clock([f'{date} {time}' for date, time in zip(texts(dates[0]), texts(times[0]))])
         if joined is not None:
             return TimeColumn((dates[0], times[0]), joined)
     ranked += [at for pattern in NAMES for at, name in enumerate(header)
                if re.search(pattern, name.rpartition('.')[2].strip(), re.IGNORECASE) and not DURATION.search(name)]
+    taken = {channel for source in signal_map.sources.values() for channel in source.chosen(header)}
+    ranked = [at for at in ranked if header[at] not in taken] or ranked
     fallback = None
     for at in dict.fromkeys(ranked):
         clock = clock_of(at)
@@ -57,8 +64,8 @@ def find_time_column(header: Sequence[str], units: Sequence[str], rows: Sequence
         seconds = clock.seconds(texts(at))
         finite = seconds[np.isfinite(seconds)]
         found = TimeColumn((at,), clock_of(at) or clock)
-        # The time moves on; a column that stands still is a setting.
-        if finite.size > 1 and finite[-1] != finite[0]:
+        # The time moves on; a column that stands still is a setting, one that falls a measurement.
+        if finite.size > 1 and finite[-1] != finite[0] and np.mean(np.diff(finite) >= 0.0) >= LEAST_RISING:
             return found
         fallback = fallback or found
     return fallback

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from datetime import datetime, timezone
+from datetime import datetime, UTC
 import re
 from typing import TYPE_CHECKING
 
@@ -55,15 +55,18 @@ def find_clock(texts: Sequence[str], unit: str = '', decimal: str = '.') -> Cloc
     texts = [text for text in texts if text.strip()]
     if not texts:
         return None
-    numbers, wrong = read_numbers(texts, decimal)
+    numbers = read_numbers(texts, decimal)[0]
     if np.mean(np.isfinite(numbers)) > 0.9:
         return _number_clock(numbers[np.isfinite(numbers)], unit, decimal)
     for read, absolute in ((_iso_seconds, True), (_TimesOfDay(), False)):
         if np.mean(np.isfinite([read(text) for text in texts])) > 0.5:
             # A reader of times of day has a memory; the log begins with a new one.
-            reader = read if absolute else _TimesOfDay()
-            return Clock(lambda cells: np.array(list(map(reader, cells)), dtype=float), absolute)
+            return _text_clock(read if absolute else _TimesOfDay(), absolute)
     return _date_clock(texts)
+
+
+def _text_clock(read: Callable[[str], float], absolute: bool) -> Clock:
+    return Clock(lambda cells: np.array(list(map(read, cells)), dtype=float), absolute)
 
 
 def _number_clock(numbers: FloatArray, unit: str, decimal: str) -> Clock | None:
@@ -122,7 +125,7 @@ def _iso_seconds(text: str) -> float:
         return np.nan
     try:
         moment = datetime.fromisoformat(text.removesuffix(' UTC').replace('  ', ' '))
-        return (moment if moment.tzinfo else moment.replace(tzinfo=timezone.utc)).timestamp()
+        return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
     except (ValueError, OverflowError):
         return np.nan
 
@@ -185,7 +188,7 @@ def _date_seconds(text: str, order: str) -> float:
     year = int(parts['y'])
     try:
         moment = datetime(year if year > 99 else 2000 + year, month, int(parts['d']), _hour(match[5], match[9]),
-                          int(match[6]), int(match[7] or 0), tzinfo=timezone.utc)
+                          int(match[6]), int(match[7] or 0), tzinfo=UTC)
     except ValueError:
         return np.nan
     return moment.timestamp() + (float(f'0.{match[8]}') if match[8] else 0.0)

@@ -28,14 +28,18 @@ SPELLINGS = {
     'deg': 'degree', '°': 'degree', 'degrees': 'degree', 'rad': 'radian',
     's': 'second', 'sec': 'second', 'secs': 'second', 'seconds': 'second', 'second': 'second',
     'ms': 'millisecond', 'msec': 'millisecond', 'milliseconds': 'millisecond',
-    'us': 'microsecond', 'µs': 'microsecond', 'ns': 'nanosecond', 'min': 'minute', 'minutes': 'minute', 'h': 'hour'}
+    'us': 'microsecond', 'µs': 'microsecond', 'ns': 'nanosecond', 'min': 'minute', 'minutes': 'minute',
+    'h': 'hour'}
 # Units of the signals by the ending of their names.
 OWN_UNITS = {'c': 'degC', 'v': 'volt', 'a': 'ampere', 'w': 'watt', 'mps': 'meter/second', 'm': 'meter',
              'deg': 'degree', 's': 'second', 'soc': '1'}
 # Units that convert to each own unit; for others pint is asked.
 ALIKE = {'degC': ('degC', 'degF', 'kelvin'), '1': ('1', 'percent'), 'volt': ('volt', 'millivolt', 'kilovolt'),
-         'ampere': ('ampere', 'milliampere'), 'watt': ('watt', 'kilowatt'), 'meter': ('meter', 'kilometer', 'mile', 'foot'),
+         'ampere': ('ampere', 'milliampere'), 'watt': ('watt', 'kilowatt'),
+         'meter': ('meter', 'kilometer', 'mile', 'foot'),
          'meter/second': ('meter/second', 'kilometer/hour', 'mile/hour'), 'degree': ('degree',)}
+# Longer texts are no names of channels; regular expressions would take minutes for some of them.
+LONGEST_NAME = 200
 IN_BRACKETS = re.compile(r'^(.*?)\s*[\[(]\s*([^\])]*?)\s*[\])]\s*$')
 AT_END = re.compile(r'^(.+?)[ _/]+([^ _]+)$')
 
@@ -66,7 +70,7 @@ def own_unit(signal: str) -> str:
 
 def split_unit(header: str) -> NamedUnit:
     """Return the NamedUnit of a header such as `Speed [km/h]`, `speed_kmh`, `Pack T1 C`; unit '' if unknown."""
-    for pattern in (IN_BRACKETS, AT_END):
+    for pattern in (IN_BRACKETS, AT_END) if len(header) <= LONGEST_NAME else ():
         match = pattern.match(header.strip())
         if match and pint_unit(match[2]):
             return NamedUnit(match[1].strip(' ,:'), pint_unit(match[2]))

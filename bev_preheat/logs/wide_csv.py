@@ -50,7 +50,7 @@ class WideCsv:
 def time_of(rows: CsvRows, signal_map: SignalMap) -> TimeColumn:
     """Return the TimeColumn of a table; raises InvalidInput if it has none."""
     layout = rows.layout
-    found = find_time_column(layout.header, layout.units, layout.rows, layout.decimal, signal_map.time)
+    found = find_time_column(layout.header, layout.units, layout.rows, layout.decimal, signal_map)
     if found is None:
         raise InvalidInput(f'{rows.path}, line {layout.header_line}: no column holds the time; the columns are '
                            f'{quoted(", ".join(layout.header))}; name it (time_s) or give a signal map with time')

@@ -57,7 +57,7 @@ def load_drive_logs(paths: Iterable[str | Path], defaults: Defaults, step_s: flo
     next one; gaps up to LONGEST_GAP_S or LONGEST_GAP_INTERVALS are bridged by linear interpolation. `signals` and
     `repair` as for `read_recording`.
 
-    Raises InvalidInput naming file, place and what is allowed: missing signals, gaps too long or too many.
+    Raises InvalidInput naming file, place and limit: missing signals, gaps too long or too many.
     """
     if not 1.0 <= step_s <= 3600.0:
         raise InvalidInput(f'step: {step_s:g} s is not allowed; it must be 1 ... 3600 s')
@@ -118,7 +118,8 @@ def _heaters(path: str | Path, recording: Recording, defaults: Defaults, time_s:
         if 'battery_heater_w' not in power_w:
             remarks.append(f'{path}: has no cabin_heater_w; all of heater_w is taken to heat the cabin')
         return np.maximum(power_w['heater_w'] - battery_w, 0.0), battery_w
-    also = '' if 'auxiliary_w' in recording.signals else f' and auxiliaries ({figure(defaults.auxiliary_power_w)} W)'
+    also = ('' if 'auxiliary_w' in recording.signals else
+            f' and auxiliaries ({figure(defaults.auxiliary_power_w)} W)')
     remarks.append(f'{path}: has no cabin_heater_w; cabin heating ({figure(defaults.cabin_heating_power_w)} W)'
                    f'{also} are those of the vehicle')
     return np.full(len(time_s), defaults.cabin_heating_power_w), battery_w
@@ -130,15 +131,19 @@ def _instants(path: str | Path, speed: Series, power: Series, remarks: list[str]
     inside = [series.time_s[(series.time_s >= begin_s) & (series.time_s <= end_s)] for series in (speed, power)]
     fewest = min(map(len, inside))
     if fewest < 2:
-        raise InvalidInput(f'{path}: has {fewest} samples of speed and power at the same time; at least 2 are needed')
+        raise InvalidInput(f'{path}: has {fewest} samples of speed and power at the same time; at least 2 are '
+                           'needed')
     usual_s = max(float(np.median(np.diff(time_s))) for time_s in inside)
     if usual_s > LONGEST_INTERVAL_S:
-        raise InvalidInput(f'{path}: has a sample every {figure(usual_s, 3)} s; at most {LONGEST_INTERVAL_S:g} s are '
+        raise InvalidInput(f'{path}: has a sample every {figure(usual_s, 3)} s; at most {LONGEST_INTERVAL_S:g} '
+                           's are '
                            'allowed')
     if usual_s >= SLOW_S:
-        remarks.append(f'{path}: has a sample every {figure(usual_s, 3)} s; a sample holds until the next one, so peaks '
+        remarks.append(f'{path}: has a sample every {figure(usual_s, 3)} s; a sample holds until the next one, '
+                       'so peaks '
                        'between them are missing')
-    _check_gaps(path, {'speed_mps': Series(inside[0], inside[0]), 'power_w': Series(inside[1], inside[1])}, remarks)
+    _check_gaps(path, {name: Series(time_s, time_s) for name, time_s in zip(('speed_mps', 'power_w'), inside)},
+                remarks)
     time_s = np.union1d(*inside)
     while (close := np.diff(time_s) < SHORTEST_STEP_S).any():
         # Of several close instants each second one goes, until none are close.
@@ -162,11 +167,13 @@ def _check_gaps(path: str | Path, sampled: dict[str, Series], remarks: list[str]
         worst = at[np.argmax(steps_s[at])]
         if steps_s[worst] > longest_s:
             raise InvalidInput(f'{path}: {name}: {figure(steps_s[worst])} s without a valid sample, from '
-                               f'{figure(series.time_s[worst])} s to {figure(series.time_s[worst + 1])} s; at most '
+                               f'{figure(series.time_s[worst])} s to {figure(series.time_s[worst + 1])} s; at '
+                               'most '
                                f'{figure(longest_s)} s are bridged')
         missing_s = float(np.sum(steps_s[at] - usual_s))
         if missing_s > MOST_BRIDGED * span_s:
-            raise InvalidInput(f'{path}: {name}: {figure(missing_s)} s without samples, in {len(at)} gaps; at most '
+            raise InvalidInput(f'{path}: {name}: {figure(missing_s)} s without samples, in {len(at)} gaps; at '
+                               'most '
                                f'{figure(MOST_BRIDGED * span_s)} s, {MOST_BRIDGED:.0%} of the log, are bridged')
         first = at[0]
         many = f' (and {len(at) - 1} more gaps, {figure(missing_s)} s in all)' if len(at) > 1 else ''

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """One drive, written in the forms in which loggers and apps write it."""
 
-from datetime import datetime, timedelta, timezone
+from datetime import datetime, timedelta, UTC
 import json
 
 import numpy as np
@@ -48,12 +48,12 @@ def write_wide(path, log, separator=',', decimal='.', end='\n', mark='', names=N
 
 def moments(log, form):
     """Return the times of a log as texts in a format of strftime."""
-    return [(datetime.fromtimestamp(START_S, timezone.utc) + timedelta(seconds=float(second))).strftime(form)
+    return [(datetime.fromtimestamp(START_S, UTC) + timedelta(seconds=float(second))).strftime(form)
             for second in log['time_s']]
 
 
 def write_leafspy(path, log):
-    """Write a log as LeafSpy does: degrees and minutes, percent x 10 000, degF outside, none for the third sensor."""
+    """Write a log as LeafSpy does: degrees and minutes, percent x 10 000, degF outside, no third sensor."""
     rows = [','.join(LEAFSPY_HEADER)]
     for at, moment in enumerate(moments(log, '%m/%d/%Y %H:%M:%S')):
         cells = dict.fromkeys(LEAFSPY_HEADER, '0')
@@ -79,7 +79,7 @@ def _minutes(degrees):
 
 
 def write_long(path, log, names):
-    """Write a reading a line, one channel after another; `names` has a PID, a unit and a factor for each signal."""
+    """Write a reading a line, channels in turn; `names` has PID, unit and factor for each signal."""
     lines = ['"SECONDS";"PID";"VALUE";"UNITS";']
     for at, second in enumerate(log['time_s']):
         signal = list(names)[at % len(names)]
@@ -96,6 +96,7 @@ def write_json_lines(path, log, names):
     for at, second in enumerate(log['time_s']):
         signal = list(names)[at % len(names)]
         key, factor = names[signal]
-        lines.append(json.dumps({'car': 'x', 'tlm': {'utc': START_S + second, key: f'{factor * log[signal][at]:.6g}'}}))
+        fields = {'utc': START_S + second, key: f'{factor * log[signal][at]:.6g}'}
+        lines.append(json.dumps({'car': 'x', 'tlm': fields}))
     path.write_text('\n'.join(lines) + '\n', encoding='utf-8')
     return path

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Damaged copies of a file: truncated, swapped, repeated, overwritten, with wild numbers; seeded."""
 
-WILD = (b'', b'nan', b'1e999', b'-', b'"', b';', b',', b'\n', b'\r', b'\0', b'\xff\xfe', b'9' * 400, b'-40', b'65535',
-        b'1e308', b'{', b'}', b'[' * 3000, b'0x10', b'\xe2\x80\xaf', b'none', b'2024-13-45T99:99:99', b'#')
+WILD = (b'', b'nan', b'1e999', b'-', b'"', b';', b',', b'\n', b'\r', b'\0', b'\xff\xfe', b'9' * 400, b'-40',
+        b'65535', b'1e308', b'{', b'}',
+        b'[' * 3000, b'0x10', b'\xe2\x80\xaf', b'none', b'2024-13-45T99:99:99', b'#')
 
 
 def mutated(data, random):

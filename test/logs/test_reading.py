@@ -17,7 +17,8 @@ def assert_is(recording, log, signals=SIGNALS, **tolerance):
         series = recording.signals[signal]
         first_s = log['time_s'][0]
         expected = np.interp(series.time_s + first_s, log['time_s'], log[signal])
-        np.testing.assert_allclose(series.value, expected, err_msg=signal, **(tolerance or {'rtol': 1e-5, 'atol': 1e-5}))
+        np.testing.assert_allclose(series.value, expected, err_msg=signal,
+                                   **(tolerance or {'rtol': 1e-5, 'atol': 1e-5}))
     assert not set(signals) - recording.signals.keys()
 
 
@@ -33,8 +34,10 @@ def test_separators_marks_and_line_ends(tmp_path, separator, decimal, end, mark)
 
 
 @pytest.mark.parametrize('form', [
-    '%Y-%m-%dT%H:%M:%S+00:00', '%Y-%m-%dT%H:%M:%SZ', '%Y-%m-%d %H:%M:%S', '%Y-%m-%d %H:%M:%S.%f', '%d.%m.%Y %H:%M:%S',
-    '%m/%d/%Y %I:%M:%S %p', '%d/%m/%Y %H:%M:%S', '%d-%b-%Y %H:%M:%S.%f', '%Y/%m/%d %H:%M:%S', '%s', '%s000', '%s000000'])
+    '%Y-%m-%dT%H:%M:%S+00:00', '%Y-%m-%dT%H:%M:%SZ', '%Y-%m-%d %H:%M:%S', '%Y-%m-%d %H:%M:%S.%f', '%d.%m.%Y '
+                                                                                                  '%H:%M:%S',
+    '%m/%d/%Y %I:%M:%S %p', '%d/%m/%Y %H:%M:%S', '%d-%b-%Y %H:%M:%S.%f', '%Y/%m/%d '
+                                                                         '%H:%M:%S', '%s', '%s000', '%s000000'])
 def test_absolute_times(tmp_path, form):
     log = drive(60.0)
     recording = read_recording(write_wide(tmp_path / 'a.csv', log, names={**{name: name for name in log},
@@ -47,7 +50,8 @@ def test_absolute_times(tmp_path, form):
 
 
 @pytest.mark.parametrize('heading, times, start_s', [
-    ('time_ms', lambda second: f'{1000.0 * second:.0f}', None), ('time [min]', lambda second: f'{second / 60.0:.9f}', None),
+    ('time_ms', lambda second: f'{1000.0 * second:.0f}', None),
+    ('time [min]', lambda second: f'{second / 60.0:.9f}', None),
     ('t', lambda second: f'{1000.0 * second:.0f}', None),
     ('time', lambda second: f'{int(86390 + second) % 86400 // 3600}:{int(86390 + second) % 3600 // 60:02}'
      f':{(86390 + second) % 60:02.0f}', None)])
@@ -66,7 +70,8 @@ def test_relative_times(tmp_path, heading, times, start_s):
 def test_headings_of_a_german_spreadsheet(tmp_path):
     log = drive(60.0)
     names = {'time_s': 'Zeit [s]', 'battery_temperature_c': 'Batterietemperatur [°F]', 'soc': 'Ladezustand (%)',
-             'voltage_v': 'HV-Spannung in V', 'current_a': 'Strom Batterie [mA]', 'speed_mps': 'Geschwindigkeit [mph]',
+             'voltage_v': 'HV-Spannung in V', 'current_a': 'Strom Batterie [mA]', 'speed_mps': 'Geschwindigkeit '
+                                                                                               '[mph]',
              'ambient_c': 'Außentemperatur [K]'}
     written = {name: log[name] for name in names}
     written |= {'battery_temperature_c': 1.8 * log['battery_temperature_c'] + 32.0, 'soc': 100.0 * log['soc'],
@@ -103,8 +108,10 @@ def test_a_log_of_leafspy_in_miles_is_doubted_and_repaired(tmp_path):
 @pytest.mark.needs('pint')
 def test_a_reading_a_line_in_russian(tmp_path):
     log = drive(700.0)
-    names = {'speed_mps': ('Скорость автомобиля', 'км/ч', 3.6), 'soc': ('[BMS] Уровень заряда батареи (SOC)', '%', 100.0),
-             'battery_temperature_c': ('Температура батареи', '℃', 1.0), 'voltage_v': ('Напряжение батареи', 'V', 1.0),
+    names = {'speed_mps': ('Скорость автомобиля', 'км/ч', 3.6), 'soc': ('[BMS] Уровень заряда батареи '
+                                                                        '(SOC)', '%', 100.0),
+             'battery_temperature_c': ('Температура батареи', '℃', 1.0), 'voltage_v': ('Напряжение '
+                                                                                       'батареи', 'V', 1.0),
              'current_a': ('Ток батареи', 'A', 1.0), 'ambient_c': ('Температура наружного воздуха', '℃', 1.0)}
     recording = read_recording(write_long(tmp_path / 'a.csv', log, names))
     assert recording.format == 'CSV, one reading a line'

@@ -6,8 +6,8 @@ import pytest
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.configuration import configuration_folder
 from bev_preheat.logs.reading import read_recording
-from bev_preheat.logs.signal_map import load_signal_map, matches, PLAUSIBLE, recognised_map, shipped_maps
 from bev_preheat.logs.recording import SIGNALS
+from bev_preheat.logs.signal_map import load_signal_map, matches, PLAUSIBLE, recognised_map, shipped_maps
 
 
 def map_file(tmp_path, text):
@@ -28,14 +28,14 @@ def values(recording, signal):
 
 @pytest.mark.needs('pint')
 def test_unit_scale_offset_and_sign_are_those_of_the_map(tmp_path):
-    signals = map_file(tmp_path, '''
+    signals = map_file(tmp_path, """
 time: when
 signals:
   current_a: {channels: I, unit: mA, scale: 1000, positive: charging}
   speed_mps: {channels: v, unit: mph}
   battery_temperature_c: {channels: T, unit: degF, scale: 0.5, offset: -40}
   ambient_c: {channels: outside, unit: K}
-''')
+""")
     log = log_file(tmp_path, 'when,I,v,T,outside', '0,20,60,160,270.15', '1,-5,30,170,271.15')
     recording = read_recording(log, signals)
     assert values(recording, 'current_a') == pytest.approx([-20.0, 5.0])
@@ -47,7 +47,8 @@ signals:
     assert recording.signal_map == 'map'
 
 
-@pytest.mark.parametrize('combine, expected', [('mean', [5.0, 14.0 / 3.0]), ('min', [2.0, 2.0]), ('max', [8.0, 8.0]),
+@pytest.mark.parametrize('combine, '
+                         'expected', [('mean', [5.0, 14.0 / 3.0]), ('min', [2.0, 2.0]), ('max', [8.0, 8.0]),
                                                ('first', [2.0])])
 def test_several_temperatures_become_one(tmp_path, combine, expected):
     # A sensor without a reading keeps its last one for a minute.
@@ -72,7 +73,8 @@ def test_readings_that_mean_none_are_counted(tmp_path):
         f'{log}, line 3: S: 65535 means no reading; it is dropped (and 1 more sample)',)
 
 
-@pytest.mark.parametrize('raw, expected', [('812345', 0.812345), ('8123', 0.8123), ('81.2', 0.812), ('0.81', 0.81)])
+@pytest.mark.parametrize('raw, expected', [
+    ('812345', 0.812345), ('8123', 0.8123), ('81.2', 0.812), ('0.81', 0.81)])
 def test_one_of_several_scales_is_chosen_by_plausibility(tmp_path, raw, expected):
     log = log_file(tmp_path, 'epoch time,Gids,SOC,Pack Volts,Pack Amps', f'1700000000,1,{raw},370,5',
                    f'1700000017,1,{raw},370,5')
@@ -122,3 +124,9 @@ def test_every_signal_has_a_plausible_range_and_a_common_name():
     ('current', 'StateOfCharge.Current', False), ('/^T\\d/', 'T1 C', True), ('soc', 'socket', False)])
 def test_names_are_compared_without_case_blanks_and_units(entry, name, expected):
     assert matches(entry, name) is expected
+
+
+def test_a_damaged_name_does_not_hold_the_reader_up(tmp_path):
+    log = log_file(tmp_path, 'SECONDS;PID;VALUE;UNITS', *(f'{at};{"[" * (3000 if at == 5 else 0)}SOC;50;%'
+                                                           for at in range(9)))
+    assert len(read_recording(log).signals['soc'].value) == 8

@@ -181,7 +181,8 @@ def test_gaps_are_counted_in_one_remark(write):
         1.0 if name == 'time_s' else 0.0))) for name, values in RAMP.items()}
     path = write(columns, left_out=range(10, 110, 10))
     assert load_drive_logs([path], DEFAULTS).remarks == (
-        f'{path}: speed_mps and power_w: 2 s without a valid sample, from 9 s to 11 s, are bridged (and 9 more gaps, '
+        f'{path}: speed_mps and power_w: 2 s without a valid sample, from 9 s to 11 s, are bridged (and 9 more '
+        'gaps, '
         '10 s in all)',)
 
 
@@ -202,7 +203,7 @@ def test_an_impossible_sample_is_reported_and_bridged(write, name, value, plausi
 
 
 def straight(write, name):
-    """Return the Route of a log in which a straight line replaces one sample of a signal; of a current: of the power."""
+    """Return the Route of a log in which a straight line replaces one sample of a signal, or of the power."""
     log = samples()
     log['power_w'] = log['voltage_v'] * log['current_a']
     if name == 'voltage_v':
@@ -235,7 +236,8 @@ def test_further_impossible_samples_are_counted(write):
     columns['voltage_v'][31] = columns['voltage_v'][32] = -1.0
     path = write(columns)
     assert load_drive_logs([path], DEFAULTS).remarks[0] == (
-        f'{path}, line 9: voltage_v: 0 is implausible (plausible: 20 ... 1500); it is dropped (and 2 more samples)')
+        f'{path}, line 9: voltage_v: 0 is implausible (plausible: 20 ... 1500); it is dropped (and 2 more '
+        'samples)')
 
 
 def test_impossible_samples_at_the_ends_shorten_the_log(write):
@@ -273,7 +275,8 @@ def test_a_log_that_runs_backwards_is_refused(write):
     log = samples()
     log['time_s'] = log['time_s'][::-1]
     problem, = problems_with(write(log))
-    assert problem == (', line 3: the time goes back by 1 s, in 59 places; a log must be one drive: split it, or name '
+    assert problem == (', line 3: the time goes back by 1 s, in 59 places; a log must be one drive: split it, '
+                       'or name '
                        'the channel of the time in a signal map')
 
 
@@ -303,7 +306,8 @@ def test_missing_signals_are_named_with_those_found(write):
     log = samples()
     del log['ambient_c'], log['speed_mps']
     assert problems_with(write(log)) == [
-        ': has no speed_mps, no ambient_c; signals found: voltage_v, current_a, cabin_heater_w, aircon_w, power_w; '
+        ': has no speed_mps, no ambient_c; signals found: voltage_v, current_a, cabin_heater_w, aircon_w, '
+        'power_w; '
         'name its channel in a signal map (--signals), or rename the column']
 
 
@@ -313,7 +317,8 @@ def test_without_a_cabin_heater_the_default_is_used_and_named(write):
     path = write(log)
     made = load_drive_logs([path], DEFAULTS)
     assert made.route.cabin_heating_power_w == pytest.approx([1111.0, 1111.0])
-    assert made.remarks == (f'{path}: has no cabin_heater_w; cabin heating (1111 W) and auxiliaries (222 W) are those '
+    assert made.remarks == (f'{path}: has no cabin_heater_w; cabin heating (1111 W) and auxiliaries (222 W) are '
+                            'those '
                             'of the vehicle',)
 
 

@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`preheat log`: table, JSON, picture, refusals; `preheat route --log` with a signal map."""
+
+import json
+
+import pytest
+
+from bev_preheat.commands.main import main
+
+LOG = 'time_s;v;T;SOC;U;I;out\n' + ''.join(
+    f'{17 * at};{36 + at};{4 + at / 8};{800_000 - 4000 * at};370;-{20 + at % 5};-3\n' for at in range(40))
+MAP = """
+signals:
+  battery_temperature_c: T
+  soc: {channels: SOC, unit: percent, scale: 0.0001}
+  voltage_v: U
+  current_a: {channels: I, positive: charging}
+  speed_mps: {channels: v, unit: km/h}
+  ambient_c: out
+"""
+
+
+@pytest.fixture
+def log(tmp_path):
+    (tmp_path / 'map.yaml').write_text(MAP, encoding='utf-8')
+    path = tmp_path / 'drive.csv'
+    path.write_text(LOG, encoding='utf-8')
+    return path
+
+
+@pytest.mark.needs('pint')
+def test_json_has_the_signals_in_si_units(log, capfd):
+    assert main(['log', str(log), '--signals', str(log.with_name('map.yaml')), '--json', '-']) == 0
+    found = json.loads(capfd.readouterr().out)
+    assert found['signals'].keys() == {'battery_temperature_c', 'soc', 'voltage_v', 'current_a', 'speed_mps',
+                                       'ambient_c', 'power_w'}
+    assert all(entry.keys() == {'min', 'max', 'samples'} for entry in found['signals'].values())
+    assert found['signals']['soc'] == pytest.approx({'min': 0.644, 'max': 0.8, 'samples': 40})
+    assert found['signals']['speed_mps'] == pytest.approx({'min': 10.0, 'max': 75.0 / 3.6, 'samples': 40})
+    assert found['signals']['current_a'] == {'min': 20.0, 'max': 24.0, 'samples': 40}
+    assert found['signals']['power_w'] == {'min': 7400.0, 'max': 8880.0, 'samples': 40}
+    assert [found[key] for key in ('format', 'signal_map', 'start', 'duration_s')] == ['CSV', 'map', None, 663.0]
+    assert found['sampling']['soc'] == {'interval_s': 17.0, 'gaps': 0, 'longest_gap_s': 0.0}
+    assert found['sources']['current_a'] == ['I']
+    assert found['remarks'] == []
+
+
+@pytest.mark.needs('pint')
+@pytest.mark.needs('matplotlib')
+def test_table_and_picture(log, capfd, monkeypatch):
+    monkeypatch.setenv('COLUMNS', '120')
+    picture = log.with_suffix('.png')
+    assert main(['log', str(log), '--signals', str(log.with_name('map.yaml')), '--plot', str(picture)]) == 0
+    out = ' '.join(capfd.readouterr().out.split())
+    assert 'battery_temperature_c │ 4 │ 8.875 │ 40 │ 17 │' in out
+    assert 'current_a: from I' in out
+    assert picture.read_bytes().startswith(b'\x89PNG')
+
+
+@pytest.mark.parametrize('arguments, problem', [
+    (['--json', '{log}'], 'is a file that this run '
+                          'reads'), (['--signals', 'nobody'], "signal 'nobody' is unknown"),
+    (['--plot', 'a.txt'], '--plot')])
+def test_wrong_arguments_are_refused_in_one_line(log, capfd, arguments, problem):
+    assert main(['log', str(log), *(each.format(log=log) for each in arguments)]) == 2
+    shown = capfd.readouterr()
+    assert shown.out == '' and shown.err.startswith('preheat: error: ') and 'Traceback' not in shown.err
+
+
+@pytest.mark.needs('pint')
+def test_a_route_of_a_slow_log_without_cabin_heater(log, capfd):
+    output = log.with_name('route.csv')
+    assert main(['route', '--log', str(log), '--signals', str(log.with_name('map.yaml')), '--vehicle', 'small_car',
+                 '--output', str(output)]) == 0
+    out = capfd.readouterr().out
+    assert 'has no cabin_heater_w; cabin heating (1500 W) and auxiliaries (350 W) are those of the vehicle' in out
+    assert f'--signals {log.with_name("map.yaml")}' in output.read_text(encoding='utf-8')
+    assert main(['plan', '--vehicle', 'small_car', '--route', str(output), '--temperature', '-5',
+                 '--soc', '0.8']) == 0
+
+
+def test_a_signal_map_belongs_to_a_log(tmp_path, capfd):
+    assert main(['route', '--legs', 'alpine_pass', '--repair', '--vehicle', 'small_car', '--output',
+                 str(tmp_path / 'a.csv')]) == 2
+    assert '--signals and --repair: only with --log' in capfd.readouterr().err

@@ -1,0 +1,124 @@
+# SPDX-License-Identifier: Apache-2.0
+"""CAN frames with a DBC, MDF files and recorded topics, written by the packages' own writers."""
+
+from logs_written import drive, START_S
+import numpy as np
+import pytest
+
+from bev_preheat.errors import InvalidInput
+from bev_preheat.logs.reading import read_recording
+
+DBC = """VERSION ""
+NS_ :
+BS_:
+BU_: BMS
+BO_ 341 BMS_State: 8 BMS
+ SG_ PackVoltage : 0|16@1+ (0.01,0) [0|600] "V" BMS
+ SG_ PackCurrent : 16|16@1- (0.01,0) [-300|300] "A" BMS
+ SG_ SOC : 32|16@1+ (0.01,0) [0|100] "%" BMS
+ SG_ BattTempAvg : 48|16@1+ (0.01,-40) [-40|80] "degC" BMS
+
+BO_ 500 VCU_Drive: 4 BMS
+ SG_ VehicleSpeed : 0|16@1+ (0.01,0) [0|250] "km/h" BMS
+ SG_ AmbientTemperature : 16|8@1+ (0.5,-40) [-40|80] "degC" BMS
+"""
+
+
+def write_frames(path, log, writer):
+    import can
+    import cantools
+    database = cantools.database.load_string(DBC, 'dbc')
+    with writer(str(path)) as file:
+        for at, second in enumerate(log['time_s']):
+            for identifier, values in ((341, {
+                    'PackVoltage': log['voltage_v'][at], 'PackCurrent': log['current_a'][at],
+                    'SOC': 100.0 * log['soc'][at], 'BattTempAvg': log['battery_temperature_c'][at]}), (500, {
+                        'VehicleSpeed': 3.6 * log['speed_mps'][at], 'AmbientTemperature': log['ambient_c'][at]})):
+                file.on_message_received(can.Message(
+                    timestamp=START_S + second, arbitration_id=identifier, is_extended_id=False,
+                    data=database.encode_message(identifier, values)))
+
+
+def assert_is(recording, log, signals, atol):
+    for signal in signals:
+        series = recording.signals[signal]
+        np.testing.assert_allclose(series.value, np.interp(series.time_s, log['time_s'], log[signal]), rtol=1e-4,
+                                   atol=atol, err_msg=signal)
+
+
+SIGNALS = ('voltage_v', 'current_a', 'soc', 'battery_temperature_c', 'speed_mps', 'ambient_c')
+
+
+@pytest.mark.parametrize('writer, name, '
+                         'kind', [('CanutilsLogWriter', 'a.log', 'candump'), ('ASCWriter', 'a.asc', 'ASC'),
+                                                ('BLFWriter', 'a.blf', 'BLF')])
+@pytest.mark.needs('can')
+@pytest.mark.needs('cantools')
+@pytest.mark.needs('pint')
+def test_can_frames(tmp_path, writer, name, kind):
+    import can
+    log = drive(60.0)
+    path = tmp_path / name
+    write_frames(path, log, getattr(can, writer))
+    with pytest.raises(InvalidInput, match='need a DBC: name it in a signal map'):
+        read_recording(path)
+    (tmp_path / 'a.dbc').write_text(DBC, encoding='utf-8')
+    recording = read_recording(path)
+    assert recording.format == f'CAN frames ({kind})'
+    # Half of the last bit.
+    assert_is(recording, log, SIGNALS, 0.006)
+    assert recording.start_s == pytest.approx(START_S, abs=1.0)
+    # The same by a map in another folder.
+    (tmp_path / 'maps').mkdir()
+    (tmp_path / 'a.dbc').rename(tmp_path / 'maps' / 'car.dbc')
+    signals = tmp_path / 'maps' / 'car.yaml'
+    signals.write_text('dbc: car.dbc\nsignals: {soc: BMS_State.SOC}\n', encoding='utf-8')
+    assert_is(read_recording(path, signals), log, ['soc'], 0.006)
+
+
+@pytest.mark.needs('asammdf')
+@pytest.mark.needs('pint')
+def test_mdf(tmp_path):
+    from asammdf import MDF, Signal
+    log = drive(60.0, 0.1)
+    slow = slice(None, None, 10)
+    file = MDF(version='4.10')
+    file.append([Signal(log['current_a'], log['time_s'], name='HV_Battery_Current', unit='A'),
+                 Signal(log['voltage_v'], log['time_s'], name='HV_Battery_Voltage', unit='V'),
+                 Signal(3.6 * log['speed_mps'], log['time_s'], name='VehicleSpeed', unit='km/h')])
+    file.append([Signal(100.0 * log['soc'][slow], log['time_s'][slow], name='BMS_SOC', unit='%'),
+                 Signal(log['battery_temperature_c'][slow] + 273.15, log['time_s'][slow],
+                        name='BMS_BatteryTemp', unit='K'),
+                 Signal(log['ambient_c'][slow], log['time_s'][slow], name='AmbientTemp', unit='degC')])
+    path = tmp_path / 'a.mf4'
+    file.save(path)
+    file.close()
+    recording = read_recording(path)
+    assert recording.format == 'MDF'
+    assert_is(recording, log, SIGNALS, 1e-6)
+    assert len(recording.signals['soc'].value) == 61
+
+
+@pytest.mark.parametrize('storage', ['MCAP', 'SQLITE3'])
+@pytest.mark.needs('rosbags')
+def test_recorded_topics(tmp_path, storage):
+    """Simulated time runs twenty times as fast as the recorder's clock; the stamps count."""
+    from rosbags.rosbag2 import StoragePlugin, Writer
+    from rosbags.typesys import get_typestore, Stores
+    store = get_typestore(Stores.ROS2_JAZZY)
+    state, header, stamp = (store.types[name] for name in (
+        'sensor_msgs/msg/BatteryState', 'std_msgs/msg/Header', 'builtin_interfaces/msg/Time'))
+    log, empty = drive(60.0), np.zeros(0, np.float32)
+    with Writer(tmp_path / 'bag', version=9, storage_plugin=StoragePlugin[storage]) as file:
+        topic = file.add_connection('/battery_state', state.__msgtype__, typestore=store)
+        for at, second in enumerate(log['time_s']):
+            # sensor_msgs has positive for charging.
+            message = state(header(stamp(1000 + int(second), 0), ''), log['voltage_v'][at],
+                            log['battery_temperature_c'][at], -log['current_a'][at], 0.0, 0.0, 0.0, log['soc'][at],
+                            0, 0, 0, True, empty, empty, '', '')
+            received_ns = int((START_S + second / 20.0) * 1e9)
+            file.write(topic, received_ns, store.serialize_cdr(message, state.__msgtype__))
+    for path in (tmp_path / 'bag', next((tmp_path / 'bag').glob('bag.*'))):
+        recording = read_recording(path)
+        assert (recording.format, recording.signal_map, recording.start_s) == ('ROS 2 topics', 'topics', 1000.0)
+        assert_is(recording, log, ('voltage_v', 'current_a', 'soc', 'battery_temperature_c'), 1e-6)

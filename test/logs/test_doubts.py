@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Mix-ups of sign, unit and scale are named, and repaired on request only."""
+
+import os
+from pathlib import Path
+
+from logs_written import drive, write_wide
+import numpy as np
+import pytest
+
+from bev_preheat.logs.doubts import find_doubts
+from bev_preheat.logs.reading import read_recording
+from bev_preheat.logs.recording import Series
+
+FOLDER = Path(os.environ.get('BEV_PREHEAT_DRIVE_LOGS') or (
+    Path(__file__).resolve().parents[3] / 'shared' / 'data' / 'i3_winter_trips'))
+MEASURED = tuple(sorted(FOLDER.glob('Trip*.csv')))
+# Signal, the mix-up, words of the doubt.
+MIX_UPS = (
+    ('current_a', lambda value: -value, 'positive must mean discharging'),
+    ('current_a', lambda value: 1e-3 * value, 'a factor of 1000 is missing'),
+    ('speed_mps', lambda value: 3.6 * value, 'km/h taken as m/s?'),
+    ('speed_mps', lambda value: value / 3.6, 'm/s taken as km/h?'),
+    ('battery_temperature_c', lambda value: 1.8 * value + 32.0, 'is it in degF?'),
+    ('battery_temperature_c', lambda value: value + 273.15, 'with the unit kelvin they are plausible'),
+    ('ambient_c', lambda value: 1.8 * (value + 12.0) + 32.0, 'is it in degF?'),
+    ('voltage_v', lambda value: 10.0 * value, 'with a factor of 0.1 they are plausible'),
+    ('cabin_heater_w', lambda value: 1e-3 * value, 'is it in kW?'),
+)
+
+
+@pytest.mark.parametrize('signal, mixed, words', MIX_UPS)
+@pytest.mark.needs('pint')
+def test_a_mix_up_is_named_and_repaired_on_request_only(tmp_path, signal, mixed, words):
+    log = drive(900.0)
+    # A battery of 15 degC reads 59 as degF, an ambient of 8 degC reads 46.
+    log['battery_temperature_c'] = log['battery_temperature_c'] + 12.0
+    path = write_wide(tmp_path / 'mixed.csv', {**log, signal: mixed(log[signal])})
+    expected = log[signal] + (12.0 if signal == 'ambient_c' else 0.0)
+    as_it_is, repaired = read_recording(path), read_recording(path, repair=True)
+    named = [remark for remark in as_it_is.remarks if words in remark]
+    assert len(named) == 1 and signal in named[0] and 'repair' in named[0]
+    series = repaired.signals[signal]
+    np.testing.assert_allclose(series.value, np.interp(series.time_s, log['time_s'], expected),
+                               rtol=1e-4, atol=1e-4)
+    assert any(remark.endswith('repaired') for remark in repaired.remarks)
+    kept = as_it_is.signals.get(signal)
+    assert kept is None or not np.allclose(kept.value, np.interp(kept.time_s, log['time_s'], expected), rtol=0.01)
+
+
+def test_power_is_compared_with_voltage_times_current(tmp_path):
+    log = drive(300.0)
+    # Otherwise the state of charge tells it.
+    del log['soc']
+    log['power_w'] = -log['voltage_v'] * log['current_a']
+    assert 'has the opposite sign of voltage times current' in ' '.join(
+        read_recording(write_wide(tmp_path / 'a.csv', log)).remarks)
+    log['power_w'] = log['voltage_v'] * log['current_a'] / 1000.0
+    repaired = read_recording(write_wide(tmp_path / 'a.csv', log), repair=True)
+    np.testing.assert_allclose(repaired.signals['power_w'].value, 1000.0 * log['power_w'], rtol=1e-4)
+
+
+def test_a_charging_session_has_a_negative_current(tmp_path):
+    # 80 A into 110 Ah for 15 min.
+    time_s = np.arange(0.0, 900.0)
+    log = {'time_s': time_s, 'soc': 0.2 + 80.0 * time_s / 3600.0 / 110.0, 'voltage_v': 380.0 + 0.0 * time_s,
+           'current_a': -80.0 + 0.0 * time_s, 'speed_mps': 0.0 * time_s}
+    assert read_recording(write_wide(tmp_path / 'a.csv', log)).remarks == ()
+    log['current_a'] = -log['current_a']
+    assert 'positive must mean discharging' in read_recording(write_wide(tmp_path / 'a.csv', log)).remarks[0]
+
+
+def test_a_drive_is_not_doubted():
+    log = drive(1800.0)
+    signals = {name: Series(log['time_s'], value) for name, value in log.items() if name != 'time_s'}
+    signals['power_w'] = Series(log['time_s'], log['voltage_v'] * log['current_a'])
+    assert find_doubts(signals) == ()
+
+
+@pytest.mark.skipif(not MEASURED, reason='needs the measured winter drives of a BMW i3 (TU Munich, doi '
+                    '10.21227/6jr9-5235) in the folder BEV_PREHEAT_DRIVE_LOGS')
+def test_measured_drives_are_not_doubted():
+    assert [remark for path in MEASURED for remark in read_recording(path).remarks] == []
+    assert all(len(read_recording(path).signals) == 10 for path in MEASURED)
