@@ -3,7 +3,7 @@
 A trip as the planner would have predicted it, from its first reading and its measured powers.
 
 The powers are given as mean and root mean square of steps of 30 s, as in routes, and the step is that of plans
-(`vehicle.heat_path`).
+(`vehicle.heated_step`).
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.numerics.arithmetic import SATURATING_FLOATS
-from bev_preheat.vehicle.heat_path import make_heated_step, sensor_reading_c
+from bev_preheat.vehicle.heated_step import make_heated_step, sensor_reading_c
 
 if TYPE_CHECKING:
     from bev_preheat.identification.trips import Trip
