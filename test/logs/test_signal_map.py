@@ -47,9 +47,8 @@ signals:
     assert recording.signal_map == 'map'
 
 
-@pytest.mark.parametrize('combine, '
-                         'expected', [('mean', [5.0, 14.0 / 3.0]), ('min', [2.0, 2.0]), ('max', [8.0, 8.0]),
-                                               ('first', [2.0])])
+@pytest.mark.parametrize('combine, expected', [
+    ('mean', [5.0, 14.0 / 3.0]), ('min', [2.0, 2.0]), ('max', [8.0, 8.0]), ('first', [2.0])])
 def test_several_temperatures_become_one(tmp_path, combine, expected):
     # A sensor without a reading keeps its last one for a minute.
     signals = map_file(tmp_path, f'signals: {{battery_temperature_c: {{channels: /^T\\d/, combine: {combine}, '
@@ -127,6 +126,6 @@ def test_names_are_compared_without_case_blanks_and_units(entry, name, expected)
 
 
 def test_a_damaged_name_does_not_hold_the_reader_up(tmp_path):
-    log = log_file(tmp_path, 'SECONDS;PID;VALUE;UNITS', *(f'{at};{"[" * (3000 if at == 5 else 0)}SOC;50;%'
-                                                           for at in range(9)))
+    lines = [f'{at};{"[" * (3000 if at == 5 else 0)}SOC;50;%' for at in range(9)]
+    log = log_file(tmp_path, 'SECONDS;PID;VALUE;UNITS', *lines)
     assert len(read_recording(log).signals['soc'].value) == 8
