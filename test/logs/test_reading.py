@@ -55,6 +55,7 @@ def test_absolute_times(tmp_path, form):
     ('t', lambda second: f'{1000.0 * second:.0f}', None),
     ('time', lambda second: f'{int(86390 + second) % 86400 // 3600}:{int(86390 + second) % 3600 // 60:02}'
      f':{(86390 + second) % 60:02.0f}', None)])
+@pytest.mark.needs('pint')
 def test_relative_times(tmp_path, heading, times, start_s):
     log = drive(60.0)
     recording = read_recording(write_wide(tmp_path / 'a.csv', log, names={**{name: name for name in log},
