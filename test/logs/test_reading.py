@@ -83,6 +83,17 @@ def test_headings_of_a_german_spreadsheet(tmp_path):
     assert_is(recording, log, list(names)[1:])
 
 
+@pytest.mark.parametrize('encoding', ['utf-8', 'utf-16', 'cp1252'])
+@pytest.mark.parametrize('duration_s', [60.0, 6000.0])
+@pytest.mark.needs('pint')
+def test_encodings_of_short_and_long_files(tmp_path, encoding, duration_s):
+    log = drive(duration_s)
+    path = write_wide(tmp_path / 'a.csv', {**log, 'battery_temperature_c': 1.8 * log['battery_temperature_c'] + 32.0},
+                      names={**{name: name for name in log}, 'battery_temperature_c': 'Batterie-Temp. (°F)'})
+    path.write_bytes(path.read_text(encoding='utf-8').encode(encoding))
+    assert_is(read_recording(path), log)
+
+
 @pytest.mark.needs('pint')
 def test_a_log_of_leafspy(tmp_path):
     log = drive(1700.0, 17.0)
