@@ -88,7 +88,8 @@ def test_headings_of_a_german_spreadsheet(tmp_path):
 @pytest.mark.needs('pint')
 def test_encodings_of_short_and_long_files(tmp_path, encoding, duration_s):
     log = drive(duration_s)
-    path = write_wide(tmp_path / 'a.csv', {**log, 'battery_temperature_c': 1.8 * log['battery_temperature_c'] + 32.0},
+    written = {**log, 'battery_temperature_c': 1.8 * log['battery_temperature_c'] + 32.0}
+    path = write_wide(tmp_path / 'a.csv', written,
                       names={**{name: name for name in log}, 'battery_temperature_c': 'Batterie-Temp. (°F)'})
     path.write_bytes(path.read_text(encoding='utf-8').encode(encoding))
     assert_is(read_recording(path), log)
