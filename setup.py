@@ -20,6 +20,7 @@ ENTRY_POINTS = {
     'planner': f'{PACKAGE}.nodes.executables:planner',
     'nlp_checker': f'{PACKAGE}.nodes.executables:nlp_checker',
     'charger_adviser': f'{PACKAGE}.nodes.executables:charger_adviser',
+    'route_publisher': f'{PACKAGE}.nodes.executables:route_publisher',
     'vehicle_simulator': f'{PACKAGE}.nodes.executables:vehicle_simulator',
     'preheat': f'{PACKAGE}.commands.main:main',
 }
@@ -35,6 +36,7 @@ EXTRAS = {
     'nlp': ['casadi>=3.6'],
     'plot': ['matplotlib>=3.6.3'],
     'logs': ['asammdf>=7.3', 'cantools>=39', 'pint>=0.19', 'python-can>=4.0', 'rosbags>=0.9.16'],
+    'routes': ['gpxpy>=1.5'],
     'studies': ['casadi>=3.6', 'matplotlib>=3.6.3', 'psutil>=5.9.8', 'scipy>=1.11.4'],
     'test': ['pytest'],
 }
@@ -114,6 +116,7 @@ setup(
     package_data={PACKAGE: ['vehicle/schema.yaml', 'vehicle/heat_path_schema.yaml',
                             'route/legs_schema.yaml', 'logs/signal_map_schema.yaml',
                             'charging/chargers_schema.yaml',
+                            'charging/published_times.yaml', 'charging/published_times_schema.yaml',
                             'control/itinerary_schema.yaml',
                             'simulation/scenario_schema.yaml', 'vehicle/chemistry.yaml',
                             'vehicle/vehicle_template.yaml',

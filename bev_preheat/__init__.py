@@ -15,10 +15,11 @@ from typing import Any, TYPE_CHECKING
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
 __all__ = [
-    'BatteryState', 'ComparisonResult', 'DriveResult', 'Goal', 'HeaterFault', 'InvalidInput', 'Mismatch',
-    'OptimumResult', 'PlanResult', 'PlanningFailure', 'Recording', 'Route', 'Sensors', 'SessionResult', 'Vehicle',
-    'WorthResult', 'charging_session', 'compare', 'drive', 'load_recording', 'load_route', 'load_vehicle',
-    'make_route', 'methods', 'optimum', 'plan', 'routes', 'vehicles', 'worth']
+    'BatteryState', 'ComparisonResult', 'DriveResult', 'Goal', 'HeaterFault', 'InvalidInput',
+    'MethodSituation', 'Mismatch', 'OptimumResult', 'PlanResult', 'PlanningFailure', 'Prediction', 'Recording',
+    'Route', 'Sensors', 'SessionResult', 'Vehicle', 'WorthResult', 'charging_session', 'compare', 'drive',
+    'load_recording', 'load_route', 'load_vehicle', 'make_route', 'make_vehicle', 'methods', 'optimum', 'plan',
+    'routes', 'vehicles', 'worth']
 
 if TYPE_CHECKING:
     from bev_preheat.errors import InvalidInput, PlanningFailure
@@ -31,7 +32,15 @@ if TYPE_CHECKING:
         plan,
         worth,
     )
-    from bev_preheat.interface.inputs import load_recording, load_route, load_vehicle, make_route, routes, vehicles
+    from bev_preheat.interface.inputs import (
+        load_recording,
+        load_route,
+        load_vehicle,
+        make_route,
+        make_vehicle,
+        routes,
+        vehicles,
+    )
     from bev_preheat.interface.results import (
         ComparisonResult,
         DriveResult,
@@ -41,6 +50,7 @@ if TYPE_CHECKING:
         WorthResult,
     )
     from bev_preheat.logs.recording import Recording
+    from bev_preheat.planning.method_situation import MethodSituation, Prediction
     from bev_preheat.planning.situation import BatteryState, Goal
     from bev_preheat.route import Route
     from bev_preheat.simulation.heater_faults import HeaterFault
@@ -52,11 +62,12 @@ else:
         **dict.fromkeys(('InvalidInput', 'PlanningFailure'), 'errors'),
         **dict.fromkeys(('charging_session', 'compare', 'drive', 'methods', 'optimum', 'plan', 'worth'),
                         'interface.functions'),
-        **dict.fromkeys(('load_recording', 'load_route', 'load_vehicle', 'make_route', 'routes', 'vehicles'),
-                        'interface.inputs'),
+        **dict.fromkeys(('load_recording', 'load_route', 'load_vehicle', 'make_route', 'make_vehicle', 'routes',
+                         'vehicles'), 'interface.inputs'),
         **dict.fromkeys(('ComparisonResult', 'DriveResult', 'OptimumResult', 'PlanResult', 'SessionResult',
                          'WorthResult'), 'interface.results'),
         **dict.fromkeys(('BatteryState', 'Goal'), 'planning.situation'),
+        **dict.fromkeys(('MethodSituation', 'Prediction'), 'planning.method_situation'),
         'Recording': 'logs.recording', 'Route': 'route', 'HeaterFault': 'simulation.heater_faults',
         'Mismatch': 'simulation.mismatch', 'Sensors': 'simulation.sensors', 'Vehicle': 'vehicle'}
 

@@ -19,13 +19,15 @@ PURPOSES = {
     'distributed': 'runs studies on a cluster',
     'do_mpc': 'is the benchmark of the nonlinear program',
     'elftools': 'reads object files',
+    'gpxpy': 'reads GPX files',
+    'jinja2': 'writes reports',
     'matplotlib': 'draws figures',
     'pandas': 'holds results as tables',
     'pint': 'converts the units of logs',
     'plotext': 'draws the chart',
     'psutil': 'measures processes',
     'rosbags': 'reads rosbag2 and MCAP files',
-    'scipy': 'fits the vehicle to the paper',
+    'scipy': 'fits vehicles to logs and to the paper',
     'unicorn': "emulates a control unit's processor",
 }
 # Distribution names that differ from the module's name, and targets of make that install

@@ -56,7 +56,7 @@ class Stepwise(Supervisor):
 
     @property
     def enabled(self):
-        return self.is_enabled
+        return self.state.is_enabled
 
     @enabled.setter
     def enabled(self, is_enabled):
@@ -64,7 +64,7 @@ class Stepwise(Supervisor):
 
     @property
     def settings(self):
-        return super().settings
+        return self.state.settings
 
     @settings.setter
     def settings(self, settings):
@@ -72,7 +72,7 @@ class Stepwise(Supervisor):
 
     @property
     def vehicle(self):
-        return super().vehicle
+        return self.state.vehicle
 
     @vehicle.setter
     def vehicle(self, vehicle):
@@ -82,8 +82,8 @@ class Stepwise(Supervisor):
         """Return the Decision at an instant."""
         if now_ns != self._now_ns:
             # Every event causes a plan, even if it changes nothing.
-            self.run(now_ns, PreheatingSwitched(self.is_enabled))
-        return self.decision
+            self.run(now_ns, PreheatingSwitched(self.state.is_enabled))
+        return self.state.decision
 
     def refresh(self, now_ns):
         """Let time pass."""
@@ -92,7 +92,7 @@ class Stepwise(Supervisor):
     def command(self, now_ns):
         """Return the Command that is given as time passes."""
         self.run(now_ns)
-        return self.latest_command
+        return self.state.latest_command
 
     def goal_of(self, leg):
         """Return the Goal of a leg, as a checker's Inbox sees it."""

@@ -2,18 +2,25 @@
 """
 README and docs: commands work, links have targets, and the reference is complete.
 
-In a ```console block each line that begins with `$ preheat` is run, and its output must contain the lines
-up to the next command; an ellipsis stands for omitted text. The exit status must be 0, or 2 if a line
-`preheat: error:` is shown. The commands of a page run in order in one folder, which contains the page's code
-blocks with a caption as files. Commands that must not run are in ```bash or ```text.
+In a ```console block each line that begins with `$ preheat` or `$ python3 FILE` is run, and its output must
+contain the lines up to the next command; an ellipsis stands for omitted text. The exit status must be 0, or 2
+if a line `preheat: error:` is shown. The commands of a page run in order in one folder, which contains the page's
+code blocks with a caption as files; packages of docs/examples that the page names are installed. Commands that
+must not run are in ```bash or ```text.
+
+The ```python blocks of a page are run in order, like the cells of a notebook. If a comment follows `print(…)` on
+its line, the output must have the comment's numbers, to the comment's digits.
 """
 
 from dataclasses import dataclass
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 import re
+from runpy import run_path
 import shlex
+import sys
 
+import installed_packages
 import pytest
 
 from bev_preheat.commands.main import main, SUBCOMMANDS
@@ -28,7 +35,7 @@ FENCE = re.compile(r'^```(\S*)[^\n]*\n(.*?)^```', re.MULTILINE | re.DOTALL)
 
 @dataclass(frozen=True)
 class Command:
-    """A command of a page: its words after `$ preheat`, and the lines that are shown below it."""
+    """A command of a page: its words, and the lines that are shown below it."""
 
     words: list
     shown: list
@@ -47,8 +54,8 @@ def commands_of(text):
         for line in block.replace('\\\n', ' ').splitlines():
             if line.startswith('$ '):
                 words = shlex.split(line.removeprefix('$ '))
-                assert words[0] == 'preheat', f'not to be run, so it belongs into ```bash: {line}'
-                found.append(Command(words[1:], []))
+                assert words[0] in RUNNERS, f'not to be run, so it belongs into ```bash: {line}'
+                found.append(Command(words, []))
             elif line.strip():
                 found[-1].shown.append(line)
     return found
@@ -72,10 +79,21 @@ def typed_pages():
     for page in PAGES:
         commands = commands_of(page.read_text())
         if commands:
-            needs_casadi = any(command.words[0] in NEED_CASADI for command in commands)
-            needs_pint = any(command.words[0] == 'log' for command in commands)
+            needs_casadi = any(command.words[1] in NEED_CASADI for command in commands)
+            needs_pint = any(command.words[1] == 'log' for command in commands)
             yield pytest.param(page, id=name_of(page), marks=(
                 [pytest.mark.needs('casadi')] * needs_casadi + [pytest.mark.needs('pint')] * needs_pint))
+
+
+def run_script(arguments):
+    """Run a Python script of the page in this process; returns the exit status."""
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        monkeypatch.setattr(sys, 'argv', arguments)
+        run_path(arguments[0], run_name='__main__')
+    return 0
+
+
+RUNNERS = {'preheat': main, 'python3': run_script}
 
 
 def words(text):
@@ -89,10 +107,14 @@ def test_what_is_typed_gives_what_is_shown(page, tmp_path, monkeypatch, capfd):
     # Wide enough for every table.
     monkeypatch.setenv('COLUMNS', '250')
     text = page.read_text()
+    for example in sorted(set(re.findall(r'/examples/(\w+)', text))):
+        (folder := tmp_path / 'installed' / example).mkdir(parents=True)
+        installed_packages.put_example(folder, example)
+        installed_packages.use_folder(monkeypatch, folder)
     for name, content in files_of(text).items():
         (tmp_path / name).write_text(content)
     for command in commands_of(text):
-        assert main(command.words) == command.status, command.words
+        assert RUNNERS[command.words[0]](command.words[1:]) == command.status, command.words
         output = words(''.join(capfd.readouterr()))
         for line in command.shown:
             rest = output
@@ -110,8 +132,66 @@ def test_the_pages_have_commands_that_are_run():
 def test_a_text_that_is_not_in_the_output_is_found():
     [command] = commands_of('```console\n$ preheat vehicle \\\n  list\nname … energy\n```\n'
                             '```text\n$ preheat sweep\n```\n')
-    assert command == Command(['vehicle', 'list'], ['name … energy'])
+    assert command == Command(['preheat', 'vehicle', 'list'], ['name … energy'])
     assert command.status == 0
+
+
+# --- Python ---
+
+
+def python_of(text):
+    """Return the Python blocks of a page."""
+    return [block for language, block in FENCE.findall(text) if language == 'python']
+
+
+PAGES_WITH_PYTHON = [page for page in PAGES if python_of(page.read_text())]
+
+
+@pytest.mark.costly
+@pytest.mark.parametrize('page', PAGES_WITH_PYTHON, ids=name_of)
+def test_python_of_a_page_runs(page, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    for name, content in files_of(page.read_text()).items():
+        (tmp_path / name).write_text(content)
+    names = {}
+    for number, block in enumerate(python_of(page.read_text()), 1):
+        exec(compile(block, f'{name_of(page)}, block {number}', 'exec'), names)
+        printed = capsys.readouterr().out.splitlines()
+        # A print() in a loop or a branch has no comment.
+        shown = re.findall(r'^ *print\(.*\)(?:  # (.*))?$', block, re.MULTILINE)
+        if len(shown) == len(printed):
+            for line, comment in zip(printed, shown, strict=True):
+                compare(line, comment)
+        else:
+            assert not any(shown), f'{name_of(page)}, block {number}: print() beside a comment must print one line'
+
+
+def compare(line, comment):
+    """Compare a printed line with the comment beside its print(): the same numbers to the comment's digits."""
+    for number in re.findall(r'-?\d+(?:\.\d+)?', comment):
+        assert any(float(f'{float(printed):.{len(number.partition(".")[2])}f}') == float(number)
+                   for printed in re.findall(r'-?\d+(?:\.\d+)?(?:e-?\d+)?', line)), f'{line!r} is not {comment!r}'
+
+
+@pytest.mark.parametrize('page', PAGES, ids=name_of)
+def test_each_python_block_runs_somewhere(page):
+    # test/nodes/test_typed_by_hand.py runs the tutorial for ROS.
+    text = page.read_text()
+    assert not re.search(r'^```(?:py|Python|ipython|pycon)\b', text, re.MULTILINE), 'its name is python'
+    scripts = {name for name in files_of(text) if name.endswith('.py')}
+    run = {command.words[1] for command in commands_of(text) if command.words[0] == 'python3'}
+    assert scripts - run <= ({'by_hand.py'} if page.stem == 'by_hand' else set())
+    assert len(re.findall(r'^```{code-block} python\n', text, re.MULTILINE)) == len(scripts), 'without a caption'
+
+
+def test_pages_with_python_are_found():
+    assert 'docs/reference/python.md' in map(name_of, PAGES_WITH_PYTHON)
+
+
+def test_a_wrong_figure_in_a_comment_is_found():
+    compare('32.028 25.00001', '32.0 min, 25.0 °C')
+    with pytest.raises(AssertionError, match='is not'):
+        compare('32.028 25.00001', '31.9 min, 25.0 °C')
 
 
 def test_the_readme_is_a_page():
@@ -201,7 +281,7 @@ def test_parameters_have_default_range_and_meaning(generated):
     assert rows['battery_state_timeout'] == [
         'battery_state_timeout', '5.0', '0.1\N{NO-BREAK SPACE}…\N{NO-BREAK SPACE}60\N{NO-BREAK SPACE}s',
         'A battery state older than this is stale', 'yes']
-    simulator = {row[0]: row[-1] for row in cells(generated['parameters'].split('## ')[4])}
+    simulator = {row[0]: row[-1] for row in cells(generated['parameters'].split('## ')[5])}
     assert (simulator['route'], simulator['speed_up']) == ('no', 'yes')
 
 
@@ -223,9 +303,16 @@ def test_keys_of_files_have_range_and_comment(generated):
 
 
 def test_every_topic_is_described():
-    from bev_preheat.nodes import charger_adviser_node, nlp_checker_node, planner_node, vehicle_simulator_node
+    from bev_preheat.nodes import (
+        charger_adviser_node,
+        nlp_checker_node,
+        planner_node,
+        route_publisher_node,
+        vehicle_simulator_node,
+    )
     page = (ROOT / 'docs/reference/topics.md').read_text()
-    for node in planner_node, nlp_checker_node, charger_adviser_node, vehicle_simulator_node:
+    for node in (planner_node, nlp_checker_node, charger_adviser_node, route_publisher_node,
+                 vehicle_simulator_node):
         program = node.PROGRAM
         for name, _ in (*program.subscribes, *program.publishes, *program.services, *program.actions):
             assert f'`{name}`' in page, f'{program.name}: {name}'

@@ -27,6 +27,27 @@ def heater_power_of(vehicle: Vehicle, stop: ChargingStop) -> float:
                         supply_of(vehicle, stop)))
 
 
+def heated_heat_capacity_j_per_k(vehicle: Vehicle) -> float:
+    """Return the heat capacity of the battery and of the coolant between heater and battery [J/K]."""
+    return vehicle.battery.heat_capacity_j_per_k + vehicle.heat_path.coolant_heat_capacity_j_per_k
+
+
+def heated_c(vehicle: Vehicle, temperature_c: AnyNumber, heater_w: AnyNumber, excess_k: AnyNumber) -> AnyNumber:
+    """
+    Return T_h [deg C], the common temperature of battery and coolant once the heat under way has arrived.
+
+    `heater_w` is the heater's power [W], `excess_k` is the coolant's temperature above the battery's [K]. The car
+    heats while T_h is below its limit. The command acts on T_h at once, so the heater neither overshoots the
+    limit nor cycles around it:
+
+        (C_b + C_c) T_h = C_b T_b + C_c T_c + eta lag P
+    """
+    path = vehicle.heat_path
+    under_way_j = (path.coolant_heat_capacity_j_per_k * excess_k
+                   + vehicle.hvch.efficiency * path.heater_lag_s * heater_w)
+    return temperature_c + under_way_j / heated_heat_capacity_j_per_k(vehicle)
+
+
 def charging_power(limit_w: AnyNumber, left_w: AnyNumber,
                    arithmetic: Arithmetic[Number]) -> AnyNumber:
     """Return P_c [W] from the limit's value [W, negative] and the power that all others leave [W]."""

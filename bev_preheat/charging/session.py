@@ -3,8 +3,9 @@
 A charging session: the model's own equations, with the terminal power that charger and battery allow.
 
     P_c = min(P_max - P_aux - P_cabin - P_h, |P_limit(s, T)|) >= 0     into the battery's terminals
-    P_h = P_hvch_max - P_cabin while the car heats at the charger and T is below its limit, else 0
+    P_h = P_hvch_max - P_cabin while the car heats at the charger and T_h is below its limit, else 0
 
+T_h is the battery temperature with the heat under way (`equations.heated_c`): T itself if heat arrives at once.
 P_max is the power of charger and inlet. Cabin and auxiliaries are served first, then the heater, which gives way
 at a weak charger, then the battery. Equations, integrator and heat path are those of `vehicle`; only the power is
 chosen here, at each stage of a step. Steps end when heating ends and when the departure's state of charge is
@@ -22,6 +23,8 @@ import numpy as np
 
 from bev_preheat.charging.equations import (
     charging_power,
+    heated_c,
+    heated_heat_capacity_j_per_k,
     heater_power_of,
     make_charging_rates,
     supply_of,
@@ -31,7 +34,7 @@ from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.planning.bracketing import close_in, follow_slope, Trial
 from bev_preheat.planning.dynamics import hottest_c, JOULES_PER_WH
 from bev_preheat.vehicle.charging import charging_of
-from bev_preheat.vehicle.heat_path import make_heat_step
+from bev_preheat.vehicle.heated_step import make_heat_step
 from bev_preheat.vehicle.model import make_rates, make_runge_kutta_4
 
 if TYPE_CHECKING:
@@ -243,22 +246,25 @@ class _Plug:
         # Heating ends at its limit; from there the battery settles without it.
         return max(temperature_c, min(settled_c, self._heated_below_c)) if command_w else settled_c
 
+    def _above_k(self, state: _SessionState) -> float:
+        """Return by how much battery and heat under way exceed the limit of heating [K]."""
+        reached_c: float = heated_c(self._vehicle, state.temperature_c, state.heater_w, state.excess_k)
+        return reached_c - self._heated_below_c
+
     def step_from(self, state: _SessionState) -> _Step:
         """Return the step from a state; it ends when heating or the session is to end."""
-        above_k = state.temperature_c - self._heated_below_c
-        command_w, is_direct = self._command_w(state.temperature_c), self._vehicle.heat_path.is_direct
-        is_held = is_direct and abs(above_k) <= TEMPERATURE_TOLERANCE_K
+        above_k = self._above_k(state)
+        command_w = self._heater_w if above_k < 0.0 else 0.0
+        is_held = abs(above_k) <= TEMPERATURE_TOLERANCE_K
         length_s = self._length_s(state, HELD_STEPS if is_held else 1.0)
         if is_held:
             command_w = self._holding_w(state, length_s)
         step = self._step(state, command_w, length_s)
-        if abs(above_k) > TEMPERATURE_TOLERANCE_K:
-            # Late heat cycles around the limit: that the temperature falls below is detected a step later.
+        if not is_held:
             side = math.copysign(1.0, -above_k)
-            if side * (step.end.temperature_c - self._heated_below_c) > 0.0 and (
-                    side > 0.0 or is_direct):
-                step = self._cut(state, command_w, step, lambda end: side * (
-                    end.temperature_c - self._heated_below_c), TEMPERATURE_TOLERANCE_K)
+            if side * self._above_k(step.end) > 0.0:
+                step = self._cut(state, command_w, step, lambda end: side * self._above_k(end),
+                                 TEMPERATURE_TOLERANCE_K)
         if step.end.soc > self._stop.departure_soc:
             step = self._cut(state, command_w, step,
                              lambda end: end.soc - self._stop.departure_soc, SOC_TOLERANCE)
@@ -266,17 +272,15 @@ class _Plug:
 
     def _holding_w(self, state: _SessionState, length_s: float) -> float:
         """
-        Return the heater power [W] that holds the battery at the limit of heating for a step [s].
+        Return the heater's command [W] that holds the battery at the limit of heating for a step [s].
 
         This is the mean of heating below the limit and not above it. 0 or full power if the battery leaves the
         limit regardless of the heater.
         """
         def attempt(command_w: float) -> Trial[float]:
-            end = self._step(state, command_w, length_s).end
-            return Trial(command_w, end.temperature_c - self._heated_below_c, command_w)
+            return Trial(command_w, self._above_k(self._step(state, command_w, length_s).end), command_w)
 
-        warming_k_per_w = length_s * self._vehicle.hvch.efficiency / (
-            self._vehicle.battery.heat_capacity_j_per_k)
+        warming_k_per_w = length_s * self._vehicle.hvch.efficiency / heated_heat_capacity_j_per_k(self._vehicle)
         # The power of the step before is nearly right.
         first = attempt(min(state.heater_w, self._heater_w))
         if first.excess > TEMPERATURE_TOLERANCE_K and attempt(0.0).excess >= 0.0:

@@ -24,7 +24,8 @@ from bev_preheat.numerics.arithmetic import AnyNumber, Arithmetic, CurveFunction
 from bev_preheat.vehicle import heat_balance
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage
 from bev_preheat.vehicle.description import Battery, Defaults, Drivetrain, Hvch, Leakage, Vehicle
-from bev_preheat.vehicle.heat_path import HeatPath, make_heated_step
+from bev_preheat.vehicle.heat_path import HeatPath
+from bev_preheat.vehicle.heated_step import make_heated_step
 from bev_preheat.vehicle.model import make_euler, make_midpoint, make_rates, make_runge_kutta_4
 from bev_preheat.vehicle.terminal_limits import make_terminal_limits
 from bev_preheat.vehicle.uncertain_car import DriveInputs, Lagging, make_drive_rates, make_lagging_step

@@ -15,8 +15,8 @@ from bev_preheat.planning import (
     cheapest_steps,
     dynamics,
     exchange,
-    foresight,
     free_heat,
+    heated_limits,
     heating_intervals,
     limited_prices,
     limited_switch,
@@ -24,6 +24,7 @@ from bev_preheat.planning import (
     merit_order,
     no_regret,
     optimal_switch,
+    outcome,
     paper,
     prices,
     schedule,
@@ -48,7 +49,7 @@ NAMES: Mapping[ModuleType, str] = {
     dynamics: 'JOULES_PER_WH',
     exchange: ('FIRST_SHARE GOOD_SHARE LEAST_LEFT MENDED_SHARE MOST_LEFT MOST_MENDS '
                'MOST_TRIALS:MOST_EXCHANGE_TRIALS POOR_SHARE'),
-    foresight: 'LAGS_AHEAD LASTING_LAGS',
+    heated_limits: 'LAGS_AHEAD LASTING_LAGS',
     free_heat: ('ABOVE_TARGET_K AIM_K FULL_SOC HIGHER_K LEAST_GAIN LEAST_KEPT MISSED_K MORE_AIM MOST_CEILINGS '
                 'PIECES WARMER_K WIDER'),
     heating_intervals: 'SURPLUS_TOLERANCE_W',
@@ -57,9 +58,10 @@ NAMES: Mapping[ModuleType, str] = {
     limited_switch: 'MOST_RUNS:MOST_LIMITED_SWITCH_RUNS',
     limits: 'ACTIVE_W COLDER_BY_K',
     merit_order: 'LEAST_SAVING_SOC LEAST_WARMER_K MOST_PASSES SOC_AGREEMENT SOC_AGREEMENT_FOR_EXCHANGES',
-    no_regret: ('BELOW_UNHEATED_K MOST_HALVINGS MOST_TARGETS NO_WORSE_W POWER_TOLERANCE POWER_WEIGHT_W SOC_AIM '
+    no_regret: ('BELOW_UNHEATED_K MOST_HALVINGS MOST_TARGETS NO_WORSE_W POWER_WEIGHT_W SOC_AIM '
                 'SOC_TOLERANCE TARGET_TOLERANCE_K TARGET_TOLERANCE_OF_POWER_K'),
     optimal_switch: 'HEATING_ALLOWANCE',
+    outcome: 'POWER_TOLERANCE',
     paper: 'LOST_ABOVE_TARGET_K',
     prices: 'SOC_DIFFERENCE TEMPERATURE_DIFFERENCE_K',
     schedule: 'HEATING_SHARE',

@@ -32,7 +32,7 @@ MOST_TEMPERATURES = 2
 PREHEATED, UNHEATED = 'preheated', 'without preheating'
 # Arguments for each of the two ways to give the state on arrival.
 OF_A_DRIVE = ('temperature', 'soc', 'target', 'step')
-OF_AN_ARRIVAL = ('arrival_soc', 'ambient', 'cabin_heating_power', 'auxiliary_power')
+OF_AN_ARRIVAL = ('arrival_soc', 'cabin_heating_power', 'auxiliary_power')
 
 
 def add_parser(subparsers: Subparsers) -> None:
@@ -42,14 +42,13 @@ def add_parser(subparsers: Subparsers) -> None:
         description='Charging time and bought energy after this drive, with preheating and '
         'without, or after arriving with one or two given temperatures.')
     group = parser.add_mutually_exclusive_group(required=True)
-    add_drive_arguments(parser, group, needs_state=False)
+    add_drive_arguments(parser, group, needs_state=False, ambient_help=(
+        'no drive: ambient temperature at the charger [degC]; after a drive that of its last segment, or of all '
+        'segments if the file of the route has none'))
     group.add_argument('--arrival-temperature', type=float, nargs='+', metavar='DEGC',
                        help='no drive: one or two battery temperatures on arrival [degC]')
     parser.add_argument('--arrival-soc', type=float, metavar='0..1',
                         help='no drive: state of charge on arrival')
-    parser.add_argument('--ambient', type=float, metavar='DEGC',
-                        help='no drive: ambient temperature at the charger [degC]; after a drive '
-                        'that of its last segment')
     parser.add_argument('--cabin-heating-power', type=float, metavar='W',
                         help='no drive: heater power for the cabin [W]; after a drive as in '
                         "its last segment (default: the vehicle's)")

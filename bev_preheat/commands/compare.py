@@ -5,14 +5,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from bev_preheat.commands.method_argument import add_methods_argument
 from bev_preheat.commands.optimum import add_no_limits_argument, optimum_lines
-from bev_preheat.commands.situation import add_situation_arguments, read_situation
+from bev_preheat.commands.situation import add_situation_arguments, read_situation, warn
 from bev_preheat.console.output import add_output_arguments, check_output_arguments, print_plans, write_json
 from bev_preheat.console.program import FAILED, say
 from bev_preheat.console.terminal import progress_console, result_console
 from bev_preheat.optional_packages import require
 from bev_preheat.planning.comparison import difference_of_plans, energy_gap_wh, SAME_SHORTFALL_K
-from bev_preheat.planning.planner import as_driven, DEFAULT_METHOD, METHODS, plan_preheating
+from bev_preheat.planning.planner import as_driven, DEFAULT_METHOD, method_names, plan_preheating, refused_methods
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -30,6 +31,7 @@ def add_parser(subparsers: Subparsers) -> None:
         'a power limit is shown as executed: the friction brake absorbs the power that the battery cannot, '
         'and the heater power is reduced.')
     add_situation_arguments(parser)
+    add_methods_argument(parser, 'all')
     add_no_limits_argument(parser)
     add_output_arguments(parser)
     parser.set_defaults(run=run)
@@ -42,8 +44,10 @@ def run(arguments: Namespace) -> int:
     require('casadi')
     from bev_preheat.nonlinear_program.solve import solve_optimum, SolverFailure
     inputs = situation.vehicle, situation.route, situation.state, situation.goal
+    if arguments.methods is None:
+        warn(*(f'method {problem}' for problem in refused_methods()))
     plans = [plan_preheating(*inputs, method, no_regret=method == DEFAULT_METHOD)
-             for method in METHODS]
+             for method in dict.fromkeys(arguments.methods or method_names())]
     if not arguments.no_power_limits:
         plans = [as_driven(plan, *inputs) for plan in plans]
     try:

@@ -26,6 +26,8 @@ SUBCOMMANDS = {
     'route': 'bev_preheat.commands.route',
     'log': 'bev_preheat.commands.log',
     'vehicle': 'bev_preheat.commands.vehicle',
+    'check': 'bev_preheat.commands.check',
+    'identify': 'bev_preheat.commands.identify',
     'export-ecu': 'bev_preheat.commands.export_ecu',
     'monitor': 'bev_preheat.commands.monitor',
     'prepare': 'bev_preheat.commands.prepare'}

@@ -6,10 +6,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from bev_preheat.commands.itinerary import add_itinerary_argument, run_itinerary
+from bev_preheat.commands.method_argument import add_method_argument
 from bev_preheat.commands.situation import add_situation_arguments, read_situation
 from bev_preheat.console.output import add_output_arguments, check_output_arguments, print_plans, write_json
 from bev_preheat.console.terminal import result_console
-from bev_preheat.planning.planner import DEFAULT_METHOD, METHODS, plan_preheating
+from bev_preheat.planning.planner import plan_preheating
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -26,8 +27,7 @@ def add_parser(subparsers: Subparsers) -> None:
     route_group = parser.add_mutually_exclusive_group(required=True)
     add_situation_arguments(parser, route_group)
     add_itinerary_argument(route_group)
-    parser.add_argument('--method', choices=sorted(METHODS), default=DEFAULT_METHOD,
-                        help='planning method (default: %(default)s)')
+    add_method_argument(parser)
     add_output_arguments(parser)
     parser.set_defaults(run=run)
 

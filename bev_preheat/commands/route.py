@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`preheat route`: makes a route file from a description of a trip, or from drive logs."""
+"""`preheat route`: makes a route file from a description of a trip, from any route, or from drive logs."""
 
 from __future__ import annotations
 
@@ -13,12 +13,17 @@ from rich.text import Text
 
 from bev_preheat.commands.completion import completed_by, NameCompleter, VEHICLES
 from bev_preheat.commands.log import add_signal_arguments
+from bev_preheat.commands.situation import add_route_options, in_steps, ROUTE_OPTIONS, route_options
 from bev_preheat.console.terminal import result_console
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.output_files import check_outputs, expanded, OutputFile, PICTURE_SUFFIXES
+from bev_preheat.route import route_for
+from bev_preheat.route.averages import compare_averages
 from bev_preheat.route.csv_file import rounded, save_route
 from bev_preheat.route.drive_log import load_drive_logs
+from bev_preheat.route.driven import ambient_of
 from bev_preheat.route.legs import legs_file, load_legs
+from bev_preheat.route.sources.registry import has_powers, read_journey
 from bev_preheat.vehicle.loading import load_vehicle, vehicle_file
 
 if TYPE_CHECKING:
@@ -29,6 +34,7 @@ if TYPE_CHECKING:
     from bev_preheat.files.output_files import AnyPath
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.route import Route
+    from bev_preheat.route.sources.journey import ChargingStop
     from bev_preheat.vehicle import Vehicle
 
 JOULES_PER_WH = 3600.0
@@ -38,24 +44,31 @@ DEFAULT_STEP_S = 30.0
 def add_parser(subparsers: Subparsers) -> None:
     """Add the subcommand to those of `preheat`."""
     parser = subparsers.add_parser(
-        'route', help='make a route file from a description of a trip or from drive logs',
-        description='Make a route file from a description of a trip (legs of road with limits, '
-                    'slopes and stops) or from drive logs of any known format.')
+        'route', help='make a route file from navigation, a drive cycle, a description of a trip or drive logs',
+        description='Make a route file from any file with a route (drive cycle, list of segments, GPX, GeoJSON, '
+                    'answer of OSRM or Valhalla, SUMO), from a description of a trip (legs of road with '
+                    'limits, slopes and stops) or from drive logs of any known format.')
     source = parser.add_mutually_exclusive_group(required=True)
     completed_by(NameCompleter('routes/legs'), source.add_argument(
         '--legs', metavar='NAME|FILE',
         help='description of a trip: a name in config/routes/legs or a YAML file'))
+    source.add_argument('--from', dest='source', metavar='FILE',
+                        help='file with a route, of any format; recognised by its content')
     source.add_argument('--log', nargs='+', metavar='FILE',
                         help='drive logs, joined in this order')
     parser.add_argument('--output', required=True, metavar='FILE',
                         help='route file to write (CSV)')
     completed_by(VEHICLES, parser.add_argument(
         '--vehicle', required=True, metavar='NAME|FILE',
-        help='with --legs: the car that drives; with --log: the car that drove, for its '
+        help='with --legs and --from: the car that drives; with --log: the car that drove, for its '
         'auxiliary power; a name in config/vehicles or a YAML file'))
+    add_route_options(parser)
     add_signal_arguments(parser)
     parser.add_argument('--step', type=float, metavar='SECONDS',
                         help=f'duration of a segment, with --log (default {DEFAULT_STEP_S:g})')
+    parser.add_argument('--averages', type=float, nargs='+', metavar='SECONDS',
+                        help='with --from a drive cycle: compare its energy with the estimate from mean speeds '
+                        'over these durations')
     parser.add_argument('--plot', metavar='FILE',
                         help='draw speed, power and ambient temperature (PNG, PDF, SVG)')
     parser.set_defaults(run=run)
@@ -64,18 +77,21 @@ def add_parser(subparsers: Subparsers) -> None:
 def run(arguments: Namespace) -> int:
     """Make the route file, print a summary, and return the exit status."""
     vehicle = load_vehicle(arguments.vehicle)
-    name, route, remarks, inputs = _load(arguments, vehicle)
+    name, route, remarks, inputs, stops = _load(arguments, vehicle)
     check_outputs([OutputFile('--output', arguments.output),
                    OutputFile('--plot', arguments.plot, PICTURE_SUFFIXES)],
                   [vehicle_file(arguments.vehicle), *inputs])
+    comparison = _comparison(arguments, vehicle) if arguments.averages else None
     route = rounded(route)
     comments = [f'Route {name}, made by:', f'    {_command(arguments)}', *remarks]
-    save_route(arguments.output, route, comments, made_for=vehicle.name)
+    save_route(arguments.output, route, comments, made_for=vehicle.name, stops=stops)
     console = result_console(soft_wrap=True)
     console.print(_table(name, route))
     for remark in remarks:
         console.print(f'note: {remark}', markup=False)
     console.print(f'written: {arguments.output}', markup=False)
+    if comparison is not None:
+        console.print(comparison)
     if arguments.plot:
         # matplotlib takes longer to import than a route takes to make.
         from bev_preheat.drawing.route_figure import draw_route
@@ -85,30 +101,80 @@ def run(arguments: Namespace) -> int:
 
 
 def _load(arguments: Namespace,
-          vehicle: Vehicle) -> tuple[str, Route, Sequence[str], Sequence[AnyPath]]:
-    """Return name, Route and remarks for the arguments, and the files that were read."""
+          vehicle: Vehicle) -> tuple[str, Route, Sequence[str], Sequence[AnyPath], Sequence[ChargingStop]]:
+    """Return name, Route and remarks for the arguments, the files that were read, and the charging stops."""
     if arguments.legs:
+        _refuse_route_options(arguments)
         if arguments.step is not None:
             raise InvalidInput('--step: only with --log; a description of legs states its own '
                                'segment_duration_s')
-        if arguments.signals is not None or arguments.repair:
-            raise InvalidInput('--signals and --repair: only with --log')
         made = load_legs(arguments.legs, vehicle)
-        return made.name, made.route, made.remarks, [legs_file(arguments.legs)]
+        return made.name, made.route, made.remarks, [legs_file(arguments.legs)], ()
+    if arguments.source:
+        return _driven(arguments, vehicle)
+    _refuse_route_options(arguments)
     step_s = DEFAULT_STEP_S if arguments.step is None else arguments.step
     logs = [expanded(path) for path in arguments.log]
     logged = load_drive_logs(logs, vehicle.defaults, step_s, arguments.signals, arguments.repair)
-    return ' + '.join(Path(path).stem for path in logs), logged.route, logged.remarks, logs
+    return ' + '.join(Path(path).stem for path in logs), logged.route, logged.remarks, logs, ()
+
+
+def _refuse_route_options(arguments: Namespace) -> None:
+    """Raise InvalidInput if an option for --from is given without it."""
+    given = [f'--{option}' for option in (*ROUTE_OPTIONS, 'averages')
+             if getattr(arguments, option.replace('-', '_')) is not None]
+    if given:
+        raise InvalidInput(f'{", ".join(given)}: only with --from; descriptions of legs and drive logs have their '
+                           'own temperatures and times')
+
+
+def _driven(arguments: Namespace,
+            vehicle: Vehicle) -> tuple[str, Route, Sequence[str], Sequence[AnyPath], Sequence[ChargingStop]]:
+    path = expanded(arguments.source)
+    loaded = route_for(path if '/' in path else f'./{path}', vehicle, options=route_options(arguments))
+    if has_powers(loaded.file):
+        raise InvalidInput(f'--from {arguments.source}: is a route file with powers already; use it as it is: '
+                           f'--route {arguments.source}')
+    if arguments.step is not None and loaded.stops:
+        raise InvalidInput('--step: not for a route with charging stops, which lie between its segments')
+    return Path(path).stem, in_steps(loaded.route, arguments), loaded.remarks, [loaded.file], loaded.stops
 
 
 def _command(arguments: Namespace) -> str:
     """Return the command that reproduces this route file."""
     words = ['preheat', 'route']
-    for option in ('legs', 'log', 'signals', 'vehicle', 'step', 'output'):
-        value = getattr(arguments, option)
+    for option in ('legs', 'from', 'log', 'signals', 'vehicle', *ROUTE_OPTIONS, 'step', 'output'):
+        value = getattr(arguments, 'source' if option == 'from' else option.replace('-', '_'))
         if value is not None:
             words += [f'--{option}', *map(str, value if isinstance(value, list) else [value])]
     return shlex.join([*words, '--repair'] if arguments.repair else words)
+
+
+def _comparison(arguments: Namespace, vehicle: Vehicle) -> Table:
+    """Return the comparison of a drive cycle with the estimate from its mean speeds."""
+    options = route_options(arguments)
+    path = Path(expanded(arguments.source))
+    journey = read_journey(path, options)
+    assert journey is not None
+    ambient_c = ambient_of(journey, options, path)
+    table = Table(title='Propulsion from mean speeds, against the samples', title_justify='left')
+    for heading in ('means over', 'energy', 'deviation', 'without accelerations', 'mean magnitude',
+                    'root mean square'):
+        table.add_column(heading, justify='right')
+    for step_s in arguments.averages:
+        exact, estimated, plain = compare_averages(journey.motion, vehicle, ambient_c, step_s)
+        if not table.rows:
+            table.add_row('samples', f'{exact.energy_wh:.0f} Wh', '', '', f'{exact.magnitude_w / 1e3:.2f} kW',
+                          f'{exact.rms_w / 1e3:.2f} kW')
+        table.add_row(
+            f'{step_s:g} s', f'{estimated.energy_wh:.0f} Wh', _deviation(estimated.energy_wh, exact.energy_wh),
+            _deviation(plain.energy_wh, exact.energy_wh), _deviation(estimated.magnitude_w, exact.magnitude_w),
+            _deviation(estimated.rms_w, exact.rms_w))
+    return table
+
+
+def _deviation(value: float, true: float) -> str:
+    return f'{100.0 * (value / true - 1.0):+.1f} %' if true else '-'
 
 
 def _table(name: str, route: Route) -> Table:

@@ -12,6 +12,7 @@ from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import Route, route_for
 from bev_preheat.route.plausibility import unit_warnings
+from bev_preheat.route.sources.journey import RouteOptions
 from bev_preheat.vehicle import load_vehicle, Vehicle, vehicle_file
 from bev_preheat.vehicle.assumptions import assumption_warning
 
@@ -20,6 +21,10 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from bev_preheat.commands.arguments import Alternatives
+
+# Options of `add_route_options`.
+ROUTE_OPTIONS = ('ambient', 'free-speed', 'stop-duration', 'vehicle-id', 'consumption')
+AMBIENT_HELP = 'ambient temperature [degC] of a route whose file has none'
 
 
 @dataclass(frozen=True)
@@ -51,7 +56,7 @@ def add_situation_arguments(parser: ArgumentParser,
 
 
 def add_drive_arguments(parser: ArgumentParser, route_group: Alternatives | None = None,
-                        needs_state: bool = True) -> None:
+                        needs_state: bool = True, ambient_help: str = AMBIENT_HELP) -> None:
     """
     Add the arguments of a drive to a charger, all that `read_situation` needs.
 
@@ -61,8 +66,9 @@ def add_drive_arguments(parser: ArgumentParser, route_group: Alternatives | None
     add_vehicle_argument(parser)
     completed_by(ROUTES, (route_group or parser).add_argument(
         '--route', required=route_group is None, metavar='NAME|FILE',
-        help='route: a name in config/routes or a CSV file; or a description of its legs, driven '
-        'by the vehicle: legs/NAME or a YAML file'))
+        help='route: a name in config/routes or a file of any format of the manual (CSV, drive cycle, GPX, '
+        'GeoJSON, answer of OSRM or Valhalla, ...); or a description of its legs: legs/NAME or a YAML file'))
+    add_route_options(parser, ambient_help)
     parser.add_argument('--temperature', required=needs_state, type=float, metavar='DEGC',
                         help='battery temperature at the start [degC]')
     parser.add_argument('--soc', required=needs_state, type=float, metavar='0..1',
@@ -76,6 +82,29 @@ def add_drive_arguments(parser: ArgumentParser, route_group: Alternatives | None
     parser.set_defaults(no_charging=False)
 
 
+def add_route_options(parser: ArgumentParser, ambient_help: str = AMBIENT_HELP) -> None:
+    """Add the options that `route_options` reads."""
+    parser.add_argument('--ambient', type=float, metavar='DEGC', help=ambient_help)
+    parser.add_argument('--free-speed', type=float, metavar='KMH',
+                        help='speed on free road [km/h] of a line on the map without times')
+    parser.add_argument('--stop-duration', type=float, metavar='MIN',
+                        help='the waypoints of navigation are charging stops of this duration [min] '
+                        '(default: they are passed)')
+    parser.add_argument('--vehicle-id', metavar='ID', help='the vehicle in a SUMO file with several')
+    parser.add_argument('--consumption', choices=('total', 'drivetrain'),
+                        help='whether the consumption in a list of segments includes heating and auxiliaries')
+
+
+def route_options(arguments: Namespace) -> RouteOptions:
+    """Return the RouteOptions of parsed arguments."""
+    with_auxiliaries = None if arguments.consumption is None else arguments.consumption == 'total'
+    stop_min = arguments.stop_duration
+    if stop_min is not None and not 1.0 <= stop_min <= 1440.0:
+        raise InvalidInput(f'--stop-duration: {stop_min:g} min is not allowed; it must be 1 ... 1440 min')
+    return RouteOptions(arguments.ambient, with_auxiliaries, arguments.free_speed,
+                        None if stop_min is None else 60.0 * stop_min, arguments.vehicle_id)
+
+
 def add_vehicle_argument(parser: ArgumentParser) -> None:
     """Add `--vehicle`."""
     completed_by(VEHICLES, parser.add_argument(
@@ -86,10 +115,16 @@ def add_vehicle_argument(parser: ArgumentParser) -> None:
 def read_situation(arguments: Namespace) -> PlanningArguments:
     """Return the PlanningArguments of parsed arguments; raise InvalidInput if they are invalid."""
     vehicle = load_planned_vehicle(arguments.vehicle)
-    loaded = route_for(arguments.route, vehicle)
+    loaded = route_for(arguments.route, vehicle, options=route_options(arguments))
+    note(*loaded.remarks)
+    route = loaded.route
+    if loaded.stops:
+        route = route.segments(0, loaded.stops[0].after_segment + 1)
+        note(f'planned up to the first of {len(loaded.stops)} charging stops, after '
+             f'{route.total_duration_s / 60.0:.0f} min')
     warn(loaded.warning, *(f'route {arguments.route}: {sentence}'
                            for sentence in unit_warnings([loaded.route], vehicle, with_units=True)))
-    return PlanningArguments(vehicle, in_steps(loaded.route, arguments),
+    return PlanningArguments(vehicle, in_steps(route, arguments),
                              BatteryState(arguments.temperature, arguments.soc),
                              Goal(target_of(arguments, vehicle), arguments.min_soc,
                                   not arguments.no_charging),
@@ -100,6 +135,12 @@ def warn(*sentences: str | None) -> None:
     """Print each sentence that is not None to standard error, once."""
     for sentence in dict.fromkeys(filter(None, sentences)):
         print(f'preheat: warning: {sentence}', file=sys.stderr)
+
+
+def note(*sentences: str) -> None:
+    """Print each sentence to standard error."""
+    for sentence in sentences:
+        print(f'preheat: note: {sentence}', file=sys.stderr)
 
 
 def load_planned_vehicle(name_or_file: str) -> Vehicle:

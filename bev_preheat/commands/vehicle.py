@@ -8,17 +8,20 @@ from pathlib import Path
 import shlex
 from typing import TYPE_CHECKING
 
+from bev_preheat.charging.published_time import describe_timed_car, S_PER_MIN, WARM_C, warm_session
 from bev_preheat.commands.completion import completed_by, VEHICLES
+from bev_preheat.commands.vehicle_times import add_times
 from bev_preheat.console.output import add_output_arguments, check_output_arguments, write_json
 from bev_preheat.console.terminal import print_figures, print_records, result_console
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.configuration import configuration_folder
 from bev_preheat.files.output_files import check_outputs, existing_file, OutputFile, write_whole
+from bev_preheat.planning.explanation import duration_text
 from bev_preheat.vehicle import load_vehicle, vehicle_file
-from bev_preheat.vehicle.assumptions import assumption_warning, key_in_words
+from bev_preheat.vehicle.assumptions import key_in_words
+from bev_preheat.vehicle.charging_curve import HEADER, read_charging_curve
 from bev_preheat.vehicle.chemistry import CHEMISTRIES
 from bev_preheat.vehicle.data_sheet import DataSheet, QUANTITIES
-from bev_preheat.vehicle.data_sheet_import import describe_car
 from bev_preheat.vehicle.plausibility import meaning_of
 from bev_preheat.vehicle.writing import assumed_keys, vehicle_text
 
@@ -28,11 +31,16 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
+    from bev_preheat.charging.session import Session
     from bev_preheat.commands.arguments import Subparsers
     from bev_preheat.files.output_files import AnyPath
+    from bev_preheat.vehicle import Vehicle
+    from bev_preheat.vehicle.charging_curve import ChargingCurve
     from bev_preheat.vehicle.plausibility import Meaning
 
 SUFFIXES = ('.yaml',)
+# Name of the curve in --source.
+CURVE = 'charging_curve'
 # Figures of a data sheet; the ranges are those of data_sheet.QUANTITIES.
 HELP = {
     'usable_energy_kwh': 'usable energy [kWh], "net"',
@@ -41,6 +49,8 @@ HELP = {
     'nominal_voltage_v': 'nominal voltage of the pack [V]',
     'cells_in_series': 'number of cells in series (of 96s3p: 96)',
     'charging_power_kw': 'maximum power at a fast charger, direct current [kW]',
+    'charging_time_10_80_min': 'published charging time from 10 to 80 %% with a warm battery [min] (default: that '
+                               "of the curve, or of the class's curve)",
     'heater_power_kw': 'power of the coolant heater (HVCH) [kW] (default: assumed 6)',
     'drive_power_kw': 'maximum power of the drivetrain [kW] (default: assumed 2 kW for each kWh)',
     'regeneration_power_kw': 'maximum power of regeneration [kW] (default: assumed 60 %% of the power '
@@ -75,6 +85,7 @@ def add_parser(subparsers: Subparsers) -> None:
     actions.add_parser(
         'list', help='the cars that come with the package',
         description='List the cars that come with the package.').set_defaults(run=run_list)
+    add_times(actions)
 
 
 def _add_new(actions: Subparsers) -> None:
@@ -93,6 +104,12 @@ def _add_new(actions: Subparsers) -> None:
                             type=int if name == 'cells_in_series' else float,
                             metavar=QUANTITIES[name].unit or 'NUMBER',
                             required=name == 'charging_power_kw')
+    parser.add_argument('--charging-curve', metavar='FILE',
+                        help='published power of a warm battery over its state of charge (CSV: '
+                             f'{",".join(HEADER)})')
+    parser.add_argument('--charging-curve-temperature-c', type=float, metavar='degC',
+                        help='battery temperature of the curve [degC], needed with --charging-curve; magazines '
+                             'mostly measure with a battery of 25 ... 35 degC')
     parser.add_argument('--source', action='append', default=[], metavar='OPTION=TEXT',
                         help='source of a given figure, for its comment: '
                              '--source battery-mass-kg="press kit 2021"; a text that begins with '
@@ -107,18 +124,37 @@ def run_new(arguments: Namespace) -> int:
     if existing_file(output) is not None and not arguments.force:
         raise InvalidInput(f'--output: {output}: exists; --force replaces it')
     name = Path(output).stem if arguments.name is None else arguments.name
-    sheet = DataSheet(name, arguments.chemistry.lower(), sources=_sources(arguments.source),
+    sources = _sources(arguments.source)
+    sheet = DataSheet(name, arguments.chemistry.lower(), charging_curve=_curve(arguments, dict(sources)),
+                      sources=tuple((figure, text) for figure, text in sources if figure != CURVE),
                       **{quantity: getattr(arguments, quantity) for quantity in HELP})
-    entries = describe_car(sheet)
+    entries = describe_timed_car(sheet)
     write_whole(output, vehicle_text(name, entries, _command(arguments)))
-    meaning = meaning_of(load_vehicle(_as_file(output)))
+    vehicle = load_vehicle(_as_file(output))
+    meaning = meaning_of(vehicle)
     console = result_console(soft_wrap=True)
     console.print(f'written: {output}', markup=False)
     console.print(f'assumed: {", ".join(map(key_in_words, assumed_keys(entries)))}', markup=False)
+    console.print(f'10 ... 80 % at a fast charger: {_time_text(warm_session(vehicle))} from {WARM_C:g} degC',
+                  markup=False)
     _print_warnings(console, meaning)
     console.print(f'show its key figures: preheat vehicle check {shlex.quote(_as_file(output))}',
                   markup=False)
     return 0
+
+
+def _curve(arguments: Namespace, sources: dict[str, str]) -> ChargingCurve | None:
+    """Return the given charging curve, or None."""
+    path, temperature_c = arguments.charging_curve, arguments.charging_curve_temperature_c
+    if (path is None) != (temperature_c is None):
+        raise InvalidInput('--charging-curve and --charging-curve-temperature-c belong together: the file, and '
+                           'the battery temperature at which it was recorded')
+    if path is None:
+        if CURVE in sources:
+            raise InvalidInput('--source: --charging-curve is not given')
+        return None
+    text = sources.get(CURVE, 'given')
+    return read_charging_curve(path, temperature_c, text if text == 'given' else f'source: {text}')
 
 
 def run_check(arguments: Namespace) -> int:
@@ -127,21 +163,30 @@ def run_check(arguments: Namespace) -> int:
     check_output_arguments(arguments, [file])
     vehicle = load_vehicle(arguments.vehicle)
     meaning = meaning_of(vehicle)
+    sessions = {at_c: warm_session(vehicle, battery_c=at_c) for at_c in meaning.charging_power_kw}
     if arguments.json:
-        write_json(arguments.json, meaning.as_dictionary())
+        write_json(arguments.json, {**meaning.as_dictionary(), 'charging_time_10_80_s': {
+            f'{at_c:g}': session.charging_time_s for at_c, session in sessions.items()}})
     if arguments.plot:
         # matplotlib takes longer to import than a vehicle takes to check.
         from bev_preheat.drawing.vehicle_figure import draw_vehicle
         draw_vehicle(arguments.plot, vehicle)
     console = result_console(arguments.json)
-    _print_meaning(console, meaning)
+    _print_meaning(console, meaning, sessions)
     for sentence in (meaning.heat_path, meaning.charging):
         console.print(sentence, markup=False, soft_wrap=True)
-    warning = assumption_warning(vehicle, file)
-    console.print(warning or f'vehicle {vehicle.name}: nothing is marked as assumed', markup=False,
-                  soft_wrap=True)
+    _print_assumed(console, vehicle)
     _print_warnings(console, meaning)
     return 0
+
+
+def _print_assumed(console: Console, vehicle: Vehicle) -> None:
+    """Print the keys of the values that were neither measured nor stated for this car."""
+    if not vehicle.assumed:
+        console.print(f'vehicle {vehicle.name}: nothing is marked as assumed', markup=False, soft_wrap=True)
+        return
+    print_records(console, 'Assumed, not measured', ('quantity', 'key in the file'),
+                  [(key_in_words(key), key) for key in vehicle.assumed], ('left', 'left'))
 
 
 def run_list(arguments: Namespace) -> int:
@@ -187,6 +232,9 @@ def _command(arguments: Namespace) -> str:
         value = getattr(arguments, field.name, None)
         if field.name in HELP and value is not None:
             words += [f'--{field.name.replace("_", "-")}', f'{value:.10g}']
+    if arguments.charging_curve is not None:
+        words += ['--charging-curve', arguments.charging_curve, '--charging-curve-temperature-c',
+                  f'{arguments.charging_curve_temperature_c:.10g}']
     return shlex.join(words)
 
 
@@ -195,8 +243,16 @@ def _print_warnings(console: Console, meaning: Meaning) -> None:
         console.print(f'warning: {warning}', markup=False, soft_wrap=True)
 
 
-def _print_meaning(console: Console, meaning: Meaning) -> None:
-    """Print the figures of a car, its open-circuit voltage, and its power limits in the cold."""
+def _time_text(session: Session) -> str:
+    return 'never' if session.problem else duration_text(session.charging_time_s)
+
+
+def _minutes_text(session: Session) -> str:
+    return 'never' if session.problem else f'{session.charging_time_s / S_PER_MIN:.1f}'
+
+
+def _print_meaning(console: Console, meaning: Meaning, sessions: dict[float, Session]) -> None:
+    """Print the figures of a car, its open-circuit voltage, and its power limits and times by temperature."""
     cells = f', {meaning.cells_in_series} cells in series' if meaning.cells_in_series else ''
     resistances = ' / '.join(f'{1e3 * ohm:.0f}' for ohm in meaning.resistance_ohm.values())
     at = ' / '.join(f'{at_c:g}' for at_c in meaning.resistance_ohm)
@@ -216,16 +272,18 @@ def _print_meaning(console: Console, meaning: Meaning) -> None:
          f'{meaning.heating_at_100_kmh_k_per_10_min:+.1f} K'),
         ('  net of cabin heating, 100 km/h',
          f'{meaning.heating_beside_cabin_k_per_10_min:+.1f} K'),
-        ('maximum charging power', f'{meaning.most_charging_power_kw:.0f} kW')], ('left', 'right'))
+        ('maximum charging power', f'{meaning.most_charging_power_kw:.0f} kW'),
+        (f'10 ... 80 % from {WARM_C:g} degC', _time_text(sessions[WARM_C]))], ('left', 'right'))
     voltages_v = meaning.open_circuit_voltage_v
     print_figures(console, 'Open-circuit voltage at 25 degC',
                   ('charged', *(f'{100 * soc:.0f} %' for soc in voltages_v)),
                   [('V', *(f'{value:.0f}' for value in voltages_v.values()))])
     charging = meaning.charging_power_kw
     print_figures(
-        console, 'Power limits in the cold', ('battery at', *(f'{at_c:g} degC' for at_c in charging)),
-        [(f'charging power at {100 * soc:.0f} % in kW',
+        console, 'Power limits and charging times', ('battery at', *(f'{at_c:g} degC' for at_c in charging)),
+        [(f'charging at {100 * soc:.0f} % in kW',
           *(f'{row[soc]:.0f}' for row in charging.values()))
          for soc in next(iter(charging.values()))]
-        + [('discharging power at 50 % in kW',
-            *(f'{power_kw:.0f}' for power_kw in meaning.discharging_power_kw.values()))])
+        + [('discharging at 50 % in kW',
+            *(f'{power_kw:.0f}' for power_kw in meaning.discharging_power_kw.values())),
+           ('10 ... 80 % in min', *map(_minutes_text, sessions.values()))])

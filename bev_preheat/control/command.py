@@ -2,7 +2,7 @@
 """
 The one gate between plans and the heater: 0 W unless every condition for heating holds.
 
-`Commander` turns a decision into a command with a lease; an obstacle (see `obstacle`) outranks each decision.
+`Commander` turns a decision into a command with a lease; an obstacle (`admitted.find_obstacle`) outranks it.
 Nothing is planned here.
 """
 
@@ -15,9 +15,8 @@ from bev_preheat.control.command_history import CommandHistory
 from bev_preheat.control.decision import Command, Decision
 from bev_preheat.control.heater_switch import HeaterSwitch
 from bev_preheat.control.inputs import Leg, NS_PER_S
-from bev_preheat.control.margins import HELD_ABOVE_TARGET_K, HELD_BELOW_HIGHEST_K
+from bev_preheat.control.margins import HELD_ABOVE_TARGET_K, HELD_BELOW_HIGHEST_K, LEAST_STATUS_S
 from bev_preheat.control.refusals import BATTERY, ROUTE
-from bev_preheat.control.steady_status import SteadyStatus
 from bev_preheat.planning.status import Status
 
 if TYPE_CHECKING:
@@ -36,6 +35,9 @@ CAUSES = {
 DOUBT = frozenset((*CAUSES, Status.INVALID_INPUT))
 # Decisions of the plan: the least time off holds as for any other switching.
 BY_PLAN = frozenset((Status.OUT_OF_CHARGE, Status.NOT_WORTH_IT, Status.WAITING))
+OF_PLAN = frozenset((
+    Status.NOT_NEEDED, Status.WAITING, Status.HEATING, Status.TARGET_UNREACHABLE, Status.SOC_LIMITED,
+    Status.POWER_LIMITED))
 
 
 class Commander:
@@ -205,3 +207,36 @@ def _heater_limit_w(vehicle: Vehicle, leg: Leg, now_ns: int) -> float:
     segment = leg.route.segment_at((now_ns - leg.start_ns) / NS_PER_S)
     cabin_w = float(leg.route.cabin_heating_power_w[segment])
     return max(0.0, vehicle.hvch.maximum_power_w - cabin_w)
+
+
+class SteadyStatus:
+    """
+    The status that is shown; instants in nanoseconds.
+
+    Doubt, the driver and the heater's switching show at once.
+    """
+
+    def __init__(self) -> None:
+        """Begin without any status."""
+        self._shown: Status | None = None
+        self._differs_since_ns: int | None = None
+        self._was_on = False
+
+    def forget(self) -> None:
+        """Let the next status be shown at once."""
+        self._shown = self._differs_since_ns = None
+
+    def settle(self, now_ns: int, status: Status, is_on: bool) -> Status:
+        """Return the Status to show for a `status` of now; `is_on`: the heater is on."""
+        shown, was_on = self._shown, self._was_on
+        self._was_on = is_on
+        if shown is None or status is shown or is_on is not was_on or not {shown, status} <= OF_PLAN:
+            self._shown, self._differs_since_ns = status, None
+            return status
+        # After a clock that was set back the time begins again.
+        if self._differs_since_ns is None or now_ns < self._differs_since_ns:
+            self._differs_since_ns = now_ns
+        if now_ns - self._differs_since_ns >= LEAST_STATUS_S * NS_PER_S:
+            self._shown, self._differs_since_ns = status, None
+            return status
+        return shown

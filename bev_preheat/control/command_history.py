@@ -46,7 +46,7 @@ class CommandHistory:
     def mean_w(self, from_ns: int, to_ns: int) -> float:
         """Return the mean commanded power [W] between two instants; the power then if they are equal."""
         if to_ns <= from_ns:
-            return self._power_w(to_ns)
+            return self.power_w(to_ns)
         later_ns, energy = to_ns, 0.0
         for changed_ns, power_w in reversed(self._changes):
             if changed_ns >= later_ns:
@@ -58,7 +58,7 @@ class CommandHistory:
                 break
         return energy / (to_ns - from_ns)
 
-    def _power_w(self, instant_ns: int) -> float:
+    def power_w(self, instant_ns: int) -> float:
         """Return the power [W] that was commanded at an instant."""
         for changed_ns, power_w in reversed(self._changes):
             if changed_ns <= instant_ns:

@@ -65,7 +65,7 @@ def shown_command_w(timetable: Timetable | None, instant_ns: int, commands: Comm
         mission, planned_ns = timetable.planned, timetable.planned_ns(instant_ns)
         if mission.legs[mission.leg_number(planned_ns)].ended_for_s(planned_ns) >= 0.0:
             return 0.0
-    return commands.mean_w(instant_ns, instant_ns)
+    return commands.power_w(instant_ns)
 
 
 def driven_at(vehicle: Vehicle, timetable: Timetable | None, instant_ns: int) -> DriveInputs | None:

@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from bev_preheat.control.settings import Settings
     from bev_preheat.estimation.estimate import Estimate
     from bev_preheat.estimation.hypotheses import HeaterReport
+    from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.route.segments import Route
     from bev_preheat.vehicle.description import Vehicle
 
@@ -51,8 +52,7 @@ if TYPE_CHECKING:
 # deviation (the deviation if only the vehicle file is known).
 FACTOR_STEP = 0.05
 
-FACTOR_STEPS = (FACTOR_STEP * np.sqrt(np.diag(prior_factor_covariance()))).tolist()[
-    :PROPULSION - FACTORS.start]
+FACTOR_STEPS = FACTOR_STEP * np.sqrt(np.diag(prior_factor_covariance()))[:PROPULSION - FACTORS.start]
 
 SENTENCES = {
     Heater.DERATED: 'The heater delivers only {share:.0f} % of its command. ',
@@ -144,15 +144,15 @@ class ForecastPlanner:
     def __init__(self, vehicle: Vehicle) -> None:
         """Take the vehicle as its file describes it."""
         self._vehicle = vehicle
-        # Factors of the corrected vehicle and their logarithms; empty before the first estimate.
-        self._logs: list[float] = []
+        # Factors of the corrected vehicle and their logarithms; None before the first estimate.
+        self._logs: FloatArray | None = None
         self._factors: tuple[float, ...] = ()
         self._corrected = vehicle
         self._forecast: Forecast | None = None
 
     def limit_to(self, vehicle: Vehicle) -> None:
         """Take the same vehicle with other power limits."""
-        self._vehicle, self._logs = vehicle, []
+        self._vehicle, self._logs = vehicle, None
 
     def forget_deviation(self) -> None:
         """Forget the arrival's uncertainty: the route has changed."""
@@ -160,9 +160,8 @@ class ForecastPlanner:
 
     def vehicle(self, estimate: Estimate) -> Vehicle:
         """Return the corrected vehicle of an Estimate; the cached one unless a factor has moved."""
-        logs = estimate.mean[FACTORS.start:PROPULSION].tolist()
-        if not self._logs or any(abs(log - before) > step for log, before, step in zip(
-                logs, self._logs, FACTOR_STEPS)):
+        logs = estimate.mean[FACTORS.start:PROPULSION]
+        if self._logs is None or (np.abs(logs - self._logs) > FACTOR_STEPS).any():
             self._logs, self._factors = logs, tuple(array_exp(logs).tolist())
             self._corrected = corrected_vehicle(self._vehicle, Corrections(*self._factors))
         return self._corrected

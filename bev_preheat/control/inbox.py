@@ -32,8 +32,7 @@ from bev_preheat.errors import age_beyond, InvalidInput
 from bev_preheat.estimation.driver_choices import CancelledTrip, DriverChoices, NO_CHOICES
 from bev_preheat.planning.situation import check_situation, Goal
 from bev_preheat.route.plausibility import unit_warnings
-from bev_preheat.signals.electrical import ElectricalCheck
-from bev_preheat.signals.percent_scale import PercentScale
+from bev_preheat.signals.electrical import ElectricalCheck, PercentScale
 from bev_preheat.signals.verdict import SignalVerdict, STATE_OF_CHARGE
 from bev_preheat.vehicle.description import Vehicle
 
@@ -76,7 +75,7 @@ class Inbox:
         # Number of battery states dropped because a later one had arrived before them.
         self.overtaken_states = 0
         # Sentences on fields of the current route that look like wrong units.
-        self.unit_warnings: list[str] = []
+        self.unit_warnings: tuple[str, ...] = ()
         self.is_cancelled = False  # By the latest route plan, or before a restart.
         # Of the latest valid route, even after it was dropped.
         self._route_id: str | None = None
@@ -350,8 +349,8 @@ class Inbox:
 
     def _follow(self, mission: Mission | None, is_new_trip: bool = False) -> None:
         self.latest_mission = mission
-        self.unit_warnings = [] if mission is None else unit_warnings(
-            (leg.route for leg in mission.legs), self.vehicle)
+        self.unit_warnings = () if mission is None else tuple(unit_warnings(
+            (leg.route for leg in mission.legs), self.vehicle))
         self.timetable = None if mission is None else Timetable(mission)
         self.refused_progress = None
         self.is_cancelled = False

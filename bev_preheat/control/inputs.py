@@ -140,13 +140,15 @@ class Mission:
     A trip: at least one Leg, in driving order, with a stop between each and the next.
 
     The vehicle stood for `standing_time_s` [s] before it; 0: unknown. The legs' instants include `delay_ns` [ns],
-    their delay against the route plan.
+    their delay against the route plan. `power_source` is the source of the legs' propulsion power, in words; '' if
+    the planner made the trip.
     """
 
     route_id: str
     legs: tuple[Leg, ...]
     standing_time_s: float = 0.0
     delay_ns: int = 0
+    power_source: str = ''
 
     @property
     def start_ns(self) -> int:

@@ -14,13 +14,12 @@ from typing import NamedTuple, TYPE_CHECKING
 from bev_preheat.control.expected_drive import driven_at, planned_around
 from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.control.regime import Evidence, Regime, RegimeReport, RegimeWatch
-from bev_preheat.estimation.resolution import Resolution, TEMPERATURE_STEPS_K
+from bev_preheat.estimation.readings import Resolution, TEMPERATURE_STEPS_K
 from bev_preheat.numerics.arithmetic import SATURATING_FLOATS
 from bev_preheat.numerics.folded_normal import mean_magnitude
 from bev_preheat.signals.current_sign import CurrentSign, Sign
 from bev_preheat.signals.electrical import ElectricalCheck
-from bev_preheat.signals.feed import FeedWatch
-from bev_preheat.signals.source import SourceWatch
+from bev_preheat.signals.source import FeedWatch, SourceWatch
 from bev_preheat.signals.stuck_temperature import StuckTemperature
 from bev_preheat.signals.verdict import (
     CURRENT,
@@ -60,11 +59,13 @@ class Known(NamedTuple):
     """
     A Measurement with the signals that hold; the others are None in it.
 
-    `is_described`: the model describes this instant, so it may be learned from; `is_open`: that is not
-    known yet. `trusts_temperature`, `trusts_soc`: these readings hold.
+    `command_w` [W] is the command to the heater at its instant. `is_described`: the model describes this instant,
+    so it may be learned from; `is_open`: that is not known yet. `trusts_temperature`, `trusts_soc`: these readings
+    hold.
     """
 
     measurement: Measurement
+    command_w: float
     is_described: bool
     is_open: bool
     trusts_temperature: bool
@@ -114,6 +115,8 @@ class Knowledge:
     @property
     def obstacle(self) -> str | None:
         """The sentence on signals without which nothing is heated; None if they hold."""
+        if not self._verdicts:
+            return None
         sentences = [verdict.sentence for verdict in self._verdicts.values() if verdict.signal in NEEDED]
         return f'Signal in doubt: {"; ".join(sentences)}.' if sentences else None
 
@@ -137,7 +140,7 @@ class Knowledge:
         charged on a leg, the timetable stays at that place.
         """
         stamp_ns = measurement.stamp_ns
-        command_w = commands.mean_w(stamp_ns, stamp_ns)
+        command_w = commands.power_w(stamp_ns)
         self._note(FEED, self._feed.see(stamp_ns / NS_PER_S, settings.battery_state_timeout_s), stamp_ns)
         seen = self._screened(measurement)
         planned = planned_around(timetable, stamp_ns, defaults)
@@ -153,9 +156,9 @@ class Knowledge:
         self._stamp_ns = stamp_ns
         is_described = (
             drive is not None and report.regime not in (Regime.CHARGING, Regime.STANDING)
-            and not report.suspicion and not any(signal in NEEDED for signal in self._verdicts))
+            and not report.suspicion and self._verdicts.keys().isdisjoint(NEEDED))
         is_one_battery = SOURCE not in self._verdicts
-        return Known(seen, is_described, is_described and report.is_doubtful,
+        return Known(seen, command_w, is_described, is_described and report.is_doubtful,
                      TEMPERATURE not in self._verdicts and is_one_battery,
                      STATE_OF_CHARGE not in self._verdicts and is_one_battery)
 
@@ -220,25 +223,26 @@ class Knowledge:
             self._stuck.lose_time()
             self._note(TEMPERATURE, '', now_ns)
             return
-        heater_w = self._seen_heater_w(seen, drive, command_w)
+        power_w = seen.power_w
+        heater_w = self._seen_heater_w(power_w, now_ns, drive, command_w)
         if 0 <= now_ns - self._compared_ns < COMPARED_EVERY_S * NS_PER_S:
             return
         self._compared_ns = now_ns
         rate_k_per_s, _, _ = self._rates(state.temperature_c, state.soc, (1.0,) * 5, replace(
-            drive, heater_power_w=heater_w, terminal_power_w=seen.power_w,
-            power_variance_w2=0.0 if seen.power_w is not None else drive.power_variance_w2))
+            drive, heater_power_w=heater_w, terminal_power_w=power_w,
+            power_variance_w2=0.0 if power_w is not None else drive.power_variance_w2))
         self._note(TEMPERATURE, self._stuck.see(
             now_ns / NS_PER_S, state.temperature_c, self._steps.step, rate_k_per_s,
             drive.ambient_temperature_c), now_ns)
 
-    def _seen_heater_w(self, seen: Measurement, drive: DriveInputs, command_w: float) -> float:
+    def _seen_heater_w(self, power_w: float | None, now_ns: int, drive: DriveInputs, command_w: float) -> float:
         """Return the power [W] that the heater takes as far as the battery's power shows it; 0 without that."""
-        if seen.power_w is None:
+        if power_w is None:
             return 0.0
-        elapsed_s = 0.0 if self._stamp_ns is None else (seen.stamp_ns - self._stamp_ns) / NS_PER_S
+        elapsed_s = 0.0 if self._stamp_ns is None else (now_ns - self._stamp_ns) / NS_PER_S
         share = 1.0 if elapsed_s <= 0.0 else 1.0 - math.exp(-elapsed_s / SEEN_OVER_S)
         others_w = drive.propulsion_power_w + drive.cabin_heating_power_w + drive.auxiliary_power_w
-        self._seen_w += share * (seen.power_w - others_w - self._seen_w)
+        self._seen_w += share * (power_w - others_w - self._seen_w)
         self._commanded_w += share * (command_w - self._commanded_w)
         return min(max(self._seen_w, 0.0), self._commanded_w)
 

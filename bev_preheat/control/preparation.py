@@ -12,10 +12,10 @@ from dataclasses import replace
 import math
 from typing import TYPE_CHECKING
 
+from bev_preheat.control.admitted import find_obstacle
 from bev_preheat.control.assumed_drive import drive_of_route, DriveMemory, steady_drive
 from bev_preheat.control.inputs import Leg, Mission, NS_PER_S
 from bev_preheat.control.margins import LONGEST_SOONEST_S
-from bev_preheat.control.obstacle import find_obstacle
 from bev_preheat.control.preparation_goal import PreparationEnding, PreparationGoal, PreparationOutcome
 from bev_preheat.control.preparation_plan import reserve_before
 from bev_preheat.control.preparation_progress import conclusion, contradiction, PreparationProgress

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from typing import NamedTuple, TYPE_CHECKING
 
+from bev_preheat.control.admitted import find_obstacle
 from bev_preheat.control.command import Commander
 from bev_preheat.control.decision import Command, Decision, WITHOUT_ROUTE
 from bev_preheat.control.decision_maker import DecisionMaker
@@ -25,7 +26,7 @@ from bev_preheat.control.events import (
 )
 from bev_preheat.control.inbox import Inbox
 from bev_preheat.control.knowledge import Knowledge
-from bev_preheat.control.obstacle import find_obstacle
+from bev_preheat.control.planner_state import PlannerState
 from bev_preheat.control.preparation import PreparationControl
 from bev_preheat.errors import InvalidInput, LONGEST_PROBLEM, shortened
 from bev_preheat.estimation.driver_choices import NO_CHOICES
@@ -34,16 +35,12 @@ from bev_preheat.planning.status import Status
 
 if TYPE_CHECKING:
     from bev_preheat.control.admitted import AdmittedInputs
-    from bev_preheat.control.inputs import Measurement, Mission
-    from bev_preheat.control.preparation_goal import PreparationGoal, PreparationOutcome
-    from bev_preheat.control.regime import RegimeReport
+    from bev_preheat.control.inputs import Measurement
+    from bev_preheat.control.preparation_goal import PreparationOutcome
     from bev_preheat.control.settings import Settings
-    from bev_preheat.control.soak_watch import StandReport
-    from bev_preheat.control.timetable import Timetable
     from bev_preheat.estimation.driver_choices import DriverChoices
     from bev_preheat.estimation.estimate import Estimate
     from bev_preheat.estimation.prior import Learned
-    from bev_preheat.signals.verdict import SignalVerdict
     from bev_preheat.vehicle.description import Vehicle
 
 
@@ -76,11 +73,7 @@ class StepOutput(NamedTuple):
 
 
 class Supervisor:
-    """
-    The planner's state between two steps.
-
-    The properties show the state after the latest step; reading them changes nothing.
-    """
+    """The planner between two steps; `state` shows it."""
 
     def __init__(self, vehicle: Vehicle, settings: Settings, learned: Learned | None = None,
                  last_seen: LastSeen | None = None, choices: DriverChoices = NO_CHOICES) -> None:
@@ -114,9 +107,10 @@ class Supervisor:
         an event time passes: the command is renewed, and a decision whose inputs have expired is dropped. An
         unexpected exception switches the heater off.
         """
-        refusals: tuple[Refusal, ...] = ()
+        refusals: list[Refusal] = []
         try:
-            refusals = tuple(refusal for event in events if (refusal := self._admit(event, now_ns)) is not None)
+            for event in events:
+                self._admit(event, now_ns, refusals)
             if not events:
                 output = self._let_time_pass(now_ns)
             elif all(isinstance(event, PLACES) for event in events):
@@ -125,7 +119,7 @@ class Supervisor:
                 output = self._react(now_ns, events)
         except Exception as error:
             output = self.fail(now_ns, f'{type(error).__name__}: {error}')
-        return output._replace(refusals=refusals, outcomes=self._preparation.take_outcomes())
+        return output._replace(refusals=tuple(refusals), outcomes=self._preparation.take_outcomes())
 
     def later_decisions(self) -> tuple[Decision, ...]:
         """
@@ -160,134 +154,49 @@ class Supervisor:
         """Return the StepOutput that leaves the heater off when the process ends."""
         return StepOutput(command=self._off(now_ns, Status.SHUTTING_DOWN))
 
-    # The state after the latest step
-
     @property
-    def vehicle(self) -> Vehicle:
-        """The Vehicle, as its file describes it."""
-        return self._inbox.vehicle
-
-    @property
-    def settings(self) -> Settings:
-        """The Settings."""
-        return self._inbox.settings
-
-    @property
-    def is_enabled(self) -> bool:
-        """Whether preheating is switched on."""
-        return self._inbox.is_enabled
-
-    @property
-    def choices(self) -> DriverChoices:
-        """The DriverChoices, which outlive the process."""
-        return self._inbox.choices
-
-    @property
-    def last_seen(self) -> LastSeen | None:
-        """The battery's LastSeen: estimated, measured, or from before a restart; None: unknown."""
-        if self.estimate is not None:
-            return LastSeen(self.estimate.temperature_c, min(max(self.estimate.soc, 0.0), 1.0),
-                            self.estimate.stamp_ns)
-        if self.measurement is None:
-            return self._last_seen
-        state = self.measurement.state
-        return LastSeen(state.temperature_c, state.soc, self.measurement.stamp_ns)
-
-    @property
-    def rivals(self) -> str:
-        """Names of other nodes that command the same heater; '' for none."""
-        return self._inbox.rivals
-
-    @property
-    def mission(self) -> Mission | None:
-        """The current Mission; None without a route."""
-        return self._inbox.mission
-
-    @property
-    def active_mission(self) -> Mission | None:
-        """The Mission that is planned for: the one made for `preparation_goal`, else that of the route."""
-        timetable = self._preparation.timetable or self._inbox.timetable
-        return None if timetable is None else timetable.mission
-
-    @property
-    def preparation_goal(self) -> PreparationGoal | None:
-        """The current PreparationGoal; None without one."""
-        return self._preparation.goal
-
-    @property
-    def temperature_c(self) -> float | None:
-        """The battery's temperature [deg C], estimated or as measured; None before the first."""
-        if self.estimate is not None:
-            return self.estimate.temperature_c
-        return None if self.measurement is None else self.measurement.state.temperature_c
-
-    @property
-    def latest_mission(self) -> Mission | None:
-        """The latest Mission, including one dropped because it does not fit the parameters."""
-        return self._inbox.latest_mission
-
-    @property
-    def timetable(self) -> Timetable | None:
-        """The Timetable of the current Mission; None without a route."""
-        return self._inbox.timetable
-
-    @property
-    def refused_progress(self) -> str | None:
-        """The sentence of the latest route progress's refusal; None after a valid one, or a route."""
-        return self._inbox.refused_progress
-
-    @property
-    def measurement(self) -> Measurement | None:
-        """The latest valid Measurement with the signals that hold; None before the first."""
-        return self._inputs.measurement
-
-    @property
-    def regime(self) -> RegimeReport:
-        """Whether the vehicle drives, stands or is charged, by evidence."""
-        return self._knowledge.regime
-
-    @property
-    def signal_verdicts(self) -> tuple[SignalVerdict, ...]:
-        """The SignalVerdicts that hold; () while every signal does."""
-        scale = self._inbox.scale_verdict
-        return self._knowledge.verdicts if scale is None else (*self._knowledge.verdicts, scale)
-
-    @property
-    def overtaken_states(self) -> int:
-        """Number of battery states dropped because a later one had arrived a moment before them."""
-        return self._inbox.overtaken_states
-
-    @property
-    def refused_route(self) -> str | None:
-        """The sentence of the latest route plan's refusal; None after a valid one."""
-        return self._inbox.refused_route
-
-    @property
-    def unit_warnings(self) -> list[str]:
-        """Sentences on fields of the current route that look like wrong units."""
-        return self._inbox.unit_warnings
-
-    @property
-    def estimate(self) -> Estimate | None:
-        """The latest estimation.estimate.Estimate; None without one."""
-        return self._decision_maker.estimate if self.settings.estimation else None
-
-    @property
-    def stand_report(self) -> StandReport | None:
-        """The StandReport on the trip's first battery state; None without one."""
-        return self._decision_maker.stand_report if self.settings.estimation else None
-
-    @property
-    def decision(self) -> Decision:
-        """The current Decision, with the status and the sentence of the latest command."""
-        return self._shown
-
-    @property
-    def latest_command(self) -> Command | None:
-        """The latest Command; None before the first."""
-        return self._latest_command
+    def state(self) -> PlannerState:
+        """The PlannerState after the latest step; reading it changes nothing."""
+        inbox, inputs, knowledge, estimate = self._inbox, self._inputs, self._knowledge, self._estimate
+        active, scale = self._preparation.timetable or inbox.timetable, inbox.scale_verdict
+        return PlannerState(
+            vehicle=inbox.vehicle,
+            settings=inbox.settings,
+            choices=inbox.choices,
+            last_seen=self._seen_last(),
+            rivals=inbox.rivals,
+            mission=inbox.mission,
+            active_mission=None if active is None else active.mission,
+            preparation_goal=self._preparation.goal,
+            latest_mission=inbox.latest_mission,
+            unit_warnings=inbox.unit_warnings,
+            refused_route=inbox.refused_route,
+            refused_progress=inbox.refused_progress,
+            place=None if inbox.timetable is None else inbox.timetable.place,
+            overtaken_states=inbox.overtaken_states,
+            measurement=inputs.measurement,
+            regime=knowledge.regime,
+            signal_verdicts=knowledge.verdicts if scale is None else (*knowledge.verdicts, scale),
+            estimate=estimate,
+            stand_report=self._decision_maker.stand_report if inbox.settings.estimation else None,
+            decision=self._shown,
+            latest_command=self._latest_command)
 
     # Parts of a step
+
+    @property
+    def _estimate(self) -> Estimate | None:
+        """The latest estimation.estimate.Estimate; None without one."""
+        return self._decision_maker.estimate if self._inbox.settings.estimation else None
+
+    def _seen_last(self) -> LastSeen | None:
+        """Return the battery's LastSeen: estimated, measured, or from before a restart; None: unknown."""
+        estimate, measurement = self._estimate, self._inputs.measurement
+        if estimate is not None:
+            return LastSeen(estimate.temperature_c, min(max(estimate.soc, 0.0), 1.0), estimate.stamp_ns)
+        if measurement is None:
+            return self._last_seen
+        return LastSeen(measurement.state.temperature_c, measurement.state.soc, measurement.stamp_ns)
 
     def _admitted(self) -> AdmittedInputs:
         """Return the AdmittedInputs of now; a measurement without the signals that do not hold."""
@@ -295,8 +204,8 @@ class Supervisor:
         return self._inbox.admitted(
             self._preparation.timetable, self._screened if arrived is self._arrived else arrived, self._doubt)
 
-    def _admit(self, event: Event, now_ns: int) -> Refusal | None:
-        """Take an event in; return its Refusal, None if it is accepted."""
+    def _admit(self, event: Event, now_ns: int, refusals: list[Refusal]) -> None:
+        """Take an event in, or add its Refusal."""
         try:
             if isinstance(event, PreparationWanted):
                 self._preparation.begin(event.preparation_goal, self._admitted(), now_ns)
@@ -308,8 +217,7 @@ class Supervisor:
             else:
                 self._inbox.admit(event, now_ns)
         except InvalidInput as error:
-            return Refusal(event.source, error)
-        return None
+            refusals.append(Refusal(event.source, error))
 
     def _learn_from_changes(self, now_ns: int, events: tuple[Event, ...]) -> None:
         """Bring all that is known up to date with the admitted events."""
@@ -330,8 +238,9 @@ class Supervisor:
         for measurement in changes.measurements:
             self._see(measurement)
         if self._preparation.goal is not None:
+            estimate = self._estimate
             self._preparation.revise(
-                self._inputs, now_ns, 1.0 if self.estimate is None else self.estimate.propulsion_factor)
+                self._inputs, now_ns, 1.0 if estimate is None else estimate.propulsion_factor)
             self._inputs = self._admitted()
 
     def _reconfigure(self, event: Reconfigured) -> None:
@@ -342,13 +251,13 @@ class Supervisor:
 
     def _see(self, measurement: Measurement) -> None:
         """Take a valid Measurement in: check its signals and learn from it."""
-        inputs, history, stamp_ns = self._inputs, self._commander.history, measurement.stamp_ns
+        inputs, history = self._inputs, self._commander.history
         known = self._knowledge.see(
             measurement, inputs.active_timetable, history, inputs.settings, inputs.defaults)
         self._arrived, self._screened, self._doubt = measurement, known.measurement, self._knowledge.obstacle
-        self._inputs = self._admitted()
-        self._preparation.see(known.measurement, history.mean_w(stamp_ns, stamp_ns), self._inputs)
-        if self.settings.estimation:
+        self._inputs = inputs._replace(measurement=self._screened, doubt=self._doubt)
+        self._preparation.see(known.measurement, known.command_w, self._inputs)
+        if inputs.settings.estimation:
             self._decision_maker.learn(known, inputs.active_timetable, history, inputs.mission)
 
     def _decide(self, now_ns: int) -> Decision | None:
@@ -375,7 +284,7 @@ class Supervisor:
     def _conclude_preparation(self, now_ns: int, obstacle: Decision | None) -> Decision | None:
         """End a preparation goal whose time has come and decide without it; return the obstacle after that."""
         if self._preparation.goal is None or not self._preparation.conclude(
-                self._inputs, now_ns, self._decision, obstacle, self.temperature_c):
+                self._inputs, now_ns, self._decision, obstacle, self.state.temperature_c):
             return obstacle
         self._inputs = self._admitted()
         self._decision_maker.follow_new_mission()
@@ -389,7 +298,7 @@ class Supervisor:
         return self._latest_command
 
     def _off(self, now_ns: int, reason: Status) -> Command:
-        self._latest_command = self._commander.off(now_ns, self.settings, reason)
+        self._latest_command = self._commander.off(now_ns, self._inbox.settings, reason)
         return self._latest_command
 
     def _publication(self, command: Command) -> StepOutput:

@@ -46,6 +46,19 @@ class _Fix(NamedTuple):
     planned_ns: int
 
 
+class PlaceReport(NamedTuple):
+    """
+    The vehicle's place on a route of `length_m` [m], by its latest Progress.
+
+    `delay_ns` [ns] is negative if it is early; `stood_ns` [ns] is the delay that has built up since it last moved.
+    """
+
+    latest: Progress
+    length_m: float
+    delay_ns: int
+    stood_ns: int
+
+
 class Timetable:
     """
     One Mission, and the vehicle's place on it.
@@ -88,9 +101,12 @@ class Timetable:
         """The vehicle's delay [ns]; negative: it is early."""
         return self.mission.delay_ns
 
-    def age_s(self, now_ns: int) -> float | None:
-        """Return the age of the latest Progress [s]; None without one."""
-        return None if self.latest is None else (now_ns - self.latest.stamp_ns) / NS_PER_S
+    @property
+    def place(self) -> PlaceReport | None:
+        """The PlaceReport of now; None without Progress."""
+        if self.latest is None:
+            return None
+        return PlaceReport(self.latest, self.places.length_m, self.delay_ns, self.stood_ns)
 
     def lose_time(self) -> None:
         """Go by the Mission's own stamp again, because the clock was restarted."""
@@ -111,7 +127,7 @@ class Timetable:
         """
         fixes = self._fixes
         if not fixes or instant_ns <= fixes[0].stamp_ns:
-            delay_ns = fixes[0].stamp_ns - fixes[0].planned_ns if fixes else self.delay_ns
+            delay_ns = fixes[0].stamp_ns - fixes[0].planned_ns if fixes else self.mission.delay_ns
             return instant_ns - delay_ns
         last = fixes[-1]
         if instant_ns > last.stamp_ns:

@@ -115,7 +115,7 @@ def make_drive_figure(drive: DrawnDrive, vehicle: Vehicle, title: str) -> Figure
 
 def _unheated(drive: DrawnDrive, vehicle: Vehicle) -> tuple[Plan, float]:
     """Return the Plan of the same drive without preheating, and the instant [s] of its start."""
-    leg, = mission_from_message(drive.route, vehicle.defaults, Settings.planning_step_s).legs
+    leg, = mission_from_message(drive.route, vehicle.defaults, Settings.planning_step_s, vehicle).legs
     instant_s, temperature_c, soc = drive.states[0]
     from_s = max(instant_s, 0.0)
     route = leg.route_ahead(leg.start_ns + round(from_s * NS_PER_S))

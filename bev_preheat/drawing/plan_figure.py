@@ -24,13 +24,11 @@ from bev_preheat.drawing.palette import (
     WITHOUT_PREHEATING,
 )
 from bev_preheat.numerics.arithmetic import ARRAYS
-from bev_preheat.planning.dynamics import keep_accounts
 from bev_preheat.planning.explanation import duration_text
+from bev_preheat.planning.plan_accounts import accounts_of, driven_share
 from bev_preheat.planning.planner import plan_unheated
-from bev_preheat.planning.schedule import Schedule
 from bev_preheat.planning.situation import reserve_soc
 from bev_preheat.planning.trip import make_trip
-from bev_preheat.vehicle.model import make_runge_kutta_4
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -94,7 +92,7 @@ def make_plan_figure(vehicle: Vehicle, route: Route, goal: Goal, plans: Sequence
         draw_course(charge, edges, 100.0 * plan.soc, **look.line())
         if plan is unheated:
             continue
-        accounts = _accounts(trip, plan)
+        accounts = accounts_of(trip, plan)
         draw_steps(heater, edges, plan.hvch_battery_power_w / 1e3, **look.line())
         if plan.heat is not None:
             later = {**look.line(), **LATER}
@@ -143,20 +141,6 @@ def _on_arrival(method: str, plan: Plan, earlier: Iterable[Plan]) -> str:
             + (f' (≈ {hidden})' if hidden else ''))
 
 
-def _accounts(trip: Trip, plan: Plan) -> Accounts:
-    schedule = Schedule(
-        plan.heating_start_s, plan.hvch_battery_power_w, plan.friction_brake_power_w,
-        plan.soc, plan.battery_temperature_c, make_runge_kutta_4,
-        driven_share=_driven_share(trip, plan), heat=plan.heat)
-    return keep_accounts(trip, schedule)
-
-
-def _driven_share(trip: Trip, plan: Plan) -> FloatArray:
-    """Return the driven share of each step, shape (N,): 0 once the battery is empty."""
-    empty_s = np.inf if plan.stranding is None else plan.stranding.at_s
-    return np.clip((empty_s - trip.time_s[:-1]) / trip.route.duration_s, 0.0, 1.0)
-
-
 def _draw_heat(heat: Axes, leakage: Axes, edges: FloatArray, plan: Plan, accounts: Accounts, look: Look,
                labelled: bool) -> None:
     """Draw the heat of a plan's heater and of the battery itself, and its leakage."""
@@ -171,7 +155,7 @@ def _draw_heat(heat: Axes, leakage: Axes, edges: FloatArray, plan: Plan, account
 def _draw_drive(axes: Sequence[Axes], edges: FloatArray, trip: Trip, plan: Plan) -> None:
     """Draw the heat of the drivetrain and the speed, and finish the panels of heat."""
     heat, leakage, drive = axes
-    driven = _driven_share(trip, plan)
+    driven = driven_share(trip, plan)
     draw_steps(heat, edges, (driven * trip.drivetrain_heat_w - trip.vehicle.drivetrain.heat_share
                              * plan.friction_brake_power_w) / 1e3, **DRIVETRAIN)
     show_range(heat, [0.0], *_drawn(heat), least=0.5)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A vehicle file as curves: voltage, resistance, power limits, and how the battery warms and cools."""
+"""A vehicle file as curves: voltage, resistance, power limits, warming and cooling, and fast charging."""
 
 from __future__ import annotations
 
@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING
 from matplotlib.figure import Figure
 import numpy as np
 
+from bev_preheat.charging.published_time import S_PER_MIN, WARM_C, warm_session
 from bev_preheat.drawing.figure import save_figure
 from bev_preheat.numerics.arithmetic import ARRAYS
-from bev_preheat.vehicle.plausibility import AMBIENT_C, KMH_100_MPS, warmed_by_k
+from bev_preheat.vehicle.charging import session_charging
+from bev_preheat.vehicle.plausibility import AMBIENT_C, CHARGING_TEMPERATURES_C, KMH_100_MPS, warmed_by_k
 
 if TYPE_CHECKING:
 
@@ -29,6 +31,7 @@ SOC_STYLES = (':', '-.', '-', '--')
 SOC_WIDTHS = (1.6, 1.6, 3.5, 1.6)
 COLDEST_C, WARMEST_C = -30.0, 45.0
 HOUR_MIN = 60.0
+TEMPERATURE_COLOURS = ('tab:purple', 'tab:blue', 'tab:green', 'tab:orange', 'tab:red')
 COOLING_FROM_C = 25.0
 
 
@@ -38,8 +41,8 @@ def draw_vehicle(path: AnyPath, vehicle: Vehicle) -> None:
 
     Warming and cooling exclude the heat of driving.
     """
-    figure = Figure(figsize=(11.0, 8.0), layout='constrained')
-    panels = figure.subplots(2, 2)
+    figure = Figure(figsize=(15.0, 8.0), layout='constrained')
+    panels = figure.subplots(2, 3)
     # A dollar sign would begin a formula.
     figure.suptitle(f'Vehicle {vehicle.name}'.replace('$', r'\$'))
     battery = vehicle.battery
@@ -53,8 +56,11 @@ def draw_vehicle(path: AnyPath, vehicle: Vehicle) -> None:
     _draw_over_temperature(limits, battery.discharge_power_limit, temperatures_c, 1e-3)
     limits.legend(title='state of charge', fontsize='small', title_fontsize='small', ncols=2, loc='upper left')
     _draw_over_temperature(limits, battery.charge_power_limit, temperatures_c, 1e-3)
-    limits.set(title='power limits\ndischarging above 0, charging below 0', ylabel='battery power [kW]')
+    limits.set(title='power limits of the battery\ndischarging above 0, charging below 0',
+               ylabel='battery power [kW]')
     _draw_warming(panels[1, 1], vehicle)
+    _draw_charging_curves(panels[0, 2], vehicle)
+    _draw_sessions(panels[1, 2], vehicle)
     for axis in panels.flat:
         axis.grid(True, alpha=0.3)
         axis.spines[['top', 'right']].set_visible(False)
@@ -87,6 +93,50 @@ def _draw_over_temperature(axis: Axes, curve: Curve, temperatures_c: FloatArray,
                   label=f'{100 * soc:.0f} %')
     axis.axhline(0.0, color='black', linewidth=0.8)
     axis.set(xlabel='battery temperature [°C]', xlim=(temperatures_c[0], temperatures_c[-1]))
+
+
+def _draw_charging_curves(axis: Axes, vehicle: Vehicle) -> None:
+    """Draw the power limit of charging sessions over the state of charge, within the inlet's limit."""
+    charging = session_charging(vehicle)
+    limit_w = charging.power_limit.function(ARRAYS)
+    socs = np.linspace(*vehicle.battery.soc_range, 401)
+    for at_c, colour in _temperatures(vehicle):
+        power_w = np.minimum(-limit_w(socs, np.full_like(socs, at_c)) + np.zeros_like(socs),
+                             charging.maximum_inlet_power_w)
+        axis.plot(100.0 * socs, 1e-3 * power_w, color=colour, linewidth=_width(at_c), label=f'{at_c:g} °C')
+    axis.set(title='charging curve at a fast charger', xlabel='state of charge [%]', ylabel='charging power [kW]',
+             xlim=(0.0, 100.0))
+    axis.set_ylim(0.0, 1.25 * axis.get_ylim()[1])
+    axis.legend(title='battery', fontsize='small', title_fontsize='small', loc='upper right', ncols=3)
+
+
+def _draw_sessions(axis: Axes, vehicle: Vehicle) -> None:
+    """Draw the sessions from 10 to 80 %, by the battery temperature on arrival."""
+    longest_min = 0.0
+    for at_c, colour in _temperatures(vehicle):
+        session = warm_session(vehicle, battery_c=at_c)
+        minutes = session.time_s / S_PER_MIN
+        axis.plot(minutes, 100.0 * session.soc, color=colour, linewidth=_width(at_c),
+                  label=f'{at_c:g} °C: ' + ('never' if session.problem else f'{minutes[-1]:.0f} min'))
+        if not session.problem:
+            longest_min = max(longest_min, minutes[-1])
+    if longest_min > 0.0:
+        axis.set_xlim(0.0, 1.02 * longest_min)
+    axis.set(title='session from 10 to 80 %\nair 20 °C, or as cold as the battery', xlabel='time [min]',
+             ylabel='state of charge [%]')
+    axis.legend(title='battery on arrival', fontsize='small', title_fontsize='small', loc='lower right')
+
+
+def _width(at_c: float) -> float:
+    """Return a line width: a warm battery's is wide, because hotter ones may charge alike."""
+    return SOC_WIDTHS[2] if at_c == WARM_C else SOC_WIDTHS[0]
+
+
+def _temperatures(vehicle: Vehicle) -> list[tuple[float, str]]:
+    """Return the temperatures within the vehicle's range [deg C], with their colours."""
+    low_c, high_c = vehicle.battery.temperature_range_c
+    return [(at_c, colour) for at_c, colour in zip(CHARGING_TEMPERATURES_C, TEMPERATURE_COLOURS)
+            if low_c <= at_c <= high_c]
 
 
 def _draw_warming(axis: Axes, vehicle: Vehicle) -> None:

@@ -14,8 +14,7 @@ from typing import NamedTuple, TYPE_CHECKING
 from bev_preheat.estimation.belief import Belief
 from bev_preheat.estimation.estimate import Estimate
 from bev_preheat.estimation.hypotheses import is_suspect, judge, Suspicion
-from bev_preheat.estimation.power_response import PowerResponse
-from bev_preheat.estimation.power_samples import PowerSamples
+from bev_preheat.estimation.measured_power import PowerResponse, PowerSamples
 from bev_preheat.estimation.readings import MeasuredState, ReadingCheck, Verdict
 from bev_preheat.estimation.soak import expected_offset_k
 from bev_preheat.estimation.state import LOCAL, SENSOR, SOC, TEMPERATURE

@@ -1,20 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Plausibility check of the battery readings."""
+"""The steps of the sensors, and the plausibility of the battery readings."""
 
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from enum import Enum
 import math
 from typing import Protocol, TYPE_CHECKING
 
-from bev_preheat.estimation.resolution import Resolution, SOC_STEPS, TEMPERATURE_STEPS_K
-
-NS_PER_S = 1_000_000_000
-
 if TYPE_CHECKING:
     from bev_preheat.planning.situation import BatteryState
 
+# Steps of temperature signals [K] and of state-of-charge signals (0 ... 1) in use.
+TEMPERATURE_STEPS_K = (1.0, 0.5, 0.25, 0.2, 0.1)
+SOC_STEPS = (0.01, 0.005, 0.004, 0.0025, 0.002, 0.001)
+# Single precision, as in messages, preserves multiples to this share of the step.
+ROUNDING = 1e-3
+MOST_REMEMBERED = 50
+NS_PER_S = 1_000_000_000
 # A reading this many standard deviations off is rejected until a second one confirms it.
 IMPLAUSIBLE_DEVIATIONS = 6.0
 LEAST_DEVIATION_K = 0.3
@@ -31,6 +35,35 @@ COUNTED = 300
 Look = tuple[float, float, float]
 # Mean and variance of an expected reading.
 Expected = tuple[float, float]
+
+
+class Resolution:
+    """
+    The coarsest step that divides all values so far; 0 if no step does.
+
+    A signal counts as coarse until a value shows that it is finer.
+    """
+
+    def __init__(self, steps: Sequence[float]) -> None:
+        """Start without values; `steps` are in descending order."""
+        self._steps = steps
+        self._seen: set[float] = set()
+        self.step = steps[0]
+
+    def see(self, value: float) -> None:
+        """Update with a value."""
+        if self.step == 0.0 or value in self._seen:
+            return
+        if len(self._seen) < MOST_REMEMBERED:
+            self._seen.add(value)
+        # All earlier values are multiples of the current step.
+        if not _is_multiple(value, self.step):
+            self.step = next((step for step in self._steps if step < self.step and all(
+                _is_multiple(seen, step) for seen in (value, *self._seen))), 0.0)
+
+
+def _is_multiple(value: float, step: float) -> bool:
+    return abs(value / step - round(value / step)) <= ROUNDING
 
 
 class MeasuredState(Protocol):
@@ -94,12 +127,15 @@ class ReadingCheck:
 
     def judge(self, measurement: MeasuredState, expected: tuple[Expected, Expected]) -> Verdict:
         """Return the Verdict on a MeasuredState; `expected` are temperature [deg C] and charge, with variances."""
-        excursion = self._excursion(measurement, expected)
+        looks = self._looks_at(measurement.state)
+        excursion = self._excursion(measurement.stamp_ns, looks[0], expected[0])
         if excursion is not None:
             self._doubted = None
             self._ignored.append(excursion is Verdict.EXCURSION)
             return excursion
-        is_plausible = self._is_plausible(measurement.state, expected)
+        is_plausible = all(
+            abs(reading - mean) <= 0.5 * step + IMPLAUSIBLE_DEVIATIONS * max(math.sqrt(max(variance, 0.0)), least)
+            for (reading, step, least), (mean, variance) in zip(looks, expected))
         self._ignored.append(not is_plausible)
         if is_plausible:
             self._doubted = None
@@ -111,28 +147,20 @@ class ReadingCheck:
             return Verdict.DOUBTED
         return Verdict.JUMPED
 
-    def _excursion(self, measurement: MeasuredState, expected: tuple[Expected, Expected]) -> Verdict | None:
+    def _excursion(self, stamp_ns: int, look: Look, expected: Expected) -> Verdict | None:
         """Return the Verdict on a temperature in an excursion, or one that just ended; None: no excursion."""
-        reading, step, least = self._looks_at(measurement.state)[0]
-        mean, variance = expected[0]
+        (reading, step, least), (mean, variance) = look, expected
         beyond_k = abs(reading - mean) - 0.5 * step
         deviations = EXCURSION_DEVIATIONS if self._excursion_ns is None else RETURN_DEVIATIONS
         if not deviations * max(math.sqrt(max(variance, 0.0)), least) < beyond_k <= LARGEST_EXCURSION_K:
             self._excursion_ns = None
             return None
         if self._excursion_ns is None:
-            self._excursion_ns = measurement.stamp_ns
-        if measurement.stamp_ns - self._excursion_ns < LONGEST_EXCURSION_S * NS_PER_S:
+            self._excursion_ns = stamp_ns
+        if stamp_ns - self._excursion_ns < LONGEST_EXCURSION_S * NS_PER_S:
             return Verdict.EXCURSION
         self._excursion_ns = None
         return Verdict.LASTING
-
-    def _is_plausible(self, state: BatteryState, expected: tuple[Expected, Expected]) -> bool:
-        """Whether the readings agree with the expectation within MOST_DEVIATIONS."""
-        return all(
-            abs(reading - mean) <= 0.5 * step + IMPLAUSIBLE_DEVIATIONS * max(
-                math.sqrt(max(variance, 0.0)), least)
-            for (reading, step, least), (mean, variance) in zip(self._looks_at(state), expected))
 
     def _agree(self, one: BatteryState, other: BatteryState) -> bool:
         """Whether two rejected readings agree."""

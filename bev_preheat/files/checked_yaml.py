@@ -34,6 +34,11 @@ def load_checked_yaml(path: str | Path, schema_path: Path) -> dict[str, FileData
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, 'strerror', None) or 'is not UTF-8 text'
         raise InvalidInput(f'{path}: cannot be read: {reason}') from error
+    return check_yaml(text, path, schema_path)
+
+
+def check_yaml(text: str, path: str | Path, schema_path: Path) -> dict[str, FileData]:
+    """Return the contents of a YAML text that satisfies a schema; `path` names the text in InvalidInput."""
     try:
         contents = _load(text)
         problems = list(_unfit_numbers(contents, ''))

@@ -20,7 +20,7 @@ from bev_preheat.interface.results import (
 )
 from bev_preheat.optional_packages import require
 from bev_preheat.planning.comparison import difference_of_plans, energy_gap_wh
-from bev_preheat.planning.planner import as_driven, DEFAULT_METHOD, METHODS, plan_preheating
+from bev_preheat.planning.planner import as_driven, check_method, DEFAULT_METHOD, method_names, plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 
 if TYPE_CHECKING:
@@ -46,16 +46,17 @@ def plan(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal | float
     Return when to heat on a route, as `preheat plan` does.
 
     `state` is the battery's at the start; `goal` a Goal, a target temperature on arrival [deg C], or None for
-    the vehicle's default; `method` a name in `methods()`. Raises InvalidInput, which names field, value and
-    allowed range, and PlanningFailure if the model yields no numbers.
+    the vehicle's default. `method` is a name in `methods()`: `merit_order` keeps the paper's limits (9e)-(9i),
+    `optimal_switch` has one switching instant, `paper` is the heuristic of its Algorithms 1 and 2. Raises
+    InvalidInput, which names field, value and allowed range, and PlanningFailure if the model yields no numbers.
     """
     goal = _goal_of(vehicle, goal)
     return PlanResult(vehicle, route, goal, plan_preheating(vehicle, route, state, goal, method))
 
 
 def methods() -> tuple[str, ...]:
-    """Return the names of the planning methods."""
-    return tuple(METHODS)
+    """Return the names of the planning methods: the built-in ones, then those of installed packages."""
+    return method_names()
 
 
 def optimum(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal | float | None = None,
@@ -73,17 +74,21 @@ def optimum(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal | fl
 
 
 def compare(vehicle: Vehicle, route: Route, state: BatteryState,
-            goal: Goal | float | None = None) -> ComparisonResult:
+            goal: Goal | float | None = None, methods: Sequence[str] | None = None) -> ComparisonResult:
     """
     Return the plans of all methods beside the optimum, as `preheat compare` does; needs casadi (extra `nlp`).
 
-    A plan that breaks a power limit is compared as it would be driven. Arguments as in `plan`.
+    `methods` are the names of those to compare, None for all. A plan that breaks a power limit is compared as it
+    would be driven. Other arguments as in `plan`.
     """
+    names = method_names() if methods is None else tuple(dict.fromkeys(methods))
+    for name in names:
+        check_method(name)
     goal = _goal_of(vehicle, goal)
     best = optimum(vehicle, route, state, goal)
     plans = {name: as_driven(plan_preheating(
         vehicle, route, state, goal, name, no_regret=name == DEFAULT_METHOD), vehicle, route, state, goal)
-        for name in METHODS}
+        for name in names}
     return ComparisonResult(
         {name: PlanResult(vehicle, route, goal, each) for name, each in plans.items()}, best,
         {name: energy_gap_wh(each, best.plan) for name, each in plans.items()},
@@ -132,6 +137,7 @@ def drive(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal | floa
     `heater_faults`, and are seen through Sensors (None: as described, and perfect). Without `estimation` it plans
     from measured values. The same arguments give the same drive. Raises InvalidInput.
     """
+    check_method(method)
     import numpy as np
 
     from bev_preheat.control.settings import Settings
@@ -153,11 +159,11 @@ def drive(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal | floa
         if moment.output.command is not None:
             command_w = moment.output.command.battery_heating_power_w
         if moment.is_last:
-            estimate, current = supervisor.estimate, supervisor.decision.plan
+            estimate, current = supervisor.state.estimate, supervisor.state.decision.plan
             rows.append((moment.time_s, plant.temperature_c, measured_c,
                          math.nan if estimate is None else estimate.temperature_c,
                          math.nan if current is None else current.arrival_temperature_c, command_w))
-    energy_wh, estimate = plant.energy_wh, supervisor.estimate
+    energy_wh, estimate = plant.energy_wh, supervisor.state.estimate
     time_s, true_c, seen_c, estimated_c, predicted_c, commanded_w = np.array(rows).T
     return DriveResult(
         time_s, true_c, seen_c, estimated_c, predicted_c, commanded_w, plant.temperature_c, plant.soc,

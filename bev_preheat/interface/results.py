@@ -8,7 +8,7 @@ Each has `to_dict()`, the JSON of the command of the same name; `to_frame()`, a 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any, TYPE_CHECKING
 
 from bev_preheat.optional_packages import require
@@ -22,9 +22,11 @@ if TYPE_CHECKING:
     from bev_preheat.charging.stop import ChargingStop
     from bev_preheat.charging.worth import Worth
     from bev_preheat.nonlinear_program.solve import Optimum
+    from bev_preheat.numerics.arithmetic import Curve
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.planning.plan import Plan
     from bev_preheat.planning.situation import Goal
+    from bev_preheat.planning.trip import Trip
     from bev_preheat.route import Route
     from bev_preheat.vehicle import Vehicle
 
@@ -44,7 +46,8 @@ class PlanResult:
     """
     A plan with its vehicle, route and goal; times in seconds after the start of the route.
 
-    Shapes for N steps: `time_s`, `battery_temperature_c` and `soc` (N + 1,), `hvch_battery_power_w` (N,).
+    Shapes for N steps: values at instants (N + 1,), such as `time_s`, `battery_temperature_c` and `soc`; mean
+    powers of steps (N,), such as `hvch_battery_power_w`.
     """
 
     vehicle: Vehicle
@@ -111,6 +114,48 @@ class PlanResult:
     def hvch_battery_power_w(self) -> FloatArray:
         """Mean electrical power for the battery in each step [W], (N,)."""
         return self.plan.hvch_battery_power_w
+
+    @property
+    def friction_brake_power_w(self) -> FloatArray:
+        """Mean braking power that the battery may not take, at the friction brake [W], (N,)."""
+        return self.plan.friction_brake_power_w
+
+    @property
+    def heater_limit_w(self) -> FloatArray:
+        """Power of the heater left by the cabin in each step [W], (N,); constraint (9g)."""
+        return self._trip.heater_limit_w
+
+    @property
+    def battery_power_w(self) -> FloatArray:
+        """Mean power of the cells P_b in each step, charging negative [W], (N,)."""
+        from bev_preheat.planning.plan_accounts import accounts_of
+        return accounts_of(self._trip, self.plan).battery_power_w
+
+    @property
+    def charge_limit_w(self) -> FloatArray:
+        """Most power that the battery may take at each instant, negative [W], (N + 1,); constraint (9i)."""
+        return self._limit_w(self.vehicle.battery.charge_power_limit)
+
+    @property
+    def discharge_limit_w(self) -> FloatArray:
+        """Most power that the battery may give at each instant [W], (N + 1,); constraint (9i)."""
+        return self._limit_w(self.vehicle.battery.discharge_power_limit)
+
+    @property
+    def energy_wh(self) -> dict[str, float]:
+        """Energies of the trip by name [Wh], the rows of the paper's Table II, as in the JSON."""
+        return asdict(self.plan.energy_wh)
+
+    @property
+    def _trip(self) -> Trip:
+        from bev_preheat.planning.trip import make_trip
+        return make_trip(self.vehicle, self.route)
+
+    def _limit_w(self, limit: Curve) -> FloatArray:
+        import numpy as np
+
+        from bev_preheat.numerics.arithmetic import ARRAYS
+        return np.broadcast_to(limit.function(ARRAYS)(self.soc, self.battery_temperature_c), self.soc.shape)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON of `preheat plan`."""
@@ -206,6 +251,31 @@ class SessionResult:
         return self.session.problem
 
     @property
+    def time_s(self) -> FloatArray:
+        """Instants [s], (N + 1,)."""
+        return self.session.time_s
+
+    @property
+    def battery_temperature_c(self) -> FloatArray:
+        """Battery temperature [deg C], (N + 1,)."""
+        return self.session.battery_temperature_c
+
+    @property
+    def soc(self) -> FloatArray:
+        """State of charge, 0 ... 1, (N + 1,)."""
+        return self.session.soc
+
+    @property
+    def charging_power_w(self) -> FloatArray:
+        """Mean power into the battery's terminals in each step [W], (N,)."""
+        return self.session.charging_power_w
+
+    @property
+    def hvch_battery_power_w(self) -> FloatArray:
+        """Mean electrical power of the heater for the battery in each step [W], (N,)."""
+        return self.session.hvch_battery_power_w
+
+    @property
     def charging_time_s(self) -> float:
         """Duration until the departure's state of charge [s]; infinite if it is never reached."""
         return self.session.charging_time_s
@@ -221,7 +291,7 @@ class SessionResult:
 
     def to_frame(self) -> DataFrame:
         """Return temperature, state of charge and powers over time; needs pandas."""
-        return _frame({name: getattr(self.session, name) for name in (
+        return _frame({name: getattr(self, name) for name in (
             'time_s', 'battery_temperature_c', 'soc', 'charging_power_w', 'hvch_battery_power_w')})
 
     def plot(self, file: str | Path) -> None:

@@ -24,8 +24,7 @@ from bev_preheat.native.belief_structs import (
     PassedStruct,
     ReadingStruct,
 )
-from bev_preheat.native.declines import OK
-from bev_preheat.native.library import core
+from bev_preheat.native.library import core, OK
 from bev_preheat.native.structs import address_of, DOUBLE_BYTES, doubles
 
 if TYPE_CHECKING:

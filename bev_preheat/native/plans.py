@@ -13,8 +13,7 @@ from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.native.declines import OK, SATURATED
-from bev_preheat.native.library import core
+from bev_preheat.native.library import core, OK, SATURATED
 from bev_preheat.native.runs import doubles_at, INTEGRATORS, place
 from bev_preheat.native.structs import (
     address_of,

@@ -13,8 +13,7 @@ from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.native.declines import EMPTY, NO_CROSSING, OK, SATURATED
-from bev_preheat.native.library import core
+from bev_preheat.native.library import core, EMPTY, NO_CROSSING, OK, SATURATED
 from bev_preheat.native.structs import DOUBLE_BYTES, HeatingStruct
 from bev_preheat.vehicle.model import make_euler, make_midpoint, make_runge_kutta_4
 

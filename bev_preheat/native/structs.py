@@ -260,7 +260,8 @@ class NativeTrip:
     def __init__(self, steps: int, block: FloatArray) -> None:
         """`block` has the columns of TRIP_COLUMNS one after the other, the first (N + 1,), the others (N,)."""
         self.steps, self._block = steps, block
-        self._surplus_ceiling_c: FloatArray | None = None
+        # How warm surplus may make the battery by the end of each step [deg C], (N,); None: no such bound.
+        self.surplus_ceiling_c: FloatArray | None = None
         first = address_of(block)
         after, width = first + DOUBLE_BYTES * (steps + 1), DOUBLE_BYTES * steps
         self.struct = TripStruct(
@@ -272,9 +273,17 @@ class NativeTrip:
         """Return the trip with these columns, and how warm surplus may make the battery [deg C], (N,)."""
         trip = cls(len(columns[1]), np.concatenate(columns, dtype=float))
         if surplus_ceiling_c is not None:
-            trip._surplus_ceiling_c = doubles(surplus_ceiling_c)
-            trip.struct.surplus_ceiling_c = address_of(trip._surplus_ceiling_c)
+            trip.surplus_ceiling_c = doubles(surplus_ceiling_c)
+            trip.struct.surplus_ceiling_c = address_of(trip.surplus_ceiling_c)
         return trip
+
+    def changed(self, **columns: FloatArray) -> Self:
+        """Return a trip with other columns, by name; also `surplus_ceiling_c`."""
+        ceiling_c = columns.pop('surplus_ceiling_c', self.surplus_ceiling_c)
+        if unknown := columns.keys() - TRIP_COLUMNS:
+            raise TypeError(f'{", ".join(sorted(unknown))}: not columns of a trip')
+        return self.of_columns(*({**dict(zip(TRIP_COLUMNS, self.columns)), **columns}.values()),
+                               surplus_ceiling_c=ceiling_c)
 
     @property
     def columns(self) -> list[FloatArray]:

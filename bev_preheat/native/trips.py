@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.native.declines import OK
-from bev_preheat.native.library import core
+from bev_preheat.native.library import core, OK
 from bev_preheat.native.runs import doubles_at, place
 from bev_preheat.native.structs import ArrivalStruct, room
 

@@ -16,9 +16,9 @@ from sensor_msgs.msg import BatteryState
 
 from bev_preheat.charging.candidates import rank_chargers
 from bev_preheat.charging.worth import MOST_PRICE_PER_KWH, MOST_VALUE_PER_H
+from bev_preheat.control.admitted import find_obstacle
 from bev_preheat.control.events import RouteUnreadable
 from bev_preheat.control.inbox import Inbox
-from bev_preheat.control.obstacle import find_obstacle
 from bev_preheat.control.settings import Settings
 from bev_preheat.errors import InvalidInput
 from bev_preheat.nodes.charger_request import candidates_of, write_ranking

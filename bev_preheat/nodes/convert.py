@@ -25,6 +25,7 @@ from bev_preheat.nodes.battery_fields import (
     read_voltage_and_current,
 )
 from bev_preheat.nodes.chargers import charger_from_message, charger_problems, write_charger
+from bev_preheat.nodes.route_powers import GIVEN, powers_of_road_load, slope_problems, without_powers
 from bev_preheat.nodes.stops import STOP_FIELDS, stops_from_message, write_stops
 from bev_preheat.nodes.target_report import write_target
 from bev_preheat.planning.situation import BatteryState
@@ -39,10 +40,10 @@ if TYPE_CHECKING:
 
     from bev_preheat.control.decision import Command, Decision
     from bev_preheat.nodes.stops import PlannedStop
+    from bev_preheat.planning.outcome import Stranding
     from bev_preheat.planning.plan import Plan
-    from bev_preheat.planning.stranding import Stranding
     from bev_preheat.route import Route
-    from bev_preheat.vehicle.description import Defaults
+    from bev_preheat.vehicle.description import Defaults, Vehicle
 
 # The last second that a builtin_interfaces/Time can hold.
 LATEST_S = 2**31 - 1
@@ -113,16 +114,17 @@ def is_cancellation(message: RoutePlan) -> bool:
     Its other fields, the stamp included, are ignored.
     """
     return not message.charging_planned and not any(
-        len(getattr(message, field)) for field in (*ROUTE_FIELDS.values(), *STOP_FIELDS))
+        len(getattr(message, field)) for field in (*ROUTE_FIELDS.values(), 'slope', *STOP_FIELDS))
 
 
-def mission_from_message(message: RoutePlan, defaults: Defaults,
-                         planning_step_s: float) -> Mission:
+def mission_from_message(message: RoutePlan, defaults: Defaults, planning_step_s: float,
+                         vehicle: Vehicle | None = None) -> Mission:
     """
     Return the Mission of a RoutePlan, its legs in steps of `planning_step_s` seconds or longer.
 
-    `defaults` (vehicle.description.Defaults) fill in fields that the message leaves open. Raises
-    InvalidInput with one problem per field.
+    `defaults` (vehicle.description.Defaults) fill in fields that the message leaves open, the road load of
+    `vehicle`
+    the propulsion power. Raises InvalidInput with one problem per field.
     """
     _check_sizes(message)
     problems = stamp_problems(message.header.stamp)
@@ -132,12 +134,15 @@ def mission_from_message(message: RoutePlan, defaults: Defaults,
     if not 0.0 <= message.standing_time < math.inf:
         problems.append(f'standing_time: {message.standing_time:g} is not allowed; it must be '
                         'finite and at least 0 s (0: not known)')
-    problems += _target_problems(message) + charger_problems(message)
+    problems += _target_problems(message) + charger_problems(message) + slope_problems(message)
     columns = {field: np.asarray(getattr(message, name), dtype=float)
                for field, name in ROUTE_FIELDS.items()}
     route: Route | None = None
     stops: tuple[PlannedStop, ...] = ()
+    power_source = GIVEN
     try:
+        if vehicle is not None and without_powers(columns) and not problems:
+            columns, power_source = powers_of_road_load(message, columns, vehicle)
         route = make_route(columns, defaults, ROUTE_FIELDS, tells_units=True)
     except InvalidInput as error:
         problems += error.problems
@@ -153,14 +158,14 @@ def mission_from_message(message: RoutePlan, defaults: Defaults,
     if problems or route is None:
         raise InvalidInput(problems)
     return Mission(message.route_id, _legs(message, route, stops, planning_step_s),
-                   message.standing_time)
+                   message.standing_time, power_source=power_source)
 
 
 def _check_sizes(message: RoutePlan) -> None:
     """Raise InvalidInput if the message is too large for further checks."""
     problems = [f'{name}: has {len(getattr(message, name))} values; at most {MOST_SEGMENTS} '
                 'segments are planned'
-                for name in ROUTE_FIELDS.values() if len(getattr(message, name)) > MOST_SEGMENTS]
+                for name in (*ROUTE_FIELDS.values(), 'slope') if len(getattr(message, name)) > MOST_SEGMENTS]
     if len(message.route_id) > LONGEST_ROUTE_ID:
         problems.append(f'route_id: {quoted(message.route_id)} is too long; it must have at most '
                         f'{LONGEST_ROUTE_ID} characters')
@@ -254,6 +259,7 @@ def plan_message(decision: Decision, mission: Mission | None, now_ns: int,
     start_ns = decision.plan_start_ns if plan else now_ns
     message.header.stamp = time_message(start_ns)
     message.delay = mission.delay_ns / NS_PER_S if mission else 0.0
+    message.propulsion_power_source = mission.power_source if mission else ''
     _write_later(message, later_decisions)
     write_target(message, decision.target)
     if plan is None:

@@ -11,8 +11,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.estimation.state import FACTOR_NAMES
-from bev_preheat.native.declines import DECLINES
-from bev_preheat.native.library import core_in_words
+from bev_preheat.native.library import core_in_words, DECLINES
 from bev_preheat.nodes.convert import time_message
 from bev_preheat.nodes.route_progress import progress_diagnostics
 from bev_preheat.planning.explanation import duration_text
@@ -22,8 +21,8 @@ from bev_preheat.vehicle.assumptions import assumed_in_words
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from bev_preheat.control.planner_state import PlannerState
     from bev_preheat.control.preparation_goal import PreparationGoal
-    from bev_preheat.control.supervisor import Supervisor
     from bev_preheat.estimation.estimate import Estimate
     from bev_preheat.estimation.hypotheses import HeaterReport
     from bev_preheat.nodes.state_keeper import StateFileReport
@@ -59,21 +58,21 @@ MOST_IGNORED_SHARE = 0.05
 RESET_SHOWN_S = 60.0
 
 
-def planner_diagnostics(node_name: str, supervisor: Supervisor, now_ns: int,
+def planner_diagnostics(node_name: str, state: PlannerState, now_ns: int,
                         memory: StateFileReport | None = None) -> DiagnosticArray:
     """
     Return the DiagnosticArray with status, reason and the figures behind them.
 
     `memory` is a state_keeper.StateFileReport, None without a state file.
     """
-    name, hardware = node_name.lstrip('/'), supervisor.vehicle.name
-    message = DiagnosticArray(status=[_preheating(name, hardware, supervisor, now_ns),
-                                      _signals(name, hardware, supervisor, now_ns)])
-    estimate = supervisor.estimate
+    name, hardware = node_name.lstrip('/'), state.vehicle.name
+    message = DiagnosticArray(status=[_preheating(name, hardware, state, now_ns),
+                                      _signals(name, hardware, state, now_ns)])
+    estimate = state.estimate
     if estimate is not None:
         message.status.append(heater_entry(name, hardware, estimate.heater))
-        message.status.append(_estimation(name, hardware, supervisor, estimate, now_ns))
-    progress = progress_diagnostics(name, supervisor, now_ns)
+        message.status.append(_estimation(name, hardware, state, estimate, now_ns))
+    progress = progress_diagnostics(name, state, now_ns)
     if progress is not None:
         message.status.append(progress)
     if memory is not None:
@@ -82,28 +81,29 @@ def planner_diagnostics(node_name: str, supervisor: Supervisor, now_ns: int,
     return message
 
 
-def _preheating(name: str, hardware: str, supervisor: Supervisor, now_ns: int) -> DiagnosticStatus:
-    decision, mission = supervisor.decision, supervisor.active_mission
+def _preheating(name: str, hardware: str, state: PlannerState, now_ns: int) -> DiagnosticStatus:
+    decision, mission = state.decision, state.active_mission
     values = {
-        'vehicle': supervisor.vehicle.name,
-        'assumed of the vehicle': assumed_in_words(supervisor.vehicle),
-        'method': supervisor.settings.method,
+        'vehicle': state.vehicle.name,
+        'assumed of the vehicle': assumed_in_words(state.vehicle),
+        'method': state.settings.method,
         'compiled core': core_in_words(),
         'declined by the core': DECLINES.in_words(),
         'route_id': mission.route_id if mission else '',
+        'propulsion power': mission.power_source if mission else '',
         'legs after this one': str(len(decision.later_legs)),
-        'enabled': str(supervisor.is_enabled).lower(),
+        'enabled': str(state.is_enabled).lower(),
     }
-    if supervisor.preparation_goal is not None:
-        values['goal of prepare_battery'] = _preparation_goal_in_words(supervisor.preparation_goal, now_ns)
-    if supervisor.latest_command is not None:
-        values['command [W]'] = f'{supervisor.latest_command.battery_heating_power_w:.0f}'
-    if supervisor.measurement is not None:
-        state = supervisor.measurement.state
-        values['battery temperature [degC]'] = f'{state.temperature_c:.2f}'
-        values['state of charge [1]'] = f'{state.soc:.4f}'
+    if state.preparation_goal is not None:
+        values['goal of prepare_battery'] = _preparation_goal_in_words(state.preparation_goal, now_ns)
+    if state.latest_command is not None:
+        values['command [W]'] = f'{state.latest_command.battery_heating_power_w:.0f}'
+    if state.measurement is not None:
+        battery = state.measurement.state
+        values['battery temperature [degC]'] = f'{battery.temperature_c:.2f}'
+        values['state of charge [1]'] = f'{battery.soc:.4f}'
         values['battery state age [s]'] = \
-            f'{(now_ns - supervisor.measurement.stamp_ns) * 1e-9:.2f}'
+            f'{(now_ns - state.measurement.stamp_ns) * 1e-9:.2f}'
     if decision.plan is not None:
         plan = decision.plan
         if decision.target is not None:
@@ -113,10 +113,10 @@ def _preheating(name: str, hardware: str, supervisor: Supervisor, now_ns: int) -
         values['predicted arrival state of charge [1]'] = f'{plan.arrival_soc:.4f}'
         values['planning time [ms]'] = f'{plan.planning_time_s * 1e3:.3f}'
     level, text = LEVELS.get(decision.status, DiagnosticStatus.OK), decision.explanation
-    if supervisor.unit_warnings:
+    if state.unit_warnings:
         level = max(level, DiagnosticStatus.WARN)
-        text += f' route_plan: {"; ".join(supervisor.unit_warnings)}.'
-    refused = supervisor.refused_route
+        text += f' route_plan: {"; ".join(state.unit_warnings)}.'
+    refused = state.refused_route
     if refused is not None:
         # The driver's latest trip is not planned, even if the previous one continues.
         level = DiagnosticStatus.ERROR
@@ -124,18 +124,18 @@ def _preheating(name: str, hardware: str, supervisor: Supervisor, now_ns: int) -
     return _entry(f'{name}: preheating', hardware, level, f'{decision.status.name}: {text}', values)
 
 
-def _signals(name: str, hardware: str, supervisor: Supervisor, now_ns: int) -> DiagnosticStatus:
+def _signals(name: str, hardware: str, state: PlannerState, now_ns: int) -> DiagnosticStatus:
     """Return the entry on regime and signals; WARN while a signal is in doubt."""
-    regime, estimate, measurement = supervisor.regime, supervisor.estimate, supervisor.measurement
+    regime, estimate, measurement = state.regime, state.estimate, state.measurement
     ignored_share = 0.0 if estimate is None else estimate.ignored_share
     values = {
         'regime': regime.regime.value,
         'regime since [s]': f'{(now_ns - regime.since_ns) / NS_PER_S:.0f}' if regime.since_ns else '',
         'regime evidence': regime.suspicion or regime.evidence,
         'ignored readings [%]': f'{100.0 * ignored_share:.1f}',
-        'overtaken battery states': str(supervisor.overtaken_states)}
+        'overtaken battery states': str(state.overtaken_states)}
     sentences = []
-    for verdict in supervisor.signal_verdicts:
+    for verdict in state.signal_verdicts:
         values[f'{verdict.signal} in doubt since [s]'] = f'{(now_ns - verdict.since_ns) / NS_PER_S:.0f}'
         sentences.append(verdict.sentence)
     if measurement is not None and measurement.cell_warning:
@@ -182,9 +182,9 @@ def heater_entry(name: str, hardware: str, report: HeaterReport) -> DiagnosticSt
     return _entry(f'{name}: heater', hardware, HEATER_LEVELS[report.heater], sentence, values)
 
 
-def _estimation(name: str, hardware: str, supervisor: Supervisor, estimate: Estimate,
+def _estimation(name: str, hardware: str, state: PlannerState, estimate: Estimate,
                 now_ns: int) -> DiagnosticStatus:
-    decision = supervisor.decision
+    decision = state.decision
     values = {
         'battery temperature [degC]': f'{estimate.temperature_c:.2f}',
         'its standard deviation [K]': f'{estimate.temperature_deviation_k:.2f}',
@@ -203,7 +203,7 @@ def _estimation(name: str, hardware: str, supervisor: Supervisor, estimate: Esti
             f'{math.exp(log):.3f} +- {math.exp(log) * deviation:.3f}')
     has_reset = (estimate.reset_at_ns is not None
                  and 0 <= now_ns - estimate.reset_at_ns < RESET_SHOWN_S * NS_PER_S)
-    stand = supervisor.stand_report
+    stand = state.stand_report
     if stand is not None:
         values['temperature expected after standing [degC]'] = (
             f'{stand.standing.temperature_c:.2f} +- {stand.standing.deviation_k:.2f}')

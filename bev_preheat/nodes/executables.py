@@ -33,6 +33,11 @@ def charger_adviser() -> None:
     _load_main('charger_adviser_node')()
 
 
+def route_publisher() -> None:
+    """Run the publisher of a route file."""
+    _load_main('route_publisher_node')()
+
+
 def vehicle_simulator() -> None:
     """Run the simulated vehicle."""
     _load_main('vehicle_simulator_node')()

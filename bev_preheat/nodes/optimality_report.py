@@ -22,7 +22,7 @@ from bev_preheat.estimation.state import FACTOR_NAMES
 from bev_preheat.nodes.convert import nanoseconds, time_message
 from bev_preheat.nonlinear_program.protocol import Question, SolverAnswer
 from bev_preheat.planning.comparison import difference
-from bev_preheat.planning.planner import METHODS
+from bev_preheat.planning.planner import is_method
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat_msgs.msg import OptimalityReport
 
@@ -122,7 +122,7 @@ def case_of_plan(mission: Mission, goal_of: GoalOf, measurements: Iterable[Measu
         if not factors and state == measurement.state:
             return CheckedCase(mission.route_id, start_ns, plan.method, _figures_of_message(plan),
                                Question(route, state, goal), plan.battery_energy)
-        if len(factors) == len(FACTOR_NAMES) and plan.method in METHODS:
+        if len(factors) == len(FACTOR_NAMES) and is_method(plan.method):
             # Made with an uncertainty margin: compare the optimum with the method without the margin.
             return CheckedCase(mission.route_id, start_ns, plan.method, UNKNOWN,
                                Question(route, state, goal, plan.method, factors), plan.battery_energy)
@@ -162,7 +162,7 @@ def case_of_state(mission: Mission, goal_of: GoalOf, measurement: Measurement,
     if plan is not None and plan.route_id == mission.route_id:
         method, goal = plan.method, _with_target_of(plan, leg, goal)
     return CheckedCase(mission.route_id, start_ns, method, UNKNOWN,
-                       Question(route, measurement.state, goal, method if method in METHODS else ''))
+                       Question(route, measurement.state, goal, method if is_method(method) else ''))
 
 
 def _with_target_of(plan: PreheatPlan, leg: Leg, goal: Goal) -> Goal:

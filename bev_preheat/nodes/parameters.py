@@ -18,7 +18,7 @@ from rclpy.parameter import Parameter as RosParameter
 from bev_preheat.errors import figure, figure_beyond, InvalidInput, quoted
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from rclpy.node import Node
 
@@ -34,6 +34,8 @@ class Parameter:
 
     `limits` is (low, high) for numbers; `unset_means` explains 0 and NaN if they mean that the value is unset
     (0 as the default: a NaN does not survive `ros2 param dump` and `load`); `choices` lists the allowed texts.
+    `more_choices` returns further ones; it is called for the help and for a text that `choices` does not list,
+    because it may take longer than a start allows, and `more_in_words` names them elsewhere.
     """
 
     name: str
@@ -44,6 +46,8 @@ class Parameter:
     unset_means: str = ''
     choices: tuple[str, ...] = ()
     read_only: bool = False
+    more_choices: Callable[[], tuple[str, ...]] | None = None
+    more_in_words: str = ''
 
     def descriptor(self) -> ParameterDescriptor:
         """Return the descriptor for `ros2 param describe`."""
@@ -52,7 +56,7 @@ class Parameter:
             constraints.append(f'{figure(self.limits[0])} ... {figure(self.limits[1])}; 0 or NaN: '
                                f'{self.unset_means}')
         if self.choices:
-            constraints.append(f'one of {", ".join(self.choices)}')
+            constraints.append(f'one of {", ".join(self.choices)}{self.more_in_words}')
         ranges = []
         # rclpy's own range check would refuse NaN.
         if self.limits and not self.unset_means and isinstance(self.default, float):
@@ -77,8 +81,11 @@ class Parameter:
             text += f'; {figure(self.limits[0])} ... {figure(self.limits[1])}{unit}'
             text += f'; 0 or NaN: {self.unset_means}' if self.unset_means else ''
         if self.choices:
-            text += f'; one of {", ".join(self.choices)}'
+            text += f'; one of {", ".join(self._all_choices())}'
         return f'{text}.'
+
+    def _all_choices(self) -> tuple[str, ...]:
+        return self.choices if self.more_choices is None else (*self.choices, *self.more_choices())
 
     def taken(self, value: Any) -> Any:
         """Return a value as the node stores it: a whole number for a double as a float."""
@@ -98,8 +105,8 @@ class Parameter:
     def problem_with(self, value: Any) -> str | None:
         """Return a sentence on the problem with a value, None if it is valid."""
         unit = f' {self.unit}' if self.unit else ''
-        if self.choices and value not in self.choices:
-            return f'{self.name}: {quoted(str(value))} is not one of {", ".join(self.choices)}'
+        if self.choices and value not in self.choices and value not in (choices := self._all_choices()):
+            return f'{self.name}: {quoted(str(value))} is not one of {", ".join(choices)}'
         if self.limits is None or (self.unset_means and (math.isnan(value) or value == 0.0)):
             return None
         low, high = self.limits

@@ -38,7 +38,8 @@ from bev_preheat.nodes.route_listener import RouteListener
 from bev_preheat.nodes.route_progress import progress_event
 from bev_preheat.nodes.setup_watch import SetupWatch
 from bev_preheat.nodes.state_keeper import check_parameter, SAVE_PERIOD_S, StateKeeper
-from bev_preheat.planning.planner import METHODS
+from bev_preheat.planning.installed_methods import limit_answer_time
+from bev_preheat.planning.planner import check_method, installed_names, METHODS
 from bev_preheat.vehicle import load_vehicle, vehicle_contents, vehicle_file
 from bev_preheat.vehicle.assumptions import assumption_warning
 from bev_preheat_msgs.msg import PreheatPlan, RouteProgress
@@ -62,7 +63,8 @@ if TYPE_CHECKING:
 DEFAULTS = Settings()
 PARAMETERS = (
     Parameter('vehicle', 'reference', 'Vehicle: a name in config/vehicles or a YAML file.'),
-    Parameter('method', DEFAULTS.method, 'Planning method.', choices=tuple(METHODS)),
+    Parameter('method', DEFAULTS.method, 'Planning method.', choices=tuple(METHODS), more_choices=installed_names,
+              more_in_words=', or a method of an installed package (planner --help lists them)'),
     Parameter('target_battery_temperature', 0.0,
               'Battery temperature on arrival if the route names none', 'degC', (-40.0, 60.0),
               unset_means="the vehicle's default"),
@@ -115,6 +117,8 @@ PROGRAM = NodeProgram(
     actions=((PREPARE, 'bev_preheat_msgs/PrepareBattery: a battery that is warm at an instant'),))
 # A subscriber that hangs must not keep the process from ending.
 LAST_WORDS_TIME = Duration(seconds=0.5)
+# Share of the time by which the lease is longer than the command period.
+ANSWER_SHARE = 0.1
 _OWN = frozenset(parameter.name for parameter in PARAMETERS)
 
 
@@ -148,6 +152,7 @@ class PlannerNode(Node):
         values = declare(self, PARAMETERS)
         vehicle, settings = _take_effect(values)
         use_core(settings.compiled_core)
+        limit_answer_time(_answer_time_s(settings))
         self._vehicle_contents = vehicle_contents(values['vehicle'])
         self._state_keeper = StateKeeper(self.get_logger())
         recalled = self._state_keeper.attach(values['state_file'], self._vehicle_contents)
@@ -161,7 +166,7 @@ class PlannerNode(Node):
 
         latched = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
         self._command_publisher = commands = CommandPublisher(
-            self, lambda: round(self._supervisor.settings.lease_s * NS_PER_S), self._on_rival)
+            self, lambda: round(self._supervisor.state.settings.lease_s * NS_PER_S), self._on_rival)
         self._temperature_publisher = self.create_publisher(
             Temperature, 'predicted_arrival_temperature', 1)
         self._plan_publisher = self.create_publisher(PreheatPlan, 'preheat_plan', latched)
@@ -192,7 +197,7 @@ class PlannerNode(Node):
             f'Planning for vehicle {vehicle.name} with method {settings.method}; '
             f'native core {core_in_words()}.')
         self._tell_assumptions(values['vehicle'])
-        if not self._supervisor.is_enabled:
+        if not self._supervisor.state.is_enabled:
             self.get_logger().info('Preheating is switched off, as it was before the restart.')
 
     # Input
@@ -206,7 +211,7 @@ class PlannerNode(Node):
 
     @guarded
     def _on_route_plan(self, message: RoutePlan) -> None:
-        if self._step(self._routes.read(message, self._supervisor)):
+        if self._step(self._routes.read(message, self._supervisor.state)):
             self._tell_route()
 
     @guarded
@@ -220,7 +225,7 @@ class PlannerNode(Node):
         self._step(RouteUnreadable(error))
 
     def _tell_route(self) -> None:
-        mission = self._supervisor.mission
+        mission = self._supervisor.state.mission
         if mission is None:
             self.get_logger().info('The trip was cancelled.')
             return
@@ -229,15 +234,15 @@ class PlannerNode(Node):
             f'Route {mission.route_id!r}: '
             f'{sum(route.total_duration_s for route in routes) / 60:.1f} min, '
             f'{sum(route.distance_m for route in routes) / 1000:.1f} km, '
-            f'stops on the way: {len(routes) - 1}.')
-        for warning in self._supervisor.unit_warnings:
+            f'stops on the way: {len(routes) - 1}; propulsion power: {mission.power_source}.')
+        for warning in self._supervisor.state.unit_warnings:
             self.get_logger().warning(f'route_plan: {warning}.')
 
     @guarded
     def _on_rival(self) -> None:
         """Switch the heater off while another node commands it."""
         rivals = self._command_publisher.rivals(self._now_ns())
-        if rivals == self._supervisor.rivals:
+        if rivals == self._supervisor.state.rivals:
             return
         if rivals:
             self.get_logger().error(f'{rivals} also publishes hvch_command: the heater is off.')
@@ -260,13 +265,14 @@ class PlannerNode(Node):
         return response
 
     def _tell_assumptions(self, name_or_file: str) -> None:
-        warning = assumption_warning(self._supervisor.vehicle, vehicle_file(name_or_file))
+        warning = assumption_warning(self._supervisor.state.vehicle, vehicle_file(name_or_file))
         if warning is not None:
             self.get_logger().warning(f'{warning}.')
 
     def _tell_findings(self) -> None:
         """Log regime, signals in doubt and the findings of the estimation, once."""
-        regime, verdicts = self._supervisor.regime, self._supervisor.signal_verdicts
+        state = self._supervisor.state
+        regime, verdicts = state.regime, state.signal_verdicts
         if regime.regime is not self._told.regime and regime.evidence:
             self.get_logger().info(f'Regime: {regime.regime.value}: {regime.evidence}.')
         signals = frozenset(verdict.signal for verdict in verdicts)
@@ -276,7 +282,7 @@ class PlannerNode(Node):
         for signal in sorted(self._told.signals - signals):
             self.get_logger().info(f'Signal valid again: {signal}.')
         self._told = self._told._replace(regime=regime.regime, signals=signals)
-        estimate = self._supervisor.estimate
+        estimate = state.estimate
         if estimate is None:
             return
         if estimate.heater.heater is not self._told.heater:
@@ -309,24 +315,25 @@ class PlannerNode(Node):
     def _apply_parameters(self, parameters: Sequence[RosParameter]) -> None:
         if not _OWN.intersection(parameter.name for parameter in parameters):
             return
-        supervisor = self._supervisor
+        state = self._supervisor.state
         values = self._values_with(parameters)
         vehicle, settings = _take_effect(values)
         contents = vehicle_contents(values['vehicle'])
         is_new_car = contents != self._vehicle_contents
         if is_new_car:
-            self._state_keeper.save(supervisor)
+            self._state_keeper.save(state)
             self._vehicle_contents = contents
         else:
             # The estimation continues as long as the vehicle is the same object.
-            vehicle = supervisor.vehicle
+            vehicle = state.vehicle
         for timer, period_s in ((self._repeat_timer, settings.command_period_s),
                                 (self._stale_timer, settings.battery_state_timeout_s)):
             timer.timer_period_ns = round(period_s * 1e9)
             timer.reset()
         use_core(settings.compiled_core)
+        limit_answer_time(_answer_time_s(settings))
         self._step(Reconfigured(
-            vehicle, settings, self._routes.read_again(supervisor, vehicle, settings),
+            vehicle, settings, self._routes.read_again(state, vehicle, settings),
             self._state_keeper.attach(values['state_file'], contents).learned))
         self.get_logger().info('In effect now: ' + ', '.join(
             f'{parameter.name} = {parameter.value}' for parameter in parameters if parameter.name in _OWN) + '.')
@@ -364,7 +371,7 @@ class PlannerNode(Node):
             # Only a published plan shows that plans can be published again.
             in_doubt = not _has_plan_or_heats(output)
         self._is_in_doubt = bool(output.failure) or in_doubt
-        self._state_keeper.save_choices(self._supervisor)
+        self._state_keeper.save_choices(self._supervisor.state)
         return not output.refusals and not output.failure
 
     def _publish_command(self, output: StepOutput, now_ns: int) -> None:
@@ -380,7 +387,7 @@ class PlannerNode(Node):
         if decision is None:
             return
         self._plan_publisher.publish(plan_message(
-            decision, self._supervisor.active_mission, now_ns, self._supervisor.later_decisions()))
+            decision, self._supervisor.state.active_mission, now_ns, self._supervisor.later_decisions()))
         if decision.plan is not None:
             self._temperature_publisher.publish(temperature_message(decision, now_ns))
         if output.has_new_status:
@@ -398,12 +405,12 @@ class PlannerNode(Node):
         self._publish_diagnostics(now_ns)
 
     def _publish_diagnostics(self, now_ns: int) -> None:
-        supervisor = self._supervisor
+        state = self._supervisor.state
         message = planner_diagnostics(
-            self.get_fully_qualified_name(), supervisor, now_ns, self._state_keeper.report())
+            self.get_fully_qualified_name(), state, now_ns, self._state_keeper.report())
         message.status.append(self._setup.entry(
-            supervisor.vehicle.name,
-            f'{supervisor.rivals} also publishes hvch_command' if supervisor.rivals else ''))
+            state.vehicle.name,
+            f'{state.rivals} also publishes hvch_command' if state.rivals else ''))
         self._diagnostics_publisher.publish(message)
 
     def fail(self, where: str, error: Exception) -> None:
@@ -421,7 +428,7 @@ class PlannerNode(Node):
 
     @guarded
     def _on_save_due(self) -> None:
-        self._state_keeper.save(self._supervisor)
+        self._state_keeper.save(self._supervisor.state)
 
     def last_words(self) -> None:
         """Publish 0 W before the process ends, and wait up to LAST_WORDS_TIME for delivery."""
@@ -452,6 +459,11 @@ def _has_plan_or_heats(output: StepOutput) -> bool:
         command is not None and command.battery_heating_power_w > 0.0)
 
 
+def _answer_time_s(settings: Settings) -> float:
+    """Return the time that an installed method may take for an answer [s]; a step may ask it several times."""
+    return ANSWER_SHARE * (settings.lease_s - settings.command_period_s)
+
+
 def _take_effect(values: Values) -> tuple[Vehicle, Settings]:
     """Return (Vehicle, Settings) of parameter values; raise InvalidInput if they are wrong."""
     check(PARAMETERS, values)
@@ -459,6 +471,8 @@ def _take_effect(values: Values) -> tuple[Vehicle, Settings]:
         raise InvalidInput(
             f'command_lease: {values["command_lease"]:g} s must be longer than command_period, '
             f'{values["command_period"]:g} s, or the heater drops out between two commands')
+    # A method of an installed package is loaded before it is needed.
+    check_method(values['method'])
     return load_vehicle(values['vehicle']), settings_of(
         {name: values[name] for name in FIELD_OF_PARAMETER})
 

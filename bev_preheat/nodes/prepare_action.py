@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from rclpy.node import Node
 
     from bev_preheat.control.events import Event
+    from bev_preheat.control.planner_state import PlannerState
     from bev_preheat.control.supervisor import Supervisor
 
 PREPARE = '~/prepare_battery'
@@ -124,14 +125,14 @@ class PrepareAction:
 
     def publish_feedback(self, now_ns: int) -> None:
         """Publish the preparation progress to the client of the active goal."""
-        preparation_goal = self._supervisor.preparation_goal
+        preparation_goal = self._supervisor.state.preparation_goal
         goal_handle = None if preparation_goal is None else self._goals.get(preparation_goal)
         if goal_handle is not None:
-            goal_handle.publish_feedback(feedback_message(self._supervisor, now_ns))
+            goal_handle.publish_feedback(feedback_message(self._supervisor.state, now_ns))
 
     def shut_down(self) -> None:
         """Give every goal its result before the process ends."""
-        temperature_c = self._supervisor.temperature_c
+        temperature_c = self._supervisor.state.temperature_c
         for preparation_goal in list(self._goals):
             self.finish(PreparationOutcome(
                 preparation_goal, PreparationEnding.SHUTTING_DOWN, 'The planner shuts down.',
@@ -168,11 +169,11 @@ def result_message(outcome: PreparationOutcome) -> PrepareBattery.Result:
         battery_temperature=outcome.temperature_c)
 
 
-def feedback_message(supervisor: Supervisor, now_ns: int) -> PrepareBattery.Feedback:
+def feedback_message(state: PlannerState, now_ns: int) -> PrepareBattery.Feedback:
     """Return the feedback on a Supervisor's preparation progress at an instant [ns]."""
-    decision, command = supervisor.decision, supervisor.latest_command
-    preparation_goal = supervisor.preparation_goal
-    temperature_c, plan = supervisor.temperature_c, decision.plan
+    decision, command = state.decision, state.latest_command
+    preparation_goal = state.preparation_goal
+    temperature_c, plan = state.temperature_c, decision.plan
     ready_ns = 0 if preparation_goal is None else preparation_goal.ready_at_ns
     if plan is not None and not ready_ns:
         ready_ns = decision.plan_start_ns + round(plan.arrival_time_s * NS_PER_S)

@@ -25,8 +25,8 @@ from bev_preheat.route.segments import LIMITS, MOST_SEGMENTS
 if TYPE_CHECKING:
     from bev_preheat.control.inbox import Inbox
     from bev_preheat.control.inputs import Mission
+    from bev_preheat.control.planner_state import PlannerState
     from bev_preheat.control.settings import Settings
-    from bev_preheat.control.supervisor import Supervisor
     from bev_preheat.vehicle import Vehicle
     from bev_preheat_msgs.msg import RoutePlan
 
@@ -47,7 +47,7 @@ class RouteIntake:
         return None if mission is None else self._messages.get(mission)
 
     def read(self, message: RoutePlan,
-             holder: Supervisor | Inbox) -> RouteArrived | TripCancelled | RouteUnreadable:
+             holder: PlannerState | Inbox) -> RouteArrived | TripCancelled | RouteUnreadable:
         """
         Return the event of a message: RouteArrived, TripCancelled or RouteUnreadable.
 
@@ -64,7 +64,7 @@ class RouteIntake:
             what = f'{type(error).__name__}: {error}' if str(error) else type(error).__name__
             return RouteUnreadable(InvalidInput(f'cannot be read: {what}'))
 
-    def read_again(self, holder: Supervisor | Inbox, vehicle: Vehicle,
+    def read_again(self, holder: PlannerState | Inbox, vehicle: Vehicle,
                    settings: Settings) -> Mission | InvalidInput | None:
         """
         Return the holder's latest Mission, read for another vehicle or with other settings.
@@ -84,7 +84,7 @@ class RouteIntake:
 
     def _mission(self, message: RoutePlan, vehicle: Vehicle, settings: Settings) -> Mission:
         mission = mission_from_message(
-            message, defaults_of(vehicle, settings), settings.planning_step_s)
+            message, defaults_of(vehicle, settings), settings.planning_step_s, vehicle)
         self._messages[mission] = message
         return mission
 

@@ -15,7 +15,7 @@ from bev_preheat.planning.explanation import duration_text
 from bev_preheat_msgs.msg import RouteProgress
 
 if TYPE_CHECKING:
-    from bev_preheat.control.supervisor import Supervisor
+    from bev_preheat.control.planner_state import PlannerState
 
 # Shorter delays are not reported [s].
 ON_TIME_S = 5.0
@@ -55,26 +55,25 @@ def progress_message(progress: Progress) -> RouteProgress:
     return message
 
 
-def progress_diagnostics(name: str, supervisor: Supervisor,
-                         now_ns: int) -> DiagnosticStatus | None:
+def progress_diagnostics(name: str, state: PlannerState, now_ns: int) -> DiagnosticStatus | None:
     """
     Return the DiagnosticStatus `NODE: route progress`; None before the first route_progress.
 
     WARN if the latest was refused or is too old: the planner then continues by time.
     """
-    timetable, refused = supervisor.timetable, supervisor.refused_progress
-    age_s = None if timetable is None else timetable.age_s(now_ns)
-    if refused is None and age_s is None:
+    place, refused = state.place, state.refused_progress
+    if refused is None and place is None:
         return None
     values = {}
     sentences = [] if refused is None else [f'{refused}.']
     is_late = False
-    if timetable is not None and timetable.latest is not None and age_s is not None:
-        delay_s, limit_s = timetable.delay_ns / NS_PER_S, supervisor.settings.route_progress_timeout_s
-        values = {'distance [m]': f'{timetable.latest.distance_m:.0f}',
-                  'length of the route [m]': f'{timetable.places.length_m:.0f}',
+    if place is not None:
+        age_s, limit_s = (now_ns - place.latest.stamp_ns) / NS_PER_S, state.settings.route_progress_timeout_s
+        delay_s = place.delay_ns / NS_PER_S
+        values = {'distance [m]': f'{place.latest.distance_m:.0f}',
+                  'length of the route [m]': f'{place.length_m:.0f}',
                   'delay [s]': f'{delay_s:.1f}', 'age [s]': f'{age_s:.2f}',
-                  'has stood for [s]': f'{timetable.stood_ns / NS_PER_S:.0f}'}
+                  'has stood for [s]': f'{place.stood_ns / NS_PER_S:.0f}'}
         is_late = age_s > limit_s
         if is_late:
             sentences.append(f'The latest valid route_progress is {age_s:.3f} s old; at most '
@@ -85,7 +84,7 @@ def progress_diagnostics(name: str, supervisor: Supervisor,
         sentences.append('The planner follows the stamp of route_plan.')
     is_warning = refused is not None or is_late
     return DiagnosticStatus(
-        name=f'{name}: route progress', hardware_id=supervisor.vehicle.name,
+        name=f'{name}: route progress', hardware_id=state.vehicle.name,
         level=DiagnosticStatus.WARN if is_warning else DiagnosticStatus.OK,
         message=' '.join(sentences),
         values=[KeyValue(key=key, value=value) for key, value in values.items()])

@@ -16,7 +16,7 @@ from bev_preheat.vehicle import vehicle_fingerprint
 if TYPE_CHECKING:
     from rclpy.impl.rcutils_logger import RcutilsLogger
 
-    from bev_preheat.control.supervisor import Supervisor
+    from bev_preheat.control.planner_state import PlannerState
     from bev_preheat.estimation.driver_choices import DriverChoices
     from bev_preheat.estimation.estimate import Estimate
     from bev_preheat.estimation.last_seen import LastSeen
@@ -110,9 +110,9 @@ class StateKeeper:
             else f'state_file: {path}: the estimation begins with the learned factors.')
         return recalled
 
-    def save(self, supervisor: Supervisor) -> None:
+    def save(self, state: PlannerState) -> None:
         """Write a Supervisor's knowledge of the car and the driver's choices, if they have changed."""
-        kept = _Kept(supervisor.estimate, supervisor.last_seen, supervisor.choices)
+        kept = _Kept(state.estimate, state.last_seen, state.choices)
         if not self._path or (kept.estimate is self._written.estimate and kept[1:] == self._written[1:]):
             return
         self._tried_choices = kept.choices
@@ -131,10 +131,10 @@ class StateKeeper:
         self._written, self._problem, self._is_foreign = kept, '', False
         self._written_s = time.monotonic()
 
-    def save_choices(self, supervisor: Supervisor) -> None:
+    def save_choices(self, state: PlannerState) -> None:
         """Write new choices of the driver at once: a process may be killed at any time."""
-        if supervisor.choices != self._tried_choices:
-            self.save(supervisor)
+        if state.choices != self._tried_choices:
+            self.save(state)
 
     def report(self) -> StateFileReport | None:
         """Return the StateFileReport; None without a state file."""

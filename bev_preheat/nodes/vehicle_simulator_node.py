@@ -66,7 +66,7 @@ PARAMETERS = (
               'Empty: none.', read_only=True),
     Parameter('vehicle', 'reference', 'Vehicle: a name in config/vehicles or a YAML file.',
               read_only=True),
-    Parameter('route', 'reference', 'Route: a name in config/routes or a CSV file.',
+    Parameter('route', 'reference', 'Route: a name in config/routes or a file with an ambient temperature.',
               read_only=True),
     Parameter('initial_battery_temperature', -7.0, 'Battery temperature at the start',
               'degC', (-60.0, 60.0), read_only=True),

@@ -4,8 +4,8 @@ The steps of a charging session in a nonlinear program, of equal length in a fre
 
 The heater follows the car's own switch, which is not free to the program: on below the limit, off above. The
 switch is smoothed, because a program needs smooth functions: half the power at the limit, and a tanh within
-SWITCH_K on both sides, so that the battery is held close to the limit. Its input is the mean of the temperatures
-at both ends of a step, which is second-order accurate and always stable.
+SWITCH_K on both sides, so that the battery is held close to the limit. Its input is the mean over both ends of a
+step of the temperature with the heat under way, which is second-order accurate and always stable.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import casadi
 
 from bev_preheat.charging.equations import (
     charging_power,
+    heated_c,
     heater_power_of,
     make_charging_rates,
     supply_of,
@@ -27,7 +28,7 @@ from bev_preheat.nonlinear_program.drive_step import SOC_SCALE
 from bev_preheat.nonlinear_program.smooth_maps import SMOOTH, smoothed
 from bev_preheat.nonlinear_program.symbols import SYMBOLS
 from bev_preheat.vehicle.charging import charging_of
-from bev_preheat.vehicle.heat_path import make_heat_step
+from bev_preheat.vehicle.heated_step import make_heat_step
 from bev_preheat.vehicle.model import make_rates, make_runge_kutta_4
 
 if TYPE_CHECKING:
@@ -73,10 +74,10 @@ def add_charging_steps(drive: DriveSteps, stop: ChargingStop, steps: int, variab
             later = variables.variable(charging_name, steps, scale)
             starts.append(scale * casadi.horzcat(variables.row(name)[-1], later[:-1]))
             ends.append(later)
-    temperature_end_c = ends[1]
-    assert temperature_end_c is not None
+    later_ends = [casadi.MX.zeros(1, steps) if end is None else scale * end
+                  for end, (_, _, scale) in zip(ends, STATES)]
     *reached, terminal_w, drawn_w = symbolic_charging_step(vehicle, stop).map(steps)(
-        *starts, casadi.repmat(duration_s / steps, 1, steps), temperature_end_c)
+        *starts, casadi.repmat(duration_s / steps, 1, steps), heated_c(vehicle, *later_ends[1:]))
     for (_, charging_name, scale), at_end, end in zip(STATES, reached, ends):
         if end is not None:
             constraints.add(f'{charging_name}_defect', at_end / scale - end, scale)
@@ -96,12 +97,12 @@ def symbolic_charging_step(vehicle: Vehicle, stop: ChargingStop) -> casadi.Funct
     Return a step of `charging.session`, its switch smoothed, as a CasADi Function.
 
     Inputs: soc, temperature [deg C], heater power [W], coolant excess [K], duration [s], and the
-    temperature at its end [deg C]. Outputs: the four states at the end, and the means of the power into
-    the terminals and of the heater's power [W].
+    temperature with the heat under way at its end (`heated_c`) [deg C]. Outputs: the four states at the
+    end, and the means of the power into the terminals and of the heater's power [W].
     """
     inputs = [casadi.SX.sym(name) for name in (
-        'soc', 'temperature_c', 'heater_w', 'excess_k', 'duration_s', 'end_c')]
-    soc, temperature_c, heater_w, excess_k, duration_s, end_c = inputs
+        'soc', 'temperature_c', 'heater_w', 'excess_k', 'duration_s', 'heated_end_c')]
+    soc, temperature_c, heater_w, excess_k, duration_s, heated_end_c = inputs
     vehicle = smoothed(vehicle)
     battery, supply_w = vehicle.battery, supply_of(vehicle, stop)
     rates = make_rates(vehicle, SYMBOLS)
@@ -109,7 +110,7 @@ def symbolic_charging_step(vehicle: Vehicle, stop: ChargingStop) -> casadi.Funct
     limit_c = charging_of(vehicle).heated_below_c
     command_w = casadi.SX(0.0)
     if math.isfinite(limit_c):
-        above_k = 0.5 * (temperature_c + end_c) - limit_c
+        above_k = 0.5 * (heated_c(vehicle, temperature_c, heater_w, excess_k) + heated_end_c) - limit_c
         command_w = 0.5 * heater_power_of(vehicle, stop) * (1.0 - casadi.tanh(above_k / SWITCH_K))
     leakage_w_per_k = battery.leakage.coefficient_w_per_k(0.0)
     idle_heat_w = leakage_w_per_k * stop.ambient_c

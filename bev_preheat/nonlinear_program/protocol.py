@@ -30,7 +30,7 @@ class Question:
     """
     A situation: the route from now on, the battery's state at its start, and the goal.
 
-    `method` is a method of planning.planner.METHODS whose plan is also requested; '': none.
+    `method` is the name of a planning method whose plan is also requested; '': none.
     `model_factors` correct vehicle and route, in the order of PreheatPlan.msg; (): no correction.
     """
 

@@ -10,7 +10,7 @@ import casadi
 
 from bev_preheat.numerics.arithmetic import AnyNumber, Arithmetic
 from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
-from bev_preheat.vehicle.heat_path import make_heated_step
+from bev_preheat.vehicle.heated_step import make_heated_step
 from bev_preheat.vehicle.model import make_rates, make_runge_kutta_4
 
 if TYPE_CHECKING:

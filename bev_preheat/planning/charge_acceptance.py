@@ -15,7 +15,7 @@ import numpy as np
 
 from bev_preheat.numerics.arithmetic import ARRAYS
 from bev_preheat.planning.dynamics import terminal_limits_w
-from bev_preheat.planning.limits import LimitedSteps
+from bev_preheat.planning.wanted_heat import LimitedSteps
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray

@@ -149,18 +149,11 @@ def limits_of_steps_w(vehicle: Vehicle, soc: FloatArray, temperature_c: FloatArr
 
 def limits_along(trip: Trip, schedule: Schedule) -> tuple[FloatArray, FloatArray]:
     """
-    Return least and most terminal power [W] (N,) of each step of a Schedule; read-only.
+    Return least and most terminal power [W] (N,) of each step of a Schedule.
 
     They keep the limits at both ends of the step.
     """
-    vehicle, variance_w2 = trip.vehicle, trip.power_variance_w2
-    kept = schedule.kept.get('limits')
-    if kept is None or kept[0] is not vehicle or kept[1] is not variance_w2:
-        kept = (vehicle, variance_w2, limits_of_steps_w(
-            vehicle, schedule.soc, schedule.temperature_c, variance_w2))
-        schedule.kept['limits'] = kept
-    limits_w: tuple[FloatArray, FloatArray] = kept[2]
-    return limits_w
+    return limits_of_steps_w(trip.vehicle, schedule.soc, schedule.temperature_c, trip.power_variance_w2)
 
 
 def hottest_c(vehicle: Vehicle) -> float:

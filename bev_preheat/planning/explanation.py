@@ -11,8 +11,8 @@ from bev_preheat.planning.schedule import HeldBack
 from bev_preheat.planning.status import Status
 
 if TYPE_CHECKING:
+    from bev_preheat.planning.outcome import Stranding
     from bev_preheat.planning.plan import Plan
-    from bev_preheat.planning.stranding import Stranding
 
 # A route that starts within this time starts now.
 LEAST_TOLD_S = 0.5
@@ -49,7 +49,8 @@ def explain(plan: Plan, reserve: float, starts_in_s: float = 0.0, unheated: str 
     """
     begins = (f'The route begins in {duration_text(starts_in_s)}. '
               if starts_in_s >= LEAST_TOLD_S else '')
-    return begins + _outcome(plan, reserve, starts_in_s, unheated, too_cold_because, heated_s, words)
+    note = f' {plan.note}' if plan.note else ''
+    return begins + _outcome(plan, reserve, starts_in_s, unheated, too_cold_because, heated_s, words) + note
 
 
 def _outcome(plan: Plan, reserve: float, starts_in_s: float, unheated: str, too_cold_because: str,

@@ -21,7 +21,7 @@ from bev_preheat.planning.cheapest_steps import whole_charge_wh
 from bev_preheat.planning.dynamics import JOULES_PER_WH, native_vehicle, terminal_limits_w
 from bev_preheat.planning.heat_run import initial_states
 from bev_preheat.planning.limits import drive_as_planned
-from bev_preheat.planning.no_regret import power_deficit
+from bev_preheat.planning.outcome import power_deficit
 from bev_preheat.planning.trip import BELOW_HIGHEST_K
 
 if TYPE_CHECKING:
@@ -71,7 +71,7 @@ def leave_useless_heat(trip: Trip, state: BatteryState, target_c: float, schedul
         if not (along_c > ceiling_c + HIGHER_K).any():
             break
         ceiling_c = np.maximum(ceiling_c, along_c)
-        bounded = plan_again(replace(trip, surplus_ceiling_c=ceiling_c))
+        bounded = plan_again(trip.changed(surplus_ceiling_c=ceiling_c))
         if _is_as_useful(trip, target_c, bounded, schedule):
             return bounded
         # The remaining share of a kelvin depends on the battery temperature.

@@ -9,10 +9,10 @@ exactly those of `dynamics`.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 import math
-from typing import Any, TYPE_CHECKING
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,10 +20,11 @@ from bev_preheat.native import plans as native_plans
 from bev_preheat.native import runs as native_runs
 from bev_preheat.numerics.arithmetic import ARRAYS, FLOATS, SATURATING_FLOATS
 from bev_preheat.planning.dynamics import JOULES_PER_WH, KEPT_VEHICLES, native_vehicle
-from bev_preheat.planning.schedule import HEATING_SHARE, Schedule
+from bev_preheat.planning.schedule import HEATING_SHARE, HeatRun, Schedule
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
-from bev_preheat.vehicle.heat_path import DIRECT, HeatedStep, make_heated_step
+from bev_preheat.vehicle.heat_path import DIRECT
+from bev_preheat.vehicle.heated_step import HeatedStep, make_heated_step
 from bev_preheat.vehicle.model import make_runge_kutta_4
 
 if TYPE_CHECKING:
@@ -34,32 +35,6 @@ if TYPE_CHECKING:
 
 # State of charge, battery temperature [deg C], heater power [W], coolant excess [K].
 States = tuple[float, float, float, float]
-
-
-@dataclass(frozen=True)
-class HeatRun:
-    """
-    A plan's heat on its way between heater and battery.
-
-    At each instant (N + 1 values): the heater's power, `heater_power_w` [W, electrical], and the coolant's
-    temperature above the battery's, `coolant_excess_k` [K]. In each step (N values) the means of the heater's
-    power, `drawn_power_w`, and of the heat that reaches the battery, `arriving_heat_w` [W]. `lost_electric_wh` is
-    the energy that a heater with lag draws after arrival.
-    """
-
-    heater_power_w: FloatArray
-    coolant_excess_k: FloatArray
-    drawn_power_w: FloatArray
-    arriving_heat_w: FloatArray
-    lost_electric_wh: float
-
-    def as_dictionary(self) -> dict[str, Any]:
-        """Return the run as JSON-compatible numbers and lists."""
-        return {'heater_power_w': self.heater_power_w.tolist(),
-                'coolant_excess_k': self.coolant_excess_k.tolist(),
-                'drawn_power_w': self.drawn_power_w.tolist(),
-                'arriving_heat_w': self.arriving_heat_w.tolist(),
-                'lost_electric_wh': self.lost_electric_wh}
 
 
 def make_heat_run(path: HeatPath, heater_power_w: FloatArray, coolant_excess_k: FloatArray,

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 import math
-from typing import NamedTuple, TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
@@ -28,12 +28,13 @@ from bev_preheat.planning.dynamics import (
 )
 from bev_preheat.planning.heated_limits import along_heated_limits, run_heated_within_limits
 from bev_preheat.planning.schedule import Schedule, switched_on_s
+from bev_preheat.planning.wanted_heat import LimitedSteps, WantedHeat, WantedPower
 from bev_preheat.vehicle.heat_balance import heat_under_w
 from bev_preheat.vehicle.model import make_runge_kutta_4
 from bev_preheat.vehicle.terminal_limits import make_terminal_limits, TerminalLimits
 
 if TYPE_CHECKING:
-    from bev_preheat.numerics.arrays import BoolArray, FloatArray
+    from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.planning.situation import BatteryState
     from bev_preheat.planning.trip import Trip
     from bev_preheat.vehicle.description import Vehicle
@@ -44,8 +45,6 @@ COLDER_BY_K = 5.0
 # A limit counts as active if it takes more than this [W].
 ACTIVE_W = 1e-3
 
-# `wanted_w(step, temperature_c)` -> heater power [W].
-WantedPower = Callable[[int, float], float]
 # States, powers and stranding: the arguments of `along_limits`.
 Course: TypeAlias = 'tuple[FloatArray, FloatArray, tuple[int, float] | None]'
 # `drive(step, soc, temperature_c)` -> state of charge, temperature, heater and brake power [W].
@@ -55,49 +54,6 @@ StepWithinLimits = Callable[[int, float, float], tuple[float, float, float, floa
 def colder(vehicle: Vehicle, temperature_c: FloatArray) -> FloatArray:
     """Return temperatures COLDER_BY_K below these [deg C], but not below the vehicle's range."""
     return np.maximum(temperature_c - COLDER_BY_K, vehicle.battery.temperature_range_c[0])
-
-
-class WantedHeat(NamedTuple):
-    """
-    Heat that a run within limits wants in each step, before limits cut it.
-
-    `power_w` (N,) [W]; with `bands`, only below temperatures: in each band of Thresholds
-    (`floor_c`, `low_c`, `high_c`, each (N, BANDS)) at that power from the floor to low, off from high,
-    in proportion in between.
-    """
-
-    power_w: FloatArray
-    bands: tuple[FloatArray, FloatArray, FloatArray] | None = None
-
-    def at_temperature(self) -> WantedPower:
-        """Return `wanted_w(step, temperature_c)` -> heater power [W]."""
-        power_w: list[float] = self.power_w.tolist()
-        if self.bands is None:
-            return lambda k, temperature_c: power_w[k]
-        bands: list[list[tuple[float, float, float]]] = [
-            list(zip(*band)) for band in zip(*(column.tolist() for column in self.bands))]
-
-        def wanted_w(k: int, temperature_c: float) -> float:
-            for floor_c, low_c, high_c in bands[k]:
-                if floor_c <= temperature_c < high_c:
-                    if temperature_c <= low_c:
-                        return power_w[k]
-                    return power_w[k] * (high_c - temperature_c) / (high_c - low_c)
-            return 0.0
-
-        return wanted_w
-
-
-class LimitedSteps(NamedTuple):
-    """Steps in which a limit may matter, shape (N,): for regeneration, or for drive and heater."""
-
-    charge: BoolArray
-    discharge: BoolArray
-
-    @property
-    def any(self) -> bool:
-        """Whether there is any such step."""
-        return bool(self.charge.any() or self.discharge.any())
 
 
 def watch_limits(trip: Trip, soc: FloatArray, temperature_c: FloatArray) -> LimitedSteps:

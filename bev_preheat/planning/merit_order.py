@@ -30,8 +30,9 @@ from bev_preheat.planning.exchange import exchange_heat
 from bev_preheat.planning.heat_run import initial_states, roll_heated, with_coolant_in_battery
 from bev_preheat.planning.limited_switch import switch_within_limits
 from bev_preheat.planning.limits import drive_as_planned, limits_hold, watch_limits, within_limits
-from bev_preheat.planning.no_regret import NO_WORSE_W, power_deficit
+from bev_preheat.planning.no_regret import NO_WORSE_W
 from bev_preheat.planning.optimal_switch import plan_optimal_switch
+from bev_preheat.planning.outcome import power_deficit
 from bev_preheat.planning.rows import schedule_of, states_of
 from bev_preheat.planning.threshold_search import ThresholdSearch
 from bev_preheat.planning.thresholds import find_thresholds, PENALTY

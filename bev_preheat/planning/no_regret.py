@@ -15,28 +15,23 @@ from dataclasses import replace
 from functools import cached_property
 from typing import Any, NamedTuple, TYPE_CHECKING
 
-import numpy as np
-
 from bev_preheat.native import searches as native_searches
 from bev_preheat.native.structs import SafeGoalStruct
 from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.planning.bracketing import close_in, Trial
-from bev_preheat.planning.dynamics import hottest_c, limits_along, native_vehicle
+from bev_preheat.planning.dynamics import hottest_c, native_vehicle
 from bev_preheat.planning.heat_run import initial_states
 from bev_preheat.planning.limits import drive_as_planned, limits_hold, run_unheated
+from bev_preheat.planning.outcome import find_stranding, power_deficit
 from bev_preheat.planning.rows import schedule_of, states_of
 from bev_preheat.planning.schedule import HeldBack, Method, Schedule
 from bev_preheat.planning.situation import BatteryState, Goal, reserve_soc
-from bev_preheat.planning.stranding import find_stranding
 
 if TYPE_CHECKING:
-    from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.planning.trip import Trip
     from bev_preheat.planning.uncertainty_margin import UncertaintyMargin
 
-# A power deficit below this share is rounding. If the unheated trip has a deficit too, a plan may increase it
-# by this many watts.
-POWER_TOLERANCE = 1e-6
+# If the unheated trip has a power deficit too, a plan may increase it by this many watts.
 NO_WORSE_W = 10.0
 # The search for the warmest allowed target ends when no more charge than this is left to spare, or when the
 # target is known to this (less exactly if power decides). It makes at most this many trials, and then halves the
@@ -58,35 +53,6 @@ HELD_BACK = None, HeldBack.RESERVE, HeldBack.POWER
 
 # Returns the Schedule for a target [deg C].
 Proposal = Callable[[float], Schedule]
-
-
-class PowerDeficit(NamedTuple):
-    """
-    Power that the battery cannot deliver in the worst step [W].
-
-    `worst_w` is 0 if the deficit is only rounding; `at` is the step.
-    """
-
-    worst_w: float
-    at: int
-
-
-def power_deficit(trip: Trip, schedule: Schedule, most_w: FloatArray | None = None) -> PowerDeficit:
-    """
-    Return the PowerDeficit of a Schedule of a Trip.
-
-    `most_w` (N,) is the highest terminal power that the battery can give [W], if known.
-    """
-    if most_w is None:
-        _, most_w = limits_along(trip, schedule)
-    power_w = trip.idle_power_w + schedule.drawn_power_w - most_w
-    if schedule.driven_share is not None:
-        # When the vehicle stands without charge, the deficit is one of charge, not of power.
-        power_w = np.where(schedule.driven_share < 1.0, 0.0, power_w)
-    at = int(power_w.argmax())
-    worst_w = float(power_w[at])
-    is_rounding = worst_w <= POWER_TOLERANCE * abs(float(trip.idle_power_w[at]))
-    return PowerDeficit(0.0 if is_rounding else worst_w, at)
 
 
 def unheated_within_limits(trip: Trip, state: BatteryState, unheated: Schedule) -> Schedule:

@@ -1,22 +1,80 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The outcome of a schedule: its energies, its heating intervals, and its deficits."""
+"""The outcome of a schedule: its energies, its heating intervals, and its deficits of charge and of power."""
 
 from __future__ import annotations
 
 import math
 from typing import NamedTuple, TYPE_CHECKING
 
-from bev_preheat.planning.dynamics import keep_accounts, limits_along
+import numpy as np
+
+from bev_preheat.planning.dynamics import JOULES_PER_WH, keep_accounts, limits_along
 from bev_preheat.planning.heating_intervals import heating_intervals
-from bev_preheat.planning.no_regret import power_deficit
-from bev_preheat.planning.stranding import find_stranding
 
 if TYPE_CHECKING:
+    from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.planning.dynamics import Energies
     from bev_preheat.planning.heating_intervals import HeatingInterval
     from bev_preheat.planning.schedule import Schedule
-    from bev_preheat.planning.stranding import Stranding
     from bev_preheat.planning.trip import Trip
+
+# A power deficit below this share is rounding.
+POWER_TOLERANCE = 1e-6
+
+
+class Stranding(NamedTuple):
+    """
+    The charge runs out `at_s` [s] and `at_m` [m] after the start of the trip.
+
+    `deficit_wh` is the energy at the battery's terminals for the rest of the trip [Wh]; the losses of a battery
+    that had this energy come on top.
+    """
+
+    at_s: float
+    at_m: float
+    deficit_wh: float
+
+
+def find_stranding(trip: Trip, schedule: Schedule) -> Stranding | None:
+    """Return the Stranding of a Schedule of a Trip; None if the charge is enough for the trip."""
+    if schedule.empty_at_s is None or schedule.driven_share is None:
+        return None
+    distance_m = np.concatenate(([0.0], np.cumsum(trip.route.duration_s * trip.route.speed_mps)))
+    rest_j = np.cumsum(
+        (1.0 - schedule.driven_share) * trip.idle_power_w * trip.route.duration_s)
+    # Energy recovered on a later descent does not help before it.
+    return Stranding(schedule.empty_at_s,
+                     float(np.interp(schedule.empty_at_s, trip.time_s, distance_m)),
+                     max(0.0, float(rest_j.max())) / JOULES_PER_WH)
+
+
+class PowerDeficit(NamedTuple):
+    """
+    Power that the battery cannot deliver in the worst step [W].
+
+    `worst_w` is 0 if the deficit is only rounding; `at` is the step.
+    """
+
+    worst_w: float
+    at: int
+
+
+def power_deficit(trip: Trip, schedule: Schedule, most_w: FloatArray | None = None) -> PowerDeficit:
+    """
+    Return the PowerDeficit of a Schedule of a Trip.
+
+    `most_w` (N,) is the highest terminal power that the battery can give [W], if known.
+    """
+    if most_w is None:
+        _, most_w = limits_along(trip, schedule)
+    power_w = trip.idle_power_w + schedule.drawn_power_w - most_w
+    if schedule.driven_share is not None:
+        # When the vehicle stands without charge, it is short of energy, not of power.
+        power_w = np.where(schedule.driven_share < 1.0, 0.0, power_w)
+    at = int(power_w.argmax())
+    worst_w = float(power_w[at])
+    is_rounding = worst_w <= POWER_TOLERANCE * abs(float(trip.idle_power_w[at]))
+    return PowerDeficit(0.0 if is_rounding else worst_w, at)
 
 
 class ScheduleOutcome(NamedTuple):

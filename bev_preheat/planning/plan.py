@@ -4,16 +4,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import Any, TYPE_CHECKING
 
 from bev_preheat.planning.dynamics import Energies
-from bev_preheat.planning.heat_run import HeatRun
-from bev_preheat.planning.schedule import HeldBack
+from bev_preheat.planning.outcome import Stranding
+from bev_preheat.planning.schedule import HeatRun, HeldBack
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.status import Status
-from bev_preheat.planning.stranding import Stranding
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
@@ -34,7 +33,8 @@ class Plan:
     where the charge runs out, or None. Shapes: `time_s`, `battery_temperature_c` and `soc` (N + 1,);
     `hvch_battery_power_w` (N,), the mean electrical power in each step; `friction_brake_power_w` (N,), the power
     that the friction brake takes because the battery cannot. If the vehicle has a heat path,
-    `hvch_battery_power_w` is the command and `heat` (planning.heat_run.HeatRun) its outcome; else None.
+    `hvch_battery_power_w` is the command and `heat` (planning.schedule.HeatRun) its outcome; else None.
+    `note` is a remark on an installed method's powers, '' without one.
     """
 
     status: Status
@@ -58,6 +58,7 @@ class Plan:
     held_back: HeldBack | None = None
     stranding: Stranding | None = None
     heat: HeatRun | None = None
+    note: str = ''
 
     @cached_property
     def explanation(self) -> str:
@@ -93,11 +94,7 @@ class Plan:
 
     def told(self, status: Status, sentence: Callable[..., str]) -> Plan:
         """Return the plan with another status and sentence; `words` of `explain` is passed on to the latter."""
-        told = object.__new__(Plan)
-        # Called with each update: `replace` would take as long as a good part of the plan.
-        vars(told).update(vars(self), status=status, sentence=sentence)
-        vars(told).pop('explanation', None)
-        return told
+        return replace(self, status=status, sentence=sentence)
 
     def power_at_w(self, elapsed_s: float) -> float:
         """

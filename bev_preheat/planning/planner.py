@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 import math
 from time import perf_counter
-from typing import Any, TYPE_CHECKING
+from typing import Any, NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
@@ -16,9 +16,17 @@ from bev_preheat.planning.dynamics import Energies, JOULES_PER_WH, run_forward
 from bev_preheat.planning.explanation import explain
 from bev_preheat.planning.free_heat import leave_useless_heat
 from bev_preheat.planning.heat_run import initial_states, run_heated
+from bev_preheat.planning.installed_methods import find_methods, installed_method, InstalledMethod, MethodFailure
 from bev_preheat.planning.limits import drive_as_planned
 from bev_preheat.planning.merit_order import plan_merit_order
-from bev_preheat.planning.no_regret import checked_by_core, giving_way, is_described, NoRegretCheck, Proposal
+from bev_preheat.planning.no_regret import (
+    checked_by_core,
+    giving_way,
+    is_described,
+    NoRegretCheck,
+    Proposal,
+    unheated_within_limits,
+)
 from bev_preheat.planning.optimal_switch import plan_optimal_switch
 from bev_preheat.planning.outcome import find_outcome, ScheduleOutcome
 from bev_preheat.planning.paper import plan_paper
@@ -70,6 +78,36 @@ SAME_POWER_W = 0.1
 NOW_S = 1e-6
 
 
+def method_names() -> tuple[str, ...]:
+    """Return the names of all planning methods: the built-in ones, then those of installed packages."""
+    return (*METHODS, *installed_names())
+
+
+def installed_names() -> tuple[str, ...]:
+    """Return the names of the planning methods of installed packages."""
+    return tuple(find_methods(METHODS).usable)
+
+
+def refused_methods() -> tuple[str, ...]:
+    """Return a sentence for each method of an installed package whose name cannot be used."""
+    return tuple(find_methods(METHODS).refused.values())
+
+
+def check_method(name: str) -> None:
+    """Raise InvalidInput if a name is not that of a planning method, or if an installed one cannot be loaded."""
+    if name not in METHODS:
+        installed_method(name, METHODS)
+
+
+def is_method(name: str) -> bool:
+    """Return whether a name is that of a built-in method, or of an installed one that can be loaded."""
+    try:
+        check_method(name)
+    except InvalidInput:
+        return False
+    return True
+
+
 def plan_preheating(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal,
                     method: str = DEFAULT_METHOD, uncertainty_margin: UncertaintyMargin | None = None,
                     heater_share: float = 1.0, heats_throughout: bool = False,
@@ -77,18 +115,18 @@ def plan_preheating(vehicle: Vehicle, route: Route, state: BatteryState, goal: G
     """
     Return the Plan for a vehicle with a battery state at the start of a route.
 
-    `method` is a name in METHODS; `options` are its own. An `uncertainty_margin` makes the plan heat a little
-    more and earlier. `heater_share` (0 ... 1) is the share of its power that the heater gives. With
+    `method` is a name in `method_names()`; `options` are its own. An `uncertainty_margin` makes the plan heat a
+    little more and earlier. `heater_share` (0 ... 1) is the share of its power that the heater gives. With
     `heats_throughout` the heater heats regardless of the plan; the energies include that. The heat arrives
     `heat_lag_s` [s] late; heat that would come after the end is not planned. (This is for a vehicle without a
     heat path; a heat path is planned as such, and `state` gives the heat under way.) Without `no_regret` the
     method's plan is returned even if it is worse than not heating: for comparing methods, never for driving.
     Raises InvalidInput if state, goal or route are outside the range of the vehicle's model, or the method is
-    unknown; PlanningFailure if the model yields no numbers.
+    unknown; PlanningFailure if the model yields no numbers, or an installed method no valid powers.
     """
+    notes: dict[str, None] = {}
+    ways = _built_in(method) if method in METHODS else _installed(installed_method(method, METHODS), notes)
     started = perf_counter()
-    if method not in METHODS:
-        raise InvalidInput(f'method: {method!r} is not one of {", ".join(METHODS)}')
     check_situation(vehicle, route, state, goal)
     trip = make_trip(vehicle, route, heater_share, heat_lag_s)
     uncommanded = None
@@ -97,20 +135,45 @@ def plan_preheating(vehicle: Vehicle, route: Route, state: BatteryState, goal: G
         trip = heated_throughout(trip, uncommanded.taken_w)
     outcome = None
     try:
-        found = (UNLIMITED[method](trip, state, goal, uncertainty_margin)
-                 if no_regret and not options else None)
+        found = (ways.unlimited(trip, state, goal, uncertainty_margin)
+                 if ways.unlimited is not None and no_regret and not options else None)
         if found is not None and found[1] is not None:
             schedule, outcome = found
         else:
             unheated = plan_without_heating(trip, state) if found is None else found[0]
             schedule = _schedule(
-                trip, state, goal, method, uncertainty_margin, no_regret, options, unheated)
+                trip, state, goal, ways, uncertainty_margin, no_regret, options, unheated)
+    except MethodFailure:
+        raise
     except ArithmeticError as error:
         raise PlanningFailure(f'the battery model fails on this route: {error}') from error
-    plan = finish_plan(trip, goal, schedule, method, started, outcome)
+    plan = finish_plan(trip, goal, schedule, method, started, outcome, ' '.join(notes))
     if uncommanded is None:
         return plan
     return replace(plan, energy_wh=uncommanded.told_as_heater(plan.energy_wh, schedule.driven_share))
+
+
+class _Ways(NamedTuple):
+    """
+    The parts of a method: the method itself, its proposals, and its plan without an active limit or None.
+
+    `is_checked_by_core`: the core makes and checks its proposals; `is_installed`: it comes from another package.
+    """
+
+    method: Method
+    proposals: tuple[Method, ...]
+    unlimited: Callable[..., tuple[Schedule, ScheduleOutcome | None] | None] | None
+    is_checked_by_core: bool = False
+    is_installed: bool = False
+
+
+def _built_in(method: str) -> _Ways:
+    return _Ways(METHODS[method], PROPOSALS[method], UNLIMITED[method], method == 'merit_order')
+
+
+def _installed(installed: InstalledMethod, notes: dict[str, None]) -> _Ways:
+    method = installed.proposing(notes)
+    return _Ways(method, (method,), None, is_installed=True)
 
 
 @dataclass(frozen=True)
@@ -132,20 +195,17 @@ class _Uncommanded:
             hvch_electric=energy_wh.hvch_electric + float(hours @ self.taken_w))
 
 
-def _schedule(trip: Trip,
-              state: BatteryState,
-              goal: Goal,
-              method: str,
-              uncertainty_margin: UncertaintyMargin | None,
-              no_regret: bool,
-              options: dict[str,
-                            Any],
+def _schedule(trip: Trip, state: BatteryState, goal: Goal, ways: _Ways,
+              uncertainty_margin: UncertaintyMargin | None, no_regret: bool, options: dict[str, Any],
               unheated: Schedule) -> Schedule:
     """Return the Schedule of a method; `unheated` is the one without any heating, ignoring limits."""
     if not goal.charging_planned:
         return as_described(trip, state, unheated)
     lowest_c, highest_c = trip.vehicle.battery.temperature_range_c
     if not goal.heating_pays:
+        if ways.is_installed:
+            # It may ignore the target, so it is not asked.
+            return unheated_within_limits(trip, state, unheated)
         goal = replace(goal, target_temperature_c=lowest_c)
 
     def with_margin_c(target_c: float) -> float:
@@ -163,13 +223,13 @@ def _schedule(trip: Trip,
 
     def serve(trip: Trip) -> Schedule:
         found = None
-        if method == 'merit_order' and not options:
+        if ways.is_checked_by_core and not options:
             found = checked_by_core(trip, state, goal, uncertainty_margin, unheated)
         return found or NoRegretCheck(trip, state, goal, unheated).serve(
-            [proposal(trip, propose) for propose in PROPOSALS[method]])
+            [proposal(trip, propose) for propose in ways.proposals])
 
     if not no_regret:
-        return proposal(trip, METHODS[method])(goal.target_temperature_c)
+        return proposal(trip, ways.method)(goal.target_temperature_c)
     return leave_useless_heat(
         trip, state, with_margin_c(goal.target_temperature_c), serve(trip), serve)
 
@@ -193,7 +253,7 @@ def as_driven(plan: Plan, vehicle: Vehicle, route: Route, state: BatteryState, g
         return plan
     return finish_plan(trip, goal, replace(driven, held_back=plan.held_back),
                        f'{plan.method}, driven',
-                       perf_counter() - plan.planning_time_s)
+                       perf_counter() - plan.planning_time_s, note=plan.note)
 
 
 def plan_unheated(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal) -> Plan:
@@ -213,11 +273,11 @@ def plan_without_heating(trip: Trip, state: BatteryState,
 
 
 def finish_plan(trip: Trip, goal: Goal, schedule: Schedule, method: str, started: float,
-                outcome: ScheduleOutcome | None = None) -> Plan:
+                outcome: ScheduleOutcome | None = None, note: str = '') -> Plan:
     """
     Return the Plan of a schedule: energies, status and sentence; `started`: perf_counter().
 
-    `outcome` is the schedule's outcome, if already known.
+    `outcome` is the schedule's outcome, if already known; `note` is added to the sentence.
     """
     arrival_c, arrival_soc = schedule.temperature_c.item(-1), schedule.soc.item(-1)
     target_c = goal.target_temperature_c if goal.heating_pays else arrival_c
@@ -227,8 +287,9 @@ def finish_plan(trip: Trip, goal: Goal, schedule: Schedule, method: str, started
     outcome = outcome or find_outcome(
         trip, schedule, goal.target_temperature_c if goal.heating_pays else -math.inf)
     reserve = reserve_soc(trip.vehicle, goal)
-    plan = Plan(
-        status=Status.WAITING,
+    shortfall_k, soc_shortfall = max(0.0, target_c - arrival_c), max(0.0, reserve - arrival_soc)
+    return Plan(
+        status=_status(goal, schedule, outcome, shortfall_k, soc_shortfall),
         sentence=partial(explain, reserve=reserve),
         method=method,
         target_temperature_c=target_c,
@@ -239,33 +300,32 @@ def finish_plan(trip: Trip, goal: Goal, schedule: Schedule, method: str, started
         hvch_battery_power_w=schedule.heater_power_w,
         friction_brake_power_w=schedule.brake_power_w,
         energy_wh=outcome.energy_wh,
-        shortfall_k=max(0.0, target_c - arrival_c),
-        soc_shortfall=max(0.0, reserve - arrival_soc),
+        shortfall_k=shortfall_k,
+        soc_shortfall=soc_shortfall,
         undeliverable_power_w=outcome.undeliverable_power_w,
         undeliverable_at_s=outcome.undeliverable_at_s,
         intervals=outcome.intervals,
-        planning_time_s=0.0,
+        planning_time_s=perf_counter() - started,
         heating_end_s=schedule.heating_end_s,
         held_back=schedule.held_back,
         stranding=outcome.stranding,
-        heat=schedule.heat)
-    # The plan has no other user yet, and `replace` would take as long as all of the above.
-    vars(plan).update(status=_status(plan, goal), planning_time_s=perf_counter() - started)
-    return plan
+        heat=schedule.heat,
+        note=note)
 
 
-def _status(plan: Plan, goal: Goal) -> Status:
+def _status(goal: Goal, schedule: Schedule, outcome: ScheduleOutcome, shortfall_k: float,
+            soc_shortfall: float) -> Status:
     if not goal.charging_planned:
         return Status.NO_CHARGING_PLANNED
-    if plan.stranding is not None:
+    if outcome.stranding is not None:
         return Status.OUT_OF_CHARGE
-    if plan.undeliverable_power_w > 0.0:
+    if outcome.undeliverable_power_w > 0.0:
         return Status.POWER_LIMITED
-    missed = plan.shortfall_k > SHORTFALL_TOLERANCE_K
-    if plan.soc_shortfall > SOC_TOLERANCE or (missed and plan.held_back is not None):
+    missed = shortfall_k > SHORTFALL_TOLERANCE_K
+    if soc_shortfall > SOC_TOLERANCE or (missed and schedule.held_back is not None):
         return Status.SOC_LIMITED
     if missed:
         return Status.TARGET_UNREACHABLE
-    if plan.heating_start_s is None:
+    if outcome.heating_start_s is None:
         return Status.NOT_NEEDED if goal.heating_pays else Status.NOT_WORTH_IT
-    return Status.WAITING if plan.heating_start_s > NOW_S else Status.HEATING
+    return Status.WAITING if outcome.heating_start_s > NOW_S else Status.HEATING

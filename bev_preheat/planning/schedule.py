@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import Enum
 from typing import Any, TYPE_CHECKING
 
@@ -12,7 +12,6 @@ import numpy as np
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
-    from bev_preheat.planning.heat_run import HeatRun
     from bev_preheat.planning.trip import Inputs, Trip
     from bev_preheat.vehicle.model import Integrator
 
@@ -25,6 +24,32 @@ class HeldBack(Enum):
 
     RESERVE = 'the state of charge that must be left'
     POWER = 'the power that an emptier battery would lack'
+
+
+@dataclass(frozen=True)
+class HeatRun:
+    """
+    A plan's heat on its way between heater and battery.
+
+    At each instant (N + 1 values): the heater's power, `heater_power_w` [W, electrical], and the coolant's
+    temperature above the battery's, `coolant_excess_k` [K]. In each step (N values) the means of the heater's
+    power, `drawn_power_w`, and of the heat that reaches the battery, `arriving_heat_w` [W]. `lost_electric_wh` is
+    the energy that a heater with lag draws after arrival.
+    """
+
+    heater_power_w: FloatArray
+    coolant_excess_k: FloatArray
+    drawn_power_w: FloatArray
+    arriving_heat_w: FloatArray
+    lost_electric_wh: float
+
+    def as_dictionary(self) -> dict[str, Any]:
+        """Return the run as JSON-compatible numbers and lists."""
+        return {'heater_power_w': self.heater_power_w.tolist(),
+                'coolant_excess_k': self.coolant_excess_k.tolist(),
+                'drawn_power_w': self.drawn_power_w.tolist(),
+                'arriving_heat_w': self.arriving_heat_w.tolist(),
+                'lost_electric_wh': self.lost_electric_wh}
 
 
 @dataclass(frozen=True)
@@ -41,8 +66,6 @@ class Schedule:
     `driven_share` (N,) is the share of each step that it drives (None: all). `held_back` (HeldBack) is why a
     warmer battery was ruled out, or None. If the vehicle has a heat path, `heater_power_w` is the command and
     `heat` (a HeatRun) its outcome; with None the heater follows the command.
-
-    `kept` caches results computed from the run (`dynamics.limits_along`).
     """
 
     heating_start_s: float | None
@@ -56,7 +79,6 @@ class Schedule:
     driven_share: FloatArray | None = None
     held_back: HeldBack | None = None
     heat: HeatRun | None = None
-    kept: dict[str, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @property
     def drawn_power_w(self) -> FloatArray:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.numerics.arithmetic import ARRAYS
-from bev_preheat.planning.limits import LimitedSteps
+from bev_preheat.planning.wanted_heat import LimitedSteps
 from bev_preheat.vehicle.heat_balance import heat_under_w
 from bev_preheat.vehicle.model import make_midpoint, make_rates
 from bev_preheat.vehicle.terminal_limits import make_terminal_limits

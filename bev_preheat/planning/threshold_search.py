@@ -21,8 +21,9 @@ from bev_preheat.native.structs import SettlingStruct
 from bev_preheat.planning.bracketing import ARRIVAL_TOLERANCE_K, close_in, Trial
 from bev_preheat.planning.dynamics import limits_along, limits_of_steps_w, native_vehicle
 from bev_preheat.planning.heat_run import initial_states, mean_share_left
-from bev_preheat.planning.limits import along_limits, colder, LimitedSteps, run_within_limits, WantedHeat
+from bev_preheat.planning.limits import along_limits, colder, run_within_limits
 from bev_preheat.planning.schedule import Schedule
+from bev_preheat.planning.wanted_heat import LimitedSteps, WantedHeat
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray

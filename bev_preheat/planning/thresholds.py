@@ -28,9 +28,9 @@ from bev_preheat.planning.value_curve import cheaper_branch, heating_pays, Value
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray, IntArray
     from bev_preheat.planning.charge_acceptance import AcceptanceLoss
-    from bev_preheat.planning.limits import LimitedSteps
     from bev_preheat.planning.schedule import Schedule
     from bev_preheat.planning.trip import Trip
+    from bev_preheat.planning.wanted_heat import LimitedSteps
     from bev_preheat.vehicle.description import Vehicle
 
 # A kelvin below the target, or a watt of power deficit, costs this many times the heater's energy for it, so that

@@ -3,14 +3,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
 from bev_preheat.native.made_trip import make_trip as native_trip
-from bev_preheat.native.structs import NativeTrip, TRIP_COLUMNS
+from bev_preheat.native.structs import NativeTrip
 from bev_preheat.route.segments import Route
 from bev_preheat.vehicle.description import Vehicle
 from bev_preheat.vehicle.heat_balance import heat_with_brake_w, heat_with_heater_w, idle_heat_w, idle_power_w
@@ -36,39 +36,65 @@ Inputs: TypeAlias = 'tuple[FloatArray, FloatArray, FloatArray, FloatArray, Float
 @dataclass(frozen=True)
 class Trip:
     """
-    The model's inputs in N steps, without battery heating; arrays of shape (N,), `time_s` (N + 1,).
+    The model's inputs in N steps, without battery heating: columns of shape (N,), `time_s` (N + 1,).
 
-    `idle_power_w` is P_t without battery heating, `idle_heat_w` is gamma T_amb + Q_ed,
-    `heater_limit_w` the HVCH power beyond the cabin's share (9g). Surplus regeneration may heat the battery to
-    `surplus_ceiling_c` [deg C] by the end of each step; None: to BELOW_HIGHEST_K below its highest temperature.
+    `native` has the columns in one block of memory, as the native core takes them.
     """
 
     vehicle: Vehicle
     route: Route
-    time_s: FloatArray
-    idle_power_w: FloatArray
-    power_variance_w2: FloatArray
-    idle_heat_w: FloatArray
-    drivetrain_heat_w: FloatArray
-    leakage_w_per_k: FloatArray
-    heater_limit_w: FloatArray
-    surplus_ceiling_c: FloatArray | None = None
+    native: NativeTrip
+
+    @cached_property
+    def time_s(self) -> FloatArray:
+        """The instants between the steps [s], (N + 1,)."""
+        return self.native.column('time_s')
+
+    @cached_property
+    def idle_power_w(self) -> FloatArray:
+        """P_t without battery heating [W]."""
+        return self.native.column('idle_power_w')
+
+    @cached_property
+    def power_variance_w2(self) -> FloatArray:
+        """Mean square minus squared mean of the propulsion power [W^2]."""
+        return self.native.column('power_variance_w2')
+
+    @cached_property
+    def idle_heat_w(self) -> FloatArray:
+        """The heat gamma T_amb + Q_ed [W]."""
+        return self.native.column('idle_heat_w')
+
+    @cached_property
+    def drivetrain_heat_w(self) -> FloatArray:
+        """Q_ed [W]."""
+        return self.native.column('drivetrain_heat_w')
+
+    @cached_property
+    def leakage_w_per_k(self) -> FloatArray:
+        """The coefficient gamma [W/K]."""
+        return self.native.column('leakage_w_per_k')
+
+    @cached_property
+    def heater_limit_w(self) -> FloatArray:
+        """The HVCH power beyond the cabin's share (9g) [W]."""
+        return self.native.column('heater_limit_w')
 
     @property
     def surplus_ceilings_c(self) -> FloatArray:
         """The highest temperature that surplus may reach by the end of each step [deg C], (N,)."""
-        if self.surplus_ceiling_c is not None:
-            return self.surplus_ceiling_c
+        if self.native.surplus_ceiling_c is not None:
+            return self.native.surplus_ceiling_c
         return np.full(len(self.route), self.vehicle.battery.temperature_range_c[1] - BELOW_HIGHEST_K)
 
-    @cached_property
-    def native(self) -> NativeTrip:
-        """The trip as the native core takes it."""
-        return NativeTrip.of_columns(
-            self.time_s, self.route.duration_s, self.idle_power_w, self.power_variance_w2,
-            self.idle_heat_w, self.leakage_w_per_k, self.heater_limit_w,
-            self.route.propulsion_power_w, self.drivetrain_heat_w, self.route.ambient_temperature_c,
-            surplus_ceiling_c=self.surplus_ceiling_c)
+    def changed(self, **columns: FloatArray) -> Trip:
+        """
+        Return the Trip with other columns, by name.
+
+        Also `surplus_ceiling_c` [deg C], the temperature to which surplus regeneration may heat the battery by the
+        end of each step; without it, BELOW_HIGHEST_K below the battery's highest temperature.
+        """
+        return replace(self, native=self.native.changed(**columns))
 
     def inputs(
             self, heater_power_w: FloatArray | float | None = None,
@@ -95,8 +121,8 @@ class Trip:
 
         A standing vehicle draws no power; its battery leaks heat as if it drove on.
         """
-        return replace(
-            self, idle_power_w=share * self.idle_power_w,
+        return self.changed(
+            idle_power_w=share * self.idle_power_w,
             power_variance_w2=share * self.power_variance_w2,
             idle_heat_w=self.idle_heat_w - (1.0 - share) * self.drivetrain_heat_w,
             drivetrain_heat_w=share * self.drivetrain_heat_w)
@@ -113,20 +139,6 @@ def make_trip(vehicle: Vehicle, route: Route, heater_share: float = 1.0,
     if len(route) > MOST_KEPT_SEGMENTS:
         return _made_trip(vehicle, route, heater_share, heat_lag_s)
     return _kept_trip(vehicle, _OneRoute(route), heater_share, heat_lag_s)
-
-
-COLUMNS = {field.name for field in fields(Trip)}.intersection(TRIP_COLUMNS)
-
-
-class _TripOfCore(Trip):
-    """A Trip with its columns in the core; few of them are ever read."""
-
-    def __getattr__(self, name: str) -> FloatArray:
-        """Return a column on its first use."""
-        if name not in COLUMNS:
-            raise AttributeError(name)
-        column = vars(self)[name] = self.native.column(name)
-        return column
 
 
 class _OneRoute:
@@ -156,9 +168,7 @@ def _made_trip(vehicle: Vehicle, route: Route, heater_share: float, heat_lag_s: 
          _stiff_w_per_k(vehicle), vehicle.hvch.maximum_power_w, heater_share, heat_lag_s), route.block)
     if made is None:
         return _trip_of_arrays(vehicle, route, heater_share, heat_lag_s)
-    trip = object.__new__(_TripOfCore)
-    vars(trip).update(vehicle=vehicle, route=route, native=made)
-    return trip
+    return Trip(vehicle, route, made)
 
 
 def _trip_of_arrays(vehicle: Vehicle, route: Route, heater_share: float, heat_lag_s: float) -> Trip:
@@ -173,17 +183,13 @@ def _trip_of_arrays(vehicle: Vehicle, route: Route, heater_share: float, heat_la
         vehicle.hvch.maximum_power_w - route.cabin_heating_power_w, 0.0)
     if heat_lag_s > 0.0:
         heater_limit_w = _in_time(route, heat_lag_s) * heater_limit_w
-    return Trip(
-        vehicle=vehicle,
-        route=route,
-        time_s=route.time_s,
-        idle_power_w=idle_power_w(
-            route.propulsion_power_w, route.cabin_heating_power_w, route.auxiliary_power_w),
-        power_variance_w2=route.propulsion_power_variance_w2,
-        idle_heat_w=idle_heat_w(leakage_w_per_k, route.ambient_temperature_c, drivetrain_heat_w),
-        drivetrain_heat_w=drivetrain_heat_w,
-        leakage_w_per_k=leakage_w_per_k,
-        heater_limit_w=heater_limit_w)
+    return Trip(vehicle, route, NativeTrip.of_columns(
+        route.time_s, route.duration_s,
+        idle_power_w(route.propulsion_power_w, route.cabin_heating_power_w, route.auxiliary_power_w),
+        route.propulsion_power_variance_w2,
+        idle_heat_w(leakage_w_per_k, route.ambient_temperature_c, drivetrain_heat_w),
+        leakage_w_per_k, heater_limit_w, route.propulsion_power_w, drivetrain_heat_w,
+        route.ambient_temperature_c))
 
 
 def _in_time(route: Route, heat_lag_s: float) -> BoolArray:
@@ -215,6 +221,6 @@ def heated_throughout(trip: Trip, taken_w: FloatArray) -> Trip:
     the vehicle stands without charge.
     """
     heat_w = trip.vehicle.hvch.efficiency * trip.heater_limit_w
-    return replace(
-        trip, idle_power_w=trip.idle_power_w + taken_w, idle_heat_w=trip.idle_heat_w + heat_w,
+    return trip.changed(
+        idle_power_w=trip.idle_power_w + taken_w, idle_heat_w=trip.idle_heat_w + heat_w,
         drivetrain_heat_w=trip.drivetrain_heat_w + heat_w, heater_limit_w=np.zeros(len(heat_w)))

@@ -21,15 +21,10 @@ from bev_preheat.native.structs import UncertaintyMarginStruct
 from bev_preheat.planning.bracketing import follow_slope, Trial
 from bev_preheat.planning.dynamics import native_vehicle, run_on
 from bev_preheat.planning.heat_run import roll_heated, run_heated, states_at
-from bev_preheat.planning.limits import (
-    course_within_limits,
-    drive_as_planned,
-    limits_hold,
-    WantedHeat,
-    watch_everywhere,
-)
+from bev_preheat.planning.limits import course_within_limits, drive_as_planned, limits_hold, watch_everywhere
 from bev_preheat.planning.rows import powers_of, schedule_of, states_of
 from bev_preheat.planning.schedule import HEATING_SHARE, Schedule, switched_on_s
+from bev_preheat.planning.wanted_heat import WantedHeat
 from bev_preheat.vehicle.model import make_runge_kutta_4
 
 if TYPE_CHECKING:

@@ -18,6 +18,7 @@ from bev_preheat.files.configuration import find_configuration
 from bev_preheat.files.output_files import AnyPath, write_whole
 from bev_preheat.route.columns import advice, alternatives, Column, doubled, power_columns, speed_columns
 from bev_preheat.route.segments import LIMITS, make_route, problem_with_values, Route
+from bev_preheat.route.sources.journey import ChargingStop
 from bev_preheat.route.text_table import read_text_table, TextTable
 
 if TYPE_CHECKING:
@@ -52,12 +53,22 @@ DIGITS = 6
 POWER_DIGITS = 3
 
 
+# The lines above the header that name the charging stops.
+STOP_COMMENT = re.compile(r'charging stop:\s*after segment ([0-9]{1,6}), ([0-9]{1,6}(?:\.[0-9]+)?) s')
+STOP_RANGE_S = (1.0, 86400.0)
+
+
 @dataclass(frozen=True)
 class FileRoute:
-    """The Route of a CSV file, and the name of the vehicle that its powers belong to (None: unknown)."""
+    """
+    The Route of a CSV file, and the name of the vehicle that its powers belong to (None: unknown).
+
+    `stops` are its charging stops.
+    """
 
     route: Route
     made_for: str | None
+    stops: tuple[ChargingStop, ...] = ()
 
 
 def load_route(name_or_file: str | Path, defaults: Defaults | None) -> Route:
@@ -75,9 +86,10 @@ def load_file_route(name_or_file: str | Path, defaults: Defaults | None) -> File
     path = route_file(name_or_file)
     table = read_text_table(path, LIMITS)
     made_for = _vehicle_of(table)
+    stops = _stops_of(table)
     columns, names = _columns(table)
     try:
-        return FileRoute(make_route(columns, defaults, names), made_for)
+        return FileRoute(make_route(columns, defaults, names), made_for, stops)
     except InvalidInput as error:
         raise InvalidInput([_with_line(problem, table, set(names.values()))
                             for problem in error.problems]) from error
@@ -89,11 +101,12 @@ def route_file(name_or_file: str | Path) -> Path:
 
 
 def save_route(path: AnyPath, route: Route, comments: Iterable[str] = (),
-               made_for: str | None = None) -> None:
+               made_for: str | None = None, stops: Iterable[ChargingStop] = ()) -> None:
     """
     Write a Route as CSV; `comments` are lines of text above the header.
 
-    `made_for` is the name of the vehicle that the powers belong to. Raises InvalidInput if
+    `made_for` is the name of the vehicle that the powers belong to, `stops` are the charging stops. Raises
+    InvalidInput if
     the file cannot be written.
     """
     text = io.StringIO()
@@ -101,6 +114,9 @@ def save_route(path: AnyPath, route: Route, comments: Iterable[str] = (),
         text.write(f'# {" ".join(comment.splitlines())}\n')
     if made_for is not None:
         text.write(f'# vehicle: {in_one_line(made_for)}\n')
+    for stop in stops:
+        # Counted from 1, as a reader counts the rows.
+        text.write(f'# charging stop: after segment {stop.after_segment + 1}, {stop.duration_s:g} s\n')
     writer = csv.writer(text, lineterminator='\n')
     writer.writerow(LIMITS)
     for row in zip(*(getattr(route, name) for name in LIMITS)):
@@ -135,6 +151,26 @@ def _vehicle_of(table: TextTable) -> str | None:
         raise InvalidInput(f'{table.path}, line {second_line}: vehicle: {second!r}, but {first!r} '
                            f'in line {first_line}; a route has the powers of one vehicle')
     return next(iter(found), None)
+
+
+def _stops_of(table: TextTable) -> tuple[ChargingStop, ...]:
+    """Return the charging stops in the comments above the header; raise InvalidInput if one is impossible."""
+    stops: list[ChargingStop] = []
+    low_s, high_s = STOP_RANGE_S
+    for number, comment in table.comments:
+        match = STOP_COMMENT.fullmatch(comment.rstrip('"\t ,;'))
+        if match is None:
+            continue
+        after, duration_s = int(match[1]), float(match[2])
+        first = stops[-1].after_segment + 2 if stops else 1
+        if not first <= after < len(table.rows):
+            raise InvalidInput(f'{table.path}, line {number}: charging stop: after segment {after} is not '
+                               f'allowed; it must be {first} ... {len(table.rows) - 1}, before the last segment')
+        if not low_s <= duration_s <= high_s:
+            raise InvalidInput(f'{table.path}, line {number}: charging stop: {duration_s:g} s is not allowed; it '
+                               f'must be {low_s:g} ... {high_s:g} s')
+        stops.append(ChargingStop(after - 1, duration_s))
+    return tuple(stops)
 
 
 def _columns(table: TextTable) -> tuple[dict[str, FloatArray], dict[str, str]]:
@@ -198,8 +234,7 @@ def _replace_length(columns: dict[str, FloatArray], names: dict[str, str], table
     if standing.any():
         raise InvalidInput(
             f'{table.where(int(np.argmax(standing)))}: {by_quantity["speed_mps"]}: a segment in '
-            'which the car stands has no length; give duration_s instead of '
-            f'{by_quantity[LENGTH]}')
+            f'which the car stands has no length; give duration_s instead of {by_quantity[LENGTH]}')
     columns['duration_s'] = length_m / columns['speed_mps']
     names['duration_s'] = f'duration, in s, by {length_name}'
 

@@ -2,8 +2,8 @@
 """
 A route by name or file, for a given car.
 
-A CSV file has fixed powers, which are valid for one car; a description of legs is the same road
-for every car.
+A route file has fixed powers, which are valid for one car; a description of legs, and speeds of any
+source (`sources`), are the same road for every car.
 """
 
 from __future__ import annotations
@@ -15,8 +15,12 @@ from typing import TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.route.csv_file import in_one_line, load_file_route, rounded, route_file
+from bev_preheat.route.driven import drive_journey
 from bev_preheat.route.legs import legs_file, load_legs
+from bev_preheat.route.line import RouteLine
 from bev_preheat.route.segments import Route
+from bev_preheat.route.sources.journey import ChargingStop, RouteOptions
+from bev_preheat.route.sources.registry import read_journey
 
 if TYPE_CHECKING:
     from bev_preheat.vehicle.description import Vehicle
@@ -31,34 +35,48 @@ class RouteForVehicle:
     A Route, and the car that its powers are valid for.
 
     `made_for` is the name of that vehicle, None if the file does not name it; `file` is the path;
-    `warning` is a sentence if it is not the vehicle that will drive, else None.
+    `warning` is a sentence if it is not the vehicle that will drive, else None. `line` is the route's line on the
+    map, None if the file has no coordinates. `remarks` are sentences on how the powers were made, `stops` the
+    charging stops of the file.
     """
 
     route: Route
     made_for: str | None
     file: Path
     warning: str | None
+    line: RouteLine | None = None
+    remarks: tuple[str, ...] = ()
+    stops: tuple[ChargingStop, ...] = ()
 
 
 def route_for(name_or_file: str | Path, vehicle: Vehicle,
-              folder: Path | None = None) -> RouteForVehicle:
+              folder: Path | None = None, options: RouteOptions | None = None) -> RouteForVehicle:
     """
     Return the RouteForVehicle of a name or a file.
 
     A name is that of a file in config/routes, `legs/NAME` that of a description in
-    config/routes/legs; a text with any other slash or with a suffix is a CSV or a YAML file, relative
-    to `folder` if given. Raises InvalidInput naming file, place, value and allowed range.
+    config/routes/legs; a text with any other slash or with a suffix is a file of any format, relative
+    to `folder` if given. `options` complete such a file. Raises InvalidInput naming
+    file, place, value and allowed range.
     """
     is_legs, source = _source(name_or_file, folder)
     name = in_one_line(vehicle.name)
+    options = options or RouteOptions()
     if is_legs:
+        _refuse_options(legs_file(source), options)
         # Rounded as in a file, so that the plan equals that for the file made from the legs.
         return RouteForVehicle(rounded(load_legs(source, vehicle).route), name, legs_file(source),
                                None)
     file = route_file(source)
+    journey = read_journey(file, options)
+    if journey is not None:
+        route, remarks = drive_journey(journey, vehicle, options, file)
+        # Rounded, as from legs.
+        return RouteForVehicle(rounded(route), name, file, None, journey.line, tuple(remarks), journey.stops)
     loaded = load_file_route(source, vehicle.defaults)
+    _refuse_options(file, options)
     return RouteForVehicle(loaded.route, loaded.made_for, file,
-                           _warning(file, loaded.made_for, vehicle))
+                           _warning(file, loaded.made_for, vehicle), stops=loaded.stops)
 
 
 def route_source(name_or_file: str | Path) -> Path:
@@ -77,9 +95,20 @@ def _source(name_or_file: str | Path, folder: Path | None = None) -> tuple[bool,
     if is_legs and '/' not in text:
         # A text with a slash is a file, whatever its suffix.
         text = f'./{text}'
-    if folder is not None and ('/' in text or text.endswith('.csv')):
+    if folder is not None and ('/' in text or Path(text).suffix):
         text = str(Path(folder) / text)
+    elif '/' not in text and Path(text).suffix and os.path.isfile(text):
+        text = f'./{text}'
     return is_legs, text
+
+
+def _refuse_options(file: Path, options: RouteOptions) -> None:
+    """Raise InvalidInput if figures are given that the file has itself."""
+    if options.ambient_temperature_c is not None:
+        raise InvalidInput(f'{file}: has its own ambient temperature; leave out --ambient')
+    if options != RouteOptions():
+        raise InvalidInput(f'{file}: has powers; --consumption, --free-speed, --stop-duration and --vehicle-id do '
+                           'not apply')
 
 
 def _warning(file: Path, made_for: str | None, vehicle: Vehicle) -> str | None:

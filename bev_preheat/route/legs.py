@@ -21,6 +21,7 @@ from bev_preheat.errors import InvalidInput
 from bev_preheat.files.checked_yaml import FileData, load_checked_yaml
 from bev_preheat.files.configuration import find_configuration
 from bev_preheat.route.kinematics import drive_along, lay_track, leg_starts_m, RoadDrive, RoadLeg
+from bev_preheat.route.motion import no_road_load
 from bev_preheat.route.road_load import battery_power_w, loaded, RoadForces, wheel_power_w
 from bev_preheat.route.segments import LONGEST_ROUTE_S, make_route, Route
 
@@ -75,11 +76,7 @@ def load_legs(name_or_file: str | Path, vehicle: Vehicle) -> LegsRoute:
 
 def _make(description: dict[str, FileData], vehicle: Vehicle) -> LegsRoute:
     if vehicle.road_load is None:
-        raise InvalidInput(
-            f'vehicle {vehicle.name!r} has no road_load, so its power on a road is '
-            'unknown; add it to the vehicle file, with the figures of the car, such as '
-            'road_load: {mass_kg: 1900, frontal_area_m2: 2.4, drag_coefficient: 0.27, '
-            'rolling_resistance: 0.010}')
+        raise InvalidInput(no_road_load(vehicle))
     remarks: list[str] = []
     legs = _legs(description, remarks)
     _check_duration(legs)

@@ -15,9 +15,8 @@ class RouteLine:
     """
     M points of a route on the map (WGS 84), each array of shape (M,), M >= 2.
 
-    `distance_m` counts along the line and never falls. `elapsed_s` is the planned time since the start of segment
-    0
-    and never falls; at a stop it rises while `distance_m` stays.
+    `distance_m` counts along the line and never falls. `elapsed_s` is the planned time since the start of
+    segment 0 and never falls; at a stop it rises while `distance_m` stays.
     """
 
     latitude_deg: FloatArray

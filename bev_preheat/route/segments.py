@@ -123,6 +123,12 @@ class Route:
         magnitude_w *= magnitude
         return route
 
+    def read_only(self) -> Route:
+        """Return a copy of the route whose columns cannot be written to."""
+        block = self.block.copy()
+        block.flags.writeable = False
+        return self._of_block(block)
+
     def without_variation(self) -> Route:
         """Return the route with a propulsion power that is constant within each segment."""
         constant_w = np.abs(self.propulsion_power_w)

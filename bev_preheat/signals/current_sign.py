@@ -14,7 +14,7 @@ from enum import Enum
 import math
 from typing import NamedTuple
 
-from bev_preheat.estimation.resolution import Resolution, SOC_STEPS
+from bev_preheat.estimation.readings import Resolution, SOC_STEPS
 
 # Number of latest changes of voltage and current that are correlated, and the least number for a proof.
 # The states of a change are at most APART_S [s] apart. The standard deviation of the current's changes [A]

@@ -15,6 +15,7 @@ from bev_preheat.planning.situation import BatteryState, check_situation, Goal
 from bev_preheat.planning.status import Status
 from bev_preheat.route import route_for
 from bev_preheat.route.segments import Route
+from bev_preheat.route.sources.journey import RouteOptions
 from bev_preheat.simulation.heater_faults import HeaterFault
 from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
 from bev_preheat.simulation.mismatch import Mismatch
@@ -177,9 +178,9 @@ class _PhaseReader:
         vehicle = self.vehicle
         if 'route' not in node:
             raise InvalidInput('drive: missing route')
-        route = self._route(node['route'])
+        route = self._route(node)
         events = tuple(
-            _event(f'{where}traffic[{at}]', each, self._route(each['route']) if 'route' in each else None)
+            _event(f'{where}traffic[{at}]', each, self._route(each) if 'route' in each else None)
             for at, each in enumerate(node.get('traffic', ())))
         if 'ends_after_s' in node:
             if node['ends_after_s'] > route.total_duration_s:
@@ -193,8 +194,12 @@ class _PhaseReader:
                           _position(node, where), float(node.get('announced_s', 0.0)),
                           node.get('starts_over', False))
 
-    def _route(self, name_or_file: str) -> Route:
-        loaded = route_for(name_or_file, self.vehicle, self._folder)
+    def _route(self, node: dict[str, FileData]) -> Route:
+        loaded = route_for(node['route'], self.vehicle, self._folder,
+                           RouteOptions(node.get('ambient_temperature_c')))
+        if loaded.stops:
+            raise InvalidInput(f'{loaded.file}: has {len(loaded.stops)} charging stops; a drive of a scenario has '
+                               'none on the way')
         self.routes.append(loaded)
         return loaded.route
 

@@ -14,6 +14,7 @@ from bev_preheat.simulation.supervised_drive import moments
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from bev_preheat.control.planner_state import PlannerState
     from bev_preheat.simulation.imperfect_car import ImperfectCar
     from bev_preheat.simulation.scenario import Scenario
     from bev_preheat.simulation.supervised_drive import Moment
@@ -41,14 +42,14 @@ def drive_scenario(
         return car.time_s >= ended_s + AFTERWARDS_S
 
     for moment in moments(car, supervisor, is_over):
-        _note(record, moment, supervisor, car)
+        _note(record, moment, supervisor.state, car)
         progress(car.time_s, max(car.time_s, car.longest_s) + AFTERWARDS_S)
     fill_phases(record, scenario, [
         PhaseEnd(report.started_s, report.ended_s, report.arrival_c) for report in car.reports])
     return record
 
 
-def _note(record: DriveRecord, moment: Moment, supervisor: Supervisor, car: ImperfectCar) -> None:
+def _note(record: DriveRecord, moment: Moment, state: PlannerState, car: ImperfectCar) -> None:
     output = moment.output
     if output.decision is not None:
         record.statuses.add(output.decision.status.name)
@@ -58,7 +59,7 @@ def _note(record: DriveRecord, moment: Moment, supervisor: Supervisor, car: Impe
         record.commands.append((moment.clock_s, power_w, reason))
         if power_w > 0.0:
             record.hottest_heated_c = max(record.hottest_heated_c, car.plant.temperature_c)
-    if supervisor.estimate is not None and not car.is_over:
-        record.note_heater(moment.clock_s, supervisor.estimate.heater.heater.value)
-    record.regimes.append((moment.clock_s, supervisor.regime.regime.value))
-    record.note_signals(moment.clock_s, {verdict.signal for verdict in supervisor.signal_verdicts})
+    if state.estimate is not None and not car.is_over:
+        record.note_heater(moment.clock_s, state.estimate.heater.heater.value)
+    record.regimes.append((moment.clock_s, state.regime.regime.value))
+    record.note_signals(moment.clock_s, {verdict.signal for verdict in state.signal_verdicts})

@@ -76,15 +76,16 @@ class _Drive:
         self._car, self._supervisor = car, supervisor
         self._lease = NO_LEASE
         self._ticks = 0
-        self._stale_s = supervisor.settings.battery_state_timeout_s
+        self._settings = supervisor.state.settings
+        self._stale_s = self._settings.battery_state_timeout_s
 
     def planned(self, mission: Mission) -> Mission:
-        return mission.in_planning_steps(self._supervisor.settings.planning_step_s)
+        return mission.in_planning_steps(self._settings.planning_step_s)
 
     @property
     def _tick_s(self) -> float:
         # Multiples of the period, because sums would drift from the readings' instants.
-        return self._ticks * self._supervisor.settings.command_period_s
+        return self._ticks * self._settings.command_period_s
 
     def due_now(self) -> Iterator[Moment]:
         """Yield the Moments of this instant: arrivals first, then the timers."""
@@ -100,7 +101,7 @@ class _Drive:
         if ticks:
             self._ticks += 1
         if self._stale_s <= now_s:
-            self._stale_s += self._supervisor.settings.battery_state_timeout_s
+            self._stale_s += self._settings.battery_state_timeout_s
             ticks = True
         for number, (reading, event) in enumerate(events, start=1):
             yield self.step(event, reading=reading, is_last=number == len(events) and not ticks)
@@ -109,7 +110,7 @@ class _Drive:
 
     def go_on(self) -> None:
         """Drive on to the next instant with an event; sleeping computers have no events."""
-        wakes_s, settings = self._car.asleep_until_s, self._supervisor.settings
+        wakes_s, settings = self._car.asleep_until_s, self._settings
         if wakes_s is None:
             self._car.advance_under(self._lease, min(
                 self._tick_s, self._stale_s, self._car.next_event_s))
@@ -142,5 +143,5 @@ class _Drive:
             lasts_s = (output.command.valid_until_ns - now_ns) / NS_PER_S
             self._lease = HeaterLease(output.command.battery_heating_power_w, time_s + lasts_s)
         if reading is not None and not output.refusals:
-            self._stale_s = time_s + self._supervisor.settings.battery_state_timeout_s
+            self._stale_s = time_s + self._settings.battery_state_timeout_s
         return Moment(time_s, clock_s, reading, output, is_last, cpu_s)

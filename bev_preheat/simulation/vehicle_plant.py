@@ -17,7 +17,7 @@ from bev_preheat.planning.dynamics import (
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.vehicle.heat_balance import heat_under_w, heat_with_brake_w
-from bev_preheat.vehicle.heat_path import HeatedStep, make_heated_step, sensor_reading_c
+from bev_preheat.vehicle.heated_step import HeatedStep, make_heated_step, sensor_reading_c
 from bev_preheat.vehicle.model import make_rates, make_runge_kutta_4, Rates, Step
 from bev_preheat.vehicle.terminal_limits import make_terminal_limits, TerminalLimits
 

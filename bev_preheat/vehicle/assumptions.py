@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from pathlib import Path
 import re
+import shlex
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -28,7 +29,9 @@ def assumed_in_words(vehicle: Vehicle) -> str:
 
 def assumption_warning(vehicle: Vehicle, file: str | Path) -> str | None:
     """Return the warning about plans with assumed values, None without any."""
-    if not vehicle.assumed:
+    count = len(vehicle.assumed)
+    if not count:
         return None
-    return (f'vehicle {vehicle.name}: assumed, not measured: {assumed_in_words(vehicle)}; '
-            f'see {file}')
+    values = 'value is' if count == 1 else 'values are'
+    return (f'vehicle {vehicle.name}: {count} {values} assumed, not measured; preheat vehicle check '
+            f'{shlex.quote(str(file))} lists them')

@@ -9,43 +9,17 @@ without it serves for plans, but not for charging sessions.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import replace
 from math import inf
 from typing import TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput
+from bev_preheat.vehicle.description import Charging
 
 if TYPE_CHECKING:
-    from bev_preheat.numerics.arithmetic import Curve
     from bev_preheat.vehicle.description import Vehicle
 
 W_PER_KW = 1000.0
-
-
-@dataclass(frozen=True)
-class Charging:
-    """
-    A car at a fast charger.
-
-    `power_limit` is the most charging power [W, negative] over (state of charge, temperature): the
-    battery's own charge limit if the file has no map for fast charging. `battery_heating`: whether
-    the car heats its battery while it charges, None if the file does not say;
-    `heating_limit_c` is the battery temperature [deg C] up to which it does. The car draws at most
-    `maximum_inlet_power_w` [W] from the charger in total. `has_own_limit`: the file has a map for fast charging.
-    """
-
-    power_limit: Curve
-    battery_heating: bool | None = None
-    heating_limit_c: float | None = None
-    maximum_inlet_power_w: float = inf
-    has_own_limit: bool = False
-
-    @property
-    def heated_below_c(self) -> float:
-        """Battery temperature [deg C] below which the car heats; -inf if it never does."""
-        if not self.battery_heating or self.heating_limit_c is None:
-            return -inf
-        return self.heating_limit_c
 
 
 def charging_of(vehicle: Vehicle) -> Charging:
@@ -57,6 +31,16 @@ def charging_of(vehicle: Vehicle) -> Charging:
             'whether the car heats its battery while it charges (true or false), because the '
             'benefit of preheating depends on it')
     return charging
+
+
+def session_charging(vehicle: Vehicle) -> Charging:
+    """
+    Return the Charging of a Vehicle for sessions that show its charging power.
+
+    A car whose file does not say whether it heats its battery while charging does not heat it here.
+    """
+    charging = vehicle.charging or Charging(vehicle.battery.charge_power_limit)
+    return replace(charging, battery_heating=bool(charging.battery_heating))
 
 
 def charging_problems(charging: Charging, temperature_range_c: tuple[float, float]) -> Iterator[str]:

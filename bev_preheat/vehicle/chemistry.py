@@ -31,6 +31,31 @@ class Shares:
 
 
 @dataclass(frozen=True)
+class HotShare:
+    """Share of its charging power that a hot battery takes, over its temperature [deg C]; 1 below the first."""
+
+    temperature_c: tuple[float, ...]
+    share: tuple[float, ...]
+    source: str
+
+
+@dataclass(frozen=True)
+class ChargingShape:
+    """
+    Charging power of a class of cars over the state of charge, as a share of its maximum.
+
+    `peak_rate_per_h` is the maximum over the gross energy [1/h], `temperature_c` the battery temperature
+    [deg C] of the published curve.
+    """
+
+    soc: tuple[float, ...]
+    share: tuple[float, ...]
+    peak_rate_per_h: float
+    temperature_c: float
+    source: str
+
+
+@dataclass(frozen=True)
 class CellVoltage:
     """Open-circuit voltage of a cell [V] over its state of charge."""
 
@@ -82,6 +107,13 @@ class Chemistry:
     resistance: CellResistance
     charge_share: Shares
     discharge_share: Shares
+    hot_share: HotShare
+    charging_shape_400_v: ChargingShape
+    charging_shape_800_v: ChargingShape
+
+    def charging_shape(self, is_high_voltage: bool) -> ChargingShape:
+        """Return the shape of the charging curve of a 400 V or 800 V car."""
+        return self.charging_shape_800_v if is_high_voltage else self.charging_shape_400_v
 
 
 @cache
@@ -89,7 +121,9 @@ def load_chemistry(name: str) -> Chemistry:
     """Return the Chemistry of one of CHEMISTRIES."""
     figures = dict(yaml.safe_load(FIGURES.read_text(encoding='utf-8'))[name])
     for key, kind in (('open_circuit_voltage', CellVoltage), ('resistance', CellResistance),
-                      ('charge_share', Shares), ('discharge_share', Shares)):
+                      ('hot_share', HotShare),
+                      ('charge_share', Shares), ('discharge_share', Shares),
+                      ('charging_shape_400_v', ChargingShape), ('charging_shape_800_v', ChargingShape)):
         figures[key] = kind(**_frozen(figures[key]))
     return Chemistry(**_frozen(figures))
 

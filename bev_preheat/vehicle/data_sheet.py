@@ -11,12 +11,20 @@ from dataclasses import dataclass, fields
 from difflib import get_close_matches
 
 from bev_preheat.errors import InvalidInput, quoted
+from bev_preheat.vehicle.charging_curve import ChargingCurve
 from bev_preheat.vehicle.chemistry import CHEMISTRIES, load_chemistry
 
 # Least usable energy as a share of the gross energy; below it the two belong to different batteries.
 LEAST_USABLE_SHARE = 0.75
-# Charging power over gross energy [1/h]: the slowest and the fastest cars.
-CHARGING_RATE_RANGE_PER_H = (0.3, 6.0)
+# Charging power over gross energy [1/h]: the slowest trucks and the fastest cars.
+CHARGING_RATE_RANGE_PER_H = (0.15, 6.0)
+# Powers of a charging curve above the maximum of the data sheet by less than this share are reading errors.
+CURVE_TOLERANCE = 0.1
+# From 10 to 80 %.
+PUBLISHED_SPAN = 0.7
+# A usable share that is assumed may be wrong by this much.
+LEAST_TIME_SHARE = 0.9
+MINUTES_PER_H = 60.0
 # Largest share of the battery in its car's mass.
 MOST_BATTERY_SHARE = 0.55
 
@@ -44,25 +52,28 @@ class DataSheetQuantity:
                 + f' is implausible; it must be {low:g} ... {high:g} {self.unit}'.rstrip() + hint)
 
 
+# Cars, vans, trucks and buses.
 QUANTITIES = {
-    'usable_energy_kwh': DataSheetQuantity('--usable-energy-kwh', 'kWh', (5, 250), ((1e-3, 'Wh'),)),
-    'gross_energy_kwh': DataSheetQuantity('--gross-energy-kwh', 'kWh', (5, 250), ((1e-3, 'Wh'),)),
-    'battery_mass_kg': DataSheetQuantity('--battery-mass-kg', 'kg', (40, 1500),
+    'usable_energy_kwh': DataSheetQuantity('--usable-energy-kwh', 'kWh', (5, 1000), ((1e-3, 'Wh'),)),
+    'gross_energy_kwh': DataSheetQuantity('--gross-energy-kwh', 'kWh', (5, 1000), ((1e-3, 'Wh'),)),
+    'battery_mass_kg': DataSheetQuantity('--battery-mass-kg', 'kg', (40, 8000),
                                          ((1e-3, 'g'), (1e3, 't'))),
-    'nominal_voltage_v': DataSheetQuantity('--nominal-voltage-v', 'V', (100, 1000), ((1e3, 'kV'),)),
-    'cells_in_series': DataSheetQuantity('--cells-in-series', '', (28, 300)),
-    'heater_power_kw': DataSheetQuantity('--heater-power-kw', 'kW', (0.5, 30), ((1e-3, 'W'),)),
-    'charging_power_kw': DataSheetQuantity('--charging-power-kw', 'kW', (10, 600), ((1e-3, 'W'),)),
-    'drive_power_kw': DataSheetQuantity('--drive-power-kw', 'kW', (20, 1500), ((1e-3, 'W'),)),
+    'nominal_voltage_v': DataSheetQuantity('--nominal-voltage-v', 'V', (80, 1250), ((1e3, 'kV'),)),
+    'cells_in_series': DataSheetQuantity('--cells-in-series', '', (24, 400)),
+    'heater_power_kw': DataSheetQuantity('--heater-power-kw', 'kW', (0.1, 50), ((1e-3, 'W'),)),
+    'charging_power_kw': DataSheetQuantity('--charging-power-kw', 'kW', (5, 2000), ((1e-3, 'W'),)),
+    'charging_time_10_80_min': DataSheetQuantity('--charging-time-10-80-min', 'min', (4, 240),
+                                                 ((60.0, 'h'), (1.0 / 60.0, 's'))),
+    'drive_power_kw': DataSheetQuantity('--drive-power-kw', 'kW', (10, 1500), ((1e-3, 'W'),)),
     'regeneration_power_kw': DataSheetQuantity('--regeneration-power-kw', 'kW', (0, 1000),
                                                ((1e-3, 'W'),)),
-    'cabin_heating_power_kw': DataSheetQuantity('--cabin-heating-power-kw', 'kW', (0, 15),
+    'cabin_heating_power_kw': DataSheetQuantity('--cabin-heating-power-kw', 'kW', (0, 40),
                                                 ((1e-3, 'W'),)),
-    'auxiliary_power_kw': DataSheetQuantity('--auxiliary-power-kw', 'kW', (0, 5), ((1e-3, 'W'),)),
+    'auxiliary_power_kw': DataSheetQuantity('--auxiliary-power-kw', 'kW', (0, 20), ((1e-3, 'W'),)),
     'target_temperature_c': DataSheetQuantity('--target-temperature-c', 'degC', (0, 45), ((1, 'K'),)),
-    'vehicle_mass_kg': DataSheetQuantity('--vehicle-mass-kg', 'kg', (400, 5000), ((1e3, 't'),)),
-    'drag_coefficient': DataSheetQuantity('--drag-coefficient', '', (0.15, 0.6)),
-    'frontal_area_m2': DataSheetQuantity('--frontal-area-m2', 'm2', (1.2, 4.5)),
+    'vehicle_mass_kg': DataSheetQuantity('--vehicle-mass-kg', 'kg', (400, 60000), ((1e3, 't'),)),
+    'drag_coefficient': DataSheetQuantity('--drag-coefficient', '', (0.15, 1.2)),
+    'frontal_area_m2': DataSheetQuantity('--frontal-area-m2', 'm2', (1.2, 12)),
     'rolling_resistance': DataSheetQuantity('--rolling-resistance', '', (0.004, 0.03),
                                             ((1e-2, '%'), (1e-3, 'kg/t'))),
 }
@@ -76,12 +87,14 @@ class DataSheet:
 
     Usable energy is the driver's energy between 100 and 0 %, gross energy that of all cells. At
     least one of the two is needed, and nominal voltage or number of cells in series, and the
-    most charging power at a fast charger; the rest can be assumed.
+    most charging power at a fast charger; the rest can be assumed. `charging_time_10_80_min` is the published time
+    from 10 to 80 % with a warm battery, `charging_curve` the published curve.
     """
 
     name: str
     chemistry: str
     charging_power_kw: float
+    charging_time_10_80_min: float | None = None
     usable_energy_kwh: float | None = None
     gross_energy_kwh: float | None = None
     battery_mass_kg: float | None = None
@@ -97,6 +110,7 @@ class DataSheet:
     drag_coefficient: float | None = None
     frontal_area_m2: float | None = None
     rolling_resistance: float | None = None
+    charging_curve: ChargingCurve | None = None
     # (name of a figure, source); a text that begins with "assumed" marks the figure as assumed.
     sources: tuple[tuple[str, str], ...] = ()
 
@@ -191,6 +205,17 @@ def _inconsistent_powers(sheet: DataSheet) -> Iterator[str]:
         yield (f'--charging-power-kw: {sheet.charging_power_kw:g} kW for {option} {energy_kwh:g} kWh '
                f'is implausible; it must be {low} ... {high} kW: the most at a fast charger '
                '(direct current), not at a wall box')
+    time_min = sheet.charging_time_10_80_min
+    if time_min is not None:
+        least_min = PUBLISHED_SPAN * (sheet.usable_energy_kwh or sheet.gross_energy_kwh or 0.0) * (
+            MINUTES_PER_H / sheet.charging_power_kw)
+        if round(time_min, 1) < round(LEAST_TIME_SHARE * least_min, 1):
+            yield (f'--charging-time-10-80-min: {time_min:g} min is too short: {PUBLISHED_SPAN:.0%} of the energy '
+                   f'at --charging-power-kw {sheet.charging_power_kw:g} kW take {least_min:.1f} min')
+    curve = sheet.charging_curve
+    if curve is not None and max(curve.power_kw) > (1.0 + CURVE_TOLERANCE) * sheet.charging_power_kw:
+        yield (f'--charging-curve: its maximum of {max(curve.power_kw):g} kW exceeds --charging-power-kw '
+               f'{sheet.charging_power_kw:g} kW by more than {CURVE_TOLERANCE:.0%}; do both belong to one car?')
     drive_kw, regeneration_kw = sheet.drive_power_kw, sheet.regeneration_power_kw
     if drive_kw is not None and regeneration_kw is not None and regeneration_kw > drive_kw:
         yield (f'--regeneration-power-kw: {regeneration_kw:g} kW is more than --drive-power-kw '

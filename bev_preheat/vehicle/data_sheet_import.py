@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bev_preheat.vehicle.charging_curve import charging_map, ChargingCurve, class_curve
 from bev_preheat.vehicle.chemistry import Chemistry, load_chemistry, Shares
 from bev_preheat.vehicle.data_sheet import check_data_sheet, DataSheet, energy_of
 
@@ -76,15 +77,30 @@ class Pack:
         return low + (high - low) * np.asarray(soc)
 
 
-def describe_car(sheet: DataSheet) -> dict[str, Entry]:
+def describe_car(sheet: DataSheet, curve_fit: float = 1.0) -> dict[str, Entry]:
     """
     Return the entries of a vehicle file by key, for a DataSheet.
 
-    Raises InvalidInput if the data sheet is implausible.
+    `curve_fit` fits the charging curve to the published time; `charging.published_time` finds it, because only a
+    session gives the time of a curve. Raises InvalidInput if the data sheet is implausible.
     """
     check_data_sheet(sheet)
-    return {**_battery(sheet), **_drivetrain(sheet), **_heater(sheet), **_charging(sheet),
+    return {**_battery(sheet), **_drivetrain(sheet), **_heater(sheet), **_charging(sheet, curve_fit),
             **_road_load(sheet)}
+
+
+def warm_curve(sheet: DataSheet, curve_fit: float = 1.0) -> ChargingCurve:
+    """
+    Return the ChargingCurve of a checked DataSheet: the given one, else that of the car's class.
+
+    `curve_fit` scales the power of a given curve, and is the `fit` of `charging_curve.class_curve`.
+    """
+    if sheet.charging_curve is not None:
+        return sheet.charging_curve.scaled(curve_fit)
+    chemistry = load_chemistry(sheet.chemistry)
+    pack, _ = _pack(sheet, chemistry)
+    return class_curve(chemistry, pack.cells_in_series * chemistry.nominal_cell_voltage_v, pack.gross_energy_kwh,
+                       sheet.charging_power_kw, curve_fit)
 
 
 def _battery(sheet: DataSheet) -> dict[str, Entry]:
@@ -270,16 +286,29 @@ def _heater(sheet: DataSheet) -> dict[str, Entry]:
     }
 
 
-def _charging(sheet: DataSheet) -> dict[str, Entry]:
+def _charging(sheet: DataSheet, curve_fit: float) -> dict[str, Entry]:
+    chemistry = load_chemistry(sheet.chemistry)
+    curve = warm_curve(sheet, curve_fit)
+    table = charging_map(curve, chemistry, sheet.charging_power_kw)
+    time_note = ''
+    if sheet.charging_time_10_80_min is not None:
+        how = f'its power times {curve_fit:.3f}' if sheet.charging_curve is not None else 'made fuller or steeper'
+        time_note = (f', {how} so that 10 to 80 % take {sheet.charging_time_10_80_min:g} min '
+                     f'({_origin(sheet, "charging_time_10_80_min")})')
     return {
         'charging.battery_heating': Entry(
             True, 'assumed: cars that can heat their battery mostly do so at a fast charger as well',
             assumed=True),
         'charging.heating_limit_c': Entry(
-            TARGET_C, 'assumed: from here on the charging power above is at its most', assumed=True),
+            TARGET_C, 'assumed: from here on the charging power is at its most', assumed=True),
         'charging.maximum_inlet_power_w': Entry(
             _plain(W_PER_KW * sheet.charging_power_kw), _origin(sheet, 'charging_power_kw'),
             _is_guessed(sheet, 'charging_power_kw')),
+        'charging.power_limit': Entry(
+            {'soc': list(table.soc), 'temperature_c': list(table.temperature_c),
+             'values': [list(row) for row in table.values]},
+            f'W, curve at {curve.temperature_c:g} degC: {curve.note}{time_note}. In the cold: '
+            f'{chemistry.charge_share.source}. Hot: {chemistry.hot_share.source}', assumed=True),
     }
 
 

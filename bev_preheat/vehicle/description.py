@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from math import inf
 
 from bev_preheat.numerics.arithmetic import Curve, Number
-from bev_preheat.vehicle.charging import Charging
 from bev_preheat.vehicle.heat_path import DIRECT, HeatPath
 
 
@@ -107,6 +106,32 @@ class Defaults:
     cabin_heating_power_w: float
     auxiliary_power_w: float
     target_battery_temperature_c: float
+
+
+@dataclass(frozen=True)
+class Charging:
+    """
+    A car at a fast charger.
+
+    `power_limit` is the most charging power [W, negative] over (state of charge, temperature): the
+    battery's own charge limit if the file has no map for fast charging. `battery_heating`: whether
+    the car heats its battery while it charges, None if the file does not say;
+    `heating_limit_c` is the battery temperature [deg C] up to which it does. The car draws at most
+    `maximum_inlet_power_w` [W] from the charger in total. `has_own_limit`: the file has a map for fast charging.
+    """
+
+    power_limit: Curve
+    battery_heating: bool | None = None
+    heating_limit_c: float | None = None
+    maximum_inlet_power_w: float = inf
+    has_own_limit: bool = False
+
+    @property
+    def heated_below_c(self) -> float:
+        """Battery temperature [deg C] below which the car heats; -inf if it never does."""
+        if not self.battery_heating or self.heating_limit_c is None:
+            return -inf
+        return self.heating_limit_c
 
 
 @dataclass(frozen=True, eq=False)

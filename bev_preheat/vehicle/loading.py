@@ -12,12 +12,21 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.errors import figure, figure_beyond, InvalidInput, quoted
-from bev_preheat.files.checked_yaml import FileData, load_checked_yaml
+from bev_preheat.files.checked_yaml import check_yaml, FileData, load_checked_yaml
 from bev_preheat.files.configuration import find_configuration
 from bev_preheat.numerics.arithmetic import ARRAYS, Curve
-from bev_preheat.vehicle.charging import Charging, charging_problems
+from bev_preheat.vehicle.charging import charging_problems
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, Table
-from bev_preheat.vehicle.description import Battery, Defaults, Drivetrain, Hvch, Leakage, RoadLoad, Vehicle
+from bev_preheat.vehicle.description import (
+    Battery,
+    Charging,
+    Defaults,
+    Drivetrain,
+    Hvch,
+    Leakage,
+    RoadLoad,
+    Vehicle,
+)
 from bev_preheat.vehicle.heat_path import HeatPath
 
 if TYPE_CHECKING:
@@ -45,7 +54,16 @@ def load_vehicle(name_or_file: str | Path) -> Vehicle:
     Raises InvalidInput naming file, key, value and allowed range.
     """
     path = vehicle_file(name_or_file)
-    contents = load_checked_yaml(path, SCHEMA)
+    return _vehicle(load_checked_yaml(path, SCHEMA), path)
+
+
+def vehicle_of_text(text: str, name: str) -> Vehicle:
+    """Return the Vehicle of the text of a vehicle file; `name` names the text in InvalidInput."""
+    return _vehicle(check_yaml(text, name, SCHEMA), name)
+
+
+def _vehicle(contents: dict[str, FileData], path: str | Path) -> Vehicle:
+    """Return the Vehicle of a checked file; raises InvalidInput that names the file."""
     battery = contents['battery']
     problems = []
     for key in ('soc_range', 'temperature_range_c'):
@@ -136,11 +154,24 @@ def _charging(contents: dict[str, FileData], charge: Table,
     node, limit = dict(contents['charging']), charge
     has_own_limit = 'power_limit' in node
     if has_own_limit:
-        limit = _table('charging.power_limit', node.pop('power_limit'), problems)
+        table = node.pop('power_limit')
+        problems += _no_cold('charging.power_limit', table)
+        limit = _table('charging.power_limit', table, problems)
+    else:
+        problems += _no_cold('battery.power_limits.charge (there is no charging.power_limit)',
+                             contents['battery']['power_limits']['charge'])
     heating = node.pop('battery_heating', None)
     charging = Charging(limit, heating, has_own_limit=has_own_limit, **_floats(node))
     problems += charging_problems(charging, _pair(contents['battery']['temperature_range_c']))
     return charging
+
+
+def _no_cold(key: str, table: dict[str, FileData]) -> Iterator[str]:
+    """Yield a sentence if the charging power of sessions does not depend on the temperature."""
+    if 'temperature_c' not in table:
+        yield (f'{key}: has no temperature_c, so a cold battery would charge like a warm one and preheating would '
+               'gain nothing; add the axis, or let preheat vehicle new --charging-curve combine the curve with '
+               'the cold')
 
 
 def heat_path_problems(path: HeatPath) -> Iterator[str]:

@@ -11,9 +11,10 @@ from typing import Any, TYPE_CHECKING, TypeVar
 import numpy as np
 
 from bev_preheat.numerics.arithmetic import ARRAYS, FLOATS
-from bev_preheat.vehicle.charging import charging_in_words
+from bev_preheat.vehicle.charging import charging_in_words, session_charging
 
 if TYPE_CHECKING:
+    from bev_preheat.numerics.arithmetic import Curve
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.vehicle.description import Battery, Vehicle
 
@@ -26,14 +27,16 @@ SECONDS_PER_H = 3600.0
 HALF = 0.5
 COLD_C, WARM_C = -20.0, 25.0
 RESISTANCE_TEMPERATURES_C = (COLD_C, 0.0, WARM_C)
-CHARGING_TEMPERATURES_C = (-10.0, 0.0, 10.0, 25.0)
-CHARGING_SOCS = (0.2, 0.5)
+CHARGING_TEMPERATURES_C = (-10.0, 0.0, 10.0, 25.0, 40.0)
+CHARGING_SOCS = (0.2, 0.5, 0.8)
+# Charging powers of warm and cold batteries are compared at these.
+COMPARED_SOCS = (0.2, 0.5)
 VOLTAGE_SOCS = (0.0, 0.1, 0.2, 0.5, 0.8, 0.9, 1.0)
 # The situation for the heating figures: a cold battery on a cold day.
 HEATED_FROM_C, AMBIENT_C = 0.0, -10.0
 
-# Usual ranges for electric cars (low, high).
-ENERGY_KWH = (10.0, 200.0)
+# Usual ranges for electric cars, vans, trucks and buses (low, high).
+ENERGY_KWH = (5.0, 1000.0)
 CELL_VOLTAGE_V = (2.5, 4.3)
 HEAT_CAPACITY_KJ_PER_K_KWH = (3.0, 13.0)
 TIME_CONSTANT_H = (0.5, 40.0)
@@ -41,7 +44,7 @@ HEATING_K_PER_10_MIN = (1.0, 40.0)
 # Voltage drop at the one-hour current, as a share of the voltage.
 ONE_HOUR_DROP = (0.005, 0.10)
 COLD_RESISTANCE_RATIO = (1.3, 15.0)
-CHARGING_PER_H = (0.3, 6.0)
+CHARGING_PER_H = (0.15, 6.0)
 # At -10 degC a battery accepts and delivers clearly less than at 25 degC.
 MOST_COLD_CHARGING_SHARE = 0.5
 LEAST_DISCHARGE_SHARE = 0.8
@@ -55,11 +58,11 @@ class Meaning:
     """
     Key figures of one car; resistance at half charge, heating from 0 degC at -10 degC outside.
 
-    `resistance_ohm` is by temperature [degC], `charging_power_kw` by temperature, then by state of
-    charge; `discharging_power_kw` at half charge by temperature, `open_circuit_voltage_v` at 25 degC by
-    state of charge. `heating_…` are K in the first 10 min: full heater power at rest and at
-    100 km/h, and the heater power left by the vehicle's default cabin heating. `heat_path` and `charging` describe
-    the arrival of heat and the car at a charger in words.
+    `resistance_ohm` is by temperature [degC], `charging_power_kw` (of the map that charging sessions use) by
+    temperature, then by state of charge; `discharging_power_kw` at half charge by temperature,
+    `open_circuit_voltage_v` at 25 degC by state of charge. `heating_…` are K in the first 10 min: full heater
+    power at rest and at 100 km/h, and the heater power left by the vehicle's default cabin heating.
+    `heat_path` and `charging` describe the arrival of heat and the car at a charger in words.
     """
 
     name: str
@@ -107,7 +110,8 @@ def meaning_of(vehicle: Vehicle) -> Meaning:
     # A formula may be invalid outside the file's range.
     low_c, high_c = battery.temperature_range_c
     warm_c = min(max(WARM_C, low_c), high_c)
-    charging = battery.charge_power_limit.function(FLOATS)
+    fast_limit = session_charging(vehicle).power_limit
+    charging = fast_limit.function(FLOATS)
     discharging = battery.discharge_power_limit.function(FLOATS)
     leakage = battery.leakage
     all_w, left_w = heater.maximum_power_w, max(
@@ -136,7 +140,7 @@ def meaning_of(vehicle: Vehicle) -> Meaning:
         'charging_power_kw': {
             at_c: {soc: abs(charging(soc, at_c)) / W_PER_KW for soc in CHARGING_SOCS}
             for at_c in CHARGING_TEMPERATURES_C},
-        'most_charging_power_kw': _most_charging_kw(battery),
+        'most_charging_power_kw': _most_charging_kw(battery, fast_limit),
         'discharging_power_kw': {
             at_c: discharging(HALF, at_c) / W_PER_KW for at_c in CHARGING_TEMPERATURES_C},
         'open_circuit_voltage_v': {
@@ -211,9 +215,9 @@ def _time_constant_h(battery: Battery, speed_mps: float) -> float:
         battery.heat_capacity_j_per_k / leakage / SECONDS_PER_H)
 
 
-def _most_charging_kw(battery: Battery) -> float:
+def _most_charging_kw(battery: Battery, limit: Curve) -> float:
     soc, temperature_c = _grid(battery)
-    return float(-battery.charge_power_limit.function(ARRAYS)(soc, temperature_c).min()) / W_PER_KW
+    return float(-(limit.function(ARRAYS)(soc, temperature_c) + np.zeros_like(soc)).min()) / W_PER_KW
 
 
 def _grid(battery: Battery) -> tuple[FloatArray, FloatArray]:
@@ -293,7 +297,7 @@ def _charging(figures: dict[str, Any]) -> Iterator[str]:
                         f'kW for each kWh (at most {most_kw:.0f} kW)', CHARGING_PER_H,
                         'power in W, negative')
     charging = figures['charging_power_kw']
-    for soc in CHARGING_SOCS:
+    for soc in COMPARED_SOCS:
         cold_kw, warm_kw = charging[-10.0][soc], charging[25.0][soc]
         if cold_kw > MOST_COLD_CHARGING_SHARE * warm_kw:
             yield (f'charge limit: {cold_kw:.0f} kW at -10 degC and soc {soc:g}, but '

@@ -21,7 +21,8 @@ NO_ROAD_LOAD = ('# Add road_load: {mass_kg, frontal_area_m2, drag_coefficient, r
                 '# plan routes given as legs of road.\n')
 NOTE = 'note:'
 TABLE_INDENTS = {'battery.open_circuit_voltage': 6, 'battery.resistance': 6,
-                 'battery.power_limits.discharge': 6, 'battery.power_limits.charge': 6}
+                 'battery.power_limits.discharge': 6, 'battery.power_limits.charge': 6,
+                 'charging.power_limit': 4}
 
 
 class _Template(string.Template):

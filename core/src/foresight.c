@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Looks ahead along a trip, with the limits of the battery's state now: bev_preheat.planning.foresight. */
+/* Looks ahead along a trip, with the limits of the battery's state now: bev_preheat.planning.heated_limits. */
 #include "foresight.h"
 
 #include "bev_preheat_core_generated/constants.h"

@@ -21,10 +21,6 @@ typedef struct {
   double left;
 } step_start;
 
-double bev_mean_share_left(double lag_s, double duration_s) {
-  return lag_s == 0.0 ? 0.0 : -expm1(-duration_s / lag_s) * lag_s / duration_s;
-}
-
 bev_limited_run bev_limited_run_of(const bev_vehicle *vehicle, const bev_trip *trip,
                                    const uint8_t *may_overcharge, const uint8_t *may_overdraw,
                                    int32_t takes_surplus, int32_t is_direct) {

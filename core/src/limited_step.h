@@ -8,34 +8,11 @@
 #ifndef BEV_PREHEAT_CORE_LIMITED_STEP_H_
 #define BEV_PREHEAT_CORE_LIMITED_STEP_H_
 
-#include "steps_of_model.h"
-
-/* Constants of a run. */
-typedef struct {
-  const bev_vehicle *vehicle;
-  const bev_trip *trip;
-  /* As in bev_heating. */
-  const uint8_t *may_overcharge;
-  const uint8_t *may_overdraw;
-  int32_t takes_surplus;
-  int32_t is_direct;
-  double lag_s;
-  /* Warming still to come from a watt of heater power, and from a kelvin of coolant excess [K]. */
-  double k_per_watt;
-  double share_of_excess;
-  double joules_per_k;
-} bev_limited_run;
+#include "limited_run.h"
 
 bev_limited_run bev_limited_run_of(const bev_vehicle *vehicle, const bev_trip *trip,
                                    const uint8_t *may_overcharge, const uint8_t *may_overdraw,
                                    int32_t takes_surplus, int32_t is_direct);
-
-/* The temperature that thresholds are meant for: when all heat that is under way has arrived [deg C]. */
-static inline double bev_settled_c(const bev_limited_run *run, const double states[4]) {
-  return run->is_direct ? states[1]
-                        : states[1] + run->k_per_watt * states[2]
-          + run->share_of_excess * states[3];
-}
 
 /*
  * Drive step k from its states, heated with `wanted_w` [W] as far as limits let it.
@@ -64,21 +41,5 @@ bev_status bev_drive_on_as_planned(const bev_vehicle *vehicle, const bev_trip *t
                                    const double *command_w, int32_t first, double *states,
                                    double *powers_w, uint8_t *watched,
                                    bev_stranding *stranding);
-
-/* Whether heat arrives at once. */
-static inline int32_t bev_is_direct(const bev_vehicle *vehicle) {
-  return vehicle->heater_lag_s == 0.0 && vehicle->coolant_heat_capacity_j_per_k == 0.0;
-}
-
-/* Total lag of the heat [s]. */
-static inline double bev_heat_lag_s(const bev_vehicle *vehicle) {
-  return vehicle->heater_lag_s
-      + (vehicle->coolant_heat_capacity_j_per_k > 0.0
-             ? vehicle->coolant_heat_capacity_j_per_k / vehicle->coolant_conductance_w_per_k
-             : 0.0);
-}
-
-/* Remaining share of the difference between heater and command, mean over a step. */
-double bev_mean_share_left(double lag_s, double duration_s);
 
 #endif /* BEV_PREHEAT_CORE_LIMITED_STEP_H_ */

@@ -7,9 +7,8 @@ import math
 import numpy as np
 
 from bev_preheat.numerics.arithmetic import ARRAYS, FLOATS
-from bev_preheat.vehicle.charging import Charging
 from bev_preheat.vehicle.curves import PolynomialVoltage, Table
-from bev_preheat.vehicle.description import Battery, Defaults, Drivetrain, Hvch, Leakage, Vehicle
+from bev_preheat.vehicle.description import Battery, Charging, Defaults, Drivetrain, Hvch, Leakage, Vehicle
 
 VOLTAGE_V, CAPACITY_AH, HEAT_CAPACITY_J_PER_K = 350.0, 120.0, 300e3
 HEATER_W, HEATER_EFFICIENCY = 6000.0, 0.85

@@ -20,15 +20,16 @@ from plain_car import (
 )
 import pytest
 
-from bev_preheat.charging.session import charge, HELD_STEPS, LONGEST_SESSION_S
+from bev_preheat.charging.session import charge, HELD_STEPS, LONGEST_SESSION_S, STEP_S
 from bev_preheat.charging.stop import arrival_state, ChargingStop, check_stop, stop_after
 from bev_preheat.errors import InvalidInput
+from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import load_route
 from bev_preheat.vehicle import load_vehicle
-from bev_preheat.vehicle.charging import Charging
 from bev_preheat.vehicle.curves import Table
+from bev_preheat.vehicle.description import Charging
 from bev_preheat.vehicle.heat_path import HeatPath
 
 REFERENCE, SMALL = load_vehicle('reference'), load_vehicle('small_car')
@@ -124,6 +125,70 @@ def test_halving_the_steps_changes_nothing_that_counts(vehicle, charger_w):
     whole, half = (charge(vehicle, stop, BatteryState(-5.0, 0.4), step_s) for step_s in (10.0, 5.0))
     assert whole.charging_time_s == pytest.approx(half.charging_time_s, rel=2e-5, abs=0.01)
     assert whole.bought_energy_wh == pytest.approx(half.bought_energy_wh, rel=2e-5)
+
+
+WARMING_SMALL = replace(SMALL, charging=replace(SMALL.charging, battery_heating=True, heating_limit_c=20.0))
+
+
+@pytest.mark.parametrize('vehicle, charger_w, temperature_c, soc', [
+    # At a weak charger the heater takes most of the power, so its switching counts most.
+    (WARMING_SMALL, 22e3, 19.8, 0.59), (REFERENCE, 22e3, -6.8, 0.24), (REFERENCE, 11e3, 18.0, 0.57),
+    (REFERENCE, 150e3, 22.0, 0.3)])
+@pytest.mark.parametrize('path', [HeatPath(30.0, 15e3, 300.0), HeatPath(90.0, 40e3, 100.0), HeatPath(200.0),
+                                  HeatPath(0.0, 40e3, 300.0)])
+def test_late_heat_gives_times_that_are_exact_to_the_digits_that_rank_targets(
+        vehicle, charger_w, temperature_c, soc, path):
+    late = replace(vehicle, heat_path=path)
+    stop = ChargingStop(charger_w, 0.8, -18.0, 1500.0, 400.0)
+    state = BatteryState(temperature_c, soc, 2500.0, 3.0 if path.has_coolant else 0.0)
+    usual, half, fine = (charge(late, stop, state, STEP_S * share) for share in (1.0, 0.5, 1.0 / 16.0))
+    for figure in ('charging_time_s', 'bought_energy_wh'):
+        exact = getattr(fine, figure)
+        # Costs are compared to 0.01 of some 40.
+        assert abs(getattr(usual, figure) - exact) < 2e-5 * exact
+        assert abs(getattr(half, figure) - exact) < 1e-5 * exact
+
+
+def test_late_heat_neither_overshoots_the_limit_nor_cycles_around_it():
+    path = HeatPath(60.0, 30e3, 300.0)
+    session = charge(replace(REFERENCE, heat_path=path), ChargingStop(11e3, 0.8, -10.0, 1500.0, 400.0),
+                     BatteryState(10.0, 0.3))
+    limit_c = REFERENCE.charging.heating_limit_c
+    reached = int(np.argmax(session.battery_temperature_c > limit_c - 0.5))
+    assert reached > 0 and session.battery_temperature_c.max() <= limit_c + 1e-5
+    assert session.battery_temperature_c[reached:].min() > limit_c - 0.5
+    power_w = session.hvch_battery_power_w[reached:]
+    assert (np.diff(power_w) <= 50.0).all() and power_w[-1] > 500.0
+
+
+def test_late_heat_is_that_of_an_own_fine_integration():
+    """Euler's method, four states; the heater is switched at each step by the energy that has not arrived."""
+    path = HeatPath(45.0, 25e3, 250.0)
+    late, stop = replace(REFERENCE, heat_path=path), ChargingStop(22e3, 0.6, -12.0, 1500.0, 400.0)
+    session = charge(late, stop, BatteryState(15.0, 0.3, 1000.0, 2.0))
+    battery, limit = late.battery, late.charging.power_limit.function(FLOATS)
+    voltage, resistance = battery.open_circuit_voltage.function(FLOATS), battery.resistance.function(FLOATS)
+    soc, temperature_c, coolant_c, heater_w = 0.3, 15.0, 17.0, 1000.0
+    elapsed_s, bought_j, step_s = 0.0, 0.0, 0.1
+    capacity_j_per_k, efficiency = battery.heat_capacity_j_per_k, late.hvch.efficiency
+    while soc < 0.6:
+        all_c = (capacity_j_per_k * temperature_c + 25e3 * coolant_c + efficiency * 45.0 * heater_w
+                 ) / (capacity_j_per_k + 25e3)
+        command_w = late.hvch.maximum_power_w - 1500.0 if all_c < late.charging.heating_limit_c else 0.0
+        power_w = max(0.0, min(22e3 - 1900.0 - heater_w, -limit(soc, temperature_c)))
+        u, r = voltage(soc, temperature_c), resistance(soc, temperature_c)
+        current_a = (math.sqrt(u * u + 4.0 * r * power_w) - u) / (2.0 * r)
+        passed_w = 250.0 * (coolant_c - temperature_c)
+        bought_j += step_s * (power_w + 1900.0 + heater_w)
+        soc += step_s * current_a / battery.capacity_as
+        temperature_c += step_s / capacity_j_per_k * (
+            passed_w + r * current_a**2 + battery.leakage.gamma_0_w_per_k * (-12.0 - temperature_c))
+        coolant_c += step_s / 25e3 * (efficiency * heater_w - passed_w)
+        heater_w += step_s / 45.0 * (command_w - heater_w)
+        elapsed_s += step_s
+    assert session.charging_time_s == pytest.approx(elapsed_s, rel=3e-4)
+    assert session.bought_energy_wh == pytest.approx(bought_j / 3600.0, rel=3e-4)
+    assert session.battery_temperature_c[-1] == pytest.approx(temperature_c, abs=0.02)
 
 
 @given(name=st.sampled_from(['reference', 'small', 'late heat']), charger_w=st.floats(3e3, 400e3),

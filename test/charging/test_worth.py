@@ -8,9 +8,9 @@ import numpy as np
 from plain_car import constant, plain_car
 import pytest
 
-from bev_preheat.charging.session import charge
+from bev_preheat.charging.session import charge, STEP_S
 from bev_preheat.charging.spread import time_deviation
-from bev_preheat.charging.stop import ChargingStop, stop_after
+from bev_preheat.charging.stop import arrival_state, ChargingStop, stop_after
 from bev_preheat.charging.target_worth import Prices, TargetWorth
 from bev_preheat.charging.verdict import verdict_on
 from bev_preheat.charging.worth import find_worth, minima, pays_from_per_h, targets_between, WorthSearch
@@ -19,8 +19,9 @@ from bev_preheat.planning.planner import plan_preheating, plan_unheated
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import Route
 from bev_preheat.vehicle import load_vehicle
-from bev_preheat.vehicle.charging import Charging
 from bev_preheat.vehicle.curves import Table
+from bev_preheat.vehicle.description import Charging
+from bev_preheat.vehicle.heat_path import HeatPath
 
 REFERENCE = load_vehicle('reference')
 PRICES = Prices(0.55, 12.0)
@@ -51,6 +52,20 @@ def cost(vehicle, route, target_c, charger_w, prices=PRICES, state=STATE):
 def usual():
     """Return the Worth of the reference at 150 kW."""
     return find_worth(REFERENCE, drive(), STATE, GOAL, 150e3, 0.8, PRICES)
+
+
+def test_the_order_of_targets_with_late_heat_is_that_of_fine_steps():
+    """At 22 kW the heater takes a good part of the power, so its switching decides between targets."""
+    late, route = replace(REFERENCE, heat_path=HeatPath(30.0, 15e3, 300.0)), drive()
+    stop, costs = stop_after(route, 22e3, 0.8), []
+    for target_c in (5.0, 10.0, 15.0, 20.0, 25.0):
+        arrival = arrival_state(plan_preheating(late, route, COLD, Goal(target_c)))
+        sessions = (charge(late, stop, arrival, step_s) for step_s in (STEP_S, STEP_S / 8.0))
+        costs.append([PRICES.cost(session.bought_energy_wh, session.charging_time_s) for session in sessions])
+    usual, fine = np.array(costs).T
+    # Costs are printed to 0.01, and a tenth of that must not decide between targets.
+    assert usual == pytest.approx(fine, abs=0.001)
+    assert (np.argsort(usual) == np.argsort(fine)).all()
 
 
 # Full power only in a narrow range of temperatures: one minimum there, another at a lower temperature.

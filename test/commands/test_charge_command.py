@@ -12,7 +12,7 @@ from bev_preheat.charging.stop import ChargingStop
 from bev_preheat.files.configuration import configuration_folder
 from bev_preheat.planning.planner import plan_preheating, plan_unheated
 from bev_preheat.planning.situation import BatteryState, Goal
-from bev_preheat.route import load_route
+from bev_preheat.route import load_route, route_file
 from bev_preheat.vehicle import load_vehicle
 
 DRIVE = ['charge', '--vehicle', 'reference', '--route', 'reference', '--temperature', '-7', '--soc',
@@ -79,7 +79,8 @@ def test_sessions_are_drawn(said, tmp_path, arguments):
     ([*DRIVE, '--departure-soc', '0.3'], 'departure state of charge: 0.3 is below the 0.4'),
     ([*DRIVE, '--soc', '0.2'], 'state of charge: 20 % is not enough for this trip, even without heating: the '
      'battery will be empty in 38:46 min (6.60 kWh short)'),
-    ([*DRIVE, '--ambient', '3'], '--ambient: not allowed with --route, only with --arrival-temperature'),
+    ([*DRIVE, '--ambient', '3'],
+     f'{route_file("reference")}: has its own ambient temperature; leave out --ambient'),
     ([*ARRIVAL, '3', '--soc', '0.3'], '--soc: not allowed with --arrival-temperature, only with --route'),
     ([*ARRIVAL, '3', '--min-soc', '0.3'], '--min-soc: not allowed with --arrival-temperature, only with '
      '--route'),

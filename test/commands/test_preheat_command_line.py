@@ -36,8 +36,8 @@ NEED_CASADI = ('optimum', 'compare', 'reproduce', 'sweep')
 @pytest.fixture
 def quick_studies(monkeypatch):
     """Replace the studies by ones without processes, and the scenario by one without a drive."""
-    def sweep(vehicle, feasible, seed, executor, report, trips, finished, keep):
-        report(study_run.solve_trip(vehicle, seed, 0, trips))
+    def sweep(vehicle, feasible, seed, executor, report, trips, finished, keep, methods):
+        report(study_run.solve_trip(vehicle, seed, 0, trips, methods))
 
     def drive(conditions, trips, seed, executor, methods, report, finished, keep):
         report(robustness.drive_car(conditions, seed, 0, methods)[0])

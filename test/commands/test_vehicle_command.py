@@ -47,9 +47,8 @@ def test_one_command_makes_a_car_that_is_usual_and_plans(said):
                                   '--json', 'plan.json')
     assert status == 0
     (line,) = [line for line in errors.splitlines() if 'assumed' in line]
-    assert line.startswith(
-        'preheat: warning: vehicle id4: assumed, not measured: battery heat capacity, ')
-    assert line.endswith('; see id4.yaml')
+    assert line == ('preheat: warning: vehicle id4: 17 values are assumed, not measured; preheat vehicle check '
+                    'id4.yaml lists them')
     assert json.loads(Path('plan.json').read_text())['vehicle_assumed'] == list(
         load_vehicle('./id4.yaml').assumed)
 
@@ -62,7 +61,7 @@ def test_an_itinerary_warns_too(said, id4):
     status, _, errors = said('plan', '--vehicle', 'id4.yaml', '--itinerary', 'winter_holiday',
                              *STATE, '--json', 'plans.json')
     assert status == 0
-    assert errors.count('preheat: warning: vehicle id4: assumed, not measured: ') == 1
+    assert errors.count('values are assumed, not measured; preheat vehicle check id4.yaml lists them') == 1
     assert 'battery.resistance' in json.loads(Path('plans.json').read_text())['vehicle_assumed']
 
 
@@ -106,7 +105,7 @@ def test_an_existing_file_is_only_replaced_when_asked(said):
     (['--output', 'car.txt'], '--output: car.txt: must end in .yaml'),
     (['--output', 'no/car.yaml'], '--output: no/car.yaml: cannot be written: '),
     (['--output', 'car.yaml', '--heater-power-kw', '5500'], '--heater-power-kw: 5500 kW is '
-     'implausible; it must be 0.5 ... 30 kW; 5500 W would be 5.5 kW'),
+     'implausible; it must be 0.1 ... 50 kW; 5500 W would be 5.5 kW'),
     (['--output', 'car.yaml', '--source', 'mass'], "--source: 'mass' is not OPTION=TEXT, such as "
      'battery-mass-kg="press kit 2021"'),
     (['--output', 'car.yaml', '--name', ' '], "--name: ' ' is not allowed")])
@@ -160,3 +159,61 @@ def test_list_names_each_shipped_car(said):
     output = said('vehicle', 'list')[1]
     for file in configuration_folder('vehicles').glob('*.yaml'):
         assert file.stem in output
+
+
+def test_times_prints_published_against_computed_times(said, monkeypatch):
+    monkeypatch.setenv('COLUMNS', '120')
+    status, output, errors = said('vehicle', 'times', '--sources', '--json', 'times.json')
+    assert (status, errors) == (0, '')
+    assert 'BYD Atto 3, 10 ... 80 %: km77.com' in output
+    times = json.loads(Path('times.json').read_text())['times']
+    for time in times:
+        assert time['car'] in output and f'{time["data_sheet_min"]:.1f}' in output
+
+
+def test_a_published_curve_and_time_become_the_map(said):
+    Path('curve.csv').write_text('state_of_charge_percent,power_kw\n0,135\n30,135\n70,70\n100,20\n')
+    status, output, _ = said(*ID4, '--output', 'id4.yaml', '--charging-time-10-80-min', '36', '--charging-curve',
+                             'curve.csv', '--charging-curve-temperature-c', '30', '--source',
+                             'charging-curve=magazine')
+    assert status == 0 and '10 ... 80 % at a fast charger: 36:00 min from 25 degC' in output
+    text = Path('id4.yaml').read_text()
+    words = ' '.join(text.split()).replace(' # ', ' ')
+    assert '--charging-curve curve.csv --charging-curve-temperature-c' in words
+    assert 'source: magazine' in text
+    status, output, _ = said('vehicle', 'check', 'id4.yaml', '--json', 'id4.json')
+    assert '36:00 min' in output
+    figures = json.loads(Path('id4.json').read_text())
+    assert figures['charging_time_10_80_s']['25'] == pytest.approx(2160.0, abs=0.5)
+    assert figures['charging_time_10_80_s']['-10'] > figures['charging_time_10_80_s']['25']
+
+
+@pytest.mark.parametrize('arguments, problem', [
+    (['--charging-curve', 'curve.csv'], '--charging-curve and --charging-curve-temperature-c belong together'),
+    (['--charging-curve-temperature-c', '25'],
+     '--charging-curve and --charging-curve-temperature-c belong together'),
+    (['--charging-curve', 'none.csv', '--charging-curve-temperature-c', '25'],
+     '--charging-curve: none.csv: cannot be read: '),
+    (['--source', 'charging-curve=magazine'], '--source: --charging-curve is not given')])
+def test_half_a_curve_is_refused(said, arguments, problem):
+    status, _, errors = said(*ID4, '--output', 'car.yaml', *arguments)
+    assert status == 2 and errors.startswith(f'preheat: error: {problem}') and errors.count('\n') == 1
+
+
+@pytest.mark.parametrize('arguments', [
+    ['--chemistry', 'lfp', '--usable-energy-kwh', '600', '--gross-energy-kwh', '621', '--nominal-voltage-v', '800',
+     '--battery-mass-kg', '4500', '--vehicle-mass-kg', '40000', '--frontal-area-m2', '10', '--charging-power-kw',
+     '400', '--heater-power-kw', '16'],
+    ['--chemistry', 'nmc', '--usable-energy-kwh', '21.6', '--nominal-voltage-v', '355', '--charging-power-kw',
+     '50', '--heater-power-kw', '0.3']], ids=['truck', 'heating pads'])
+def test_trucks_and_heating_pads_are_admitted(said, arguments):
+    assert said('vehicle', 'new', '--output', 'car.yaml', *arguments)[0] == 0
+    assert said('charge', '--vehicle', './car.yaml', '--arrival-temperature', '25', '0', '--arrival-soc', '0.2',
+                '--ambient', '0', '--charger-power', '350000', '--departure-soc', '0.8',
+                '--cabin-heating-power', '0')[0] == 0
+
+
+def test_check_lists_each_assumed_value(said, id4):
+    output = said('vehicle', 'check', 'id4.yaml')[1]
+    for key in load_vehicle('./id4.yaml').assumed:
+        assert key in output

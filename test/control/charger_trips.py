@@ -49,7 +49,7 @@ def feed(supervisor, at_s=0.0, state=STATE):
     """Take in a battery state; return the Decision."""
     now_ns = START_NS + round(at_s * NS_PER_S)
     supervisor.accept_battery(Measurement(state, now_ns), now_ns)
-    return supervisor.decision
+    return supervisor.state.decision
 
 
 def cost(vehicle, route, state, target_c, charger, prices=PRICES, minimum_soc=0.0):

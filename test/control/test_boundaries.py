@@ -141,7 +141,7 @@ def test_a_command_of_0_w_says_that_it_waits_only_where_it_was_to_heat(status):
 
     def step(after_s, *events):
         supervisor.step(NOW_NS + after_s * NS_PER_S, *events)
-        return supervisor.latest_command
+        return supervisor.state.latest_command
 
     def state(after_s, battery):
         return BatteryStateArrived(Measurement(battery, NOW_NS + after_s * NS_PER_S))
@@ -153,7 +153,8 @@ def test_a_command_of_0_w_says_that_it_waits_only_where_it_was_to_heat(status):
     for after_s in (2, 12):
         command = step(after_s, state(after_s, BatteryState(cold_c + 0.015 * after_s, 0.8)))
     waits = Status.WAITING if status is Status.HEATING else status
-    assert (command.battery_heating_power_w, command.reason, supervisor.decision.status) == (0.0, waits, waits)
+    shown = supervisor.state.decision.status
+    assert (command.battery_heating_power_w, command.reason, shown) == (0.0, waits, waits)
 
 
 @pytest.mark.parametrize('duration_s, step_s, count', [(1.0, 30.0, 40), (30.0, 30.0, 40), (1.0, 300.0, 4)])
@@ -169,4 +170,4 @@ def test_a_trip_that_begins_in_a_moment_is_not_heated_for_before_it_does(before_
     now_ns = NOW_NS - before_ns
     supervisor.step(now_ns, RouteArrived(Mission('home', (leg(),))))
     supervisor.step(now_ns, BatteryStateArrived(Measurement(STATE, now_ns)))
-    assert (supervisor.latest_command.battery_heating_power_w > 0.0) is heats
+    assert (supervisor.state.latest_command.battery_heating_power_w > 0.0) is heats

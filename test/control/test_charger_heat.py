@@ -86,7 +86,7 @@ def test_it_does_not_heat_unasked_nor_in_a_car_that_does_not(settings, charging,
 def test_by_default_the_stop_is_told_as_ever():
     supervisor = supervisor_at(AT_STOP_S, Settings(estimation=False))
     outcome(supervisor, measured(-3.0, 50e3))
-    assert supervisor.decision.explanation == (
+    assert supervisor.state.decision.explanation == (
         'Charging until departure in 19:00 min; then 10:00 min of driving to a fast charger.')
 
 
@@ -98,7 +98,7 @@ def test_by_default_the_stop_is_told_as_ever():
 def test_why_is_told(temperature_c, charged_with_w, reason):
     supervisor = supervisor_at(AT_STOP_S)
     outcome(supervisor, measured(temperature_c, charged_with_w))
-    assert supervisor.decision.explanation.endswith(reason)
+    assert supervisor.state.decision.explanation.endswith(reason)
 
 
 def test_a_cabin_that_takes_the_whole_heater_leaves_nothing():
@@ -160,7 +160,7 @@ def test_a_whole_stop_is_heated_once_to_the_limit_and_no_heater_is_accused():
             switchings += (commanded_w > 0.0) is not (power_w > 0.0)
             assert commanded_w == 0.0 or temperature_c < LIMIT_C + 0.2
         power_w = commanded_w
-        assert supervisor.estimate.heater.heater is Heater.ANSWERS
+        assert supervisor.state.estimate.heater.heater is Heater.ANSWERS
     # On at the beginning, or on from the drive; off at the limit.
     assert switchings <= 2
     assert temperature_c > 15.0

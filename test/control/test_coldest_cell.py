@@ -27,7 +27,7 @@ def status(settings, coldest_cell_c):
     supervisor.step(NOW_NS, RouteArrived(Mission('steep', (Leg(ROUTE, NOW_NS),))))
     supervisor.step(NOW_NS, BatteryStateArrived(Measurement(
         BatteryState(-5.0, 0.4), NOW_NS, coldest_cell_c=coldest_cell_c)))
-    return supervisor, supervisor.decision.status
+    return supervisor, supervisor.state.decision.status
 
 
 @pytest.mark.parametrize('estimation', [True, False])
@@ -43,5 +43,5 @@ def test_it_may_be_switched_off_at_run_time():
     supervisor, before = status(Settings(), -25.0)
     assert before is Status.POWER_LIMITED
     supervisor.step(NOW_NS, Reconfigured(
-        VEHICLE, replace(supervisor.settings, coldest_cell_limits=False), supervisor.mission))
-    assert supervisor.decision.status is not Status.POWER_LIMITED
+        VEHICLE, replace(supervisor.state.settings, coldest_cell_limits=False), supervisor.state.mission))
+    assert supervisor.state.decision.status is not Status.POWER_LIMITED

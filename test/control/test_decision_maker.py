@@ -42,9 +42,9 @@ def test_what_cannot_be_planned_is_told_and_not_heated(monkeypatch, estimation, 
     for module in ('decision_maker', 'forecast_plan'):
         monkeypatch.setattr(f'bev_preheat.control.{module}.plan_preheating', fail)
     output = supervisor.step(START_NS, BatteryStateArrived(Measurement(STATE, START_NS)))
-    assert (supervisor.decision.status, supervisor.decision.explanation) == (
+    assert (supervisor.state.decision.status, supervisor.state.decision.explanation) == (
         Status.INVALID_INPUT, 'beyond the model')
-    assert supervisor.latest_command.battery_heating_power_w == 0.0
+    assert supervisor.state.latest_command.battery_heating_power_w == 0.0
     # It was foreseen.
     assert not output.failure
 
@@ -59,8 +59,8 @@ def test_a_state_that_comes_late_does_not_shift_what_is_said(estimation):
     for age_s, left in ((0.0, '18:20'), (0.4, '18:20'), (0.6, '18:19'), (1.4, '18:19')):
         supervisor.step(state_ns + ns(age_s), BatteryStateArrived(
             Measurement(STATE, state_ns)))
-        assert f'arrival in {left} min' in supervisor.decision.explanation
-        assert supervisor.decision.plan_start_ns == state_ns
+        assert f'arrival in {left} min' in supervisor.state.decision.explanation
+        assert supervisor.state.decision.plan_start_ns == state_ns
 
 
 @pytest.mark.parametrize('estimation', [False, True])
@@ -73,4 +73,4 @@ def test_a_state_is_answered_once_by_the_plan_made_from_it(estimation):
         # As the previous plan had predicted.
         output = supervisor.step(now_ns, BatteryStateArrived(Measurement(STATE, now_ns)))
         assert output.command is not None
-        assert supervisor.decision.plan_start_ns == now_ns
+        assert supervisor.state.decision.plan_start_ns == now_ns

@@ -38,7 +38,7 @@ def start(choices=NO_CHOICES, now_ns=NOW_NS, mission=None, **settings):
 
 
 def answer(planner):
-    command = planner.latest_command
+    command = planner.state.latest_command
     return command.battery_heating_power_w > 0.0, command.reason
 
 
@@ -48,17 +48,17 @@ HEATS, OFF, CANCELLED = ((True, Status.TARGET_UNREACHABLE), (False, Status.DISAB
 
 def test_without_choices_it_heats():
     planner = start()
-    assert (answer(planner), planner.choices) == (HEATS, NO_CHOICES)
+    assert (answer(planner), planner.state.choices) == (HEATS, NO_CHOICES)
 
 
 def test_an_opt_out_survives_a_restart_until_the_driver_takes_it_back():
     planner = start()
     planner.enabled = False
-    assert planner.choices == DriverChoices(NOW_NS)
-    again = start(planner.choices)
+    assert planner.state.choices == DriverChoices(NOW_NS)
+    again = start(planner.state.choices)
     assert answer(again) == OFF
     again.enabled = True
-    assert (answer(again), again.choices) == (HEATS, NO_CHOICES)
+    assert (answer(again), again.state.choices) == (HEATS, NO_CHOICES)
 
 
 @pytest.mark.parametrize('age_ns, is_off', [
@@ -79,7 +79,7 @@ def test_an_opt_out_does_not_end_while_the_process_lives():
 def cancelled_choices():
     planner = start()
     planner.cancel()
-    return planner.choices
+    return planner.state.choices
 
 
 def test_a_cancelled_trip_is_remembered_with_its_stamp():
@@ -88,12 +88,12 @@ def test_a_cancelled_trip_is_remembered_with_its_stamp():
 
 def test_the_route_of_a_cancelled_trip_does_not_heat_after_a_restart():
     planner = start(cancelled_choices(), NOW_NS + 60 * NS_PER_S)
-    assert (answer(planner), planner.mission) == (CANCELLED, None)
-    assert planner.decision.explanation == (
+    assert (answer(planner), planner.state.mission) == (CANCELLED, None)
+    assert planner.state.decision.explanation == (
         'The trip was cancelled before the planner restarted: no heating until a route plan with '
         'another stamp arrives.')
     # It is also remembered for the next restart.
-    assert planner.choices == cancelled_choices()
+    assert planner.state.choices == cancelled_choices()
 
 
 @pytest.mark.parametrize('mission', [
@@ -101,7 +101,7 @@ def test_the_route_of_a_cancelled_trip_does_not_heat_after_a_restart():
 def test_any_other_route_heats_after_a_restart(mission):
     now_ns = NOW_NS + 60 * NS_PER_S
     planner = start(cancelled_choices(), now_ns, mission)
-    assert (answer(planner), planner.choices) == (HEATS, NO_CHOICES)
+    assert (answer(planner), planner.state.choices) == (HEATS, NO_CHOICES)
     # Then the first route may be driven after all.
     planner.accept_mission(make_mission())
     assert answer(planner) == HEATS
@@ -111,7 +111,7 @@ def test_the_same_route_heats_within_the_process_that_was_told_of_the_cancellati
     planner = start()
     planner.cancel()
     planner.accept_mission(make_mission())
-    assert (answer(planner), planner.choices) == (HEATS, NO_CHOICES)
+    assert (answer(planner), planner.state.choices) == (HEATS, NO_CHOICES)
 
 
 def test_a_cancellation_counts_for_a_day():
@@ -126,7 +126,7 @@ def test_a_second_cancellation_says_nothing_of_another_trip():
     planner = start()
     planner.cancel()
     planner.cancel()
-    assert planner.choices == cancelled_choices()
+    assert planner.state.choices == cancelled_choices()
 
 
 def test_the_stamp_of_a_delayed_trip_is_that_of_its_route_plan():
@@ -142,12 +142,12 @@ SEEN = LastSeen(11.0, 0.5, NOW_NS - 9 * HOUR_NS)
 def test_last_seen_is_that_from_before_the_restart_until_the_battery_tells(estimation):
     planner = Stepwise(VEHICLE, Settings(estimation=estimation), last_seen=SEEN)
     planner.refresh(NOW_NS)
-    assert planner.last_seen == SEEN
+    assert planner.state.last_seen == SEEN
     planner.accept_battery(Measurement(BatteryState(-7.0, 0.75), NOW_NS), NOW_NS)
-    seen = planner.last_seen
+    seen = planner.state.last_seen
     assert (seen.temperature_c, seen.soc, seen.stamp_ns) == (
         pytest.approx(-7.0, abs=0.01), pytest.approx(0.75, abs=1e-4), NOW_NS)
 
 
 def test_nothing_seen_is_none():
-    assert Stepwise(VEHICLE, SETTINGS).last_seen is None
+    assert Stepwise(VEHICLE, SETTINGS).state.last_seen is None

@@ -123,7 +123,7 @@ def test_a_second_drive_begins_with_the_lags_of_the_first():
     first = Ride(temperature_c=18.0, heat_path=slow)
     first.until(1490.0)
     learned = from_entry(json.loads(json.dumps(as_entry(
-        learned_from(first.supervisor.estimate)))))
+        learned_from(first.supervisor.state.estimate)))))
     second = Ride(temperature_c=18.0, seed=4, learned=learned, heat_path=slow)
     second.until(1490.0)
     for ride in (first, second):
@@ -137,7 +137,7 @@ def test_a_second_drive_begins_with_the_lags_of_the_first():
 def test_without_estimation_nothing_is_estimated():
     ride = Ride(settings=Settings(estimation=False))
     decision = ride.until(30.0)
-    assert ride.supervisor.estimate is None
+    assert ride.supervisor.state.estimate is None
     assert decision.arrival_deviation_k != decision.arrival_deviation_k
     assert decision.model_factors == ()
 
@@ -215,8 +215,8 @@ def test_a_new_route_forgets_how_sure_the_old_one_was():
     ride = Ride()
     ride.until(200.0)
     supervisor = ride.supervisor
-    unsure_k = supervisor.decision.forecast.as_planned_k
-    leg = supervisor.mission.legs[0]
+    unsure_k = supervisor.state.decision.forecast.as_planned_k
+    leg = supervisor.state.mission.legs[0]
     short = Leg(leg.route.before(300.0), leg.start_ns, True, 25.0)
     supervisor.accept_mission(Mission('short', (short,)))
     decision = supervisor.replan(ride.now_ns)
@@ -229,4 +229,4 @@ def test_learning_goes_on_while_preheating_is_switched_off():
     ride.until(120.0)
     assert ride.command_w == 0.0
     # A reading in whole degrees leaves 0.29 K.
-    assert ride.supervisor.estimate.temperature_deviation_k < 0.25
+    assert ride.supervisor.state.estimate.temperature_deviation_k < 0.25

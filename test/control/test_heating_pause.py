@@ -5,8 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 
-from bev_preheat.control.heater_switch import HeaterSwitch
-from bev_preheat.control.heating_pause import HeatingPause
+from bev_preheat.control.heater_switch import HeaterSwitch, HeatingPause
 from bev_preheat.control.margins import MOST_SWITCH_ONS
 
 S = 1_000_000_000

@@ -100,19 +100,19 @@ def test_the_leg_that_is_now_is_commanded(elapsed_s, power_w, reason):
 
 
 def test_each_leg_is_planned_for_its_own_target():
-    assert [supervisor_at(elapsed_s).decision.plan.target_temperature_c
+    assert [supervisor_at(elapsed_s).state.decision.plan.target_temperature_c
             for elapsed_s in (100.0, 1000.0)] == [25.0, 20.0]
 
 
 @pytest.mark.parametrize('elapsed_s', [250.0, 1000.0])
 def test_the_leg_that_is_now_is_planned_from_the_measured_state(elapsed_s):
-    plan = supervisor_at(elapsed_s).decision.plan
+    plan = supervisor_at(elapsed_s).state.decision.plan
     assert (plan.battery_temperature_c[0], plan.soc[0]) == (COLD.temperature_c, COLD.soc)
 
 
 @pytest.mark.parametrize('elapsed_s, rest_s', [(250.0, 350.0), (1000.0, 500.0), (1800.0, 200.0)])
 def test_only_the_rest_of_the_leg_is_planned(elapsed_s, rest_s):
-    assert supervisor_at(elapsed_s).decision.plan.arrival_time_s == pytest.approx(rest_s)
+    assert supervisor_at(elapsed_s).state.decision.plan.arrival_time_s == pytest.approx(rest_s)
 
 
 def test_a_state_from_before_the_departure_counts_from_the_departure():
@@ -147,7 +147,7 @@ def test_time_alone_ends_the_last_leg():
     (1605.0, 'Charging until departure in 1:35 min; then 5:00 min of driving without fast '
      'charging at its end.')])
 def test_a_stop_is_explained(elapsed_s, sentence):
-    assert supervisor_at(elapsed_s).decision.explanation == sentence
+    assert supervisor_at(elapsed_s).state.decision.explanation == sentence
 
 
 def test_a_stop_may_last_longer_than_a_simulated_clock_has_run():
@@ -165,7 +165,7 @@ def test_switched_off_is_off_at_a_stop_too():
 
 
 def test_arrival_is_counted_from_the_end_of_the_last_leg():
-    assert supervisor_at(2075.0).decision.explanation == (
+    assert supervisor_at(2075.0).state.decision.explanation == (
         'The route has ended: arrived 1:15 min ago.')
 
 
@@ -264,7 +264,7 @@ def test_later_legs_are_planned_again_where_they_must(planned_states, change, pl
 
 def test_legs_of_a_route_that_was_replaced_are_forgotten():
     supervisor = supervisor_at(0.0)
-    gone = weakref.ref(supervisor.mission.legs[1])
+    gone = weakref.ref(supervisor.state.mission.legs[1])
     supervisor.accept_mission(make_mission())
     supervisor.replan(NOW_NS)
     gc.collect()

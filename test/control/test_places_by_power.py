@@ -65,7 +65,7 @@ class Car:
 
     @property
     def delay_s(self):
-        return self.planner.timetable.delay_ns / NS_PER_S
+        return self.planner.state.mission.delay_ns / NS_PER_S
 
 
 def test_an_early_charger_is_recognised_and_not_heated_at():
@@ -75,35 +75,35 @@ def test_an_early_charger_is_recognised_and_not_heated_at():
     assert car.command_w > 0.0
     plugged_s = car.at_s
     car.go(10, 0.0, charged_w=90e3)
-    assert (car.planner.regime.regime, car.command_w) == (Regime.CHARGING, 0.0)
-    assert car.planner.decision.status is Status.CHARGING
-    assert '90000 W' in car.planner.decision.explanation
+    assert (car.planner.state.regime.regime, car.command_w) == (Regime.CHARGING, 0.0)
+    assert car.planner.state.decision.status is Status.CHARGING
+    assert '90000 W' in car.planner.state.decision.explanation
     car.go(900, 0.0, charged_w=90e3)
     assert car.heated_s(plugged_s + 10) == 0
     # After two minutes the leg has ended.
-    assert car.planner.decision.status is Status.ARRIVED
-    assert car.planner.estimate.heater.heater.value == 'answers'
+    assert car.planner.state.decision.status is Status.ARRIVED
+    assert car.planner.state.estimate.heater.heater.value == 'answers'
 
 
 def test_charging_on_the_way_is_a_stop_that_nobody_planned():
     car = Car((leg(60),))
     car.go(10 * 60, DRIVE_W)
     car.go(900, 0.0, charged_w=50e3)
-    assert car.planner.decision.status is Status.CHARGING
+    assert car.planner.state.decision.status is Status.CHARGING
     car.go(60, 0.0)
     car.go(30, DRIVE_W)
     # 15 min of charging and 1 min of standing, less the seconds of recognition.
     assert car.delay_s == pytest.approx(960.0, abs=15.0)
-    assert car.planner.decision.status in (Status.WAITING, Status.HEATING)
+    assert car.planner.state.decision.status in (Status.WAITING, Status.HEATING)
 
 
 def test_a_descent_that_no_route_knows_is_taken_back():
     car = Car((leg(60),))
     car.go(600, DRIVE_W)
     car.go(300, 0.0, charged_w=18e3)
-    assert car.planner.regime.regime is Regime.CHARGING
+    assert car.planner.state.regime.regime is Regime.CHARGING
     car.go(30, DRIVE_W)
-    assert (car.planner.regime.regime, car.delay_s) == (Regime.DRIVING, 0.0)
+    assert (car.planner.state.regime.regime, car.delay_s) == (Regime.DRIVING, 0.0)
 
 
 def test_a_parked_car_is_not_heated_for_longer_than_stated():
@@ -112,9 +112,9 @@ def test_a_parked_car_is_not_heated_for_longer_than_stated():
     parked_s = car.at_s
     car.go(1800, 0.0, 0.0)
     assert car.heated_s(parked_s) <= 182
-    assert (car.planner.regime.regime, car.planner.decision.status) == (Regime.STANDING, Status.WAITING)
-    assert 'has stood for 30:' in car.planner.decision.explanation or 'has stood for 29:' in (
-        car.planner.decision.explanation)
+    state = car.planner.state
+    assert (state.regime.regime, state.decision.status) == (Regime.STANDING, Status.WAITING)
+    assert 'has stood for 30:' in state.decision.explanation or 'has stood for 29:' in state.decision.explanation
     assert car.delay_s == pytest.approx(1800.0 - 60.0, abs=3.0)
     # It drives on: the rest of the route is the same, and the heater stays on.
     car.go(10, DRIVE_W)
@@ -135,14 +135,14 @@ def test_without_voltage_and_current_the_route_goes_by_time():
     car = Car(reports_power=False)
     car.go(600, DRIVE_W)
     car.go(600, 0.0, 0.0)
-    assert (car.planner.regime.regime, car.delay_s) == (Regime.UNKNOWN, 0.0)
+    assert (car.planner.state.regime.regime, car.delay_s) == (Regime.UNKNOWN, 0.0)
 
 
 def test_a_status_is_enough_without_them():
     car = Car(reports_power=False)
     car.go(2000, DRIVE_W)
     car.go(12, 0.0, charged_w=90e3, supply_status=SupplyStatus.CHARGING)
-    assert (car.planner.decision.status, car.command_w) == (Status.CHARGING, 0.0)
+    assert (car.planner.state.decision.status, car.command_w) == (Status.CHARGING, 0.0)
 
 
 def test_a_position_that_moves_outranks_the_power():
@@ -151,7 +151,7 @@ def test_a_position_that_moves_outranks_the_power():
         car.go(1, 0.0, charged_w=18e3)
         car.planner_step(ProgressArrived(Progress(
             25.0 * second, START_NS + car.at_s * NS_PER_S, 'trip')))
-    assert (car.planner.regime.regime, abs(car.delay_s) < 3.0) == (Regime.DRIVING, True)
+    assert (car.planner.state.regime.regime, abs(car.delay_s) < 3.0) == (Regime.DRIVING, True)
 
 
 def test_at_a_stop_that_lasts_longer_the_next_leg_waits():
@@ -161,15 +161,15 @@ def test_at_a_stop_that_lasts_longer_the_next_leg_waits():
     car.go(1800, 0.0, charged_w=50e3)
     # 20 min longer than planned: the next leg has not begun.
     assert car.delay_s == pytest.approx(1200.0, abs=15.0)
-    assert car.planner.decision.status is Status.CHARGING
+    assert car.planner.state.decision.status is Status.CHARGING
 
 
 def test_what_the_model_does_not_describe_teaches_nothing():
     car = Car()
     car.go(20 * 60, DRIVE_W)
-    before = car.planner.estimate
+    before = car.planner.state.estimate
     car.go(600, 0.0, charged_w=90e3)
-    after = car.planner.estimate
+    after = car.planner.state.estimate
     # The factors and the heater are as they were, within the recognition.
     assert after.log_factors == pytest.approx(before.log_factors, abs=0.02)
     assert after.heater.probability == pytest.approx(before.heater.probability, abs=0.05)
@@ -180,12 +180,12 @@ def test_the_consumption_of_a_route_is_forgotten_with_the_next_trip():
     car = Car()
     # It takes a fifth more than its route says.
     car.go(600, 1.2 * DRIVE_W)
-    found = car.planner.estimate.propulsion_factor
+    found = car.planner.state.estimate.propulsion_factor
     assert found > 1.03
-    mission = car.planner.mission
+    mission = car.planner.state.mission
     car.planner_step(RouteArrived(mission))
     car.go(2, 1.2 * DRIVE_W)
-    assert car.planner.estimate.propulsion_factor == pytest.approx(found, abs=0.02)
+    assert car.planner.state.estimate.propulsion_factor == pytest.approx(found, abs=0.02)
     car.planner_step(RouteArrived(replace(mission, route_id='another')))
     car.go(1, DRIVE_W)
-    assert car.planner.estimate.propulsion_factor == pytest.approx(1.0, abs=0.02)
+    assert car.planner.state.estimate.propulsion_factor == pytest.approx(1.0, abs=0.02)

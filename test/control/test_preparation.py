@@ -97,7 +97,7 @@ class Car:
 
     @property
     def plan(self):
-        return self.supervisor.decision.plan
+        return self.supervisor.state.decision.plan
 
     def ended(self, preparation_goal):
         """Return the only outcome of a goal."""
@@ -125,8 +125,8 @@ def test_a_plugged_in_battery_is_heated_from_the_last_instant_that_is_early_enou
     assert arrival_c == pytest.approx(TARGET_C, abs=2e-3)
     assert (car.plan.arrival_time_s, car.plan.target_temperature_c) == (3600.0, TARGET_C)
     assert car.command == (0.0, Status.WAITING)
-    assert car.supervisor.active_mission.route_id == ROUTE_ID
-    assert car.supervisor.preparation_goal is preparation_goal and not car.outcomes
+    assert car.supervisor.state.active_mission.route_id == ROUTE_ID
+    assert car.supervisor.state.preparation_goal is preparation_goal and not car.outcomes
 
 
 def test_the_grid_takes_the_heater_s_power_from_the_battery_s_account():
@@ -176,7 +176,7 @@ def test_as_soon_as_possible_goes_on_until_it_is_warm_and_not_longer():
     assert {command.battery_heating_power_w for command in car.commands[-1:]} == {0.0}
     assert car.ended(preparation_goal).ending is PreparationEnding.REACHED
     assert car.ended(preparation_goal).shortfall_k == pytest.approx(0.1, abs=0.01)
-    assert car.supervisor.preparation_goal is None
+    assert car.supervisor.state.preparation_goal is None
 
 
 @pytest.mark.parametrize('settings', [Settings(), MEASURED])
@@ -209,7 +209,7 @@ def test_the_heater_of_a_plugged_in_car_is_not_taken_for_dead():
     car.want(is_plugged_in=True, target_c=30.0)
     for now_s in range(140, 180):
         car.state(float(now_s), temperature_c=cooled_c(START_C, now_s - 140, HEATED_C), power_w=100.0)
-    report = car.supervisor.estimate.heater
+    report = car.supervisor.state.estimate.heater
     assert (car.command[0], report.heater.name) == (FULL_W, 'ANSWERS') and report.probability > 0.98
 
 
@@ -238,7 +238,7 @@ def test_a_drive_goes_on_as_it_was_in_the_last_five_minutes():
         power_w = 50e3 if second < 299 else 12e3 + 4e3 * (-1) ** second
         car.state(float(second), power_w=power_w)
     car.want(1200.0)
-    route = car.supervisor.active_mission.legs[0].route
+    route = car.supervisor.state.active_mission.legs[0].route
     mean_w = 12e3 - CABIN_W - OTHERS_W
     assert route.propulsion_power_w == pytest.approx(mean_w, abs=30.0)
     assert route.propulsion_power_rms_w == pytest.approx((mean_w**2 + 4e3**2)**0.5, abs=30.0)
@@ -251,7 +251,7 @@ def test_what_stands_or_is_charged_is_assumed_to_stand(power_w):
     for second in range(1, 30):
         car.state(float(second), power_w=power_w)
     car.want(1200.0)
-    assert (car.supervisor.active_mission.legs[0].route.propulsion_power_rms_w == 0.0).all()
+    assert (car.supervisor.state.active_mission.legs[0].route.propulsion_power_rms_w == 0.0).all()
 
 
 @pytest.mark.costly
@@ -260,8 +260,8 @@ def test_the_heater_s_own_power_is_no_drive():
     preparation_goal = car.want(target_c=30.0)
     for second in range(1, 60):
         car.state(float(second), power_w=CABIN_W + OTHERS_W + car.command[0])
-    assert car.supervisor.preparation_goal is preparation_goal and car.command[0] == FULL_W
-    assert (car.supervisor.active_mission.legs[0].route.propulsion_power_w == 0.0).all()
+    assert car.supervisor.state.preparation_goal is preparation_goal and car.command[0] == FULL_W
+    assert (car.supervisor.state.active_mission.legs[0].route.propulsion_power_w == 0.0).all()
 
 
 @pytest.mark.costly
@@ -270,20 +270,21 @@ def test_the_estimated_factor_of_routes_leaves_a_measured_drive_as_it_is():
     car.step(RouteArrived(mission()))
     for second in range(1, 150):
         car.state(float(second), power_w=1.3 * 20e3 + CABIN_W + OTHERS_W + car.command[0])
-    factor = car.supervisor.estimate.propulsion_factor
+    factor = car.supervisor.state.estimate.propulsion_factor
     assert factor > 1.03
     car.step(TripCancelled())
     car.want(1200.0)
     car.state(150.0, power_w=1.3 * 20e3 + CABIN_W + OTHERS_W)
-    route = car.supervisor.active_mission.legs[0].route
-    assert car.supervisor.estimate.propulsion_factor * route.propulsion_power_w == pytest.approx(26e3, rel=2e-3)
+    state = car.supervisor.state
+    power_w = state.active_mission.legs[0].route.propulsion_power_w
+    assert state.estimate.propulsion_factor * power_w == pytest.approx(26e3, rel=2e-3)
 
 
 def test_an_active_route_is_the_drive_until_its_end_and_then_the_vehicle_stands():
     car = Car()
     car.step(RouteArrived(mission(start_s=120.0, minutes=10.0)))
     car.want(1800.0, ambient_c=None)
-    route = car.supervisor.active_mission.legs[0].route
+    route = car.supervisor.state.active_mission.legs[0].route
     middle_s = 0.5 * (route.time_s[:-1] + route.time_s[1:])
     drives = (middle_s > 120.0) & (middle_s < 720.0)
     assert (route.propulsion_power_w == np.where(drives, 20e3, 0.0)).all()
@@ -298,7 +299,7 @@ def test_at_a_stop_of_the_route_the_vehicle_stands():
     car.step(RouteArrived(Mission('two', with_stops(
         [first, replace(second, departure=BatteryState(10.0, 0.8))], [300.0]))))
     car.want(900.0)
-    route = car.supervisor.active_mission.legs[0].route
+    route = car.supervisor.state.active_mission.legs[0].route
     assert route.propulsion_power_w @ route.duration_s == pytest.approx(20e3 * 600.0)
     assert route.propulsion_power_w[route.segment_at(450.0)] == 0.0
     # The goal's ambient temperature takes precedence over the route's.
@@ -311,8 +312,9 @@ def test_a_route_that_arrives_later_becomes_the_drive():
     start_s = car.plan.heating_start_s
     car.state(60.0)
     car.step(RouteArrived(mission(start_s=60.0)))
-    assert car.supervisor.preparation_goal is preparation_goal and car.supervisor.mission.route_id == 'home'
-    assert car.supervisor.active_mission.route_id == ROUTE_ID
+    state = car.supervisor.state
+    assert state.preparation_goal is preparation_goal and state.mission.route_id == 'home'
+    assert state.active_mission.route_id == ROUTE_ID
     # Driving warms the battery, so that heating begins later.
     assert car.plan.heating_start_s + 60.0 > start_s + 20.0
     car.step(TripCancelled())
@@ -326,7 +328,7 @@ def test_a_goal_on_the_way_leaves_what_the_route_needs_to_its_end():
     reserve = float(unheated.soc[-1]) - 0.003
     car.step(RouteArrived(mission(minutes=60.0, target_c=None, reserve=reserve)))
     car.want(1500.0, target_c=20.0)
-    assert car.supervisor.decision.status is Status.SOC_LIMITED
+    assert car.supervisor.state.decision.status is Status.SOC_LIMITED
     at_instant = car.plan.soc[-1]
     ahead = trip.legs[0].route_ahead(at(1500.0))
     unheated_c = np.interp(1500.0, unheated.time_s, unheated.battery_temperature_c)
@@ -337,7 +339,7 @@ def test_a_goal_on_the_way_leaves_what_the_route_needs_to_its_end():
     free = Car(soc=0.6)
     free.step(RouteArrived(mission(minutes=60.0, target_c=None)))
     free.want(1500.0, target_c=20.0)
-    assert free.supervisor.decision.status is not Status.SOC_LIMITED
+    assert free.supervisor.state.decision.status is not Status.SOC_LIMITED
     assert free.plan.soc[-1] < at_instant
 
 
@@ -351,7 +353,7 @@ def test_the_last_ambient_temperature_of_a_route_is_known_for_six_hours():
     car.step(TripCancelled())
     car.state(600.0 + 6 * 3600.0)
     car.want(1200.0, ambient_c=None)
-    assert (car.supervisor.active_mission.legs[0].route.ambient_temperature_c == -3.0).all()
+    assert (car.supervisor.state.active_mission.legs[0].route.ambient_temperature_c == -3.0).all()
     car.step(PreparationEnded(None, PreparationEnding.CANCELED, 'enough'))
     car.state(601.0 + 6 * 3600.0)
     preparation_goal = car.want(1200.0, ambient_c=None)
@@ -380,14 +382,14 @@ def test_a_refused_goal_says_why_and_changes_nothing(preparation_goal, sentence)
     outcome = car.ended(refused)
     assert outcome.ending is PreparationEnding.REFUSED and sentence in outcome.explanation
     assert sentence in car.refusals[-1]
-    assert car.supervisor.preparation_goal is before and car.command == command
+    assert car.supervisor.state.preparation_goal is before and car.command == command
     assert car.plan.heating_start_s == plan.heating_start_s
 
 
 def test_the_furthest_instant_is_a_day_ahead():
     car = Car()
     preparation_goal = car.want(86400.0)
-    assert car.supervisor.preparation_goal is preparation_goal and car.plan.arrival_time_s == 86400.0
+    assert car.supervisor.state.preparation_goal is preparation_goal and car.plan.arrival_time_s == 86400.0
 
 
 @pytest.mark.parametrize('event, sentence', [
@@ -450,7 +452,7 @@ def test_what_is_warm_already_needs_no_heat():
     preparation_goal = car.want()
     assert car.ended(preparation_goal).ending is PreparationEnding.REACHED
     later = car.want(600.0)
-    assert car.command == (0.0, Status.NOT_NEEDED) and car.supervisor.preparation_goal is later
+    assert car.command == (0.0, Status.NOT_NEEDED) and car.supervisor.state.preparation_goal is later
     assert all(command.battery_heating_power_w == 0.0 for command in car.commands)
 
 
@@ -469,7 +471,7 @@ def test_a_later_goal_replaces_the_one_before():
     first = car.want(900.0)
     second = car.want()
     assert car.ended(first).ending is PreparationEnding.REPLACED
-    assert car.supervisor.preparation_goal is second and car.command == (FULL_W, Status.HEATING)
+    assert car.supervisor.state.preparation_goal is second and car.command == (FULL_W, Status.HEATING)
 
 
 def test_a_cancelled_goal_switches_off_at_once_within_the_least_time_on():
@@ -480,11 +482,11 @@ def test_a_cancelled_goal_switches_off_at_once_within_the_least_time_on():
     car.step(PreparationEnded(preparation_goal, PreparationEnding.CANCELED, 'The goal was cancelled.'))
     assert car.command == (0.0, Status.NO_ROUTE)
     assert car.ended(preparation_goal).ending is PreparationEnding.CANCELED
-    assert car.supervisor.preparation_goal is None
+    assert car.supervisor.state.preparation_goal is None
     # Cancelling it again does not affect the next goal.
     later = car.want()
     car.step(PreparationEnded(preparation_goal, PreparationEnding.CANCELED, 'The goal was cancelled.'))
-    assert car.supervisor.preparation_goal is later and car.command[0] == FULL_W
+    assert car.supervisor.state.preparation_goal is later and car.command[0] == FULL_W
 
 
 def test_after_a_goal_the_route_is_heated_for_again():
@@ -495,7 +497,7 @@ def test_after_a_goal_the_route_is_heated_for_again():
     assert car.command == (0.0, Status.WAITING)
     car.step(PreparationEnded(preparation_goal, PreparationEnding.CANCELED, 'The goal was cancelled.'))
     assert car.command == (FULL_W, Status.TARGET_UNREACHABLE)
-    assert car.supervisor.active_mission.route_id == 'home'
+    assert car.supervisor.state.active_mission.route_id == 'home'
 
 
 def test_switching_preheating_off_ends_the_goal():
@@ -543,7 +545,7 @@ def test_a_charge_that_falls_is_not_plugged_in(soc, goes_on):
     car = Car()
     preparation_goal = car.want(is_plugged_in=True)
     car.state(1.0, soc=soc)
-    assert (car.supervisor.preparation_goal is preparation_goal) is goes_on
+    assert (car.supervisor.state.preparation_goal is preparation_goal) is goes_on
     if not goes_on:
         assert car.ended(preparation_goal).ending is PreparationEnding.UNPLUGGED and car.command[0] == 0.0
         assert 'has fallen from 60.0 % to 57.5 %' in car.ended(preparation_goal).explanation
@@ -553,7 +555,7 @@ def test_a_charge_that_has_risen_may_not_fall_again():
     car = Car(soc=0.5)
     preparation_goal = car.want(is_plugged_in=True)
     car.state(1.0, soc=0.7)
-    assert car.supervisor.preparation_goal is preparation_goal
+    assert car.supervisor.state.preparation_goal is preparation_goal
     car.state(2.0, soc=0.6)
     assert car.ended(preparation_goal).ending is PreparationEnding.UNPLUGGED
 
@@ -564,7 +566,7 @@ def test_a_little_heat_is_heat_too(settings, below_k):
     # Less than the heater's least time on.
     car = Car(settings)
     preparation_goal = car.want(target_c=START_C + below_k)
-    assert car.supervisor.preparation_goal is preparation_goal and car.command[0] == FULL_W
+    assert car.supervisor.state.preparation_goal is preparation_goal and car.command[0] == FULL_W
 
 
 @pytest.mark.parametrize('event', [
@@ -573,7 +575,7 @@ def test_what_keeps_the_heater_off_for_a_minute_ends_the_goal(event):
     car = Car(replace(MEASURED, battery_state_timeout_s=60.0))
     preparation_goal = car.want()
     car.step(event)
-    assert car.command[0] == 0.0 and car.supervisor.preparation_goal is preparation_goal
+    assert car.command[0] == 0.0 and car.supervisor.state.preparation_goal is preparation_goal
     car.now_s = 59.0
     car.step()
     assert not car.outcomes
@@ -586,7 +588,7 @@ def test_a_route_that_drives_off_before_the_instant_is_not_plugged_in():
     car = Car()
     preparation_goal = car.want(1800.0, is_plugged_in=True)
     car.step(RouteArrived(mission(start_s=1800.0)))
-    assert car.supervisor.preparation_goal is preparation_goal
+    assert car.supervisor.state.preparation_goal is preparation_goal
     car.step(RouteArrived(mission(start_s=1700.0)))
     assert car.ended(preparation_goal).ending is PreparationEnding.UNPLUGGED
     assert "the route plan 'home' drives before" in car.ended(preparation_goal).explanation
@@ -628,7 +630,7 @@ def test_a_goal_that_takes_hours_is_given_up_after_six():
 def test_the_words_say_what_the_plan_is_for():
     car = Car()
     car.want(900.0)
-    sentence = car.supervisor.decision.explanation
+    sentence = car.supervisor.state.decision.explanation
     assert sentence == f'Preparing the battery. {car.plan.explanation}'
     # The sentence mentions neither an arrival, because no trip exists, nor internal names.
     assert re.fullmatch(r'Heating[^.:]*: in 15:00 min the battery is at [0-9.]+ degC, .*', car.plan.explanation)

@@ -66,7 +66,7 @@ class Drive:
         now_ns = START_NS + ns(at_s)
         self.supervisor.accept_battery(
             Measurement(BatteryState(temperature_c, soc), now_ns), now_ns)
-        command, plan = self.supervisor.latest_command, self.supervisor.decision.plan
+        command, plan = self.supervisor.state.latest_command, self.supervisor.state.decision.plan
         return (pytest.approx(command.battery_heating_power_w), command.reason,
                 None if plan is None else pytest.approx(plan.arrival_time_s))
 
@@ -94,7 +94,7 @@ def test_an_early_vehicle_has_less_time():
     assert drive.feed(100.0) == (HEATS, COLD, 300.0)
     drive.tell(105.0, 6100.0 + 10.0)
     # 4 degC warmer is what 25 degC on arrival takes from there on.
-    assert drive.supervisor.mission.legs[0].arrival_ns == START_NS + ns(400.0)
+    assert drive.supervisor.state.mission.legs[0].arrival_ns == START_NS + ns(400.0)
 
 
 def test_a_vehicle_that_leaves_early_is_heated_before_the_stamp_of_its_route():
@@ -134,10 +134,10 @@ def test_on_time_commands_and_plans_are_the_same_to_the_last_bit(settings):
 def test_a_position_waits_for_the_next_battery_state():
     drive = Drive()
     drive.feed(100.0)
-    before = drive.supervisor.decision
+    before = drive.supervisor.state.decision
     output = drive.tell(101.0, 500.0)
     assert (output.command, output.decision, output.refusals) == (None, None, ())
-    assert drive.supervisor.decision is before
+    assert drive.supervisor.state.decision is before
 
 
 def test_positions_do_not_replace_battery_states():
@@ -151,14 +151,14 @@ def test_positions_do_not_replace_battery_states():
 def test_a_position_without_a_route_says_nothing():
     supervisor = Stepwise(VEHICLE, MEASURED)
     supervisor.run(START_NS, ProgressArrived(Progress(100.0, START_NS, 'home')))
-    assert (supervisor.timetable, supervisor.refused_progress) == (None, None)
+    assert (supervisor.state.place, supervisor.state.refused_progress) == (None, None)
 
 
 def test_another_route_is_driven_by_its_own_stamp_again():
     drive = Drive()
     drive.tell(100.0, 0.0)
     drive.supervisor.accept_mission(a_mission(START_NS + ns(20.0)))
-    assert drive.supervisor.mission.delay_ns == 0
+    assert drive.supervisor.state.mission.delay_ns == 0
     assert drive.feed(120.0) == (HEATS, COLD, 500.0)
 
 
@@ -185,11 +185,11 @@ def test_a_refused_position_is_told_and_leaves_the_heater_alone(event):
     refusal, = drive.supervisor.output.refusals
     assert refusal.source == 'route_progress'
     assert refusal.error.problems[-1] == 'look at the clocks'
-    assert drive.supervisor.refused_progress == f'route_progress refused: {refusal.error}'
+    assert drive.supervisor.state.refused_progress == f'route_progress refused: {refusal.error}'
     # The previous place holds.
     assert drive.feed(101.0) == (HEATS, COLD, 598.5)
     drive.tell(102.0, 0.0)
-    assert drive.supervisor.refused_progress is None
+    assert drive.supervisor.state.refused_progress is None
 
 
 def test_a_place_that_is_too_old_is_driven_on_from_by_time():
@@ -239,7 +239,7 @@ def test_who_stands_is_kept_warm_for_a_quarter_of_an_hour(until_s, expected):
 def test_who_drives_on_is_heated_again_at_once():
     drive = Drive()
     assert stood(drive, 2000)[0] == OFF
-    assert drive.supervisor.decision.explanation == (
+    assert drive.supervisor.state.decision.explanation == (
         'The vehicle has stood for 31:34 min although its route has no stop here (the position has not moved for '
         '1894 s): no heating until it drives on.')
     drive.tell(2001.0, 6030.0)
@@ -267,7 +267,7 @@ def test_a_late_stop_ends_later():
     drive.tell(750.0, LENGTH_M)
     drive.feed(760.0)
     assert drive.feed(1049.0)[1] is Status.CHARGING
-    later, = drive.supervisor.mission.legs[1:]
+    later, = drive.supervisor.state.mission.legs[1:]
     assert later.start_ns == START_NS + ns(1050.0)
     assert drive.feed(1051.0) == (HEATS, COLD, 599.0)
 
@@ -295,7 +295,7 @@ def test_later_legs_are_planned_once_and_begin_later(monkeypatch):
         drive.feed(at_s)
         later, = drive.supervisor.later_decisions()
         starts_ns.append(later.plan_start_ns - START_NS)
-        assert later.leg is drive.supervisor.mission.legs[1]
+        assert later.leg is drive.supervisor.state.mission.legs[1]
     assert starts_ns == [ns(900.0 + at_s - 0.5) for at_s in (100.0, 105.0, 110.0)]
     assert planned.count(BatteryState(24.0, 0.7)) == 1
 
@@ -309,7 +309,7 @@ def test_a_refused_update_is_held_against_the_arrival_by_place(arrives_s, goes_o
     drive.supervisor.step_through(START_NS + ns(101.0), RouteUnreadable(
         InvalidInput('speed: -1'), RefusedRoute('home', True, (START_NS + ns(arrives_s),))))
     drive.feed(102.0)
-    assert (drive.supervisor.mission is not None) is goes_on
+    assert (drive.supervisor.state.mission is not None) is goes_on
 
 
 def test_events_of_one_instant_are_all_planned_for():
@@ -318,4 +318,4 @@ def test_events_of_one_instant_are_all_planned_for():
     drive.supervisor.run(
         now_ns, ProgressArrived(Progress(0.0, now_ns, 'home')),
         BatteryStateArrived(Measurement(BatteryState(-7.0, 0.8), now_ns)))
-    assert drive.supervisor.decision.plan.arrival_time_s == pytest.approx(599.5)
+    assert drive.supervisor.state.decision.plan.arrival_time_s == pytest.approx(599.5)

@@ -107,9 +107,9 @@ def test_a_refused_update_remains_known_until_a_valid_route_comes():
     known = []
     for second in range(1, 4):
         feed(supervisor, NOW_NS + ns(second))
-        known.append(supervisor.refused_route)
+        known.append(supervisor.state.refused_route)
     supervisor.accept_mission(make_mission())
-    assert (set(known), supervisor.refused_route) == ({
+    assert (set(known), supervisor.state.refused_route) == ({
         'route_plan refused: speed[0]: -1 is not allowed. The previous route holds again from '
         'the next valid battery state on.'}, None)
 
@@ -135,8 +135,8 @@ def test_any_other_refused_route_ends_the_one_before(refused, reason):
     supervisor.refuse_route(ERROR, refused)
     outcomes = {outcome(supervisor, NOW_NS)} | {
         feed(supervisor, NOW_NS + ns(second)) for second in range(1, 5)}
-    assert (outcomes, supervisor.mission) == ({OFF}, None)
-    sentence = supervisor.decision.explanation
+    assert (outcomes, supervisor.state.mission) == ({OFF}, None)
+    sentence = supervisor.state.decision.explanation
     assert sentence.startswith('route_plan refused: speed[0]: -1 is not allowed. The previous route '
                                'was dropped because ')
     assert reason in sentence
@@ -154,7 +154,7 @@ def test_after_a_dropped_route_a_valid_one_heats():
     supervisor.refuse_route(ERROR, RefusedRoute('work'))
     supervisor.accept_mission(make_mission('work'))
     supervisor.replan(NOW_NS)
-    assert (feed_on(supervisor, 0.0)[0] > 0.0, supervisor.refused_route) == (True, None)
+    assert (feed_on(supervisor, 0.0)[0] > 0.0, supervisor.state.refused_route) == (True, None)
 
 
 def test_a_second_refusal_of_the_same_trip_does_not_bring_a_dropped_route_back():
@@ -175,7 +175,7 @@ def test_a_refused_route_without_one_before_it_is_told_until_a_valid_one_comes()
     supervisor = Stepwise(VEHICLE, SETTINGS)
     supervisor.refuse_route(ERROR, SAME)
     assert feed(supervisor, NOW_NS) == OFF
-    assert supervisor.decision.explanation == (
+    assert supervisor.state.decision.explanation == (
         'route_plan refused: speed[0]: -1 is not allowed. The heater is off until a valid route '
         'plan arrives.')
 
@@ -229,7 +229,7 @@ def test_a_revised_route_does_not_make_a_refused_one_good():
     supervisor.refuse_route(ERROR, SAME)
     supervisor.revise_mission(make_mission())
     supervisor.replan(NOW_NS)
-    assert (outcome(supervisor, NOW_NS), supervisor.refused_route is None) == (OFF, False)
+    assert (outcome(supervisor, NOW_NS), supervisor.state.refused_route is None) == (OFF, False)
 
 
 # Cancellation
@@ -243,7 +243,7 @@ def test_a_cancelled_trip_is_off_and_stays_off():
     # Regardless of the battery state, because no route asks for heat.
     supervisor.refresh(NOW_NS + ns(100.0))
     outcomes.add(outcome(supervisor, NOW_NS + ns(100.0)))
-    assert (outcomes, supervisor.decision.explanation) == (
+    assert (outcomes, supervisor.state.decision.explanation) == (
         {(0.0, Status.NO_CHARGING_PLANNED)},
         'The trip was cancelled: no heating until a new route plan arrives.')
 
@@ -260,7 +260,7 @@ def test_a_cancellation_makes_a_refused_route_good():
     supervisor = heating_supervisor(make_mission())
     supervisor.refuse_route(ERROR, RefusedRoute('work'))
     supervisor.cancel()
-    assert (feed(supervisor, NOW_NS + ns(1.0)), supervisor.refused_route) == (
+    assert (feed(supervisor, NOW_NS + ns(1.0)), supervisor.state.refused_route) == (
         (0.0, Status.NO_CHARGING_PLANNED), None)
 
 
@@ -290,17 +290,17 @@ def early():
 
 
 def test_times_of_a_route_that_begins_later_count_from_now(early):
-    assert early.decision.explanation.startswith(
+    assert early.state.decision.explanation.startswith(
         'The route begins in 10:00 min. Heating all the way is not enough: arrival in 30:00 min ')
 
 
 def test_what_waits_for_the_beginning_of_the_route_is_waiting(early):
     # The deficit is so small that the target counts as reached, with no second to spare.
     leg = replace(make_leg(start_ns=NOW_NS + ns(600.0)),
-                  target_temperature_c=early.decision.plan.arrival_temperature_c + 0.001)
+                  target_temperature_c=early.state.decision.plan.arrival_temperature_c + 0.001)
     early.accept_mission(Mission('home', (leg,)))
     assert feed(early, NOW_NS) == (0.0, Status.WAITING)
-    decision = early.decision
+    decision = early.state.decision
     assert (decision.status, decision.plan.status) == (Status.WAITING, Status.WAITING)
     assert decision.explanation.startswith('The route begins in 10:00 min. Heating starts in '
                                            '10:00 min: arrival in 30:00 min ')

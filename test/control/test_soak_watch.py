@@ -110,7 +110,7 @@ def test_the_planner_plans_with_what_the_sensor_is_off_by():
         supervisor.run(START_NS)
         supervisor.accept_mission(trip(standing_time_s=standing_time_s))
         supervisor.accept_battery(measured(-5.0), START_NS)
-        temperatures_c.append(supervisor.decision.plan.battery_temperature_c[0])
+        temperatures_c.append(supervisor.state.decision.plan.battery_temperature_c[0])
     believed_c, corrected_c = temperatures_c
     assert believed_c == pytest.approx(-5.0)
     assert -6.1 < corrected_c < -5.5
@@ -119,11 +119,11 @@ def test_the_planner_plans_with_what_the_sensor_is_off_by():
 def test_a_state_that_came_before_the_route_is_made_good():
     supervisor = Stepwise(VEHICLE, Settings())
     supervisor.accept_battery(measured(-5.0), START_NS)
-    assert supervisor.estimate.sensor_offset_k == 0.0
+    assert supervisor.state.estimate.sensor_offset_k == 0.0
     supervisor.accept_mission(trip())
     supervisor.accept_battery(measured(-5.0, 1.0), START_NS + NS_PER_S)
-    assert supervisor.estimate.sensor_offset_k > 0.5
-    assert supervisor.stand_report.reading_c == -5.0
+    assert supervisor.state.estimate.sensor_offset_k > 0.5
+    assert supervisor.state.stand_report.reading_c == -5.0
 
 
 def test_without_estimation_nothing_is_said():
@@ -131,7 +131,7 @@ def test_without_estimation_nothing_is_said():
     supervisor.run(START_NS)
     supervisor.accept_mission(trip())
     supervisor.accept_battery(measured(3.0), START_NS)
-    assert supervisor.stand_report is None
+    assert supervisor.state.stand_report is None
 
 
 # The battery's own last temperature

@@ -5,8 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 
+from bev_preheat.control.command import OF_PLAN, SteadyStatus
 from bev_preheat.control.margins import LEAST_STATUS_S as LEAST_S
-from bev_preheat.control.steady_status import OF_PLAN, SteadyStatus
 from bev_preheat.planning.status import Status
 
 S = 1_000_000_000

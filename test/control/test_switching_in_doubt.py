@@ -67,7 +67,7 @@ class Car:
 
     @property
     def reason(self):
-        return self.planner.latest_command.reason
+        return self.planner.state.latest_command.reason
 
 
 def test_one_nan_among_good_states_ten_times_a_second_is_one_switching():
@@ -102,7 +102,7 @@ def test_what_makes_it_wait_is_said():
     car.give(9.5, BatteryStateUnreadable(UNREADABLE))
     for second in range(10, 14):
         car.give(second, car.state(second))
-    sentence = car.planner.decision.explanation
+    sentence = car.planner.state.decision.explanation
     # 3.5 s ago.
     assert sentence.startswith('battery_state was refused 4 s ago; heating resumes after 10 s of valid input.')
     assert 'target 60.0 degC' in sentence
@@ -120,7 +120,7 @@ def test_other_doubts_make_it_wait_too(doubt, words):
     for second in range(3, 16):
         car.give(second, RivalsChanged(''), RouteArrived(mission()), car.state(second))
         if second == 5:
-            assert car.planner.decision.explanation.startswith(words)
+            assert car.planner.state.decision.explanation.startswith(words)
     assert car.switch_ons_s == [1.0, pytest.approx(12.0, abs=1.1)]
 
 
@@ -139,7 +139,7 @@ def test_an_exception_makes_it_wait(monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr(car.planner._decision_maker, 'decide', lambda *arguments: 1 / 0)
         car.planner.step_through(NOW_NS + ns(2.0), car.state(2.0))
-        assert car.planner.latest_command.reason is Status.INTERNAL_ERROR
+        assert car.planner.state.latest_command.reason is Status.INTERNAL_ERROR
     car.give(3.0, car.state(3.0))
     assert (car.powers_w[-1], car.reason) == (0.0, Status.INTERNAL_ERROR)
     for second in range(4, 14):
@@ -153,24 +153,24 @@ def test_a_feed_slower_than_the_timeout_does_not_relay(every_s, timeout_s, doubt
     car = Car(replace(SETTINGS, battery_state_timeout_s=timeout_s))
     for second in range(1200):
         car.give(second, *([car.state(second)] if second % every_s == 0 else []))
-    verdicts = [verdict for verdict in car.planner.signal_verdicts if verdict.signal == FEED]
+    verdicts = [verdict for verdict in car.planner.state.signal_verdicts if verdict.signal == FEED]
     assert len(car.switch_ons_s) == 1
     assert (car.powers_w[-1] == 0.0, len(verdicts)) == (doubted, doubted)
     if doubted:
         words = 'battery_state arrives every 10.0 s; battery_state_timeout is 5 s: raise it'
         assert words in verdicts[0].sentence
-        assert words in car.planner.decision.explanation
+        assert words in car.planner.state.decision.explanation
         # Once it is steady, heating continues.
         for second in range(1200, 1230):
             car.give(second, car.state(second))
-        assert (car.planner.signal_verdicts, car.powers_w[-1] > 0.0) == ((), True)
+        assert (car.planner.state.signal_verdicts, car.powers_w[-1] > 0.0) == ((), True)
 
 
 def test_one_long_gap_is_no_slow_feed():
     car = Car()
     for second in range(300):
         car.give(second, *([] if 100 <= second < 220 else [car.state(second)]))
-    assert car.planner.signal_verdicts == ()
+    assert car.planner.state.signal_verdicts == ()
     assert car.switch_ons_s == [0.0, pytest.approx(230.0, abs=1.1)]
 
 
@@ -190,14 +190,14 @@ def held_car(temperature_c, target_c):
 @pytest.mark.parametrize('above_k', [0.1, 0.9])
 def test_within_its_least_time_on_the_heater_says_that_it_is_held(above_k):
     car = held_car(25.0 + above_k, 25.0)
-    assert (car.powers_w[-1] > 0.0, car.reason, car.planner.decision.status) == (
+    assert (car.powers_w[-1] > 0.0, car.reason, car.planner.state.decision.status) == (
         True, Status.HEATING, Status.HEATING)
-    assert car.planner.decision.explanation.startswith(
+    assert car.planner.state.decision.explanation.startswith(
         'The heater stays on for its minimum time, 17 s more: arrival at ')
     for second in range(4, 22):
         car.give(second, car.state(second))
     assert (car.powers_w[-1], car.reason) == (0.0, Status.NOT_NEEDED)
-    assert car.planner.decision.status is Status.NOT_NEEDED
+    assert car.planner.state.decision.status is Status.NOT_NEEDED
 
 
 @pytest.mark.parametrize('temperature_c, target_c', [
@@ -206,7 +206,7 @@ def test_within_its_least_time_on_the_heater_says_that_it_is_held(above_k):
 def test_the_least_time_on_does_not_outrank_limit_and_target(temperature_c, target_c):
     car = held_car(temperature_c, target_c)
     assert car.powers_w[-1] == 0.0
-    assert car.reason is car.planner.decision.status
+    assert car.reason is car.planner.state.decision.status
     assert car.reason in (Status.NOT_NEEDED, Status.WAITING)
     # The least time off holds.
     car.temperature_c = target_c - 10.0

@@ -222,9 +222,9 @@ def test_over_a_drive_the_target_changes_a_few_times_and_is_reached():
             supervisor.accept_battery(Measurement(
                 BatteryState(reading.temperature_c, reading.soc),
                 START_NS + round(reading.instant_s * NS_PER_S)), now_ns)
-            targets.append(supervisor.decision.plan.target_temperature_c)
-            reasons.add(supervisor.decision.target.reason)
-        power_w = supervisor.latest_command.battery_heating_power_w
+            targets.append(supervisor.state.decision.plan.target_temperature_c)
+            reasons.add(supervisor.state.decision.target.reason)
+        power_w = supervisor.state.latest_command.battery_heating_power_w
         heated.append(power_w > 0.0)
         car.advance_under(HeaterLease(power_w, car.time_s + PERIOD_S), car.time_s + PERIOD_S)
     changes = sum(a != b for a, b in zip(targets, targets[1:]))

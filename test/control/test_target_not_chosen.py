@@ -89,8 +89,8 @@ def test_where_heating_does_not_pay_there_is_none():
     decision = feed(supervisor)
     worth = find_worth(VEHICLE, drive(), STATE, Goal(25.0), 50e3, 0.8, PRICES)
     assert worth.best is worth.without_heating
-    assert decision.status is supervisor.latest_command.reason is Status.NOT_WORTH_IT
-    assert supervisor.latest_command.battery_heating_power_w == 0.0
+    assert decision.status is supervisor.state.latest_command.reason is Status.NOT_WORTH_IT
+    assert supervisor.state.latest_command.battery_heating_power_w == 0.0
     assert decision.explanation.startswith(worth.verdict.split(':')[0])
     assert 'The heater stays off: arrival in 25:00 min' in decision.explanation
     plan, target = decision.plan, worth.without_heating.target_c
@@ -114,10 +114,10 @@ def test_a_heater_that_is_on_is_switched_off_at_once():
     settings = replace(MEASURED, minimum_on_time_s=600.0, target_temperature_c=None)
     supervisor = a_supervisor(settings=settings, target_temperature_c=50.0)
     feed(supervisor)
-    assert supervisor.latest_command.battery_heating_power_w > 1000.0
+    assert supervisor.state.latest_command.battery_heating_power_w > 1000.0
     supervisor.accept_mission(a_mission(SLOW))
     feed(supervisor, 1.0)
-    assert supervisor.latest_command.battery_heating_power_w == 0.0
+    assert supervisor.state.latest_command.battery_heating_power_w == 0.0
 
 
 def test_a_battery_with_more_than_is_asked_for_is_not_heated():
@@ -169,7 +169,7 @@ def test_whatever_charger_car_and_state_come_together_nothing_fails(seed):
         for second in range(0, 245, 60):
             # A step that failed would raise here.
             decision = feed(supervisor, second, state)
-            command = supervisor.latest_command
+            command = supervisor.state.latest_command
             assert command.battery_heating_power_w == 0.0 or decision.status is not Status.NOT_WORTH_IT
             assert decision.target is None or len(decision.target.reason) > 20
 

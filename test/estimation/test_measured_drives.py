@@ -94,11 +94,11 @@ class Played:
             power = (float(log['voltage_v'][at]), float(log['current_a'][at])) if with_power else ()
             supervisor.step(now_ns, BatteryStateArrived(Measurement(
                 BatteryState(float(temperature_c[at]), round(float(log['soc'][at]), 3)), now_ns, *power)))
-            if supervisor.estimate is not None:
-                self.heaters.add(supervisor.estimate.heater.heater)
+            if supervisor.state.estimate is not None:
+                self.heaters.add(supervisor.state.estimate.heater.heater)
             if length - at in LEADS_S:
-                self.errors_k[length - at] = supervisor.decision.plan.arrival_temperature_c - arrived_c
-        self.estimate = supervisor.estimate
+                self.errors_k[length - at] = supervisor.state.decision.plan.arrival_temperature_c - arrived_c
+        self.estimate = supervisor.state.estimate
 
 
 @cache

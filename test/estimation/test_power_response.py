@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from bev_preheat.estimation.hypotheses import Heater, LEANING, SHARES
-from bev_preheat.estimation.power_response import (
+from bev_preheat.estimation.measured_power import (
     BLOCK_S,
     EXCESS_LASTS_S,
     EXCESS_W,

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from bev_preheat.estimation.resolution import Resolution, SOC_STEPS, TEMPERATURE_STEPS_K
+from bev_preheat.estimation.readings import Resolution, SOC_STEPS, TEMPERATURE_STEPS_K
 
 
 def found(values, steps=TEMPERATURE_STEPS_K):

@@ -18,12 +18,14 @@ from bev_preheat.native.structs import CurveStruct, NativeVehicle, NotDescribed
 from bev_preheat.numerics.arithmetic import FLOATS, SATURATING_FLOATS
 from bev_preheat.planning.charge_acceptance import no_acceptance_loss
 from bev_preheat.planning.dynamics import native_vehicle, run_forward
-from bev_preheat.planning.limits import LimitedSteps, run_unheated
+from bev_preheat.planning.limits import run_unheated
 from bev_preheat.planning.thresholds import find_thresholds
 from bev_preheat.planning.trip import make_trip
+from bev_preheat.planning.wanted_heat import LimitedSteps
 from bev_preheat.vehicle.corrections import ScaledCurve
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, Table
-from bev_preheat.vehicle.heat_path import HeatPath, make_heated_step
+from bev_preheat.vehicle.heat_path import HeatPath
+from bev_preheat.vehicle.heated_step import make_heated_step
 from bev_preheat.vehicle.model import make_euler, make_midpoint, make_rates, make_runge_kutta_4
 
 FORMULAS, TABLES = (drawn_situations.car(name) for name in drawn_situations.CARS)

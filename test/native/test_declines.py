@@ -6,8 +6,7 @@ from types import SimpleNamespace
 import drawn_situations
 import pytest
 
-from bev_preheat.native.declines import DECLINES, Declines
-from bev_preheat.native.library import core
+from bev_preheat.native.library import core, DECLINES, Declines
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat_studies.optimality.drawn_trips import draw_limit_trip
 

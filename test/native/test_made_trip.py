@@ -2,7 +2,7 @@
 """A trip's columns from the core and from Python."""
 
 from ctypes import addressof
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import drawn_situations
 import numpy as np
@@ -16,7 +16,7 @@ from bev_preheat.route.segments import make_route
 
 CAR = drawn_situations.car(drawn_situations.CARS[0])
 BAD_ARGUMENT, BAD_INPUT = -1, -3
-COLUMNS = [field.name for field in fields(Trip) if field.name not in ('vehicle', 'route', 'surplus_ceiling_c')]
+COLUMNS = [name for name in TRIP_COLUMNS if hasattr(Trip, name)]
 
 
 def drawn(number):
@@ -36,16 +36,31 @@ def drawn(number):
 def test_columns_are_the_same_to_the_last_bit():
     for number in range(80):
         situation = drawn(number)
+        assert core() is not None
         found = _made_trip(*situation)
         with without_core():
             expected = _made_trip(*situation)
-        # The core's input is Python's.
-        assert 'native' in vars(found) and 'native' not in vars(expected)
         for name in COLUMNS:
             assert getattr(found, name).tolist() == getattr(expected, name).tolist(), (number, name)
         for name, values in zip(TRIP_COLUMNS, found.native.columns, strict=True):
             other = expected.native.columns[TRIP_COLUMNS.index(name)]
             assert values.tolist() == other.tolist(), (number, name)
+
+
+def test_a_changed_trip_has_the_other_columns_of_the_old_one():
+    trip = _made_trip(*drawn(3))
+    limit_w, ceiling_c = 0.3 * trip.heater_limit_w, np.full(len(trip.route), 17.0)
+    bounded = trip.changed(surplus_ceiling_c=ceiling_c)
+    changed = bounded.changed(heater_limit_w=limit_w)
+    assert changed.heater_limit_w.tolist() == limit_w.tolist()
+    assert changed.surplus_ceilings_c.tolist() == ceiling_c.tolist()
+    for name in {*COLUMNS} - {'heater_limit_w'}:
+        assert getattr(changed, name).tolist() == getattr(trip, name).tolist(), name
+    # The old ones are as before.
+    assert bounded.heater_limit_w.tolist() == trip.heater_limit_w.tolist() != limit_w.tolist()
+    assert trip.native.surplus_ceiling_c is None
+    with pytest.raises(TypeError, match='idle_w: not columns of a trip'):
+        trip.changed(idle_w=limit_w)
 
 
 @pytest.mark.parametrize('leakage_times', [1.0, 200.0])

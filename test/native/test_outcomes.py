@@ -17,8 +17,7 @@ from bev_preheat.planning.heat_run import initial_states
 from bev_preheat.planning.heating_intervals import Reason
 from bev_preheat.planning.limits import run_unheated
 from bev_preheat.planning.merit_order import plan_merit_order
-from bev_preheat.planning.no_regret import power_deficit
-from bev_preheat.planning.outcome import find_outcome
+from bev_preheat.planning.outcome import find_outcome, power_deficit
 from bev_preheat.planning.planner import plan_without_heating
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.vehicle.heat_path import HeatPath

@@ -26,11 +26,18 @@ from node_bench import Bench, PatientProcess, poll_until, Recorder, Sender
 import pytest
 from spinning import spun_node
 
-from bev_preheat.nodes import charger_adviser_node, nlp_checker_node, planner_node, vehicle_simulator_node
+from bev_preheat.nodes import (
+    charger_adviser_node,
+    nlp_checker_node,
+    planner_node,
+    route_publisher_node,
+    vehicle_simulator_node,
+)
 from bev_preheat.nodes.installed_processes import reserved_domain_id
 
 MAIN_MODULES = {'planner': planner_node, 'nlp_checker': nlp_checker_node,
                 'charger_adviser': charger_adviser_node,
+                'route_publisher': route_publisher_node,
                 'vehicle_simulator': vehicle_simulator_node}
 
 

@@ -121,7 +121,7 @@ def planned(settings=Settings(estimation=False), **changed):
         'stop_after_segment': [], 'stop_duration': [], 'stop_charger_power': [], 'departure_soc': [],
         **changed}))
     supervisor.accept_battery(Measurement(STATE, now_ns), now_ns)
-    return supervisor, plan_message(supervisor.decision, supervisor.mission, now_ns)
+    return supervisor, plan_message(supervisor.state.decision, supervisor.state.mission, now_ns)
 
 
 @pytest.mark.parametrize('changed, source', [
@@ -131,7 +131,7 @@ def planned(settings=Settings(estimation=False), **changed):
 def test_a_plan_says_where_its_target_comes_from(changed, source):
     supervisor, plan = planned(**changed)
     assert plan.target_source == source
-    choice = supervisor.decision.target
+    choice = supervisor.state.decision.target
     figures = (plan.charging_time, plan.charging_time_unheated, plan.bought_energy,
                plan.bought_energy_unheated)
     if source in (PreheatPlan.TARGET_CHOSEN, PreheatPlan.TARGET_GIVEN):
@@ -157,7 +157,7 @@ def test_a_message_that_nobody_filled_has_no_session():
 def test_heating_that_does_not_pay_is_no_fault():
     supervisor, plan = planned(charger_power=50e3)
     assert plan.status == PreheatPlan.NOT_WORTH_IT and not plan.heating_planned
-    entry = planner_diagnostics('/planner', supervisor, START_S * NS_PER_S).status[0]
+    entry = planner_diagnostics('/planner', supervisor.state, START_S * NS_PER_S).status[0]
     assert entry.level == DiagnosticStatus.OK and entry.message.startswith('NOT_WORTH_IT: Not worth it')
     values = {pair.key: pair.value for pair in entry.values}
     assert values['target because'] == plan.target_reason
@@ -173,10 +173,10 @@ def test_a_decision_without_a_target_has_no_figures():
 @pytest.mark.parametrize('charger_w', [150e3, 50e3])
 def test_the_checker_takes_the_target_that_was_chosen(charger_w):
     supervisor, plan = planned(charger_power=charger_w)
-    measurement = supervisor.measurement
+    measurement = supervisor.state.measurement
     # Its own inbox knows nothing of prices or estimates.
     inbox = Inbox(VEHICLE, Settings(estimation=False))
-    goal_of, mission = inbox.goal_of, supervisor.mission
+    goal_of, mission = inbox.goal_of, supervisor.state.mission
     assert goal_of(mission.legs[0]).target_temperature_c == 25.0
     for case in (case_of_plan(mission, goal_of, [measurement], plan),
                  case_of_state(mission, goal_of, measurement, plan)):

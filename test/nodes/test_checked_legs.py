@@ -55,39 +55,39 @@ def at(elapsed_s):
 @pytest.mark.parametrize('elapsed_s, rest_s, goal', [
     (0, 600.0, GOALS[0]), (450, 150.0, GOALS[0]), (900, 600.0, GOALS[1]), (1100, 400.0, GOALS[1])])
 def test_a_state_is_checked_in_its_leg(inputs, elapsed_s, rest_s, goal):
-    case = case_of_state(inputs.mission, inputs.goal_of, at(elapsed_s), None)
+    case = case_of_state(inputs.state.mission, inputs.goal_of, at(elapsed_s), None)
     assert (case.question.route.total_duration_s, case.question.goal) == (
         pytest.approx(rest_s), goal)
 
 
 @pytest.mark.parametrize('elapsed_s', [600, 899, 1500])
 def test_at_a_stop_and_after_the_end_nothing_is_checked(inputs, elapsed_s):
-    assert case_of_state(inputs.mission, inputs.goal_of, at(elapsed_s), None) is None
+    assert case_of_state(inputs.state.mission, inputs.goal_of, at(elapsed_s), None) is None
 
 
 @pytest.mark.parametrize('elapsed_s, goal', [(450, GOALS[0]), (1100, GOALS[1])])
 def test_a_plan_is_checked_in_its_leg(inputs, elapsed_s, goal):
     measurement = at(elapsed_s)
     inputs.accept_battery(measurement, measurement.stamp_ns)
-    plan = plan_message(inputs.replan(measurement.stamp_ns), inputs.mission, measurement.stamp_ns,
+    plan = plan_message(inputs.replan(measurement.stamp_ns), inputs.state.mission, measurement.stamp_ns,
                         inputs.later_decisions())
-    case = case_of_plan(inputs.mission, inputs.goal_of, [measurement], plan)
+    case = case_of_plan(inputs.state.mission, inputs.goal_of, [measurement], plan)
     assert (case.question.goal, case.start_ns) == (goal, measurement.stamp_ns)
 
 
 def test_what_the_planner_says_at_a_stop_is_no_plan_to_check(inputs):
     measurement = at(700)
     inputs.accept_battery(measurement, measurement.stamp_ns)
-    plan = plan_message(inputs.replan(measurement.stamp_ns), inputs.mission, measurement.stamp_ns,
+    plan = plan_message(inputs.replan(measurement.stamp_ns), inputs.state.mission, measurement.stamp_ns,
                         inputs.later_decisions())
-    assert case_of_plan(inputs.mission, inputs.goal_of, [measurement], plan) is None
+    assert case_of_plan(inputs.state.mission, inputs.goal_of, [measurement], plan) is None
 
 
 def test_a_vehicle_that_is_late_is_checked_where_it_is(inputs):
-    supervisor, planned, measurement = Stepwise(VEHICLE, Settings()), inputs.mission, at(90)
+    supervisor, planned, measurement = Stepwise(VEHICLE, Settings()), inputs.state.mission, at(90)
     supervisor.accept_mission(planned.delayed(60 * NS_PER_S))
     supervisor.accept_battery(measurement, measurement.stamp_ns)
-    plan = plan_message(supervisor.replan(measurement.stamp_ns), supervisor.mission, 0)
+    plan = plan_message(supervisor.replan(measurement.stamp_ns), supervisor.state.mission, 0)
     assert plan.delay == 60.0
     assert case_of_plan(planned, inputs.goal_of, [measurement], plan) is None
     case = case_of_plan(as_driven(planned, plan), inputs.goal_of, [measurement], plan)
@@ -106,8 +106,8 @@ def heated():
         route_message(stop_target_battery_temperature=[nan]), vehicle.defaults, 30.0))
     for elapsed_s in range(0, 120, 5):
         supervisor.accept_battery(at(elapsed_s), at(elapsed_s).stamp_ns)
-    plan = plan_message(supervisor.replan(at(elapsed_s).stamp_ns), supervisor.mission, 0)
-    return supervisor.mission, supervisor.goal_of, at(elapsed_s), plan
+    plan = plan_message(supervisor.replan(at(elapsed_s).stamp_ns), supervisor.state.mission, 0)
+    return supervisor.state.mission, supervisor.goal_of, at(elapsed_s), plan
 
 
 def test_a_plan_is_checked_with_the_heat_under_way(heated):

@@ -15,10 +15,17 @@ import subprocess
 from ament_index_python.packages import get_package_prefix
 import pytest
 
-from bev_preheat.nodes import charger_adviser_node, nlp_checker_node, planner_node, vehicle_simulator_node
+from bev_preheat.nodes import (
+    charger_adviser_node,
+    nlp_checker_node,
+    planner_node,
+    route_publisher_node,
+    vehicle_simulator_node,
+)
 
 NODES = {'planner': planner_node, 'nlp_checker': nlp_checker_node,
          'charger_adviser': charger_adviser_node,
+         'route_publisher': route_publisher_node,
          'vehicle_simulator': vehicle_simulator_node}
 LISTENING = ('planner', 'nlp_checker')
 
@@ -48,7 +55,7 @@ def test_help_is_printed_and_the_process_ends(call_main, name, option):
     for parameter in NODES[name].PARAMETERS:
         assert f'\n  {parameter.name} (default: ' in done.stdout
     assert f'{name} --ros-args -p ' in done.stdout
-    assert 'battery_state' in done.stdout and '/diagnostics' in done.stdout
+    assert 'route_plan' in done.stdout and '/diagnostics' in done.stdout
 
 
 def test_help_tells_units_ranges_and_choices(call_main):
@@ -111,6 +118,8 @@ MISTYPED = {
                     'vehicle': ('1.5', 'a text, such as reference')},
     'charger_adviser': {'value_of_time': ('[1.0]', 'a number, such as 10.0'),
                         'vehicle': ('7', 'a text, such as reference')},
+    'route_publisher': {'standing_time': ('long', 'a number, such as 0.0'),
+                        'charging_planned': ('1', 'true or false'), 'vehicle': ('7', 'a text, such as reference')},
     'vehicle_simulator': {'speed_up': ('fast', 'a number, such as 1.0'), 'publish_clock': ('0', 'true or false')}}
 
 

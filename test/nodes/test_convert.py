@@ -35,10 +35,10 @@ from bev_preheat.nodes.convert import (
     time_message,
 )
 from bev_preheat.planning.heating_intervals import HeatingInterval, Reason
+from bev_preheat.planning.outcome import Stranding
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
-from bev_preheat.planning.stranding import Stranding
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.description import Defaults

@@ -14,7 +14,7 @@ from bev_preheat.control.events import BatteryStateArrived, RouteArrived
 from bev_preheat.control.inputs import Leg, Measurement, Mission, NS_PER_S
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
-from bev_preheat.native.declines import DECLINES
+from bev_preheat.native.library import DECLINES
 from bev_preheat.nodes.convert import plan_message
 from bev_preheat.nodes.diagnostics import planner_diagnostics
 from bev_preheat.nodes.planner_node import PlannerNode
@@ -86,13 +86,13 @@ def supervisor():
 
 
 def test_its_messages_are_as_long_as_the_planners(supervisor):
-    now_ns = supervisor.measurement.stamp_ns
+    now_ns = supervisor.state.measurement.stamp_ns
     # Of other tests in this process.
     DECLINES.counts.clear()
     for its, the_planners in (
             (empty_node.plan_message(),
-             plan_message(supervisor.decision, supervisor.mission, now_ns)),
-            (empty_node.diagnostics_message(), planner_diagnostics('/planner', supervisor, now_ns))):
+             plan_message(supervisor.state.decision, supervisor.state.mission, now_ns)),
+            (empty_node.diagnostics_message(), planner_diagnostics('/planner', supervisor.state, now_ns))):
         assert len(serialize_message(its)) == pytest.approx(
             len(serialize_message(the_planners)), rel=0.1)
 

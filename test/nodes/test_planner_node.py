@@ -769,7 +769,8 @@ def test_a_new_vehicle_with_assumed_values_is_warned_of(tunable_car):
             lambda array: array.status[0].hardware_id == 'mid_size_lfp')
     values = {value.key: value.value for value in array.status[0].values}
     assert 'battery resistance' in values['assumed of the vehicle'].split(', ')
-    assert 'vehicle mid_size_lfp: assumed, not measured: ' in car.process.output()
+    assert ('vehicle mid_size_lfp: 21 values are assumed, not measured; preheat vehicle check '
+            in car.process.output())
 
 
 def test_a_new_period_takes_effect_at_once(tunable_car):

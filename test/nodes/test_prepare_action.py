@@ -170,15 +170,15 @@ def planned(*preparation_goals):
                   BatteryStateArrived(measurement), *map(PreparationWanted, preparation_goals)):
         assert not supervisor.step(NOW_NS, event).refusals
     return supervisor, measurement, plan_message(
-        supervisor.decision, supervisor.active_mission, NOW_NS)
+        supervisor.state.decision, supervisor.state.active_mission, NOW_NS)
 
 
 @pytest.mark.parametrize('preparation_goals', [(), (PreparationGoal(NOW_NS + 2400 * NS_PER_S, 20.0),)])
 def test_a_plan_for_a_goal_is_not_taken_for_the_routes(preparation_goals):
     supervisor, measurement, plan = planned(*preparation_goals)
     assert plan.route_id == ('~/prepare_battery' if preparation_goals else 'home')
-    case = case_of_plan(supervisor.mission, Inbox(
-        supervisor.vehicle, supervisor.settings).goal_of, [measurement], plan)
+    case = case_of_plan(supervisor.state.mission, Inbox(
+        supervisor.state.vehicle, supervisor.state.settings).goal_of, [measurement], plan)
     assert (case is None) is bool(preparation_goals)
 
 

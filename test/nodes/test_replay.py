@@ -187,11 +187,11 @@ def events_of(given, intake, supervisor):
     if given.kind == 'battery_state':
         return [battery_event(given.value)]
     if given.kind == 'route_plan':
-        return [intake.read(given.value, supervisor)]
+        return [intake.read(given.value, supervisor.state)]
     if given.kind == 'enable':
         return [PreheatingSwitched(given.value)]
     return [Reconfigured(VEHICLE, given.value, intake.read_again(
-        supervisor, VEHICLE, given.value))]
+        supervisor.state, VEHICLE, given.value))]
 
 
 @dataclass(frozen=True)
@@ -230,7 +230,7 @@ def replayed(driven):
             commands.append(command_message(output.command, now_ns))
         if output.decision is not None:
             plans.append(plan_message(
-                output.decision, supervisor.mission, now_ns, supervisor.later_decisions()))
+                output.decision, supervisor.state.mission, now_ns, supervisor.later_decisions()))
         return not output.refusals
 
     for command in driven.commands.messages:

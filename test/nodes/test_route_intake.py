@@ -104,13 +104,13 @@ class Driver:
 
     def take(self, message):
         """Pass a message to the supervisor; raise its refusal."""
-        self.supervisor.run(NOW_NS, self.intake.read(message, self.supervisor))
+        self.supervisor.run(NOW_NS, self.intake.read(message, self.supervisor.state))
 
     def configure(self, settings=SETTINGS):
         """Set parameters, as the node does."""
-        vehicle = self.supervisor.vehicle
+        vehicle = self.supervisor.state.vehicle
         self.supervisor.run(NOW_NS, Reconfigured(
-            vehicle, settings, self.intake.read_again(self.supervisor, vehicle, settings)))
+            vehicle, settings, self.intake.read_again(self.supervisor.state, vehicle, settings)))
 
     def refused(self, **changed):
         with pytest.raises(InvalidInput):
@@ -148,7 +148,7 @@ def test_any_other_refused_route_ends_the_route_before_it(driver, changed):
     driver.refused(**changed)
     # A change of parameters must not bring it back either.
     driver.configure(replace(SETTINGS, lease_s=1.0))
-    assert (driver.fed(1.0), driver.supervisor.latest_mission) == (
+    assert (driver.fed(1.0), driver.supervisor.state.latest_mission) == (
         (0.0, Status.INVALID_INPUT), None)
 
 
@@ -166,31 +166,31 @@ def test_a_route_that_nobody_foresaw_ends_the_one_before_it(driver, monkeypatch)
     with pytest.raises(InvalidInput, match='MemoryError'):
         driver.take(route_message(route_id='work'))
     assert driver.fed(1.0) == (0.0, Status.INVALID_INPUT)
-    assert driver.supervisor.refused_route.startswith(
+    assert driver.supervisor.state.refused_route.startswith(
         'route_plan refused: cannot be read: MemoryError. ')
 
 
 def test_a_route_is_revised_with_the_present_settings(driver):
     driver.configure(replace(SETTINGS, planning_step_s=100.0))
-    leg, = driver.supervisor.mission.legs
+    leg, = driver.supervisor.state.mission.legs
     assert leg.route.duration_s.tolist() == pytest.approx([100.0] * 12)
 
 
 def test_the_default_target_of_the_settings_is_that_of_a_departure(driver):
     driver.configure(replace(SETTINGS, target_temperature_c=13.0))
     driver.take(route_message(stop_after_segment=[9], stop_duration=[600.0]))
-    assert driver.supervisor.mission.legs[1].departure.temperature_c == 13.0
+    assert driver.supervisor.state.mission.legs[1].departure.temperature_c == 13.0
 
 
 def test_a_route_that_does_not_fit_a_vehicle_comes_back_with_one_that_it_fits(driver):
     narrow = replace(VEHICLE, battery=replace(VEHICLE.battery, temperature_range_c=(-5.0, 60.0)))
-    mission = driver.supervisor.mission
+    mission = driver.supervisor.state.mission
     for vehicle, has_mission in ((narrow, False), (VEHICLE, True)):
-        settings = driver.supervisor.settings
-        again = driver.intake.read_again(driver.supervisor, vehicle, settings)
+        settings = driver.supervisor.state.settings
+        again = driver.intake.read_again(driver.supervisor.state, vehicle, settings)
         driver.supervisor.step_through(NOW_NS, Reconfigured(vehicle, settings, again))
-        assert (driver.supervisor.mission is not None) == has_mission
-    assert driver.supervisor.mission.route_id == mission.route_id
+        assert (driver.supervisor.state.mission is not None) == has_mission
+    assert driver.supervisor.state.mission.route_id == mission.route_id
 
 
 def test_a_route_that_cannot_be_read_with_new_parameters_is_dropped_until_it_can(

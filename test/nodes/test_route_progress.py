@@ -88,14 +88,14 @@ def told(supervisor, at_s, **fields):
 
 
 def said(supervisor, now_ns):
-    status = progress_diagnostics('planner', supervisor, now_ns)
+    status = progress_diagnostics('planner', supervisor.state, now_ns)
     assert (status.name, status.hardware_id) == ('planner: route progress', VEHICLE.name)
     return status.level, status.message
 
 
 def test_nothing_is_said_before_the_first_position():
-    assert progress_diagnostics('planner', a_supervisor(), START_NS) is None
-    assert progress_diagnostics('planner', Supervisor(VEHICLE, Settings()), START_NS) is None
+    assert progress_diagnostics('planner', a_supervisor().state, START_NS) is None
+    assert progress_diagnostics('planner', Supervisor(VEHICLE, Settings()).state, START_NS) is None
 
 
 @pytest.mark.parametrize('at_s, message', [
@@ -107,7 +107,7 @@ def test_the_delay_is_said(at_s, message):
 def test_the_figures_are_there():
     supervisor = a_supervisor()
     told(supervisor, 110.5)
-    status = progress_diagnostics('planner', supervisor, START_NS + round(112.0 * NS_PER_S))
+    status = progress_diagnostics('planner', supervisor.state, START_NS + round(112.0 * NS_PER_S))
     assert {value.key: value.value for value in status.values} == {
         'distance [m]': '1000', 'length of the route [m]': '12000', 'delay [s]': '60.0',
         'age [s]': '1.50', 'has stood for [s]': '0'}

@@ -8,6 +8,7 @@ import casadi
 import numpy as np
 import pytest
 
+from bev_preheat.charging.equations import heated_c
 from bev_preheat.charging.session import charge
 from bev_preheat.charging.stop import ChargingStop, stop_after
 from bev_preheat.charging.target_worth import Prices
@@ -130,11 +131,10 @@ def test_its_steps_lead_where_the_session_does(vehicle, monkeypatch):
     states, bought_j = [0.2, 9.0, 0.0, 0.0], 0.0
     duration_s = session.charging_time_s / steps
     for _ in range(steps):
-        end_c = states[1]
+        reached = states
         # The temperature at the end is implicit: the program solves for it; here it is iterated.
         for _ in range(20):
-            *reached, terminal_w, drawn_w = map(float, step(*states, duration_s, end_c))
-            end_c = reached[1]
+            *reached, terminal_w, drawn_w = map(float, step(*states, duration_s, heated_c(vehicle, *reached[1:])))
         states = reached
         bought_j += duration_s * (terminal_w + drawn_w + 1900.0)
     assert states[0] == pytest.approx(0.5, abs=1e-4)

@@ -10,7 +10,7 @@ from own_plant import OwnPlant
 import pytest
 
 from bev_preheat.planning.limits import drive_as_planned, limits_hold, run_unheated
-from bev_preheat.planning.no_regret import power_deficit
+from bev_preheat.planning.outcome import power_deficit
 from bev_preheat.planning.planner import plan_preheating, plan_without_heating
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.trip import make_trip

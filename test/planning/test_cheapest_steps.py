@@ -67,7 +67,7 @@ def test_a_step_that_the_cabin_takes_is_in_no_order():
     trip, _, _, schedule = planned(3)
     limit_w = trip.heater_limit_w.copy()
     limit_w[5] = 0.0
-    assert 5 not in find_prices(replace(trip, heater_limit_w=limit_w), schedule).cheapest_first()
+    assert 5 not in find_prices(trip.changed(heater_limit_w=limit_w), schedule).cheapest_first()
 
 
 @pytest.mark.parametrize('number', [0, 2, 9])

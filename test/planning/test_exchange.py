@@ -23,8 +23,8 @@ from bev_preheat.planning.exchange import exchange_heat
 from bev_preheat.planning.limited_prices import find_changes, find_needs
 from bev_preheat.planning.limits import drive_as_planned, limits_hold
 from bev_preheat.planning.merit_order import plan_merit_order
-from bev_preheat.planning.no_regret import power_deficit
 from bev_preheat.planning.optimal_switch import plan_optimal_switch
+from bev_preheat.planning.outcome import power_deficit
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.trip import make_trip

@@ -11,8 +11,8 @@ from bev_preheat.native.library import without_core
 from bev_preheat.planning.cheapest_steps import LEAST_SAVING_WH, whole_charge_wh
 from bev_preheat.planning.limited_switch import switch_within_limits
 from bev_preheat.planning.limits import drive_as_planned
-from bev_preheat.planning.no_regret import power_deficit
 from bev_preheat.planning.optimal_switch import plan_optimal_switch
+from bev_preheat.planning.outcome import power_deficit
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status

@@ -11,18 +11,12 @@ from varying_power import magnitude_w
 
 from bev_preheat.numerics.arithmetic import ARRAYS, FLOATS
 from bev_preheat.planning.dynamics import keep_accounts, run_forward
-from bev_preheat.planning.limits import (
-    drive_as_planned,
-    LimitedSteps,
-    limits_hold,
-    run_within_limits,
-    WantedHeat,
-    watch_limits,
-)
+from bev_preheat.planning.limits import drive_as_planned, limits_hold, run_within_limits, watch_limits
 from bev_preheat.planning.merit_order import plan_merit_order
 from bev_preheat.planning.optimal_switch import plan_optimal_switch
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.trip import make_trip
+from bev_preheat.planning.wanted_heat import LimitedSteps, WantedHeat
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, Table

@@ -9,13 +9,14 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from bev_preheat.planning.limits import LimitedSteps, run_within_limits, WantedHeat
+from bev_preheat.planning.limits import run_within_limits
 from bev_preheat.planning.merit_order import plan_merit_order
 from bev_preheat.planning.optimal_switch import plan_optimal_switch
 from bev_preheat.planning.planner import as_driven, plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
 from bev_preheat.planning.trip import make_trip
+from bev_preheat.planning.wanted_heat import LimitedSteps, WantedHeat
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, Table

@@ -3,7 +3,7 @@
 
 import pytest
 
-from bev_preheat.signals.percent_scale import PercentScale
+from bev_preheat.signals.electrical import PercentScale
 
 
 def never():

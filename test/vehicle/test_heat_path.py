@@ -11,7 +11,8 @@ import pytest
 
 from bev_preheat.numerics.arithmetic import ARRAYS, FLOATS
 from bev_preheat.vehicle import load_vehicle
-from bev_preheat.vehicle.heat_path import DIRECT, HeatPath, make_heat_step, sensor_reading_c
+from bev_preheat.vehicle.heat_path import DIRECT, HeatPath
+from bev_preheat.vehicle.heated_step import make_heat_step, sensor_reading_c
 
 REFERENCE = load_vehicle('reference')
 BATTERY_J_PER_K = REFERENCE.battery.heat_capacity_j_per_k

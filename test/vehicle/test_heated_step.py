@@ -12,7 +12,8 @@ import pytest
 from bev_preheat.numerics.arithmetic import ARRAYS, FLOATS
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.description import Leakage
-from bev_preheat.vehicle.heat_path import HeatPath, make_heated_step
+from bev_preheat.vehicle.heat_path import HeatPath
+from bev_preheat.vehicle.heated_step import make_heated_step
 from bev_preheat.vehicle.model import make_rates, make_runge_kutta_4
 
 REFERENCE = load_vehicle('reference')

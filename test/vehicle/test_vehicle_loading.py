@@ -12,8 +12,8 @@ from bev_preheat.errors import InvalidInput
 from bev_preheat.files.configuration import configuration_folder
 from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.vehicle import load_vehicle
-from bev_preheat.vehicle.charging import Charging, charging_of
-from bev_preheat.vehicle.description import RoadLoad
+from bev_preheat.vehicle.charging import charging_of
+from bev_preheat.vehicle.description import Charging, RoadLoad
 from bev_preheat.vehicle.heat_path import DIRECT, HeatPath
 
 GOOD = {
@@ -40,6 +40,8 @@ VOLTAGE = 'battery.open_circuit_voltage'
 RESISTANCE = 'battery.resistance'
 DISCHARGE = 'battery.power_limits.discharge'
 CHARGE = 'battery.power_limits.charge'
+NO_COLD = ('has no temperature_c, so a cold battery would charge like a warm one and preheating would gain '
+           'nothing; add the axis, or let preheat vehicle new --charging-curve combine the curve with the cold')
 EVERYWHERE = 'over the whole soc_range and temperature_range_c'
 GONE = object()
 ROAD_LOAD = {'mass_kg': 1500, 'frontal_area_m2': 2.1, 'drag_coefficient': 0.29,
@@ -180,6 +182,18 @@ def test_a_map_for_fast_charging_has_the_form_of_a_limit(tmp_path):
     assert vehicle.battery.charge_power_limit.function(FLOATS)(0.5, 10.0) == pytest.approx(-70000.0)
 
 
+def test_a_charge_limit_without_temperature_is_no_map_for_sessions(tmp_path):
+    contents = with_change('battery.power_limits.charge', {'soc': [0, 1], 'values': [-70000, -2000]})
+    contents.pop('charging', None)
+    assert load_vehicle(written(tmp_path, contents)).charging is None
+    contents['charging'] = {'battery_heating': False}
+    with pytest.raises(InvalidInput) as refused:
+        load_vehicle(written(tmp_path, contents))
+    (problem,) = refused.value.problems
+    assert problem.endswith(
+        f': battery.power_limits.charge (there is no charging.power_limit): {NO_COLD}')
+
+
 def test_leakage_rises_with_speed(tmp_path):
     leakage = load_vehicle(written(tmp_path, GOOD)).battery.leakage
     # 31 + 0.7 * 20
@@ -280,6 +294,8 @@ def test_reference_is_the_car_of_the_papers_table_1():
      'it must be at least 1000 and at most 2000000'),
     ('charging', {'power_limit': {'temperature_c': [-20, 10], 'values': [2000, 70000]}},
      f'charging.power_limit: 2000 W at soc 0.04 and -33 degC; it must be -2000000 ... 0 W {EVERYWHERE}'),
+    ('charging', {'power_limit': {'soc': [0, 1], 'values': [-70000, -2000]}},
+     f'charging.power_limit: {NO_COLD}'),
     ('charging', {'power_limit': {'temperature_c': [10, -20], 'values': [-2000, -7000]}},
      'charging.power_limit.temperature_c: [10.0, -20.0] must rise from point to point'),
     # Values that are not numbers.

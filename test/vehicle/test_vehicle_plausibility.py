@@ -63,7 +63,7 @@ def test_figures_by_hand(plain):
     assert meaning.time_constant_h == pytest.approx(400e3 / 30.0 / 3600.0)
     assert meaning.time_constant_at_100_kmh_h == pytest.approx(400e3 / fast_w_per_k / 3600.0)
     assert meaning.most_charging_power_kw == 110.0
-    assert meaning.charging_power_kw[0.0] == {0.2: 30.0, 0.5: 30.0}
+    assert meaning.charging_power_kw[0.0] == {0.2: 30.0, 0.5: 30.0, 0.8: 30.0}
     # A ninth of the way from 20 to 25 degC is a fifth of 45 K from -20 degC.
     assert meaning.discharging_power_kw[-10.0] == pytest.approx(40.0 + 90.0 * 10.0 / 45.0)
 
@@ -95,7 +95,7 @@ def test_the_cars_of_the_package_are_usual(name):
 
 
 @pytest.mark.parametrize('changes, warning', [
-    ({'battery__capacity_ah': 1500}, 'energy: 432 kWh; the usual range is 10 ... 200 (capacity_ah times the '
+    ({'battery__capacity_ah': 15}, 'energy: 4.32 kWh; the usual range is 5 ... 1000 (capacity_ah times the '
      'open-circuit voltage)'),
     ({'battery__heat_capacity_j_per_k': 40000}, 'heat capacity: 0.926 kJ/K for each kWh; the usual range is '
      '3 ... 13 (about 1 kJ/(kg K) times the mass of the pack)'),
@@ -118,7 +118,7 @@ def test_the_cars_of_the_package_are_usual(name):
     ({'hvch__maximum_power_w': 60.0}, 'heating: -0.37 K in 10 min at full heater power; the usual range is '
      '1 ... 40 (heater power in W over heat capacity)'),
     ({'battery__power_limits__charge': {'temperature_c': [-10, 25], 'values': [-300e3, -600e3]}},
-     'charge limit: 13.9 kW for each kWh (at most 600 kW); the usual range is 0.3 ... 6 (power in W, '
+     'charge limit: 13.9 kW for each kWh (at most 600 kW); the usual range is 0.15 ... 6 (power in W, '
      'negative)'),
     ({'battery__power_limits__charge': {'temperature_c': [-10, 25], 'values': [-90e3, -110e3]}},
      'charge limit: 90 kW at -10 degC and soc 0.2, but 110 kW at 25 degC; cold batteries usually '
@@ -155,8 +155,10 @@ def test_keys_in_words(key, words):
 def test_the_warning_names_car_values_and_file(plain):
     vehicle = plain(assumed=['battery.resistance', 'hvch.efficiency'])
     assert assumption_warning(vehicle, '/cars/plain.yaml') == (
-        'vehicle plain: assumed, not measured: battery resistance, HVCH efficiency; '
-        'see /cars/plain.yaml')
+        'vehicle plain: 2 values are assumed, not measured; preheat vehicle check /cars/plain.yaml lists them')
+    assert assumption_warning(plain(assumed=['hvch.efficiency']), "/cars/my car's.yaml") == (
+        'vehicle plain: 1 value is assumed, not measured; preheat vehicle check '
+        """'/cars/my car'"'"'s.yaml' lists them""")
     assert assumption_warning(plain(), '/cars/plain.yaml') is None
 
 

@@ -11,6 +11,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsed
 from rich.text import Text
 
 from bev_preheat.commands.completion import completed_by, ROUTES, VEHICLES
+from bev_preheat.commands.method_argument import MethodNames
 from bev_preheat.commands.situation import load_planned_vehicle, target_of, warn
 from bev_preheat.console.finished import keeping_what_is_finished
 from bev_preheat.console.output import add_output_arguments, write_json
@@ -119,8 +120,10 @@ def add_parser(subparsers: Subparsers) -> None:
                         help='run a single trip, or day, of the study; --plot then draws the trip over time')
     parser.add_argument('--seed', type=int, default=1, help='default: %(default)s')
     add_study_arguments(parser)
-    parser.add_argument('--methods', nargs='+', choices=tuple(COMPARED), default=list(COMPARED),
-                        metavar='METHOD', help=f'of {", ".join(COMPARED)} (default: all)')
+    compared = MethodNames(*COMPARED)
+    parser.add_argument('--methods', nargs='+', choices=compared, type=compared.checked, default=list(COMPARED),
+                        metavar='METHOD', help='of %(choices)s; a planning method drives as in the planner '
+                        f'(default: {", ".join(COMPARED)})')
     completed_by(VEHICLES, parser.add_argument(
         '--vehicle', default='reference', metavar='NAME|FILE',
         help='vehicle before it is varied (default: %(default)s)'))

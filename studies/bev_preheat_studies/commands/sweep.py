@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
 
 from bev_preheat.commands.completion import completed_by, VEHICLES
+from bev_preheat.commands.method_argument import add_methods_argument
 from bev_preheat.console.finished import keeping_what_is_finished
 from bev_preheat.console.output import add_output_arguments, write_json
 from bev_preheat.console.terminal import print_figures, progress_bar, result_console
@@ -26,7 +27,7 @@ from bev_preheat_studies.sources import digest_of
 
 if TYPE_CHECKING:
     from argparse import Namespace
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from rich.console import Console
 
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
 
 # (low, high) that the options allow, and the defaults of the options that a fleet does not have.
 LIMITS = {'feasible': (1, 100_000), 'seed': (0, 2**31), 'fleet': (1, 100_000_000)}
-NOT_OF_FLEETS = {'feasible': 300, 'trips': 'free', 'vehicle': 'reference'}
+NOT_OF_FLEETS = {'feasible': 300, 'trips': 'free', 'vehicle': 'reference', 'methods': tuple(METHODS)}
 # Most disagreements printed for a method; the JSON has all.
 MOST_LISTED = 10
 
@@ -60,6 +61,7 @@ def add_parser(subparsers: Subparsers) -> None:
                         'fast chargers, and the savings of each method at the charger compared with '
                         'no heating')
     parser.add_argument('--seed', type=int, default=1, help='default: %(default)s')
+    add_methods_argument(parser, 'the built-in ones')
     add_study_arguments(parser)
     completed_by(VEHICLES, parser.add_argument(
         '--vehicle', metavar='NAME|FILE', help='vehicle to scale (default: reference)'))
@@ -89,6 +91,9 @@ def _run_gaps(arguments: Namespace) -> int:
     vehicle = load_vehicle(arguments.vehicle)
     study = {'study': 'sweep', 'seed': arguments.seed, 'trips': arguments.trips,
              'vehicle': f'{vehicle.name} ({digest_of(vehicle)})'}
+    methods = tuple(dict.fromkeys(arguments.methods))
+    if methods != tuple(METHODS):
+        study['methods'] = list(methods)
     results = []
     with (keeping_what_is_finished() as ending,
           kept_results(arguments.results, study, result_from) as kept,
@@ -103,16 +108,17 @@ def _run_gaps(arguments: Namespace) -> int:
                             description=f'feasible of {len(results)} trips')
 
         run_study(vehicle, arguments.feasible, arguments.seed, executor, report, arguments.trips,
-                  kept.finished, kept.keep)
+                  kept.finished, kept.keep, methods)
     if results:
-        _give_out(arguments, results, ending)
+        _give_out(arguments, results, methods, ending)
     ending.tell(sum(result.outcome == FEASIBLE for result in results), arguments.feasible,
                 'feasible trips', (arguments.json, arguments.plot), arguments.results)
     return 0
 
 
-def _give_out(arguments: Namespace, results: list[GapResult], ending: InterruptedEnding) -> None:
-    summary = summarise_gaps(results, METHODS)
+def _give_out(arguments: Namespace, results: list[GapResult], methods: Sequence[str],
+              ending: InterruptedEnding) -> None:
+    summary = summarise_gaps(results, methods)
     if arguments.json:
         write_json(arguments.json, {'seed': arguments.seed, 'trips': arguments.trips,
                                     'vehicle': arguments.vehicle,
@@ -122,7 +128,7 @@ def _give_out(arguments: Namespace, results: list[GapResult], ending: Interrupte
                                     'results': [asdict(result) for result in results]})
     if arguments.plot:
         from bev_preheat_studies.drawing.study_figure import draw_study
-        draw_study(arguments.plot, results, METHODS)
+        draw_study(arguments.plot, results, methods)
     console = result_console(arguments.json)
     if not ending.is_complete:
         console.print('Interrupted: only part of the study has run.')

@@ -26,6 +26,7 @@ from bev_preheat_studies.cost import (
     checker_cost,
     choice_cost,
     fleet_cost,
+    interface_cost,
     optimum_cost,
     planning_cost,
     process_cost,
@@ -38,13 +39,14 @@ if TYPE_CHECKING:
     from argparse import Namespace
     from collections.abc import Callable, Sequence
 
-MEASUREMENTS = {'planning': planning_cost.measure, 'update': update_cost.measure,
+MEASUREMENTS = {'planning': planning_cost.measure, 'interface': interface_cost.measure,
+                'update': update_cost.measure,
                 'choice': choice_cost.measure, 'optimum': optimum_cost.measure,
                 'checker': checker_cost.measure, 'process': process_cost.measure,
                 'restart': restart_cost.measure, 'fleet': fleet_cost.measure,
                 'studies': study_cost.measure}
 # Packages needed in addition to the planner's own.
-PACKAGES = {'planning': (), 'update': (), 'choice': (), 'optimum': ('casadi', 'do_mpc'),
+PACKAGES = {'planning': (), 'interface': (), 'update': (), 'choice': (), 'optimum': ('casadi', 'do_mpc'),
             'checker': ('casadi', 'psutil'), 'process': ('psutil',), 'restart': (), 'fleet': (),
             'studies': ()}
 # The names of all groups of measurements.

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.native.declines import OK
+from bev_preheat.native.library import OK
 from bev_preheat.native.trips import ALWAYS_ON, ONE_SWITCH, PAPER, plan_trips, UNHEATED
 from bev_preheat.planning.dynamics import native_vehicle
 from bev_preheat.planning.planner import METHODS

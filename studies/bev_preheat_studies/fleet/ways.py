@@ -10,9 +10,10 @@ import numpy as np
 
 from bev_preheat.errors import PlanningFailure
 from bev_preheat.planning.dynamics import JOULES_PER_WH, run_forward
-from bev_preheat.planning.limits import run_within_limits, WantedHeat, watch_limits
+from bev_preheat.planning.limits import run_within_limits, watch_limits
 from bev_preheat.planning.planner import METHODS, plan_preheating
 from bev_preheat.planning.trip import make_trip
+from bev_preheat.planning.wanted_heat import WantedHeat
 from bev_preheat.vehicle.model import make_runge_kutta_4
 
 if TYPE_CHECKING:

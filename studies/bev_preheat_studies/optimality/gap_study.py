@@ -20,7 +20,7 @@ from bev_preheat_studies.numbered import run_numbered
 from bev_preheat_studies.optimality.drawn_trips import DRAWS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
+    from collections.abc import Callable, Iterable, Mapping, Sequence
     from concurrent.futures import Executor
 
     from bev_preheat.nonlinear_program.solve import Optimum
@@ -79,11 +79,13 @@ class GapResult:
     methods: dict[str, MethodResult]
 
 
-def solve_trip(vehicle: Vehicle, seed: int, number: int, trips: str = 'free') -> GapResult:
+def solve_trip(vehicle: Vehicle, seed: int, number: int, trips: str = 'free',
+               methods: Sequence[str] = tuple(METHODS)) -> GapResult:
     """
     Return the GapResult of one drawn trip.
 
-    `trips`: 'free' (no limit is active; solved without limits) or 'limits' (limits are active).
+    `trips`: 'free' (no limit is active; solved without limits) or 'limits' (limits are active). `methods` are the
+    names of the planning methods.
     """
     from bev_preheat.nonlinear_program.solve import solve_optimum, SolverFailure
     trip = DRAWS[trips](vehicle, seed, number)
@@ -91,7 +93,7 @@ def solve_trip(vehicle: Vehicle, seed: int, number: int, trips: str = 'free') ->
     limited = trips == 'limits'
     # The other methods are measured without the no-regret check, also when they are worse than not heating.
     plans = {method: plan_preheating(*inputs, method, no_regret=method == DEFAULT_METHOD)
-             for method in METHODS}
+             for method in methods}
     driven = {method: as_driven(plan, *inputs) if limited else plan
               for method, plan in plans.items()}
     optimum, outcome, detail = None, SOLVER_FAILED, ''
@@ -174,15 +176,16 @@ def disagreements(results: Iterable[GapResult], method: str) -> list[GapResult]:
                      and result.target_c - result.optimal_arrival_c < SHORTFALL_TOLERANCE_K)]
 
 
-def result_of(vehicle: Vehicle, seed: int, trips: str, number: int) -> GapResult:
+def result_of(vehicle: Vehicle, seed: int, trips: str, methods: Sequence[str], number: int) -> GapResult:
     """Return the GapResult of a drawn trip; see `solve_trip`."""
-    return solve_trip(vehicle, seed, number, trips)
+    return solve_trip(vehicle, seed, number, trips, methods)
 
 
 def run_study(vehicle: Vehicle, feasible: int, seed: int, executor: Executor,
               report: Callable[[GapResult], object], trips: str = 'free',
               finished: Mapping[int, GapResult] | None = None,
-              keep: Callable[[int, GapResult], object] | None = None) -> list[GapResult]:
+              keep: Callable[[int, GapResult], object] | None = None,
+              methods: Sequence[str] = tuple(METHODS)) -> list[GapResult]:
     """
     Run trips 0, 1, 2 … until `feasible` of them are feasible; return their GapResults in order.
 
@@ -192,7 +195,7 @@ def run_study(vehicle: Vehicle, feasible: int, seed: int, executor: Executor,
     """
     results: list[GapResult] = []
     found = 0
-    for result in run_numbered(executor, partial(result_of, vehicle, seed, trips), count(), finished,
+    for result in run_numbered(executor, partial(result_of, vehicle, seed, trips, methods), count(), finished,
                                keep):
         results.append(result)
         found += result.outcome == FEASIBLE

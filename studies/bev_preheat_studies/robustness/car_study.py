@@ -59,8 +59,8 @@ class CarResult:
 
 
 def settings_of_compared(method: str, period_s: float) -> Settings:
-    """Return the Settings of one of COMPARED for battery states and commands every period [s]."""
-    settings = COMPARED[method]
+    """Return the Settings of a name in COMPARED or of a planning method, for a period [s]."""
+    settings = COMPARED[method] if method in COMPARED else Settings(method=method)
     return replace(
         settings, command_period_s=period_s,
         lease_s=max(settings.lease_s, LEASE_PERIODS * period_s),

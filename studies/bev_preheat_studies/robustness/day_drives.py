@@ -111,7 +111,8 @@ class _DayTally:
             if power_w > 0.0 == self._power_w and isinstance(car.phase, DrivePhase):
                 self.switch_ons[-1] += 1
             self._power_w = power_w
-        estimate, phase_s = supervisor.estimate, now_s - car.plant.start_s
+        known = supervisor.state
+        estimate, phase_s = known.estimate, now_s - car.plant.start_s
         if isinstance(car.phase, DrivePhase):
             self.faults.note(self.driven_s + phase_s, self._power_w, estimate)
         where = f'{type(car.phase).__name__.lower()} {len(car.reports) + 1}, {phase_s:.0f} s'
@@ -119,7 +120,7 @@ class _DayTally:
         if verdict not in (Heater.ANSWERS, self._verdict):
             self.heater_verdicts.append(f'{verdict.value}, {where}')
         self._verdict = verdict
-        doubted = frozenset(each.signal for each in supervisor.signal_verdicts)
+        doubted = frozenset(each.signal for each in known.signal_verdicts)
         self.signal_verdicts += [f'{name}, {where}' for name in sorted(doubted - self._doubted)]
         self._doubted = doubted
 

@@ -182,7 +182,7 @@ def drive_noting(car: ImperfectCar, goal: Goal, settings: Settings,
         if moment.reading is not None:
             measured_c = moment.reading.temperature_c
             refused += bool(moment.output.refusals)
-            without_plan += supervisor.decision.status is Status.INVALID_INPUT
+            without_plan += supervisor.state.decision.status is Status.INVALID_INPUT
             updates += 1
         output = moment.output
         if output.command is not None:
@@ -190,12 +190,12 @@ def drive_noting(car: ImperfectCar, goal: Goal, settings: Settings,
         if not moment.is_last:
             continue
         tally.note(moment.time_s, power_w)
-        estimate = supervisor.estimate
+        estimate = supervisor.state.estimate
         if estimate is not None and estimate.heater.heater is not Heater.ANSWERS:
             verdicts.setdefault(estimate.heater.heater.value, moment.time_s)
         fault.note(moment.time_s, power_w, estimate)
         if note is not None:
-            plan = supervisor.decision.plan
+            plan = supervisor.state.decision.plan
             note(moment.time_s, plant.temperature_c, measured_c,
                  math.nan if estimate is None else estimate.temperature_c,
                  math.nan if plan is None else plan.arrival_temperature_c, power_w)

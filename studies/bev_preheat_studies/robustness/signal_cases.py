@@ -114,13 +114,14 @@ def drive_case(conditions: Conditions, seed: int, number: int) -> SignalResult:
         if output.command is not None:
             switch_ons += output.command.battery_heating_power_w > 0.0 == power_w
             power_w = output.command.battery_heating_power_w
-        signals = {each.signal for each in supervisor.signal_verdicts}
-        is_named = case.signal in signals if case.signal else supervisor.decision.status is Status.INVALID_INPUT
+        known = supervisor.state
+        signals = {each.signal for each in known.signal_verdicts}
+        is_named = case.signal in signals if case.signal else known.decision.status is Status.INVALID_INPUT
         if named_s is None and is_named:
             named_s = moment.time_s
         others |= signals - {case.signal}
-        if supervisor.estimate is not None and supervisor.estimate.heater.heater is not Heater.ANSWERS:
-            verdicts[supervisor.estimate.heater.heater.value] = None
+        if known.estimate is not None and known.estimate.heater.heater is not Heater.ANSWERS:
+            verdicts[known.estimate.heater.heater.value] = None
     return SignalResult(number, name, car_number, named_s, tuple(sorted(others)), tuple(verdicts), switch_ons,
                         heated_s, process_time() - started)
 

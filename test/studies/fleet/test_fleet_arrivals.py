@@ -4,8 +4,7 @@
 import numpy as np
 import pytest
 
-from bev_preheat.native.declines import LIMITED, OK
-from bev_preheat.native.library import core
+from bev_preheat.native.library import core, LIMITED, OK
 from bev_preheat.native.trips import ALWAYS_ON, ONE_SWITCH, PAPER, plan_trips, UNHEATED
 from bev_preheat.planning.dynamics import native_vehicle
 from bev_preheat.planning.planner import plan_preheating

@@ -315,7 +315,7 @@ def test_sweep_draws_a_picture(sweep):
 
 def reporting(results, then=None):
     """Return a study that reports results, and then raises an exception, if there is one."""
-    def run_study(vehicle, feasible, seed, executor, report, trips, finished, keep):
+    def run_study(vehicle, feasible, seed, executor, report, trips, finished, keep, methods):
         for result in results:
             report(result)
         if then is not None:

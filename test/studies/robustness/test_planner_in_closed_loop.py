@@ -2,6 +2,7 @@
 """One drive: its commands, its counters, and the cost of a drive planned with the true car."""
 
 from dataclasses import asdict, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -41,8 +42,8 @@ class Script:
     """Takes steps like a Supervisor; each battery state is answered with the next of some powers."""
 
     def __init__(self, settings, powers_w, valid_for_s):
-        self.settings, self.estimate, self.heard = settings, None, []
-        self.decision = Decision(Status.HEATING, '')
+        self.heard = []
+        self.state = SimpleNamespace(settings=settings, estimate=None, decision=Decision(Status.HEATING, ''))
         self._powers_w, self._power_w = list(powers_w), 0.0
         self._valid_for_ns, self._until_ns = round(valid_for_s * 1e9), 0
 
@@ -218,7 +219,7 @@ def test_planner_uses_the_heat_path_of_the_vehicle_file():
     supervisor, car = Supervisor(SLOW.vehicle, every_two_seconds(Settings())), make_car(SLOW)
     under_way_w, ends_s = [], []
     for moment in moments(car, supervisor, lambda: car.plant.is_standing):
-        plan = supervisor.decision.plan
+        plan = supervisor.state.decision.plan
         if plan is not None and car.plant.heater_power_w > 4e3:
             under_way_w.append(plan.heat.heater_power_w[0])
             ends_s.append(moment.time_s + (plan.heating_end_s or 0.0))

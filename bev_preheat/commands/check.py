@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`preheat check`: how well a vehicle file predicts recorded drives."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from bev_preheat.commands.completion import completed_by, VEHICLES
+from bev_preheat.commands.recordings import add_log_arguments, read_trips
+from bev_preheat.console.output import add_output_arguments, check_output_arguments, write_json
+from bev_preheat.console.terminal import print_records, progress_bar, result_console
+from bev_preheat.errors import InvalidInput
+from bev_preheat.identification.trips import common_remarks
+from bev_preheat.vehicle import load_vehicle, vehicle_file
+
+if TYPE_CHECKING:
+    from argparse import Namespace
+
+    from rich.console import Console
+
+    from bev_preheat.commands.arguments import Subparsers
+    from bev_preheat.identification.check import Check
+
+BEYOND_BOUND = 1
+LEAST_BOUND_K, MOST_BOUND_K = 0.0, 100.0
+
+
+def add_parser(subparsers: Subparsers) -> None:
+    """Add the subcommand."""
+    parser = subparsers.add_parser(
+        'check', help='how well a vehicle file predicts recorded drives',
+        description='Predict recorded drives, charging sessions and nights from their first reading and measured '
+        'powers, and compare with the readings. Drives are also replayed to the planner, with its estimation and '
+        'without. Exit status 1 if an arrival error exceeds --bound; 2 if an input is refused.')
+    add_log_arguments(parser)
+    completed_by(VEHICLES, parser.add_argument(
+        '--vehicle', required=True, metavar='NAME|FILE', help='a name in config/vehicles or a YAML file'))
+    parser.add_argument('--bound', type=float, metavar='K',
+                        help='largest allowed arrival error [K] (default: no bound)')
+    parser.add_argument('--no-replay', action='store_true',
+                        help='leave out the replays to the planner, which take about 0.3 ms per second of log')
+    add_output_arguments(parser)
+    parser.set_defaults(run=run)
+
+
+def run(arguments: Namespace) -> int:
+    """Check, print, and write the requested files; returns the exit status."""
+    bound_k = arguments.bound
+    if bound_k is not None and not LEAST_BOUND_K <= bound_k <= MOST_BOUND_K:
+        raise InvalidInput(f'--bound: {bound_k:g} K; it must be {LEAST_BOUND_K:g} ... {MOST_BOUND_K:g} K')
+    check_output_arguments(arguments, [vehicle_file(arguments.vehicle), *arguments.logs])
+    vehicle = load_vehicle(arguments.vehicle)
+    trips = read_trips(arguments, vehicle)
+    from bev_preheat.identification.check import check_trips
+    with progress_bar() as bar:
+        task = bar.add_task('', total=len(trips))
+
+        def tell(name: str) -> None:
+            bar.update(task, description=f'checking {name}')
+            bar.advance(task)
+
+        check = check_trips(vehicle, trips, not arguments.no_replay, tell)
+    if arguments.json:
+        write_json(arguments.json, check.as_dictionary())
+    if arguments.plot:
+        from bev_preheat.drawing.trips_figure import draw_check
+        draw_check(arguments.plot, check)
+    console = result_console(arguments.json)
+    print_check(console, check)
+    if bound_k is not None and check.worst_k > bound_k:
+        console.print(f'worst arrival error {check.worst_k:.2f} K exceeds the bound of {bound_k:g} K', markup=False)
+        return BEYOND_BOUND
+    return 0
+
+
+def print_check(console: Console, check: Check) -> None:
+    """Print a Check as tables."""
+    print_records(
+        console, f'Vehicle {check.vehicle.name}: predicted minus measured on arrival',
+        ('trip', 'kind', 'min', 'start degC', 'arrival degC', 'error K', 'charge %', 'energy Wh'),
+        [(trip.trip.name, trip.trip.kind, f'{len(trip.trip) / 60.0:.0f}', f'{trip.trip.start_c:.1f}',
+          f'{trip.trip.arrival_c:.1f}', f'{trip.arrival_error_k:+.2f}', f'{100.0 * trip.arrival_soc_error:+.2f}',
+          f'{trip.arrival_energy_error_wh:+.0f}') for trip in check.trips], ('left', 'left', *['right'] * 6))
+    console.print(f'arrival temperature: RMSE {check.rmse_k:.2f} K, worst {check.worst_k:.2f} K; a battery that keeps '
+                  f'its temperature: RMSE {check.constant_rmse_k:.2f} K', markup=False, soft_wrap=True)
+    if check.leads:
+        print_records(
+            console, 'Running planner, by time before arrival', (
+                'lead s', 'file alone: RMSE K', 'worst K', 'with estimation: RMSE K', 'worst K'),
+            [(f'{lead_s}', *(f'{figure:.2f}' for figure in figures)) for lead_s, figures in check.leads.items()],
+            ['right'] * 5)
+        console.print('the estimation is no worse than the file alone' if check.estimation_is_no_worse else
+                      'warning: the estimation is worse than the file alone', markup=False, soft_wrap=True)
+    for remark in common_remarks(trip.trip for trip in check.trips):
+        console.print(remark, markup=False, soft_wrap=True)

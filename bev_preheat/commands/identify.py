@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`preheat identify`: a vehicle file from recorded drives, with intervals and a report."""
+
+from __future__ import annotations
+
+from pathlib import Path
+import shlex
+from typing import TYPE_CHECKING
+
+from bev_preheat.commands.completion import completed_by, VEHICLES
+from bev_preheat.commands.recordings import add_log_arguments, read_trips
+from bev_preheat.console.output import add_json_argument, json_output, write_json
+from bev_preheat.console.terminal import print_records, progress_bar, result_console
+from bev_preheat.errors import figure, InvalidInput
+from bev_preheat.files.checked_yaml import load_checked_yaml
+from bev_preheat.files.output_files import check_outputs, existing_file, OutputFile, write_whole
+from bev_preheat.optional_packages import require
+from bev_preheat.vehicle import load_vehicle, vehicle_file
+from bev_preheat.vehicle.loading import SCHEMA
+
+if TYPE_CHECKING:
+    from argparse import Namespace
+
+    from rich.console import Console
+
+    from bev_preheat.commands.arguments import Subparsers
+    from bev_preheat.identification.result import Identification
+
+# Stages that `identify` announces, for the bar.
+STAGES = 9
+DIGITS = 4
+
+
+def add_parser(subparsers: Subparsers) -> None:
+    """Add the subcommand."""
+    parser = subparsers.add_parser(
+        'identify', help='make a vehicle file from recorded drives',
+        description='Fit open-circuit voltage, capacity, resistance, heat capacity, leakage, drivetrain heat and heater '
+        'to recorded drives, charging sessions and nights at stand. Values that the logs do not tell stay as in START, '
+        'and are named. Needs casadi and scipy; the report needs matplotlib and jinja2.')
+    add_log_arguments(parser)
+    completed_by(VEHICLES, parser.add_argument(
+        '--vehicle', required=True, metavar='START', help='a name in config/vehicles or a YAML file to start from'))
+    parser.add_argument('--output', required=True, metavar='MY.yaml', help='vehicle file to write')
+    parser.add_argument('--report', metavar='REPORT.html', help='report to write, one self-contained file')
+    parser.add_argument('--name', help="name of the car (default: the output file's)")
+    parser.add_argument('--force', action='store_true', help='replace an existing vehicle file')
+    add_json_argument(parser)
+    parser.set_defaults(run=run)
+
+
+def run(arguments: Namespace) -> int:
+    """Identify, print, and write the requested files; returns the exit status."""
+    start_file = vehicle_file(arguments.vehicle)
+    check_outputs([json_output(arguments.json), OutputFile('--output', arguments.output, ('.yaml',)),
+                   OutputFile('--report', arguments.report, ('.html',))], [start_file, *arguments.logs])
+    if existing_file(arguments.output) is not None and not arguments.force:
+        raise InvalidInput(f'--output: {arguments.output}: exists; --force replaces it')
+    require('casadi', 'scipy', *(['jinja2', 'matplotlib'] if arguments.report else []))
+    start = load_vehicle(arguments.vehicle)
+    trips = read_trips(arguments, start)
+    from bev_preheat.identification.identify import identify
+    name = Path(arguments.output).stem if arguments.name is None else arguments.name
+    with progress_bar() as bar:
+        task = bar.add_task('', total=STAGES)
+
+        def tell(stage: str) -> None:
+            bar.update(task, description=stage)
+            bar.advance(task)
+
+        result = identify(start, trips, name, tell)
+    _write_vehicle(arguments, result, start_file)
+    if arguments.report:
+        from bev_preheat.drawing.identification_figures import report_pictures
+        from bev_preheat.identification.report import report_text
+        write_whole(arguments.report, report_text(result, report_pictures(result)))
+    if arguments.json:
+        write_json(arguments.json, result.as_dictionary())
+    _print_result(result_console(arguments.json), result, arguments)
+    return 0
+
+
+def _write_vehicle(arguments: Namespace, result: Identification, start_file: Path) -> None:
+    """Write the vehicle file, and load it as a check."""
+    from bev_preheat.identification.notes import identified_keys, notes_of
+    from bev_preheat.identification.vehicle_file import file_text
+    words = ['preheat', 'identify', *arguments.logs, '--vehicle', arguments.vehicle, '--output', arguments.output]
+    head = (f'Vehicle {result.vehicle.name}, identified from {result.coverage.trips} logs by\n'
+            f'    {shlex.join(words)}\nArrival temperature of trips that the fit has not seen: RMSE {result.rmse_k:.2f} K, '
+            f'worst {result.worst_k:.2f} K.')
+    head = ''.join(letter if letter.isprintable() or letter == '\n' else ' ' for letter in head)
+    text = file_text(load_checked_yaml(start_file, SCHEMA), result.vehicle, result.vehicle.name, notes_of(result),
+                     identified_keys(result), head)
+    write_whole(arguments.output, text)
+    load_vehicle(Path(arguments.output).resolve())
+
+
+def _print_result(console: Console, result: Identification, arguments: Namespace) -> None:
+    print_records(
+        console, f'Vehicle {result.vehicle.name}, identified from {result.coverage.trips} logs',
+        ('parameter', 'START', 'estimate', '90 % interval', 'worth K'),
+        [(f'{item.label} [{item.unit}]' if item.unit else item.label, figure(item.start, DIGITS),
+          figure(item.estimate, DIGITS) if item.is_identified else 'not told',
+          f'{figure(item.low, DIGITS)} … {figure(item.high, DIGITS)}', f'{item.arrival_k:.2f}' if item.arrival_k else '')
+         for item in result.estimates], ('left', *['right'] * 4))
+    rows = [(row.structure + (' (chosen)' if row.structure == result.structure else ''), f'{row.rmse_k:.2f}',
+             f'{row.worst_k:.2f}') for row in (*result.structures, *result.baselines.values())]
+    print_records(console, 'Each trip left out', ('structure', 'RMSE K', 'worst K'), [
+        ('identified file, as plans predict', f'{result.rmse_k:.2f}', f'{result.worst_k:.2f}'), *rows],
+        ('left', 'right', 'right'))
+    for sentence in (*result.verdict, *(f'Record next: {item}' for item in result.record_next), *result.remarks):
+        console.print(sentence, markup=False, soft_wrap=True)
+    console.print(f'written: {arguments.output}' + (f', {arguments.report}' if arguments.report else ''), markup=False,
+                  soft_wrap=True)

@@ -1,0 +1,126 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Pictures of an identification: trips, resistance, residuals, errors on unseen trips, coverage."""
+
+from __future__ import annotations
+
+import io
+from typing import TYPE_CHECKING
+import warnings
+
+import numpy as np
+
+from bev_preheat.drawing.figure import grid_figure
+from bev_preheat.drawing.palette import BLACK, BLUE, GRAY, ORANGE, SKY_BLUE, VERMILLION
+from bev_preheat.drawing.trips_figure import check_figure
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from bev_preheat.identification.check import Check
+    from bev_preheat.identification.result import Identification
+
+PANEL_HEIGHT_IN = 3.4
+QUANTILE = 1.6449
+# One residual a minute is enough for a picture.
+RESIDUAL_STEP_S = 60.0
+
+
+def report_pictures(result: Identification) -> dict[str, str]:
+    """Return the pictures of a report by name, as SVG elements."""
+    return {'trips': _svg(check_figure(result.check)), 'unseen': _svg(_unseen(result)),
+            'resistance': _svg(_resistance(result)), 'residuals': _svg(_residuals(result.check)),
+            'coverage': _svg(_coverage(result.check))}
+
+
+def _svg(figure: Figure) -> str:
+    drawn = io.StringIO()
+    with warnings.catch_warnings():
+        warnings.filterwarnings('ignore', message='Glyph .* missing from')
+        figure.savefig(drawn, format='svg', metadata={'Date': None})
+    text = drawn.getvalue()
+    return text[text.index('<svg'):]
+
+
+def _unseen(result: Identification) -> Figure:
+    """Errors on each trip left out, with 90 % intervals."""
+    figure, axes = grid_figure(1, 1, 'arrival error of each trip, predicted from all others; bars: 90 % interval',
+                               PANEL_HEIGHT_IN)
+    axis: Axes = axes[0, 0]
+    at = np.arange(len(result.left_out))
+    axis.bar(at, [2.0 * QUANTILE * trip.deviation_k for trip in result.left_out], 0.6,
+             bottom=[-QUANTILE * trip.deviation_k for trip in result.left_out], color=SKY_BLUE, alpha=0.4)
+    axis.plot(at, [trip.error_k for trip in result.left_out], 'o', color=BLUE)
+    axis.axhline(0.0, color=BLACK, linewidth=0.8)
+    axis.set_xticks(at, [trip.name for trip in result.left_out], rotation=30, ha='right', fontsize='small')
+    axis.set_ylabel('predicted − measured [K]')
+    return figure
+
+
+def _resistance(result: Identification) -> Figure:
+    """Resistance over temperature with its interval, and where trips cover it."""
+    curve, coverage = result.resistance, result.coverage
+    figure, axes = grid_figure(1, 1, 'resistance at half charge; shaded: 90 % interval, hatched: extrapolated',
+                               PANEL_HEIGHT_IN)
+    axis: Axes = axes[0, 0]
+    axis.fill_between(curve.temperature_c, 1e3 * curve.low_ohm, 1e3 * curve.high_ohm, color=BLUE, alpha=0.25,
+                      linewidth=0.0)
+    axis.plot(curve.temperature_c, 1e3 * curve.estimate_ohm, color=BLUE, label='identified')
+    axis.plot(curve.temperature_c, 1e3 * curve.start_ohm, color=GRAY, linestyle='--', label=f'{result.start_name}')
+    low_c, high_c = coverage.resistance_from_c, coverage.resistance_to_c
+    ends = (curve.temperature_c[0], curve.temperature_c[-1])
+    for begin, end in (((ends[0], low_c), (high_c, ends[1])) if low_c is not None and high_c is not None else (ends,)):
+        axis.axvspan(begin, end, facecolor='none', edgecolor=GRAY, alpha=0.35, hatch='//', linewidth=0.0)
+    covered = (curve.temperature_c >= coverage.battery_c[0] - 10.0) & (
+        curve.temperature_c <= coverage.battery_c[1] + 10.0)
+    axis.set_ylim(0.0, 1.3e3 * float(np.max(curve.high_ohm[covered])))
+    axis.set(xlabel='battery temperature [°C]', ylabel='resistance [mΩ]', xlim=ends)
+    axis.legend(fontsize='small')
+    return figure
+
+
+def _residuals(check: Check) -> Figure:
+    """Predicted minus measured temperature over time, temperature and current."""
+    figure, axes = grid_figure(1, 3, 'predicted − measured temperature [K], one point a minute', PANEL_HEIGHT_IN,
+                               sharey=True)
+    for trip_check in check.trips:
+        trip, predicted = trip_check.trip, trip_check.prediction
+        time_s = np.arange(RESIDUAL_STEP_S, len(trip) - 1.0, RESIDUAL_STEP_S)
+        residual_k = (np.interp(time_s, predicted.time_s, predicted.reading_c)
+                      - trip.battery_temperature_c[time_s.astype(int)])
+        edges = np.concatenate(([0.0], time_s))
+        square = np.sqrt(trip.means((trip.power_w + trip.heater_w)**2 if trip.current_a is None else trip.current_a**2,
+                                    edges))
+        for axis, values in zip(axes[0], (time_s / 60.0, trip.battery_temperature_c[time_s.astype(int)], square)):
+            axis.plot(values, residual_k, '.', markersize=2.5, color=BLUE, alpha=0.5)
+    for axis, label in zip(axes[0], ('time [min]', 'battery temperature [°C]',
+                                     'current, rms [A]' if check.trips[0].trip.current_a is not None
+                                     else 'power, rms [W]')):
+        axis.axhline(0.0, color=BLACK, linewidth=0.8)
+        axis.set_xlabel(label)
+    return figure
+
+
+def _coverage(check: Check) -> Figure:
+    """Hours by battery temperature and by speed; heated, driving, at stand."""
+    figure, axes = grid_figure(1, 2, 'recorded hours', PANEL_HEIGHT_IN)
+    for axis, label, bins, values_of in (
+            (axes[0, 0], 'battery temperature [°C]', np.arange(-40.0, 61.0, 5.0), 'battery_temperature_c'),
+            (axes[0, 1], 'speed [km/h]', np.arange(0.0, 201.0, 10.0), 'speed_mps')):
+        scale = 3.6 if values_of == 'speed_mps' else 1.0
+        groups = [(name, colour, np.concatenate([
+            scale * getattr(item.trip, values_of) for item in check.trips if wanted(item.trip)] or [np.empty(0)]))
+            for name, colour, wanted in (
+                ('drives', BLUE, lambda trip: trip.kind == 'drive' and not trip.heats),
+                ('heated', ORANGE, lambda trip: trip.heats),
+                ('charging', VERMILLION, lambda trip: trip.kind == 'charging session' and not trip.heats),
+                ('at stand', GRAY, lambda trip: trip.kind == 'night at stand' and not trip.heats))]
+        groups = [group for group in groups if len(group[2])]
+        axis.hist([values for _, _, values in groups], bins,
+                  weights=[np.full(len(values), 1.0 / 3600.0) for _, _, values in groups], stacked=True,
+                  color=[colour for _, colour, _ in groups], label=[name for name, _, _ in groups])
+        used = np.concatenate([values for _, _, values in groups])
+        axis.set_xlim(float(used.min()) - 5.0, float(used.max()) + 5.0 * scale)
+        axis.set(xlabel=label, ylabel='hours')
+    axes[0, 0].legend(fontsize='small')
+    return figure

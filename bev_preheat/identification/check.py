@@ -1,0 +1,142 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How well a vehicle file predicts recorded trips: arrival errors in temperature, charge and energy."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, TYPE_CHECKING
+
+import numpy as np
+
+from bev_preheat.identification.prediction import predict
+from bev_preheat.identification.replay import can_be_replayed, LEADS_S, replay_errors_k
+from bev_preheat.numerics.arithmetic import FLOATS
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from bev_preheat.identification.prediction import Prediction
+    from bev_preheat.identification.trips import Trip
+    from bev_preheat.vehicle.description import Vehicle
+
+HALF = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class TripCheck:
+    """
+    A Trip, its Prediction, and the errors on arrival: predicted minus measured.
+
+    `arrival_interval_error_k` is the distance from the interval that the arrival reading stands for [K]: 0 if the
+    predicted sensor temperature rounds to the reading. `without_estimation_k` and `with_estimation_k` are the
+    errors of the running planner by lead [s], empty if the trip cannot be replayed.
+    """
+
+    trip: Trip
+    prediction: Prediction
+    arrival_error_k: float
+    arrival_interval_error_k: float
+    arrival_soc_error: float
+    arrival_energy_error_wh: float
+    without_estimation_k: dict[int, float]
+    with_estimation_k: dict[int, float]
+
+    def as_dictionary(self) -> dict[str, Any]:
+        """Return the figures in JSON form."""
+        trip, predicted = self.trip, self.prediction
+        return {
+            'name': trip.name, 'kind': trip.kind, 'duration_s': len(trip), 'start_temperature_c': trip.start_c,
+            'measured_arrival_temperature_c': trip.arrival_c,
+            'predicted_arrival_temperature_c': float(predicted.reading_c[-1]),
+            'arrival_error_k': self.arrival_error_k, 'arrival_interval_error_k': self.arrival_interval_error_k,
+            'measured_arrival_soc': trip.arrival_soc, 'predicted_arrival_soc': float(predicted.soc[-1]),
+            'arrival_soc_error': self.arrival_soc_error, 'arrival_energy_error_wh': self.arrival_energy_error_wh,
+            'without_estimation_error_k': _text_keys(self.without_estimation_k),
+            'with_estimation_error_k': _text_keys(self.with_estimation_k), 'remarks': list(trip.remarks)}
+
+
+@dataclass(frozen=True, eq=False)
+class Check:
+    """The TripChecks of a vehicle file, and their summary."""
+
+    vehicle: Vehicle
+    trips: tuple[TripCheck, ...]
+
+    @property
+    def errors_k(self) -> list[float]:
+        """Return the arrival errors [K] of all trips."""
+        return [trip.arrival_error_k for trip in self.trips]
+
+    @property
+    def rmse_k(self) -> float:
+        """Root mean square of the arrival errors [K]."""
+        return rms(self.errors_k)
+
+    @property
+    def worst_k(self) -> float:
+        """Largest arrival error [K]."""
+        return max(map(abs, self.errors_k))
+
+    @property
+    def constant_rmse_k(self) -> float:
+        """Root mean square error of a battery that keeps its temperature [K]."""
+        return rms([check.trip.start_c - check.trip.arrival_c for check in self.trips])
+
+    @property
+    def leads(self) -> dict[int, tuple[float, float, float, float]]:
+        """RMSE and worst error of the running planner by lead [s]: without estimation, then with it [K]."""
+        found = {}
+        for lead_s in LEADS_S:
+            pairs = [(check.without_estimation_k[lead_s], check.with_estimation_k[lead_s]) for check in self.trips
+                     if lead_s in check.without_estimation_k and lead_s in check.with_estimation_k]
+            if pairs:
+                without, with_it = zip(*pairs)
+                found[lead_s] = (rms(without), max(map(abs, without)), rms(with_it), max(map(abs, with_it)))
+        return found
+
+    @property
+    def estimation_is_no_worse(self) -> bool | None:
+        """Whether the estimation's RMSE is at most that of the file alone at each lead; None: nothing replayed."""
+        leads = self.leads
+        return all(with_k <= without_k for without_k, _, with_k, _ in leads.values()) if leads else None
+
+    def as_dictionary(self) -> dict[str, Any]:
+        """Return the check in JSON form."""
+        return {
+            'vehicle': self.vehicle.name, 'trips': [trip.as_dictionary() for trip in self.trips],
+            'rmse_k': self.rmse_k, 'worst_k': self.worst_k, 'constant_temperature_rmse_k': self.constant_rmse_k,
+            'estimation': {str(lead_s): dict(zip(
+                ('without_rmse_k', 'without_worst_k', 'with_rmse_k', 'with_worst_k'), figures))
+                for lead_s, figures in self.leads.items()},
+            'estimation_is_no_worse': self.estimation_is_no_worse}
+
+
+def check_trips(vehicle: Vehicle, trips: Sequence[Trip], replays: bool = True,
+                tell: Callable[[str], None] = lambda name: None) -> Check:
+    """Return the Check of a vehicle on Trips; `replays`: also as the running planner; `tell` hears each name."""
+    checks = []
+    for trip in trips:
+        tell(trip.name)
+        checks.append(_check_trip(vehicle, trip, replays))
+    return Check(vehicle, tuple(checks))
+
+
+def _check_trip(vehicle: Vehicle, trip: Trip, replays: bool) -> TripCheck:
+    predicted = predict(vehicle, trip)
+    error_k = float(predicted.reading_c[-1]) - trip.arrival_c
+    beyond_k = max(abs(error_k) - HALF * trip.resolution_k, 0.0)
+    soc_error = float(predicted.soc[-1]) - trip.arrival_soc
+    voltage_v = vehicle.battery.open_circuit_voltage.function(FLOATS)(trip.arrival_soc, trip.arrival_c)
+    without, with_it = (replay_errors_k(vehicle, trip, estimation)
+                        if replays and can_be_replayed(trip) else {} for estimation in (False, True))
+    return TripCheck(trip, predicted, error_k, float(np.copysign(beyond_k, error_k)), soc_error,
+                     soc_error * vehicle.battery.capacity_ah * voltage_v, without, with_it)
+
+
+def rms(values: Sequence[float]) -> float:
+    """Return the root mean square of values."""
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def _text_keys(values: dict[int, float]) -> dict[str, float]:
+    return {str(key): value for key, value in values.items()}

@@ -1,0 +1,229 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Open-circuit voltage, capacity and resistance over temperature, from voltage and current.
+
+The voltage is U_oc(s) - R(T) (I + rho x), where x follows the current with a time constant (one RC pair: fast
+polarisation). Hysteresis and slower relaxation are errors that last; the residuals are therefore differenced,
+e(t) - phi e(t - 5 s) with phi = exp(-5 s / 30 s), which leaves a seventh of a constant error. The Joule heat of
+the model is R I^2, so the file's resistance is the one with the heat of both parts: R (1 + rho <x^2>/<I^2>).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.signal import lfilter
+
+from bev_preheat.identification.curves import KNOTS_C, knot_weights
+from bev_preheat.numerics.arithmetic import ARRAYS
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from bev_preheat.identification.trips import Trip
+    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.vehicle.description import Vehicle
+
+LASTING_S = 30.0
+# Voltage and current are averaged over this time [s], because noise of the current makes the resistance too small.
+BLOCK_S = 5.0
+POLARISATION_S = (4.0, 10.0, 20.0)
+# Readings in whole degrees are smoothed over this time [s].
+SMOOTHING_S = 121
+# Errors of neighbouring rows hang together: so many of them count as one observation against the prior.
+ROWS_PER_OBSERVATION = 20.0
+# Rows of one trip, so that a night does not outweigh the drives.
+MOST_ROWS = 1500
+# Least root mean square of the current's changes within 30 s [A] for a trip that tells the resistance.
+LEAST_VARIATION_A = 3.0
+# Prior standard deviations: open-circuit voltage as shares of itself (offset, slope and curvature over the whole
+# charge), logarithm of the resistance (level, and change of the correction from knot to knot), polarisation.
+VOLTAGE_DEVIATIONS = (0.15, 0.10, 0.10)
+LEVEL_DEVIATION, KNOT_DEVIATION = 0.5, 0.25
+POLARISATION_DEVIATION = 0.5
+# What voltage and heat may mean differently by resistance, at any temperature.
+SYSTEMATIC_DEVIATION = 0.01
+CAPACITY_DEVIATION = 0.10
+# A change of charge smaller than this tells nothing of the capacity.
+LEAST_SOC_CHANGE = 0.05
+SOC_NOISE = 0.002
+OCV, KNOTS = 3, len(KNOTS_C)
+BETA = slice(OCV, OCV + KNOTS)
+RHO = OCV + KNOTS
+SIZE = RHO + 1
+
+
+def resistance_precision(level_deviation: float = LEVEL_DEVIATION) -> FloatArray:
+    """Return the prior precision (knots, knots) of the resistance's log factors: a level and a random walk."""
+    steps = np.diff(np.eye(KNOTS), axis=0) / KNOT_DEVIATION
+    level = np.full((1, KNOTS), 1.0 / KNOTS) / level_deviation
+    return np.asarray(steps.T @ steps + level.T @ level)
+
+
+@dataclass(frozen=True, eq=False)
+class Electrical:
+    """
+    Result of the fit.
+
+    `voltage_v` are offset, slope and curvature [V]; `log_factors` (knots,) correct START's resistance, with their
+    `covariance`; `polarisation` is rho, `heat_factor` 1 + rho <x^2>/<I^2>, `residual_v` the root mean square of the
+    differenced residuals. `capacity_ah` has a `capacity_deviation_ah`. `used` names the trips that tell resistance;
+    empty: all is prior. `capacity_trips` counts those that tell capacity.
+    """
+
+    voltage_v: FloatArray
+    voltage_deviations_v: FloatArray
+    log_factors: FloatArray
+    covariance: FloatArray
+    polarisation: float
+    polarisation_s: float
+    heat_factor: float
+    residual_v: float
+    capacity_ah: float
+    capacity_deviation_ah: float
+    used: tuple[str, ...]
+    capacity_trips: int
+
+
+class _Rows:
+    """One trip's differenced rows of the voltage equation."""
+
+    def __init__(self, vehicle: Vehicle, trip: Trip, capacity_ah: float, polarisation_s: float) -> None:
+        assert trip.voltage_v is not None and trip.current_a is not None
+        current_a = trip.current_a
+        soc = np.clip(float(np.median(trip.soc[:5])) - np.cumsum(current_a) / (3600.0 * capacity_ah), 0.01, 1.0)
+        smooth = np.ones(SMOOTHING_S)
+        temperature_c = (np.convolve(trip.battery_temperature_c, smooth, 'same')
+                         / np.convolve(np.ones(len(trip)), smooth, 'same'))
+        battery = vehicle.battery
+        open_v = battery.open_circuit_voltage.function(ARRAYS)(soc, temperature_c)
+        resistance = battery.resistance.function(ARRAYS)(soc, temperature_c)
+        left = math.exp(-1.0 / polarisation_s)
+        follows_a = lfilter([1.0 - left], [1.0, -left], current_a, zi=[left * current_a[0]])[0]
+        self.heat_share = float(np.mean(follows_a**2) / max(np.mean(current_a**2), 1e-9))
+        self.square_a2 = float(np.mean(current_a**2))
+        keeps = math.exp(-BLOCK_S / LASTING_S)
+        blocks = np.arange(0.0, len(trip) + 1.0, BLOCK_S)
+        stride = -(-len(blocks) // MOST_ROWS)
+
+        def differenced(values: FloatArray) -> FloatArray:
+            means = trip.means(values, blocks)
+            return np.asarray((means[1:] - keeps * means[:-1])[::stride])
+
+        centred = soc - 0.5
+        self.error_v = differenced(open_v - trip.voltage_v)
+        self.voltage = np.stack([differenced(column) for column in (
+            np.ones_like(soc), centred, centred**2)], axis=-1)
+        weights = knot_weights(temperature_c)
+        # The knots' part is not differenced before it is multiplied: R is at both instants nearly the same.
+        self.weights = weights[int(BLOCK_S)::int(BLOCK_S)][:len(blocks) - 2][::stride]
+        self.drop_v, self.polarised_v = differenced(resistance * current_a), differenced(resistance * follows_a)
+
+    def residuals(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return residuals [V] (rows,) and their slopes (rows, SIZE)."""
+        factor = np.exp(self.weights @ theta[BETA])
+        dropped = factor * (self.drop_v + theta[RHO] * self.polarised_v)
+        slopes = np.concatenate((self.voltage, -self.weights * dropped[:, np.newaxis],
+                                 -(factor * self.polarised_v)[:, np.newaxis]), axis=1)
+        return self.error_v + self.voltage @ theta[:OCV] - dropped, slopes
+
+
+def fit_electrical(vehicle: Vehicle, trips: Sequence[Trip], weights: Sequence[float] | None = None) -> Electrical:
+    """Return the Electrical of Trips; `weights` count each trip (a bootstrap's draw)."""
+    weights = [1.0] * len(trips) if weights is None else weights
+    counted = [(trip, weight) for trip, weight in zip(trips, weights) if weight > 0.0]
+    capacity_ah, capacity_deviation_ah, capacity_trips = _capacity(vehicle, counted)
+    telling = [(trip, weight) for trip, weight in counted if trip.current_a is not None and trip.voltage_v is not None
+               and _variation_a(trip) > LEAST_VARIATION_A]
+    precision = _prior_precision(vehicle)
+    if not telling:
+        prior = np.linalg.inv(precision)
+        return Electrical(np.zeros(OCV), np.sqrt(np.diag(prior)[:OCV]), np.zeros(KNOTS), prior[BETA, BETA], 0.0, 0.0,
+                          1.0, math.nan, capacity_ah, capacity_deviation_ah, (), capacity_trips)
+    best = min((_fit(vehicle, telling, capacity_ah, polarisation_s, precision) for polarisation_s in POLARISATION_S),
+               key=lambda found: found[0])
+    _, polarisation_s, theta, covariance, heat_share, residual_v = best
+    heat_factor = 1.0 + theta[RHO] * heat_share
+    return Electrical(
+        theta[:OCV], np.sqrt(np.diag(covariance)[:OCV]), theta[BETA] + math.log(heat_factor),
+        covariance[BETA, BETA] + SYSTEMATIC_DEVIATION**2, float(theta[RHO]), polarisation_s, float(heat_factor),
+        residual_v, capacity_ah, capacity_deviation_ah, tuple(trip.name for trip, _ in telling), capacity_trips)
+
+
+def _fit(vehicle: Vehicle, telling: Sequence[tuple[Trip, float]], capacity_ah: float, polarisation_s: float,
+         precision: FloatArray) -> tuple[float, float, FloatArray, FloatArray, float, float]:
+    """Return (cost, time constant, parameters, covariance, heat share of x, residual [V])."""
+    rows = [_Rows(vehicle, trip, capacity_ah, polarisation_s) for trip, _ in telling]
+    roots = [math.sqrt(weight) for _, weight in telling]
+    prior_root = np.linalg.cholesky(precision).T
+    # A first guess of the noise, then that of the residuals: only the balance with the prior depends on it.
+    noise_v, theta = 5.0, np.zeros(SIZE)
+    lowest, highest = np.full(SIZE, -np.inf), np.full(SIZE, np.inf)
+    lowest[RHO], highest[RHO] = 0.0, 5.0
+    theta[RHO] = 0.1
+    for _ in range(2):
+        def residuals(values: FloatArray, noise_v: float = noise_v) -> FloatArray:
+            return np.concatenate([root / noise_v * row.residuals(values)[0] for row, root in zip(rows, roots)]
+                                  + [prior_root @ values])
+
+        def slopes(values: FloatArray, noise_v: float = noise_v) -> FloatArray:
+            return np.concatenate([root / noise_v * row.residuals(values)[1] for row, root in zip(rows, roots)]
+                                  + [prior_root])
+
+        found = least_squares(residuals, theta, slopes, bounds=(lowest, highest), x_scale=_SCALES, loss='soft_l1')
+        theta = found.x
+        parts = [row.residuals(theta) for row in rows]
+        errors_v = np.concatenate([errors for errors, _ in parts])
+        spread_v = float(1.4826 * np.median(np.abs(errors_v - np.median(errors_v))))
+        noise_v = max(spread_v, 1e-3) * math.sqrt(ROWS_PER_OBSERVATION)
+    gradients, information = [], precision.copy()
+    for (errors_v, slope), root in zip(parts, roots):
+        weight = root**2 / noise_v**2 / np.sqrt(1.0 + (errors_v / noise_v)**2)
+        information += slope.T @ (weight[:, np.newaxis] * slope)
+        gradients.append(slope.T @ (weight * errors_v))
+    inverse = np.linalg.inv(information)
+    # Errors within a trip hang together, so each trip is one observation ("sandwich" estimate).
+    count = len(gradients)
+    spread = np.array(gradients).T @ np.array(gradients) * (count / max(count - 1.0, 1.0))
+    covariance = inverse @ (spread + precision) @ inverse
+    heat_share = float(np.average([row.heat_share for row in rows], weights=[row.square_a2 for row in rows]))
+    return found.cost, polarisation_s, theta, covariance, heat_share, float(np.sqrt(np.mean(errors_v**2)))
+
+
+_SCALES = np.array([10.0, 10.0, 10.0, *[0.2] * KNOTS, 0.2])
+
+
+def _prior_precision(vehicle: Vehicle) -> FloatArray:
+    nominal_v = float(vehicle.battery.open_circuit_voltage.function(ARRAYS)(np.array([0.5]), np.array([20.0]))[0])
+    precision = np.zeros((SIZE, SIZE))
+    precision[range(OCV), range(OCV)] = 1.0 / np.square(np.array(VOLTAGE_DEVIATIONS) * nominal_v)
+    precision[BETA, BETA] = resistance_precision()
+    precision[RHO, RHO] = 1.0 / POLARISATION_DEVIATION**2
+    return precision
+
+
+def _variation_a(trip: Trip) -> float:
+    assert trip.current_a is not None
+    return float(np.std(np.diff(trip.current_a[::5]))) if len(trip) > 10 else 0.0
+
+
+def _capacity(vehicle: Vehicle, counted: Sequence[tuple[Trip, float]]) -> tuple[float, float, int]:
+    """Return capacity and its deviation [Ah] from charge drawn over change of charge, and the number of trips."""
+    prior_ah = vehicle.battery.capacity_ah
+    precision, total, used = 1.0 / (CAPACITY_DEVIATION * prior_ah)**2, 1.0 / (CAPACITY_DEVIATION**2 * prior_ah), 0
+    for trip, weight in counted:
+        fell = float(trip.soc[0] - trip.soc[-1])
+        if trip.current_a is None or abs(fell) < LEAST_SOC_CHANGE:
+            continue
+        steps = np.abs(np.diff(np.unique(trip.soc)))
+        noise = math.hypot(SOC_NOISE, float(np.min(steps)) / math.sqrt(6.0) if len(steps) else 0.0)
+        # drawn = C fell, with an error of C noise
+        drawn_ah = float(np.sum(trip.current_a) / 3600.0)
+        used += 1
+        precision += weight * (fell / (prior_ah * noise))**2
+        total += weight * fell * drawn_ah / (prior_ah * noise)**2
+    return total / precision, 1.0 / math.sqrt(precision), used

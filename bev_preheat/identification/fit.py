@@ -1,0 +1,237 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Least squares over trips: thermal parameters under their priors, with the resistance found from the voltage."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from bev_preheat.identification.electrical import fit_electrical
+from bev_preheat.identification.parameters import ALWAYS, NAMES, parameters_of, STRUCTURES
+from bev_preheat.identification.readings import interval_residuals
+from bev_preheat.identification.thermal import course_of, PARAMETERS, ThermalModel
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from bev_preheat.identification.electrical import Electrical
+    from bev_preheat.identification.thermal import Course
+    from bev_preheat.identification.trips import Trip
+    from bev_preheat.numerics.arrays import BoolArray, FloatArray
+    from bev_preheat.vehicle.description import Vehicle
+
+# Readings (one in 30 s) that count as one independent observation against the priors: at least, at most.
+LEAST_DISPERSION, MOST_DISPERSION = 1.0, 30.0
+# The start temperature lies in the interval of the first reading; a lagging sensor widens it [K].
+START_NOISE_K = 0.2
+# A reading is the sensor's: with a coarse step the cell may be anywhere in it.
+SHARE_OF_STEP = 1.0 / math.sqrt(12.0)
+MOST_EVALUATIONS = 60
+
+
+@dataclass(frozen=True, eq=False)
+class TripTerms:
+    """Residuals of one trip at the optimum: its part of gradient (n,) and information (n, n) over the parameters."""
+
+    gradient: FloatArray
+    information: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class ThermalFit:
+    """
+    A fit: coordinates (PARAMETERS,), which of them are `free`, their `covariance`, and each trip's start [deg C].
+
+    `information` (free, free) includes the prior; `terms` are the trips' parts. `cost` is half the sum of squares.
+    """
+
+    structure: str
+    theta: FloatArray
+    free: BoolArray
+    information: FloatArray
+    prior_precision: FloatArray
+    terms: tuple[TripTerms, ...]
+    starts_c: tuple[float, ...]
+    electrical: Electrical
+    cost: float
+
+    @property
+    def covariance(self) -> FloatArray:
+        """
+        Return the covariance (PARAMETERS, PARAMETERS): 0 for fixed parameters.
+
+        Each trip counts as one observation ("sandwich" estimate), because errors within a trip hang together.
+        """
+        inverse = np.linalg.inv(self.information)
+        gradients = np.array([term.gradient for term in self.terms])
+        count = len(gradients)
+        spread = gradients.T @ gradients * (count / max(count - 1.0, 1.0))
+        own = inverse @ (spread + self.prior_precision) @ inverse
+        whole = np.zeros((PARAMETERS, PARAMETERS))
+        whole[np.ix_(self.free, self.free)] = own
+        return whole
+
+
+class Fitter:
+    """Fits structures to subsets of Trips of one START vehicle."""
+
+    def __init__(self, vehicle: Vehicle, trips: Sequence[Trip]) -> None:
+        """Prepare the trips; nothing is fitted yet."""
+        self.vehicle, self.trips = vehicle, tuple(trips)
+        self.parameters = parameters_of(vehicle)
+        self.courses = [course_of(trip, vehicle) for trip in trips]
+        self.has_heating = [trip.heats for trip in trips]
+        self._models: dict[bool, ThermalModel] = {}
+        # Readings that count as one independent observation.
+        self.dispersion = LEAST_DISPERSION
+
+    def electrical(self, kept: Sequence[int] | None = None) -> Electrical:
+        """Return the Electrical of the kept trips (indices; None: all)."""
+        return fit_electrical(self.vehicle, [self.trips[at] for at in self._kept(kept)])
+
+    def find_dispersion(self, electrical: Electrical) -> ThermalFit:
+        """
+        Set `dispersion` from a fit of one mass to all trips; return that fit.
+
+        If the model were exact, the trips' gradients would vary as their information says. They vary more by the
+        factor that is found here, because errors of model and sensor last (quasi-likelihood).
+        """
+        structure = next(iter(STRUCTURES))
+        self.dispersion = LEAST_DISPERSION
+        fit = self.fit(structure, None, electrical)
+        inverse = np.linalg.inv(fit.information)
+        gradients = np.array([term.gradient for term in fit.terms])
+        gradients = gradients - gradients.mean(axis=0)
+        own = fit.information - fit.prior_precision
+        count = len(gradients)
+        ratio = (np.einsum('ti,ij,tj->', gradients, inverse, gradients) * count / max(count - 1.0, 1.0)
+                 / max(float(np.trace(own @ inverse)), 1e-9))
+        self.dispersion = LEAST_DISPERSION * min(max(float(ratio), 1.0), MOST_DISPERSION / LEAST_DISPERSION)
+        return fit
+
+    def _kept(self, kept: Sequence[int] | None) -> Sequence[int]:
+        return range(len(self.trips)) if kept is None else kept
+
+    def free_names(self, structure: str, kept: Sequence[int] | None = None) -> list[str]:
+        """Return the names of the free thermal parameters of a structure for the kept trips."""
+        heating = any(self.has_heating[at] for at in self._kept(kept))
+        return [name for name in NAMES if name in ALWAYS or name in STRUCTURES[structure]
+                or (heating and name == 'heat_lag')]
+
+    def fit(self, structure: str, kept: Sequence[int] | None = None, electrical: Electrical | None = None,
+            begin: FloatArray | None = None, held: Mapping[str, float] | None = None) -> ThermalFit:
+        """
+        Return the ThermalFit of a structure to the kept trips (indices; None: all).
+
+        `electrical` is that of these trips, `begin` the coordinates to begin at; `held` maps names to
+        the coordinates at which they are held.
+        """
+        indices = list(self._kept(kept))
+        electrical = self.electrical(indices) if electrical is None else electrical
+        model = self.model(structure)
+        names = self.free_names(structure, indices)
+        free = np.array([name in names for name in NAMES] + [True] * (PARAMETERS - len(NAMES)))
+        prior, low, high = self._prior(electrical)
+        theta = prior.copy()
+        for at, name in enumerate(NAMES):
+            if not free[at]:
+                theta[at] = prior[at] = self.parameters[name].fixed
+        if begin is not None:
+            theta[free] = begin[free]
+        for name, coordinate in (held or {}).items():
+            at = NAMES.index(name)
+            free[at], theta[at] = False, coordinate
+        precision = self._precision(electrical)[np.ix_(free, free)]
+        prior_root = np.linalg.cholesky(precision).T
+        count = int(free.sum())
+        courses = [self.courses[at] for at in indices]
+        start_deviations_k = np.array([start_deviation_k(course) for course in courses])
+        cache: dict[bytes, tuple[FloatArray, FloatArray]] = {}
+
+        def evaluate(values: FloatArray) -> tuple[FloatArray, FloatArray]:
+            key = values.tobytes()
+            if key not in cache:
+                cache.clear()
+                theta[free] = values[:count]
+                residuals, slopes = [], []
+                for at, course in enumerate(courses):
+                    residual, slope = self.trip_residuals(
+                        model, course, theta, values[count + at], electrical)
+                    row = np.zeros((len(residual), len(values)))
+                    row[:, :count], row[:, count + at] = slope[:, :-1][:, free], slope[:, -1]
+                    residuals.append(residual)
+                    slopes.append(row)
+                rest = np.zeros((count + len(courses), len(values)))
+                rest[:count, :count] = prior_root
+                rest[range(count, len(values)), range(count, len(values))] = 1.0 / start_deviations_k
+                residuals.append(np.concatenate((prior_root @ (values[:count] - prior[free]),
+                                                 values[count:] / start_deviations_k)))
+                cache[key] = np.concatenate(residuals), np.concatenate([*slopes, rest])
+            return cache[key]
+
+        reach_k = np.array([max(course.trip.resolution_k, 0.2) for course in courses])
+        lowest, highest = np.concatenate((low[free], -reach_k)), np.concatenate((high[free], reach_k))
+        guess = np.clip(np.concatenate((theta[free], np.zeros(len(courses)))), lowest + 1e-9, highest - 1e-9)
+        found = least_squares(lambda values: evaluate(values)[0], guess, lambda values: evaluate(values)[1],
+                              bounds=(lowest, highest), x_scale='jac', max_nfev=MOST_EVALUATIONS,
+                              ftol=1e-7, xtol=1e-7)
+        theta[free] = found.x[:count]
+        residuals, slopes = evaluate(found.x)
+        terms, at = [], 0
+        for number, course in enumerate(courses):
+            rows = slice(at, at + len(course.reading_at))
+            at = rows.stop
+            terms.append(_terms(residuals[rows], slopes[rows, :count], slopes[rows, count + number],
+                                found.x[count + number], start_deviations_k[number]))
+        information = precision + sum(term.information for term in terms)
+        return ThermalFit(structure, theta.copy(), free, np.asarray(information), precision, tuple(terms),
+                          tuple(course.trip.start_c + offset for course, offset in zip(courses, found.x[count:])),
+                          electrical, float(found.cost))
+
+    def model(self, structure: str) -> ThermalModel:
+        """Return the ThermalModel of a structure."""
+        has_shell = 'shell_share' in STRUCTURES[structure]
+        if has_shell not in self._models:
+            self._models[has_shell] = ThermalModel(self.vehicle, has_shell)
+        return self._models[has_shell]
+
+    def trip_residuals(self, model: ThermalModel, course: Course, theta: FloatArray, start_offset_k: float,
+                       electrical: Electrical) -> tuple[FloatArray, FloatArray]:
+        """Return weighted residuals (K,) of a course's readings and their slopes (K, PARAMETERS + 1)."""
+        readings_c, slopes = model.course(course, theta, course.trip.start_c + start_offset_k, electrical)
+        residual, slope = interval_residuals(
+            readings_c[course.reading_at], course.reading_c, course.trip.resolution_k)
+        weight = math.sqrt(1.0 / self.dispersion)
+        return weight * residual, (weight * slope)[:, np.newaxis] * slopes[course.reading_at]
+
+    def _prior(self, electrical: Electrical) -> tuple[FloatArray, FloatArray, FloatArray]:
+        own = [self.parameters[name] for name in NAMES]
+        bound = np.full(len(electrical.log_factors), 3.0)
+        return (np.concatenate(([item.prior for item in own], electrical.log_factors)),
+                np.concatenate(([item.low for item in own], electrical.log_factors - bound)),
+                np.concatenate(([item.high for item in own], electrical.log_factors + bound)))
+
+    def _precision(self, electrical: Electrical) -> FloatArray:
+        precision = np.zeros((PARAMETERS, PARAMETERS))
+        own = range(len(NAMES))
+        precision[own, own] = [1.0 / self.parameters[name].deviation**2 for name in NAMES]
+        precision[len(NAMES):, len(NAMES):] = np.linalg.inv(electrical.covariance)
+        return precision
+
+
+def start_deviation_k(course: Course) -> float:
+    """Return the standard deviation of the battery temperature at the first reading [K]."""
+    return math.hypot(SHARE_OF_STEP * course.trip.resolution_k, START_NOISE_K)
+
+
+def _terms(residual: FloatArray, slope: FloatArray, start_slope: FloatArray, start_offset_k: float,
+           start_deviation_k: float) -> TripTerms:
+    """Return a trip's gradient and information with its start temperature eliminated (Schur complement)."""
+    information, gradient = slope.T @ slope, slope.T @ residual
+    cross, own = slope.T @ start_slope, start_slope @ start_slope + 1.0 / start_deviation_k**2
+    start_gradient = start_slope @ residual + start_offset_k / start_deviation_k**2
+    return TripTerms(gradient - cross * (start_gradient / own), information - np.outer(cross, cross) / own)

@@ -1,0 +1,143 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From trips and a START vehicle to an identified car."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+import math
+import time
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bev_preheat.identification.check import check_trips
+from bev_preheat.identification.coverage import coverage_of, refuse_poor
+from bev_preheat.identification.curves import CorrectedResistance, knot_weights
+from bev_preheat.identification.electrical import CAPACITY_DEVIATION
+from bev_preheat.identification.fit import Fitter
+from bev_preheat.identification.parameters import NAMES
+from bev_preheat.identification.result import Estimated, Identification, ResistanceCurve
+from bev_preheat.identification.structures import (
+    baselines,
+    chosen_structure,
+    leave_each_out,
+    left_out_electricals,
+    try_structures,
+)
+from bev_preheat.identification.trips import common_remarks
+from bev_preheat.identification.uncertainty import correlations, Interval, intervals_of, QUANTILE
+from bev_preheat.identification.vehicle_file import identified_vehicle
+from bev_preheat.identification.verdict import record_next, verdict_of
+from bev_preheat.numerics.arithmetic import ARRAYS
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from bev_preheat.identification.electrical import Electrical
+    from bev_preheat.identification.fit import ThermalFit
+    from bev_preheat.identification.trips import Trip
+    from bev_preheat.vehicle.description import Vehicle
+
+# An interval wider than this share of the prior's tells nothing new.
+MOST_OF_PRIOR = 0.75
+HALF = 0.5
+
+
+def identify(vehicle: Vehicle, trips: Sequence[Trip], name: str,
+             tell: Callable[[str], None] = lambda stage: None) -> Identification:
+    """
+    Return the Identification of the car that drove the Trips, from a START vehicle; it is called `name`.
+
+    `tell` hears each stage. Raises InvalidInput with reasons if the trips tell too little, and names the recordings
+    that are missing.
+    """
+    began_s = time.perf_counter()
+    refuse_poor(trips)
+    fitter = Fitter(vehicle, trips)
+    tell('voltage and current')
+    electrical, electricals = fitter.electrical(), left_out_electricals(fitter)
+    fitter.find_dispersion(electrical)
+    structures, fits = try_structures(fitter, electrical, electricals, tell)
+    structure = chosen_structure(structures)
+    tell('intervals')
+    full = fits[structure]
+    intervals = intervals_of(fitter, full)
+    held = _unidentified(fitter, intervals)
+    # Parameters that the trips do not tell keep START's values; all others are fitted beside them.
+    fit = fitter.fit(structure, None, electrical, full.theta, held)
+    tell('leaving each trip out')
+    left_out = leave_each_out(fitter, fit, electricals, held)
+    car = replace(identified_vehicle(fitter, fit), name=name)
+    coverage = coverage_of(trips, electrical)
+    tell('checking the file')
+    check = check_trips(car, trips, replays=False)
+    estimates = (*_thermal_estimates(fitter, fit, intervals, held), _capacity(vehicle, electrical))
+    known_without, together = baselines(fitter), tuple(
+        pair for pair in correlations(full) if pair[0] not in held and pair[1] not in held)
+    return Identification(
+        car, vehicle.name, estimates, _resistance(vehicle, full), electrical, structure, tuple(structures),
+        known_without, tuple(left_out), together, coverage, check,
+        common_remarks(trips),
+        tuple(verdict_of(estimates, left_out, known_without, structures, structure, coverage, together, electrical)),
+        tuple(record_next(estimates, coverage, electrical)), time.perf_counter() - began_s)
+
+
+def _unidentified(fitter: Fitter, intervals: dict[str, Interval]) -> dict[str, float]:
+    """Return the priors' centres of the parameters whose intervals are hardly narrower than the priors'."""
+    held = {}
+    for name, interval in intervals.items():
+        parameter = fitter.parameters[name]
+        low, high = _prior_interval(fitter, name)
+        if interval.high - interval.low > MOST_OF_PRIOR * (high - low):
+            held[name] = parameter.prior
+    return held
+
+
+def _prior_interval(fitter: Fitter, name: str) -> Interval:
+    parameter = fitter.parameters[name]
+    reach = QUANTILE * parameter.deviation
+    return Interval(max(parameter.prior - reach, parameter.low), min(parameter.prior + reach, parameter.high))
+
+
+def _thermal_estimates(fitter: Fitter, fit: ThermalFit, intervals: dict[str, Interval],
+                       held: dict[str, float]) -> list[Estimated]:
+    slopes = _arrival_slopes(fitter, fit)
+    estimates = []
+    for name, interval in intervals.items():
+        parameter, at = fitter.parameters[name], NAMES.index(name)
+        prior = _prior_interval(fitter, name)
+        estimates.append(Estimated(
+            name, parameter.label, parameter.unit, parameter.start, float(parameter.value(float(fit.theta[at]))),
+            *(float(parameter.value(end)) for end in (*interval, *prior)), name not in held,
+            float(HALF * (interval.high - interval.low) * slopes[at]), parameter.reason, parameter.key))
+    return estimates
+
+
+def _arrival_slopes(fitter: Fitter, fit: ThermalFit) -> list[float]:
+    """Return the root mean square over trips of the arrival temperature's slope over each coordinate."""
+    model = fitter.model(fit.structure)
+    last = np.array([model.course(course, fit.theta, start_c, fit.electrical)[1][-1]
+                     for course, start_c in zip(fitter.courses, fit.starts_c)])
+    return [float(value) for value in np.sqrt(np.mean(last**2, axis=0))]
+
+
+def _capacity(vehicle: Vehicle, electrical: Electrical) -> Estimated:
+    start, reach = vehicle.battery.capacity_ah, QUANTILE * electrical.capacity_deviation_ah
+    prior = QUANTILE * CAPACITY_DEVIATION * start
+    return Estimated(
+        'capacity', 'capacity', 'Ah', start, electrical.capacity_ah, electrical.capacity_ah - reach,
+        electrical.capacity_ah + reach, start - prior, start + prior, reach < MOST_OF_PRIOR * prior, 0.0,
+        'START within 10 %: ageing, and the usable part of the charge', 'battery.capacity_ah')
+
+
+def _resistance(vehicle: Vehicle, fit: ThermalFit) -> ResistanceCurve:
+    low_c, high_c = vehicle.battery.temperature_range_c
+    temperatures_c = np.arange(max(-20.0, math.ceil(low_c)), min(40.0, high_c) + 1e-9, 1.0)
+    socs = np.full_like(temperatures_c, HALF)
+    curve = vehicle.battery.resistance
+    start_ohm = curve.function(ARRAYS)(socs, temperatures_c) + np.zeros_like(socs)
+    log_factors = fit.theta[len(NAMES):]
+    estimate_ohm = CorrectedResistance(curve, log_factors.tolist()).function(ARRAYS)(socs, temperatures_c)
+    weights, covariance = knot_weights(temperatures_c), fit.covariance[len(NAMES):, len(NAMES):]
+    spread = np.exp(QUANTILE * np.sqrt(np.einsum('ti,ij,tj->t', weights, covariance, weights)))
+    return ResistanceCurve(temperatures_c, start_ohm, estimate_ohm, estimate_ohm / spread, estimate_ohm * spread)

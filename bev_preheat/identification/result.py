@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The result of an identification: estimates with intervals, errors on unseen trips, a verdict."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+import math
+from typing import Any, TYPE_CHECKING
+
+from bev_preheat.identification.check import rms
+
+if TYPE_CHECKING:
+    from bev_preheat.identification.check import Check
+    from bev_preheat.identification.coverage import Coverage
+    from bev_preheat.identification.electrical import Electrical
+    from bev_preheat.identification.structures import LeftOut, StructureResult
+    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.vehicle.description import Vehicle
+
+
+@dataclass(frozen=True)
+class Estimated:
+    """
+    A parameter: START's value, estimate, 90 % interval, and what half the interval is worth on arrival [K].
+
+    `is_identified` False: the trips do not tell it, and the estimate is START's value. `prior` explains the prior,
+    `prior_low` and `prior_high` are its 90 % interval.
+    """
+
+    name: str
+    label: str
+    unit: str
+    start: float
+    estimate: float
+    low: float
+    high: float
+    prior_low: float
+    prior_high: float
+    is_identified: bool
+    arrival_k: float
+    prior: str
+    key: str
+
+
+@dataclass(frozen=True, eq=False)
+class ResistanceCurve:
+    """Resistance over temperature [deg C]: START's, estimate, 90 % interval [ohm], and where trips cover it."""
+
+    temperature_c: FloatArray
+    start_ohm: FloatArray
+    estimate_ohm: FloatArray
+    low_ohm: FloatArray
+    high_ohm: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """
+    An identified car, and how far it can be trusted.
+
+    `vehicle` is the car as its file describes it. `structures` are compared on trips left out, `structure` is the
+    chosen one; `left_out` are the errors of its files as plans predict them, `baselines` those of two predictions
+    without a model. `check` is the file on all trips. `together` are pairs of parameters known only together.
+    """
+
+    vehicle: Vehicle
+    start_name: str
+    estimates: tuple[Estimated, ...]
+    resistance: ResistanceCurve
+    electrical: Electrical
+    structure: str
+    structures: tuple[StructureResult, ...]
+    baselines: dict[str, StructureResult]
+    left_out: tuple[LeftOut, ...]
+    together: tuple[tuple[str, str, float], ...]
+    coverage: Coverage
+    check: Check
+    remarks: tuple[str, ...]
+    verdict: tuple[str, ...]
+    record_next: tuple[str, ...]
+    duration_s: float
+
+    @property
+    def rmse_k(self) -> float:
+        """Root mean square error on trips left out [K]."""
+        return rms([trip.error_k for trip in self.left_out])
+
+    @property
+    def worst_k(self) -> float:
+        """Largest error on a trip left out [K]."""
+        return max(abs(trip.error_k) for trip in self.left_out)
+
+    @property
+    def unidentified(self) -> list[str]:
+        """Return the labels of the parameters that keep their prior."""
+        return [item.label for item in self.estimates if not item.is_identified]
+
+    def as_dictionary(self) -> dict[str, Any]:
+        """Return the result in JSON form."""
+        curve, electrical = self.resistance, self.electrical
+        return {
+            'vehicle': self.vehicle.name, 'start': self.start_name, 'structure': self.structure,
+            'parameters': [asdict(item) for item in self.estimates],
+            'unidentified': self.unidentified,
+            'resistance': {name: values.tolist() for name, values in vars(curve).items()},
+            'electrical': {
+                'heat_factor': electrical.heat_factor, 'polarisation': electrical.polarisation,
+                'polarisation_s': electrical.polarisation_s, 'residual_v': electrical.residual_v,
+                'voltage_correction_v': electrical.voltage_v.tolist(), 'trips': list(electrical.used)},
+            'leave_one_out': {
+                'rmse_k': self.rmse_k, 'worst_k': self.worst_k,
+                'trips': [{'name': trip.name, 'arrival_error_k': trip.error_k, 'deviation_k': trip.deviation_k,
+                           'is_within_interval': trip.is_within} for trip in self.left_out]},
+            'structures': [_row(result) for result in self.structures],
+            'baselines': [_row(result) for result in self.baselines.values()],
+            'known_only_together': [list(pair) for pair in self.together],
+            'coverage': self.coverage.as_dictionary(),
+            'extrapolated': {'resistance_below_c': self.coverage.resistance_from_c,
+                             'resistance_above_c': self.coverage.resistance_to_c},
+            'check': self.check.as_dictionary(), 'remarks': list(self.remarks), 'verdict': list(self.verdict),
+            'record_next': list(self.record_next), 'duration_s': self.duration_s}
+
+
+def _row(result: StructureResult) -> dict[str, Any]:
+    return {'structure': result.structure, 'rmse_k': result.rmse_k, 'worst_k': result.worst_k,
+            'cost': None if math.isnan(result.cost) else result.cost, 'errors_k': list(map(float, result.errors_k)),
+            'in_the_file': result.in_the_file}

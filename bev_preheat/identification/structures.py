@@ -1,0 +1,139 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Structures of the model by their errors on trips that the fit has not seen, beside two baselines."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bev_preheat.identification.check import rms
+from bev_preheat.identification.parameters import IN_THE_FILE, STRUCTURES
+from bev_preheat.identification.prediction import predict
+from bev_preheat.identification.uncertainty import QUANTILE
+from bev_preheat.identification.vehicle_file import identified_vehicle
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from bev_preheat.identification.electrical import Electrical
+    from bev_preheat.identification.fit import Fitter, ThermalFit
+
+# A structure with more parameters must predict unseen trips better by this share.
+LEAST_GAIN = 0.03
+SENSOR_NOISE_K = 0.1
+
+
+@dataclass(frozen=True)
+class StructureResult:
+    """A structure's fit cost and its errors [K] on each trip left out; `in_the_file`: a vehicle file can hold it."""
+
+    structure: str
+    cost: float
+    errors_k: tuple[float, ...]
+    in_the_file: bool
+
+    @property
+    def rmse_k(self) -> float:
+        """Root mean square of the errors [K]."""
+        return rms(self.errors_k)
+
+    @property
+    def worst_k(self) -> float:
+        """Largest error [K]."""
+        return max(map(abs, self.errors_k))
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """
+    A trip left out: error on arrival of the file fitted to the others [K], as plans predict it.
+
+    `deviation_k` is the standard deviation of that error by the parameters' uncertainty and the sensor's step.
+    """
+
+    name: str
+    error_k: float
+    deviation_k: float
+
+    @property
+    def is_within(self) -> bool:
+        """Whether the 90 % interval of the error contains it."""
+        return abs(self.error_k) <= QUANTILE * self.deviation_k
+
+
+def left_out_electricals(fitter: Fitter) -> list[Electrical]:
+    """Return, for each trip, the Electrical of all others."""
+    return [fitter.electrical(_others(fitter, at)) for at in range(len(fitter.trips))]
+
+
+def try_structures(fitter: Fitter, whole: Electrical, electricals: Sequence[Electrical],
+                   tell: Callable[[str], None]) -> tuple[list[StructureResult], dict[str, ThermalFit]]:
+    """Return the StructureResult of each structure, and its fit to all trips; `tell` hears each name."""
+    results, fits = [], {}
+    for structure in STRUCTURES:
+        tell(f'structure: {structure}')
+        fit = fits[structure] = fitter.fit(structure, None, whole)
+        errors_k = []
+        for at, electrical in enumerate(electricals):
+            without = fitter.fit(structure, _others(fitter, at), electrical, fit.theta)
+            course, trip = fitter.courses[at], fitter.trips[at]
+            readings_c, _ = fitter.model(structure).course(
+                course, without.theta, trip.start_c, electrical)
+            errors_k.append(float(readings_c[-1]) - trip.arrival_c)
+        results.append(StructureResult(structure, fit.cost, tuple(errors_k), structure in IN_THE_FILE))
+    return results, fits
+
+
+def chosen_structure(results: Sequence[StructureResult]) -> str:
+    """Return the simplest structure of a vehicle file that no other of them beats by LEAST_GAIN on unseen trips."""
+    best, *others = [result for result in results if result.in_the_file]
+    for result in others:
+        if result.rmse_k < best.rmse_k * (1.0 - LEAST_GAIN):
+            best = result
+    return best.structure
+
+
+def leave_each_out(fitter: Fitter, fit: ThermalFit, electricals: Sequence[Electrical],
+                   held: Mapping[str, float]) -> list[LeftOut]:
+    """Return the LeftOut of each trip, predicted by the vehicle file that the other trips would give."""
+    found = []
+    for at, electrical in enumerate(electricals):
+        trip, course = fitter.trips[at], fitter.courses[at]
+        without = fitter.fit(fit.structure, _others(fitter, at), electrical, fit.theta, held)
+        car = identified_vehicle(fitter, without)
+        error_k = float(predict(car, trip).reading_c[-1]) - trip.arrival_c
+        _, slopes = fitter.model(fit.structure).course(course, without.theta, trip.start_c, electrical)
+        slope = slopes[-1, :-1]
+        step_k = trip.resolution_k / math.sqrt(12.0)
+        found.append(LeftOut(trip.name, error_k, math.sqrt(
+            float(slope @ without.covariance @ slope) + (1.0 + float(slopes[-1, -1])**2) * (
+                step_k**2 + SENSOR_NOISE_K**2))))
+    return with_model_error(found)
+
+
+def with_model_error(found: Sequence[LeftOut]) -> list[LeftOut]:
+    """Return the LeftOuts with a common error of the model added, so that their deviations explain the errors."""
+    missing = float(np.mean([trip.error_k**2 - trip.deviation_k**2 for trip in found]))
+    return [LeftOut(trip.name, trip.error_k, math.sqrt(trip.deviation_k**2 + max(missing, 0.0))) for trip in found]
+
+
+def baselines(fitter: Fitter) -> dict[str, StructureResult]:
+    """Return the leave-one-out errors of a constant temperature and of a regression on the integral of I^2."""
+    warmed_k = np.array([trip.arrival_c - trip.start_c for trip in fitter.trips])
+    squares = np.array([float(np.sum((trip.power_w + trip.heater_w)**2)) if trip.current_a is None
+                        else float(np.sum(trip.current_a**2)) for trip in fitter.trips])
+    columns = np.stack((np.ones_like(squares), squares / max(float(squares.max()), 1e-9)), axis=1)
+    errors_k = []
+    for at in range(len(squares)):
+        kept = _others(fitter, at)
+        coefficients, *_ = np.linalg.lstsq(columns[kept], warmed_k[kept], rcond=None)
+        errors_k.append(float(columns[at] @ coefficients - warmed_k[at]))
+    return {'constant temperature': StructureResult('constant temperature', math.nan, tuple(-warmed_k), False),
+            'regression on I^2': StructureResult('regression on I^2', math.nan, tuple(errors_k), False)}
+
+
+def _others(fitter: Fitter, left_out: int) -> list[int]:
+    return [at for at in range(len(fitter.trips)) if at != left_out]

@@ -1,0 +1,299 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A recorded trip, charging session or night at stand, on a grid of one second, checked."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bev_preheat.errors import figure, InvalidInput
+from bev_preheat.logs.recording import Series
+
+if TYPE_CHECKING:
+    from bev_preheat.logs.recording import Recording
+    from bev_preheat.numerics.arrays import BoolArray, FloatArray
+    from bev_preheat.vehicle.description import Vehicle
+
+# Valid range of a sample: (low, high, unit). Values outside come from wrong units or columns.
+POSSIBLE = {
+    'battery_temperature_c': (-50.0, 90.0, 'degC'), 'ambient_c': (-60.0, 60.0, 'degC'),
+    'soc': (0.0, 1.0, '(a share of 1, not percent)'), 'voltage_v': (10.0, 1500.0, 'V'),
+    'current_a': (-3000.0, 3000.0, 'A'), 'power_w': (-2e6, 2e6, 'W'), 'speed_mps': (0.0, 100.0, 'm/s'),
+    'battery_heater_w': (0.0, 50e3, 'W'), 'cabin_heater_w': (0.0, 50e3, 'W'), 'auxiliary_w': (0.0, 50e3, 'W'),
+    'aircon_w': (0.0, 50e3, 'W'),    'heater_w': (0.0, 50e3, 'W'), 'propulsion_power_w': (-2e6, 2e6, 'W')}
+# Sensors of power show slightly negative values when nothing is drawn [W].
+MOST_NEGATIVE_NOISE_W = 500.0
+SHORTEST_TRIP_S = 120.0
+LONGEST_TRIP_S = 3.0 * 86400.0
+# Longest interval between two samples of the power while the car draws more than LEAST_DRAWN_W.
+LONGEST_GAP_S = 30.0
+LEAST_DRAWN_W = 2000.0
+# The arrival is the median reading of the last seconds, because a whole-degree sensor flickers.
+ARRIVAL_S = 10.0
+STANDING_MPS = 0.3
+# A remark on more logs than this gives their number.
+MOST_NAMED = 3
+# Steps of the current from here on [A] show the sign of the current in the voltage.
+LEAST_CURRENT_STEP_A = 5.0
+# Usual steps of a temperature signal.
+RESOLUTIONS_K = (1.0, 0.5, 0.25, 0.2, 0.1)
+
+
+@dataclass(frozen=True, eq=False)
+class Trip:
+    """
+    A recording on a grid of one second; arrays of shape (N,), SI units and deg C.
+
+    `power_w` is the battery's terminal power without `heater_w`, the power of the HVCH for the battery.
+    `propulsion_power_w` is the drivetrain's part of it, 0 at stand. `voltage_v` and `current_a` are None if the
+    log has the power only. `has_heater` and `has_speed` tell whether the log has the signal.
+    """
+
+    name: str
+    battery_temperature_c: FloatArray
+    soc: FloatArray
+    power_w: FloatArray
+    propulsion_power_w: FloatArray
+    cabin_heating_power_w: FloatArray
+    auxiliary_power_w: FloatArray
+    heater_w: FloatArray
+    speed_mps: FloatArray
+    ambient_c: FloatArray
+    voltage_v: FloatArray | None
+    current_a: FloatArray | None
+    has_heater: bool
+    has_speed: bool
+    remarks: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        """Return the duration [s], which is the number of samples."""
+        return len(self.power_w)
+
+    @cached_property
+    def resolution_k(self) -> float:
+        """Step of the temperature signal [K]; 0 if it is continuous."""
+        return next((step_k for step_k in RESOLUTIONS_K if np.allclose(
+            self.battery_temperature_c / step_k, np.round(self.battery_temperature_c / step_k), atol=1e-6)), 0.0)
+
+    @property
+    def start_c(self) -> float:
+        """First temperature reading [deg C]."""
+        return float(self.battery_temperature_c[0])
+
+    @property
+    def arrival_c(self) -> float:
+        """Measured temperature on arrival [deg C]."""
+        return float(np.median(self.battery_temperature_c[-int(ARRIVAL_S):]))
+
+    @property
+    def arrival_soc(self) -> float:
+        """Measured state of charge on arrival."""
+        return float(np.median(self.soc[-int(ARRIVAL_S):]))
+
+    @cached_property
+    def heats(self) -> bool:
+        """Whether the battery is heated during the trip."""
+        return bool(self.heater_w.mean() > 50.0)
+
+    @cached_property
+    def stands(self) -> bool:
+        """Whether hardly any power flows: a night at stand."""
+        return bool(np.mean(np.abs(self.power_w + self.heater_w) < 1000.0) > 0.8)
+
+    @cached_property
+    def charges(self) -> bool:
+        """Whether the battery is charged at stand."""
+        return bool(self.power_w.mean() < -1000.0 and self.speed_mps.max() < STANDING_MPS)
+
+    @property
+    def kind(self) -> str:
+        """`night at stand`, `charging session` or `drive`."""
+        return 'charging session' if self.charges else 'night at stand' if self.stands else 'drive'
+
+    def means(self, values: FloatArray, edges: FloatArray) -> FloatArray:
+        """Return the means of values (N,) between whole seconds `edges` (M + 1,), shape (M,)."""
+        total = np.concatenate(([0.0], np.cumsum(values)))
+        return np.asarray(np.diff(total[edges.astype(int)]) / np.diff(edges))
+
+
+def trips_of(recordings: Iterable[Recording], vehicle: Vehicle) -> list[Trip]:
+    """Return the Trips of recordings; raise InvalidInput with one problem for each recording that is refused."""
+    trips, problems = [], []
+    for recording in recordings:
+        try:
+            trips.append(trip_of(recording, vehicle))
+        except InvalidInput as error:
+            problems += error.problems
+    seen: dict[str, Trip] = {}
+    for trip in trips:
+        twin = next((other for other in seen.values() if len(other) == len(trip)
+                     and np.array_equal(other.power_w, trip.power_w)
+                     and np.array_equal(other.battery_temperature_c, trip.battery_temperature_c)), None)
+        if twin is not None:
+            problems.append(f'{trip.name}: is the same recording as {twin.name}; name each log once')
+        seen[f'{trip.name} {len(seen)}'] = trip
+    if problems:
+        raise InvalidInput(problems)
+    return trips
+
+
+def trip_of(recording: Recording, vehicle: Vehicle) -> Trip:
+    """
+    Return the Trip of a Recording; unknown consumers have the default powers of `vehicle`.
+
+    Raises InvalidInput naming the log, the signal, its value and the allowed range.
+    """
+    name, signals = recording.name, _without_noise(recording.signals)
+    problems = [f'{name}: no {missing}; {advice}' for missing, advice in _missing(signals)]
+    problems += _implausible(name, signals)
+    if problems:
+        raise InvalidInput(problems)
+    has_voltage = 'voltage_v' in signals and 'current_a' in signals
+    needed = ('battery_temperature_c', 'soc', *(('voltage_v', 'current_a') if has_voltage else ('power_w',)))
+    start_s = max(signals[key].time_s[0] for key in needed)
+    end_s = min(signals[key].time_s[-1] for key in needed)
+    if end_s - start_s < SHORTEST_TRIP_S:
+        raise InvalidInput(f'{name}: {", ".join(needed)} together last {max(end_s - start_s, 0.0):.0f} s; a log must '
+                           f'last at least {SHORTEST_TRIP_S:.0f} s')
+    if end_s - start_s > LONGEST_TRIP_S:
+        raise InvalidInput(f'{name}: lasts {figure((end_s - start_s) / 3600.0, 3)} h; at most '
+                           f'{LONGEST_TRIP_S / 3600.0:.0f} h are allowed; cut it into trips')
+    grid_s = np.arange(np.floor(end_s - start_s) + 1.0) + start_s
+
+    def linear(key: str) -> FloatArray:
+        return np.interp(grid_s, signals[key].time_s, signals[key].value)
+
+    def held(key: str) -> FloatArray:
+        series = signals[key]
+        at = np.searchsorted(series.time_s, grid_s, side='right') - 1
+        return np.asarray(series.value[np.maximum(at, 0)])
+
+    remarks = list(recording.remarks)
+    voltage_v, current_a = (linear('voltage_v'), linear('current_a')) if has_voltage else (None, None)
+    power_w = linear('power_w') if voltage_v is None or current_a is None else voltage_v * current_a
+    for key in needed[2:]:
+        _refuse_gap(name, key, signals[key].time_s, start_s, power_w)
+    has_speed = 'speed_mps' in signals
+    speed_mps = linear('speed_mps') if has_speed else np.zeros_like(grid_s)
+    if not has_speed:
+        remarks.append('no speed: leakage with speed cannot be identified')
+    heater_w = held('battery_heater_w') if 'battery_heater_w' in signals else np.zeros_like(grid_s)
+    cabin_w, auxiliary_w = _others(signals, held, grid_s, vehicle, remarks)
+    idle_w = power_w - heater_w
+    propulsion_w = linear('propulsion_power_w') if 'propulsion_power_w' in signals else (
+        idle_w - cabin_w - auxiliary_w)
+    standing = speed_mps < STANDING_MPS if has_speed else np.full(len(grid_s), idle_w.mean() < 0.0)
+    return Trip(name, held('battery_temperature_c'), held('soc'), idle_w, np.where(standing, 0.0, propulsion_w),
+                cabin_w, auxiliary_w, heater_w, speed_mps, linear('ambient_c'), voltage_v, current_a,
+                'battery_heater_w' in signals, has_speed, tuple(remarks))
+
+
+def _others(signals: Mapping[str, Series], held: Callable[[str], FloatArray], grid_s: FloatArray, vehicle: Vehicle,
+            remarks: list[str]) -> tuple[FloatArray, FloatArray]:
+    """Return the power of cabin heating and auxiliaries [W]; the vehicle's defaults where the log has none."""
+    values = []
+    for key, default_w in (('cabin_heater_w', vehicle.defaults.cabin_heating_power_w),
+                           ('auxiliary_w', vehicle.defaults.auxiliary_power_w)):
+        if key in signals:
+            values.append(held(key))
+        elif key == 'cabin_heater_w' and 'heater_w' in signals:
+            remarks.append('heater_w serves cabin and battery; it is taken as cabin heating')
+            values.append(held('heater_w'))
+        elif key == 'auxiliary_w' and 'aircon_w' in signals:
+            values.append(default_w + held('aircon_w'))
+        else:
+            remarks.append(f"no {key}: the vehicle file's {default_w:g} W are used")
+            values.append(np.full_like(grid_s, default_w))
+    return values[0], values[1]
+
+
+def _without_noise(signals: Mapping[str, Series]) -> dict[str, Series]:
+    """Return the signals, with slightly negative powers of consumers set to 0."""
+    cleaned = dict(signals)
+    for key in ('battery_heater_w', 'cabin_heater_w', 'auxiliary_w', 'aircon_w', 'heater_w'):
+        if key in cleaned and np.all(cleaned[key].value > -MOST_NEGATIVE_NOISE_W):
+            cleaned[key] = Series(cleaned[key].time_s, np.maximum(cleaned[key].value, 0.0))
+    return cleaned
+
+
+def _missing(signals: Mapping[str, Series]) -> list[tuple[str, str]]:
+    missing = [(key, advice) for key, advice in (
+        ('battery_temperature_c', "record the battery's temperature"),
+        ('soc', 'record the state of charge'),
+        ('ambient_c', 'record the outside temperature')) if key not in signals]
+    if 'power_w' not in signals and not ('voltage_v' in signals and 'current_a' in signals):
+        missing.append(('power', 'record voltage_v and current_a, or power_w'))
+    return missing
+
+
+def _implausible(name: str, signals: Mapping[str, Series]) -> list[str]:
+    """Return one sentence for each signal that has impossible values or times."""
+    problems = []
+    for key, series in signals.items():
+        if len(series.value) == 0:
+            problems.append(f'{name}: {key}: has no samples')
+        elif not (np.isfinite(series.value).all() and np.isfinite(series.time_s).all()):
+            problems.append(f'{name}: {key}: has values that are not finite; drop these samples')
+        elif len(series.time_s) != len(series.value) or np.any(np.diff(series.time_s) <= 0.0):
+            problems.append(f'{name}: {key}: its times must increase from sample to sample')
+        elif key in POSSIBLE:
+            low, high, unit = POSSIBLE[key]
+            outside = (series.value < low) | (series.value > high)
+            if outside.any():
+                at = int(np.argmax(outside))
+                problems.append(f'{name}: {key}: {figure(float(series.value[at]))} after '
+                                f'{series.time_s[at]:.0f} s; it must be {low:g} ... {high:g} {unit}')
+    if not problems:
+        problems += _contradictions(name, signals)
+    return problems
+
+
+def _contradictions(name: str, signals: Mapping[str, Series]) -> list[str]:
+    """Return sentences on signals that contradict each other: signs, units, frozen sensors."""
+    problems = []
+    if 'voltage_v' in signals and 'current_a' in signals:
+        current = signals['current_a']
+        voltage_v = np.interp(current.time_s, signals['voltage_v'].time_s, signals['voltage_v'].value)
+        steps_v, steps_a = np.diff(voltage_v), np.diff(current.value)
+        moving = np.abs(steps_a) > LEAST_CURRENT_STEP_A
+        if moving.sum() > 20:
+            slope = float(np.sum(steps_v[moving] * steps_a[moving]) / np.sum(steps_a[moving]**2))
+            if slope > 0.0:
+                problems.append(f'{name}: current_a: the voltage rises by {1e3 * slope:.0f} mV for each ampere drawn; '
+                                'current must be positive while the battery is discharged; reverse its sign')
+            elif np.ptp(voltage_v) < 0.2:
+                problems.append(f'{name}: voltage_v: stays at {voltage_v[0]:.1f} V while the current changes; '
+                                "record the battery's voltage")
+    if 'soc' in signals and 'current_a' in signals and not problems:
+        current, soc = signals['current_a'], signals['soc']
+        drawn_ah = float(np.sum(current.value[:-1] * np.diff(current.time_s)) / 3600.0)
+        fell = float(soc.value[0] - soc.value[-1])
+        if abs(drawn_ah) > 2.0 and abs(fell) > 0.05 and drawn_ah * fell < 0.0:
+            problems.append(f'{name}: current_a: {drawn_ah:+.1f} Ah were drawn, but soc changed by {-fell:+.2f}; '
+                            'current must be positive while the battery is discharged')
+    return problems
+
+
+def _refuse_gap(name: str, key: str, time_s: FloatArray, start_s: float, power_w: FloatArray) -> None:
+    """Raise InvalidInput if a signal of the power is missing for long while the car draws power."""
+    gaps_s = np.diff(time_s)
+    for at in np.flatnonzero(gaps_s > LONGEST_GAP_S):
+        around = slice(max(int(time_s[at] - start_s) - 1, 0), int(time_s[at + 1] - start_s) + 2)
+        drawn: BoolArray = np.abs(power_w[around]) > LEAST_DRAWN_W
+        if drawn.any():
+            raise InvalidInput(f'{name}: {key}: no sample for {gaps_s[at]:.0f} s after {time_s[at]:.0f} s while the car '
+                               f'draws power; at most {LONGEST_GAP_S:.0f} s are allowed')
+
+
+def common_remarks(trips: Iterable[Trip]) -> tuple[str, ...]:
+    """Return the remarks on Trips, each once, with the names of the trips or their number."""
+    names: dict[str, list[str]] = {}
+    for trip in trips:
+        for remark in trip.remarks:
+            names.setdefault(remark, []).append(trip.name)
+    return tuple(f'{", ".join(found) if len(found) <= MOST_NAMED else f"{len(found)} logs"}: {remark}'
+                 for remark, found in names.items())

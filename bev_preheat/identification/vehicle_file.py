@@ -1,0 +1,129 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The identified car: as a Vehicle, and as a vehicle file with a comment at each identified value."""
+
+from __future__ import annotations
+
+from copy import deepcopy
+from dataclasses import replace
+import re
+from typing import TYPE_CHECKING
+
+import yaml
+
+from bev_preheat.identification.curves import CorrectedVoltage, resistance_table, voltage_table
+from bev_preheat.identification.parameters import NAMES
+from bev_preheat.vehicle.description import Leakage
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from bev_preheat.files.checked_yaml import FileData
+    from bev_preheat.identification.fit import Fitter, ThermalFit
+    from bev_preheat.numerics.arithmetic import Curve
+    from bev_preheat.vehicle.curves import Table
+    from bev_preheat.vehicle.description import Vehicle
+
+# Only the lag of the coolant can be identified. If START has no coolant, it gets a heat capacity with which the
+# heater's full power makes it this much warmer than the battery [K].
+COOLANT_EXCESS_K = 60.0
+LEAST_LAG_S = 1.0
+DIGITS = 5
+
+
+def values_of(fitter: Fitter, fit: ThermalFit) -> dict[str, float]:
+    """Return the thermal parameters' values by name."""
+    return {name: float(fitter.parameters[name].value(coordinate))
+            for name, coordinate in zip(NAMES, fit.theta.tolist())}
+
+
+def identified_vehicle(fitter: Fitter, fit: ThermalFit) -> Vehicle:
+    """Return START with the values of a fit, as a vehicle file with them would be loaded."""
+    vehicle, values, electrical = fitter.vehicle, values_of(fitter, fit), fit.electrical
+    battery = vehicle.battery
+    voltage: Curve = battery.open_circuit_voltage
+    if electrical.used:
+        voltage = voltage_table(CorrectedVoltage(voltage, *map(float, electrical.voltage_v)), battery.soc_range)
+    path = vehicle.heat_path
+    if _is_free(fit, 'heat_lag'):
+        coolant = path.coolant_heat_capacity_j_per_k or (
+            vehicle.hvch.efficiency * vehicle.hvch.maximum_power_w * values['heat_lag'] / COOLANT_EXCESS_K)
+        path = replace(path, coolant_heat_capacity_j_per_k=coolant,
+                       coolant_conductance_w_per_k=coolant / max(values['heat_lag'], LEAST_LAG_S))
+    if _is_free(fit, 'sensor_lag'):
+        path = replace(path, sensor_lag_s=values['sensor_lag'])
+    losses = 1.0 - vehicle.drivetrain.efficiency
+    share = min(values['drivetrain_heat'] / losses, 1.0) if losses > 0.0 else 0.0
+    return replace(
+        vehicle, heat_path=path, hvch=replace(vehicle.hvch, efficiency=values['heater_efficiency']),
+        drivetrain=replace(vehicle.drivetrain, heat_recovery_efficiency=share),
+        battery=replace(
+            battery, capacity_ah=electrical.capacity_ah,
+            heat_capacity_j_per_k=values['heat_capacity'] - path.coolant_heat_capacity_j_per_k,
+            open_circuit_voltage=voltage, resistance=resistance_table(battery, fit.theta[len(NAMES):]),
+            leakage=Leakage(values['leakage'], values['leakage_with_speed'])))
+
+
+def _is_free(fit: ThermalFit, name: str) -> bool:
+    return bool(fit.free[NAMES.index(name)])
+
+
+def file_text(start: dict[str, FileData], vehicle: Vehicle, name: str, notes: Mapping[str, str],
+              identified: frozenset[str], head: str) -> str:
+    """
+    Return the text of a vehicle file: the contents of START's with the values of the identified `vehicle`.
+
+    `notes` are comments by dotted key; keys that are `identified` leave the list `assumed`; `head` is the first
+    comment.
+    """
+    contents = deepcopy(start)
+    battery, path = vehicle.battery, vehicle.heat_path
+    contents['name'] = name
+    own = contents['battery']
+    own['capacity_ah'] = _rounded(battery.capacity_ah)
+    own['heat_capacity_j_per_k'] = _rounded(battery.heat_capacity_j_per_k)
+    if 'battery.open_circuit_voltage' in notes:
+        own['open_circuit_voltage'] = {'table': _table(battery.open_circuit_voltage)}
+    own['resistance'] = {'table': _table(battery.resistance)}
+    own['leakage'] = {'gamma_0_w_per_k': _rounded(battery.leakage.gamma_0_w_per_k),
+                      'gamma_v_w_per_k_per_mps': _rounded(battery.leakage.gamma_v_w_per_k_per_mps)}
+    contents['hvch']['efficiency'] = _rounded(vehicle.hvch.efficiency)
+    contents['drivetrain']['heat_recovery_efficiency'] = _rounded(vehicle.drivetrain.heat_recovery_efficiency)
+    lags = {key: _rounded(value) for key, value in vars(path).items() if value > 0.0}
+    if lags:
+        contents['heat_path'] = lags
+    assumed = [key for key in contents.pop('assumed', [])
+               if not any(key == done or key.startswith(f'{done}.') for done in identified)]
+    if assumed:
+        contents['assumed'] = assumed
+    text = yaml.safe_dump(contents, sort_keys=False, default_flow_style=None, width=100, allow_unicode=True)
+    comment = ''.join(f'# {line}\n' for line in head.splitlines())
+    return comment + _with_notes(text, notes)
+
+
+def _with_notes(text: str, notes: Mapping[str, str]) -> str:
+    """Return YAML with a comment line before each key that has a note; keys are dotted."""
+    lines, path = [], list[str]()
+    for line in text.splitlines():
+        match = re.match(r'( *)([a-z_0-9]+):', line)
+        if match:
+            depth = len(match[1]) // 2
+            path = [*path[:depth], match[2]]
+            note = notes.get('.'.join(path))
+            if note:
+                lines.append(f'{match[1]}# {note}')
+        lines.append(line)
+    return '\n'.join(lines) + '\n'
+
+
+def _table(curve: Table | Curve) -> dict[str, FileData]:
+    """Return the Table as a vehicle file has it: axes of one point are left out."""
+    soc, temperature_c, values = curve.soc, curve.temperature_c, curve.values  # type: ignore[union-attr]
+    if len(soc) == 1:
+        return {'temperature_c': list(temperature_c), 'values': list(values[0])}
+    if len(temperature_c) == 1:
+        return {'soc': list(soc), 'values': [row[0] for row in values]}
+    return {'soc': list(soc), 'temperature_c': list(temperature_c), 'values': [list(row) for row in values]}
+
+
+def _rounded(value: float) -> float:
+    return float(f'{value:.{DIGITS}g}')

@@ -1,0 +1,167 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Planning methods of other packages: entry points of the group `bev_preheat.methods`.
+
+A method is a function of a MethodSituation that returns the heater's power in each step [W], shape (N,). Entry
+points are read only if a name is not built in, or if all names are listed: reading takes longer than many plans.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+import math
+import re
+from time import perf_counter
+from typing import NamedTuple, TYPE_CHECKING
+
+from bev_preheat.errors import InvalidInput, LONGEST_PROBLEM, PlanningFailure, quoted, shortened
+from bev_preheat.planning.method_situation import checked_powers, MethodSituation, ROUNDING_W
+
+if TYPE_CHECKING:
+    from collections.abc import Collection
+    from importlib.metadata import EntryPoint
+
+    from numpy.typing import ArrayLike
+
+    from bev_preheat.planning.schedule import Schedule
+    from bev_preheat.planning.situation import BatteryState, Goal
+    from bev_preheat.planning.trip import Trip
+
+GROUP = 'bev_preheat.methods'
+NAME = re.compile(r'[a-z][a-z0-9_]{0,39}')
+# Names of results beside those of methods.
+TAKEN = frozenset({'nlp', 'optimum', 'planner', 'replanned_paper', 'no_heating', 'always_on'})
+# After a late answer, a method is not asked again for this many times its duration, so that a slow method leaves
+# the processor to the rest of the planner.
+PAUSE_FACTOR = 10.0
+# Anything a method raises; sys.exit in a method must not end the planner.
+BROKEN = (Exception, SystemExit)
+
+
+class MethodFailure(PlanningFailure):
+    """An installed method raised an exception or gave an answer that is not allowed; the message names both."""
+
+
+class Found(NamedTuple):
+    """The entry points of usable names, and for each other name the sentence on why it is refused."""
+
+    usable: dict[str, EntryPoint]
+    refused: dict[str, str]
+
+
+def find_methods(built_in: Collection[str]) -> Found:
+    """Return the Found entry points of all installed packages; `built_in` names cannot be used again."""
+    # Not at the top: the import alone takes as long as hundreds of plans.
+    from importlib.metadata import entry_points
+    by_name: dict[str, list[EntryPoint]] = {}
+    for entry in entry_points(group=GROUP):
+        by_name.setdefault(entry.name, []).append(entry)
+    found = Found({}, {})
+    for name, entries in sorted(by_name.items()):
+        packages = ' and '.join(map(_package_of, entries))
+        if name in built_in or name in TAKEN:
+            found.refused[name] = f'{name} of {packages} is not used, because the name is built in'
+        elif not NAME.fullmatch(name):
+            found.refused[name] = (f'{quoted(name)} of {packages} is not used; a name must be lower-case letters, '
+                                   'digits and underscores, at most 40, a letter first')
+        elif len(entries) > 1:
+            found.refused[name] = f'{name} is in {packages}; uninstall all but one'
+        else:
+            found.usable[name] = entries[0]
+    return found
+
+
+def _package_of(entry: EntryPoint) -> str:
+    return 'an unknown package' if entry.dist is None else f'package {entry.dist.name} {entry.dist.version}'
+
+
+class _TimeLimit:
+    """The longest time that an answer may take [s]; without a running planner there is none."""
+
+    limit_s = math.inf
+
+
+def limit_answer_time(limit_s: float) -> None:
+    """Refuse answers of installed methods that take longer [s], from now on in this process."""
+    _TimeLimit.limit_s = limit_s
+
+
+@dataclass(eq=False)
+class InstalledMethod:
+    """A loaded method: its name, the package that it comes from, and its function."""
+
+    name: str
+    package: str
+    function: Callable[[MethodSituation], ArrayLike]
+    _asked_again_s: float = field(default=-math.inf, init=False)
+    _late: str = field(default='', init=False)
+
+    def _failure(self, reason: str) -> MethodFailure:
+        return MethodFailure(shortened(f'method {self.name} of {self.package}: {reason}', LONGEST_PROBLEM))
+
+    def answer(self, situation: MethodSituation, notes: dict[str, None]) -> Schedule:
+        """
+        Return the Schedule of the method's powers within the limits, and add remarks on them to `notes`.
+
+        Raises MethodFailure.
+        """
+        started_s = perf_counter()
+        if started_s < self._asked_again_s:
+            raise self._failure(self._late)
+        failure = None
+        try:
+            power_w = self.function(situation)
+        except BROKEN as error:
+            failure = self._failure(f'raised {type(error).__name__}: {error}')
+            failure.__cause__ = error
+        took_s = perf_counter() - started_s
+        if took_s > _TimeLimit.limit_s:
+            self._asked_again_s = perf_counter() + PAUSE_FACTOR * took_s
+            self._late = (f'took {took_s:.2f} s; at most {_TimeLimit.limit_s:.2g} s are allowed, a tenth of the '
+                          'time by which command_lease is longer than command_period')
+            failure = self._failure(self._late)
+        if failure is not None:
+            raise failure
+        try:
+            checked_w = checked_powers(power_w, len(situation.route))
+        except BROKEN as error:
+            raise self._failure(f'the answer is refused: {error}') from error
+        beyond_w = checked_w - situation.heater_limit_w
+        if beyond_w.max() > ROUNDING_W:
+            at = int(beyond_w.argmax())
+            notes[f'Method {self.name} asked for {checked_w[at]:.0f} W where the heater has '
+                  f'{situation.heater_limit_w[at]:.0f} W for the battery; its powers are clipped.'] = None
+        return situation.driven(checked_w)
+
+    def proposing(self, notes: dict[str, None]) -> Callable[..., Schedule]:
+        """Return the method as a planning.schedule.Method; see `answer`."""
+        def plan(trip: Trip, state: BatteryState, goal: Goal, unheated: Schedule | None = None) -> Schedule:
+            return self.answer(MethodSituation.of_trip(trip, state, goal), notes)
+        return plan
+
+
+_loaded: dict[str, InstalledMethod] = {}
+
+
+def installed_method(name: str, built_in: Collection[str]) -> InstalledMethod:
+    """Return the method of a name that is not built in, loaded once; raises InvalidInput."""
+    if name in _loaded:
+        return _loaded[name]
+    found = find_methods(built_in)
+    if name in found.refused:
+        raise InvalidInput(f'method: {found.refused[name]}')
+    if name not in found.usable:
+        raise InvalidInput(f'method: {quoted(name)} is not one of {", ".join((*built_in, *found.usable))}')
+    entry = found.usable[name]
+    about = f'method: {name} of {_package_of(entry)}'
+    try:
+        function = entry.load()
+    except BROKEN as error:
+        raise InvalidInput(
+            f'{about} cannot be loaded from {entry.value}: {type(error).__name__}: {error}') from error
+    if not callable(function):
+        raise InvalidInput(f'{about}: {entry.value} is {type(function).__name__}; it must be a function of a '
+                           'MethodSituation')
+    _loaded[name] = InstalledMethod(name, _package_of(entry), function)
+    return _loaded[name]

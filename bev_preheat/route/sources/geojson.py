@@ -1,0 +1,155 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Reads GeoJSON (RFC 7946): LineString or MultiLineString, alone or in features.
+
+Times of the points are taken from properties.coordTimes (or times, coordinateProperties.times), durations of
+parts of the
+line from properties.segments[].steps[] with way_points, as openrouteservice writes them.
+"""
+
+from __future__ import annotations
+
+from datetime import datetime, UTC
+from typing import Any, TYPE_CHECKING
+
+import numpy as np
+
+from bev_preheat.errors import InvalidInput, quoted
+from bev_preheat.route.sources.json_text import checked, in_words, items, number
+from bev_preheat.route.sources.pieces import journey_of_pieces, Pieces
+from bev_preheat.route.sources.timeline import check_coordinates, distances_m
+from bev_preheat.route.sources.track import journey_of_points
+
+if TYPE_CHECKING:
+    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.route.sources.journey import Journey, RouteOptions
+
+KIND = 'GeoJSON line'
+TYPES = ('FeatureCollection', 'Feature', 'LineString', 'MultiLineString', 'GeometryCollection')
+# Lines that follow each other end and begin within this distance [m].
+MOST_GAP_M = 1000.0
+
+
+def read_geojson(contents: Any, options: RouteOptions) -> Journey:
+    """Return the Journey of the lines in a GeoJSON object; raise InvalidInput naming the key."""
+    lines = _lines(contents, 'GeoJSON', {})
+    if not lines:
+        raise InvalidInput(f'has no LineString; its type is {quoted(str(contents.get("type")))}')
+    points = [_points(coordinates, place) for coordinates, place, _ in lines]
+    for (one, other), (_, place, _) in zip(zip(points, points[1:]), lines[1:]):
+        gap_m = float(distances_m(*np.stack((one[-1], other[0]), axis=1)[[1, 0]])[0])
+        if gap_m > MOST_GAP_M:
+            raise InvalidInput(f'{place}: begins {gap_m / 1e3:.1f} km from the end of the line before it; keep '
+                               'one route in the file')
+    remarks = [f'{len(lines)} lines are joined in their order'] if len(lines) > 1 else []
+    array = np.concatenate(points)
+    longitude_deg, latitude_deg, elevation_m = array.T
+    check_coordinates(latitude_deg, longitude_deg, 'coordinate')
+    properties = lines[0][2]
+    if len(lines) == 1 and isinstance(properties.get('segments'), list):
+        legs = _legs(properties, latitude_deg, longitude_deg)
+        along_m = np.concatenate(([0.0], np.cumsum(distances_m(latitude_deg, longitude_deg))))
+        total_m = sum(float(leg.length_m.sum()) for leg in legs)
+        elevation = None if np.isnan(elevation_m).any() else (
+            along_m * (total_m / max(float(along_m[-1]), 1e-9)), elevation_m)
+        return journey_of_pieces(KIND, legs, options, ['the mean speed of each step is used'],
+                                 (latitude_deg, longitude_deg), elevation)
+    times = [_times(line_properties, len(line)) for (_, _, line_properties), line in zip(lines, points)]
+    time_s = None if any(each is None for each in times) else np.concatenate(
+        [each for each in times if each is not None])
+    return journey_of_points(KIND, latitude_deg, longitude_deg, elevation_m, time_s, options, remarks,
+                             'coordinate')
+
+
+def _lines(node: Any, place: str, properties: dict[str, Any]) -> list[tuple[list[Any], str, dict[str, Any]]]:
+    """Return (coordinates, place, properties) of each line in a GeoJSON object."""
+    if node is None:
+        return []
+    if not isinstance(node, dict):
+        raise InvalidInput(f'{place}: must be an object, not {in_words(node)}')
+    kind = node.get('type')
+    if kind == 'FeatureCollection':
+        return [line for at, feature in enumerate(items(node, 'features', place))
+                for line in _lines(feature, f'features[{at}]', {})]
+    if kind == 'Feature':
+        own = node.get('properties')
+        return _lines(node.get('geometry'), f'{place}.geometry', own if isinstance(own, dict) else {})
+    if kind == 'GeometryCollection':
+        return [line for at, geometry in enumerate(items(node, 'geometries', place))
+                for line in _lines(geometry, f'{place}.geometries[{at}]', properties)]
+    if kind == 'LineString':
+        return [(items(node, 'coordinates', place), place, properties)]
+    if kind == 'MultiLineString':
+        lines: list[tuple[list[Any], str, dict[str, Any]]] = []
+        for at, line in enumerate(items(node, 'coordinates', place)):
+            if not isinstance(line, list):
+                raise InvalidInput(f'{place}.coordinates[{at}]: must be a list of coordinates, not '
+                                   f'{in_words(line)}')
+            lines.append((line, f'{place}.coordinates[{at}]', {}))
+        return lines
+    return []
+
+
+def _points(coordinates: list[Any], place: str) -> FloatArray:
+    """Return longitudes, latitudes and elevations (NaN: none) of a line, shape (M, 3)."""
+    rows = []
+    for at, position in enumerate(coordinates):
+        where = f'{place}.coordinates[{at}]'
+        if not isinstance(position, list) or len(position) < 2:
+            raise InvalidInput(f'{where}: must be [longitude, latitude] or [longitude, latitude, elevation], not '
+                               f'{in_words(position)}')
+        longitude, latitude = checked(position[0], f'{where}[0]', -180.0, 180.0), checked(
+            position[1], f'{where}[1]', -90.0, 90.0)
+        height = position[2] if len(position) > 2 else None
+        rows.append((longitude, latitude, np.nan if height is None else checked(
+            height, f'{where}[2]', -500.0, 9000.0)))
+    if len(rows) < 2:
+        raise InvalidInput(f'{place}: has {len(rows)} coordinates; a route needs at least 2')
+    return np.array(rows)
+
+
+def _times(properties: dict[str, Any], count: int) -> FloatArray | None:
+    """Return the times [s] of a line's points, None without them."""
+    nested = properties.get('coordinateProperties')
+    values = properties.get('coordTimes') or properties.get('times') or (
+        nested.get('times') if isinstance(nested, dict) else None)
+    if values is None:
+        return None
+    if not isinstance(values, list) or len(values) != count:
+        raise InvalidInput(f'properties.coordTimes: must be a list of {count} times, one for each coordinate')
+    seconds = []
+    for at, value in enumerate(values):
+        try:
+            if isinstance(value, str):
+                moment = datetime.fromisoformat(value)
+                seconds.append((moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp())
+            else:
+                # Milliseconds since 1970, as JavaScript counts, or seconds.
+                number_of = checked(value, f'properties.coordTimes[{at}]')
+                seconds.append(number_of / 1000.0 if number_of > 1e11 else number_of)
+        except (ValueError, OverflowError) as error:
+            if isinstance(error, InvalidInput):
+                raise
+            raise InvalidInput(f'properties.coordTimes[{at}]: {quoted(str(value))} is not a time as in ISO 8601: '
+                               '2026-01-31T08:00:00Z') from error
+    return np.array(seconds)
+
+
+def _legs(properties: dict[str, Any], latitude_deg: FloatArray, longitude_deg: FloatArray) -> list[Pieces]:
+    """Return the legs of openrouteservice's properties."""
+    legs = []
+    for at, segment in enumerate(properties['segments']):
+        place = f'properties.segments[{at}]'
+        total_s, total_m = number(segment, 'duration', place), number(segment, 'distance', place)
+        steps = segment.get('steps') or []
+        if not isinstance(steps, list):
+            raise InvalidInput(f'{place}.steps: must be a list')
+        if steps:
+            legs.append(Pieces(*(np.array([number(step, key, f'{place}.steps[{index}]')
+                                           for index, step in enumerate(steps)])
+                                 for key in ('distance', 'duration'))))
+        else:
+            legs.append(Pieces(np.array([total_m]), np.array([total_s])))
+    if not legs:
+        raise InvalidInput('properties.segments: is empty')
+    return legs

@@ -1,0 +1,68 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Reads lists of segments of route planners in JSON: a list of objects, or an object of lists."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, TYPE_CHECKING
+
+from bev_preheat.errors import InvalidInput
+from bev_preheat.route.sources.json_text import in_words
+from bev_preheat.route.sources.table import journey_of_table
+from bev_preheat.route.text_table import TextTable
+
+if TYPE_CHECKING:
+    from bev_preheat.route.sources.journey import Journey
+
+# Names of the list of segments in an object.
+LISTS = ('segments', 'steps', 'legs', 'route', 'path', 'sections')
+
+
+@dataclass(frozen=True)
+class RecordTable(TextTable):
+    """A table whose rows are JSON objects; places are segments instead of lines."""
+
+    def where(self, row: int) -> str:
+        """Return a row's place for messages."""
+        return f'segment {row + 1}'
+
+
+def read_records(contents: Any) -> Journey:
+    """Return the Journey of a list of segments; raise InvalidInput naming segment, key and value."""
+    records = contents
+    if isinstance(contents, dict):
+        lists = [name for name in LISTS if isinstance(contents.get(name), list)]
+        if lists:
+            records = contents[lists[0]]
+        elif contents and all(isinstance(column, list) for column in contents.values()):
+            records = _rows(contents)
+        else:
+            raise InvalidInput('is not a route: it has no routes (OSRM), no trip (Valhalla), no type (GeoJSON) '
+                               f'and no segments; its keys are: {", ".join(map(str, list(contents)[:8]))}')
+    if not isinstance(records, list) or not records:
+        raise InvalidInput(f'is not a list of segments: {in_words(records)}')
+    header: dict[str, None] = {}
+    for at, record in enumerate(records):
+        if not isinstance(record, dict):
+            raise InvalidInput(f'segment {at + 1}: must be an object, not {in_words(record)}')
+        for key, value in record.items():
+            if isinstance(value, int | float | str) and not isinstance(value, bool):
+                header[key] = None
+    if not header:
+        raise InvalidInput('segment 1: has no figures')
+    # Texts, so that numbers are checked as in tables; a missing one is reported if its column is used.
+    rows = [[_text(record.get(name)) for name in header] for record in records]
+    return journey_of_table(RecordTable('segments', ',', list(header), 0, rows, list(range(1, len(rows) + 1)), []))
+
+
+def _rows(columns: dict[str, list[Any]]) -> list[dict[str, Any]]:
+    lengths = {len(column) for column in columns.values()}
+    if len(lengths) != 1:
+        raise InvalidInput(f'its lists have different lengths: {", ".join(map(str, sorted(lengths)))}')
+    return [dict(zip(columns, row)) for row in zip(*columns.values())]
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, float):
+        return repr(value)
+    return '' if value is None or isinstance(value, bool | list | dict) else str(value)

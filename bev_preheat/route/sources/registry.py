@@ -1,0 +1,129 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Chooses the reader of a route's file by its content; names and suffixes do not count."""
+
+from __future__ import annotations
+
+import re
+from typing import Any, TYPE_CHECKING
+
+from bev_preheat.errors import InvalidInput
+from bev_preheat.route.sources.headers import Header, read_header
+from bev_preheat.route.text_table import read_text_table
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from bev_preheat.route.sources.journey import Journey, RouteOptions
+
+# Largest file [bytes]; a day of samples at 10 Hz has less.
+LARGEST_FILE = 64_000_000
+# Enough text to recognise a format.
+BEGINNING = 4096
+# Option and purpose of fields of RouteOptions that only some formats use.
+OPTIONS = {'free_speed_kmh': ('--free-speed', 'a line on the map without times'),
+           'stop_duration_s': ('--stop-duration', 'an answer of navigation with waypoints'),
+           'vehicle_id': ('--vehicle-id', 'the battery output of SUMO')}
+ROOT_ELEMENT = re.compile(rb'<(?![?!])(?:[\w.-]+:)?([\w.-]+)')
+COMMENT = re.compile(rb'<!--.*?-->', re.DOTALL)
+GEOJSON_TYPES = ('FeatureCollection', 'Feature', 'LineString', 'MultiLineString', 'GeometryCollection', 'Point',
+                 'MultiPoint', 'Polygon', 'MultiPolygon')
+
+
+def read_journey(path: Path, options: RouteOptions) -> Journey | None:
+    """
+    Return the Journey of a file; None if it is a route file with powers, which route.csv_file reads.
+
+    Raises InvalidInput naming file, place, value and what to do.
+    """
+    kind = kind_of(path)
+    if kind == 'table':
+        if has_powers(path):
+            return None
+        from bev_preheat.route.sources.table import read_table
+        try:
+            _refuse_unused(options, ())
+        except InvalidInput as error:
+            raise InvalidInput([f'{path}: {problem}' for problem in error.problems]) from error
+        return read_table(path)
+    try:
+        text = path.read_bytes()
+        return _read_xml(text, options) if kind == 'xml' else _read_json(text, options)
+    except OSError as error:
+        raise InvalidInput(f'{path}: cannot be read: {error.strerror}') from error
+    except InvalidInput as error:
+        raise type(error)([f'{path}: {problem}' for problem in error.problems]) from error
+
+
+def kind_of(path: Path) -> str:
+    """Return 'xml', 'json' or 'table'; raise InvalidInput if a file is too large, binary or cannot be read."""
+    try:
+        size = path.stat().st_size
+        with open(path, 'rb') as file:
+            beginning = file.read(BEGINNING)
+    except OSError as error:
+        raise InvalidInput(f'{path}: cannot be read: {error.strerror}') from error
+    if size > LARGEST_FILE:
+        raise InvalidInput(f'{path}: has {size / 1e6:.0f} MB; at most {LARGEST_FILE / 1e6:.0f} MB are read')
+    if beginning.startswith((b'\xff\xfe', b'\xfe\xff')):
+        raise InvalidInput(f'{path}: is UTF-16 text; save it as UTF-8')
+    if b'\0' in beginning:
+        raise InvalidInput(f'{path}: is a binary file; routes are text: CSV, GPX, GeoJSON, JSON or XML')
+    first = beginning.removeprefix(b'\xef\xbb\xbf').lstrip()[:1]
+    return {b'<': 'xml', b'{': 'json', b'[': 'json'}.get(first, 'table')
+
+
+def has_powers(path: Path) -> bool:
+    """Return whether a table is a route file: with powers, or without any column that a table reader knows."""
+    if kind_of(path) != 'table':
+        return False
+    header = read_text_table(path, ()).header
+    if any(name.startswith('propulsion_power') for name in header):
+        return True
+    known = {column.quantity for column in map(read_header, header) if isinstance(column, Header)}
+    return not known & {'time', 'speed', 'duration', 'length'}
+
+
+def _refuse_unused(options: RouteOptions, used: tuple[str, ...]) -> None:
+    """Raise InvalidInput if an option is given that a format does not use."""
+    for field, (option, purpose) in OPTIONS.items():
+        if getattr(options, field) is not None and field not in used:
+            raise InvalidInput(f'{option}: is only for {purpose}')
+
+
+def _read_xml(text: bytes, options: RouteOptions) -> Journey:
+    root = ROOT_ELEMENT.search(COMMENT.sub(b'', text[:1_000_000]))
+    name = root[1].decode('ascii', 'replace') if root else ''
+    if name == 'gpx':
+        from bev_preheat.route.sources.gpx import read_gpx
+        _refuse_unused(options, ('free_speed_kmh',))
+        return read_gpx(text, options)
+    if name in ('battery-export', 'battery-output'):
+        from bev_preheat.route.sources.sumo import read_sumo
+        _refuse_unused(options, ('vehicle_id',))
+        return read_sumo(text, options)
+    if not name:
+        raise InvalidInput('is not XML: it has no element; is the file complete?')
+    hint = '; export the route as GPX' if name in ('kml', 'TrainingCenterDatabase') else ''
+    raise InvalidInput(f'the element <{name}> is no route that can be read; <gpx> and <battery-export> (SUMO) '
+                       f'are{hint}')
+
+
+def _read_json(text: bytes, options: RouteOptions) -> Journey:
+    from bev_preheat.route.sources.json_text import parse_json
+    contents: Any = parse_json(text)
+    if isinstance(contents, dict):
+        if contents.get('type') in GEOJSON_TYPES:
+            from bev_preheat.route.sources.geojson import read_geojson
+            _refuse_unused(options, ('free_speed_kmh', 'stop_duration_s'))
+            return read_geojson(contents, options)
+        if 'trip' in contents or 'error_code' in contents:
+            from bev_preheat.route.sources.valhalla import read_valhalla
+            _refuse_unused(options, ('stop_duration_s',))
+            return read_valhalla(contents, options)
+        if 'routes' in contents or 'matchings' in contents or 'code' in contents:
+            from bev_preheat.route.sources.osrm import read_osrm
+            _refuse_unused(options, ('stop_duration_s',))
+            return read_osrm(contents, options)
+    from bev_preheat.route.sources.records import read_records
+    _refuse_unused(options, ())
+    return read_records(contents)

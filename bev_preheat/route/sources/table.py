@@ -1,0 +1,258 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Reads tables without powers: drive cycles and lists of segments (CSV).
+
+A column of times (or of cumulated distances) makes it a table of samples, such as a drive cycle: one row
+is an instant. Durations or lengths make it a list of segments: one row is a segment.
+"""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bev_preheat.errors import figure, InvalidInput, quoted
+from bev_preheat.route.motion import elevation_of_slope, Motion
+from bev_preheat.route.segments import LIMITS, LONGEST_ROUTE_S
+from bev_preheat.route.sources.elevation import smooth_elevation
+from bev_preheat.route.sources.headers import Header, read_header
+from bev_preheat.route.sources.journey import ChargingStop, Journey, SLOPE_RANGE
+from bev_preheat.route.text_table import read_text_table, TextTable
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from bev_preheat.numerics.arrays import FloatArray
+
+ACCEPTED = ('time_s', 'speed_kmh', 'slope', 'elevation_m', 'duration_s', 'length_m', 'consumption_kwh',
+            'ambient_temperature_c')
+# Valid range by quantity, in SI units, and the unit for messages.
+RANGES = {
+    'speed': (*LIMITS['speed_mps'], 'm/s'), 'slope': (*SLOPE_RANGE, 'rise over run'),
+    'elevation': (-500.0, 9000.0, 'm'), 'duration': (0.0, LONGEST_ROUTE_S, 's'), 'length': (0.0, 3e6, 'm'),
+    'distance': (-1e9, 1e9, 'm'), 'consumption': (-1e6, 1e6, 'Wh'),
+    'ambient_temperature': (*LIMITS['ambient_temperature_c'], 'degC'),
+    'cabin_heating_power': (*LIMITS['cabin_heating_power_w'], 'W'),
+    'auxiliary_power': (*LIMITS['auxiliary_power_w'], 'W'), 'charging_time': (0.0, 86400.0, 's'),
+}
+# Longest time between two samples of a cycle [s], and the strongest acceleration [m/s^2] of a car.
+LONGEST_INTERVAL_S = 60.0
+MOST_ACCELERATION_MPS2 = 12.0
+
+
+def read_table(path: str | Path) -> Journey:
+    """Return the Journey of a table (CSV); raise InvalidInput naming file, line, column and value."""
+    return journey_of_table(_with_units_from_second_line(read_text_table(path, ACCEPTED)))
+
+
+def journey_of_table(table: TextTable) -> Journey:
+    """Return the Journey of a TextTable; raise InvalidInput naming line, column and value."""
+    headers = _headers(table)
+    if not table.rows:
+        raise InvalidInput(f'{table.path}: has no rows below its header')
+    if 'time' in headers and 'duration' not in headers:
+        return _samples(table, headers)
+    return _segments(table, headers)
+
+
+def _with_units_from_second_line(table: TextTable) -> TextTable:
+    """Return the table with the units of a second line of the header, if there is one, in its names."""
+    if not table.rows or any(any(sign.isdigit() for sign in cell) for cell in table.rows[0]):
+        return table
+    units = [cell.strip().strip('[]()') for cell in table.rows[0]]
+    joined = [f'{name} [{unit}]' if unit else name for name, unit in zip(table.header, units)]
+    if not any(isinstance(read_header(name), Header) for name in joined):
+        return table
+    return TextTable(table.path, table.separator, joined, table.header_line, table.rows[1:], table.lines[1:],
+                     table.comments)
+
+
+def _headers(table: TextTable) -> dict[str, Header]:
+    """Return the columns by quantity; raise InvalidInput if one is ambiguous."""
+    where = f'{table.path}, line {table.header_line}' if table.header_line else table.path
+    found: dict[str, Header] = {}
+    problems, advice = [], []
+    for name in table.header:
+        header = read_header(name)
+        if isinstance(header, str):
+            advice.append(f'{where}: {header}')
+        elif header is not None:
+            if header.quantity in found:
+                problems.append(f'{where}: columns {quoted(found[header.quantity].name)} and {quoted(name)} hold '
+                                'the same quantity; keep only one')
+            found.setdefault(header.quantity, header)
+    has_motion = ('speed' in found and found.keys() & {'time', 'duration', 'length'}) or (
+        'length' in found and found.keys() & {'duration'}) or {'time', 'distance'} <= found.keys()
+    if not has_motion:
+        problems += advice
+        problems.append(f'{where}: a route needs time_s and speed_kmh (a drive cycle), or two of duration_s, '
+                        f'speed_kmh and length_m for each segment; found: {quoted(", ".join(table.header))}')
+    if problems:
+        raise InvalidInput(problems)
+    return found
+
+
+def _column(table: TextTable, header: Header) -> FloatArray:
+    """Return a column in SI units; raise InvalidInput naming the line of a value out of range."""
+    values = header.si(table.numbers([header.name])[0])
+    low, high, unit = RANGES[header.quantity]
+    bad = ~((values >= low) & (values <= high))
+    if bad.any():
+        at = int(np.argmax(bad))
+        hint = '; is it in percent? then name it slope_percent' if header.quantity == 'slope' else ''
+        raise InvalidInput(f'{table.where(at)}: {header.name}: {figure(float(values[at]))} {unit} is not allowed; '
+                           f'it must be {figure(low)} ... {figure(high)} {unit}{hint}')
+    return values
+
+
+def _samples(table: TextTable, headers: dict[str, Header]) -> Journey:
+    """Return the Journey of a table of samples: instants with speeds, or with cumulated distances."""
+    time_s = _times(table, headers['time'])
+    if len(time_s) < 2:
+        raise InvalidInput(f'{table.path}: has {len(time_s)} sample; at least 2 are needed')
+    steps_s = np.diff(time_s)
+    bad = ~(steps_s > 0.0)
+    if bad.any():
+        at = int(np.argmax(bad)) + 1
+        raise InvalidInput(f'{table.where(at)}: {headers["time"].name}: {figure(float(time_s[at]))} s is not '
+                           f'after {figure(float(time_s[at - 1]))} s of the previous row')
+    gap = steps_s > LONGEST_INTERVAL_S
+    if gap.any():
+        at = int(np.argmax(gap)) + 1
+        raise InvalidInput(f'{table.where(at)}: {headers["time"].name}: {figure(float(steps_s[at - 1]))} s '
+                           'without '
+                           f'a sample; at most {LONGEST_INTERVAL_S:g} s are allowed; is the time in seconds? '
+                           'Rows that are segments need duration_s instead of a time')
+    total_s = float(time_s[-1] - time_s[0])
+    if total_s > LONGEST_ROUTE_S:
+        raise InvalidInput(f'{table.path}: lasts {figure(total_s)} s; at most {LONGEST_ROUTE_S:g} s are planned')
+    if 'speed' not in headers:
+        mean_mps, boundary_mps = _speed_of_distance(table, headers['distance'], steps_s), None
+    else:
+        boundary_mps = _column(table, headers['speed'])
+        mean_mps = 0.5 * (boundary_mps[:-1] + boundary_mps[1:])
+        _check_accelerations(table, headers['speed'], boundary_mps, steps_s)
+    remarks: list[str] = []
+    if 'elevation' in headers:
+        distance_m = np.concatenate(([0.0], np.cumsum(steps_s * mean_mps)))
+        elevation_m, remark = smooth_elevation(distance_m, _column(table, headers['elevation']))
+        remarks += [remark] if remark else []
+    else:
+        slope = np.zeros(len(steps_s))
+        if 'slope' in headers:
+            values = _column(table, headers['slope'])
+            slope = 0.5 * (values[:-1] + values[1:])
+        else:
+            remarks.append('no slope and no elevation: a level road')
+        elevation_m = elevation_of_slope(steps_s, mean_mps, slope)
+    own = {name: _middle(_column(table, headers[name]))
+           for name in ('ambient_temperature', 'cabin_heating_power', 'auxiliary_power') if name in headers}
+    return Journey('drive cycle', Motion(steps_s, mean_mps, elevation_m, boundary_mps),
+                   ambient_temperature_c=own.get('ambient_temperature'),
+                   cabin_heating_power_w=own.get('cabin_heating_power'),
+                   auxiliary_power_w=own.get('auxiliary_power'), remarks=tuple(remarks), sampled=True)
+
+
+def _middle(values: FloatArray) -> FloatArray:
+    return 0.5 * (values[:-1] + values[1:])
+
+
+def _check_accelerations(table: TextTable, header: Header, speed_mps: FloatArray, steps_s: FloatArray) -> None:
+    rates = np.diff(speed_mps) / steps_s
+    at = int(np.argmax(np.abs(rates))) + 1
+    if abs(rates[at - 1]) > MOST_ACCELERATION_MPS2:
+        raise InvalidInput(f'{table.where(at)}: {header.name}: changes by {figure(float(abs(rates[at - 1])), 3)} '
+                           f'm/s^2; at most {MOST_ACCELERATION_MPS2:g} m/s^2 are plausible; check the units of '
+                           'speed and time')
+
+
+def _speed_of_distance(table: TextTable, header: Header, steps_s: FloatArray) -> FloatArray:
+    driven_m = np.diff(_column(table, header))
+    speed_mps = driven_m / steps_s
+    bad = ~((driven_m >= 0.0) & (speed_mps <= LIMITS['speed_mps'][1]))
+    if bad.any():
+        at = int(np.argmax(bad))
+        raise InvalidInput(f'{table.where(at + 1)}: {header.name}: {figure(float(driven_m[at]))} m in '
+                           f'{figure(float(steps_s[at]))} s; a cumulated distance must not fall, and the speed '
+                           f'must be at most {LIMITS["speed_mps"][1]:g} m/s')
+    return speed_mps
+
+
+def _times(table: TextTable, header: Header) -> FloatArray:
+    """Return a column of times [s]: numbers, or dates as in ISO 8601, or times of day."""
+    place = table.header.index(header.name)
+    texts = [row[place] for row in table.rows]
+    if ':' not in texts[0] and 'T' not in texts[0]:
+        return header.si(table.numbers([header.name])[0])
+    seconds = []
+    for at, text in enumerate(texts):
+        try:
+            moment = datetime.fromisoformat(text if '-' in text else f'2000-01-01T{text.zfill(8)}')
+            # Without time zone throughout, or with one throughout: the difference counts.
+            seconds.append((moment - datetime(2000, 1, 1, tzinfo=moment.tzinfo)).total_seconds())
+        except (ValueError, OverflowError) as error:
+            raise InvalidInput(f'{table.where(at)}: {header.name}: {quoted(text)} is not a time; use seconds, or '
+                               'a date and time as in ISO 8601: 2026-01-31T08:00:00') from error
+    return np.array(seconds)
+
+
+def _segments(table: TextTable, headers: dict[str, Header]) -> Journey:
+    """Return the Journey of a list of segments."""
+    columns = {name: _column(table, headers[name]) for name in RANGES if name in headers}
+    length_m = columns.get('length')
+    if 'duration' in columns:
+        duration_s = columns['duration']
+        bad = ~(duration_s >= LIMITS['duration_s'][0])
+        if bad.any():
+            at = int(np.argmax(bad))
+            raise InvalidInput(f'{table.where(at)}: {headers["duration"].name}: {figure(float(duration_s[at]))} s '
+                               'is not allowed; a segment lasts longer than 0 s')
+        speed_mps = columns['speed'] if length_m is None else length_m / duration_s
+        _check_three(table, headers, columns)
+    else:
+        speed_mps = columns['speed']
+        assert length_m is not None
+        standing = speed_mps == 0.0
+        if standing.any():
+            raise InvalidInput(f'{table.where(int(np.argmax(standing)))}: {headers["speed"].name}: a segment in '
+                               'which the car stands has no length; give duration_s instead of '
+                               f'{headers["length"].name}')
+        duration_s = length_m / speed_mps
+    if speed_mps.max() > LIMITS['speed_mps'][1]:
+        at = int(speed_mps.argmax())
+        raise InvalidInput(f'{table.where(at)}: length and duration give {figure(float(speed_mps[at]))} m/s; at '
+                           f'most {LIMITS["speed_mps"][1]:g} m/s are allowed; check their units')
+    remarks: list[str] = []
+    if 'elevation' in columns:
+        # Of the end of each segment; the first one is taken as level.
+        elevation_m = np.concatenate((columns['elevation'][:1], columns['elevation']))
+    else:
+        slope = columns.get('slope')
+        if slope is None and 'consumption' not in columns:
+            remarks.append('no slope and no elevation: a level road')
+        elevation_m = elevation_of_slope(
+            duration_s, speed_mps, np.zeros(len(speed_mps)) if slope is None else slope)
+    charging_s = columns.get('charging_time')
+    stops = () if charging_s is None else tuple(
+        ChargingStop(int(at), float(charging_s[at])) for at in np.flatnonzero(charging_s > 0.0))
+    return Journey('list of segments', Motion(duration_s, speed_mps, elevation_m),
+                   ambient_temperature_c=columns.get('ambient_temperature'),
+                   consumption_wh=columns.get('consumption'),
+                   cabin_heating_power_w=columns.get('cabin_heating_power'),
+                   auxiliary_power_w=columns.get('auxiliary_power'), stops=stops, remarks=tuple(remarks))
+
+
+def _check_three(table: TextTable, headers: dict[str, Header], columns: dict[str, FloatArray]) -> None:
+    """Raise InvalidInput if duration, speed and length are given and contradict each other."""
+    if not {'length', 'speed', 'duration'} <= columns.keys():
+        return
+    driven_m = columns['speed'] * columns['duration']
+    # Planners round minutes, kilometres and km/h.
+    off = np.abs(driven_m - columns['length']) > 0.25 * np.maximum(driven_m, columns['length']) + 100.0
+    if off.any():
+        at = int(np.argmax(off))
+        raise InvalidInput(f'{table.where(at)}: {headers["speed"].name} times {headers["duration"].name} is '
+                           f'{figure(float(driven_m[at]))} m, but {headers["length"].name} is '
+                           f'{figure(float(columns["length"][at]))} m; check the units')

@@ -1,0 +1,184 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The power of a warm car at a fast charger over its state of charge, and its map with the cold.
+
+A charging curve is published for a warm battery. The map of a vehicle file is
+
+    P(s, T) = share_hot(T) min(P_max, P_curve(s) share(T) / share(T_curve))
+
+with the chemistry's shares of the power over the battery temperature (chemistry.yaml). Without a published curve,
+its shape is that of the car's class, which is read off published curves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import csv
+from dataclasses import dataclass, replace
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bev_preheat.errors import InvalidInput, quoted
+from bev_preheat.vehicle.chemistry import Chemistry
+from bev_preheat.vehicle.curves import Table
+
+if TYPE_CHECKING:
+    from bev_preheat.numerics.arrays import FloatArray
+
+W_PER_KW = 1000.0
+PERCENT = 100.0
+HEADER = ('state_of_charge_percent', 'power_kw')
+MOST_POINTS = 1000
+# A curve must cover the span for which charging times are published.
+NEEDED_PERCENT = (10.0, 80.0)
+MOST_POWER_KW = 2000.0
+# Battery temperatures [deg C] of a published curve; colder, its conversion to a warm battery is a guess.
+CURVE_TEMPERATURES_C = (10.0, 45.0)
+# Packs with a higher nominal voltage belong to the 800 V class.
+HIGH_VOLTAGE_V = 550.0
+# Range of `fit`: from far steeper than published curves to a maximum held up to a high state of charge.
+FIT_RANGE = (1.0 / 3.0, 20.0)
+# Points of a class curve besides its corners: a power of a line is not a line.
+SOC_GRID = np.linspace(0.0, 1.0, 21)
+# A point this close to the line between its neighbours, as a share of the maximum, is left out.
+ON_LINE = 1e-6
+DECIMALS = 4
+
+
+@dataclass(frozen=True)
+class ChargingCurve:
+    """
+    Charging power [kW] over the state of charge (0 ... 1), at a battery temperature [deg C].
+
+    Linear in between, constant beyond the ends. `note` is its source.
+    """
+
+    soc: tuple[float, ...]
+    power_kw: tuple[float, ...]
+    temperature_c: float
+    note: str = 'given'
+
+    def scaled(self, factor: float) -> ChargingCurve:
+        """Return the curve with its power times a factor."""
+        return replace(self, power_kw=tuple(factor * power_kw for power_kw in self.power_kw))
+
+
+def read_charging_curve(path: str | Path, temperature_c: float, note: str = 'given') -> ChargingCurve:
+    """
+    Return the ChargingCurve of a CSV file with the columns HEADER, of a battery at `temperature_c` [deg C].
+
+    Lines that begin with # are comments. Raises InvalidInput naming file, line, value and the allowed values.
+    """
+    low_c, high_c = CURVE_TEMPERATURES_C
+    if not low_c <= temperature_c <= high_c:
+        raise InvalidInput(
+            f'--charging-curve-temperature-c: {temperature_c:g} degC is not allowed; it must be {low_c:g} ... '
+            f'{high_c:g} degC, the battery temperature at which the curve was recorded')
+    try:
+        lines = Path(path).read_text(encoding='utf-8-sig').splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, 'strerror', None) or 'is not UTF-8 text'
+        raise InvalidInput(f'--charging-curve: {path}: cannot be read: {reason}') from error
+    rows = [(number, [cell.strip() for cell in row]) for number, line in enumerate(lines, 1)
+            if line.strip() and not line.lstrip().startswith('#') for row in csv.reader([line])]
+    if not rows or tuple(rows[0][1]) != HEADER:
+        raise InvalidInput(f'--charging-curve: {path}: the first line must be {",".join(HEADER)}')
+    problems, points = [], []
+    for number, cells in rows[1:]:
+        try:
+            percent, power_kw = map(float, cells)
+        except ValueError:
+            problems.append(f'line {number}: {quoted(",".join(cells))} is not two numbers')
+        else:
+            points.append((percent, power_kw))
+    try:
+        if problems:
+            raise InvalidInput(problems)
+        return checked_curve(points, temperature_c, note)
+    except InvalidInput as error:
+        raise InvalidInput([f'--charging-curve: {path}: {problem}' for problem in error.problems]) from error
+
+
+def checked_curve(points: Sequence[tuple[float, float]], temperature_c: float, note: str) -> ChargingCurve:
+    """Return the ChargingCurve of points (state of charge [%], power [kW]); raise InvalidInput if implausible."""
+    problems, before = [], -math.inf
+    for percent, power_kw in points:
+        if not 0.0 <= percent <= PERCENT:
+            problems.append(f'{percent:g} % is not allowed; it must be 0 ... 100 %')
+        elif not 0.0 <= power_kw <= MOST_POWER_KW:
+            problems.append(f'{power_kw:g} kW at {percent:g} % is not allowed; it must be 0 ... '
+                            f'{MOST_POWER_KW:g} kW')
+        elif percent <= before:
+            problems.append(f'{percent:g} % must be above the {before:g} % before it')
+        before = percent
+    problems = problems or _problems_with_span(points)
+    if problems:
+        raise InvalidInput(problems)
+    return ChargingCurve(tuple(percent / PERCENT for percent, _ in points),
+                         tuple(float(power_kw) for _, power_kw in points), temperature_c, note)
+
+
+def _problems_with_span(points: Sequence[tuple[float, float]]) -> list[str]:
+    low, high = NEEDED_PERCENT
+    if len(points) > MOST_POINTS:
+        return [f'{len(points)} points; at most {MOST_POINTS} are allowed']
+    if points and points[-1][0] <= 1.0:
+        return [f'the last state of charge is {points[-1][0]:g} %; states of charge are in percent']
+    if len(points) < 2 or points[0][0] > low or points[-1][0] < high:
+        span = f'{points[0][0]:g} ... {points[-1][0]:g} %' if points else 'nothing'
+        return [f'it covers {span}; it must cover at least {low:g} ... {high:g} %']
+    if min(power_kw for percent, power_kw in points if percent <= high) <= 0.0:
+        return [f'the power must be above 0 kW up to {high:g} %']
+    return []
+
+
+def class_curve(chemistry: Chemistry, nominal_voltage_v: float, gross_energy_kwh: float,
+                charging_power_kw: float, fit: float = 1.0) -> ChargingCurve:
+    """
+    Return the curve of a car's class, cut off at the car's maximum power [kW].
+
+    With m the maximum rate of the class over that of the car, P = P_max min(1, m shape) for m >= 1: a pack that
+    charges at a lower rate than the class holds its maximum longer. For m < 1, P = P_max shape^(1/m): a higher
+    maximum is held more briefly. `fit` multiplies m. The charging time decreases strictly in `fit` until the
+    maximum is held throughout.
+    """
+    shape = chemistry.charging_shape(nominal_voltage_v >= HIGH_VOLTAGE_V)
+    fullness = fit * shape.peak_rate_per_h * gross_energy_kwh / charging_power_kw
+    # The corner where the maximum is no longer held; shapes do not rise beyond their maximum.
+    falling = slice(shape.share.index(1.0), None)
+    held_soc = float(np.interp(-1.0 / max(1.0, fullness), -np.array(shape.share[falling]), shape.soc[falling]))
+    soc = np.array(sorted({*SOC_GRID.tolist(), *shape.soc, round(held_soc, DECIMALS)}))
+    share: FloatArray = np.interp(soc, shape.soc, shape.share)
+    share = np.minimum(1.0, fullness * share) if fullness >= 1.0 else share ** (1.0 / fullness)
+    kept = _corners(soc, share)
+    soc, share = soc[kept], share[kept]
+    return ChargingCurve(tuple(soc.tolist()), tuple((charging_power_kw * share).tolist()), shape.temperature_c,
+                         f'assumed: the shape of {shape.source}')
+
+
+def _corners(x: FloatArray, y: FloatArray) -> list[int]:
+    """Return the indices of the points of a polygon that are not on the line between their neighbours."""
+    kept = [0]
+    for index in range(1, len(x) - 1):
+        last = kept[-1]
+        on_line = y[last] + (y[index + 1] - y[last]) * (x[index] - x[last]) / (x[index + 1] - x[last])
+        if abs(y[index] - on_line) > ON_LINE:
+            kept.append(index)
+    return [*kept, len(x) - 1]
+
+
+def charging_map(curve: ChargingCurve, chemistry: Chemistry, most_kw: float) -> Table:
+    """Return the charging power [W, negative] of a curve over charge and temperature, at most `most_kw` [kW]."""
+    cold, hot = chemistry.charge_share, chemistry.hot_share
+    temperatures_c = sorted({*map(float, cold.temperature_c), *map(float, hot.temperature_c)})
+    hot_share: FloatArray = np.interp(temperatures_c, hot.temperature_c, hot.share)
+    at_curve = float(np.interp(curve.temperature_c, cold.temperature_c, cold.temperature_share))
+    rows_kw = np.outer(curve.power_kw, np.interp(
+        temperatures_c, cold.temperature_c, cold.temperature_share) / at_curve)
+    # A hot battery takes a share of the power that the car would give it. + 0.0 avoids -0 in files.
+    values_w = -np.round(W_PER_KW * hot_share * np.minimum(rows_kw, most_kw)) + 0.0
+    return Table(tuple(round(soc, DECIMALS) for soc in curve.soc), tuple(temperatures_c),
+                 tuple(map(tuple, values_w.tolist())))

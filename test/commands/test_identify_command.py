@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`preheat check` and `preheat identify` on logs that the simulated drives of a synthetic car wrote."""
+
+import json
+
+import numpy as np
+import pytest
+
+from bev_preheat.commands.main import main
+from bev_preheat.vehicle import load_vehicle
+
+COLUMNS = ('battery_temperature_c', 'soc', 'voltage_v', 'current_a', 'speed_mps', 'ambient_c', 'cabin_heater_w',
+           'auxiliary_w')
+
+
+@pytest.fixture(scope='module')
+def logs(tmp_path_factory):
+    from bev_preheat_studies.identification.synthetic_car import draw_car, record_car
+    folder, generator = tmp_path_factory.mktemp('logs'), np.random.default_rng(11)
+    car = draw_car(generator, load_vehicle('small_car'))
+    paths = []
+    for recording in record_car(car, generator, heats=False)[:4]:
+        path = folder / f'{recording.name.replace(" ", "_")}.csv'
+        series = recording.signals
+        rows = np.column_stack([series['soc'].time_s, *(series[name].value for name in COLUMNS)])[:1500]
+        np.savetxt(path, rows, '%.5g', ',', header=','.join(('time_s', *COLUMNS)), comments='')
+        paths.append(str(path))
+    return paths
+
+
+def test_check_writes_its_figures_and_keeps_the_bound(logs, tmp_path, capsys):
+    words = ['check', *logs[:2], '--vehicle', 'small_car', '--no-replay', '--json', str(tmp_path / 'c.json')]
+    assert main([*words, '--bound', '50']) == 0
+    figures = json.loads((tmp_path / 'c.json').read_text())
+    errors = [trip['arrival_error_k'] for trip in figures['trips']]
+    assert [trip['name'] for trip in figures['trips']] == ['drive_1', 'drive_2']
+    assert figures['rmse_k'] == pytest.approx(np.sqrt(np.mean(np.square(errors))))
+    assert figures['worst_k'] == pytest.approx(np.max(np.abs(errors)))
+    for trip in figures['trips']:
+        assert trip['arrival_error_k'] == pytest.approx(
+            trip['predicted_arrival_temperature_c'] - trip['measured_arrival_temperature_c'])
+    assert main([*words, '--bound', f'{0.5 * figures["worst_k"]}']) == 1
+    assert 'exceeds the bound' in capsys.readouterr().out
+
+
+@pytest.mark.needs('matplotlib')
+def test_check_draws(logs, tmp_path):
+    assert main(['check', logs[0], '--vehicle', 'small_car', '--no-replay', '--plot', str(tmp_path / 'c.png')]) == 0
+    assert (tmp_path / 'c.png').read_bytes().startswith(b'\x89PNG')
+
+
+@pytest.mark.parametrize('name, text, line', [
+    ('empty.csv', '', 'empty.csv'), ('words.csv', 'these are words\nand more\n', 'words.csv'),
+    ('header.csv', 'time_s,soc\n', 'header.csv'),
+    ('binary.csv', '\x00\x01\x02', 'binary.csv'),
+    ('soc.csv', 'time_s,soc\n' + '\n'.join(f'{at},0.5' for at in range(300)), 'no battery_temperature_c')])
+def test_a_log_that_cannot_be_read_gives_one_line(tmp_path, capsys, name, text, line):
+    (tmp_path / name).write_text(text)
+    assert main(['check', str(tmp_path / name), '--vehicle', 'small_car']) == 2
+    error = capsys.readouterr().err
+    assert error.startswith('preheat: error:') and line in error
+    assert 'Traceback' not in error
+
+
+@pytest.mark.parametrize('words, line', [
+    (['--bound', '-1'], '--bound: -1 K; it must be 0 ... 100 K'), (['--bound', 'nan'], '--bound: nan K')])
+def test_a_bound_out_of_range_is_refused(logs, capsys, words, line):
+    assert main(['check', logs[0], '--vehicle', 'small_car', *words]) == 2
+    assert line in capsys.readouterr().err
+
+
+def test_identify_refuses_too_few_logs_and_an_existing_file(logs, tmp_path, capsys):
+    output = tmp_path / 'my.yaml'
+    words = ['--vehicle', 'small_car', '--output', str(output)]
+    pytest.importorskip('casadi')
+    assert main(['identify', *logs[:2], *words]) == 2
+    assert '2 usable logs; at least 3 are needed' in capsys.readouterr().err
+    assert not output.exists()
+    output.write_text('mine')
+    assert main(['identify', *logs, *words]) == 2
+    assert 'exists; --force replaces it' in capsys.readouterr().err
+    assert output.read_text() == 'mine'
+
+
+@pytest.mark.costly
+@pytest.mark.needs('casadi')
+@pytest.mark.needs('matplotlib')
+@pytest.mark.needs('scipy')
+@pytest.mark.needs('jinja2')
+def test_the_identified_file_is_a_vehicle_file_and_predicts_better(logs, tmp_path, capsys):
+    output, report, figures = tmp_path / 'my.yaml', tmp_path / 'r.html', tmp_path / 'i.json'
+    assert main(['identify', *logs[:3], '--vehicle', 'small_car', '--output', str(output), '--report', str(report),
+                 '--json', str(figures)]) == 0
+    assert 'Not told by these logs' in capsys.readouterr().out
+    car = load_vehicle(output)
+    result = json.loads(figures.read_text())
+    estimates = {item['name']: item for item in result['parameters']}
+    assert car.battery.capacity_ah == pytest.approx(estimates['capacity']['estimate'], rel=1e-4)
+    assert car.battery.heat_capacity_j_per_k == pytest.approx(estimates['heat_capacity']['estimate'], rel=1e-4)
+    text = report.read_text()
+    assert text.count('<svg') == 5
+    # Self-contained: no picture, style or script from elsewhere.
+    assert 'src=' not in text and '<link' not in text and '<script' not in text
+    worst = []
+    for vehicle in ('small_car', str(output)):
+        main(['check', *logs[3:], '--vehicle', vehicle, '--no-replay', '--json', str(tmp_path / 'c.json')])
+        worst.append(json.loads((tmp_path / 'c.json').read_text())['rmse_k'])
+    assert worst[1] < worst[0]

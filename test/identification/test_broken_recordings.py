@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Recordings that cannot tell anything are answered by one line each."""
+
+import numpy as np
+import pytest
+from recorded import night, recording
+
+from bev_preheat.errors import InvalidInput
+from bev_preheat.identification.coverage import refuse_poor
+from bev_preheat.identification.trips import trip_of, trips_of
+from bev_preheat.logs.recording import Series
+from bev_preheat.vehicle import load_vehicle
+
+VEHICLE = load_vehicle('small_car')
+TIME_S = np.arange(1200.0)
+GAP_S = np.where(TIME_S < 600.0, TIME_S, TIME_S + 120.0)
+
+
+def with_one(value):
+    """Return a change that puts a value at sample 7."""
+    return lambda values: np.where(np.arange(len(values)) == 7, value, values)
+
+
+@pytest.mark.parametrize('changes, line', [
+    ({'battery_temperature_c': None}, "no battery_temperature_c; record the battery's temperature"),
+    ({'soc': None}, 'no soc; record the state of charge'),
+    ({'ambient_c': None}, 'no ambient_c; record the outside temperature'),
+    ({'current_a': None}, 'no power; record voltage_v and current_a, or power_w'),
+    ({'soc': lambda soc: 100.0 * soc}, 'soc: 79.9889 after 0 s; it must be 0 ... 1'),
+    ({'battery_temperature_c': lambda at_c: at_c + 273.15}, 'battery_temperature_c: 278.15 after 0 s'),
+    ({'battery_temperature_c': with_one(np.nan)}, 'battery_temperature_c: has values that are not finite'),
+    ({'voltage_v': with_one(np.inf)}, 'voltage_v: has values that are not finite'),
+    ({'voltage_v': lambda v: v / 1000.0}, 'voltage_v: 0.376'),
+    ({'voltage_v': lambda v: np.full_like(v, 380.0)}, 'voltage_v: stays at 380.0 V while the current changes'),
+    ({'current_a': lambda a: -a}, 'current_a: the voltage rises by 100 mV for each ampere drawn'),
+    ({'current_a': lambda a: 1000.0 * a}, 'current_a: '),
+    ({'speed_mps': lambda v: 10.0 * v}, 'speed_mps: 150 after 0 s; it must be 0 ... 100 m/s'),
+    ({'cabin_heater_w': lambda w: 1000.0 * w}, 'cabin_heater_w: 1000000 after 0 s'),
+    ({'ambient_c': lambda at_c: at_c + 99.0}, 'ambient_c: 99 after 0 s'),
+    ({'soc': Series(TIME_S[::-1], np.full(1200, 0.5))}, 'soc: its times must increase'),
+    ({'soc': Series(np.empty(0), np.empty(0))}, 'soc: has no samples'),
+    ({'soc': Series(TIME_S + 5000.0, np.full(1200, 0.5))}, 'together last 0 s; a log must last at least 120 s'),
+    ({'current_a': Series(GAP_S, recording().signals['current_a'].value)}, 'current_a: no sample for 121 s after 599 s'),
+])
+def test_a_broken_recording_is_answered_by_one_line(changes, line):
+    with pytest.raises(InvalidInput) as caught:
+        trip_of(recording('B', **changes), VEHICLE)
+    assert len(caught.value.problems) == 1
+    assert caught.value.problems[0].startswith('B: ')
+    assert line in caught.value.problems[0]
+
+
+def test_a_short_recording_and_one_of_days_are_refused():
+    with pytest.raises(InvalidInput, match='B: .* together last 59 s; a log must last at least 120 s'):
+        trip_of(recording('B', 60), VEHICLE)
+    with pytest.raises(InvalidInput, match='B: lasts 80 h; at most 72 h'):
+        trip_of(night('B', 80.0), VEHICLE)
+
+
+def test_a_recording_named_twice_is_refused():
+    with pytest.raises(InvalidInput, match='B: is the same recording as A; name each log once'):
+        trips_of([recording('A'), recording('B')], VEHICLE)
+
+
+def test_every_refused_recording_is_named():
+    with pytest.raises(InvalidInput) as caught:
+        trips_of([recording('A', soc=None), recording('B'), recording('C', ambient_c=None)], VEHICLE)
+    assert [problem[:2] for problem in caught.value.problems] == ['A:', 'C:']
+
+
+def test_charge_against_current_is_refused_although_the_current_is_steady():
+    steady = recording('B', current_a=lambda a: np.full_like(a, 40.0), soc=lambda s: 0.5 + TIME_S / 1e4,
+                       voltage_v=lambda v: np.full_like(v, 376.0))
+    with pytest.raises(InvalidInput, match=r'B: current_a: \+13.3 Ah were drawn, but soc changed by \+0.12'):
+        trip_of(steady, VEHICLE)
+
+
+@pytest.mark.parametrize('recordings, line', [
+    ([recording('A')], '1 usable log; at least 3 are needed'),
+    ([recording(str(number), 1200 + number, battery_temperature_c=lambda c: np.full_like(c, 7.0)) for number in range(3)],
+     'battery_temperature_c changes by at most 0.0 K within a log'),
+    ([night(str(number), 7.0 + number) for number in range(3)], 'none of the logs is a drive')])
+def test_trips_that_tell_too_little_are_refused_with_what_to_record(recordings, line):
+    with pytest.raises(InvalidInput) as caught:
+        refuse_poor(trips_of(recordings, VEHICLE))
+    assert line in caught.value.problems[0]
+    assert 'record' in caught.value.problems[0]
+
+
+def test_slightly_negative_heater_power_is_noise():
+    trip = trip_of(recording(cabin_heater_w=lambda w: w - 1100.0), VEHICLE)
+    assert trip.cabin_heating_power_w.max() == 0.0
+
+
+def test_standing_has_no_propulsion_whatever_is_charged():
+    trip = trip_of(recording(current_a=lambda a: np.full_like(a, -40.0), speed_mps=lambda v: 0.0 * v,
+                             soc=lambda s: 0.5 + TIME_S / 1e4, voltage_v=lambda v: np.full_like(v, 384.0)), VEHICLE)
+    assert trip.kind == 'charging session'
+    assert np.abs(trip.propulsion_power_w).max() == 0.0

@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The example package of docs/how-to/own_method.md, installed by pip, through Python and the command line."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+
+import installed_packages
+import numpy as np
+import pytest
+
+import bev_preheat as bp
+from bev_preheat.commands.main import main
+
+STATE = bp.BatteryState(-7.0, 0.9)
+SITUATION = ['--vehicle', 'reference', '--route', 'reference', '--temperature', '-7', '--soc', '0.9']
+METHODS = 'last_10_minutes', 'last_20_minutes', 'last_30_minutes'
+pytestmark = pytest.mark.costly
+
+
+@pytest.fixture(scope='module')
+def folder(tmp_path_factory):
+    """Return the folder into which pip has installed the example, from a copy: a build leaves files behind."""
+    source, folder = tmp_path_factory.mktemp('source') / 'example', tmp_path_factory.mktemp('installed')
+    shutil.copytree(installed_packages.EXAMPLES / 'fixed_minutes_method', source)
+    subprocess.run([sys.executable, '-m', 'pip', 'install', '-q', '--no-deps', '--no-build-isolation', '--target',
+                    str(folder), str(source)], check=True, capture_output=True, text=True)
+    return folder
+
+
+@pytest.fixture
+def installed(folder, monkeypatch):
+    installed_packages.use_folder(monkeypatch, folder)
+
+
+@pytest.fixture(scope='module')
+def vehicle():
+    return bp.load_vehicle('reference')
+
+
+@pytest.fixture(scope='module')
+def route(vehicle):
+    return bp.load_route('reference', vehicle)
+
+
+def test_it_plans_in_python(installed, vehicle, route):
+    assert bp.methods() == ('merit_order', 'optimal_switch', 'paper', *METHODS)
+    plan = bp.plan(vehicle, route, STATE, method='last_20_minutes')
+    assert plan.heating_start_s == pytest.approx(route.total_duration_s - 1200.0)
+    limit_w = vehicle.hvch.maximum_power_w - route.cabin_heating_power_w
+    expected_w = np.where(route.time_s[1:] > route.total_duration_s - 1200.0 + 1e-6, limit_w, 0.0)
+    np.testing.assert_allclose(plan.hvch_battery_power_w, expected_w)
+    warm = bp.plan(vehicle, route, bp.BatteryState(26.0, 0.9), method='last_20_minutes')
+    assert warm.heating_start_s is None
+
+
+def test_it_drives_in_closed_loop(installed, vehicle, route):
+    drive = bp.drive(vehicle, route, STATE, method='last_20_minutes', estimation=False)
+    heated_s = drive.time_s[drive.command_w > 0.0]
+    assert heated_s[0] == pytest.approx(route.total_duration_s - 1200.0, abs=2.0)
+    with pytest.raises(bp.InvalidInput, match="'last_25_minutes' is not one of merit_order, .*last_30_minutes"):
+        bp.drive(vehicle, route, STATE, method='last_25_minutes')
+
+
+def test_it_plans_in_a_process_of_its_own(folder):
+    environment = {**os.environ, 'PYTHONPATH': os.pathsep.join([str(folder), *sys.path])}
+    done = subprocess.run(
+        [sys.executable, '-m', 'bev_preheat', 'plan', *SITUATION, '--method', 'last_10_minutes', '--json', '-'],
+        capture_output=True, text=True, check=True, env=environment)
+    plan = json.loads(done.stdout)
+    assert (plan['method'], plan['heating_start_s']) == ('last_10_minutes', pytest.approx(3000.0))
+
+
+def test_without_the_package_there_is_no_such_method(capsys):
+    with pytest.raises(SystemExit):
+        main(['plan', *SITUATION, '--method', 'last_10_minutes'])
+    assert "'last_10_minutes' is not one of merit_order, optimal_switch, paper; see" in capsys.readouterr().err
+
+
+@pytest.mark.needs('casadi')
+def test_it_is_compared_with_the_optimum(installed, capsys):
+    assert main(['compare', *SITUATION, '--json', '-']) == 0
+    compared = json.loads(capsys.readouterr().out)
+    assert set(compared['plans']) == {'merit_order', 'optimal_switch', 'paper', *METHODS}
+    assert compared['gap_wh']['last_30_minutes'] > 100.0
+    assert compared['gap_wh']['last_10_minutes'] is None and 'colder' in compared['difference']['last_10_minutes']
+
+
+@pytest.mark.needs('casadi')
+def test_it_takes_part_in_the_sweep_and_in_closed_loop(installed, capsys):
+    assert main(['sweep', '--feasible', '1', '--jobs', '1', '--methods', 'last_20_minutes', '--json', '-']) == 0
+    sweep = json.loads(capsys.readouterr().out)
+    assert list(sweep['summary']['methods']) == ['last_20_minutes']
+    assert main(['robustness', '--trips', '1', '--jobs', '1', '--methods', 'last_20_minutes', '--period', '10',
+                 '--json', '-']) == 0
+    assert list(json.loads(capsys.readouterr().out)['results'][0]['methods']) == ['last_20_minutes']

@@ -1,0 +1,167 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Broken files of routes: one line with file, place and remedy, never a traceback."""
+
+from dataclasses import replace
+import json
+import random
+import re
+
+import pytest
+import route_examples as examples
+
+from bev_preheat.errors import InvalidInput
+from bev_preheat.route import route_for
+from bev_preheat.route.sources.journey import RouteOptions
+from bev_preheat.vehicle import load_vehicle
+
+CAR = load_vehicle('small_car')
+COLD = RouteOptions(ambient_temperature_c=-5.0)
+FREE = replace(COLD, free_speed_kmh=80.0)
+CONSUMED = replace(COLD, with_auxiliaries=False)
+GPX = pytest.mark.needs('gpxpy')
+# Text and options by format.
+FORMATS = {
+    'gpx': (examples.gpx(), COLD), 'gpx route': (examples.gpx(times=False, element='rtept'), FREE),
+    'geojson': (examples.geojson(), COLD), 'line': (examples.geojson('LineString', times=False), FREE),
+    'openrouteservice': (examples.openrouteservice(), COLD),
+    'osrm': (examples.osrm(2), COLD), 'osrm steps': (examples.osrm(1, False, 'geojson'), COLD),
+    'valhalla': (examples.valhalla(), COLD), 'segments json': (examples.segments_json(), CONSUMED),
+    'segments csv': (examples.segments_csv(), COLD), 'cycle': (examples.speed_table(), COLD),
+    'fastsim': (examples.fastsim(), COLD), 'sumo': (examples.sumo(), CONSUMED)}
+MARKED = [pytest.param(name, marks=GPX) if name.startswith('gpx') else name for name in FORMATS]
+JSONS = [name for name in FORMATS if FORMATS[name][0].startswith('{')]
+BROKEN_FILES = 20
+PIECES = [b'nan', b'inf', b'-1', b'1e999', b'', b'null', b'[]', b'"x"', b'9' * 30, b'<', b'>', b',', b'\xff',
+          b'\0', b';', b'"', b'1e-300', b'-0', b'\n', b'0']
+VALUES = [None, [], {}, '', 'x', -1, 0, 1e308, -1e308, 10**400, True, [[]], [None], {'a': 1}, 1e-9, 'NaN', 50]
+
+
+def load(folder, contents, options):
+    """Load a route; a refusal has one line for each problem and names the file."""
+    path = folder / 'broken'
+    path.write_bytes(contents)
+    try:
+        return route_for(path, CAR, options=options)
+    except InvalidInput as error:
+        assert all(problem.startswith(str(path)) or 'more problem' in problem for problem in error.problems), error
+        assert '\n' not in str(error)
+        return error
+
+
+@pytest.mark.parametrize('name', MARKED)
+def test_files_that_are_cut_off_are_refused(tmp_path, name):
+    text, options = FORMATS[name]
+    contents = text.encode().rstrip()
+    for part in range(BROKEN_FILES):
+        found = load(tmp_path, contents[:len(contents) * part // BROKEN_FILES], options)
+        # A table has no end; rows that are left are a shorter drive.
+        assert isinstance(found, InvalidInput) or name in ('segments csv', 'cycle', 'fastsim')
+
+
+@pytest.mark.parametrize('name', MARKED)
+def test_changed_bytes_give_a_route_or_a_refusal(tmp_path, name):
+    text, options = FORMATS[name]
+    for seed in range(BROKEN_FILES):
+        choose, contents = random.Random(f'{name} {seed}'), text.encode()
+        for _ in range(choose.choice((1, 1, 3))):
+            at = choose.randrange(len(contents) if seed % 2 else min(300, len(contents)))
+            numbers = list(re.finditer(rb'-?[0-9.]+', contents[at:at + 200]))
+            if numbers and seed % 3 == 0:
+                found = choose.choice(numbers)
+                contents = contents[:at + found.start()] + choose.choice(PIECES) + contents[at + found.end():]
+            elif seed % 3 == 1:
+                contents = contents[:at] + choose.choice(PIECES) + contents[at:]
+            else:
+                contents = contents[:at] + contents[at + choose.randrange(1, 30):]
+        load(tmp_path, contents, options)
+
+
+def places(node, path=()):
+    """Yield the paths to the values in JSON; of long lists the first few and the last."""
+    pairs = node.items() if isinstance(node, dict) else enumerate(node) if isinstance(node, list) else ()
+    for key, value in pairs:
+        if isinstance(node, list) and 3 < key < len(node) - 1:
+            continue
+        yield (*path, key)
+        yield from places(value, (*path, key))
+
+
+@pytest.mark.parametrize('name', JSONS)
+def test_changed_values_give_a_route_or_a_refusal(tmp_path, name):
+    text, options = FORMATS[name]
+    choose = random.Random(name)
+    paths = list(places(json.loads(text)))
+    for _ in range(2 * BROKEN_FILES):
+        contents = json.loads(text)
+        *way, last = choose.choice(paths)
+        parent = contents
+        for key in way:
+            parent = parent[key]
+        if choose.random() < 0.2:
+            del parent[last]
+        else:
+            parent[last] = choose.choice(VALUES)
+        load(tmp_path, json.dumps(contents).encode(), options)
+
+
+@pytest.mark.parametrize('contents, problem', [
+    ('', 'is empty; its first line must name the columns: '),
+    ('{', 'line 1: is not JSON: '), ('[]', 'is not a list of segments: a list'), ('[1]', 'segment 1: must be an '
+     'object'),
+    ('{"a": [1], "b": [1, 2]}', 'its lists have different lengths: 1, 2'),
+    ('{"a": 1}', 'is not a route: it has no routes (OSRM), no trip (Valhalla), no type (GeoJSON) and no '
+     'segments; its keys are: a'),
+    ('{"code": "NoRoute", "message": "Impossible"}', "the service found no route: code 'NoRoute', 'Impossible'"),
+    ('{"code": "Ok", "routes": []}', 'routes: is empty; the service found no route'),
+    ('{"trip": {"status": 442, "status_message": "No path"}}', "the service found no route: 'No path'"),
+    ('{"error_code": 171, "error": "No suitable edges"}', "the service found no route: 'No suitable edges'"),
+    ('{"type": "Point", "coordinates": [1, 2]}', "has no LineString; its type is 'Point'"),
+    ('<?xml version="1.0"?><kml><Document/></kml>', 'the element <kml> is no route that can be read'),
+    ('<?xml version="1.0"?>', 'is not XML: it has no element'),
+    ('<!DOCTYPE gpx [<!ENTITY a "b">]><battery-export>&a;</battery-export>', 'line 1: has a document type'),
+    ('<battery-export/>', 'battery-export: has no vehicle with a battery'),
+    ('<battery-export><timestep time="x"/></battery-export>', "line 1: timestep: time: 'x' is not a number"),
+    ('<battery-export>' + '<a>' * 60, 'line 1: elements are nested more than 50 deep'),
+    ('a\0b', 'is a binary file'), (b'\xff\xfet\0', 'is UTF-16 text; save it as UTF-8'),
+    ('time_s,speed_kmh\n0,0\n0,0\n', 'line 3: time_s: 0 s is not after 0 s of the previous row'),
+    ('time_s,speed_kmh\n0,0\n1,500\n', 'line 3: speed_kmh: 138.889 m/s is not allowed; it must be 0 ... 100 m/s'),
+    ('time_s,speed_kmh\n0,0\n1,90\n', 'line 3: speed_kmh: changes by 25 m/s^2; at most 12 m/s^2 are plausible'),
+    ('time_s,speed_kmh\n0,0\n600,50\n', 'line 3: time_s: 600 s without a sample; at most 60 s are allowed'),
+    ('time_s,speed_kmh\n0,0\n', 'has 1 sample; at least 2 are needed'),
+    ('time_s,speed\n0,0\n1,1\n', "line 1: column 'speed' has no unit: rename it to speed_mps or speed_kmh"),
+    ('time_s,speed_knots\n0,0\n1,1\n', "line 1: column 'speed_knots': the unit 'knots' is not known"),
+    ('time_s,speed_kmh,slope\n0,0,3\n1,1,3\n', 'line 2: slope: 3 rise over run is not allowed; it must be -0.4 '
+     '... 0.4 rise over run; is it in percent? then name it slope_percent'),
+    ('duration_s,speed_kmh\n0,50\n', 'line 2: duration_s: 0 s is not allowed'),
+    ('length_km,speed_kmh\n1,0\n', 'line 2: speed_kmh: a segment in which the car stands has no length'),
+    ('duration_min,length_km,speed_kmh\n10,12,20\n', 'line 2: speed_kmh times duration_min is 3333.33 m, but '
+     'length_km is 12000 m; check the units')])
+def test_mistakes_are_named(tmp_path, contents, problem):
+    found = load(tmp_path, contents if isinstance(contents, bytes) else contents.encode(), COLD)
+    assert isinstance(found, InvalidInput)
+    assert found.problems[0].removeprefix(str(tmp_path / 'broken')).lstrip(':, ').startswith(problem)
+
+
+@GPX
+@pytest.mark.parametrize('change, problem', [
+    (('lat="47.0000000"', 'lat="97"'), 'trkpt 1: latitude: 97 is not allowed; it must be -90 ... 90 degrees'),
+    (('lat="47.0000000"', 'lat="x"'), 'is not GPX: '), (('lat="47.0000000"', ''), 'is not GPX: '),
+    (('T07:00:02.500000Z', 'T06:00:02.500000Z'), 'trkpt 2: time: is 3597.5 s before that of the previous trkpt'),
+    (('<ele>600.00</ele>', '<ele>60000</ele>'), 'point 1: elevation: 60000 m is not allowed; it must be -500 ... '
+      '9000 m'),
+    (('</trkseg>', ''), 'line 404: is not XML: mismatched tag; is the file complete?'),
+    (('<trk>', '<wpt lat="1" lon="2"/><metadata/><trk>'), None)])
+def test_mistakes_in_gpx_are_named(tmp_path, change, problem):
+    found = load(tmp_path, examples.gpx().replace(*change).encode(), COLD)
+    if problem is None:
+        assert found.route.distance_m == pytest.approx(examples.LENGTH_M, rel=2e-3)
+        return
+    assert found.problems[0].removeprefix(f'{tmp_path / "broken"}: ').startswith(problem)
+
+
+def test_a_huge_file_is_not_read(tmp_path):
+    path = tmp_path / 'huge.csv'
+    with open(path, 'wb') as file:
+        file.truncate(10**9)
+    with pytest.raises(InvalidInput, match='has 1000 MB; at most 64 MB are read'):
+        route_for(path, CAR, options=COLD)

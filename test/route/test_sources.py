@@ -1,0 +1,269 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Routes of navigation, loggers and simulators: the same road gives the same route in each format."""
+
+from dataclasses import replace
+import json
+
+import numpy as np
+import pytest
+import route_examples as examples
+
+from bev_preheat.errors import InvalidInput
+from bev_preheat.route import route_for
+from bev_preheat.route.sources.elevation import smooth_elevation
+from bev_preheat.route.sources.journey import RouteOptions
+from bev_preheat.vehicle import load_vehicle
+
+CAR = load_vehicle('small_car')
+COLD = RouteOptions(ambient_temperature_c=-5.0)
+GPX = pytest.mark.needs('gpxpy')
+TIMED = {
+    'gpx': pytest.param(examples.gpx, marks=GPX),
+    'osrm': examples.osrm, 'osrm6': lambda: examples.osrm(geometry='polyline6'),
+    'osrm geojson': lambda: examples.osrm(geometry='geojson'),
+    'osrm steps': lambda: examples.osrm(annotations=False), 'two legs': lambda: examples.osrm(legs=2),
+    'valhalla': examples.valhalla, 'miles': lambda: examples.valhalla('miles'),
+    'feature': examples.geojson, 'collection': lambda: examples.geojson('FeatureCollection'),
+    'openrouteservice': examples.openrouteservice,
+}
+
+
+def loaded(folder, text, options=COLD, car=CAR):
+    path = folder / 'file'
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return route_for(path, car, options=options)
+
+
+def refusal(folder, text, options=COLD, car=CAR):
+    """Return the refusal of a text, without the path that begins each problem."""
+    with pytest.raises(InvalidInput) as caught:
+        loaded(folder, text, options, car)
+    prefix = str(folder / 'file')
+    assert all(problem.startswith(prefix) for problem in caught.value.problems), caught.value.problems
+    return '; '.join(problem.removeprefix(prefix).lstrip(':, ') for problem in caught.value.problems)
+
+
+@pytest.mark.parametrize('text', TIMED.values(), ids=TIMED)
+def test_one_road_has_one_length_duration_and_line_in_every_format(tmp_path, text):
+    found = loaded(tmp_path, text())
+    assert found.route.distance_m == pytest.approx(examples.LENGTH_M, rel=2e-3)
+    assert found.route.total_duration_s == pytest.approx(examples.LENGTH_M / examples.SPEED_MPS, rel=1e-6)
+    assert (found.made_for, found.warning) == ('small_car', None)
+    line = found.line
+    assert line.distance_m[-1] == pytest.approx(examples.LENGTH_M, rel=2e-3)
+    assert line.elapsed_s[-1] == pytest.approx(found.route.total_duration_s, rel=1e-6)
+    assert (np.diff(line.distance_m) >= 0.0).all() and (np.diff(line.elapsed_s) >= 0.0).all()
+    middle = int(np.searchsorted(line.distance_m, 0.5 * examples.LENGTH_M))
+    at = np.searchsorted(examples.LATITUDE, line.latitude_deg[middle])
+    assert line.longitude_deg[middle] == pytest.approx(examples.LONGITUDE[at], abs=1e-3)
+    assert abs(at - examples.POINTS / 2) <= 2
+
+
+def level_power_w(car, speed_mps, density):
+    """Return the electrical power of constant speed on a level road, by hand."""
+    load = car.road_load
+    force_n = load.mass_kg * 9.80665 * load.rolling_resistance + 0.5 * density * (
+        load.drag_coefficient * load.frontal_area_m2) * speed_mps**2
+    return force_n * speed_mps / car.drivetrain.efficiency
+
+
+def test_power_is_at_least_that_of_constant_speed_and_includes_the_hills(tmp_path):
+    level = loaded(tmp_path, examples.osrm()).route
+    hilly = loaded(tmp_path, examples.geojson()).route
+    # Dry air at sea level and -5 degC.
+    plain_w = level_power_w(CAR, examples.SPEED_MPS, 101325.0 / (287.05 * 268.15))
+    mean_w = level.propulsion_power_w @ level.duration_s / level.total_duration_s
+    assert plain_w < mean_w < 1.25 * plain_w
+    assert (level.propulsion_power_rms_w > level.propulsion_power_magnitude_w).all()
+    # Potential energy of the net rise, and the air at 600 m is thinner.
+    rise_w = CAR.road_load.mass_kg * 9.80665 * (
+        examples.ELEVATION[-1] - examples.ELEVATION[0]) / level.total_duration_s
+    hilly_w = hilly.propulsion_power_w @ hilly.duration_s / hilly.total_duration_s
+    assert hilly_w - mean_w == pytest.approx(rise_w, abs=0.1 * plain_w)
+
+
+@GPX
+def test_noise_of_the_elevation_is_no_climb(tmp_path):
+    clean = loaded(tmp_path, examples.gpx()).route
+    noisy = loaded(tmp_path, examples.gpx(noise_m=4.0))
+    energies = [route.propulsion_power_w @ route.duration_s for route in (clean, noisy.route)]
+    assert energies[1] == pytest.approx(energies[0], rel=0.02)
+    assert noisy.remarks[0].startswith('elevation smoothed over ')
+
+
+@pytest.mark.parametrize('spacing_m, noise_m', [(5.0, 3.0), (50.0, 5.0), (300.0, 4.0), (15.0, 10.0)])
+def test_smoothed_elevations_are_near_the_truth(spacing_m, noise_m):
+    at_m = np.arange(0.0, 40e3, spacing_m)
+    truth_m = 500.0 + 150.0 * np.sin(at_m / 2000.0)
+    noise = np.random.default_rng(3).normal(0.0, noise_m, len(at_m))
+    smooth_m, remark = smooth_elevation(at_m, truth_m + noise)
+    assert np.sqrt(np.mean((smooth_m - truth_m)**2)) < 0.75 * noise_m
+    climbs = [np.maximum(np.diff(values), 0.0).sum() for values in (truth_m, smooth_m)]
+    assert climbs[1] == pytest.approx(climbs[0], rel=0.15)
+    assert np.abs(np.diff(smooth_m)).max() / spacing_m < 0.1
+    assert float(remark.split('about ')[1].split()[0]) == pytest.approx(noise_m, rel=0.15)
+
+
+def test_smoothing_keeps_a_clean_profile_and_removes_outliers():
+    at_m = np.arange(0.0, 20e3, 50.0)
+    truth_m = 0.04 * at_m
+    spiky_m = truth_m.copy()
+    spiky_m[100] += 500.0
+    for values in (truth_m, spiky_m):
+        # The median that replaces an outlier on a slope is one point off, 2 m.
+        assert smooth_elevation(at_m, values)[0] == pytest.approx(truth_m, abs=1.0)
+    # Whole metres of a logger.
+    held_m = np.round(truth_m)
+    slopes = np.diff(smooth_elevation(at_m, held_m)[0]) / 50.0
+    assert slopes == pytest.approx(0.04, abs=0.012)
+
+
+@GPX
+def test_a_stop_stays_a_stop(tmp_path):
+    route = loaded(tmp_path, examples.gpx(stop_s=240.0)).route
+    stands = route.speed_mps == 0.0
+    assert route.duration_s[stands].sum() == pytest.approx(240.0, abs=1.0)
+    assert (route.propulsion_power_w[stands] == 0.0).all()
+    assert route.total_duration_s == pytest.approx(examples.LENGTH_M / examples.SPEED_MPS + 240.0)
+
+
+@GPX
+def test_a_jitter_of_positions_is_not_driven(tmp_path):
+    """A fix each second with independent errors of 3 m: the zigzag would add 12 % to the length at 8 m/s."""
+    random = np.random.default_rng(5)
+    points = []
+    for second in range(900):
+        north_m = 8.0 * second + random.normal(0.0, 3.0)
+        east_m = random.normal(0.0, 3.0)
+        points.append(f'<trkpt lat="{47.0 + np.degrees(north_m / 6371008.8):.8f}" '
+                      f'lon="{np.degrees(east_m / 6371008.8):.8f}"><time>2026-01-10T07:{second // 60:02d}:'
+                      f'{second % 60:02d}Z</time></trkpt>')
+    text = f'<gpx version="1.0"><trk><trkseg>{"".join(points)}</trkseg></trk></gpx>'
+    assert loaded(tmp_path, text).route.distance_m == pytest.approx(8.0 * 899, rel=0.02)
+
+
+@pytest.mark.parametrize('text', [
+    pytest.param(lambda: examples.gpx(times=False), marks=GPX),
+    pytest.param(lambda: examples.gpx(times=False, element='rtept'), marks=GPX),
+    lambda: examples.geojson('LineString', times=False)])
+def test_a_line_without_times_is_driven_at_the_free_speed(tmp_path, text):
+    assert 'no times; give the speed on free road [km/h], such as: --free-speed 90' in refusal(tmp_path, text())
+    route = loaded(tmp_path, text(), replace(COLD, free_speed_kmh=72.0)).route
+    assert route.distance_m == pytest.approx(examples.LENGTH_M, rel=2e-3)
+    # 20 m/s, and 1 m/s^2 at both ends.
+    assert route.total_duration_s == pytest.approx(examples.LENGTH_M / 20.0 + 20.0, rel=0.01)
+    assert route.speed_mps.max() <= 20.0 + 1e-6
+
+
+def test_a_curve_is_driven_at_its_speed(tmp_path):
+    """Half a circle with a radius of 100 m between straights: sqrt(2 m/s^2 times 100 m) = 14.1 m/s."""
+    angle = np.linspace(0.0, np.pi, 40)
+    x = np.concatenate((np.linspace(-3000.0, 0.0, 100), 100.0 * np.sin(angle), np.linspace(0.0, -3000.0, 100)))
+    y = np.concatenate((np.zeros(100), 100.0 * (1.0 - np.cos(angle)), np.full(100, 200.0)))
+    degrees = np.degrees(1.0 / 6371008.8)
+    line = {'type': 'LineString', 'coordinates': np.column_stack((x * degrees, y * degrees)).tolist()}
+    found = loaded(tmp_path, json.dumps(line), replace(COLD, free_speed_kmh=108.0))
+    line = found.line
+    inside = (line.distance_m > 3080.0) & (line.distance_m < 3240.0)
+    speeds = np.diff(line.distance_m[inside]) / np.diff(line.elapsed_s[inside])
+    assert speeds == pytest.approx(np.sqrt(200.0), rel=0.1)
+    assert found.route.speed_mps.max() > 25.0
+
+
+def test_waypoints_are_passed_or_are_charging_stops(tmp_path):
+    passed = loaded(tmp_path, examples.osrm(legs=3))
+    assert passed.stops == () and any('--stop-duration' in remark for remark in passed.remarks)
+    stops = loaded(tmp_path, examples.osrm(legs=3), replace(COLD, stop_duration_s=900.0))
+    time_s = stops.route.time_s
+    third_s = examples.LENGTH_M / examples.SPEED_MPS / 3.0
+    assert [time_s[stop.after_segment + 1] for stop in stops.stops] == pytest.approx(
+        [third_s, 2 * third_s], rel=1e-3)
+    assert [stop.duration_s for stop in stops.stops] == [900.0, 900.0]
+
+
+def test_durations_of_the_edges_are_scaled_to_the_leg(tmp_path):
+    found = loaded(tmp_path, examples.osrm(penalty=1.25))
+    assert 'durations of the edges are scaled by 1.250' in found.remarks[0]
+    assert 'add up to' in refusal(tmp_path, examples.osrm(penalty=5.0))
+
+
+def test_consumption_wins_over_the_road_load(tmp_path):
+    assert 'say which: --consumption total or --consumption drivetrain' in refusal(
+        tmp_path, examples.segments_json())
+    drive, total = (loaded(tmp_path, examples.segments_json(), replace(COLD, with_auxiliaries=given)).route
+                    for given in (False, True))
+    assert drive.propulsion_power_w == pytest.approx([2500.0 * 6.0, 5100.0 * 60.0 / 18.0], abs=1e-2)
+    others_w = CAR.defaults.cabin_heating_power_w + CAR.defaults.auxiliary_power_w
+    assert drive.propulsion_power_w - total.propulsion_power_w == pytest.approx(others_w, abs=1e-2)
+    # Without a road load there is no variation.
+    bare = loaded(tmp_path, examples.segments_json(), replace(COLD, with_auxiliaries=False),
+                  replace(CAR, road_load=None)).route
+    assert (bare.propulsion_power_rms_w == bare.propulsion_power_w).all()
+    assert (drive.propulsion_power_rms_w > drive.propulsion_power_w).all()
+
+
+def test_sumo_has_the_energy_of_its_output(tmp_path):
+    route = loaded(tmp_path, examples.sumo(), replace(COLD, with_auxiliaries=False)).route
+    assert route.propulsion_power_w @ route.duration_s == pytest.approx(5000.0 * 199.0, rel=1e-4)
+    assert route.distance_m == pytest.approx(200.0 + 20.0 * 179.0, rel=1e-4)
+    both = examples.sumo(('a', 'b'))
+    assert 'choose one, such as: --vehicle-id a' in refusal(tmp_path, both)
+    assert len(loaded(tmp_path, both, replace(COLD, with_auxiliaries=False, vehicle_id='b')).route)
+
+
+@pytest.mark.parametrize('options, problem', [
+    (replace(COLD, free_speed_kmh=90.0), '--free-speed: is only for a line on the map without times'),
+    (replace(COLD, stop_duration_s=90.0), '--stop-duration: is only for an answer of navigation with waypoints'),
+    (replace(COLD, vehicle_id='x'), '--vehicle-id: is only for the battery output of SUMO'),
+    (replace(COLD, with_auxiliaries=True), 'has no consumption; leave out --consumption'),
+    (RouteOptions(), 'this drive cycle has no ambient temperature; give it [degC], such as: --ambient -5; in a '
+     'scenario or an itinerary: ambient_temperature_c: -5 beside route')])
+def test_options_that_do_not_fit(tmp_path, options, problem):
+    assert refusal(tmp_path, examples.speed_table(), options).endswith(problem)
+
+
+def test_a_vehicle_without_road_load(tmp_path):
+    assert refusal(tmp_path, examples.speed_table(), car=replace(CAR, road_load=None)).startswith(
+        "vehicle 'small_car' has no road_load, so its power on a road is unknown; add it to the vehicle file")
+
+
+@pytest.mark.parametrize('change', [
+    lambda text: b'\xef\xbb\xbf' + text, lambda text: text.replace(b'\n', b'\r\n')])
+@pytest.mark.parametrize('name', ['osrm', 'speed_table', 'segments_csv', 'geojson', 'fastsim', pytest.param(
+    'gpx', marks=GPX)])
+def test_byte_order_marks_and_line_ends_do_not_matter(tmp_path, name, change):
+    text = getattr(examples, name)().encode()
+    one, other = (loaded(tmp_path, each).route for each in (text, change(text)))
+    assert (one.propulsion_power_w == other.propulsion_power_w).all()
+
+
+@pytest.mark.parametrize('header', [
+    'time_s,speed_kmh', 'Time [s],v [km/h]', 'Total elapsed time (s),Speed (km/h)', 'Zeit [s],Geschwindigkeit [km/h]',
+    't_s,v_kmh', 'Time,WLTC speed [kph]', 'time_s,wltc_class_3b_kmh', 'Elapsed time / s,Speed / km/h',
+    'time,speed\n[s],[km/h]'])
+def test_columns_are_spelt_in_many_ways(tmp_path, header):
+    usual = examples.speed_table()
+    wanted = loaded(tmp_path, usual).route
+    found = loaded(tmp_path, usual.replace('time_s,speed_kmh', header)).route
+    assert (found.propulsion_power_w == wanted.propulsion_power_w).all()
+
+
+@pytest.mark.parametrize('moment', [
+    lambda second: f'2026-01-31T08:{second // 60:02d}:{second % 60:02d}Z', lambda second: 1_769_846_400 + second,
+    lambda second: f'08:{second // 60:02d}:{second % 60:02d}'])
+def test_times_are_seconds_dates_or_times_of_day(tmp_path, moment):
+    rows = examples.speed_table().splitlines()
+    text = '\n'.join(['time,speed_kmh', *(f'{moment(second)},{row.split(",")[1]}' for second, row in enumerate(rows[1:]))])
+    assert loaded(tmp_path, text).route.distance_m == pytest.approx(
+        loaded(tmp_path, examples.speed_table()).route.distance_m)
+
+
+def test_fastsim_cycles_climb_by_their_grade(tmp_path):
+    level, steep = (loaded(tmp_path, examples.fastsim(grade)).route for grade in (0.0, 0.02))
+    rise_j = CAR.road_load.mass_kg * 9.80665 * 0.02 * level.distance_m
+    extra_j = (steep.propulsion_power_w - level.propulsion_power_w) @ level.duration_s
+    assert rise_j * CAR.drivetrain.efficiency < extra_j < rise_j / CAR.drivetrain.efficiency
+
+
+def test_a_drive_that_never_moves_is_refused(tmp_path):
+    assert 'check column and unit of the speed' in refusal(tmp_path, 'time_s,speed_kmh\n0,0\n60,0\n')

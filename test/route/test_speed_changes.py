@@ -1,0 +1,143 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The power of mean speeds against that of the same drive sampled each second."""
+
+import csv
+import os
+from pathlib import Path
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+
+from bev_preheat.errors import InvalidInput
+from bev_preheat.route.averages import compare_averages
+from bev_preheat.route.kinematics import drive_along, lay_track, RoadLeg
+from bev_preheat.route.motion import elevation_of_slope, Motion, propulsion_columns
+from bev_preheat.route.road_load import RoadVehicle
+from bev_preheat.route.speed_changes import CORRELATION_TIME_S, speed_changes
+from bev_preheat.vehicle import load_vehicle
+
+CAR = RoadVehicle(mass_kg=1500.0, drag_area_m2=0.6, rolling_resistance=0.01, drivetrain_efficiency=0.8,
+                  maximum_regeneration_power_w=40e3)
+VEHICLE = load_vehicle('small_car')
+FOLDER = Path(os.environ.get('BEV_PREHEAT_DRIVE_LOGS') or (
+    Path(__file__).resolve().parents[3] / 'shared' / 'data' / 'i3_winter_trips'))
+DRIVES = sorted(path.stem for path in FOLDER.glob('Trip*.csv'))
+# A drive in town with accelerations of 3 m/s^2, twice those of the public cycles: nothing in its mean speeds
+# shows it.
+HARD_DRIVEN, HARD_DEVIATION = 'TripB38', 0.07
+
+
+def figures(motion, ambient_c=10.0):
+    """Return mean power, its rms and its mean magnitude of a whole drive [W]."""
+    columns = propulsion_columns(CAR, motion, np.full(len(motion.duration_s), ambient_c))
+    share = motion.duration_s / motion.duration_s.sum()
+    return (columns['propulsion_power_w'] @ share, np.sqrt(columns['propulsion_power_rms_w']**2 @ share),
+            columns['propulsion_power_magnitude_w'] @ share)
+
+
+def test_samples_have_the_power_of_each_second():
+    """From standstill to 20 m/s with 2 m/s^2, level: kinetic energy in closed form, air and tyres integrated."""
+    speed = np.linspace(0.0, 20.0, 11)
+    motion = Motion(np.ones(10), 0.5 * (speed[1:] + speed[:-1]), np.zeros(11), speed)
+    density = 101325.0 / (287.05 * 283.15)
+    middle = motion.speed_mps
+    at_wheels_j = 0.5 * 1500.0 * 20.0**2 + float(np.sum(
+        0.01 * 1500.0 * 9.80665 * middle + 0.5 * density * 0.6 * middle**3))
+    assert figures(motion)[0] * 10.0 == pytest.approx(at_wheels_j / 0.8, rel=1e-9)
+
+
+def test_a_standstill_has_no_power():
+    zeros = np.zeros(4)
+    assert figures(Motion(np.full(4, 30.0), zeros, np.zeros(5))) == (0.0, 0.0, 0.0)
+    changes = speed_changes(np.full(3, 30.0), np.array([10.0, 0.0, 12.0]))
+    assert changes.boundary_speed_mps.tolist() == [10.0, 0.0, 0.0, 12.0]
+    assert changes.kinetic_power_variance[1] == changes.speed_variance_m2ps2[1] == 0.0
+
+
+def test_the_share_within_segments_is_that_of_a_simulated_process():
+    """An Ornstein-Uhlenbeck process of unit variance, sampled each tenth of a second, divided into segments."""
+    random, step_s, count = np.random.default_rng(11), 0.1, 2_000_000
+    decay = np.exp(-step_s / CORRELATION_TIME_S)
+    noise = random.normal(0.0, np.sqrt(1.0 - decay**2), count)
+    process = np.empty(count)
+    value = 0.0
+    for at, each in enumerate(noise.tolist()):
+        value = decay * value + each
+        process[at] = value
+    for duration_s in (5.0, 30.0, 100.0):
+        per = round(duration_s / step_s)
+        parts = process[:count // per * per].reshape(-1, per)
+        within = float(parts.var(axis=1).mean())
+        # At high speed the deviation has its highest value; the drive's own changes are the usual ones without
+        # any.
+        found = speed_changes(np.full(400, duration_s), np.full(400, 30.0),
+                              np.full(401, 30.0)).kinetic_power_variance
+        assert found[0] / speed_changes(np.full(400, 1e4), np.full(400, 30.0),
+                                        np.full(401, 30.0)).kinetic_power_variance[0] == pytest.approx(
+            within, rel=0.05)
+
+
+@settings(deadline=None)
+@given(st.lists(st.tuples(st.floats(0.5, 600.0), st.floats(0.0, 60.0), st.floats(-0.1, 0.1)),
+                min_size=1, max_size=30),
+       st.floats(-40.0, 40.0))
+def test_mean_magnitude_and_rms_are_ordered_and_kinetic_energy_is_conserved(segments, ambient_c):
+    duration_s, speed_mps, slope = map(np.array, zip(*segments))
+    motion = Motion(duration_s, speed_mps, elevation_of_slope(duration_s, speed_mps, slope))
+    columns = propulsion_columns(CAR, motion, np.full(len(segments), ambient_c))
+    mean_w, rms_w, magnitude_w = (columns[f'propulsion_power{end}_w'] for end in ('', '_rms', '_magnitude'))
+    rounding = 1.0 + 1e-9
+    assert (np.abs(mean_w) <= magnitude_w * rounding).all() and (magnitude_w <= rms_w * rounding).all()
+    changes = speed_changes(duration_s, speed_mps)
+    assert (changes.boundary_speed_mps <= speed_mps.max() + 1e-9).all()
+    assert (mean_w[speed_mps == 0.0] == 0.0).all()
+
+
+def test_short_segments_are_a_drive_not_a_map():
+    """Edges of 2 s whose limits alternate between 14 and 28 m/s: no car accelerates with 7 m/s^2 in between."""
+    speeds = np.tile([14.0, 28.0], 150)
+    joined = figures(Motion(np.full(10, 60.0), np.full(10, 21.0), np.zeros(11)))
+    edges = figures(Motion(np.full(300, 2.0), speeds, np.zeros(301)))
+    assert edges[0] == pytest.approx(joined[0], rel=0.15)
+
+
+def test_mean_speeds_of_a_road_with_stops_have_nearly_its_energy():
+    """A drive along legs with 1 m/s^2, sampled each second, against its mean speeds over 30 s."""
+    legs = [RoadLeg(4000.0, 14.0, stops=9, stop_duration_s=20.0), RoadLeg(8000.0, 22.0, traffic_slowdown=0.4),
+            RoadLeg(6000.0, 14.0, stops=8, stop_duration_s=25.0), RoadLeg(25000.0, 33.0, traffic_slowdown=0.3)]
+    drive = drive_along(lay_track(legs, 3), 1.0, 1.0)
+    distance_m, speed_mps = drive.at(np.arange(0.0, drive.time_s[-1], 1.0))
+    motion = Motion(np.ones(len(speed_mps) - 1), np.diff(distance_m), np.zeros(len(speed_mps)), speed_mps)
+    exact, estimated, plain = compare_averages(motion, VEHICLE, np.zeros(len(speed_mps) - 1), 30.0)
+    assert estimated.energy_wh == pytest.approx(exact.energy_wh, rel=0.03)
+    assert plain.energy_wh < 0.96 * exact.energy_wh
+    assert estimated.magnitude_w == pytest.approx(exact.magnitude_w, rel=0.1)
+
+
+@pytest.mark.skipif(not DRIVES, reason='needs the measured winter drives of a BMW i3 (TU Munich, doi '
+                    '10.21227/6jr9-5235) in the folder BEV_PREHEAT_DRIVE_LOGS')
+@pytest.mark.parametrize('name', DRIVES)
+def test_mean_speeds_of_measured_drives_have_their_energy(name):
+    """Speeds of nine measured drives, level: means over 30 s against the samples, and without accelerations."""
+    with open(FOLDER / f'{name}.csv', encoding='utf-8') as file:
+        speed = np.array([float(row['speed_mps']) for row in csv.DictReader(file)])
+    motion = Motion(np.ones(len(speed) - 1), 0.5 * (speed[1:] + speed[:-1]), np.zeros(len(speed)), speed)
+    exact, estimated, plain = compare_averages(motion, VEHICLE, np.zeros(len(speed) - 1), 30.0)
+    allowed = HARD_DEVIATION if name == HARD_DRIVEN else 0.03
+    assert estimated.energy_wh == pytest.approx(exact.energy_wh, rel=allowed)
+    assert estimated.magnitude_w == pytest.approx(exact.magnitude_w, rel=0.2)
+    assert estimated.rms_w == pytest.approx(exact.rms_w, rel=0.3)
+    assert plain.energy_wh < 0.95 * exact.energy_wh
+
+
+def test_averages_need_samples():
+    motion = Motion(np.full(3, 30.0), np.full(3, 10.0), np.zeros(4))
+    with pytest.raises(InvalidInput, match='needs a drive cycle with a sample every 2 s or more often'):
+        compare_averages(motion, VEHICLE, np.zeros(3), 30.0)
+
+
+def test_a_road_into_the_sky_is_refused():
+    with pytest.raises(InvalidInput, match='rises by 18570 m in total; at most 6000 m'):
+        elevation_of_slope(np.array([1000.0]), np.array([50.0]), np.array([0.4]))

@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One winding road of 20 km with hills, in each format that navigation and loggers give."""
+
+from datetime import datetime, timedelta, UTC
+import json
+import math
+
+import numpy as np
+
+POINTS, STEP_M, SPEED_MPS = 400, 50.0, 20.0
+EARTH_RADIUS_M = 6371008.8
+LENGTH_M = (POINTS - 1) * STEP_M
+START = datetime(2026, 1, 10, 7, tzinfo=UTC)
+
+
+def road():
+    """Return latitudes, longitudes [deg] and elevations [m] of points STEP_M apart, shapes (POINTS,)."""
+    heading = 0.6 + 0.5 * np.sin(np.arange(POINTS - 1) / 40.0)
+    latitude = 47.0 + np.degrees(np.concatenate(([0.0], np.cumsum(STEP_M * np.cos(heading)))) / EARTH_RADIUS_M)
+    east = STEP_M * np.sin(heading) / np.cos(np.radians(latitude[:-1]))
+    longitude = 11.0 + np.degrees(np.concatenate(([0.0], np.cumsum(east))) / EARTH_RADIUS_M)
+    return latitude, longitude, 600.0 + 100.0 * np.sin(np.arange(POINTS) / 60.0)
+
+
+LATITUDE, LONGITUDE, ELEVATION = road()
+# Of the sine above, without noise.
+CLIMB_M = float(np.maximum(np.diff(ELEVATION), 0.0).sum())
+
+
+def gpx(times=True, element='trkpt', noise_m=0.0, stop_s=0.0, speed_mps=SPEED_MPS):
+    """Return a GPX file; after half of the way the car stands for `stop_s`."""
+    noise = np.random.default_rng(7).normal(0.0, noise_m, POINTS)
+    lines = ['<?xml version="1.0" encoding="UTF-8"?>',
+             '<gpx version="1.1" creator="test" xmlns="http://www.topografix.com/GPX/1/1">']
+    lines.append('<trk><trkseg>' if element == 'trkpt' else '<rte>')
+    for at in range(POINTS):
+        middle = POINTS // 2
+        for waited_s in (0.0, stop_s) if stop_s and at == middle else (stop_s,) if at > middle else (0.0,):
+            moment = START + timedelta(seconds=STEP_M / speed_mps * at + waited_s)
+            time = f'<time>{moment.strftime("%Y-%m-%dT%H:%M:%S.%fZ")}</time>' if times else ''
+            lines.append(f'<{element} lat="{LATITUDE[at]:.7f}" lon="{LONGITUDE[at]:.7f}">'
+                         f'<ele>{ELEVATION[at] + noise[at]:.2f}</ele>{time}</{element}>')
+    lines.append('</trkseg></trk></gpx>' if element == 'trkpt' else '</rte></gpx>')
+    return '\n'.join(lines)
+
+
+def polyline(places):
+    """Return the road as an encoded polyline."""
+    signs, before = [], (0, 0)
+    for point in zip(LATITUDE, LONGITUDE):
+        now = tuple(round(value * 10**places) for value in point)
+        for new, old in zip(now, before):
+            value = (new - old) << 1
+            value = ~value if new < old else value
+            while value >= 0x20:
+                signs.append(chr((0x20 | (value & 0x1f)) + 63))
+                value >>= 5
+            signs.append(chr(value + 63))
+        before = now
+    return ''.join(signs)
+
+
+GEOMETRIES = {'polyline': lambda: polyline(5), 'polyline6': lambda: polyline(6), 'none': lambda: None,
+              'geojson': lambda: {'type': 'LineString', 'coordinates': [list(pair) for pair in zip(
+                  LONGITUDE, LATITUDE)]}}
+
+
+def osrm(legs=1, annotations=True, geometry='polyline', penalty=1.1):
+    """Return an answer of OSRM; the legs' durations exceed those of the edges by the factor `penalty`."""
+    contents = []
+    for edges in np.array_split(np.full(POINTS - 1, STEP_M), legs):
+        durations = edges / SPEED_MPS / penalty
+        leg = {'distance': float(edges.sum()), 'duration': float(durations.sum() * penalty), 'summary': '',
+               'steps': [{'distance': float(part.sum()), 'duration': float(part.sum() / SPEED_MPS)}
+                         for part in np.array_split(edges, 3)]}
+        if annotations:
+            leg['annotation'] = {'distance': edges.tolist(), 'duration': durations.tolist()}
+        contents.append(leg)
+    route = {'legs': contents, 'distance': LENGTH_M, 'duration': LENGTH_M / SPEED_MPS,
+             'geometry': GEOMETRIES[geometry]()}
+    return json.dumps({'code': 'Ok', 'routes': [route], 'waypoints': []})
+
+
+def valhalla(units='kilometers'):
+    """Return an answer of Valhalla."""
+    metres = {'kilometers': 1000.0, 'miles': 1609.344}[units]
+    maneuvers = [{'length': share * LENGTH_M / metres, 'time': share * LENGTH_M / SPEED_MPS, 'type': 1}
+                 for share in (0.25, 0.35, 0.4, 0.0)]
+    return json.dumps({'trip': {'status': 0, 'units': units, 'legs': [
+        {'maneuvers': maneuvers, 'shape': polyline(6), 'summary': {'length': LENGTH_M / metres}}]}})
+
+
+def geojson(kind='Feature', times=True):
+    """Return a GeoJSON object with the elevation as third coordinate."""
+    coordinates = [[longitude, latitude, elevation] for longitude, latitude, elevation in zip(
+        LONGITUDE.tolist(), LATITUDE.tolist(), ELEVATION.tolist())]
+    properties = {'coordTimes': [(START + timedelta(seconds=STEP_M / SPEED_MPS * at)).isoformat()
+                                 for at in range(POINTS)]} if times else {}
+    line = {'type': 'LineString', 'coordinates': coordinates}
+    feature = {'type': 'Feature', 'properties': properties, 'geometry': line}
+    return json.dumps({'LineString': line, 'Feature': feature,
+                       'FeatureCollection': {'type': 'FeatureCollection', 'features': [feature]}}[kind])
+
+
+def openrouteservice():
+    """Return GeoJSON with the durations of openrouteservice."""
+    contents = json.loads(geojson(times=False))
+    step = {'distance': LENGTH_M / 2, 'duration': LENGTH_M / SPEED_MPS / 2, 'way_points': [0, 1]}
+    contents['properties'] = {'segments': [{'distance': LENGTH_M, 'duration': LENGTH_M / SPEED_MPS,
+                                            'steps': [step, step]}]}
+    return json.dumps(contents)
+
+
+def sumo(vehicles=('ev',), power_w=5000.0):
+    """Return the battery output of SUMO: each vehicle accelerates to SPEED_MPS and draws `power_w`."""
+    steps = []
+    for second in range(200):
+        inside = ''.join(f'<vehicle id="{name}" energyConsumed="{power_w / 3600.0:.6f}" speed="'
+                         f'{min(float(second), SPEED_MPS)}" chargingStationId="NULL"/>' for name in vehicles)
+        steps.append(f'<timestep time="{second}.00">{inside}</timestep>')
+    return '<?xml version="1.0"?>\n<!-- <made> by a test -->\n<battery-export>\n' + '\n'.join(steps) + \
+        '\n</battery-export>\n'
+
+
+def fastsim(grade=0.01):
+    """Return a cycle of FASTSim: up to SPEED_MPS, half a minute at this speed, and down again."""
+    speeds = [*range(0, 21), *[SPEED_MPS] * 30, *range(20, -1, -1)]
+    return 'cycSecs,cycMps,cycGrade,cycRoadType\n' + ''.join(
+        f'{second},{speed},{grade},0\n' for second, speed in enumerate(speeds))
+
+
+def speed_table():
+    """Return a table of a drive cycle, with the header of a WLTC table."""
+    return 'time_s,speed_kmh\n' + ''.join(
+        f'{second},{36.0 * (1.0 - math.cos(second / 15.0)):.2f}\n' for second in range(300))
+
+
+def segments_json():
+    """Return a list of segments of a route planner, with consumption."""
+    return json.dumps({'segments': [
+        {'distance_km': 12.0, 'duration_min': 10.0, 'elevation_m': 500.0, 'energy_kwh': 2.5, 'name': 'motorway'},
+        {'distance_km': 30.0, 'duration_min': 18.0, 'elevation_m': 400.0, 'energy_kwh': 5.1, 'name': None}]})
+
+
+def segments_csv():
+    """Return a list of segments as a spreadsheet with decimal commas writes it."""
+    return 'Distance [km];Duration [min];Average speed [km/h];Elevation [m]\r\n' \
+        '12;10;72;500\r\n30,5;18;101,7;400\r\n'

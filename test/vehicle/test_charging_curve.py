@@ -1,0 +1,124 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Charging curves: files, shapes of classes, and the map that a curve and the cold give."""
+
+from hypothesis import given
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+
+from bev_preheat.errors import InvalidInput
+from bev_preheat.numerics.arithmetic import FLOATS
+from bev_preheat.vehicle.charging_curve import (
+    charging_map,
+    ChargingCurve,
+    class_curve,
+    FIT_RANGE,
+    read_charging_curve,
+)
+from bev_preheat.vehicle.chemistry import CHEMISTRIES, load_chemistry
+
+HEADER = 'state_of_charge_percent,power_kw\n'
+NMC, LFP = map(load_chemistry, ('nmc', 'lfp'))
+
+
+@pytest.fixture
+def curve_of(tmp_path):
+    """Return the curve of a file's text."""
+    def read(text, temperature_c=30.0):
+        file = tmp_path / 'curve.csv'
+        file.write_bytes(text if isinstance(text, bytes) else text.encode())
+        return read_charging_curve(file, temperature_c)
+    return read
+
+
+def test_a_file_as_a_magazine_publishes_it(curve_of):
+    curve = curve_of('\ufeff# measured by hand\n' + HEADER + '\n0, 90.5\n10,100\n 80,40\n# the end\n100,8\n', 25.0)
+    assert curve == ChargingCurve((0.0, 0.1, 0.8, 1.0), (90.5, 100.0, 40.0, 8.0), 25.0)
+
+
+@pytest.mark.parametrize('text, problem', [
+    ('', 'the first line must be state_of_charge_percent,power_kw'),
+    ('soc,kW\n10,100\n80,50\n', 'the first line must be state_of_charge_percent,power_kw'),
+    (HEADER, 'it covers nothing; it must cover at least 10 ... 80 %'),
+    (HEADER + '0.1,100\n0.8,50\n', 'the last state of charge is 0.8 %; states of charge are in percent'),
+    (HEADER + '20,100\n80,50\n', 'it covers 20 ... 80 %; it must cover at least 10 ... 80 %'),
+    (HEADER + '10,100\n', 'it covers 10 ... 10 %; it must cover at least 10 ... 80 %'),
+    (HEADER + '10,100\n80,50,3\n', "line 3: '80,50,3' is not two numbers"),
+    (HEADER + '10,100\n80,fifty\n', "line 3: '80,fifty' is not two numbers"),
+    (HEADER + '10,nan\n80,50\n', 'nan kW at 10 % is not allowed; it must be 0 ... 2000 kW'),
+    (HEADER + '10,inf\n80,50\n', 'inf kW at 10 % is not allowed; it must be 0 ... 2000 kW'),
+    (HEADER + 'nan,100\n80,50\n', 'nan % is not allowed; it must be 0 ... 100 %'),
+    (HEADER + '10,100000\n80,50\n', '100000 kW at 10 % is not allowed; it must be 0 ... 2000 kW'),
+    (HEADER + '80,50\n10,100\n', '10 % must be above the 80 % before it'),
+    (HEADER + '10,100\n10,100\n80,50\n', '10 % must be above the 10 % before it'),
+    (HEADER + '10,100\n50,0\n80,50\n', 'the power must be above 0 kW up to 80 %'),
+    (b'\xff\xfe\x00', 'cannot be read: is not UTF-8 text')])
+def test_a_file_that_is_no_curve_is_refused_in_words(curve_of, text, problem):
+    with pytest.raises(InvalidInput) as refused:
+        curve_of(text)
+    assert len(refused.value.problems) == 1
+    assert refused.value.problems[0].startswith('--charging-curve: ')
+    assert refused.value.problems[0].endswith(f'curve.csv: {problem}')
+
+
+@pytest.mark.parametrize('temperature_c', [-10.0, 9.9, 45.1, float('nan')])
+def test_a_curve_of_a_cold_or_boiling_battery_is_refused(curve_of, temperature_c):
+    with pytest.raises(InvalidInput, match='--charging-curve-temperature-c: .* it must be 10 ... 45 degC'):
+        curve_of(HEADER + '10,100\n80,50\n', temperature_c)
+
+
+@pytest.mark.parametrize('temperature_c, at_c, expected_kw', [
+    # NMC: 0.53 at 10 degC, 0.28 at 0 degC, 1 from 25 degC.
+    (30.0, 25.0, 80.0), (30.0, 10.0, 0.53 * 80.0), (30.0, 0.0, 0.28 * 80.0), (30.0, -20.0, 0.03 * 80.0),
+    # A curve of a battery at 10 degC: a warm one takes more, but no more than the car's maximum.
+    (10.0, 10.0, 80.0), (10.0, 0.0, 80.0 * 0.28 / 0.53), (10.0, 25.0, 120.0)])
+def test_the_map_is_the_curve_times_the_share_of_the_cold(temperature_c, at_c, expected_kw):
+    table = charging_map(ChargingCurve((0.0, 1.0), (160.0, 0.0), temperature_c), NMC, 120.0)
+    # Half way the curve has 80 kW; its first half is cut off at 120 kW, so the map is read off at its own points.
+    table = charging_map(ChargingCurve((0.0, 0.5, 1.0), (100.0, 80.0, 10.0), temperature_c), NMC, 120.0)
+    assert -table.function(FLOATS)(0.5, at_c) / 1e3 == pytest.approx(expected_kw, abs=0.001)
+
+
+@pytest.mark.parametrize('chemistry, at_c, share', [
+    (NMC, 45.0, 1.0), (NMC, 50.0, 0.5), (NMC, 52.5, 0.35), (NMC, 60.0, 0.0), (NMC, 75.0, 0.0),
+    (LFP, 50.0, 1.0), (LFP, 60.0, 0.5), (LFP, 70.0, 0.0)])
+def test_a_hot_battery_takes_less(chemistry, at_c, share):
+    table = charging_map(ChargingCurve((0.0, 1.0), (150.0, 80.0), 30.0), chemistry, 120.0)
+    # The maximum is 120 kW at 0 %, whatever the curve says; the hot share is one of the power that is left.
+    assert table.function(FLOATS)(0.0, at_c) == pytest.approx(-120e3 * share, abs=1.0)
+    assert table.function(FLOATS)(1.0, at_c) == pytest.approx(-80e3 * share, abs=1.0)
+
+
+@given(chemistry=st.sampled_from(CHEMISTRIES), voltage_v=st.sampled_from([350.0, 700.0]),
+       energy_kwh=st.floats(20.0, 700.0), rate=st.floats(0.2, 5.0), fit=st.floats(*FIT_RANGE),
+       fuller=st.floats(1.0, 3.0))
+def test_class_curves_hold_the_maximum_once_and_get_fuller_with_the_fit(
+        chemistry, voltage_v, energy_kwh, rate, fit, fuller):
+    figures = load_chemistry(chemistry)
+    most_kw = rate * energy_kwh
+    curve, more = (class_curve(figures, voltage_v, energy_kwh, most_kw, value) for value in (fit, fit * fuller))
+    assert max(curve.power_kw) == pytest.approx(most_kw, rel=1e-12)
+    assert min(curve.power_kw) > 0.0 and (np.diff(curve.soc) > 0.0).all()
+    soc = np.linspace(0.0, 1.0, 201)
+    # Points are joined by lines, so a power of a shape lies up to 1 % below its own line.
+    assert (np.interp(soc, more.soc, more.power_kw)
+            >= np.interp(soc, curve.soc, curve.power_kw) - 0.01 * most_kw).all()
+
+
+def test_the_car_of_a_shape_has_the_published_curve():
+    curve = class_curve(NMC, 350.0, 62.0, 100.0)
+    for percent, power_kw in ((0, 100), (30, 100), (70, 50), (80, 50), (94, 25)):
+        assert np.interp(percent / 100, curve.soc, curve.power_kw) == pytest.approx(power_kw, abs=0.5)
+    lfp = class_curve(LFP, 340.0, 60.0, 170.0)
+    assert np.interp(0.2, lfp.soc, lfp.power_kw) == pytest.approx(129.0, abs=0.5)
+
+
+def test_a_pack_that_charges_slowly_holds_its_maximum_longer():
+    """Half the rate of the class: P = min(P_max, 2 shape), by hand at 60 %, where the shape has 0.625."""
+    slow = class_curve(NMC, 350.0, 62.0, 0.5 * 1.61 * 62.0)
+    at = dict(zip(slow.soc, slow.power_kw))
+    assert np.interp(0.6, slow.soc, slow.power_kw) == pytest.approx(0.5 * 1.61 * 62.0, rel=1e-9)
+    assert at[0.94] == pytest.approx(0.5 * 0.5 * 1.61 * 62.0, rel=1e-9)
+    # Twice the rate: the shape squared.
+    fast = class_curve(NMC, 350.0, 62.0, 2.0 * 1.61 * 62.0)
+    assert np.interp(0.6, fast.soc, fast.power_kw) == pytest.approx(0.625**2 * 2.0 * 1.61 * 62.0, rel=1e-9)
