@@ -101,8 +101,8 @@ def _segments(path: str | Path, recording: Recording, defaults: Defaults,
             auxiliary_w = at_instants('auxiliary_w')
         else:
             # Loggers write 0 for a value that they do not get.
-            remarks.append(f'{path}: auxiliary_w is always 0; auxiliaries ({figure(defaults.auxiliary_power_w)} W) '
-                           'are those of the vehicle')
+            remarks.append(f'{path}: auxiliary_w is always 0; auxiliaries '
+                           f'({figure(defaults.auxiliary_power_w)} W) are those of the vehicle')
     if 'aircon_w' in found:
         auxiliary_w = auxiliary_w + at_instants('aircon_w')
     return {
