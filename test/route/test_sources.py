@@ -238,8 +238,9 @@ def test_byte_order_marks_and_line_ends_do_not_matter(tmp_path, name, change):
 
 
 @pytest.mark.parametrize('header', [
-    'time_s,speed_kmh', 'Time [s],v [km/h]', 'Total elapsed time (s),Speed (km/h)', 'Zeit [s],Geschwindigkeit [km/h]',
-    't_s,v_kmh', 'Time,WLTC speed [kph]', 'time_s,wltc_class_3b_kmh', 'Elapsed time / s,Speed / km/h',
+    'time_s,speed_kmh', 'Time [s],v [km/h]', 'Total elapsed time (s),Speed (km/h)', 't_s,v_kmh',
+    'Zeit [s],Geschwindigkeit [km/h]', 'Time,WLTC speed [kph]', 'time_s,wltc_class_3b_kmh',
+    'Elapsed time / s,Speed / km/h',
     'time,speed\n[s],[km/h]'])
 def test_columns_are_spelt_in_many_ways(tmp_path, header):
     usual = examples.speed_table()
