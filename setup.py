@@ -35,6 +35,7 @@ REQUIREMENTS = ['argcomplete>=3.1.4', 'jsonschema>=4.10.3', 'numpy>=1.26.4', 'py
 EXTRAS = {
     'nlp': ['casadi>=3.6'],
     'plot': ['matplotlib>=3.6.3'],
+    'identify': ['casadi>=3.6', 'jinja2>=3.1.2', 'matplotlib>=3.6.3', 'scipy>=1.11.4'],
     'logs': ['asammdf>=7.3', 'cantools>=39', 'pint>=0.19', 'python-can>=4.0', 'rosbags>=0.9.16'],
     'routes': ['gpxpy>=1.5'],
     'studies': ['casadi>=3.6', 'matplotlib>=3.6.3', 'psutil>=5.9.8', 'scipy>=1.11.4'],
@@ -115,7 +116,7 @@ setup(
                  **({} if WITH_COLCON else {CONFIGURATION: 'config'})},
     package_data={PACKAGE: ['vehicle/schema.yaml', 'vehicle/heat_path_schema.yaml',
                             'route/legs_schema.yaml', 'logs/signal_map_schema.yaml',
-                            'charging/chargers_schema.yaml',
+                            'charging/chargers_schema.yaml', 'identification/report.html',
                             'charging/published_times.yaml', 'charging/published_times_schema.yaml',
                             'control/itinerary_schema.yaml',
                             'simulation/scenario_schema.yaml', 'vehicle/chemistry.yaml',

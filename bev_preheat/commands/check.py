@@ -68,7 +68,8 @@ def run(arguments: Namespace) -> int:
     console = result_console(arguments.json)
     print_check(console, check)
     if bound_k is not None and check.worst_k > bound_k:
-        console.print(f'worst arrival error {check.worst_k:.2f} K exceeds the bound of {bound_k:g} K', markup=False)
+        console.print(f'worst arrival error {check.worst_k:.2f} K exceeds the bound of {bound_k:g} K',
+                      markup=False)
         return BEYOND_BOUND
     return 0
 
@@ -81,7 +82,8 @@ def print_check(console: Console, check: Check) -> None:
         [(trip.trip.name, trip.trip.kind, f'{len(trip.trip) / 60.0:.0f}', f'{trip.trip.start_c:.1f}',
           f'{trip.trip.arrival_c:.1f}', f'{trip.arrival_error_k:+.2f}', f'{100.0 * trip.arrival_soc_error:+.2f}',
           f'{trip.arrival_energy_error_wh:+.0f}') for trip in check.trips], ('left', 'left', *['right'] * 6))
-    console.print(f'arrival temperature: RMSE {check.rmse_k:.2f} K, worst {check.worst_k:.2f} K; a battery that keeps '
+    console.print(f'arrival temperature: RMSE {check.rmse_k:.2f} K, worst {check.worst_k:.2f} K; a battery that '
+                  f'keeps '
                   f'its temperature: RMSE {check.constant_rmse_k:.2f} K', markup=False, soft_wrap=True)
     if check.leads:
         print_records(

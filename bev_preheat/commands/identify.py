@@ -35,12 +35,15 @@ def add_parser(subparsers: Subparsers) -> None:
     """Add the subcommand."""
     parser = subparsers.add_parser(
         'identify', help='make a vehicle file from recorded drives',
-        description='Fit open-circuit voltage, capacity, resistance, heat capacity, leakage, drivetrain heat and heater '
-        'to recorded drives, charging sessions and nights at stand. Values that the logs do not tell stay as in START, '
+        description='Fit open-circuit voltage, capacity, resistance, heat capacity, leakage, drivetrain heat '
+                    'and heater '
+        'to recorded drives, charging sessions and nights at stand. Values that the logs do not tell stay as in '
+        'START, '
         'and are named. Needs casadi and scipy; the report needs matplotlib and jinja2.')
     add_log_arguments(parser)
     completed_by(VEHICLES, parser.add_argument(
-        '--vehicle', required=True, metavar='START', help='a name in config/vehicles or a YAML file to start from'))
+        '--vehicle', required=True, metavar='START',
+        help='a name in config/vehicles or a YAML file to start from'))
     parser.add_argument('--output', required=True, metavar='MY.yaml', help='vehicle file to write')
     parser.add_argument('--report', metavar='REPORT.html', help='report to write, one self-contained file')
     parser.add_argument('--name', help="name of the car (default: the output file's)")
@@ -86,7 +89,8 @@ def _write_vehicle(arguments: Namespace, result: Identification, start_file: Pat
     from bev_preheat.identification.vehicle_file import file_text
     words = ['preheat', 'identify', *arguments.logs, '--vehicle', arguments.vehicle, '--output', arguments.output]
     head = (f'Vehicle {result.vehicle.name}, identified from {result.coverage.trips} logs by\n'
-            f'    {shlex.join(words)}\nArrival temperature of trips that the fit has not seen: RMSE {result.rmse_k:.2f} K, '
+            f'    {shlex.join(words)}\nArrival temperature of trips that the fit has not seen: RMSE '
+            f'{result.rmse_k:.2f} K, '
             f'worst {result.worst_k:.2f} K.')
     head = ''.join(letter if letter.isprintable() or letter == '\n' else ' ' for letter in head)
     text = file_text(load_checked_yaml(start_file, SCHEMA), result.vehicle, result.vehicle.name, notes_of(result),
@@ -101,7 +105,8 @@ def _print_result(console: Console, result: Identification, arguments: Namespace
         ('parameter', 'START', 'estimate', '90 % interval', 'worth K'),
         [(f'{item.label} [{item.unit}]' if item.unit else item.label, figure(item.start, DIGITS),
           figure(item.estimate, DIGITS) if item.is_identified else 'not told',
-          f'{figure(item.low, DIGITS)} … {figure(item.high, DIGITS)}', f'{item.arrival_k:.2f}' if item.arrival_k else '')
+          f'{figure(item.low, DIGITS)} … {figure(item.high, DIGITS)}',
+          f'{item.arrival_k:.2f}' if item.arrival_k else '')
          for item in result.estimates], ('left', *['right'] * 4))
     rows = [(row.structure + (' (chosen)' if row.structure == result.structure else ''), f'{row.rmse_k:.2f}',
              f'{row.worst_k:.2f}') for row in (*result.structures, *result.baselines.values())]
@@ -110,5 +115,6 @@ def _print_result(console: Console, result: Identification, arguments: Namespace
         ('left', 'right', 'right'))
     for sentence in (*result.verdict, *(f'Record next: {item}' for item in result.record_next), *result.remarks):
         console.print(sentence, markup=False, soft_wrap=True)
-    console.print(f'written: {arguments.output}' + (f', {arguments.report}' if arguments.report else ''), markup=False,
+    console.print(f'written: {arguments.output}' + (f', {arguments.report}' if arguments.report else ''),
+                  markup=False,
                   soft_wrap=True)

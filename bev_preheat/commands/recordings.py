@@ -17,7 +17,8 @@ if TYPE_CHECKING:
 
 def add_log_arguments(parser: ArgumentParser) -> None:
     """Add the logs and `--signals`."""
-    parser.add_argument('logs', nargs='+', metavar='LOG', help='recorded drives, charging sessions, nights at stand')
+    parser.add_argument('logs', nargs='+', metavar='LOG',
+                        help='recorded drives, charging sessions, nights at stand')
     parser.add_argument('--signals', metavar='NAME|FILE',
                         help="signal map of the logs (default: found from the logs' names of signals)")
 

@@ -14,11 +14,14 @@ from bev_preheat.drawing.palette import BLACK, BLUE, GRAY, ORANGE, SKY_BLUE, VER
 from bev_preheat.drawing.trips_figure import check_figure
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from bev_preheat.identification.check import Check
     from bev_preheat.identification.result import Identification
+    from bev_preheat.identification.trips import Trip
 
 PANEL_HEIGHT_IN = 3.4
 QUANTILE = 1.6449
@@ -69,7 +72,8 @@ def _resistance(result: Identification) -> Figure:
     axis.plot(curve.temperature_c, 1e3 * curve.start_ohm, color=GRAY, linestyle='--', label=f'{result.start_name}')
     low_c, high_c = coverage.resistance_from_c, coverage.resistance_to_c
     ends = (curve.temperature_c[0], curve.temperature_c[-1])
-    for begin, end in (((ends[0], low_c), (high_c, ends[1])) if low_c is not None and high_c is not None else (ends,)):
+    for begin, end in (((ends[0], low_c), (high_c, ends[1])) if low_c is not None
+                       and high_c is not None else (ends,)):
         axis.axvspan(begin, end, facecolor='none', edgecolor=GRAY, alpha=0.35, hatch='//', linewidth=0.0)
     covered = (curve.temperature_c >= coverage.battery_c[0] - 10.0) & (
         curve.temperature_c <= coverage.battery_c[1] + 10.0)
@@ -89,7 +93,8 @@ def _residuals(check: Check) -> Figure:
         residual_k = (np.interp(time_s, predicted.time_s, predicted.reading_c)
                       - trip.battery_temperature_c[time_s.astype(int)])
         edges = np.concatenate(([0.0], time_s))
-        square = np.sqrt(trip.means((trip.power_w + trip.heater_w)**2 if trip.current_a is None else trip.current_a**2,
+        square = np.sqrt(trip.means((trip.power_w + trip.heater_w)**2
+                                    if trip.current_a is None else trip.current_a**2,
                                     edges))
         for axis, values in zip(axes[0], (time_s / 60.0, trip.battery_temperature_c[time_s.astype(int)], square)):
             axis.plot(values, residual_k, '.', markersize=2.5, color=BLUE, alpha=0.5)
@@ -104,17 +109,18 @@ def _residuals(check: Check) -> Figure:
 def _coverage(check: Check) -> Figure:
     """Hours by battery temperature and by speed; heated, driving, at stand."""
     figure, axes = grid_figure(1, 2, 'recorded hours', PANEL_HEIGHT_IN)
+    kinds: tuple[tuple[str, str, Callable[[Trip], bool]], ...] = (
+        ('drives', BLUE, lambda trip: trip.kind == 'drive' and not trip.heats),
+        ('heated', ORANGE, lambda trip: trip.heats),
+        ('charging', VERMILLION, lambda trip: trip.kind == 'charging session' and not trip.heats),
+        ('at stand', GRAY, lambda trip: trip.kind == 'night at stand' and not trip.heats))
     for axis, label, bins, values_of in (
             (axes[0, 0], 'battery temperature [°C]', np.arange(-40.0, 61.0, 5.0), 'battery_temperature_c'),
             (axes[0, 1], 'speed [km/h]', np.arange(0.0, 201.0, 10.0), 'speed_mps')):
         scale = 3.6 if values_of == 'speed_mps' else 1.0
         groups = [(name, colour, np.concatenate([
             scale * getattr(item.trip, values_of) for item in check.trips if wanted(item.trip)] or [np.empty(0)]))
-            for name, colour, wanted in (
-                ('drives', BLUE, lambda trip: trip.kind == 'drive' and not trip.heats),
-                ('heated', ORANGE, lambda trip: trip.heats),
-                ('charging', VERMILLION, lambda trip: trip.kind == 'charging session' and not trip.heats),
-                ('at stand', GRAY, lambda trip: trip.kind == 'night at stand' and not trip.heats))]
+            for name, colour, wanted in kinds]
         groups = [group for group in groups if len(group[2])]
         axis.hist([values for _, _, values in groups], bins,
                   weights=[np.full(len(values), 1.0 / 3600.0) for _, _, values in groups], stacked=True,

@@ -29,7 +29,8 @@ class Coverage:
     """
     Situations covered by trips.
 
-    Ranges are (low, high). The resistance is known between `resistance_from_c` and `resistance_to_c`, where at least
+    Ranges are (low, high). The resistance is known between `resistance_from_c` and `resistance_to_c`, where at
+    least
     two trips with voltage and current were; None: nowhere. `coldest_trip` is the only trip below, '' if none.
     """
 
@@ -59,14 +60,16 @@ def refuse_poor(trips: Sequence[Trip]) -> None:
     """Raise InvalidInput with a sentence for each reason why no car can be identified from Trips."""
     problems = []
     if len(trips) < LEAST_TRIPS:
-        problems.append(f'{len(trips)} usable log{"" if len(trips) == 1 else "s"}; at least {LEAST_TRIPS} are needed, '
+        problems.append(f'{len(trips)} usable log{"" if len(trips) == 1 else "s"}; at least {LEAST_TRIPS} are '
+                        f'needed, '
                         'because each is predicted from the others; record more drives')
     if len(trips) > MOST_TRIPS:
         problems.append(f'{len(trips)} logs; at most {MOST_TRIPS} are fitted; leave out the shortest')
     changes_k = [float(np.ptp(trip.battery_temperature_c)) for trip in trips]
     if trips and max(changes_k) < LEAST_CHANGE_K:
         problems.append(f'battery_temperature_c changes by at most {max(changes_k):.1f} K within a log; at least '
-                        f'{LEAST_CHANGE_K:g} K are needed; record drives of 20 min or more with a cold battery, or a '
+                        f'{LEAST_CHANGE_K:g} K are needed; record drives of 20 min or more with a cold battery, '
+                        f'or a '
                         'night at stand after a drive')
     if trips and not any(trip.kind == 'drive' for trip in trips):
         problems.append('none of the logs is a drive; record at least one drive of 20 min')

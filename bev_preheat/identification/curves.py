@@ -62,7 +62,8 @@ class CorrectedVoltage:
 
         def voltage(soc: AnyNumber, temperature_c: AnyNumber) -> AnyNumber:
             centred = soc - HALF
-            return value(soc, temperature_c) + self.offset_v + centred * (self.slope_v + centred * self.curvature_v)
+            correction_v = self.offset_v + centred * (self.slope_v + centred * self.curvature_v)
+            return value(soc, temperature_c) + correction_v
 
         return voltage
 

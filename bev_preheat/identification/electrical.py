@@ -18,7 +18,7 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
-from bev_preheat.identification.curves import KNOTS_C, knot_weights
+from bev_preheat.identification.curves import knot_weights, KNOTS_C
 from bev_preheat.numerics.arithmetic import ARRAYS
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ BLOCK_S = 5.0
 POLARISATION_S = (4.0, 10.0, 20.0)
 # Readings in whole degrees are smoothed over this time [s].
 SMOOTHING_S = 121
-# Errors of neighbouring rows hang together: so many of them count as one observation against the prior.
+# Errors of neighbouring rows hang together: this number of rows counts as one observation.
 ROWS_PER_OBSERVATION = 20.0
 # Rows of one trip, so that a night does not outweigh the drives.
 MOST_ROWS = 1500
@@ -70,8 +70,10 @@ class Electrical:
     Result of the fit.
 
     `voltage_v` are offset, slope and curvature [V]; `log_factors` (knots,) correct START's resistance, with their
-    `covariance`; `polarisation` is rho, `heat_factor` 1 + rho <x^2>/<I^2>, `residual_v` the root mean square of the
-    differenced residuals. `capacity_ah` has a `capacity_deviation_ah`. `used` names the trips that tell resistance;
+    `covariance`; `polarisation` is rho, `heat_factor` 1 + rho <x^2>/<I^2>, `residual_v` the root mean square
+    of the
+    differenced residuals. `capacity_ah` has a `capacity_deviation_ah`. `used` names the trips that tell
+    resistance;
     empty: all is prior. `capacity_trips` counts those that tell capacity.
     """
 
@@ -137,20 +139,23 @@ def fit_electrical(vehicle: Vehicle, trips: Sequence[Trip], weights: Sequence[fl
     weights = [1.0] * len(trips) if weights is None else weights
     counted = [(trip, weight) for trip, weight in zip(trips, weights) if weight > 0.0]
     capacity_ah, capacity_deviation_ah, capacity_trips = _capacity(vehicle, counted)
-    telling = [(trip, weight) for trip, weight in counted if trip.current_a is not None and trip.voltage_v is not None
+    telling = [(trip, weight) for trip, weight in counted if trip.current_a is not None
+               and trip.voltage_v is not None
                and _variation_a(trip) > LEAST_VARIATION_A]
     precision = _prior_precision(vehicle)
     if not telling:
-        prior = np.linalg.inv(precision)
-        return Electrical(np.zeros(OCV), np.sqrt(np.diag(prior)[:OCV]), np.zeros(KNOTS), prior[BETA, BETA], 0.0, 0.0,
+        prior = np.asarray(np.linalg.inv(precision), dtype=float)
+        return Electrical(np.zeros(OCV), np.sqrt(np.diag(prior)[:OCV]), np.zeros(KNOTS), prior[BETA, BETA],
+                          0.0, 0.0,
                           1.0, math.nan, capacity_ah, capacity_deviation_ah, (), capacity_trips)
-    best = min((_fit(vehicle, telling, capacity_ah, polarisation_s, precision) for polarisation_s in POLARISATION_S),
-               key=lambda found: found[0])
+    best = min((_fit(vehicle, telling, capacity_ah, polarisation_s, precision)
+                for polarisation_s in POLARISATION_S), key=lambda found: found[0])
     _, polarisation_s, theta, covariance, heat_share, residual_v = best
     heat_factor = 1.0 + theta[RHO] * heat_share
     return Electrical(
         theta[:OCV], np.sqrt(np.diag(covariance)[:OCV]), theta[BETA] + math.log(heat_factor),
-        covariance[BETA, BETA] + SYSTEMATIC_DEVIATION**2, float(theta[RHO]), polarisation_s, float(heat_factor),
+        np.asarray(covariance[BETA, BETA] + SYSTEMATIC_DEVIATION**2, dtype=float), float(theta[RHO]),
+        polarisation_s, float(heat_factor),
         residual_v, capacity_ah, capacity_deviation_ah, tuple(trip.name for trip, _ in telling), capacity_trips)
 
 

@@ -35,7 +35,11 @@ MOST_EVALUATIONS = 60
 
 @dataclass(frozen=True, eq=False)
 class TripTerms:
-    """Residuals of one trip at the optimum: its part of gradient (n,) and information (n, n) over the parameters."""
+    """
+    Residuals of one trip at the optimum.
+
+    Its part of gradient (n,) and information (n, n) over the parameters.
+    """
 
     gradient: FloatArray
     information: FloatArray

@@ -48,7 +48,8 @@ def identify(vehicle: Vehicle, trips: Sequence[Trip], name: str,
     """
     Return the Identification of the car that drove the Trips, from a START vehicle; it is called `name`.
 
-    `tell` hears each stage. Raises InvalidInput with reasons if the trips tell too little, and names the recordings
+    `tell` hears each stage. Raises InvalidInput with reasons if the trips tell too little, and names the
+    recordings
     that are missing.
     """
     began_s = time.perf_counter()
@@ -78,7 +79,8 @@ def identify(vehicle: Vehicle, trips: Sequence[Trip], name: str,
         car, vehicle.name, estimates, _resistance(vehicle, full), electrical, structure, tuple(structures),
         known_without, tuple(left_out), together, coverage, check,
         common_remarks(trips),
-        tuple(verdict_of(estimates, left_out, known_without, structures, structure, coverage, together, electrical)),
+        tuple(verdict_of(estimates, left_out, known_without, structures, structure, coverage, together,
+                         electrical)),
         tuple(record_next(estimates, coverage, electrical)), time.perf_counter() - began_s)
 
 
@@ -106,10 +108,12 @@ def _thermal_estimates(fitter: Fitter, fit: ThermalFit, intervals: dict[str, Int
     for name, interval in intervals.items():
         parameter, at = fitter.parameters[name], NAMES.index(name)
         prior = _prior_interval(fitter, name)
+        estimate, low, high, prior_low, prior_high = (
+            float(parameter.value(end)) for end in (float(fit.theta[at]), *interval, *prior))
         estimates.append(Estimated(
-            name, parameter.label, parameter.unit, parameter.start, float(parameter.value(float(fit.theta[at]))),
-            *(float(parameter.value(end)) for end in (*interval, *prior)), name not in held,
-            float(HALF * (interval.high - interval.low) * slopes[at]), parameter.reason, parameter.key))
+            name, parameter.label, parameter.unit, parameter.start, estimate, low, high, prior_low, prior_high,
+            name not in held, float(HALF * (interval.high - interval.low) * slopes[at]), parameter.reason,
+            parameter.key))
     return estimates
 
 

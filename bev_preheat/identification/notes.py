@@ -19,7 +19,8 @@ def notes_of(result: Identification) -> dict[str, str]:
     low_c, high_c = result.coverage.resistance_from_c, result.coverage.resistance_to_c
     if result.electrical.used:
         notes['battery.open_circuit_voltage'] = (
-            f'identified between soc {result.coverage.soc[0]:.2f} and {result.coverage.soc[1]:.2f}; extrapolated beyond')
+            f'identified between soc {result.coverage.soc[0]:.2f} and {result.coverage.soc[1]:.2f}; '
+            f'extrapolated beyond')
         notes['battery.resistance'] = ('identified on one log' if low_c is None or high_c is None else
                                        f'identified between {low_c:g} and {high_c:g} degC; extrapolated beyond')
     leakage = [notes.pop(key) for key in (
@@ -41,4 +42,5 @@ def identified_keys(result: Identification) -> frozenset[str]:
 def _note(item: Estimated) -> str:
     if not item.is_identified:
         return "START's value: the logs do not tell it"
-    return f'identified, 90 % interval {figure(item.low, DIGITS)} ... {figure(item.high, DIGITS)} {item.unit}'.rstrip()
+    interval = f'{figure(item.low, DIGITS)} ... {figure(item.high, DIGITS)} {item.unit}'
+    return f'identified, 90 % interval {interval}'.rstrip()

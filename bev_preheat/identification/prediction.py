@@ -54,7 +54,7 @@ def predict(vehicle: Vehicle, trip: Trip, start_c: float | None = None) -> Predi
     heat_w = gamma * trip.means(trip.ambient_c, edges) + vehicle.drivetrain.heat_to_battery_w(magnitude_w)
     step = make_heated_step(vehicle, SATURATING_FLOATS)
     temperature_c = reading_c = trip.start_c if start_c is None else start_c
-    soc, heater_w, excess_k = float(trip.soc[0]), 0.0, 0.0
+    soc, excess_k = float(trip.soc[0]), 0.0
     courses = [(temperature_c, reading_c, soc)]
     for duration_s, *inputs in zip(*map(np.ndarray.tolist, (
             durations_s, power_w, variance_w2, heat_w, gamma, trip.means(trip.heater_w, edges)))):

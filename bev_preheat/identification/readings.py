@@ -25,8 +25,10 @@ def interval_residuals(model_c: FloatArray, reading_c: FloatArray,
     """
     Return residuals (N,) of model temperatures against rounded readings, and their slopes over the model (N,).
 
-    Half the square of a residual is the negative log-likelihood of the interval reading +- resolution/2 under normal
-    noise of NOISE_K, relative to a model in the middle of it; for a continuous reading it is the scaled difference.
+    Half the square of a residual is the negative log-likelihood of the interval reading +- resolution/2 under
+    normal
+    noise of NOISE_K, relative to a model in the middle of it; for a continuous reading it is the scaled
+    difference.
     """
     off = (model_c - reading_c) / NOISE_K
     half = HALF * resolution_k / NOISE_K

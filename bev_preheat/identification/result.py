@@ -123,5 +123,6 @@ class Identification:
 
 def _row(result: StructureResult) -> dict[str, Any]:
     return {'structure': result.structure, 'rmse_k': result.rmse_k, 'worst_k': result.worst_k,
-            'cost': None if math.isnan(result.cost) else result.cost, 'errors_k': list(map(float, result.errors_k)),
+            'cost': None if math.isnan(result.cost) else result.cost,
+            'errors_k': list(map(float, result.errors_k)),
             'in_the_file': result.in_the_file}

@@ -28,7 +28,11 @@ SENSOR_NOISE_K = 0.1
 
 @dataclass(frozen=True)
 class StructureResult:
-    """A structure's fit cost and its errors [K] on each trip left out; `in_the_file`: a vehicle file can hold it."""
+    """
+    A structure's fit cost and its errors [K] on each trip left out.
+
+    `in_the_file`: a vehicle file can hold the structure.
+    """
 
     structure: str
     cost: float
@@ -88,7 +92,7 @@ def try_structures(fitter: Fitter, whole: Electrical, electricals: Sequence[Elec
 
 
 def chosen_structure(results: Sequence[StructureResult]) -> str:
-    """Return the simplest structure of a vehicle file that no other of them beats by LEAST_GAIN on unseen trips."""
+    """Return the simplest structure of a vehicle file unless another beats by LEAST_GAIN on unseen trips."""
     best, *others = [result for result in results if result.in_the_file]
     for result in others:
         if result.rmse_k < best.rmse_k * (1.0 - LEAST_GAIN):

@@ -29,6 +29,7 @@ from bev_preheat.vehicle.uncertain_car import DriveInputs, Lagging, make_drive_r
 if TYPE_CHECKING:
     from bev_preheat.identification.electrical import Electrical
     from bev_preheat.identification.trips import Trip
+    from bev_preheat.numerics.arithmetic import AnyNumber
     from bev_preheat.numerics.arrays import FloatArray, IntArray
     from bev_preheat.vehicle.description import Vehicle
 
@@ -64,14 +65,15 @@ def course_of(trip: Trip, vehicle: Vehicle) -> Course:
     """
     Return the Course of a Trip: steps of 30 s, at stand up to 300 s.
 
-    The inputs have the variance of the current within each step, measured if possible: that of the power gives it to
+    The inputs have the variance of the current within each step, measured if possible: that of the power gives
+    it to
     first order only, about 5 % too low.
     """
     length = len(trip) // DRIVE_STEP_S * DRIVE_STEP_S
-    fine = np.arange(0, length + 1, DRIVE_STEP_S)
+    fine = np.arange(0.0, length + 1.0, DRIVE_STEP_S)
     active = ((trip.means(np.abs(trip.power_w), fine) > IDLE_W) | (trip.means(trip.heater_w, fine) > 0.0)
               | (trip.means(trip.speed_mps, fine) > 0.5))
-    edges = [0]
+    edges, busy = [0.0], True
     for end, is_active in zip(fine[1:].tolist(), active.tolist()):
         begin = edges[-1]
         # An idle step extends the idle step before it.
@@ -80,7 +82,7 @@ def course_of(trip: Trip, vehicle: Vehicle) -> Course:
         elif end > begin:
             edges.append(end)
         busy = is_active
-    at = np.array(edges, dtype=float)
+    at = np.array(edges)
     power_w = trip.means(trip.power_w, at)
     soc = trip.means(trip.soc, at)
     if trip.current_a is None:
@@ -117,7 +119,11 @@ class ThermalModel:
 
     @cached_property
     def _step(self) -> casadi.Function:
-        """Return the step of states with their slopes over parameters and start temperature, and the reading's row."""
+        """
+        Return the step of states with their slopes over parameters and start temperature.
+
+        A second output is the reading with its slopes.
+        """
         state, inputs, theta, voltage_v = (casadi.SX.sym(name, size) for name, size in (
             ('state', STATES), ('inputs', INPUTS), ('theta', PARAMETERS), ('voltage_v', VOLTAGES)))
         after = self._after(*map(casadi.vertsplit, (state, inputs, theta, voltage_v)))
@@ -129,17 +135,19 @@ class ThermalModel:
                                [casadi.vertcat(after, casadi.vec(slopes_after)),
                                 casadi.horzcat(after[STATES - 1], slopes_after[STATES - 1, :])]).expand()
 
-    def _after(self, state: list[casadi.SX], inputs: list[casadi.SX], theta: list[casadi.SX],
-               voltage_v: list[casadi.SX]) -> casadi.SX:
+    def _after(self, state: list[AnyNumber], inputs: list[AnyNumber], theta: list[AnyNumber],
+               voltage_v: list[AnyNumber]) -> AnyNumber:
         temperature_c, shell_c, under_way_k, sensor_c, local_k, _ = state
         duration_s, power_w, variance_a2, magnitude_w, heater_w, speed_mps, ambient_c, soc = inputs
-        (log_capacity, log_leakage, per_speed, drivetrain_heat, efficiency, log_heat_lag, log_sensor_lag, local_rise,
+        (log_capacity, log_leakage, per_speed, drivetrain_heat, efficiency, log_heat_lag, log_sensor_lag,
+         local_rise,
          shell_share, log_conductance), log_factors = theta[:len(NAMES)], theta[len(NAMES):]
         vehicle = replace(self._vehicle, battery=replace(
             self._vehicle.battery,
             open_circuit_voltage=CorrectedVoltage(self._vehicle.battery.open_circuit_voltage, *voltage_v)))
-        capacity, conductance = casadi.exp(log_capacity), casadi.exp(log_conductance)
-        leakage = Leakage(casadi.exp(log_leakage), per_speed)
+        exp = SYMBOLS.exp
+        capacity, conductance = exp(log_capacity), exp(log_conductance)
+        leakage = Leakage(exp(log_leakage), per_speed)
         core = capacity * (1.0 - shell_share) if self._has_shell else capacity
         car = replace(
             vehicle, hvch=replace(vehicle.hvch, efficiency=efficiency),
@@ -153,7 +161,7 @@ class ThermalModel:
         rates = make_drive_rates(car, SYMBOLS, lambda mean, variance: mean)
         ones = (1.0,) * 5
 
-        def rates_at(core_c: casadi.SX) -> tuple[casadi.SX, casadi.SX, casadi.SX]:
+        def rates_at(core_c: AnyNumber) -> tuple[AnyNumber, AnyNumber, AnyNumber]:
             rate, soc_rate, joule_w = rates(core_c, soc, ones, drive)
             if self._has_shell:
                 rate = rate - conductance * (core_c - shell_c) / core
@@ -182,7 +190,8 @@ class ThermalModel:
         """
         Return sensor temperatures after each step (M,) [deg C] and their slopes (M, PARAMETERS + 1).
 
-        The last slope is that over the start temperature `start_c`; the open-circuit voltage is that of `electrical`.
+        The last slope is that over the start temperature `start_c`; the open-circuit voltage is that of
+        `electrical`.
         """
         steps = course.inputs.shape[1]
         if steps not in self._over:

@@ -157,7 +157,8 @@ def trip_of(recording: Recording, vehicle: Vehicle) -> Trip:
     start_s = max(signals[key].time_s[0] for key in needed)
     end_s = min(signals[key].time_s[-1] for key in needed)
     if end_s - start_s < SHORTEST_TRIP_S:
-        raise InvalidInput(f'{name}: {", ".join(needed)} together last {max(end_s - start_s, 0.0):.0f} s; a log must '
+        raise InvalidInput(f'{name}: {", ".join(needed)} together last {max(end_s - start_s, 0.0):.0f} s; a log '
+                           f'must '
                            f'last at least {SHORTEST_TRIP_S:.0f} s')
     if end_s - start_s > LONGEST_TRIP_S:
         raise InvalidInput(f'{name}: lasts {figure((end_s - start_s) / 3600.0, 3)} h; at most '
@@ -165,7 +166,7 @@ def trip_of(recording: Recording, vehicle: Vehicle) -> Trip:
     grid_s = np.arange(np.floor(end_s - start_s) + 1.0) + start_s
 
     def linear(key: str) -> FloatArray:
-        return np.interp(grid_s, signals[key].time_s, signals[key].value)
+        return np.asarray(np.interp(grid_s, signals[key].time_s, signals[key].value), dtype=float)
 
     def held(key: str) -> FloatArray:
         series = signals[key]
@@ -263,7 +264,8 @@ def _contradictions(name: str, signals: Mapping[str, Series]) -> list[str]:
         if moving.sum() > 20:
             slope = float(np.sum(steps_v[moving] * steps_a[moving]) / np.sum(steps_a[moving]**2))
             if slope > 0.0:
-                problems.append(f'{name}: current_a: the voltage rises by {1e3 * slope:.0f} mV for each ampere drawn; '
+                problems.append(f'{name}: current_a: the voltage rises by {1e3 * slope:.0f} mV for each ampere '
+                                f'drawn; '
                                 'current must be positive while the battery is discharged; reverse its sign')
             elif np.ptp(voltage_v) < 0.2:
                 problems.append(f'{name}: voltage_v: stays at {voltage_v[0]:.1f} V while the current changes; '
@@ -285,7 +287,8 @@ def _refuse_gap(name: str, key: str, time_s: FloatArray, start_s: float, power_w
         around = slice(max(int(time_s[at] - start_s) - 1, 0), int(time_s[at + 1] - start_s) + 2)
         drawn: BoolArray = np.abs(power_w[around]) > LEAST_DRAWN_W
         if drawn.any():
-            raise InvalidInput(f'{name}: {key}: no sample for {gaps_s[at]:.0f} s after {time_s[at]:.0f} s while the car '
+            raise InvalidInput(f'{name}: {key}: no sample for {gaps_s[at]:.0f} s after {time_s[at]:.0f} s while '
+                               f'the car '
                                f'draws power; at most {LONGEST_GAP_S:.0f} s are allowed')
 
 

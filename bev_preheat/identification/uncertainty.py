@@ -3,7 +3,8 @@
 Intervals of the parameters: a bootstrap over whole trips, and profile likelihoods.
 
 Residuals are correlated within a trip, so whole trips are drawn. Each draw takes one Gauss-Newton step from the
-optimum, with the trips' gradients and information in the draw's numbers; the priors' centres vary as the priors say.
+optimum, with the trips' gradients and information in the draw's numbers; the priors' centres vary as the
+priors say.
 """
 
 from __future__ import annotations
@@ -47,7 +48,8 @@ def bootstrap(fit: ThermalFit) -> FloatArray:
     # A draw of n of n trips varies too little by this factor.
     widen = math.sqrt(count / max(count - 1.0, 1.0))
     weights = generator.multinomial(count, np.full(count, 1.0 / count), DRAWS).astype(float)
-    pull = (widen * (weights - 1.0)) @ gradients + generator.standard_normal((DRAWS, len(prior_root))) @ prior_root.T
+    centres = generator.standard_normal((DRAWS, len(prior_root))) @ prior_root.T
+    pull = (widen * (weights - 1.0)) @ gradients + centres
     whole = np.einsum('di,ijk->djk', weights, information) + fit.prior_precision
     return np.asarray(fit.theta[fit.free] - np.linalg.solve(whole, pull[..., np.newaxis])[..., 0])
 

@@ -34,7 +34,8 @@ def verdict_of(estimates: Sequence[Estimated], left_out: Sequence[LeftOut], base
            f'{rmse_k:.2f} K (worst {worst.error_k:+.2f} K, {worst.name}).')
     for baseline in baselines.values():
         if rmse_k > baseline.rmse_k:
-            yield (f'A {baseline.structure} does better on these trips ({baseline.rmse_k:.2f} K): the fit has no value '
+            yield (f'A {baseline.structure} does better on these trips ({baseline.rmse_k:.2f} K): the fit has '
+                   f'no value '
                    'yet.')
     outside = [trip.name for trip in left_out if not trip.is_within]
     if outside:
@@ -54,7 +55,8 @@ def verdict_of(estimates: Sequence[Estimated], left_out: Sequence[LeftOut], base
 
 def _resistance(coverage: Coverage, electrical: Electrical) -> Iterator[str]:
     if not electrical.used:
-        yield ("No log has voltage and current that change: resistance keeps START's value, and heat capacity is known "
+        yield ("No log has voltage and current that change: resistance keeps START's value, and heat capacity "
+               "is known "
                'only as far as that value is right.')
         return
     low_c, high_c = coverage.resistance_from_c, coverage.resistance_to_c
@@ -79,7 +81,8 @@ def _structures(structures: Sequence[StructureResult], structure: str) -> Iterat
                f'{best.structure} predicts them with {best.rmse_k:.2f} K (worst {best.worst_k:.2f} K), but plans, '
                'program and core have one mass, so it stays out of the file.')
     else:
-        yield (f'Structure: {structure} (RMSE {own.rmse_k:.2f} K, worst {own.worst_k:.2f} K on trips left out); no other '
+        yield (f'Structure: {structure} (RMSE {own.rmse_k:.2f} K, worst {own.worst_k:.2f} K on trips left out); '
+               f'no other '
                'structure predicts unseen trips clearly better.')
 
 
@@ -89,15 +92,18 @@ def record_next(estimates: Sequence[Estimated], coverage: Coverage, electrical: 
     if not electrical.used:
         yield 'Voltage and current of the battery, once a second: they tell the resistance.'
     if coverage.heated_trips == 0:
-        yield ('Two drives with the battery heater on, with its power (battery_heater_w): they tell its efficiency and '
+        yield ('Two drives with the battery heater on, with its power (battery_heater_w): they tell its '
+               'efficiency and '
                'the lag of its heat.')
     elif coverage.unheated_drives == 0:
         yield 'Two drives without battery heating: they separate the heater from the Joule heat.'
     if coverage.telling_nights == 0 and not widths['leakage'].is_identified:
-        yield ('A night at stand: the battery at least 10 K warmer than the air, one reading a minute for six hours or '
+        yield ('A night at stand: the battery at least 10 K warmer than the air, one reading a minute for six '
+               'hours or '
                'more; it tells the leakage.')
     if coverage.battery_c[0] > COLDEST_USEFUL_C:
-        yield (f'A drive with a battery below {min(COLDEST_USEFUL_C, coverage.battery_c[0] - 5.0):.0f} degC: it tells '
+        yield (f'A drive with a battery below {min(COLDEST_USEFUL_C, coverage.battery_c[0] - 5.0):.0f} degC: it '
+               f'tells '
                'the resistance in the cold.')
     elif coverage.resistance_from_c is not None and coverage.coldest_c < coverage.resistance_from_c - 1.0:
         yield f'A second drive below {coverage.resistance_from_c:.0f} degC: the resistance there rests on one.'

@@ -45,7 +45,8 @@ def test_check_writes_its_figures_and_keeps_the_bound(logs, tmp_path, capsys):
 
 @pytest.mark.needs('matplotlib')
 def test_check_draws(logs, tmp_path):
-    assert main(['check', logs[0], '--vehicle', 'small_car', '--no-replay', '--plot', str(tmp_path / 'c.png')]) == 0
+    assert main(['check', logs[0], '--vehicle', 'small_car', '--no-replay', '--plot',
+                 str(tmp_path / 'c.png')]) == 0
     assert (tmp_path / 'c.png').read_bytes().startswith(b'\x89PNG')
 
 

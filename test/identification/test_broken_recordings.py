@@ -40,7 +40,8 @@ def with_one(value):
     ({'soc': Series(TIME_S[::-1], np.full(1200, 0.5))}, 'soc: its times must increase'),
     ({'soc': Series(np.empty(0), np.empty(0))}, 'soc: has no samples'),
     ({'soc': Series(TIME_S + 5000.0, np.full(1200, 0.5))}, 'together last 0 s; a log must last at least 120 s'),
-    ({'current_a': Series(GAP_S, recording().signals['current_a'].value)}, 'current_a: no sample for 121 s after 599 s'),
+    ({'current_a': Series(GAP_S, recording().signals['current_a'].value)}, 'current_a: no sample for 121 s '
+                                                                           'after 599 s'),
 ])
 def test_a_broken_recording_is_answered_by_one_line(changes, line):
     with pytest.raises(InvalidInput) as caught:
@@ -77,7 +78,9 @@ def test_charge_against_current_is_refused_although_the_current_is_steady():
 
 @pytest.mark.parametrize('recordings, line', [
     ([recording('A')], '1 usable log; at least 3 are needed'),
-    ([recording(str(number), 1200 + number, battery_temperature_c=lambda c: np.full_like(c, 7.0)) for number in range(3)],
+    ([recording(str(number), 1200 + number, battery_temperature_c=lambda c: np.full_like(c,
+                                                                                         7.0))
+                                                                                         for number in range(3)],
      'battery_temperature_c changes by at most 0.0 K within a log'),
     ([night(str(number), 7.0 + number) for number in range(3)], 'none of the logs is a drive')])
 def test_trips_that_tell_too_little_are_refused_with_what_to_record(recordings, line):
@@ -94,6 +97,7 @@ def test_slightly_negative_heater_power_is_noise():
 
 def test_standing_has_no_propulsion_whatever_is_charged():
     trip = trip_of(recording(current_a=lambda a: np.full_like(a, -40.0), speed_mps=lambda v: 0.0 * v,
-                             soc=lambda s: 0.5 + TIME_S / 1e4, voltage_v=lambda v: np.full_like(v, 384.0)), VEHICLE)
+                             soc=lambda s: 0.5 + TIME_S / 1e4, voltage_v=lambda v: np.full_like(v, 384.0)),
+                             VEHICLE)
     assert trip.kind == 'charging session'
     assert np.abs(trip.propulsion_power_w).max() == 0.0

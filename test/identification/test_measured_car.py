@@ -89,6 +89,7 @@ def test_few_drives_say_that_the_cold_is_extrapolated_and_bear_the_cold_drive():
     result = identified(SIX)
     assert result.coverage.resistance_from_c >= 2.0
     assert result.coverage.coldest_trip == 'TripB38'
-    assert any(sentence.startswith('Resistance below') and 'extrapolated' in sentence for sentence in result.verdict)
+    assert any(sentence.startswith('Resistance below') and 'extrapolated' in sentence
+               for sentence in result.verdict)
     coldest = next(trip for trip in result.left_out if trip.name == 'TripB38')
     assert coldest.is_within

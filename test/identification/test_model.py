@@ -83,7 +83,8 @@ def test_the_fits_model_agrees_with_plans_where_power_is_steady():
     from bev_preheat.identification.electrical import fit_electrical
     from bev_preheat.identification.parameters import NAMES, parameters_of
     from bev_preheat.identification.thermal import course_of, ThermalModel
-    trip = trip_of(recording(current_a=lambda a: np.full_like(a, 60.0), voltage_v=lambda v: np.full_like(v, 374.0)),
+    trip = trip_of(recording(current_a=lambda a: np.full_like(a, 60.0), voltage_v=lambda v: np.full_like(v,
+                                                                                                         374.0)),
                    VEHICLE)
     parameters = parameters_of(VEHICLE)
     theta = np.array([parameters[name].fixed for name in NAMES] + [0.0] * len(KNOTS_C))
@@ -98,7 +99,8 @@ def test_resistance_and_capacity_come_from_voltage_and_current():
     from bev_preheat.numerics.arithmetic import ARRAYS
     # 0.1 ohm where START has 2/(7.5 + 15); 100 Ah where START has 90; a lasting error of 3 V.
     start = replace(VEHICLE, battery=replace(VEHICLE.battery, capacity_ah=90.0))
-    trips = [trip_of(recording(str(number), 1200 + number, voltage_v=lambda v: v - 3.0), start) for number in range(4)]
+    trips = [trip_of(recording(str(number), 1200 + number, voltage_v=lambda v: v - 3.0),
+                     start) for number in range(4)]
     found = fit_electrical(start, trips)
     ohm = CorrectedResistance(start.battery.resistance, found.log_factors).function(ARRAYS)(
         np.array([0.7]), np.array([7.5]))

@@ -27,6 +27,7 @@ def test_the_truth_is_found_within_its_interval(seed):
 
 def test_nights_alone_beside_drives_tell_the_leakage_and_no_heater_says_so():
     import numpy as np
+
     from bev_preheat.identification.fit import Fitter
     from bev_preheat.identification.trips import trips_of
     from bev_preheat.identification.uncertainty import bootstrap_intervals

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Identify synthetic cars: python3 -m bev_preheat_studies.identification [--cars N] [--vehicle NAME] [--without-heater].
+Identify synthetic cars: python3 -m bev_preheat_studies.identification --help.
 
 Prints for each parameter the errors and the coverage of the 90 % intervals.
 """
@@ -26,12 +26,14 @@ def main() -> None:
     for seed in range(arguments.first, arguments.first + arguments.cars):
         cars.append(study_car(arguments.vehicle, seed, not arguments.without_heater))
         last = cars[-1][0]
-        console.print(f'car {seed}: {last.structure}, left out {last.left_out_rmse_k:.2f} K, {last.duration_s:.1f} s',
+        console.print(f'car {seed}: {last.structure}, left out {last.left_out_rmse_k:.2f} K, '
+                      f'{last.duration_s:.1f} s',
                       markup=False)
     print_records(console, f'{arguments.cars} synthetic cars around {arguments.vehicle}',
                   ('parameter', 'cars', 'median error', '95 % error', 'coverage', 'identified'),
                   [(name, f'{count}', f'{100 * median:+.1f} %', f'{100 * most:.1f} %', f'{100 * covered:.0f} %',
-                    f'{100 * identified:.0f} %') for name, count, median, most, covered, identified in summary(cars)],
+                    f'{100 * identified:.0f} %') for name, count, median, most, covered,
+                    identified in summary(cars)],
                   ('left', *['right'] * 5))
 
 

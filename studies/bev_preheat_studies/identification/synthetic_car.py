@@ -2,7 +2,8 @@
 """
 Synthetic cars and their logs: equations of their own, integrated second by second, none of the product's model.
 
-A car has one thermal mass, heater, coolant and sensor with lags. Its parameters are drawn around those of a vehicle file.
+A car has one thermal mass, heater, coolant and sensor with lags. Its parameters are drawn around those of a
+vehicle file.
 """
 
 from __future__ import annotations
@@ -33,7 +34,11 @@ VOLTAGE_SOCS = tuple(number / 10.0 for number in range(11))
 
 @dataclass(frozen=True)
 class SyntheticCar:
-    """True parameters: SI units; `resistance_ohm` at 10 deg C, falling with `resistance_reference_c`; voltages at VOLTAGE_SOCS."""
+    """
+    True parameters in SI units.
+
+    `resistance_ohm` at 10 deg C falls with `resistance_reference_c`; voltages are those at VOLTAGE_SOCS.
+    """
 
     heat_capacity_j_per_k: float
     leakage_w_per_k: float
@@ -51,7 +56,8 @@ class SyntheticCar:
 
     def resistance_at(self, temperature_c: float) -> float:
         """Return the resistance [ohm] at a temperature [deg C]."""
-        return self.resistance_ohm * (10.0 + self.resistance_reference_c) / (temperature_c + self.resistance_reference_c)
+        reference_c = self.resistance_reference_c
+        return self.resistance_ohm * (10.0 + reference_c) / (temperature_c + reference_c)
 
 
 def draw_car(generator: np.random.Generator, nominal: Vehicle) -> SyntheticCar:
@@ -99,7 +105,8 @@ def _drive(car: SyntheticCar, generator: np.random.Generator, name: str, is_heat
         begins_s = int(generator.uniform(0.0, 0.5) * seconds)
         heater_w[begins_s:begins_s + int(generator.uniform(0.3, 0.5) * seconds)] = (
             generator.uniform(0.5, 0.8) * max(car.heater_w - car.cabin_w, 1000.0))
-    return _record(car, generator, name, speed_mps, propulsion_w, heater_w, ambient_c, start_c, car.cabin_w, 500.0, 1)
+    return _record(car, generator, name, speed_mps, propulsion_w, heater_w, ambient_c, start_c, car.cabin_w,
+                   500.0, 1)
 
 
 def _speed_mps(generator: np.random.Generator, seconds: int) -> FloatArray:
@@ -121,8 +128,8 @@ def _night(car: SyntheticCar, generator: np.random.Generator, name: str) -> Reco
     seconds = NIGHT_H * HOUR_S
     ambient_c = float(generator.uniform(-15.0, 5.0))
     zero = np.zeros(seconds)
-    return _record(car, generator, name, zero, zero, zero, ambient_c, ambient_c + float(generator.uniform(12.0, 25.0)),
-                   0.0, 20.0, 60)
+    start_c = ambient_c + float(generator.uniform(12.0, 25.0))
+    return _record(car, generator, name, zero, zero, zero, ambient_c, start_c, 0.0, 20.0, 60)
 
 
 def _record(car: SyntheticCar, generator: np.random.Generator, name: str, speed_mps: FloatArray,
