@@ -15,7 +15,7 @@ from bev_preheat.errors import figure, InvalidInput
 from bev_preheat.files.checked_yaml import load_checked_yaml
 from bev_preheat.files.output_files import check_outputs, existing_file, OutputFile, write_whole
 from bev_preheat.optional_packages import require
-from bev_preheat.vehicle import load_vehicle, vehicle_file
+from bev_preheat.vehicle import load_vehicle, vehicle_file, vehicle_fingerprint
 from bev_preheat.vehicle.loading import SCHEMA
 
 if TYPE_CHECKING:
@@ -40,7 +40,10 @@ def add_parser(subparsers: Subparsers) -> None:
         'to recorded drives, charging sessions and nights at stand. Values that the logs do not tell stay as in '
         'START, '
         'and are named. Needs casadi and scipy; the report needs matplotlib and jinja2.')
-    add_log_arguments(parser)
+    add_log_arguments(parser, needs_logs=False)
+    parser.add_argument('--state-file', metavar='FILE',
+                        help='instead of logs: the state file of a planner that ran with START; its learned values '
+                        'are written')
     completed_by(VEHICLES, parser.add_argument(
         '--vehicle', required=True, metavar='START',
         help='a name in config/vehicles or a YAML file to start from'))
@@ -56,9 +59,13 @@ def run(arguments: Namespace) -> int:
     """Identify, print, and write the requested files; returns the exit status."""
     start_file = vehicle_file(arguments.vehicle)
     check_outputs([json_output(arguments.json), OutputFile('--output', arguments.output, ('.yaml',)),
-                   OutputFile('--report', arguments.report, ('.html',))], [start_file, *arguments.logs])
+                   OutputFile('--report', arguments.report, ('.html',))], [start_file, *arguments.logs,
+                   *([arguments.state_file] if arguments.state_file else [])])
     if existing_file(arguments.output) is not None and not arguments.force:
         raise InvalidInput(f'--output: {arguments.output}: exists; --force replaces it')
+    _refuse_other_arguments(arguments)
+    if arguments.state_file is not None:
+        return _export_learned(arguments, start_file)
     require('casadi', 'scipy', *(['jinja2', 'matplotlib'] if arguments.report else []))
     start = load_vehicle(arguments.vehicle)
     trips = read_trips(arguments, start)
@@ -83,6 +90,41 @@ def run(arguments: Namespace) -> int:
     return 0
 
 
+def _refuse_other_arguments(arguments: Namespace) -> None:
+    """Raise InvalidInput unless there are either logs or a state file."""
+    if arguments.state_file is None and not arguments.logs:
+        raise InvalidInput('LOG: missing; name recorded drives, or a state file with --state-file')
+    if arguments.state_file is not None and (arguments.logs or arguments.report or arguments.json):
+        raise InvalidInput('--state-file: not allowed with logs, --report or --json: it needs no fit')
+
+
+def _export_learned(arguments: Namespace, start_file: Path) -> int:
+    """Write the vehicle file with the values of a state file, print them, and return the exit status."""
+    from bev_preheat.identification.learned_file import learned_vehicle
+    from bev_preheat.identification.vehicle_file import file_text
+    name = Path(arguments.output).stem if arguments.name is None else arguments.name
+    learned = learned_vehicle(load_vehicle(arguments.vehicle), vehicle_fingerprint(start_file.read_bytes()),
+                              arguments.state_file, name)
+    words = ['preheat', 'identify', '--state-file', arguments.state_file, '--vehicle', arguments.vehicle,
+             '--output', arguments.output]
+    head = f'Vehicle {name}, with the values that a planner learned on line, by\n    {shlex.join(words)}'
+    write_whole(arguments.output, file_text(
+        load_checked_yaml(start_file, SCHEMA), learned.vehicle, name, learned.notes, frozenset(),
+        _printable(head)))
+    load_vehicle(Path(arguments.output).resolve())
+    console = result_console()
+    print_records(console, f'Vehicle {name}: learned on line', ('factor', 'estimate', '90 % interval'),
+                  [(label, figure(value, DIGITS), f'{figure(low, DIGITS)} … {figure(high, DIGITS)}')
+                   for label, value, low, high in learned.rows], ('left', 'right', 'right'))
+    console.print(f'written: {arguments.output}', markup=False, soft_wrap=True)
+    return 0
+
+
+def _printable(text: str) -> str:
+    """Return a text for a comment."""
+    return ''.join(letter if letter.isprintable() or letter == '\n' else ' ' for letter in text)
+
+
 def _write_vehicle(arguments: Namespace, result: Identification, start_file: Path) -> None:
     """Write the vehicle file, and load it as a check."""
     from bev_preheat.identification.notes import identified_keys, notes_of
@@ -92,9 +134,8 @@ def _write_vehicle(arguments: Namespace, result: Identification, start_file: Pat
             f'    {shlex.join(words)}\nArrival temperature of trips that the fit has not seen: RMSE '
             f'{result.rmse_k:.2f} K, '
             f'worst {result.worst_k:.2f} K.')
-    head = ''.join(letter if letter.isprintable() or letter == '\n' else ' ' for letter in head)
     text = file_text(load_checked_yaml(start_file, SCHEMA), result.vehicle, result.vehicle.name, notes_of(result),
-                     identified_keys(result), head)
+                     identified_keys(result), _printable(head))
     write_whole(arguments.output, text)
     load_vehicle(Path(arguments.output).resolve())
 

@@ -15,9 +15,9 @@ if TYPE_CHECKING:
     from bev_preheat.vehicle import Vehicle
 
 
-def add_log_arguments(parser: ArgumentParser) -> None:
-    """Add the logs and `--signals`."""
-    parser.add_argument('logs', nargs='+', metavar='LOG',
+def add_log_arguments(parser: ArgumentParser, needs_logs: bool = True) -> None:
+    """Add the logs, at least one if the command `needs_logs`, and `--signals`."""
+    parser.add_argument('logs', nargs='+' if needs_logs else '*', metavar='LOG',
                         help='recorded drives, charging sessions, nights at stand')
     parser.add_argument('--signals', metavar='NAME|FILE',
                         help="signal map of the logs (default: found from the logs' names of signals)")

@@ -1,0 +1,68 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`preheat identify --state-file`: values learned on line become a vehicle file."""
+
+import math
+
+import numpy as np
+import pytest
+import yaml
+
+from bev_preheat.commands.main import main
+from bev_preheat.estimation.prior import Learned, prior_factor_covariance
+from bev_preheat.estimation.state_file import save_state
+from bev_preheat.numerics.arithmetic import FLOATS
+from bev_preheat.vehicle import load_vehicle, vehicle_contents, vehicle_fingerprint
+
+# Heat capacity, leakage, resistance, heater efficiency, propulsion.
+FACTORS = (1.1, 0.8, 1.2, 0.95, 1.0)
+
+
+@pytest.fixture
+def state_file(tmp_path):
+    path = tmp_path / 'state.json'
+    covariance = 0.25 * prior_factor_covariance()
+    save_state(path, vehicle_fingerprint(vehicle_contents('small_car')),
+               Learned(np.log(np.array(FACTORS)), covariance))
+    return path
+
+
+def test_each_value_is_the_file_s_times_its_factor(state_file, tmp_path, capsys):
+    output = tmp_path / 'my.yaml'
+    assert main(['identify', '--state-file', str(state_file), '--vehicle', 'small_car', '--output', str(output)]) == 0
+    start, car = load_vehicle('small_car'), load_vehicle(output)
+    assert car.battery.heat_capacity_j_per_k == pytest.approx(1.1 * start.battery.heat_capacity_j_per_k, rel=1e-4)
+    assert car.battery.leakage.gamma_0_w_per_k == pytest.approx(0.8 * start.battery.leakage.gamma_0_w_per_k, rel=1e-4)
+    assert car.battery.leakage.gamma_v_w_per_k_per_mps == pytest.approx(
+        0.8 * start.battery.leakage.gamma_v_w_per_k_per_mps, rel=1e-4)
+    assert car.hvch.efficiency == pytest.approx(0.95 * start.hvch.efficiency, rel=1e-4)
+    for soc, at_c in ((0.2, -10.0), (0.5, 0.0), (1.0, 25.0)):
+        assert car.battery.resistance.function(FLOATS)(soc, at_c) == pytest.approx(
+            1.2 * start.battery.resistance.function(FLOATS)(soc, at_c), rel=1e-3)
+    # Everything else is the start file's.
+    mine, theirs = yaml.safe_load(output.read_text()), yaml.safe_load(vehicle_contents('small_car'))
+    for key in ('defaults', 'charging', 'road_load', 'drivetrain'):
+        assert mine[key] == theirs[key]
+    assert mine['battery']['open_circuit_voltage'] == theirs['battery']['open_circuit_voltage']
+    # Half the prior's standard deviation of 0.058, and 0.01 for the time since, times 1.645.
+    low = 1.1 * math.exp(-1.6449 * math.hypot(0.029, 0.01))
+    assert f'{low:.4g}' in capsys.readouterr().out
+
+
+@pytest.mark.parametrize('words, line', [
+    (['--vehicle', 'reference'], 'nothing learned about this vehicle file; name the file with which the planner ran'),
+    (['--vehicle', 'small_car', 'drive.csv'], '--state-file: not allowed with logs')])
+def test_another_car_and_logs_beside_it_are_refused(state_file, tmp_path, capsys, words, line):
+    assert main(['identify', '--state-file', str(state_file), '--output', str(tmp_path / 'x.yaml'), *words]) == 2
+    assert line in capsys.readouterr().err
+
+
+def test_neither_logs_nor_state_file_is_refused(tmp_path, capsys):
+    assert main(['identify', '--vehicle', 'small_car', '--output', str(tmp_path / 'x.yaml')]) == 2
+    assert 'LOG: missing' in capsys.readouterr().err
+
+
+def test_a_file_that_is_no_state_file_is_refused(tmp_path, capsys):
+    (tmp_path / 'other.json').write_text('{"mine": 1}')
+    assert main(['identify', '--state-file', str(tmp_path / 'other.json'), '--vehicle', 'small_car',
+                 '--output', str(tmp_path / 'x.yaml')]) == 2
+    assert 'it is not a state file of this planner' in capsys.readouterr().err
