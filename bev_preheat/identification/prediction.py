@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.numerics.arithmetic import SATURATING_FLOATS
-from bev_preheat.vehicle.heat_path import make_heated_step, sensor_reading_c
+from bev_preheat.vehicle.heated_step import make_heated_step, sensor_reading_c
 
 if TYPE_CHECKING:
     from bev_preheat.identification.trips import Trip

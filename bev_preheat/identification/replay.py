@@ -65,7 +65,7 @@ def replay_errors_k(vehicle: Vehicle, trip: Trip, estimation: bool) -> dict[int,
         now_ns += NS_PER_S
         supervisor.step(now_ns, BatteryStateArrived(Measurement(
             BatteryState(temperature_c, round(soc, SOC_DIGITS)), now_ns, *(electrical[at] if electrical else ()))))
-        plan = supervisor.decision.plan
+        plan = supervisor.state.decision.plan
         if length - at in LEADS_S and plan is not None:
             errors_k[length - at] = plan.arrival_temperature_c - trip.arrival_c
     return errors_k
