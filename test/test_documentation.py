@@ -80,8 +80,9 @@ def typed_pages():
         commands = commands_of(page.read_text())
         if commands:
             needs_casadi = any(command.words[1] in NEED_CASADI for command in commands)
-            yield pytest.param(page, id=name_of(page),
-                               marks=[pytest.mark.needs('casadi')] * needs_casadi)
+            needs_pint = any(command.words[1] == 'log' for command in commands)
+            yield pytest.param(page, id=name_of(page), marks=(
+                [pytest.mark.needs('casadi')] * needs_casadi + [pytest.mark.needs('pint')] * needs_pint))
 
 
 def run_script(arguments):

@@ -176,6 +176,7 @@ class ForecastPlanner:
         wanted = planning.wanted(self._forecast)
         if self._forecast is None:
             # The lead depends on the arrival's standard deviation, which depends on a plan.
+            # With a first plan without a lead, a route that is replaced on the way can change the command.
             self._forecast = planning.forecast(wanted)
             wanted = planning.wanted(self._forecast)
         expected, commanded, words = planning.expected(wanted, self._forecast)

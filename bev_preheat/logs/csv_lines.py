@@ -9,7 +9,7 @@ import csv
 from dataclasses import dataclass
 import re
 
-from bev_preheat.logs.numbers import decimal_mark, NUMBER, read_numbers
+from bev_preheat.logs.cell_numbers import decimal_mark, NUMBER, read_numbers
 from bev_preheat.logs.units import pint_unit
 
 SEPARATORS = ('\t', ';', ',', '|')

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.errors import figure, InvalidInput, quoted
-from bev_preheat.logs.numbers import read_numbers, unit_in_cells
+from bev_preheat.logs.cell_numbers import read_numbers, unit_in_cells
 from bev_preheat.logs.units import ALIKE, check_unit, Conversion, conversion, own_unit
 
 if TYPE_CHECKING:

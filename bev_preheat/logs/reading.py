@@ -58,9 +58,9 @@ def read_recording(path: str | Path, signals: str | Path | SignalMap | None = No
     for channel in {each for channels in chosen.values() for each in channels if f'{each} #2' in names}:
         remarks.add(f'twice {channel}', f'{path}: {channel} is named more than once; the first counts')
     units = {channel.name: channel.unit for channel in log.channels}
-    decoders = {(signal, channel): Decoder(signal_map.sources[signal], channel, units[channel], log.decimal,
-                                         repair)
-                for signal, channels in chosen.items() for channel in channels}
+    decoders = {
+        (signal, channel): Decoder(signal_map.sources[signal], channel, units[channel], log.decimal, repair)
+        for signal, channels in chosen.items() for channel in channels}
     samples = {key: Samples() for key in decoders}
     by_channel: dict[str, list[tuple[str, str]]] = {}
     for key in decoders:
@@ -166,10 +166,10 @@ def _in_order(path: str | Path, log: RawLog, channel: str, time_s: FloatArray, v
         # Clocks that were not yet set, or a digit that was lost.
         far = np.abs(time_s - np.median(time_s)) > LONGEST_LOG_S
         if far.any():
-            remarks.add_shared('far', f'{path}, {log.place} {places[int(np.argmax(far))]}: the time is more than '
-                        f'{LONGEST_LOG_S / 86400.0:g} days from the others; the reading is '
-                        'dropped', int(far.sum()),
-                        'reading')
+            first = places[int(np.argmax(far))]
+            remarks.add_shared('far', f'{path}, {log.place} {first}: the time is more than '
+                               f'{LONGEST_LOG_S / 86400.0:g} days from the others; the reading is dropped',
+                               int(far.sum()), 'reading')
             time_s, values, places = time_s[~far], values[~far], places[~far]
     steps_s = np.diff(time_s)
     back = np.flatnonzero(steps_s < 0.0)
@@ -194,4 +194,3 @@ def _in_order(path: str | Path, log: RawLog, channel: str, time_s: FloatArray, v
         values = np.add.reduceat(values, starts) / np.diff(starts, append=len(values))
         time_s = time_s[starts]
     return Series(time_s, values)
-

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import codecs
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -38,9 +39,7 @@ def encoding_of(head: bytes) -> str | None:
         return 'utf-16'
     try:
         # The end may cut a character.
-        text = head.decode('utf-8-sig') if len(head) < HEAD_BYTES else head[:-4].decode('utf-8-sig', 'ignore')
-        if len(head) >= HEAD_BYTES and len(text.encode()) < len(head) - 16:
-            raise UnicodeDecodeError('utf-8', b'', 0, 1, '')
+        text = codecs.getincrementaldecoder('utf-8-sig')().decode(head, final=len(head) < HEAD_BYTES)
         encoding = 'utf-8-sig'
     except UnicodeDecodeError:
         text, encoding = head.decode('cp1252', 'replace'), 'cp1252'

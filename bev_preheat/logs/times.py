@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.logs.numbers import read_numbers
+from bev_preheat.logs.cell_numbers import read_numbers
 from bev_preheat.logs.units import conversion
 
 if TYPE_CHECKING:
@@ -172,8 +172,9 @@ def _date_clock(texts: Sequence[str]) -> Clock | None:
         order = 'mdy'
     else:
         order = 'mdy' if mark == '/' else 'dmy'
-        remark = '' if mark == '.' else (f'date {first[0]!r} can be read in two ways; the '
-                  f'{"month" if order == "mdy" else "day"} is taken to come first')
+        if mark != '.':
+            remark = (f'date {first[0]!r} can be read in two ways; the {"month" if order == "mdy" else "day"} is '
+                      'taken to come first')
     return Clock(lambda cells: np.array([_date_seconds(cell, order) for cell in cells], dtype=float), True, remark)
 
 

@@ -19,6 +19,8 @@ SPELLINGS = {
     'v': 'volt', 'volt': 'volt', 'volts': 'volt', 'mv': 'millivolt', 'kv': 'kilovolt',
     'a': 'ampere', 'amp': 'ampere', 'amps': 'ampere', 'ampere': 'ampere', 'ma': 'milliampere',
     'w': 'watt', 'watt': 'watt', 'watts': 'watt', 'kw': 'kilowatt', 'mw': 'milliwatt', 'hp': 'horsepower',
+    'meters/second': 'meter/second', 'metres/second': 'meter/second', 'm/sec': 'meter/second',
+    'miles/hour': 'mile/hour', 'km/hour': 'kilometer/hour', 'kmph': 'kilometer/hour',
     'm/s': 'meter/second', 'mps': 'meter/second', 'ms-1': 'meter/second',
     'km/h': 'kilometer/hour', 'kmh': 'kilometer/hour', 'kph': 'kilometer/hour', 'km/hr': 'kilometer/hour',
     'км/ч': 'kilometer/hour', 'mph': 'mile/hour', 'mi/h': 'mile/hour', 'miles/h': 'mile/hour',

@@ -95,8 +95,14 @@ def _segments(path: str | Path, recording: Recording, defaults: Defaults,
         return np.interp(time_s, series.time_s, series.value)
 
     cabin_w, battery_w = _heaters(path, recording, defaults, time_s, remarks)
-    auxiliary_w = (at_instants('auxiliary_w') if 'auxiliary_w' in found else
-                   np.full(len(time_s), defaults.auxiliary_power_w))
+    auxiliary_w = np.full(len(time_s), defaults.auxiliary_power_w)
+    if 'auxiliary_w' in found:
+        if found['auxiliary_w'].value.any():
+            auxiliary_w = at_instants('auxiliary_w')
+        else:
+            # Loggers write 0 for a value that they do not get.
+            remarks.append(f'{path}: auxiliary_w is always 0; auxiliaries '
+                           f'({figure(defaults.auxiliary_power_w)} W) are those of the vehicle')
     if 'aircon_w' in found:
         auxiliary_w = auxiliary_w + at_instants('aircon_w')
     return {

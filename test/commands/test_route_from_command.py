@@ -55,7 +55,8 @@ def test_charging_stops_are_written_and_read_again(preheat, tmp_path):
     assert status == 0 and 'planned up to the first of 1 charging stops, after 8 min' in errors
     text = (tmp_path / 'made.csv').read_text()
     for wrong in ('0, 1200', '99, 1200', '5, 0'):
-        (tmp_path / 'made.csv').write_text(text.replace(f'segment {stop.after_segment + 1}, 1200', f'segment {wrong}'))
+        (tmp_path / 'made.csv').write_text(
+            text.replace(f'segment {stop.after_segment + 1}, 1200', f'segment {wrong}'))
         with pytest.raises(InvalidInput, match='charging stop: .* is not allowed; it must be'):
             load_file_route(tmp_path / 'made.csv', CAR.defaults)
 
@@ -71,7 +72,8 @@ def test_the_comparison_with_averages_is_printed(preheat):
     (('route', '--from', 'made.csv', '--output', 'out.csv'), 'is a route file with powers already'),
     (('route', '--legs', 'reference', '--ambient', '3', '--output', 'out.csv'), '--ambient: only with --from'),
     (('route', '--from', 'nowhere.gpx', '--output', 'out.csv'), 'nowhere.gpx: no such file'),
-    (('plan', '--route', 'made.csv', '--ambient', '3', *STATE), 'has its own ambient temperature; leave out --ambient'),
+    (('plan', '--route', 'made.csv', '--ambient', '3', *STATE),
+     'has its own ambient temperature; leave out --ambient'),
     (('plan', '--route', 'cycle.csv', '--ambient', '300', *STATE), '--ambient: 300 degC is not allowed'),
     (('route', '--from', 'answer.json', '--ambient', '3', '--stop-duration', '-1', '--output', 'out.csv'),
      '--stop-duration: -1 min is not allowed'),

@@ -49,9 +49,8 @@ def assert_is(recording, log, signals, atol):
 SIGNALS = ('voltage_v', 'current_a', 'soc', 'battery_temperature_c', 'speed_mps', 'ambient_c')
 
 
-@pytest.mark.parametrize('writer, name, '
-                         'kind', [('CanutilsLogWriter', 'a.log', 'candump'), ('ASCWriter', 'a.asc', 'ASC'),
-                                                ('BLFWriter', 'a.blf', 'BLF')])
+@pytest.mark.parametrize('writer, name, kind', [
+    ('CanutilsLogWriter', 'a.log', 'candump'), ('ASCWriter', 'a.asc', 'ASC'), ('BLFWriter', 'a.blf', 'BLF')])
 @pytest.mark.needs('can')
 @pytest.mark.needs('cantools')
 @pytest.mark.needs('pint')

@@ -55,6 +55,7 @@ def test_absolute_times(tmp_path, form):
     ('t', lambda second: f'{1000.0 * second:.0f}', None),
     ('time', lambda second: f'{int(86390 + second) % 86400 // 3600}:{int(86390 + second) % 3600 // 60:02}'
      f':{(86390 + second) % 60:02.0f}', None)])
+@pytest.mark.needs('pint')
 def test_relative_times(tmp_path, heading, times, start_s):
     log = drive(60.0)
     recording = read_recording(write_wide(tmp_path / 'a.csv', log, names={**{name: name for name in log},
@@ -80,6 +81,18 @@ def test_headings_of_a_german_spreadsheet(tmp_path):
     names['voltage_v'] = 'Spannung Batterie [V]'
     recording = read_recording(write_wide(tmp_path / 'a.csv', written, ';', ',', names=names))
     assert_is(recording, log, list(names)[1:])
+
+
+@pytest.mark.parametrize('encoding', ['utf-8', 'utf-16', 'cp1252'])
+@pytest.mark.parametrize('duration_s', [60.0, 6000.0])
+@pytest.mark.needs('pint')
+def test_encodings_of_short_and_long_files(tmp_path, encoding, duration_s):
+    log = drive(duration_s)
+    written = {**log, 'battery_temperature_c': 1.8 * log['battery_temperature_c'] + 32.0}
+    path = write_wide(tmp_path / 'a.csv', written,
+                      names={**{name: name for name in log}, 'battery_temperature_c': 'Batterie-Temp. (°F)'})
+    path.write_bytes(path.read_text(encoding='utf-8').encode(encoding))
+    assert_is(read_recording(path), log)
 
 
 @pytest.mark.needs('pint')

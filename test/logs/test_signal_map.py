@@ -47,9 +47,8 @@ signals:
     assert recording.signal_map == 'map'
 
 
-@pytest.mark.parametrize('combine, '
-                         'expected', [('mean', [5.0, 14.0 / 3.0]), ('min', [2.0, 2.0]), ('max', [8.0, 8.0]),
-                                               ('first', [2.0])])
+@pytest.mark.parametrize('combine, expected', [
+    ('mean', [5.0, 14.0 / 3.0]), ('min', [2.0, 2.0]), ('max', [8.0, 8.0]), ('first', [2.0])])
 def test_several_temperatures_become_one(tmp_path, combine, expected):
     # A sensor without a reading keeps its last one for a minute.
     signals = map_file(tmp_path, f'signals: {{battery_temperature_c: {{channels: /^T\\d/, combine: {combine}, '
@@ -64,6 +63,7 @@ def test_a_named_temperature_alone(tmp_path):
     assert values(read_recording(log, signals), 'battery_temperature_c') == [5.0, 4.0]
 
 
+@pytest.mark.needs('pint')
 def test_readings_that_mean_none_are_counted(tmp_path):
     signals = map_file(tmp_path, 'no_reading: [65535]\nsignals: {soc: {channels: S, unit: percent}}')
     log = log_file(tmp_path, 'time_s,S', '0,50', '1,65535', '2,49', '3,65535', '4,48')
@@ -75,6 +75,7 @@ def test_readings_that_mean_none_are_counted(tmp_path):
 
 @pytest.mark.parametrize('raw, expected', [
     ('812345', 0.812345), ('8123', 0.8123), ('81.2', 0.812), ('0.81', 0.81)])
+@pytest.mark.needs('pint')
 def test_one_of_several_scales_is_chosen_by_plausibility(tmp_path, raw, expected):
     log = log_file(tmp_path, 'epoch time,Gids,SOC,Pack Volts,Pack Amps', f'1700000000,1,{raw},370,5',
                    f'1700000017,1,{raw},370,5')
@@ -126,7 +127,8 @@ def test_names_are_compared_without_case_blanks_and_units(entry, name, expected)
     assert matches(entry, name) is expected
 
 
+@pytest.mark.needs('pint')
 def test_a_damaged_name_does_not_hold_the_reader_up(tmp_path):
-    log = log_file(tmp_path, 'SECONDS;PID;VALUE;UNITS', *(f'{at};{"[" * (3000 if at == 5 else 0)}SOC;50;%'
-                                                           for at in range(9)))
+    lines = [f'{at};{"[" * (3000 if at == 5 else 0)}SOC;50;%' for at in range(9)]
+    log = log_file(tmp_path, 'SECONDS;PID;VALUE;UNITS', *lines)
     assert len(read_recording(log).signals['soc'].value) == 8

@@ -106,8 +106,8 @@ def test_changed_values_give_a_route_or_a_refusal(tmp_path, name):
 
 @pytest.mark.parametrize('contents, problem', [
     ('', 'is empty; its first line must name the columns: '),
-    ('{', 'line 1: is not JSON: '), ('[]', 'is not a list of segments: a list'), ('[1]', 'segment 1: must be an '
-     'object'),
+    ('{', 'line 1: is not JSON: '), ('[]', 'is not a list of segments: a list'),
+    ('[1]', 'segment 1: must be an object'),
     ('{"a": [1], "b": [1, 2]}', 'its lists have different lengths: 1, 2'),
     ('{"a": 1}', 'is not a route: it has no routes (OSRM), no trip (Valhalla), no type (GeoJSON) and no '
      'segments; its keys are: a'),
@@ -147,8 +147,8 @@ def test_mistakes_are_named(tmp_path, contents, problem):
     (('lat="47.0000000"', 'lat="97"'), 'trkpt 1: latitude: 97 is not allowed; it must be -90 ... 90 degrees'),
     (('lat="47.0000000"', 'lat="x"'), 'is not GPX: '), (('lat="47.0000000"', ''), 'is not GPX: '),
     (('T07:00:02.500000Z', 'T06:00:02.500000Z'), 'trkpt 2: time: is 3597.5 s before that of the previous trkpt'),
-    (('<ele>600.00</ele>', '<ele>60000</ele>'), 'point 1: elevation: 60000 m is not allowed; it must be -500 ... '
-      '9000 m'),
+    (('<ele>600.00</ele>', '<ele>60000</ele>'),
+     'point 1: elevation: 60000 m is not allowed; it must be -500 ... 9000 m'),
     (('</trkseg>', ''), 'line 404: is not XML: mismatched tag; is the file complete?'),
     (('<trk>', '<wpt lat="1" lon="2"/><metadata/><trk>'), None)])
 def test_mistakes_in_gpx_are_named(tmp_path, change, problem):

@@ -337,6 +337,16 @@ def test_any_sampling_keeps_distance_and_energy(write, interval_s):
         [f'has a sample every {interval_s:g} s'[:22]] if interval_s >= 5.0 else [])
 
 
+def test_auxiliaries_that_are_always_zero_are_not_believed(write):
+    log = samples()
+    expected = load_drive_logs([write(log)], DEFAULTS).route
+    path = write({**log, 'auxiliary_w': np.zeros(60)}, 'zero.csv')
+    made = load_drive_logs([path], DEFAULTS)
+    assert_same_route(made.route, expected)
+    assert made.remarks == (
+        f'{path}: auxiliary_w is always 0; auxiliaries (222 W) are those of the vehicle',)
+
+
 def test_a_sample_a_minute_is_too_slow(write):
     log = samples()
     log['time_s'] *= 60.0

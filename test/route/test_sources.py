@@ -238,8 +238,9 @@ def test_byte_order_marks_and_line_ends_do_not_matter(tmp_path, name, change):
 
 
 @pytest.mark.parametrize('header', [
-    'time_s,speed_kmh', 'Time [s],v [km/h]', 'Total elapsed time (s),Speed (km/h)', 'Zeit [s],Geschwindigkeit [km/h]',
-    't_s,v_kmh', 'Time,WLTC speed [kph]', 'time_s,wltc_class_3b_kmh', 'Elapsed time / s,Speed / km/h',
+    'time_s,speed_kmh', 'Time [s],v [km/h]', 'Total elapsed time (s),Speed (km/h)', 't_s,v_kmh',
+    'Zeit [s],Geschwindigkeit [km/h]', 'Time,WLTC speed [kph]', 'time_s,wltc_class_3b_kmh',
+    'Elapsed time / s,Speed / km/h',
     'time,speed\n[s],[km/h]'])
 def test_columns_are_spelt_in_many_ways(tmp_path, header):
     usual = examples.speed_table()
@@ -249,11 +250,13 @@ def test_columns_are_spelt_in_many_ways(tmp_path, header):
 
 
 @pytest.mark.parametrize('moment', [
-    lambda second: f'2026-01-31T08:{second // 60:02d}:{second % 60:02d}Z', lambda second: 1_769_846_400 + second,
+    lambda second: f'2026-01-31T08:{second // 60:02d}:{second % 60:02d}Z',
+    lambda second: 1_769_846_400 + second,
     lambda second: f'08:{second // 60:02d}:{second % 60:02d}'])
 def test_times_are_seconds_dates_or_times_of_day(tmp_path, moment):
     rows = examples.speed_table().splitlines()
-    text = '\n'.join(['time,speed_kmh', *(f'{moment(second)},{row.split(",")[1]}' for second, row in enumerate(rows[1:]))])
+    text = '\n'.join(['time,speed_kmh', *(
+        f'{moment(second)},{row.split(",")[1]}' for second, row in enumerate(rows[1:]))])
     assert loaded(tmp_path, text).route.distance_m == pytest.approx(
         loaded(tmp_path, examples.speed_table()).route.distance_m)
 

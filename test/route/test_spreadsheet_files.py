@@ -217,6 +217,7 @@ LOG = ('time_s;speed_kmh;power_kw;cabin_heater_kw;ambient_c;remark\n'
        + ''.join(f'{second};72;12,5;0,9;-3;"ok; 1.500"\n' for second in range(60)))
 
 
+@pytest.mark.needs('pint')
 def test_a_drive_log_of_a_spreadsheet(tmp_path):
     """Unused columns may contain anything."""
     route = load_drive_logs([file_of(tmp_path, LOG)], DEFAULTS).route
@@ -226,6 +227,7 @@ def test_a_drive_log_of_a_spreadsheet(tmp_path):
     assert route.propulsion_power_w == pytest.approx(12500.0 - 900.0 - 222.0, rel=1e-12)
 
 
+@pytest.mark.needs('pint')
 def test_an_impossible_sample_is_shown_in_the_unit_of_the_log(tmp_path):
     path = file_of(tmp_path, LOG.replace('\n30;72;', '\n30;1720;'))
     remark = load_drive_logs([path], DEFAULTS).remarks[0]
@@ -238,6 +240,7 @@ def test_an_impossible_sample_is_shown_in_the_unit_of_the_log(tmp_path):
         ", line 9: power_kw: '1.012,5' is not a number; it is dropped",
         ': power_w: 2 s without a valid sample, from 6 s to 8 s, are bridged')),
 ])
+@pytest.mark.needs('pint')
 def test_a_drive_log_with_doubtful_cells(tmp_path, change, remarks):
     path = file_of(tmp_path, LOG.replace(*change))
     assert load_drive_logs([path], DEFAULTS).remarks == tuple(f'{path}{remark}' for remark in remarks)

@@ -84,7 +84,7 @@ def test_the_map_is_the_curve_times_the_share_of_the_cold(temperature_c, at_c, e
     (LFP, 50.0, 1.0), (LFP, 60.0, 0.5), (LFP, 70.0, 0.0)])
 def test_a_hot_battery_takes_less(chemistry, at_c, share):
     table = charging_map(ChargingCurve((0.0, 1.0), (150.0, 80.0), 30.0), chemistry, 120.0)
-    # The maximum is 120 kW at 0 %, whatever the curve says; the hot share is one of the power that is left.
+    # The maximum is 120 kW at 0 %, whatever the curve says, and the hot share applies to this maximum.
     assert table.function(FLOATS)(0.0, at_c) == pytest.approx(-120e3 * share, abs=1.0)
     assert table.function(FLOATS)(1.0, at_c) == pytest.approx(-80e3 * share, abs=1.0)
 
