@@ -68,6 +68,7 @@ def run(arguments: Namespace) -> int:
     start = load_vehicle(arguments.vehicle)
     trips = read_trips(arguments, start)
     from bev_preheat.identification.identify import identify
+    from bev_preheat.identification.verdict import POOR_RMSE_K
     name = Path(arguments.output).stem if arguments.name is None else arguments.name
     with progress_bar() as bar:
         task = bar.add_task('', total=STAGES)
@@ -77,13 +78,18 @@ def run(arguments: Namespace) -> int:
             bar.advance(task)
 
         result = identify(start, trips, name, tell)
-    _write_vehicle(arguments, result, start_file)
     if arguments.report:
         from bev_preheat.drawing.identification_figures import report_pictures
         from bev_preheat.identification.report import report_text
         write_whole(arguments.report, report_text(result, report_pictures(result)))
     if arguments.json:
         write_json(arguments.json, result.as_dictionary())
+    if not result.is_useful:
+        raise InvalidInput(
+            f'{arguments.output}: not written: trips that the fit has not seen are predicted with an RMSE of '
+            f'{result.rmse_k:.1f} K; at most {POOR_RMSE_K:g} K are allowed; check that battery_temperature_c and '
+            'the powers of all logs are those of one car')
+    _write_vehicle(arguments, result, start_file)
     _print_result(result_console(arguments.json), result, arguments)
     return 0
 

@@ -8,6 +8,7 @@ import math
 from typing import Any, TYPE_CHECKING
 
 from bev_preheat.identification.check import rms
+from bev_preheat.identification.verdict import POOR_RMSE_K
 
 if TYPE_CHECKING:
     from bev_preheat.identification.check import Check
@@ -89,6 +90,11 @@ class Identification:
     def worst_k(self) -> float:
         """Largest error on a trip left out [K]."""
         return max(abs(trip.error_k) for trip in self.left_out)
+
+    @property
+    def is_useful(self) -> bool:
+        """Whether unseen trips are predicted well enough for a vehicle file."""
+        return self.rmse_k <= POOR_RMSE_K
 
     @property
     def unidentified(self) -> list[str]:

@@ -63,8 +63,8 @@ def _resistance(coverage: Coverage, electrical: Electrical) -> Iterator[str]:
         yield f'Resistance rests on one log only ({coverage.coldest_trip}).'
         return
     if coverage.coldest_c < low_c:
-        yield (f'Resistance below {low_c:.0f} degC is extrapolated: down to {coverage.coldest_c:.0f} degC it rests '
-               f'on one trip ({coverage.coldest_trip}), below that on the prior alone.')
+        yield (f'Resistance below {low_c:.0f} degC is extrapolated: down to {coverage.coldest_c:.0f} degC it '
+               f'rests on one trip ({coverage.coldest_trip}), below that on the prior alone.')
     else:
         yield f'Resistance below {low_c:.0f} degC is extrapolated: it rests on the prior alone.'
     yield f'Resistance above {high_c:.0f} degC is extrapolated.'

@@ -125,7 +125,7 @@ def test_each_command_of_the_tutorial_runs_on_logs_of_a_simulated_car(logs, tmp_
         shutil.copy(log, folder)
     monkeypatch.chdir(tmp_path)
     page = (Path(__file__).resolve().parents[2] / 'docs' / 'tutorials' / 'from_a_log.md').read_text()
-    commands = [shlex.split(line) for line in page.replace('\\\n', ' ').splitlines() if line.startswith('preheat ')]
+    commands = [shlex.split(line) for line in page.splitlines() if line.startswith('preheat ')]
     assert [words[1] for words in commands] == ['log', 'check', 'identify', 'check', 'vehicle', 'plan']
     for words in commands:
         expanded = [name for word in words[1:]
@@ -134,3 +134,22 @@ def test_each_command_of_the_tutorial_runs_on_logs_of_a_simulated_car(logs, tmp_
     # The planner takes the same file.
     assert load_vehicle('my_car.yaml').name == 'my_car'
     assert 'ros2 run bev_preheat planner --ros-args -p vehicle:=$PWD/my_car.yaml' in page
+
+
+@pytest.mark.costly
+@pytest.mark.needs('casadi')
+@pytest.mark.needs('scipy')
+def test_a_sensor_of_another_car_gives_no_vehicle_file(logs, tmp_path, capsys):
+    paths = []
+    for number, log in enumerate(logs[:3]):
+        rows = np.loadtxt(log, delimiter=',', skiprows=1)
+        # Column 1 is the temperature: it falls and rises against all physics.
+        rows[:, 1] = np.round(10.0 + (-1.0)**number * 12.0 * np.sin(rows[:, 0] / 300.0 + number))
+        paths.append(str(tmp_path / f'{number}.csv'))
+        np.savetxt(paths[-1], rows, '%.5g', ',', header=','.join(('time_s', *COLUMNS)), comments='')
+    output, figures = tmp_path / 'my.yaml', tmp_path / 'i.json'
+    assert main(['identify', *paths, '--vehicle', 'small_car', '--output', str(output),
+                 '--json', str(figures)]) == 2
+    assert 'my.yaml: not written: trips that the fit has not seen' in capsys.readouterr().err
+    assert not output.exists()
+    assert 'should not be trusted' in json.loads(figures.read_text())['verdict'][0]
