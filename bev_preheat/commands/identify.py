@@ -56,9 +56,9 @@ def add_parser(subparsers: Subparsers) -> None:
 def run(arguments: Namespace) -> int:
     """Identify, print, and write the requested files; returns the exit status."""
     start_file = vehicle_file(arguments.vehicle)
+    inputs = [start_file, *arguments.logs, *([arguments.state_file] if arguments.state_file else [])]
     check_outputs([json_output(arguments.json), OutputFile('--output', arguments.output, ('.yaml',)),
-                   OutputFile('--report', arguments.report, ('.html',))], [start_file, *arguments.logs,
-                   *([arguments.state_file] if arguments.state_file else [])])
+                   OutputFile('--report', arguments.report, ('.html',))], inputs)
     if existing_file(arguments.output) is not None and not arguments.force:
         raise InvalidInput(f'--output: {arguments.output}: exists; --force replaces it')
     _refuse_other_arguments(arguments)

@@ -22,7 +22,7 @@ NO_LAG_S = 0.01
 @dataclass(frozen=True)
 class Parameter:
     """
-    One parameter: its name with unit, the value in START, and the prior in its coordinate.
+    One parameter: its name with unit, START's value, and the prior in its coordinate.
 
     `is_log`: the coordinate is the logarithm. `deviation` is the prior's standard deviation, `low` and `high` are
     bounds, all in the coordinate. `fixed` is its coordinate where a structure leaves it out. `reason` explains the

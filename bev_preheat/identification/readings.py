@@ -27,7 +27,7 @@ def interval_residuals(model_c: FloatArray, reading_c: FloatArray,
 
     Half the square of a residual is the negative log-likelihood of the interval reading +- resolution/2 under
     normal
-    noise of NOISE_K, relative to a model in the middle of it; for a continuous reading it is the scaled
+    noise of NOISE_K, relative to a model in its middle; for a continuous reading it is the scaled
     difference.
     """
     off = (model_c - reading_c) / NOISE_K

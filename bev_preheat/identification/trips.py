@@ -49,8 +49,8 @@ class Trip:
     A recording on a grid of one second; arrays of shape (N,), SI units and deg C.
 
     `power_w` is the battery's terminal power without `heater_w`, the power of the HVCH for the battery.
-    `propulsion_power_w` is the drivetrain's part of it, 0 at stand. `voltage_v` and `current_a` are None if the
-    log has the power only. `has_heater` and `has_speed` tell whether the log has the signal.
+    `propulsion_power_w` is the drivetrain's part, 0 at stand. `voltage_v` and `current_a` are None if the
+    log has the power only. `has_heater` and `has_speed` are True if the log has the signal.
     """
 
     name: str

@@ -54,9 +54,8 @@ def verdict_of(estimates: Sequence[Estimated], left_out: Sequence[LeftOut], base
 
 def _resistance(coverage: Coverage, electrical: Electrical) -> Iterator[str]:
     if not electrical.used:
-        yield ("No log has voltage and current that change: resistance keeps START's value, and heat capacity "
-               "is known "
-               'only as far as that value is right.')
+        yield ("No log has voltage and current that change: resistance keeps START's value, and heat capacity is "
+               'known only as far as that value is right.')
         return
     low_c, high_c = coverage.resistance_from_c, coverage.resistance_to_c
     if low_c is None or high_c is None:

@@ -32,8 +32,8 @@ def main() -> None:
     print_records(console, f'{arguments.cars} synthetic cars around {arguments.vehicle}',
                   ('parameter', 'cars', 'median error', '95 % error', 'coverage', 'identified'),
                   [(name, f'{count}', f'{100 * median:+.1f} %', f'{100 * most:.1f} %', f'{100 * covered:.0f} %',
-                    f'{100 * identified:.0f} %') for name, count, median, most, covered,
-                    identified in summary(cars)],
+                    f'{100 * identified:.0f} %')
+                   for name, count, median, most, covered, identified in summary(cars)],
                   ('left', *['right'] * 5))
 
 
