@@ -83,8 +83,7 @@ def print_check(console: Console, check: Check) -> None:
           f'{trip.trip.arrival_c:.1f}', f'{trip.arrival_error_k:+.2f}', f'{100.0 * trip.arrival_soc_error:+.2f}',
           f'{trip.arrival_energy_error_wh:+.0f}') for trip in check.trips], ('left', 'left', *['right'] * 6))
     console.print(f'arrival temperature: RMSE {check.rmse_k:.2f} K, worst {check.worst_k:.2f} K; a battery that '
-                  f'keeps '
-                  f'its temperature: RMSE {check.constant_rmse_k:.2f} K', markup=False, soft_wrap=True)
+                  f'keeps its temperature: RMSE {check.constant_rmse_k:.2f} K', markup=False, soft_wrap=True)
     if check.leads:
         print_records(
             console, 'Running planner, by time before arrival', (

@@ -35,15 +35,13 @@ def add_parser(subparsers: Subparsers) -> None:
     """Add the subcommand."""
     parser = subparsers.add_parser(
         'identify', help='make a vehicle file from recorded drives',
-        description='Fit open-circuit voltage, capacity, resistance, heat capacity, leakage, drivetrain heat '
-                    'and heater '
-        'to recorded drives, charging sessions and nights at stand. Values that the logs do not tell stay as in '
-        'START, '
-        'and are named. Needs casadi and scipy; the report needs matplotlib and jinja2.')
+        description='Fit open-circuit voltage, capacity, resistance, heat capacity, leakage, drivetrain heat and '
+        'heater to recorded drives, charging sessions and nights at stand. Values that the logs do not tell stay '
+        'as in START, and are named. Needs casadi and scipy; the report needs matplotlib and jinja2.')
     add_log_arguments(parser, needs_logs=False)
     parser.add_argument('--state-file', metavar='FILE',
-                        help='instead of logs: the state file of a planner that ran with START; its learned values '
-                        'are written')
+                        help='instead of logs: the state file of a planner that ran with START; its learned '
+                        'values are written')
     completed_by(VEHICLES, parser.add_argument(
         '--vehicle', required=True, metavar='START',
         help='a name in config/vehicles or a YAML file to start from'))
@@ -132,8 +130,7 @@ def _write_vehicle(arguments: Namespace, result: Identification, start_file: Pat
     words = ['preheat', 'identify', *arguments.logs, '--vehicle', arguments.vehicle, '--output', arguments.output]
     head = (f'Vehicle {result.vehicle.name}, identified from {result.coverage.trips} logs by\n'
             f'    {shlex.join(words)}\nArrival temperature of trips that the fit has not seen: RMSE '
-            f'{result.rmse_k:.2f} K, '
-            f'worst {result.worst_k:.2f} K.')
+            f'{result.rmse_k:.2f} K, worst {result.worst_k:.2f} K.')
     text = file_text(load_checked_yaml(start_file, SCHEMA), result.vehicle, result.vehicle.name, notes_of(result),
                      identified_keys(result), _printable(head))
     write_whole(arguments.output, text)

@@ -69,8 +69,7 @@ def refuse_poor(trips: Sequence[Trip]) -> None:
     if trips and max(changes_k) < LEAST_CHANGE_K:
         problems.append(f'battery_temperature_c changes by at most {max(changes_k):.1f} K within a log; at least '
                         f'{LEAST_CHANGE_K:g} K are needed; record drives of 20 min or more with a cold battery, '
-                        f'or a '
-                        'night at stand after a drive')
+                        'or a night at stand after a drive')
     if trips and not any(trip.kind == 'drive' for trip in trips):
         problems.append('none of the logs is a drive; record at least one drive of 20 min')
     if problems:

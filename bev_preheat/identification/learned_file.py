@@ -27,7 +27,11 @@ DIGITS = 4
 
 
 class LearnedVehicle(NamedTuple):
-    """A Vehicle with learned values; rows (name, factor, low, high) with 90 % intervals; comments by dotted key."""
+    """
+    A Vehicle with learned values.
+
+    Rows are (name, factor, low, high) with 90 % intervals; `notes` are comments by dotted key.
+    """
 
     vehicle: Vehicle
     rows: tuple[tuple[str, float, float, float], ...]
@@ -60,6 +64,7 @@ def learned_vehicle(vehicle: Vehicle, fingerprint: str, state_file: AnyPath, nam
     car = replace(car, name=name, battery=replace(
         car.battery, resistance=resistance_table(vehicle.battery, log_resistance)),
         hvch=replace(car.hvch, efficiency=min(car.hvch.efficiency, 1.0)))
-    notes = {key: f"learned on line: {figure(factor, DIGITS)} times START's, 90 % interval {figure(low, DIGITS)} ... "
-                  f'{figure(high, DIGITS)}' for key, (_, factor, low, high) in zip(KEYS, rows)}
+    notes = {key: f"learned on line: {figure(factor, DIGITS)} times START's, 90 % interval "
+                  f'{figure(low, DIGITS)} ... {figure(high, DIGITS)}'
+             for key, (_, factor, low, high) in zip(KEYS, rows)}
     return LearnedVehicle(car, tuple(rows), notes)

@@ -3,7 +3,7 @@
 A trip as the planner would have predicted it, from its first reading and its measured powers.
 
 The powers are given as mean and root mean square of steps of 30 s, as in routes, and the step is that of plans
-(`vehicle.heat_path`).
+(`vehicle.heated_step`).
 """
 
 from __future__ import annotations

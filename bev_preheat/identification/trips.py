@@ -158,8 +158,7 @@ def trip_of(recording: Recording, vehicle: Vehicle) -> Trip:
     end_s = min(signals[key].time_s[-1] for key in needed)
     if end_s - start_s < SHORTEST_TRIP_S:
         raise InvalidInput(f'{name}: {", ".join(needed)} together last {max(end_s - start_s, 0.0):.0f} s; a log '
-                           f'must '
-                           f'last at least {SHORTEST_TRIP_S:.0f} s')
+                           f'must last at least {SHORTEST_TRIP_S:.0f} s')
     if end_s - start_s > LONGEST_TRIP_S:
         raise InvalidInput(f'{name}: lasts {figure((end_s - start_s) / 3600.0, 3)} h; at most '
                            f'{LONGEST_TRIP_S / 3600.0:.0f} h are allowed; cut it into trips')
@@ -288,8 +287,7 @@ def _refuse_gap(name: str, key: str, time_s: FloatArray, start_s: float, power_w
         drawn: BoolArray = np.abs(power_w[around]) > LEAST_DRAWN_W
         if drawn.any():
             raise InvalidInput(f'{name}: {key}: no sample for {gaps_s[at]:.0f} s after {time_s[at]:.0f} s while '
-                               f'the car '
-                               f'draws power; at most {LONGEST_GAP_S:.0f} s are allowed')
+                               f'the car draws power; at most {LONGEST_GAP_S:.0f} s are allowed')
 
 
 def common_remarks(trips: Iterable[Trip]) -> tuple[str, ...]:

@@ -35,8 +35,7 @@ def verdict_of(estimates: Sequence[Estimated], left_out: Sequence[LeftOut], base
     for baseline in baselines.values():
         if rmse_k > baseline.rmse_k:
             yield (f'A {baseline.structure} does better on these trips ({baseline.rmse_k:.2f} K): the fit has '
-                   f'no value '
-                   'yet.')
+                   'no value yet.')
     outside = [trip.name for trip in left_out if not trip.is_within]
     if outside:
         yield f'Outside its 90 % interval: {", ".join(outside)} of {len(left_out)} trips.'
@@ -63,11 +62,11 @@ def _resistance(coverage: Coverage, electrical: Electrical) -> Iterator[str]:
     if low_c is None or high_c is None:
         yield f'Resistance rests on one log only ({coverage.coldest_trip}).'
         return
-    only = ('' if coverage.coldest_c >= low_c else
-            f' down to {coverage.coldest_c:.0f} degC on one trip ({coverage.coldest_trip}), below that on nothing'
-            ' but the prior')
-    yield (f'Resistance below {low_c:.0f} degC is extrapolated: it rests'
-           + (only or ' on nothing but the prior') + '.')
+    if coverage.coldest_c < low_c:
+        yield (f'Resistance below {low_c:.0f} degC is extrapolated: down to {coverage.coldest_c:.0f} degC it rests '
+               f'on one trip ({coverage.coldest_trip}), below that on the prior alone.')
+    else:
+        yield f'Resistance below {low_c:.0f} degC is extrapolated: it rests on the prior alone.'
     yield f'Resistance above {high_c:.0f} degC is extrapolated.'
 
 
@@ -82,8 +81,7 @@ def _structures(structures: Sequence[StructureResult], structure: str) -> Iterat
                'program and core have one mass, so it stays out of the file.')
     else:
         yield (f'Structure: {structure} (RMSE {own.rmse_k:.2f} K, worst {own.worst_k:.2f} K on trips left out); '
-               f'no other '
-               'structure predicts unseen trips clearly better.')
+               'no other structure predicts unseen trips clearly better.')
 
 
 def record_next(estimates: Sequence[Estimated], coverage: Coverage, electrical: Electrical) -> Iterator[str]:
@@ -93,18 +91,15 @@ def record_next(estimates: Sequence[Estimated], coverage: Coverage, electrical: 
         yield 'Voltage and current of the battery, once a second: they tell the resistance.'
     if coverage.heated_trips == 0:
         yield ('Two drives with the battery heater on, with its power (battery_heater_w): they tell its '
-               'efficiency and '
-               'the lag of its heat.')
+               'efficiency and the lag of its heat.')
     elif coverage.unheated_drives == 0:
         yield 'Two drives without battery heating: they separate the heater from the Joule heat.'
     if coverage.telling_nights == 0 and not widths['leakage'].is_identified:
         yield ('A night at stand: the battery at least 10 K warmer than the air, one reading a minute for six '
-               'hours or '
-               'more; it tells the leakage.')
+               'hours or more; it tells the leakage.')
     if coverage.battery_c[0] > COLDEST_USEFUL_C:
         yield (f'A drive with a battery below {min(COLDEST_USEFUL_C, coverage.battery_c[0] - 5.0):.0f} degC: it '
-               f'tells '
-               'the resistance in the cold.')
+               'tells the resistance in the cold.')
     elif coverage.resistance_from_c is not None and coverage.coldest_c < coverage.resistance_from_c - 1.0:
         yield f'A second drive below {coverage.resistance_from_c:.0f} degC: the resistance there rests on one.'
     if coverage.drives < LEAST_DRIVES:

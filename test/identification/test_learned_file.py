@@ -28,10 +28,12 @@ def state_file(tmp_path):
 
 def test_each_value_is_the_file_s_times_its_factor(state_file, tmp_path, capsys):
     output = tmp_path / 'my.yaml'
-    assert main(['identify', '--state-file', str(state_file), '--vehicle', 'small_car', '--output', str(output)]) == 0
+    assert main(['identify', '--state-file', str(state_file), '--vehicle', 'small_car',
+                 '--output', str(output)]) == 0
     start, car = load_vehicle('small_car'), load_vehicle(output)
     assert car.battery.heat_capacity_j_per_k == pytest.approx(1.1 * start.battery.heat_capacity_j_per_k, rel=1e-4)
-    assert car.battery.leakage.gamma_0_w_per_k == pytest.approx(0.8 * start.battery.leakage.gamma_0_w_per_k, rel=1e-4)
+    assert car.battery.leakage.gamma_0_w_per_k == pytest.approx(
+        0.8 * start.battery.leakage.gamma_0_w_per_k, rel=1e-4)
     assert car.battery.leakage.gamma_v_w_per_k_per_mps == pytest.approx(
         0.8 * start.battery.leakage.gamma_v_w_per_k_per_mps, rel=1e-4)
     assert car.hvch.efficiency == pytest.approx(0.95 * start.hvch.efficiency, rel=1e-4)
@@ -49,7 +51,8 @@ def test_each_value_is_the_file_s_times_its_factor(state_file, tmp_path, capsys)
 
 
 @pytest.mark.parametrize('words, line', [
-    (['--vehicle', 'reference'], 'nothing learned about this vehicle file; name the file with which the planner ran'),
+    (['--vehicle', 'reference'],
+     'nothing learned about this vehicle file; name the file with which the planner ran'),
     (['--vehicle', 'small_car', 'drive.csv'], '--state-file: not allowed with logs')])
 def test_another_car_and_logs_beside_it_are_refused(state_file, tmp_path, capsys, words, line):
     assert main(['identify', '--state-file', str(state_file), '--output', str(tmp_path / 'x.yaml'), *words]) == 2

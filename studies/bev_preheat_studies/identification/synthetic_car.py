@@ -29,6 +29,7 @@ COOLANT_J_PER_K = 15e3
 TEMPERATURE_NOISE_K, TEMPERATURE_STEP_K = 0.2, 1.0
 VOLTAGE_NOISE_V, CURRENT_NOISE_A = 0.2, 0.3
 SOC_STEP = 0.005
+LEAST_SOC = 0.08
 VOLTAGE_SOCS = tuple(number / 10.0 for number in range(11))
 
 
@@ -162,6 +163,9 @@ def _record(car: SyntheticCar, generator: np.random.Generator, name: str, speed_
         temperature_c += rate
         sensor_c += (temperature_c - sensor_c) / car.sensor_lag_s
         soc -= current_a / (3600.0 * car.capacity_ah)
+        if soc < LEAST_SOC:
+            # The drive ends at a charger.
+            break
     sensor, charge, voltage_v, current = np.array(columns)[::every_s].T
     count = len(sensor)
     time_s = np.arange(0.0, len(columns), every_s)
@@ -171,7 +175,7 @@ def _record(car: SyntheticCar, generator: np.random.Generator, name: str, speed_
         'soc': np.round(charge / SOC_STEP) * SOC_STEP,
         'voltage_v': voltage_v + generator.normal(0.0, VOLTAGE_NOISE_V, count),
         'current_a': current + generator.normal(0.0, CURRENT_NOISE_A, count),
-        'speed_mps': speed_mps[::every_s], 'ambient_c': np.full(count, ambient_c),
-        'battery_heater_w': heater_w[::every_s], 'cabin_heater_w': np.full(count, cabin_w),
+        'speed_mps': speed_mps[:len(columns):every_s], 'ambient_c': np.full(count, ambient_c),
+        'battery_heater_w': heater_w[:len(columns):every_s], 'cabin_heater_w': np.full(count, cabin_w),
         'auxiliary_w': np.full(count, auxiliary_w)}
     return Recording(name, {key: Series(time_s, values) for key, values in means.items()})
