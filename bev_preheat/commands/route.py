@@ -103,6 +103,8 @@ def run(arguments: Namespace) -> int:
 def _load(arguments: Namespace,
           vehicle: Vehicle) -> tuple[str, Route, Sequence[str], Sequence[AnyPath], Sequence[ChargingStop]]:
     """Return name, Route and remarks for the arguments, the files that were read, and the charging stops."""
+    if arguments.log is None and (arguments.signals is not None or arguments.repair):
+        raise InvalidInput('--signals and --repair: only with --log')
     if arguments.legs:
         _refuse_route_options(arguments)
         if arguments.step is not None:

@@ -96,7 +96,8 @@ def _source(name_or_file: str | Path, folder: Path | None = None) -> tuple[bool,
         # A text with a slash is a file, whatever its suffix.
         text = f'./{text}'
     if folder is not None and ('/' in text or Path(text).suffix):
-        text = str(Path(folder) / text)
+        # Path('.') / text would lose the slash that makes it a file.
+        text = os.path.join(folder, text)
     elif '/' not in text and Path(text).suffix and os.path.isfile(text):
         text = f'./{text}'
     return is_legs, text

@@ -32,11 +32,13 @@ def own_minutes(vehicle, start, end):
     """Integrate ds U C / P by hand, with the loss R I^2 at 25 degC: P = U I + R I^2."""
     charging, battery = vehicle.charging, vehicle.battery
     soc = np.linspace(start, end, 20001)
+
     def read(table, at_c=25.0):
         column = np.interp(at_c, table.temperature_c, np.arange(len(table.temperature_c)))
         low = np.array([row[int(column)] for row in table.values])
         high = np.array([row[min(int(column) + 1, len(row) - 1)] for row in table.values])
         return np.interp(soc, table.soc, low + (column % 1.0) * (high - low))
+
     voltage_v = np.interp(soc, battery.open_circuit_voltage.soc, [v for v, in battery.open_circuit_voltage.values])
     power_w = np.minimum(-read(charging.power_limit), charging.maximum_inlet_power_w - 400.0)
     resistance = read(battery.resistance)
