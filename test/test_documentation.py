@@ -29,7 +29,7 @@ from bev_preheat.planning.status import Status
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [ROOT / 'README.md', ROOT / 'CONTRIBUTING.md', ROOT / 'QUALITY_DECLARATION.md',
          *sorted(path for path in (ROOT / 'docs').rglob('*.md') if path.parent.name != 'generated')]
-NEED_CASADI = {'optimum', 'compare', 'reproduce', 'sweep'}
+NEED_CASADI = {'optimum', 'compare', 'reproduce', 'sweep', 'identify'}
 FENCE = re.compile(r'^```(\S*)[^\n]*\n(.*?)^```', re.MULTILINE | re.DOTALL)
 
 
@@ -81,8 +81,10 @@ def typed_pages():
         if commands:
             needs_casadi = any(command.words[1] in NEED_CASADI for command in commands)
             needs_pint = any(command.words[1] == 'log' for command in commands)
-            yield pytest.param(page, id=name_of(page), marks=(
-                [pytest.mark.needs('casadi')] * needs_casadi + [pytest.mark.needs('pint')] * needs_pint))
+            needs_gpxpy = '.gpx' in page.read_text()
+            yield pytest.param(page, id=name_of(page), marks=[
+                pytest.mark.needs(package) for package, is_needed in (
+                    ('casadi', needs_casadi), ('pint', needs_pint), ('gpxpy', needs_gpxpy)) if is_needed])
 
 
 def run_script(arguments):
@@ -108,6 +110,8 @@ def test_what_is_typed_gives_what_is_shown(page, tmp_path, monkeypatch, capfd):
     monkeypatch.setenv('COLUMNS', '250')
     text = page.read_text()
     for example in sorted(set(re.findall(r'/examples/(\w+)', text))):
+        if not (ROOT / 'docs' / 'examples' / example / 'pyproject.toml').is_file():
+            continue
         (folder := tmp_path / 'installed' / example).mkdir(parents=True)
         installed_packages.put_example(folder, example)
         installed_packages.use_folder(monkeypatch, folder)
