@@ -4,7 +4,6 @@
 from pathlib import Path
 import shutil
 import sys
-import tomllib
 
 from bev_preheat.planning import installed_methods
 
@@ -22,6 +21,8 @@ def write_metadata(folder, name, entries, version='1.0'):
 
 def put_example(folder, example):
     """Put a package of docs/examples into a folder, with the metadata of its pyproject.toml."""
+    # ament_flake8's order of imports does not know this module of the standard library.
+    import tomllib
     project = tomllib.loads((EXAMPLES / example / 'pyproject.toml').read_text())
     for module in project['tool']['setuptools']['py-modules']:
         shutil.copy(EXAMPLES / example / f'{module}.py', folder)

@@ -111,7 +111,7 @@ def load_offer(values: Mapping[str, Any]) -> RouteOffer:
     warnings = [loaded.warning] if loaded.warning else []
     if loaded.line is None:
         warnings.append(f'route {loaded.file.name} has no coordinates, so fixes cannot be matched; the odometer '
-                       'gives the place')
+                        'gives the place')
     if not route.distance_m > 0.0:
         warnings.append(f'route {loaded.file.name} has no length, so no place on it is known')
     return RouteOffer(
