@@ -34,8 +34,9 @@ def verdict_of(estimates: Sequence[Estimated], left_out: Sequence[LeftOut], base
            f'{rmse_k:.2f} K (worst {worst.error_k:+.2f} K, {worst.name}).')
     for baseline in baselines.values():
         if rmse_k > baseline.rmse_k:
-            yield (f'A {baseline.structure} does better on these trips ({baseline.rmse_k:.2f} K): the fit has '
-                   'no value yet.')
+            consequence = ('these trips are too alike to test the file for others' if rmse_k < GOOD_RMSE_K else
+                           'the fit has no value yet')
+            yield f'A {baseline.structure} does better on these trips ({baseline.rmse_k:.2f} K): {consequence}.'
     outside = [trip.name for trip in left_out if not trip.is_within]
     if outside:
         yield f'Outside its 90 % interval: {", ".join(outside)} of {len(left_out)} trips.'
