@@ -1,11 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """`preheat check` and `preheat identify` on logs that the simulated drives of a synthetic car wrote."""
 
-import glob
 import json
-from pathlib import Path
-import shlex
-import shutil
 
 import numpy as np
 import pytest
@@ -111,29 +107,6 @@ def test_the_identified_file_is_a_vehicle_file_and_predicts_better(logs, tmp_pat
         main(['check', *logs[3:], '--vehicle', vehicle, '--no-replay', '--json', str(tmp_path / 'c.json')])
         worst.append(json.loads((tmp_path / 'c.json').read_text())['rmse_k'])
     assert worst[1] < worst[0]
-
-
-@pytest.mark.costly
-@pytest.mark.needs('casadi')
-@pytest.mark.needs('matplotlib')
-@pytest.mark.needs('scipy')
-@pytest.mark.needs('jinja2')
-def test_each_command_of_the_tutorial_runs_on_logs_of_a_simulated_car(logs, tmp_path, monkeypatch, capsys):
-    folder = tmp_path / 'drives'
-    folder.mkdir()
-    for log in logs:
-        shutil.copy(log, folder)
-    monkeypatch.chdir(tmp_path)
-    page = (Path(__file__).resolve().parents[2] / 'docs' / 'tutorials' / 'from_a_log.md').read_text()
-    commands = [shlex.split(line) for line in page.splitlines() if line.startswith('preheat ')]
-    assert [words[1] for words in commands] == ['log', 'check', 'identify', 'check', 'vehicle', 'plan']
-    for words in commands:
-        expanded = [name for word in words[1:]
-                    for name in (sorted(glob.glob(word)) if '*' in word else [word])]
-        assert main(expanded) == 0, (words, capsys.readouterr().err)
-    # The planner takes the same file.
-    assert load_vehicle('my_car.yaml').name == 'my_car'
-    assert 'ros2 run bev_preheat planner --ros-args -p vehicle:=$PWD/my_car.yaml' in page
 
 
 @pytest.mark.costly

@@ -58,6 +58,7 @@ def test_drives_left_out_are_predicted_well_and_better_than_without_a_model():
         assert result.rmse_k < 0.5 * baseline.rmse_k
 
 
+@pytest.mark.deep
 def test_the_file_predicts_the_drives_and_the_estimation_does_not_harm():
     check = check_trips(identified().vehicle, trips())
     assert check.rmse_k <= 0.40

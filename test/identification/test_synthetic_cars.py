@@ -14,7 +14,8 @@ MOST_ERROR = {'heat_capacity': 0.06, 'leakage': 0.12, 'drivetrain_heat': 0.15, '
               'capacity': 0.01, 'resistance at -5 degC': 0.04, 'resistance at 5 degC': 0.04}
 
 
-@pytest.mark.parametrize('seed', [3, *(pytest.param(seed, marks=pytest.mark.deep) for seed in range(20, 26))])
+@pytest.mark.deep
+@pytest.mark.parametrize('seed', [3, *range(20, 26)])
 def test_the_truth_is_found_within_its_interval(seed):
     from bev_preheat_studies.identification.study import study_car
     outcomes = {outcome.name: outcome for outcome in study_car('small_car', seed)}

@@ -83,7 +83,7 @@ def test_a_vehicle_of_a_data_sheet_is_that_of_the_command(tmp_path):
      "'gros_energy_kwh' is not a figure of a data sheet; did you mean gross_energy_kwh?"),
     ({'charging_power_kw': '135'}, "charging_power_kw: '135' is not a number"),
     ({'charging_power_kw': 135e3},
-     'charging_power_kw: 135000 kW is implausible; it must be 10 ... 600 kW; 135000 W would be 135 kW'),
+     'charging_power_kw: 135000 kW is implausible; it must be 5 ... 2000 kW; 135000 W would be 135 kW'),
     ({'battery_mass_kg': float('nan')}, "battery_mass_kg: 'nan' is not a number"),
     ({'cells_in_series': 96.5}, 'cells_in_series: 96.5 is not a whole number'),
     ({'chemistry': 'lead'}, "chemistry: 'lead' is not one of nmc, lfp"),

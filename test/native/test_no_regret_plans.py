@@ -50,7 +50,8 @@ def draw(number, most_steps):
 def schedule_of(trip, state, goal, uncertainty_margin):
     """Return the Schedule that the planner makes."""
     return planner._schedule(
-        trip, state, goal, 'merit_order', uncertainty_margin, True, {}, plan_without_heating(trip, state))
+        trip, state, goal, planner._built_in('merit_order'), uncertainty_margin, True, {},
+        plan_without_heating(trip, state))
 
 
 def check(numbers, most_steps, monkeypatch):

@@ -370,7 +370,7 @@ def test_the_target_that_the_planner_has_chosen_is_checked(both, value_of_time, 
     both.send_route(route_id, target_battery_temperature=nan, charger_power=150e3)
     with both.feeding():
         plan = both.plans.wait_for(lambda plan: plan.route_id == route_id and len(plan.time))
-        report = both.report(of_route(route_id))
+        report = both.report_on_plan(route_id)
     assert plan.target_source == PreheatPlan.TARGET_CHOSEN
     assert (plan.status == PreheatPlan.NOT_WORTH_IT) is not pays
     assert report.optimal and report.optimal_heating is pays
