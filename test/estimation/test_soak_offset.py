@@ -70,8 +70,8 @@ def test_how_far_it_spreads_is_that_of_drawn_cars(share, uncertainty):
     random = np.random.default_rng(3)
     count, standing_s = 100_000, 3.0 * HOUR_S
     parked_k = random.normal(PARKED_WARMER_K, PARKED_DEVIATION_K, count)
-    gamma = VEHICLE.battery.leakage.coefficient_w_per_k(0.0) * random.uniform(1.0 - 0.2 * share, 1.0 + 0.2 * share, count)
-    capacity = VEHICLE.battery.heat_capacity_j_per_k * random.uniform(1.0 - 0.1 * share, 1.0 + 0.1 * share, count)
+    gamma = VEHICLE.battery.leakage.coefficient_w_per_k(0.0) * (1.0 + share * random.uniform(-0.2, 0.2, count))
+    capacity = VEHICLE.battery.heat_capacity_j_per_k * (1.0 + share * random.uniform(-0.1, 0.1, count))
     left_k = parked_k * np.exp(-gamma / capacity * standing_s)
     standing = after_soak(replace(VEHICLE, uncertainty=uncertainty), 0.0, standing_s)
     assert standing.temperature_c == pytest.approx(left_k.mean(), rel=0.05)

@@ -45,7 +45,7 @@ def test_each_value_is_the_file_s_times_its_factor(state_file, tmp_path, capsys)
     for key in ('defaults', 'charging', 'road_load', 'drivetrain'):
         assert mine[key] == theirs[key]
     assert mine['battery']['open_circuit_voltage'] == theirs['battery']['open_circuit_voltage']
-    # Half the prior's deviation, and 0.01 for the time since: the file's deviations of what was learned.
+    # Half the prior's deviation, and 0.01 for the time since.
     assert vars(car.uncertainty) == pytest.approx({
         name: math.hypot(0.5 * prior, 0.01) for name, prior in (
             ('heat_capacity', 0.058), ('leakage', 0.115), ('resistance', 0.115), ('heater_efficiency', 0.029))},
