@@ -35,8 +35,8 @@ FACTOR_DEVIATIONS = {HEAT_CAPACITY: 0.058, LEAKAGE: 0.115, RESISTANCE: 0.115, HE
                      PROPULSION: 0.08}
 # A vehicle file that states its own deviations narrows those above, but never by more than this share: the factors
 # also stand for errors that the identification cannot see, such as drivetrain heat, a second mass and ageing.
-# Nine measured drives, each left out of the fit, are predicted best with a half (RMSE over leads of 1 ... 20 min
-# 0.275 K; 0.287 K with 1, 0.285 K with a quarter); wider deviations than assumed predict them worse.
+# Nine measured drives, each left out of the fit, are predicted best with a half; both a quarter and deviations
+# wider than those above predict them worse.
 LEAST_SHARE = 0.5
 # Bounds of the logarithms, relative to the vehicle file's values.
 FACTOR_BOUNDS = {HEAT_CAPACITY: 0.25, LEAKAGE: 0.6, RESISTANCE: 0.6, HEATER: 0.15, PROPULSION: 0.5}
