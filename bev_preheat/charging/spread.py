@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from bev_preheat.charging.session import charge
 from bev_preheat.charging.stop import arrival_state, stop_after
-from bev_preheat.estimation.prior import FACTOR_DEVIATIONS
+from bev_preheat.estimation.prior import factor_deviations
 from bev_preheat.estimation.state import HEAT_CAPACITY, HEATER, LEAKAGE, PROPULSION, RESISTANCE
 from bev_preheat.planning.planner import plan_preheating, plan_unheated
 from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
@@ -48,7 +48,7 @@ def time_deviation(vehicle: Vehicle, route: Route, state: BatteryState, goal: Go
     the file.
     """
     squares = [0.0, 0.0, 0.0]
-    for index, deviation in FACTOR_DEVIATIONS.items():
+    for index, deviation in factor_deviations(vehicle.uncertainty).items():
         ends = []
         for factor in (math.exp(-deviation), math.exp(deviation)):
             car = corrected_vehicle(vehicle, Corrections(**{

@@ -169,7 +169,7 @@ class Belief:
                          else vehicle)
         self._native_vehicle = native_vehicle(self._vehicle)
         self._native: NativeBelief | None = None
-        learned = nothing_learned() if learned is None else learned
+        learned = nothing_learned(vehicle.uncertainty) if learned is None else learned
         self.weights = prior_weights()
         self.mean = np.zeros((*SHAPE, SIZE))
         self.covariance = np.zeros((*SHAPE, SIZE, SIZE))

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple, TYPE_CHECKING
 
-from bev_preheat.estimation.prior import FACTOR_DEVIATIONS
+from bev_preheat.estimation.prior import factor_deviations
 from bev_preheat.estimation.state import HEAT_CAPACITY, LEAKAGE
 
 if TYPE_CHECKING:
@@ -32,10 +32,8 @@ OFFSET_DEVIATION_K = 1.5
 # then lies. Assumed.
 ELSEWHERE_SHARE = 0.1
 ELSEWHERE_WITHIN_K = 40.0
-# Standard deviation of the logarithm of the time constant.
-TIME_CONSTANT_DEVIATION = math.hypot(FACTOR_DEVIATIONS[HEAT_CAPACITY], FACTOR_DEVIATIONS[LEAKAGE])
-# The same for a battery parked much warmer than ambient, as after charging: wind, a garage and the state of
-# the coolant then dominate. Assumed.
+# Standard deviation of the logarithm of the time constant of a battery parked much warmer than ambient, as after
+# charging: wind, a garage and the state of the coolant dominate. Assumed.
 KNOWN_TIME_CONSTANT_DEVIATION = 0.3
 # After this many time constants the temperature at parking no longer matters.
 MOST_TIME_CONSTANTS = 100.0
@@ -67,7 +65,7 @@ def after_soak(vehicle: Vehicle, ambient_c: float, standing_s: float,
     `parked_c` is the battery temperature [deg C] at parking; None: unknown.
     """
     warmer_k, deviation_k, time_constant_deviation = (
-        (PARKED_WARMER_K, PARKED_DEVIATION_K, TIME_CONSTANT_DEVIATION) if parked_c is None
+        (PARKED_WARMER_K, PARKED_DEVIATION_K, _time_constant_deviation(vehicle)) if parked_c is None
         else (parked_c - ambient_c, KNOWN_PARKED_DEVIATION_K, KNOWN_TIME_CONSTANT_DEVIATION))
     time_constants = _time_constants(vehicle, standing_s)
     left = math.exp(-time_constants)
@@ -81,6 +79,12 @@ def after_soak(vehicle: Vehicle, ambient_c: float, standing_s: float,
 def temperature_after(vehicle: Vehicle, parked_c: float, ambient_c: float, standing_s: float) -> float:
     """Return the temperature [deg C] of a battery `standing_s` [s] after parking at `parked_c` [deg C]."""
     return ambient_c + (parked_c - ambient_c) * math.exp(-_time_constants(vehicle, standing_s))
+
+
+def _time_constant_deviation(vehicle: Vehicle) -> float:
+    """Return the standard deviation of the time constant's logarithm, from those of the vehicle file."""
+    deviations = factor_deviations(vehicle.uncertainty)
+    return math.hypot(deviations[HEAT_CAPACITY], deviations[LEAKAGE])
 
 
 def _time_constants(vehicle: Vehicle, standing_s: float) -> float:

@@ -13,6 +13,7 @@ import numpy as np
 from bev_preheat.identification.check import check_trips
 from bev_preheat.identification.coverage import coverage_of, refuse_poor
 from bev_preheat.identification.curves import CorrectedResistance, knot_weights
+from bev_preheat.identification.deviations import uncertainty_of
 from bev_preheat.identification.electrical import CAPACITY_DEVIATION
 from bev_preheat.identification.fit import Fitter
 from bev_preheat.identification.parameters import NAMES
@@ -25,7 +26,7 @@ from bev_preheat.identification.structures import (
     try_structures,
 )
 from bev_preheat.identification.trips import common_remarks
-from bev_preheat.identification.uncertainty import correlations, Interval, intervals_of, QUANTILE
+from bev_preheat.identification.uncertainty import correlations, Interval, intervals_of, MOST_OF_PRIOR, QUANTILE
 from bev_preheat.identification.vehicle_file import identified_vehicle
 from bev_preheat.identification.verdict import record_next, verdict_of
 from bev_preheat.numerics.arithmetic import ARRAYS
@@ -38,8 +39,6 @@ if TYPE_CHECKING:
     from bev_preheat.identification.trips import Trip
     from bev_preheat.vehicle.description import Vehicle
 
-# An interval wider than this share of the prior's tells nothing new.
-MOST_OF_PRIOR = 0.75
 HALF = 0.5
 
 
@@ -68,20 +67,28 @@ def identify(vehicle: Vehicle, trips: Sequence[Trip], name: str,
     fit = fitter.fit(structure, None, electrical, full.theta, held)
     tell('leaving each trip out')
     left_out = leave_each_out(fitter, fit, electricals, held)
-    car = replace(identified_vehicle(fitter, fit), name=name)
+    estimates = (*_thermal_estimates(fitter, fit, intervals, held), _capacity(vehicle, electrical))
+    resistance = _resistance(vehicle, full)
+    car = replace(identified_vehicle(fitter, fit), name=name, uncertainty=uncertainty_of(
+        vehicle.uncertainty, estimates, resistance if electrical.used else None, _mean_speed_mps(trips)))
     coverage = coverage_of(trips, electrical)
     tell('checking the file')
     check = check_trips(car, trips, replays=False)
-    estimates = (*_thermal_estimates(fitter, fit, intervals, held), _capacity(vehicle, electrical))
     known_without, together = baselines(fitter), tuple(
         pair for pair in correlations(full) if pair[0] not in held and pair[1] not in held)
     return Identification(
-        car, vehicle.name, estimates, _resistance(vehicle, full), electrical, structure, tuple(structures),
+        car, vehicle.name, estimates, resistance, electrical, structure, tuple(structures),
         known_without, tuple(left_out), together, coverage, check,
         common_remarks(trips),
         tuple(verdict_of(estimates, left_out, known_without, structures, structure, coverage, together,
                          electrical)),
         tuple(record_next(estimates, coverage, electrical)), time.perf_counter() - began_s)
+
+
+def _mean_speed_mps(trips: Sequence[Trip]) -> float:
+    """Return the mean speed of the drives [m/s], 0 without drives."""
+    speeds = [trip.speed_mps for trip in trips if trip.kind == 'drive']
+    return float(np.concatenate(speeds).mean()) if speeds else 0.0
 
 
 def _unidentified(fitter: Fitter, intervals: dict[str, Interval]) -> dict[str, float]:

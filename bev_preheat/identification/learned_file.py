@@ -11,13 +11,16 @@ import numpy as np
 
 from bev_preheat.errors import figure, InvalidInput
 from bev_preheat.estimation.memory import LAG_NAMES, NAMES
-from bev_preheat.estimation.prior import NOMINAL_LAGS_S
+from bev_preheat.estimation.prior import NOMINAL_LAGS_S, prior_factor_covariance
 from bev_preheat.estimation.state_file import load_state
 from bev_preheat.identification.curves import KNOTS_C, resistance_table
-from bev_preheat.identification.uncertainty import QUANTILE
+from bev_preheat.identification.deviations import with_deviations
+from bev_preheat.identification.notes import UNCERTAINTY_NOTE
+from bev_preheat.identification.uncertainty import MOST_OF_PRIOR, QUANTILE
 from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
 
 if TYPE_CHECKING:
+    from bev_preheat.estimation.prior import Learned
     from bev_preheat.files.output_files import AnyPath
     from bev_preheat.vehicle.description import Vehicle
 
@@ -63,8 +66,17 @@ def learned_vehicle(vehicle: Vehicle, fingerprint: str, state_file: AnyPath, nam
     log_resistance = np.full(len(KNOTS_C), math.log(factors[2]))
     car = replace(car, name=name, battery=replace(
         car.battery, resistance=resistance_table(vehicle.battery, log_resistance)),
-        hvch=replace(car.hvch, efficiency=min(car.hvch.efficiency, 1.0)))
+        hvch=replace(car.hvch, efficiency=min(car.hvch.efficiency, 1.0)),
+        uncertainty=with_deviations(vehicle.uncertainty, _narrower(learned)))
     notes = {key: f"learned on line: {figure(factor, DIGITS)} times START's, 90 % interval "
                   f'{figure(low, DIGITS)} ... {figure(high, DIGITS)}'
              for key, (_, factor, low, high) in zip(KEYS, rows)}
+    notes['uncertainty'] = UNCERTAINTY_NOTE
     return LearnedVehicle(car, tuple(rows), notes)
+
+
+def _narrower(learned: Learned) -> dict[str, float]:
+    """Return the standard deviations by factor that are narrower than without any drive."""
+    variances, prior = np.diag(learned.covariance), np.diag(prior_factor_covariance())
+    return {name: math.sqrt(variance) for name, variance, most in zip(NAMES, variances, prior)
+            if variance < MOST_OF_PRIOR**2 * most}

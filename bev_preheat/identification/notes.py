@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from bev_preheat.identification.result import Estimated, Identification
 
 DIGITS = 4
+UNCERTAINTY_NOTE = 'relative standard deviations of the values above, from which the estimation starts'
 
 
 def notes_of(result: Identification) -> dict[str, str]:
@@ -26,6 +27,7 @@ def notes_of(result: Identification) -> dict[str, str]:
     leakage = [notes.pop(key) for key in (
         'battery.leakage.gamma_0_w_per_k', 'battery.leakage.gamma_v_w_per_k_per_mps') if key in notes]
     notes['battery.leakage'] = '; with speed: '.join(leakage)
+    notes['uncertainty'] = UNCERTAINTY_NOTE
     return notes
 
 

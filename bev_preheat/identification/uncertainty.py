@@ -24,6 +24,8 @@ DRAWS = 2000
 SEED = 20240117
 # Probability of the intervals, and its quantile of the normal distribution.
 PROBABILITY, QUANTILE = 0.90, 1.6449
+# An interval wider than this share of the prior's tells nothing new.
+MOST_OF_PRIOR = 0.75
 # Rise of half the sum of squares at the ends of a profile interval.
 RISE = 0.5 * QUANTILE**2
 MOST_PROFILE_STEPS = 5

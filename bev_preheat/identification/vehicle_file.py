@@ -91,6 +91,10 @@ def file_text(start: dict[str, FileData], vehicle: Vehicle, name: str, notes: Ma
     lags = {key: _rounded(value) for key, value in vars(path).items() if value > 0.0}
     if lags:
         contents['heat_path'] = lags
+    deviations = {key: value for key, value in vars(vehicle.uncertainty).items() if value is not None}
+    contents.pop('uncertainty', None)
+    if deviations:
+        contents['uncertainty'] = deviations
     assumed = [key for key in contents.pop('assumed', [])
                if not any(key == done or key.startswith(f'{done}.') for done in identified)]
     if assumed:

@@ -134,6 +134,23 @@ class Charging:
         return self.heating_limit_c
 
 
+@dataclass(frozen=True)
+class Uncertainty:
+    """
+    Relative standard deviations of a vehicle file's values, those of the logarithms of the factors on them.
+
+    None: not known for this car. The factors are those of `vehicle.corrections`.
+    """
+
+    heat_capacity: float | None = None
+    leakage: float | None = None
+    resistance: float | None = None
+    heater_efficiency: float | None = None
+
+
+UNKNOWN_UNCERTAINTY = Uncertainty()
+
+
 @dataclass(frozen=True, eq=False)
 class Vehicle:
     """
@@ -143,7 +160,7 @@ class Vehicle:
     planned, descriptions of a road cannot. `heat_path` describes the arrival of the heater's heat:
     DIRECT if the file has none. `charging` describes the car at a fast charger,
     None if the file has no such block. `assumed` are the keys of the file whose values were not
-    measured or stated for this car.
+    measured or stated for this car. `uncertainty` is that of the file's values.
     """
 
     name: str
@@ -155,3 +172,4 @@ class Vehicle:
     assumed: tuple[str, ...] = ()
     heat_path: HeatPath = DIRECT
     charging: Charging | None = None
+    uncertainty: Uncertainty = UNKNOWN_UNCERTAINTY

@@ -25,6 +25,7 @@ from bev_preheat.vehicle.description import (
     Hvch,
     Leakage,
     RoadLoad,
+    Uncertainty,
     Vehicle,
 )
 from bev_preheat.vehicle.heat_path import HeatPath
@@ -143,7 +144,8 @@ def _vehicle(contents: dict[str, FileData], path: str | Path) -> Vehicle:
         road_load=RoadLoad(**_floats(contents['road_load'])) if 'road_load' in contents else None,
         assumed=tuple(contents.get('assumed', ())),
         heat_path=path_of_heat,
-        charging=charging)
+        charging=charging,
+        uncertainty=Uncertainty(**_floats(contents.get('uncertainty', {}))))
 
 
 def _charging(contents: dict[str, FileData], charge: Table,

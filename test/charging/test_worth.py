@@ -20,7 +20,7 @@ from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import Route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.curves import Table
-from bev_preheat.vehicle.description import Charging
+from bev_preheat.vehicle.description import Charging, Uncertainty
 from bev_preheat.vehicle.heat_path import HeatPath
 
 REFERENCE = load_vehicle('reference')
@@ -245,6 +245,16 @@ def test_the_spread_of_time_of_constant_power_is_that_of_the_consumption():
     assert deviation.without_heating_s == pytest.approx(
         3600.0 * 15e3 * 25.0 / 60.0 * math.sinh(0.08) / 60e3, rel=1e-3)
     assert (deviation.heated_s, deviation.saved_s) == (deviation.without_heating_s, 0.0)
+
+
+def test_the_spread_of_time_of_an_identified_car_is_that_of_its_file():
+    variances = [time_deviation(
+        replace(REFERENCE, uncertainty=uncertainty), drive(), COLD, GOAL, 150e3, 0.8).without_heating_s**2
+        for uncertainty in (Uncertainty(), Uncertainty(0.0435, 0.08625, 0.08625, 0.02175),
+                            Uncertainty(0.029, 0.0575, 0.0575, 0.0145))]
+    # Three quarters and a half of the assumed deviations; the consumption's is always the same.
+    assert (variances[0] - variances[1]) / (variances[0] - variances[2]) == pytest.approx(
+        (1.0 - 0.75**2) / (1.0 - 0.5**2), rel=0.02)
 
 
 def test_a_spread_without_an_end_is_infinite():

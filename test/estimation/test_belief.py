@@ -41,6 +41,7 @@ from bev_preheat.estimation.state import (
     UNDER_WAY,
 )
 from bev_preheat.numerics.arithmetic import FLOATS
+from bev_preheat.vehicle.description import Uncertainty
 from bev_preheat.vehicle.heat_path import HeatPath
 
 ROUTE_DRIVE, _ = Course().between(0, 0)
@@ -228,6 +229,32 @@ def test_the_prior_is_that_of_the_spreads_that_are_allowed_for():
     # A uniform distribution over +-w has a standard deviation of w / sqrt(3).
     assert np.sqrt(np.diag(prior_factor_covariance()))[:4] == pytest.approx(
         np.array([0.1, 0.2, 0.2, 0.05]) / np.sqrt(3.0), rel=0.01)
+
+
+def test_deviations_of_the_vehicle_file_replace_the_spreads_down_to_half_of_them_and_never_widen_them():
+    spreads = np.append(np.array([0.1, 0.2, 0.2, 0.05]) / np.sqrt(3.0), 0.08)
+    for uncertainty, shares in (
+            (Uncertainty(0.04, 0.07, 0.1, 0.02), [0.04, 0.07, 0.1, 0.02] / spreads[:4]),
+            (Uncertainty(0.005, 0.005, 0.005, 0.005), [0.5, 0.5, 0.5, 0.5]),
+            (Uncertainty(1.0, 1.0, 1.0, 1.0), [1.0, 1.0, 1.0, 1.0]),
+            (Uncertainty(resistance=0.08), [1.0, 1.0, 0.08 / spreads[2], 1.0])):
+        belief = Belief(replace(VEHICLE, uncertainty=uncertainty))
+        variances = belief.covariance[..., FACTORS, FACTORS]
+        assert variances == pytest.approx(
+            np.broadcast_to(np.diag((spreads * [*shares, 1.0])**2), variances.shape), rel=0.02)
+        assert (belief.mean[..., FACTORS] == 0.0).all()
+
+
+def test_a_file_without_deviations_has_the_spreads_to_the_last_digit():
+    assert VEHICLE.uncertainty == Uncertainty()
+    assert Belief(VEHICLE).covariance[0, 0, FACTORS, FACTORS].tolist() == np.diag(
+        [0.058**2, 0.115**2, 0.115**2, 0.029**2, 0.08**2]).tolist()
+
+
+def test_learned_values_count_more_than_the_deviations_of_the_file():
+    car = replace(VEHICLE, uncertainty=Uncertainty(resistance=0.06))
+    learned = Learned(np.full(5, 0.01), 0.01 * prior_factor_covariance())
+    assert Belief(car, learned).covariance[0, 0, FACTORS, FACTORS].tolist() == learned.covariance.tolist()
 
 
 def test_lags_that_a_vehicle_file_describes_are_begun_with():

@@ -20,6 +20,7 @@ from bev_preheat.estimation.soak import (
 )
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.description import Uncertainty
 
 VEHICLE = load_vehicle('reference')
 HOUR_S = 3600.0
@@ -63,14 +64,16 @@ def test_a_car_that_stood_for_ever_has_a_number(standing_s):
     assert (standing.temperature_c, standing.left_deviation_k) == pytest.approx((-7.0, 0.0))
 
 
-def test_how_far_it_spreads_is_that_of_drawn_cars():
+@pytest.mark.parametrize('share, uncertainty', [
+    (1.0, Uncertainty()), (0.6, Uncertainty(heat_capacity=0.0346, leakage=0.0693))])
+def test_how_far_it_spreads_is_that_of_drawn_cars(share, uncertainty):
     random = np.random.default_rng(3)
     count, standing_s = 100_000, 3.0 * HOUR_S
     parked_k = random.normal(PARKED_WARMER_K, PARKED_DEVIATION_K, count)
-    gamma = VEHICLE.battery.leakage.coefficient_w_per_k(0.0) * random.uniform(0.8, 1.2, count)
-    capacity = VEHICLE.battery.heat_capacity_j_per_k * random.uniform(0.9, 1.1, count)
+    gamma = VEHICLE.battery.leakage.coefficient_w_per_k(0.0) * (1.0 + share * random.uniform(-0.2, 0.2, count))
+    capacity = VEHICLE.battery.heat_capacity_j_per_k * (1.0 + share * random.uniform(-0.1, 0.1, count))
     left_k = parked_k * np.exp(-gamma / capacity * standing_s)
-    standing = after_soak(VEHICLE, 0.0, standing_s)
+    standing = after_soak(replace(VEHICLE, uncertainty=uncertainty), 0.0, standing_s)
     assert standing.temperature_c == pytest.approx(left_k.mean(), rel=0.05)
     assert standing.left_deviation_k == pytest.approx(left_k.std(), rel=0.1)
 

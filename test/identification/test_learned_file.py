@@ -45,9 +45,28 @@ def test_each_value_is_the_file_s_times_its_factor(state_file, tmp_path, capsys)
     for key in ('defaults', 'charging', 'road_load', 'drivetrain'):
         assert mine[key] == theirs[key]
     assert mine['battery']['open_circuit_voltage'] == theirs['battery']['open_circuit_voltage']
+    # Half the prior's deviation, and 0.01 for the time since.
+    assert vars(car.uncertainty) == pytest.approx({
+        name: math.hypot(0.5 * prior, 0.01) for name, prior in (
+            ('heat_capacity', 0.058), ('leakage', 0.115), ('resistance', 0.115), ('heater_efficiency', 0.029))},
+        rel=5e-3)
     # Half the prior's standard deviation of 0.058, and 0.01 for the time since, times 1.645.
     low = 1.1 * math.exp(-1.6449 * math.hypot(0.029, 0.01))
     assert f'{low:.4g}' in capsys.readouterr().out
+
+
+def test_a_factor_that_no_drive_told_keeps_the_uncertainty_of_the_start_file(tmp_path):
+    start, output = tmp_path / 'start.yaml', tmp_path / 'my.yaml'
+    start.write_bytes(vehicle_contents('small_car') + b'\nuncertainty: {leakage: 0.09, resistance: 0.07}\n')
+    scale = np.diag([0.2, 1.0, 0.2, 1.0, 1.0])
+    save_state(tmp_path / 'state.json', vehicle_fingerprint(start.read_bytes()),
+               Learned(np.zeros(5), scale @ prior_factor_covariance() @ scale))
+    assert main(['identify', '--state-file', str(tmp_path / 'state.json'), '--vehicle', str(start),
+                 '--output', str(output)]) == 0
+    told = load_vehicle(output).uncertainty
+    assert (told.heat_capacity, told.resistance) == pytest.approx(
+        (math.hypot(0.2 * 0.058, 0.01), math.hypot(0.2 * 0.115, 0.01)), rel=5e-3)
+    assert (told.leakage, told.heater_efficiency) == (0.09, None)
 
 
 @pytest.mark.parametrize('words, line', [

@@ -13,12 +13,13 @@ from pathlib import Path
 
 import pytest
 
-from bev_preheat.identification.check import check_trips
+from bev_preheat.identification.check import check_trips, rms
+from bev_preheat.identification.replay import replay_errors_k
 from bev_preheat.identification.trips import trips_of
 from bev_preheat.logs.reading import read_recording
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage
-from bev_preheat.vehicle.description import Drivetrain, Hvch, Leakage
+from bev_preheat.vehicle.description import Drivetrain, Hvch, Leakage, Uncertainty
 
 FOLDER = Path(os.environ.get('BEV_PREHEAT_DRIVE_LOGS') or (
     Path(__file__).resolve().parents[3] / 'shared' / 'data' / 'i3_winter_trips'))
@@ -64,6 +65,18 @@ def test_the_file_predicts_the_drives_and_the_estimation_does_not_harm():
     assert check.rmse_k <= 0.40
     assert check.worst_k <= 0.75
     assert check.estimation_is_no_worse
+
+
+@pytest.mark.deep
+def test_the_estimation_predicts_no_worse_from_the_deviations_of_the_file_than_from_fixed_ones():
+    own, fixed = [], []
+    for trip in trips():
+        # The file has not seen the drive.
+        car = identified(tuple(other.name for other in trips() if other is not trip)).vehicle
+        assert car.uncertainty.resistance is not None
+        own += replay_errors_k(car, trip, True).values()
+        fixed += replay_errors_k(replace(car, uncertainty=Uncertainty()), trip, True).values()
+    assert rms(own) <= rms(fixed)
 
 
 def test_what_drives_without_heater_and_nights_cannot_tell_keeps_its_value_and_is_named():

@@ -13,7 +13,7 @@ from bev_preheat.files.configuration import configuration_folder
 from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.charging import charging_of
-from bev_preheat.vehicle.description import Charging, RoadLoad
+from bev_preheat.vehicle.description import Charging, RoadLoad, Uncertainty
 from bev_preheat.vehicle.heat_path import DIRECT, HeatPath
 
 GOOD = {
@@ -153,6 +153,14 @@ def test_the_path_of_the_heat_is_optional_and_so_is_each_part_of_it(tmp_path):
         assert load_vehicle(written(tmp_path, with_change('heat_path', node))).heat_path == path
 
 
+def test_the_uncertainty_is_optional_and_so_is_each_part_of_it(tmp_path):
+    assert load_vehicle(written(tmp_path, GOOD)).uncertainty == Uncertainty(None, None, None, None)
+    whole = {'heat_capacity': 0.03, 'leakage': 1, 'resistance': 0.005, 'heater_efficiency': 0.02}
+    for node, expected in ((whole, Uncertainty(0.03, 1.0, 0.005, 0.02)), ({}, Uncertainty()),
+                           ({'resistance': 0.1}, Uncertainty(resistance=0.1))):
+        assert load_vehicle(written(tmp_path, with_change('uncertainty', node))).uncertainty == expected
+
+
 def test_what_the_car_does_at_a_charger_is_optional(tmp_path):
     assert load_vehicle(written(tmp_path, GOOD)).charging is None
     node = {'battery_heating': True, 'heating_limit_c': 18, 'maximum_inlet_power_w': 88000}
@@ -236,7 +244,8 @@ def test_reference_is_the_car_of_the_papers_table_1():
      'maximum_regeneration_power_w'),
     ('hvch.colour', 'red', "hvch: unknown key 'colour'; known keys: maximum_power_w, efficiency"),
     ('batery', {}, "the file: unknown key 'batery'; did you mean 'battery'? "
-     'known keys: name, battery, drivetrain, hvch, heat_path, charging, defaults, road_load, assumed'),
+     'known keys: name, battery, drivetrain, hvch, heat_path, charging, defaults, road_load, '
+     'uncertainty, assumed'),
     ('assumed', ['battery.resistanc'], "assumed[0]: 'battery.resistanc' is not a key of this file; did "
      "you mean 'battery.resistance'?"),
     ('assumed', ['hvch.efficiency', 'wheels'], "assumed[1]: 'wheels' is not a key of this "
@@ -285,6 +294,15 @@ def test_reference_is_the_car_of_the_papers_table_1():
     ('heat_path', {'coolant_heat_capacity_j_per_k': 15000, 'coolant_conductance_w_per_k': 0.5},
      'heat_path.coolant_conductance_w_per_k: 0.5 W/K take 30000 s for the heat of 15000 J/K; it '
      'must be at most 3600 s'),
+    # Deviations: per cent, too sure to be true, no number, a value that no log tells.
+    ('uncertainty', {'leakage': 30}, 'uncertainty.leakage: 30 is not allowed; it must be at least 0.005 and at '
+     'most 1'),
+    ('uncertainty', {'resistance': 0}, 'uncertainty.resistance: 0 is not allowed; it must be at least 0.005 and '
+     'at most 1'),
+    ('uncertainty', {'heat_capacity': float('nan')}, 'uncertainty.heat_capacity: nan is not a finite number'),
+    ('uncertainty', {'heater_efficiency': None}, 'uncertainty.heater_efficiency: None is not a number'),
+    ('uncertainty', {'capacity': 0.01}, "uncertainty: unknown key 'capacity'; did you mean 'heat_capacity'? known "
+     'keys: heat_capacity, leakage, resistance, heater_efficiency'),
     # The charger.
     ('charging', {'battery_heating': True}, 'charging: battery_heating needs heating_limit_c'
      ', the battery temperature up to which the car heats'),

@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The identified file's uncertainty: from 90 % intervals to the file and back."""
+
+from dataclasses import replace
+import math
+
+import numpy as np
+import pytest
+import yaml
+
+from bev_preheat.identification.deviations import uncertainty_of
+from bev_preheat.identification.result import Estimated, ResistanceCurve
+from bev_preheat.identification.vehicle_file import file_text
+from bev_preheat.vehicle import load_vehicle, vehicle_contents
+from bev_preheat.vehicle.description import Uncertainty
+from bev_preheat.vehicle.loading import vehicle_of_text
+
+# 95 % quantile of the normal distribution.
+Q = 1.6448536
+
+
+def estimated(name, estimate, low, high, is_identified=True):
+    return Estimated(name, name, '', estimate, estimate, low, high, low, high, is_identified, 0.0, '', '')
+
+
+def around(name, estimate, deviation, is_identified=True):
+    """Return an Estimated with the interval of a lognormal distribution."""
+    return estimated(name, estimate, estimate * math.exp(-Q * deviation), estimate * math.exp(Q * deviation),
+                     is_identified)
+
+
+def estimates(**changes):
+    """Return Estimated of a car whose leakage is 4 W/K at stand and rises by 0.1 W/K per m/s."""
+    usual = {'heat_capacity': around('heat_capacity', 2e5, 0.04), 'leakage': around('leakage', 4.0, 0.1),
+             'leakage_with_speed': estimated('leakage_with_speed', 0.1, 0.1 - Q * 0.02, 0.1 + Q * 0.02),
+             'drivetrain_heat': estimated('drivetrain_heat', 0.03, 0.0, 0.04),
+             'heater_efficiency': around('heater_efficiency', 0.8, 0.02)}
+    return tuple({**usual, **changes}.values())
+
+
+def resistance(deviation):
+    """Return a ResistanceCurve with a deviation over temperature [deg C]."""
+    at_c = np.arange(-20.0, 41.0)
+    ohm = 3.0 / (at_c + 30.0)
+    spread = np.exp(Q * deviation(at_c))
+    return ResistanceCurve(at_c, ohm, ohm, ohm / spread, ohm * spread)
+
+
+def test_deviations_are_those_of_the_lognormal_intervals():
+    found = uncertainty_of(Uncertainty(), estimates(), resistance(lambda at_c: np.full_like(at_c, 0.03)), 10.0)
+    # 4 W/K +- 10 % and 10 m/s times 0.1 +- 0.02 W/K per m/s: 5 W/K +- 0.447.
+    assert vars(found) == pytest.approx({'heat_capacity': 0.04, 'leakage': math.hypot(0.4, 0.2) / 5.0,
+                                         'resistance': 0.03, 'heater_efficiency': 0.02}, rel=2e-3)
+
+
+def test_a_resistance_that_is_extrapolated_into_the_cold_is_less_certain_than_where_logs_are():
+    found = uncertainty_of(Uncertainty(), estimates(), resistance(
+        lambda at_c: np.where(at_c < 0.0, 0.2, 0.02)), 10.0)
+    # Ten of the 31 whole degrees from -10 to 20.
+    assert found.resistance == pytest.approx(math.sqrt((10 * 0.04 + 21 * 0.0004) / 31), rel=3e-3)
+
+
+def test_values_that_the_logs_do_not_tell_keep_the_uncertainty_of_the_start_file():
+    untold = {item.name: replace(item, is_identified=False) for item in estimates()}
+    assert uncertainty_of(Uncertainty(), untold.values(), None, 10.0) == Uncertainty()
+    start = Uncertainty(0.05, 0.11, 0.07, 0.02)
+    assert uncertainty_of(start, untold.values(), None, 10.0) == start
+    told = uncertainty_of(start, {**untold, 'leakage': around('leakage', 4.0, 0.3)}.values(), None, 0.0)
+    assert told == replace(start, leakage=0.3)
+
+
+@pytest.mark.parametrize('deviation, written', [(1e-6, 0.005), (9.0, 1.0)])
+def test_whatever_the_logs_tell_the_file_can_be_loaded(deviation, written):
+    told = estimates(heat_capacity=around('heat_capacity', 2e5, deviation),
+                     heater_efficiency=estimated('heater_efficiency', 0.5, 0.0, 1.0))
+    found = uncertainty_of(Uncertainty(), told, resistance(lambda at_c: deviation + 0.0 * at_c), 30.0)
+    assert (found.heat_capacity, found.resistance, found.heater_efficiency) == (written, written, 1.0)
+
+
+@pytest.mark.parametrize('uncertainty', [
+    Uncertainty(), Uncertainty(0.041, 0.0894, 0.0756, 0.005), Uncertainty(resistance=1.0)])
+def test_the_file_has_the_uncertainty_and_nothing_else_of_it(uncertainty):
+    start = yaml.safe_load(vehicle_contents('small_car'))
+    car = replace(load_vehicle('small_car'), uncertainty=uncertainty)
+    for before in ({}, {'uncertainty': {'leakage': 0.5}}):
+        text = file_text({**start, **before}, car, 'mine', {'uncertainty': 'as identified'}, frozenset(), 'head')
+        assert vehicle_of_text(text, 'mine').uncertainty == uncertainty
+        assert ('# as identified' in text) is (uncertainty != Uncertainty())
