@@ -2,8 +2,9 @@
 """
 Identify synthetic cars: python3 -m bev_preheat_studies.identification --help.
 
-Prints for each parameter the errors and the coverage of the 90 % intervals. With --closed-loop it prints the arrival
-errors and heater energy of new drives under the planner, with the data sheet's vehicle file and the identified one.
+Prints for each parameter the errors and the coverage of the 90 % intervals. With --closed-loop it prints the
+arrival errors and heater energy of new drives under the planner, with the data sheet's vehicle file and the
+identified one.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsed
 from bev_preheat.console.finished import keeping_what_is_finished
 from bev_preheat.console.output import add_json_argument, json_output, write_json
 from bev_preheat.console.parser import OneLineParser
-from bev_preheat.console.terminal import print_records, progress_bar, result_console
+from bev_preheat.console.terminal import print_figures, print_records, progress_bar, result_console
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.output_files import check_outputs
 from bev_preheat.optional_packages import require
@@ -58,6 +59,8 @@ def _load(arguments: Sequence[str] | None) -> Callable[[], int]:
     parser.add_argument('--closed-loop', action='store_true', help='drive the cars under the planner')
     parser.add_argument('--drives', type=int, default=5, metavar='N',
                         help='new drives of each car with --closed-loop (default: %(default)s)')
+    parser.add_argument('--without-estimation', action='store_true',
+                        help='plan with the vehicle file alone, with --closed-loop')
     add_json_argument(parser)
     parsed = parser.parse_args(arguments)
     for name, low, high in (('cars', 1, 100_000), ('first', 0, 2**31), ('drives', 1, 1000)):
@@ -98,8 +101,8 @@ def _identify(arguments: Namespace) -> int:
     if cars:
         print_records(console, f'{len(cars)} synthetic cars around {arguments.vehicle}',
                       ('parameter', 'cars', 'median error', '95 % error', 'coverage', 'identified'),
-                      [(name, f'{count}', f'{100 * median:+.1f} %', f'{100 * most:.1f} %', f'{100 * covered:.0f} %',
-                        f'{100 * identified:.0f} %')
+                      [(name, f'{count}', f'{100 * median:+.1f} %', f'{100 * most:.1f} %',
+                        f'{100 * covered:.0f} %', f'{100 * identified:.0f} %')
                        for name, count, median, most, covered, identified in summary(cars)],
                       ('left', *['right'] * 5))
     ending.tell(len(cars), arguments.cars, 'cars', (arguments.json,))
@@ -107,6 +110,7 @@ def _identify(arguments: Namespace) -> int:
 
 
 def _drive(arguments: Namespace) -> int:
+    from bev_preheat.control.settings import Settings
     from bev_preheat_studies.identification.closed_loop import closed_loop_summary, FILES, study_closed_loop
     results: list[DriveResult] = []
     wanted = arguments.cars * arguments.drives * len(FILES)
@@ -118,11 +122,13 @@ def _drive(arguments: Namespace) -> int:
             progress.update(task, advance=1)
 
         for seed in _seeds(arguments):
-            study_closed_loop(arguments.vehicle, seed, arguments.drives, not arguments.without_heater, report)
+            study_closed_loop(arguments.vehicle, seed, arguments.drives, not arguments.without_heater,
+                              Settings(estimation=not arguments.without_estimation), report)
     figures = closed_loop_summary(results)
     if arguments.json and results:
         write_json(arguments.json, {
-            **_described(arguments), 'drives': arguments.drives, 'complete': ending.is_complete,
+            **_described(arguments), 'drives': arguments.drives, 'estimation': not arguments.without_estimation,
+            'complete': ending.is_complete,
             'summary': [asdict(figure) for figure in figures], 'results': [asdict(result) for result in results]})
     if figures:
         _print_drives(result_console(arguments.json), figures, arguments)
@@ -131,14 +137,21 @@ def _drive(arguments: Namespace) -> int:
 
 
 def _print_drives(console: Console, figures: Sequence[FileFigures], arguments: Namespace) -> None:
-    print_records(
+    def row(heading: str, show: Callable[[FileFigures], str]) -> tuple[str, ...]:
+        return heading, *map(show, figures)
+
+    print_figures(
         console, f'{figures[0].drives} drives of synthetic cars around {arguments.vehicle} under the planner',
-        ('vehicle file', 'arrival error 5 / 50 / 95 % [K]', 'RMS [K]', 'worst [K]', 'energy, median', '95 %',
-         'switch-ons, mean', 'most'),
-        [(each.file, f'{each.error_5_k:+.2f} / {each.error_50_k:+.2f} / {each.error_95_k:+.2f}',
-          f'{each.rms_error_k:.2f}', f'{each.worst_error_k:+.2f}', f'{100 * each.energy_50:+.1f} %',
-          f'{100 * each.energy_95:+.1f} %', f'{each.mean_switch_ons:.1f}', f'{each.most_switch_ons}')
-         for each in figures], ('left', *['right'] * 7))
+        row('vehicle file', lambda of: of.file),
+        [row('arrival error, 5 % [K]', lambda of: f'{of.error_5_k:+.2f}'),
+         row('… median [K]', lambda of: f'{of.error_50_k:+.2f}'),
+         row('… 95 % [K]', lambda of: f'{of.error_95_k:+.2f}'),
+         row('… worst [K]', lambda of: f'{of.worst_error_k:+.2f}'),
+         row('… RMS [K]', lambda of: f'{of.rms_error_k:.2f}'),
+         row('heater energy above that of the truth, median [%]', lambda of: f'{100.0 * of.energy_50:+.1f}'),
+         row('… 95 % [%]', lambda of: f'{100.0 * of.energy_95:+.1f}'),
+         row('switch-ons, mean', lambda of: f'{of.mean_switch_ons:.1f}'),
+         row('… most', lambda of: f'{of.most_switch_ons}')])
 
 
 if __name__ == '__main__':

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bev_preheat.errors import InvalidInput
 from bev_preheat.logs.recording import Recording, Series
 from bev_preheat.numerics.arithmetic import FLOATS
 
@@ -88,7 +89,12 @@ def draw_car(generator: np.random.Generator, nominal: Vehicle) -> SyntheticCar:
 
 
 class SyntheticPlant:
-    """A SyntheticCar on the road: state of charge, temperatures [deg C] of battery and sensor, integrated by seconds."""
+    """
+    A SyntheticCar on the road, integrated second by second.
+
+    `soc` is 0 ... 1, `temperature_c` and `sensor_c` [deg C] are those of battery and sensor; voltage [V] and
+    current [A] are those of the latest second.
+    """
 
     def __init__(self, car: SyntheticCar, ambient_c: float, start_c: float, soc: float) -> None:
         """Start with everything at `start_c` [deg C]; `soc` is 0 ... 1."""
@@ -104,10 +110,20 @@ class SyntheticPlant:
         return points_v[at] + (self.soc - 0.1 * at) / 0.1 * (points_v[at + 1] - points_v[at])
 
     def advance(self, propulsion_w: float, heater_w: float, other_w: float, speed_mps: float) -> None:
-        """Drive for a second; `other_w` [W] is the power of cabin and auxiliaries."""
+        """
+        Drive for a second; `other_w` [W] is the power of cabin and auxiliaries.
+
+        Raises InvalidInput if the battery cannot deliver the power.
+        """
         car, open_v, ohm = self._car, self._open_circuit_voltage_v(), self._car.resistance_at(self.temperature_c)
         power_w = propulsion_w + heater_w + other_w
-        self.current_a = (open_v - math.sqrt(open_v**2 - 4.0 * ohm * power_w)) / (2.0 * ohm)
+        under_root = open_v**2 - 4.0 * ohm * power_w
+        if under_root < 0.0:
+            raise InvalidInput(
+                f'--vehicle: the drive takes {power_w / 1000.0:.0f} kW; the battery delivers at most '
+                f'{open_v**2 / (4000.0 * ohm):.0f} kW at {self.temperature_c:.0f} degC; choose a vehicle with a '
+                'smaller resistance')
+        self.current_a = (open_v - math.sqrt(under_root)) / (2.0 * ohm)
         self.voltage_v = open_v - ohm * self.current_a
         # Heat of the coolant above the battery's temperature reaches the battery with a lag.
         conducted_w = COOLANT_J_PER_K / car.heat_lag_s * self._coolant_k
