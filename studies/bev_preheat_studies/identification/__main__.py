@@ -9,6 +9,7 @@ identified one.
 
 from __future__ import annotations
 
+from argparse import RawDescriptionHelpFormatter
 from typing import TYPE_CHECKING
 
 from bev_preheat.console.program import loading, run_program
@@ -17,7 +18,6 @@ if __name__ == '__main__':
     # Loading takes a second, during which Ctrl-C may arrive.
     loading('identification')
 
-from argparse import RawDescriptionHelpFormatter
 from dataclasses import asdict
 import sys
 
