@@ -9,8 +9,6 @@ identified one.
 
 from __future__ import annotations
 
-from argparse import RawDescriptionHelpFormatter
-from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from bev_preheat.console.program import loading, run_program
@@ -19,6 +17,8 @@ if __name__ == '__main__':
     # Loading takes a second, during which Ctrl-C may arrive.
     loading('identification')
 
+from argparse import RawDescriptionHelpFormatter
+from dataclasses import asdict
 import sys
 
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
