@@ -15,11 +15,11 @@ from typing import Any, TYPE_CHECKING
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
 __all__ = [
-    'BatteryState', 'ComparisonResult', 'DriveResult', 'Goal', 'HeaterFault', 'InvalidInput',
-    'MethodSituation', 'Mismatch', 'OptimumResult', 'PlanResult', 'PlanningFailure', 'Prediction', 'Recording',
-    'Route', 'Sensors', 'SessionResult', 'Vehicle', 'WorthResult', 'charging_session', 'check', 'compare',
-    'drive', 'identify', 'load_recording', 'load_route', 'load_vehicle', 'make_route', 'make_vehicle',
-    'methods', 'optimum', 'plan', 'routes', 'vehicles', 'worth']
+    'BatteryState', 'CheckResult', 'ComparisonResult', 'DriveResult', 'Goal', 'HeaterFault',
+    'IdentificationResult', 'InvalidInput', 'MethodSituation', 'Mismatch', 'OptimumResult', 'PlanResult',
+    'PlanningFailure', 'Prediction', 'Recording', 'Route', 'Sensors', 'SessionResult', 'Vehicle', 'WorthResult',
+    'charging_session', 'check', 'compare', 'drive', 'identify', 'load_recording', 'load_route', 'load_vehicle',
+    'make_route', 'make_vehicle', 'methods', 'optimum', 'plan', 'routes', 'vehicles', 'worth']
 
 if TYPE_CHECKING:
     from bev_preheat.errors import InvalidInput, PlanningFailure
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
         routes,
         vehicles,
     )
-    from bev_preheat.interface.own_car import check, identify
+    from bev_preheat.interface.own_car import check, CheckResult, IdentificationResult, identify
     from bev_preheat.interface.results import (
         ComparisonResult,
         DriveResult,
@@ -65,7 +65,7 @@ else:
                         'interface.functions'),
         **dict.fromkeys(('load_recording', 'load_route', 'load_vehicle', 'make_route', 'make_vehicle', 'routes',
                          'vehicles'), 'interface.inputs'),
-        **dict.fromkeys(('check', 'identify'), 'interface.own_car'),
+        **dict.fromkeys(('CheckResult', 'IdentificationResult', 'check', 'identify'), 'interface.own_car'),
         **dict.fromkeys(('ComparisonResult', 'DriveResult', 'OptimumResult', 'PlanResult', 'SessionResult',
                          'WorthResult'), 'interface.results'),
         **dict.fromkeys(('BatteryState', 'Goal'), 'planning.situation'),

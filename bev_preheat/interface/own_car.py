@@ -3,12 +3,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import Any, TYPE_CHECKING
 
 from bev_preheat.optional_packages import require
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from pathlib import Path
+
+    from pandas import DataFrame
 
     from bev_preheat.identification.check import Check
     from bev_preheat.identification.result import Identification
@@ -16,7 +20,88 @@ if TYPE_CHECKING:
     from bev_preheat.vehicle import Vehicle
 
 
-def check(vehicle: Vehicle, recordings: Sequence[Recording], replays: bool = True) -> Check:
+@dataclass(frozen=True, eq=False)
+class CheckResult:
+    """How well a vehicle predicts recorded drives: predicted minus measured temperature on arrival."""
+
+    vehicle: Vehicle
+    checked: Check
+
+    @property
+    def arrival_errors_k(self) -> dict[str, float]:
+        """Error on arrival of each recording, by its name [K]."""
+        return {trip.trip.name: trip.arrival_error_k for trip in self.checked.trips}
+
+    @property
+    def rmse_k(self) -> float:
+        """Root mean square of the errors on arrival [K]."""
+        return self.checked.rmse_k
+
+    @property
+    def worst_k(self) -> float:
+        """Largest magnitude of an error on arrival [K]."""
+        return self.checked.worst_k
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON of `preheat check`."""
+        return self.checked.as_dictionary()
+
+    def to_frame(self) -> DataFrame:
+        """Return one row for each recording; needs pandas."""
+        require('pandas')
+        import pandas
+        return pandas.DataFrame(self.to_dict()['trips']).set_index('name')
+
+    def plot(self, file: str | Path) -> None:
+        """Draw measured and predicted temperature and charge of each recording into a file; needs matplotlib."""
+        require('matplotlib')
+        from bev_preheat.drawing.trips_figure import draw_check
+        draw_check(file, self.checked)
+
+
+@dataclass(frozen=True, eq=False)
+class IdentificationResult:
+    """An identified car: its Vehicle, and how far it can be trusted."""
+
+    vehicle: Vehicle
+    identified: Identification
+
+    @property
+    def rmse_k(self) -> float:
+        """Root mean square of the errors on arrival [K], each of a fit that has not seen that recording."""
+        return self.identified.rmse_k
+
+    @property
+    def worst_k(self) -> float:
+        """Largest magnitude of such an error [K]."""
+        return self.identified.worst_k
+
+    @property
+    def verdict(self) -> tuple[str, ...]:
+        """Sentences on the trust that the vehicle deserves, the most important first."""
+        return self.identified.verdict
+
+    @property
+    def record_next(self) -> tuple[str, ...]:
+        """Sentences on recordings that would improve the vehicle, the most valuable first."""
+        return self.identified.record_next
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON of `preheat identify`."""
+        return self.identified.as_dictionary()
+
+    def to_frame(self) -> DataFrame:
+        """Return one row for each parameter: prior, estimate and 90 % interval; needs pandas."""
+        require('pandas')
+        import pandas
+        return pandas.DataFrame(self.to_dict()['parameters']).set_index('name')
+
+    def plot(self, file: str | Path) -> None:
+        """Draw the identified vehicle's predictions of the recordings into a file; needs matplotlib."""
+        CheckResult(self.vehicle, self.identified.check).plot(file)
+
+
+def check(vehicle: Vehicle, recordings: Sequence[Recording], replays: bool = True) -> CheckResult:
     """
     Return how well a vehicle predicts recorded drives, as `preheat check` does.
 
@@ -25,10 +110,10 @@ def check(vehicle: Vehicle, recordings: Sequence[Recording], replays: bool = Tru
     """
     from bev_preheat.identification.check import check_trips
     from bev_preheat.identification.trips import trips_of
-    return check_trips(vehicle, trips_of(recordings, vehicle), replays)
+    return CheckResult(vehicle, check_trips(vehicle, trips_of(recordings, vehicle), replays))
 
 
-def identify(vehicle: Vehicle, recordings: Sequence[Recording], name: str = 'identified') -> Identification:
+def identify(vehicle: Vehicle, recordings: Sequence[Recording], name: str = 'identified') -> IdentificationResult:
     """
     Return the car that drove the recordings, as `preheat identify` does.
 
@@ -38,4 +123,5 @@ def identify(vehicle: Vehicle, recordings: Sequence[Recording], name: str = 'ide
     require('casadi', 'scipy')
     from bev_preheat.identification.identify import identify as identify_trips
     from bev_preheat.identification.trips import trips_of
-    return identify_trips(vehicle, trips_of(recordings, vehicle), name)
+    identified = identify_trips(vehicle, trips_of(recordings, vehicle), name)
+    return IdentificationResult(identified.vehicle, identified)

@@ -111,7 +111,7 @@ def errors_k(**how):
     return np.array([[drive.errors_k[lead_s] for drive in all_played(**how)] for lead_s in LEADS_S])
 
 
-@pytest.mark.parametrize('left_out', [0, 5])
+@pytest.mark.parametrize('left_out', [0, pytest.param(5, marks=pytest.mark.deep)])
 def test_estimation_predicts_no_worse_than_none_at_each_lead(left_out):
     with_it, without = (np.abs(errors_k(left_out=left_out, estimation=each)) for each in (True, False))
     assert (np.sqrt(np.mean(with_it**2, axis=1)) <= np.sqrt(np.mean(without**2, axis=1))).all()
@@ -125,14 +125,16 @@ def test_nobody_accuses_a_heater_that_is_never_commanded(with_power):
         assert drive.heaters == {Heater.ANSWERS}
 
 
-@pytest.mark.parametrize('lasts_s, spike_k', [(30, 2.0), (120, 1.0), (120, 2.0)])
+@pytest.mark.parametrize('lasts_s, spike_k', [
+    pytest.param(30, 2.0, marks=pytest.mark.deep), pytest.param(120, 1.0, marks=pytest.mark.deep), (120, 2.0)])
 def test_a_spike_accuses_nobody(lasts_s, spike_k):
     for name in NAMES[::3]:
         drive = Played(name, with_power=False, spike=(len(logged(name)['time_s']) // 2, lasts_s, spike_k))
         assert drive.heaters == {Heater.ANSWERS}
 
 
-@pytest.mark.parametrize('order', [NAMES, NAMES[::-1]], ids=['as driven', 'backwards'])
+@pytest.mark.parametrize('order', [
+    pytest.param(NAMES, id='as driven'), pytest.param(NAMES[::-1], id='backwards', marks=pytest.mark.deep)])
 def test_a_state_file_over_all_drives_stays_where_nothing_was_told(order):
     learned, leakages = None, []
     for name in order:

@@ -20,7 +20,18 @@ def test_check_has_the_error_of_each_recording(recordings):
     vehicle = bp.load_vehicle('small_car')
     found = bp.check(vehicle, recordings, replays=False)
     trips = [trip_of(recording, vehicle) for recording in recordings]
-    assert found.errors_k == [predict(vehicle, trip).reading_c[-1] - trip.arrival_c for trip in trips]
+    errors_k = [predict(vehicle, trip).reading_c[-1] - trip.arrival_c for trip in trips]
+    assert list(found.arrival_errors_k.values()) == errors_k
+    assert found.worst_k == max(map(abs, errors_k)) == found.to_dict()['worst_k']
+
+
+@pytest.mark.needs('pandas')
+@pytest.mark.needs('matplotlib')
+def test_a_check_has_a_frame_and_a_picture(recordings, tmp_path):
+    found = bp.check(bp.load_vehicle('small_car'), recordings, replays=False)
+    assert found.to_frame()['arrival_error_k'].to_dict() == found.arrival_errors_k
+    found.plot(tmp_path / 'check.png')
+    assert (tmp_path / 'check.png').stat().st_size > 10_000
 
 
 @pytest.mark.needs('casadi')
