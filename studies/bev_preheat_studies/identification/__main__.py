@@ -148,7 +148,7 @@ def _print_drives(console: Console, figures: Sequence[FileFigures], arguments: N
          row('… 95 % [K]', lambda of: f'{of.error_95_k:+.2f}'),
          row('… worst [K]', lambda of: f'{of.worst_error_k:+.2f}'),
          row('… RMS [K]', lambda of: f'{of.rms_error_k:.2f}'),
-         row('heater energy above that of the truth, median [%]', lambda of: f'{100.0 * of.energy_50:+.1f}'),
+         row('extra heater energy, median [%]', lambda of: f'{100.0 * of.energy_50:+.1f}'),
          row('… 95 % [%]', lambda of: f'{100.0 * of.energy_95:+.1f}'),
          row('switch-ons, mean', lambda of: f'{of.mean_switch_ons:.1f}'),
          row('… most', lambda of: f'{of.most_switch_ons}')])
