@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bev_preheat.errors import InvalidInput
 from bev_preheat.logs.recording import Recording, Series
 from bev_preheat.numerics.arithmetic import FLOATS
 
@@ -25,6 +26,8 @@ HOUR_S = 3600
 DRIVES, NIGHTS = 8, 2
 NIGHT_H = 8
 COOLANT_J_PER_K = 15e3
+AUXILIARY_W = 500.0
+START_SOCS = 0.75, 0.95
 # Noise of the sensors (standard deviations), and the step of the temperature signal.
 TEMPERATURE_NOISE_K, TEMPERATURE_STEP_K = 0.2, 1.0
 VOLTAGE_NOISE_V, CURRENT_NOISE_A = 0.2, 0.3
@@ -85,6 +88,64 @@ def draw_car(generator: np.random.Generator, nominal: Vehicle) -> SyntheticCar:
         nominal.hvch.maximum_power_w)
 
 
+class SyntheticPlant:
+    """
+    A SyntheticCar on the road, integrated second by second.
+
+    `soc` is 0 ... 1, `temperature_c` and `sensor_c` [deg C] are those of battery and sensor; voltage [V] and
+    current [A] are those of the latest second.
+    """
+
+    def __init__(self, car: SyntheticCar, ambient_c: float, start_c: float, soc: float) -> None:
+        """Start with everything at `start_c` [deg C]; `soc` is 0 ... 1."""
+        self._car, self._ambient_c = car, ambient_c
+        self.soc, self.temperature_c, self.sensor_c = soc, start_c, start_c
+        self.voltage_v = self._open_circuit_voltage_v()
+        self.current_a = self._coolant_k = 0.0
+
+    def _open_circuit_voltage_v(self) -> float:
+        # An interpolation in lists is ten times faster than NumPy's for one number.
+        points_v = self._car.open_circuit_voltage_v
+        at = min(max(int(self.soc / 0.1), 0), len(points_v) - 2)
+        return points_v[at] + (self.soc - 0.1 * at) / 0.1 * (points_v[at + 1] - points_v[at])
+
+    def advance(self, propulsion_w: float, heater_w: float, other_w: float, speed_mps: float) -> None:
+        """
+        Drive for a second; `other_w` [W] is the power of cabin and auxiliaries.
+
+        Raises InvalidInput if the battery cannot deliver the power.
+        """
+        car, open_v, ohm = self._car, self._open_circuit_voltage_v(), self._car.resistance_at(self.temperature_c)
+        power_w = propulsion_w + heater_w + other_w
+        under_root = open_v**2 - 4.0 * ohm * power_w
+        if under_root < 0.0:
+            raise InvalidInput(
+                f'--vehicle: the drive takes {power_w / 1000.0:.0f} kW; the battery delivers at most '
+                f'{open_v**2 / (4000.0 * ohm):.0f} kW at {self.temperature_c:.0f} degC; choose a vehicle with a '
+                'smaller resistance')
+        self.current_a = (open_v - math.sqrt(under_root)) / (2.0 * ohm)
+        self.voltage_v = open_v - ohm * self.current_a
+        # Heat of the coolant above the battery's temperature reaches the battery with a lag.
+        conducted_w = COOLANT_J_PER_K / car.heat_lag_s * self._coolant_k
+        rate = (ohm * self.current_a**2 + car.drivetrain_heat * abs(propulsion_w) + conducted_w
+                + (car.leakage_w_per_k + car.leakage_w_per_k_per_mps * speed_mps)
+                * (self._ambient_c - self.temperature_c)) / car.heat_capacity_j_per_k
+        self._coolant_k += (car.heater_efficiency * heater_w - conducted_w) / COOLANT_J_PER_K - rate
+        self.temperature_c += rate
+        self.sensor_c += (self.temperature_c - self.sensor_c) / car.sensor_lag_s
+        self.soc -= self.current_a / (3600.0 * car.capacity_ah)
+
+
+@dataclass(frozen=True)
+class DriveProfile:
+    """A drive by seconds: speed and drivetrain power, shape (N,); the air, and the battery at the start."""
+
+    speed_mps: FloatArray
+    propulsion_w: FloatArray
+    ambient_c: float
+    start_c: float
+
+
 def record_car(car: SyntheticCar, generator: np.random.Generator, heats: bool = True) -> list[Recording]:
     """Return the Recordings of a car: drives, every other one with the heater on if it `heats`, and nights."""
     logs = [_drive(car, generator, f'drive {number + 1}', heats and number % 2 == 1) for number in range(DRIVES)]
@@ -92,6 +153,18 @@ def record_car(car: SyntheticCar, generator: np.random.Generator, heats: bool = 
 
 
 def _drive(car: SyntheticCar, generator: np.random.Generator, name: str, is_heated: bool) -> Recording:
+    profile = draw_profile(generator)
+    seconds = len(profile.speed_mps)
+    heater_w = np.zeros(seconds)
+    if is_heated:
+        begins_s = int(generator.uniform(0.0, 0.5) * seconds)
+        heater_w[begins_s:begins_s + int(generator.uniform(0.3, 0.5) * seconds)] = (
+            generator.uniform(0.5, 0.8) * max(car.heater_w - car.cabin_w, 1000.0))
+    return _record(car, generator, name, profile, heater_w, car.cabin_w, AUXILIARY_W, 1)
+
+
+def draw_profile(generator: np.random.Generator) -> DriveProfile:
+    """Return a drive of half an hour to an hour, with hills, in air of -15 ... 8 deg C."""
     seconds = int(generator.uniform(0.5, 1.0) * HOUR_S)
     ambient_c = float(generator.uniform(-15.0, 8.0))
     start_c = ambient_c + float(generator.uniform(0.0, 8.0))
@@ -101,13 +174,7 @@ def _drive(car: SyntheticCar, generator: np.random.Generator, name: str, is_heat
                + 2200.0 * 9.81 * 0.01 * np.cumsum(generator.normal(0.0, 0.02, seconds)))
     wheel_w = force_n * speed_mps
     propulsion_w = np.clip(np.where(wheel_w > 0.0, wheel_w / 0.88, 0.7 * wheel_w), -60e3, 150e3)
-    heater_w = np.zeros(seconds)
-    if is_heated:
-        begins_s = int(generator.uniform(0.0, 0.5) * seconds)
-        heater_w[begins_s:begins_s + int(generator.uniform(0.3, 0.5) * seconds)] = (
-            generator.uniform(0.5, 0.8) * max(car.heater_w - car.cabin_w, 1000.0))
-    return _record(car, generator, name, speed_mps, propulsion_w, heater_w, ambient_c, start_c, car.cabin_w,
-                   500.0, 1)
+    return DriveProfile(speed_mps, propulsion_w, ambient_c, start_c)
 
 
 def _speed_mps(generator: np.random.Generator, seconds: int) -> FloatArray:
@@ -130,40 +197,20 @@ def _night(car: SyntheticCar, generator: np.random.Generator, name: str) -> Reco
     ambient_c = float(generator.uniform(-15.0, 5.0))
     zero = np.zeros(seconds)
     start_c = ambient_c + float(generator.uniform(12.0, 25.0))
-    return _record(car, generator, name, zero, zero, zero, ambient_c, start_c, 0.0, 20.0, 60)
+    return _record(car, generator, name, DriveProfile(zero, zero, ambient_c, start_c), zero, 0.0, 20.0, 60)
 
 
-def _record(car: SyntheticCar, generator: np.random.Generator, name: str, speed_mps: FloatArray,
-            propulsion_w: FloatArray, heater_w: FloatArray, ambient_c: float, start_c: float, cabin_w: float,
-            auxiliary_w: float, every_s: int) -> Recording:
+def _record(car: SyntheticCar, generator: np.random.Generator, name: str, profile: DriveProfile,
+            heater_w: FloatArray, cabin_w: float, auxiliary_w: float, every_s: int) -> Recording:
     """Integrate a trip second by second, and return its log with one sample every `every_s`."""
-    # An interpolation in lists is ten times faster than NumPy's for one number.
-    points_v = car.open_circuit_voltage_v
-
-    def interpolated(soc: float) -> float:
-        at = min(max(int(soc / 0.1), 0), len(points_v) - 2)
-        return points_v[at] + (soc - 0.1 * at) / 0.1 * (points_v[at + 1] - points_v[at])
-
-    soc = float(generator.uniform(0.75, 0.95))
-    temperature_c = sensor_c = start_c
-    coolant_k = 0.0
+    plant = SyntheticPlant(car, profile.ambient_c, profile.start_c, float(generator.uniform(*START_SOCS)))
     columns: list[tuple[float, ...]] = []
-    for propulsion, heater, speed in zip(propulsion_w.tolist(), heater_w.tolist(), speed_mps.tolist()):
-        open_v = interpolated(soc)
-        ohm = car.resistance_at(temperature_c)
-        power_w = propulsion + heater + cabin_w + auxiliary_w
-        current_a = (open_v - math.sqrt(open_v**2 - 4.0 * ohm * power_w)) / (2.0 * ohm)
-        columns.append((sensor_c, soc, open_v - ohm * current_a, current_a))
-        # Heat of the coolant above the battery's temperature reaches the battery with a lag.
-        conducted_w = COOLANT_J_PER_K / car.heat_lag_s * coolant_k
-        rate = (ohm * current_a**2 + car.drivetrain_heat * abs(propulsion) + conducted_w
-                + (car.leakage_w_per_k + car.leakage_w_per_k_per_mps * speed) * (ambient_c - temperature_c)
-                ) / car.heat_capacity_j_per_k
-        coolant_k += (car.heater_efficiency * heater - conducted_w) / COOLANT_J_PER_K - rate
-        temperature_c += rate
-        sensor_c += (temperature_c - sensor_c) / car.sensor_lag_s
-        soc -= current_a / (3600.0 * car.capacity_ah)
-        if soc < LEAST_SOC:
+    for propulsion, heater, speed in zip(profile.propulsion_w.tolist(), heater_w.tolist(),
+                                         profile.speed_mps.tolist()):
+        before = plant.sensor_c, plant.soc
+        plant.advance(propulsion, heater, cabin_w + auxiliary_w, speed)
+        columns.append((*before, plant.voltage_v, plant.current_a))
+        if plant.soc < LEAST_SOC:
             # The drive ends at a charger.
             break
     sensor, charge, voltage_v, current = np.array(columns)[::every_s].T
@@ -175,7 +222,7 @@ def _record(car: SyntheticCar, generator: np.random.Generator, name: str, speed_
         'soc': np.round(charge / SOC_STEP) * SOC_STEP,
         'voltage_v': voltage_v + generator.normal(0.0, VOLTAGE_NOISE_V, count),
         'current_a': current + generator.normal(0.0, CURRENT_NOISE_A, count),
-        'speed_mps': speed_mps[:len(columns):every_s], 'ambient_c': np.full(count, ambient_c),
+        'speed_mps': profile.speed_mps[:len(columns):every_s], 'ambient_c': np.full(count, profile.ambient_c),
         'battery_heater_w': heater_w[:len(columns):every_s], 'cabin_heater_w': np.full(count, cabin_w),
         'auxiliary_w': np.full(count, auxiliary_w)}
     return Recording(name, {key: Series(time_s, values) for key, values in means.items()})
