@@ -54,7 +54,7 @@ class Decoder:
         """
         Return readings in the signal's unit, shape (N,), NaN for each that is no reading or implausible.
 
-        Remarks name the first dropped one of a cause: `where` followed by its place.
+        Remarks name the first dropped reading of each cause: `where` followed by its place.
         """
         angle = self.source.signal.endswith('_deg')
         if isinstance(values, np.ndarray):

@@ -24,7 +24,7 @@ SUFFIX = '.yaml'
 # The map for logs that no other map recognises.
 COMMON = 'common'
 # Plausible values (low, high) of the signals, in their own units; others are dropped. Speeds in a wrong unit pass,
-# so that the mix-up can be told and repaired.
+# so that the mix-up can be reported and repaired.
 PLAUSIBLE = {
     'battery_temperature_c': (-50.0, 90.0), 'soc': (0.0, 1.01), 'voltage_v': (20.0, 1500.0),
     'current_a': (-3000.0, 3000.0), 'power_w': (-2e6, 2e6), 'speed_mps': (0.0, 350.0),
@@ -62,7 +62,7 @@ class Source:
     plausible: tuple[float, float] = (-1e300, 1e300)
 
     def chosen(self, names: Sequence[str]) -> tuple[str, ...]:
-        """Return the channels among `names` that the signal is made of, () if there are none."""
+        """Return the channels among `names` that make up the signal, () without such channels."""
         for entry in self.channels:
             found = tuple(name for name in names if matches(entry, name))
             if found:
