@@ -25,7 +25,7 @@ from bev_preheat.nodes.diagnostics import HEATER_LEVELS, HEATER_SENTENCES, LEVEL
 from bev_preheat.planning.status import Status
 
 ROOT = Path(__file__).resolve().parents[1]
-MESSAGES = ('RoutePlan', 'RouteProgress', 'HvchCommand', 'PreheatPlan', 'OptimalityReport')
+MESSAGES = ('RoutePlan', 'RouteProgress', 'HvchCommand', 'HvchStatus', 'PreheatPlan', 'OptimalityReport')
 ACTIONS = ('PrepareBattery',)
 SERVICES = ('RankChargers',)
 SERVICE_PARTS = ('Request', 'Response')
