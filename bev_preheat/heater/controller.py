@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The reference for who executes the command: power for the heater, or 0 W and the reason.
+The reference for executing the command: power for the heater, or 0 W and the reason.
 
 Pure and small, to be reviewed in one sitting. docs/explanation/safety.md ("Requirements for the heater
 controller") numbers the rules R1 ... R9 and names the test of each. `HeaterController.take` hears a command,
@@ -10,7 +10,7 @@ first: the clock that stamps are made with, which may be set, and a steady one, 
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 import math
@@ -63,10 +63,6 @@ class HeaterLimits:
     longest_lease_s: float = 30.0
     clock_tolerance_s: float = 1.0
 
-    def step_below_w(self, power_w: float) -> float:
-        """Return the highest step of power that is at most `power_w` [W]; 0 if there is none."""
-        return power_w if not self.steps_w else max((step for step in self.steps_w if step <= power_w), default=0.0)
-
 
 class HeaterCommand(NamedTuple):
     """Power [W], instant and end of the lease [ns of the stamps' clock], and which node sent it, if known."""
@@ -93,6 +89,11 @@ class HeaterAnswer(NamedTuple):
     sentence: str = ''
 
 
+def step_below_w(steps_w: Sequence[float], power_w: float) -> float:
+    """Return the highest of a heater's steps of power that is at most `power_w` [W]; 0 if there is none."""
+    return power_w if not steps_w else max((step_w for step_w in steps_w if step_w <= power_w), default=0.0)
+
+
 SERVED = Verdict(Refusal.NOT_REFUSED)
 SILENT = Verdict(Refusal.NO_COMMAND, 'no valid command is in force')
 
@@ -116,8 +117,8 @@ class HeaterController:
         self._stepped_ns: int | None = None
         self._ramp_w = 0.0
 
-    def take(self, command: HeaterCommand, now: Instant) -> None:
-        """Take a command that arrived; a refused one ends the lease of the command before it."""
+    def take(self, command: HeaterCommand, now: Instant) -> Verdict:
+        """Take a command that arrived and return its Verdict; a refused one ends the lease of the one before."""
         self._watch_clock(now)
         verdict = self._judge(command, now)
         lease_ns = min(max(command.valid_until_ns - command.stamp_ns, 0), round(
@@ -125,16 +126,24 @@ class HeaterController:
         doubt_ns = round(DOUBT_S * NS_PER_S)
         self._senders[command.sender] = now.steady_ns + max(lease_ns, doubt_ns)
         if self._conflict(now):
-            return
+            return self._verdict
         if verdict.refusal is not Refusal.NOT_REFUSED:
             self._doubt_ends_ns = now.steady_ns + doubt_ns
             self._drop(verdict)
-            return
+            return verdict
         if now.steady_ns < self._doubt_ends_ns:
-            return
+            return verdict
         self._command = command
         # R1: never longer than from its stamp, or from now, whichever leaves less.
         self._ends_steady_ns = now.steady_ns + min(command.valid_until_ns - now.clock_ns, lease_ns)
+        return verdict
+
+    def lease_left_s(self, now: Instant) -> float:
+        """Return for how long the command in force may still be applied [s]; 0 without one."""
+        if self._command is None:
+            return 0.0
+        return max(0, min(self._command.valid_until_ns - now.clock_ns,
+                          self._ends_steady_ns - now.steady_ns)) / NS_PER_S
 
     def lose_sender(self, sentence: str) -> None:
         """End the lease because the middleware reports a missed deadline or a lost liveliness (R7)."""
@@ -171,7 +180,7 @@ class HeaterController:
         # R5: the power rises at the limited rate, and falls at once.
         limit_w = self._ramp_w + self.limits.rise_w_per_s * elapsed_s if elapsed_s > 0.0 else self._ramp_w
         self._ramp_w = min(allowed_w, math.inf if math.isinf(self.limits.rise_w_per_s) else limit_w)
-        active_w = self.limits.step_below_w(self._ramp_w)
+        active_w = step_below_w(self.limits.steps_w, self._ramp_w)
         if active_w == requested_w:
             return HeaterAnswer(requested_w, active_w)
         if allowed_w < requested_w:
@@ -187,8 +196,8 @@ class HeaterController:
         """Return the Verdict on a command as it arrives (R3, R4)."""
         power_w, most_w = command.power_w, self.limits.maximum_power_w
         if not 0.0 <= power_w <= most_w:
-            return Verdict(Refusal.INVALID_COMMAND, f'battery_heating_power: {power_w:g} W is not allowed; it must '
-                           f'be 0 ... {most_w:g} W')
+            return Verdict(Refusal.INVALID_COMMAND, f'battery_heating_power: {power_w:g} W is not allowed; it '
+                           f'must be 0 ... {most_w:g} W')
         left_s = (command.valid_until_ns - now.clock_ns) / NS_PER_S
         ahead_s = (command.stamp_ns - now.clock_ns) / NS_PER_S
         problem = ''

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The reference for who executes the command, rule by rule (docs/explanation/safety.md)."""
+"""The reference of a heater controller, rule by rule (docs/explanation/safety.md)."""
 
 import math
 
-from hypothesis import given, strategies as st
+from hypothesis import given
+from hypothesis import strategies as st
 import pytest
 
 from bev_preheat.heater.controller import (
@@ -26,7 +27,7 @@ def ns(seconds):
 
 
 class Heater:
-    """A controller with two clocks that pass together until one of them is set."""
+    """A controller with two clocks that pass together until the test sets one."""
 
     def __init__(self, limits=LIMITS):
         self.controller, self.clock_s, self.steady_s = HeaterController(limits), START_S, 50.0
@@ -244,7 +245,8 @@ POWERS_W = st.one_of(st.floats(-1e4, 1e4), st.sampled_from([0.0, 7000.0, math.na
 TIMES_S = st.one_of(st.floats(-30.0, 30.0), st.sampled_from([0.0, 2.5, -2.5, 1e9, -1e9]))
 EVENTS = st.one_of(
     st.tuples(st.just('command'), POWERS_W, TIMES_S, TIMES_S, st.sampled_from(['a', 'a', 'a', 'b'])),
-    st.tuples(st.just('command'), st.floats(0.0, 7000.0), st.floats(-2.0, 0.5), st.floats(0.0, 20.0), st.just('a')),
+    st.tuples(st.just('command'), st.floats(0.0, 7000.0), st.floats(-2.0, 0.5), st.floats(0.0, 20.0),
+              st.just('a')),
     st.tuples(st.just('wait'), st.floats(0.0, 5.0)),
     st.tuples(st.just('set clock'), TIMES_S),
     st.tuples(st.just('lost')))
@@ -277,7 +279,7 @@ def test_output_is_never_above_lease_range_rate_and_steps(events, rise_w_per_s, 
         before_w, stepped_s = active_w, heater.steady_s
         if active_w > 0.0:
             power_w, stamp_s, lease_s, arrived_s, sender = heard[-1]
-            # The latest command alone is in force, inside its lease by both clocks, and nobody else commands.
+            # The latest command alone is in force, inside its lease by both clocks, without a second commander.
             assert power_w == answer.requested_w
             assert heater.clock_s < stamp_s + lease_s + 1e-6
             assert heater.steady_s < arrived_s + min(lease_s, 20.0) + 1e-6
