@@ -21,6 +21,7 @@ ENTRY_POINTS = {
     'nlp_checker': f'{PACKAGE}.nodes.executables:nlp_checker',
     'charger_adviser': f'{PACKAGE}.nodes.executables:charger_adviser',
     'route_publisher': f'{PACKAGE}.nodes.executables:route_publisher',
+    'heater_controller': f'{PACKAGE}.nodes.executables:heater_controller',
     'vehicle_simulator': f'{PACKAGE}.nodes.executables:vehicle_simulator',
     'preheat': f'{PACKAGE}.commands.main:main',
 }

@@ -38,6 +38,11 @@ def route_publisher() -> None:
     _load_main('route_publisher_node')()
 
 
+def heater_controller() -> None:
+    """Run the reference of a heater controller."""
+    _load_main('heater_controller_node')()
+
+
 def vehicle_simulator() -> None:
     """Run the simulated vehicle."""
     _load_main('vehicle_simulator_node')()
