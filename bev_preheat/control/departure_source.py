@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from enum import Enum
-from typing import NamedTuple, TYPE_CHECKING
+from typing import ClassVar, NamedTuple, TYPE_CHECKING
 
 from bev_preheat.control.assumed_drive import DriveMemory, drives_between
 from bev_preheat.control.events import DeparturesSkipped, PreparationEnded, PreparationWanted
@@ -72,6 +72,8 @@ class DepartureReport(NamedTuple):
 class DepartureSource:
     """Turns Departures into goals, one at a time."""
 
+    NOTHING: ClassVar = DepartureReport(DepartureState.NONE, 'the file of departures cannot be used')
+
     def __init__(self, departures: Departures, prices: GridPrices | None = None,
                  last_seen_ns: int | None = None) -> None:
         """
@@ -100,6 +102,12 @@ class DepartureSource:
     def use(self, departures: Departures, prices: GridPrices | None) -> None:
         """Use other Departures and GridPrices; a goal that does not fit them ends with the next `events`."""
         self._departures, self._prices, self._next = departures, prices, None
+
+    def give_up(self) -> tuple[Event, ...]:
+        """Return the event that ends the current goal, because there are no departures any more."""
+        goal, self._goal, self._goal_for = self._goal, None, None
+        return () if goal is None else (PreparationEnded(
+            goal, PreparationEnding.CANCELED, 'The parameter departures names no file any more.'),)
 
     # Events
 
