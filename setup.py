@@ -119,6 +119,7 @@ setup(
                             'route/legs_schema.yaml', 'logs/signal_map_schema.yaml',
                             'charging/chargers_schema.yaml', 'identification/report.html',
                             'charging/published_times.yaml', 'charging/published_times_schema.yaml',
+                            'control/departures_schema.yaml', 'control/grid_prices_schema.yaml',
                             'control/itinerary_schema.yaml',
                             'simulation/scenario_schema.yaml', 'vehicle/chemistry.yaml',
                             'vehicle/vehicle_template.yaml',
