@@ -137,8 +137,7 @@ class Decoder:
         assert self._conversion is not None
         # A damaged number may be too large for any unit; it is implausible then.
         with np.errstate(over='ignore'):
-            own = (numbers * self._scale + self.source.offset) * self._conversion.factor + self._conversion.offset
-        return -own if self.source.charging_is_positive else own
+            return self.source.in_own_unit(numbers, self._scale, self._conversion)
 
     def _range(self) -> str:
         assert self._conversion is not None
