@@ -10,6 +10,7 @@ from bev_preheat.planning.explanation import duration_text
 
 if TYPE_CHECKING:
     from bev_preheat.charging.target_worth import Prices, TargetWorth
+    from bev_preheat.charging.too_warm import Derating
 
 WH_PER_KWH = 1000.0
 # Cost differences below this, in any currency, do not matter to a driver.
@@ -41,6 +42,13 @@ def verdict_on(best: TargetWorth, without: TargetWorth, break_even: float, price
         return 'Not worth it: heating before arrival saves neither time nor money at this charger.'
     return (f'Not worth it at {prices.time_per_h:.2f} an hour: heating pays as soon as an hour is worth '
             f'{break_even:.2f} to you.')
+
+
+def warmer_than(fastest: TargetWorth, hottest: TargetWorth, slower_s: float, derating: Derating) -> str:
+    """Return the sentence on the `hottest` arrival that charges slower than the `fastest` by `slower_s` [s]."""
+    slower = ('would not charge to the end' if math.isinf(slower_s) else
+              f'would charge {duration_text(slower_s)} slower than at {fastest.arrival_temperature_c:.0f} degC')
+    return f'Arriving at {hottest.arrival_temperature_c:.0f} degC {slower}, {derating.reason}.'
 
 
 def _saved_text(best: TargetWorth, without: TargetWorth, prices: Prices) -> str:
