@@ -120,7 +120,7 @@ setup(
     package_data={PACKAGE: ['vehicle/schema.yaml', 'vehicle/heat_path_schema.yaml',
                             'route/legs_schema.yaml', 'logs/signal_map_schema.yaml',
                             'charging/chargers_schema.yaml', 'identification/report.html',
-                            'charging/published_times.yaml', 'charging/published_times_schema.yaml',
+                            'charging/published.yaml', 'charging/published_schema.yaml',
                             'control/departures_schema.yaml', 'control/grid_prices_schema.yaml',
                             'control/itinerary_schema.yaml',
                             'simulation/scenario_schema.yaml', 'vehicle/chemistry.yaml',

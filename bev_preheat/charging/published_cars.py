@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Published charging times of cars against computed ones; cars and sources are in published_times.yaml.
+Published charging times of cars against computed ones; cars and sources are in published.yaml.
 
 Each time is computed from the data sheet alone (the curve of the car's class), with the published curve, with the
 published time from 10 to 80 %, and with the car's shipped file, if it has one.
@@ -8,6 +8,8 @@ published time from 10 to 80 %, and with the car's shipped file, if it has one.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
@@ -30,8 +32,8 @@ if TYPE_CHECKING:
     from bev_preheat.files.checked_yaml import FileData
     from bev_preheat.vehicle import Vehicle
 
-FIGURES = Path(__file__).with_name('published_times.yaml')
-SCHEMA = Path(__file__).with_name('published_times_schema.yaml')
+FIGURES = Path(__file__).with_name('published.yaml')
+SCHEMA = Path(__file__).with_name('published_schema.yaml')
 
 
 @dataclass(frozen=True)
@@ -67,31 +69,39 @@ def computed_times(path: Path = FIGURES) -> list[ComputedTime]:
     """Return the ComputedTime of each published time of a file; raise InvalidInput naming file and car."""
     found = []
     for node in load_checked_yaml(path, SCHEMA)['cars']:
-        try:
+        with naming(path, node):
             found += _times_of(node)
-        except InvalidInput as error:
-            raise InvalidInput([f'{path}: {node["name"]}: {problem}' for problem in error.problems]) from error
     return found
+
+
+@contextmanager
+def naming(path: Path, node: dict[str, FileData]) -> Iterator[None]:
+    """Add file and car to the problems of an InvalidInput."""
+    try:
+        yield
+    except InvalidInput as error:
+        raise InvalidInput([f'{path}: {node["name"]}: {problem}' for problem in error.problems]) from error
 
 
 def _times_of(node: dict[str, FileData]) -> list[ComputedTime]:
     sheet = DataSheet(node['name'], **node['data_sheet'])
     times = [(time['from'] / PERCENT, time['to'] / PERCENT, float(time['minutes']), time['source'])
-             for time in node['times']]
+             for time in node.get('times', ())]
     for start, end, _, _ in times:
         if not start < end:
             raise InvalidInput(f'times: from {PERCENT * start:g} to {PERCENT * end:g} % must rise')
-    cars: list[Vehicle | None] = [_car(sheet)]
+    cars: list[Vehicle | None] = [described(sheet)]
     curve = node.get('curve')
-    cars.append(None if curve is None else _car(replace(sheet, charging_curve=checked_curve(
+    cars.append(None if curve is None else described(replace(sheet, charging_curve=checked_curve(
         [tuple(point) for point in curve['points']], curve['temperature_c'], curve['source']))))
     usual = [minutes for start, end, minutes, _ in times if (start, end) == PUBLISHED_SPAN]
-    cars.append(_car(replace(sheet, charging_time_10_80_min=usual[0])) if usual else None)
+    cars.append(described(replace(sheet, charging_time_10_80_min=usual[0])) if usual else None)
     cars.append(load_vehicle(node['vehicle']) if 'vehicle' in node else None)
     return [ComputedTime(sheet.name, start, end, minutes, source, *(  # type: ignore[arg-type]
         None if car is None else warm_session(car, (start, end)).charging_time_s / S_PER_MIN for car in cars))
         for start, end, minutes, source in times]
 
 
-def _car(sheet: DataSheet) -> Vehicle:
+def described(sheet: DataSheet) -> Vehicle:
+    """Return the Vehicle of a DataSheet as `preheat vehicle new` makes it."""
     return vehicle_of_text(vehicle_text(sheet.name, describe_timed_car(sheet), ''), sheet.name)

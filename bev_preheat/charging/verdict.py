@@ -12,6 +12,7 @@ from bev_preheat.planning.explanation import duration_text
 if TYPE_CHECKING:
     from bev_preheat.charging.prospect import ChargingProspect
     from bev_preheat.charging.target_worth import Prices, TargetWorth
+    from bev_preheat.charging.too_warm import Derating
 
 WH_PER_KWH = 1000.0
 # Cost differences below this, in any currency, do not matter to a driver.
@@ -57,6 +58,13 @@ def verdict_in_doubt(sentence: str, prospect: ChargingProspect, pays_from: float
         ' Some heating pays at any chance.' if pays_from == 0.0 else
         f' Some heating pays from {chance_text(pays_from)} chance on.')
     return f'{prospect.in_words} chance of charging: {sentence[0].lower()}{sentence[1:]}{pays}'
+
+
+def warmer_than(fastest: TargetWorth, hottest: TargetWorth, slower_s: float, derating: Derating) -> str:
+    """Return the sentence on the `hottest` arrival that charges slower than the `fastest` by `slower_s` [s]."""
+    slower = ('would not charge to the end' if math.isinf(slower_s) else
+              f'would charge {duration_text(slower_s)} slower than at {fastest.arrival_temperature_c:.0f} degC')
+    return f'Arriving at {hottest.arrival_temperature_c:.0f} degC {slower}, {derating.reason}.'
 
 
 def _saved_text(best: TargetWorth, without: TargetWorth, prices: Prices) -> str:

@@ -22,7 +22,8 @@ from bev_preheat.charging.prospect import CERTAIN, check_prospect
 from bev_preheat.charging.session import charge
 from bev_preheat.charging.stop import arrival_state, check_stop, refuse_stranded, stop_after
 from bev_preheat.charging.target_worth import Prices, TargetWorth
-from bev_preheat.charging.verdict import verdict_in_doubt, verdict_on
+from bev_preheat.charging.too_warm import derating_in, LEAST_TIME_S, too_warm
+from bev_preheat.charging.verdict import verdict_in_doubt, verdict_on, warmer_than
 from bev_preheat.errors import figure, figure_beyond, InvalidInput
 from bev_preheat.planning.bracketing import least_of, Trial
 from bev_preheat.planning.planner import DEFAULT_METHOD, plan_preheating, plan_unheated
@@ -143,6 +144,7 @@ class WorthSearch:
         self._vehicle, self._stop, self._usual_c, self._prices = vehicle, stop, usual_c, prices
         self._plan_to = plan_to
         self._sessions: dict[BatteryState, Session] = {}
+        self._session_of: dict[float, Session] = {}
         self.without = self._worth_of(unheated, unheated.arrival_temperature_c)
         self._problem = self._sessions[arrival_state(unheated)].problem
         self._found = {self.without.target_c: self.without}
@@ -154,7 +156,7 @@ class WorthSearch:
         arrival = arrival_state(plan)
         if arrival not in self._sessions:
             self._sessions[arrival] = charge(self._vehicle, self._stop, arrival)
-        session = self._sessions[arrival]
+        session = self._session_of[target_c] = self._sessions[arrival]
         item = TargetWorth(
             target_c, plan.arrival_temperature_c, plan.arrival_soc, plan.energy_wh.hvch_electric,
             session.charging_time_s, session.bought_energy_wh,
@@ -241,10 +243,29 @@ class WorthSearch:
         return min(self._found.values(), key=lambda item: (item.charged_cost, item.target_c))
 
     def verdict(self, item: TargetWorth) -> str:
-        """Return the sentence for the driver on an evaluated TargetWorth."""
+        """Return the sentence for the driver on an evaluated TargetWorth, and whether the battery gets too warm."""
         sentence = verdict_on(item, self.without, self.break_even_per_h(), self._prices, self._problem)
-        return sentence if self._expectation is None else verdict_in_doubt(
-            sentence, self._expectation.prospect, self.pays_from_probability())
+        if self._expectation is not None:
+            sentence = verdict_in_doubt(sentence, self._expectation.prospect, self.pays_from_probability())
+        warm = self._too_warm(item)
+        return f'{sentence} {warm}' if warm else sentence
+
+    def _too_warm(self, item: TargetWorth) -> str:
+        """Return the sentence on heat that lowers the charging power, '' without any."""
+        if item is self.without:
+            found = too_warm(self._vehicle, self._stop, self._session_of[item.target_c])
+            if found is not None and found.slower_s > 0.0:
+                return found.sentence
+        able = [each for each in self._found.values() if math.isfinite(each.charging_time_s)]
+        if not able:
+            return ''
+        fastest = min(able, key=lambda each: each.charging_time_s)
+        hottest = max(self._found.values(), key=lambda each: each.arrival_temperature_c)
+        slower_s = hottest.charging_time_s - fastest.charging_time_s
+        derating = derating_in(self._vehicle, self._stop, self._session_of[hottest.target_c])
+        if derating is None or slower_s < LEAST_TIME_S:
+            return ''
+        return warmer_than(fastest, hottest, slower_s, derating)
 
     def worth(self) -> Worth:
         """Return the Worth over all targets evaluated so far."""

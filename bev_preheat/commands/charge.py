@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from bev_preheat.charging.session import charge
 from bev_preheat.charging.stop import arrival_state, ChargingStop, refuse_stranded, stop_after
+from bev_preheat.charging.too_warm import too_warm
 from bev_preheat.commands.situation import add_drive_arguments, load_planned_vehicle, read_situation
 from bev_preheat.console.output import add_output_arguments, check_output_arguments, write_json
 from bev_preheat.console.terminal import print_figures, result_console
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from typing import Any
 
     from bev_preheat.charging.session import Session
+    from bev_preheat.charging.too_warm import TooWarm
     from bev_preheat.commands.arguments import Subparsers
     from bev_preheat.vehicle import Vehicle
 
@@ -75,9 +77,10 @@ def run(arguments: Namespace) -> int:
     vehicle, stop, sessions, more = (_after_drive if after_drive else _after_arrival)(arguments)
     title = (f'vehicle {vehicle.name}, charger {arguments.charger_power / W_PER_KW:g} kW, ambient '
              f'{stop.ambient_c:g} degC, to {100.0 * stop.departure_soc:g} %')
+    warm = {name: too_warm(vehicle, stop, session) for name, session in sessions.items()}
     if arguments.json:
         write_json(arguments.json, {
-            **asdict(stop), 'sessions': [{'name': name, **session.as_dictionary()}
+            **asdict(stop), 'sessions': [{'name': name, **session.as_dictionary(), 'too_warm': _as_json(warm[name])}
                                          for name, session in sessions.items()],
             **more, 'vehicle_assumed': list(vehicle.assumed)})
     if arguments.plot:
@@ -90,6 +93,8 @@ def run(arguments: Namespace) -> int:
         ('Charging time', _time_text),
         ('Bought energy [kWh]', _energy_text),
         ('… by the heater', lambda session: f'{session.energy_wh.hvch_electric / WH_PER_KWH:.2f}'),
+        *([('… by the cooling', lambda session: f'{session.energy_wh.cooling_electric / WH_PER_KWH:.2f}')]
+          if any(session.energy_wh.cooling_electric > 0.0 for session in sessions.values()) else ()),
         ('… by cabin and auxiliaries', lambda session: (
             f'{(session.energy_wh.cabin + session.energy_wh.auxiliary) / WH_PER_KWH:.2f}')),
         ('Joule heat [kWh]', lambda session: f'{session.energy_wh.joule / WH_PER_KWH:.2f}'),
@@ -99,9 +104,19 @@ def run(arguments: Namespace) -> int:
         ('Departure SoC [%]', lambda session: f'{100 * session.soc[-1]:.2f}'))
     print_figures(console, title, ['', *sessions], [
         (heading, *map(figure, sessions.values())) for heading, figure in rows])
-    for sentence in _sentences(sessions):
+    for sentence in (*_sentences(sessions), *_warm_sentences(warm)):
         console.print(sentence, markup=False, soft_wrap=True)
     return 0
+
+
+def _as_json(warm: TooWarm | None) -> dict[str, Any] | None:
+    return None if warm is None else warm.as_dictionary()
+
+
+def _warm_sentences(warm: dict[str, TooWarm | None]) -> list[str]:
+    """Return a sentence for each session in which heat lowers the power; with the name if there are two."""
+    return [f'{name[0].upper()}{name[1:]}: {each.sentence}' if len(warm) > 1 else each.sentence
+            for name, each in warm.items() if each is not None]
 
 
 def _refuse_other_arguments(arguments: Namespace, after_drive: bool) -> None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from bev_preheat.charging.published_time import describe_timed_car, S_PER_MIN, WARM_C, warm_session
 from bev_preheat.commands.completion import completed_by, VEHICLES
-from bev_preheat.commands.vehicle_times import add_times
+from bev_preheat.commands.vehicle_published import add_published
 from bev_preheat.console.output import add_output_arguments, check_output_arguments, write_json
 from bev_preheat.console.terminal import print_figures, print_records, result_console
 from bev_preheat.errors import InvalidInput
@@ -85,7 +85,7 @@ def add_parser(subparsers: Subparsers) -> None:
     actions.add_parser(
         'list', help='the cars that come with the package',
         description='List the cars that come with the package.').set_defaults(run=run_list)
-    add_times(actions)
+    add_published(actions)
 
 
 def _add_new(actions: Subparsers) -> None:

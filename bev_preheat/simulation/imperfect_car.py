@@ -259,7 +259,7 @@ class ImperfectCar:
                 else self.plant.followed_by(vehicle, route))
             return
         if isinstance(phase, Charge):
-            self.plant = self.plant.followed_by(phase.vehicle(vehicle), phase.route())
+            self.plant = self.plant.followed_by(phase.vehicle(vehicle), phase.route(), phase.cooling(vehicle))
             return
         self.plant = self.plant.followed_by(vehicle, phase.route())
         if phase.awake_s < phase.duration_s:

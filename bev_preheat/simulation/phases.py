@@ -7,9 +7,13 @@ from dataclasses import dataclass, replace
 import math
 from typing import TYPE_CHECKING
 
+from bev_preheat.charging.equations import make_cooling
+from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.route.segments import make_route
+from bev_preheat.vehicle.charging import vehicle_at_charger
 
 if TYPE_CHECKING:
+    from bev_preheat.charging.equations import CoolingPowers
     from bev_preheat.planning.situation import Goal
     from bev_preheat.route.segments import Route
     from bev_preheat.simulation.position import PositionReports
@@ -50,7 +54,7 @@ class Charge:
 
     The charger supplies battery, heater, cabin and auxiliaries; the battery's charge limit
     applies. With `heats_itself` the car heats its battery with all the power left by the cabin, without a
-    command, up to the temperature in its file (`charging.heating_limit_c`).
+    command, up to the temperature in its file (`charging.heating_limit_c`). Its active cooling always works.
     """
 
     power_w: float
@@ -67,12 +71,18 @@ class Charge:
                          self.cabin_heating_power_w, self.auxiliary_power_w)
 
     def vehicle(self, vehicle: Vehicle) -> Vehicle:
-        """Return the Vehicle at the charger: no drivetrain heat, and the limit for charging."""
+        """Return the Vehicle at the charger: no drivetrain heat, its resistance there, and the limit for charging."""
+        vehicle = vehicle_at_charger(vehicle)
         battery = vehicle.battery
         if vehicle.charging is not None:
             battery = replace(battery, charge_power_limit=vehicle.charging.power_limit)
         return replace(vehicle, battery=battery, drivetrain=replace(
             vehicle.drivetrain, heat_recovery_efficiency=0.0))
+
+    def cooling(self, vehicle: Vehicle) -> CoolingPowers:
+        """Return the active cooling of the Vehicle at the charger (`charging.equations.make_cooling`)."""
+        return make_cooling(None if vehicle.charging is None else vehicle.charging.cooling,
+                            self.ambient_temperature_c, FLOATS)
 
     def own_heat_w(self, vehicle: Vehicle, temperature_c: float, is_heating: bool) -> float:
         """Return the power of the car's own battery heating [W] at a battery temperature [deg C]."""

@@ -22,6 +22,7 @@ from bev_preheat.vehicle.model import make_rates, make_runge_kutta_4, Rates, Ste
 from bev_preheat.vehicle.terminal_limits import make_terminal_limits, TerminalLimits
 
 if TYPE_CHECKING:
+    from bev_preheat.charging.equations import CoolingPowers
     from bev_preheat.planning.trip import Trip
     from bev_preheat.route.segments import Route
     from bev_preheat.simulation.heater_lease import HeaterLease
@@ -60,7 +61,7 @@ class VehiclePlant:
     time goes on, state and sums stay. Cabin and battery have priority: the heater gets the remaining power,
     and regeneration beyond the battery's limit goes into the friction brake.
 
-    `heater_power_w` and `brake_power_w` are their actual powers [W], `coolant_c` and
+    `heater_power_w`, `brake_power_w` and `cooling_power_w` are their actual powers [W], `coolant_c` and
     `sensor_c` the temperatures [deg C] of the coolant between heater and battery and of the sensor,
     if the vehicle has a `heat_path` (else that of the battery), `terminal_voltage_v` and `current_a` the
     mean values at the battery's terminals (positive = discharging, 0 while the vehicle stands),
@@ -69,8 +70,13 @@ class VehiclePlant:
     command [s].
     """
 
-    def __init__(self, vehicle: Vehicle, route: Route, state: BatteryState, start_s: float = 0.0) -> None:
-        """Put a vehicle at the start of a route at an instant [s], with the battery in a BatteryState."""
+    def __init__(self, vehicle: Vehicle, route: Route, state: BatteryState, start_s: float = 0.0,
+                 cooling: CoolingPowers | None = None) -> None:
+        """
+        Put a vehicle at the start of a route at an instant [s], with the battery in a BatteryState.
+
+        `cooling` is the active cooling of a car at a charger (`charging.equations.make_cooling`).
+        """
         self.vehicle, self.start_s = vehicle, start_s
         # The trip divides segments that are too long for one step.
         trip = make_trip(vehicle, route)
@@ -81,7 +87,8 @@ class VehiclePlant:
         self.soc = state.soc
         self.temperature_c = self.sensor_c = state.temperature_c
         self.coolant_c = state.temperature_c + state.coolant_excess_k
-        self.heater_power_w = 0.0
+        self.heater_power_w = self.cooling_power_w = self._cooled_w = 0.0
+        self._cooling = cooling
         self._command_w, self._power_at_end_w = 0.0, state.heater_power_w
         # Cached, because building a step costs more than running it. The second one is for a power deficit.
         self._is_direct, self._has_coolant = vehicle.heat_path.is_direct, vehicle.heat_path.has_coolant
@@ -135,10 +142,10 @@ class VehiclePlant:
         """End of the drive, as far as known [s]."""
         return self.start_s + self.duration_s if self.empty_at_s is None else self.empty_at_s
 
-    def followed_by(self, vehicle: Vehicle, route: Route) -> VehiclePlant:
+    def followed_by(self, vehicle: Vehicle, route: Route, cooling: CoolingPowers | None = None) -> VehiclePlant:
         """Return the plant that continues from here as another Vehicle on another Route, with sums of 0."""
         following = VehiclePlant(vehicle, route, BatteryState(
-            self.temperature_c, self.soc, self._power_at_end_w, self.coolant_c - self.temperature_c), self.time_s)
+            self.temperature_c, self.soc, self._power_at_end_w, self.coolant_c - self.temperature_c), self.time_s, cooling)
         following.sensor_c = self.sensor_c
         return following
 
@@ -154,6 +161,7 @@ class VehiclePlant:
         self._look_at_terminals()
         if self.is_standing:
             self.heater_power_w = self.brake_power_w = self._power_at_end_w = 0.0
+            self.cooling_power_w = self._cooled_w = 0.0
         self._elapsed_s, self.time_s = until_s, to_s
 
     def advance_under(self, lease: HeaterLease, to_s: float) -> None:
@@ -194,15 +202,20 @@ class VehiclePlant:
             self._command_w = 0.0
         # The power of a lagging heater cannot be changed at once.
         self.heater_power_w = self._command_w if self._is_direct else self._power_at_end_w
+        if self._cooling is not None:
+            self.cooling_power_w, self._cooled_w = self._cooling(
+                self.temperature_c, max(0.0, -idle_w - self.heater_power_w))
         regenerated_w = max(0.0, -segment.propulsion_power_w)
         self.brake_power_w = min(
-            regenerated_w, max(0.0, least_w - idle_w - self.heater_power_w))
+            regenerated_w, max(0.0, least_w - idle_w - self.heater_power_w - self.cooling_power_w))
 
     def _inputs(self, heater_power_w: float) -> tuple[float, float, float, float]:
         """Return power, power variance, heat and leakage of a step under a heater power [W]; as Trip.inputs."""
         segment = self._segments[self._segment]
-        return (segment.idle_power_w + heater_power_w + self.brake_power_w, segment.variance_w2,
-                heat_under_w(self.vehicle, segment.idle_heat_w, heater_power_w, self.brake_power_w),
+        return (segment.idle_power_w + heater_power_w + self.brake_power_w + self.cooling_power_w,
+                segment.variance_w2,
+                heat_under_w(self.vehicle, segment.idle_heat_w - self._cooled_w, heater_power_w,
+                             self.brake_power_w),
                 segment.leakage_w_per_k)
 
     def _model_step(self, step_s: float, saturating: bool) -> tuple[float, float, float, float]:
@@ -224,11 +237,11 @@ class VehiclePlant:
         try:
             soc, temperature_c, mean_temperature_c, joule_w = self._model_step(
                 step_s, saturating=False)
-            power_w = segment.idle_power_w + self.heater_power_w + self.brake_power_w
+            power_w = self._inputs(self.heater_power_w)[0]
         except ValueError:
             soc, temperature_c, mean_temperature_c, joule_w = self._model_step(
                 step_s, saturating=True)
-            power_w = segment.idle_power_w + self.heater_power_w + self.brake_power_w
+            power_w = self._inputs(self.heater_power_w)[0]
             deficit_w = max(0.0, power_w - float(
                 deliverable_power_w(self.vehicle, self.soc, self.temperature_c)))
         started_c = self.temperature_c
@@ -249,7 +262,8 @@ class VehiclePlant:
         self._drivetrain_j += step_s * drivetrain_heat_w
         self._heater_j += step_s * self.heater_power_w
         self._leakage_j += (
-            step_s * segment.leakage_w_per_k * (segment.ambient_c - mean_temperature_c) - cooled_j)
+            step_s * segment.leakage_w_per_k * (segment.ambient_c - mean_temperature_c)
+            - step_s * self._cooled_w - cooled_j)
         self._battery_j += step_s * (power_w - deficit_w + joule_w)
         self._undeliverable_j += step_s * deficit_w
         self._brake_j += step_s * self.brake_power_w

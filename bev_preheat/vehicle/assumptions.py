@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from bev_preheat.vehicle.description import Vehicle
 
 # Unit suffixes of keys, left out in sentences.
-_UNIT = re.compile(r'_(ah|j_per_k|w|c|kg|m2)$')
+_UNIT = re.compile(r'_(ah|j_per_k|ohm|w|c|kg|m2)$')
 _WORDS = {'hvch': 'HVCH', 'soc': 'state-of-charge', 'defaults': 'default'}
 
 

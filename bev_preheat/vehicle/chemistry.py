@@ -40,6 +40,14 @@ class HotShare:
 
 
 @dataclass(frozen=True)
+class Polarization:
+    """Resistance of a pack after minutes of steady current, over that of pulses of seconds."""
+
+    factor: float
+    source: str
+
+
+@dataclass(frozen=True)
 class ChargingShape:
     """
     Charging power of a class of cars over the state of charge, as a share of its maximum.
@@ -108,6 +116,8 @@ class Chemistry:
     charge_share: Shares
     discharge_share: Shares
     hot_share: HotShare
+    polarization_400_v: Polarization
+    polarization_800_v: Polarization
     charging_shape_400_v: ChargingShape
     charging_shape_800_v: ChargingShape
 
@@ -115,13 +125,18 @@ class Chemistry:
         """Return the shape of the charging curve of a 400 V or 800 V car."""
         return self.charging_shape_800_v if is_high_voltage else self.charging_shape_400_v
 
+    def polarization(self, is_high_voltage: bool) -> Polarization:
+        """Return the polarization of a 400 V or 800 V pack."""
+        return self.polarization_800_v if is_high_voltage else self.polarization_400_v
+
 
 @cache
 def load_chemistry(name: str) -> Chemistry:
     """Return the Chemistry of one of CHEMISTRIES."""
     figures = dict(yaml.safe_load(FIGURES.read_text(encoding='utf-8'))[name])
     for key, kind in (('open_circuit_voltage', CellVoltage), ('resistance', CellResistance),
-                      ('hot_share', HotShare),
+                      ('hot_share', HotShare), ('polarization_400_v', Polarization),
+                      ('polarization_800_v', Polarization),
                       ('charge_share', Shares), ('discharge_share', Shares),
                       ('charging_shape_400_v', ChargingShape), ('charging_shape_800_v', ChargingShape)):
         figures[key] = kind(**_frozen(figures[key]))

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.vehicle.charging_curve import charging_map, ChargingCurve, class_curve
+from bev_preheat.vehicle.charging_curve import charging_map, ChargingCurve, class_curve, HIGH_VOLTAGE_V
 from bev_preheat.vehicle.chemistry import Chemistry, load_chemistry, Shares
 from bev_preheat.vehicle.data_sheet import check_data_sheet, DataSheet, energy_of
 
@@ -41,6 +41,8 @@ AUXILIARY_KW = 0.4
 TARGET_C = 25.0
 DRIVETRAIN_EFFICIENCY, HEAT_RECOVERY, HEATER_EFFICIENCY = 0.9, 0.5, 0.87
 FRONTAL_AREA_M2, DRAG_COEFFICIENT, ROLLING_RESISTANCE = 2.4, 0.29, 0.010
+# Resistance of busbars, contactors and connectors over that of the cells at 25 degC.
+CONNECTION_SHARE = 0.1
 # Displayed states of charge in the tables.
 VOLTAGE_SOC = (0.0, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 1.0)
 RESISTANCE_SOC = (0.0, 0.05, 0.1, 0.2, 0.5, 1.0)
@@ -135,6 +137,10 @@ def _battery(sheet: DataSheet) -> dict[str, Entry]:
             f'charge. source: {chemistry.resistance.source}. Over temperature, source: '
             f'{chemistry.resistance.temperature_source}. Over the state of charge, source: '
             f'{chemistry.resistance.soc_source}', assumed=True),
+        'battery.connection_resistance_ohm': Entry(
+            _connection_ohm(pack, chemistry),
+            f'assumed: {CONNECTION_SHARE:.0%} of the resistance of the cells at 25 degC; busbars, contactors and '
+            'connectors inside the pack, whose heat stays in it', assumed=True),
         'battery.power_limits.discharge': Entry(
             _power_table(pack, chemistry.discharge_share, W_PER_KW * _discharge_kw(sheet, pack)),
             f'W, at most what drivetrain ({DISCHARGE_RESERVE:g} times its power), heater and '
@@ -206,9 +212,17 @@ def _voltage_table(pack: Pack, chemistry: Chemistry) -> dict[str, FileData]:
             'values': [round(float(pack.cells_in_series * value), 2) for value in cell_v]}
 
 
+def _cells_ohm(pack: Pack, chemistry: Chemistry) -> float:
+    """Return the resistance of all cells at 25 degC and half charge [ohm]."""
+    return pack.cells_in_series * chemistry.resistance.specific_resistance_ohm_ah / pack.cell_capacity_ah
+
+
+def _connection_ohm(pack: Pack, chemistry: Chemistry) -> float:
+    return round(CONNECTION_SHARE * _cells_ohm(pack, chemistry), 5)
+
+
 def _resistance_table(pack: Pack, chemistry: Chemistry) -> dict[str, FileData]:
-    cell = chemistry.resistance
-    half_ohm = pack.cells_in_series * cell.specific_resistance_ohm_ah / pack.cell_capacity_ah
+    cell, half_ohm = chemistry.resistance, _cells_ohm(pack, chemistry)
     factors = cell.soc_factor_at(pack.cell_soc_at(RESISTANCE_SOC))
     return {'soc': list(RESISTANCE_SOC), 'temperature_c': list(map(float, cell.temperature_c)),
             'values': [[round(float(half_ohm * soc_factor * factor), 5)
@@ -289,6 +303,9 @@ def _heater(sheet: DataSheet) -> dict[str, Entry]:
 def _charging(sheet: DataSheet, curve_fit: float) -> dict[str, Entry]:
     chemistry = load_chemistry(sheet.chemistry)
     curve = warm_curve(sheet, curve_fit)
+    pack, _ = _pack(sheet, chemistry)
+    polarization = chemistry.polarization(
+        pack.cells_in_series * chemistry.nominal_cell_voltage_v >= HIGH_VOLTAGE_V)
     table = charging_map(curve, chemistry, sheet.charging_power_kw)
     time_note = ''
     if sheet.charging_time_10_80_min is not None:
@@ -309,6 +326,8 @@ def _charging(sheet: DataSheet, curve_fit: float) -> dict[str, Entry]:
              'values': [list(row) for row in table.values]},
             f'W, curve at {curve.temperature_c:g} degC: {curve.note}{time_note}. In the cold: '
             f'{chemistry.charge_share.source}. Hot: {chemistry.hot_share.source}', assumed=True),
+        'charging.polarization_factor': Entry(
+            polarization.factor, polarization.source, assumed=True),
     }
 
 

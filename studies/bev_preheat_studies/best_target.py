@@ -60,7 +60,8 @@ if TYPE_CHECKING:
 # Trips listed by number: gaps above this share of the cost.
 LISTED_GAP = 1e-3
 ROWS = (('all trips', 'gap'), ('… program not started from the best target', 'blind_gap'),
-        ('heated, heat arrives at once', 'heated_gap'), ('heated, with a heat path', 'heat_path_gap'))
+        ('heated, heat arrives at once', 'heated_gap'), ('heated, with a heat path', 'heat_path_gap'),
+        ('the car cools at the charger', 'cooled_gap'))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -172,7 +173,8 @@ def print_summary(console: Console, summary: dict[str, Any], results: Sequence[W
     """Print the table of a summary, and the trips with a large gap."""
     outcomes = ', '.join(f'{count} {name}' for name, count in summary['outcomes'].items() if count)
     console.print(f'{summary["trips"]} trips: {outcomes}; {summary["heated"]} are heated, '
-                  f'{summary["heated_by_heat_path"]} with a heat path', soft_wrap=True)
+                  f'{summary["heated_by_heat_path"]} with a heat path; in {summary["cooled"]} the car cools its '
+                  'battery at the charger', soft_wrap=True)
     columns = ('least', *PERCENTILES)
     print_figures(
         console, 'Cost of the best target above the joint program (%)', ('', *columns),

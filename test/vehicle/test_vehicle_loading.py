@@ -2,6 +2,7 @@
 """Vehicle files: the vehicle from a good one, and the messages about bad ones."""
 
 from copy import deepcopy
+from dataclasses import replace
 import math
 from pathlib import Path
 
@@ -165,10 +166,11 @@ def test_what_the_car_does_at_a_charger_is_optional(tmp_path):
     assert load_vehicle(written(tmp_path, GOOD)).charging is None
     node = {'battery_heating': True, 'heating_limit_c': 18, 'maximum_inlet_power_w': 88000}
     vehicle = load_vehicle(written(tmp_path, with_change('charging', node)))
-    assert vehicle.charging == Charging(vehicle.battery.charge_power_limit, True, 18.0, 88e3)
+    assert replace(vehicle.charging, power_limit=None) == Charging(
+        None, True, 18.0, 88e3, assumed_fall_c=vehicle.battery.temperature_range_c[1] - 5.0)
     assert vehicle.charging.heated_below_c == 18.0
     empty = load_vehicle(written(tmp_path, with_change('charging', {})))
-    assert empty.charging == Charging(empty.battery.charge_power_limit)
+    assert replace(empty.charging, power_limit=None, assumed_fall_c=None) == Charging(None)
     with pytest.raises(InvalidInput):
         charging_of(empty)
 

@@ -14,12 +14,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.charging.equations import charging_power, heater_power_of, make_charging_rates, supply_of
+from bev_preheat.charging.equations import (
+    charging_power,
+    heater_power_of,
+    make_charging_rates,
+    make_charging_step,
+    make_cooling,
+    supply_of,
+)
 from bev_preheat.charging.stop import ChargingStop
 from bev_preheat.numerics.arithmetic import ARRAYS
 from bev_preheat.planning.dynamics import hottest_c
-from bev_preheat.vehicle.charging import charging_of
-from bev_preheat.vehicle.model import make_rates, make_runge_kutta_4
+from bev_preheat.vehicle.charging import charging_of, vehicle_at_charger
+from bev_preheat.vehicle.model import make_rates
 from bev_preheat_studies.fleet.drawn_fleet import (
     ARRIVAL_SOC,
     cabin_heating_power_w,
@@ -113,13 +120,15 @@ class _Sessions:
 
     def __init__(self, vehicle: Vehicle, charger_w: float, ambient_c: FloatArray) -> None:
         charging = charging_of(vehicle)
+        if charging.cooling is not None:
+            raise ValueError(f'{vehicle.name}: cools its battery, which is not simulated here')
         self._vehicle, self._limited_c = vehicle, charging.heated_below_c
         self._hottest_c = hottest_c(vehicle)
         self._limit_w = charging.power_limit.function(ARRAYS)
         self._voltage_v = vehicle.battery.open_circuit_voltage.function(ARRAYS)
         self._leakage_w_per_k = vehicle.battery.leakage.coefficient_w_per_k(0.0)
-        self._integrate = make_runge_kutta_4(
-            make_charging_rates(self._limit_w, make_rates(vehicle, ARRAYS), ARRAYS))
+        self._integrate = make_charging_step(make_charging_rates(
+            self._limit_w, make_cooling(None, 0.0, ARRAYS), make_rates(vehicle_at_charger(vehicle), ARRAYS), ARRAYS))
         stops = {value: stop_of(vehicle, charger_w, value) for value in np.unique(ambient_c).tolist()}
 
         def of_stop(value_of: Callable[[ChargingStop], float]) -> FloatArray:
@@ -141,11 +150,11 @@ class _Sessions:
         duration_s = np.minimum(STEP_S, STEP_SOC * full_s)
 
         def driven(command_w: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-            end_soc, end_c, _, terminal_w = self._integrate(
+            end_soc, end_c, _, powers = self._integrate(
                 soc, temperature_c, duration_s, command_w - supply_w, np.zeros(len(at)),
                 self._idle_heat_w[at] + self._vehicle.hvch.efficiency * command_w,
                 np.full(len(at), self._leakage_w_per_k))
-            return end_soc, np.minimum(end_c, self._hottest_c), terminal_w
+            return end_soc, np.minimum(end_c, self._hottest_c), powers.terminal_w
 
         command_w = np.where(temperature_c < self._limited_c, heater_w, 0.0)
         end_soc, end_c, terminal_w = driven(command_w)

@@ -15,6 +15,7 @@ from bev_preheat.route.segments import make_route, Route
 from bev_preheat.route.variation import vary
 from bev_preheat.vehicle import load_vehicle, Vehicle
 from bev_preheat.vehicle.charging import charging_of
+from bev_preheat.vehicle.description import Cooling
 from bev_preheat.vehicle.heat_path import HeatPath
 
 if TYPE_CHECKING:
@@ -42,6 +43,11 @@ DESCENT_W, DESCENT_MIN = (5e3, 40e3), (4.0, 15.0)
 # Share of the trips with: a garage at the start, a descent, a car that does not heat at the charger, a heat
 # path, free energy, time of no value.
 GARAGE, DESCENT, NO_HEATING, HEAT_PATH, FREE_ENERGY, FREE_TIME = 0.2, 0.3, 0.25, 0.15, 0.05, 0.1
+# … a car that cools its battery at the charger, and has more resistance there. Its set point lies above the limit of
+# heating by SET_POINT_K.
+HOT_END = 0.35
+POLARIZATION, SET_POINT_K = (1.0, 2.5), (0.0, 6.0)
+COOLING_W, COEFFICIENT_OF_PERFORMANCE, BAND_K = (1e3, 8e3), (1.0, 4.0), (1.0, 4.0)
 
 
 @dataclass(frozen=True)
@@ -86,6 +92,9 @@ def draw_charging_trip(seed: int, number: int) -> ChargingTrip:
     charger_w = float(np.exp(random.uniform(*np.log(CHARGER_W))))
     prices = Prices(0.0 if random.uniform() < FREE_ENERGY else random.uniform(*ENERGY_PRICE),
                     0.0 if random.uniform() < FREE_TIME else random.uniform(*VALUE_OF_TIME))
+    # Drawn last, so that all else is as without a hot end.
+    if random.uniform() < HOT_END:
+        vehicle = _with_hot_end(random, vehicle)
     return ChargingTrip(
         seed, number, vehicle, route,
         BatteryState(float(ambient_c + warmer_k), float(min(arrival_soc + used, 0.97))),
@@ -102,6 +111,17 @@ def _draw_vehicle(random: Generator) -> Vehicle:
         hvch=replace(vehicle.hvch, maximum_power_w=(
             vehicle.hvch.maximum_power_w * random.uniform(*HEATER))),
         heat_path=path if random.uniform() < HEAT_PATH else vehicle.heat_path)
+
+
+def _with_hot_end(random: Generator, vehicle: Vehicle) -> Vehicle:
+    charging = charging_of(vehicle)
+    set_point_c = (vehicle.defaults.target_battery_temperature_c if charging.heating_limit_c is None
+                   else charging.heating_limit_c) + random.uniform(*SET_POINT_K)
+    cooling_w = random.uniform(*COOLING_W)
+    return replace(vehicle, charging=replace(
+        charging, polarization_factor=random.uniform(*POLARIZATION), cooling=Cooling(
+            set_point_c, cooling_w / random.uniform(*COEFFICIENT_OF_PERFORMANCE), cooling_w,
+            random.uniform(*BAND_K))))
 
 
 def _with_descent(random: Generator, power_w: FloatArray) -> FloatArray:

@@ -14,6 +14,7 @@ import numpy as np
 from bev_preheat.charging.worth import find_worth
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.planner import plan_unheated
+from bev_preheat.vehicle.charging import charging_of
 from bev_preheat_studies.numbered import run_numbered
 from bev_preheat_studies.optimality.charging_trips import draw_charging_trip
 from bev_preheat_studies.workers import Workers
@@ -52,6 +53,7 @@ class WorthGap:
     detail: str
     vehicle: str
     has_heat_path: bool
+    cools: bool = False
     cost: float | None = None
     program_cost: float | None = None
     blind_cost: float | None = None
@@ -98,7 +100,8 @@ def solve_charging_trip(seed: int, number: int) -> WorthGap:
 def compare(trip: ChargingTrip) -> WorthGap:
     """Return the WorthGap of a trip."""
     inputs = trip.vehicle, trip.route, trip.state, trip.goal
-    car = trip.vehicle.name, not trip.vehicle.heat_path.is_direct
+    car = (trip.vehicle.name, not trip.vehicle.heat_path.is_direct,
+           charging_of(trip.vehicle).cooling is not None)
     try:
         worth = _worth_of(trip)
     except InvalidInput as error:
@@ -167,10 +170,12 @@ def summarise(results: Sequence[WorthGap]) -> dict[str, Any]:
     heated = [result for result in compared if result.is_heated]
     late = [result for result in heated if result.has_heat_path]
     at_once = [result for result in heated if not result.has_heat_path]
-    figures.update(heated=len(heated), heated_by_heat_path=len(late))
+    cooled = [result for result in compared if result.cools]
+    figures.update(heated=len(heated), heated_by_heat_path=len(late), cooled=len(cooled))
     for name, key_name, chosen in (
             ('gap', 'gap', compared), ('blind_gap', 'blind_gap', compared),
-            ('heated_gap', 'gap', at_once), ('heat_path_gap', 'gap', late)):
+            ('heated_gap', 'gap', at_once), ('heat_path_gap', 'gap', late),
+            ('cooled_gap', 'gap', cooled)):
         gaps = [(gap, result.number) for result in chosen
                 if (gap := getattr(result, key_name)) is not None]
         values = [gap for gap, _ in gaps]
