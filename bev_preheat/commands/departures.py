@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`preheat prepare --departures`: the preparations of a week, without a planner; and departures that are skipped."""
+"""`preheat prepare`: the preparations of a week without a planner, and departures that are skipped."""
 
 from __future__ import annotations
 
@@ -13,8 +13,7 @@ from bev_preheat.console.program import FAILED
 from bev_preheat.console.terminal import print_records, result_console
 from bev_preheat.control.departure_week import prepare_week
 from bev_preheat.control.departures_file import load_departures, load_grid_prices
-from bev_preheat.control.inputs import NS_PER_S
-from bev_preheat.control.local_time import dated_time, instant_ns, in_words, local
+from bev_preheat.control.local_time import dated_time, in_words, instant_ns, local
 from bev_preheat.errors import InvalidInput
 from bev_preheat.optional_packages import require_ros
 
@@ -35,15 +34,16 @@ def add_departure_arguments(parser: ArgumentParser) -> None:
     """Add the options for departures."""
     skips = parser.add_mutually_exclusive_group()
     skips.add_argument('--skip-next', action='store_true',
-                       help="skip the next departure of the planner's parameter departures, once more with each call")
+                       help="skip the next departure of the planner's parameter departures; each call skips "
+                       'one more')
     skips.add_argument('--skip-none', action='store_true', help='take back every skip')
     week = parser.add_argument_group('the preparations of a week, without a planner')
     week.add_argument('--departures', metavar='FILE', help='print the preparations of the departures in this file')
     week.add_argument('--prices', metavar='FILE', help='prices of energy from the grid')
     week.add_argument('--vehicle', metavar='NAME|FILE',
                       help='vehicle: a name in config/vehicles or a YAML file (default: reference)')
-    week.add_argument('--temperature', type=float, metavar='DEGC', help='battery temperature when a preparation may '
-                      'begin [degC] (default: the ambient temperature)')
+    week.add_argument('--temperature', type=float, metavar='DEGC', help='battery temperature when a preparation '
+                      'may begin [degC] (default: the ambient temperature)')
     week.add_argument('--soc', type=float, metavar='0..1', help='state of charge then (default: 0.8)')
     week.add_argument('--from', dest='since', metavar='DATE', help='begin at this local time, "YYYY-MM-DD HH:MM" '
                       '(default: now)')
@@ -92,7 +92,8 @@ def run_week(arguments: Namespace) -> int:
         console, title, ('departure', 'energy from', 'battery [degC]', 'heating', 'heater [kWh]', f'cost{unit}',
                          f'latest{unit}'), [_row(one, departures.zone) for one in prepared],
         ('left', 'left', 'right', 'left', 'right', 'right', 'right'))
-    paid = [(one.cost, one.latest_cost) for one in prepared if one.cost is not None and one.latest_cost is not None]
+    paid = [(one.cost, one.latest_cost) for one in prepared
+            if one.cost is not None and one.latest_cost is not None]
     if paid:
         cost, latest = (sum(each) for each in zip(*paid))
         console.print(f'From the grid: {cost:.2f} {currency or "in total"}; heating as late as possible '

@@ -2,9 +2,9 @@
 """
 Wants the battery warm for the departures of a week: a source of goals beside the clients of ~/prepare_battery.
 
-It reads the PlannerState and returns events for the next step, so the planner does not know where a goal comes from.
-Everything but a skipped departure follows from file and clock, and needs no memory across a restart. In doubt there
-is no goal, and the report has the reason. Instants are integers, in nanoseconds of the node's clock.
+It reads the PlannerState and returns events for the next step, so the planner does not know the origin of a goal.
+Everything but a skipped departure follows from file and clock, and needs no memory across a restart. In doubt
+there is no goal, and the report has the reason. Instants are integers, in nanoseconds of the node's clock.
 """
 
 from __future__ import annotations

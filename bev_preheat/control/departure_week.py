@@ -47,8 +47,8 @@ class PreparedDeparture:
 
     def heating_ns(self) -> list[tuple[int, int]]:
         """Return (begin, end) [ns] of each heating interval."""
-        return [(self.start_ns + round(interval.start_s * NS_PER_S), self.start_ns + round(interval.end_s * NS_PER_S))
-                for interval in self.plan.intervals]
+        return [(self.start_ns + round(interval.start_s * NS_PER_S),
+                 self.start_ns + round(interval.end_s * NS_PER_S)) for interval in self.plan.intervals]
 
     def as_dictionary(self) -> dict[str, Any]:
         """Return it as JSON-compatible numbers, texts and lists; instants in seconds since 1970."""
@@ -76,7 +76,8 @@ def prepare_week(vehicle: Vehicle, departures: Departures, prices: GridPrices | 
         raise InvalidInput('--ambient: is missing, and the file of departures has no ambient_temperature_c')
     low_c, high_c = LIMITS['ambient_temperature_c']
     if not low_c <= ambient_c <= high_c:
-        raise InvalidInput(f'--ambient: {ambient_c:g} degC is not allowed; it must be {low_c:g} ... {high_c:g} degC')
+        raise InvalidInput(
+            f'--ambient: {ambient_c:g} degC is not allowed; it must be {low_c:g} ... {high_c:g} degC')
     state = BatteryState(ambient_c if temperature_c is None else temperature_c, soc)
     prepared, free_ns = [], from_ns
     for occurrence in departures.until(from_ns, from_ns + WEEK_NS):

@@ -59,13 +59,15 @@ class Departures:
         """
         Yield each Occurrence after an instant [ns], in order; it never ends, except without departures.
 
-        Two departures at the same instant, which a clock change can cause, are one: that with the earlier local time.
+        Two departures at the same instant, which a clock change can cause, are one: that with the earlier
+        local time.
         """
         # A day early, because a local time that a clock change skips may belong to the day before.
         day, latest_ns = local(instant, self.zone).date() - timedelta(days=1), instant
         while self.departures:
-            found = sorted((instant_ns(day, departure.clock, self.zone), number)
-                           for number, departure in enumerate(self._by_clock) if day.weekday() in departure.weekdays)
+            found = sorted(
+                (instant_ns(day, departure.clock, self.zone), number)
+                for number, departure in enumerate(self._by_clock) if day.weekday() in departure.weekdays)
             for at_ns, number in found:
                 if at_ns > latest_ns:
                     latest_ns = at_ns

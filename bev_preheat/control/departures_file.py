@@ -4,7 +4,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from datetime import timezone
+from datetime import UTC
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -31,7 +32,7 @@ def load_departures(path: str | Path) -> Departures:
     departures = [reading.departure(index, node) for index, node in enumerate(contents['departures'])]
     reading.find_duplicates([departure for departure in departures if departure is not None])
     reading.refuse_problems()
-    return Departures(reading.zone, tuple(filter(None, departures)), contents.get('ambient_temperature_c'))
+    return Departures(reading.zone, tuple(filter(None, departures)), _number(contents, 'ambient_temperature_c'))
 
 
 def load_grid_prices(path: str | Path) -> GridPrices:
@@ -47,13 +48,18 @@ def load_grid_prices(path: str | Path) -> GridPrices:
     return prices
 
 
+def _number(node: FileData, key: str) -> float | None:
+    """Return an optional number as a float: YAML reads 20 as an integer, which a ROS message refuses."""
+    return float(node[key]) if key in node else None
+
+
 class _Reading:
     """The problems of one file so far, as sentences without the file's name, and its time zone."""
 
     def __init__(self, path: Path, contents: FileData) -> None:
         self._path = path
         self.problems: list[str] = []
-        self.zone: tzinfo = self._read('', lambda: zone_of(contents['time_zone'])) or timezone.utc
+        self.zone: tzinfo = self._read('', lambda: zone_of(contents['time_zone'])) or UTC
 
     def refuse_problems(self) -> None:
         """Raise InvalidInput if there is any problem."""
@@ -75,7 +81,7 @@ class _Reading:
         clock = self._read(f'departures[{index}].time', lambda: clock_time(node['time']))
         return None if clock is None else Departure(
             node['name'], frozenset(map(DAYS.index, node['weekdays'])), clock,
-            node.get('target_battery_temperature_c'), node['plugged_in'])
+            _number(node, 'target_battery_temperature_c'), node['plugged_in'])
 
     def find_duplicates(self, departures: list[Departure]) -> None:
         """Note names and times that are given twice."""
@@ -94,9 +100,9 @@ class _Reading:
         """Return the DailyPrices in the order of the day."""
         prices = []
         for index, node in enumerate(nodes):
-            clock = self._read(f'daily[{index}].from', lambda node=node: clock_time(node['from']))  # type: ignore[misc]
+            clock = self._read(f'daily[{index}].from', partial(clock_time, node['from']))
             if clock is not None:
-                prices.append(DailyPrice(clock, node['price_per_kwh']))
+                prices.append(DailyPrice(clock, float(node['price_per_kwh'])))
         for clock, count in Counter(price.clock for price in prices).items():
             if count > 1:
                 self.problems.append(f'daily: {count} prices from {clock:%H:%M} on; only one is allowed')

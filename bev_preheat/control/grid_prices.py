@@ -74,10 +74,10 @@ class GridPrices:
 
     def step_prices(self, start_ns: int, time_s: FloatArray) -> FloatArray:
         """
-        Return the mean price per kWh of each step (N,) between instants `time_s` [s] (N + 1,) after `start_ns` [ns].
+        Return the mean price per kWh of each step (N,) between instants `time_s` [s] (N + 1,) after one [ns].
 
-        An unknown price counts as the highest known one between the first and the last instant, so that such a step
-        is used only if the others do not suffice; 0 if all are unknown.
+        An unknown price counts as the highest known one between the first and the last instant, so that such a
+        step is used only if the others do not suffice; 0 if all are unknown.
         """
         periods = self.periods(start_ns, start_ns + round(float(time_s[-1]) * NS_PER_S))
         known = [period.price_per_kwh for period in periods if period.price_per_kwh is not None]

@@ -8,7 +8,7 @@ occurrence; one that is skipped is read with the offset before the gap, so 02:30
 
 from __future__ import annotations
 
-from datetime import date, datetime, time, timedelta, timezone, tzinfo
+from datetime import date, datetime, time, timedelta, tzinfo, UTC
 import re
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
@@ -20,13 +20,13 @@ DATED = re.compile(r'(\d{4})-(\d\d)-(\d\d)[ T]([01]?\d|2[0-3]):([0-5]\d)')
 DAYS = ('monday', 'tuesday', 'wednesday', 'thursday', 'friday', 'saturday', 'sunday')
 # The names in the database are shorter.
 LONGEST_NAME = 100
-EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
+EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
 
 def zone_of(name: str) -> tzinfo:
     """Return the time zone of an IANA name; raise InvalidInput if it is unknown on this computer."""
     if name == 'UTC':
-        return timezone.utc
+        return UTC
     try:
         if len(name) > LONGEST_NAME:
             raise ValueError
@@ -58,8 +58,8 @@ def dated_time(text: str) -> datetime:
 
 def instant_ns(day: date, clock: time, zone: tzinfo) -> int:
     """Return the instant [ns] at which the clocks of a zone show a time on a day."""
-    # fold=0, the default, follows RFC 5545 for both kinds of clock change.
-    elapsed = datetime.combine(day, clock, zone) - EPOCH
+    # fold=0 follows RFC 5545 for both kinds of clock change.
+    elapsed = datetime.combine(day, clock.replace(fold=0), zone) - EPOCH
     return (elapsed.days * 86400 + elapsed.seconds) * NS_PER_S
 
 

@@ -42,7 +42,7 @@ UNKNOWN = '-'
 # Instants beyond this are treated as unset [s].
 LONGEST_S = 1e7
 # Limits messages from any publisher, so that they do not fill the screen.
-LONGEST_EXPLANATION = 2000
+LONGEST_EXPLANATION, LONGEST_VALUE = 2000, 100
 # Columns and rows of the frame; below this inner width the figures are a list.
 FRAME_COLUMNS, FRAME_ROWS = 4, 2
 LEAST_TABLE_WIDTH = 64
@@ -122,7 +122,18 @@ def _figures(heard: Heard, plan: PreheatPlan | None, command: HvchCommand | None
         ('Heater', _command(command), 'Heating', _heating(plan, command, now_s)),
         ('Reason', _status_name(command.reason) if command else UNKNOWN,
          'Arrival', _until(plan.arrival if plan else None, now_s)),
-        *([] if sessions is None else [('Charging', sessions[0], 'Unheated', sessions[1])]))
+        *([] if sessions is None else [('Charging', sessions[0], 'Unheated', sessions[1])]),
+        *_departure(heard))
+
+
+def _departure(heard: Heard) -> Rows:
+    """Return the row on the next departure; () without departures."""
+    entry = next((entry for name, entry in heard.entries.items() if name.endswith(': departures')), None)
+    if entry is None:
+        return ()
+    values = {item.key: one_line(item.value[:LONGEST_VALUE]) for item in entry.values}
+    return (('Departure', values.get('next departure') or UNKNOWN,
+             'Preparation', values.get('state') or UNKNOWN),)
 
 
 def _target(plan: PreheatPlan | None) -> str:

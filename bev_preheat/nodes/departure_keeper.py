@@ -32,7 +32,7 @@ DEPARTURES, GRID_PRICES = 'departures', 'grid_prices'
 
 
 class DepartureFiles(NamedTuple):
-    """The DepartureReport for diagnostics, with the paths of both files ('': none) and their problems ('': none)."""
+    """The DepartureReport for diagnostics, with the paths of both files and their problems; '': none."""
 
     report: DepartureReport
     departures_path: str

@@ -4,8 +4,8 @@ Heat from the grid when it costs the least: price times energy against the heat 
 
 A vehicle that stands and is fed by the grid has a linear model: a watt in a step makes the battery warmer at the
 end by an amount that depends on the step alone. The cost of a kelvin at the end is therefore a figure for each
-step, and filling the steps in the order of these figures is exact. The battery's highest temperature limits the heat
-of all steps up to an instant; such nested limits form a polymatroid, on which filling in order is still
+step, and filling the steps in the order of these figures is exact. The battery's highest temperature limits the
+heat of all steps up to an instant; such nested limits form a polymatroid, on which filling in order is still
 exact (J. Edmonds, Submodular functions, matroids, and certain polyhedra, 1970).
 """
 

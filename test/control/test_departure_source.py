@@ -77,7 +77,8 @@ class Car:
         for name, value in changes.items():
             setattr(self, name, value)
         current = () if self.power_w is None else (VOLTAGE_V, self.power_w / VOLTAGE_V)
-        self.step(BatteryStateArrived(Measurement(BatteryState(self.temperature_c, self.soc), self.now_ns, *current)))
+        self.step(BatteryStateArrived(Measurement(
+            BatteryState(self.temperature_c, self.soc), self.now_ns, *current)))
         return self.act()
 
     def act(self):

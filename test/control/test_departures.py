@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Recurring departures and prices by local clocks, over clock changes, and their files."""
 
-from datetime import datetime, time, timedelta, timezone
+from datetime import datetime, time, timedelta, UTC
 from itertools import islice
 from zoneinfo import ZoneInfo
 
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, settings
+from hypothesis import strategies as st
 import numpy as np
 import pytest
 
@@ -21,13 +22,13 @@ ZONES = tuple(map(ZoneInfo, (
 EVERY_DAY = frozenset(range(7))
 
 zones = st.sampled_from(ZONES)
-clocks = st.times().map(lambda clock: clock.replace(second=0, microsecond=0))
+clocks = st.times().map(lambda clock: clock.replace(second=0, microsecond=0, fold=0))
 # Years with clock changes of today's rules; Samoa skipped a whole day in 2011.
 moments = st.datetimes(datetime(2011, 12, 20), datetime(2030, 1, 1)).map(
-    lambda moment: moment.replace(microsecond=0))
+    lambda moment: moment.replace(microsecond=0, fold=0))
 
 
-def ns(moment, zone=timezone.utc):
+def ns(moment, zone=UTC):
     return round(moment.replace(tzinfo=zone).timestamp()) * NS_PER_S
 
 
@@ -58,7 +59,8 @@ def test_each_departure_is_at_its_local_time_unless_the_clock_skips_it(zone, clo
             wanted = next(day for day in (local.date(), local.date() - timedelta(days=1))
                           if day.weekday() in weekdays)
             there = datetime.combine(wanted, clock, zone)
-            assert there.astimezone(timezone.utc).astimezone(zone).replace(tzinfo=None) != there.replace(tzinfo=None)
+            again = there.astimezone(UTC).astimezone(zone)
+            assert again.replace(tzinfo=None) != there.replace(tzinfo=None)
 
 
 @given(zones, clocks, moments)
@@ -132,7 +134,8 @@ def test_an_autumn_night_has_an_hour_more_of_the_night_price():
 
 def test_mean_prices_of_steps_are_those_of_each_second():
     start_ns = ns(datetime(2026, 11, 25, 21, 17), BERLIN)
-    prices = GridPrices(BERLIN, (DailyPrice(time(6), 0.4), DailyPrice(time(22), 0.2), DailyPrice(time(23, 5), -0.1)))
+    prices = GridPrices(BERLIN, (
+        DailyPrice(time(6), 0.4), DailyPrice(time(22), 0.2), DailyPrice(time(23, 5), -0.1)))
     time_s = np.array([0.0, 100.0, 4000.0, 9000.0, 20000.0])
     each_s = [0.4 if second < 43 * 60 else 0.2 if second < 108 * 60 else -0.1 for second in range(20000)]
     expected = [np.mean(each_s[int(first):int(last)]) for first, last in zip(time_s, time_s[1:])]
@@ -190,6 +193,13 @@ def test_a_file_of_departures_is_read(file):
         Departure('trip', frozenset({6}), time(9, 5), None, False)), -5)
 
 
+def test_whole_numbers_are_floats_because_messages_take_nothing_else(file):
+    departures = load_departures(file(WEEK))
+    prices = load_grid_prices(file(PRICES.replace('0.24', '1')))
+    for value in (departures.departures[0].target_c, departures.ambient_c, prices.daily[1].price_per_kwh):
+        assert type(value) is float
+
+
 def test_a_file_of_prices_is_read(file):
     prices = load_grid_prices(file(PRICES))
     assert prices == GridPrices(
@@ -224,8 +234,9 @@ def test_what_is_wrong_with_departures_is_named(file, old, new, problem):
     ('0.24', '.inf', 'price_per_kwh: inf'), ('0.24', 'cheap', r'daily\[0\].price_per_kwh'),
     (", until: '2026-11-26 04:00'", '', r'dated\[1\].until: is missing; the last price needs its end'),
     ('04:00', '02:00', r'dated\[1\]: ends Thu 2026-11-26 02:00 CET, not after its begin'),
-    ('2026-11-26 03:00', '2026-11-26 00:30', r'dated\[0\]: ends'), ('2026-11-26 01:00', '2026-13-26 01:00', "dated"),
-    ("0.10}", "0.10, until: '2026-11-26 03:30'}", r'dated\[1\].from: Thu 2026-11-26 03:00 CET lies before')])
+    ('2026-11-26 03:00', '2026-11-26 00:30', r'dated\[0\]: ends'),
+    ('2026-11-26 01:00', '2026-13-26 01:00', 'dated'),
+    ('0.10}', "0.10, until: '2026-11-26 03:30'}", r'dated\[1\].from: Thu 2026-11-26 03:00 CET lies before')])
 def test_what_is_wrong_with_prices_is_named(file, old, new, problem):
     path = file(PRICES.replace(old, new, 1))
     with pytest.raises(InvalidInput, match=problem) as refused:

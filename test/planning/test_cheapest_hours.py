@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Heating from the grid at the least cost: against a linear program of the exact solution of the heat balance."""
 
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, settings
+from hypothesis import strategies as st
 import numpy as np
 import pytest
 
@@ -42,8 +43,9 @@ def hourly(prices):
 
 
 def planned(prices, start_c, ambient_c, target_c, **options):
-    return plan_in_cheapest_hours(GRID, standing(len(prices), ambient_c), BatteryState(start_c, SOC), Goal(target_c),
-                                  'merit_order', hourly(prices), **options)
+    return plan_in_cheapest_hours(
+        GRID, standing(len(prices), ambient_c), BatteryState(start_c, SOC), Goal(target_c), 'merit_order',
+        hourly(prices), **options)
 
 
 def rises_k(steps):
@@ -83,7 +85,8 @@ def test_it_costs_as_little_as_the_linear_program(prices, start_c, ambient_c, ta
     assert plan.arrival_temperature_c == pytest.approx(target_c, abs=1e-3)
     energy_kwh = np.abs(plan.hvch_battery_power_w).sum() * STEP_S / 3.6e6
     # The planner integrates the leakage step by step, 0.02 % off the exact solution at most.
-    assert cost_of(plan, hourly(prices)) == pytest.approx(cost, abs=5e-4 * energy_kwh * max(map(abs, prices)) + 1e-6)
+    tolerance = 5e-4 * energy_kwh * max(map(abs, prices)) + 1e-6
+    assert cost_of(plan, hourly(prices)) == pytest.approx(cost, abs=tolerance)
     assert plan.battery_temperature_c.max() <= max(CEILING_C, start_c) + 0.01
 
 
