@@ -6,7 +6,8 @@ Choice of a charger: candidates along a route, each with its own best target, co
 
 All candidates reach the end of the route with the same state of charge, so each departs with the charge for the
 rest of the route: an early charger charges more, a late one less. The rest is driven without heating, from the
-temperature after the session. A detour is driven like the average of the route, half before the stop and half
+temperature after the session. If a charger is taken on arrival, the battery cools during the wait, and the target
+allows for that (`expectation`). A detour is driven like the average of the route, half before the stop and half
 after; its energy counts.
 """
 
@@ -16,6 +17,7 @@ from dataclasses import dataclass, replace
 import math
 from typing import Any, TYPE_CHECKING
 
+from bev_preheat.charging.prospect import CERTAIN, ChargingProspect
 from bev_preheat.charging.session import charge
 from bev_preheat.charging.stop import arrival_state, stop_after, WH_PER_KWH
 from bev_preheat.charging.target_worth import Prices
@@ -28,6 +30,7 @@ from bev_preheat.planning.situation import BatteryState, check_situation, reserv
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from bev_preheat.charging.target_worth import TargetWorth
     from bev_preheat.charging.worth import Worth
     from bev_preheat.planning.plan import Plan
     from bev_preheat.planning.situation import Goal
@@ -46,7 +49,8 @@ class Candidate:
 
     `instant_s` is the driving time from the start of the route to the exit for the charger [s];
     `charger_power_w` is at the vehicle's inlet [W]. `detour_s` covers both ways, `expected_wait_s` is the
-    mean wait, including the chance of none [s].
+    mean wait, including the chance of none [s]. It is free on arrival with `free_probability` (0 ... 1); with 1
+    nothing is known about the chance, and the battery does not cool while the vehicle waits.
     """
 
     name: str
@@ -55,6 +59,13 @@ class Candidate:
     energy_price_per_kwh: float
     detour_s: float = 0.0
     expected_wait_s: float = 0.0
+    free_probability: float = 1.0
+
+    @property
+    def prospect(self) -> ChargingProspect:
+        """The ChargingProspect: a vehicle that finds the charger taken waits."""
+        taken = 1.0 - self.free_probability
+        return ChargingProspect(self.free_probability, wait_s=self.expected_wait_s / taken) if taken > 0.0 else CERTAIN
 
 
 @dataclass(frozen=True)
@@ -146,7 +157,7 @@ class _Leg:
                 break
             worth = find_worth(
                 self._vehicle, self._way, self._state, self._goal, candidate.charger_power_w,
-                departure_soc, Prices(candidate.energy_price_per_kwh, time_per_h))
+                departure_soc, Prices(candidate.energy_price_per_kwh, time_per_h), prospect=candidate.prospect)
             if math.isinf(worth.best.cost):
                 return CandidateWorth(candidate, worth.verdict, departure_soc, worth=worth)
             leaves_c = self._leaves_c(worth, departure_soc)
@@ -158,7 +169,14 @@ class _Leg:
             candidate, None, departure_soc, float(end_soc), worth,
             candidate.energy_price_per_kwh * best.bought_energy_wh / WH_PER_KWH,
             time_per_h * best.charging_time_s / hour_s, time_per_h * candidate.detour_s / hour_s,
-            time_per_h * candidate.expected_wait_s / hour_s)
+            self._wait_cost(best, time_per_h))
+
+    def _wait_cost(self, best: TargetWorth, time_per_h: float) -> float:
+        """Return the mean cost of waiting: of its time, and of charging a battery that has cooled meanwhile."""
+        taken = 1.0 - self._candidate.free_probability
+        if taken == 0.0:
+            return time_per_h * self._candidate.expected_wait_s / SECONDS_PER_H
+        return taken * (best.not_charged_cost - best.charged_cost)
 
     def _unreached(self, unheated: Plan) -> str | None:
         """Return why the charger is out of reach, or None."""

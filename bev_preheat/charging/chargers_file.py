@@ -90,4 +90,5 @@ def _candidate(node: FileData, route: Route, energy_price_per_kwh: float) -> Can
         node['name'], instant_s, float(node['charger_power_w']),
         float(node.get('energy_price_per_kwh', energy_price_per_kwh)),
         node.get('detour_min', 0.0) * S_PER_MIN,
-        (1.0 - node.get('free_probability', 1.0)) * node.get('wait_min', 0.0) * S_PER_MIN)
+        (1.0 - node.get('free_probability', 1.0)) * node.get('wait_min', 0.0) * S_PER_MIN,
+        float(node.get('free_probability', 1.0)))

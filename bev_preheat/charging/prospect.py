@@ -65,7 +65,9 @@ def chance_text(probability: float) -> str:
 def check_prospect(prospect: ChargingProspect) -> None:
     """Raise InvalidInput, one sentence per quantity, if a ChargingProspect is not allowed."""
     problems = []
-    if not 0.0 < prospect.probability <= 1.0:
+    # A vehicle that waits charges in any case.
+    is_possible = prospect.probability > 0.0 or (prospect.wait_s is not None and prospect.probability == 0.0)
+    if not (is_possible and prospect.probability <= 1.0):
         problems.append(f'charging probability: {figure_beyond(prospect.probability, 0.0, 1.0)} is not allowed; it '
                         'must be above 0 ... 1; without any charging there is nothing to plan')
     for name, value in (('arrival deviation', prospect.arrival_deviation_s),

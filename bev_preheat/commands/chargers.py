@@ -9,6 +9,7 @@ from bev_preheat.charging.candidates import rank_chargers, ranking_verdict
 from bev_preheat.charging.chargers_file import load_chargers
 from bev_preheat.charging.target_worth import Prices
 from bev_preheat.charging.worth import check_prices
+from bev_preheat.commands.prospect import OPTIONS
 from bev_preheat.commands.situation import read_situation
 from bev_preheat.console.output import check_output_arguments, write_json
 from bev_preheat.console.terminal import print_records, result_console
@@ -29,7 +30,7 @@ OF_SEVERAL = ('end_soc', 'only')
 def check_charger_arguments(arguments: Namespace) -> None:
     """Raise InvalidInput if an argument belongs to the other way, or one is missing."""
     several = arguments.chargers is not None
-    others, needed = (OF_ONE, ('end_soc',)) if several else (OF_SEVERAL, OF_ONE)
+    others, needed = ((*OF_ONE, *OPTIONS), ('end_soc',)) if several else (OF_SEVERAL, OF_ONE)
     problems = [f'{_option(name)}: {"not allowed with" if several else "only with"} --chargers'
                 for name in others if getattr(arguments, name) is not None]
     problems += [f'{_option(name)}: needed with{"" if several else "out"} --chargers' for name in needed

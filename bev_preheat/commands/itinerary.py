@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from bev_preheat.commands.completion import completed_by, NameCompleter
+from bev_preheat.commands.prospect import given_prospect_options, plan_in_doubt
 from bev_preheat.commands.situation import in_steps, load_planned_vehicle, target_of, warn
 from bev_preheat.console.output import check_output_arguments, print_plans, write_json
 from bev_preheat.console.terminal import result_console
@@ -14,7 +15,6 @@ from bev_preheat.control.inputs import check_mission, Leg, NS_PER_S
 from bev_preheat.control.itinerary import load_itinerary
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.explanation import duration_text
-from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.vehicle import vehicle_file
 
@@ -47,7 +47,7 @@ def run_itinerary(arguments: Namespace) -> int:
     legs = tuple(replace(leg, route=in_steps(leg.route, arguments)) for leg in (first, *others))
     target_c = target_of(arguments, vehicle)
     check_mission(vehicle, replace(itinerary.mission, legs=legs), target_c)
-    plans = [_plan(vehicle, leg, target_c, arguments.method) for leg in legs]
+    plans, doubts = zip(*(_plan(vehicle, leg, target_c, arguments.method) for leg in legs))
     starts_s = [leg.start_ns / NS_PER_S for leg in legs]
     headings = [f'{number}: {name}' for number, name in enumerate(itinerary.route_names, start=1)]
     title = f'vehicle {vehicle.name}, itinerary {itinerary.mission.route_id}'
@@ -65,21 +65,22 @@ def run_itinerary(arguments: Namespace) -> int:
     console = result_console(arguments.json)
     print_plans(console, plans, title, headings,
                 [('Departure after', *map(duration_text, starts_s))])
-    for heading, plan in zip(headings, plans):
-        console.print(f'{heading}: {plan.status.name}: {plan.explanation}', markup=False,
+    for heading, plan, in_doubt in zip(headings, plans, doubts):
+        console.print(f'{heading}: {plan.status.name}: {plan.explanation} {in_doubt}'.rstrip(), markup=False,
                       soft_wrap=True)
     return 0
 
 
-def _plan(vehicle: Vehicle, leg: Leg, target_c: float, method: str) -> Plan:
-    """Return the Plan of a Leg from its departure on."""
+def _plan(vehicle: Vehicle, leg: Leg, target_c: float, method: str) -> tuple[Plan, str]:
+    """Return the Plan of a Leg from its departure on, and the sentence on its prospect of charging."""
     assert leg.departure is not None
-    return plan_preheating(vehicle, leg.route, leg.departure, leg.goal(target_c), method)
+    return plan_in_doubt(vehicle, leg.route, leg.departure, leg.goal(target_c), leg.prospect, method)
 
 
 def _refuse_what_legs_say(arguments: Namespace) -> None:
     given = [name for name, value in (('--min-soc', arguments.min_soc),
                                       ('--no-charging', arguments.no_charging)) if value]
+    given += given_prospect_options(arguments)
     if given:
         raise InvalidInput(f'{", ".join(given)}: not allowed with --itinerary, because each leg '
                            'has its own')

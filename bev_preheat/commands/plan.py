@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 from bev_preheat.commands.itinerary import add_itinerary_argument, run_itinerary
 from bev_preheat.commands.method_argument import add_method_argument
+from bev_preheat.commands.prospect import add_prospect_arguments, plan_in_doubt, read_prospect
 from bev_preheat.commands.situation import add_situation_arguments, read_situation
 from bev_preheat.console.output import add_output_arguments, check_output_arguments, print_plans, write_json
 from bev_preheat.console.terminal import result_console
-from bev_preheat.planning.planner import plan_preheating
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -27,6 +27,7 @@ def add_parser(subparsers: Subparsers) -> None:
     route_group = parser.add_mutually_exclusive_group(required=True)
     add_situation_arguments(parser, route_group)
     add_itinerary_argument(route_group)
+    add_prospect_arguments(parser)
     add_method_argument(parser)
     add_output_arguments(parser)
     parser.set_defaults(run=run)
@@ -36,15 +37,18 @@ def run(arguments: Namespace) -> int:
     """Plan, print, and write the requested files; returns the exit status."""
     if arguments.itinerary is not None:
         return run_itinerary(arguments)
+    prospect = read_prospect(arguments)
     situation = read_situation(arguments)
     check_output_arguments(arguments, situation.files)
-    plan = plan_preheating(situation.vehicle, situation.route, situation.state, situation.goal,
-                           arguments.method)
+    plan, in_doubt = plan_in_doubt(situation.vehicle, situation.route, situation.state, situation.goal,
+                                   prospect, arguments.method)
     title = f'vehicle {situation.vehicle.name}, route {arguments.route}'
     if arguments.json:
         write_json(arguments.json, {**plan.as_dictionary(),
                                     'route_made_for': situation.route_made_for,
-                                    'vehicle_assumed': list(situation.vehicle.assumed)})
+                                    'vehicle_assumed': list(situation.vehicle.assumed),
+                                    **({'charging_probability': prospect.probability,
+                                        'prospect_explanation': in_doubt} if in_doubt else {})})
     if arguments.plot:
         from bev_preheat.drawing.plan_figure import draw_plans
         draw_plans(arguments.plot, situation.vehicle, situation.route, situation.goal, [plan],
@@ -52,4 +56,6 @@ def run(arguments: Namespace) -> int:
     console = result_console(arguments.json)
     print_plans(console, [plan], title)
     console.print(f'{plan.status.name}: {plan.explanation}', markup=False, soft_wrap=True)
+    if in_doubt:
+        console.print(in_doubt, markup=False, soft_wrap=True)
     return 0

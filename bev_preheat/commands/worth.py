@@ -13,6 +13,7 @@ from bev_preheat.charging.worth import ENERGY_PRICE_PER_KWH, find_worth, VALUE_O
 from bev_preheat.commands.charge import add_charger_arguments
 from bev_preheat.commands.chargers import check_charger_arguments, run_chargers
 from bev_preheat.commands.completion import completed_by, NameCompleter
+from bev_preheat.commands.prospect import add_prospect_arguments, read_prospect
 from bev_preheat.commands.situation import add_drive_arguments, read_situation
 from bev_preheat.console.output import add_output_arguments, check_output_arguments, write_json
 from bev_preheat.console.terminal import print_records, result_console
@@ -21,6 +22,7 @@ from bev_preheat.planning.explanation import duration_text
 if TYPE_CHECKING:
     from argparse import Namespace
 
+    from bev_preheat.charging.prospect import ChargingProspect
     from bev_preheat.charging.spread import TimeDeviation
     from bev_preheat.charging.target_worth import TargetWorth
     from bev_preheat.charging.worth import Worth
@@ -55,6 +57,7 @@ def add_parser(subparsers: Subparsers) -> None:
                         'their own price (default: %(default)s)')
     parser.add_argument('--value-of-time', type=float, default=VALUE_OF_TIME_PER_H, metavar='PER_H',
                         help='value of an hour at the charger to the driver (default: %(default)s)')
+    add_prospect_arguments(parser)
     add_output_arguments(parser)
     parser.set_defaults(run=run)
 
@@ -64,23 +67,28 @@ def run(arguments: Namespace) -> int:
     check_charger_arguments(arguments)
     if arguments.chargers is not None:
         return run_chargers(arguments)
+    prospect = read_prospect(arguments)
     situation = read_situation(arguments)
     check_output_arguments(arguments, situation.files)
     prices = Prices(arguments.energy_price, arguments.value_of_time)
     inputs = situation.vehicle, situation.route, situation.state
     charger = arguments.charger_power, arguments.departure_soc
-    worth = find_worth(*inputs, situation.goal, *charger, prices)
+    worth = find_worth(*inputs, situation.goal, *charger, prices, prospect=prospect)
     shown = worth.fixed if worth.best is worth.without_heating else worth.best
     deviation = time_deviation(
         *inputs, replace(situation.goal, target_temperature_c=shown.target_c), *charger)
     title = (f'vehicle {situation.vehicle.name}, route {arguments.route}, charger '
              f'{arguments.charger_power / W_PER_KW:g} kW to {100.0 * arguments.departure_soc:g} %\n'
-             f'{prices.energy_per_kwh:g} per kWh, {prices.time_per_h:g} per h')
+             f'{prices.energy_per_kwh:g} per kWh, {prices.time_per_h:g} per h{_prospect_text(prospect)}')
     if arguments.json:
         write_json(arguments.json, {
             **worth.as_dictionary(), 'energy_price_per_kwh': prices.energy_per_kwh,
             'value_of_time_per_h': prices.time_per_h, 'charger_power_w': arguments.charger_power,
             'departure_soc': arguments.departure_soc,
+            **({} if prospect.is_certain else {
+                'charging_probability': prospect.probability,
+                'arrival_deviation_s': prospect.arrival_deviation_s,
+                'charging_known_before_s': prospect.known_before_arrival_s}),
             'charging_time_deviation_s': {'target_c': shown.target_c, **deviation.as_dictionary()},
             'route_made_for': situation.route_made_for,
             'vehicle_assumed': list(situation.vehicle.assumed)})
@@ -97,6 +105,15 @@ def run(arguments: Namespace) -> int:
     if sentence:
         console.print(sentence, markup=False, soft_wrap=True)
     return 0
+
+
+def _prospect_text(prospect: ChargingProspect) -> str:
+    """Return what is uncertain, for the title; '' for nothing."""
+    known_s = prospect.known_before_arrival_s
+    return ''.join(text for is_given, text in (
+        (prospect.probability < 1.0, f', {prospect.in_words} chance of charging'),
+        (prospect.probability < 1.0 and known_s > 0.0, f', known {known_s:g} s before arrival'),
+        (prospect.arrival_deviation_s > 0.0, f', arrival +-{prospect.arrival_deviation_s:g} s')) if is_given)
 
 
 def _shown(worth: Worth) -> list[TargetWorth]:

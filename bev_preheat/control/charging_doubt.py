@@ -4,6 +4,7 @@ What it means for the plan that the vehicle may not charge: the sentence, and a 
 
 A chosen target is the cheapest by expected cost (`charging.expectation`). A given target, or the vehicle's default,
 is kept or not heated to at all: it is heated to from the probability on from which that costs less than no heating.
+Once it is, the decision stays until the probability changes.
 """
 
 from __future__ import annotations

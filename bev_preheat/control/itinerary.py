@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from bev_preheat.charging.prospect import ChargingProspect
 from bev_preheat.control.inputs import Leg, Mission, with_stops
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.checked_yaml import FileData, load_checked_yaml
@@ -65,7 +66,10 @@ def load_itinerary(name_or_file: str | Path, vehicle: Vehicle) -> Itinerary:
             charging_planned=node.get('charging_planned', True),
             target_temperature_c=node.get('target_battery_temperature_c'),
             minimum_arrival_soc=node.get('minimum_arrival_soc', 0.0),
-            departure=departure))
+            departure=departure,
+            prospect=ChargingProspect(float(node.get('charging_probability', 1.0)),
+                                      float(node.get('arrival_time_deviation_s', 0.0)),
+                                      float(node.get('charging_known_before_arrival_s', 0.0)))))
         if not problems and node is not nodes[-1]:
             departure = BatteryState(node['departure_temperature_c'], node['departure_soc'])
     if problems:

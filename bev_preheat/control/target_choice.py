@@ -197,7 +197,8 @@ class TargetChooser:
             pays_from = given_target_pays_from(
                 now.vehicle, now.route, now.state, now.goal, held, now.settings.prices, now.plan_to)
             self._choice = replace(
-                _unchosen(now.leg, now.settings, why), heating_pays=held.probability >= pays_from,
+                _unchosen(now.leg, now.settings, why),
+                heating_pays=self._goes_on() or held.probability >= pays_from,
                 doubt=ChargingDoubt(held.probability, pays_from, self._starts_by_ns(
                     now, now.goal.target_temperature_c)))
         return self._choice
@@ -279,7 +280,7 @@ class TargetChooser:
         if now.given:
             target_c = now.goal.target_temperature_c
             pays_from = search.pays_from_probability(target_c)
-            choice = replace(choice, heating_pays=probability >= pays_from)
+            choice = replace(choice, heating_pays=self._goes_on() or probability >= pays_from)
         else:
             target_c, pays_from = search.best_if_charged().target_c, search.pays_from_probability()
         return replace(choice, doubt=ChargingDoubt(
@@ -298,6 +299,12 @@ class TargetChooser:
         """Return the instant at which heating to a target starts [ns]; None without heating."""
         start_s = now.plan_to(target_c).heating_start_s
         return None if start_s is None else now.stamp_ns + round(start_s * NS_PER_S)
+
+    def _goes_on(self) -> bool:
+        """Return whether heating to a given target has been decided for the probability of now: it then stays so."""
+        before = self._choice
+        return (before is not None and before.doubt is not None and before.heating_pays
+                and before.doubt.probability == self._held.prospect.probability)
 
     @staticmethod
     def _given_one(search: WorthSearch, now: TargetSearchInput) -> TargetChoice:

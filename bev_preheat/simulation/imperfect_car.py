@@ -5,12 +5,13 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 import math
 from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
+from bev_preheat.charging.prospect import CERTAIN, ChargingProspect
 from bev_preheat.control.inputs import Leg, Mission, NS_PER_S, Progress
 from bev_preheat.simulation.heater_faults import fault_at, HeaterFault, next_change_s
 from bev_preheat.simulation.heater_lease import HeaterLease
@@ -96,17 +97,20 @@ class ImperfectCar:
     def __init__(self, vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal,
                  imperfections: Imperfections = Imperfections(), seed: int | Sequence[int] = 0,
                  route_id: str = 'simulated', standing_time_s: float = 0.0,
-                 charger: Charger | None = None, following: Sequence[Phase] = ()) -> None:
+                 charger: Charger | None = None, following: Sequence[Phase] = (),
+                 prospect: ChargingProspect = CERTAIN) -> None:
         """
         Put the car at the start of a Route, with its battery in `state`; see numpy for `seed`.
 
         The trip planner reports that it stood for `standing_time_s` [s] before; 0: unknown. It
-        knows the Charger at the end; None: unknown. `following` are the Phases after this drive.
+        knows the Charger at the end (None: unknown) and the `prospect` of charging there. `following` are the Phases
+        after this drive.
         """
         self._drive_seed, sensor_seed, self._position_seed = np.random.SeedSequence(seed).spawn(3)
         self.vehicle = vehicle
         self.imperfections = imperfections
-        self.phase: Phase = DrivePhase(route, goal, standing_time_s, imperfections.events, imperfections.position)
+        self.phase: Phase = DrivePhase(route, goal, standing_time_s, imperfections.events, imperfections.position,
+                                       charger=charger, prospect=prospect)
         self.reports: list[PhaseReport] = []
         self._first_state = state
         self._following, self._phases = deque(following), 1 + len(following)
@@ -336,4 +340,10 @@ class ImperfectCar:
         return Mission(letter.route_id, (Leg(
             route, self._sent_start_ns, news.charging_planned,
             None if math.isnan(goal.target_temperature_c) else goal.target_temperature_c,
-            goal.minimum_arrival_soc, charger=self._charger),), standing_time_s)
+            goal.minimum_arrival_soc, charger=drive.charger or self._charger, prospect=_revised(
+                drive.prospect, news.probability)),), standing_time_s)
+
+
+def _revised(prospect: ChargingProspect, probability: float | None) -> ChargingProspect:
+    """Return a ChargingProspect with another probability; None: the same."""
+    return prospect if probability is None else replace(prospect, probability=probability)

@@ -8,12 +8,14 @@ import math
 from typing import TYPE_CHECKING
 
 from bev_preheat.charging.equations import make_cooling
+from bev_preheat.charging.prospect import CERTAIN, ChargingProspect
 from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle.charging import vehicle_at_charger
 
 if TYPE_CHECKING:
     from bev_preheat.charging.equations import CoolingPowers
+    from bev_preheat.charging.stop import Charger
     from bev_preheat.planning.situation import Goal
     from bev_preheat.route.segments import Route
     from bev_preheat.simulation.position import PositionReports
@@ -35,7 +37,7 @@ class DrivePhase:
     The trip planner reports that the car stood for `standing_time_s` [s] before; 0: unknown. The
     instants of `events` count from the start of the drive. `position` None: the car does not report its
     position. With `starts_over` the battery returns to its very first state, as in a recording played
-    again.
+    again. The trip planner tells the `charger` at the end (None: unknown) and the `prospect` of charging.
     """
 
     route: Route
@@ -45,6 +47,8 @@ class DrivePhase:
     position: PositionReports | None = None
     announced_s: float = 0.0
     starts_over: bool = False
+    charger: Charger | None = None
+    prospect: ChargingProspect = CERTAIN
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from bev_preheat.charging.prospect import CERTAIN, ChargingProspect
+from bev_preheat.charging.stop import Charger, USUAL_DEPARTURE_SOC
 from bev_preheat.control.settings import FIELD_OF_PARAMETER
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.checked_yaml import FileData, load_checked_yaml
@@ -62,6 +64,8 @@ class Scenario:
     """
     A drive, or a chain that begins with it, its faults, and the expectations.
 
+    The trip planner tells the `charger` at the end of the drive (None: unknown) and the `prospect` of charging.
+
     The car stood for `standing_time_s` [s] before (0: unknown). `planner` holds parameters of the
     node `planner` by name, `vehicle_name` is the vehicle's name or path in the file.
     `files` are the paths of all files that were read;
@@ -85,18 +89,20 @@ class Scenario:
     standing_time_s: float = 0.0
     following: tuple[Phase, ...] = ()
     phase_expectations: tuple[Expectations | None, ...] = ()
+    charger: Charger | None = None
+    prospect: ChargingProspect = CERTAIN
 
     @property
     def drives(self) -> list[DrivePhase]:
         """All drives, in order."""
         first = DrivePhase(self.route, self.goal, self.standing_time_s, self.imperfections.events,
-                           self.imperfections.position)
+                           self.imperfections.position, charger=self.charger, prospect=self.prospect)
         return [first, *(phase for phase in self.following if isinstance(phase, DrivePhase))]
 
     def car(self) -> ImperfectCar:
         """Return the ImperfectCar at the start."""
         return ImperfectCar(self.vehicle, self.route, self.state, self.goal, self.imperfections,
-                            self.seed, self.name, self.standing_time_s, following=self.following)
+                            self.seed, self.name, self.standing_time_s, self.charger, self.following, self.prospect)
 
 
 def load_scenario(name_or_file: str | Path) -> Scenario:
@@ -137,6 +143,7 @@ def _scenario(path: Path, contents: dict[str, FileData]) -> Scenario:
         expectations=_expectations(contents['expect'], 'expect'),
         planner=_planner(contents.get('planner', {})),
         standing_time_s=drive.standing_time_s,
+        charger=drive.charger, prospect=drive.prospect,
         following=tuple(phases[1:]),
         phase_expectations=tuple(
             _expectations(item['expect'], f'chain[{at}].expect') if 'expect' in item else None
@@ -192,7 +199,7 @@ class _PhaseReader:
         check_situation(vehicle, route, goal=goal)
         return DrivePhase(route, goal, float(node.get('standing_time_s', 0.0)), events,
                           _position(node, where), float(node.get('announced_s', 0.0)),
-                          node.get('starts_over', False))
+                          node.get('starts_over', False), _charger(node, where), _prospect(node))
 
     def _route(self, node: dict[str, FileData]) -> Route:
         loaded = route_for(node['route'], self.vehicle, self._folder,
@@ -236,6 +243,22 @@ def _heat_path(contents: dict[str, FileData]) -> HeatPath | None:
     return path
 
 
+def _charger(node: dict[str, FileData], where: str) -> Charger | None:
+    """Return the Charger at the end of a drive; None: the trip planner does not know it."""
+    if 'charger_power_w' not in node:
+        if 'charging_departure_soc' in node:
+            raise InvalidInput(f'{where or "drive."}charging_departure_soc: only with charger_power_w')
+        return None
+    return Charger(float(node['charger_power_w']), float(node.get('charging_departure_soc', USUAL_DEPARTURE_SOC)))
+
+
+def _prospect(node: dict[str, FileData]) -> ChargingProspect:
+    """Return the ChargingProspect at the end of a drive."""
+    return ChargingProspect(*(float(node.get(key, unset)) for key, unset in (
+        ('charging_probability', 1.0), ('arrival_time_deviation_s', 0.0),
+        ('charging_known_before_arrival_s', 0.0))))
+
+
 def _position(contents: dict[str, FileData], where: str) -> PositionReports | None:
     """Return the car's position reports; None: it sends none."""
     node = contents.get('route_progress')
@@ -253,7 +276,8 @@ def _sensors(node: dict[str, FileData]) -> Sensors:
 # Required keys of each kind of event, besides its instant; other keys are refused.
 OWN_KEYS: dict[Kind, set[str]] = {
     Kind.STOP: {'duration_s'}, Kind.OTHER_PACE: {'duration_s', 'factor'},
-    Kind.DETOUR: {'route'}, Kind.CANCEL_CHARGING: set(), Kind.ARRIVE_EARLY: set()}
+    Kind.DETOUR: {'route'}, Kind.CANCEL_CHARGING: set(), Kind.CHARGING_PROBABILITY: {'probability'},
+    Kind.ARRIVE_EARLY: set()}
 
 
 def _event(where: str, node: dict[str, FileData], detour: Route | None) -> Event:

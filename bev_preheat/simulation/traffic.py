@@ -22,6 +22,8 @@ class Kind(Enum):
     DETOUR = 'detour'
     # The stop for charging is cancelled; the drive continues.
     CANCEL_CHARGING = 'cancel_charging'
+    # The `probability` of charging at the end changes; the drive continues.
+    CHARGING_PROBABILITY = 'charging_probability'
     # The drive ends early, at a charger.
     ARRIVE_EARLY = 'arrive_early'
 
@@ -40,6 +42,7 @@ class Event:
     duration_s: float = 0.0
     factor: float = 1.0
     route: Route | None = None
+    probability: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -47,12 +50,14 @@ class TrafficNews:
     """
     News from the trip planner at an instant [s]: the route from then on, and whether charging is planned.
 
-    `route` is None if the drive has ended by then; the route sent before is then cut.
+    `route` is None if the drive has ended by then; the route sent before is then cut. `probability` is the new one
+    of charging at the end, None: that of before the drive.
     """
 
     at_s: float
     route: Route | None
     charging_planned: bool
+    probability: float | None = None
 
 
 def drive_with_events(route: Route, events: Iterable[Event],
@@ -62,24 +67,26 @@ def drive_with_events(route: Route, events: Iterable[Event],
 
     `events` are in order of time; those after the end of the drive are ignored.
     """
-    news = []
+    news, probability = [], None
     for event in sorted(events, key=lambda event: event.at_s):
         if event.at_s >= route.total_duration_s:
             continue
         route = _after(route, event)
         if event.kind is Kind.CANCEL_CHARGING:
             charging_planned = False
+        if event.kind is Kind.CHARGING_PROBABILITY:
+            probability = event.probability
         if event.route_plan_after_s is not None:
             at_s = event.at_s + event.route_plan_after_s
             rest = route.after(at_s) if at_s < route.total_duration_s else None
-            news.append(TrafficNews(at_s, rest, charging_planned))
+            news.append(TrafficNews(at_s, rest, charging_planned, probability))
     return route, news
 
 
 def _after(route: Route, event: Event) -> Route:
     """Return the route as changed by an event."""
     at_s = event.at_s
-    if event.kind is Kind.CANCEL_CHARGING:
+    if event.kind in (Kind.CANCEL_CHARGING, Kind.CHARGING_PROBABILITY):
         return route
     if event.kind is Kind.ARRIVE_EARLY:
         return route.before(at_s)

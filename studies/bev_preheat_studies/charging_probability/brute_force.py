@@ -1,0 +1,211 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The best target under uncertainty against a search over start and end of heating, on random drives.
+
+The search knows no target: it heats with full power between two instants, tries a grid of both, and refines the best
+of it. Its cost is computed here: arrival times by a quadrature of its own with more points, each session simulated,
+the lost energy as the integral of the open-circuit voltage. The same account judges the planner's best target.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import count
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bev_preheat.charging.expectation import by_the_clock, state_at_end
+from bev_preheat.charging.prospect import ChargingProspect
+from bev_preheat.charging.session import charge
+from bev_preheat.charging.worth import find_worth
+from bev_preheat.errors import InvalidInput
+from bev_preheat.numerics.arithmetic import FLOATS
+from bev_preheat.planning.limits import drive_as_planned
+from bev_preheat.planning.planner import plan_preheating, plan_unheated
+from bev_preheat.planning.trip import make_trip
+from bev_preheat_studies.numbered import run_numbered
+from bev_preheat_studies.optimality.charging_trips import draw_charging_trip
+from bev_preheat_studies.workers import Workers
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.planning.trip import Trip
+    from bev_preheat_studies.optimality.charging_trips import ChargingTrip
+
+COMPARED, NOT_DRIVEN = 'compared', 'not driven'
+# (low, high) of uniform distributions, and the share of the drives with each uncertainty.
+PROBABILITY = (0.05, 1.0)
+DEVIATION_S, DEVIATION_SHARE = (60.0, 600.0), 0.5
+KNOWN_S, KNOWN_SHARE = (300.0, 1500.0), 0.3
+# Points of the judge's quadrature.
+ARRIVALS = 11
+# Starts and durations of heating on the grid, its points that are refined, and the step at which that ends [s].
+STARTS, DURATIONS, REFINED, LEAST_STEP_S = 12, 6, 2, 15.0
+LONGEST_SESSION_S = 24.0 * 3600.0
+J_PER_WH = 3600.0
+
+
+@dataclass(frozen=True)
+class Gap:
+    """
+    One drive: expected cost of the best target, of the best start and end, of no heating and of certain charging.
+
+    `certain_cost` is the expected cost of the target that is best if the vehicle charges for certain.
+    """
+
+    number: int
+    outcome: str
+    detail: str
+    prospect: ChargingProspect
+    has_heat_path: bool = False
+    cost: float = math.nan
+    searched_cost: float = math.nan
+    unheated_cost: float = math.nan
+    certain_cost: float = math.nan
+
+    @property
+    def gap(self) -> float:
+        """Share by which the best target costs more than the best start and end; negative: less."""
+        return self.cost / self.searched_cost - 1.0
+
+
+def draw_prospect(seed: int, number: int) -> ChargingProspect:
+    """Return the ChargingProspect of a drive of the study."""
+    random = np.random.default_rng([seed, number, 40])
+    probability = float(random.uniform(*PROBABILITY))
+    deviation_s, known_s = float(random.uniform(*DEVIATION_S)), float(random.uniform(*KNOWN_S))
+    return ChargingProspect(probability, deviation_s if random.uniform() < DEVIATION_SHARE else 0.0,
+                            known_s if random.uniform() < KNOWN_SHARE else 0.0)
+
+
+class Judge:
+    """The expected cost of any heating on one drive under a ChargingProspect."""
+
+    def __init__(self, drawn: ChargingTrip, prospect: ChargingProspect) -> None:
+        """Drive the unheated vehicle to each arrival time."""
+        self._drawn, self._prospect = drawn, prospect
+        deviation_s = prospect.arrival_deviation_s
+        points, weights = np.polynomial.hermite_e.hermegauss(ARRIVALS if deviation_s > 0.0 else 1)
+        self._arrivals: list[tuple[float, Trip, float]] = []
+        for point, weight in zip(points.tolist(), (weights / weights.sum()).tolist()):
+            pace = max(1.0 + point * deviation_s / drawn.route.total_duration_s, 0.5)
+            route = replace(drawn.route.with_propulsion(1.0 / pace), duration_s=pace * drawn.route.duration_s,
+                            speed_mps=drawn.route.speed_mps / pace)
+            trip = make_trip(drawn.vehicle, route)
+            self._arrivals.append((weight, trip, float(drive_as_planned(
+                trip, drawn.state, np.zeros(len(trip.route))).soc[-1])))
+
+    def cost(self, power_of: Callable[[Trip, float], FloatArray]) -> float:
+        """Return the expected cost; `power_of(trip, until_s)` is the heater power on a trip, off from an instant [s]."""
+        drawn, prospect, cost = self._drawn, self._prospect, 0.0
+        for weight, trip, unheated_soc in self._arrivals:
+            driven = drive_as_planned(trip, drawn.state, power_of(trip, math.inf))
+            end_soc = float(driven.soc[-1])
+            if prospect.known_before_arrival_s > 0.0:
+                known_s = max(0.0, trip.route.total_duration_s - prospect.known_before_arrival_s)
+                end_soc = float(drive_as_planned(trip, drawn.state, power_of(trip, known_s)).soc[-1])
+            lost_wh = self._energy_wh(end_soc, unheated_soc, float(driven.temperature_c[-1]))
+            not_charged = drawn.prices.cost(lost_wh, 0.0)
+            state = state_at_end(driven)
+            charged = 0.0
+            if state.soc < drawn.stop.departure_soc:
+                session = charge(drawn.vehicle, drawn.stop, state)
+                charged = (drawn.prices.cost(session.bought_energy_wh, session.charging_time_s)
+                           if math.isfinite(session.charging_time_s) else drawn.prices.cost(
+                               self._energy_wh(state.soc, drawn.stop.departure_soc, drawn.stop.ambient_c),
+                               LONGEST_SESSION_S))
+            cost += weight * (prospect.probability * charged + (1.0 - prospect.probability) * not_charged)
+        return cost
+
+    def _energy_wh(self, from_soc: float, to_soc: float, temperature_c: float) -> float:
+        battery = self._drawn.vehicle.battery
+        voltage_v = battery.open_circuit_voltage.function(FLOATS)
+        socs = np.linspace(from_soc, to_soc, 21)
+        volts = np.array([voltage_v(soc, temperature_c) for soc in socs.tolist()])
+        return float(np.sum(0.5 * (volts[1:] + volts[:-1]) * np.diff(socs))) * battery.capacity_as / J_PER_WH
+
+
+def between(start_s: float, end_s: float) -> Callable[[Trip, float], FloatArray]:
+    """Return the heater's power for `Judge.cost`: full between two instants [s]."""
+    def power_of(trip: Trip, until_s: float) -> FloatArray:
+        time_s = trip.time_s
+        on_s = np.clip(np.minimum(time_s[1:], min(end_s, until_s)) - np.maximum(time_s[:-1], start_s), 0.0, None)
+        power_w: FloatArray = trip.heater_limit_w * on_s / trip.route.duration_s
+        return power_w
+
+    return power_of
+
+
+def search(judge: Judge, duration_s: float, deviation_s: float) -> float:
+    """Return the least expected cost over start and end of heating on a drive of `duration_s` [s]."""
+    latest_s = duration_s + 3.0 * deviation_s
+    tried: dict[tuple[float, float], float] = {}
+
+    def attempt(start_s: float, end_s: float) -> float:
+        at = (min(max(start_s, 0.0), latest_s), min(end_s, latest_s))
+        if at not in tried:
+            tried[at] = judge.cost(between(*at)) if at[1] > at[0] else judge.cost(between(0.0, 0.0))
+        return tried[at]
+
+    starts_s = np.linspace(0.0, duration_s, STARTS, endpoint=False).tolist()
+    for start_s in starts_s:
+        for share in np.linspace(0.0, 1.0, DURATIONS + 1)[1:].tolist():
+            attempt(start_s, start_s + share * (latest_s - start_s))
+        # Until the planned arrival, as plans do.
+        attempt(start_s, duration_s)
+    attempt(0.0, 0.0)
+    for start_s, end_s in sorted(tried, key=tried.__getitem__)[:REFINED]:
+        step_s = duration_s / STARTS
+        while step_s > LEAST_STEP_S:
+            around = [(start_s + by * step_s, end_s + to * step_s) for by in (-1, 0, 1) for to in (-1, 0, 1)]
+            best = min(around, key=lambda at: attempt(*at))
+            if attempt(*best) < attempt(start_s, end_s):
+                start_s, end_s = best
+            else:
+                step_s /= 2.0
+    return min(tried.values())
+
+
+def compare(seed: int, number: int) -> Gap:
+    """Return the Gap of a drive of the study."""
+    drawn, prospect = draw_charging_trip(seed, number), draw_prospect(seed, number)
+    has_heat_path = not drawn.vehicle.heat_path.is_direct
+    inputs = drawn.vehicle, drawn.route, drawn.state, drawn.goal
+    charger = drawn.stop.charger_power_w, drawn.stop.departure_soc, drawn.prices
+    try:
+        if plan_unheated(*inputs).stranding is not None:
+            return Gap(number, NOT_DRIVEN, 'the charge is not enough', prospect)
+        found = find_worth(*inputs, *charger, prospect=prospect)
+        certain = find_worth(*inputs, *charger)
+    except InvalidInput as error:
+        return Gap(number, NOT_DRIVEN, str(error), prospect)
+    judge = Judge(drawn, prospect)
+
+    def cost_of(target_c: float | None) -> float:
+        if target_c is None:
+            return judge.cost(between(0.0, 0.0))
+        plan = plan_preheating(*inputs[:3], replace(drawn.goal, target_temperature_c=target_c))
+        return judge.cost(partial(by_the_clock, plan))
+
+    best = found.best
+    return Gap(
+        number, COMPARED, '', prospect, has_heat_path,
+        cost_of(None if best is found.without_heating else best.target_c),
+        search(judge, drawn.route.total_duration_s, prospect.arrival_deviation_s), cost_of(None),
+        cost_of(None if certain.best is certain.without_heating else certain.best.target_c))
+
+
+def run_gaps(drives: int, seed: int, jobs: int | None, report: Callable[[Gap], object]) -> None:
+    """Compare drives until `drives` of them are compared; `report` takes each Gap in order."""
+    compared = 0
+    with Workers(jobs) as workers:
+        for gap in run_numbered(workers, partial(compare, seed), count()):
+            report(gap)
+            compared += gap.outcome == COMPARED
+            if compared >= drives:
+                return
