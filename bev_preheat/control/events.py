@@ -108,6 +108,15 @@ class PreheatingSwitched:
 
 
 @dataclass(frozen=True)
+class ActivationChanged:
+    """A lifecycle manager activated the node or deactivated it; `why_not` is the sentence on an inactive one."""
+
+    source: ClassVar[str] = ''
+    is_active: bool
+    why_not: str
+
+
+@dataclass(frozen=True)
 class PreparationWanted:
     """A goal of ~/prepare_battery arrived; it replaces the one before."""
 
@@ -153,5 +162,5 @@ class Reconfigured:
 # The events of Supervisor.step.
 Event = (BatteryStateArrived | BatteryStateUnreadable | RouteArrived | RouteUnreadable
          | ProgressArrived | ProgressUnreadable | HeaterStatusArrived | HeaterStatusUnreadable
-         | TripCancelled | PreheatingSwitched | RivalsChanged
+         | TripCancelled | ActivationChanged | PreheatingSwitched | RivalsChanged
          | PreparationWanted | PreparationEnded | Reconfigured)

@@ -17,6 +17,7 @@ from bev_preheat.control.command import Commander
 from bev_preheat.control.decision import Command, Decision, WITHOUT_ROUTE
 from bev_preheat.control.decision_maker import DecisionMaker
 from bev_preheat.control.events import (
+    ActivationChanged,
     Event,
     HeaterStatusArrived,
     HeaterStatusUnreadable,
@@ -96,6 +97,8 @@ class Supervisor:
         self._answers = HeaterAnswers()
         # The sentence on heat that the heater refuses; '' for none.
         self._heater_refusal = ''
+        # Why a managed node may not heat; '' if it may.
+        self._inactive = ''
         self._now_ns = 0
         # The latest measurement: as it arrived, with only the signals that hold, and the sentence on the others.
         self._arrived: Measurement | None = None
@@ -216,7 +219,7 @@ class Supervisor:
         arrived = self._inbox.measurement
         return self._inbox.admitted(
             self._preparation.timetable, self._screened if arrived is self._arrived else arrived, self._doubt
-        )._replace(heater_refusal=self._heater_refusal)
+        )._replace(heater_refusal=self._heater_refusal, inactive=self._inactive)
 
     def _admit(self, event: Event, now_ns: int, refusals: list[Refusal]) -> None:
         """Take an event in, or add its Refusal."""
@@ -230,6 +233,8 @@ class Supervisor:
                     self._inbox.note_other_goal()
             elif isinstance(event, HeaterStatusArrived):
                 self._answers.accept(event.status, now_ns, self._inbox.settings)
+            elif isinstance(event, ActivationChanged):
+                self._inactive = '' if event.is_active else event.why_not
             elif isinstance(event, HeaterStatusUnreadable):
                 raise event.error
             else:

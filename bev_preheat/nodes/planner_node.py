@@ -17,7 +17,13 @@ from sensor_msgs.msg import BatteryState, Temperature
 from std_srvs.srv import SetBool
 
 from bev_preheat.charging.worth import MOST_PRICE_PER_KWH, MOST_VALUE_PER_H
-from bev_preheat.control.events import PreheatingSwitched, Reconfigured, RivalsChanged, RouteUnreadable
+from bev_preheat.control.events import (
+    ActivationChanged,
+    PreheatingSwitched,
+    Reconfigured,
+    RivalsChanged,
+    RouteUnreadable,
+)
 from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.control.regime import Regime
 from bev_preheat.control.settings import FIELD_OF_PARAMETER, Settings, settings_of
@@ -30,6 +36,7 @@ from bev_preheat.nodes.command_publisher import CommandPublisher
 from bev_preheat.nodes.convert import battery_event, command_message, plan_message, temperature_message
 from bev_preheat.nodes.diagnostics import heater_sentence, planner_diagnostics
 from bev_preheat.nodes.heater_messages import heater_status_event
+from bev_preheat.nodes.managed import LIFECYCLE, ManagedStates, NOT_ACTIVE
 from bev_preheat.nodes.news import RepetitionFilter
 from bev_preheat.nodes.parameters import check, declare, Parameter
 from bev_preheat.nodes.prepare_action import PREPARE, PrepareAction
@@ -103,7 +110,11 @@ PARAMETERS = (
               "Battery and charger have the coldest cell's power limits, if cell_temperature is known."),
     Parameter('state_file', '', "File for the learned factors of the car and the driver's choices: "
               'a new file, or a state file; empty: none.'),
+    Parameter('locked', False, 'Refuse changes of the safety-relevant parameters at run time.', read_only=True),
+    LIFECYCLE,
 )
+# A driver or a backend may change these although the others are locked.
+NEVER_LOCKED = frozenset(('target_battery_temperature', 'energy_price', 'value_of_time'))
 PROGRAM = NodeProgram(
     'planner', 'Plans when to heat the battery before fast charging, and commands the heater.',
     PARAMETERS,
@@ -200,6 +211,10 @@ class PlannerNode(Node):
             f'Planning for vehicle {vehicle.name} with method {settings.method}; '
             f'native core {core_in_words()}.')
         self._tell_assumptions(values['vehicle'])
+        self._managed: ManagedStates | None = None
+        if values['lifecycle']:
+            self._on_activation(False)
+            self._managed = ManagedStates(self, self._on_activation)
         if not self._supervisor.state.is_enabled:
             self.get_logger().info('Preheating is switched off, as it was before the restart.')
 
@@ -264,6 +279,10 @@ class PlannerNode(Node):
             self._publish_diagnostics(self._now_ns())
 
     @guarded
+    def _on_activation(self, is_active: bool) -> None:
+        self._step(ActivationChanged(is_active, NOT_ACTIVE))
+
+    @guarded
     def _on_enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         response.success = True
         response.message = f'Preheating is switched {"on" if request.data else "off"}.'
@@ -304,6 +323,7 @@ class PlannerNode(Node):
         if not _OWN.intersection(parameter.name for parameter in parameters):
             return SetParametersResult(successful=True)
         try:
+            self._check_lock(parameters)
             _take_effect(self._values_with(parameters))
             # A faulty file must not block other parameters; the diagnostics report it.
             for parameter in parameters:
@@ -317,6 +337,16 @@ class PlannerNode(Node):
                 reason=shortened(f'cannot be checked: {type(error).__name__}: {error}',
                                  LONGEST_PROBLEM))
         return SetParametersResult(successful=True)
+
+    def _check_lock(self, parameters: Iterable[RosParameter]) -> None:
+        """Raise InvalidInput if a parameter that is locked would change."""
+        if self.get_parameter('locked').value:
+            problems = [
+                f'{parameter.name}: is locked (locked:=true at the start); change the parameter file and restart'
+                for parameter in parameters if parameter.name in _OWN - NEVER_LOCKED
+                and parameter.value != self.get_parameter(parameter.name).value]
+            if problems:
+                raise InvalidInput(problems)
 
     @guarded
     def _apply_parameters(self, parameters: Sequence[RosParameter]) -> None:
