@@ -25,7 +25,7 @@ REFUSALS = frozenset(map(int, Refusal))
 # A measured power may lie this share above the heater's maximum.
 ROUNDING = 0.1
 LONGEST_EXPLANATION = 200
-# Others are OK: the heater does as it is told, within its limits.
+# Others are OK: the heater follows the command within its limits.
 LEVELS = {
     Refusal.NO_COMMAND: DiagnosticStatus.WARN,
     Refusal.LOW_CHARGE: DiagnosticStatus.WARN,

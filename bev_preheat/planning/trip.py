@@ -167,7 +167,7 @@ def _made_trip(vehicle: Vehicle, route: Route, heater_share: float, heat_lag_s: 
     gates = vehicle.heating_gates
     if not (gates.only_while_standing or gates.power_steps_w):
         return trip
-    # The heater's steps are those of its command, whatever share of it arrives.
+    # The heater's steps are those of its command, whatever share arrives.
     limit_w = gates.steps_below_w(np.maximum(
         vehicle.hvch.maximum_power_w - trip.route.cabin_heating_power_w, 0.0))
     is_open = trip.heater_limit_w > 0.0

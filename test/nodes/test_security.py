@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The SROS 2 policies allow exactly what the nodes use.
+The SROS 2 policies allow exactly the endpoints of the nodes.
 
-The nodes run without DDS security, which ROS 2's wheels lack; the graph shows their endpoints.
+The nodes run without DDS security, which is missing from ROS 2's wheels; the graph shows their endpoints.
 """
 
 from pathlib import Path
