@@ -190,3 +190,21 @@ def test_statuses_alone_give_no_command_and_bad_ones_are_reported():
     output = supervisor.step(NOW_NS, HeaterStatusUnreadable(InvalidInput('active_power: nan W')))
     assert [refusal.source for refusal in output.refusals] == ['hvch_status']
     assert supervisor.state.heater_answer.problem == 'hvch_status refused: active_power: nan W'
+
+
+@pytest.mark.parametrize('estimation, gates', [
+    (False, HeatingGates(maximum_temperature_c=3.0)), (True, HeatingGates(minimum_soc=0.75)),
+    (False, HeatingGates(power_steps_w=(1500.0, 4000.0)))])
+def test_commands_keep_the_gates_of_the_vehicle_file(estimation, gates):
+    vehicle = replace(VEHICLE, heating_gates=gates)
+    car = ImperfectCar(vehicle, ROUTE, STATE, GOAL)
+    supervisor = Supervisor(vehicle, replace(SETTINGS, estimation=estimation, minimum_on_time_s=600.0))
+    heated_w = set()
+    for moment in moments(car, supervisor, lambda: car.time_s >= 3000.0):
+        command, measured = moment.output.command, supervisor.state.measurement
+        if command is not None and command.battery_heating_power_w > 0.0:
+            assert measured.state.temperature_c < gates.maximum_temperature_c
+            assert measured.state.soc >= gates.minimum_soc
+            heated_w.add(command.battery_heating_power_w)
+    assert heated_w
+    assert not gates.power_steps_w or heated_w == {4000.0}
