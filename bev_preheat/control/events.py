@@ -135,6 +135,14 @@ class PreparationEnded:
 
 
 @dataclass(frozen=True)
+class DeparturesSkipped:
+    """The driver skips the departures up to an instant [ns]; None: none."""
+
+    source: ClassVar[str] = ''
+    until_ns: int | None
+
+
+@dataclass(frozen=True)
 class RivalsChanged:
     """Other nodes command the same heater, by these `names`; '': no longer."""
 
@@ -163,4 +171,4 @@ class Reconfigured:
 Event = (BatteryStateArrived | BatteryStateUnreadable | RouteArrived | RouteUnreadable
          | ProgressArrived | ProgressUnreadable | HeaterStatusArrived | HeaterStatusUnreadable
          | TripCancelled | ActivationChanged | PreheatingSwitched | RivalsChanged
-         | PreparationWanted | PreparationEnded | Reconfigured)
+         | PreparationWanted | PreparationEnded | DeparturesSkipped | Reconfigured)

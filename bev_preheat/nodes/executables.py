@@ -43,6 +43,11 @@ def heater_controller() -> None:
     _load_main('heater_controller_node')()
 
 
+def bus_gateway() -> None:
+    """Run the gateway to CAN or VSS."""
+    _load_main('bus_gateway_node')()
+
+
 def vehicle_simulator() -> None:
     """Run the simulated vehicle."""
     _load_main('vehicle_simulator_node')()
