@@ -285,7 +285,7 @@ def test_parameters_have_default_range_and_meaning(generated):
     assert rows['battery_state_timeout'] == [
         'battery_state_timeout', '5.0', '0.1\N{NO-BREAK SPACE}…\N{NO-BREAK SPACE}60\N{NO-BREAK SPACE}s',
         'A battery state older than this is stale', 'yes']
-    simulator = {row[0]: row[-1] for row in cells(generated['parameters'].split('## ')[5])}
+    simulator = {row[0]: row[-1] for row in cells(generated['parameters'].split('## ')[6])}
     assert (simulator['route'], simulator['speed_up']) == ('no', 'yes')
 
 

@@ -25,6 +25,8 @@ class AdmittedInputs(NamedTuple):
     `timetable` is the route's; planning uses `active_timetable`, which is that of the preparation goal, or the
     route's without a goal. `measurement` has only the signals that hold; `doubt` is the sentence on a missing
     signal without which the heater stays off. `rivals` are other nodes that command the same heater.
+    `heater_refusal` is the sentence on heat that the heater refuses, `inactive` that on a managed node that may
+    not heat; '' for none.
     """
 
     vehicle: Vehicle
@@ -38,6 +40,8 @@ class AdmittedInputs(NamedTuple):
     active_timetable: Timetable | None
     measurement: Measurement | None
     doubt: str | None = None
+    heater_refusal: str = ''
+    inactive: str = ''
 
     @property
     def mission(self) -> Mission | None:
@@ -56,6 +60,8 @@ class AdmittedInputs(NamedTuple):
 
 def find_obstacle(inputs: AdmittedInputs, now_ns: int) -> Decision | None:
     """Return a Decision that keeps the heater off at an instant [ns]; None if nothing forbids heating."""
+    if inputs.inactive:
+        return Decision(Status.DISABLED, inputs.inactive)
     if not inputs.is_enabled:
         return Decision(Status.DISABLED, 'Preheating is switched off through ~/enable.')
     if inputs.rivals:

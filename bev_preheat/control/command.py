@@ -17,6 +17,8 @@ from bev_preheat.control.heater_switch import HeaterSwitch
 from bev_preheat.control.inputs import Leg, NS_PER_S
 from bev_preheat.control.margins import HELD_ABOVE_TARGET_K, HELD_BELOW_HIGHEST_K, LEAST_STATUS_S
 from bev_preheat.control.refusals import BATTERY, ROUTE
+from bev_preheat.heater.controller import Refusal
+from bev_preheat.planning.gated_heat import STEP_TOLERANCE_W
 from bev_preheat.planning.status import Status
 
 if TYPE_CHECKING:
@@ -121,9 +123,10 @@ class Commander:
         plan = decision.commanded or decision.plan
         assert plan is not None and decision.leg is not None
         # A partial step's power is computed and may round to slightly more than the limit.
-        limit_w = _heater_limit_w(inputs.vehicle, decision.leg, now_ns)
+        limit_w = _heater_limit_w(inputs, decision.leg, now_ns)
         elapsed_s = (now_ns - decision.plan_start_ns) / NS_PER_S
-        wanted_w = min(plan.power_at_w(elapsed_s) / decision.command_share, limit_w)
+        wanted_w = min(_step_below_w(
+            inputs.vehicle, plan.power_at_w(elapsed_s) / decision.command_share), limit_w)
         if wanted_w == 0.0 and decision.status is Status.OUT_OF_CHARGE:
             # Not even for the heater's minimum time on: each watt-hour is needed to get further.
             return self.off(now_ns, settings, decision.status)
@@ -147,7 +150,9 @@ class Commander:
 
     def _heat_at_charger(self, now_ns: int, inputs: AdmittedInputs, decision: Decision) -> Command:
         """Return the Command of a Decision that heats while the vehicle charges."""
-        settings, wanted_w = inputs.settings, decision.charger_heat_w
+        settings = inputs.settings
+        wanted_w = 0.0 if _is_gated(inputs, 0.0) else inputs.vehicle.heating_gates.step_below_w(
+            decision.charger_heat_w)
         self._reason = None
         power_w = self._switch.power_w(
             now_ns, wanted_w, wanted_w, settings.minimum_on_time_s, settings.minimum_off_time_s)
@@ -202,11 +207,30 @@ def _has_departed(decision: Decision, now_ns: int) -> bool:
     return bool(decision.later_legs) and now_ns >= decision.later_legs[0].start_ns
 
 
-def _heater_limit_w(vehicle: Vehicle, leg: Leg, now_ns: int) -> float:
-    """Return the heater power that the cabin leaves [W] at an instant on a leg."""
+def _heater_limit_w(inputs: AdmittedInputs, leg: Leg, now_ns: int) -> float:
+    """Return the heater power that the cabin and the car's gates leave [W] at an instant on a leg."""
+    vehicle = inputs.vehicle
     segment = leg.route.segment_at((now_ns - leg.start_ns) / NS_PER_S)
     cabin_w = float(leg.route.cabin_heating_power_w[segment])
-    return max(0.0, vehicle.hvch.maximum_power_w - cabin_w)
+    if _is_gated(inputs, float(leg.route.speed_mps[segment])):
+        return 0.0
+    return vehicle.heating_gates.step_below_w(max(0.0, vehicle.hvch.maximum_power_w - cabin_w))
+
+
+def _step_below_w(vehicle: Vehicle, power_w: float) -> float:
+    """Return the heater's step of power for a plan's power [W], which may round to slightly less than a step."""
+    gates = vehicle.heating_gates
+    return power_w if not gates.power_steps_w else gates.step_below_w(power_w + STEP_TOLERANCE_W)
+
+
+def _is_gated(inputs: AdmittedInputs, speed_mps: float) -> bool:
+    """Return whether a gate of the car is closed for the measured battery at a speed [m/s]."""
+    gates, measurement = inputs.vehicle.heating_gates, inputs.measurement
+    if not gates.is_any:
+        return False
+    assert measurement is not None
+    verdict = gates.verdict(measurement.state.soc, measurement.state.temperature_c, speed_mps)
+    return verdict.refusal is not Refusal.NOT_REFUSED
 
 
 class SteadyStatus:

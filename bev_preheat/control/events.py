@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from math import nan
 from typing import ClassVar, TYPE_CHECKING
 
+from bev_preheat.control.heater_answer import HEATER_STATUS, HeaterStatus
 from bev_preheat.control.inputs import Measurement, Mission, Progress
 from bev_preheat.control.preparation_goal import PreparationEnding, PreparationGoal
 from bev_preheat.control.refusals import BATTERY, PROGRESS, RefusedRoute, ROUTE
@@ -83,11 +84,36 @@ class ProgressUnreadable:
 
 
 @dataclass(frozen=True)
+class HeaterStatusArrived:
+    """The heater's controller answered."""
+
+    source: ClassVar[str] = HEATER_STATUS
+    status: HeaterStatus
+
+
+@dataclass(frozen=True)
+class HeaterStatusUnreadable:
+    """An answer of the heater's controller arrived that could not be read."""
+
+    source: ClassVar[str] = HEATER_STATUS
+    error: InvalidInput
+
+
+@dataclass(frozen=True)
 class PreheatingSwitched:
     """The driver switched preheating on or off."""
 
     source: ClassVar[str] = ''
     is_enabled: bool
+
+
+@dataclass(frozen=True)
+class ActivationChanged:
+    """A lifecycle manager activated the node or deactivated it; `why_not` is the sentence on an inactive one."""
+
+    source: ClassVar[str] = ''
+    is_active: bool
+    why_not: str
 
 
 @dataclass(frozen=True)
@@ -143,5 +169,6 @@ class Reconfigured:
 
 # The events of Supervisor.step.
 Event = (BatteryStateArrived | BatteryStateUnreadable | RouteArrived | RouteUnreadable
-         | ProgressArrived | ProgressUnreadable | TripCancelled | PreheatingSwitched | RivalsChanged
+         | ProgressArrived | ProgressUnreadable | HeaterStatusArrived | HeaterStatusUnreadable
+         | TripCancelled | ActivationChanged | PreheatingSwitched | RivalsChanged
          | PreparationWanted | PreparationEnded | DeparturesSkipped | Reconfigured)

@@ -36,6 +36,9 @@ class Export:
         files that do not belong to an export, if the vehicle cannot be exported, and if the sources of
         the core are missing.
         """
+        if vehicle.heating_gates.is_any:
+            raise InvalidInput('heating_gates: the exported sources do not know them; export a file without '
+                               'heating_gates, and keep them in the control unit')
         self._vehicle, self._folder = vehicle, expanded(folder)
         self._files = {**core_sources(), **own_sources(), 'vehicle.c': vehicle_source(vehicle)}
         names = {*self._files, *MADE}

@@ -90,7 +90,7 @@ class HeaterAnswer(NamedTuple):
 
 
 def step_below_w(steps_w: Sequence[float], power_w: float) -> float:
-    """Return the highest of a heater's steps of power that is at most `power_w` [W]; 0 if there is none."""
+    """Return the highest of a heater's steps of power that is at most `power_w` [W], or 0."""
     return power_w if not steps_w else max((step_w for step_w in steps_w if step_w <= power_w), default=0.0)
 
 
@@ -104,10 +104,10 @@ class HeaterController:
     def __init__(self, limits: HeaterLimits) -> None:
         """Start with the heater off."""
         self.limits = limits
-        # The command in force and the end of its lease by the steady clock [ns]; None: there is none.
+        # The command in force and the end of its lease by the steady clock [ns]; None: 0 W.
         self._command: HeaterCommand | None = None
         self._ends_steady_ns = 0
-        # Why there is none.
+        # The reason for 0 W.
         self._verdict = SILENT
         # Until when each sender counts as commanding, by the steady clock [ns].
         self._senders: dict[Hashable, int] = {}
@@ -163,7 +163,8 @@ class HeaterController:
         # R1, R2: silence ends the lease, by either clock.
         if command is not None and not (now.clock_ns < command.valid_until_ns
                                         and now.steady_ns < self._ends_steady_ns):
-            command = self._drop(Verdict(Refusal.NO_COMMAND, 'the lease of the latest command has ended'))
+            self._drop(Verdict(Refusal.NO_COMMAND, 'the lease of the latest command has ended'))
+            command = None
         if command is None:
             self._ramp_w = 0.0
             return HeaterAnswer(0.0, 0.0, *self._verdict)

@@ -41,6 +41,7 @@ from bev_preheat.nodes.heater_messages import (
     LEVELS,
     status_message,
 )
+from bev_preheat.nodes.managed import LIFECYCLE, ManagedStates, NOT_ACTIVE
 from bev_preheat.nodes.news import RepetitionFilter
 from bev_preheat.nodes.parameters import declare, Parameter
 from bev_preheat.nodes.process import run_node
@@ -70,6 +71,7 @@ PARAMETERS = (
               'command_lease', 's', (0.05, 60.0), unset_means='none requested', read_only=True),
     Parameter('battery_state_timeout', 5.0, 'heating_gates that look at the battery or the speed close if the '
               'latest value is older than this', 's', (0.1, 60.0), read_only=True),
+    LIFECYCLE,
 )
 PROGRAM = NodeProgram(
     'heater_controller', 'Executes the heater command within its lease and the limits, and reports the result.',
@@ -116,6 +118,8 @@ class HeaterControllerNode(Node):
             self.create_subscription(Float64, 'vehicle_speed', self._on_speed, best_effort)
             subscribes.append('vehicle_speed')
         # Not the node's clock: that may stand or be set.
+        self._is_active = not values['lifecycle']
+        self._managed = None if self._is_active else ManagedStates(self, self._on_activation)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(values['period'], self._on_period, clock=steady)
         self.create_timer(DIAGNOSTICS_PERIOD_S, self._publish_diagnostics, clock=steady)
@@ -162,10 +166,16 @@ class HeaterControllerNode(Node):
     def _on_speed(self, message: Float64) -> None:
         self._speed_mps, self._speed_at_s = message.data, time.monotonic()
 
+    def _on_activation(self, is_active: bool) -> None:
+        self._is_active = is_active
+        self._apply()
+
     # Output
 
     def _obstacle(self, now: Instant) -> Verdict:
         """Return the Verdict of the car's own conditions."""
+        if not self._is_active:
+            return Verdict(Refusal.NOT_ACTIVE, NOT_ACTIVE)
         gates, now_s = self._vehicle.heating_gates, now.steady_ns / NS_PER_S
         soc = temperature_c = speed_mps = math.nan
         if gates.looks_at_battery:

@@ -17,7 +17,13 @@ from sensor_msgs.msg import BatteryState, Temperature
 from std_srvs.srv import SetBool
 
 from bev_preheat.charging.worth import MOST_PRICE_PER_KWH, MOST_VALUE_PER_H
-from bev_preheat.control.events import PreheatingSwitched, Reconfigured, RivalsChanged, RouteUnreadable
+from bev_preheat.control.events import (
+    ActivationChanged,
+    PreheatingSwitched,
+    Reconfigured,
+    RivalsChanged,
+    RouteUnreadable,
+)
 from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.control.regime import Regime
 from bev_preheat.control.settings import FIELD_OF_PARAMETER, Settings, settings_of
@@ -30,6 +36,8 @@ from bev_preheat.nodes.command_publisher import CommandPublisher
 from bev_preheat.nodes.convert import battery_event, command_message, plan_message, temperature_message
 from bev_preheat.nodes.departure_keeper import check_departure_parameters, DepartureKeeper, SKIP
 from bev_preheat.nodes.diagnostics import heater_sentence, planner_diagnostics
+from bev_preheat.nodes.heater_messages import heater_status_event
+from bev_preheat.nodes.managed import LIFECYCLE, ManagedStates, NOT_ACTIVE
 from bev_preheat.nodes.news import RepetitionFilter
 from bev_preheat.nodes.parameters import check, declare, Parameter
 from bev_preheat.nodes.prepare_action import PREPARE, PrepareAction
@@ -43,7 +51,7 @@ from bev_preheat.planning.installed_methods import limit_answer_time
 from bev_preheat.planning.planner import check_method, installed_names, METHODS
 from bev_preheat.vehicle import load_vehicle, vehicle_contents, vehicle_file
 from bev_preheat.vehicle.assumptions import assumption_warning
-from bev_preheat_msgs.msg import PreheatPlan, RouteProgress
+from bev_preheat_msgs.msg import HvchStatus, PreheatPlan, RouteProgress
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -107,13 +115,18 @@ PARAMETERS = (
               'empty: none.'),
     Parameter('grid_prices', '', 'File of prices of energy from the grid (YAML): a plugged-in battery is prepared '
               'in the cheapest hours; empty: as late as possible.'),
+    Parameter('locked', False, 'Refuse changes of the safety-relevant parameters at run time.', read_only=True),
+    LIFECYCLE,
 )
+# A driver or a backend may change these although the others are locked.
+NEVER_LOCKED = frozenset(('target_battery_temperature', 'energy_price', 'value_of_time'))
 PROGRAM = NodeProgram(
     'planner', 'Plans when to heat the battery before fast charging, and commands the heater.',
     PARAMETERS,
     subscribes=(('battery_state', 'sensor_msgs/BatteryState'),
                 ('route_plan', 'bev_preheat_msgs/RoutePlan'),
-                ('route_progress', 'bev_preheat_msgs/RouteProgress: where the vehicle is, if known')),
+                ('route_progress', 'bev_preheat_msgs/RouteProgress: where the vehicle is, if known'),
+                ('hvch_status', "bev_preheat_msgs/HvchStatus: the heater controller's answer, if there is one")),
     publishes=(('hvch_command', 'bev_preheat_msgs/HvchCommand: power for the battery, a lease'),
                ('preheat_plan', 'bev_preheat_msgs/PreheatPlan: status, sentence, trajectories'),
                ('predicted_arrival_temperature', 'sensor_msgs/Temperature'),
@@ -182,6 +195,7 @@ class PlannerNode(Node):
         self.create_subscription(BatteryState, 'battery_state', self._on_battery_state, state_qos)
         self.create_subscription(
             RouteProgress, 'route_progress', self._on_route_progress, state_qos)
+        self.create_subscription(HvchStatus, 'hvch_status', self._on_heater_status, state_qos)
         RouteListener(self, self._on_route_plan, self._on_refused_route)
         self.create_service(SetBool, '~/enable', self._on_enable)
         self._departures = DepartureKeeper(
@@ -200,14 +214,18 @@ class PlannerNode(Node):
         self.create_timer(SAVE_PERIOD_S, self._on_files_due,
                           clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._setup = SetupWatch(
-            self, ('battery_state', 'route_plan', 'route_progress'),
+            self, ('battery_state', 'route_plan', 'route_progress', 'hvch_status'),
             ('hvch_command', 'preheat_plan', 'predicted_arrival_temperature'),
             also=(commands.look, self._on_rival, self._on_standing_clock),
-            single=('battery_state', 'route_progress'))
+            single=('battery_state', 'route_progress', 'hvch_status'))
         self.get_logger().info(
             f'Planning for vehicle {vehicle.name} with method {settings.method}; '
             f'native core {core_in_words()}.')
         self._tell_assumptions(values['vehicle'])
+        self._managed: ManagedStates | None = None
+        if values['lifecycle']:
+            self._on_activation(False)
+            self._managed = ManagedStates(self, self._on_activation)
         if not self._supervisor.state.is_enabled:
             self.get_logger().info('Preheating is switched off, as it was before the restart.')
 
@@ -230,6 +248,10 @@ class PlannerNode(Node):
         now_ns = self._now_ns()
         self._step(progress_event(
             message, self._setup.clock_hint(message.header.stamp, now_ns)), now_ns=now_ns)
+
+    @guarded
+    def _on_heater_status(self, message: HvchStatus) -> None:
+        self._step(heater_status_event(message, self._supervisor.state.vehicle.hvch.maximum_power_w))
 
     @guarded
     def _on_refused_route(self, error: InvalidInput) -> None:
@@ -266,6 +288,10 @@ class PlannerNode(Node):
         # The timers of a stopped clock never fire.
         if self._setup.clock_stands:
             self._publish_diagnostics(self._now_ns())
+
+    @guarded
+    def _on_activation(self, is_active: bool) -> None:
+        self._step(ActivationChanged(is_active, NOT_ACTIVE))
 
     @guarded
     def _on_enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
@@ -308,6 +334,7 @@ class PlannerNode(Node):
         if not _OWN.intersection(parameter.name for parameter in parameters):
             return SetParametersResult(successful=True)
         try:
+            self._check_lock(parameters)
             _take_effect(self._values_with(parameters))
             # A faulty file must not block other parameters; the diagnostics report it.
             for parameter in parameters:
@@ -324,6 +351,16 @@ class PlannerNode(Node):
                 reason=shortened(f'cannot be checked: {type(error).__name__}: {error}',
                                  LONGEST_PROBLEM))
         return SetParametersResult(successful=True)
+
+    def _check_lock(self, parameters: Iterable[RosParameter]) -> None:
+        """Raise InvalidInput if a parameter that is locked would change."""
+        if self.get_parameter('locked').value:
+            problems = [
+                f'{parameter.name}: is locked (locked:=true at the start); change the parameter file and restart'
+                for parameter in parameters if parameter.name in _OWN - NEVER_LOCKED
+                and parameter.value != self.get_parameter(parameter.name).value]
+            if problems:
+                raise InvalidInput(problems)
 
     @guarded
     def _apply_parameters(self, parameters: Sequence[RosParameter]) -> None:

@@ -316,6 +316,9 @@ class VehicleSimulatorNode(Node):
         if self._patience:
             self._patience.hear(
                 (nanoseconds(message.header.stamp) - self._time.start_ns) / NS_PER_S)
+        if self._is_held:
+            # A planner may be restarted meanwhile.
+            self._heater.restart()
         verdict = self._heater.take(heater_command(
             message, self._senders.sender(info.get('publication_sequence_number'))), self._time.start_ns)
         if verdict.refusal is not Refusal.NOT_REFUSED:

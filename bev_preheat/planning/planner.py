@@ -15,6 +15,7 @@ from bev_preheat.errors import InvalidInput, PlanningFailure
 from bev_preheat.planning.dynamics import Energies, JOULES_PER_WH, run_forward
 from bev_preheat.planning.explanation import explain
 from bev_preheat.planning.free_heat import leave_useless_heat
+from bev_preheat.planning.gated_heat import notes_on_route, schedule_within_gates
 from bev_preheat.planning.heat_run import initial_states, run_heated
 from bev_preheat.planning.installed_methods import find_methods, installed_method, InstalledMethod, MethodFailure
 from bev_preheat.planning.limits import drive_as_planned
@@ -143,6 +144,19 @@ def plan_preheating(vehicle: Vehicle, route: Route, state: BatteryState, goal: G
             unheated = plan_without_heating(trip, state) if found is None else found[0]
             schedule = _schedule(
                 trip, state, goal, ways, uncertainty_margin, no_regret, options, unheated)
+        gates = vehicle.heating_gates
+        if gates.is_any and no_regret:
+            first = schedule
+
+            def plan_on(gated: Trip) -> Schedule:
+                return first if gated is trip else _schedule(
+                    gated, state, goal, ways, uncertainty_margin, no_regret, options,
+                    plan_without_heating(gated, state))
+
+            schedule = schedule_within_gates(trip, state, plan_on, notes)
+            outcome = outcome if schedule is first else None
+            if schedule.heating_start_s is not None or schedule.temperature_c[-1] < goal.target_temperature_c:
+                notes.update(dict.fromkeys(notes_on_route(trip)))
     except MethodFailure:
         raise
     except ArithmeticError as error:

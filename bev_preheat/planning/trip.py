@@ -14,6 +14,7 @@ from bev_preheat.native.structs import NativeTrip
 from bev_preheat.route.segments import Route
 from bev_preheat.vehicle.description import Vehicle
 from bev_preheat.vehicle.heat_balance import heat_with_brake_w, heat_with_heater_w, idle_heat_w, idle_power_w
+from bev_preheat.vehicle.heating_gates import STANDING_MPS
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import BoolArray, FloatArray
@@ -162,6 +163,20 @@ def _kept_trip(vehicle: Vehicle, one: _OneRoute, heater_share: float, heat_lag_s
 
 
 def _made_trip(vehicle: Vehicle, route: Route, heater_share: float, heat_lag_s: float) -> Trip:
+    trip = _trip_without_gates(vehicle, route, heater_share, heat_lag_s)
+    gates = vehicle.heating_gates
+    if not (gates.only_while_standing or gates.power_steps_w):
+        return trip
+    # The heater's steps are those of its command, whatever share arrives.
+    limit_w = gates.steps_below_w(np.maximum(
+        vehicle.hvch.maximum_power_w - trip.route.cabin_heating_power_w, 0.0))
+    is_open = trip.heater_limit_w > 0.0
+    if gates.only_while_standing:
+        is_open &= trip.route.speed_mps < STANDING_MPS
+    return trip.changed(heater_limit_w=np.where(is_open, heater_share * limit_w, 0.0))
+
+
+def _trip_without_gates(vehicle: Vehicle, route: Route, heater_share: float, heat_lag_s: float) -> Trip:
     leakage = vehicle.battery.leakage
     made = native_trip(
         (leakage.gamma_0_w_per_k, leakage.gamma_v_w_per_k_per_mps, vehicle.drivetrain.heat_share,

@@ -27,7 +27,11 @@ class HeaterSide:
     def __init__(self, car: ImperfectCar) -> None:
         """Take a car at its start."""
         self._car = car
-        vehicle = car.vehicle
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget all commands and who sent them, as after a restart: time that stands ends no lease."""
+        vehicle = self._car.vehicle
         self._controller = HeaterController(HeaterLimits(
             vehicle.hvch.maximum_power_w, steps_w=vehicle.heating_gates.power_steps_w,
             longest_lease_s=LONGEST_LEASE_S, clock_tolerance_s=CLOCK_TOLERANCE_S))

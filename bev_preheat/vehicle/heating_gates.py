@@ -7,10 +7,14 @@ from dataclasses import dataclass
 from math import inf, isfinite
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from bev_preheat.heater.controller import Refusal, SERVED, step_below_w, Verdict
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+
+    from bev_preheat.numerics.arrays import FloatArray
 
 # Slower than this a vehicle stands [m/s]: positions and wheel pulses jitter.
 STANDING_MPS = 0.3
@@ -31,6 +35,11 @@ class HeatingGates:
     power_steps_w: tuple[float, ...] = ()
 
     @property
+    def is_any(self) -> bool:
+        """Whether the vehicle has a gate."""
+        return self.looks_at_battery or self.only_while_standing or bool(self.power_steps_w)
+
+    @property
     def looks_at_battery(self) -> bool:
         """Whether a gate depends on the battery's state."""
         return self.minimum_soc > 0.0 or isfinite(self.maximum_temperature_c)
@@ -38,6 +47,14 @@ class HeatingGates:
     def step_below_w(self, power_w: float) -> float:
         """Return the highest power [W] that the heater has and that is at most `power_w`."""
         return step_below_w(self.power_steps_w, power_w)
+
+    def steps_below_w(self, power_w: FloatArray) -> FloatArray:
+        """Return `step_below_w` for an array of powers [W]."""
+        if not self.power_steps_w:
+            return power_w
+        steps_w = np.array((0.0, *self.power_steps_w))
+        below_w: FloatArray = steps_w[np.maximum(np.searchsorted(steps_w, power_w, side='right') - 1, 0)]
+        return below_w
 
     def verdict(self, soc: float, temperature_c: float, speed_mps: float = 0.0) -> Verdict:
         """

@@ -25,7 +25,7 @@ PERIOD_S = 0.2
 
 def test_senders_are_told_apart_by_their_sequence_numbers():
     senders = CommandSenders()
-    # A planner in its second hour, a stranger that begins, and one that began long before.
+    # A planner in its second hour, and a stranger that begins.
     heard = [(7200, 'planner'), (7201, 'planner'), (1, 'stranger'), (7202, 'planner'), (2, 'stranger'),
              (7205, 'planner'), (3, 'stranger')]
     found = [(senders.sender(number), name) for number, name in heard]

@@ -14,12 +14,12 @@ from diagnostic_msgs.msg import DiagnosticArray
 import pytest
 import yaml
 
-from bev_preheat.nodes import nlp_checker_node, planner_node, vehicle_simulator_node
+from bev_preheat.nodes import heater_controller_node, nlp_checker_node, planner_node, vehicle_simulator_node
 from bev_preheat.planning.status import Status
 from bev_preheat_msgs.msg import HvchCommand
 
 SHARE = Path(get_package_share_directory('bev_preheat'))
-NODES = {'planner': planner_node, 'nlp_checker': nlp_checker_node,
+NODES = {'planner': planner_node, 'heater_controller': heater_controller_node, 'nlp_checker': nlp_checker_node,
          'vehicle_simulator': vehicle_simulator_node}
 PARAMETERS_FILE = SHARE / 'config' / 'parameters.yaml'
 
@@ -71,10 +71,17 @@ def test_it_starts_executables_of_this_package_with_parameters_that_they_have(la
 
 
 @pytest.mark.parametrize('given, executables', [
-    ({}, ['planner']), ({'checker': 'true'}, ['planner', 'nlp_checker']),
+    ({}, ['planner']), ({'heater': 'true'}, ['planner', 'heater_controller']),
+    ({'checker': 'true'}, ['planner', 'nlp_checker']),
     ({'checker': 'true', 'simulator': 'true'}, ['planner', 'nlp_checker', 'vehicle_simulator'])])
 def test_the_planner_comes_alone_unless_more_is_wanted(launch, given, executables):
     assert [name for name, _ in started_by(launch, **given)] == executables
+
+
+def test_nodes_of_the_car_are_restarted_on_request(launch):
+    respawned = {node.get('exec') for node in launch.iter('node') if node.get('respawn') == '$(var respawn)'}
+    assert respawned == {'planner', 'heater_controller'}
+    assert values_of(launch)['respawn'] == 'false'
 
 
 @pytest.mark.parametrize('name', ['planner', 'nlp_checker'])

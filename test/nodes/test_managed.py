@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Managed nodes over DDS, through the real lifecycle services, and locked parameters."""
+
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState, GetState
+from node_bench import repeating
+import pytest
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
+from test_command_conflict import feeding, heats, QUICK
+from test_heater_controller import command, OFFERED
+
+from bev_preheat_msgs.msg import HvchCommand, HvchStatus, PreheatPlan
+
+ACTIVE = 'active'
+# Transition, and the state that it leads to, through every state of a managed node.
+WAY = (
+    (Transition.TRANSITION_CONFIGURE, 'inactive'), (Transition.TRANSITION_ACTIVATE, ACTIVE),
+    (Transition.TRANSITION_DEACTIVATE, 'inactive'), (Transition.TRANSITION_ACTIVATE, ACTIVE),
+    (Transition.TRANSITION_DEACTIVATE, 'inactive'), (Transition.TRANSITION_CLEANUP, 'unconfigured'),
+    (Transition.TRANSITION_CONFIGURE, 'inactive'), (Transition.TRANSITION_ACTIVATE, ACTIVE),
+    (Transition.TRANSITION_ACTIVE_SHUTDOWN, 'finalized'))
+
+
+def goes(bench, node, transition):
+    """Make a transition and return the state after it."""
+    request = ChangeState.Request(transition=Transition(id=transition))
+    assert bench.call(ChangeState, f'/{node}/change_state', request).success
+    return state(bench, node)
+
+
+def state(bench, node):
+    return bench.call(GetState, f'/{node}/get_state', GetState.Request()).current_state.label
+
+
+def test_managed_planner_heats_only_when_active(bench):
+    commands = bench.record(HvchCommand, 'hvch_command', 100)
+    plans = bench.record(PreheatPlan, 'preheat_plan', 100)
+    with feeding(bench):
+        bench.start('planner', *QUICK, '-p', 'lifecycle:=true')
+        commands.wait_for_count(5)
+        assert state(bench, 'planner') == 'unconfigured'
+        assert plans.wait_for(lambda plan: 'not active' in plan.explanation).status == PreheatPlan.DISABLED
+        for transition, expected in WAY:
+            assert goes(bench, 'planner', transition) == expected
+            commands.clear()
+            if expected == ACTIVE:
+                commands.wait_for(heats, 'heat')
+            else:
+                # The first one may have been under way.
+                assert not any(map(heats, commands.wait_for_count(10)[1:]))
+
+
+def test_managed_heater_controller_heats_only_when_active(bench):
+    statuses = bench.record(HvchStatus, 'hvch_status', 100)
+    bench.start('heater_controller', '-p', 'lifecycle:=true')
+    commands = bench.publisher(HvchCommand, 'hvch_command', OFFERED)
+    commands.wait_for_subscription()
+    with repeating(lambda: commands.publish(command(2500.0)), 0.2):
+        statuses.wait_for(lambda status: status.refusal == HvchStatus.NOT_ACTIVE)
+        for transition, expected in WAY:
+            assert goes(bench, 'heater_controller', transition) == expected
+            statuses.clear()
+            if expected == ACTIVE:
+                statuses.wait_for(lambda status: status.active_power == 2500.0, 'heat')
+            else:
+                assert {status.active_power for status in statuses.wait_for_count(3)[1:]} == {0.0}
+
+
+@pytest.mark.parametrize('locked', [True, False])
+def test_locked_parameters_cannot_be_changed(bench, locked):
+    bench.start('planner', '-p', f'locked:={str(locked).lower()}')
+
+    def set_one(name, value):
+        request = SetParameters.Request(parameters=[Parameter(name, value=value).to_parameter_msg()])
+        return bench.call(SetParameters, '/planner/set_parameters', request).results[0]
+
+    for name, value in (('vehicle', 'small_car'), ('command_lease', 9.0), ('battery_state_timeout', 50.0),
+                        ('estimation', False), ('minimum_on_time', 600.0)):
+        result = set_one(name, value)
+        assert result.successful is not locked
+        assert not locked or f'{name}: is locked' in result.reason
+    # Wishes of the driver, and a value that stays as it is.
+    assert set_one('value_of_time', 20.0).successful
+    assert set_one('clock_tolerance', 1.0).successful
+    assert not set_one('locked', False).successful

@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The SROS 2 policies allow exactly the endpoints of the nodes.
+
+The nodes run without DDS security, which is missing from ROS 2's wheels; the graph shows their endpoints.
+"""
+
+from pathlib import Path
+from xml.etree import ElementTree
+
+from node_bench import poll_until
+import pytest
+
+from bev_preheat_msgs.msg import HvchCommand
+
+FOLDER = Path(__file__).resolve().parents[2] / 'config' / 'sros2'
+EXECUTABLES = ('planner', 'nlp_checker', 'charger_adviser', 'route_publisher', 'heater_controller',
+               'vehicle_simulator')
+OPTIONS = {'planner': ('-p', 'lifecycle:=true'),
+           'vehicle_simulator': ('-p', 'heater_status:=true')}
+# Only these may command the heater, in a car and in a simulated one.
+COMMANDERS = {'planner'}
+
+
+def policy(executable):
+    """Return {(kind, 'publish' ...): names} of a policy file."""
+    root = ElementTree.parse(FOLDER / f'{executable}.policy.xml').getroot()
+    (enclave,) = root.iter('enclave')
+    assert enclave.get('path') == f'/bev_preheat/{executable}'
+    (profile,) = enclave.iter('profile')
+    assert (profile.get('ns'), profile.get('node')) == ('/', executable)
+    allowed = {}
+    for group in profile:
+        ((right, verdict),) = group.attrib.items()
+        assert verdict == 'ALLOW'
+        allowed[group.tag, right] = {name.text for name in group}
+    return allowed
+
+
+def without_root(name, executable):
+    """Return a name as the policies have it: relative unless it is the same in every namespace."""
+    if name.startswith(f'/{executable}/'):
+        return f'~/{name.removeprefix(f"/{executable}/")}'
+    return name if name in ('/rosout', '/parameter_events', '/diagnostics', '/clock') else name.lstrip('/')
+
+
+def used(node, executable):
+    """Return the endpoints of a running node in the graph, in the same form."""
+    def names(found):
+        return {without_root(name, executable) for name, _ in found}
+    topics_out = names(node.get_publisher_names_and_types_by_node(executable, '/'))
+    topics_in = names(node.get_subscriber_names_and_types_by_node(executable, '/'))
+    services = names(node.get_service_names_and_types_by_node(executable, '/'))
+    clients = names(node.get_client_names_and_types_by_node(executable, '/'))
+    actions = {name.partition('/_action/')[0] for name in services if '/_action/' in name}
+
+    def plain(found):
+        return {name for name in found if '/_action/' not in name}
+    found = {('topics', 'publish'): plain(topics_out), ('topics', 'subscribe'): plain(topics_in),
+             ('services', 'reply'): plain(services), ('services', 'request'): plain(clients),
+             ('actions', 'execute'): actions}
+    return {key: value for key, value in found.items() if value}
+
+
+@pytest.mark.parametrize('executable', EXECUTABLES)
+def test_a_policy_allows_what_the_node_uses_and_nothing_else(bench, executable, gated_car):
+    # The planner listens to hvch_command while another node publishes it.
+    bench.publisher(HvchCommand, 'hvch_command', 10)
+    options = OPTIONS.get(executable, ())
+    if executable == 'heater_controller':
+        options = ('-p', f'vehicle:={gated_car}', '-p', 'lifecycle:=true')
+    bench.start(executable, *options)
+    allowed = policy(executable)
+
+    def agrees():
+        # A node that the graph does not show yet raises.
+        names = [name for name, _ in bench.node.get_node_names_and_namespaces()]
+        return executable in names and used(bench.node, executable) == allowed
+    try:
+        poll_until(agrees, 'the endpoints of the policy', timeout_s=20.0)
+    except AssertionError:
+        assert used(bench.node, executable) == allowed
+        raise
+
+
+def test_only_the_planner_may_command_the_heater():
+    assert {path.name.partition('.')[0] for path in FOLDER.glob('*.policy.xml')} >= set(EXECUTABLES)
+    commanders = {executable for executable in EXECUTABLES
+                  if 'hvch_command' in policy(executable).get(('topics', 'publish'), ())}
+    assert commanders == COMMANDERS
+
+
+@pytest.fixture
+def gated_car(tmp_path):
+    """Return a vehicle file with gates on the battery and on the speed."""
+    from bev_preheat.files.configuration import find_configuration
+    path = tmp_path / 'gated.yaml'
+    path.write_text(find_configuration('vehicles', 'reference', '.yaml').read_text() + (
+        '\nheating_gates: {minimum_soc: 0.15, only_while_standing: true}\n'))
+    return path
