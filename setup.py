@@ -22,6 +22,7 @@ ENTRY_POINTS = {
     'charger_adviser': f'{PACKAGE}.nodes.executables:charger_adviser',
     'bus_gateway': f'{PACKAGE}.nodes.executables:bus_gateway',
     'route_publisher': f'{PACKAGE}.nodes.executables:route_publisher',
+    'heater_controller': f'{PACKAGE}.nodes.executables:heater_controller',
     'vehicle_simulator': f'{PACKAGE}.nodes.executables:vehicle_simulator',
     'preheat': f'{PACKAGE}.commands.main:main',
 }

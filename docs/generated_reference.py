@@ -16,6 +16,7 @@ from bev_preheat.commands.arguments import make_parser
 from bev_preheat.commands.main import SUBCOMMANDS
 from bev_preheat.nodes import (
     charger_adviser_node,
+    heater_controller_node,
     nlp_checker_node,
     planner_node,
     route_publisher_node,
@@ -25,12 +26,13 @@ from bev_preheat.nodes.diagnostics import HEATER_LEVELS, HEATER_SENTENCES, LEVEL
 from bev_preheat.planning.status import Status
 
 ROOT = Path(__file__).resolve().parents[1]
-MESSAGES = ('RoutePlan', 'RouteProgress', 'HvchCommand', 'PreheatPlan', 'OptimalityReport')
+MESSAGES = ('RoutePlan', 'RouteProgress', 'HvchCommand', 'HvchStatus', 'PreheatPlan', 'OptimalityReport')
 ACTIONS = ('PrepareBattery',)
 SERVICES = ('RankChargers',)
 SERVICE_PARTS = ('Request', 'Response')
 ACTION_PARTS = ('Goal', 'Result', 'Feedback')
-NODES = (planner_node, nlp_checker_node, charger_adviser_node, route_publisher_node, vehicle_simulator_node)
+NODES = (planner_node, nlp_checker_node, charger_adviser_node, route_publisher_node, heater_controller_node,
+         vehicle_simulator_node)
 SCHEMAS = {'vehicle': 'vehicle/schema.yaml', 'legs': 'route/legs_schema.yaml',
            'chargers': 'charging/chargers_schema.yaml',
            'itinerary': 'control/itinerary_schema.yaml',

@@ -25,6 +25,7 @@ class AdmittedInputs(NamedTuple):
     `timetable` is the route's; planning uses `active_timetable`, which is that of the preparation goal, or the
     route's without a goal. `measurement` has only the signals that hold; `doubt` is the sentence on a missing
     signal without which the heater stays off. `rivals` are other nodes that command the same heater.
+    `heater_refusal` is the sentence on heat that the heater refuses; '' for none.
     """
 
     vehicle: Vehicle
@@ -38,6 +39,7 @@ class AdmittedInputs(NamedTuple):
     active_timetable: Timetable | None
     measurement: Measurement | None
     doubt: str | None = None
+    heater_refusal: str = ''
 
     @property
     def mission(self) -> Mission | None:

@@ -31,6 +31,10 @@ class CommandHistory:
         while len(changes) > 2 and changes[1][0] < instant_ns - KEPT_NS:
             changes.popleft()
 
+    def heating_for_s(self, now_ns: int) -> float:
+        """Return for how long [s] the latest power, if it is not 0, has been commanded."""
+        return self._heating_for_ns(now_ns) / NS_PER_S
+
     def heated_s(self, now_ns: int) -> float:
         """Return for how long [s] heating has been commanded since `forget_heating`."""
         return (self._heated_ns + self._heating_for_ns(now_ns)) / NS_PER_S

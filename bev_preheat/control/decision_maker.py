@@ -235,13 +235,19 @@ class DecisionMaker:
             decision = self._plan(inputs, leg, route, goal, state, start_ns)
             if decision.plan is None:
                 return decision
-            plan = seen_from_now(
-                decision.plan, self._limited, goal, starts_in_s, heated_s=heated_s)
-            return Decision(
-                plan.status, _own_sentence(plan, choice), plan, start_ns, leg, target=choice)
+            plan, commanded = seen_from_now(
+                decision.plan, self._limited, goal, starts_in_s, heated_s=heated_s), None
+            sentence = _own_sentence(plan, choice)
+            if inputs.heater_refusal and plan.heating_start_s is not None:
+                commanded, plan = plan, seen_from_now(plan_preheating(
+                    self._limited, route, state, goal, settings.method, heater_share=0.0), self._limited, goal,
+                    starts_in_s, heated_s=heated_s)
+                sentence = f'{inputs.heater_refusal} {plan.explanation}'
+            return Decision(plan.status, sentence, plan, start_ns, leg, commanded=commanded, target=choice)
         try:
             forecast_plan = self._forecast_planner.make(PlanningTask(
-                route, goal, settings, is_heating, starts_in_s, heated_s, leg.made_for), estimate)
+                route, goal, settings, is_heating, starts_in_s, heated_s, leg.made_for, inputs.heater_refusal),
+                estimate)
         except (InvalidInput, PlanningFailure) as error:
             return Decision(Status.INVALID_INPUT, str(error))
         plan = forecast_plan.plan

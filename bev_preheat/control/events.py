@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from math import nan
 from typing import ClassVar, TYPE_CHECKING
 
+from bev_preheat.control.heater_answer import HEATER_STATUS, HeaterStatus
 from bev_preheat.control.inputs import Measurement, Mission, Progress
 from bev_preheat.control.preparation_goal import PreparationEnding, PreparationGoal
 from bev_preheat.control.refusals import BATTERY, PROGRESS, RefusedRoute, ROUTE
@@ -83,6 +84,22 @@ class ProgressUnreadable:
 
 
 @dataclass(frozen=True)
+class HeaterStatusArrived:
+    """The heater's controller answered."""
+
+    source: ClassVar[str] = HEATER_STATUS
+    status: HeaterStatus
+
+
+@dataclass(frozen=True)
+class HeaterStatusUnreadable:
+    """An answer of the heater's controller arrived that could not be read."""
+
+    source: ClassVar[str] = HEATER_STATUS
+    error: InvalidInput
+
+
+@dataclass(frozen=True)
 class PreheatingSwitched:
     """The driver switched preheating on or off."""
 
@@ -135,5 +152,6 @@ class Reconfigured:
 
 # The events of Supervisor.step.
 Event = (BatteryStateArrived | BatteryStateUnreadable | RouteArrived | RouteUnreadable
-         | ProgressArrived | ProgressUnreadable | TripCancelled | PreheatingSwitched | RivalsChanged
+         | ProgressArrived | ProgressUnreadable | HeaterStatusArrived | HeaterStatusUnreadable
+         | TripCancelled | PreheatingSwitched | RivalsChanged
          | PreparationWanted | PreparationEnded | Reconfigured)

@@ -75,7 +75,7 @@ class PlanningTask(NamedTuple):
 
     The route starts in `starts_in_s` [s]; the battery has been heated for `heated_s` [s] on this trip;
     `is_heating`: the heater is on. `preparation_goal` is the goal that the route was made for; None: the route
-    comes from a route plan.
+    comes from a route plan. `heater_refusal` is the sentence on heat that the heater refuses; '' for none.
     """
 
     route: Route
@@ -85,6 +85,7 @@ class PlanningTask(NamedTuple):
     starts_in_s: float
     heated_s: float
     preparation_goal: PreparationGoal | None = None
+    heater_refusal: str = ''
 
 
 class ForecastPlan(NamedTuple):
@@ -224,8 +225,8 @@ class _Planning:
         """
         heater = self._estimate.heater.heater
         words = UNHEATED.get(heater, {})
-        if heater is Heater.DEAD:
-            return self._plan(forecast, heater_share=0.0), wanted, words
+        if heater is Heater.DEAD or self._task.heater_refusal:
+            return self._plan(forecast, heater_share=0.0), wanted, UNHEATED[Heater.DEAD]
         if heater is Heater.STUCK_ON:
             return self._plan(forecast, heats_throughout=True), None, words
         if wanted.status is Status.TARGET_UNREACHABLE and self._lag_s > 0.0:
@@ -244,6 +245,8 @@ class _Planning:
     def in_words(self, expected: Plan, forecast: Forecast, words: dict[str, Any]) -> Plan:
         """Return the Plan with status and sentence as of now, and with the battery's own energy."""
         task = self._task
+        if task.heater_refusal:
+            words = {**words, 'refusal': task.heater_refusal}
         return accounted(expected.told(_status_now(expected, task.starts_in_s), partial(
             _in_words, heater=self._estimate.heater, forecast=forecast, **words,
             reserve=reserve_soc(self._vehicle, task.goal), starts_in_s=task.starts_in_s,
@@ -271,13 +274,13 @@ class _Planning:
             least_heating_s=max(settings.minimum_on_time_s, LEAST_HEATING_S))
 
 
-def _in_words(plan: Plan, heater: HeaterReport, forecast: Forecast, **told: Any) -> str:
+def _in_words(plan: Plan, heater: HeaterReport, forecast: Forecast, refusal: str = '', **told: Any) -> str:
     """
-    Return a plan's sentence with the heater's behaviour and the uncertainty.
+    Return a plan's sentence with the heater's behaviour, its refusal, and the uncertainty.
 
     `told` are the other arguments of planning.explanation.explain.
     """
-    sentence = SENTENCES.get(heater.heater, '').format(share=100.0 * heater.share)
+    sentence = f'{refusal} ' if refusal else SENTENCES.get(heater.heater, '').format(share=100.0 * heater.share)
     sentence += explain(plan, **told)
     if plan.heating_end_s is not None and plan.heat is None:
         sentence += (f' Uncertainty +-{forecast.deviation_k:.1f} K (1 sigma): heating starts early and stops '

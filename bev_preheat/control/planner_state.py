@@ -7,6 +7,7 @@ from typing import NamedTuple, TYPE_CHECKING
 
 if TYPE_CHECKING:
     from bev_preheat.control.decision import Command, Decision
+    from bev_preheat.control.heater_answer import HeaterAnswerReport
     from bev_preheat.control.inputs import Measurement, Mission
     from bev_preheat.control.preparation_goal import PreparationGoal
     from bev_preheat.control.regime import RegimeReport
@@ -38,6 +39,7 @@ class PlannerState(NamedTuple):
     `stand_report`, the report on the trip's first battery state; None without one.
 
     Results: the current `decision`, with the status and the sentence of `latest_command` (None before the first).
+    `heater_answer` is the report on `hvch_status`; None before the first.
     """
 
     vehicle: Vehicle
@@ -61,6 +63,7 @@ class PlannerState(NamedTuple):
     stand_report: StandReport | None
     decision: Decision
     latest_command: Command | None
+    heater_answer: HeaterAnswerReport | None = None
 
     @property
     def is_enabled(self) -> bool:

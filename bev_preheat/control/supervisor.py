@@ -18,12 +18,15 @@ from bev_preheat.control.decision import Command, Decision, WITHOUT_ROUTE
 from bev_preheat.control.decision_maker import DecisionMaker
 from bev_preheat.control.events import (
     Event,
+    HeaterStatusArrived,
+    HeaterStatusUnreadable,
     PreparationEnded,
     PreparationWanted,
     ProgressArrived,
     ProgressUnreadable,
     Reconfigured,
 )
+from bev_preheat.control.heater_answer import HeaterAnswers
 from bev_preheat.control.inbox import Inbox
 from bev_preheat.control.knowledge import Knowledge
 from bev_preheat.control.planner_state import PlannerState
@@ -46,6 +49,7 @@ if TYPE_CHECKING:
 
 # Positions: no plan is made for them alone.
 PLACES = ProgressArrived, ProgressUnreadable
+ANSWERS = HeaterStatusArrived, HeaterStatusUnreadable
 
 
 class Refusal(NamedTuple):
@@ -89,6 +93,10 @@ class Supervisor:
         self._knowledge = Knowledge(vehicle)
         self._decision_maker = DecisionMaker(vehicle, learned, last_seen)
         self._commander = Commander()
+        self._answers = HeaterAnswers()
+        # The sentence on heat that the heater refuses; '' for none.
+        self._heater_refusal = ''
+        self._now_ns = 0
         # The latest measurement: as it arrived, with only the signals that hold, and the sentence on the others.
         self._arrived: Measurement | None = None
         self._screened: Measurement | None = None
@@ -109,11 +117,15 @@ class Supervisor:
         """
         refusals: list[Refusal] = []
         try:
+            self._now_ns = now_ns
             for event in events:
                 self._admit(event, now_ns, refusals)
-            if not events:
+            refused, self._heater_refusal = self._heater_refusal, self._answers.refusal(
+                now_ns, self._inbox.settings, self._commander.history)
+            if not events and refused == self._heater_refusal:
                 output = self._let_time_pass(now_ns)
-            elif all(isinstance(event, PLACES) for event in events):
+            elif events and refused == self._heater_refusal and all(
+                    isinstance(event, (*PLACES, *ANSWERS)) for event in events):
                 output = StepOutput()
             else:
                 output = self._react(now_ns, events)
@@ -180,7 +192,8 @@ class Supervisor:
             estimate=estimate,
             stand_report=self._decision_maker.stand_report if inbox.settings.estimation else None,
             decision=self._shown,
-            latest_command=self._latest_command)
+            latest_command=self._latest_command,
+            heater_answer=self._answers.report(self._now_ns, inbox.settings, self._heater_refusal))
 
     # Parts of a step
 
@@ -202,7 +215,8 @@ class Supervisor:
         """Return the AdmittedInputs of now; a measurement without the signals that do not hold."""
         arrived = self._inbox.measurement
         return self._inbox.admitted(
-            self._preparation.timetable, self._screened if arrived is self._arrived else arrived, self._doubt)
+            self._preparation.timetable, self._screened if arrived is self._arrived else arrived, self._doubt
+        )._replace(heater_refusal=self._heater_refusal)
 
     def _admit(self, event: Event, now_ns: int, refusals: list[Refusal]) -> None:
         """Take an event in, or add its Refusal."""
@@ -214,26 +228,33 @@ class Supervisor:
                 if self._preparation.end(
                         event.preparation_goal, event.ending, event.explanation, self._admitted()):
                     self._inbox.note_other_goal()
+            elif isinstance(event, HeaterStatusArrived):
+                self._answers.accept(event.status, now_ns, self._inbox.settings)
+            elif isinstance(event, HeaterStatusUnreadable):
+                raise event.error
             else:
                 self._inbox.admit(event, now_ns)
         except InvalidInput as error:
             refusals.append(Refusal(event.source, error))
+            if isinstance(event, ANSWERS):
+                self._answers.refuse(error)
 
     def _learn_from_changes(self, now_ns: int, events: tuple[Event, ...]) -> None:
         """Bring all that is known up to date with the admitted events."""
-        changes, history = self._inbox.take_changes(), self._commander.history
+        changes = self._inbox.take_changes()
         for event in events:
             if isinstance(event, Reconfigured):
                 self._reconfigure(event)
         if changes.clock_restarted:
-            for part in (self._decision_maker, self._knowledge, self._preparation):
+            for part in (self._decision_maker, self._knowledge, self._preparation, self._answers):
                 part.lose_time()
         if changes.has_new_mission:
             self._decision_maker.follow_new_mission()
             self._commander.allow_switching()
         if changes.has_new_trip:
             self._decision_maker.begin_trip()
-            history.forget_heating(now_ns)
+            self._answers.begin_trip()
+            self._answers.history.forget_heating(now_ns)
         self._inputs = self._admitted()
         for measurement in changes.measurements:
             self._see(measurement)
@@ -251,7 +272,7 @@ class Supervisor:
 
     def _see(self, measurement: Measurement) -> None:
         """Take a valid Measurement in: check its signals and learn from it."""
-        inputs, history = self._inputs, self._commander.history
+        inputs, history = self._inputs, self._answers.history
         known = self._knowledge.see(
             measurement, inputs.active_timetable, history, inputs.settings, inputs.defaults)
         self._arrived, self._screened, self._doubt = measurement, known.measurement, self._knowledge.obstacle
@@ -259,6 +280,9 @@ class Supervisor:
         self._preparation.see(known.measurement, known.command_w, self._inputs)
         if inputs.settings.estimation:
             self._decision_maker.learn(known, inputs.active_timetable, history, inputs.mission)
+            estimate = self._decision_maker.estimate
+            if estimate is not None:
+                self._answers.judge(estimate.heater, self._now_ns, inputs.settings)
 
     def _decide(self, now_ns: int) -> Decision | None:
         """Make the Decision of an instant; return the obstacle, None without one."""
@@ -266,7 +290,7 @@ class Supervisor:
         if obstacle is not None:
             self._decision = obstacle
             return obstacle
-        history = self._commander.history
+        history = self._answers.history
         self._decision = self._decision_maker.decide(
             self._inputs, self._knowledge.regime, now_ns, self._commander.is_heating, history.heated_s(now_ns))
         # Sentence and deviation are computed when they are read; if that fails, it must fail before the command.
@@ -289,16 +313,19 @@ class Supervisor:
         self._inputs = self._admitted()
         self._decision_maker.follow_new_mission()
         self._commander.allow_switching()
-        self._commander.history.forget_heating(now_ns)
+        self._answers.history.forget_heating(now_ns)
         return self._decide(now_ns)
 
     def _command(self, now_ns: int, obstacle: Decision | None) -> Command:
         self._latest_command = self._commander.give(now_ns, self._inputs, self._decision, obstacle)
+        self._answers.note_command(
+            now_ns, self._latest_command.battery_heating_power_w, self._inbox.settings)
         self._shown = self._commander.in_words(now_ns, self._inputs, self._decision)
         return self._latest_command
 
     def _off(self, now_ns: int, reason: Status) -> Command:
         self._latest_command = self._commander.off(now_ns, self._inbox.settings, reason)
+        self._answers.note_command(now_ns, 0.0, self._inbox.settings)
         return self._latest_command
 
     def _publication(self, command: Command) -> StepOutput:

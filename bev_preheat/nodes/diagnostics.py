@@ -13,6 +13,7 @@ from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.estimation.state import FACTOR_NAMES
 from bev_preheat.native.library import core_in_words, DECLINES
 from bev_preheat.nodes.convert import time_message
+from bev_preheat.nodes.heater_messages import heater_answer_entry
 from bev_preheat.nodes.route_progress import progress_diagnostics
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.status import Status
@@ -72,6 +73,8 @@ def planner_diagnostics(node_name: str, state: PlannerState, now_ns: int,
     if estimate is not None:
         message.status.append(heater_entry(name, hardware, estimate.heater))
         message.status.append(_estimation(name, hardware, state, estimate, now_ns))
+    if state.heater_answer is not None:
+        message.status.append(heater_answer_entry(name, hardware, state.heater_answer))
     progress = progress_diagnostics(name, state, now_ns)
     if progress is not None:
         message.status.append(progress)

@@ -43,6 +43,11 @@ def bus_gateway() -> None:
     _load_main('bus_gateway_node')()
 
 
+def heater_controller() -> None:
+    """Run the reference of a heater controller."""
+    _load_main('heater_controller_node')()
+
+
 def vehicle_simulator() -> None:
     """Run the simulated vehicle."""
     _load_main('vehicle_simulator_node')()

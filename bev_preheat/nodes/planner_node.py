@@ -29,6 +29,7 @@ from bev_preheat.nodes.command_line import NodeProgram
 from bev_preheat.nodes.command_publisher import CommandPublisher
 from bev_preheat.nodes.convert import battery_event, command_message, plan_message, temperature_message
 from bev_preheat.nodes.diagnostics import heater_sentence, planner_diagnostics
+from bev_preheat.nodes.heater_messages import heater_status_event
 from bev_preheat.nodes.news import RepetitionFilter
 from bev_preheat.nodes.parameters import check, declare, Parameter
 from bev_preheat.nodes.prepare_action import PREPARE, PrepareAction
@@ -42,7 +43,7 @@ from bev_preheat.planning.installed_methods import limit_answer_time
 from bev_preheat.planning.planner import check_method, installed_names, METHODS
 from bev_preheat.vehicle import load_vehicle, vehicle_contents, vehicle_file
 from bev_preheat.vehicle.assumptions import assumption_warning
-from bev_preheat_msgs.msg import PreheatPlan, RouteProgress
+from bev_preheat_msgs.msg import HvchStatus, PreheatPlan, RouteProgress
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -108,7 +109,8 @@ PROGRAM = NodeProgram(
     PARAMETERS,
     subscribes=(('battery_state', 'sensor_msgs/BatteryState'),
                 ('route_plan', 'bev_preheat_msgs/RoutePlan'),
-                ('route_progress', 'bev_preheat_msgs/RouteProgress: where the vehicle is, if known')),
+                ('route_progress', 'bev_preheat_msgs/RouteProgress: where the vehicle is, if known'),
+                ('hvch_status', "bev_preheat_msgs/HvchStatus: the heater controller's answer, if there is one")),
     publishes=(('hvch_command', 'bev_preheat_msgs/HvchCommand: power for the battery, a lease'),
                ('preheat_plan', 'bev_preheat_msgs/PreheatPlan: status, sentence, trajectories'),
                ('predicted_arrival_temperature', 'sensor_msgs/Temperature'),
@@ -176,6 +178,7 @@ class PlannerNode(Node):
         self.create_subscription(BatteryState, 'battery_state', self._on_battery_state, state_qos)
         self.create_subscription(
             RouteProgress, 'route_progress', self._on_route_progress, state_qos)
+        self.create_subscription(HvchStatus, 'hvch_status', self._on_heater_status, state_qos)
         RouteListener(self, self._on_route_plan, self._on_refused_route)
         self.create_service(SetBool, '~/enable', self._on_enable)
         self._prepare = PrepareAction(self, self._step, self._supervisor, self.fail)
@@ -189,10 +192,10 @@ class PlannerNode(Node):
         self.create_timer(SAVE_PERIOD_S, self._on_save_due,
                           clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._setup = SetupWatch(
-            self, ('battery_state', 'route_plan', 'route_progress'),
+            self, ('battery_state', 'route_plan', 'route_progress', 'hvch_status'),
             ('hvch_command', 'preheat_plan', 'predicted_arrival_temperature'),
             also=(commands.look, self._on_rival, self._on_standing_clock),
-            single=('battery_state', 'route_progress'))
+            single=('battery_state', 'route_progress', 'hvch_status'))
         self.get_logger().info(
             f'Planning for vehicle {vehicle.name} with method {settings.method}; '
             f'native core {core_in_words()}.')
@@ -219,6 +222,10 @@ class PlannerNode(Node):
         now_ns = self._now_ns()
         self._step(progress_event(
             message, self._setup.clock_hint(message.header.stamp, now_ns)), now_ns=now_ns)
+
+    @guarded
+    def _on_heater_status(self, message: HvchStatus) -> None:
+        self._step(heater_status_event(message, self._supervisor.state.vehicle.hvch.maximum_power_w))
 
     @guarded
     def _on_refused_route(self, error: InvalidInput) -> None:

@@ -17,22 +17,29 @@ from typing import TYPE_CHECKING
 from bev_preheat.control.events import (
     BatteryStateArrived,
     BatteryStateUnreadable,
+    HeaterStatusArrived,
     ProgressArrived,
     RouteArrived,
 )
 from bev_preheat.control.inputs import Measurement, NS_PER_S
 from bev_preheat.errors import InvalidInput
+from bev_preheat.heater.controller import HeaterCommand
 from bev_preheat.planning.situation import BatteryState
-from bev_preheat.simulation.heater_lease import HeaterLease, NO_LEASE
+from bev_preheat.simulation.heater_side import HeaterSide
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from bev_preheat.control.events import Event
+    from bev_preheat.control.heater_answer import HeaterStatus
     from bev_preheat.control.inputs import Mission
     from bev_preheat.control.supervisor import StepOutput, Supervisor
+    from bev_preheat.heater.controller import HeaterAnswer
     from bev_preheat.simulation.imperfect_car import ImperfectCar
     from bev_preheat.simulation.sensors import Reading
+
+    # The heater's answer, its actual power [W], and the instant [ns] to its HeaterStatus; None: nothing is sent.
+    ToldByHeater = Callable[[HeaterAnswer, float, int], HeaterStatus | None]
 
 # Start of the drive on the planner's clock; 0 would mean that it has not started.
 START_NS = 1_000_000 * NS_PER_S
@@ -56,15 +63,18 @@ class Moment:
     cpu_s: float
 
 
-def moments(car: ImperfectCar, supervisor: Supervisor,
-            until: Callable[[], bool]) -> Iterator[Moment]:
+def moments(car: ImperfectCar, supervisor: Supervisor, until: Callable[[], bool],
+            told_by_heater: ToldByHeater | None = None) -> Iterator[Moment]:
     """
     Drive a car under a Supervisor; yield the Moments until `until()`.
+
+    `told_by_heater` makes the HeaterStatus that arrives with each reading, from the heater's answer and its actual
+    power [W], or None for none; without it the heater's controller is silent.
 
     `car` (simulation.imperfect_car.ImperfectCar) stands at its start; between two Moments it drives
     under the latest command until that expires.
     """
-    drive = _Drive(car, supervisor)
+    drive = _Drive(car, supervisor, told_by_heater)
     yield drive.step(RouteArrived(drive.planned(car.mission(START_NS))), is_last=False)
     while not until():
         yield from drive.due_now()
@@ -72,9 +82,10 @@ def moments(car: ImperfectCar, supervisor: Supervisor,
 
 
 class _Drive:
-    def __init__(self, car: ImperfectCar, supervisor: Supervisor) -> None:
-        self._car, self._supervisor = car, supervisor
-        self._lease = NO_LEASE
+    def __init__(self, car: ImperfectCar, supervisor: Supervisor,
+                 told_by_heater: ToldByHeater | None = None) -> None:
+        self._car, self._supervisor, self._told_by_heater = car, supervisor, told_by_heater
+        self._heater = HeaterSide(car)
         self._ticks = 0
         self._settings = supervisor.state.settings
         self._stale_s = self._settings.battery_state_timeout_s
@@ -96,7 +107,10 @@ class _Drive:
             events.append((None, RouteArrived(self.planned(mission))))
         if progress is not None:
             events.append((None, ProgressArrived(progress)))
-        events += [(reading, self._battery_event(reading)) for reading in car.readings()]
+        readings = car.readings()
+        if readings and self._told_by_heater is not None:
+            events += self._heater_events(self._told_by_heater)
+        events += [(reading, self._battery_event(reading)) for reading in readings]
         ticks = self._tick_s <= now_s
         if ticks:
             self._ticks += 1
@@ -108,14 +122,19 @@ class _Drive:
         if ticks:
             yield self.step()
 
+    def _heater_events(self, told_by_heater: ToldByHeater) -> list[tuple[Reading | None, Event]]:
+        status = told_by_heater(self._heater.answer(START_NS), self._heater.measured_w, START_NS + round(
+            self._car.clock_s * NS_PER_S))
+        return [] if status is None else [(None, HeaterStatusArrived(status))]
+
     def go_on(self) -> None:
         """Drive on to the next instant with an event; sleeping computers have no events."""
         wakes_s, settings = self._car.asleep_until_s, self._settings
         if wakes_s is None:
-            self._car.advance_under(self._lease, min(
+            self._car.advance_under(self._heater.lease(START_NS), min(
                 self._tick_s, self._stale_s, self._car.next_event_s))
             return
-        self._car.advance_under(self._lease, wakes_s)
+        self._car.advance_under(self._heater.lease(START_NS), wakes_s)
         self._ticks = math.ceil(wakes_s / settings.command_period_s)
         self._stale_s = wakes_s + settings.battery_state_timeout_s
 
@@ -140,8 +159,8 @@ class _Drive:
         output = self._supervisor.step(now_ns, *events)
         cpu_s = process_time() - started
         if output.command is not None:
-            lasts_s = (output.command.valid_until_ns - now_ns) / NS_PER_S
-            self._lease = HeaterLease(output.command.battery_heating_power_w, time_s + lasts_s)
+            self._heater.take(HeaterCommand(
+                output.command.battery_heating_power_w, now_ns, output.command.valid_until_ns), START_NS)
         if reading is not None and not output.refusals:
             self._stale_s = time_s + self._settings.battery_state_timeout_s
         return Moment(time_s, clock_s, reading, output, is_last, cpu_s)

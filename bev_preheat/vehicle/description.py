@@ -10,6 +10,7 @@ from math import inf
 
 from bev_preheat.numerics.arithmetic import Curve, Number
 from bev_preheat.vehicle.heat_path import DIRECT, HeatPath
+from bev_preheat.vehicle.heating_gates import HeatingGates, NO_GATES
 
 
 @dataclass(frozen=True)
@@ -160,7 +161,8 @@ class Vehicle:
     planned, descriptions of a road cannot. `heat_path` describes the arrival of the heater's heat:
     DIRECT if the file has none. `charging` describes the car at a fast charger,
     None if the file has no such block. `assumed` are the keys of the file whose values were not
-    measured or stated for this car. `uncertainty` is that of the file's values.
+    measured or stated for this car. `uncertainty` is that of the file's values. `heating_gates` are the
+    car's own conditions for heating; NO_GATES if the file has none.
     """
 
     name: str
@@ -173,3 +175,4 @@ class Vehicle:
     heat_path: HeatPath = DIRECT
     charging: Charging | None = None
     uncertainty: Uncertainty = UNKNOWN_UNCERTAINTY
+    heating_gates: HeatingGates = NO_GATES

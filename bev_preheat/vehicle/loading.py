@@ -29,6 +29,7 @@ from bev_preheat.vehicle.description import (
     Vehicle,
 )
 from bev_preheat.vehicle.heat_path import HeatPath
+from bev_preheat.vehicle.heating_gates import gate_problems, HeatingGates
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
@@ -89,6 +90,8 @@ def _vehicle(contents: dict[str, FileData], path: str | Path) -> Vehicle:
     problems += _keys_that_are_not_there(contents)
     path_of_heat = HeatPath(**_floats(contents.get('heat_path', {})))
     problems += heat_path_problems(path_of_heat)
+    gates = _heating_gates(contents.get('heating_gates', {}))
+    problems += gate_problems(gates, contents['hvch']['maximum_power_w'], lowest_c)
     leakage = Leakage(**_floats(battery['leakage']))
     time_constant_s = battery['heat_capacity_j_per_k'] / max(
         leakage.coefficient_w_per_k(FAST_MPS), 1e-9)
@@ -145,7 +148,15 @@ def _vehicle(contents: dict[str, FileData], path: str | Path) -> Vehicle:
         assumed=tuple(contents.get('assumed', ())),
         heat_path=path_of_heat,
         charging=charging,
-        uncertainty=Uncertainty(**_floats(contents.get('uncertainty', {}))))
+        uncertainty=Uncertainty(**_floats(contents.get('uncertainty', {}))),
+        heating_gates=gates)
+
+
+def _heating_gates(node: dict[str, FileData]) -> HeatingGates:
+    node = dict(node)
+    steps_w = tuple(map(float, node.pop('power_steps_w', ())))
+    only_while_standing = node.pop('only_while_standing', False)
+    return HeatingGates(power_steps_w=steps_w, only_while_standing=only_while_standing, **_floats(node))
 
 
 def _charging(contents: dict[str, FileData], charge: Table,

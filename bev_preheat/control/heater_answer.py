@@ -1,0 +1,149 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The answers of the heater's controller (`hvch_status`): refusals, confirmed heat, and doubt about them.
+
+Without answers the planner takes its own commands for the heater's power, as it does once they are silent or
+doubted. Instants are integers, in nanoseconds of the node's clock.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple, TYPE_CHECKING
+
+from bev_preheat.control.command_history import CommandHistory
+from bev_preheat.control.inputs import NS_PER_S
+from bev_preheat.errors import age_beyond, InvalidInput
+from bev_preheat.estimation.hypotheses import Heater
+from bev_preheat.heater.controller import Refusal
+
+if TYPE_CHECKING:
+    from bev_preheat.control.settings import Settings
+    from bev_preheat.estimation.hypotheses import HeaterReport
+
+HEATER_STATUS = 'hvch_status'
+# An answer that reports 0 W is a refusal once heat has been commanded for this time [s]: commands and answers
+# take a moment, and the power may rise slowly.
+CONFIRMED_WITHIN_S = 3.0
+# These do not depend on a command: they hold at once.
+HOLD_AT_ONCE = frozenset((Refusal.HEATER_FAULT, Refusal.LOW_CHARGE, Refusal.HOT_BATTERY, Refusal.IN_MOTION))
+IN_WORDS = {
+    Heater.DERATED: 'battery temperature and power show less heat than it reports',
+    Heater.DEAD: 'battery temperature and power show no heat',
+    Heater.STUCK_ON: 'battery temperature and power show more heat than it reports',
+}
+
+
+class HeaterStatus(NamedTuple):
+    """
+    An answer at an instant [ns]: requested and active power [W], and the Refusal with its sentence.
+
+    `measured_w` [W] None: not measured.
+    """
+
+    stamp_ns: int
+    requested_w: float
+    active_w: float
+    refusal: Refusal = Refusal.NOT_REFUSED
+    sentence: str = ''
+    measured_w: float | None = None
+
+    @property
+    def confirmed_w(self) -> float:
+        """The confirmed power [W]: the measured one if there is one."""
+        return self.active_w if self.measured_w is None else self.measured_w
+
+
+class HeaterAnswerReport(NamedTuple):
+    """
+    The latest HeaterStatus (None: all were refused), and sentences on it; '' for none.
+
+    On the heater's refusal, on the doubt about the answers, on their silence, and on the latest unreadable one.
+    """
+
+    status: HeaterStatus | None
+    refusal: str = ''
+    doubt: str = ''
+    silence: str = ''
+    problem: str = ''
+
+
+class HeaterAnswers:
+    """
+    Keeps the latest HeaterStatus and the history of the heater's power.
+
+    `history` has the confirmed power while the answers are used, otherwise the commanded one.
+    """
+
+    def __init__(self) -> None:
+        """No answer yet: commands count as served."""
+        self.history = CommandHistory()
+        self._status: HeaterStatus | None = None
+        self._doubt = self._problem = ''
+
+    def accept(self, status: HeaterStatus, now_ns: int, settings: Settings) -> None:
+        """Take a HeaterStatus in; raise InvalidInput if its stamp is implausible, and keep the one before."""
+        age_s = (now_ns - status.stamp_ns) / NS_PER_S
+        oldest_s, ahead_s = settings.battery_state_timeout_s, settings.clock_tolerance_s
+        if not -ahead_s <= age_s <= oldest_s:
+            raise InvalidInput(f'header.stamp: the status is {age_beyond(age_s, ahead_s, oldest_s)}')
+        if self._status is not None and status.stamp_ns < self._status.stamp_ns <= now_ns + ahead_s * NS_PER_S:
+            # Overtaken.
+            return
+        self._status, self._problem = status, ''
+        if not self._doubt:
+            self.history.note(now_ns, status.confirmed_w)
+
+    def refuse(self, error: InvalidInput) -> None:
+        """Note that a status could not be used."""
+        self._problem = f'{HEATER_STATUS} refused: {error}'
+
+    def note_command(self, now_ns: int, power_w: float, settings: Settings) -> None:
+        """Note a command [W]; it counts as served while no answer is used."""
+        if not self.are_used(now_ns, settings):
+            self.history.note(now_ns, power_w)
+
+    def are_used(self, now_ns: int, settings: Settings) -> bool:
+        """Return whether the latest answer is recent and not doubted."""
+        return not self._doubt and self._is_recent(now_ns, settings)
+
+    def _is_recent(self, now_ns: int, settings: Settings) -> bool:
+        return self._status is not None and abs(
+            now_ns - self._status.stamp_ns) <= settings.battery_state_timeout_s * NS_PER_S
+
+    def refusal(self, now_ns: int, settings: Settings, commands: CommandHistory) -> str:
+        """Return the sentence on heat that the heater refuses at an instant; '' if it does not."""
+        status = self._status
+        if status is None or not self.are_used(now_ns, settings) or status.confirmed_w > 0.0:
+            return ''
+        if status.refusal not in HOLD_AT_ONCE and commands.heating_for_s(now_ns) < CONFIRMED_WITHIN_S:
+            return ''
+        reason = status.sentence or status.refusal.name.lower().replace('_', ' ')
+        if status.refusal is Refusal.NOT_REFUSED:
+            reason = f'it reports {status.confirmed_w:.0f} W'
+        return f'The heater does not heat ({status.refusal.name}): {reason.rstrip(".")}.'
+
+    def judge(self, report: HeaterReport, now_ns: int, settings: Settings) -> None:
+        """Doubt the answers for the rest of the trip if a HeaterReport contradicts them."""
+        if self._status is None or report.heater is Heater.ANSWERS or not self.are_used(now_ns, settings):
+            return
+        self._doubt = (f'{HEATER_STATUS} is in doubt: it reports {self._status.confirmed_w:.0f} W, but '
+                       f'{IN_WORDS[report.heater]} (probability {100.0 * report.probability:.1f} %); the planner '
+                       'goes by battery temperature and power')
+
+    def begin_trip(self) -> None:
+        """Trust the answers again."""
+        self._doubt = ''
+
+    def lose_time(self) -> None:
+        """Forget the latest answer, because the clock was restarted."""
+        self._status = None
+
+    def report(self, now_ns: int, settings: Settings, refusal: str) -> HeaterAnswerReport | None:
+        """Return the HeaterAnswerReport of an instant; None before the first answer."""
+        if self._status is None and not self._problem:
+            return None
+        silence = ''
+        if self._status is not None and not self._is_recent(now_ns, settings):
+            silence = (f'{HEATER_STATUS} is {(now_ns - self._status.stamp_ns) / NS_PER_S:.0f} s old; commands '
+                       'count as served')
+        return HeaterAnswerReport(self._status, refusal, self._doubt, silence, self._problem)

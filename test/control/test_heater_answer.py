@@ -1,0 +1,192 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A heater that refuses, that reports its power, or that lies about it (`hvch_status`)."""
+
+from dataclasses import replace
+
+import pytest
+
+from bev_preheat.control.command_history import CommandHistory
+from bev_preheat.control.events import HeaterStatusArrived, HeaterStatusUnreadable
+from bev_preheat.control.heater_answer import CONFIRMED_WITHIN_S, HeaterAnswers, HeaterStatus
+from bev_preheat.control.inputs import NS_PER_S
+from bev_preheat.control.margins import LEAST_STATUS_S
+from bev_preheat.control.settings import Settings
+from bev_preheat.control.supervisor import Supervisor
+from bev_preheat.errors import InvalidInput
+from bev_preheat.estimation.hypotheses import Heater, HeaterReport
+from bev_preheat.heater.controller import Refusal
+from bev_preheat.planning.planner import plan_unheated
+from bev_preheat.planning.situation import BatteryState, Goal
+from bev_preheat.planning.status import Status
+from bev_preheat.route import load_route
+from bev_preheat.simulation.heater_faults import HeaterFault
+from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
+from bev_preheat.simulation.supervised_drive import moments
+from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.heating_gates import HeatingGates
+
+VEHICLE = load_vehicle('reference')
+ROUTE = load_route('reference', VEHICLE.defaults)
+STATE, GOAL = BatteryState(-7.0, 0.9), Goal(25.0, 0.0, True)
+NOW_NS = 5_000 * NS_PER_S
+SETTINGS = Settings()
+
+
+def as_it_is(answer, measured_w, now_ns):
+    return HeaterStatus(now_ns, answer.requested_w, answer.active_w, answer.refusal, answer.sentence)
+
+
+def measured(answer, measured_w, now_ns):
+    return as_it_is(answer, measured_w, now_ns)._replace(measured_w=measured_w)
+
+
+def driven(told_by_heater, until_s, gates=None, faults=(), settings=SETTINGS):
+    """Return the Supervisor, the car and all (time, decision, command) of a drive up to an instant [s]."""
+    vehicle = VEHICLE if gates is None else replace(VEHICLE, heating_gates=gates)
+    car = ImperfectCar(vehicle, ROUTE, STATE, GOAL, Imperfections(heater_faults=faults))
+    supervisor = Supervisor(VEHICLE, settings)
+    steps = [(moment.time_s, moment.output.decision, moment.output.command) for moment in moments(
+        car, supervisor, lambda: car.time_s >= until_s, told_by_heater)]
+    return supervisor, car, steps
+
+
+@pytest.mark.parametrize('estimation', [True, False])
+def test_what_the_car_refuses_is_not_promised(estimation):
+    settings = replace(SETTINGS, estimation=estimation)
+    supervisor, car, steps = driven(
+        as_it_is, 1600.0 if estimation else 2000.0, HeatingGates(minimum_soc=0.95), settings=settings)
+    decision = supervisor.state.decision
+    assert decision.status is Status.TARGET_UNREACHABLE
+    assert decision.sentence is None or decision.explanation == decision.sentence
+    assert decision.explanation.startswith(
+        'The heater does not heat (LOW_CHARGE): the state of charge is ')
+    # The promise is the drive without heating, which an independent plan gives from the start.
+    unheated = plan_unheated(VEHICLE, ROUTE, STATE, GOAL)
+    assert decision.plan.arrival_temperature_c == pytest.approx(unheated.arrival_temperature_c, abs=0.3)
+    assert car.plant.energy_wh.hvch_electric == 0.0
+    # Never claimed, although heat is commanded, so that it begins as soon as the car allows it.
+    assert all(decision.status is not Status.HEATING for _, decision, _ in steps if decision is not None)
+    assert steps[-1][2].battery_heating_power_w > 0.0
+    # The heater does as its controller says.
+    if estimation:
+        assert supervisor.state.estimate.heater.heater is Heater.ANSWERS
+
+
+def test_refusal_that_ends_is_forgotten():
+    def refuses_for_a_while(answer, measured_w, now_ns):
+        status = as_it_is(answer, measured_w, now_ns)
+        # The first 500 s of the drive.
+        if now_ns < (1_000_000 + 500) * NS_PER_S:
+            return status._replace(active_w=0.0, refusal=Refusal.HEATER_FAULT, sentence='coolant is low')
+        return status
+
+    supervisor, _, steps = driven(refuses_for_a_while, 600.0)
+    said = [decision.explanation for time_s, decision, _ in steps if decision is not None and time_s < 480.0]
+    assert 'The heater does not heat (HEATER_FAULT): coolant is low.' in said[-1]
+    assert supervisor.state.decision.status is Status.WAITING
+    assert 'does not heat' not in supervisor.state.decision.explanation
+
+
+def test_honest_answers_change_no_drive():
+    *_, silent = driven(None, 1700.0)
+    _, _, honest = driven(measured, 1700.0)
+    by_command = [[(time_s, command.battery_heating_power_w) for time_s, _, command in steps
+                   if command is not None and command.battery_heating_power_w > 0.0] for steps in (silent, honest)]
+    assert by_command[0][0][0] == pytest.approx(by_command[1][0][0], abs=40.0)
+    assert len(by_command[0]) == pytest.approx(len(by_command[1]), rel=0.05)
+
+
+def test_dead_heater_whose_controller_measures_0_w_is_not_promised_within_seconds():
+    supervisor, car, steps = driven(measured, 1500.0, faults=(HeaterFault(0.0, share=0.0),))
+    commanded_s = next(time_s for time_s, _, command in steps
+                       if command is not None and command.battery_heating_power_w > 0.0)
+    refused_s = next(time_s for time_s, decision, _ in steps if decision is not None
+                     and 'it reports 0 W' in decision.explanation)
+    assert refused_s - commanded_s <= CONFIRMED_WITHIN_S + LEAST_STATUS_S + 1.0
+    assert supervisor.state.heater_answer.doubt == ''
+
+
+@pytest.mark.parametrize('lie, fault, words', [
+    (as_it_is, HeaterFault(0.0, share=0.0), 'battery temperature and power show no heat'),
+    (lambda answer, measured_w, now_ns: HeaterStatus(
+        now_ns, answer.requested_w, 0.0, Refusal.HEATER_FAULT, 'broken'), None,
+     'battery temperature and power show more heat than it reports'),
+], ids=['claims heat', 'denies heat'])
+def test_answers_that_battery_and_power_contradict_are_doubted(lie, fault, words):
+    supervisor, car, _ = driven(lie, 2800.0, faults=() if fault is None else (fault,))
+    answer = supervisor.state.heater_answer
+    assert words in answer.doubt
+    assert answer.doubt.startswith('hvch_status is in doubt: it reports ')
+    assert answer.refusal == ''
+
+
+def answers_with(**fields):
+    answers = HeaterAnswers()
+    answers.accept(HeaterStatus(**{'stamp_ns': NOW_NS, 'requested_w': 5000.0, 'active_w': 0.0, **fields}), NOW_NS,
+                   SETTINGS)
+    return answers
+
+
+def commanded_since(seconds):
+    history = CommandHistory()
+    history.note(NOW_NS - round(seconds * NS_PER_S), 5000.0)
+    return history
+
+
+@pytest.mark.parametrize('refusal, heated_s, words', [
+    (Refusal.LOW_CHARGE, 0.0, 'The heater does not heat (LOW_CHARGE): low charge.'),
+    (Refusal.NO_COMMAND, 2.0, ''),
+    (Refusal.NO_COMMAND, 4.0, 'The heater does not heat (NO_COMMAND): no command.'),
+    (Refusal.RATE_LIMITED, 1.0, ''),
+    (Refusal.NOT_REFUSED, 4.0, 'The heater does not heat (NOT_REFUSED): it reports 0 W.'),
+])
+def test_refusal_in_words(refusal, heated_s, words):
+    assert answers_with(refusal=refusal).refusal(NOW_NS, SETTINGS, commanded_since(heated_s)) == words
+
+
+def test_any_confirmed_heat_is_no_refusal():
+    assert answers_with(active_w=800.0, refusal=Refusal.CABIN_FIRST).refusal(
+        NOW_NS, SETTINGS, commanded_since(60.0)) == ''
+
+
+def test_silent_heater_refuses_nothing_and_is_reported():
+    answers = answers_with(refusal=Refusal.LOW_CHARGE)
+    later_ns = NOW_NS + 6 * NS_PER_S
+    assert answers.refusal(later_ns, SETTINGS, commanded_since(60.0)) == ''
+    assert 'hvch_status is 6 s old' in answers.report(later_ns, SETTINGS, '').silence
+    # Commands count as served again.
+    answers.note_command(later_ns, 4000.0, SETTINGS)
+    assert answers.history.power_w(later_ns) == 4000.0
+
+
+@pytest.mark.parametrize('age_s, words', [(6.0, '6 s old; at most 5 s'), (-2.0, '2 s ahead of the clock')])
+def test_status_of_another_time_is_refused(age_s, words):
+    answers = HeaterAnswers()
+    with pytest.raises(InvalidInput, match=words):
+        answers.accept(HeaterStatus(NOW_NS - round(age_s * NS_PER_S), 0.0, 0.0), NOW_NS, SETTINGS)
+
+
+def test_confirmed_power_is_the_measured_one_if_there_is_one():
+    answers = answers_with(active_w=5000.0, measured_w=4200.0)
+    assert answers.history.power_w(NOW_NS) == 4200.0
+    # The command does not outrank it.
+    answers.note_command(NOW_NS + 1, 7000.0, SETTINGS)
+    assert answers.history.power_w(NOW_NS + 1) == 4200.0
+
+
+def test_doubt_ends_with_the_trip():
+    answers = answers_with(active_w=5000.0)
+    answers.judge(HeaterReport(Heater.DEAD, 0.997, 0.0), NOW_NS, SETTINGS)
+    assert 'probability 99.7 %' in answers.report(NOW_NS, SETTINGS, '').doubt
+    assert not answers.are_used(NOW_NS, SETTINGS)
+    answers.begin_trip()
+    assert answers.are_used(NOW_NS, SETTINGS)
+
+
+def test_statuses_alone_give_no_command_and_bad_ones_are_reported():
+    supervisor = Supervisor(VEHICLE, SETTINGS)
+    output = supervisor.step(NOW_NS, HeaterStatusArrived(HeaterStatus(NOW_NS, 0.0, 0.0)))
+    assert (output.command, output.decision, output.refusals) == (None, None, ())
+    output = supervisor.step(NOW_NS, HeaterStatusUnreadable(InvalidInput('active_power: nan W')))
+    assert [refusal.source for refusal in output.refusals] == ['hvch_status']
+    assert supervisor.state.heater_answer.problem == 'hvch_status refused: active_power: nan W'
