@@ -77,6 +77,11 @@ class Readings:
         with self._lock:
             self._latest[signal, channel] = Reading(value, instant_s)
 
+    def drop(self, signal: str, channel: str) -> None:
+        """Drop the reading of a channel, because it no longer holds."""
+        with self._lock:
+            self._latest.pop((signal, channel), None)
+
     def doubt(self, cause: str, sentence: str, instant_s: float) -> None:
         """Record that something of `cause` (a channel, a message) was dropped, and why."""
         with self._lock:

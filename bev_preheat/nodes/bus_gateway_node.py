@@ -3,8 +3,9 @@
 
 from __future__ import annotations
 
+from queue import SimpleQueue
 import sys
-from typing import TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock, ClockType
@@ -13,9 +14,12 @@ from sensor_msgs.msg import BatteryState
 
 from bev_preheat.bus.bus_clock import steady_s
 from bev_preheat.bus.can_source import CanSource
+from bev_preheat.bus.conditioning import ACTUATORS
 from bev_preheat.bus.live_map import load_live_map
+from bev_preheat.bus.vss_source import VssSource
 from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.errors import InvalidInput
+from bev_preheat.nodes.bus_conditioning import BusConditioning
 from bev_preheat.nodes.bus_messages import bus_entry, live_battery_message
 from bev_preheat.nodes.command_line import NodeProgram
 from bev_preheat.nodes.convert import time_message
@@ -26,6 +30,8 @@ from bev_preheat.nodes.process import run_node
 from bev_preheat.nodes.setup_watch import SetupWatch
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from bev_preheat.bus.battery import LiveBattery
     from bev_preheat.bus.live_map import LiveMap
     from bev_preheat.bus.source import LiveSource
@@ -34,14 +40,18 @@ PARAMETERS = (
     Parameter('signals', '', 'Signal map with a part live: a name in config/signals or a YAML file.',
               read_only=True),
     Parameter('battery_state_period', 1.0, 'Period of battery_state', 's', (0.02, 60.0), read_only=True),
+    Parameter('planner', 'planner', 'Name of the planner whose prepare_battery serves BatteryConditioning of VSS.',
+              read_only=True),
     Parameter('longest_lease', 30.0, 'A command with a longer lease is refused', 's', (0.1, 60.0), read_only=True),
 )
 PROGRAM = NodeProgram(
     'bus_gateway', 'Publishes the battery of a CAN bus (DBC) or of a VSS databroker as battery_state, and writes '
     "the heater's command to CAN.", PARAMETERS,
-    subscribes=(('hvch_command', 'bev_preheat_msgs/HvchCommand: written to CAN if the map says so'),),
+    subscribes=(('hvch_command', 'bev_preheat_msgs/HvchCommand: written to CAN if the map says so; with VSS, whether '
+                 'it heats'),),
     publishes=(('battery_state', 'sensor_msgs/BatteryState'),
-               ('/diagnostics', 'diagnostic_msgs/DiagnosticArray')))
+               ('/diagnostics', 'diagnostic_msgs/DiagnosticArray')),
+    actions=(('planner/prepare_battery', 'bev_preheat_msgs/PrepareBattery (client): for BatteryConditioning of VSS'),))
 DIAGNOSTICS_PERIOD_S = 1.0
 # A simulated clock that falls back by more has been restarted [s].
 RESTART_S = 1.0
@@ -69,25 +79,38 @@ class BusGatewayNode(Node):
         self._lacking: tuple[str, ...] = ()
         self._published, self._same = 0, (0.0, 0)
         self._battery: LiveBattery | None = None
-        self._source = self._make_source(self._map)
         self._state_publisher = self.create_publisher(BatteryState, 'battery_state', 1)
         self._diagnostics_publisher = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
-        subscribes: list[str] = []
         # A timer on the system's clock would stand still after that was set back.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._output: HeaterOutput | None = None
-        if isinstance(self._source, CanSource) and self._source.heater_frame is not None:
-            self._output = HeaterOutput(self, self._source, values['longest_lease'], self._refuse)
-            subscribes.append('hvch_command')
+        subscribes = self._connect(values)
         self.create_timer(values['battery_state_period'], self._on_state,
                           clock=None if self._simulated else steady)
         self.create_timer(DIAGNOSTICS_PERIOD_S, self._on_diagnostics, clock=steady)
         self._setup = SetupWatch(self, subscribes, ('battery_state',), single=('battery_state', *subscribes))
         self._source.start()
-        self.get_logger().info(f'{self._map.signals.name}: {self._source.name}')
+        self.get_logger().info(f'Signal map {self._map.signals.name}: {self._source.name}')
 
-    def _make_source(self, live_map: LiveMap) -> LiveSource:
-        return CanSource(live_map, self._now_s)
+    def _connect(self, values: Mapping[str, Any]) -> list[str]:
+        """Make the source, and the way back to the bus; return the subscribed topics."""
+        self._source: LiveSource
+        self._output: HeaterOutput | None = None
+        self._conditioning: BusConditioning | None = None
+        if self._map.vss is None:
+            source = CanSource(self._map, self._now_s)
+            self._source = source
+            if source.heater_frame is None:
+                return []
+            self._output = HeaterOutput(self, source, values['longest_lease'], self._refuse)
+            return ['hvch_command']
+        if not self._map.vss.conditioning:
+            self._source = VssSource(self._map, self._now_s, lambda values: None)
+            return []
+        requests: SimpleQueue[Mapping[str, Any]] = SimpleQueue()
+        broker = VssSource(self._map, self._now_s, requests.put, ACTUATORS)
+        self._source = broker
+        self._conditioning = BusConditioning(self, values['planner'], broker, requests, values['longest_lease'])
+        return ['hvch_command']
 
     def _now_s(self) -> float:
         """Return the instant [s] on the clock of the readings; called by the bus's thread, too."""
@@ -109,6 +132,8 @@ class BusGatewayNode(Node):
             self._source.forget()
         self._latest_s = now_s
         self._battery, self._lacking = self._source.battery(now_s)
+        if self._conditioning is not None:
+            self._conditioning.is_plugged_in = self._battery is not None and bool(self._battery.is_charging)
         if self._battery is None or (self._simulated and now_s == 0.0):
             return
         stamp_ns = self._stamp_ns(self._battery.instant_s, now_s)
@@ -143,8 +168,9 @@ class BusGatewayNode(Node):
                       [*doubts, *(() if battery is None else battery.missing)], 'all signals are valid',
                       self._figures(battery, now_s)),
             self._setup.entry(hardware)])
-        if self._output is not None:
-            message.status.append(self._output.entry(name, hardware))
+        for part in (self._output, self._conditioning):
+            if part is not None:
+                message.status.append(part.entry(name, hardware))
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics_publisher.publish(message)
 
@@ -158,8 +184,9 @@ class BusGatewayNode(Node):
 
     def last_words(self) -> None:
         """Write 0 W, and close the bus."""
-        if self._output is not None:
-            self._output.end()
+        for part in (self._output, self._conditioning):
+            if part is not None:
+                part.end()
         self._source.close()
 
 

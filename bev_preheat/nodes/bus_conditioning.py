@@ -1,0 +1,188 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Serves BatteryConditioning of VSS with the planner's action `prepare_battery`, and reports its state back."""
+
+from __future__ import annotations
+
+from queue import Empty
+from typing import Any, TYPE_CHECKING
+
+from action_msgs.msg import GoalStatus
+from builtin_interfaces.msg import Time
+from rclpy.action import ActionClient
+from rclpy.clock import Clock, ClockType
+
+from bev_preheat.bus.bus_clock import steady_s
+from bev_preheat.bus.command_lease import CommandLease
+from bev_preheat.bus.conditioning import ConditioningRequest, INACTIVE, IS_ACTIVE, IS_ONGOING, MODE
+from bev_preheat.control.inputs import NS_PER_S
+from bev_preheat.errors import InvalidInput
+from bev_preheat.nodes.bus_messages import bus_entry
+from bev_preheat.nodes.convert import nanoseconds, time_message
+from bev_preheat_msgs.action import PrepareBattery
+from bev_preheat_msgs.msg import HvchCommand
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from queue import SimpleQueue
+
+    from diagnostic_msgs.msg import DiagnosticStatus
+    from rclpy.node import Node
+    from rclpy.task import Future
+
+    from bev_preheat.bus.conditioning import ConditioningGoal
+    from bev_preheat.bus.vss_source import VssSource
+
+LOOK_PERIOD_S = 0.1
+# A refusal is shown in the diagnostics for this time [s].
+REFUSAL_SHOWN_S = 60.0
+
+
+class BusConditioning:
+    """
+    Turns requests into goals: one at a time, the latest counts.
+
+    A goal that ends, for whatever reason but the planner's shutdown, sets RequestedMode back to INACTIVE. A planner
+    that restarts gets the goal again.
+    """
+
+    def __init__(self, node: Node, planner: str, broker: VssSource, requests: SimpleQueue[Mapping[str, Any]],
+                 longest_lease_s: float) -> None:
+        """`planner` is the planner's name; `requests` are values requested of the actuators of the broker."""
+        self._node, self._broker, self._requests = node, broker, requests
+        self._request = ConditioningRequest()
+        self._lease = CommandLease(longest_lease_s)
+        self._client = ActionClient(node, PrepareBattery, f'{planner}/prepare_battery')
+        self._wanted: ConditioningGoal | None = None
+        self._sent: ConditioningGoal | None = None
+        self._handle: Any = None
+        self._told: dict[str, Any] = {}
+        self._connections = 0
+        self._refusal, self._refused_s = '', -REFUSAL_SHOWN_S
+        self.is_plugged_in = False
+        node.create_subscription(HvchCommand, 'hvch_command', self._on_command, 1)
+        node.create_timer(LOOK_PERIOD_S, self._on_look, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    # Requests
+
+    def _on_look(self) -> None:
+        while True:
+            try:
+                values = self._requests.get_nowait()
+            except Empty:
+                break
+            self._take(values)
+        if self._sent is not None and not self._client.server_is_ready():
+            # Its planner has gone; the next one gets the goal again.
+            self._sent = self._handle = None
+        if self._wanted != self._sent:
+            self._send()
+        self._tell()
+
+    def _take(self, values: Mapping[str, Any]) -> None:
+        try:
+            self._request = self._request.after(values)
+        except (InvalidInput, TypeError, ValueError) as error:
+            self._refuse(f'BatteryConditioning refused: {error}')
+            # The cabin sees the values that count.
+            self._told = {}
+            return
+        self._wanted = self._request.goal()
+
+    def _refuse(self, sentence: str) -> None:
+        self._refusal, self._refused_s = sentence, steady_s()
+        self._node.get_logger().warning(sentence)
+
+    # Goals
+
+    def _send(self) -> None:
+        if self._wanted is None:
+            if self._handle is not None:
+                self._handle.cancel_goal_async()
+            self._sent = self._handle = None
+            return
+        if not self._client.server_is_ready():
+            return
+        goal = self._wanted
+        self._sent, self._handle = goal, None
+        message = PrepareBattery.Goal(plugged_in=self.is_plugged_in)
+        message.ready_at = time_message(round(goal.ready_at_s * NS_PER_S)) if goal.ready_at_s else Time()
+        if goal.target_c is not None:
+            message.target_battery_temperature = goal.target_c
+            message.has_target_battery_temperature = True
+        future = self._client.send_goal_async(message)
+        future.add_done_callback(lambda future: self._on_accepted(goal, future))
+
+    def _on_accepted(self, goal: ConditioningGoal, future: Future) -> None:
+        handle = future.result()
+        if handle is None or not handle.accepted:
+            self._end(goal, 'the planner has rejected the goal', True)
+            return
+        if goal is not self._sent:
+            # Withdrawn, or replaced, before the planner answered.
+            if self._sent is None:
+                handle.cancel_goal_async()
+            return
+        self._handle = handle
+        handle.get_result_async().add_done_callback(lambda future: self._on_result(goal, future))
+
+    def _on_result(self, goal: ConditioningGoal, future: Future) -> None:
+        answer = future.result()
+        code = answer.result.code
+        if code == PrepareBattery.Result.SHUTTING_DOWN or answer.status == GoalStatus.STATUS_UNKNOWN:
+            if goal is self._sent:
+                self._sent = self._handle = None
+            return
+        self._end(goal, answer.result.explanation,
+                  code not in (PrepareBattery.Result.REACHED, PrepareBattery.Result.CANCELED))
+
+    def _end(self, goal: ConditioningGoal, explanation: str, is_refusal: bool) -> None:
+        if goal is not self._sent:
+            return
+        if is_refusal:
+            self._refuse(f'BatteryConditioning: {explanation}')
+        else:
+            self._node.get_logger().info(f'BatteryConditioning: {explanation}')
+        self._request = self._request.after({MODE: INACTIVE})
+        self._wanted = self._sent = self._handle = None
+
+    # State
+
+    def _on_command(self, message: HvchCommand) -> None:
+        try:
+            self._lease.take(message.battery_heating_power, nanoseconds(message.valid_until) / NS_PER_S,
+                             self._now_s(), steady_s())
+        except InvalidInput:
+            # It heats nothing; who executes the command reports it.
+            self._lease.end()
+
+    def _now_s(self) -> float:
+        return float(self._node.get_clock().now().nanoseconds) / NS_PER_S
+
+    @property
+    def _is_heating(self) -> bool:
+        return self._lease.power_w(self._now_s(), steady_s()) > 0.0
+
+    def _tell(self) -> None:
+        """Publish the state if it, or the connection, is new."""
+        values = {**self._request.values(), IS_ACTIVE: self._handle is not None or self._is_heating,
+                  IS_ONGOING: self._is_heating}
+        connections = self._broker.connections
+        if connections != self._connections:
+            self._connections, self._told = connections, {}
+        news = {path: value for path, value in values.items() if self._told.get(path) != value}
+        if news:
+            self._broker.publish(news)
+            self._told.update(news)
+
+    def end(self) -> None:
+        """Publish that nothing is active any more."""
+        self._broker.publish({IS_ACTIVE: False, IS_ONGOING: False})
+
+    def entry(self, node_name: str, hardware: str) -> DiagnosticStatus:
+        """Return the DiagnosticStatus `NODE: conditioning`."""
+        refused = [self._refusal] if steady_s() - self._refused_s < REFUSAL_SHOWN_S else []
+        waits = (['the planner does not answer: its action prepare_battery is not there']
+                 if self._wanted is not None and self._sent is None else [])
+        return bus_entry(node_name, 'conditioning', hardware, [], [*waits, *refused], self._request.mode,
+                         {'mode': self._request.mode, 'active': str(self._handle is not None).lower(),
+                          'heating': str(self._is_heating).lower()})
