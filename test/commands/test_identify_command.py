@@ -115,7 +115,7 @@ def test_the_identified_file_is_a_vehicle_file_and_predicts_better(logs, tmp_pat
 def test_a_sensor_of_another_car_gives_no_vehicle_file(logs, tmp_path, capsys):
     paths = []
     for number, log in enumerate(logs[:3]):
-        rows = np.loadtxt(log, delimiter=',', skiprows=1)
+        rows = np.loadtxt(log, delimiter=',', skiprows=1)[:800]
         # Column 1 is the temperature: it falls and rises against all physics.
         rows[:, 1] = np.round(10.0 + (-1.0)**number * 12.0 * np.sin(rows[:, 0] / 300.0 + number))
         paths.append(str(tmp_path / f'{number}.csv'))

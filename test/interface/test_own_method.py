@@ -56,7 +56,9 @@ def test_it_plans_in_python(installed, vehicle, route):
     assert warm.heating_start_s is None
 
 
-def test_it_drives_in_closed_loop(installed, vehicle, route):
+def test_it_drives_in_closed_loop(installed, vehicle):
+    route = bp.make_route({'duration_s': [300.0] * 5, 'speed_mps': 22.0, 'propulsion_power_w': 15e3,
+                           'ambient_temperature_c': -7.0}, vehicle)
     drive = bp.drive(vehicle, route, STATE, method='last_20_minutes', estimation=False)
     heated_s = drive.time_s[drive.command_w > 0.0]
     assert heated_s[0] == pytest.approx(route.total_duration_s - 1200.0, abs=2.0)

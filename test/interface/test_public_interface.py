@@ -15,7 +15,7 @@ from bev_preheat.commands.main import main
 
 PAGE = Path(__file__).resolve().parents[2] / 'docs' / 'reference' / 'python.md'
 API = PAGE.with_name('api.md')
-STATE = bp.BatteryState(-7.0, 0.9)
+STATE, WARMER = bp.BatteryState(-7.0, 0.9), bp.BatteryState(20.0, 0.9)
 SITUATION = ['--vehicle', 'reference', '--route', 'reference', '--temperature', '-7', '--soc', '0.9']
 
 
@@ -30,8 +30,15 @@ def route(vehicle):
 
 
 @pytest.fixture(scope='module')
-def drive(vehicle, route):
-    return bp.drive(vehicle, route, STATE)
+def short_route(vehicle):
+    """A quarter of an hour, because a drive takes time for each simulated second."""
+    return bp.make_route({'duration_s': [300.0] * 3, 'speed_mps': 22.0, 'propulsion_power_w': [14e3, 22e3, 18e3],
+                          'ambient_temperature_c': -7.0}, vehicle)
+
+
+@pytest.fixture(scope='module')
+def drive(vehicle, short_route):
+    return bp.drive(vehicle, short_route, WARMER)
 
 
 def json_of(capsys, *words):
@@ -160,16 +167,17 @@ def test_all_methods_beside_the_optimum(vehicle, route):
     assert compared.optimum.marginal_cost_wh_per_k > 0.0 and compared.optimum.infeasible == ()
 
 
-def test_a_drive_of_a_car_that_differs_from_its_file(vehicle, route):
-    drive = bp.drive(vehicle, route, STATE, mismatch=bp.Mismatch(heat_capacity=1.1),
+def test_a_drive_of_a_car_that_differs_from_its_file(vehicle, short_route):
+    drive = bp.drive(vehicle, short_route, WARMER, mismatch=bp.Mismatch(heat_capacity=1.1),
                      sensors=bp.Sensors(temperature_resolution_k=1.0))
     assert abs(drive.arrival_error_k) < 0.5 and drive.heater_verdict == 'answers'
-    assert drive.time_s[-1] == pytest.approx(route.total_duration_s, abs=2.0)
+    assert drive.time_s[-1] == pytest.approx(short_route.total_duration_s, abs=2.0)
     assert set(np.unique(drive.command_w > 0.0)) == {False, True}
 
 
-def test_a_dead_heater_is_found(vehicle, route):
-    drive = bp.drive(vehicle, route, STATE, heater_faults=[bp.HeaterFault(0.0, share=0.0)])
+def test_a_dead_heater_is_found(vehicle, short_route):
+    drive = bp.drive(vehicle, short_route, bp.BatteryState(5.0, 0.9),
+                     heater_faults=[bp.HeaterFault(0.0, share=0.0)])
     assert drive.heater_verdict == 'dead' and drive.arrival_error_k < -5.0
 
 

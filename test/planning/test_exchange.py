@@ -171,7 +171,7 @@ def test_where_the_charge_on_the_way_binds_less_is_saved(number, above):
 
 @pytest.mark.costly
 @pytest.mark.parametrize('number', RECHARGED)
-@pytest.mark.parametrize('above', [2e-4, 3e-3])
+@pytest.mark.parametrize('above', [2e-4, pytest.param(3e-3, marks=pytest.mark.deep)])
 def test_no_plan_with_little_charge_is_worse_than_without_exchanges(number, above):
     drawn = drawn_with_charge(number, above=above)
     situation = drawn.vehicle, drawn.route, drawn.state, drawn.goal
@@ -226,7 +226,7 @@ def test_what_saves_nothing_and_what_strands_stays_as_it_is():
 
 @pytest.mark.costly
 @pytest.mark.parametrize('trips, above', [
-    (60, None), (60, 1e-3), *(pytest.param(400, above, marks=pytest.mark.deep) for above in (None, 1e-3))])
+    (24, None), (24, 1e-3), *(pytest.param(400, above, marks=pytest.mark.deep) for above in (None, 1e-3))])
 def test_core_and_python_agree_to_the_last_bit(trips, above):
     changed = 0
     for number in range(trips):
