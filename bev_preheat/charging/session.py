@@ -7,8 +7,9 @@ A charging session: the model's own equations, with the terminal power that char
 
 T_h is the battery temperature with the heat under way (`equations.heated_c`): T itself if heat arrives at once.
 P_max is the power of charger and inlet. Cabin and auxiliaries are served first, then the heater, which gives way
-at a weak charger, then the battery. Equations, integrator and heat path are those of `vehicle`; only the power is
-chosen here, at each stage of a step. Steps end when heating ends and when the departure's state of charge is
+at a weak charger, then the battery. The limit of heating is the car's own, or lower: a `HeatingLimit` over the
+state of charge, which `heating_choice` chooses. Equations, integrator and heat path are those of `vehicle`; only
+the power is chosen here, at each stage of a step. Steps end when heating ends and when the departure's state of charge is
 reached.
 """
 
@@ -29,6 +30,7 @@ from bev_preheat.charging.equations import (
     make_charging_rates,
     supply_of,
 )
+from bev_preheat.charging.heating_limit import ALWAYS
 from bev_preheat.charging.stop import check_stop
 from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.planning.bracketing import close_in, follow_slope, Trial
@@ -38,6 +40,7 @@ from bev_preheat.vehicle.heated_step import make_heat_step
 from bev_preheat.vehicle.model import make_rates, make_runge_kutta_4
 
 if TYPE_CHECKING:
+    from bev_preheat.charging.heating_limit import HeatingLimit
     from bev_preheat.charging.stop import ChargingStop
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.planning.situation import BatteryState
@@ -151,16 +154,18 @@ class _Step(NamedTuple):
     leakage_w: float
 
 
-def charge(vehicle: Vehicle, stop: ChargingStop, state: BatteryState, step_s: float = STEP_S) -> Session:
+def charge(vehicle: Vehicle, stop: ChargingStop, state: BatteryState, step_s: float = STEP_S,
+           heating: HeatingLimit = ALWAYS) -> Session:
     """
     Return the Session of a vehicle that arrives at a ChargingStop with a BatteryState.
 
-    It is simulated in steps of at most `step_s` [s]. A session that cannot reach the departure's
+    A car that is able to heats its battery up to a HeatingLimit, and never above its own limit. The session is
+    simulated in steps of at most `step_s` [s]. A session that cannot reach the departure's
     state of charge ends with a `problem`, after LONGEST_SESSION_S at the latest. Raises InvalidInput
     if vehicle, stop or state are not allowed (`stop.check_stop`).
     """
     check_stop(vehicle, stop, state)
-    plug = _Plug(vehicle, stop, step_s)
+    plug = _Plug(vehicle, stop, step_s, heating)
     now = _SessionState(state.soc, state.temperature_c, state.heater_power_w, state.coolant_excess_k)
     states, steps, elapsed_s, problem = [now], [], 0.0, None
     while problem is None and stop.departure_soc - now.soc > DEFICIT_SOC:
@@ -179,13 +184,13 @@ def charge(vehicle: Vehicle, stop: ChargingStop, state: BatteryState, step_s: fl
 class _Plug:
     """One vehicle at one charger: the step that follows a state."""
 
-    def __init__(self, vehicle: Vehicle, stop: ChargingStop, step_s: float) -> None:
+    def __init__(self, vehicle: Vehicle, stop: ChargingStop, step_s: float, heating: HeatingLimit) -> None:
         self._vehicle, self._stop = vehicle, stop
         charging, battery = charging_of(vehicle), vehicle.battery
         self._limit_w = charging.power_limit.function(FLOATS)
         self._voltage_v = battery.open_circuit_voltage.function(FLOATS)
         self._supply_w, self._heater_w = supply_of(vehicle, stop), heater_power_of(vehicle, stop)
-        self._heated_below_c = charging.heated_below_c
+        self._limits = heating.function(charging.heated_below_c)
         self._leakage_w_per_k = battery.leakage.coefficient_w_per_k(0.0)
         self._idle_heat_w = self._leakage_w_per_k * stop.ambient_c
         self._rates = make_rates(vehicle, FLOATS)
@@ -202,8 +207,8 @@ class _Plug:
         power_w: float = charging_power(self._limit_w(soc, temperature_c), left_w, FLOATS)
         return power_w
 
-    def _command_w(self, temperature_c: float) -> float:
-        return self._heater_w if temperature_c < self._heated_below_c else 0.0
+    def _command_w(self, soc: float, temperature_c: float) -> float:
+        return self._heater_w if temperature_c < self._limits(soc) else 0.0
 
     def problem_at(self, state: _SessionState) -> str | None:
         """Return why the battery can never be charged further from a state, or None."""
@@ -214,12 +219,12 @@ class _Plug:
                     'inlet provide')
 
         def may_charge(at_c: float) -> bool:
-            left_w = self._supply_w - self._command_w(at_c)
+            left_w = self._supply_w - self._command_w(soc, at_c)
             return self._power_w(soc, at_c, left_w) > LEAST_POWER_W
 
         if may_charge(temperature_c):
             return None
-        settled_c = self._settled_c(temperature_c, self._command_w(temperature_c))
+        settled_c = self._settled_c(soc, temperature_c)
         # Heat under way comes on top.
         late_k = max(0.0, state.excess_k) + (
             self._vehicle.heat_path.heater_lag_s * self._vehicle.hvch.efficiency * state.heater_w
@@ -236,20 +241,21 @@ class _Plug:
                   if settled_c > temperature_c else '')
         return f'{at} the battery takes less than {LEAST_POWER_W:g} W{warmer}'
 
-    def _settled_c(self, temperature_c: float, command_w: float) -> float:
+    def _settled_c(self, soc: float, temperature_c: float) -> float:
         """Return the temperature at which a battery that is not charged settles [deg C]."""
+        command_w = self._command_w(soc, temperature_c)
         heat_w = self._vehicle.hvch.efficiency * command_w
         if self._leakage_w_per_k == 0.0:
             settled_c = self._hottest_c if heat_w > 0.0 else temperature_c
         else:
             settled_c = self._stop.ambient_c + heat_w / self._leakage_w_per_k
         # Heating ends at its limit; from there the battery settles without it.
-        return max(temperature_c, min(settled_c, self._heated_below_c)) if command_w else settled_c
+        return max(temperature_c, min(settled_c, self._limits(soc))) if command_w else settled_c
 
     def _above_k(self, state: _SessionState) -> float:
         """Return by how much battery and heat under way exceed the limit of heating [K]."""
         reached_c: float = heated_c(self._vehicle, state.temperature_c, state.heater_w, state.excess_k)
-        return reached_c - self._heated_below_c
+        return reached_c - self._limits(state.soc)
 
     def step_from(self, state: _SessionState) -> _Step:
         """Return the step from a state; it ends when heating or the session is to end."""
