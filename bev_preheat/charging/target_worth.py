@@ -32,7 +32,8 @@ class TargetWorth:
 
     `hvch_electric_wh` is the heater's energy before arrival [Wh]. Charging time [s], bought energy [Wh] and cost
     are infinite if the session never ends. The target of a drive without heating is the temperature on arrival,
-    the highest target that needs no heating.
+    the highest target that needs no heating. `charger_heating` is the value of the HeatingDecision at the charger
+    ('unable', 'never', 'always', 'limited'), `charger_heating_wh` its electrical energy [Wh].
     """
 
     target_c: float
@@ -42,3 +43,5 @@ class TargetWorth:
     charging_time_s: float
     bought_energy_wh: float
     cost: float
+    charger_heating: str = 'unable'
+    charger_heating_wh: float = 0.0

@@ -5,7 +5,8 @@ Worth of heating before the charger: its cost, and the savings at the charger, o
     cost = price · bought energy + value of time · charging time
 
 Energy spent on heat before arrival is bought back at the charger, so the bought energy includes it. Plans
-are those of the planner, sessions those of `session`. Cost over the target may have several minima, because
+are those of the planner, sessions those of `session`, with the heating at the charger that costs least from each
+arrival (`heating_choice`). Cost over the target may have several minima, because
 the map of the charging power has corners. So a grid is scanned, and refined around its lowest points.
 """
 
@@ -16,7 +17,7 @@ from functools import partial
 import math
 from typing import Any, TYPE_CHECKING
 
-from bev_preheat.charging.session import charge
+from bev_preheat.charging.heating_choice import ChargerHeating
 from bev_preheat.charging.stop import arrival_state, check_stop, refuse_stranded, stop_after
 from bev_preheat.charging.target_worth import Prices, TargetWorth
 from bev_preheat.charging.verdict import verdict_on
@@ -28,7 +29,7 @@ from bev_preheat.planning.situation import check_situation
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from bev_preheat.charging.session import Session
+    from bev_preheat.charging.heating_choice import HeatingChoice
     from bev_preheat.charging.stop import ChargingStop
     from bev_preheat.planning.plan import Plan
     from bev_preheat.planning.situation import BatteryState, Goal
@@ -55,7 +56,8 @@ class Worth:
     The worth of heating over all `targets` tried, in rising order.
 
     `best` costs the least, `fixed` is the result of heating to the usual target. `verdict` is for the driver.
-    `break_even_value_of_time_per_h` is the least value of time for which some heating pays, or None.
+    `break_even_value_of_time_per_h` is the least value of time for which some heating pays, or None. `best_choice`
+    and `choice_without` are the HeatingChoices at the charger after the best target and without heating.
     """
 
     targets: tuple[TargetWorth, ...]
@@ -64,6 +66,8 @@ class Worth:
     fixed: TargetWorth
     break_even_value_of_time_per_h: float | None
     verdict: str
+    best_choice: HeatingChoice
+    choice_without: HeatingChoice
 
     def as_dictionary(self) -> dict[str, Any]:
         """Return it as `preheat worth --json` writes it."""
@@ -71,6 +75,9 @@ class Worth:
                 'best': asdict(self.best), 'without_heating': asdict(self.without_heating),
                 'fixed_target': asdict(self.fixed),
                 'break_even_value_of_time_per_h': self.break_even_value_of_time_per_h,
+                'charger_heating': {'best': self.best_choice.as_dictionary(),
+                                    'without_heating': self.choice_without.as_dictionary(),
+                                    'sentence': self.best_choice.sentence()},
                 'verdict': self.verdict}
 
 
@@ -125,25 +132,29 @@ class WorthSearch:
     def __init__(self, vehicle: Vehicle, stop: ChargingStop, unheated: Plan, usual_c: float, prices: Prices,
                  plan_to: Callable[[float], Plan]) -> None:
         """Simulate the session without heating; raises what `session.charge` raises."""
-        self._vehicle, self._stop, self._usual_c, self._prices = vehicle, stop, usual_c, prices
+        self._usual_c, self._prices = usual_c, prices
         self._plan_to = plan_to
-        self._sessions: dict[BatteryState, Session] = {}
+        self._heating = ChargerHeating(vehicle, stop, prices)
+        self._arrivals: dict[float, BatteryState] = {}
         self.without = self._worth_of(unheated, unheated.arrival_temperature_c)
-        self._problem = self._sessions[arrival_state(unheated)].problem
+        self._problem = self._heating.choose(arrival_state(unheated)).session.problem
         self._found = {self.without.target_c: self.without}
         self._plans_left = 0.0
         self._grid_c = [self.without.target_c, *targets_between(
             self.without.target_c, vehicle.battery.temperature_range_c[1])]
 
     def _worth_of(self, plan: Plan, target_c: float) -> TargetWorth:
-        arrival = arrival_state(plan)
-        if arrival not in self._sessions:
-            self._sessions[arrival] = charge(self._vehicle, self._stop, arrival)
-        session = self._sessions[arrival]
+        arrival = self._arrivals[target_c] = arrival_state(plan)
+        choice = self._heating.choose(arrival)
+        session = choice.session
         return TargetWorth(
             target_c, plan.arrival_temperature_c, plan.arrival_soc, plan.energy_wh.hvch_electric,
-            session.charging_time_s, session.bought_energy_wh,
-            self._prices.cost(session.bought_energy_wh, session.charging_time_s))
+            session.charging_time_s, session.bought_energy_wh, choice.cost, choice.decision.value,
+            choice.heated_wh)
+
+    def choice_after(self, item: TargetWorth) -> HeatingChoice:
+        """Return the HeatingChoice at the charger after an evaluated target, with the costs of all decisions."""
+        return self._heating.compare(self._arrivals[max(item.target_c, self.without.target_c)])
 
     def look_at(self, target_c: float) -> TargetWorth:
         """Return the TargetWorth of a target [deg C], with a plan and a session for a new target."""
@@ -204,7 +215,7 @@ class WorthSearch:
         return Worth(
             tuple(sorted(self._found.values(), key=lambda item: item.target_c)), best, self.without,
             self.look_at(self._usual_c), None if math.isinf(break_even) else break_even,
-            self.verdict(best))
+            self.verdict(best), self.choice_after(best), self.choice_after(self.without))
 
 
 def _check(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal, stop: ChargingStop,
