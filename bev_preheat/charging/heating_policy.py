@@ -6,9 +6,9 @@ The cheapest heating at a charger, from every battery state at once, by dynamic 
     rate = price · (P_c + P_aux + P_cabin + P_h) + value of time
 
 The rows are states of charge, because the charge only rises; the columns are battery temperatures. Within a row
-the temperature follows the session's own equations. Where full power pays, from cold upwards, the car heats: so the
-result is a `HeatingLimit`, which holds from every state, whatever happened before. Heat arrives at once here; with a
-heat path the temperature is that with the heat under way, and the heat capacity includes the coolant's.
+the temperature follows the session's own equations. Full power pays below some temperature, so the result is a
+`HeatingLimit`, which holds from every state, whatever happened before. Heat arrives at once here; with a heat path
+the temperature is that with the heat under way, and the heat capacity includes the coolant's.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 # Spacing of the grid [K] up to the car's limit of heating, and above it, where only the unheated battery matters.
 COLUMN_K, HOT_COLUMN_K = 0.5, 2.0
-ROWS = 160
+ROWS = 120
 # A lane that warms by more than this [K] within a row is followed column by column.
 MOST_RISE_K = 1.5
 # The slowest charging [1/s]: a battery that is not charged at all stays for longer than any session.
@@ -94,7 +94,7 @@ def find_policy(vehicle: Vehicle, stop: ChargingStop, prices: Prices, from_soc: 
     coldest_c = min(from_c, stop.ambient_c) - column_k
     if heater_w <= 0.0 or limit_c <= coldest_c or from_soc >= stop.departure_soc:
         return None
-    columns = int(math.ceil((limit_c - coldest_c) / column_k)) + 1
+    columns = math.ceil((limit_c - coldest_c) / column_k) + 1
     heated_c = np.linspace(coldest_c, limit_c, columns)
     hot_c = np.arange(limit_c + HOT_COLUMN_K, hottest_c(vehicle) + HOT_COLUMN_K, HOT_COLUMN_K)
     soc = np.linspace(from_soc, stop.departure_soc, rows + 1)

@@ -9,8 +9,8 @@ T_h is the battery temperature with the heat under way (`equations.heated_c`): T
 P_max is the power of charger and inlet. Cabin and auxiliaries are served first, then the heater, which gives way
 at a weak charger, then the battery. The limit of heating is the car's own, or lower: a `HeatingLimit` over the
 state of charge, which `heating_choice` chooses. Equations, integrator and heat path are those of `vehicle`; only
-the power is chosen here, at each stage of a step. Steps end when heating ends and when the departure's state of charge is
-reached.
+the power is chosen here, at each stage of a step. Steps end when heating ends and when the departure's state of
+charge is reached.
 """
 
 from __future__ import annotations

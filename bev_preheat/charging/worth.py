@@ -12,7 +12,7 @@ the map of the charging power has corners. So a grid is scanned, and refined aro
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 import math
 from typing import Any, TYPE_CHECKING
@@ -66,8 +66,8 @@ class Worth:
     fixed: TargetWorth
     break_even_value_of_time_per_h: float | None
     verdict: str
-    best_choice: HeatingChoice
-    choice_without: HeatingChoice
+    best_choice: HeatingChoice = field(compare=False)
+    choice_without: HeatingChoice = field(compare=False)
 
     def as_dictionary(self) -> dict[str, Any]:
         """Return it as `preheat worth --json` writes it."""

@@ -97,8 +97,8 @@ def run(arguments: Namespace) -> int:
         write_json(arguments.json, {
             **asdict(stop), 'energy_price_per_kwh': prices.energy_per_kwh,
             'value_of_time_per_h': prices.time_per_h,
-            'sessions': [{'name': name, **choice.session.as_dictionary(), 'charger_heating': choice.as_dictionary()}
-                         for name, choice in choices.items()],
+            'sessions': [{'name': name, **choice.session.as_dictionary(),
+                          'charger_heating': choice.as_dictionary()} for name, choice in choices.items()],
             **more, 'vehicle_assumed': list(vehicle.assumed)})
     if arguments.plot:
         from bev_preheat.drawing.charging_figure import draw_sessions

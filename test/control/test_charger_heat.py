@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 from stepwise import Stepwise
 
-from bev_preheat.control.charger_heat import charger_heat
+from bev_preheat.control.charger_heat import ChargerHeater, ChargerSituation
 from bev_preheat.control.inputs import Leg, Measurement, Mission, NS_PER_S, with_stops
 from bev_preheat.control.settings import Settings
 from bev_preheat.estimation.hypotheses import Heater
@@ -105,7 +105,10 @@ def test_a_cabin_that_takes_the_whole_heater_leaves_nothing():
     leg = make_leg()
     leg = replace(leg, route=replace(
         leg.route, cabin_heating_power_w=leg.route.cabin_heating_power_w + 10e3))
-    assert charger_heat(VEHICLE, leg, measured(-3.0, 50e3), -3.0, False).power_w == 0.0
+    measurement = measured(-3.0, 50e3)
+    heat = ChargerHeater().heat(ChargerSituation(
+        VEHICLE, leg, measurement, measurement.state, ASKED.prices))
+    assert heat == (0.0, 'No heating: the cabin takes the whole heater power.')
 
 
 def test_what_heats_goes_on_with_less_and_ends_when_the_battery_is_discharged():
