@@ -23,13 +23,14 @@ from bev_preheat.charging.equations import (
     heated_heat_capacity_j_per_k,
     heater_power_of,
     make_charging_rates,
+    make_cooling,
     supply_of,
 )
 from bev_preheat.charging.heating_limit import HeatingLimit
 from bev_preheat.charging.target_worth import Prices, SECONDS_PER_H, WH_PER_KWH
 from bev_preheat.numerics.arithmetic import ARRAYS
 from bev_preheat.planning.dynamics import hottest_c, JOULES_PER_WH
-from bev_preheat.vehicle.charging import charging_of
+from bev_preheat.vehicle.charging import charging_of, vehicle_at_charger
 from bev_preheat.vehicle.heat_path import DIRECT
 from bev_preheat.vehicle.model import make_rates
 
@@ -110,6 +111,7 @@ class _Table:
         """Compute the actions at all states; the first `heated` columns are up to the limit of heating."""
         self._soc, self._columns_c, self._heated = soc, columns_c, heated
         self._row_soc = float(soc[1] - soc[0])
+        vehicle = vehicle_at_charger(vehicle)
         battery = replace(vehicle.battery, heat_capacity_j_per_k=heated_heat_capacity_j_per_k(vehicle))
         car = replace(vehicle, battery=battery, heat_path=DIRECT)
         self._efficiency, self._heat_j_per_k = car.hvch.efficiency, battery.heat_capacity_j_per_k
@@ -120,7 +122,8 @@ class _Table:
         self._per_j = prices.energy_per_kwh / (WH_PER_KWH * JOULES_PER_WH)
         self._per_s = prices.time_per_h / SECONDS_PER_H
         self._rates = make_charging_rates(
-            charging_of(car).power_limit.function(ARRAYS), make_rates(car, ARRAYS), ARRAYS)
+            charging_of(car).power_limit.function(ARRAYS),
+            make_cooling(charging_of(car).cooling, stop.ambient_c, ARRAYS), make_rates(car, ARRAYS), ARRAYS)
         middle = np.repeat(0.5 * (soc[:-1] + soc[1:])[:, None], len(columns_c), axis=1)
         states_c = np.repeat(columns_c[None, :], len(soc) - 1, axis=0)
         self._middle_soc, self._states_c = middle, states_c
@@ -133,11 +136,11 @@ class _Table:
         self._hold = self._action(np.where(self._holds, holding_w, 0.0))
 
     def _at(self, temperature_c: FloatArray, heater_w: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the rates of charge [1/s] and temperature [K/s], and the power into the terminals [W]."""
-        soc_per_s, rate_k_per_s, terminal_w = self._rates(
+        """Return the rates of charge [1/s] and temperature [K/s], and the power into battery and cooling [W]."""
+        soc_per_s, rate_k_per_s, powers = self._rates(
             self._middle_soc, temperature_c, heater_w - self._supply_w, 0.0,
             self._idle_heat_w + self._efficiency * heater_w, self._leakage_w_per_k)
-        return np.maximum(soc_per_s, SLOWEST_PER_S), rate_k_per_s, terminal_w
+        return np.maximum(soc_per_s, SLOWEST_PER_S), rate_k_per_s, powers.terminal_w + powers.cooling_w
 
     def _action(self, heater_w: FloatArray) -> _Action:
         """Return the _Action of heater powers [W], with the rates at the middle of the row."""

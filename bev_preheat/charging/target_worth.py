@@ -3,11 +3,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 import math
+from typing import Any
 
 WH_PER_KWH = 1000.0
 SECONDS_PER_H = 3600.0
+OF_UNCERTAINTY = 'charged_cost', 'not_charged_cost'
 
 
 @dataclass(frozen=True)
@@ -34,6 +36,9 @@ class TargetWorth:
     are infinite if the session never ends. The target of a drive without heating is the temperature on arrival,
     the highest target that needs no heating. `charger_heating` is the value of the HeatingDecision at the charger
     ('unable', 'never', 'always', 'limited'), `charger_heating_wh` its electrical energy [Wh].
+
+    If charging or arrival are uncertain (`expectation`), `cost` is the expected cost, `charged_cost` that with
+    charging on arrival and `not_charged_cost` that without; NaN if they are certain.
     """
 
     target_c: float
@@ -45,3 +50,13 @@ class TargetWorth:
     cost: float
     charger_heating: str = 'unable'
     charger_heating_wh: float = 0.0
+    charged_cost: float = math.nan
+    not_charged_cost: float = math.nan
+
+    def as_dictionary(self) -> dict[str, Any]:
+        """Return it as `preheat worth --json` writes it, without the figures of an uncertain arrival if it is sure."""
+        figures = asdict(self)
+        if math.isnan(self.charged_cost):
+            for name in OF_UNCERTAINTY:
+                del figures[name]
+        return figures
