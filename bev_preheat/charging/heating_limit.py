@@ -29,10 +29,10 @@ class HeatingLimit:
         """Return `f(soc)` [deg C], at most `highest_c`; -inf if that is the car's way to say never."""
         if not self.soc or highest_c == -inf:
             return lambda soc: highest_c
-        socs, limits_c = self.soc, tuple(min(limit_c, highest_c) for limit_c in self.temperature_c)
-        first_c, last_c, last = limits_c[0], limits_c[-1], len(socs) - 1
-        if min(limits_c) == max(limits_c):
-            return lambda soc: first_c
+        socs, limits_c, last = self.soc, self.temperature_c, len(self.soc) - 1
+        if min(limits_c) >= highest_c:
+            return lambda soc: highest_c
+        first_c, last_c = (min(limits_c[place], highest_c) for place in (0, last))
 
         def limit_c(soc: float) -> float:
             place = bisect_right(socs, soc)
@@ -41,7 +41,7 @@ class HeatingLimit:
             if place > last:
                 return last_c
             low_soc, low_c = socs[place - 1], limits_c[place - 1]
-            return low_c + (limits_c[place] - low_c) * (soc - low_soc) / (socs[place] - low_soc)
+            return min(highest_c, low_c + (limits_c[place] - low_c) * (soc - low_soc) / (socs[place] - low_soc))
 
         return limit_c
 
