@@ -41,9 +41,10 @@ ESTIMATE_SHARE = 0.02
 SHIFTS_K = (-0.2, 0.15, 0.35)
 # Charge that heating before arrival may take, and what an arrival may be colder than the first one.
 LOWER_SOC, COLDER_K = 0.06, 0.5
-WH_PER_KWH = 1000.0
-# Less heat than this [Wh] is none.
-LEAST_HEAT_WH = 1.0
+# Mean heater power of a step [W] below which it counts as unheated.
+LEAST_HEATER_W = 1.0
+# Smaller differences of cost, in any currency, are not told.
+LEAST_TOLD = 0.005
 
 
 class HeatingDecision(Enum):
@@ -92,7 +93,7 @@ class HeatingChoice:
 
     @property
     def _heated_steps(self) -> Any:
-        return np.flatnonzero(self.session.hvch_battery_power_w > LEAST_HEAT_WH)
+        return np.flatnonzero(self.session.hvch_battery_power_w > LEAST_HEATER_W)
 
     def as_dictionary(self) -> dict[str, Any]:
         """Return it as JSON-compatible data; unknown costs are null."""
@@ -121,7 +122,7 @@ class HeatingChoice:
         return f'At the charger the battery is heated {how}{more}.'
 
     def _more(self, name: str, cost: float) -> str:
-        if math.isnan(cost):
+        if math.isnan(cost) or cost - self.cost < LEAST_TOLD:
             return ''
         return f'; {name} would cost {cost - self.cost:.2f} more' if math.isfinite(cost) else (
             f'; with {name} the session would never end')
