@@ -39,7 +39,7 @@ LEAST_GAIN_SHARE = 1e-5
 ESTIMATE_SHARE = 0.02
 # The cheapest limit is tried shifted by these [K], because it lies between the columns of the policy's grid.
 SHIFTS_K = (-0.2, 0.15, 0.35)
-# Charge that heating before arrival may take, and what an arrival may be colder than the first one.
+# Charge spent on heating before arrival, and by how much an arrival may be colder than the first one.
 LOWER_SOC, COLDER_K = 0.06, 0.5
 # Mean heater power of a step [W] below which it counts as unheated.
 LEAST_HEATER_W = 1.0
@@ -48,7 +48,7 @@ LEAST_TOLD = 0.005
 
 
 class HeatingDecision(Enum):
-    """What the car does about its battery's temperature at the charger."""
+    """A decision on heating the battery at the charger."""
 
     UNABLE = 'unable'
     NEVER = 'never'

@@ -15,7 +15,7 @@ class HeatingLimit:
     A limit of heating over the state of charge: the car heats its battery while it is colder.
 
     `soc` (N,) rises (0 ... 1); `temperature_c` (N,) [deg C] is linear between its points and constant beyond them.
-    Without points the car's own limit holds; a lower one of the car always holds as well.
+    Without points the car's own limit holds. The car never heats above its own limit.
     """
 
     soc: tuple[float, ...] = ()

@@ -76,7 +76,7 @@ class HeatingPolicy:
     cost_always: FloatArray
 
     def cost_at(self, costs: FloatArray, soc: float, temperature_c: float) -> float:
-        """Return the estimate of one of the costs from a state of charge and a temperature [deg C]."""
+        """Return a cost of `costs` (N, M), interpolated at a state of charge and a temperature [deg C]."""
         row = min(max(int(np.searchsorted(self.soc, soc)), 1), len(self.soc) - 1)
         before, after = (float(np.interp(temperature_c, self.columns_c, costs[place])) for place in (row - 1, row))
         share = (soc - self.soc[row - 1]) / (self.soc[row] - self.soc[row - 1])
@@ -150,7 +150,7 @@ class _Table:
                            self._columns_c[0], self._columns_c[-1])
         soc_per_s, middle_rate_k_per_s, terminal_w = self._at(middle_c, heater_w)
         time_s = self._row_soc / soc_per_s
-        # The rate at the middle is the mean of a rise that ends there, not of one that levels off before.
+        # The rate at the middle is the mean rate of a short rise; a long rise levels off.
         is_short = np.abs(rise_k) <= MOST_RISE_K
         rise_k = np.where(is_short, middle_rate_k_per_s * time_s, self._rise_k(rate_k_per_s, time_s))
         return _Action(time_s, rise_k, time_s * (

@@ -54,7 +54,7 @@ class ChargerSituation:
     """
     A vehicle that charges after, or on, a Leg.
 
-    `vehicle` is corrected by what is known of it, `state` is the estimated BatteryState at the Measurement.
+    `vehicle` is the corrected one, `state` is the estimated BatteryState at the Measurement.
     `charger` is the Charger as the route plan knows it; None: unknown. `is_heating`: the heater is on.
     """
 

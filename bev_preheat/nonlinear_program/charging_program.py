@@ -57,7 +57,7 @@ CHARGING_STEPS = 80
 # IPOPT starts from plans for these targets [deg C], and from the unheated drive.
 START_TARGETS_C = (5.0, 15.0, 25.0, 35.0)
 SAME_START_K = 1e-4
-# Less than this share of the heater's power at the charger is none.
+# Steps at the charger with less than this share of the heater's power count as unheated.
 HEATED_SHARE = 0.01
 # More digits would exceed the accuracy of the session's steps.
 SOLVER_OPTIONS: ByName = {

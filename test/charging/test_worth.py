@@ -119,7 +119,7 @@ def test_a_target_that_the_battery_reaches_by_itself_is_no_heating():
 
 
 def test_break_even_is_the_value_of_time_at_which_the_best_target_changes():
-    # The heating at the charger depends on the value of time, too, so here there is none.
+    # Heating at the charger depends on the value of time, too, so this car cannot heat there.
     car = replace(REFERENCE, charging=replace(REFERENCE.charging, battery_heating=False))
     break_even = find_worth(car, drive(), WARM, GOAL, 150e3, 0.8, PRICES).break_even_value_of_time_per_h
     assert 0.1 < break_even < 12.0
