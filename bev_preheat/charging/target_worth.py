@@ -54,7 +54,7 @@ class TargetWorth:
     not_charged_cost: float = math.nan
 
     def as_dictionary(self) -> dict[str, Any]:
-        """Return it as `preheat worth --json` writes it, without the figures of an uncertain arrival if it is sure."""
+        """Return it as `preheat worth --json` writes it; a sure arrival has no figures of an uncertain one."""
         figures = asdict(self)
         if math.isnan(self.charged_cost):
             for name in OF_UNCERTAINTY:

@@ -97,15 +97,17 @@ def _draw_vehicle(random: np.random.Generator) -> Vehicle:
     vehicle = load_vehicle(str(random.choice(VEHICLES)))
     charging = charging_of(vehicle)
     return replace(
-        vehicle, charging=replace(charging, battery_heating=True, heating_limit_c=charging.heating_limit_c or LIMIT_C),
+        vehicle, charging=replace(
+            charging, battery_heating=True, heating_limit_c=charging.heating_limit_c or LIMIT_C),
         hvch=replace(vehicle.hvch, maximum_power_w=vehicle.hvch.maximum_power_w * random.uniform(*HEATER)))
 
 
 def row(charger_w: float, stops: Sequence[HeatedStop]) -> tuple[str, ...]:
-    """Return the table's row of one charger: decisions, and the excess cost of always and never over the choice."""
+    """Return the row of one charger: decisions, and the excess cost of always and never over the choice."""
     ended = [stop for stop in stops if math.isfinite(stop.chosen)]
     figures = [f'{charger_w / W_PER_KW:.0f} kW', str(len(ended))]
-    figures += [str(sum(stop.decision == decision for stop in ended)) for decision in ('never', 'always', 'limited')]
+    figures += [str(sum(stop.decision == decision for stop in ended))
+                for decision in ('never', 'always', 'limited')]
     for costs in ([stop.always for stop in ended], [stop.never for stop in ended],
                   [min(stop.always, stop.never) for stop in ended]):
         excess = np.array([PERCENT * (cost / stop.chosen - 1.0) for cost, stop in zip(costs, ended)])
@@ -149,7 +151,8 @@ def _study(arguments: Namespace) -> int:
         ('right',) * 12)
     dearer = sum(stop.chosen > min(stop.always, stop.never) * (1.0 + 1e-9) for stop in stops
                  if math.isfinite(stop.chosen))
-    console.print(f'The choice costs more than the better of both in {dearer} of {len(stops)} stops.', soft_wrap=True)
+    console.print(f'The choice costs more than the better of both in {dearer} of {len(stops)} stops.',
+                  soft_wrap=True)
     return 0
 
 

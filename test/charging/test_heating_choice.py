@@ -87,7 +87,7 @@ def test_no_stretches_of_heating_beat_the_choice(charger_w, prices):
     best = min(own_cost(CAR, stop, state, prices, rule, 30.0) for rule in rules)
     assert choice.cost <= best * 1.001
     # The integrator above agrees with the session.
-    always, never = (own_cost(CAR, stop, state, prices, lambda *state, on=on: on, 2.0) for on in (True, False))
+    always, never = (own_cost(CAR, stop, state, prices, lambda *_, on=on: on, 2.0) for on in (True, False))
     assert choice.cost_always == pytest.approx(always, rel=2e-3)
     assert choice.cost_never == pytest.approx(never, rel=1e-3)
 
