@@ -18,13 +18,12 @@ import math
 from typing import Any, TYPE_CHECKING
 
 from bev_preheat.charging.prospect import CERTAIN, ChargingProspect
-from bev_preheat.charging.session import charge
-from bev_preheat.charging.stop import arrival_state, stop_after, WH_PER_KWH
+from bev_preheat.charging.stop import WH_PER_KWH
 from bev_preheat.charging.target_worth import Prices
 from bev_preheat.charging.worth import find_worth, SECONDS_PER_H
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.explanation import duration_text
-from bev_preheat.planning.planner import plan_preheating, plan_unheated
+from bev_preheat.planning.planner import plan_unheated
 from bev_preheat.planning.situation import BatteryState, check_situation, reserve_soc
 
 if TYPE_CHECKING:
@@ -160,7 +159,9 @@ class _Leg:
                 departure_soc, Prices(candidate.energy_price_per_kwh, time_per_h), prospect=candidate.prospect)
             if math.isinf(worth.best.cost):
                 return CandidateWorth(candidate, worth.verdict, departure_soc, worth=worth)
-            leaves_c = self._leaves_c(worth, departure_soc)
+            # A battery that is hotter than its range at departure is soon within it.
+            leaves_c = min(float(worth.best_choice.session.battery_temperature_c[-1]),
+                           self._vehicle.battery.temperature_range_c[1])
         assert worth is not None
         best = worth.best
         end_soc = self._end_of_rest(leaves_c, departure_soc).soc[-1] if self._rest else departure_soc
@@ -221,18 +222,6 @@ class _Leg:
                 f'not needed: the battery arrives with {100.0 * arrival_soc:.1f} %, and '
                 f'{100.0 * soc:.1f} % is enough for the rest')
         return soc, self._end_soc, None
-
-    def _leaves_c(self, worth: Worth, departure_soc: float) -> float:
-        """Return the battery temperature on leaving the charger with the best target [deg C]."""
-        goal, best = self._goal, worth.best
-        inputs = self._vehicle, self._way, self._state
-        plan = (plan_unheated(*inputs, goal) if best is worth.without_heating else
-                plan_preheating(*inputs, replace(goal, target_temperature_c=best.target_c)))
-        stop = stop_after(self._way, self._candidate.charger_power_w, departure_soc)
-        hottest_c = self._vehicle.battery.temperature_range_c[1]
-        session = charge(self._vehicle, stop, arrival_state(plan))
-        # A battery that is hotter than its range at departure is soon within it.
-        return min(float(session.battery_temperature_c[-1]), hottest_c)
 
 
 def _average(route: Route, duration_s: float, way: Route) -> Route:

@@ -23,7 +23,8 @@ import numpy as np
 
 from bev_preheat.charging.equations import heated_c
 from bev_preheat.charging.pays_from import pays_from_per_h
-from bev_preheat.charging.session import charge, LONGEST_SESSION_S
+from bev_preheat.charging.heating_choice import ChargerHeating
+from bev_preheat.charging.session import LONGEST_SESSION_S
 from bev_preheat.charging.stop import arrival_state
 from bev_preheat.estimation.soak import temperature_after
 from bev_preheat.numerics.arithmetic import FLOATS
@@ -179,6 +180,7 @@ class SessionCosts:
     def __init__(self, vehicle: Vehicle, stop: ChargingStop, prices: Prices) -> None:
         """Begin without any session."""
         self._vehicle, self._stop, self._prices = vehicle, stop, prices
+        self._heating = ChargerHeating(vehicle, stop, prices)
         self._costs: dict[tuple[int, int], float] = {}
 
     def cost(self, state: BatteryState) -> float:
@@ -205,8 +207,8 @@ class SessionCosts:
         if (at_k, at_s) not in self._costs:
             lowest_c, highest_c = self._vehicle.battery.temperature_range_c
             soc = min(max(SPACING_SOC * at_s, 0.0), self._stop.departure_soc)
-            session = charge(self._vehicle, self._stop, BatteryState(
-                min(max(SPACING_K * at_k, lowest_c), highest_c), soc))
+            session = self._heating.choose(BatteryState(
+                min(max(SPACING_K * at_k, lowest_c), highest_c), soc)).session
             self._costs[at_k, at_s] = self.of_session(session.charging_time_s, session.bought_energy_wh, soc)
         return self._costs[at_k, at_s]
 

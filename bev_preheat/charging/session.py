@@ -8,9 +8,10 @@ A charging session: the model's own equations, with the terminal power that char
 
 T_h is the battery temperature with the heat under way (`equations.heated_c`): T itself if heat arrives at once.
 P_max is the power of charger and inlet. Cabin and auxiliaries are served first, then heater and cooling, which give
-way at a weak charger, then the battery. Equations, integrator and heat path are those of `vehicle`; only the power is
-chosen here, at each stage of a step. Steps end when heating ends and when the departure's state of charge is
-reached.
+way at a weak charger, then the battery. The limit of heating is the car's own, or lower: a `HeatingLimit` over the
+state of charge, which `heating_choice` chooses. Equations, integrator and heat path are those of `vehicle`; only the
+power is chosen here, at each stage of a step. Steps end when heating ends and when the departure's state of charge
+is reached.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ from bev_preheat.charging.equations import (
     make_cooling,
     supply_of,
 )
+from bev_preheat.charging.heating_limit import ALWAYS
 from bev_preheat.charging.stop import check_stop
 from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.planning.bracketing import close_in, follow_slope, halve, Trial
@@ -41,6 +43,7 @@ from bev_preheat.vehicle.heated_step import make_heat_step
 from bev_preheat.vehicle.model import make_rates
 
 if TYPE_CHECKING:
+    from bev_preheat.charging.heating_limit import HeatingLimit
     from bev_preheat.charging.stop import ChargingStop
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.planning.situation import BatteryState
@@ -161,16 +164,18 @@ class _Step(NamedTuple):
     cooled_w: float
 
 
-def charge(vehicle: Vehicle, stop: ChargingStop, state: BatteryState, step_s: float = STEP_S) -> Session:
+def charge(vehicle: Vehicle, stop: ChargingStop, state: BatteryState, step_s: float = STEP_S,
+           heating: HeatingLimit = ALWAYS) -> Session:
     """
     Return the Session of a vehicle that arrives at a ChargingStop with a BatteryState.
 
-    It is simulated in steps of at most `step_s` [s]. A session that cannot reach the departure's
+    A car that is able to heats its battery up to a HeatingLimit, and never above its own limit. The session is
+    simulated in steps of at most `step_s` [s]. A session that cannot reach the departure's
     state of charge ends with a `problem`, after LONGEST_SESSION_S at the latest. Raises InvalidInput
     if vehicle, stop or state are not allowed (`stop.check_stop`).
     """
     check_stop(vehicle, stop, state)
-    plug = _Plug(vehicle, stop, step_s)
+    plug = _Plug(vehicle, stop, step_s, heating)
     now = _SessionState(state.soc, state.temperature_c, state.heater_power_w, state.coolant_excess_k)
     states, steps, elapsed_s, problem = [now], [], 0.0, None
     while problem is None and stop.departure_soc - now.soc > DEFICIT_SOC:
@@ -189,14 +194,14 @@ def charge(vehicle: Vehicle, stop: ChargingStop, state: BatteryState, step_s: fl
 class _Plug:
     """One vehicle at one charger: the step that follows a state."""
 
-    def __init__(self, vehicle: Vehicle, stop: ChargingStop, step_s: float) -> None:
+    def __init__(self, vehicle: Vehicle, stop: ChargingStop, step_s: float, heating: HeatingLimit) -> None:
         vehicle = vehicle_at_charger(vehicle)
         self._vehicle, self._stop = vehicle, stop
         charging, battery = charging_of(vehicle), vehicle.battery
         self._limit_w = charging.power_limit.function(FLOATS)
         self._voltage_v = battery.open_circuit_voltage.function(FLOATS)
         self._supply_w, self._heater_w = supply_of(vehicle, stop), heater_power_of(vehicle, stop)
-        self._heated_below_c = charging.heated_below_c
+        self._limits = heating.function(charging.heated_below_c)
         self._leakage_w_per_k = battery.leakage.coefficient_w_per_k(0.0)
         self._idle_heat_w = self._leakage_w_per_k * stop.ambient_c
         self._cooling = make_cooling(charging.cooling, stop.ambient_c, FLOATS)
@@ -216,8 +221,8 @@ class _Plug:
         power_w: float = charging_power(self._limit_w(soc, temperature_c), left_w, FLOATS)
         return power_w
 
-    def _command_w(self, temperature_c: float) -> float:
-        return self._heater_w if temperature_c < self._heated_below_c else 0.0
+    def _command_w(self, soc: float, temperature_c: float) -> float:
+        return self._heater_w if temperature_c < self._limits(soc) else 0.0
 
     def problem_at(self, state: _SessionState) -> str | None:
         """Return why the battery can never be charged further from a state, or None."""
@@ -228,14 +233,14 @@ class _Plug:
                     'inlet provide')
 
         def may_charge(at_c: float) -> bool:
-            left_w = self._supply_w - self._command_w(at_c)
+            left_w = self._supply_w - self._command_w(soc, at_c)
             return self._power_w(soc, at_c, left_w - self._cooling(at_c, left_w)[0]) > LEAST_POWER_W
 
         if may_charge(temperature_c):
             return None
-        settled_c = self._settled_c(temperature_c, self._command_w(temperature_c))
+        settled_c = self._settled_c(soc, temperature_c)
         if self._vehicle.charging is not None and self._vehicle.charging.cooling is not None:
-            settled_c = min(settled_c, self._cooled_down_c(temperature_c))
+            settled_c = min(settled_c, self._cooled_down_c(soc, temperature_c))
         # Heat under way comes on top.
         late_k = max(0.0, state.excess_k) + (
             self._vehicle.heat_path.heater_lag_s * self._vehicle.hvch.efficiency * state.heater_w
@@ -264,7 +269,7 @@ class _Plug:
         return any(-self._limit_w(soc, at_c) > LEAST_POWER_W for at_c in np.linspace(
             coldest_c, temperature_c, OUTLOOK_POINTS).tolist())
 
-    def _cooled_down_c(self, temperature_c: float) -> float:
+    def _cooled_down_c(self, soc: float, temperature_c: float) -> float:
         """Return the temperature down to which leakage and cooling bring a battery that is not charged [deg C]."""
         coldest_c = min(self._stop.ambient_c, temperature_c)
         if self._leakage_w_per_k == 0.0:
@@ -272,7 +277,7 @@ class _Plug:
             return min(temperature_c, max(coldest_c, self._vehicle.charging.cooling.set_point_c))
 
         def is_warmer(at_c: float) -> bool:
-            left_w = self._supply_w - self._command_w(at_c)
+            left_w = self._supply_w - self._command_w(soc, at_c)
             return self._idle_heat_w - self._leakage_w_per_k * at_c - self._cooling(at_c, left_w)[1] < 0.0
 
         if not is_warmer(temperature_c):
@@ -281,20 +286,21 @@ class _Plug:
         lowest_c = min(coldest_c, self._vehicle.battery.temperature_range_c[0])
         return halve(temperature_c, lowest_c, is_warmer, SETTLING_HALVINGS)
 
-    def _settled_c(self, temperature_c: float, command_w: float) -> float:
+    def _settled_c(self, soc: float, temperature_c: float) -> float:
         """Return the temperature at which a battery that is not charged settles [deg C]."""
+        command_w = self._command_w(soc, temperature_c)
         heat_w = self._vehicle.hvch.efficiency * command_w
         if self._leakage_w_per_k == 0.0:
             settled_c = self._hottest_c if heat_w > 0.0 else temperature_c
         else:
             settled_c = self._stop.ambient_c + heat_w / self._leakage_w_per_k
         # Heating ends at its limit; from there the battery settles without it.
-        return max(temperature_c, min(settled_c, self._heated_below_c)) if command_w else settled_c
+        return max(temperature_c, min(settled_c, self._limits(soc))) if command_w else settled_c
 
     def _above_k(self, state: _SessionState) -> float:
         """Return by how much battery and heat under way exceed the limit of heating [K]."""
         reached_c: float = heated_c(self._vehicle, state.temperature_c, state.heater_w, state.excess_k)
-        return reached_c - self._heated_below_c
+        return reached_c - self._limits(state.soc)
 
     def step_from(self, state: _SessionState) -> _Step:
         """Return the step from a state; it ends when heating or the session is to end."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 import math
+from typing import Any
 
 WH_PER_KWH = 1000.0
 SECONDS_PER_H = 3600.0
@@ -33,7 +34,8 @@ class TargetWorth:
 
     `hvch_electric_wh` is the heater's energy before arrival [Wh]. Charging time [s], bought energy [Wh] and cost
     are infinite if the session never ends. The target of a drive without heating is the temperature on arrival,
-    the highest target that needs no heating.
+    the highest target that needs no heating. `charger_heating` is the value of the HeatingDecision at the charger
+    ('unable', 'never', 'always', 'limited'), `charger_heating_wh` its electrical energy [Wh].
 
     If charging or arrival are uncertain (`expectation`), `cost` is the expected cost, `charged_cost` that with
     charging on arrival and `not_charged_cost` that without; NaN if they are certain.
@@ -46,11 +48,13 @@ class TargetWorth:
     charging_time_s: float
     bought_energy_wh: float
     cost: float
+    charger_heating: str = 'unable'
+    charger_heating_wh: float = 0.0
     charged_cost: float = math.nan
     not_charged_cost: float = math.nan
 
-    def as_dictionary(self) -> dict[str, float]:
-        """Return it as `preheat worth --json` writes it, without the figures of an uncertain arrival if it is sure."""
+    def as_dictionary(self) -> dict[str, Any]:
+        """Return it as `preheat worth --json` writes it; a sure arrival has no figures of an uncertain one."""
         figures = asdict(self)
         if math.isnan(self.charged_cost):
             for name in OF_UNCERTAINTY:

@@ -5,21 +5,22 @@ Worth of heating before the charger: its cost, and the savings at the charger, o
     cost = price · bought energy + value of time · charging time
 
 Energy spent on heat before arrival is bought back at the charger, so the bought energy includes it. Plans
-are those of the planner, sessions those of `session`. Cost over the target may have several minima, because
+are those of the planner, sessions those of `session`, with the heating at the charger that costs least from each
+arrival (`heating_choice`). Cost over the target may have several minima, because
 the map of the charging power has corners. So a grid is scanned, and refined around its lowest points.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 import math
 from typing import Any, TYPE_CHECKING
 
 from bev_preheat.charging.expectation import Expectation
+from bev_preheat.charging.heating_choice import ChargerHeating
 from bev_preheat.charging.pays_from import pays_from_per_h, pays_from_probability
 from bev_preheat.charging.prospect import CERTAIN, check_prospect
-from bev_preheat.charging.session import charge
 from bev_preheat.charging.stop import arrival_state, check_stop, refuse_stranded, stop_after
 from bev_preheat.charging.target_worth import Prices, TargetWorth
 from bev_preheat.charging.too_warm import derating_in, LEAST_TIME_S, too_warm
@@ -32,8 +33,8 @@ from bev_preheat.planning.situation import check_situation
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    from bev_preheat.charging.heating_choice import HeatingChoice
     from bev_preheat.charging.prospect import ChargingProspect
-    from bev_preheat.charging.session import Session
     from bev_preheat.charging.stop import ChargingStop
     from bev_preheat.planning.plan import Plan
     from bev_preheat.planning.situation import BatteryState, Goal
@@ -58,7 +59,8 @@ class Worth:
     The worth of heating over all `targets` tried, in rising order.
 
     `best` costs the least, `fixed` is the result of heating to the usual target. `verdict` is for the driver.
-    `break_even_value_of_time_per_h` is the least value of time for which some heating pays, or None.
+    `break_even_value_of_time_per_h` is the least value of time for which some heating pays, or None. `best_choice`
+    and `choice_without` are the HeatingChoices at the charger after the best target and without heating.
     `pays_from_probability` is the least probability of charging for which some heating pays, above 1 if none does;
     None if it is certain.
     """
@@ -69,6 +71,8 @@ class Worth:
     fixed: TargetWorth
     break_even_value_of_time_per_h: float | None
     verdict: str
+    best_choice: HeatingChoice = field(compare=False)
+    choice_without: HeatingChoice = field(compare=False)
     pays_from_probability: float | None = None
 
     def as_dictionary(self) -> dict[str, Any]:
@@ -77,6 +81,9 @@ class Worth:
                 'best': self.best.as_dictionary(), 'without_heating': self.without_heating.as_dictionary(),
                 'fixed_target': self.fixed.as_dictionary(),
                 'break_even_value_of_time_per_h': self.break_even_value_of_time_per_h,
+                'charger_heating': {'best': self.best_choice.as_dictionary(),
+                                    'without_heating': self.choice_without.as_dictionary(),
+                                    'sentence': self.best_choice.sentence()},
                 'verdict': self.verdict,
                 **({} if self.pays_from_probability is None else {
                     'pays_from_probability': self.pays_from_probability})}
@@ -143,25 +150,29 @@ class WorthSearch:
         self._expectation = expectation
         self._vehicle, self._stop, self._usual_c, self._prices = vehicle, stop, usual_c, prices
         self._plan_to = plan_to
-        self._sessions: dict[BatteryState, Session] = {}
         self._session_of: dict[float, Session] = {}
+        self._heating = ChargerHeating(vehicle, stop, prices)
+        self._arrivals: dict[float, BatteryState] = {}
         self.without = self._worth_of(unheated, unheated.arrival_temperature_c)
-        self._problem = self._sessions[arrival_state(unheated)].problem
+        self._problem = self._heating.choose(arrival_state(unheated)).session.problem
         self._found = {self.without.target_c: self.without}
         self._plans_left = 0.0
         self._grid_c = [self.without.target_c, *targets_between(
             self.without.target_c, vehicle.battery.temperature_range_c[1])]
 
     def _worth_of(self, plan: Plan, target_c: float) -> TargetWorth:
-        arrival = arrival_state(plan)
-        if arrival not in self._sessions:
-            self._sessions[arrival] = charge(self._vehicle, self._stop, arrival)
-        session = self._session_of[target_c] = self._sessions[arrival]
+        arrival = self._arrivals[target_c] = arrival_state(plan)
+        choice = self._heating.choose(arrival)
+        session = self._session_of[target_c] = choice.session
         item = TargetWorth(
             target_c, plan.arrival_temperature_c, plan.arrival_soc, plan.energy_wh.hvch_electric,
-            session.charging_time_s, session.bought_energy_wh,
-            self._prices.cost(session.bought_energy_wh, session.charging_time_s))
+            session.charging_time_s, session.bought_energy_wh, choice.cost, choice.decision.value,
+            choice.heated_wh)
         return item if self._expectation is None else self._expectation.of(item, plan)
+
+    def choice_after(self, item: TargetWorth) -> HeatingChoice:
+        """Return the HeatingChoice at the charger after an evaluated target, with the costs of all decisions."""
+        return self._heating.compare(self._arrivals[max(item.target_c, self.without.target_c)])
 
     def look_at(self, target_c: float) -> TargetWorth:
         """Return the TargetWorth of a target [deg C], with a plan and a session for a new target."""
@@ -273,7 +284,8 @@ class WorthSearch:
         return Worth(
             tuple(sorted(self._found.values(), key=lambda item: item.target_c)), best, self.without,
             self.look_at(self._usual_c), None if math.isinf(break_even) else break_even,
-            self.verdict(best), None if self._expectation is None else self.pays_from_probability())
+            self.verdict(best), self.choice_after(best), self.choice_after(self.without),
+            None if self._expectation is None else self.pays_from_probability())
 
 
 def _check(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal, stop: ChargingStop,

@@ -6,9 +6,11 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-from bev_preheat.charging.session import charge
+from bev_preheat.charging.heating_choice import ChargerHeating
 from bev_preheat.charging.stop import arrival_state, ChargingStop, refuse_stranded, stop_after
+from bev_preheat.charging.target_worth import Prices
 from bev_preheat.charging.too_warm import too_warm
+from bev_preheat.charging.worth import check_prices, ENERGY_PRICE_PER_KWH, VALUE_OF_TIME_PER_H
 from bev_preheat.commands.situation import add_drive_arguments, load_planned_vehicle, read_situation
 from bev_preheat.console.output import add_output_arguments, check_output_arguments, write_json
 from bev_preheat.console.terminal import print_figures, result_console
@@ -23,6 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from typing import Any
 
+    from bev_preheat.charging.heating_choice import HeatingChoice
     from bev_preheat.charging.session import Session
     from bev_preheat.charging.too_warm import TooWarm
     from bev_preheat.commands.arguments import Subparsers
@@ -42,7 +45,8 @@ def add_parser(subparsers: Subparsers) -> None:
     parser = subparsers.add_parser(
         'charge', help='the charging session after a drive',
         description='Charging time and bought energy after this drive, with preheating and '
-        'without, or after arriving with one or two given temperatures.')
+        'without, or after arriving with one or two given temperatures. A car that can heat its battery at the '
+        'charger does so as far as it costs least, for a price of energy and a value of time.')
     group = parser.add_mutually_exclusive_group(required=True)
     add_drive_arguments(parser, group, needs_state=False, ambient_help=(
         'no drive: ambient temperature at the charger [degC]; after a drive that of its last segment, or of all '
@@ -58,6 +62,7 @@ def add_parser(subparsers: Subparsers) -> None:
                         help='no drive: lights, pumps, computers [W]; after a drive as in its last '
                         "segment (default: the vehicle's)")
     add_charger_arguments(parser)
+    add_price_arguments(parser)
     add_output_arguments(parser)
     parser.set_defaults(run=run)
 
@@ -70,18 +75,33 @@ def add_charger_arguments(parser: ArgumentParser, required: bool = True) -> None
                         help='state of charge to leave with')
 
 
+def add_price_arguments(parser: ArgumentParser, of_energy: str = '') -> None:
+    """Add `--energy-price`, whose help goes on with `of_energy`, and `--value-of-time`."""
+    parser.add_argument('--energy-price', type=float, default=ENERGY_PRICE_PER_KWH, metavar='PER_KWH',
+                        help=f'price of energy at the charger, per kWh{of_energy} (default: %(default)s)')
+    parser.add_argument('--value-of-time', type=float, default=VALUE_OF_TIME_PER_H, metavar='PER_H',
+                        help='value of an hour at the charger to the driver (default: %(default)s)')
+
+
 def run(arguments: Namespace) -> int:
     """Simulate, print, and write the requested files; returns the exit status."""
     after_drive = arguments.route is not None
     _refuse_other_arguments(arguments, after_drive)
-    vehicle, stop, sessions, more = (_after_drive if after_drive else _after_arrival)(arguments)
+    prices = Prices(arguments.energy_price, arguments.value_of_time)
+    check_prices(prices)
+    vehicle, stop, arrivals, more = (_after_drive if after_drive else _after_arrival)(arguments)
+    heating = ChargerHeating(vehicle, stop, prices)
+    choices = {name: heating.compare(arrival) for name, arrival in arrivals.items()}
+    sessions = {name: choice.session for name, choice in choices.items()}
     title = (f'vehicle {vehicle.name}, charger {arguments.charger_power / W_PER_KW:g} kW, ambient '
              f'{stop.ambient_c:g} degC, to {100.0 * stop.departure_soc:g} %')
     warm = {name: too_warm(vehicle, stop, session) for name, session in sessions.items()}
     if arguments.json:
         write_json(arguments.json, {
-            **asdict(stop), 'sessions': [{'name': name, **session.as_dictionary(), 'too_warm': _as_json(warm[name])}
-                                         for name, session in sessions.items()],
+            **asdict(stop), 'energy_price_per_kwh': prices.energy_per_kwh,
+            'value_of_time_per_h': prices.time_per_h,
+            'sessions': [{'name': name, **choice.session.as_dictionary(),
+                          'charger_heating': choice.as_dictionary()} for name, choice in choices.items()],
             **more, 'vehicle_assumed': list(vehicle.assumed)})
     if arguments.plot:
         from bev_preheat.drawing.charging_figure import draw_sessions
@@ -104,7 +124,7 @@ def run(arguments: Namespace) -> int:
         ('Departure SoC [%]', lambda session: f'{100 * session.soc[-1]:.2f}'))
     print_figures(console, title, ['', *sessions], [
         (heading, *map(figure, sessions.values())) for heading, figure in rows])
-    for sentence in (*_sentences(sessions), *_warm_sentences(warm)):
+    for sentence in (*_sentences(sessions), *_heating_sentences(choices), *_warm_sentences(warm)):
         console.print(sentence, markup=False, soft_wrap=True)
     return 0
 
@@ -143,8 +163,8 @@ def _option(name: str) -> str:
 
 
 def _after_drive(
-        arguments: Namespace) -> tuple[Vehicle, ChargingStop, dict[str, Session], dict[str, Any]]:
-    """Return vehicle, stop, sessions by name, and further JSON contents."""
+        arguments: Namespace) -> tuple[Vehicle, ChargingStop, dict[str, BatteryState], dict[str, Any]]:
+    """Return vehicle, stop, states on arrival by name, and further JSON contents."""
     situation = read_situation(arguments)
     check_output_arguments(arguments, situation.files)
     inputs = situation.vehicle, situation.route, situation.state, situation.goal
@@ -153,13 +173,12 @@ def _after_drive(
     plan = plan_preheating(*inputs)
     stop = stop_after(situation.route, arguments.charger_power, arguments.departure_soc)
     return situation.vehicle, stop, {
-        name: charge(situation.vehicle, stop, arrival_state(drive))
-        for name, drive in ((PREHEATED, plan), (UNHEATED, unheated))}, {
+        name: arrival_state(drive) for name, drive in ((PREHEATED, plan), (UNHEATED, unheated))}, {
             'plan': plan.as_dictionary(), 'route_made_for': situation.route_made_for}
 
 
 def _after_arrival(
-        arguments: Namespace) -> tuple[Vehicle, ChargingStop, dict[str, Session], dict[str, Any]]:
+        arguments: Namespace) -> tuple[Vehicle, ChargingStop, dict[str, BatteryState], dict[str, Any]]:
     vehicle = load_planned_vehicle(arguments.vehicle)
     check_output_arguments(arguments, [vehicle_file(arguments.vehicle)])
     cabin_w, auxiliary_w = arguments.cabin_heating_power, arguments.auxiliary_power
@@ -168,7 +187,7 @@ def _after_arrival(
         vehicle.defaults.cabin_heating_power_w if cabin_w is None else cabin_w,
         vehicle.defaults.auxiliary_power_w if auxiliary_w is None else auxiliary_w)
     return vehicle, stop, {
-        f'from {at_c:g} degC': charge(vehicle, stop, BatteryState(at_c, arguments.arrival_soc))
+        f'from {at_c:g} degC': BatteryState(at_c, arguments.arrival_soc)
         for at_c in arguments.arrival_temperature}, {}
 
 
@@ -193,3 +212,12 @@ def _sentences(sessions: dict[str, Session]) -> list[str]:
             f'{duration_text(abs(saved_s))} {"less" if saved_s >= 0.0 else "more"} than {other_name}, '
             f'and buys {abs(more_kwh):.2f} kWh {"more" if more_kwh >= 0.0 else "less"}.')
     return sentences
+
+
+def _heating_sentences(choices: dict[str, HeatingChoice]) -> list[str]:
+    """Return the sentence on the heating at the charger of each session; one for all if they are the same."""
+    sentences = {name: choice.sentence() for name, choice in choices.items()}
+    if len(set(sentences.values())) == 1:
+        return [sentence for sentence in list(sentences.values())[:1] if sentence]
+    return [f'{name[0].upper()}{name[1:]}: {sentence[0].lower()}{sentence[1:]}'
+            for name, sentence in sentences.items() if sentence]

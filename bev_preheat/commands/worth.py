@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 from bev_preheat.charging.spread import time_deviation
 from bev_preheat.charging.target_worth import Prices
-from bev_preheat.charging.worth import ENERGY_PRICE_PER_KWH, find_worth, VALUE_OF_TIME_PER_H
-from bev_preheat.commands.charge import add_charger_arguments
+from bev_preheat.charging.worth import find_worth
+from bev_preheat.commands.charge import add_charger_arguments, add_price_arguments
 from bev_preheat.commands.chargers import check_charger_arguments, run_chargers
 from bev_preheat.commands.completion import completed_by, NameCompleter
 from bev_preheat.commands.prospect import add_prospect_arguments, read_prospect
@@ -52,11 +52,7 @@ def add_parser(subparsers: Subparsers) -> None:
                         help='with --chargers: state of charge at the end of the route')
     parser.add_argument('--only', nargs='+', metavar='CHARGER',
                         help='with --chargers: compare only these, by name')
-    parser.add_argument('--energy-price', type=float, default=ENERGY_PRICE_PER_KWH, metavar='PER_KWH',
-                        help='price of energy at the charger, per kWh; with --chargers for chargers without '
-                        'their own price (default: %(default)s)')
-    parser.add_argument('--value-of-time', type=float, default=VALUE_OF_TIME_PER_H, metavar='PER_H',
-                        help='value of an hour at the charger to the driver (default: %(default)s)')
+    add_price_arguments(parser, '; with --chargers for chargers without their own price')
     add_prospect_arguments(parser)
     add_output_arguments(parser)
     parser.set_defaults(run=run)
@@ -76,7 +72,7 @@ def run(arguments: Namespace) -> int:
     worth = find_worth(*inputs, situation.goal, *charger, prices, prospect=prospect)
     shown = worth.fixed if worth.best is worth.without_heating else worth.best
     deviation = time_deviation(
-        *inputs, replace(situation.goal, target_temperature_c=shown.target_c), *charger)
+        *inputs, replace(situation.goal, target_temperature_c=shown.target_c), *charger, prices)
     title = (f'vehicle {situation.vehicle.name}, route {arguments.route}, charger '
              f'{arguments.charger_power / W_PER_KW:g} kW to {100.0 * arguments.departure_soc:g} %\n'
              f'{prices.energy_per_kwh:g} per kWh, {prices.time_per_h:g} per h{_prospect_text(prospect)}')
@@ -100,10 +96,9 @@ def run(arguments: Namespace) -> int:
         console, title.replace('\n', ', '),
         ('target [degC]', 'arrival [degC]', 'SoC [%]', 'heater [Wh]', 'charging [min]', 'bought [kWh]',
          'cost', ''), [_row(worth, target) for target in _shown(worth)], (*('right',) * 7, 'left'))
-    console.print(worth.verdict, markup=False, soft_wrap=True)
-    sentence = _deviation_sentence(worth, shown, deviation)
-    if sentence:
-        console.print(sentence, markup=False, soft_wrap=True)
+    for sentence in (worth.verdict, worth.best_choice.sentence(), _deviation_sentence(worth, shown, deviation)):
+        if sentence:
+            console.print(sentence, markup=False, soft_wrap=True)
     return 0
 
 

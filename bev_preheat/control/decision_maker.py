@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from bev_preheat.control.charger_heat import charger_heat, ChargerHeat
+from bev_preheat.control.charger_heat import ChargerHeat, ChargerHeater, ChargerSituation
 from bev_preheat.control.decision import Decision
 from bev_preheat.control.expected_drive import intervals_between, shown_command_w
 from bev_preheat.control.forecast_plan import (
@@ -43,6 +43,7 @@ from bev_preheat.planning.status import Status
 from bev_preheat.vehicle.cell_spread import limited_by_coldest_cell
 
 if TYPE_CHECKING:
+    from bev_preheat.charging.stop import Charger
     from bev_preheat.control.admitted import AdmittedInputs
     from bev_preheat.control.command_history import CommandHistory
     from bev_preheat.control.inputs import Measurement, Mission
@@ -73,6 +74,7 @@ class DecisionMaker:
         self._colder_by_k = 0.0
         self._forecast_planner = ForecastPlanner(vehicle)
         self._targets = TargetChooser()
+        self._charger_heater = ChargerHeater()
         self._estimator = Estimator(vehicle, learned)
         self._stand_watch = StandWatch(vehicle, last_seen)
         # Decisions by the number of legs that follow, and the settings that they were made with.
@@ -166,7 +168,7 @@ class DecisionMaker:
                         f'The route starts in {duration_text(starts_in_s)}; the heater waits until then. '
                         f'From the current state: {decision.explanation}'))
             return replace(decision, later_legs=later_legs) if later_legs else decision
-        heat = self._charger_heat(inputs, leg, is_heating)
+        heat = self._charger_heat(inputs, leg, leg.charger, is_heating)
         why = f' {heat.reason}' if heat.reason else ''
         if later_legs:
             return Decision(Status.CHARGING, _charging_sentence(later_legs[0], now_ns) + why,
@@ -182,7 +184,7 @@ class DecisionMaker:
         if now_ns < leg.start_ns:
             return None
         if regime.regime is Regime.CHARGING:
-            heat = self._charger_heat(inputs, leg, is_heating)
+            heat = self._charger_heat(inputs, leg, None, is_heating)
             why = f' {heat.reason}' if heat.reason else ''
             return Decision(Status.CHARGING, (
                 f'The vehicle is charging {duration_text(-leg.ended_for_s(now_ns))} before its route ends: '
@@ -193,15 +195,19 @@ class DecisionMaker:
                 f'The heater waits: {regime.suspicion}; the state of charge will decide.'), leg=leg)
         return None
 
-    def _charger_heat(self, inputs: AdmittedInputs, leg: Leg, is_heating: bool) -> ChargerHeat:
-        """Return the ChargerHeat after a leg that has ended; 0 W if the settings do not ask for it."""
+    def _charger_heat(self, inputs: AdmittedInputs, leg: Leg, charger: Charger | None,
+                      is_heating: bool) -> ChargerHeat:
+        """Return the ChargerHeat at a charger after or on a leg; 0 W if the settings do not ask for it."""
         measurement, settings = inputs.measurement, inputs.settings
         assert measurement is not None
         if not settings.heat_while_charging or leg.made_for is not None:
             return ChargerHeat(0.0, '')
-        estimate = self.estimate if settings.estimation else None
-        temperature_c = measurement.state.temperature_c if estimate is None else estimate.temperature_c
-        return charger_heat(self._vehicle, leg, measurement, temperature_c, is_heating)
+        estimate, vehicle, state = self.estimate if settings.estimation else None, self._limited, measurement.state
+        if estimate is not None:
+            vehicle = self._forecast_planner.vehicle(estimate)
+            state = believed_state(vehicle, estimate)
+        return self._charger_heater.heat(ChargerSituation(
+            vehicle, leg, measurement, state, settings.prices, charger, is_heating))
 
     def _plan_current(self, inputs: AdmittedInputs, leg: Leg, now_ns: int, is_heating: bool,
                       heated_s: float) -> Decision:

@@ -35,7 +35,7 @@ class Settings:
     uncertainty; otherwise plan from the measured state.
     `minimum_on_time_s`, `minimum_off_time_s`: least time between two switchings of the heater.
     `energy_price_per_kwh`, `value_of_time_per_h`: prices, in one currency, by which the target is chosen if the
-    charger is known. `heat_while_charging`: keep heating while the vehicle charges, if the vehicle does so.
+    charger is known. `heat_while_charging`: heat while the vehicle charges as far as it pays, if it can.
     `coldest_cell_limits`: use the power limits of the coldest cell if cell temperatures are known.
     `compiled_core`: plan with the native core if it is built; it changes no plan.
     """

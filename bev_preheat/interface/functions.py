@@ -6,10 +6,10 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from bev_preheat.charging.session import charge
+from bev_preheat.charging.heating_choice import ChargerHeating
 from bev_preheat.charging.stop import ChargingStop
 from bev_preheat.charging.target_worth import Prices
-from bev_preheat.charging.worth import ENERGY_PRICE_PER_KWH, find_worth, VALUE_OF_TIME_PER_H
+from bev_preheat.charging.worth import check_prices, ENERGY_PRICE_PER_KWH, find_worth, VALUE_OF_TIME_PER_H
 from bev_preheat.interface.results import (
     ComparisonResult,
     DriveResult,
@@ -97,20 +97,26 @@ def compare(vehicle: Vehicle, route: Route, state: BatteryState,
 
 def charging_session(vehicle: Vehicle, state: BatteryState, charger_power_w: float, departure_soc: float,
                      ambient_c: float, cabin_heating_power_w: float | None = None,
-                     auxiliary_power_w: float | None = None) -> SessionResult:
+                     auxiliary_power_w: float | None = None, *,
+                     energy_price_per_kwh: float = ENERGY_PRICE_PER_KWH,
+                     value_of_time_per_h: float = VALUE_OF_TIME_PER_H) -> SessionResult:
     """
     Return the charging session from a battery state on arrival, as `preheat charge` does.
 
     `charger_power_w` is the most that the charger gives at the vehicle's inlet [W], `departure_soc` (0 ... 1) the
     state of charge to leave with, `ambient_c` the air at the charger [deg C]; powers of cabin and auxiliaries [W]
-    are the vehicle's defaults if None. Raises InvalidInput.
+    are the vehicle's defaults if None. A car that can heat its battery at the charger does so as far as it costs
+    least at the two prices, in one currency. Raises InvalidInput.
     """
     defaults = vehicle.defaults
     stop = ChargingStop(
         charger_power_w, departure_soc, ambient_c,
         defaults.cabin_heating_power_w if cabin_heating_power_w is None else cabin_heating_power_w,
         defaults.auxiliary_power_w if auxiliary_power_w is None else auxiliary_power_w)
-    return SessionResult(vehicle, stop, charge(vehicle, stop, state))
+    prices = Prices(energy_price_per_kwh, value_of_time_per_h)
+    check_prices(prices)
+    choice = ChargerHeating(vehicle, stop, prices).compare(state)
+    return SessionResult(vehicle, stop, choice.session, choice)
 
 
 def worth(vehicle: Vehicle, route: Route, state: BatteryState, charger_power_w: float, departure_soc: float,

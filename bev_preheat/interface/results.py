@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
     from pandas import DataFrame
 
+    from bev_preheat.charging.heating_choice import HeatingChoice
     from bev_preheat.charging.session import Session
     from bev_preheat.charging.stop import ChargingStop
     from bev_preheat.charging.worth import Worth
@@ -238,12 +239,24 @@ class SessionResult:
     """
     A charging session; times in seconds after plugging in.
 
-    `problem` says why the session does not end, None if it does.
+    `problem` says why the session does not end, None if it does. `choice` is the decision on heating at the
+    charger, with the costs of heating never and always.
     """
 
     vehicle: Vehicle
     stop: ChargingStop
     session: Session
+    choice: HeatingChoice
+
+    @property
+    def charger_heating(self) -> str:
+        """Decision on heating at the charger: 'unable', 'never', 'always' or 'limited'."""
+        return self.choice.decision.value
+
+    @property
+    def charger_heating_sentence(self) -> str:
+        """The decision as a sentence; '' for a car that cannot heat at the charger."""
+        return self.choice.sentence()
 
     @property
     def problem(self) -> str | None:
@@ -287,7 +300,7 @@ class SessionResult:
 
     def to_dict(self) -> dict[str, Any]:
         """Return a session as in the JSON of `preheat charge`."""
-        return self.session.as_dictionary()
+        return {**self.session.as_dictionary(), 'charger_heating': self.choice.as_dictionary()}
 
     def to_frame(self) -> DataFrame:
         """Return temperature, state of charge and powers over time; needs pandas."""

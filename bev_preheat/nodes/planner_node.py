@@ -104,7 +104,7 @@ PARAMETERS = (
               'Value of time at the charger, in the same currency; the target is chosen by it', 'per h',
               (0.0, MOST_VALUE_PER_H)),
     Parameter('heat_while_charging', DEFAULTS.heat_while_charging,
-              'Continue heating at the charger, if the vehicle file says that the vehicle does.'),
+              'Heat at the charger as far as it pays, if the vehicle file says that the vehicle can.'),
     Parameter('compiled_core', DEFAULTS.compiled_core,
               'Plan with the native core if it is built; plans are the same without.'),
     Parameter('coldest_cell_limits', DEFAULTS.coldest_cell_limits,

@@ -4,10 +4,11 @@ Drive and charging session in one nonlinear program: the lowest possible cost of
 
     price · bought energy + value of time · charging time
 
-The heater's power in each step of the drive is free, without a target; the session follows the car's own rules
-(`charging_steps`). Solutions are local, so IPOPT starts from several plans. Its results are driven and charged by
-the project's own simulation, with the actual limits and switch: this makes the costs of programs and plans
-comparable, and the program's smoothing affects neither.
+The heater's power in each step of the drive is free, without a target; so is that at the charger, below the limit
+of the car (`charging_steps`). Solutions are local, so IPOPT starts from several plans. Its results are driven and
+charged by the project's own simulation, with the actual limits: this makes the costs of programs and plans
+comparable, and the program's smoothing affects neither. There the program's heat at the charger competes with the
+choice from the same arrival (`charging.heating_choice`).
 """
 
 from __future__ import annotations
@@ -20,11 +21,14 @@ from typing import TYPE_CHECKING
 import casadi
 import numpy as np
 
+from bev_preheat.charging.equations import heated_c, heater_power_of
+from bev_preheat.charging.heating_choice import ChargerHeating
+from bev_preheat.charging.heating_limit import HeatingLimit
 from bev_preheat.charging.session import charge
 from bev_preheat.charging.stop import arrival_state
 from bev_preheat.charging.worth import SECONDS_PER_H, WH_PER_KWH
 from bev_preheat.nonlinear_program.blocks import Blocks
-from bev_preheat.nonlinear_program.charging_steps import add_charging_steps
+from bev_preheat.nonlinear_program.charging_steps import add_charging_steps, can_heat
 from bev_preheat.nonlinear_program.drive_step import RESERVES
 from bev_preheat.nonlinear_program.drive_steps import add_drive_steps
 from bev_preheat.planning.dynamics import hottest_c, JOULES_PER_WH
@@ -53,6 +57,8 @@ CHARGING_STEPS = 80
 # IPOPT starts from plans for these targets [deg C], and from the unheated drive.
 START_TARGETS_C = (5.0, 15.0, 25.0, 35.0)
 SAME_START_K = 1e-4
+# Steps at the charger with less than this share of the heater's power count as unheated.
+HEATED_SHARE = 0.01
 # More digits would exceed the accuracy of the session's steps.
 SOLVER_OPTIONS: ByName = {
     'print_time': False,
@@ -119,6 +125,7 @@ class ChargingProgram:
         self._trip: Trip = make_trip(vehicle, route)
         self._state, self._goal, self._stop, self._prices = state, goal, stop, prices
         self._steps = charging_steps
+        self._heating = ChargerHeating(vehicle, stop, prices)
         unheated = plan_without_heating(self._trip, state)
         self._limited = watch_limits(self._trip, unheated.soc, unheated.temperature_c).any
         variables, constraints = Blocks(), Blocks()
@@ -157,21 +164,44 @@ class ChargingProgram:
         driven = None
         if status in SOLVED:
             found = self._variables.unpack(np.asarray(result['x']).ravel())
-            driven = self._driven(found['heater'])
+            driven = self._driven(found['heater'], self._limit_of(found))
         return SessionAttempt(drive.cost, status, int(statistics['iter_count']),
                               float(result['f']) * self._cost_scale, driven)
 
-    def _charged(self, plan: Plan) -> ChargedDrive:
-        session = charge(self._trip.vehicle, self._stop, arrival_state(plan))
-        return ChargedDrive(plan, session, self._prices.cost(
-            session.bought_energy_wh, session.charging_time_s))
+    def _charged(self, plan: Plan, limit: HeatingLimit | None = None) -> ChargedDrive:
+        """Return the ChargedDrive of a Plan with the chosen heat at the charger, or a limit if that costs less."""
+        arrival = arrival_state(plan)
+        choice = self._heating.choose(arrival)
+        chosen = ChargedDrive(plan, choice.session, choice.cost)
+        if limit is None:
+            return chosen
+        session = charge(self._trip.vehicle, self._stop, arrival, heating=limit)
+        cost = self._prices.cost(session.bought_energy_wh, session.charging_time_s)
+        return chosen if chosen.cost <= cost else ChargedDrive(plan, session, cost)
 
-    def _driven(self, heater_w: FloatArray) -> ChargedDrive:
-        """Return the ChargedDrive of heater powers [W] (N,), driven and charged by the project's simulation."""
+    def _limit_of(self, found: Values) -> HeatingLimit | None:
+        """Return the HeatingLimit with which a session follows the temperatures that the program heats to."""
+        vehicle = self._trip.vehicle
+        if not can_heat(vehicle):
+            return None
+        names = ('charging_temperature', 'charging_heater_power', 'charging_coolant_excess')
+        temperature_c, heater_w, excess_k = (
+            np.asarray(found[name]).ravel() if name in found else np.zeros(self._steps) for name in names)
+        heated = np.asarray(found['charging_heater']).ravel() > HEATED_SHARE * heater_power_of(vehicle, self._stop)
+        limit_c = np.where(heated, heated_c(vehicle, temperature_c, heater_w, excess_k),
+                           vehicle.battery.temperature_range_c[0])
+        return HeatingLimit(tuple(np.asarray(found['charging_soc']).ravel().tolist()), tuple(limit_c.tolist()))
+
+    def _driven(self, heater_w: FloatArray, limit: HeatingLimit | None) -> ChargedDrive:
+        """
+        Return the ChargedDrive of heater powers [W] (N,), driven and charged by the project's simulation.
+
+        `limit` is the HeatingLimit of the program's heat at the charger.
+        """
         started = perf_counter()
         schedule = drive_as_planned(self._trip, self._state, heater_w)
         return self._charged(finish_plan(
-            self._trip, replace(self._goal, charging_planned=False), schedule, METHOD, started))
+            self._trip, replace(self._goal, charging_planned=False), schedule, METHOD, started), limit)
 
     def _guess(self, drive: ChargedDrive) -> Values:
         plan, session, path = drive.plan, drive.session, self._trip.vehicle.heat_path
@@ -190,7 +220,8 @@ class ChargingProgram:
                 'coolant_excess': 0.0 if heat is None else heat.coolant_excess_k,
                 'charging_time': float(session.time_s[-1]), 'charging_soc': along(session.soc),
                 'charging_temperature': along(session.battery_temperature_c),
-                'charging_heater_power': along(heating_w), 'charging_coolant_excess': excess_k}
+                'charging_heater_power': along(heating_w), 'charging_heater': along(heating_w),
+                'charging_coolant_excess': excess_k}
 
     def _bounds(self) -> tuple[Values, Values]:
         """Return the lower and upper bounds of the variables."""
@@ -209,7 +240,7 @@ class ChargingProgram:
             'heater_power': from_start(state.heater_power_w, -np.inf),
             'coolant_excess': from_start(state.coolant_excess_k, -np.inf),
             'heater': 0.0, 'brake': 0.0, 'charging_time': 0.0, 'charging_soc': departure,
-            'charging_temperature': coldest_c, 'charging_heater_power': -np.inf,
+            'charging_temperature': coldest_c, 'charging_heater_power': -np.inf, 'charging_heater': 0.0,
             'charging_coolant_excess': -np.inf}
         high: Values = {
             'soc': from_start(state.soc, max(highest_soc, state.soc)),
@@ -220,6 +251,7 @@ class ChargingProgram:
             'brake': np.maximum(-trip.route.propulsion_power_w, 0.0),
             'charging_time': np.inf, 'charging_soc': np.abs(departure),
             'charging_temperature': hottest_c(trip.vehicle), 'charging_heater_power': np.inf,
+            'charging_heater': heater_power_of(trip.vehicle, self._stop),
             'charging_coolant_excess': np.inf}
         return low, high
 

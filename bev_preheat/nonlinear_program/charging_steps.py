@@ -2,8 +2,8 @@
 """
 The steps of a charging session in a nonlinear program, of equal length in a free total time.
 
-The heater follows the car's own switch, which is not free to the program: on below the limit, off above. The
-switch is smoothed, because a program needs smooth functions: half the power at the limit, and a tanh within
+The heater's power in each step is free to the program, up to the car's own switch: on below the limit, off above.
+The switch is smoothed, because a program needs smooth functions: half the power at the limit, and a tanh within
 SWITCH_K on both sides, so that the battery is held close to the limit. Its input is the mean over both ends of a
 step of the temperature with the heat under way, which is second-order accurate and always stable.
 """
@@ -18,7 +18,6 @@ import casadi
 
 from bev_preheat.charging.equations import (
     heated_c,
-    heater_power_of,
     make_charging_rates,
     make_charging_step,
     make_cooling,
@@ -60,7 +59,8 @@ def add_charging_steps(drive: DriveSteps, stop: ChargingStop, steps: int, variab
     """
     Add the steps of the session after a drive to a program, and return the session's result.
 
-    Variables: `charging_time` [s], and each state of the drive at the ends of the steps.
+    Variables: `charging_time` [s], each state of the drive at the ends of the steps, and for a car that can heat at
+    the charger `charging_heater`, the highest power of its heater in each step [W].
     """
     vehicle = drive.vehicle
     duration = variables.variable('charging_time', 1, TIME_SCALE_S)
@@ -77,8 +77,11 @@ def add_charging_steps(drive: DriveSteps, stop: ChargingStop, steps: int, variab
             ends.append(later)
     later_ends = [casadi.MX.zeros(1, steps) if end is None else scale * end
                   for end, (_, _, scale) in zip(ends, STATES)]
+    most_w = casadi.MX.zeros(1, steps)
+    if can_heat(vehicle):
+        most_w = POWER_SCALE_W * variables.variable('charging_heater', steps, POWER_SCALE_W)
     *reached, terminal_w, drawn_w = symbolic_charging_step(vehicle, stop).map(steps)(
-        *starts, casadi.repmat(duration_s / steps, 1, steps), heated_c(vehicle, *later_ends[1:]))
+        *starts, casadi.repmat(duration_s / steps, 1, steps), heated_c(vehicle, *later_ends[1:]), most_w)
     for (_, charging_name, scale), at_end, end in zip(STATES, reached, ends):
         if end is not None:
             constraints.add(f'{charging_name}_defect', at_end / scale - end, scale)
@@ -86,6 +89,11 @@ def add_charging_steps(drive: DriveSteps, stop: ChargingStop, steps: int, variab
         casadi.sum2(terminal_w + drawn_w) / steps
         + stop.cabin_heating_power_w + stop.auxiliary_power_w)
     return ChargingSteps(duration_s, bought_j)
+
+
+def can_heat(vehicle: Vehicle) -> bool:
+    """Return whether a vehicle can heat its battery while it charges."""
+    return math.isfinite(charging_of(vehicle).heated_below_c)
 
 
 def _is_state(vehicle: Vehicle, name: str) -> bool:
@@ -97,13 +105,13 @@ def symbolic_charging_step(vehicle: Vehicle, stop: ChargingStop) -> casadi.Funct
     """
     Return a step of `charging.session`, its switch smoothed, as a CasADi Function.
 
-    Inputs: soc, temperature [deg C], heater power [W], coolant excess [K], duration [s], and the
-    temperature with the heat under way at its end (`heated_c`) [deg C]. Outputs: the four states at the
-    end, and the means of the power into the terminals and of the power of heater and cooling [W].
+    Inputs: soc, temperature [deg C], heater power [W], coolant excess [K], duration [s], the temperature with the
+    heat under way at its end (`heated_c`) [deg C], and the heater's power below the limit [W]. Outputs: the four
+    states at the end, and the means of the power into the terminals and of the power of heater and cooling [W].
     """
     inputs = [casadi.SX.sym(name) for name in (
-        'soc', 'temperature_c', 'heater_w', 'excess_k', 'duration_s', 'heated_end_c')]
-    soc, temperature_c, heater_w, excess_k, duration_s, heated_end_c = inputs
+        'soc', 'temperature_c', 'heater_w', 'excess_k', 'duration_s', 'heated_end_c', 'most_w')]
+    soc, temperature_c, heater_w, excess_k, duration_s, heated_end_c, most_w = inputs
     vehicle = vehicle_at_charger(smoothed(vehicle))
     battery, supply_w = vehicle.battery, supply_of(vehicle, stop)
     charging = charging_of(vehicle)
@@ -114,7 +122,7 @@ def symbolic_charging_step(vehicle: Vehicle, stop: ChargingStop) -> casadi.Funct
     command_w = casadi.SX(0.0)
     if math.isfinite(limit_c):
         above_k = 0.5 * (heated_c(vehicle, temperature_c, heater_w, excess_k) + heated_end_c) - limit_c
-        command_w = 0.5 * heater_power_of(vehicle, stop) * (1.0 - casadi.tanh(above_k / SWITCH_K))
+        command_w = 0.5 * most_w * (1.0 - casadi.tanh(above_k / SWITCH_K))
     leakage_w_per_k = battery.leakage.coefficient_w_per_k(0.0)
     idle_heat_w = leakage_w_per_k * stop.ambient_c
     other_heat_w = casadi.SX(0.0)

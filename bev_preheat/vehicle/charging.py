@@ -92,7 +92,7 @@ def charging_in_words(vehicle: Vehicle) -> str:
                 '(charging.battery_heating); only charging sessions need it.')
     if charging.battery_heating:
         left_w = max(0.0, vehicle.hvch.maximum_power_w - vehicle.defaults.cabin_heating_power_w)
-        heating = (f'heats its battery up to {charging.heating_limit_c:g} degC with the heater power left by '
+        heating = (f'can heat its battery up to {charging.heating_limit_c:g} degC with the heater power left by '
                    f'the cabin, {left_w / W_PER_KW:.1f} kW')
     else:
         heating = 'does not heat its battery'

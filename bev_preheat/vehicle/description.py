@@ -140,7 +140,7 @@ class Charging:
 
     `power_limit` is the most charging power [W, negative] over (state of charge, temperature): the
     battery's own charge limit if the file has no map for fast charging. `battery_heating`: whether
-    the car heats its battery while it charges, None if the file does not say;
+    the car can heat its battery while it charges, None if the file does not say;
     `heating_limit_c` is the battery temperature [deg C] up to which it does. The car draws at most
     `maximum_inlet_power_w` [W] from the charger in total. `has_own_limit`: the file has a map for fast charging.
     `power_limit` includes the derating of a hot battery; `assumed_fall_c` is the temperature [deg C] from which it

@@ -8,6 +8,7 @@ import numpy as np
 from plain_car import constant, plain_car
 import pytest
 
+from bev_preheat.charging.heating_choice import ChargerHeating
 from bev_preheat.charging.session import charge, STEP_S
 from bev_preheat.charging.spread import time_deviation
 from bev_preheat.charging.stop import arrival_state, ChargingStop, stop_after
@@ -28,7 +29,7 @@ PRICES = Prices(0.55, 12.0)
 # Warm enough that heating has a cost: for a colder battery it is free, as the heater at the charger would take
 # long.
 STATE, GOAL = BatteryState(6.0, 0.35), Goal(25.0)
-COLD = BatteryState(-5.0, 0.35)
+COLD, WARM = BatteryState(-5.0, 0.35), BatteryState(12.0, 0.35)
 
 
 def drive(minutes=25, ambient_c=-8.0, cabin_w=1500.0):
@@ -37,13 +38,24 @@ def drive(minutes=25, ambient_c=-8.0, cabin_w=1500.0):
         25.0, 15e3, 15e3, ambient_c, cabin_w, 400.0, 15e3)))
 
 
-def cost(vehicle, route, target_c, charger_w, prices=PRICES, state=STATE):
-    """Return the cost of one target: plan, session and money one after the other."""
-    plan = (plan_unheated(vehicle, route, state, GOAL) if target_c is None else
-            plan_preheating(vehicle, route, state, Goal(target_c)))
+def cost_of(vehicle, route, charger_w, prices=PRICES, state=STATE):
+    """Return the cost of one target as a function: plan, session and money one after the other."""
     stop = ChargingStop(charger_w, 0.8, float(route.ambient_temperature_c[-1]),
                         float(route.cabin_heating_power_w[-1]), 400.0)
-    session = charge(vehicle, stop, BatteryState(plan.arrival_temperature_c, plan.arrival_soc))
+    heating = ChargerHeating(vehicle, stop, prices)
+
+    def cost(target_c):
+        plan = (plan_unheated(vehicle, route, state, GOAL) if target_c is None else
+                plan_preheating(vehicle, route, state, Goal(target_c)))
+        arrival = BatteryState(plan.arrival_temperature_c, plan.arrival_soc)
+        session = charge(vehicle, stop, arrival, heating=heating.choose(arrival).limit)
+        return money(session, prices)
+
+    return cost
+
+
+def money(session, prices):
+    """Return the cost of a Session."""
     return (prices.energy_per_kwh * session.bought_energy_wh / 1000.0
             + prices.time_per_h * session.charging_time_s / 3600.0)
 
@@ -79,17 +91,17 @@ CORNERS = Table((0.0,), (-20.0, 0.0, 2.0, 12.0, 13.0, 40.0), (
 def test_the_best_target_is_that_of_a_fine_scan(vehicle, charger_w):
     route = drive()
     worth = find_worth(vehicle, route, STATE, GOAL, charger_w, 0.8, PRICES)
+    cost = cost_of(vehicle, route, charger_w)
+    assert worth.without_heating.cost == pytest.approx(cost(None), rel=1e-9)
     # Every half degree, and densely around its lowest point.
     scan_c = np.arange(math.ceil(worth.without_heating.target_c), 24.0, 0.5)
     lowest_c = scan_c[int(np.argmin([
-        cost(vehicle, route, target_c, charger_w) for target_c in scan_c]))]
+        cost(target_c) for target_c in scan_c]))]
     scan_c = np.arange(lowest_c - 0.45, lowest_c + 0.45, 0.05)
-    scanned = [cost(vehicle, route, target_c, charger_w) for target_c in scan_c]
+    scanned = [cost(target_c) for target_c in scan_c]
     assert worth.best.cost <= min(scanned) + 1e-6
     assert worth.best.target_c == pytest.approx(scan_c[int(np.argmin(scanned))], abs=0.075)
-    assert worth.best.cost == pytest.approx(
-        cost(vehicle, route, worth.best.target_c, charger_w), rel=1e-9)
-    assert worth.without_heating.cost == pytest.approx(cost(vehicle, route, None, charger_w), rel=1e-9)
+    assert worth.best.cost == pytest.approx(cost(worth.best.target_c), rel=1e-9)
 
 
 def test_targets_go_from_no_heating_to_the_vehicles_maximum(usual):
@@ -106,10 +118,12 @@ def test_a_target_that_the_battery_reaches_by_itself_is_no_heating():
     assert worth.fixed == replace(worth.without_heating, target_c=10.0)
 
 
-def test_break_even_is_the_value_of_time_at_which_the_best_target_changes(usual):
-    break_even = usual.break_even_value_of_time_per_h
+def test_break_even_is_the_value_of_time_at_which_the_best_target_changes():
+    # Heating at the charger depends on the value of time, too, so this car cannot heat there.
+    car = replace(REFERENCE, charging=replace(REFERENCE.charging, battery_heating=False))
+    break_even = find_worth(car, drive(), WARM, GOAL, 150e3, 0.8, PRICES).break_even_value_of_time_per_h
     assert 0.1 < break_even < 12.0
-    below, above = (find_worth(REFERENCE, drive(), STATE, GOAL, 150e3, 0.8, Prices(0.55, per_h))
+    below, above = (find_worth(car, drive(), WARM, GOAL, 150e3, 0.8, Prices(0.55, per_h))
                     for per_h in (0.9 * break_even, 1.1 * break_even))
     assert below.best == below.without_heating and above.best != above.without_heating
     assert below.break_even_value_of_time_per_h == pytest.approx(break_even, rel=0.02)
@@ -240,7 +254,7 @@ def test_the_spread_of_time_of_constant_power_is_that_of_the_consumption():
     # Without resistance, leakage and a limit only the energy of the drive counts.
     car = plain_car(limit=constant(-1e6))
     route = drive()
-    deviation = time_deviation(car, route, BatteryState(20.0, 0.6), Goal(10.0), 61900.0, 0.8)
+    deviation = time_deviation(car, route, BatteryState(20.0, 0.6), Goal(10.0), 61900.0, 0.8, PRICES)
     # 60 kW into the battery; 8 % of the 6.25 kWh of the drive.
     assert deviation.without_heating_s == pytest.approx(
         3600.0 * 15e3 * 25.0 / 60.0 * math.sinh(0.08) / 60e3, rel=1e-3)
@@ -249,7 +263,7 @@ def test_the_spread_of_time_of_constant_power_is_that_of_the_consumption():
 
 def test_the_spread_of_time_of_an_identified_car_is_that_of_its_file():
     variances = [time_deviation(
-        replace(REFERENCE, uncertainty=uncertainty), drive(), COLD, GOAL, 150e3, 0.8).without_heating_s**2
+        replace(REFERENCE, uncertainty=uncertainty), drive(), COLD, GOAL, 150e3, 0.8, PRICES).without_heating_s**2
         for uncertainty in (Uncertainty(), Uncertainty(0.0435, 0.08625, 0.08625, 0.02175),
                             Uncertainty(0.029, 0.0575, 0.0575, 0.0145))]
     # Three quarters and a half of the assumed deviations; the consumption's is always the same.
@@ -260,7 +274,7 @@ def test_the_spread_of_time_of_an_identified_car_is_that_of_its_file():
 def test_a_spread_without_an_end_is_infinite():
     frozen = Charging(Table((0.0,), (4.0, 20.0), ((0.0, -90e3),)), False)
     deviation = time_deviation(
-        replace(REFERENCE, charging=frozen), drive(), COLD, GOAL, 150e3, 0.8)
+        replace(REFERENCE, charging=frozen), drive(), COLD, GOAL, 150e3, 0.8, PRICES)
     assert deviation.without_heating_s == deviation.saved_s == math.inf
 
 

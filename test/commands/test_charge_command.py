@@ -7,8 +7,9 @@ from matplotlib.image import imread
 import pytest
 import yaml
 
-from bev_preheat.charging.session import charge
+from bev_preheat.charging.heating_choice import ChargerHeating
 from bev_preheat.charging.stop import ChargingStop
+from bev_preheat.charging.target_worth import Prices
 from bev_preheat.files.configuration import configuration_folder
 from bev_preheat.planning.planner import plan_preheating, plan_unheated
 from bev_preheat.planning.situation import BatteryState, Goal
@@ -32,10 +33,14 @@ def test_the_sessions_after_a_drive_are_those_of_its_plans(said, tmp_path):
     inputs = vehicle, route, BatteryState(-7.0, 0.7), Goal(25.0)
     stop = ChargingStop(150e3, 0.8, -7.0, 1978.0, 500.0)
     assert {key: written[key] for key in vars(stop)} == vars(stop)
+    heating = ChargerHeating(vehicle, stop, Prices(0.6, 10.0))
     for session, plan, name in zip(written['sessions'], (plan_preheating(*inputs), plan_unheated(*inputs)),
                                    ('preheated', 'without preheating')):
-        expected = charge(vehicle, stop, BatteryState(plan.arrival_temperature_c, plan.arrival_soc))
-        assert session == {'name': name, **expected.as_dictionary()}
+        expected = heating.compare(BatteryState(plan.arrival_temperature_c, plan.arrival_soc))
+        assert session == {'name': name, **expected.session.as_dictionary(),
+                           'charger_heating': expected.as_dictionary()}
+        assert expected.cost <= min(expected.cost_always, expected.cost_never)
+    assert 'At the charger ' in output or ': at the charger ' in output
     assert written['plan']['status'] == 'WAITING' and written['vehicle_assumed'] == []
     preheated, unheated = written['sessions']
     saved_s = unheated['charging_time_s'] - preheated['charging_time_s']

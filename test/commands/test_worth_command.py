@@ -9,7 +9,7 @@ import pytest
 # Section 8 of the design: the JSON that other programs read.
 KEYS = {'targets', 'best', 'without_heating', 'break_even_value_of_time_per_h', 'verdict'}
 TARGET_KEYS = {'target_c', 'arrival_temperature_c', 'arrival_soc', 'hvch_electric_wh',
-               'charging_time_s', 'bought_energy_wh', 'cost'}
+               'charging_time_s', 'bought_energy_wh', 'cost', 'charger_heating', 'charger_heating_wh'}
 DRIVE = ['worth', '--vehicle', 'reference', '--route', 'winter_commute', '--temperature', '-2', '--soc',
          '0.3', '--charger-power', '140000', '--departure-soc', '0.7']
 

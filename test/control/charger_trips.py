@@ -6,7 +6,7 @@ import math
 import numpy as np
 from stepwise import Stepwise
 
-from bev_preheat.charging.session import charge
+from bev_preheat.charging.heating_choice import ChargerHeating
 from bev_preheat.charging.stop import Charger, ChargingStop
 from bev_preheat.charging.target_worth import Prices
 from bev_preheat.control.inputs import Leg, Measurement, Mission, NS_PER_S
@@ -58,7 +58,11 @@ def cost(vehicle, route, state, target_c, charger, prices=PRICES, minimum_soc=0.
     plan = (plan_unheated if target_c is None else plan_preheating)(vehicle, route, state, goal)
     stop = ChargingStop(charger.power_w, charger.departure_soc, float(route.ambient_temperature_c[-1]),
                         float(route.cabin_heating_power_w[-1]), float(route.auxiliary_power_w[-1]))
-    session = charge(vehicle, stop, BatteryState(plan.arrival_temperature_c, plan.arrival_soc))
+    heating = ChargerHeating(vehicle, stop, prices)
+    unheated = plan_unheated(vehicle, route, state, goal)
+    # The unheated arrival comes first, as in the search: the heat at the charger is fitted to it.
+    for arrived in (unheated, plan):
+        session = heating.choose(BatteryState(arrived.arrival_temperature_c, arrived.arrival_soc)).session
     return (prices.energy_per_kwh * session.bought_energy_wh / 1000.0
             + prices.time_per_h * session.charging_time_s / 3600.0)
 

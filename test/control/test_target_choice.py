@@ -25,7 +25,7 @@ import numpy as np
 import pytest
 from stepwise import Stepwise
 
-from bev_preheat.charging.session import charge
+from bev_preheat.charging.heating_choice import ChargerHeating
 from bev_preheat.charging.stop import ChargingStop
 from bev_preheat.charging.worth import find_worth
 from bev_preheat.control import target_choice
@@ -72,8 +72,10 @@ def test_the_target_costs_what_the_best_costs(charger, state):
 def test_the_session_is_told_with_the_target_and_without_heating():
     decision = feed(a_supervisor())
     plans = decision.plan, plan_unheated(VEHICLE, drive(), STATE, Goal(25.0))
-    sessions = [charge(VEHICLE, ChargingStop(150e3, 0.8, -8.0, 1500.0, 400.0), BatteryState(
-        plan.arrival_temperature_c, plan.arrival_soc)) for plan in plans]
+    heating = ChargerHeating(VEHICLE, ChargingStop(150e3, 0.8, -8.0, 1500.0, 400.0), PRICES)
+    # The unheated arrival comes first, as in the search.
+    sessions = [heating.choose(BatteryState(plan.arrival_temperature_c, plan.arrival_soc)).session
+                for plan in reversed(plans)][::-1]
     choice = decision.target
     assert (choice.charging_time_s, choice.bought_energy_wh, choice.unheated_charging_time_s,
             choice.unheated_bought_energy_wh) == pytest.approx((

@@ -8,7 +8,8 @@ import casadi
 import numpy as np
 import pytest
 
-from bev_preheat.charging.equations import heated_c
+from bev_preheat.charging.equations import heated_c, heater_power_of
+from bev_preheat.charging.heating_choice import ChargerHeating
 from bev_preheat.charging.session import charge
 from bev_preheat.charging.stop import ChargingStop, stop_after
 from bev_preheat.charging.target_worth import Prices
@@ -78,7 +79,7 @@ def test_a_program_that_may_heat_at_any_time_finds_the_best_switch_of_a_scan():
     program = ChargingProgram(vehicle, route, state, GOAL, stop, prices)
     attempt = program.attempt(plan_unheated(vehicle, route, state, GOAL))
     # Without limits late heat is best: full power from some instant on, one step heated in part.
-    costs = []
+    costs, heating = [], ChargerHeating(vehicle, stop, prices)
     limit_w = vehicle.hvch.maximum_power_w - 1500.0
     for heated_steps in np.arange(0.0, 25.0, 0.1):
         soc, temperature_c = state.soc, state.temperature_c
@@ -86,8 +87,7 @@ def test_a_program_that_may_heat_at_any_time_finds_the_best_switch_of_a_scan():
             heater_w = limit_w * min(max(heated_steps - (24 - k), 0.0), 1.0)
             for _ in range(20):
                 soc, temperature_c = own_step(vehicle, soc, temperature_c, heater_w, 3.0)
-        session = charge(vehicle, stop, BatteryState(temperature_c, soc))
-        costs.append(prices.cost(session.bought_energy_wh, session.charging_time_s))
+        costs.append(heating.choose(BatteryState(temperature_c, soc)).cost)
     assert attempt.driven.cost == pytest.approx(min(costs), rel=2e-5)
     # The program's own cost has rounded corners and longer steps.
     assert attempt.program_cost == pytest.approx(attempt.driven.cost, rel=1e-3)
@@ -134,7 +134,8 @@ def test_its_steps_lead_where_the_session_does(vehicle, monkeypatch):
         reached = states
         # The temperature at the end is implicit: the program solves for it; here it is iterated.
         for _ in range(20):
-            *reached, terminal_w, drawn_w = map(float, step(*states, duration_s, heated_c(vehicle, *reached[1:])))
+            *reached, terminal_w, drawn_w = map(float, step(
+                *states, duration_s, heated_c(vehicle, *reached[1:]), heater_power_of(vehicle, stop)))
         states = reached
         bought_j += duration_s * (terminal_w + drawn_w + 1900.0)
     assert states[0] == pytest.approx(0.5, abs=1e-4)

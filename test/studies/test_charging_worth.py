@@ -34,10 +34,10 @@ def test_a_row_compares_with_no_heating():
     without = TargetWorth(3.0, 3.0, 0.2, 0.0, 2400.0, 40e3, 30.0)
     best = TargetWorth(16.04, 16.0, 0.18, 900.0, 1800.0, 41e3, 29.25)
     fixed = TargetWorth(25.0, 25.0, 0.17, 1900.0, 1740.0, 42e3, 30.5)
-    assert row(WorthCase(50e3, -7.0, 0.1), Worth((), best, without, fixed, 2.345, '')) == (
+    assert row(WorthCase(50e3, -7.0, 0.1), Worth((), best, without, fixed, 2.345, '', None, None)) == (
         '50 kW', '-7', '10 %', '3.0', '40:00 min', '29:00 min', '+0.50', '16.0', '30:00 min', '-0.75',
         '2.35')
-    assert row(WorthCase(50e3, -7.0, 0.1), Worth((), without, without, fixed, None, ''))[7:] == (
+    assert row(WorthCase(50e3, -7.0, 0.1), Worth((), without, without, fixed, None, '', None, None))[7:] == (
         'none', '40:00 min', '+0.00', '–')
 
 
@@ -53,11 +53,11 @@ def test_a_row_of_the_winter_table_compares_with_none_and_with_the_fixed_target(
     best = TargetWorth(16.04, 16.0, 0.18, 900.0, 1800.0, 41e3, 29.25)
     fixed = TargetWorth(25.0, 25.0, 0.17, 1900.0, 1740.0, 42e3, 30.5)
     case = WorthCase(50e3, -10.0, 0.1)
-    assert winter_row(case, Worth((), best, without, fixed, 2.345, '')) == (
+    assert winter_row(case, Worth((), best, without, fixed, 2.345, '', None, None)) == (
         '-10', '50 kW', '16.0', '40.0', '29.0', '30.0', '+10.0', '+1.00', '-0.75', '-1.0', '-1.00', '-1.25')
     # 40 s more than with the fixed target, and no zero with a minus.
     assert winter_row(case, Worth((), without, without, replace(
-        fixed, charging_time_s=2400.4, cost=30.001), None, ''))[2:] == (
+        fixed, charging_time_s=2400.4, cost=30.001), None, '', None, None))[2:] == (
             'none', '40.0', '40.0', '40.0', '+0.0', '+0.00', '+0.00', '+0.0', '-2.00', '+0.00')
 
 
