@@ -22,6 +22,7 @@ PURPOSES = {
     'gpxpy': 'reads GPX files',
     'jinja2': 'writes reports',
     'matplotlib': 'draws figures',
+    'mcap': 'writes and reads flight recordings',
     'pandas': 'holds results as tables',
     'pint': 'converts the units of logs',
     'plotext': 'draws the chart',
