@@ -20,7 +20,9 @@ ENTRY_POINTS = {
     'planner': f'{PACKAGE}.nodes.executables:planner',
     'nlp_checker': f'{PACKAGE}.nodes.executables:nlp_checker',
     'charger_adviser': f'{PACKAGE}.nodes.executables:charger_adviser',
+    'bus_gateway': f'{PACKAGE}.nodes.executables:bus_gateway',
     'route_publisher': f'{PACKAGE}.nodes.executables:route_publisher',
+    'heater_controller': f'{PACKAGE}.nodes.executables:heater_controller',
     'vehicle_simulator': f'{PACKAGE}.nodes.executables:vehicle_simulator',
     'preheat': f'{PACKAGE}.commands.main:main',
 }
@@ -33,6 +35,7 @@ CONFIGURATION, CORE = f'{PACKAGE}.config', f'{PACKAGE}.native.libbev_preheat_cor
 # The oldest supported versions are those of scripts/requirements-oldest.txt.
 REQUIREMENTS = ['argcomplete>=3.1.4', 'jsonschema>=4.10.3', 'numpy>=1.26.4', 'pyyaml>=6.0.1', 'rich>=13.7.1']
 EXTRAS = {
+    'bus': ['cantools>=39', 'kuksa-client>=0.4.3', 'pint>=0.19', 'pyserial>=3.5', 'python-can>=4.0'],
     'nlp': ['casadi>=3.6'],
     'plot': ['matplotlib>=3.6.3'],
     'identify': ['casadi>=3.6', 'jinja2>=3.1.2', 'matplotlib>=3.6.3', 'scipy>=1.11.4'],
@@ -118,6 +121,7 @@ setup(
                             'route/legs_schema.yaml', 'logs/signal_map_schema.yaml',
                             'charging/chargers_schema.yaml', 'identification/report.html',
                             'charging/published_times.yaml', 'charging/published_times_schema.yaml',
+                            'control/departures_schema.yaml', 'control/grid_prices_schema.yaml',
                             'control/itinerary_schema.yaml',
                             'simulation/scenario_schema.yaml', 'vehicle/chemistry.yaml',
                             'vehicle/vehicle_template.yaml',

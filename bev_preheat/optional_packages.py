@@ -13,14 +13,16 @@ from bev_preheat.errors import InvalidInput
 # Purpose of each module.
 PURPOSES = {
     'asammdf': 'reads MDF4 files',
-    'can': 'reads recordings of CAN frames',
+    'can': 'reads CAN frames from buses and recordings',
     'cantools': 'decodes CAN signals by a DBC',
     'casadi': 'solves the nonlinear program',
+    'crccheck': 'computes the checksums of CAN frames',
     'distributed': 'runs studies on a cluster',
     'do_mpc': 'is the benchmark of the nonlinear program',
     'elftools': 'reads object files',
     'gpxpy': 'reads GPX files',
     'jinja2': 'writes reports',
+    'kuksa_client': 'talks to a VSS databroker',
     'matplotlib': 'draws figures',
     'mcap': 'writes and reads flight recordings',
     'pandas': 'holds results as tables',
@@ -29,11 +31,13 @@ PURPOSES = {
     'psutil': 'measures processes',
     'rosbags': 'reads rosbag2 and MCAP files',
     'scipy': 'fits vehicles to logs and to the paper',
+    'serial': 'opens the serial port of a CAN adapter',
     'unicorn': "emulates a control unit's processor",
 }
 # Distribution names that differ from the module's name, and targets of make that install
 # the package, if not setup.
-PACKAGES = {'can': 'python-can', 'do_mpc': 'do-mpc', 'elftools': 'pyelftools'}
+PACKAGES = {'can': 'python-can', 'do_mpc': 'do-mpc', 'elftools': 'pyelftools', 'kuksa_client': 'kuksa-client',
+            'serial': 'pyserial'}
 TARGETS = {'do_mpc': 'bench', 'unicorn': 'footprint'}
 
 

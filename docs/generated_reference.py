@@ -16,6 +16,7 @@ from bev_preheat.commands.arguments import make_parser
 from bev_preheat.commands.main import SUBCOMMANDS
 from bev_preheat.nodes import (
     charger_adviser_node,
+    heater_controller_node,
     nlp_checker_node,
     planner_node,
     route_publisher_node,
@@ -25,12 +26,13 @@ from bev_preheat.nodes.diagnostics import HEATER_LEVELS, HEATER_SENTENCES, LEVEL
 from bev_preheat.planning.status import Status
 
 ROOT = Path(__file__).resolve().parents[1]
-MESSAGES = ('RoutePlan', 'RouteProgress', 'HvchCommand', 'PreheatPlan', 'OptimalityReport')
+MESSAGES = ('RoutePlan', 'RouteProgress', 'HvchCommand', 'HvchStatus', 'PreheatPlan', 'OptimalityReport')
 ACTIONS = ('PrepareBattery',)
 SERVICES = ('RankChargers',)
 SERVICE_PARTS = ('Request', 'Response')
 ACTION_PARTS = ('Goal', 'Result', 'Feedback')
-NODES = (planner_node, nlp_checker_node, charger_adviser_node, route_publisher_node, vehicle_simulator_node)
+NODES = (planner_node, nlp_checker_node, charger_adviser_node, route_publisher_node, heater_controller_node,
+         vehicle_simulator_node)
 SCHEMAS = {'vehicle': 'vehicle/schema.yaml', 'legs': 'route/legs_schema.yaml',
            'chargers': 'charging/chargers_schema.yaml',
            'itinerary': 'control/itinerary_schema.yaml',
@@ -43,7 +45,7 @@ UNIT = re.compile(r' ?\[(deg C|K|s|m|m/s|W|Wh)\]')
 
 
 def write_reference(folder):
-    """Write all files into a folder; one that has not changed keeps its time stamp."""
+    """Write all files into a folder; an unchanged file keeps its time stamp."""
     folder.mkdir(parents=True, exist_ok=True)
     pages = {'messages': messages(), 'parameters': parameters(), 'statuses': statuses(),
              'heater': heater(), 'command_line': command_line(),
@@ -131,7 +133,7 @@ def blocks(text):
     Yield (kind, comment, definitions) from the text of a .msg file.
 
     A comment with an empty line behind it is a 'paragraph'; one right above definitions belongs to
-    all of them up to the next comment, which are 'constants' or a 'field'.
+    all definitions up to the next comment, which are 'constants' or a 'field'.
     """
     comment, definitions = [], []
 
@@ -198,7 +200,7 @@ def parameters():
 
 
 def allowed(parameter):
-    """Return what a parameter may be."""
+    """Return the allowed values of a parameter."""
     if parameter.choices:
         return ', '.join(map(code, parameter.choices))
     if isinstance(parameter.default, bool):
@@ -248,7 +250,7 @@ def key_rows(path, schema, comments, node, keys, depth=0, mark=''):
     Yield the rows of the keys below a node of the schema, indented; `keys` lead to it in the file.
 
     A key may refer to the schema of another file, seen from the folder of this one's `path`. `mark`
-    stands before the first of them.
+    stands before the first row.
     """
     for key, value in node.get('properties', {}).items():
         place = (*keys, 'properties', key)
@@ -278,7 +280,7 @@ def key_rows(path, schema, comments, node, keys, depth=0, mark=''):
 
 
 def resolve(schema, node, place):
-    """Return what a node refers to, and where that stands."""
+    """Return the target of a node's reference and its place; without a reference the node itself."""
     if isinstance(node, dict) and '$ref' in node:
         place = tuple(node['$ref'].removeprefix('#/').split('/'))
         for key in place:
@@ -308,7 +310,7 @@ def value_text(node, schema):
 
 
 def list_text(node, schema):
-    """Return what a list may hold."""
+    """Return the allowed contents of a list."""
     items, _ = resolve(schema, node.get('items', {}), ())
     least, most = node.get('minItems'), node.get('maxItems')
     count = f'{least} ' if least is not None and least == most else ''

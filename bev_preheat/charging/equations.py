@@ -3,16 +3,30 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+import math
+from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.numerics.arithmetic import Arithmetic, Number
 from bev_preheat.vehicle.charging import charging_of
+from bev_preheat.vehicle.model import make_runge_kutta_4, stage_mean
 
 if TYPE_CHECKING:
     from bev_preheat.charging.stop import ChargingStop
     from bev_preheat.numerics.arithmetic import AnyNumber, CurveFunction
-    from bev_preheat.vehicle.description import Vehicle
-    from bev_preheat.vehicle.model import Rates
+    from bev_preheat.vehicle.description import Cooling, Vehicle
+    from bev_preheat.vehicle.model import Rates, Step
+
+    # `powers(temperature_c, left_w)` -> electrical power of the cooling, heat flow out of the battery [W].
+    CoolingPowers = Callable[[AnyNumber, AnyNumber], tuple[AnyNumber, AnyNumber]]
+
+
+class ChargingPowers(NamedTuple):
+    """Powers of a session [W]: into the terminals, of the cooling, and its heat flow out of the battery."""
+
+    terminal_w: AnyNumber
+    cooling_w: AnyNumber
+    cooled_w: AnyNumber
 
 
 def supply_of(vehicle: Vehicle, stop: ChargingStop) -> float:
@@ -54,20 +68,56 @@ def charging_power(limit_w: AnyNumber, left_w: AnyNumber,
     return arithmetic.maximum(0.0, arithmetic.minimum(left_w, -limit_w))  # type: ignore[arg-type]
 
 
-def make_charging_rates(limit_w: CurveFunction[Number], rates: Rates[Number],
+def make_cooling(cooling: Cooling | None, ambient_c: float,
+                 arithmetic: Arithmetic[Number]) -> CoolingPowers:
+    """
+    Return `powers(temperature_c, left_w)`: the electrical power of the cooling and its heat flow [W].
+
+        Q_c = max(0, min(Q_max (T - T_set) / band, Q_max, G (T - T_amb), COP P_left)),   P_c = Q_c / COP
+
+    `left_w` [W] is the power that charger and inlet leave for cooling and battery, `ambient_c` [deg C] the air.
+    G bounds a radiator. A cooling that the charger cannot feed cools with the power that is there.
+    """
+    if cooling is None:
+        return lambda temperature_c, left_w: (0.0, 0.0)
+    minimum, maximum = arithmetic.minimum, arithmetic.maximum
+    ratio, most_w = cooling.coefficient_of_performance, cooling.cooling_power_w
+    slope_w_per_k = most_w / cooling.proportional_band_k
+
+    def powers(temperature_c: AnyNumber, left_w: AnyNumber) -> tuple[AnyNumber, AnyNumber]:
+        heat_w = minimum(slope_w_per_k * (temperature_c - cooling.set_point_c), most_w)
+        if math.isfinite(cooling.radiator_conductance_w_per_k):
+            heat_w = minimum(heat_w, cooling.radiator_conductance_w_per_k * (temperature_c - ambient_c))
+        heat_w = maximum(0.0, minimum(heat_w, ratio * left_w))
+        return heat_w / ratio, heat_w
+
+    return powers
+
+
+def make_charging_rates(limit_w: CurveFunction[Number], cooling: CoolingPowers, rates: Rates[Number],
                         arithmetic: Arithmetic[Number]) -> Rates[AnyNumber]:
     """
     Return the model's `rates` under the charging power at each state.
 
-    `limit_w(soc, temperature_c)` is the highest charging power [W, negative]. In place of the terminal power
-    the rates take the power left for the battery, negative, and in place of the Joule heat they return the
-    charging power [W].
+    `limit_w(soc, temperature_c)` is the highest charging power [W, negative], `cooling` that of `make_cooling`. In
+    place of the terminal power the rates take the power left for cooling and battery, negative, and in place of the
+    Joule heat they return the ChargingPowers.
     """
     def charged(soc: AnyNumber, temperature_c: AnyNumber, left_w: AnyNumber, variance_w2: AnyNumber,
                 heat_w: AnyNumber, leakage_w_per_k: AnyNumber) -> tuple[AnyNumber, AnyNumber, AnyNumber]:
-        terminal_w = charging_power(limit_w(soc, temperature_c), -left_w, arithmetic)
+        cooling_w, cooled_w = cooling(temperature_c, -left_w)
+        terminal_w = charging_power(limit_w(soc, temperature_c), -left_w - cooling_w, arithmetic)
         soc_rate, temperature_rate, _ = rates(
-            soc, temperature_c, -terminal_w, variance_w2, heat_w, leakage_w_per_k)
-        return soc_rate, temperature_rate, terminal_w
+            soc, temperature_c, -terminal_w, variance_w2, heat_w - cooled_w, leakage_w_per_k)
+        return soc_rate, temperature_rate, ChargingPowers(terminal_w, cooling_w, cooled_w)
 
     return charged
+
+
+def _means(*stages: ChargingPowers) -> ChargingPowers:
+    return ChargingPowers(*(stage_mean(*powers) for powers in zip(*stages)))
+
+
+def make_charging_step(rates: Rates[AnyNumber]) -> Step[AnyNumber]:
+    """Return one Runge-Kutta step of `make_charging_rates`; its last result is the mean ChargingPowers."""
+    return make_runge_kutta_4(rates, _means)

@@ -2,12 +2,13 @@
 """
 A charging session: the model's own equations, with the terminal power that charger and battery allow.
 
-    P_c = min(P_max - P_aux - P_cabin - P_h, |P_limit(s, T)|) >= 0     into the battery's terminals
+    P_b = min(P_max - P_aux - P_cabin - P_h - P_c, |P_limit(s, T)|) >= 0     into the battery's terminals
     P_h = P_hvch_max - P_cabin while the car heats at the charger and T_h is below its limit, else 0
+    P_c   of the active cooling, by the battery temperature (`equations.make_cooling`)
 
 T_h is the battery temperature with the heat under way (`equations.heated_c`): T itself if heat arrives at once.
-P_max is the power of charger and inlet. Cabin and auxiliaries are served first, then the heater, which gives way
-at a weak charger, then the battery. Equations, integrator and heat path are those of `vehicle`; only the power is
+P_max is the power of charger and inlet. Cabin and auxiliaries are served first, then heater and cooling, which give
+way at a weak charger, then the battery. Equations, integrator and heat path are those of `vehicle`; only the power is
 chosen here, at each stage of a step. Steps end when heating ends and when the departure's state of charge is
 reached.
 """
@@ -27,15 +28,17 @@ from bev_preheat.charging.equations import (
     heated_heat_capacity_j_per_k,
     heater_power_of,
     make_charging_rates,
+    make_charging_step,
+    make_cooling,
     supply_of,
 )
 from bev_preheat.charging.stop import check_stop
 from bev_preheat.numerics.arithmetic import FLOATS
-from bev_preheat.planning.bracketing import close_in, follow_slope, Trial
+from bev_preheat.planning.bracketing import close_in, follow_slope, halve, Trial
 from bev_preheat.planning.dynamics import hottest_c, JOULES_PER_WH
-from bev_preheat.vehicle.charging import charging_of
+from bev_preheat.vehicle.charging import charging_of, vehicle_at_charger
 from bev_preheat.vehicle.heated_step import make_heat_step
-from bev_preheat.vehicle.model import make_rates, make_runge_kutta_4
+from bev_preheat.vehicle.model import make_rates
 
 if TYPE_CHECKING:
     from bev_preheat.charging.stop import ChargingStop
@@ -62,6 +65,7 @@ SOC_TOLERANCE = 1e-12
 # A battery that is short by less state of charge than this counts as charged.
 DEFICIT_SOC = 1e-9
 MOST_TRIALS = 60
+SETTLING_HALVINGS = 30
 
 
 @dataclass(frozen=True)
@@ -69,9 +73,9 @@ class SessionEnergies:
     """
     Energies of a session [Wh].
 
-    `bought` goes to `terminal` (into the battery's terminals), `hvch_electric`, `cabin` and
+    `bought` goes to `terminal` (into the battery's terminals), `hvch_electric`, `cooling_electric`, `cabin` and
     `auxiliary`. Of `terminal`, `joule` becomes heat and `stored` charge (the integral of U_oc dQ).
-    Heat of the battery: `joule`, `hvch_heat` and `leakage`, which is negative where heat is lost.
+    Heat of the battery: `joule`, `hvch_heat` and `leakage`, which is negative where heat is lost, less `cooling_heat`.
     """
 
     bought: float
@@ -83,6 +87,8 @@ class SessionEnergies:
     cabin: float
     auxiliary: float
     leakage: float
+    cooling_electric: float = 0.0
+    cooling_heat: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,8 +97,8 @@ class Session:
     A charging session; times in seconds after plugging in.
 
     `problem` explains why it does not reach the departure's state of charge, or is None. Shapes: `time_s`,
-    `battery_temperature_c` and `soc` (N + 1,); `charging_power_w` (into the terminals) and
-    `hvch_battery_power_w` (N,), the mean in each step [W].
+    `battery_temperature_c` and `soc` (N + 1,); `charging_power_w` (into the terminals), `hvch_battery_power_w`
+    and `cooling_power_w` (electrical) (N,), the mean in each step [W].
     """
 
     problem: str | None
@@ -101,6 +107,7 @@ class Session:
     soc: FloatArray
     charging_power_w: FloatArray
     hvch_battery_power_w: FloatArray
+    cooling_power_w: FloatArray
     energy_wh: SessionEnergies
 
     @property
@@ -128,7 +135,8 @@ class Session:
             'battery_temperature_c': self.battery_temperature_c.tolist(),
             'soc': self.soc.tolist(),
             'charging_power_w': self.charging_power_w.tolist(),
-            'hvch_battery_power_w': self.hvch_battery_power_w.tolist()}
+            'hvch_battery_power_w': self.hvch_battery_power_w.tolist(),
+            'cooling_power_w': self.cooling_power_w.tolist()}
 
 
 class _SessionState(NamedTuple):
@@ -149,6 +157,8 @@ class _Step(NamedTuple):
     drawn_w: float
     arriving_w: float
     leakage_w: float
+    cooling_w: float
+    cooled_w: float
 
 
 def charge(vehicle: Vehicle, stop: ChargingStop, state: BatteryState, step_s: float = STEP_S) -> Session:
@@ -180,6 +190,7 @@ class _Plug:
     """One vehicle at one charger: the step that follows a state."""
 
     def __init__(self, vehicle: Vehicle, stop: ChargingStop, step_s: float) -> None:
+        vehicle = vehicle_at_charger(vehicle)
         self._vehicle, self._stop = vehicle, stop
         charging, battery = charging_of(vehicle), vehicle.battery
         self._limit_w = charging.power_limit.function(FLOATS)
@@ -188,14 +199,17 @@ class _Plug:
         self._heated_below_c = charging.heated_below_c
         self._leakage_w_per_k = battery.leakage.coefficient_w_per_k(0.0)
         self._idle_heat_w = self._leakage_w_per_k * stop.ambient_c
-        self._rates = make_rates(vehicle, FLOATS)
-        self._integrate = make_runge_kutta_4(
-            make_charging_rates(self._limit_w, self._rates, FLOATS))
+        self._cooling = make_cooling(charging.cooling, stop.ambient_c, FLOATS)
+        self._rates = make_charging_rates(self._limit_w, self._cooling, make_rates(vehicle, FLOATS), FLOATS)
+        self._integrate = make_charging_step(self._rates)
         self._heat_step = make_heat_step(vehicle, FLOATS)
         self._hottest_c = hottest_c(vehicle)
         self._step_s = step_s
-        self._most_step_s = math.inf if self._leakage_w_per_k == 0.0 else (
-            TIME_CONSTANT_SHARE * battery.heat_capacity_j_per_k / self._leakage_w_per_k)
+        fastest_w_per_k = self._leakage_w_per_k + (
+            0.0 if charging.cooling is None else
+            charging.cooling.cooling_power_w / charging.cooling.proportional_band_k)
+        self._most_step_s = math.inf if fastest_w_per_k == 0.0 else (
+            TIME_CONSTANT_SHARE * battery.heat_capacity_j_per_k / fastest_w_per_k)
 
     def _power_w(self, soc: float, temperature_c: float, left_w: float) -> float:
         """Return P_c [W] at a state, with `left_w` [W] left by all others."""
@@ -215,11 +229,13 @@ class _Plug:
 
         def may_charge(at_c: float) -> bool:
             left_w = self._supply_w - self._command_w(at_c)
-            return self._power_w(soc, at_c, left_w) > LEAST_POWER_W
+            return self._power_w(soc, at_c, left_w - self._cooling(at_c, left_w)[0]) > LEAST_POWER_W
 
         if may_charge(temperature_c):
             return None
         settled_c = self._settled_c(temperature_c, self._command_w(temperature_c))
+        if self._vehicle.charging is not None and self._vehicle.charging.cooling is not None:
+            settled_c = min(settled_c, self._cooled_down_c(temperature_c))
         # Heat under way comes on top.
         late_k = max(0.0, state.excess_k) + (
             self._vehicle.heat_path.heater_lag_s * self._vehicle.hvch.efficiency * state.heater_w
@@ -229,12 +245,41 @@ class _Plug:
         if any(map(may_charge, np.linspace(temperature_c, settled_c, OUTLOOK_POINTS).tolist())):
             return None
         at = f'at {100.0 * soc:.1f} % and {temperature_c:.1f} degC'
+        if -self._limit_w(soc, settled_c) > LEAST_POWER_W and settled_c < temperature_c:
+            return (f'{at} the cooling takes all the power that is left, and the battery gets no colder than '
+                    f'{settled_c:.1f} degC')
         if -self._limit_w(soc, settled_c) > LEAST_POWER_W:
             return (f'{at} the heater takes all the power that is left, and the battery gets no warmer '
                     f'than {settled_c:.1f} degC')
-        warmer = (f', and the battery gets no warmer than {settled_c:.1f} degC'
-                  if settled_c > temperature_c else '')
-        return f'{at} the battery takes less than {LEAST_POWER_W:g} W{warmer}'
+        end = ''
+        if settled_c > temperature_c:
+            end = f', and the battery gets no warmer than {settled_c:.1f} degC'
+        elif self._is_hot(soc, temperature_c):
+            end = f', and the battery gets no colder than {settled_c:.1f} degC'
+        return f'{at} the battery takes less than {LEAST_POWER_W:g} W{end}'
+
+    def _is_hot(self, soc: float, temperature_c: float) -> bool:
+        """Return whether the battery would take more power if it were colder."""
+        coldest_c = self._vehicle.battery.temperature_range_c[0]
+        return any(-self._limit_w(soc, at_c) > LEAST_POWER_W for at_c in np.linspace(
+            coldest_c, temperature_c, OUTLOOK_POINTS).tolist())
+
+    def _cooled_down_c(self, temperature_c: float) -> float:
+        """Return the temperature down to which leakage and cooling bring a battery that is not charged [deg C]."""
+        coldest_c = min(self._stop.ambient_c, temperature_c)
+        if self._leakage_w_per_k == 0.0:
+            assert self._vehicle.charging is not None and self._vehicle.charging.cooling is not None
+            return min(temperature_c, max(coldest_c, self._vehicle.charging.cooling.set_point_c))
+
+        def is_warmer(at_c: float) -> bool:
+            left_w = self._supply_w - self._command_w(at_c)
+            return self._idle_heat_w - self._leakage_w_per_k * at_c - self._cooling(at_c, left_w)[1] < 0.0
+
+        if not is_warmer(temperature_c):
+            return temperature_c
+        # The heat balance falls strictly with the temperature; the radiator's air is no lower bound of a chiller.
+        lowest_c = min(coldest_c, self._vehicle.battery.temperature_range_c[0])
+        return halve(temperature_c, lowest_c, is_warmer, SETTLING_HALVINGS)
 
     def _settled_c(self, temperature_c: float, command_w: float) -> float:
         """Return the temperature at which a battery that is not charged settles [deg C]."""
@@ -303,12 +348,12 @@ class _Plug:
         other_heat_w = 0.0
         if self._vehicle.heat_path.has_coolant:
             other_heat_w = self._vehicle.battery.heat_capacity_j_per_k * self._rates(
-                soc, temperature_c, -self._power_w(soc, temperature_c, self._supply_w - command_w),
-                0.0, self._idle_heat_w, self._leakage_w_per_k)[1]
+                soc, temperature_c, command_w - self._supply_w, 0.0, self._idle_heat_w,
+                self._leakage_w_per_k)[1]
         drawn_w, arriving_w, heater_w, coolant_c = self._heat_step(
             state.heater_w, temperature_c + state.excess_k, temperature_c, duration_s, command_w,
             other_heat_w)
-        soc, end_c, mean_c, terminal_w = self._integrate(
+        soc, end_c, mean_c, powers = self._integrate(
             soc, temperature_c, duration_s, drawn_w - self._supply_w, 0.0,
             self._idle_heat_w + arriving_w, self._leakage_w_per_k)
         leakage_w = self._idle_heat_w - self._leakage_w_per_k * mean_c
@@ -318,8 +363,8 @@ class _Plug:
                           / duration_s)
             end_c = self._hottest_c
         excess_k = coolant_c - end_c if self._vehicle.heat_path.has_coolant else state.excess_k
-        return _Step(duration_s, _SessionState(soc, end_c, heater_w, excess_k), terminal_w, drawn_w,
-                     arriving_w, leakage_w)
+        return _Step(duration_s, _SessionState(soc, end_c, heater_w, excess_k), powers.terminal_w, drawn_w,
+                     arriving_w, leakage_w, powers.cooling_w, powers.cooled_w)
 
     def _cut(self, state: _SessionState, command_w: float, whole: _Step,
              excess_of: Callable[[_SessionState], float], tolerance: float) -> _Step:
@@ -338,14 +383,14 @@ def _session(vehicle: Vehicle, stop: ChargingStop, problem: str | None, states: 
              steps: list[_Step]) -> Session:
     """Return the Session from its simulated steps; its energies close the heat balance to rounding."""
     hours = np.array([step.duration_s for step in steps]) / JOULES_PER_WH
-    terminal_w, drawn_w, arriving_w, leakage_w = (
+    terminal_w, drawn_w, arriving_w, leakage_w, cooling_w, cooled_w = (
         np.array([getattr(step, name) for step in steps])
-        for name in ('terminal_w', 'drawn_w', 'arriving_w', 'leakage_w'))
-    terminal, drawn, arriving, leakage = (
-        float(hours @ power_w) for power_w in (terminal_w, drawn_w, arriving_w, leakage_w))
+        for name in ('terminal_w', 'drawn_w', 'arriving_w', 'leakage_w', 'cooling_w', 'cooled_w'))
+    terminal, drawn, arriving, leakage, cooling, cooled = (
+        float(hours @ power_w) for power_w in (terminal_w, drawn_w, arriving_w, leakage_w, cooling_w, cooled_w))
     side, temperature_c = float(hours.sum()), np.array([state.temperature_c for state in states])
     joule = (vehicle.battery.heat_capacity_j_per_k * float(temperature_c[-1] - temperature_c[0])
-             / JOULES_PER_WH - arriving - leakage)
+             / JOULES_PER_WH - arriving - leakage + cooled)
     cabin, auxiliary = side * stop.cabin_heating_power_w, side * stop.auxiliary_power_w
     return Session(
         problem=problem,
@@ -354,7 +399,8 @@ def _session(vehicle: Vehicle, stop: ChargingStop, problem: str | None, states: 
         soc=np.array([state.soc for state in states]),
         charging_power_w=terminal_w,
         hvch_battery_power_w=drawn_w,
+        cooling_power_w=cooling_w,
         energy_wh=SessionEnergies(
-            bought=terminal + drawn + cabin + auxiliary, terminal=terminal, stored=terminal - joule,
+            bought=terminal + drawn + cooling + cabin + auxiliary, terminal=terminal, stored=terminal - joule,
             joule=joule, hvch_electric=drawn, hvch_heat=arriving, cabin=cabin, auxiliary=auxiliary,
-            leakage=leakage))
+            leakage=leakage, cooling_electric=cooling, cooling_heat=cooled))

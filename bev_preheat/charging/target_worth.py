@@ -3,11 +3,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 import math
 
 WH_PER_KWH = 1000.0
 SECONDS_PER_H = 3600.0
+OF_UNCERTAINTY = 'charged_cost', 'not_charged_cost'
 
 
 @dataclass(frozen=True)
@@ -33,6 +34,9 @@ class TargetWorth:
     `hvch_electric_wh` is the heater's energy before arrival [Wh]. Charging time [s], bought energy [Wh] and cost
     are infinite if the session never ends. The target of a drive without heating is the temperature on arrival,
     the highest target that needs no heating.
+
+    If charging or arrival are uncertain (`expectation`), `cost` is the expected cost, `charged_cost` that with
+    charging on arrival and `not_charged_cost` that without; NaN if they are certain.
     """
 
     target_c: float
@@ -42,3 +46,13 @@ class TargetWorth:
     charging_time_s: float
     bought_energy_wh: float
     cost: float
+    charged_cost: float = math.nan
+    not_charged_cost: float = math.nan
+
+    def as_dictionary(self) -> dict[str, float]:
+        """Return it as `preheat worth --json` writes it, without the figures of an uncertain arrival if it is sure."""
+        figures = asdict(self)
+        if math.isnan(self.charged_cost):
+            for name in OF_UNCERTAINTY:
+                del figures[name]
+        return figures

@@ -6,9 +6,11 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from bev_preheat.charging.prospect import chance_text
 from bev_preheat.planning.explanation import duration_text
 
 if TYPE_CHECKING:
+    from bev_preheat.charging.prospect import ChargingProspect
     from bev_preheat.charging.target_worth import Prices, TargetWorth
 
 WH_PER_KWH = 1000.0
@@ -41,6 +43,20 @@ def verdict_on(best: TargetWorth, without: TargetWorth, break_even: float, price
         return 'Not worth it: heating before arrival saves neither time nor money at this charger.'
     return (f'Not worth it at {prices.time_per_h:.2f} an hour: heating pays as soon as an hour is worth '
             f'{break_even:.2f} to you.')
+
+
+def verdict_in_doubt(sentence: str, prospect: ChargingProspect, pays_from: float) -> str:
+    """
+    Return the sentence of `verdict_on` with the prospect of charging.
+
+    `pays_from` is the least probability of charging for which some heating pays, above 1: none.
+    """
+    if prospect.probability == 1.0 or prospect.wait_s is not None:
+        return sentence
+    pays = '' if pays_from > 1.0 else (
+        ' Some heating pays at any chance.' if pays_from == 0.0 else
+        f' Some heating pays from {chance_text(pays_from)} chance on.')
+    return f'{prospect.in_words} chance of charging: {sentence[0].lower()}{sentence[1:]}{pays}'
 
 
 def _saved_text(best: TargetWorth, without: TargetWorth, prices: Prices) -> str:

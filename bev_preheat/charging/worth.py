@@ -11,15 +11,18 @@ the map of the charging power has corners. So a grid is scanned, and refined aro
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import partial
 import math
 from typing import Any, TYPE_CHECKING
 
+from bev_preheat.charging.expectation import Expectation
+from bev_preheat.charging.pays_from import pays_from_per_h, pays_from_probability
+from bev_preheat.charging.prospect import CERTAIN, check_prospect
 from bev_preheat.charging.session import charge
 from bev_preheat.charging.stop import arrival_state, check_stop, refuse_stranded, stop_after
 from bev_preheat.charging.target_worth import Prices, TargetWorth
-from bev_preheat.charging.verdict import verdict_on
+from bev_preheat.charging.verdict import verdict_in_doubt, verdict_on
 from bev_preheat.errors import figure, figure_beyond, InvalidInput
 from bev_preheat.planning.bracketing import least_of, Trial
 from bev_preheat.planning.planner import DEFAULT_METHOD, plan_preheating, plan_unheated
@@ -28,6 +31,7 @@ from bev_preheat.planning.situation import check_situation
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    from bev_preheat.charging.prospect import ChargingProspect
     from bev_preheat.charging.session import Session
     from bev_preheat.charging.stop import ChargingStop
     from bev_preheat.planning.plan import Plan
@@ -42,8 +46,6 @@ GRID_K = 1.0
 TARGET_RESOLUTION_K = 0.05
 # Number of the grid's lowest minima that are refined.
 REFINED_MINIMA = 3
-# A saving of less than this [s] is rounding.
-LEAST_SAVED_S = 0.1
 MOST_PRICE_PER_KWH, MOST_VALUE_PER_H = 1e3, 1e6
 # Not a recommendation: the verdict states the value of time from which on heating pays.
 ENERGY_PRICE_PER_KWH, VALUE_OF_TIME_PER_H = 0.60, 10.0
@@ -56,6 +58,8 @@ class Worth:
 
     `best` costs the least, `fixed` is the result of heating to the usual target. `verdict` is for the driver.
     `break_even_value_of_time_per_h` is the least value of time for which some heating pays, or None.
+    `pays_from_probability` is the least probability of charging for which some heating pays, above 1 if none does;
+    None if it is certain.
     """
 
     targets: tuple[TargetWorth, ...]
@@ -64,14 +68,17 @@ class Worth:
     fixed: TargetWorth
     break_even_value_of_time_per_h: float | None
     verdict: str
+    pays_from_probability: float | None = None
 
     def as_dictionary(self) -> dict[str, Any]:
         """Return it as `preheat worth --json` writes it."""
-        return {'targets': [asdict(target) for target in self.targets],
-                'best': asdict(self.best), 'without_heating': asdict(self.without_heating),
-                'fixed_target': asdict(self.fixed),
+        return {'targets': [target.as_dictionary() for target in self.targets],
+                'best': self.best.as_dictionary(), 'without_heating': self.without_heating.as_dictionary(),
+                'fixed_target': self.fixed.as_dictionary(),
                 'break_even_value_of_time_per_h': self.break_even_value_of_time_per_h,
-                'verdict': self.verdict}
+                'verdict': self.verdict,
+                **({} if self.pays_from_probability is None else {
+                    'pays_from_probability': self.pays_from_probability})}
 
 
 def check_prices(prices: Prices) -> None:
@@ -87,16 +94,17 @@ def check_prices(prices: Prices) -> None:
 
 def find_worth(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal,
                charger_power_w: float, departure_soc: float, prices: Prices,
-               method: str = DEFAULT_METHOD) -> Worth:
+               method: str = DEFAULT_METHOD, prospect: ChargingProspect = CERTAIN) -> Worth:
     """
     Return the Worth of heating on a route to a charger of `charger_power_w` [W].
 
     `state` is the battery's at the start, `goal` gives the reserve on arrival and the usual target. Charging ends
-    at `departure_soc` (0 ... 1). Raises InvalidInput if an input is not allowed, the charge is not enough for the
-    trip, or the battery arrives with more than `departure_soc`.
+    at `departure_soc` (0 ... 1). With an uncertain `prospect` all costs are expected ones (`expectation`). Raises
+    InvalidInput if an input is not allowed, the charge is not enough for the trip, or the battery arrives with more
+    than `departure_soc`.
     """
     stop = stop_after(route, charger_power_w, departure_soc)
-    _check(vehicle, route, state, goal, stop, prices)
+    _check(vehicle, route, state, goal, stop, prices, prospect)
     unheated = plan_unheated(vehicle, route, state, goal)
     refuse_stranded(unheated)
 
@@ -104,7 +112,9 @@ def find_worth(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal,
         return plan_preheating(vehicle, route, state, replace(
             goal, target_temperature_c=target_c), method)
 
-    search = WorthSearch(vehicle, stop, unheated, goal.target_temperature_c, prices, plan_to)
+    search = WorthSearch(
+        vehicle, stop, unheated, goal.target_temperature_c, prices, plan_to, None if prospect.is_certain else
+        Expectation(vehicle, route, state, stop, prospect, prices, unheated))
     search.advance(math.inf)
     return search.worth()
 
@@ -123,8 +133,13 @@ class WorthSearch:
     """
 
     def __init__(self, vehicle: Vehicle, stop: ChargingStop, unheated: Plan, usual_c: float, prices: Prices,
-                 plan_to: Callable[[float], Plan]) -> None:
-        """Simulate the session without heating; raises what `session.charge` raises."""
+                 plan_to: Callable[[float], Plan], expectation: Expectation | None = None) -> None:
+        """
+        Simulate the session without heating; raises what `session.charge` raises.
+
+        An `expectation` makes all costs expected ones.
+        """
+        self._expectation = expectation
         self._vehicle, self._stop, self._usual_c, self._prices = vehicle, stop, usual_c, prices
         self._plan_to = plan_to
         self._sessions: dict[BatteryState, Session] = {}
@@ -140,10 +155,11 @@ class WorthSearch:
         if arrival not in self._sessions:
             self._sessions[arrival] = charge(self._vehicle, self._stop, arrival)
         session = self._sessions[arrival]
-        return TargetWorth(
+        item = TargetWorth(
             target_c, plan.arrival_temperature_c, plan.arrival_soc, plan.energy_wh.hvch_electric,
             session.charging_time_s, session.bought_energy_wh,
             self._prices.cost(session.bought_energy_wh, session.charging_time_s))
+        return item if self._expectation is None else self._expectation.of(item, plan)
 
     def look_at(self, target_c: float) -> TargetWorth:
         """Return the TargetWorth of a target [deg C], with a plan and a session for a new target."""
@@ -179,11 +195,19 @@ class WorthSearch:
         self._at(self._usual_c)
 
         def pays_from(target_c: float) -> float:
-            return pays_from_per_h(self._at(target_c), self.without, self._prices.energy_per_kwh)
+            return self._pays_from_per_h(self._at(target_c))
 
         values = list(map(pays_from, grid_c))
         if 0.0 < min(values) < math.inf:
             refine(grid_c, values.index(min(values)), pays_from)
+
+    def revise(self, probability: float) -> None:
+        """Count with another probability of charging (0 ... 1), without any plan or session."""
+        if self._expectation is not None:
+            self._expectation.revise(probability)
+            self._found = {target_c: self._expectation.revised(item)
+                           for target_c, item in self._found.items()}
+            self.without = self._found[self.without.target_c]
 
     def best(self) -> TargetWorth:
         """Return the TargetWorth with the lowest cost so far."""
@@ -191,12 +215,36 @@ class WorthSearch:
 
     def break_even_per_h(self) -> float:
         """Return the least value of time for which a target evaluated so far pays [per h], or infinity."""
-        return min(pays_from_per_h(item, self.without, self._prices.energy_per_kwh)
-                   for item in self._found.values())
+        return min(map(self._pays_from_per_h, self._found.values()))
+
+    def _pays_from_per_h(self, item: TargetWorth) -> float:
+        if self._expectation is None:
+            return pays_from_per_h(item, self.without, self._prices.energy_per_kwh)
+        return self._expectation.pays_from_per_h(item, self.without)
+
+    def takes(self, prospect: ChargingProspect) -> bool:
+        """Return whether `revise` is enough for another ChargingProspect."""
+        return self._expectation is not None and prospect == replace(
+            self._expectation.prospect, probability=prospect.probability)
+
+    def pays_from_probability(self, target_c: float | None = None) -> float:
+        """
+        Return the least probability of charging for which a target [deg C] pays; above 1: none.
+
+        Without a target it is that of any target evaluated so far. Only with an expectation.
+        """
+        items = (self._found.values() if target_c is None else [self.look_at(target_c)])
+        return min((pays_from_probability(item, self.without) for item in items), default=math.inf)
+
+    def best_if_charged(self) -> TargetWorth:
+        """Return the TargetWorth with the lowest cost so far if the vehicle charges for certain."""
+        return min(self._found.values(), key=lambda item: (item.charged_cost, item.target_c))
 
     def verdict(self, item: TargetWorth) -> str:
         """Return the sentence for the driver on an evaluated TargetWorth."""
-        return verdict_on(item, self.without, self.break_even_per_h(), self._prices, self._problem)
+        sentence = verdict_on(item, self.without, self.break_even_per_h(), self._prices, self._problem)
+        return sentence if self._expectation is None else verdict_in_doubt(
+            sentence, self._expectation.prospect, self.pays_from_probability())
 
     def worth(self) -> Worth:
         """Return the Worth over all targets evaluated so far."""
@@ -204,15 +252,15 @@ class WorthSearch:
         return Worth(
             tuple(sorted(self._found.values(), key=lambda item: item.target_c)), best, self.without,
             self.look_at(self._usual_c), None if math.isinf(break_even) else break_even,
-            self.verdict(best))
+            self.verdict(best), None if self._expectation is None else self.pays_from_probability())
 
 
 def _check(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal, stop: ChargingStop,
-           prices: Prices) -> None:
+           prices: Prices, prospect: ChargingProspect) -> None:
     """Raise InvalidInput with all problems that are known before the drive."""
     checks: tuple[Callable[[], None], ...] = (
         partial(check_situation, vehicle, route, state, goal), partial(check_stop, vehicle, stop),
-        partial(check_prices, prices))
+        partial(check_prices, prices), partial(check_prospect, prospect))
     problems = []
     for check in checks:
         try:
@@ -249,16 +297,3 @@ def refine(grid_c: Sequence[float], place: int, cost_at: Callable[[float], float
     if high_c > low_c:
         least_of(low_c, high_c, lambda target_c: Trial(target_c, cost_at(target_c), None),
                  TARGET_RESOLUTION_K)
-
-
-def pays_from_per_h(item: TargetWorth, without: TargetWorth, price_per_kwh: float) -> float:
-    """Return the value of time [per h] from which on a target costs less than no heating, or infinity."""
-    if math.isinf(item.charging_time_s):
-        return math.inf
-    if math.isinf(without.charging_time_s):
-        return 0.0
-    more = price_per_kwh * (item.bought_energy_wh - without.bought_energy_wh) / WH_PER_KWH
-    saved_h = (without.charging_time_s - item.charging_time_s) / SECONDS_PER_H
-    if saved_h < LEAST_SAVED_S / SECONDS_PER_H:
-        return math.inf
-    return max(more, 0.0) / saved_h

@@ -143,7 +143,7 @@ def formulas() -> str:
         _curve('bev_polynomial', PolynomialVoltage(tuple(parameters[:4]))),
         _curve('bev_polynomial_and_logarithm',
                PolynomialVoltage(tuple(parameters[:4]), parameters[4])),
-        _curve('bev_inverse_temperature', InverseTemperatureResistance(*parameters[:2])),
+        _curve('bev_inverse_temperature', InverseTemperatureResistance(*parameters[:3])),
         '#endif', ''])
 
 

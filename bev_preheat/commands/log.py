@@ -42,9 +42,9 @@ def add_signal_arguments(parser: ArgumentParser) -> None:
     """Add `--signals` and `--repair`."""
     completed_by(NameCompleter('signals'), parser.add_argument(
         '--signals', metavar='NAME|FILE',
-        help='signal map: a name in config/signals or a YAML file (default: the one that recognises the log)'))
+        help='signal map: a name in config/signals or a YAML file (default: the map that recognises the log)'))
     parser.add_argument('--repair', action='store_true',
-                        help='correct mix-ups of sign, unit and scale that are told from physics')
+                        help='correct mix-ups of sign, unit and scale that physics reveals')
 
 
 def run(arguments: Namespace) -> int:

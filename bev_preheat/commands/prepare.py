@@ -8,6 +8,12 @@ import os
 import re
 from typing import TYPE_CHECKING
 
+from bev_preheat.commands.departures import (
+    add_departure_arguments,
+    check_departure_arguments,
+    run_skip,
+    run_week,
+)
 from bev_preheat.console.program import FAILED, INTERRUPTED, say
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.optional_packages import require_ros
@@ -31,7 +37,8 @@ def add_parser(subparsers: Subparsers) -> None:
         description='Sends a goal to a running planner: a warm battery at an instant, or as soon '
         'as possible, with or without a route. Shows the progress until it has ended; Ctrl-C cancels '
         'the goal and its heating. Exit status: 0 if the battery got warm, 1 if it did not, '
-        '2 if the goal was refused or no planner answers.')
+        '2 if the goal was refused or no planner answers. With --departures: prints the preparations of a '
+        'week, without a planner.')
     when = parser.add_mutually_exclusive_group()
     when.add_argument('--at', metavar='HH:MM', help='when the battery must be warm, by the clock of this computer '
                       '(default: as soon as possible)')
@@ -45,6 +52,7 @@ def add_parser(subparsers: Subparsers) -> None:
     parser.add_argument('--namespace', default='/', help='namespace of the planner (default: %(default)s)')
     parser.add_argument('--node', default='planner', metavar='NAME',
                         help='node name of the planner (default: %(default)s)')
+    add_departure_arguments(parser)
     parser.set_defaults(run=run)
 
 
@@ -61,6 +69,9 @@ def seconds_until(clock: str, now: datetime) -> float:
 
 def run(arguments: Namespace) -> int:
     """Send the goal and follow its progress; returns the exit status."""
+    check_departure_arguments(arguments)
+    if arguments.departures is not None:
+        return run_week(arguments)
     if NAME.fullmatch(arguments.node) is None:
         raise InvalidInput(f'--node: {quoted(arguments.node)} is not allowed; it must be letters, digits and '
                            '_, no digit first')
@@ -70,6 +81,10 @@ def run(arguments: Namespace) -> int:
                            f'{LONGEST_MIN:g} min')
     ready_in_s = (seconds_until(arguments.at, datetime.now()) if arguments.at is not None
                   else None if minutes is None else 60.0 * minutes)
+    prefix = arguments.namespace.strip('/')
+    planner = f'/{prefix}/{arguments.node}' if prefix else f'/{arguments.node}'
+    if arguments.skip_next or arguments.skip_none:
+        return run_skip(arguments, planner)
     require_ros()
     from bev_preheat.monitoring.end_signals import end_signals
     try:
@@ -79,8 +94,6 @@ def run(arguments: Namespace) -> int:
 
             from bev_preheat.monitoring.preparation import PreparationClient, Wanted
             from bev_preheat.nodes.listening import listening
-            prefix = arguments.namespace.strip('/')
-            planner = f'/{prefix}/{arguments.node}' if prefix else f'/{arguments.node}'
             try:
                 with listening(f'prepare_{os.getpid()}', namespace=arguments.namespace) as listener:
                     return _pursue(PreparationClient(listener, planner, signals), Wanted(

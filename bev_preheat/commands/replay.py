@@ -36,8 +36,8 @@ def add_parser(subparsers: Subparsers) -> None:
     parser = subparsers.add_parser(
         'replay', help='put a recording through the planner again, as it was or with changes',
         description="Put a recording of the flight recorder through the planner's step again, and compare each "
-        'command with the recorded one: exit status 0 if all are the same, 1 if one differs, 2 if the recording is '
-        'refused. '
+        'command with the recorded one: exit status 0 if all are the same, 1 if one differs, 2 if the recording '
+        'is refused. '
         'With changes (--vehicle, --method, --set) the changed drive stands beside the recorded one.')
     parser.add_argument('recording', metavar='RECORDING',
                         help='a file of the flight recorder, or its folder: then the latest drive of the planner')
@@ -80,8 +80,8 @@ def changes_of(arguments: Namespace) -> Changes:
     for text in arguments.parameters:
         name, sign, value = text.partition('=')
         if not sign or name not in FIELD_OF_PARAMETER:
-            raise InvalidInput(f'--set: {quoted(text)} is not allowed; it must be PARAMETER=VALUE, with a parameter '
-                               f'of {", ".join(FIELD_OF_PARAMETER)}')
+            raise InvalidInput(f'--set: {quoted(text)} is not allowed; it must be PARAMETER=VALUE, with a '
+                               f'parameter of {", ".join(FIELD_OF_PARAMETER)}')
         parameters[name] = _value(name, value)
     if arguments.method is not None:
         parameters['method'] = arguments.method

@@ -228,8 +228,9 @@ class DecisionMaker:
         if leg.made_for is not None:
             choice = target_of_preparation(leg.made_for, settings)
         elif leg.charging_planned:
-            choice = (self._targets.without_charger(leg, settings) if leg.charger is None
-                      else self._choose_target(inputs, leg, goal, route, estimate))
+            is_simple = leg.charger is None and leg.prospect.probability == 1.0
+            choice = (self._targets.without_charger(leg, settings) if is_simple else
+                      self._choose_target(inputs, leg, goal, route, estimate))
             goal = choice.goal(goal)
         if estimate is None:
             decision = self._plan(inputs, leg, route, goal, state, start_ns)
@@ -237,8 +238,7 @@ class DecisionMaker:
                 return decision
             plan = seen_from_now(
                 decision.plan, self._limited, goal, starts_in_s, heated_s=heated_s)
-            return Decision(
-                plan.status, _own_sentence(plan, choice), plan, start_ns, leg, target=choice)
+            return Decision(*_told(plan, choice, now_ns), plan, start_ns, leg, target=choice)
         try:
             forecast_plan = self._forecast_planner.make(PlanningTask(
                 route, goal, settings, is_heating, starts_in_s, heated_s, leg.made_for), estimate)
@@ -246,7 +246,7 @@ class DecisionMaker:
             return Decision(Status.INVALID_INPUT, str(error))
         plan = forecast_plan.plan
         return Decision(
-            plan.status, _own_sentence(plan, choice), plan, start_ns, leg,
+            *_told(plan, choice, now_ns), plan, start_ns, leg,
             forecast=forecast_plan.forecast,
             commanded=forecast_plan.commanded, command_share=forecast_plan.command_share,
             model_factors=forecast_plan.model_factors, target=choice)
@@ -310,11 +310,19 @@ class DecisionMaker:
         return tuple(decisions)
 
 
-def _own_sentence(plan: Plan, choice: TargetChoice | None) -> str | None:
-    """Return the sentence with the reason why heating is not worth it; None: the Plan's own sentence."""
-    if choice is not None and plan.status is Status.NOT_WORTH_IT:
-        return f'{choice.reason} {plan.explanation}'
-    return None
+def _told(plan: Plan, choice: TargetChoice | None, now_ns: int) -> tuple[Status, str | None]:
+    """
+    Return a Plan's status and sentence at an instant [ns]; None: the plan's own sentence.
+
+    They differ if heating is not worth it, or only because the vehicle may not charge.
+    """
+    if choice is None:
+        return plan.status, None
+    if choice.doubt is not None:
+        return choice.doubt.told(plan, now_ns)
+    if plan.status is Status.NOT_WORTH_IT:
+        return plan.status, f'{choice.reason} {plan.explanation}'
+    return plan.status, None
 
 
 def _standing_sentence(stood_s: float, regime: RegimeReport) -> str:

@@ -109,6 +109,14 @@ class PreparationEnded:
 
 
 @dataclass(frozen=True)
+class DeparturesSkipped:
+    """The driver skips the departures up to an instant [ns]; None: none."""
+
+    source: ClassVar[str] = ''
+    until_ns: int | None
+
+
+@dataclass(frozen=True)
 class RivalsChanged:
     """Other nodes command the same heater, by these `names`; '': no longer."""
 
@@ -136,4 +144,4 @@ class Reconfigured:
 # The events of Supervisor.step.
 Event = (BatteryStateArrived | BatteryStateUnreadable | RouteArrived | RouteUnreadable
          | ProgressArrived | ProgressUnreadable | TripCancelled | PreheatingSwitched | RivalsChanged
-         | PreparationWanted | PreparationEnded | Reconfigured)
+         | PreparationWanted | PreparationEnded | DeparturesSkipped | Reconfigured)

@@ -23,12 +23,13 @@ from bev_preheat.control.margins import (
     MOST_LEAD_K,
     MOST_MARGIN_K,
 )
-from bev_preheat.control.preparation_plan import accounted, fed, FullPower
+from bev_preheat.control.preparation_plan import accounted, fed, FullPower, step_prices_of
 from bev_preheat.estimation.forecast import DrivenRoute, Forecast
 from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.estimation.prior import prior_factor_covariance
 from bev_preheat.estimation.state import FACTORS, PROPULSION
 from bev_preheat.numerics.arithmetic import array_exp
+from bev_preheat.planning.cheapest_hours import plan_in_cheapest_hours
 from bev_preheat.planning.explanation import explain
 from bev_preheat.planning.heat_run import state_with_heat_under_way
 from bev_preheat.planning.plan import Plan
@@ -202,11 +203,16 @@ class _Planning:
         self._lag_s = estimate.heat_lag_s if vehicle.heat_path.is_direct else 0.0
         self._route = task.route.with_propulsion(estimate.propulsion_factor)
         goal = task.preparation_goal
+        self._step_prices = step_prices_of(goal, task.route)
         self._full_power = (FullPower(vehicle, self._route, self._state, self.share, self._lag_s)
                             if goal is not None and goal.is_soonest else None)
 
     def wanted(self, forecast: Forecast | None) -> Plan:
         """Return the Plan to heat by, with the lead for a Forecast; None: without that lead."""
+        if self._step_prices is not None:
+            return plan_in_cheapest_hours(
+                self._vehicle, self._route, self._state, self._task.goal, self._task.settings.method,
+                self._step_prices, self._uncertainty_margin(forecast), self.share, self._lag_s)
         if self._full_power is None:
             return self._plan(forecast, heater_share=self.share)
 

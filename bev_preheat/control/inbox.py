@@ -13,6 +13,7 @@ from bev_preheat.control.admitted import AdmittedInputs
 from bev_preheat.control.events import (
     BatteryStateArrived,
     BatteryStateUnreadable,
+    DeparturesSkipped,
     Event,
     PreheatingSwitched,
     ProgressArrived,
@@ -158,6 +159,8 @@ class Inbox:
                 raise error
             case PreheatingSwitched(is_enabled):
                 self.switch(is_enabled, now_ns)
+            case DeparturesSkipped(until_ns):
+                self.choices = replace(self.choices, skipped_until_ns=until_ns)
             case RivalsChanged(names):
                 self.rivals = names
             case Reconfigured():

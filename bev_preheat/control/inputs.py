@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import NamedTuple, TYPE_CHECKING
 
+from bev_preheat.charging.prospect import CERTAIN, ChargingProspect
 from bev_preheat.control.settings import defaults_of, MOST_PLANNED_STEPS, Settings
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal
@@ -93,7 +94,8 @@ class Leg:
     `target_temperature_c` [deg C] None: the planner's default. `departure` is the battery's state after the
     preceding stop; None without one. `places` are those of the route before it was put into planning steps;
     None: its own. `charger` is the Charger at its end; None: unknown. `made_for` is the PreparationGoal that the
-    planner made it for; None: it comes from a route plan. A leg equals only itself.
+    planner made it for; None: it comes from a route plan. `prospect` is the ChargingProspect at its end. A leg equals
+    only itself.
     """
 
     route: Route
@@ -105,6 +107,7 @@ class Leg:
     places: Places | None = None
     charger: Charger | None = None
     made_for: PreparationGoal | None = None
+    prospect: ChargingProspect = CERTAIN
 
     def in_planning_steps(self, planning_step_s: float) -> Leg:
         """Return the Leg in steps of `planning_step_s` seconds or longer, with the same places."""

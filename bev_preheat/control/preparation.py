@@ -17,7 +17,7 @@ from bev_preheat.control.assumed_drive import drive_of_route, DriveMemory, stead
 from bev_preheat.control.inputs import Leg, Mission, NS_PER_S
 from bev_preheat.control.margins import LONGEST_SOONEST_S
 from bev_preheat.control.preparation_goal import PreparationEnding, PreparationGoal, PreparationOutcome
-from bev_preheat.control.preparation_plan import reserve_before
+from bev_preheat.control.preparation_plan import in_price_steps, reserve_before
 from bev_preheat.control.preparation_progress import conclusion, contradiction, PreparationProgress
 from bev_preheat.control.timetable import Timetable
 from bev_preheat.errors import InvalidInput
@@ -203,7 +203,8 @@ class PreparationControl:
                       inputs, now_ns, progress.goal.ready_at_ns or progress.expected_ns or now_ns)
                   if not progress.goal.is_plugged_in else 0.0,
                   made_for=progress.goal).in_planning_steps(inputs.settings.planning_step_s)
-        self.timetable = Timetable(Mission(ROUTE_ID, (leg,)))
+        self.timetable = Timetable(Mission(ROUTE_ID, (replace(
+            leg, route=in_price_steps(leg.route, progress.goal)),)))
 
     def _drive(self, progress: PreparationProgress, inputs: AdmittedInputs, now_ns: int, until_ns: int,
                propulsion_factor: float) -> Route:
@@ -224,11 +225,12 @@ class PreparationControl:
             propulsion_w[0] / propulsion_factor, propulsion_w[1] / propulsion_factor))
 
     def _ambient_c(self, goal: PreparationGoal, now_ns: int) -> float | None:
-        """Return the ambient temperature [deg C] of a goal, else the last known; None: unknown or expired."""
-        if goal.ambient_c is not None or self._ambient is None:
+        """Return the ambient temperature [deg C] of a goal, the last known, or the assumed one; None: unknown."""
+        if goal.ambient_c is not None:
             return goal.ambient_c
-        known_ns, ambient_c = self._ambient
-        return ambient_c if now_ns - known_ns <= AMBIENT_KNOWN_S * NS_PER_S else None
+        if self._ambient is not None and now_ns - self._ambient[0] <= AMBIENT_KNOWN_S * NS_PER_S:
+            return self._ambient[1]
+        return goal.assumed_ambient_c
 
 
 def _has_route(inputs: AdmittedInputs, now_ns: int) -> bool:

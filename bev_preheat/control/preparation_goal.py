@@ -6,7 +6,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import IntEnum
 import math
-from typing import NamedTuple
+from typing import NamedTuple, TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from bev_preheat.control.grid_prices import GridPrices
 
 
 class PreparationEnding(IntEnum):
@@ -30,13 +33,16 @@ class PreparationGoal:
 
     `ready_at_ns` 0: as soon as possible. `target_c` [deg C] None: the planner's default.
     `is_plugged_in`: the vehicle stands, and the grid feeds the heater. `ambient_c` [deg C] None: that
-    of the route, or the last known.
+    of the route, or the last known; `assumed_ambient_c` [deg C] counts if none is known. `prices` are those of
+    energy from the grid: a plugged-in vehicle is heated when it costs the least; None: as late as possible.
     """
 
     ready_at_ns: int = 0
     target_c: float | None = None
     is_plugged_in: bool = False
     ambient_c: float | None = None
+    assumed_ambient_c: float | None = None
+    prices: GridPrices | None = None
 
     @property
     def is_soonest(self) -> bool:

@@ -16,8 +16,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.control.inputs import NS_PER_S
+from bev_preheat.control.local_time import in_words
 from bev_preheat.control.target_choice import TargetChoice, TargetSource
 from bev_preheat.errors import InvalidInput, PlanningFailure
+from bev_preheat.planning.cheapest_hours import plan_in_cheapest_hours
 from bev_preheat.planning.explanation import OF_GOAL
 from bev_preheat.planning.limits import drive_as_planned
 from bev_preheat.planning.planner import plan_preheating, plan_unheated, SHORTFALL_TOLERANCE_K
@@ -37,6 +39,7 @@ if TYPE_CHECKING:
     from bev_preheat.control.preparation_goal import PreparationGoal
     from bev_preheat.control.settings import Settings
     from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.planning.cheapest_hours import StepPrices
     from bev_preheat.planning.plan import Plan
     from bev_preheat.planning.situation import BatteryState, Goal
     from bev_preheat.route.segments import Route
@@ -126,12 +129,59 @@ def plan_preparation(preparation_goal: PreparationGoal, vehicle: Vehicle, route:
                      state: BatteryState, goal: Goal, method: str) -> Plan:
     """Return the Plan for a goal on the route that was made for it; raises as plan_preheating does."""
     vehicle = fed(vehicle, preparation_goal)
-    if not preparation_goal.is_soonest:
+    prices = step_prices_of(preparation_goal, route)
+    if prices is not None:
+        plan = plan_in_cheapest_hours(vehicle, route, state, goal, method, prices)
+    elif not preparation_goal.is_soonest:
         plan = plan_preheating(vehicle, route, state, goal, method)
     else:
         plan = FullPower(vehicle, route, state).plan(vehicle, goal, lambda part: plan_preheating(
             vehicle, part, state, goal, method))
     return accounted(plan, preparation_goal, state.soc)
+
+
+def step_prices_of(preparation_goal: PreparationGoal | None, route: Route) -> StepPrices | None:
+    """
+    Return the mean prices of a goal's steps on a Route that ends at its instant.
+
+    None: the goal is not plugged in, is wanted as soon as possible, or no price until its instant is known.
+    """
+    if preparation_goal is None or preparation_goal.is_soonest:
+        return None
+    prices, ready_ns = preparation_goal.prices, preparation_goal.ready_at_ns
+    start_ns = ready_ns - round(route.total_duration_s * NS_PER_S)
+    if prices is None or not preparation_goal.is_plugged_in or not prices.is_known(start_ns, ready_ns):
+        return None
+    return partial(prices.step_prices, start_ns)
+
+
+def in_price_steps(route: Route, preparation_goal: PreparationGoal) -> Route:
+    """Return a Route that ends at a goal's instant, divided where the price of energy from the grid changes."""
+    if step_prices_of(preparation_goal, route) is None:
+        return route
+    assert preparation_goal.prices is not None
+    ready_ns, shortest_s = preparation_goal.ready_at_ns, LIMITS['duration_s'][0]
+    start_ns = ready_ns - round(route.total_duration_s * NS_PER_S)
+    for period in preparation_goal.prices.periods(start_ns, ready_ns)[:-1]:
+        at_s = (period.until_ns - start_ns) / NS_PER_S
+        if np.abs(route.time_s - at_s).min() > shortest_s:
+            route = route.before(at_s).followed_by(route.after(at_s))
+    return route
+
+
+def price_note(preparation_goal: PreparationGoal | None, from_ns: int) -> str:
+    """Return the sentence on the prices of a goal from an instant [ns] on; '' if they do not count."""
+    if preparation_goal is None or preparation_goal.prices is None or preparation_goal.is_soonest or (
+            not preparation_goal.is_plugged_in):
+        return ''
+    prices, ready_ns = preparation_goal.prices, preparation_goal.ready_at_ns
+    unknown_ns = prices.unknown_from_ns(from_ns, ready_ns)
+    if unknown_ns is None:
+        return 'The grid supplies the heat in the cheapest hours.'
+    if not prices.is_known(from_ns, ready_ns):
+        return 'No price of energy is known until then: heating is as late as possible.'
+    return ('The grid supplies the heat in the cheapest hours; no price is known from '
+            f'{in_words(unknown_ns, prices.zone)} on, and such an hour counts as the dearest.')
 
 
 def accounted(plan: Plan, preparation_goal: PreparationGoal | None, soc: float) -> Plan:
@@ -158,6 +208,8 @@ def in_words_of_preparation(decision: Decision) -> Decision:
     if plan is None:
         return replace(decision, sentence=f'{PREPARING} {decision.explanation}')
     plan = plan.told(plan.status, partial(plan.sentence, words=OF_GOAL))
+    note = price_note(None if decision.leg is None else decision.leg.made_for, decision.plan_start_ns)
+    plan = replace(plan, note=' '.join(filter(None, (plan.note, note))))
     return replace(decision, sentence=f'{PREPARING} {plan.explanation}', plan=plan)
 
 

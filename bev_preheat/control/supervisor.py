@@ -98,6 +98,8 @@ class Supervisor:
         self._decision = self._shown = WITHOUT_ROUTE
         self._latest_command: Command | None = None
         self._published_status: Status | None = None
+        # Whether it is uncertain that the vehicle charges on the latest mission.
+        self._is_in_doubt = False
 
     def step(self, now_ns: int, *events: Event) -> StepOutput:
         """
@@ -230,7 +232,8 @@ class Supervisor:
                 part.lose_time()
         if changes.has_new_mission:
             self._decision_maker.follow_new_mission()
-            self._commander.allow_switching()
+            if not self._is_doubt_revised(changes.has_new_trip):
+                self._commander.allow_switching()
         if changes.has_new_trip:
             self._decision_maker.begin_trip()
             history.forget_heating(now_ns)
@@ -242,6 +245,16 @@ class Supervisor:
             self._preparation.revise(
                 self._inputs, now_ns, 1.0 if estimate is None else estimate.propulsion_factor)
             self._inputs = self._admitted()
+
+    def _is_doubt_revised(self, has_new_trip: bool) -> bool:
+        """
+        Return whether a new mission may differ in its probability of charging alone: that switches no heater at once.
+
+        It is so if charging is uncertain on this mission, or was on the one before of the same trip.
+        """
+        mission, was_in_doubt = self._inbox.mission, self._is_in_doubt
+        self._is_in_doubt = mission is not None and any(leg.prospect.probability < 1.0 for leg in mission.legs)
+        return not has_new_trip and (was_in_doubt or self._is_in_doubt)
 
     def _reconfigure(self, event: Reconfigured) -> None:
         if event.learned or event.vehicle is not self._decision_maker.vehicle:

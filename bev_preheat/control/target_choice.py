@@ -7,6 +7,9 @@ leg gets a target at once, after a first look at every fifth degree. The full se
 updates, with PLANS_EACH_UPDATE plans each, so that no update takes long. It is repeated in the same way when
 the estimate, the route or the time of arrival has changed, and every SEARCH_PERIOD_S. A target is replaced only
 if another is cheaper by LEAST_GAIN_SHARE, so that jitter does not change it.
+
+If it is uncertain whether the vehicle charges, or when it arrives, the cost is an expected one. Another probability
+needs no plan: the targets found so far are weighed anew at once.
 """
 
 from __future__ import annotations
@@ -18,8 +21,11 @@ from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
+from bev_preheat.charging.expectation import Expectation
+from bev_preheat.charging.prospect import HeldProspect
 from bev_preheat.charging.stop import refuse_stranded, stop_after, USUAL_DEPARTURE_SOC
 from bev_preheat.charging.worth import targets_between, WorthSearch
+from bev_preheat.control.charging_doubt import ChargingDoubt, given_target_pays_from, USUAL_PAYS_FROM
 from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.errors import InvalidInput, PlanningFailure
 from bev_preheat.estimation.prior import prior_factor_covariance
@@ -47,6 +53,8 @@ SEARCH_PERIOD_S, LEAST_PERIOD_S = 600.0, 60.0
 FACTOR_CHANGE = 0.25
 ARRIVAL_CHANGE_S = 60.0
 
+NO_CHARGER = "the route plan does not say the charger's power"
+
 _FACTOR_DEVIATIONS = np.sqrt(np.diag(prior_factor_covariance()))
 
 
@@ -66,7 +74,7 @@ class TargetChoice:
 
     `target_c` is None if the goal's own target holds. Charging times [s] and bought energies [Wh] are those
     with the target and without any further heating, from the latest search; NaN if unknown, infinite if
-    the session never ends.
+    the session never ends. `doubt` is None if the vehicle charges for certain.
     """
 
     source: TargetSource
@@ -77,6 +85,7 @@ class TargetChoice:
     unheated_charging_time_s: float = math.nan
     bought_energy_wh: float = math.nan
     unheated_bought_energy_wh: float = math.nan
+    doubt: ChargingDoubt | None = None
 
     def goal(self, goal: Goal) -> Goal:
         """Return the Goal with this target."""
@@ -113,6 +122,17 @@ class TargetSearchInput:
         """The source of a given target, as a sentence; '' if no target is given."""
         return _given(self.leg, self.settings)
 
+    @property
+    def remaining_s(self) -> float:
+        """Time until the arrival [s]."""
+        return self.route.total_duration_s
+
+    def plan_to(self, target_c: float) -> Plan:
+        """Return the Plan for a target [deg C]."""
+        return plan_preheating(
+            self.vehicle, self.route, self.state, replace(self.goal, target_temperature_c=target_c),
+            self.settings.method, heater_share=self.heater_share)
+
 
 class TargetChooser:
     """Chooses the target of one leg after another."""
@@ -127,58 +147,95 @@ class TargetChooser:
         self._choice: TargetChoice | None = None
         self._search: WorthSearch | None = None
         self._searched: TargetSearchInput | None = None
+        # The search behind the choice, finished or not, and the prospect that it counts with.
+        self._weighed: WorthSearch | None = None
+        self._held = HeldProspect()
 
     def follow_new_mission(self) -> None:
         """Search again for the same leg of another route plan."""
         self._is_outdated = True
 
     def without_charger(self, leg: Leg, settings: Settings) -> TargetChoice:
-        """Return the TargetChoice of a leg whose charger is unknown."""
+        """Return the TargetChoice of a leg whose charger is unknown, and that charges for certain."""
         self._forget()
-        return _unchosen(leg, settings, "the route plan does not say the charger's power")
+        return _unchosen(leg, settings, NO_CHARGER)
 
     def choose(self, now: TargetSearchInput) -> TargetChoice:
         """Return the TargetChoice for a TargetSearchInput; start or continue a search if one is due."""
         charger = now.leg.charger
-        if charger is None:
-            return self.without_charger(now.leg, now.settings)
         obstacle = _obstacle(now)
-        if obstacle:
-            self._forget()
-            return _unchosen(now.leg, now.settings, obstacle)
+        if charger is None or obstacle:
+            return self._without_session(now, obstacle or NO_CHARGER)
         key = (now.route_id, now.legs_after, charger, now.leg.target_temperature_c, now.goal,
                now.settings.prices, now.settings.method)
         if key != self._key:
             self._forget()
             self._key = key
+        is_revised = self._held.follow(now.leg.prospect.seen_from(now.remaining_s))
         try:
+            if is_revised and self._choice is not None:
+                self._revise(now)
             self._go_on(now, charger)
         except (InvalidInput, PlanningFailure, ArithmeticError) as error:
-            self._search = None
+            self._search = self._weighed = None
             self._choice = _unchosen(now.leg, now.settings, f'no target can be chosen: {error}')
         assert self._choice is not None
         return self._choice
 
+    def _without_session(self, now: TargetSearchInput, why: str) -> TargetChoice:
+        """Return the TargetChoice of a leg whose session is unknown, for the reason `why`."""
+        key, prospect = (now.route_id, now.legs_after, now.goal, why), now.leg.prospect
+        if key != self._key:
+            self._forget()
+            self._key = key
+        is_revised = self._held.follow(prospect.seen_from(now.remaining_s))
+        if prospect.probability == 1.0:
+            self._choice = _unchosen(now.leg, now.settings, why)
+        elif self._choice is None or is_revised or self._is_due(now):
+            self._is_outdated, self._searched = False, now
+            held = self._held.prospect
+            pays_from = given_target_pays_from(
+                now.vehicle, now.route, now.state, now.goal, held, now.settings.prices, now.plan_to)
+            self._choice = replace(
+                _unchosen(now.leg, now.settings, why), heating_pays=held.probability >= pays_from,
+                doubt=ChargingDoubt(held.probability, pays_from, self._starts_by_ns(
+                    now, now.goal.target_temperature_c)))
+        return self._choice
+
+    def _revise(self, now: TargetSearchInput) -> None:
+        """Count with another prospect from now on, at once if only the probability differs."""
+        held, weighed = self._held.prospect, self._weighed
+        self._is_outdated = True
+        if weighed is not None and weighed.takes(held):
+            for search in (weighed, self._search):
+                if search is not None:
+                    search.revise(held.probability)
+            self._choice = self._weigh(weighed, now)
+        else:
+            # As for a new leg, but the target found so far is still preferred.
+            self._search = self._searched = None
+
     def _go_on(self, now: TargetSearchInput, charger: Charger) -> None:
-        is_first = self._choice is None
         if self._search is None:
             if not self._is_due(now):
                 return
+            is_first = self._searched is None
             self._is_outdated, self._searched = False, now
             self._begin(now, charger)
             if self._search is None:
                 return
             if now.given:
-                self._keep_given(now, self._search)
+                self._choice = self._weigh(self._search, now)
+                self._search = None
                 return
             if not is_first:
                 return
             for target_c in _first_look_c(self._search, now.goal):
                 self._search.look_at(target_c)
-            self._choice = self._best_of(self._search, now)
+            self._choice = self._weigh(self._search, now)
             return
         if self._search.advance(PLANS_EACH_UPDATE):
-            self._choice, self._search = self._best_of(self._search, now), None
+            self._choice, self._search = self._weigh(self._search, now), None
 
     def _is_due(self, now: TargetSearchInput) -> bool:
         before = self._searched
@@ -201,23 +258,52 @@ class TargetChooser:
         wanted_soc = charger.departure_soc
         departure_soc = USUAL_DEPARTURE_SOC if wanted_soc is None else wanted_soc
         if unheated.arrival_soc >= departure_soc:
-            self._choice = _nothing_to_charge(now, unheated.arrival_soc, wanted_soc)
+            self._weighed = None
+            self._choice = self._by_usual_share(now, _nothing_to_charge(now, unheated.arrival_soc, wanted_soc))
             return
 
-        def plan_to(target_c: float) -> Plan:
-            return plan_preheating(
-                now.vehicle, now.route, now.state, replace(now.goal, target_temperature_c=target_c),
-                now.settings.method, heater_share=now.heater_share)
-
+        stop, prospect = stop_after(now.route, charger.power_w, departure_soc), self._held.prospect
         self._search = WorthSearch(
-            now.vehicle, stop_after(now.route, charger.power_w, departure_soc), unheated,
-            now.goal.target_temperature_c, now.settings.prices, plan_to)
+            now.vehicle, stop, unheated, now.goal.target_temperature_c, now.settings.prices, now.plan_to,
+            None if prospect.is_certain else Expectation(
+                now.vehicle, now.route, now.state, stop, prospect, now.settings.prices, unheated,
+                now.heater_share))
 
-    def _keep_given(self, now: TargetSearchInput, search: WorthSearch) -> None:
-        self._choice = _with_figures(
+    def _weigh(self, search: WorthSearch, now: TargetSearchInput) -> TargetChoice:
+        """Return the TargetChoice by the targets that a search has found so far."""
+        self._weighed = search
+        choice = self._given_one(search, now) if now.given else self._best_of(search, now)
+        probability = self._held.prospect.probability
+        if probability == 1.0:
+            return choice
+        if now.given:
+            target_c = now.goal.target_temperature_c
+            pays_from = search.pays_from_probability(target_c)
+            choice = replace(choice, heating_pays=probability >= pays_from)
+        else:
+            target_c, pays_from = search.best_if_charged().target_c, search.pays_from_probability()
+        return replace(choice, doubt=ChargingDoubt(
+            probability, pays_from, self._starts_by_ns(now, target_c)))
+
+    def _by_usual_share(self, now: TargetSearchInput, choice: TargetChoice) -> TargetChoice:
+        """Return a TargetChoice without a session; in doubt a target is heated to from the usual probability on."""
+        probability = self._held.prospect.probability
+        if probability == 1.0 or not choice.heating_pays:
+            return choice
+        return replace(choice, heating_pays=probability >= USUAL_PAYS_FROM, doubt=ChargingDoubt(
+            probability, USUAL_PAYS_FROM, self._starts_by_ns(now, now.goal.target_temperature_c)))
+
+    @staticmethod
+    def _starts_by_ns(now: TargetSearchInput, target_c: float) -> int | None:
+        """Return the instant at which heating to a target starts [ns]; None without heating."""
+        start_s = now.plan_to(target_c).heating_start_s
+        return None if start_s is None else now.stamp_ns + round(start_s * NS_PER_S)
+
+    @staticmethod
+    def _given_one(search: WorthSearch, now: TargetSearchInput) -> TargetChoice:
+        return _with_figures(
             TargetChoice(TargetSource.GIVEN, now.given), search.look_at(now.goal.target_temperature_c),
             search.without)
-        self._search = None
 
     def _best_of(self, search: WorthSearch, now: TargetSearchInput) -> TargetChoice:
         best, without, before = search.best(), search.without, self._choice

@@ -128,7 +128,7 @@ def make_plan_figure(vehicle: Vehicle, route: Route, goal: Goal, plans: Sequence
 
 
 def _on_arrival(method: str, plan: Plan, earlier: Iterable[Plan]) -> str:
-    """Say what is found on arrival, and which earlier plan has the same course."""
+    """Describe the arrival, and name the earlier plan with the same course."""
     name = name_of(method)
     if plan.heating_start_s is None and method != WITHOUT_PREHEATING:
         name += ', does not heat'

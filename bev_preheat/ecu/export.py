@@ -69,6 +69,6 @@ class Export:
         except OSError as error:
             raise InvalidInput(f'--output: {os.fspath(folder)}: cannot be read: {error.strerror}') from error
         if others:
-            raise InvalidInput(f'--output: {os.fspath(folder)}: has files that are none of an export: '
+            raise InvalidInput(f'--output: {os.fspath(folder)}: has files that an export does not write: '
                                f'{", ".join(others[:3])}{" …" if len(others) > 3 else ""}; '
                                'name a folder of its own')

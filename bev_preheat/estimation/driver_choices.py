@@ -34,23 +34,29 @@ class DriverChoices:
     """
     Instant when preheating was switched off [ns], None while it is on, and the trip cancelled last, if any.
 
+    Departures up to `skipped_until_ns` [ns] are skipped; None: none is.
+
     Instants are those of the node's clock.
     """
 
     switched_off_ns: int | None = None
     cancelled_trip: CancelledTrip | None = None
+    skipped_until_ns: int | None = None
 
     def after_restart(self, now_ns: int) -> DriverChoices:
         """
         Return the choices still valid at an instant [ns]: those not older than OLDEST_CHOICE_NS.
 
-        A choice in the future stays valid: the clock was set back, so its age is unknown.
+        A choice in the future stays valid: the clock was set back, so its age is unknown. Departures are
+        skipped until then, whatever the choice's age.
         """
         oldest_ns, trip = now_ns - OLDEST_CHOICE_NS, self.cancelled_trip
+        skipped_ns = self.skipped_until_ns
         return DriverChoices(
             None if self.switched_off_ns is None or self.switched_off_ns < oldest_ns
             else self.switched_off_ns,
-            None if trip is None or trip.cancelled_ns < oldest_ns else trip)
+            None if trip is None or trip.cancelled_ns < oldest_ns else trip,
+            None if skipped_ns is None or skipped_ns < now_ns else skipped_ns)
 
 
 NO_CHOICES = DriverChoices()
@@ -65,10 +71,12 @@ def choices_from(entry: FileData) -> DriverChoices:
     """Return the DriverChoices of an entry; raise InvalidInput, naming field, value and range."""
     if not isinstance(entry, dict):
         raise InvalidInput('driver: must have switched_off_ns and cancelled_trip')
-    off_ns, trip = entry.get('switched_off_ns'), entry.get('cancelled_trip')
+    off_ns, trip, skipped_ns = (entry.get(name) for name in (
+        'switched_off_ns', 'cancelled_trip', 'skipped_until_ns'))
     return DriverChoices(
         None if off_ns is None else instant_from(off_ns, 'driver.switched_off_ns'),
-        None if trip is None else _trip_from(trip))
+        None if trip is None else _trip_from(trip),
+        None if skipped_ns is None else instant_from(skipped_ns, 'driver.skipped_until_ns'))
 
 
 def _trip_from(entry: FileData) -> CancelledTrip:

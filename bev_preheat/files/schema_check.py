@@ -65,8 +65,12 @@ def _obeys_properties(allowed: Data, value: Data, schema: Data, root: Data) -> b
 
 
 def _has_known_keys(allowed: Data, value: Data, schema: Data, root: Data) -> bool:
-    return allowed is False and 'patternProperties' not in schema and (
-        not isinstance(value, dict) or value.keys() <= schema.get('properties', {}).keys())
+    if 'patternProperties' in schema:
+        return False
+    if not isinstance(value, dict):
+        return True
+    others = [item for name, item in value.items() if name not in schema.get('properties', {})]
+    return not others or (allowed is not False and all(surely_obeys(allowed, item, root) for item in others))
 
 
 def _obeys_items(allowed: Data, value: Data, schema: Data, root: Data) -> bool:

@@ -8,12 +8,13 @@ topic only: the message itself is in the recording just before the step.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any, TYPE_CHECKING
 
 from bev_preheat.control.events import (
     BatteryStateArrived,
     BatteryStateUnreadable,
+    DeparturesSkipped,
     Event,
     PreheatingSwitched,
     PreparationEnded,
@@ -39,8 +40,10 @@ TOPIC_OF = {BatteryStateArrived: BATTERY_STATE, BatteryStateUnreadable: BATTERY_
             ProgressArrived: ROUTE_PROGRESS, ProgressUnreadable: ROUTE_PROGRESS}
 # The kinds of events whose message is recorded before the step; the kind is the topic.
 MESSAGE_KINDS = frozenset({BATTERY_STATE, ROUTE_PLAN, ROUTE_PROGRESS})
-SWITCHED, RIVALS, WANTED, ENDED, RECONFIGURED, REFUSED_ROUTE = (
-    'enable', 'rivals', 'preparation_wanted', 'preparation_ended', 'parameters', 'refused_route')
+WANTED, ENDED, RECONFIGURED, REFUSED_ROUTE = (
+    'PreparationWanted', 'PreparationEnded', 'Reconfigured', 'RouteRefused')
+# Events whose fields are plain values.
+PLAIN_EVENTS: dict[str, Any] = {each.__name__: each for each in (PreheatingSwitched, RivalsChanged, DeparturesSkipped)}
 STEP, FAIL, STOP = 'step', 'fail', 'stop'
 
 
@@ -111,13 +114,8 @@ def event_values(event: Event, goals: GoalNumbers, has_message: bool) -> dict[st
     Parameters are those of the node, which the caller adds: an event has only what was made of them.
     """
     match event:
-        case PreheatingSwitched(is_enabled):
-            return {'kind': SWITCHED, 'is_enabled': is_enabled}
-        case RivalsChanged(names):
-            return {'kind': RIVALS, 'names': names}
         case PreparationWanted(goal):
-            return {'kind': WANTED, 'goal': goals.number(goal), 'ready_at_ns': goal.ready_at_ns,
-                    'target_c': goal.target_c, 'is_plugged_in': goal.is_plugged_in, 'ambient_c': goal.ambient_c}
+            return {'kind': WANTED, 'goal': goals.number(goal), **asdict(goal)}
         case PreparationEnded(goal, ending, explanation):
             return {'kind': ENDED, 'goal': None if goal is None else goals.number(goal), 'ending': int(ending),
                     'explanation': explanation}
@@ -125,6 +123,9 @@ def event_values(event: Event, goals: GoalNumbers, has_message: bool) -> dict[st
             return {'kind': RECONFIGURED}
         case RouteUnreadable(error) if not has_message:
             return {'kind': REFUSED_ROUTE, 'problems': list(error.problems)}
+    name = type(event).__name__
+    if name in PLAIN_EVENTS:
+        return {'kind': name, **asdict(event)}
     hint = getattr(event, 'hint', '')
     return {'kind': TOPIC_OF[type(event)], **({'hint': hint} if hint else {})}
 
@@ -136,23 +137,21 @@ def event_of(values: dict[str, Any], goals: GoalNumbers) -> Event:
     Raises InvalidInput, naming the kind, if the values are not an event's.
     """
     kind = values.get('kind')
+    fields = {name: value for name, value in values.items() if name not in ('kind', 'goal')}
     try:
-        match kind:
-            case 'enable':
-                return PreheatingSwitched(bool(values['is_enabled']))
-            case 'rivals':
-                return RivalsChanged(str(values['names']))
-            case 'preparation_wanted':
-                goal = PreparationGoal(int(values['ready_at_ns']), values['target_c'],
-                                       bool(values['is_plugged_in']), values['ambient_c'])
-                goals.numbers[goal] = int(values['goal'])
-                return PreparationWanted(goal)
-            case 'preparation_ended':
-                number = values['goal']
-                return PreparationEnded(None if number is None else goals.goal(number),
-                                        PreparationEnding(values['ending']), str(values['explanation']))
-            case 'refused_route':
-                return RouteUnreadable(InvalidInput([str(problem) for problem in values['problems']]))
+        if kind in PLAIN_EVENTS:
+            event: Event = PLAIN_EVENTS[kind](**fields)
+            return event
+        if kind == WANTED:
+            goal = PreparationGoal(**fields)
+            goals.numbers[goal] = int(values['goal'])
+            return PreparationWanted(goal)
+        if kind == ENDED:
+            number = values['goal']
+            return PreparationEnded(None if number is None else goals.goal(number),
+                                    PreparationEnding(values['ending']), str(values['explanation']))
+        if kind == REFUSED_ROUTE:
+            return RouteUnreadable(InvalidInput([str(problem) for problem in values['problems']]))
     except (KeyError, TypeError, ValueError) as error:
         raise InvalidInput(f'event {quoted(str(kind))} of the recording is damaged: {type(error).__name__}: '
                            f'{error}') from error

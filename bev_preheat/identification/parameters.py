@@ -52,7 +52,7 @@ class Parameter:
         return math.exp(coordinate) if self.is_log else coordinate
 
     def deviation_of(self, coordinate: float, deviation: float) -> float:
-        """Return the standard deviation of the value for one of the coordinate, to first order."""
+        """Return the standard deviation of the value from that of the coordinate, to first order."""
         return math.exp(coordinate) * deviation if self.is_log else deviation
 
 

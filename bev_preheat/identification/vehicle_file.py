@@ -83,7 +83,9 @@ def file_text(start: dict[str, FileData], vehicle: Vehicle, name: str, notes: Ma
     own['heat_capacity_j_per_k'] = _rounded(battery.heat_capacity_j_per_k)
     if 'battery.open_circuit_voltage' in notes:
         own['open_circuit_voltage'] = {'table': _table(battery.open_circuit_voltage)}
+    # The identified resistance is that of the whole pack.
     own['resistance'] = {'table': _table(battery.resistance)}
+    own.pop('connection_resistance_ohm', None)
     own['leakage'] = {'gamma_0_w_per_k': _rounded(battery.leakage.gamma_0_w_per_k),
                       'gamma_v_w_per_k_per_mps': _rounded(battery.leakage.gamma_v_w_per_k_per_mps)}
     contents['hvch']['efficiency'] = _rounded(vehicle.hvch.efficiency)
@@ -96,7 +98,7 @@ def file_text(start: dict[str, FileData], vehicle: Vehicle, name: str, notes: Ma
     if deviations:
         contents['uncertainty'] = deviations
     assumed = [key for key in contents.pop('assumed', [])
-               if not any(key == done or key.startswith(f'{done}.') for done in identified)]
+               if key != 'battery.connection_resistance_ohm' and not any(key == done or key.startswith(f'{done}.') for done in identified)]
     if assumed:
         contents['assumed'] = assumed
     text = yaml.safe_dump(contents, sort_keys=False, default_flow_style=None, width=100, allow_unicode=True)

@@ -14,7 +14,7 @@ import numpy as np
 
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.logs.channels import Channel, Piece
-from bev_preheat.logs.text_lines import encoding_of, line_blocks
+from bev_preheat.logs.text_lines import encoding_of, line_blocks, read_head
 from bev_preheat.logs.times import EARLIEST_S, LATEST_S
 from bev_preheat.logs.units import pint_unit
 from bev_preheat.optional_packages import require
@@ -79,35 +79,37 @@ class CanFrames:
         yield from _pieces(readings)
 
     def _frames(self, remarks: Remarks | None) -> Iterator[Any]:
-        """Yield the frames (can.Message); remark on a damaged one, which ends an ASC or BLF file."""
-        import can
-        # It logs each object that it does not know.
-        logging.getLogger('can').setLevel(logging.CRITICAL)
-        try:
-            if self._kind == 'candump':
-                yield from can.CanutilsLogReader(cast(TextIO, _Lines(self._sound_lines(remarks))))
-                return
-            reader = (can.ASCReader(self._path, relative_timestamp=False) if self._kind == 'ASC' else
-                      can.BLFReader(self._path))
-            with closing(_Stopping(reader)):
-                yield from reader
-        except GeneratorExit:
-            raise
-        except Exception as error:
-            # python-can raises errors of several kinds for damaged files.
-            if remarks is not None:
-                remarks.add('frames', f'{self._path}: is damaged ({quoted(str(error))}); the frames before are '
-                                      'used')
+        return frames_of(self._path, self._kind, self._encoding, remarks)
 
-    def _sound_lines(self, remarks: Remarks | None) -> Iterator[str]:
-        for first, lines in line_blocks(self._path, self._encoding):
-            for number, line in enumerate(lines, start=first):
-                if CANDUMP.fullmatch(line.strip()):
-                    yield line
-                elif line.strip() and remarks is not None:
-                    remarks.add('line', f'{self._path}, line {number}: {quoted(line.strip())} is no frame; it '
-                                        'is dropped',
-                                noun='line')
+
+def frames_of(path: str | Path, kind: str, encoding: str, remarks: Remarks | None) -> Iterator[Any]:
+    """Yield the frames (can.Message) of a recording; remark on a damaged one, which ends an ASC or BLF file."""
+    import can
+    # It logs each object that it does not know.
+    logging.getLogger('can').setLevel(logging.CRITICAL)
+    try:
+        if kind == 'candump':
+            yield from can.CanutilsLogReader(cast(TextIO, _Lines(_sound_lines(path, encoding, remarks))))
+            return
+        reader = (can.ASCReader(path, relative_timestamp=False) if kind == 'ASC' else can.BLFReader(path))
+        with closing(_Stopping(reader)):
+            yield from reader
+    except GeneratorExit:
+        raise
+    except Exception as error:
+        # python-can raises errors of several kinds for damaged files.
+        if remarks is not None:
+            remarks.add('frames', f'{path}: is damaged ({quoted(str(error))}); the frames before are used')
+
+
+def _sound_lines(path: str | Path, encoding: str, remarks: Remarks | None) -> Iterator[str]:
+    for first, lines in line_blocks(path, encoding):
+        for number, line in enumerate(lines, start=first):
+            if CANDUMP.fullmatch(line.strip()):
+                yield line
+            elif line.strip() and remarks is not None:
+                remarks.add('line', f'{path}, line {number}: {quoted(line.strip())} is no frame; it is dropped',
+                            noun='line')
 
 
 class _Lines:
@@ -163,14 +165,33 @@ def load_dbc(file: str | Path) -> Any:
 
 def open_can_frames(path: str | Path, head: bytes, databases: Collection[str | Path]) -> CanFrames | None:
     """Return the open recording if a file begins as candump, ASC or BLF do, else None."""
+    kind, encoding = _kind_of(head)
+    return CanFrames(path, kind, encoding, databases) if kind else None
+
+
+def recorded_frames(path: str | Path) -> Iterator[Any]:
+    """
+    Yield the frames (can.Message) of a candump, ASC or BLF file, without a DBC.
+
+    Raises InvalidInput if the file cannot be read or is none of these.
+    """
+    require('can')
+    kind, encoding = _kind_of(read_head(path))
+    if not kind:
+        raise InvalidInput(f'{path}: is no recording of CAN frames; candump, ASC and BLF files are')
+    return frames_of(path, kind, encoding, None)
+
+
+def _kind_of(head: bytes) -> tuple[str, str]:
+    """Return (kind, encoding) of a recording by its first bytes, ('', '') if it is none."""
     if head[:4] == b'LOGG':
-        return CanFrames(path, 'BLF', '', databases)
+        return 'BLF', ''
     encoding = encoding_of(head)
     if encoding is None:
-        return None
+        return '', ''
     lines = [line.strip() for line in head.decode(encoding, 'replace').splitlines()[:50] if line.strip()]
     if sum(bool(CANDUMP.fullmatch(line)) for line in lines) > len(lines) // 2:
-        return CanFrames(path, 'candump', encoding, databases)
+        return 'candump', encoding
     if ASC.search('\n'.join(lines[:5])) and re.search(r'^base\s', '\n'.join(lines), re.IGNORECASE | re.MULTILINE):
-        return CanFrames(path, 'ASC', encoding, databases)
-    return None
+        return 'ASC', encoding
+    return '', ''

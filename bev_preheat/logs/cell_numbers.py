@@ -37,7 +37,7 @@ def decimal_mark(texts: Iterable[str]) -> str:
 
 
 def unit_in_cells(texts: Iterable[str]) -> str:
-    """Return the unit (pint's name) written behind the numbers of cells, '' if there is none."""
+    """Return the unit (pint's name) written behind the numbers of cells, '' without a unit."""
     for text in texts:
         match = NUMBER.fullmatch(text.strip().replace(',', '.'))
         if match and match[2]:

@@ -83,7 +83,7 @@ def _layout(lines: Sequence[tuple[int, str]], separator: str | None) -> Layout |
         units: tuple[str, ...] = ()
         if len(following) > 1 and _are_units(following[0][1]):
             units, following = tuple(following[0][1]), following[1:]
-        # A header is followed by lines of as many cells, some of them values.
+        # A header is followed by lines of as many cells, some with values.
         usual = Counter(len(cells) for _, cells in following).most_common(1)[0][0]
         near = usual >= 2 and abs(usual - len(cells)) <= max(MOST_UNNAMED, len(cells) // 2)
         # Empty last cells are trimmed.
@@ -91,7 +91,7 @@ def _layout(lines: Sequence[tuple[int, str]], separator: str | None) -> Layout |
             continue
         body = tuple(tuple(row) for _, row in following)
         decimal = '.' if separator == ',' else decimal_mark(cell for row in body for cell in row)
-        # A name that is used twice is told apart by its number.
+        # A number distinguishes columns of the same name.
         seen: Counter[str] = Counter()
         header = []
         for name in cells:

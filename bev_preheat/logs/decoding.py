@@ -54,7 +54,7 @@ class Decoder:
         """
         Return readings in the signal's unit, shape (N,), NaN for each that is no reading or implausible.
 
-        Remarks name the first dropped one of a cause: `where` followed by its place.
+        Remarks name the first dropped reading of each cause: `where` followed by its place.
         """
         angle = self.source.signal.endswith('_deg')
         if isinstance(values, np.ndarray):
@@ -137,8 +137,7 @@ class Decoder:
         assert self._conversion is not None
         # A damaged number may be too large for any unit; it is implausible then.
         with np.errstate(over='ignore'):
-            own = (numbers * self._scale + self.source.offset) * self._conversion.factor + self._conversion.offset
-        return -own if self.source.charging_is_positive else own
+            return self.source.in_own_unit(numbers, self._scale, self._conversion)
 
     def _range(self) -> str:
         assert self._conversion is not None

@@ -29,7 +29,7 @@ TYPICAL_AH, TYPICAL_KWH = 150.0, 60.0
 # Distance that tells a speed's unit [m], and the agreement that a unit must reach.
 LEAST_DISTANCE_M, AGREEMENT = 500.0, 0.08
 EARTH_RADIUS_M = 6371008.8
-# What a speed has wrongly been taken for, by the factor that corrects it.
+# Mistaken units of a speed, by the factor that corrects the mistake.
 SPEED_FACTORS = {1.0 / 3.6: 'km/h taken as m/s', 3.6: 'm/s taken as km/h', 1.609344: 'mph taken as km/h',
                  1.0 / 1.609344: 'km/h taken as mph', 0.44704: 'mph taken as m/s', 1.0 / 0.44704: 'm/s taken as '
                                                                                                   'mph'}
@@ -164,7 +164,7 @@ def _distance(signals: Signals) -> Iterator[Doubt]:
 
 def _by_odometer(signals: Signals) -> Series | None:
     if 'odometer_m' not in signals or np.ptp(signals['odometer_m'].value) < 10.0 * LEAST_DISTANCE_M:
-        # Whole kilometres tell nothing over a few of them.
+        # Whole kilometres are too coarse for a short distance.
         return None
     return signals['odometer_m']
 

@@ -42,7 +42,7 @@ class JsonLines:
     decimal = '.'
 
     def __init__(self, path: str | Path, encoding: str) -> None:
-        """Read the first objects for their fields; raises InvalidInput if there is none."""
+        """Read the fields of the first objects; raises InvalidInput if the file has no object."""
         self._path, self._encoding, self.absolute = path, encoding, False
         self._clock: Clock | None = None
         self._time, self._sample = '', []
@@ -72,7 +72,7 @@ class JsonLines:
         self.channels = tuple(Channel(*item) for item in sorted(found.items()))
 
     def use(self, signal_map: SignalMap) -> None:
-        """Choose the field of the time; raises InvalidInput if there is none."""
+        """Choose the field of the time; raises InvalidInput if no field is a time."""
         keys = list(dict.fromkeys(key for item in self._sample for key in item))
         rows = [[item.get(key, '') for key in keys] for item in self._sample]
         found = find_time_column(keys, [''] * len(keys), rows, '.', signal_map)
@@ -124,7 +124,7 @@ class JsonLines:
             yield Piece(name, time_s[at_rows], values, places[at_rows])
 
     def _items(self, remarks: Remarks | None) -> Iterator[tuple[int, Item]]:
-        """Yield line numbers and the objects with flat keys; remark on lines that are none."""
+        """Yield line numbers and the objects with flat keys; remark on lines without an object."""
         if _is_array(self._path, self._encoding):
             yield from self._array()
             return

@@ -60,7 +60,7 @@ class LongCsv:
                          *(Channel(heading) for heading in self._own.values()))
 
     def use(self, signal_map: SignalMap) -> None:
-        """Choose the column of the time; raises InvalidInput if there is none."""
+        """Choose the column of the time; raises InvalidInput if no column is a time."""
         self._time = time_of(self._rows, signal_map)
         self.absolute = self._time.clock.absolute
 

@@ -21,7 +21,7 @@ class Remarks:
         self._causes: dict[str, _Cause] = {}
 
     def add(self, cause: str, first: str, count: int = 1, noun: str = 'sample') -> None:
-        """Add `count` cases of a cause; `first` is the sentence on the first of them, with its place."""
+        """Add `count` cases of a cause; `first` is the sentence on the first case, with its place."""
         if cause in self._causes:
             self._causes[cause].count += count
         elif count:

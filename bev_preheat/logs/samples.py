@@ -64,7 +64,7 @@ def combined(parts: list[Series], how: str, hold_s: float) -> Series:
     """
     Return one Series of several channels: their mean, min or max at the instants of the longest.
 
-    A channel takes part at an instant if it has a sample within `hold_s` of it.
+    A channel takes part at an instant if it has a sample at most `hold_s` away.
     """
     longest = max(parts, key=lambda part: len(part.time_s))
     rows = []

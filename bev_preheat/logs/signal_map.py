@@ -4,11 +4,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 import re
-from typing import TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.files.checked_yaml import load_checked_yaml
@@ -18,13 +18,14 @@ from bev_preheat.logs.units import check_unit, LONGEST_NAME, own_unit, split_uni
 
 if TYPE_CHECKING:
     from bev_preheat.files.checked_yaml import FileData
+    from bev_preheat.logs.units import Conversion
 
 SCHEMA = Path(__file__).with_name('signal_map_schema.yaml')
 SUFFIX = '.yaml'
 # The map for logs that no other map recognises.
 COMMON = 'common'
 # Plausible values (low, high) of the signals, in their own units; others are dropped. Speeds in a wrong unit pass,
-# so that the mix-up can be told and repaired.
+# so that the mix-up can be reported and repaired.
 PLAUSIBLE = {
     'battery_temperature_c': (-50.0, 90.0), 'soc': (0.0, 1.01), 'voltage_v': (20.0, 1500.0),
     'current_a': (-3000.0, 3000.0), 'power_w': (-2e6, 2e6), 'speed_mps': (0.0, 350.0),
@@ -61,8 +62,17 @@ class Source:
     no_reading: tuple[float, ...] = ()
     plausible: tuple[float, float] = (-1e300, 1e300)
 
+    def in_own_unit(self, readings: Any, scale: float, conversion: Conversion) -> Any:
+        """Return readings (a float or an array) in the signal's own unit and sign; `scale` is one of `scales`."""
+        own = (readings * scale + self.offset) * conversion.factor + conversion.offset
+        return -own if self.charging_is_positive else own
+
+    def only(self, entry: str) -> Source:
+        """Return this Source with one of its entries alone."""
+        return replace(self, channels=(entry,))
+
     def chosen(self, names: Sequence[str]) -> tuple[str, ...]:
-        """Return the channels among `names` that the signal is made of, () if there are none."""
+        """Return the channels among `names` that make up the signal, () without such channels."""
         for entry in self.channels:
             found = tuple(name for name in names if matches(entry, name))
             if found:
@@ -72,13 +82,21 @@ class Source:
 
 @dataclass(frozen=True)
 class SignalMap:
-    """A signal map: Sources by signal, channels with the time, channels that identify the log, DBC files."""
+    """
+    A signal map: Sources by signal, channels with the time, channels that identify the log, DBC files.
+
+    `no_reading` are readings of any channel that mean none.
+    `live` is the part on live signals as it stands in the file at `path`, None without one; bus.live_map reads it.
+    """
 
     name: str
     sources: dict[str, Source]
     time: tuple[str, ...] = ()
     recognised_by: tuple[str, ...] = ()
     databases: tuple[Path, ...] = ()
+    no_reading: tuple[float, ...] = ()
+    live: FileData = None
+    path: Path = Path()
 
     def recognises(self, names: Sequence[str]) -> bool:
         """Return whether a log with these channels belongs to this map."""
@@ -117,15 +135,16 @@ def load_signal_map(name_or_file: str | Path) -> SignalMap:
         if signal not in SIGNALS:
             problems.append(f'{path}: signals.{signal} is unknown; known: {", ".join(SIGNALS)}')
             continue
-        problems += [f'{path}: signals.{signal}: {problem}' for problem in _problems(signal, entry)]
-        sources[signal] = _source(signal, entry, everywhere)
+        problems += [f'{path}: signals.{signal}: {problem}' for problem in source_problems(signal, entry)]
+        sources[signal] = read_source(signal, entry, everywhere)
     problems += [f'{path}: {problem}' for key in ('time', 'recognised_by')
                  for problem in _bad_patterns(contents.get(key, ()))]
     if problems:
         raise InvalidInput(problems)
     return SignalMap(contents.get('name', path.stem), sources, _texts(contents.get('time', ())),
                      _texts(contents.get('recognised_by', ())),
-                     tuple(path.parent / file for file in _texts(contents.get('dbc', ()))))
+                     tuple(path.parent / file for file in _texts(contents.get('dbc', ()))),
+                     everywhere, contents.get('live'), path)
 
 
 @cache
@@ -145,7 +164,8 @@ def _texts(value: FileData) -> tuple[str, ...]:
     return (value,) if isinstance(value, str) else tuple(value)
 
 
-def _source(signal: str, entry: FileData, everywhere: tuple[float, ...]) -> Source:
+def read_source(signal: str, entry: FileData, everywhere: tuple[float, ...]) -> Source:
+    """Return the Source of a signal's entry in a map; `everywhere` are readings of any channel that mean none."""
     if isinstance(entry, str | list):
         entry = {'channels': entry}
     scale = entry.get('scale', 1.0)
@@ -156,7 +176,7 @@ def _source(signal: str, entry: FileData, everywhere: tuple[float, ...]) -> Sour
         tuple(map(float, entry.get('range', PLAUSIBLE[signal]))))  # type: ignore[arg-type]
 
 
-def _problems(signal: str, entry: FileData) -> Iterable[str]:
+def source_problems(signal: str, entry: FileData) -> Iterable[str]:
     """Yield sentences on faults of an entry that the schema cannot tell."""
     if isinstance(entry, str | list):
         entry = {'channels': entry}

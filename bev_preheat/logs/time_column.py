@@ -64,7 +64,7 @@ def find_time_column(header: Sequence[str], units: Sequence[str], rows: Sequence
         seconds = clock.seconds(texts(at))
         finite = seconds[np.isfinite(seconds)]
         found = TimeColumn((at,), clock_of(at) or clock)
-        # The time moves on; a column that stands still is a setting, one that falls a measurement.
+        # The time moves on; a constant column is a setting, a falling column a measurement.
         if finite.size > 1 and finite[-1] != finite[0] and np.mean(np.diff(finite) >= 0.0) >= LEAST_RISING:
             return found
         fallback = fallback or found

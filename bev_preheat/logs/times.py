@@ -48,9 +48,9 @@ class Clock:
 
 def find_clock(texts: Sequence[str], unit: str = '', decimal: str = '.') -> Clock | None:
     """
-    Return the Clock that reads these times (the first ones of a log); None if they are none.
+    Return the Clock that reads the first times of a log; None if these texts are no times.
 
-    `unit` is pint's name of the unit in the header, '' if there is none.
+    `unit` is pint's name of the unit in the header, '' without a unit.
     """
     texts = [text for text in texts if text.strip()]
     if not texts:

@@ -40,7 +40,7 @@ ALIKE = {'degC': ('degC', 'degF', 'kelvin'), '1': ('1', 'percent'), 'volt': ('vo
          'ampere': ('ampere', 'milliampere'), 'watt': ('watt', 'kilowatt'),
          'meter': ('meter', 'kilometer', 'mile', 'foot'),
          'meter/second': ('meter/second', 'kilometer/hour', 'mile/hour'), 'degree': ('degree',)}
-# Longer texts are no names of channels; regular expressions would take minutes for some of them.
+# Longer texts are no names of channels; regular expressions would take minutes for some texts.
 LONGEST_NAME = 200
 IN_BRACKETS = re.compile(r'^(.*?)\s*[\[(]\s*([^\])]*?)\s*[\])]\s*$')
 AT_END = re.compile(r'^(.+?)[ _/]+([^ _]+)$')

@@ -236,7 +236,7 @@ class NativeVehicle:
             struct.parameter[:] = (*coefficients_v, curve.log_soc_v)
         elif isinstance(curve, InverseTemperatureResistance):
             struct.kind = INVERSE_TEMPERATURE
-            struct.parameter[:2] = curve.k_ohm_k, curve.reference_temperature_c
+            struct.parameter[:3] = curve.k_ohm_k, curve.reference_temperature_c, curve.connection_ohm
         elif isinstance(curve, Table):
             struct.kind = TABLE
             self._table(struct, curve)

@@ -58,7 +58,7 @@ class CommandPublisher(ListeningPublisher):
             self._names = self.names_of_others()
 
     def rivals(self, now_ns: int) -> str:
-        """Return the names of the other commanding nodes at an instant [ns]; '' if there are none."""
+        """Return the names of the other commanding nodes at an instant [ns]; '' without others."""
         if self._heard_ns is None:
             return ''
         if self.is_alone or not 0 <= now_ns - self._heard_ns <= self._believed_ns:

@@ -24,7 +24,13 @@ from bev_preheat.nodes.battery_fields import (
     read_temperatures,
     read_voltage_and_current,
 )
-from bev_preheat.nodes.chargers import charger_from_message, charger_problems, write_charger
+from bev_preheat.nodes.chargers import (
+    charger_from_message,
+    charger_problems,
+    prospect_from_message,
+    write_charger,
+    write_prospect,
+)
 from bev_preheat.nodes.route_powers import GIVEN, powers_of_road_load, slope_problems, without_powers
 from bev_preheat.nodes.stops import STOP_FIELDS, stops_from_message, write_stops
 from bev_preheat.nodes.target_report import write_target
@@ -200,10 +206,12 @@ def _legs(message: RoutePlan, route: Route, stops: Sequence[PlannedStop],
              (message.charging_planned, _target_c(message), message.minimum_arrival_soc)]
     departures = [None, *(stop.departure for stop in stops)]
     chargers = [*(stop.charger for stop in stops), charger_from_message(message)]
+    prospects = [*(stop.prospect for stop in stops), prospect_from_message(message)]
     start_ns, legs = nanoseconds(message.header.stamp), []
-    for first, end, goal, departure, charger in zip(edges, edges[1:], goals, departures, chargers):
-        legs.append(Leg(route.segments(first, end), start_ns, *goal, departure,
-                        charger=charger).in_planning_steps(planning_step_s))
+    for first, end, goal, departure, charger, prospect in zip(
+            edges, edges[1:], goals, departures, chargers, prospects):
+        legs.append(Leg(route.segments(first, end), start_ns, *goal, departure, charger=charger,
+                        prospect=prospect).in_planning_steps(planning_step_s))
     return with_stops(legs, [stop.duration_s for stop in stops])
 
 
@@ -231,6 +239,7 @@ def route_plan_message(mission: Mission) -> RoutePlan:
     message.target_battery_temperature = last.target_temperature_c or 0.0
     message.minimum_arrival_soc = last.minimum_arrival_soc
     write_charger(message, last.charger)
+    write_prospect(message, last.prospect)
     return message
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
+from bev_preheat.control.departure_source import DepartureState
 from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.estimation.state import FACTOR_NAMES
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from bev_preheat.control.preparation_goal import PreparationGoal
     from bev_preheat.estimation.estimate import Estimate
     from bev_preheat.estimation.hypotheses import HeaterReport
+    from bev_preheat.nodes.departure_keeper import DepartureFiles
     from bev_preheat.nodes.state_keeper import StateFileReport
 
 # WARN: works, with a finding to look at. ERROR: an input or the planner itself is at fault.
@@ -56,14 +58,18 @@ HEATER_SENTENCES = {
 MOST_IGNORED_SHARE = 0.05
 # The reason of a reset is shown for this time.
 RESET_SHOWN_S = 60.0
+# A departure that is held off is worth a warning this close to it [s].
+HELD_OFF_TOLD_S = 7200.0
 
 
 def planner_diagnostics(node_name: str, state: PlannerState, now_ns: int,
-                        memory: StateFileReport | None = None) -> DiagnosticArray:
+                        memory: StateFileReport | None = None,
+                        departures: DepartureFiles | None = None) -> DiagnosticArray:
     """
     Return the DiagnosticArray with status, reason and the figures behind them.
 
-    `memory` is a state_keeper.StateFileReport, None without a state file.
+    `memory` is a state_keeper.StateFileReport, None without a state file; `departures` a
+    departure_keeper.DepartureFiles, None without a file of departures.
     """
     name, hardware = node_name.lstrip('/'), state.vehicle.name
     message = DiagnosticArray(status=[_preheating(name, hardware, state, now_ns),
@@ -77,6 +83,8 @@ def planner_diagnostics(node_name: str, state: PlannerState, now_ns: int,
         message.status.append(progress)
     if memory is not None:
         message.status.append(_state_file(name, hardware, memory))
+    if departures is not None:
+        message.status.append(_departures(name, hardware, departures, now_ns))
     message.header.stamp = time_message(now_ns)
     return message
 
@@ -214,6 +222,32 @@ def _estimation(name: str, hardware: str, state: PlannerState, estimate: Estimat
                   warning or f'{estimate.temperature_c:.2f} '
                   f'+- {estimate.temperature_deviation_k:.2f} degC',
                   values)
+
+
+def _departures(name: str, hardware: str, files: DepartureFiles, now_ns: int) -> DiagnosticStatus:
+    report = files.report
+    left_s = math.inf if report.next_ns is None else (report.next_ns - now_ns) / NS_PER_S
+    sentence = f'{report.state.value}: {report.reason}'
+    if report.next_ns is not None:
+        sentence = f'{report.next_words}, in {duration_text(left_s)}: {sentence}'
+    is_late = report.state is DepartureState.HELD_OFF and left_s < HELD_OFF_TOLD_S
+    level = (DiagnosticStatus.ERROR if files.problem and report.next_ns is None else
+             DiagnosticStatus.WARN if files.problem or is_late else DiagnosticStatus.OK)
+    values = {
+        'next departure': report.next_words,
+        'next departure [s since 1970]': '' if report.next_ns is None else str(report.next_ns // NS_PER_S),
+        'next departure in [s]': '' if report.next_ns is None else f'{left_s:.0f}',
+        'target [degC]': ('' if report.next_ns is None else
+                          "the planner's default" if report.target_c is None else f'{report.target_c:g}'),
+        'plugged in': str(report.plugged_in).lower(),
+        'state': report.state.value,
+        'reason': report.reason,
+        'skipped': report.skipped_words,
+        'latest departure': report.latest,
+        'departures': files.departures_path,
+        'grid_prices': files.prices_path}
+    return _entry(f'{name}: departures', hardware, level,
+                  f'{sentence}; {files.problem}' if files.problem else sentence, values)
 
 
 def _state_file(name: str, hardware: str, memory: StateFileReport) -> DiagnosticStatus:

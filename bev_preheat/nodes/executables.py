@@ -38,6 +38,16 @@ def route_publisher() -> None:
     _load_main('route_publisher_node')()
 
 
+def heater_controller() -> None:
+    """Run the reference of a heater controller."""
+    _load_main('heater_controller_node')()
+
+
+def bus_gateway() -> None:
+    """Run the gateway to CAN or VSS."""
+    _load_main('bus_gateway_node')()
+
+
 def vehicle_simulator() -> None:
     """Run the simulated vehicle."""
     _load_main('vehicle_simulator_node')()

@@ -147,16 +147,25 @@ class FlightRecorder:
     def renew(self, state: PlannerState, now_ns: int) -> None:
         """Let the next file begin with the present state, because the files before it may be deleted."""
         if self._writer is not None and self._writer.path:
-            if state.estimate is not None:
-                self._setup = self._setup._replace(learned=learned_from(state.estimate))
-            self._writer.head = self._head(state, now_ns, is_whole=False)
+            try:
+                if state.estimate is not None:
+                    self._setup = self._setup._replace(learned=learned_from(state.estimate))
+                self._writer.head = self._head(state, now_ns, is_whole=False)
+            except Exception as error:
+                self._stop(error)
 
     def note(self, now_ns: int, events: tuple[Event, ...], message: Any, output: StepOutput,
              call: str = STEP, what: str = '') -> None:
         """Record a step: its events, the message that one of them came in (None: none), and its output."""
-        writer = self._writer
-        if writer is None:
-            return
+        if self._writer is not None:
+            try:
+                self._note(self._writer, now_ns, events, message, output, call, what)
+            except Exception as error:
+                # Nothing about a recording may keep the planner from its work.
+                self._stop(error)
+
+    def _note(self, writer: RecordingWriter, now_ns: int, events: tuple[Event, ...], message: Any,
+              output: StepOutput, call: str, what: str) -> None:
         values = [self._values(event, message) for event in events]
         entries = []
         if message is not None:
@@ -170,6 +179,11 @@ class FlightRecorder:
         if output.command is not None:
             entries.append(Entry(self._topics[COMMAND], now_ns, command_message(output.command, now_ns)))
         writer.put(*entries)
+
+    def _stop(self, error: Exception) -> None:
+        self._failure = f'{type(error).__name__}: {error}; recording has ended'
+        self.close()
+        self.tell()
 
     def note_plan(self, now_ns: int, plan: PreheatPlan, prediction: Temperature | None) -> None:
         """Record a published plan if its status is new or PLAN_PERIOD_NS have passed, and the prediction."""

@@ -270,7 +270,7 @@ class NlpCheckerNode(Node):
         self._is_urgent = self._is_urgent or is_urgent
 
     def _obstacle(self) -> str | None:
-        """Return the reason against a check now as a sentence; None if there is none."""
+        """Return the reason against a check now as a sentence; None if a check is possible."""
         mission, measurement = self._inbox.mission, self._inbox.measurement
         if mission is None:
             return self._inbox.refused_route or (

@@ -29,6 +29,7 @@ from bev_preheat.native.library import core_in_words, use_core
 from bev_preheat.nodes.command_line import NodeProgram
 from bev_preheat.nodes.command_publisher import CommandPublisher
 from bev_preheat.nodes.convert import battery_event, command_message, plan_message, temperature_message
+from bev_preheat.nodes.departure_keeper import check_departure_parameters, DepartureKeeper, SKIP
 from bev_preheat.nodes.diagnostics import heater_sentence, planner_diagnostics
 from bev_preheat.nodes.flight_recording import FlightRecorder, Setup
 from bev_preheat.nodes.news import RepetitionFilter
@@ -108,6 +109,10 @@ PARAMETERS = (
               'MB', (100.0, 1e6)),
     Parameter('state_file', '', "File for the learned factors of the car and the driver's choices: "
               'a new file, or a state file; empty: none.'),
+    Parameter('departures', '', 'File of recurring departures (YAML) for which the battery is prepared; '
+              'empty: none.'),
+    Parameter('grid_prices', '', 'File of prices of energy from the grid (YAML): a plugged-in battery is prepared '
+              'in the cheapest hours; empty: as late as possible.'),
 )
 PROGRAM = NodeProgram(
     'planner', 'Plans when to heat the battery before fast charging, and commands the heater.',
@@ -119,7 +124,8 @@ PROGRAM = NodeProgram(
                ('preheat_plan', 'bev_preheat_msgs/PreheatPlan: status, sentence, trajectories'),
                ('predicted_arrival_temperature', 'sensor_msgs/Temperature'),
                ('/diagnostics', 'diagnostic_msgs/DiagnosticArray')),
-    services=(('~/enable', 'std_srvs/SetBool: false switches preheating off'),),
+    services=(('~/enable', 'std_srvs/SetBool: false switches preheating off'),
+              (SKIP, 'std_srvs/SetBool: true skips the next of `departures`, false takes that back')),
     actions=((PREPARE, 'bev_preheat_msgs/PrepareBattery: a battery that is warm at an instant'),))
 # A subscriber that hangs must not keep the process from ending.
 LAST_WORDS_TIME = Duration(seconds=0.5)
@@ -186,7 +192,12 @@ class PlannerNode(Node):
             RouteProgress, 'route_progress', self._on_route_progress, state_qos)
         RouteListener(self, self._on_route_plan, self._on_refused_route)
         self.create_service(SetBool, '~/enable', self._on_enable)
-        self._prepare = PrepareAction(self, self._step, self._supervisor, self.fail)
+        self._departures = DepartureKeeper(
+            self, self._step, self._supervisor,
+            None if recalled.last_seen is None else recalled.last_seen.stamp_ns)
+        self._departures.attach(values['departures'], values['grid_prices'])
+        self._prepare = PrepareAction(
+            self, self._step, self._supervisor, self.fail, lambda: self._departures.prices)
 
         self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._apply_parameters)
@@ -194,7 +205,7 @@ class PlannerNode(Node):
         # Expires if no valid battery state arrives within the timeout.
         self._stale_timer = self.create_timer(settings.battery_state_timeout_s, self._on_repeat)
         # In real time, because a disk does not follow simulated time.
-        self.create_timer(SAVE_PERIOD_S, self._on_save_due,
+        self.create_timer(SAVE_PERIOD_S, self._on_files_due,
                           clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._setup = SetupWatch(
             self, ('battery_state', 'route_plan', 'route_progress'),
@@ -310,6 +321,9 @@ class PlannerNode(Node):
             for parameter in parameters:
                 if parameter.name == 'state_file':
                     check_parameter(parameter.value)
+            if {'departures', 'grid_prices'}.intersection(parameter.name for parameter in parameters):
+                values = self._values_with(parameters)
+                check_departure_parameters(values['departures'], values['grid_prices'])
         except InvalidInput as error:
             return SetParametersResult(successful=False, reason=str(error))
         except Exception as error:
@@ -343,7 +357,8 @@ class PlannerNode(Node):
         learned = self._state_keeper.attach(values['state_file'], contents).learned
         self._record(values, learned)
         self._step(Reconfigured(
-            vehicle, settings, self._routes.read_again(state, vehicle, settings), learned))
+            vehicle, settings, self._routes.read_again(state, vehicle, settings), learned),
+            *self._departures.attach(values['departures'], values['grid_prices']))
         self.get_logger().info('In effect now: ' + ', '.join(
             f'{parameter.name} = {parameter.value}' for parameter in parameters if parameter.name in _OWN) + '.')
         if is_new_car:
@@ -393,6 +408,7 @@ class PlannerNode(Node):
         if output.failure:
             self.get_logger().error(output.failure)
         for outcome in output.outcomes:
+            self._departures.note(outcome, self._supervisor.state, now_ns)
             self._prepare.finish(outcome)
         decision = output.decision
         if decision is None:
@@ -412,7 +428,10 @@ class PlannerNode(Node):
     @guarded
     def _on_repeat(self) -> None:
         self._step()
-        self._report(self._now_ns())
+        now_ns = self._now_ns()
+        if events := self._departures.events(self._supervisor.state, now_ns):
+            self._step(*events, now_ns=now_ns)
+        self._report(now_ns)
 
     def _report(self, now_ns: int) -> None:
         self._prepare.publish_feedback(now_ns)
@@ -421,7 +440,8 @@ class PlannerNode(Node):
     def _publish_diagnostics(self, now_ns: int) -> None:
         state = self._supervisor.state
         message = planner_diagnostics(
-            self.get_fully_qualified_name(), state, now_ns, self._state_keeper.report())
+            self.get_fully_qualified_name(), state, now_ns, self._state_keeper.report(),
+            self._departures.report())
         message.status.append(self._setup.entry(
             state.vehicle.name,
             f'{state.rivals} also publishes hvch_command' if state.rivals else ''))
@@ -441,6 +461,11 @@ class PlannerNode(Node):
             self.get_logger().error(
                 f'0 W could not be published after that: {type(another).__name__}: {another}; the '
                 'heater is off when the lease of the latest command ends.')
+
+    @guarded
+    def _on_files_due(self) -> None:
+        self._on_save_due()
+        self._departures.look()
 
     @guarded
     def _on_save_due(self) -> None:

@@ -8,6 +8,7 @@ busy. So a goal is only recorded here, and `PrepareAction.finish` gives its resu
 
 from __future__ import annotations
 
+from dataclasses import replace
 import math
 from typing import TYPE_CHECKING
 
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from rclpy.node import Node
 
     from bev_preheat.control.events import Event
+    from bev_preheat.control.grid_prices import GridPrices
     from bev_preheat.control.planner_state import PlannerState
     from bev_preheat.control.supervisor import Supervisor
 
@@ -51,14 +53,16 @@ class PrepareAction:
     """Passes goals to a Supervisor, and its progress and outcomes to their clients."""
 
     def __init__(self, node: Node, step: Callable[[Event], object], supervisor: Supervisor,
-                 fail: Callable[[str, Exception], object]) -> None:
+                 fail: Callable[[str, Exception], object],
+                 prices: Callable[[], GridPrices | None] = lambda: None) -> None:
         """
         Offer the action.
 
         `step(event)` runs a step of the Supervisor and passes its outcomes to `finish`; `fail(where, error)`
-        handles unexpected exceptions.
+        handles unexpected exceptions; `prices()` returns those of energy from the grid.
         """
         self._node, self._step, self._supervisor, self._fail = node, step, supervisor, fail
+        self._prices = prices
         self._goals: dict[PreparationGoal, ServerGoalHandle] = {}
         self._server = _LastingServer(
             node, PrepareBattery, PREPARE, self._never_called,
@@ -78,7 +82,7 @@ class PrepareAction:
 
     def _begin(self, goal_handle: ServerGoalHandle) -> None:
         try:
-            preparation_goal = preparation_goal_of(goal_handle.request)
+            preparation_goal = replace(preparation_goal_of(goal_handle.request), prices=self._prices())
         except InvalidInput as error:
             self._node.get_logger().error(f'prepare_battery refused: {error}')
             self._give_result(goal_handle, PreparationOutcome(

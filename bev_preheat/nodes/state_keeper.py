@@ -152,7 +152,7 @@ class StateKeeper:
 
 
 def _is_foreign(path: str) -> bool:
-    """Return whether a path holds a foreign file; False: the file is ours, or there is none."""
+    """Return whether a path holds a foreign file; False: the file is ours or missing."""
     try:
         check_state_file(path)
     except InvalidInput:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import math
 from typing import TYPE_CHECKING
 
+from bev_preheat.charging.prospect import CERTAIN, ChargingProspect, MOST_S
 from bev_preheat.charging.stop import Charger, CHARGER_RANGE_W, USUAL_DEPARTURE_SOC
 from bev_preheat.control.settings import MOST_STOPS
 from bev_preheat.errors import figure, figure_beyond, InvalidInput
@@ -28,8 +29,12 @@ LIMITS = {
     'stop_charger_power': CHARGER_RANGE_W,
     'departure_battery_temperature': (-60.0, 60.0),
     'departure_soc': (0.0, 1.0),
+    'stop_charging_probability': (0.0, 1.0),
+    'stop_arrival_time_deviation': (0.0, MOST_S),
+    'stop_charging_known_before_arrival': (0.0, MOST_S),
 }
-UNITS = {'stop_duration': 's', 'stop_charger_power': 'W',
+UNITS = {'stop_charger_power': 'W',
+         **dict.fromkeys(('stop_duration', 'stop_arrival_time_deviation', 'stop_charging_known_before_arrival'), 's'),
          **dict.fromkeys(('stop_target_battery_temperature', 'departure_battery_temperature'), 'degC')}
 # NaN has a meaning in these fields.
 NAN_MEANS = {
@@ -53,6 +58,7 @@ class PlannedStop:
 
     Requested on arrival: `target_temperature_c` [deg C] (None: the planner's default) and at least
     `minimum_arrival_soc`; `departure` is the battery's state at the end of the stop. `charger` None: unknown.
+    `prospect` is the ChargingProspect on arrival.
     """
 
     after_segment: int
@@ -61,6 +67,7 @@ class PlannedStop:
     minimum_arrival_soc: float
     departure: BatteryState
     charger: Charger | None = None
+    prospect: ChargingProspect = CERTAIN
 
 
 def stops_from_message(message: RoutePlan, segments: int | None,
@@ -110,7 +117,17 @@ def _stop(message: RoutePlan, at: int, default_target_c: float) -> PlannedStop:
         departure_soc = USUAL_DEPARTURE_SOC
     return PlannedStop(message.stop_after_segment[at], message.stop_duration[at], target_c,
                        0.0 if math.isnan(least_soc) else least_soc,
-                       BatteryState(departure_c, departure_soc), charger)
+                       BatteryState(departure_c, departure_soc), charger, prospect_of(*map(value, (
+                           'stop_charging_probability', 'stop_arrival_time_deviation',
+                           'stop_charging_known_before_arrival'))))
+
+
+def prospect_of(probability: float, deviation_s: float, known_before_s: float) -> ChargingProspect:
+    """Return the ChargingProspect of three valid numbers; 0, and NaN of an empty array: not given."""
+    def given(value: float, else_: float) -> float:
+        return else_ if value == 0.0 or math.isnan(value) else value
+
+    return ChargingProspect(given(probability, 1.0), given(deviation_s, 0.0), given(known_before_s, 0.0))
 
 
 def charger_of(power_w: float, departure_soc: float) -> Charger | None:
@@ -165,6 +182,12 @@ def _flag_problems(message: RoutePlan) -> list[str]:
     return []
 
 
+def figures_of(prospect: ChargingProspect) -> tuple[float, float, float]:
+    """Return the numbers of a ChargingProspect in a RoutePlan: probability, deviation [s], known before arrival [s]."""
+    probability = 0.0 if prospect.probability == 1.0 else prospect.probability
+    return probability, prospect.arrival_deviation_s, prospect.known_before_arrival_s
+
+
 def write_stops(message: RoutePlan, legs: Sequence[Leg]) -> None:
     """Write the stops between the Legs of a Mission into its RoutePlan."""
     after_segment, columns = array('I'), {field: array('d') for field in LIMITS}
@@ -182,7 +205,8 @@ def write_stops(message: RoutePlan, legs: Sequence[Leg]) -> None:
                 leg.minimum_arrival_soc,
                 leg.charger.power_w if leg.charger else 0.0,
                 departure.temperature_c,
-                departure.soc)):
+                departure.soc,
+                *figures_of(leg.prospect))):
             columns[field].append(value)
     message.stop_after_segment = after_segment
     message.stop_has_target_battery_temperature = has_target

@@ -24,6 +24,9 @@ def write_target(message: PreheatPlan, choice: TargetChoice | None) -> None:
     """Write a TargetChoice into a PreheatPlan; None: no target, figures NaN."""
     for field, name in FIGURES.items():
         setattr(message, field, math.nan if choice is None else getattr(choice, name))
+    doubt = None if choice is None else choice.doubt
+    message.charging_probability = math.nan if doubt is None else doubt.probability
+    message.heating_pays_from_probability = math.nan if doubt is None else doubt.pays_from
     if choice is not None:
         message.target_source = int(choice.source)
         message.target_reason = choice.reason

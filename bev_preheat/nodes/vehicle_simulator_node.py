@@ -24,8 +24,11 @@ from sensor_msgs.msg import BatteryState as BatteryStateMessage
 from bev_preheat.charging.stop import CHARGER_RANGE_W
 from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.errors import InvalidInput
+from bev_preheat.heater.controller import Refusal
 from bev_preheat.nodes.command_line import NodeProgram, print_error
+from bev_preheat.nodes.command_senders import CommandSenders
 from bev_preheat.nodes.convert import nanoseconds, route_plan_message, time_message
+from bev_preheat.nodes.heater_messages import heater_command, status_message
 from bev_preheat.nodes.news import RepetitionFilter
 from bev_preheat.nodes.parameters import check, declare, Parameter
 from bev_preheat.nodes.process import run_node
@@ -38,16 +41,16 @@ from bev_preheat.nodes.surroundings import endpoint_name
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal
 from bev_preheat.route import route_for
-from bev_preheat.simulation.heater_lease import lease_of_command, NO_LEASE
+from bev_preheat.simulation.heater_side import HeaterSide
 from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
 from bev_preheat.simulation.pace import Patience
 from bev_preheat.simulation.scenario import load_scenario
 from bev_preheat.simulation.sensors import Sensors
 from bev_preheat.vehicle import load_vehicle
-from bev_preheat_msgs.msg import HvchCommand, RoutePlan, RouteProgress
+from bev_preheat_msgs.msg import HvchCommand, HvchStatus, RoutePlan, RouteProgress
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
     from typing import Any
 
     from rclpy.parameter import Parameter as RosParameter
@@ -99,6 +102,8 @@ PARAMETERS = (
     Parameter('speed_up', 1.0, 'Simulated seconds in each real second', '', (1.0, 1000.0)),
     Parameter('battery_state_period', 1.0,
               'Simulated time between two battery states', 's', (0.01, 60.0)),
+    Parameter('heater_status', False, "Publish hvch_status, the heater controller's answer to each command.",
+              read_only=True),
     Parameter('exit_on_arrival', False,
               'End the process some seconds after the drive has ended.'),
 )
@@ -110,6 +115,7 @@ PROGRAM = NodeProgram(
     publishes=(('battery_state', 'sensor_msgs/BatteryState'),
                ('route_plan', 'bev_preheat_msgs/RoutePlan'),
                ('route_progress', 'bev_preheat_msgs/RouteProgress, where the scenario has it'),
+               ('hvch_status', 'bev_preheat_msgs/HvchStatus, with heater_status'),
                ('/clock', 'rosgraph_msgs/Clock, with publish_clock'),
                ('/diagnostics', 'diagnostic_msgs/DiagnosticArray')))
 
@@ -150,8 +156,9 @@ class VehicleSimulatorNode(Node):
         values = declare(self, PARAMETERS)
         self.finished = Future()
         self.exit_status = 0
-        self._lease, self._news = NO_LEASE, RepetitionFilter()
+        self._news, self._senders = RepetitionFilter(), CommandSenders()
         self._car, route_name, warnings = _departure(values)
+        self._heater = HeaterSide(self._car)
         for warning in warnings:
             self.get_logger().warning(warning)
         self._owns_clock = values['publish_clock']
@@ -175,6 +182,8 @@ class VehicleSimulatorNode(Node):
             QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL))
         self._progress_publisher = self.create_publisher(RouteProgress, 'route_progress', 1)
         self._diagnostics_publisher = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self._status_publisher = (
+            self.create_publisher(HvchStatus, 'hvch_status', 1) if values['heater_status'] else None)
         self.create_subscription(HvchCommand, 'hvch_command', self._on_command, 1)
         self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._apply_parameters)
@@ -227,7 +236,7 @@ class VehicleSimulatorNode(Node):
         if self._owns_clock and car.asleep_until_s is not None:
             # All computers sleep: skip these hours.
             elapsed_s = self._pace.elapsed_s = max(elapsed_s, car.asleep_until_s)
-        car.advance_under(self._lease, elapsed_s)
+        car.advance_under(self._heater.lease(self._time.start_ns), elapsed_s)
         # The clock first: readers of a battery state need it for the age.
         self._time.publish(self._stamp())
         news = car.route_news(self._time.start_ns)
@@ -301,22 +310,16 @@ class VehicleSimulatorNode(Node):
     # Topics
 
     @guarded
-    def _on_command(self, message: HvchCommand) -> None:
-        plant = self._plant
+    def _on_command(self, message: HvchCommand, info: Mapping[str, int]) -> None:
         if self._car.is_over or self._time.start_ns == 0:
             return
         if self._patience:
             self._patience.hear(
                 (nanoseconds(message.header.stamp) - self._time.start_ns) / NS_PER_S)
-        # Convert the lease to the plant's time.
-        now_ns = self._time.start_ns + round(self._car.clock_s * NS_PER_S)
-        until_s = plant.time_s + (nanoseconds(message.valid_until) - now_ns) / NS_PER_S
-        try:
-            self._lease = lease_of_command(
-                message.battery_heating_power, until_s, plant.time_s,
-                plant.vehicle.hvch.maximum_power_w)
-        except InvalidInput as error:
-            sentence = f'hvch_command ignored: {error}'
+        verdict = self._heater.take(heater_command(
+            message, self._senders.sender(info.get('publication_sequence_number'))), self._time.start_ns)
+        if verdict.refusal is not Refusal.NOT_REFUSED:
+            sentence = f'hvch_command ignored: {verdict.sentence}'
             if self._news.has(sentence):
                 self.get_logger().warning(sentence)
             return
@@ -324,6 +327,13 @@ class VehicleSimulatorNode(Node):
                               or message.reason not in NOT_READY):
             self._waits_for_planner = False
             self._start_if_ready()
+
+    def _publish_status(self) -> None:
+        """Publish the heater's answer with each battery state."""
+        if self._status_publisher is not None and self._time.start_ns:
+            now_ns = self._time.start_ns + round(self._car.clock_s * NS_PER_S)
+            self._status_publisher.publish(status_message(
+                self._heater.answer(self._time.start_ns), now_ns, self._heater.measured_w))
 
     def _publish_reading(self, reading: Reading) -> None:
         # Delayed readings that a newer one has overtaken are dropped.
@@ -334,6 +344,7 @@ class VehicleSimulatorNode(Node):
             self._time.start_ns + round(self._car.stamp_s(reading.instant_s) * NS_PER_S))
         if self._patience:
             self._patience.tell(self._car.clock_s)
+        self._publish_status()
         self._state_publisher.publish(
             battery_state_message(reading, self._plant.vehicle.battery.capacity_ah, stamp))
 

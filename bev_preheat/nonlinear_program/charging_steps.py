@@ -17,19 +17,20 @@ from typing import TYPE_CHECKING
 import casadi
 
 from bev_preheat.charging.equations import (
-    charging_power,
     heated_c,
     heater_power_of,
     make_charging_rates,
+    make_charging_step,
+    make_cooling,
     supply_of,
 )
 from bev_preheat.nonlinear_program.blocks import POWER_SCALE_W
 from bev_preheat.nonlinear_program.drive_step import SOC_SCALE
 from bev_preheat.nonlinear_program.smooth_maps import SMOOTH, smoothed
 from bev_preheat.nonlinear_program.symbols import SYMBOLS
-from bev_preheat.vehicle.charging import charging_of
+from bev_preheat.vehicle.charging import charging_of, vehicle_at_charger
 from bev_preheat.vehicle.heated_step import make_heat_step
-from bev_preheat.vehicle.model import make_rates, make_runge_kutta_4
+from bev_preheat.vehicle.model import make_rates
 
 if TYPE_CHECKING:
     from bev_preheat.charging.stop import ChargingStop
@@ -98,16 +99,18 @@ def symbolic_charging_step(vehicle: Vehicle, stop: ChargingStop) -> casadi.Funct
 
     Inputs: soc, temperature [deg C], heater power [W], coolant excess [K], duration [s], and the
     temperature with the heat under way at its end (`heated_c`) [deg C]. Outputs: the four states at the
-    end, and the means of the power into the terminals and of the heater's power [W].
+    end, and the means of the power into the terminals and of the power of heater and cooling [W].
     """
     inputs = [casadi.SX.sym(name) for name in (
         'soc', 'temperature_c', 'heater_w', 'excess_k', 'duration_s', 'heated_end_c')]
     soc, temperature_c, heater_w, excess_k, duration_s, heated_end_c = inputs
-    vehicle = smoothed(vehicle)
+    vehicle = vehicle_at_charger(smoothed(vehicle))
     battery, supply_w = vehicle.battery, supply_of(vehicle, stop)
-    rates = make_rates(vehicle, SYMBOLS)
-    limit_w = charging_of(vehicle).power_limit.function(SYMBOLS)
-    limit_c = charging_of(vehicle).heated_below_c
+    charging = charging_of(vehicle)
+    limit_c = charging.heated_below_c
+    rates = make_charging_rates(
+        charging.power_limit.function(SYMBOLS), make_cooling(charging.cooling, stop.ambient_c, SMOOTH),
+        make_rates(vehicle, SYMBOLS), SMOOTH)
     command_w = casadi.SX(0.0)
     if math.isfinite(limit_c):
         above_k = 0.5 * (heated_c(vehicle, temperature_c, heater_w, excess_k) + heated_end_c) - limit_c
@@ -116,15 +119,13 @@ def symbolic_charging_step(vehicle: Vehicle, stop: ChargingStop) -> casadi.Funct
     idle_heat_w = leakage_w_per_k * stop.ambient_c
     other_heat_w = casadi.SX(0.0)
     if vehicle.heat_path.has_coolant:
-        power_w = charging_power(limit_w(soc, temperature_c), supply_w - command_w, SMOOTH)
         other_heat_w = battery.heat_capacity_j_per_k * rates(
-            soc, temperature_c, -power_w, 0.0, idle_heat_w, leakage_w_per_k)[1]
+            soc, temperature_c, command_w - supply_w, 0.0, idle_heat_w, leakage_w_per_k)[1]
     drawn_w, arriving_w, heater_end_w, coolant_c = make_heat_step(vehicle, SYMBOLS)(
         heater_w, temperature_c + excess_k, temperature_c, duration_s, command_w, other_heat_w)
-    integrate = make_runge_kutta_4(make_charging_rates(limit_w, rates, SMOOTH))
-    soc_end, temperature_end_c, _, terminal_w = integrate(
+    soc_end, temperature_end_c, _, powers = make_charging_step(rates)(
         soc, temperature_c, duration_s, drawn_w - supply_w, 0.0, idle_heat_w + arriving_w,
         leakage_w_per_k)
     excess_end_k = (coolant_c - temperature_end_c if vehicle.heat_path.has_coolant else excess_k)
     return casadi.Function('charging_step', inputs, [
-        soc_end, temperature_end_c, heater_end_w, excess_end_k, terminal_w, drawn_w])
+        soc_end, temperature_end_c, heater_end_w, excess_end_k, powers.terminal_w, drawn_w + powers.cooling_w])

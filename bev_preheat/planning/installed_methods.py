@@ -77,7 +77,7 @@ def _package_of(entry: EntryPoint) -> str:
 
 
 class _TimeLimit:
-    """The longest time that an answer may take [s]; without a running planner there is none."""
+    """The longest time that an answer may take [s]; unlimited without a running planner."""
 
     limit_s = math.inf
 

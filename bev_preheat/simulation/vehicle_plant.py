@@ -116,6 +116,11 @@ class VehiclePlant:
         return self._ends_s[-1]
 
     @property
+    def speed_mps(self) -> float:
+        """Speed of the current segment [m/s]; 0 once the vehicle stands."""
+        return 0.0 if self.is_standing else float(self.route.speed_mps[self._segment])
+
+    @property
     def has_arrived(self) -> bool:
         """Whether the route has ended."""
         return self._segment == len(self._ends_s)

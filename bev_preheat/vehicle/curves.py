@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,6 +20,7 @@ from bev_preheat.numerics.arithmetic import (
     AnyNumber,
     Arithmetic,
     ARRAYS,
+    Curve,
     CurveFunction,
     FLOATS,
     Number,
@@ -60,17 +61,19 @@ class PolynomialVoltage:
 
 @dataclass(frozen=True)
 class InverseTemperatureResistance:
-    """Internal resistance [ohm]: k / (T + reference_temperature), T in degrees Celsius."""
+    """Internal resistance [ohm]: k / (T + reference_temperature) + connection, T in degrees Celsius."""
 
     k_ohm_k: float
     reference_temperature_c: float
+    connection_ohm: float = 0.0
 
     def function(self, arithmetic: Arithmetic[Number]) -> CurveFunction[Number]:
         """`f(soc, temperature_c)` [ohm], for temperature_c > -reference_temperature_c."""
         k_ohm_k, reference_temperature_c = self.k_ohm_k, self.reference_temperature_c
+        connection_ohm = self.connection_ohm
 
         def resistance(soc: Number, temperature_c: Number) -> Number:
-            return k_ohm_k / (temperature_c + reference_temperature_c)
+            return k_ohm_k / (temperature_c + reference_temperature_c) + connection_ohm
 
         return resistance
 
@@ -163,6 +166,17 @@ class Table:
             return at_low + a * (high[j] + b * (high[j + 1] - high[j]) - at_low)
 
         return lookup
+
+
+def with_connections(resistance: Curve, connection_ohm: float) -> Curve:
+    """Return the resistance of a pack: a formula or Table of its cells, and of its connections [ohm]."""
+    if connection_ohm == 0.0:
+        return resistance
+    if isinstance(resistance, InverseTemperatureResistance):
+        return replace(resistance, connection_ohm=resistance.connection_ohm + connection_ohm)
+    assert isinstance(resistance, Table)
+    return replace(resistance, values=tuple(
+        tuple(value + connection_ohm for value in row) for row in resistance.values))
 
 
 def _line(axis: Sequence[float], values: Sequence[float]) -> Callable[[float], float]:

@@ -153,7 +153,7 @@ def _battery(sheet: DataSheet) -> dict[str, Entry]:
             f'paper has, over {surface_m2:.1f} m2 (area in proportion to the mass: 6.2 m2 at 493 kg, '
             'source: 182 cm x 145 cm x 14 cm, topauto.co.za, "The impressive batteries in VW '
             'electric cars")', assumed=True),
-        'battery.soc_range': Entry([0.0, 1.0], 'what the car shows as 0 and 100 %'),
+        'battery.soc_range': Entry([0.0, 1.0], '0 and 100 % as the car displays them'),
         'battery.temperature_range_c': Entry(
             [-40.0, 60.0], 'assumed: as the car of the paper, config/vehicles/reference.yaml',
             assumed=True),

@@ -10,6 +10,7 @@ from math import inf
 
 from bev_preheat.numerics.arithmetic import Curve, Number
 from bev_preheat.vehicle.heat_path import DIRECT, HeatPath
+from bev_preheat.vehicle.heating_gates import HeatingGates, NO_GATES
 
 
 @dataclass(frozen=True)
@@ -30,7 +31,8 @@ class Battery:
     The pack.
 
     Curves are those of `vehicle.curves`, over (state of charge, temperature): open-circuit voltage
-    [V], internal resistance [ohm], power limits [W] (discharge positive, charge negative).
+    [V], internal resistance [ohm], power limits [W] (discharge positive, charge negative). `resistance` is that of
+    the pack: cells, and the `connection_resistance_ohm` of busbars, contactors and connectors.
     `cells_in_series` is None if the file omits it; no equation needs it.
     """
 
@@ -44,6 +46,7 @@ class Battery:
     soc_range: tuple[float, float]
     temperature_range_c: tuple[float, float]
     cells_in_series: int | None = None
+    connection_resistance_ohm: float = 0.0
 
     @property
     def capacity_as(self) -> float:
@@ -109,6 +112,28 @@ class Defaults:
 
 
 @dataclass(frozen=True)
+class Cooling:
+    """
+    Active cooling of the battery at a charger.
+
+    Above `set_point_c` [deg C] its heat flow out of the battery rises with the battery temperature, and reaches
+    `cooling_power_w` [W] `proportional_band_k` [K] higher, with `electrical_power_w` [W] from the charger. A radiator
+    removes at most `radiator_conductance_w_per_k` [W/K] times the battery's temperature above the air.
+    """
+
+    set_point_c: float
+    electrical_power_w: float
+    cooling_power_w: float
+    proportional_band_k: float = 2.0
+    radiator_conductance_w_per_k: float = inf
+
+    @property
+    def coefficient_of_performance(self) -> float:
+        """Heat flow over electrical power."""
+        return self.cooling_power_w / self.electrical_power_w
+
+
+@dataclass(frozen=True)
 class Charging:
     """
     A car at a fast charger.
@@ -118,6 +143,9 @@ class Charging:
     the car heats its battery while it charges, None if the file does not say;
     `heating_limit_c` is the battery temperature [deg C] up to which it does. The car draws at most
     `maximum_inlet_power_w` [W] from the charger in total. `has_own_limit`: the file has a map for fast charging.
+    `power_limit` includes the derating of a hot battery; `assumed_fall_c` is the temperature [deg C] from which it
+    falls by assumption, because neither the map nor the file says how, else None. `polarization_factor` is the pack's
+    resistance in a session over `Battery.resistance`, `cooling` the active cooling, None without.
     """
 
     power_limit: Curve
@@ -125,6 +153,9 @@ class Charging:
     heating_limit_c: float | None = None
     maximum_inlet_power_w: float = inf
     has_own_limit: bool = False
+    assumed_fall_c: float | None = None
+    polarization_factor: float = 1.0
+    cooling: Cooling | None = None
 
     @property
     def heated_below_c(self) -> float:
@@ -160,7 +191,8 @@ class Vehicle:
     planned, descriptions of a road cannot. `heat_path` describes the arrival of the heater's heat:
     DIRECT if the file has none. `charging` describes the car at a fast charger,
     None if the file has no such block. `assumed` are the keys of the file whose values were not
-    measured or stated for this car. `uncertainty` is that of the file's values.
+    measured or stated for this car. `uncertainty` is that of the file's values. `heating_gates` are the
+    car's own conditions for heating; NO_GATES if the file has none.
     """
 
     name: str
@@ -173,3 +205,4 @@ class Vehicle:
     heat_path: HeatPath = DIRECT
     charging: Charging | None = None
     uncertainty: Uncertainty = UNKNOWN_UNCERTAINTY
+    heating_gates: HeatingGates = NO_GATES

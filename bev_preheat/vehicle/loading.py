@@ -16,10 +16,11 @@ from bev_preheat.files.checked_yaml import check_yaml, FileData, load_checked_ya
 from bev_preheat.files.configuration import find_configuration
 from bev_preheat.numerics.arithmetic import ARRAYS, Curve
 from bev_preheat.vehicle.charging import charging_problems
-from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, Table
+from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, Table, with_connections
 from bev_preheat.vehicle.description import (
     Battery,
     Charging,
+    Cooling,
     Defaults,
     Drivetrain,
     Hvch,
@@ -29,6 +30,8 @@ from bev_preheat.vehicle.description import (
     Vehicle,
 )
 from bev_preheat.vehicle.heat_path import HeatPath
+from bev_preheat.vehicle.heating_gates import gate_problems, HeatingGates
+from bev_preheat.vehicle.hot_derating import derated, derating_problems, with_assumed_fall
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
@@ -89,6 +92,8 @@ def _vehicle(contents: dict[str, FileData], path: str | Path) -> Vehicle:
     problems += _keys_that_are_not_there(contents)
     path_of_heat = HeatPath(**_floats(contents.get('heat_path', {})))
     problems += heat_path_problems(path_of_heat)
+    gates = _heating_gates(contents.get('heating_gates', {}))
+    problems += gate_problems(gates, contents['hvch']['maximum_power_w'], lowest_c)
     leakage = Leakage(**_floats(battery['leakage']))
     time_constant_s = battery['heat_capacity_j_per_k'] / max(
         leakage.coefficient_w_per_k(FAST_MPS), 1e-9)
@@ -107,7 +112,8 @@ def _vehicle(contents: dict[str, FileData], path: str | Path) -> Vehicle:
 
     limits = battery['power_limits']
     open_circuit_voltage = curve('open_circuit_voltage', _polynomial_voltage)
-    resistance = curve('resistance', InverseTemperatureResistance)
+    connection_ohm = float(battery.get('connection_resistance_ohm', 0.0))
+    resistance = with_connections(curve('resistance', InverseTemperatureResistance), connection_ohm)
     discharge = _table('battery.power_limits.discharge', limits['discharge'], problems)
     charge = _table('battery.power_limits.charge', limits['charge'], problems)
     charging = _charging(contents, charge, problems)
@@ -137,7 +143,8 @@ def _vehicle(contents: dict[str, FileData], path: str | Path) -> Vehicle:
             leakage=leakage,
             soc_range=_pair(battery['soc_range']),
             temperature_range_c=_pair(battery['temperature_range_c']),
-            cells_in_series=battery.get('cells_in_series')),
+            cells_in_series=battery.get('cells_in_series'),
+            connection_resistance_ohm=connection_ohm),
         drivetrain=Drivetrain(**_floats(drivetrain)),
         hvch=Hvch(**_floats(contents['hvch'])),
         defaults=Defaults(**_floats(contents['defaults'])),
@@ -145,7 +152,15 @@ def _vehicle(contents: dict[str, FileData], path: str | Path) -> Vehicle:
         assumed=tuple(contents.get('assumed', ())),
         heat_path=path_of_heat,
         charging=charging,
-        uncertainty=Uncertainty(**_floats(contents.get('uncertainty', {}))))
+        uncertainty=Uncertainty(**_floats(contents.get('uncertainty', {}))),
+        heating_gates=gates)
+
+
+def _heating_gates(node: dict[str, FileData]) -> HeatingGates:
+    node = dict(node)
+    steps_w = tuple(map(float, node.pop('power_steps_w', ())))
+    only_while_standing = node.pop('only_while_standing', False)
+    return HeatingGates(power_steps_w=steps_w, only_while_standing=only_while_standing, **_floats(node))
 
 
 def _charging(contents: dict[str, FileData], charge: Table,
@@ -162,10 +177,37 @@ def _charging(contents: dict[str, FileData], charge: Table,
     else:
         problems += _no_cold('battery.power_limits.charge (there is no charging.power_limit)',
                              contents['battery']['power_limits']['charge'])
-    heating = node.pop('battery_heating', None)
-    charging = Charging(limit, heating, has_own_limit=has_own_limit, **_floats(node))
-    problems += charging_problems(charging, _pair(contents['battery']['temperature_range_c']))
+    temperature_range_c = _pair(contents['battery']['temperature_range_c'])
+    heating, cooling = node.pop('battery_heating', None), _cooling(node.pop('cooling', None), problems)
+    limit, assumed_fall_c = _derated(limit, node.pop('hot_derating', None), temperature_range_c[1], problems)
+    charging = Charging(limit, heating, has_own_limit=has_own_limit, assumed_fall_c=assumed_fall_c,
+                        cooling=cooling, **_floats(node))
+    problems += charging_problems(charging, temperature_range_c)
     return charging
+
+
+def _derated(limit: Table, node: dict[str, FileData] | None, highest_c: float,
+             problems: list[str]) -> tuple[Table, float | None]:
+    """Return a charging map with the fall for a hot battery, and where an assumed one begins [deg C]."""
+    if node is None:
+        return with_assumed_fall(limit, highest_c)
+    points = tuple(map(float, node['temperature_c'])), tuple(map(float, node['share']))
+    found = list(derating_problems('charging.hot_derating', *points, highest_c))
+    problems += found
+    return (limit if found else derated(limit, *points)), None
+
+
+def _cooling(node: dict[str, FileData] | None, problems: list[str]) -> Cooling | None:
+    """Return the Cooling of a checked node, None without one; add problems to `problems`."""
+    if node is None:
+        return None
+    values = _floats(node)
+    ratio, power_w = values.pop('coefficient_of_performance', None), values.pop('cooling_power_w', None)
+    if (ratio is None) == (power_w is None):
+        problems.append('charging.cooling: needs exactly one of cooling_power_w, the heat flow out of the battery, '
+                        'and coefficient_of_performance, its ratio to electrical_power_w')
+        return None
+    return Cooling(cooling_power_w=ratio * values['electrical_power_w'] if power_w is None else power_w, **values)
 
 
 def _no_cold(key: str, table: dict[str, FileData]) -> Iterator[str]:

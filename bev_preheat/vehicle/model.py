@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Protocol, TYPE_CHECKING
 
-from bev_preheat.numerics.arithmetic import Arithmetic, Number
+from bev_preheat.numerics.arithmetic import AnyNumber, Arithmetic, Number
 
 if TYPE_CHECKING:
     from bev_preheat.vehicle.description import Vehicle
@@ -83,12 +83,18 @@ def make_rates(vehicle: Vehicle, arithmetic: Arithmetic[Number]) -> Rates[Number
     return rates
 
 
-def make_runge_kutta_4(rates: Rates[Number]) -> Step[Number]:
+def stage_mean(first: Number, second: Number, third: Number, fourth: Number) -> Number:
+    """Return the mean over a step of the classical Runge-Kutta method from its values at the four stages."""
+    return (first + 2.0 * (second + third) + fourth) / 6.0
+
+
+def make_runge_kutta_4(rates: Rates[Number], mean: Callable[..., AnyNumber] = stage_mean) -> Step[Number]:
     """
     Return one step of the classical Runge-Kutta method: `step(soc, temperature_c, dt_s, *inputs)`.
 
     Returns (soc, temperature [deg C] at the end, mean temperature [deg C], mean Joule heat [W]);
-    the means use the method's own weights, so the step's heat balance closes to rounding.
+    the means use the method's own weights, so the step's heat balance closes to rounding. `mean` takes the third
+    result of `rates` at the four stages, if it is not a number.
     """
     def step(soc: Number, temperature_c: Number, dt_s: Number, power_w: Number,
              variance_w2: Number, heat_w: Number,
@@ -106,7 +112,7 @@ def make_runge_kutta_4(rates: Rates[Number]) -> Step[Number]:
             soc + sixth * (s1 + 2.0 * (s2 + s3) + s4),
             temperature_c + sixth * (t1 + 2.0 * (t2 + t3) + t4),
             temperature_c + sixth * (t1 + t2 + t3),
-            (j1 + 2.0 * (j2 + j3) + j4) / 6.0,
+            mean(j1, j2, j3, j4),
         )
 
     return step

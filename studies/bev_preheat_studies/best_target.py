@@ -172,7 +172,7 @@ def print_summary(console: Console, summary: dict[str, Any], results: Sequence[W
     """Print the table of a summary, and the trips with a large gap."""
     outcomes = ', '.join(f'{count} {name}' for name, count in summary['outcomes'].items() if count)
     console.print(f'{summary["trips"]} trips: {outcomes}; {summary["heated"]} are heated, '
-                  f'{summary["heated_by_heat_path"]} of them with a heat path', soft_wrap=True)
+                  f'{summary["heated_by_heat_path"]} with a heat path', soft_wrap=True)
     columns = ('least', *PERCENTILES)
     print_figures(
         console, 'Cost of the best target above the joint program (%)', ('', *columns),

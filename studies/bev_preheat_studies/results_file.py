@@ -94,7 +94,7 @@ class ResultsFile:
             raise InvalidInput(f'{self._path}: holds another study: {problem}; choose another file')
 
     def _drop_half_line(self) -> bytes:
-        """Cut the file after its last complete line; return the first line, b'' if there is none."""
+        """Cut the file after its last complete line; return the first line, b'' if no line is complete."""
         with open(target_of(self._path), 'rb') as lines:
             first = next(lines, b'')
             if not first.endswith(b'\n') and not b'{'.startswith(first[:1]):
@@ -115,7 +115,7 @@ class ResultsFile:
 
 
 def difference(found: Mapping[str, Plain], wanted: Mapping[str, Plain]) -> str:
-    """Return the differences of two descriptions of a study in words; '' if there are none."""
+    """Return the differences of two descriptions of a study in words; '' if they are equal."""
     problems = []
     for name in dict.fromkeys((*wanted, *found)):
         there, here = found.get(name), wanted.get(name)

@@ -33,7 +33,7 @@ def test_what_cannot_be_a_folder_of_its_own_is_refused(refused):
     Path('mine').mkdir()
     Path('mine/thesis.tex').write_text('kept')
     assert refused('--vehicle', 'reference', '--output', 'mine') == (
-        'preheat: error: --output: mine: has files that are none of an export: thesis.tex; '
+        'preheat: error: --output: mine: has files that an export does not write: thesis.tex; '
         'name a folder of its own')
     assert os.listdir('mine') == ['thesis.tex']
 

@@ -75,7 +75,7 @@ def test_of_a_heat_path_command_and_what_comes_of_it_are_drawn():
     for line, power_w in ((commanded, plan.hvch_battery_power_w), (drawn, plan.heat.drawn_power_w)):
         assert set(line.get_ydata()) == set(power_w / 1e3)
     assert 'heater' in texts(panels['heat'])
-    # What is under way at the start warms the battery without preheating too.
+    # Heat under way at the start warms the battery without preheating too.
     unheated = plan_unheated(vehicle, constant_route(), warm, Goal(25.0))
     cold = plan_unheated(vehicle, constant_route(), BatteryState(12.0, 0.9), Goal(25.0))
     assert plan.start_state == warm

@@ -28,6 +28,7 @@ from spinning import spun_node
 
 from bev_preheat.nodes import (
     charger_adviser_node,
+    heater_controller_node,
     nlp_checker_node,
     planner_node,
     route_publisher_node,
@@ -37,6 +38,7 @@ from bev_preheat.nodes.installed_processes import reserved_domain_id
 
 MAIN_MODULES = {'planner': planner_node, 'nlp_checker': nlp_checker_node,
                 'charger_adviser': charger_adviser_node,
+                'heater_controller': heater_controller_node,
                 'route_publisher': route_publisher_node,
                 'vehicle_simulator': vehicle_simulator_node}
 

@@ -17,6 +17,7 @@ import pytest
 
 from bev_preheat.nodes import (
     charger_adviser_node,
+    heater_controller_node,
     nlp_checker_node,
     planner_node,
     route_publisher_node,
@@ -26,6 +27,7 @@ from bev_preheat.nodes import (
 NODES = {'planner': planner_node, 'nlp_checker': nlp_checker_node,
          'charger_adviser': charger_adviser_node,
          'route_publisher': route_publisher_node,
+         'heater_controller': heater_controller_node,
          'vehicle_simulator': vehicle_simulator_node}
 LISTENING = ('planner', 'nlp_checker')
 

@@ -1,20 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The installed `planner` on a trip with two stops: commands and predictions leg by leg."""
+"""The planner's node on a trip with two stops: commands and predictions leg by leg, in simulated time."""
 
-from itertools import count
 from math import nan
 
 from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticArray
 import pytest
-from rclpy.qos import QoSDurabilityPolicy, QoSProfile
-from rosgraph_msgs.msg import Clock
+from rclpy.parameter import Parameter
+from rehearsed_planner import rehearsed_planner
 from sensor_msgs.msg import BatteryState
 
+from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.planning.status import Status
-from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
+from bev_preheat_msgs.msg import RoutePlan
 
-LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
 START_S = 1000
 # Time advances in steps of this [s], well below the maximum age of a battery state.
 STEP_S = 2
@@ -40,89 +38,53 @@ def route_message(**changed):
 
 
 class Trip:
-    """A planner in simulated time, which stands still unless it is set."""
+    """A planner in this process on its way: the clock is set by hand, so no computer is too slow for it."""
 
-    def __init__(self, bench):
-        self._commands = bench.record(HvchCommand, 'hvch_command')
-        self._plans = bench.record(PreheatPlan, 'preheat_plan')
-        self.diagnostics = bench.record(DiagnosticArray, '/diagnostics')
-        self._clock = bench.publisher(Clock, '/clock')
-        self._states = bench.publisher(BatteryState, 'battery_state')
-        self.routes = bench.publisher(RoutePlan, 'route_plan', LATCHED)
-        self.process = bench.start(
-            'planner', '-p', 'use_sim_time:=true', '-p', 'heat_while_charging:=true')
-        for sender in (self._clock, self._states, self.routes):
-            sender.wait_for_subscription()
-        for recorder in (self._commands, self._plans, self.diagnostics):
-            recorder.wait_for_publisher()
+    def __init__(self, planner):
+        self._planner = planner
+        self.routes = planner.node._on_route_plan
 
-    def at(self, second, what, **power):
-        """Set the clock to that second, with a battery at -7 degC, until `what(command, plan)` holds."""
-        self.between(second, second, what, **power)
+    @property
+    def command(self):
+        """Return the latest power [W] and its reason."""
+        last = self._planner.commands.last
+        return last.battery_heating_power, last.reason
 
-    def between(self, first_s, last_s, what, **power):
-        """
-        Advance time from one second to another until `what(command, plan)` holds; return the second.
+    @property
+    def plan(self):
+        """Return the latest PreheatPlan."""
+        return self._planner.plans.last
 
-        After a leap of the clock the battery state is too old; then heat waits for 10 s.
-        """
-        second = first_s
+    def status(self):
+        """Return the latest diagnostics of preheating."""
+        self._planner.node._on_repeat()
+        return self._planner.others.last.status[0]
 
-        def answered():
-            nonlocal second
-            command, plan = self._answer(second, power)
-            if command is not None and plan is not None and what(command, plan):
-                return True
-            # The planner has answered: on to the next instant.
-            if command is not None:
-                second = min(second + STEP_S, last_s)
-            return False
+    def at(self, second, **power):
+        """Set the clock to that second, and publish the state of a battery at -7 degC measured then."""
+        self._planner.set_clock(second * NS_PER_S)
+        state = BatteryState(temperature=-7.0, percentage=0.8, **power)
+        state.header.stamp = Time(sec=second)
+        self._planner.node._on_battery_state(state)
 
-        self._wait(answered, first_s)
-        return second
-
-    def drive(self, first_s, last_s):
-        """Advance time from one second to another without a leap."""
-        for second in range(first_s, last_s + 1, STEP_S):
-            self._wait(lambda second=second: self._answer(second, {})[0] is not None, second)
-
-    def _answer(self, second, power):
-        """Return the newest command of that second, or None, and the newest plan, or None."""
-        stamp = Time(sec=second)
-        self._clock.publish(Clock(clock=stamp))
-        command = next((command for command in reversed(self._commands.messages)
-                        if command.header.stamp == stamp), None)
-        # The planner knows the time: a state received before its clock would be refused.
-        if command is not None:
-            state = BatteryState(temperature=-7.0, percentage=0.8, **power)
-            state.header.stamp = stamp
-            self._states.publish(state)
-        return command, next(reversed(self._plans.messages), None)
-
-    def _wait(self, condition, second):
-        try:
-            self.wait_until(condition, f'at {second} s')
-        except AssertionError as error:
-            raise AssertionError(f'{error}; the last command: {self._commands.messages[-1:]}') from error
-
-
-@pytest.fixture(scope='module')
-def shared_trip(module_bench):
-    return Trip(module_bench)
-
-
-TRIP_NUMBERS = count()
+    def drive(self, first_s, last_s, **power):
+        """Advance time from one second to another, with a battery state each STEP_S and at the end."""
+        for second in (*range(first_s, last_s, STEP_S), last_s):
+            self.at(second, **power)
 
 
 @pytest.fixture
-def trip(shared_trip, wait_until):
-    """Return the trip that the tests share, with the route with two stops."""
-    shared_trip.wait_until = wait_until
-    # A name that no plan has yet: of two routes in quick succession the planner hears the second only.
-    route_id = f'two stops {next(TRIP_NUMBERS)}'
-    shared_trip.routes.publish(route_message(route_id=route_id))
-    shared_trip.at(START_S, lambda command, plan: (plan.route_id, plan.status) == (route_id, HEATS))
-    return shared_trip
+def trip(dds, tmp_path, monkeypatch):
+    """Return the start of the trip with two stops."""
+    monkeypatch.setenv('ROS_LOG_DIR', str(tmp_path))
+    with rehearsed_planner() as planner:
+        planner.node.set_parameters([Parameter('heat_while_charging', value=True)])
+        planner.set_clock(START_S * NS_PER_S)
+        trip = Trip(planner)
+        trip.routes(route_message())
+        trip.at(START_S)
+        assert (trip.plan.route_id, trip.plan.status) == ('two stops', HEATS)
+        yield trip
 
 
 def test_each_part_of_the_trip_is_commanded_when_it_is_now(trip):
@@ -134,51 +96,45 @@ def test_each_part_of_the_trip_is_commanded_when_it_is_now(trip):
             (SECOND_ARRIVAL_S, 0.0, Status.CHARGING), (THIRD_S - 1, 0.0, Status.CHARGING),
             (THIRD_S, 0.0, Status.NO_CHARGING_PLANNED),
             (END_S - 1, 0.0, Status.NO_CHARGING_PLANNED), (END_S, 0.0, Status.ARRIVED)):
-        expected = pytest.approx(power_w), int(reason)
         trip.drive(last_s, second)
-        last_s = trip.between(second, second + (12 if power_w else 0), lambda command, plan, expected=expected: (
-            command.battery_heating_power, command.reason) == expected)
+        last_s = second
+        assert trip.command == (pytest.approx(power_w), reason), second
 
 
 @pytest.mark.parametrize('second, arrivals_s', [
     (START_S, [SECOND_ARRIVAL_S, END_S]), (FIRST_ARRIVAL_S, [SECOND_ARRIVAL_S, END_S]),
     (SECOND_S, [END_S]), (THIRD_S, [])])
 def test_the_plan_covers_what_lies_beyond_the_next_stop(trip, second, arrivals_s):
-    trip.at(second, lambda command, plan: [
-        arrival.sec for arrival in plan.later_arrival] == arrivals_s)
+    trip.at(second)
+    assert [arrival.sec for arrival in trip.plan.later_arrival] == arrivals_s
 
 
 def test_a_later_leg_starts_from_its_departure(trip):
+    plan = trip.plan
+    assert list(plan.later_status) == [Status.WAITING, Status.NO_CHARGING_PLANNED]
     # 2 min do not take the battery far from the 28 degC and 0.6 of the departure.
-    trip.at(START_S, lambda command, plan: (
-        list(plan.later_status) == [Status.WAITING, Status.NO_CHARGING_PLANNED]
-        and 26.0 < plan.later_predicted_arrival_temperature[1] < 29.0
-        and 0.55 < plan.later_predicted_arrival_soc[1] < 0.6
-        and SECOND_S < plan.later_heating_start[0].sec < SECOND_ARRIVAL_S
-        and plan.later_heating_start[1] == Time()))
+    assert 26.0 < plan.later_predicted_arrival_temperature[1] < 29.0
+    assert 0.55 < plan.later_predicted_arrival_soc[1] < 0.6
+    assert SECOND_S < plan.later_heating_start[0].sec < SECOND_ARRIVAL_S
+    assert plan.later_heating_start[1] == Time()
 
 
 def test_it_heats_on_while_the_battery_is_charged(trip):
-    def commands(power_w):
-        return lambda command, plan: (command.battery_heating_power, command.reason) == (
-            pytest.approx(power_w), int(Status.CHARGING))
-
-    # A charging current is positive in sensor_msgs. The planner needs some states as evidence, and a busy computer
-    # loses some, so there is time for many.
-    second = trip.between(
-        FIRST_ARRIVAL_S + 2, SECOND_S - 3, commands(FIRST_W), voltage=400.0, current=100.0)
-    trip.at(second + 1, commands(0.0), voltage=400.0, current=-5.0)
-    trip.at(second + 2, commands(0.0))
+    # A charging current is positive in sensor_msgs. The planner needs some states as evidence.
+    trip.drive(FIRST_ARRIVAL_S, FIRST_ARRIVAL_S + 40, voltage=400.0, current=100.0)
+    assert trip.command == (pytest.approx(FIRST_W), Status.CHARGING)
+    trip.at(FIRST_ARRIVAL_S + 41, voltage=400.0, current=-5.0)
+    assert trip.command == (0.0, Status.CHARGING)
+    trip.at(FIRST_ARRIVAL_S + 42)
+    assert trip.command == (0.0, Status.CHARGING)
 
 
 def test_a_stop_is_told_in_the_diagnostics(trip):
-    # An instant that no other test has.
-    trip.at(SECOND_ARRIVAL_S + 37, lambda command, plan: plan.status == Status.CHARGING)
-    array = trip.diagnostics.wait_for(
-        lambda array: array.status[0].message.startswith('CHARGING: Charging until departure in '
-                                                         '0:53 min; '))
-    values = {item.key: item.value for item in array.status[0].values}
-    assert values['legs after this one'] == '1'
+    trip.at(SECOND_ARRIVAL_S + 37)
+    assert trip.plan.status == Status.CHARGING
+    status = trip.status()
+    assert status.message.startswith('CHARGING: Charging until departure in 0:53 min; ')
+    assert {item.key: item.value for item in status.values}['legs after this one'] == '1'
 
 
 @pytest.mark.parametrize('changed, text', [
@@ -192,7 +148,8 @@ def test_a_stop_is_told_in_the_diagnostics(trip):
      'leg 1: target battery temperature: -50 is not allowed; it must be -40 ... 60 degC')],
     ids=['length', 'order', 'charge', 'vehicle'])
 def test_bad_stops_switch_off_and_are_named(trip, changed, text):
-    trip.diagnostics.clear()
-    trip.routes.publish(route_message(**changed))
-    array = trip.diagnostics.wait_for(lambda array: text in array.status[0].message)
-    assert array.status[0].message.startswith('INVALID_INPUT: route_plan refused: ')
+    trip.routes(route_message(**changed))
+    message = trip.status().message
+    assert message.startswith('INVALID_INPUT: route_plan refused: ')
+    assert text in message
+    assert trip.command == (0.0, Status.INVALID_INPUT)

@@ -156,7 +156,8 @@ executables.{name}()
 
 
 @pytest.mark.parametrize('name', [
-    'planner', 'nlp_checker', 'charger_adviser', 'route_publisher', 'vehicle_simulator'])
+    'planner', 'nlp_checker', 'charger_adviser', 'route_publisher', 'heater_controller',
+    'vehicle_simulator'])
 def test_ctrl_c_while_a_node_is_loaded_ends_it_without_a_traceback(name, domain_id):
     process = subprocess.Popen(
         [sys.executable, '-c', HANGING_LOAD.format(name=name)], text=True, stdout=subprocess.PIPE,

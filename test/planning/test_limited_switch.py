@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One heating interval within limits: no plan is worse than the best of them, tried one by one."""
+"""One heating interval within limits: no plan is worse than the best interval, tried one by one."""
 
 from contextlib import nullcontext
 from dataclasses import replace

@@ -244,7 +244,7 @@ def test_reference_is_the_car_of_the_papers_table_1():
      'maximum_regeneration_power_w'),
     ('hvch.colour', 'red', "hvch: unknown key 'colour'; known keys: maximum_power_w, efficiency"),
     ('batery', {}, "the file: unknown key 'batery'; did you mean 'battery'? "
-     'known keys: name, battery, drivetrain, hvch, heat_path, charging, defaults, road_load, '
+     'known keys: name, battery, drivetrain, hvch, heating_gates, heat_path, charging, defaults, road_load, '
      'uncertainty, assumed'),
     ('assumed', ['battery.resistanc'], "assumed[0]: 'battery.resistanc' is not a key of this file; did "
      "you mean 'battery.resistance'?"),

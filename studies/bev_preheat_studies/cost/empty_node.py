@@ -41,7 +41,8 @@ PARAMETERS: dict[str, Any] = {
     'command_lease': 2.5, 'planning_step': 30.0, 'arrival_soc_margin': 0.0, 'estimation': True,
     'minimum_on_time': 20.0, 'minimum_off_time': 120.0, 'route_progress_timeout': 10.0,
     'energy_price': 0.6, 'value_of_time': 10.0, 'heat_while_charging': False,
-    'compiled_core': True, 'coldest_cell_limits': True, 'state_file': ''}
+    'compiled_core': True, 'coldest_cell_limits': True, 'state_file': '',
+    'departures': '', 'grid_prices': ''}
 # Of the plan for the reference trip: steps, heating intervals, characters of its sentence.
 STEPS, STRETCHES, CHARACTERS = 120, 2, 120
 # Size of the diagnostics.
@@ -80,7 +81,8 @@ class EmptyNode(Node):
                 event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
                 qos_overriding_options=overriding)
         self._heating_w = 0.0
-        self.create_service(SetBool, '~/enable', lambda request, response: response)
+        for service in ('~/enable', '~/skip_departure'):
+            self.create_service(SetBool, service, lambda request, response: response)
         self._server = ActionServer(self, PrepareBattery, '~/prepare_battery', _ignore)
         self.add_on_set_parameters_callback(
             lambda parameters: SetParametersResult(successful=True))

@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 WORKERS = 2
-# Of the study's usual number of drawn cars so many are driven.
+# Drawn cars: the study's usual number, and the number driven here.
 USUAL_CARS, CARS, MOST_S = 300, 60, 300.0
-# Trips of a fleet, by one worker and by two in turns.
+# Trips of a fleet, by one worker and by two alternately.
 FLEET, TURNS, LEAST_EFFICIENCY = 100_000, 2, 0.9
 
 

@@ -19,7 +19,6 @@ from bev_preheat.control.events import BatteryStateArrived, RouteArrived
 from bev_preheat.control.inputs import Leg, Measurement, Mission, NS_PER_S
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.errors import InvalidInput
-from bev_preheat.identification.identify import identify
 from bev_preheat.identification.trips import trips_of
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.route.segments import make_route
@@ -221,6 +220,8 @@ def study_closed_loop(vehicle_name: str, seed: int, drives: int, heats: bool, se
     """
     generator, vehicle = np.random.default_rng(seed), load_vehicle(vehicle_name)
     car = draw_car(generator, vehicle)
+    # SciPy takes a second to load; drives need it only for the identified file.
+    from bev_preheat.identification.identify import identify
     found = identify(vehicle, trips_of(record_car(car, generator, heats), vehicle), f'car {seed}')
     files = {DATA_SHEET: vehicle, IDENTIFIED: found.vehicle, TRUE: vehicle_with_truth(car, vehicle)}
     for number in range(drives):

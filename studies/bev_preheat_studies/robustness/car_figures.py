@@ -134,7 +134,7 @@ def energy_excess(results: Iterable[CarResult], method: str,
 
     `field` is a field of DriveOutcome. Compares only trips that end as warm as the informed drive or at least
     at the target; 'trips' is their number. The mean is the ratio of the sums; None without such a trip or
-    if the informed drives (for '95 %': one of them) spent nothing.
+    if the informed drives (for '95 %': a single drive) spent nothing.
     """
     compared = [result for result in results
                 if reaches_the_same(result.methods[method], result.informed)]

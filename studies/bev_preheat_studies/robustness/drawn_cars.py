@@ -64,7 +64,7 @@ class Conditions:
 
     Vehicle and Routes as in their files (trips use the Routes alternately), the state at the start, the goal, the
     period of battery states and commands [s], whether battery states carry voltage and current, the names
-    of one of PLANTS and one of FAULTS, the largest relative deviation of a trip's duration from its route's
+    of a plant (PLANTS) and a fault (FAULTS), the largest relative deviation of a trip's duration from its route's
     (`traffic`), and whether the car reports its position.
     """
 

@@ -108,7 +108,8 @@ def test_the_figures_are_of_drives_with_all_files():
 def test_the_command_drives_each_file_on_the_same_drive(short_drives, monkeypatch, tmp_path, capfd):
     monkeypatch.setattr(closed_loop, 'record_car', lambda *arguments: [])
     # The identified file is known: the data sheet's.
-    monkeypatch.setattr(closed_loop, 'identify', lambda vehicle, trips, name: SimpleNamespace(vehicle=vehicle))
+    monkeypatch.setattr('bev_preheat.identification.identify.identify',
+                        lambda vehicle, trips, name: SimpleNamespace(vehicle=vehicle))
     path = tmp_path / 'drives.json'
     assert main(['--closed-loop', '--cars', '1', '--first', '2', '--drives', '1', '--json', str(path)]) == 0
     written = json.loads(path.read_text())

@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The battery as the bus has it now: valid readings only, with the instant of the oldest."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+import math
+from typing import TYPE_CHECKING
+
+from bev_preheat.bus.live_map import CELLS, CHARGING
+from bev_preheat.errors import figure
+
+if TYPE_CHECKING:
+    from bev_preheat.bus.live_map import LiveMap
+    from bev_preheat.bus.readings import LiveChannel, Reading, Readings
+
+# Values that are sent on change only hold no longer than this after the connection's last sign of life [s].
+CONNECTION_LOST_S = 3.0
+COMBINED = {'mean': lambda values: sum(values) / len(values), 'min': min, 'max': max,
+            'first': lambda values: values[0]}
+
+
+@dataclass(frozen=True)
+class LiveBattery:
+    """
+    The battery now.
+
+    Temperatures in deg C, `soc` 0 ... 1, voltage [V], current [A] (positive while discharging); None: unknown.
+    `instant_s` is that of the oldest reading in it; `missing` are sentences on optional signals that are not valid.
+    """
+
+    temperature_c: float | None
+    soc: float | None
+    voltage_v: float | None
+    current_a: float | None
+    cells_c: tuple[float, ...]
+    is_charging: bool | None
+    instant_s: float
+    missing: tuple[str, ...] = ()
+
+
+class BatteryReader:
+    """Makes a LiveBattery of Readings."""
+
+    def __init__(self, live_map: LiveMap, channels: Mapping[str, tuple[tuple[LiveChannel, ...], ...]]) -> None:
+        """Take the map, and the channels of each signal as readings.live_channels returns them."""
+        self._map, self._channels = live_map, channels
+
+    def read(self, readings: Readings, now_s: float,
+             confirmed_s: float | None = None) -> tuple[LiveBattery | None, tuple[str, ...]]:
+        """
+        Return the battery and no sentences; or None and a sentence for each required signal without a valid value.
+
+        On a bus that sends values on change only, `confirmed_s` is the latest instant [s] at which its connection
+        was alive: until then, the latest values hold.
+        """
+        if confirmed_s is not None and now_s - confirmed_s > CONNECTION_LOST_S:
+            return None, ('no sign of life of the connection' + (
+                f' for {figure(now_s - confirmed_s, 3)} s' if math.isfinite(confirmed_s) else ' yet'),)
+        view = _View(self, readings, now_s, confirmed_s)
+        values = {signal: view.value(signal) for signal in self._channels if signal != CELLS}
+        cells_c = view.all_values(CELLS) if CELLS in self._channels else ()
+        lacking = [view.missing.get(signal, f'{signal}: is not on the bus') for signal in self._map.required
+                   if values.get(signal) is None]
+        if lacking:
+            return None, tuple(lacking)
+        charging = None
+        if self._map.charging_channel is not None:
+            charging = view.reading(CHARGING, self._map.charging_channel, CHARGING)
+        current_a, power_w, voltage_v = values.get('current_a'), values.get('power_w'), values.get('voltage_v')
+        if current_a is None and power_w is not None and voltage_v:
+            current_a = power_w / voltage_v
+        return LiveBattery(
+            values.get('battery_temperature_c'), values.get('soc'), voltage_v, current_a, cells_c,
+            None if charging is None else charging in self._map.charging_values, view.oldest_s,
+            tuple(view.missing.values())), ()
+
+
+class _View:
+    """The readings at one instant; keeps the oldest one that was used."""
+
+    def __init__(self, reader: BatteryReader, readings: Readings, now_s: float, confirmed_s: float | None) -> None:
+        self._map, self._channels = reader._map, reader._channels
+        self._readings, self._now_s, self._confirmed_s = readings, now_s, confirmed_s
+        self.oldest_s = now_s
+        self.missing: dict[str, str] = {}
+
+    def value(self, signal: str) -> float | None:
+        """Return a signal by the first entry of its Source that is valid as a whole."""
+        for group in self._channels[signal]:
+            found = [self._valid(signal, channel.name, signal) for channel in group]
+            if all(found):
+                used = [reading for reading in found if reading is not None]
+                self.oldest_s = min([self.oldest_s, *(self._held_s(reading) for reading in used)])
+                self.missing.pop(signal, None)
+                combine = COMBINED[self._map.sources[signal].combine]
+                return float(combine([reading.value for reading in used]))
+        return None
+
+    def all_values(self, signal: str) -> tuple[float, ...]:
+        """Return the valid values of every channel of a signal; NaN for each that is not."""
+        values = []
+        for name in dict.fromkeys(channel.name for group in self._channels[signal] for channel in group):
+            value = self.reading(signal, name, signal)
+            values.append(math.nan if value is None else value)
+        return tuple(values)
+
+    def reading(self, signal: str, channel: str, limit: str) -> float | None:
+        """Return the valid value of a channel, None without one."""
+        reading = self._valid(signal, channel, limit)
+        if reading is None:
+            return None
+        self.oldest_s = min(self.oldest_s, self._held_s(reading))
+        return reading.value
+
+    def _held_s(self, reading: Reading) -> float:
+        """Return the latest instant at which a reading is known to hold [s]."""
+        return reading.instant_s if self._confirmed_s is None else max(
+            reading.instant_s, min(self._confirmed_s, self._now_s))
+
+    def _valid(self, signal: str, channel: str, limit: str) -> Reading | None:
+        reading, limit_s = self._readings.latest(signal, channel), self._map.valid_for_s[limit]
+        if reading is None:
+            self.missing[signal] = f'{signal}: no valid reading of {channel} yet'
+            return None
+        age_s = self._now_s - reading.instant_s
+        if age_s > limit_s:
+            self.missing[signal] = (f'{signal}: the last valid reading of {channel} is {figure(age_s, 3)} s old; it '
+                                    f'expires after {limit_s:g} s')
+            return None
+        return reading

@@ -1,0 +1,184 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The live part of a signal map: the bus, how long a reading is valid, checks of messages, the heater's frame."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from bev_preheat.errors import InvalidInput
+from bev_preheat.logs.signal_map import load_signal_map, read_source, source_problems
+
+if TYPE_CHECKING:
+    from bev_preheat.files.checked_yaml import FileData
+    from bev_preheat.logs.signal_map import SignalMap, Source
+
+# Signals of a map that battery_state is made of.
+BATTERY_SIGNALS = ('battery_temperature_c', 'soc', 'voltage_v', 'current_a', 'power_w')
+# Names of further readings in `valid_for_s_of`.
+CELLS, CHARGING = 'cells_c', 'charging'
+REQUIRED = ('battery_temperature_c', 'soc')
+VALID_FOR_S = {'can': 2.0, 'vss': 600.0}
+# The interface whose channel is a recording of frames.
+REPLAY = 'replay'
+# Databrokers listen here unless told otherwise.
+BROKER_PORT = 55555
+
+
+@dataclass(frozen=True)
+class CanSettings:
+    """A bus as python-can opens it; `bitrate` is in bit/s, None: the interface's own."""
+
+    interface: str
+    channel: str | int
+    bitrate: int | None = None
+    options: Mapping[str, FileData] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class VssSettings:
+    """A databroker; `conditioning`: whether BatteryConditioning is served."""
+
+    host: str = '127.0.0.1'
+    port: int = BROKER_PORT
+    token: Path | None = None
+    root_certificates: Path | None = None
+    tls_server_name: str | None = None
+    conditioning: bool = True
+
+
+@dataclass(frozen=True)
+class ChecksumRule:
+    """Where a message has its checksum, and how it is computed; see frame_checks.METHODS."""
+
+    signal: str
+    method: str
+    prefix: tuple[int, ...] = ()
+    initial: int | None = None
+    final_xor: int | None = None
+
+
+@dataclass(frozen=True)
+class MessageRule:
+    """Checks of a CAN message beyond those of its DBC; None: as the DBC says, or not checked."""
+
+    cycle_time_s: float | None = None
+    counter: str | None = None
+    largest_step: int | None = None
+    checksum: ChecksumRule | None = None
+
+
+@dataclass(frozen=True)
+class HeaterFrameRule:
+    """The CAN message that carries the heater's command; names are those of the DBC."""
+
+    message: str
+    power: str
+    counter: str
+    enable: str | None = None
+    checksum: ChecksumRule | None = None
+    period_s: float | None = None
+    constants: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class LiveMap:
+    """
+    A signal map with a live part; exactly one of `can` and `vss` is given.
+
+    `valid_for_s` has a time [s] for each of BATTERY_SIGNALS, CELLS and CHARGING. `charging_values` are those of
+    `charging_channel` while the battery is being charged.
+    """
+
+    signals: SignalMap
+    can: CanSettings | None
+    vss: VssSettings | None
+    required: tuple[str, ...]
+    valid_for_s: Mapping[str, float]
+    cells: Source | None = None
+    charging_channel: str | None = None
+    charging_values: tuple[float, ...] = (1.0,)
+    messages: Mapping[str, MessageRule] = field(default_factory=dict)
+    heater_command: HeaterFrameRule | None = None
+
+    @property
+    def sources(self) -> dict[str, Source]:
+        """The Sources of BATTERY_SIGNALS that the map has, and of CELLS."""
+        found = {name: self.signals.sources[name] for name in BATTERY_SIGNALS if name in self.signals.sources}
+        return found if self.cells is None else {**found, CELLS: self.cells}
+
+
+def load_live_map(name_or_file: str | Path) -> LiveMap:
+    """
+    Return the LiveMap with a name (a file in config/signals) or of a YAML file.
+
+    Raises InvalidInput naming file, key, value and allowed values.
+    """
+    signal_map = load_signal_map(name_or_file)
+    path, live = signal_map.path, signal_map.live
+    if live is None:
+        raise InvalidInput(f'{path}: has no key live, which names the bus: add live: {{can: {{interface: socketcan, '
+                           'channel: can0}}, or live: {vss: {}}')
+    problems = []
+    if ('can' in live) is ('vss' in live):
+        problems.append(f'{path}: live: must have exactly one of the keys can and vss')
+    required = tuple(live.get('required', REQUIRED))
+    problems += [f'{path}: live.required: {name} is not among the signals of the map'
+                 for name in required if name not in signal_map.sources]
+    # There is no second choice of a scale while signals arrive.
+    problems += [f'{path}: signals.{name}.scale: a live signal needs one scale, not {len(source.scales)}'
+                 for name, source in signal_map.sources.items()
+                 if name in BATTERY_SIGNALS and len(source.scales) > 1]
+    if 'cells_c' in live:
+        problems += [f'{path}: live.cells_c: {problem}'
+                     for problem in source_problems('battery_temperature_c', live['cells_c'])]
+    if 'can' in live and not signal_map.databases:
+        problems.append(f'{path}: dbc: is missing; live CAN signals need the DBC files of the bus')
+    if 'vss' in live:
+        problems += [f'{path}: live.{key}: is for CAN only' for key in ('messages', 'heater_command') if key in live]
+    if problems:
+        raise InvalidInput(problems)
+    usual_s = live.get('valid_for_s', VALID_FOR_S['can' if 'can' in live else 'vss'])
+    charging = live.get('charging', {})
+    return LiveMap(
+        signal_map, _can(live.get('can'), path.parent), _vss(live.get('vss'), path.parent), required,
+        {name: float(live.get('valid_for_s_of', {}).get(name, usual_s))
+         for name in (*BATTERY_SIGNALS, CELLS, CHARGING)},
+        read_source('battery_temperature_c', live['cells_c'], signal_map.no_reading) if 'cells_c' in live else None,
+        charging.get('channel'), tuple(map(float, charging.get('values', (1.0,)))),
+        {name: _message(entry) for name, entry in live.get('messages', {}).items()},
+        _heater_frame(live.get('heater_command')))
+
+
+def _can(entry: FileData, folder: Path) -> CanSettings | None:
+    if entry is None:
+        return None
+    channel = str(folder / str(entry['channel'])) if entry['interface'] == REPLAY else entry['channel']
+    return CanSettings(entry['interface'], channel, entry.get('bitrate'), entry.get('options', {}))
+
+
+def _vss(entry: FileData, folder: Path) -> VssSettings | None:
+    if entry is None:
+        return None
+    files = {key: folder / entry[key] for key in ('token', 'root_certificates') if key in entry}
+    others = {key: entry[key] for key in ('host', 'port', 'tls_server_name', 'conditioning') if key in entry}
+    return VssSettings(**others, **files)
+
+
+def _checksum(entry: FileData) -> ChecksumRule | None:
+    return None if entry is None else ChecksumRule(
+        entry['signal'], entry['method'], tuple(entry.get('prefix', ())), entry.get('initial'),
+        entry.get('final_xor'))
+
+
+def _message(entry: FileData) -> MessageRule:
+    return MessageRule(entry.get('cycle_time_s'), entry.get('counter'), entry.get('largest_step'),
+                       _checksum(entry.get('checksum')))
+
+
+def _heater_frame(entry: FileData) -> HeaterFrameRule | None:
+    return None if entry is None else HeaterFrameRule(
+        entry['message'], entry['power'], entry['counter'], entry.get('enable'), _checksum(entry.get('checksum')),
+        entry.get('period_s'), entry.get('constants', {}))

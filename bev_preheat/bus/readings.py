@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The latest reading of each live channel, in the signal's own unit, with its instant and the latest doubt."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+import math
+from threading import Lock
+from typing import TYPE_CHECKING
+
+from bev_preheat.errors import figure, InvalidInput
+from bev_preheat.logs.units import check_unit, conversion, own_unit
+
+if TYPE_CHECKING:
+    from bev_preheat.logs.signal_map import Source
+
+# The latest doubt about a channel is shown for this time [s].
+DOUBT_SHOWN_S = 10.0
+
+
+@dataclass(frozen=True)
+class Reading:
+    """A value, and the instant [s] at which it was known to hold."""
+
+    value: float
+    instant_s: float
+
+
+class LiveChannel:
+    """One channel as one signal: validity, scale, sign, unit."""
+
+    def __init__(self, name: str, source: Source, channel_unit: str) -> None:
+        """
+        Take the unit in which the bus has the channel ('' if it names none).
+
+        Raises InvalidInput if neither map nor bus names a unit, or if the bus's unit measures another quantity.
+        """
+        self.name = name
+        self._source = source
+        unit = source.unit or channel_unit
+        if not unit:
+            raise InvalidInput(f'{source.signal}: {name} has no unit; name it in the signal map (unit: ...)')
+        check_unit(unit, source.signal)
+        self._conversion = conversion(unit, own_unit(source.signal))
+
+    def read(self, number: float) -> float:
+        """Return a reading in the signal's own unit; raises InvalidInput if it means none or is implausible."""
+        source = self._source
+        if not math.isfinite(number):
+            raise InvalidInput(f'{self.name}: {number} is no reading')
+        if any(abs(number - nothing) <= 1e-9 * max(abs(nothing), 1.0) for nothing in source.no_reading):
+            raise InvalidInput(f'{self.name}: {figure(number)} means no reading')
+        own: float = source.in_own_unit(number, source.scales[0], self._conversion)
+        low, high = source.plausible
+        if not low <= own <= high:
+            raise InvalidInput(f'{self.name}: {figure(own)} {own_unit(source.signal)} is implausible; '
+                               f'{figure(low)} ... {figure(high)} is allowed')
+        return own
+
+
+class Readings:
+    """
+    The latest valid reading and the latest doubt of each (signal, channel); safe for several threads.
+
+    Instants are seconds of one clock, that of the caller.
+    """
+
+    def __init__(self) -> None:
+        """Start without any."""
+        self._lock = Lock()
+        self._latest: dict[tuple[str, str], Reading] = {}
+        self._doubts: dict[str, tuple[float, str]] = {}
+
+    def put(self, signal: str, channel: str, value: float, instant_s: float) -> None:
+        """Record a valid reading."""
+        with self._lock:
+            self._latest[signal, channel] = Reading(value, instant_s)
+
+    def doubt(self, cause: str, sentence: str, instant_s: float) -> None:
+        """Record that something of `cause` (a channel, a message) was dropped, and why."""
+        with self._lock:
+            self._doubts[cause] = (instant_s, sentence)
+
+    def latest(self, signal: str, channel: str) -> Reading | None:
+        """Return the latest valid Reading, None if there was none."""
+        with self._lock:
+            return self._latest.get((signal, channel))
+
+    def doubts(self, now_s: float) -> dict[str, str]:
+        """Return the sentences on doubts of the last DOUBT_SHOWN_S, by cause."""
+        with self._lock:
+            return {cause: sentence for cause, (instant_s, sentence) in self._doubts.items()
+                    if 0.0 <= now_s - instant_s <= DOUBT_SHOWN_S}
+
+    def forget(self) -> None:
+        """Drop all readings, because their instants no longer count (a clock that fell back)."""
+        with self._lock:
+            self._latest.clear()
+            self._doubts.clear()
+
+
+def live_channels(sources: Mapping[str, Source], units: Mapping[str, str],
+                  where: str) -> dict[str, tuple[tuple[LiveChannel, ...], ...]]:
+    """
+    Return the channels of each signal among those of a bus: a tuple for each entry of its Source that has any.
+
+    `units` maps the bus's channels to their units (pint's name, '' if unknown). Raises InvalidInput for channels
+    without a unit; `where` names the map.
+    """
+    found, problems = {}, []
+    for signal, source in sources.items():
+        groups = []
+        for names in _groups(source, list(units)):
+            try:
+                groups.append(tuple(LiveChannel(name, source, units[name]) for name in names))
+            except InvalidInput as error:
+                problems += [f'{where}: signals.{problem}' for problem in error.problems]
+        found[signal] = tuple(groups)
+    if problems:
+        raise InvalidInput(problems)
+    return found
+
+
+def _groups(source: Source, names: Sequence[str]) -> list[tuple[str, ...]]:
+    """Return the channels of each entry that matches any, in the map's order of preference."""
+    groups = [source.only(entry).chosen(names) for entry in source.channels]
+    return [group for group in groups if group]

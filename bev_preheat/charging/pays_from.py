@@ -1,0 +1,46 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The least value of time, and the least probability of charging, from which on heating pays."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from bev_preheat.charging.target_worth import TargetWorth
+
+WH_PER_KWH = 1000.0
+SECONDS_PER_H = 3600.0
+# A saving of less than this [s] is rounding.
+LEAST_SAVED_S = 0.1
+
+
+def pays_from_per_h(item: TargetWorth, without: TargetWorth, price_per_kwh: float, probability: float = 1.0,
+                    lost: float = 0.0) -> float:
+    """
+    Return the value of time [per h] from which on a target costs less than no heating, or infinity.
+
+    The vehicle charges with a `probability` (above 0 ... 1); otherwise heat is lost at a cost of `lost`.
+    """
+    if math.isinf(item.charging_time_s):
+        return math.inf
+    if math.isinf(without.charging_time_s):
+        return 0.0
+    more = price_per_kwh * (item.bought_energy_wh - without.bought_energy_wh) / WH_PER_KWH
+    saved_h = (without.charging_time_s - item.charging_time_s) / SECONDS_PER_H
+    if saved_h < LEAST_SAVED_S / SECONDS_PER_H:
+        return math.inf
+    if probability < 1.0:
+        more += (1.0 - probability) / probability * lost
+    return max(more, 0.0) / saved_h
+
+
+def pays_from_probability(item: TargetWorth, without: TargetWorth) -> float:
+    """
+    Return the least probability of charging from which on a target costs less than no heating.
+
+    Both are results of an Expectation. Infinity: it costs more even if the vehicle charges for certain.
+    """
+    lost = max(item.not_charged_cost - without.not_charged_cost, 0.0)
+    saved = without.charged_cost - item.charged_cost
+    return lost / (lost + saved) if saved > 0.0 else math.inf

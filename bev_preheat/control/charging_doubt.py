@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+What it means for the plan that the vehicle may not charge: the sentence, and a given target in doubt.
+
+A chosen target is the cheapest by expected cost (`charging.expectation`). A given target, or the vehicle's default,
+is kept or not heated to at all: it is heated to from the probability on from which that costs less than no heating.
+"""
+
+from __future__ import annotations
+
+from datetime import datetime
+import math
+from typing import NamedTuple, TYPE_CHECKING
+
+from bev_preheat.charging.expectation import Expectation
+from bev_preheat.charging.pays_from import pays_from_probability
+from bev_preheat.charging.prospect import chance_text
+from bev_preheat.charging.stop import Charger, CHARGER_RANGE_W, stop_after, USUAL_DEPARTURE_SOC
+from bev_preheat.charging.worth import WorthSearch
+from bev_preheat.errors import InvalidInput
+from bev_preheat.planning.planner import plan_unheated
+from bev_preheat.planning.status import Status
+from bev_preheat.vehicle.charging import charging_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from bev_preheat.charging.prospect import ChargingProspect
+    from bev_preheat.charging.target_worth import Prices
+    from bev_preheat.planning.plan import Plan
+    from bev_preheat.planning.situation import BatteryState, Goal
+    from bev_preheat.route.segments import Route
+    from bev_preheat.vehicle.description import Vehicle
+
+# A vehicle whose sessions are unknown is heated to its target from this probability on.
+USUAL_PAYS_FROM = 0.5
+NS_PER_S = 1_000_000_000
+
+
+class ChargingDoubt(NamedTuple):
+    """
+    The `probability` of charging that a plan counts with, above 0 ... 1.
+
+    `pays_from` is the least probability for which some heating pays, above 1: none. `starts_by_ns` is the instant at
+    which heating starts if charging becomes certain [ns]; None: no heating even then.
+    """
+
+    probability: float
+    pays_from: float
+    starts_by_ns: int | None = None
+
+    def told(self, plan: Plan, now_ns: int) -> tuple[Status, str]:
+        """Return status and sentence of a Plan at an instant [ns]."""
+        waits = self.waiting_sentence(now_ns) if plan.status is Status.NOT_WORTH_IT else ''
+        if waits:
+            return Status.WAITING, f'{waits} {plan.explanation}'
+        return plan.status, f'{plan.explanation} Planned for {chance_text(self.probability)} chance of charging.'
+
+    def waiting_sentence(self, now_ns: int) -> str:
+        """Return the sentence on a heater that waits at an instant [ns]; '' if heating would not pay in any case."""
+        if self.starts_by_ns is None or self.pays_from > 1.0:
+            return ''
+        start = 'at once' if self.starts_by_ns <= now_ns else f'by {clock_text(self.starts_by_ns)}'
+        enough = f' to {chance_text(self.pays_from)}' if self.pays_from > self.probability else ''
+        return (f'Heating waits: {chance_text(self.probability)} chance of charging; it starts {start} if that '
+                f'rises{enough}.')
+
+
+def clock_text(instant_ns: int) -> str:
+    """Return the local time of day of an instant [ns], as 14:32."""
+    return datetime.fromtimestamp(instant_ns // NS_PER_S).strftime('%H:%M')
+
+
+def assumed_charger(vehicle: Vehicle) -> Charger:
+    """Return the Charger of a stop whose charger is unknown: all that the inlet takes, to the usual departure."""
+    return Charger(min(charging_of(vehicle).maximum_inlet_power_w, CHARGER_RANGE_W[1]), USUAL_DEPARTURE_SOC)
+
+
+def given_target_pays_from(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal,
+                           prospect: ChargingProspect, prices: Prices, plan_to: Callable[[float], Plan],
+                           charger: Charger | None = None) -> float:
+    """
+    Return the least probability of charging from which on heating to the target of a Goal pays; above 1: never.
+
+    `plan_to` returns the Plan for a target [deg C]. Without a `charger` it is the `assumed_charger`. USUAL_PAYS_FROM
+    if the session is unknown: the vehicle file does not describe it, or the battery arrives with enough charge.
+    """
+    try:
+        charger = charger or assumed_charger(vehicle)
+        unheated = plan_unheated(vehicle, route, state, goal)
+        stop = stop_after(route, charger.power_w, charger.departure_soc or USUAL_DEPARTURE_SOC)
+        if unheated.arrival_soc >= stop.departure_soc:
+            return USUAL_PAYS_FROM
+        search = WorthSearch(vehicle, stop, unheated, goal.target_temperature_c, prices, plan_to, Expectation(
+            vehicle, route, state, stop, prospect, prices, unheated))
+    except InvalidInput:
+        return USUAL_PAYS_FROM
+    target = search.look_at(goal.target_temperature_c)
+    if math.isclose(target.charged_cost, search.without.charged_cost, rel_tol=1e-12):
+        # It arrives that warm anyway.
+        return 0.0
+    return pays_from_probability(target, search.without)

@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A week of departures: battery temperature, heater power, and prices of energy from the grid."""
+
+from __future__ import annotations
+
+from datetime import datetime, timezone
+from typing import TYPE_CHECKING
+
+from matplotlib.dates import date2num, DateFormatter, DayLocator
+
+from bev_preheat.control.inputs import NS_PER_S
+from bev_preheat.drawing.figure import legend_above, save_figure, stacked_figure
+from bev_preheat.drawing.palette import BLACK, BLUE, GRAY, ORANGE
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from datetime import tzinfo
+
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from bev_preheat.control.departure_week import PreparedDeparture
+    from bev_preheat.control.grid_prices import GridPrices
+    from bev_preheat.files.output_files import AnyPath
+
+W_PER_KW = 1000.0
+
+
+def draw_week(path: AnyPath, prepared: Sequence[PreparedDeparture], prices: GridPrices | None, zone: tzinfo,
+              title: str) -> None:
+    """Draw the preparations of a week into a file; its suffix gives the format."""
+    save_figure(make_week_figure(prepared, prices, zone, title), path)
+
+
+def make_week_figure(prepared: Sequence[PreparedDeparture], prices: GridPrices | None, zone: tzinfo,
+                     title: str) -> Figure:
+    """Return the figure of the preparations of a week, in local time."""
+    figure, axes = stacked_figure(2 if prices is None else 3, title)
+    temperature, power = axes[:2]
+    for number, one in enumerate(prepared):
+        moments = [_moment(one.start_ns + round(elapsed_s * NS_PER_S)) for elapsed_s in one.plan.time_s]
+        temperature.plot(moments, one.plan.battery_temperature_c, color=BLUE, label='' if number else 'battery')
+        temperature.plot(moments[-1:], [one.plan.target_temperature_c], 'o', color=ORANGE,
+                         label='' if number else 'target at departure')
+        power.stairs(one.plan.hvch_battery_power_w / W_PER_KW, _numbers(moments), color=ORANGE, fill=True)
+        for axis in axes:
+            axis.axvline(moments[-1], color=BLACK, linewidth=0.8, linestyle=':')
+    temperature.set_ylabel('temperature [°C]')
+    legend_above(temperature)
+    power.set_ylabel('heater [kW]')
+    if prices is not None and prepared:
+        _draw_prices(axes[2], prices, prepared[0].start_ns, prepared[-1].occurrence.instant_ns)
+    axes[-1].xaxis.set_major_locator(DayLocator(tz=zone))
+    axes[-1].xaxis.set_major_formatter(DateFormatter('%Y-%m-%d', tz=zone))
+    axes[-1].set_xlabel(f'local time, {zone}')
+    return figure
+
+
+def _draw_prices(axis: Axes, prices: GridPrices, from_ns: int, until_ns: int) -> None:
+    """Draw the known prices between two instants [ns]."""
+    for period in prices.periods(from_ns, until_ns):
+        if period.price_per_kwh is not None:
+            axis.plot([_moment(period.from_ns), _moment(period.until_ns)], 2 * [period.price_per_kwh],
+                      color=GRAY, linewidth=1.8)
+    axis.set_ylabel(f'price [{prices.currency or "1"}/kWh]')
+
+
+def _moment(instant: int) -> datetime:
+    return datetime.fromtimestamp(instant / NS_PER_S, timezone.utc)
+
+
+def _numbers(moments: Sequence[datetime]) -> Sequence[float]:
+    numbers: Sequence[float] = date2num(moments)
+    return numbers

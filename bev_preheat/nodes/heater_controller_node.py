@@ -1,0 +1,243 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+`heater_controller`: executes `hvch_command` by the rules of `heater.controller`, and answers with `hvch_status`.
+
+`main(output)` runs it with a car's own heater: `output(power_w)` sets the power [W] and returns the measured one
+[W], or None. The executable has no heater behind it, so it shows the rules only.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+from typing import TYPE_CHECKING
+
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.clock import Clock, ClockType
+from rclpy.duration import Duration
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.node import Node
+from rclpy.qos import LivelinessPolicy, qos_profile_sensor_data, QoSProfile
+from sensor_msgs.msg import BatteryState
+from std_msgs.msg import Float64
+
+from bev_preheat.errors import InvalidInput, LONGEST_PROBLEM, shortened
+from bev_preheat.heater.controller import (
+    HeaterAnswer,
+    HeaterController,
+    HeaterLimits,
+    Instant,
+    NS_PER_S,
+    Refusal,
+    Verdict,
+)
+from bev_preheat.nodes.command_line import NodeProgram
+from bev_preheat.nodes.command_senders import CommandSenders
+from bev_preheat.nodes.convert import measurement_from_message
+from bev_preheat.nodes.heater_messages import (
+    heater_command,
+    heater_diagnostics,
+    LEVELS,
+    status_message,
+)
+from bev_preheat.nodes.news import RepetitionFilter
+from bev_preheat.nodes.parameters import declare, Parameter
+from bev_preheat.nodes.process import run_node
+from bev_preheat.nodes.setup_watch import SetupWatch
+from bev_preheat.vehicle import load_vehicle
+from bev_preheat_msgs.msg import HvchCommand, HvchStatus
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from bev_preheat.control.inputs import Measurement
+
+    # Sets the heater's power [W]; returns the measured power [W], None if it is not measured.
+    Output = Callable[[float], float | None]
+
+PARAMETERS = (
+    Parameter('vehicle', 'reference', "Vehicle, for the heater's maximum power and heating_gates: a name in "
+              'config/vehicles or a YAML file.', read_only=True),
+    Parameter('period', 0.1, 'The power is set this often', 's', (0.01, 1.0), read_only=True),
+    Parameter('power_rise', 0.0, 'The power rises at most at this rate; it falls at once', 'W/s', (1.0, 1e6),
+              unset_means='no limit', read_only=True),
+    Parameter('longest_lease', 10.0, 'A command with a longer lease is refused', 's', (0.05, 60.0),
+              read_only=True),
+    Parameter('clock_tolerance', 1.0, 'A command may be stamped this far in the future', 's', (0.0, 10.0),
+              read_only=True),
+    Parameter('command_deadline', 2.5, 'Deadline and liveliness requested of the publisher, at least its '
+              'command_lease', 's', (0.05, 60.0), unset_means='none requested', read_only=True),
+    Parameter('battery_state_timeout', 5.0, 'heating_gates that look at the battery or the speed close if the '
+              'latest value is older than this', 's', (0.1, 60.0), read_only=True),
+)
+PROGRAM = NodeProgram(
+    'heater_controller', 'Executes the heater command within its lease and the limits, and reports the result.',
+    PARAMETERS,
+    subscribes=(('hvch_command', 'bev_preheat_msgs/HvchCommand'),
+                ('battery_state', 'sensor_msgs/BatteryState, if heating_gates look at the battery'),
+                ('vehicle_speed', 'std_msgs/Float64 [m/s], if the vehicle heats only while it stands')),
+    publishes=(('hvch_status', 'bev_preheat_msgs/HvchStatus'),
+               ('/diagnostics', 'diagnostic_msgs/DiagnosticArray')))
+STATUS_PERIOD_S = 0.5
+DIAGNOSTICS_PERIOD_S = 1.0
+
+
+class HeaterControllerNode(Node):
+    """Wires topics and a steady timer to a HeaterController and the heater's output."""
+
+    def __init__(self, output: Output | None = None) -> None:
+        """Start with the heater off; raises InvalidInput if a parameter is not allowed."""
+        super().__init__('heater_controller')
+        values = declare(self, PARAMETERS)
+        self._vehicle = vehicle = load_vehicle(values['vehicle'])
+        self._controller = HeaterController(HeaterLimits(
+            vehicle.hvch.maximum_power_w, _or_none(values['power_rise']) or math.inf,
+            vehicle.heating_gates.power_steps_w, values['longest_lease'], values['clock_tolerance']))
+        self._output = output or _without_heater
+        self._timeout_s = values['battery_state_timeout']
+        self._measurement: Measurement | None = None
+        self._measured_at_s = self._speed_at_s = -math.inf
+        self._speed_mps = math.nan
+        self._senders, self._news = CommandSenders(), RepetitionFilter()
+        self._answer = HeaterAnswer(0.0, 0.0, Refusal.NO_COMMAND, 'no command has arrived yet')
+        # The latest refusal and requested power [W] that were published, and when [s].
+        self._told, self._told_at_s = (Refusal.NO_COMMAND, 0.0), -math.inf
+
+        best_effort = QoSProfile(depth=1, reliability=qos_profile_sensor_data.reliability)
+        self._status_publisher = self.create_publisher(HvchStatus, 'hvch_status', 1)
+        self._diagnostics_publisher = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self._subscribe_to_commands(_or_none(values['command_deadline']))
+        subscribes = ['hvch_command']
+        if vehicle.heating_gates.looks_at_battery:
+            self.create_subscription(BatteryState, 'battery_state', self._on_battery_state, best_effort)
+            subscribes.append('battery_state')
+        if vehicle.heating_gates.only_while_standing:
+            self.create_subscription(Float64, 'vehicle_speed', self._on_speed, best_effort)
+            subscribes.append('vehicle_speed')
+        # Not the node's clock: that may stand or be set.
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(values['period'], self._on_period, clock=steady)
+        self.create_timer(DIAGNOSTICS_PERIOD_S, self._publish_diagnostics, clock=steady)
+        self._setup = SetupWatch(self, subscribes, ('hvch_status',), single=('hvch_command', 'hvch_status'))
+        self.get_logger().info(f'Executing hvch_command for vehicle {vehicle.name}, up to '
+                               f'{vehicle.hvch.maximum_power_w:g} W.')
+
+    def _subscribe_to_commands(self, deadline_s: float | None) -> None:
+        qos, events = QoSProfile(depth=1), SubscriptionEventCallbacks()
+        if deadline_s is not None:
+            within = Duration(seconds=deadline_s)
+            qos = QoSProfile(depth=1, deadline=within, liveliness=LivelinessPolicy.MANUAL_BY_TOPIC,
+                             liveliness_lease_duration=within)
+            events = SubscriptionEventCallbacks(deadline=self._on_missed_deadline, liveliness=self._on_liveliness)
+        self.create_subscription(HvchCommand, 'hvch_command', self._on_command, qos, event_callbacks=events)
+
+    # Input
+
+    def _now(self) -> Instant:
+        return Instant(self.get_clock().now().nanoseconds, time.monotonic_ns())
+
+    def _on_command(self, message: HvchCommand, info: Mapping[str, int]) -> None:
+        sender = self._senders.sender(info.get('publication_sequence_number'))
+        self._controller.take(heater_command(message, sender), self._now())
+        self._apply()
+
+    def _on_missed_deadline(self, event: object) -> None:
+        self._controller.lose_sender('the command missed its deadline')
+        self._apply()
+
+    def _on_liveliness(self, event: object) -> None:
+        if getattr(event, 'alive_count', 0) == 0:
+            self._controller.lose_sender('no node that publishes hvch_command is alive')
+            self._apply()
+
+    def _on_battery_state(self, message: BatteryState) -> None:
+        try:
+            self._measurement = measurement_from_message(message)
+        except InvalidInput as error:
+            self._tell(f'battery_state refused: {error}')
+            self._measurement = None
+        self._measured_at_s = time.monotonic()
+
+    def _on_speed(self, message: Float64) -> None:
+        self._speed_mps, self._speed_at_s = message.data, time.monotonic()
+
+    # Output
+
+    def _obstacle(self, now: Instant) -> Verdict:
+        """Return the Verdict of the car's own conditions."""
+        gates, now_s = self._vehicle.heating_gates, now.steady_ns / NS_PER_S
+        soc = temperature_c = speed_mps = math.nan
+        if gates.looks_at_battery:
+            if self._measurement is None or now_s - self._measured_at_s > self._timeout_s or abs(
+                    now.clock_ns - self._measurement.stamp_ns) > self._timeout_s * NS_PER_S:
+                return Verdict(Refusal.OTHER, 'no valid battery_state, which heating_gates need')
+            soc, temperature_c = self._measurement.state.soc, self._measurement.state.temperature_c
+        if gates.only_while_standing:
+            if now_s - self._speed_at_s > self._timeout_s:
+                return Verdict(Refusal.OTHER, 'no vehicle_speed, which heating_gates need')
+            speed_mps = self._speed_mps
+        return gates.verdict(soc, temperature_c, speed_mps)
+
+    def _on_period(self) -> None:
+        self._apply()
+
+    def _apply(self) -> None:
+        """Set the power of now, and publish the status if it is due."""
+        now, measured_w = self._now(), None
+        answer = HeaterAnswer(0.0, 0.0, Refusal.OTHER)
+        try:
+            answer = self._controller.step(now, obstacle=self._obstacle(now))
+            measured_w = self._output(answer.active_w)
+        except Exception as error:
+            answer = answer._replace(active_w=0.0, refusal=Refusal.HEATER_FAULT, sentence=shortened(
+                f'{type(error).__name__}: {error}', LONGEST_PROBLEM))
+            self._switch_off()
+        self._answer = answer
+        now_s = now.steady_ns / NS_PER_S
+        news = answer.refusal, answer.requested_w
+        if news == self._told and now_s - self._told_at_s < STATUS_PERIOD_S:
+            return
+        if answer.refusal is not self._told[0] and answer.refusal in LEVELS:
+            self._tell(f'{answer.refusal.name}: {answer.sentence}')
+        self._told, self._told_at_s = news, now_s
+        self._status_publisher.publish(status_message(answer, now.clock_ns, measured_w))
+
+    def _switch_off(self) -> None:
+        try:
+            self._output(0.0)
+        except Exception as error:
+            self._tell(f'the heater cannot be switched off: {type(error).__name__}: {error}')
+
+    def _publish_diagnostics(self) -> None:
+        self._diagnostics_publisher.publish(heater_diagnostics(
+            self.get_fully_qualified_name(), self._vehicle.name, self._answer, self._now().clock_ns,
+            self._setup.entry(self._vehicle.name)))
+
+    def _tell(self, sentence: str) -> None:
+        if self._news.has(sentence):
+            self.get_logger().warning(sentence)
+
+    def last_words(self) -> None:
+        """Switch the heater off before the process ends, and say so."""
+        self._switch_off()
+        self._status_publisher.publish(status_message(HeaterAnswer(
+            0.0, 0.0, Refusal.NOT_ACTIVE, 'the controller is shutting down'), self._now().clock_ns))
+
+
+def _or_none(value: float) -> float | None:
+    """Return a parameter's value, None if it is unset (0 or NaN)."""
+    return value if value > 0.0 else None
+
+
+def _without_heater(power_w: float) -> None:
+    """Stand for the heater in the executable."""
+
+
+def main(output: Output | None = None) -> None:
+    """Run the controller until a signal ends it; see the module on `output`."""
+    sys.exit(run_node(lambda: HeaterControllerNode(output), PROGRAM))
+
+
+if __name__ == '__main__':
+    main()

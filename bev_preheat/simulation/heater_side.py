@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The simulated car's heater controller: the rules of `heater.controller`, and the car's own gates."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from bev_preheat.heater.controller import HeaterController, HeaterLimits, Instant, NS_PER_S
+from bev_preheat.simulation.heater_lease import HeaterLease
+
+if TYPE_CHECKING:
+    from bev_preheat.heater.controller import HeaterAnswer, HeaterCommand, Verdict
+    from bev_preheat.simulation.imperfect_car import ImperfectCar
+
+# A test may command once for a long drive; another node's clock may be some ticks ahead [s].
+LONGEST_LEASE_S, CLOCK_TOLERANCE_S = 7200.0, 10.0
+
+
+class HeaterSide:
+    """
+    The heater controller of an ImperfectCar.
+
+    Stamps follow the car's clock, which may jump, and the steady clock is the car's time. `start_ns` is the
+    instant of the start of the drive by the clock of the stamps [ns].
+    """
+
+    def __init__(self, car: ImperfectCar) -> None:
+        """Take a car at its start."""
+        self._car = car
+        vehicle = car.vehicle
+        self._controller = HeaterController(HeaterLimits(
+            vehicle.hvch.maximum_power_w, steps_w=vehicle.heating_gates.power_steps_w,
+            longest_lease_s=LONGEST_LEASE_S, clock_tolerance_s=CLOCK_TOLERANCE_S))
+
+    def take(self, command: HeaterCommand, start_ns: int) -> Verdict:
+        """Take a command that arrived and return its Verdict."""
+        return self._controller.take(command, self._now(start_ns))
+
+    def answer(self, start_ns: int) -> HeaterAnswer:
+        """Return the HeaterAnswer of now."""
+        plant = self._car.plant
+        return self._controller.step(self._now(start_ns), obstacle=self._car.vehicle.heating_gates.verdict(
+            plant.soc, plant.temperature_c, plant.speed_mps))
+
+    def lease(self, start_ns: int) -> HeaterLease:
+        """Return the HeaterLease under which the car drives on; instants after the start of the route."""
+        answer = self.answer(start_ns)
+        return HeaterLease(answer.active_w,
+                           self._car.plant.time_s + self._controller.lease_left_s(self._now(start_ns)))
+
+    @property
+    def measured_w(self) -> float:
+        """The heater's actual power [W]."""
+        return self._car.plant.heater_power_w
+
+    def _now(self, start_ns: int) -> Instant:
+        return Instant(start_ns + round(self._car.clock_s * NS_PER_S), round(self._car.plant.time_s * NS_PER_S))

@@ -1,0 +1,394 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A week's departures as goals of a planner: priorities, evidence, clocks, restarts and skips."""
+
+from datetime import datetime, time
+from math import exp, log
+from zoneinfo import ZoneInfo
+
+import pytest
+
+from bev_preheat.control.departure_source import DepartureSource, DepartureState
+from bev_preheat.control.departures import Departure, Departures
+from bev_preheat.control.events import (
+    BatteryStateArrived,
+    PreheatingSwitched,
+    PreparationEnded,
+    PreparationWanted,
+    RouteArrived,
+    TripCancelled,
+)
+from bev_preheat.control.grid_prices import DailyPrice, GridPrices
+from bev_preheat.control.inputs import Leg, Measurement, Mission, NS_PER_S
+from bev_preheat.control.preparation_goal import PreparationEnding, PreparationGoal
+from bev_preheat.control.settings import Settings
+from bev_preheat.control.supervisor import Supervisor
+from bev_preheat.planning.situation import BatteryState
+from bev_preheat.planning.status import Status
+from bev_preheat.route.segments import make_route
+from bev_preheat.vehicle import load_vehicle
+
+VEHICLE = load_vehicle('reference')
+ZONE = ZoneInfo('Europe/Berlin')
+AMBIENT_C, START_C, TARGET_C = -6.0, -2.0, 17.0
+FULL_W = VEHICLE.hvch.maximum_power_w - VEHICLE.defaults.cabin_heating_power_w
+WORKDAYS = frozenset(range(5))
+MINUTE, HOUR = 60.0, 3600.0
+VOLTAGE_V = 400.0
+STEP_S = 60.0
+
+
+def ns(year, month, day, hour, minute=0):
+    return round(datetime(year, month, day, hour, minute, tzinfo=ZONE).timestamp()) * NS_PER_S
+
+
+# A Wednesday.
+NIGHT = 2026, 11, 25
+READY_NS = ns(*NIGHT, 7, 30)
+
+
+def work(is_plugged_in=True, clock=time(7, 30), weekdays=WORKDAYS, name='work', target_c=TARGET_C):
+    return Departure(name, weekdays, clock, target_c, is_plugged_in)
+
+
+def week(*departures, ambient_c=AMBIENT_C):
+    return Departures(ZONE, departures or (work(),), ambient_c)
+
+
+class Car:
+    """A planner with a week of departures, and a battery whose measured state is set by the test."""
+
+    def __init__(self, departures=None, prices=None, now_ns=READY_NS - round(3 * HOUR * NS_PER_S),
+                 last_seen_ns=None, **settings):
+        self.supervisor = Supervisor(VEHICLE, Settings(**{'estimation': False, **settings}))
+        self.source = DepartureSource(departures or week(), prices, last_seen_ns)
+        self.now_ns, self.temperature_c, self.soc, self.power_w = now_ns, START_C, 0.7, None
+        self.outcomes, self.events = [], []
+
+    def step(self, *events):
+        output = self.supervisor.step(self.now_ns, *events)
+        assert not output.failure, output.failure
+        for outcome in output.outcomes:
+            self.outcomes.append(outcome)
+            self.source.note(outcome, self.supervisor.state, self.now_ns)
+        return output
+
+    def tick(self, **changes):
+        """Send a battery state, then let the departures act, as the node does; return the command's power [W]."""
+        for name, value in changes.items():
+            setattr(self, name, value)
+        current = () if self.power_w is None else (VOLTAGE_V, self.power_w / VOLTAGE_V)
+        self.step(BatteryStateArrived(Measurement(BatteryState(self.temperature_c, self.soc), self.now_ns, *current)))
+        return self.act()
+
+    def act(self):
+        events = self.source.events(self.supervisor.state, self.now_ns)
+        self.events += events
+        return self.step(*events).command.battery_heating_power_w
+
+    def go(self, seconds, each_s=30.0, **changes):
+        """Let time pass; return the powers [W] of all ticks."""
+        powers_w = []
+        end_ns = self.now_ns + round(seconds * NS_PER_S)
+        while self.now_ns < end_ns:
+            self.now_ns = min(self.now_ns + round(each_s * NS_PER_S), end_ns)
+            powers_w.append(self.tick(**changes))
+        return powers_w
+
+    @property
+    def state(self):
+        return self.source.report.state
+
+    @property
+    def goal(self):
+        return self.supervisor.state.preparation_goal
+
+
+def mission(start_ns, minutes=30.0, route_id='to the charger'):
+    route = make_route({'duration_s': [30.0] * round(2 * minutes), 'speed_mps': [20.0],
+                        'propulsion_power_w': [20e3], 'ambient_temperature_c': [-3.0]}, VEHICLE.defaults)
+    return Mission(route_id, (Leg(route, start_ns, True, 24.0),))
+
+
+def test_a_departure_is_prepared_and_heated_at_the_latest_that_is_early_enough():
+    car = Car()
+    car.tick()
+    assert (car.goal.ready_at_ns, car.goal.target_c, car.goal.is_plugged_in) == (READY_NS, TARGET_C, True)
+    assert car.state is DepartureState.PREPARING and car.goal.prices is None
+    battery, leakage = VEHICLE.battery, VEHICLE.battery.leakage.gamma_0_w_per_k
+    heated_c = AMBIENT_C + VEHICLE.hvch.efficiency * FULL_W / leakage
+    tau_s = battery.heat_capacity_j_per_k / leakage
+    # Measured at START_C all the time, so full power from then on reaches the target at the departure.
+    needs_s = tau_s * log((heated_c - START_C) / (heated_c - TARGET_C))
+    powers_w = car.go(3 * HOUR - needs_s - MINUTE, 600.0)
+    assert not any(powers_w)
+    assert car.go(2 * MINUTE)[-1] == pytest.approx(FULL_W)
+    car.go((READY_NS - car.now_ns) / NS_PER_S, temperature_c=TARGET_C)
+    [outcome] = car.outcomes
+    assert outcome.ending is PreparationEnding.REACHED
+    # The next one is tomorrow's.
+    car.go(MINUTE)
+    assert car.goal is None and car.state is DepartureState.LATER
+    assert car.source.report.next_ns == ns(2026, 11, 26, 7, 30)
+    assert 'work, Wed 2026-11-25 07:30 CET: REACHED' in car.source.report.latest
+
+
+def test_nothing_happens_until_its_window():
+    car = Car(now_ns=READY_NS - round((6 * HOUR + MINUTE) * NS_PER_S))
+    car.tick()
+    assert car.goal is None and car.state is DepartureState.LATER
+    assert car.source.report.reason == 'its preparation may begin in 1:00 min'
+    car.go(2 * MINUTE)
+    assert car.goal is not None
+
+
+def test_a_goal_sent_by_hand_has_priority_and_the_departure_follows_it():
+    car = Car()
+    car.tick()
+    by_hand = PreparationGoal(car.now_ns + round(HOUR * NS_PER_S), 11.0, False, AMBIENT_C)
+    car.step(PreparationWanted(by_hand))
+    assert car.outcomes[-1].ending is PreparationEnding.REPLACED
+    car.go(MINUTE)
+    assert car.goal is by_hand and car.state is DepartureState.HELD_OFF
+    assert car.source.report.reason == 'another goal of prepare_battery is active'
+    car.go(HOUR, 600.0)
+    car.go(MINUTE)
+    assert car.goal is not by_hand and car.goal.ready_at_ns == READY_NS
+
+
+def test_a_route_that_drives_before_the_departure_has_priority():
+    car = Car()
+    car.tick()
+    car.step(RouteArrived(mission(car.now_ns)))
+    car.go(MINUTE)
+    assert car.goal is None and car.state is DepartureState.HELD_OFF
+    assert "'to the charger' drives before the departure" in car.source.report.reason
+    assert car.supervisor.state.active_mission.route_id == 'to the charger'
+    # The grid is still believed in.
+    car.step(TripCancelled())
+    car.go(MINUTE)
+    assert car.goal is not None and car.goal.is_plugged_in
+
+
+def test_the_route_of_the_departure_itself_does_not_stop_its_preparation():
+    car = Car()
+    car.step(RouteArrived(mission(READY_NS)))
+    car.tick()
+    assert car.goal.ready_at_ns == READY_NS
+    car.go(3 * HOUR, 600.0)
+    assert car.goal is None and car.supervisor.state.active_mission.route_id == 'to the charger'
+
+
+def test_a_charge_that_falls_outranks_the_file_until_the_vehicle_is_charged_again():
+    car = Car()
+    car.tick()
+    car.go(MINUTE, soc=0.67)
+    assert car.outcomes[-1].ending is PreparationEnding.UNPLUGGED
+    assert car.goal is not None and not car.goal.is_plugged_in
+    assert not car.source.report.plugged_in and 'the charge has fallen' in car.source.report.reason
+    car.go(MINUTE, soc=0.70)
+    assert car.goal.is_plugged_in and car.source.report.plugged_in
+
+
+def test_the_battery_alone_keeps_its_reserve():
+    lowest = VEHICLE.battery.soc_range[0]
+    car = Car(week(work(is_plugged_in=False)), now_ns=READY_NS - round(10 * MINUTE * NS_PER_S))
+    car.soc = lowest
+    assert car.tick() == 0.0
+    assert car.supervisor.state.decision.status in (Status.SOC_LIMITED, Status.OUT_OF_CHARGE)
+    grid = Car(now_ns=car.now_ns)
+    grid.soc = lowest
+    assert grid.tick() == pytest.approx(FULL_W)
+
+
+def test_a_vehicle_that_drives_is_not_prepared():
+    car = Car()
+    car.tick()
+    # 12 kW for the five minutes that the memory covers.
+    car.go(5 * MINUTE, power_w=12e3)
+    assert car.goal is None and car.state is DepartureState.HELD_OFF
+    assert 'the vehicle drives: the battery gives' in car.source.report.reason
+    car.go(6 * MINUTE, power_w=0.0)
+    assert car.goal is not None
+
+
+def test_switched_off_it_waits_and_continues_when_it_is_switched_on():
+    car = Car()
+    car.tick()
+    car.step(PreheatingSwitched(False))
+    car.go(10 * MINUTE)
+    assert car.goal is None and 'switched off' in car.source.report.reason
+    car.step(PreheatingSwitched(True))
+    car.go(MINUTE)
+    assert car.goal is not None
+
+
+def test_without_any_ambient_temperature_it_is_off_and_says_why():
+    car = Car(week(ambient_c=None))
+    car.tick()
+    assert car.outcomes[-1].ending is PreparationEnding.REFUSED and car.goal is None
+    assert 'ambient_temperature: is not given' in car.source.report.reason
+    # It is not asked for with each tick.
+    car.go(4 * MINUTE)
+    assert len(car.outcomes) == 1
+    car.go(2 * MINUTE)
+    assert len(car.outcomes) == 2
+
+
+def test_without_fresh_battery_states_it_is_off_and_says_why():
+    car = Car()
+    car.act()
+    assert car.goal is None and 'no valid battery state' in car.source.report.reason
+    car.tick()
+    assert car.goal is not None
+
+
+# Calendar and clock
+
+
+def test_departures_that_follow_each_other_are_prepared_one_after_the_other():
+    car = Car(week(work(), work(False, time(7, 50), name='late', target_c=21.0)))
+    car.tick()
+    assert car.goal.ready_at_ns == READY_NS
+    car.go(3 * HOUR, 600.0)
+    assert car.outcomes[-1].preparation_goal.ready_at_ns == READY_NS
+    car.go(MINUTE)
+    assert (car.goal.ready_at_ns, car.goal.target_c, car.goal.is_plugged_in) == (
+        READY_NS + round(20 * MINUTE * NS_PER_S), 21.0, False)
+
+
+def test_a_departure_that_passed_while_the_planner_was_down_is_reported_and_never_heated():
+    car = Car(now_ns=READY_NS + round(MINUTE * NS_PER_S), last_seen_ns=READY_NS - round(HOUR * NS_PER_S))
+    assert car.tick() == 0.0 and car.goal is None
+    assert car.source.report.latest == (
+        'work, Wed 2026-11-25 07:30 CET: not prepared: the planner was not running.')
+
+
+def test_a_restart_shortly_before_the_departure_continues_at_once():
+    car = Car(now_ns=READY_NS - round(10 * MINUTE * NS_PER_S), last_seen_ns=READY_NS - round(HOUR * NS_PER_S))
+    assert car.tick() == pytest.approx(FULL_W)
+    assert car.source.report.latest == ''
+
+
+def test_a_clock_that_is_set_back_or_forward_leads_to_the_departure_of_the_new_time():
+    car = Car()
+    car.tick()
+    car.now_ns -= round(24 * HOUR * NS_PER_S)
+    car.tick()
+    car.go(6 * MINUTE)
+    assert car.goal.ready_at_ns == ns(2026, 11, 24, 7, 30)
+    assert any(outcome.ending is PreparationEnding.INPUT_LOST for outcome in car.outcomes)
+    # Forward beyond the departure: it has passed.
+    car.now_ns = READY_NS + round(HOUR * NS_PER_S)
+    car.tick()
+    car.tick()
+    assert car.goal is None and car.source.report.next_ns == ns(2026, 11, 26, 7, 30)
+
+
+def test_a_clock_that_was_never_set_prepares_nothing():
+    car = Car(now_ns=3600 * NS_PER_S)
+    assert car.tick() == 0.0 and car.goal is None
+    assert 'before 2020' in car.source.report.reason and car.source.report.next_ns is None
+
+
+def test_in_the_night_of_the_clock_change_the_window_has_an_hour_less():
+    # 6 h before 07:30 on the Sunday of March it is 00:30 by the clock.
+    sunday = frozenset({6})
+    begins_ns = ns(2027, 3, 28, 0, 30)
+    car = Car(week(work(weekdays=sunday)), now_ns=begins_ns - NS_PER_S)
+    car.tick()
+    assert car.goal is None
+    car.go(2.0, each_s=1.0)
+    assert car.goal.ready_at_ns == ns(2027, 3, 28, 7, 30) == begins_ns + round(6 * HOUR * NS_PER_S)
+
+
+# Skipping
+
+
+def test_a_skipped_departure_ends_at_once_survives_a_restart_and_can_be_taken_back():
+    car = Car(now_ns=READY_NS - round(10 * MINUTE * NS_PER_S))
+    assert car.tick() == pytest.approx(FULL_W)
+    event, sentence = car.source.skip_next(car.supervisor.state, car.now_ns)
+    assert sentence == ('Skipped: work, Wed 2026-11-25 07:30 CET; the next departure is work, '
+                        'Thu 2026-11-26 07:30 CET.')
+    car.step(event)
+    assert car.act() == 0.0 and car.goal is None
+    assert car.outcomes[-1].ending is PreparationEnding.CANCELED
+    assert car.source.report.skipped_words == 'work, Wed 2026-11-25 07:30 CET'
+    choices = car.supervisor.state.choices.after_restart(car.now_ns)
+    again = Car(now_ns=car.now_ns, last_seen_ns=car.now_ns)
+    again.supervisor = Supervisor(VEHICLE, Settings(estimation=False), choices=choices)
+    assert again.tick() == 0.0 and again.goal is None
+    again.go(11 * MINUTE)
+    assert again.source.report.latest == ''
+    assert again.supervisor.state.choices.after_restart(again.now_ns).skipped_until_ns is None
+    event, sentence = car.source.unskip(car.supervisor.state, car.now_ns)
+    assert 'The next departure is work, Wed 2026-11-25' in sentence
+    car.step(event)
+    car.act()
+    assert car.goal is not None
+
+
+def test_skipping_twice_skips_two():
+    car = Car()
+    car.tick()
+    for day in (25, 26):
+        event, _ = car.source.skip_next(car.supervisor.state, car.now_ns)
+        assert event.until_ns == ns(2026, 11, day, 7, 30)
+        car.step(event)
+        car.act()
+    assert car.source.report.next_ns == ns(2026, 11, 27, 7, 30)
+
+
+def test_a_skip_by_a_wrong_clock_does_not_last_for_years():
+    car = Car(now_ns=ns(2040, 1, 4, 6))
+    car.tick()
+    event, _ = car.source.skip_next(car.supervisor.state, car.now_ns)
+    car.step(event)
+    car.now_ns = READY_NS - round(HOUR * NS_PER_S)
+    car.tick()
+    car.go(6 * MINUTE)
+    assert car.goal.ready_at_ns == READY_NS
+
+
+def test_without_departures_there_is_nothing_to_skip():
+    car = Car(Departures(ZONE, ()))
+    car.tick()
+    assert car.source.skip_next(car.supervisor.state, car.now_ns)[0] is None
+    assert car.state is DepartureState.NONE
+
+
+def test_another_file_replaces_the_goal_without_a_pause():
+    car = Car(now_ns=READY_NS - round(10 * MINUTE * NS_PER_S))
+    assert car.tick() == pytest.approx(FULL_W)
+    car.source.use(week(work(target_c=23.0)), None)
+    assert car.act() == pytest.approx(FULL_W)
+    assert car.goal.target_c == 23.0
+    assert not any(isinstance(event, PreparationEnded) for event in car.events)
+
+
+# Prices
+
+
+def test_with_prices_it_heats_in_the_cheap_hours_and_no_more_than_needed():
+    # 3 h before, 5 ct until 06:30, then ten times as much: heating early leaks, but costs less.
+    prices = GridPrices(ZONE, (DailyPrice(time(0), 0.05), DailyPrice(time(6, 30), 0.5)))
+    car = Car(prices=prices)
+    tau_s = VEHICLE.battery.heat_capacity_j_per_k / VEHICLE.battery.leakage.gamma_0_w_per_k
+    heated_c = AMBIENT_C + VEHICLE.hvch.efficiency * FULL_W / VEHICLE.battery.leakage.gamma_0_w_per_k
+    heated_w = {}
+    for _ in range(round(3 * HOUR / STEP_S)):
+        power_w = heated_w[(READY_NS - car.now_ns) / NS_PER_S] = car.tick()
+        towards_c = AMBIENT_C + power_w / FULL_W * (heated_c - AMBIENT_C)
+        car.temperature_c = towards_c + (car.temperature_c - towards_c) * exp(-STEP_S / tau_s)
+        car.now_ns += round(STEP_S * NS_PER_S)
+    car.tick()
+    assert car.outcomes[-1].ending is PreparationEnding.REACHED, car.outcomes[-1]
+    assert car.temperature_c == pytest.approx(TARGET_C, abs=0.25)
+    cheap_w, dear_w = ([power_w for left_s, power_w in heated_w.items() if (left_s > HOUR) is is_cheap]
+                       for is_cheap in (True, False))
+    # The heat that the target needs at 06:30 to be left at 07:30, without the leakage of the heating itself.
+    wanted_c = AMBIENT_C + (TARGET_C - AMBIENT_C) * exp(HOUR / tau_s)
+    start_c = AMBIENT_C + (START_C - AMBIENT_C) * exp(-2 * HOUR / tau_s)
+    heated_s = tau_s * log((heated_c - start_c) / (heated_c - wanted_c))
+    assert sum(cheap_w) * STEP_S == pytest.approx(FULL_W * heated_s, rel=0.05)
+    assert sum(dear_w) < 0.05 * sum(cheap_w)

@@ -1,0 +1,244 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Recurring departures and prices by local clocks, over clock changes, and their files."""
+
+from datetime import datetime, time, timedelta, timezone
+from itertools import islice
+from zoneinfo import ZoneInfo
+
+from hypothesis import given, settings, strategies as st
+import numpy as np
+import pytest
+
+from bev_preheat.control.departures import Departure, Departures
+from bev_preheat.control.departures_file import load_departures, load_grid_prices
+from bev_preheat.control.grid_prices import DailyPrice, GridPrices, PricePeriod
+from bev_preheat.control.inputs import NS_PER_S
+from bev_preheat.errors import InvalidInput
+
+BERLIN = ZoneInfo('Europe/Berlin')
+ZONES = tuple(map(ZoneInfo, (
+    'Europe/Berlin', 'America/New_York', 'Australia/Lord_Howe', 'Asia/Kathmandu', 'Pacific/Apia')))
+EVERY_DAY = frozenset(range(7))
+
+zones = st.sampled_from(ZONES)
+clocks = st.times().map(lambda clock: clock.replace(second=0, microsecond=0))
+# Years with clock changes of today's rules; Samoa skipped a whole day in 2011.
+moments = st.datetimes(datetime(2011, 12, 20), datetime(2030, 1, 1)).map(
+    lambda moment: moment.replace(microsecond=0))
+
+
+def ns(moment, zone=timezone.utc):
+    return round(moment.replace(tzinfo=zone).timestamp()) * NS_PER_S
+
+
+def shown(instant_ns, zone):
+    return datetime.fromtimestamp(instant_ns / NS_PER_S, zone)
+
+
+def departures_at(*clocks, zone=BERLIN, weekdays=EVERY_DAY):
+    return Departures(zone, tuple(
+        Departure(f'number {number}', weekdays, clock, None, False) for number, clock in enumerate(clocks)))
+
+
+@given(zones, clocks, st.frozensets(st.integers(0, 6), min_size=1), moments)
+@settings(max_examples=150)
+def test_each_departure_is_at_its_local_time_unless_the_clock_skips_it(zone, clock, weekdays, moment):
+    from_ns = ns(moment)
+    found = list(islice(departures_at(clock, zone=zone, weekdays=weekdays).after(from_ns), 20))
+    before_ns = from_ns
+    for occurrence in found:
+        assert before_ns < occurrence.instant_ns <= before_ns + 8 * 86400 * NS_PER_S + 86400 * NS_PER_S
+        before_ns = occurrence.instant_ns
+        local = shown(occurrence.instant_ns, zone)
+        if local.time() == clock and local.weekday() in weekdays:
+            # The first of two.
+            assert local.fold == 0
+        else:
+            # Skipped: that local time, taken back to UTC and forth, is another one.
+            wanted = next(day for day in (local.date(), local.date() - timedelta(days=1))
+                          if day.weekday() in weekdays)
+            there = datetime.combine(wanted, clock, zone)
+            assert there.astimezone(timezone.utc).astimezone(zone).replace(tzinfo=None) != there.replace(tzinfo=None)
+
+
+@given(zones, clocks, moments)
+@settings(max_examples=50)
+def test_every_day_has_its_departure(zone, clock, moment):
+    found = list(islice(departures_at(clock, zone=zone).after(ns(moment)), 40))
+    gaps_h = np.diff([occurrence.instant_ns for occurrence in found]) / NS_PER_S / 3600.0
+    # A clock change moves it by an hour at most; Samoa has no 30 December 2011.
+    assert ((np.abs(gaps_h - 24.0) <= 1.0) | (zone.key == 'Pacific/Apia') & (gaps_h <= 48.0)).all()
+
+
+@pytest.mark.parametrize('day, clock, utc', [
+    # Skipped: read with the offset before the gap. Twice: the first. (RFC 5545, section 3.3.5.)
+    ((2027, 3, 28), time(2, 30), (1, 30)), ((2026, 10, 25), time(2, 30), (0, 30)),
+    ((2027, 3, 28), time(7, 30), (5, 30)), ((2026, 10, 25), time(7, 30), (6, 30))])
+def test_clock_changes_follow_rfc_5545(day, clock, utc):
+    midnight_ns = ns(datetime(*day), BERLIN)
+    [occurrence] = departures_at(clock).until(midnight_ns, midnight_ns + 20 * 3600 * NS_PER_S)
+    assert occurrence.instant_ns == ns(datetime(*day, *utc))
+
+
+def test_two_departures_that_a_clock_change_moves_together_are_one():
+    departures = departures_at(time(3, 30), time(2, 30))
+    midnight_ns = ns(datetime(2027, 3, 28), BERLIN)
+    found = departures.until(midnight_ns, midnight_ns + 20 * 3600 * NS_PER_S)
+    assert [occurrence.departure.clock for occurrence in found] == [time(2, 30)]
+
+
+def test_without_departures_there_is_none():
+    assert list(Departures(BERLIN, ()).after(0)) == []
+
+
+# Prices
+
+
+price_lists = st.lists(st.tuples(clocks, st.floats(-1.0, 1.0)), max_size=5, unique_by=lambda pair: pair[0]).map(
+    lambda pairs: tuple(DailyPrice(*pair) for pair in sorted(pairs)))
+
+
+@given(zones, price_lists, moments, st.integers(1, 40), st.integers(0, 30), st.integers(1, 30))
+@settings(max_examples=100)
+def test_periods_have_no_gaps_and_each_instant_has_its_price(zone, daily, moment, hours, dated_after_h, dated_h):
+    from_ns = ns(moment)
+    dated = (PricePeriod(from_ns + dated_after_h * 3600 * NS_PER_S,
+                         from_ns + (dated_after_h + dated_h) * 3600 * NS_PER_S, 2.0),)
+    until_ns = from_ns + hours * 3600 * NS_PER_S
+    periods = GridPrices(zone, daily, dated).periods(from_ns, until_ns)
+    assert periods[0].from_ns == from_ns and periods[-1].until_ns == until_ns
+    assert all(first.until_ns == second.from_ns for first, second in zip(periods, periods[1:]))
+    for period in periods:
+        assert period.from_ns < period.until_ns
+        middle_ns = (period.from_ns + period.until_ns) // 2
+        if dated[0].from_ns <= middle_ns < dated[0].until_ns:
+            assert period.price_per_kwh == 2.0
+        elif not daily:
+            assert period.price_per_kwh is None
+        else:
+            local = shown(middle_ns, zone)
+            if local.utcoffset() == (local - timedelta(hours=30)).utcoffset():
+                # No clock change nearby: the latest price of the day, or the last of the day before.
+                expected = [price for price in daily if price.clock <= local.time()] or daily
+                assert period.price_per_kwh == expected[-1].price_per_kwh
+
+
+def test_an_autumn_night_has_an_hour_more_of_the_night_price():
+    prices = GridPrices(BERLIN, (DailyPrice(time(6), 0.4), DailyPrice(time(22), 0.2)))
+    periods = prices.periods(ns(datetime(2026, 10, 24, 22), BERLIN), ns(datetime(2026, 10, 25, 12), BERLIN))
+    assert [(period.price_per_kwh, (period.until_ns - period.from_ns) / NS_PER_S / 3600.0)
+            for period in periods] == [(0.2, 9.0), (0.4, 6.0)]
+
+
+def test_mean_prices_of_steps_are_those_of_each_second():
+    start_ns = ns(datetime(2026, 11, 25, 21, 17), BERLIN)
+    prices = GridPrices(BERLIN, (DailyPrice(time(6), 0.4), DailyPrice(time(22), 0.2), DailyPrice(time(23, 5), -0.1)))
+    time_s = np.array([0.0, 100.0, 4000.0, 9000.0, 20000.0])
+    each_s = [0.4 if second < 43 * 60 else 0.2 if second < 108 * 60 else -0.1 for second in range(20000)]
+    expected = [np.mean(each_s[int(first):int(last)]) for first, last in zip(time_s, time_s[1:])]
+    np.testing.assert_allclose(prices.step_prices(start_ns, time_s), expected, atol=1e-12)
+
+
+def test_where_the_table_ends_an_hour_counts_as_the_dearest():
+    start_ns = ns(datetime(2026, 11, 25, 21), BERLIN)
+    hour_ns = 3600 * NS_PER_S
+    prices = GridPrices(BERLIN, (), (PricePeriod(start_ns, start_ns + hour_ns, 0.1),
+                                     PricePeriod(start_ns + hour_ns, start_ns + 2 * hour_ns, 0.3)))
+    np.testing.assert_allclose(
+        prices.step_prices(start_ns, np.array([0.0, 3600.0, 7200.0, 14400.0])), [0.1, 0.3, 0.3])
+    assert prices.unknown_from_ns(start_ns, start_ns + 4 * hour_ns) == start_ns + 2 * hour_ns
+    assert prices.is_known(start_ns, start_ns + 1) and not prices.is_known(
+        start_ns + 2 * hour_ns, start_ns + 3 * hour_ns)
+    assert prices.periods(start_ns, start_ns) == ()
+
+
+# Files
+
+
+WEEK = """
+time_zone: Europe/Berlin
+ambient_temperature_c: -5
+departures:
+  - {name: work, weekdays: [monday, friday], time: '07:30', target_battery_temperature_c: 22, plugged_in: true}
+  - {name: trip, weekdays: [sunday], time: '9:05', plugged_in: false}
+"""
+PRICES = """
+time_zone: Europe/Berlin
+currency: EUR
+daily:
+  - {from: '22:00', price_per_kwh: 0.24}
+  - {from: '06:00', price_per_kwh: 0.38}
+dated:
+  - {from: '2026-11-26 01:00', price_per_kwh: 0.10}
+  - {from: '2026-11-26 03:00', until: '2026-11-26 04:00', price_per_kwh: -0.02}
+"""
+
+
+@pytest.fixture
+def file(tmp_path):
+    def write(text):
+        path = tmp_path / 'file.yaml'
+        path.write_text(text)
+        return path
+    return write
+
+
+def test_a_file_of_departures_is_read(file):
+    departures = load_departures(file(WEEK))
+    assert departures == Departures(BERLIN, (
+        Departure('work', frozenset({0, 4}), time(7, 30), 22, True),
+        Departure('trip', frozenset({6}), time(9, 5), None, False)), -5)
+
+
+def test_a_file_of_prices_is_read(file):
+    prices = load_grid_prices(file(PRICES))
+    assert prices == GridPrices(
+        BERLIN, (DailyPrice(time(6), 0.38), DailyPrice(time(22), 0.24)),
+        (PricePeriod(ns(datetime(2026, 11, 26, 0)), ns(datetime(2026, 11, 26, 2)), 0.10),
+         PricePeriod(ns(datetime(2026, 11, 26, 2)), ns(datetime(2026, 11, 26, 3)), -0.02)), 'EUR')
+
+
+@pytest.mark.parametrize('old, new, problem', [
+    ('Europe/Berlin', 'Europe/Atlantis', "time_zone: 'Europe/Atlantis' is unknown on this computer"),
+    ('Europe/Berlin', '../etc/passwd', "time_zone: '../etc/passwd' is unknown"),
+    ('Europe/Berlin', 'Europe', "time_zone: 'Europe' is unknown"),
+    # Without quotes YAML reads minutes of an hour: 450.
+    ("'07:30'", '7:30', r'departures\[0\].time'), ("'07:30'", "'24:00'", r"departures\[0\].time: '24:00' is not"),
+    ("'07:30'", "'7.30'", "'7.30' is not allowed; it must be HH:MM"),
+    ('monday', 'Monday', r'departures\[0\].weekdays'), ('[monday, friday]', '[]', r'departures\[0\].weekdays'),
+    ('22,', '.nan,', 'target_battery_temperature_c: nan'), ('22,', '220,', 'target_battery_temperature_c'),
+    ('plugged_in: true', 'plugged_in: 1', r'departures\[0\].plugged_in'),
+    (', plugged_in: true', '', r'departures\[0\].*plugged_in'),
+    ('name: trip', 'name: work', "duplicate name 'work' \\(2 times\\)"),
+    ("[sunday], time: '9:05'", "[friday], time: '7:30'", '2 departures on friday at 07:30; only one is allowed'),
+    ('time_zone: Europe/Berlin', '', 'time_zone'), ('-5', '-99', 'ambient_temperature_c')])
+def test_what_is_wrong_with_departures_is_named(file, old, new, problem):
+    path = file(WEEK.replace(old, new, 1))
+    with pytest.raises(InvalidInput, match=problem) as refused:
+        load_departures(path)
+    assert str(refused.value).startswith(f'{path}: ')
+
+
+@pytest.mark.parametrize('old, new, problem', [
+    ("'22:00'", "'6:00'", 'daily: 2 prices from 06:00 on'), ("'22:00'", "'25:00'", r'daily\[0\].from'),
+    ('0.24', '.inf', 'price_per_kwh: inf'), ('0.24', 'cheap', r'daily\[0\].price_per_kwh'),
+    (", until: '2026-11-26 04:00'", '', r'dated\[1\].until: is missing; the last price needs its end'),
+    ('04:00', '02:00', r'dated\[1\]: ends Thu 2026-11-26 02:00 CET, not after its begin'),
+    ('2026-11-26 03:00', '2026-11-26 00:30', r'dated\[0\]: ends'), ('2026-11-26 01:00', '2026-13-26 01:00', "dated"),
+    ("0.10}", "0.10, until: '2026-11-26 03:30'}", r'dated\[1\].from: Thu 2026-11-26 03:00 CET lies before')])
+def test_what_is_wrong_with_prices_is_named(file, old, new, problem):
+    path = file(PRICES.replace(old, new, 1))
+    with pytest.raises(InvalidInput, match=problem) as refused:
+        load_grid_prices(path)
+    assert str(refused.value).startswith(f'{path}: ')
+
+
+def test_prices_of_neither_kind_are_refused(file):
+    with pytest.raises(InvalidInput, match='daily: is missing, and so is dated'):
+        load_grid_prices(file('time_zone: UTC\n'))
+
+
+def test_a_missing_file_is_named(tmp_path):
+    for load in (load_departures, load_grid_prices):
+        with pytest.raises(InvalidInput, match='nothing.yaml: cannot be read: No such file'):
+            load(tmp_path / 'nothing.yaml')

@@ -1,0 +1,191 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The installed heater_controller over DDS: attacks on its commands, and a planner that is killed."""
+
+import math
+import signal
+import time
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from node_bench import poll_until, repeating
+import pytest
+from rclpy.duration import Duration
+from rclpy.qos import LivelinessPolicy, QoSProfile
+from sensor_msgs.msg import BatteryState
+from std_msgs.msg import Float64
+
+from bev_preheat.nodes.command_senders import CommandSenders, MOST_SENDERS
+from bev_preheat.nodes.convert import time_message
+from bev_preheat_msgs.msg import HvchCommand, HvchStatus
+
+OFFERED = QoSProfile(depth=1, deadline=Duration(seconds=2.5), liveliness=LivelinessPolicy.MANUAL_BY_TOPIC,
+                     liveliness_lease_duration=Duration(seconds=2.5))
+BEST_EFFORT = QoSProfile(depth=1)
+PERIOD_S = 0.2
+
+
+def test_senders_are_told_apart_by_their_sequence_numbers():
+    senders = CommandSenders()
+    # A planner in its second hour, a stranger that begins, and one that began long before.
+    heard = [(7200, 'planner'), (7201, 'planner'), (1, 'stranger'), (7202, 'planner'), (2, 'stranger'),
+             (7205, 'planner'), (3, 'stranger')]
+    found = [(senders.sender(number), name) for number, name in heard]
+    assert len(set(found)) == 2
+    assert len({number for number, _ in found}) == 2
+    # A restart begins a sequence of its own; a lost message does not.
+    assert senders.sender(1) not in {number for number, _ in found}
+    assert CommandSenders().sender(None) == CommandSenders().sender(None)
+
+
+def test_many_restarts_are_forgotten():
+    senders = CommandSenders()
+    assert len({senders.sender(1) for _ in range(10 * MOST_SENDERS)}) == 10 * MOST_SENDERS
+    assert len(senders._latest) == MOST_SENDERS
+
+
+def command(power_w, lease_s=1.0, stamp_s=None):
+    now_ns = round((time.time() if stamp_s is None else stamp_s) * 1e9)
+    message = HvchCommand(battery_heating_power=power_w, reason=HvchCommand.HEATING,
+                          valid_until=time_message(now_ns + round(lease_s * 1e9)))
+    message.header.stamp = time_message(now_ns)
+    return message
+
+
+class Controlled:
+    """A heater_controller, a publisher of commands, and all that it says."""
+
+    def __init__(self, bench, *arguments):
+        self.bench = bench
+        self.statuses = bench.record(HvchStatus, 'hvch_status', 100)
+        self.diagnostics = bench.record(DiagnosticArray, '/diagnostics', 100)
+        self.process = bench.start('heater_controller', '-p', 'period:=0.02', *arguments)
+        self.commands = bench.publisher(HvchCommand, 'hvch_command', OFFERED)
+        self.commands.wait_for_subscription()
+
+    def heats(self, power_w=2500.0):
+        """Wait until commands are served."""
+        self.statuses.clear()
+        with repeating(lambda: self.commands.publish(command(power_w)), PERIOD_S):
+            self.statuses.wait_for(lambda status: status.active_power == power_w, 'heat')
+
+    def refused(self, refusal):
+        """Return the next status with a refusal, and see that its entry in the diagnostics names it."""
+        status = self.statuses.wait_for(lambda status: status.refusal == refusal, f'refusal {refusal}')
+        assert status.active_power == 0.0
+        return status
+
+    def names(self, text, level=DiagnosticStatus.ERROR):
+        """Wait for the one entry that names a cause."""
+        self.diagnostics.wait_for(lambda array: any(
+            entry.name == 'heater_controller: command' and entry.level == level and text in entry.message
+            for entry in array.status), f'the diagnostics with {text!r}')
+
+
+@pytest.fixture
+def controlled(bench):
+    return Controlled(bench)
+
+
+def test_command_is_served_until_silence_and_the_status_says_both(controlled):
+    controlled.heats()
+    controlled.statuses.clear()
+    last_s = time.time()
+    status = controlled.refused(HvchStatus.NO_COMMAND)
+    # The last command was sent at most a period before; its lease is 1 s.
+    assert time.time() - last_s < 1.0 + 0.5
+    assert status.explanation == 'the lease of the latest command has ended'
+    assert (status.requested_power, status.measured_power_known) == (0.0, False)
+    controlled.names('NO_COMMAND', DiagnosticStatus.WARN)
+
+
+@pytest.mark.parametrize('bad, refusal, text', [
+    (lambda: command(math.nan), HvchStatus.INVALID_COMMAND, 'nan W is not allowed'),
+    (lambda: command(1000.0, stamp_s=time.time() + 3600.0), HvchStatus.INVALID_LEASE, 's ahead of the clock'),
+    (lambda: command(1000.0, lease_s=3600.0), HvchStatus.INVALID_LEASE, 'a lease of 3600'),
+    (lambda: command(1000.0, stamp_s=time.time() - 60.0), HvchStatus.INVALID_LEASE, 's in the past'),
+], ids=['nan', 'stamp', 'lease', 'past'])
+def test_bad_command_ends_the_heat_of_the_good_one_before(controlled, bad, refusal, text):
+    controlled.heats()
+    controlled.statuses.clear()
+    controlled.commands.publish(bad())
+    assert text in controlled.refused(refusal).explanation
+    controlled.names(text)
+
+
+def test_second_commander_switches_off_and_is_named(controlled):
+    controlled.heats()
+    stranger = controlled.bench.publisher(HvchCommand, 'hvch_command', OFFERED)
+    stranger.wait_for_subscription()
+    with repeating(lambda: controlled.commands.publish(command(2500.0)), PERIOD_S), \
+            repeating(lambda: stranger.publish(command(1500.0)), PERIOD_S):
+        controlled.refused(HvchStatus.COMMAND_CONFLICT)
+        controlled.names('2 nodes command the heater')
+        controlled.statuses.clear()
+        assert all(status.active_power == 0.0 for status in controlled.statuses.wait_for_count(4))
+
+
+def test_killed_and_restarted_heater_starts_cold_and_ends_with_0_w(controlled):
+    controlled.heats()
+    controlled.process.send_signal(signal.SIGKILL)
+    controlled.process.wait()
+    controlled.statuses.clear()
+    controlled.bench.start('heater_controller')
+    assert controlled.statuses.wait_for().active_power == 0.0
+    controlled.heats()
+
+
+def test_end_by_signal_is_reported(controlled):
+    controlled.heats()
+    controlled.process.send_signal(signal.SIGTERM)
+    assert controlled.process.wait() == 0
+    assert controlled.refused(HvchStatus.NOT_ACTIVE).explanation == 'the controller is shutting down'
+
+
+def test_gates_of_the_car(bench, gated_car):
+    controlled = Controlled(bench, '-p', f'vehicle:={gated_car}')
+    states = bench.publisher(BatteryState, 'battery_state', 1)
+    speeds = bench.publisher(Float64, 'vehicle_speed', 1)
+    car = {'soc': 0.5, 'temperature': 5.0, 'speed': 0.0}
+
+    def drive():
+        state = BatteryState(percentage=car['soc'], temperature=car['temperature'])
+        state.header.stamp = time_message(time.time_ns())
+        states.publish(state)
+        speeds.publish(Float64(data=car['speed']))
+        controlled.commands.publish(command(6000.0))
+
+    controlled.commands.publish(command(6000.0))
+    assert 'no valid battery_state' in controlled.refused(HvchStatus.OTHER).explanation
+    with repeating(drive, 0.1):
+        # The heater has 2000 and 5000 W.
+        controlled.statuses.wait_for(lambda status: status.active_power == 5000.0
+                                     and status.refusal == HvchStatus.STEP_OF_POWER)
+        for name, value, refusal in (('soc', 0.1, HvchStatus.LOW_CHARGE),
+                                     ('temperature', 30.0, HvchStatus.HOT_BATTERY),
+                                     ('speed', 8.0, HvchStatus.IN_MOTION)):
+            before = car[name]
+            car[name] = value
+            controlled.refused(refusal)
+            car[name] = before
+            controlled.statuses.clear()
+            controlled.statuses.wait_for(lambda status: status.active_power == 5000.0)
+
+
+@pytest.fixture
+def gated_car(tmp_path):
+    from bev_preheat.files.configuration import find_configuration
+    text = find_configuration('vehicles', 'reference', '.yaml').read_text()
+    path = tmp_path / 'gated.yaml'
+    path.write_text(f'{text}\nheating_gates: {{minimum_soc: 0.15, maximum_temperature_c: 25, '
+                    'only_while_standing: true, power_steps_w: [2000, 5000]}\n')
+    return path
+
+
+def test_hanging_commander_ends_the_heat_before_a_long_lease(bench):
+    controlled = Controlled(bench)
+    controlled.statuses.clear()
+    with repeating(lambda: controlled.commands.publish(command(2500.0, lease_s=9.0)), PERIOD_S):
+        controlled.statuses.wait_for(lambda status: status.active_power == 2500.0)
+    silent_s = time.monotonic()
+    poll_until(lambda: controlled.statuses.latest.active_power == 0.0, '0 W', timeout_s=8.0)
+    assert time.monotonic() - silent_s < 2.5 + 1.0
+    assert any(word in controlled.statuses.latest.explanation for word in ('deadline', 'alive'))

@@ -1,0 +1,168 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Heating from the grid at the least cost: against a linear program of the exact solution of the heat balance."""
+
+from hypothesis import given, settings, strategies as st
+import numpy as np
+import pytest
+
+from bev_preheat.errors import InvalidInput
+from bev_preheat.planning.cheapest_hours import cost_of, fill_in_order, plan_in_cheapest_hours
+from bev_preheat.planning.planner import plan_preheating
+from bev_preheat.planning.situation import BatteryState, Goal
+from bev_preheat.planning.status import Status
+from bev_preheat.planning.trip import BELOW_HIGHEST_K
+from bev_preheat.planning.uncertainty_margin import UncertaintyMargin
+from bev_preheat.route.segments import make_route
+from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.grid import grid_fed
+
+VEHICLE = load_vehicle('reference')
+GRID = grid_fed(VEHICLE)
+STEP_S = 300.0
+FULL_W = VEHICLE.hvch.maximum_power_w - VEHICLE.defaults.cabin_heating_power_w
+LEAKAGE_W_PER_K = VEHICLE.battery.leakage.gamma_0_w_per_k
+TAU_S = VEHICLE.battery.heat_capacity_j_per_k / LEAKAGE_W_PER_K
+CEILING_C = VEHICLE.battery.temperature_range_c[1] - BELOW_HIGHEST_K
+SOC = 0.5
+
+prices_of_an_hour = st.lists(
+    st.floats(-0.3, 1.0).map(lambda price: round(price, 3)), min_size=1, max_size=10)
+
+
+def standing(hours, ambient_c):
+    return make_route({'duration_s': [STEP_S] * round(hours * 3600.0 / STEP_S), 'speed_mps': [0.0],
+                       'propulsion_power_w': [0.0], 'ambient_temperature_c': [ambient_c]}, VEHICLE.defaults)
+
+
+def hourly(prices):
+    """Return the prices of each step for prices of each hour, by their integral over time."""
+    edges_s = 3600.0 * np.arange(len(prices) + 1)
+    paid = np.concatenate(([0.0], np.cumsum(3600.0 * np.array(prices))))
+    return lambda time_s: np.diff(np.interp(time_s, edges_s, paid)) / np.diff(time_s)
+
+
+def planned(prices, start_c, ambient_c, target_c, **options):
+    return plan_in_cheapest_hours(GRID, standing(len(prices), ambient_c), BatteryState(start_c, SOC), Goal(target_c),
+                                  'merit_order', hourly(prices), **options)
+
+
+def rises_k(steps):
+    """
+    Return the matrix (N, N) of the rise [K] at the end of step i by full power in step j.
+
+    The exact solution of C T' = eta P + gamma (T_ambient - T) for constant power in a step.
+    """
+    stationary_k = VEHICLE.hvch.efficiency * FULL_W / LEAKAGE_W_PER_K
+    ends_s = STEP_S * np.arange(1, steps + 1)
+    after_s = ends_s[:, None] - ends_s[None, :]
+    return np.where(after_s >= 0.0, stationary_k * (1.0 - np.exp(-STEP_S / TAU_S)) * np.exp(
+        -np.maximum(after_s, 0.0) / TAU_S), 0.0)
+
+
+def least_cost(prices, start_c, ambient_c, target_c):
+    """Return (cost, is feasible) of the linear program: shares of full power that end exactly at the target."""
+    from scipy.optimize import linprog
+    step_prices = np.repeat(prices, round(3600.0 / STEP_S))
+    rises = rises_k(len(step_prices))
+    unheated_c = ambient_c + (start_c - ambient_c) * np.exp(
+        -STEP_S * np.arange(1, len(step_prices) + 1) / TAU_S)
+    found = linprog(step_prices * FULL_W * STEP_S / 3.6e6, A_ub=rises, b_ub=CEILING_C - unheated_c,
+                    A_eq=rises[-1:], b_eq=[target_c - unheated_c[-1]], bounds=(0.0, 1.0), method='highs')
+    return found.fun, found.status == 0
+
+
+@pytest.mark.needs('scipy')
+@given(prices_of_an_hour, st.floats(-15.0, 10.0), st.floats(-15.0, 5.0), st.floats(12.0, 38.0))
+@settings(max_examples=60)
+def test_it_costs_as_little_as_the_linear_program(prices, start_c, ambient_c, target_c):
+    plan = planned(prices, start_c, ambient_c, target_c)
+    cost, is_feasible = least_cost(prices, start_c, ambient_c, target_c)
+    if not is_feasible:
+        assert plan.status is Status.TARGET_UNREACHABLE
+        return
+    assert plan.arrival_temperature_c == pytest.approx(target_c, abs=1e-3)
+    energy_kwh = np.abs(plan.hvch_battery_power_w).sum() * STEP_S / 3.6e6
+    # The planner integrates the leakage step by step, 0.02 % off the exact solution at most.
+    assert cost_of(plan, hourly(prices)) == pytest.approx(cost, abs=5e-4 * energy_kwh * max(map(abs, prices)) + 1e-6)
+    assert plan.battery_temperature_c.max() <= max(CEILING_C, start_c) + 0.01
+
+
+@given(prices_of_an_hour, st.floats(-15.0, 10.0), st.floats(12.0, 38.0))
+@settings(max_examples=30)
+def test_it_never_costs_more_than_heating_as_late_as_possible(prices, start_c, target_c):
+    ambient_c = -4.0
+    plan = planned(prices, start_c, ambient_c, target_c)
+    latest = plan_preheating(GRID, standing(len(prices), ambient_c), BatteryState(start_c, SOC), Goal(target_c))
+    # Where negative prices pay for leaking heat, the ceiling may stand in their way.
+    assert cost_of(plan, hourly(prices)) <= cost_of(latest, hourly(prices)) + 1e-4
+    assert plan.arrival_temperature_c == pytest.approx(latest.arrival_temperature_c, abs=2e-3)
+
+
+def test_at_one_price_it_heats_as_late_as_possible():
+    plan = planned([0.3] * 4, -5.0, -8.0, 15.0)
+    latest = plan_preheating(GRID, standing(4, -8.0), BatteryState(-5.0, SOC), Goal(15.0))
+    assert plan.heating_start_s == pytest.approx(latest.heating_start_s, abs=2.0)
+    np.testing.assert_allclose(plan.hvch_battery_power_w, latest.hvch_battery_power_w, atol=40.0)
+
+
+def test_heating_early_pays_from_the_ratio_of_prices_that_the_leakage_takes():
+    # A kelvin at the end costs exp(3600 s / tau) times as much if it is heated an hour earlier. Less than one step
+    # of heating is needed.
+    for factor, is_early in ((0.98, True), (1.02, False)):
+        plan = planned([0.3 * factor * float(np.exp(-3600.0 / TAU_S)), 0.3], 5.0, -8.0, 0.0)
+        [heated] = np.flatnonzero(plan.hvch_battery_power_w)
+        # The last step of either hour.
+        assert heated == (11 if is_early else 23)
+
+
+def test_a_battery_that_is_warm_enough_is_not_heated_even_if_the_grid_pays():
+    plan = planned([-0.2, -0.2], 30.0, 20.0, 15.0)
+    assert plan.status is Status.NOT_NEEDED and not plan.hvch_battery_power_w.any()
+
+
+def test_a_negative_price_heats_no_further_than_the_target_and_the_range():
+    # Ten hours at negative prices: the earliest heating leaks the most, and pays the most.
+    plan = planned([-0.5] * 10, 0.0, 0.0, 35.0)
+    assert plan.arrival_temperature_c == pytest.approx(35.0, abs=1e-3)
+    assert plan.battery_temperature_c.max() <= CEILING_C + 0.01
+
+
+def test_without_room_for_a_correction_it_begins_early_and_ends_early():
+    plain, careful = (planned([0.3] * 4, -5.0, -8.0, 15.0, uncertainty_margin=margin)
+                      for margin in (None, UncertaintyMargin(lead_k=2.0)))
+    per_s = VEHICLE.hvch.efficiency * FULL_W / VEHICLE.battery.heat_capacity_j_per_k
+    lead_s = plain.heating_start_s - careful.heating_start_s
+    # Some of the heat leaks, so 2 K at the end take a little longer.
+    assert 2.0 / per_s < lead_s < 1.4 * 2.0 / per_s
+    assert careful.arrival_temperature_c == pytest.approx(15.0, abs=1e-3)
+    assert careful.heating_end_s is not None and careful.heating_end_s < 4 * 3600.0 - 2.0 / per_s / 1.4
+
+
+def test_with_hours_left_for_a_correction_it_does_not_begin_early():
+    prices = [0.05] * 2 + [0.5] * 2
+    plain, careful = (planned(prices, -5.0, -8.0, 12.0, uncertainty_margin=margin)
+                      for margin in (None, UncertaintyMargin(lead_k=2.0)))
+    np.testing.assert_allclose(plain.hvch_battery_power_w, careful.hvch_battery_power_w)
+
+
+@given(st.integers(1, 12), st.data())
+@settings(max_examples=50)
+def test_filling_keeps_every_limit(steps, data):
+    def numbers(low, high):
+        return np.array(data.draw(st.lists(st.floats(low, high), min_size=steps, max_size=steps)))
+
+    most_k, room_k = numbers(0.0, 3.0), numbers(0.0, 10.0)
+    order = np.array(data.draw(st.permutations(range(steps))))
+    wanted_k = data.draw(st.floats(0.0, 20.0))
+    heat_k = fill_in_order(order, most_k, room_k, wanted_k)
+    assert (heat_k >= 0.0).all() and (heat_k <= most_k + 1e-12).all()
+    assert (np.cumsum(heat_k) <= room_k + 1e-9).all() and heat_k.sum() <= wanted_k + 1e-9
+    # Where some is left to fill, no step can take more.
+    if heat_k.sum() < wanted_k - 1e-6:
+        spare_k = np.minimum(most_k - heat_k, [min((room_k - np.cumsum(heat_k))[step:]) for step in range(steps)])
+        assert spare_k.max() < 1e-6
+
+
+def test_inputs_outside_the_model_are_refused():
+    with pytest.raises(InvalidInput, match='target battery temperature: 99 is not allowed'):
+        planned([0.3], 0.0, 0.0, 99.0)
