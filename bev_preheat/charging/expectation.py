@@ -22,8 +22,8 @@ from typing import NamedTuple, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.charging.equations import heated_c
-from bev_preheat.charging.pays_from import pays_from_per_h
 from bev_preheat.charging.heating_choice import ChargerHeating
+from bev_preheat.charging.pays_from import pays_from_per_h
 from bev_preheat.charging.session import LONGEST_SESSION_S
 from bev_preheat.charging.stop import arrival_state
 from bev_preheat.estimation.soak import temperature_after

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 
     from bev_preheat.charging.heating_choice import HeatingChoice
     from bev_preheat.charging.prospect import ChargingProspect
+    from bev_preheat.charging.session import Session
     from bev_preheat.charging.stop import ChargingStop
     from bev_preheat.planning.plan import Plan
     from bev_preheat.planning.situation import BatteryState, Goal

@@ -27,6 +27,7 @@ SUBCOMMANDS = {
     'log': 'bev_preheat.commands.log',
     'vehicle': 'bev_preheat.commands.vehicle',
     'check': 'bev_preheat.commands.check',
+    'replay': 'bev_preheat.commands.replay',
     'identify': 'bev_preheat.commands.identify',
     'export-ecu': 'bev_preheat.commands.export_ecu',
     'monitor': 'bev_preheat.commands.monitor',

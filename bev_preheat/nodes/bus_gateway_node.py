@@ -33,7 +33,6 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from bev_preheat.bus.battery import LiveBattery
-    from bev_preheat.bus.live_map import LiveMap
     from bev_preheat.bus.source import LiveSource
 
 PARAMETERS = (

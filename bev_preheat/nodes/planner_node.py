@@ -30,12 +30,14 @@ from bev_preheat.control.settings import FIELD_OF_PARAMETER, Settings, settings_
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.errors import InvalidInput, LONGEST_PROBLEM, shortened
 from bev_preheat.estimation.hypotheses import Heater
+from bev_preheat.flight_recorder.steps import FAIL, STOP
 from bev_preheat.native.library import core_in_words, use_core
 from bev_preheat.nodes.command_line import NodeProgram
 from bev_preheat.nodes.command_publisher import CommandPublisher
 from bev_preheat.nodes.convert import battery_event, command_message, plan_message, temperature_message
 from bev_preheat.nodes.departure_keeper import check_departure_parameters, DepartureKeeper, SKIP
 from bev_preheat.nodes.diagnostics import heater_sentence, planner_diagnostics
+from bev_preheat.nodes.flight_recording import FlightRecorder, Setup
 from bev_preheat.nodes.heater_messages import heater_status_event
 from bev_preheat.nodes.managed import LIFECYCLE, ManagedStates, NOT_ACTIVE
 from bev_preheat.nodes.news import RepetitionFilter
@@ -61,6 +63,7 @@ if TYPE_CHECKING:
 
     from bev_preheat.control.events import Event
     from bev_preheat.control.supervisor import StepOutput
+    from bev_preheat.estimation.prior import Learned
     from bev_preheat.vehicle import Vehicle
     from bev_preheat_msgs.msg import RoutePlan
 
@@ -109,6 +112,9 @@ PARAMETERS = (
               'Plan with the native core if it is built; plans are the same without.'),
     Parameter('coldest_cell_limits', DEFAULTS.coldest_cell_limits,
               "Battery and charger have the coldest cell's power limits, if cell_temperature is known."),
+    Parameter('flight_recorder', '', 'Folder for recordings of all inputs and commands; empty: none.'),
+    Parameter('flight_recorder_size', 500.0, 'The oldest recordings are deleted beyond this size of the folder',
+              'MB', (100.0, 1e6)),
     Parameter('state_file', '', "File for the learned factors of the car and the driver's choices: "
               'a new file, or a state file; empty: none.'),
     Parameter('departures', '', 'File of recurring departures (YAML) for which the battery is prepared; '
@@ -179,6 +185,8 @@ class PlannerNode(Node):
         self._supervisor = Supervisor(
             vehicle, settings, recalled.learned, recalled.last_seen, choices)
         self._told, self._news = _Told(), RepetitionFilter()
+        self._recorder = FlightRecorder(self)
+        self._record(values, recalled.learned, is_whole=True)
         # The latest step, or its outputs, raised an exception.
         self._is_in_doubt = False
         self._routes = RouteIntake()
@@ -235,23 +243,24 @@ class PlannerNode(Node):
     def _on_battery_state(self, message: BatteryState) -> None:
         now_ns = self._now_ns()
         event = battery_event(message, self._setup.clock_hint(message.header.stamp, now_ns))
-        if self._step(event, now_ns=now_ns):
+        if self._step(event, now_ns=now_ns, message=message):
             self._stale_timer.reset()
 
     @guarded
     def _on_route_plan(self, message: RoutePlan) -> None:
-        if self._step(self._routes.read(message, self._supervisor.state)):
+        if self._step(self._routes.read(message, self._supervisor.state), message=message):
             self._tell_route()
 
     @guarded
     def _on_route_progress(self, message: RouteProgress) -> None:
         now_ns = self._now_ns()
         self._step(progress_event(
-            message, self._setup.clock_hint(message.header.stamp, now_ns)), now_ns=now_ns)
+            message, self._setup.clock_hint(message.header.stamp, now_ns)), now_ns=now_ns, message=message)
 
     @guarded
     def _on_heater_status(self, message: HvchStatus) -> None:
-        self._step(heater_status_event(message, self._supervisor.state.vehicle.hvch.maximum_power_w))
+        self._step(heater_status_event(message, self._supervisor.state.vehicle.hvch.maximum_power_w),
+                   message=message)
 
     @guarded
     def _on_refused_route(self, error: InvalidInput) -> None:
@@ -383,9 +392,10 @@ class PlannerNode(Node):
             timer.reset()
         use_core(settings.compiled_core)
         limit_answer_time(_answer_time_s(settings))
+        learned = self._state_keeper.attach(values['state_file'], contents).learned
+        self._record(values, learned)
         self._step(Reconfigured(
-            vehicle, settings, self._routes.read_again(state, vehicle, settings),
-            self._state_keeper.attach(values['state_file'], contents).learned),
+            vehicle, settings, self._routes.read_again(state, vehicle, settings), learned),
             *self._departures.attach(values['departures'], values['grid_prices']))
         self.get_logger().info('In effect now: ' + ', '.join(
             f'{parameter.name} = {parameter.value}' for parameter in parameters if parameter.name in _OWN) + '.')
@@ -400,17 +410,19 @@ class PlannerNode(Node):
 
     # Output
 
-    def _step(self, *events: Event, now_ns: int | None = None) -> bool:
+    def _step(self, *events: Event, now_ns: int | None = None, message: Any = None) -> bool:
         """
         Run a step of the supervisor and publish its output; return whether every event was accepted.
 
-        `now_ns` is the step's instant [ns], None for that of the call. The command is published first, but after
-        a failure it is published last, so that no heat is commanded while the rest still fails.
+        `now_ns` is the step's instant [ns], None for that of the call; `message` the one that its event was
+        read from, None without one. The command is published first, but after a failure it is published last,
+        so that no heat is commanded while the rest still fails.
         """
         now_ns = self._now_ns() if now_ns is None else now_ns
         output, in_doubt = self._supervisor.step(now_ns, *events), self._is_in_doubt
         if not in_doubt:
             self._publish_command(output, now_ns)
+        self._recorder.note(now_ns, events, message, output)
         self._publish_decision(output, now_ns)
         for refusal in output.refusals:
             sentence = f'{refusal.source} refused: {refusal.error}'
@@ -439,10 +451,13 @@ class PlannerNode(Node):
         decision = output.decision
         if decision is None:
             return
-        self._plan_publisher.publish(plan_message(
-            decision, self._supervisor.state.active_mission, now_ns, self._supervisor.later_decisions()))
-        if decision.plan is not None:
-            self._temperature_publisher.publish(temperature_message(decision, now_ns))
+        plan = plan_message(
+            decision, self._supervisor.state.active_mission, now_ns, self._supervisor.later_decisions())
+        self._plan_publisher.publish(plan)
+        prediction = None if decision.plan is None else temperature_message(decision, now_ns)
+        if prediction is not None:
+            self._temperature_publisher.publish(prediction)
+        self._recorder.note_plan(now_ns, plan, prediction)
         if output.has_new_status:
             self.get_logger().info(f'{decision.status.name}: {decision.explanation}')
             # At once, so that short-lived statuses are seen.
@@ -475,9 +490,11 @@ class PlannerNode(Node):
         self._is_in_doubt = True
         try:
             now_ns = self._now_ns()
-            output = self._supervisor.fail(now_ns, f'{where}: {type(error).__name__}: {error}')
+            what = f'{where}: {type(error).__name__}: {error}'
+            output = self._supervisor.fail(now_ns, what)
             self.get_logger().error(output.failure)
             self._publish_command(output, now_ns)
+            self._recorder.note(now_ns, (), None, output, FAIL, what)
         except Exception as another:
             self.get_logger().error(
                 f'0 W could not be published after that: {type(another).__name__}: {another}; the '
@@ -490,11 +507,21 @@ class PlannerNode(Node):
 
     @guarded
     def _on_save_due(self) -> None:
-        self._state_keeper.save(self._supervisor.state)
+        state = self._supervisor.state
+        self._state_keeper.save(state)
+        self._recorder.renew(state, self._now_ns())
+        self._recorder.tell()
+
+    def _record(self, values: Values, learned: Learned | None, is_whole: bool = False) -> None:
+        self._recorder.attach(
+            values['flight_recorder'], values['flight_recorder_size'],
+            Setup({name: values[name] for name in sorted(_OWN)}, self._vehicle_contents, learned),
+            self._supervisor.state, self._now_ns(), is_whole)
 
     def last_words(self) -> None:
         """Publish 0 W before the process ends, and wait up to LAST_WORDS_TIME for delivery."""
-        for last in (self._end_goals, self._switch_off, self._on_save_due, self._await_delivery):
+        for last in (self._end_goals, self._switch_off, self._on_save_due, self._await_delivery,
+                     self._recorder.close):
             last()
 
     @guarded
@@ -505,7 +532,9 @@ class PlannerNode(Node):
     def _switch_off(self) -> None:
         # With a normal lease, because a heater's controller may ignore an expired command.
         now_ns = self._now_ns()
-        self._publish_command(self._supervisor.stop(now_ns), now_ns)
+        output = self._supervisor.stop(now_ns)
+        self._publish_command(output, now_ns)
+        self._recorder.note(now_ns, (), None, output, STOP)
 
     @guarded
     def _await_delivery(self) -> None:

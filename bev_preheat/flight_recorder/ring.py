@@ -1,0 +1,67 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The folder of recordings: names of its files, and its size, which the oldest files give way to."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+import os
+from pathlib import Path
+import re
+import stat
+
+from bev_preheat.errors import InvalidInput
+
+SUFFIX = '.mcap'
+# Only files with such names are ever deleted.
+OWN_NAME = re.compile(r'flight_[0-9]{8}T[0-9]{6}_[0-9a-f]{8}_[0-9]{4}\.mcap')
+
+
+def check_folder(folder: str | os.PathLike[str]) -> None:
+    """Raise InvalidInput if a path is there and is not a folder, or its folder cannot be made; change nothing."""
+    path = Path(folder).expanduser()
+    try:
+        status = os.stat(path)
+    except FileNotFoundError:
+        if os.path.islink(path):
+            raise InvalidInput(f'{folder}: is a link to {os.readlink(path)}, which does not exist') from None
+        return
+    except (OSError, ValueError) as error:
+        raise InvalidInput(f'{folder}: cannot be a folder: {getattr(error, "strerror", None) or error}') from error
+    if not stat.S_ISDIR(status.st_mode):
+        raise InvalidInput(f'{folder}: is not a folder; recordings need one of their own')
+
+
+def file_name(started: str, life: str, part: int) -> str:
+    """Return the name of a life's part; `started` is the instant as YYYYMMDDThhmmss."""
+    return f'flight_{started}_{life}_{part:04d}{SUFFIX}'
+
+
+def recordings_in(folder: str | os.PathLike[str]) -> list[Path]:
+    """Return the recordings of a folder, oldest first; raises OSError if it cannot be read."""
+    found = [path for path in Path(folder).expanduser().iterdir() if OWN_NAME.fullmatch(path.name)]
+    return sorted(found, key=lambda path: path.name)
+
+
+def make_room(folder: str | os.PathLike[str], most_bytes: int, kept: Path) -> list[Path]:
+    """
+    Delete the oldest recordings until the folder has at most `most_bytes` of them; return the deleted ones.
+
+    `kept` is never deleted. A file that cannot be deleted is passed over.
+    """
+    sizes = {}
+    for path in recordings_in(folder):
+        with suppress(OSError):
+            status = os.lstat(path)
+            if stat.S_ISREG(status.st_mode):
+                sizes[path] = status.st_size
+    total, deleted = sum(sizes.values()), []
+    for path, size in sizes.items():
+        if total <= most_bytes:
+            break
+        if path == kept:
+            continue
+        with suppress(OSError):
+            os.unlink(path)
+            total -= size
+            deleted.append(path)
+    return deleted

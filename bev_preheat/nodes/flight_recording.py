@@ -1,0 +1,232 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Records the planner's inputs and answers; see bev_preheat/flight_recorder."""
+
+from __future__ import annotations
+
+from datetime import datetime, UTC
+from pathlib import Path
+from typing import Any, NamedTuple, TYPE_CHECKING
+from uuid import uuid4
+
+from rclpy.serialization import serialize_message
+from sensor_msgs.msg import BatteryState, Temperature
+
+from bev_preheat.control.events import Reconfigured
+from bev_preheat.control.inputs import NS_PER_S
+from bev_preheat.errors import InvalidInput
+from bev_preheat.estimation.memory import learned_from
+from bev_preheat.files.version import version
+from bev_preheat.flight_recorder.beginning import Beginning, learned_values
+from bev_preheat.flight_recorder.ring import check_folder
+from bev_preheat.flight_recorder.steps import (
+    BATTERY_STATE,
+    command_values,
+    event_values,
+    GoalNumbers,
+    HVCH_STATUS,
+    RecordedStep,
+    ROUTE_PLAN,
+    ROUTE_PROGRESS,
+    STEP,
+)
+from bev_preheat.flight_recorder.writer import (
+    BEGINNING_CHANNEL,
+    Entry,
+    Kind,
+    Recording,
+    RecordingWriter,
+    STEP_CHANNEL,
+)
+from bev_preheat.nodes.convert import command_message
+from bev_preheat.nodes.message_definitions import definition
+from bev_preheat_msgs.msg import HvchCommand, HvchStatus, PreheatPlan, RoutePlan, RouteProgress
+
+if TYPE_CHECKING:
+    from rclpy.node import Node
+
+    from bev_preheat.control.events import Event
+    from bev_preheat.control.planner_state import PlannerState
+    from bev_preheat.control.supervisor import StepOutput
+    from bev_preheat.estimation.prior import Learned
+
+COMMAND, PLAN, PREDICTION = 'hvch_command', 'preheat_plan', 'predicted_arrival_temperature'
+TYPES = {BATTERY_STATE: BatteryState, ROUTE_PLAN: RoutePlan, ROUTE_PROGRESS: RouteProgress,
+         HVCH_STATUS: HvchStatus, COMMAND: HvchCommand,
+         PLAN: PreheatPlan, PREDICTION: Temperature}
+# Every plan follows from the inputs, so only some are written, for viewers [ns].
+PLAN_PERIOD_NS = 10 * NS_PER_S
+BYTES_PER_MB = 1_000_000
+# Names of the Vehicle Signal Specification for recorded fields.
+VSS = 'Vehicle.Powertrain.TractionBattery'
+METADATA = {'vss': {'battery_state.temperature': f'{VSS}.Temperature.Average',
+                    'battery_state.percentage': f'{VSS}.StateOfCharge.Displayed',
+                    'battery_state.voltage': f'{VSS}.CurrentVoltage',
+                    'battery_state.current': f'{VSS}.CurrentCurrent'}}
+
+
+class Setup(NamedTuple):
+    """Parameters of the node by name, the bytes of its vehicle file, and what it had learned at its start."""
+
+    parameters: dict[str, Any]
+    vehicle_contents: bytes
+    learned: Learned | None = None
+
+
+class FlightRecorder:
+    """
+    Records a planner's steps if the parameter `flight_recorder` names a folder; never raises, never waits.
+
+    `problem` is the sentence on what keeps it from recording, '' if nothing does.
+    """
+
+    def __init__(self, node: Node) -> None:
+        """Record nothing yet."""
+        self._node, self._life = node, ''
+        self._topics: dict[str, str] = {}
+        self._writer: RecordingWriter | None = None
+        self._where: tuple[str, float] = ('', 0.0)
+        self._goals = GoalNumbers()
+        self._setup = Setup({}, b'')
+        self._plan_due_ns, self._plan_status = 0, -1
+        self._route: Entry | None = None
+        self._failure, self._told = '', ''
+
+    @property
+    def problem(self) -> str:
+        """The sentence on what keeps it from recording; '' if nothing does."""
+        return self._failure or ('' if self._writer is None else self._writer.report)
+
+    @property
+    def path(self) -> str:
+        """The latest file; '' without one."""
+        return '' if self._writer is None else self._writer.path
+
+    @property
+    def dropped(self) -> int:
+        """The number of steps that were not written."""
+        return 0 if self._writer is None else self._writer.dropped
+
+    def attach(self, folder: str, megabytes: float, setup: Setup, state: PlannerState, now_ns: int,
+               is_whole: bool = False) -> None:
+        """
+        Record into a folder ('': record nothing) of at most `megabytes` [MB] from now on.
+
+        `is_whole`: the planner has made no step yet. A folder that is used already stays in use.
+        """
+        self._setup = setup
+        if (folder, megabytes) == self._where:
+            return
+        self.close()
+        self._where, self._failure = (folder, megabytes), ''
+        if not folder:
+            return
+        started = datetime.now(UTC).strftime('%Y%m%dT%H%M%S')
+        try:
+            check_folder(folder)
+            kinds = {self._node.resolve_topic_name(topic): _kind(message_type)
+                     for topic, message_type in TYPES.items()}
+            self._life = uuid4().hex[:8]
+            self._writer = RecordingWriter(
+                Recording(Path(folder).expanduser(), round(megabytes * BYTES_PER_MB), self._life, started), kinds,
+                self._head(state, now_ns, is_whole), METADATA)
+            self._topics = {topic: self._node.resolve_topic_name(topic) for topic in TYPES}
+        except Exception as error:
+            self._failure = str(error) if isinstance(error, InvalidInput) else f'{type(error).__name__}: {error}'
+        self.tell()
+
+    def _head(self, state: PlannerState, now_ns: int, is_whole: bool) -> tuple[Entry, ...]:
+        beginning = Beginning(
+            version(), self._node.get_fully_qualified_name(), self._life, 0, is_whole, now_ns,
+            self._node.get_parameter('use_sim_time').value, self._setup.parameters,
+            self._setup.vehicle_contents.decode('utf-8', 'replace'), self._setup.learned, state.last_seen,
+            state.choices)
+        head = (Entry(BEGINNING_CHANNEL, now_ns, beginning.as_dictionary()),)
+        if is_whole or self._route is None:
+            return head
+        route_step = RecordedStep(self._route.now_ns, events=({'kind': ROUTE_PLAN},))
+        return (*head, self._route, Entry(STEP_CHANNEL, self._route.now_ns, route_step.as_dictionary()))
+
+    def renew(self, state: PlannerState, now_ns: int) -> None:
+        """Let the next file begin with the present state, because the files before it may be deleted."""
+        if self._writer is not None and self._writer.path:
+            try:
+                if state.estimate is not None:
+                    self._setup = self._setup._replace(learned=learned_from(state.estimate))
+                self._writer.head = self._head(state, now_ns, is_whole=False)
+            except Exception as error:
+                self._stop(error)
+
+    def note(self, now_ns: int, events: tuple[Event, ...], message: Any, output: StepOutput,
+             call: str = STEP, what: str = '') -> None:
+        """Record a step: its events, the message that one of them came in (None: none), and its output."""
+        if self._writer is not None:
+            try:
+                self._note(self._writer, now_ns, events, message, output, call, what)
+            except Exception as error:
+                # Nothing about a recording may keep the planner from its work.
+                self._stop(error)
+
+    def _note(self, writer: RecordingWriter, now_ns: int, events: tuple[Event, ...], message: Any,
+              output: StepOutput, call: str, what: str) -> None:
+        values = [self._values(event, message) for event in events]
+        entries = []
+        if message is not None:
+            entry = Entry(self._topics[values[0]['kind']], now_ns, message)
+            if values[0]['kind'] == ROUTE_PLAN:
+                self._route = entry
+            entries.append(entry)
+        status = None if output.decision is None else int(output.decision.status)
+        entries.append(Entry(STEP_CHANNEL, now_ns, RecordedStep(
+            now_ns, call, tuple(values), what, command_values(output.command), status)))
+        if output.command is not None:
+            entries.append(Entry(self._topics[COMMAND], now_ns, command_message(output.command, now_ns)))
+        writer.put(*entries)
+
+    def _stop(self, error: Exception) -> None:
+        self._failure = f'{type(error).__name__}: {error}; recording has ended'
+        self.close()
+        self.tell()
+
+    def note_plan(self, now_ns: int, plan: PreheatPlan, prediction: Temperature | None) -> None:
+        """Record a published plan if its status is new or PLAN_PERIOD_NS have passed, and the prediction."""
+        writer = self._writer
+        if writer is None:
+            return
+        entries = [] if prediction is None else [Entry(self._topics[PREDICTION], now_ns, prediction)]
+        if plan.status != self._plan_status or not 0 <= self._plan_due_ns - now_ns <= PLAN_PERIOD_NS:
+            self._plan_status, self._plan_due_ns = plan.status, now_ns + PLAN_PERIOD_NS
+            entries.append(Entry(self._topics[PLAN], now_ns, plan))
+        if entries:
+            writer.put(*entries)
+
+    def tell(self) -> None:
+        """Log a new problem, or its end."""
+        problem = self.problem
+        if problem != self._told:
+            if problem:
+                self._node.get_logger().warning(f'flight_recorder: {problem}.')
+            else:
+                self._node.get_logger().info('flight_recorder: recording again.')
+            self._told = problem
+
+    def close(self) -> None:
+        """End the recording."""
+        if self._writer is not None:
+            self._writer.close()
+            self._writer = None
+
+    def _values(self, event: Event, message: Any) -> dict[str, Any]:
+        values = event_values(event, self._goals, message is not None)
+        if isinstance(event, Reconfigured):
+            values.update(parameters=self._setup.parameters, learned=learned_values(event.learned),
+                          vehicle_file=self._setup.vehicle_contents.decode('utf-8', 'replace'))
+        return values
+
+
+def _kind(message_type: Any) -> Kind:
+    package, name = message_type.__module__.partition('.')[0], message_type.__name__
+    return Kind(f'{package}/msg/{name}', definition(package, name), 'ros2msg', 'cdr', _serialized)
+
+
+def _serialized(message: Any) -> bytes:
+    return bytes(serialize_message(message))

@@ -1,0 +1,139 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The course of a drive as recorded or replayed: commands, temperatures, predictions, and its figures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+import math
+from typing import Any, NamedTuple, TYPE_CHECKING
+
+from bev_preheat.control.inputs import NS_PER_S
+from bev_preheat.planning.status import Status
+
+if TYPE_CHECKING:
+    from bev_preheat.replay.player import Played
+
+WH_PER_J = 1.0 / 3600.0
+# Heater power below this is off [W].
+LEAST_HEAT_W = 1.0
+OVER = (Status.ARRIVED, Status.CHARGING)
+
+
+class Instant(NamedTuple):
+    """
+    The course at an instant [ns]: command [W], measured, estimated and predicted arrival temperature [deg C], SoC.
+
+    `deviation_k` [K] is that of the prediction, `start_ns` [ns] the planned start of heating; NaN and None:
+    unknown.
+    """
+
+    now_ns: int
+    command_w: float
+    measured_c: float
+    estimated_c: float
+    predicted_c: float
+    deviation_k: float
+    soc: float
+    start_ns: int | None
+    status: Status
+
+
+class Said(NamedTuple):
+    """A sentence that holds from an instant [ns] on, its status, and the plan's target [deg C] (NaN: none)."""
+
+    now_ns: int
+    status: Status
+    sentence: str
+    target_c: float
+
+
+@dataclass
+class Course:
+    """
+    A drive, instant by instant; filled by `add`.
+
+    `said` has the sentence at each change of status, `signals` the names of signals in doubt by instant [ns],
+    `regimes` the regime by instant [ns], each at its changes.
+    """
+
+    instants: list[Instant] = field(default_factory=list)
+    said: list[Said] = field(default_factory=list)
+    signals: list[tuple[int, str]] = field(default_factory=list)
+    regimes: list[tuple[int, str]] = field(default_factory=list)
+    _arrived: Instant | None = None
+    _predicted: Instant | None = None
+
+    def add(self, played: Played) -> None:
+        """Add a step."""
+        state, decision = played.state, played.state.decision
+        command, estimate, measurement, plan = (
+            state.latest_command, state.estimate, state.measurement, decision.plan)
+        start_ns = None
+        if plan is not None and plan.heating_start_s is not None:
+            start_ns = decision.plan_start_ns + round(plan.heating_start_s * NS_PER_S)
+        instant = Instant(
+            played.now_ns, 0.0 if command is None else command.battery_heating_power_w,
+            math.nan if measurement is None else measurement.state.temperature_c,
+            math.nan if estimate is None else estimate.temperature_c,
+            math.nan if plan is None else plan.arrival_temperature_c, decision.arrival_deviation_k,
+            math.nan if measurement is None else measurement.state.soc, start_ns, decision.status)
+        self.instants.append(instant)
+        if not self.said or self.said[-1].status is not decision.status:
+            target_c = math.nan if decision.target is None or decision.target.target_c is None \
+                else decision.target.target_c
+            self.said.append(Said(played.now_ns, decision.status, decision.explanation, target_c))
+        if plan is not None:
+            self._predicted = instant
+        if self._arrived is None and decision.status in OVER and self._predicted is not None:
+            self._arrived = instant
+        for known, value in ((self.signals, ', '.join(verdict.signal for verdict in state.signal_verdicts)),
+                             (self.regimes, state.regime.regime.value)):
+            if not known or known[-1][1] != value:
+                known.append((played.now_ns, value))
+
+    @property
+    def heating(self) -> list[tuple[int, int]]:
+        """The periods of heating, as instants [ns]."""
+        periods: list[tuple[int, int]] = []
+        begun: int | None = None
+        for instant in self.instants:
+            if instant.command_w >= LEAST_HEAT_W and begun is None:
+                begun = instant.now_ns
+            elif instant.command_w < LEAST_HEAT_W and begun is not None:
+                periods.append((begun, instant.now_ns))
+                begun = None
+        if begun is not None:
+            periods.append((begun, self.instants[-1].now_ns))
+        return periods
+
+    @property
+    def energy_wh(self) -> float:
+        """The commanded electrical energy [Wh]."""
+        return WH_PER_J * sum(
+            before.command_w * max(after.now_ns - before.now_ns, 0) / NS_PER_S
+            for before, after in zip(self.instants, self.instants[1:]))
+
+    @property
+    def arrival(self) -> Instant | None:
+        """The Instant of arrival, with the measured temperature; None: the recording ends before."""
+        return self._arrived
+
+    @property
+    def latest_prediction(self) -> Instant | None:
+        """The last Instant with a plan; None without one."""
+        return self._predicted
+
+    def as_dictionary(self) -> dict[str, Any]:
+        """Return its figures as plain values for JSON."""
+        arrival, predicted = self._arrived, self._predicted
+        return {
+            'start_ns': self.instants[0].now_ns, 'end_ns': self.instants[-1].now_ns, 'steps': len(self.instants),
+            'heating': [{'from_ns': begun, 'to_ns': ended} for begun, ended in self.heating],
+            'hvch_electric_wh': self.energy_wh,
+            'arrival_ns': None if arrival is None else arrival.now_ns,
+            'arrival_temperature_c': None if arrival is None else arrival.measured_c,
+            'last_predicted_arrival_temperature_c': None if predicted is None else predicted.predicted_c,
+            'statuses': [{'at_ns': said.now_ns, 'status': said.status.name, 'sentence': said.sentence}
+                         for said in self.said],
+            'signals_in_doubt': [{'at_ns': at_ns, 'signals': names} for at_ns, names in self.signals],
+            'regimes': [{'at_ns': at_ns, 'regime': name} for at_ns, name in self.regimes]}

@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a battery would have been like under another heater command than the recorded one."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from bev_preheat.numerics.arithmetic import FLOATS
+
+if TYPE_CHECKING:
+    from sensor_msgs.msg import BatteryState
+
+    from bev_preheat.vehicle.description import Vehicle
+
+# A longer time between two battery states is not bridged in one step [s].
+LONGEST_STEP_S = 10.0
+# A battery state without a voltage: that of the vehicle file serves.
+HIGHEST_SOC, LOWEST_SOC = 1.0, 0.0
+
+
+class Deviation:
+    """
+    Temperature, state of charge and power of a battery by how much they differ from the recorded ones.
+
+    The difference of two solutions of eqs. (9b)-(9d) under the same drive: heat that comes in, leaks and is
+    stored, C dT/dt = eta dP - gamma_0 T, and charge that it takes, ds/dt = -dP / (U_oc C_b). The change of the
+    Joule heat by the few degrees is left out: some 2 % of it per kelvin. `temperature_k` [K], `soc` (0 ... 1),
+    `power_w` [W] of the battery's terminals.
+    """
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        """Start without a difference."""
+        battery = vehicle.battery
+        self._heat_capacity_j_per_k = battery.heat_capacity_j_per_k
+        self._leakage_w_per_k = battery.leakage.coefficient_w_per_k(0.0)
+        self._efficiency = vehicle.hvch.efficiency
+        self._voltage_v = battery.open_circuit_voltage.function(FLOATS)
+        self._capacity_as = battery.capacity_as
+        self.temperature_k = self.soc = self.power_w = 0.0
+        self._latest_ns: int | None = None
+
+    def advance(self, now_ns: int, power_w: float, soc: float, temperature_c: float) -> None:
+        """
+        Go on to an instant [ns] at a heater power that exceeds the recorded one by `power_w` [W].
+
+        `soc` and `temperature_c` are the recorded ones.
+        """
+        before_ns, self._latest_ns = self._latest_ns, now_ns
+        if before_ns is None or now_ns <= before_ns:
+            self.power_w = power_w
+            return
+        left_s = (now_ns - before_ns) * 1e-9
+        voltage_v = max(self._voltage_v(min(max(soc, LOWEST_SOC), HIGHEST_SOC), temperature_c), 1.0)
+        while left_s > 0.0:
+            step_s = min(left_s, LONGEST_STEP_S)
+            # Exact for a constant power.
+            decay = math.exp(-self._leakage_w_per_k * step_s / self._heat_capacity_j_per_k)
+            gain_k = (self._efficiency * self.power_w * (1.0 - decay) / self._leakage_w_per_k
+                      if self._leakage_w_per_k > 0.0
+                      else self._efficiency * self.power_w * step_s / self._heat_capacity_j_per_k)
+            self.temperature_k = self.temperature_k * decay + gain_k
+            self.soc -= self.power_w * step_s / (voltage_v * self._capacity_as)
+            left_s -= step_s
+        self.power_w = power_w
+
+    def alter(self, message: BatteryState) -> None:
+        """Add the difference to a battery state."""
+        message.temperature += self.temperature_k
+        message.percentage = min(max(message.percentage + self.soc, LOWEST_SOC), HIGHEST_SOC)
+        if len(message.cell_temperature):
+            message.cell_temperature = [cell_c + self.temperature_k for cell_c in message.cell_temperature]
+        if message.voltage > 0.0 and math.isfinite(message.voltage):
+            message.current -= self.power_w / message.voltage

@@ -1,0 +1,198 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Reads the recordings of the planner's flight recorder, also the unfinished file of a killed planner."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import json
+from pathlib import Path
+import struct
+from typing import Any, TYPE_CHECKING
+
+from bev_preheat.errors import InvalidInput
+from bev_preheat.flight_recorder.beginning import Beginning
+from bev_preheat.flight_recorder.ring import recordings_in
+from bev_preheat.flight_recorder.steps import MESSAGE_KINDS, RecordedStep
+from bev_preheat.flight_recorder.writer import BEGINNING_CHANNEL, GAP_CHANNEL, STEP_CHANNEL
+from bev_preheat.optional_packages import require
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+# Bytes that every MCAP file starts with.
+MAGIC = b'\x89MCAP0\r\n'
+# A damaged length must not make the reader ask for all memory.
+LARGEST_RECORD_BYTES = 100_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class Given:
+    """A RecordedStep, and the message that its event came in: its type and its bytes (CDR); None without one."""
+
+    step: RecordedStep
+    message: tuple[str, bytes] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Flight:
+    """
+    What a planner was given and what it answered, in order.
+
+    `paths` are the files. `remarks` are sentences on what is missing. `gaps` are the indices in `given` before
+    which steps are missing.
+    """
+
+    beginning: Beginning
+    given: tuple[Given, ...]
+    paths: tuple[Path, ...]
+    gaps: tuple[int, ...] = ()
+    remarks: tuple[str, ...] = ()
+
+
+def is_flight_recording(path: str | Path) -> bool:
+    """Return whether a path is a file of the flight recorder, or a folder of such files."""
+    path = Path(path)
+    if path.is_dir():
+        return bool(recordings_in(path))
+    try:
+        with open(path, 'rb') as file:
+            if not file.read(len(MAGIC)).startswith(MAGIC):
+                return False
+        require('mcap')
+        for number, (channel, _, _, _) in enumerate(_messages(path, lambda problem: None)):
+            if channel == BEGINNING_CHANNEL or number > 0:
+                return channel == BEGINNING_CHANNEL
+    except OSError:
+        pass
+    return False
+
+
+def read_flight(path: str | Path) -> Flight:
+    """
+    Return the Flight of a file, with the later files of the same process; of a folder, that of the latest process.
+
+    Raises InvalidInput, naming the file, if it cannot be read or has a format of another version.
+    """
+    require('mcap')
+    parts = _parts_of(Path(path))
+    beginning: Beginning | None = None
+    given: list[Given] = []
+    gaps: list[int] = []
+    remarks: list[str] = []
+    for number, part in enumerate(parts):
+        first, read, part_gaps = _read_part(part, remarks)
+        if beginning is None:
+            beginning = first
+        elif first.part != parts_before(beginning, number):
+            gaps.append(len(given))
+            remarks.append(f'{part}: the file before it is missing')
+        elif read and read[0].step.events and number:
+            # What a later part repeats for readers of that part alone.
+            read = read[_repeated(read, given):]
+        gaps += [len(given) + gap for gap in part_gaps]
+        given += read
+    assert beginning is not None
+    if not beginning.is_whole:
+        remarks.append("the recording begins in the middle of a planner's life: the estimation needs some minutes "
+                       'until it knows again what it knew')
+    return Flight(beginning, tuple(given), tuple(parts), tuple(gaps), tuple(remarks))
+
+
+def parts_before(beginning: Beginning, number: int) -> int:
+    """Return the part that the file `number` after a Beginning must have."""
+    return beginning.part + number
+
+
+def _repeated(read: list[Given], before: list[Given]) -> int:
+    """Return how many steps at the start of a part were in the parts before already."""
+    latest_ns = before[-1].step.now_ns if before else None
+    first = read[0].step
+    repeats = latest_ns is not None and first.now_ns < latest_ns and first.command is None and first.status is None
+    return 1 if repeats else 0
+
+
+def _parts_of(path: Path) -> list[Path]:
+    """Return the files of the process of a file, from that one on; of a folder, those of the latest process."""
+    if path.is_dir():
+        found = recordings_in(path)
+        if not found:
+            raise InvalidInput(f'{path}: has no recording of the flight recorder')
+        life = _life(found[-1])
+        return [each for each in found if _life(each) == life]
+    if not path.is_file():
+        raise InvalidInput(f'{path}: does not exist; name a recording or the folder of recordings')
+    try:
+        siblings = recordings_in(path.parent)
+    except OSError:
+        siblings = []
+    if path.resolve() not in [each.resolve() for each in siblings]:
+        return [path]
+    return [each for each in siblings if _life(each) == _life(path) and each.name >= path.name]
+
+
+def _life(path: Path) -> str:
+    return path.name.rsplit('_', 1)[0]
+
+
+def _read_part(path: Path, remarks: list[str]) -> tuple[Beginning, list[Given], list[int]]:
+    beginning: Beginning | None = None
+    given: list[Given] = []
+    gaps: list[int] = []
+    latest: dict[str, tuple[str, bytes]] = {}
+
+    def note(problem: str) -> None:
+        remarks.append(f'{path}: {problem}; what comes before is used')
+
+    for channel, type_name, _, data in _messages(path, note):
+        if channel == BEGINNING_CHANNEL:
+            beginning = Beginning.from_dictionary(_plain(path, data))
+        elif channel == GAP_CHANNEL:
+            gaps.append(len(given))
+            remarks.append(f'{path}: {_plain(path, data).get("dropped")} steps were not written, because the disk '
+                           'was too slow or full; after them the replay may differ')
+        elif channel == STEP_CHANNEL:
+            step = RecordedStep.from_dictionary(_plain(path, data))
+            kinds = {event.get('kind') for event in step.events} & MESSAGE_KINDS
+            topic = next(iter(kinds), None)
+            given.append(Given(step, None if topic is None else latest.get(topic)))
+        else:
+            latest[channel.rpartition('/')[2]] = type_name, data
+    if beginning is None:
+        raise InvalidInput(f'{path}: is not a recording of the flight recorder, or its beginning is lost')
+    return beginning, given, gaps
+
+
+def _plain(path: Path, data: bytes) -> Any:
+    try:
+        values = json.loads(data)
+    except ValueError as error:
+        raise InvalidInput(f'{path}: a record is damaged: {error}') from error
+    if not isinstance(values, dict):
+        raise InvalidInput(f'{path}: a record is damaged')
+    return values
+
+
+def _messages(path: Path, note: Callable[[str], object]) -> Iterator[tuple[str, str, int, bytes]]:
+    """Yield channel, type, instant [ns] and bytes of each message as written; an error ends it, and is noted."""
+    from mcap.exceptions import McapError
+    from mcap.records import Channel, Message, Schema
+    from mcap.stream_reader import StreamReader
+    channels: dict[int, Channel] = {}
+    schemas: dict[int, Schema] = {}
+    try:
+        with open(path, 'rb') as file:
+            for record in StreamReader(file, record_size_limit=LARGEST_RECORD_BYTES).records:
+                if isinstance(record, Schema):
+                    schemas[record.id] = record
+                elif isinstance(record, Channel):
+                    channels[record.id] = record
+                elif isinstance(record, Message):
+                    channel = channels[record.channel_id]
+                    schema = schemas.get(channel.schema_id)
+                    yield channel.topic, '' if schema is None else schema.name, record.log_time, record.data
+    except GeneratorExit:
+        raise
+    except OSError as error:
+        raise InvalidInput(f'{path}: cannot be read: {error.strerror}') from error
+    except (McapError, ValueError, KeyError, EOFError, IndexError, struct.error) as error:
+        note(f'ends in the middle ({type(error).__name__})')

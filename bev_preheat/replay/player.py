@@ -1,0 +1,158 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A planner's step under the recorded inputs, as they were or with something changed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple, TYPE_CHECKING
+
+from bev_preheat.control.events import Reconfigured
+from bev_preheat.control.settings import FIELD_OF_PARAMETER, settings_of
+from bev_preheat.control.supervisor import Supervisor
+from bev_preheat.errors import InvalidInput
+from bev_preheat.flight_recorder.beginning import learned_of
+from bev_preheat.flight_recorder.steps import (
+    event_of,
+    FAIL,
+    GoalNumbers,
+    HVCH_STATUS,
+    MESSAGE_KINDS,
+    RECONFIGURED,
+    ROUTE_PLAN,
+    ROUTE_PROGRESS,
+    STOP,
+)
+from bev_preheat.nodes.convert import battery_event
+from bev_preheat.nodes.heater_messages import heater_status_event
+from bev_preheat.nodes.route_intake import RouteIntake
+from bev_preheat.nodes.route_progress import progress_event
+from bev_preheat.vehicle import load_vehicle
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from bev_preheat.control.events import Event
+    from bev_preheat.control.planner_state import PlannerState
+    from bev_preheat.control.settings import Settings
+    from bev_preheat.control.supervisor import StepOutput
+    from bev_preheat.estimation.prior import Learned
+    from bev_preheat.flight_recorder.beginning import Beginning
+    from bev_preheat.replay.flight_file import Given
+    from bev_preheat.vehicle.description import Vehicle
+
+
+@dataclass(frozen=True)
+class Changes:
+    """
+    What a replay changes: nothing, by default.
+
+    `vehicle` is a name in config/vehicles or a file, None: the recorded one. `parameters` replace recorded ones.
+    """
+
+    vehicle: str | None = None
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def is_nothing(self) -> bool:
+        """Whether the replay is to reproduce the recording."""
+        return self.vehicle is None and not self.parameters
+
+
+class Played(NamedTuple):
+    """A step's instant [ns], its StepOutput, and the PlannerState after it."""
+
+    now_ns: int
+    output: StepOutput
+    state: PlannerState
+
+
+class Player:
+    """
+    A Supervisor that is given recorded steps one after the other.
+
+    `alter(message)` may change a battery state before it is read; None: it stays as recorded.
+    """
+
+    def __init__(self, beginning: Beginning, changes: Changes = Changes(),
+                 alter: Callable[[Any], None] | None = None) -> None:
+        """Start as the planner did; raises InvalidInput if vehicle or parameters are not allowed."""
+        self._changes, self._alter = changes, alter
+        self._vehicles: dict[str, Vehicle] = {}
+        vehicle, settings = self._vehicle(beginning.vehicle_file), self._settings(beginning.parameters)
+        self._supervisor = Supervisor(
+            vehicle, settings, self._learned(beginning.learned), beginning.last_seen, beginning.choices)
+        self._routes, self._goals = RouteIntake(), GoalNumbers()
+
+    @property
+    def state(self) -> PlannerState:
+        """The PlannerState after the latest step."""
+        return self._supervisor.state
+
+    def play(self, given: Given) -> Played:
+        """Take a recorded step; raises InvalidInput if its message or its events cannot be read."""
+        step, now_ns = given.step, given.step.now_ns
+        if step.call == FAIL:
+            output = self._supervisor.fail(now_ns, step.what)
+        elif step.call == STOP:
+            output = self._supervisor.stop(now_ns)
+        else:
+            output = self._supervisor.step(now_ns, *(self._event(values, given) for values in step.events))
+        if output.decision is not None:
+            # As the node does to publish the plan.
+            self._supervisor.later_decisions()
+        return Played(now_ns, output, self._supervisor.state)
+
+    def _event(self, values: dict[str, Any], given: Given) -> Event:
+        kind, hint = values.get('kind'), str(values.get('hint', ''))
+        state = self._supervisor.state
+        if kind == RECONFIGURED:
+            # A recorded Learned is that of another file; a changed vehicle keeps what it has learned.
+            vehicle, settings = self._vehicle(str(values['vehicle_file'])), self._settings(values['parameters'])
+            return Reconfigured(vehicle, settings, self._routes.read_again(state, vehicle, settings),
+                                self._learned(learned_of(values['learned'])))
+        if kind not in MESSAGE_KINDS:
+            return event_of(values, self._goals)
+        message = self._message(given)
+        if kind == ROUTE_PLAN:
+            return self._routes.read(message, state)
+        if kind == ROUTE_PROGRESS:
+            return progress_event(message, hint)
+        if kind == HVCH_STATUS:
+            return heater_status_event(message, state.vehicle.hvch.maximum_power_w)
+        if self._alter is not None:
+            self._alter(message)
+        return battery_event(message, hint)
+
+    def _message(self, given: Given) -> Any:
+        from rclpy.serialization import deserialize_message
+
+        from bev_preheat.replay.message_types import message_type
+        if given.message is None:
+            raise InvalidInput('a step of the recording has lost its message')
+        type_name, data = given.message
+        return deserialize_message(data, message_type(type_name))
+
+    def _vehicle(self, text: str) -> Vehicle:
+        """Return the Vehicle of a file's text, or the changed one; the same object for the same text."""
+        if text not in self._vehicles:
+            if self._changes.vehicle is not None:
+                self._vehicles[text] = load_vehicle(self._changes.vehicle)
+            else:
+                with TemporaryDirectory() as folder:
+                    path = Path(folder, 'recorded.yaml')
+                    path.write_text(text, encoding='utf-8')
+                    self._vehicles[text] = load_vehicle(path)
+        return self._vehicles[text]
+
+    def _settings(self, parameters: Mapping[str, Any]) -> Settings:
+        recorded = {name: value for name, value in parameters.items() if name in FIELD_OF_PARAMETER}
+        changed = {name: value for name, value in self._changes.parameters.items()}
+        return settings_of({**recorded, **changed})
+
+    def _learned(self, learned: Learned | None) -> Learned | None:
+        """Return the Learned for a vehicle: another vehicle file starts without."""
+        return learned if self._changes.vehicle is None else None
+
+

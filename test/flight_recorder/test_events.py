@@ -1,0 +1,51 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Every event of the planner's step can be recorded."""
+
+from dataclasses import asdict
+from typing import get_args
+
+import pytest
+
+from bev_preheat.control import events
+from bev_preheat.control.events import PreparationEnded, PreparationWanted, Reconfigured, RouteUnreadable
+from bev_preheat.control.preparation_goal import PreparationEnding, PreparationGoal
+from bev_preheat.errors import InvalidInput
+from bev_preheat.flight_recorder.steps import event_of, event_values, GoalNumbers, PLAIN_EVENTS, TOPIC_OF
+
+
+def test_no_event_is_left_out():
+    known = {*TOPIC_OF, *PLAIN_EVENTS.values(), PreparationWanted, PreparationEnded, Reconfigured}
+    assert set(get_args(events.Event)) == known
+
+
+@pytest.mark.parametrize('event', [
+    events.PreheatingSwitched(False), events.RivalsChanged('/other'), events.DeparturesSkipped(5),
+    events.DeparturesSkipped(None), events.ActivationChanged(True)])
+def test_a_plain_event_comes_back(event):
+    assert event_of(event_values(event, GoalNumbers(), has_message=False), GoalNumbers()) == event
+
+
+def test_goals_are_told_apart_by_number():
+    """Two goals with the same wishes are two goals, and an end names one of them."""
+    written, read = GoalNumbers(), GoalNumbers()
+    goals = [PreparationGoal(10**18, 20.0, is_plugged_in=True) for _ in range(2)]
+    back = [event_of(event_values(PreparationWanted(goal), written, False), read).preparation_goal
+            for goal in goals]
+    assert [asdict(goal) for goal in back] == [asdict(goal) for goal in goals]
+    end = event_of(event_values(PreparationEnded(goals[1], PreparationEnding.CANCELED, 'x'), written, False), read)
+    assert end.preparation_goal is back[1]
+    with pytest.raises(InvalidInput, match='its beginning is missing'):
+        event_of({'kind': 'PreparationEnded', 'goal': 7, 'ending': 3, 'explanation': ''}, read)
+
+
+def test_a_refused_route_without_a_message_keeps_its_reason():
+    event = RouteUnreadable(InvalidInput('too long'))
+    back = event_of(event_values(event, GoalNumbers(), has_message=False), GoalNumbers())
+    assert str(back.error) == 'too long'
+
+
+@pytest.mark.parametrize('values', [{}, {'kind': 'Other'}, {'kind': 'RivalsChanged'},
+                                    {'kind': 'PreparationEnded', 'goal': 1}])
+def test_an_event_that_is_damaged_or_of_another_version_is_named(values):
+    with pytest.raises(InvalidInput, match='of the recording|damaged'):
+        event_of(values, GoalNumbers())

@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A recorded drive is reproduced to the last digit, and answers what-if questions as a second drive does."""
+
+import json
+
+import pytest
+from recorded_drive import beginning, RecordedDrive, START_NS, writer
+
+from bev_preheat.commands.main import main
+from bev_preheat.control.inputs import NS_PER_S
+from bev_preheat.control.settings import Settings
+from bev_preheat.errors import InvalidInput
+from bev_preheat.flight_recorder.writer import BEGINNING_CHANNEL, Entry
+from bev_preheat.planning.situation import BatteryState, Goal
+from bev_preheat.replay.explanation import explain
+from bev_preheat.replay.flight_file import read_flight
+from bev_preheat.replay.player import Changes
+from bev_preheat.replay.what_if import replay, replay_changed
+from bev_preheat.route import load_route
+from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
+from bev_preheat.simulation.sensors import Sensors
+from bev_preheat.vehicle import load_vehicle
+
+pytestmark = [pytest.mark.needs('mcap'), pytest.mark.needs('rclpy')]
+VEHICLE = load_vehicle('reference')
+LENGTH_S = 900
+
+
+def a_car(target_c=20.0):
+    return ImperfectCar(
+        VEHICLE, load_route('reference', VEHICLE.defaults).before(LENGTH_S), BatteryState(10.0, 0.8),
+        Goal(target_c), Imperfections(sensors=Sensors(temperature_resolution_k=0.5)), seed=3)
+
+
+@pytest.fixture(scope='module')
+def recorded(tmp_path_factory):
+    folder = tmp_path_factory.mktemp('flights')
+    return RecordedDrive(a_car(), folder).drive(LENGTH_S + 5), folder
+
+
+def test_it_is_reproduced_to_the_last_digit(recorded):
+    drive, folder = recorded
+    flight = read_flight(folder)
+    assert flight.remarks == ()
+    replayed = replay(flight)
+    assert replayed.comparison.is_reproduced
+    commands = [output.command for _, output in drive.outputs if output.command is not None]
+    assert replayed.comparison.commands == len(commands) > LENGTH_S
+    # It heats, otherwise equality would say little.
+    assert replayed.course.heating and replayed.course.energy_wh > 200.0
+
+
+def test_a_changed_command_is_found(recorded):
+    _, folder = recorded
+    flight = read_flight(folder)
+    at = next(index for index, given in enumerate(flight.given)
+              if given.step.command is not None and given.step.command[0] > 100.0)
+    given = flight.given[at]
+    object.__setattr__(given.step, 'command', (given.step.command[0] - 50.0, *given.step.command[1:]))
+    comparison = replay(flight).comparison
+    assert (comparison.different, comparison.first.index) == (1, at)
+    assert comparison.largest_w == pytest.approx(50.0)
+
+
+def test_what_if_agrees_with_a_drive_that_was_so(recorded, tmp_path):
+    """With another target the replay must go where a simulated car goes that is given that target."""
+    _, folder = recorded
+    changed = replay_changed(read_flight(folder), Changes(parameters={'estimation': False}))
+    head = (Entry(BEGINNING_CHANNEL, START_NS, beginning(parameters={'estimation': False}).as_dictionary()),)
+    other = RecordedDrive(a_car(), tmp_path, Settings(estimation=False), head=head).drive(LENGTH_S + 5)
+    replayed = replay(read_flight(tmp_path))
+    assert replayed.comparison.is_reproduced
+    actual = replayed.course
+    assert len(changed.heating) == len(actual.heating)
+    assert changed.energy_wh == pytest.approx(actual.energy_wh, rel=0.02)
+    assert changed.arrival.measured_c == pytest.approx(actual.arrival.measured_c, abs=0.5)
+    assert other.outputs
+
+
+def test_the_reason_names_inputs_estimate_and_plan(recorded):
+    _, folder = recorded
+    why = explain(read_flight(folder), START_NS + 30 * NS_PER_S)
+    assert 'degC' in why.answer
+    headings = [section.heading for section in why.sections]
+    assert headings[0] == 'inputs' and {'plan', 'what would have to change', 'estimation'} <= set(headings)
+    with pytest.raises(InvalidInput, match='long'):
+        explain(read_flight(folder), START_NS - NS_PER_S)
+
+
+def test_the_command_says_reproduced_and_compares(recorded, capsys):
+    _, folder = recorded
+    assert main(['replay', str(folder), '--json', '-']) == 0
+    captured = capsys.readouterr()
+    result = json.loads(captured.out)
+    assert result['reproduced'] and result['changed'] is None
+    assert 'each to the last digit' in captured.err
+    assert main(['replay', str(folder), '--set', 'estimation=false']) == 0
+    assert 'changed' in capsys.readouterr().out
+    assert main(['replay', str(folder), '--set', 'colour=red']) == 2
+    assert "'colour=red' is not allowed" in capsys.readouterr().err
+
+
+def test_a_killed_planner_leaves_a_readable_file(recorded, tmp_path):
+    """Whatever byte the file ends at, all whole steps before it are read."""
+    _, folder = recorded
+    whole = read_flight(folder)
+    data = whole.paths[0].read_bytes()
+    for share in (0.999, 0.7, 0.3141):
+        path = tmp_path / f'cut_{share}.mcap'
+        path.write_bytes(data[:int(share * len(data))])
+        cut = read_flight(path)
+        assert 0 < len(cut.given) <= len(whole.given)
+        assert len(cut.given) > 0.5 * share * len(whole.given)
+        assert replay(cut).comparison.is_reproduced
+
+
+def test_another_format_is_refused_by_name(tmp_path):
+    values = {**beginning().as_dictionary(), 'format': 99, 'version': '9.9.9'}
+    flights = writer(tmp_path, (Entry(BEGINNING_CHANNEL, START_NS, values),))
+    flights.put()
+    flights.close(10.0)
+    with pytest.raises(InvalidInput, match=r"format '99' of version '9\.9\.9'"):
+        read_flight(tmp_path)
+
+
+def test_parts_of_a_long_life_are_one_flight(tmp_path):
+    drive = RecordedDrive(a_car(), tmp_path, largest_file_bytes=60_000).drive(300)
+    flight = read_flight(tmp_path)
+    assert len(flight.paths) > 2
+    assert replay(flight).comparison.is_reproduced
+    assert len(flight.given) == len(drive.outputs)
