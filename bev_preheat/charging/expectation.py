@@ -9,8 +9,8 @@ elsewhere, at the same price. Heating after the instant at which the driver know
 charger is taken for a while, the vehicle waits and charges then, and time and cooling count instead.
 
 The arrival varies with the pace of the drive: each segment takes longer or shorter by the same factor, its energy
-per metre stays. The heater follows the plan by the clock, so an early arrival cuts the heat, and after a late one
-the battery has cooled. A warmer target, whose heating starts earlier, makes up for both.
+per metre stays. The heater follows the plan by the clock and is off from the planned arrival on, as the planner
+switches it off then. So an early arrival cuts the heat, and after a late one the battery has cooled. A warmer target, whose heating starts earlier, makes up for both.
 """
 
 from __future__ import annotations

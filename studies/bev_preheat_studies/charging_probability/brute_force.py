@@ -2,8 +2,8 @@
 """
 The best target under uncertainty against a search over start and end of heating, on random drives.
 
-The search knows no target: it heats with full power between two instants, tries a grid of both, and refines the best
-of it. Its cost is computed here: arrival times by a quadrature of its own with more points, each session simulated,
+The search knows no target: it heats with full power between two instants up to the planned arrival, at which the
+planner switches off, tries a grid of both, and refines the best of it. Its cost is computed here: arrival times by a quadrature of its own with more points, each session simulated,
 the lost energy as the integral of the open-circuit voltage. The same account judges the planner's best target.
 """
 
@@ -114,7 +114,8 @@ class Judge:
             state = state_at_end(driven)
             charged = 0.0
             if state.soc < drawn.stop.departure_soc:
-                session = charge(drawn.vehicle, drawn.stop, state)
+                session = charge(drawn.vehicle, drawn.stop, replace(
+                    state, temperature_c=min(state.temperature_c, drawn.vehicle.battery.temperature_range_c[1])))
                 charged = (drawn.prices.cost(session.bought_energy_wh, session.charging_time_s)
                            if math.isfinite(session.charging_time_s) else drawn.prices.cost(
                                self._energy_wh(state.soc, drawn.stop.departure_soc, drawn.stop.ambient_c),
@@ -141,13 +142,12 @@ def between(start_s: float, end_s: float) -> Callable[[Trip, float], FloatArray]
     return power_of
 
 
-def search(judge: Judge, duration_s: float, deviation_s: float) -> float:
-    """Return the least expected cost over start and end of heating on a drive of `duration_s` [s]."""
-    latest_s = duration_s + 3.0 * deviation_s
+def search(judge: Judge, duration_s: float) -> tuple[float, float, float]:
+    """Return the least expected cost over start and end of heating on a drive of `duration_s` [s], and these two [s]."""
     tried: dict[tuple[float, float], float] = {}
 
     def attempt(start_s: float, end_s: float) -> float:
-        at = (min(max(start_s, 0.0), latest_s), min(end_s, latest_s))
+        at = (min(max(start_s, 0.0), duration_s), min(end_s, duration_s))
         if at not in tried:
             tried[at] = judge.cost(between(*at)) if at[1] > at[0] else judge.cost(between(0.0, 0.0))
         return tried[at]
@@ -155,9 +155,7 @@ def search(judge: Judge, duration_s: float, deviation_s: float) -> float:
     starts_s = np.linspace(0.0, duration_s, STARTS, endpoint=False).tolist()
     for start_s in starts_s:
         for share in np.linspace(0.0, 1.0, DURATIONS + 1)[1:].tolist():
-            attempt(start_s, start_s + share * (latest_s - start_s))
-        # Until the planned arrival, as plans do.
-        attempt(start_s, duration_s)
+            attempt(start_s, start_s + share * (duration_s - start_s))
     attempt(0.0, 0.0)
     for start_s, end_s in sorted(tried, key=tried.__getitem__)[:REFINED]:
         step_s = duration_s / STARTS
@@ -168,7 +166,7 @@ def search(judge: Judge, duration_s: float, deviation_s: float) -> float:
                 start_s, end_s = best
             else:
                 step_s /= 2.0
-    return min(tried.values())
+    return min((cost, *at) for at, cost in tried.items())
 
 
 def compare(seed: int, number: int) -> Gap:
@@ -196,7 +194,7 @@ def compare(seed: int, number: int) -> Gap:
     return Gap(
         number, COMPARED, '', prospect, has_heat_path,
         cost_of(None if best is found.without_heating else best.target_c),
-        search(judge, drawn.route.total_duration_s, prospect.arrival_deviation_s), cost_of(None),
+        search(judge, drawn.route.total_duration_s)[0], cost_of(None),
         cost_of(None if certain.best is certain.without_heating else certain.best.target_c))
 
 
