@@ -17,7 +17,7 @@ from bev_preheat.errors import InvalidInput
 from bev_preheat.vehicle.corrections import ScaledCurve
 from bev_preheat.vehicle.curves import Table
 from bev_preheat.vehicle.description import Charging
-from bev_preheat.vehicle.hot_derating import falls_from_c, with_assumed_fall
+from bev_preheat.vehicle.hot_derating import FALL_K, falls_from_c, with_assumed_fall
 
 if TYPE_CHECKING:
     from bev_preheat.vehicle.description import Battery, Vehicle
@@ -108,8 +108,8 @@ def _hot_in_words(charging: Charging) -> str:
     sentences = []
     if charging.assumed_fall_c is not None:
         sentences.append(
-            f'Neither says the power of a hot battery: it is assumed to fall to 0 from {charging.assumed_fall_c:g} '
-            'degC on, the highest temperature being the end (charging.hot_derating states the fall).')
+            f'The power of a hot battery is not stated: it is assumed to fall to 0 over the last {FALL_K:g} K up to '
+            f'{charging.assumed_fall_c + FALL_K:g} degC (charging.hot_derating states it).')
     elif isinstance(charging.power_limit, Table) and falls_from_c(charging.power_limit) < inf:
         sentences.append(f'The power of a hot battery falls from {falls_from_c(charging.power_limit):g} degC on.')
     if charging.polarization_factor != 1.0:

@@ -10,6 +10,7 @@ import yaml
 
 from bev_preheat.charging.published_cars import computed_times, FIGURES
 from bev_preheat.charging.published_time import curve_fit, describe_timed_car, warm_session
+from bev_preheat.charging.published_warmth import computed_warmth
 from bev_preheat.errors import InvalidInput
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.charging_curve import ChargingCurve
@@ -160,6 +161,27 @@ def test_a_file_of_times_with_a_wrong_car_is_refused_with_its_name(tmp_path):
     assert refused.value.problems == [
         f'{file}: VW ID.3 Pro: --charging-power-kw: 100000 kW is implausible; it must be 5 ... 2000 kW; 100000 W '
         'would be 100 kW']
+
+
+@pytest.fixture(scope='module')
+def warmth():
+    return computed_warmth()
+
+
+def test_batteries_heat_as_four_owners_read_it(warmth):
+    """The Born's battery of 58 kWh is a guess, and its owner gives round figures."""
+    runs, _ = warmth
+    assert len(runs) == 4 and {run.car for run in runs} == {'VW ID.4, 125 kW', 'Cupra Born, 58 kWh'}
+    for run in runs:
+        assert run.source and abs(run.deviation) < (0.1 if run.car.startswith('VW') else 0.25), run
+
+
+def test_batteries_warm_in_sessions_as_their_owners_read_it_within_30_percent(warmth):
+    _, sessions = warmth
+    compared = [session for session in sessions if session.not_comparable is None]
+    assert len(compared) >= 3 and all(session.source for session in sessions)
+    for session in compared:
+        assert abs(session.deviation) < 0.3, session
 
 
 @pytest.mark.parametrize('name', ['reference', 'small_car', 'small_hatchback', 'mid_size_lfp', 'large_suv'])

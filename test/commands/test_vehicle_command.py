@@ -161,14 +161,18 @@ def test_list_names_each_shipped_car(said):
         assert file.stem in output
 
 
-def test_times_prints_published_against_computed_times(said, monkeypatch):
+def test_published_prints_published_against_computed_figures(said, monkeypatch):
     monkeypatch.setenv('COLUMNS', '120')
-    status, output, errors = said('vehicle', 'times', '--sources', '--json', 'times.json')
+    status, output, errors = said('vehicle', 'published', '--sources', '--json', 'published.json')
     assert (status, errors) == (0, '')
     assert 'BYD Atto 3, 10 ... 80 %: km77.com' in output
-    times = json.loads(Path('times.json').read_text())['times']
-    for time in times:
+    assert 'Skoda Enyaq iV 80, 6 ... 60 %: github.com/jagheterfredrik/meb-preheat/issues/26' in output
+    assert 'heated for 40 min: ' in output and 'not comparable: the definition' in output
+    figures = json.loads(Path('published.json').read_text())
+    for time in figures['times']:
         assert time['car'] in output and f'{time["data_sheet_min"]:.1f}' in output
+    for warmth in (*figures['heating_runs'], *figures['sessions']):
+        assert warmth['car'] in output and f'{warmth["computed_c"]:.1f}' in output
 
 
 def test_a_published_curve_and_time_become_the_map(said):
