@@ -37,7 +37,9 @@ def run_installed(name, *arguments):
     return subprocess.run([str(executable), *arguments], text=True, capture_output=True, timeout=60)
 
 
-@pytest.mark.parametrize('name', NODES)
+# Other tests start the other executables.
+@pytest.mark.parametrize('name', [
+    name if name == 'charger_adviser' else pytest.param(name, marks=pytest.mark.deep) for name in NODES])
 def test_an_installed_executable_ends_with_2_and_one_line(domain_id, name):
     assert_one_line(run_installed(name, '--ros-args', '-p', 'vehicle:=bicycle'), name,
                     "vehicle 'bicycle' is unknown")

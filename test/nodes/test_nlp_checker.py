@@ -5,8 +5,6 @@ from array import array
 from math import isnan, nan
 import os
 import signal
-import subprocess
-import sys
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -676,12 +674,3 @@ def test_ends_cleanly_while_it_solves(surroundings, wait_until, number):
     assert checker.wait() == 0
     wait_until(lambda: is_gone(solver), 'the end of the solver')
     assert 'Traceback' not in checker.output()
-
-
-@pytest.mark.costly
-def test_node_process_loads_no_solver():
-    done = subprocess.run(
-        [sys.executable, '-c', 'import sys, bev_preheat.nodes.nlp_checker_node\n'
-         "print([name for name in ('casadi', 'scipy', 'matplotlib') if name in sys.modules])"],
-        capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == '[]'

@@ -118,7 +118,10 @@ def what_is_there(path):
     return found.st_ino, found.st_mode, found.st_size, found.st_mtime_ns, found.st_ctime_ns
 
 
-@pytest.mark.parametrize('make, problem', FOREIGN.values(), ids=FOREIGN)
+# The kinds of files are those of test/estimation/test_state_file.py.
+@pytest.mark.parametrize('make, problem', [
+    pytest.param(*FOREIGN[kind], id=kind, marks=[] if kind in ('a vehicle file', 'pipe') else pytest.mark.deep)
+    for kind in FOREIGN])
 def test_with_a_file_of_others_it_starts_and_never_writes_it(start, tmp_path, make, problem):
     folder = tmp_path / 'memory'
     path = folder / 'state.json'

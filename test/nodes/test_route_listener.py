@@ -159,20 +159,20 @@ def test_a_huge_route_is_refused_by_its_size_and_leaves_nothing_behind(bench, wa
     before_mb = resident_mb(planner)
     commands.clear()
     before_s = processor_time_s(planner)
-    # 7 arrays of 2 million numbers of 8 bytes.
-    routes.publish(long_route(bench, 'huge', 2_000_000))
+    # 7 arrays of 800 000 numbers of 8 bytes.
+    routes.publish(long_route(bench, 'huge', 800_000))
     plan = plans.wait_for(lambda plan: plan.status == Status.INVALID_INPUT)
-    assert re.search(r'route_plan refused: the message has 112\.0 MB; at most 11\.3 MB are read, '
+    assert re.search(r'route_plan refused: the message has 44\.8 MB; at most 11\.3 MB are read, '
                      'enough for 200000 segments', plan.explanation)
     commands.wait_for_count(4)
     # Even without other work, a command would have come within the lease.
     assert processor_time_s(planner) - before_s < LEASE_S
-    # Twice 112 MB: the middleware's copy and the message itself.
+    # Twice 44.8 MB: the middleware's copy and the message itself.
     wait_until(lambda: resident_mb(planner) < before_mb + 20.0, 'the memory')
     # It is still latched, and refused only once.
     routes.publish(route(bench, 'next'))
     wait_until(lambda: times_accepted(planner, 'next'), 'the next route')
-    assert len(re.findall(r'\[ERROR\].*the message has 112', planner.output())) == 1
+    assert len(re.findall(r'\[ERROR\].*the message has 44', planner.output())) == 1
 
 
 def test_after_a_huge_route_a_latched_one_of_another_publisher_arrives(bench, wait_until):
