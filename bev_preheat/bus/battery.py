@@ -27,7 +27,8 @@ class LiveBattery:
     The battery now.
 
     Temperatures in deg C, `soc` 0 ... 1, voltage [V], current [A] (positive while discharging); None: unknown.
-    `instant_s` is that of the oldest reading in it; `missing` are sentences on optional signals that are not valid.
+    `instant_s` is that of the oldest reading in it; `missing` are sentences on optional signals that are not
+    valid.
     """
 
     temperature_c: float | None

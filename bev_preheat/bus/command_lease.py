@@ -29,8 +29,8 @@ class CommandLease:
         """
         Take a command: power [W] until an instant [s] on the clock that shows `now_s`.
 
-        Raises InvalidInput, and ends the lease before it, if the power is not 0 or more, or if the lease is over or
-        longer than allowed.
+        Raises InvalidInput, and ends the lease before it, if the power is not 0 or more, or if the lease is
+        over or longer than allowed.
         """
         self.end()
         lasts_s = until_s - now_s

@@ -23,8 +23,8 @@ class HeaterFrame:
     """
     Makes the frames of one message of the DBC.
 
-    The counter rises by one a frame and begins again at 0. The power is rounded down to the signal's resolution and
-    limited to `highest_w` [W], its largest value. `period_s` is the time between two frames [s].
+    The counter rises by one a frame and begins again at 0. The power is rounded down to the signal's resolution
+    and limited to `highest_w` [W], its largest value. `period_s` is the time between two frames [s].
     """
 
     def __init__(self, rule: HeaterFrameRule, messages: Mapping[str, Any], where: str) -> None:

@@ -99,9 +99,9 @@ def make_charging_rates(limit_w: CurveFunction[Number], cooling: CoolingPowers, 
     """
     Return the model's `rates` under the charging power at each state.
 
-    `limit_w(soc, temperature_c)` is the highest charging power [W, negative], `cooling` that of `make_cooling`. In
-    place of the terminal power the rates take the power left for cooling and battery, negative, and in place of the
-    Joule heat they return the ChargingPowers.
+    `limit_w(soc, temperature_c)` is the highest charging power [W, negative], `cooling` that of `make_cooling`.
+    In place of the terminal power the rates take the power left for cooling and battery, negative, and in place
+    of the Joule heat they return the ChargingPowers.
     """
     def charged(soc: AnyNumber, temperature_c: AnyNumber, left_w: AnyNumber, variance_w2: AnyNumber,
                 heat_w: AnyNumber, leakage_w_per_k: AnyNumber) -> tuple[AnyNumber, AnyNumber, AnyNumber]:

@@ -8,9 +8,10 @@ A vehicle that charges pays as in `worth`. A vehicle that drives on has lost its
 elsewhere, at the same price. Heating after the instant at which the driver knows is no part of that loss. If the
 charger is taken for a while, the vehicle waits and charges then, and time and cooling count instead.
 
-The arrival varies with the pace of the drive: each segment takes longer or shorter by the same factor, its energy
-per metre stays. The heater follows the plan by the clock and is off from the planned arrival on, as the planner
-switches it off then. So an early arrival cuts the heat, and after a late one the battery has cooled. A warmer target, whose heating starts earlier, makes up for both.
+The arrival varies with the pace of the drive: each segment takes longer or shorter by the same factor, its
+energy per metre stays. The heater follows the plan by the clock and is off from the planned arrival on, as the
+planner switches it off then. So an early arrival cuts the heat, and after a late one the battery has cooled. A
+warmer target, whose heating starts earlier, makes up for both.
 """
 
 from __future__ import annotations
@@ -76,8 +77,8 @@ class Expectation:
     """
     Makes the cost of each target of one drive an expected one.
 
-    `route` and `state` are those of the plans, `unheated` the Plan without heating. `heater_share` (0 ... 1) is the
-    share of its power that the heater gives.
+    `route` and `state` are those of the plans, `unheated` the Plan without heating. `heater_share` (0 ... 1) is
+    the share of its power that the heater gives.
     """
 
     def __init__(self, vehicle: Vehicle, route: Route, state: BatteryState, stop: ChargingStop,
@@ -173,8 +174,8 @@ class SessionCosts:
     """
     Cost of the session after an arrival, over the state on arrival.
 
-    Sessions are simulated on a grid of temperatures and states of charge as they are asked for. A session that never
-    ends counts as the longest one, so that the mean over several arrivals stays finite.
+    Sessions are simulated on a grid of temperatures and states of charge as they are asked for. A session that
+    never ends counts as the longest one, so that the mean over several arrivals stays finite.
     """
 
     def __init__(self, vehicle: Vehicle, stop: ChargingStop, prices: Prices) -> None:

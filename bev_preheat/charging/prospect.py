@@ -2,7 +2,8 @@
 """
 The prospect of charging at the end of a drive: how likely it is, and how well the arrival is known.
 
-All of it comes from the trip planner. Nothing given means that the vehicle charges, exactly at the planned instant.
+All of it comes from the trip planner. Nothing given means that the vehicle charges, exactly at the planned
+instant.
 """
 
 from __future__ import annotations
@@ -25,10 +26,10 @@ class ChargingProspect:
     The prospect of charging on arrival.
 
     `probability` (above 0 ... 1): the vehicle charges. `arrival_deviation_s`: standard deviation of the arrival
-    time [s], normally distributed; 0: exact. `known_before_arrival_s` [s]: for how long before the arrival the driver
-    knows whether the vehicle charges, as at the exit of a motorway; 0: on arrival. `wait_s` [s]: a vehicle that does
-    not charge at once waits this long for the charger, without heating, and charges then; None: it drives on, and its
-    heat is lost.
+    time [s], normally distributed; 0: exact. `known_before_arrival_s` [s]: for how long before the arrival the
+    driver knows whether the vehicle charges, as at the exit of a motorway; 0: on arrival. `wait_s` [s]: a
+    vehicle that does not charge at once waits this long for the charger, without heating, and charges then;
+    None: it drives on, and its heat is lost.
     """
 
     probability: float = 1.0

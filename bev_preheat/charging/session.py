@@ -7,11 +7,11 @@ A charging session: the model's own equations, with the terminal power that char
     P_c   of the active cooling, by the battery temperature (`equations.make_cooling`)
 
 T_h is the battery temperature with the heat under way (`equations.heated_c`): T itself if heat arrives at once.
-P_max is the power of charger and inlet. Cabin and auxiliaries are served first, then heater and cooling, which give
-way at a weak charger, then the battery. The limit of heating is the car's own, or lower: a `HeatingLimit` over the
-state of charge, which `heating_choice` chooses. Equations, integrator and heat path are those of `vehicle`; only the
-power is chosen here, at each stage of a step. Steps end when heating ends and when the departure's state of charge
-is reached.
+P_max is the power of charger and inlet. Cabin and auxiliaries are served first, then heater and cooling, which
+give way at a weak charger, then the battery. The limit of heating is the car's own, or lower: a `HeatingLimit`
+over the state of charge, which `heating_choice` chooses. Equations, integrator and heat path are those of
+`vehicle`; only the power is chosen here, at each stage of a step. Steps end when heating ends and when the
+departure's state of charge is reached.
 """
 
 from __future__ import annotations
@@ -77,8 +77,8 @@ class SessionEnergies:
     Energies of a session [Wh].
 
     `bought` goes to `terminal` (into the battery's terminals), `hvch_electric`, `cooling_electric`, `cabin` and
-    `auxiliary`. Of `terminal`, `joule` becomes heat and `stored` charge (the integral of U_oc dQ).
-    Heat of the battery: `joule`, `hvch_heat` and `leakage`, which is negative where heat is lost, less `cooling_heat`.
+    `auxiliary`. Of `terminal`, `joule` becomes heat and `stored` charge (the integral of U_oc dQ). Heat of the
+    battery: `joule`, `hvch_heat` and `leakage`, which is negative where heat is lost, less `cooling_heat`.
     """
 
     bought: float

@@ -26,10 +26,10 @@ def verdict_on(best: TargetWorth, without: TargetWorth, break_even: float, price
 
     `break_even` is the least value of time for which heating pays [per h], or infinite.
     """
-    if math.isinf(best.cost):
+    if math.isinf(best.charging_time_s):
         return f'This charger cannot charge the battery that far, heated or not: {problem}.'
     heating = f'heating the battery to {best.arrival_temperature_c:.1f} degC before arrival'
-    if math.isinf(without.cost):
+    if math.isinf(without.charging_time_s):
         return (f'Worth it: {heating} lets it charge within {duration_text(best.charging_time_s)}; '
                 f'without heating, {problem}.')
     if 0.0 < without.cost - best.cost < LEAST_GAIN:

@@ -107,10 +107,10 @@ def find_worth(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal,
     """
     Return the Worth of heating on a route to a charger of `charger_power_w` [W].
 
-    `state` is the battery's at the start, `goal` gives the reserve on arrival and the usual target. Charging ends
-    at `departure_soc` (0 ... 1). With an uncertain `prospect` all costs are expected ones (`expectation`). Raises
-    InvalidInput if an input is not allowed, the charge is not enough for the trip, or the battery arrives with more
-    than `departure_soc`.
+    `state` is the battery's at the start, `goal` gives the reserve on arrival and the usual target. Charging
+    ends at `departure_soc` (0 ... 1). With an uncertain `prospect` all costs are expected ones (`expectation`).
+    Raises InvalidInput if an input is not allowed, the charge is not enough for the trip, or the battery
+    arrives with more than `departure_soc`.
     """
     stop = stop_after(route, charger_power_w, departure_soc)
     _check(vehicle, route, state, goal, stop, prices, prospect)

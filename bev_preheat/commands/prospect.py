@@ -55,8 +55,8 @@ def plan_in_doubt(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goa
     """
     Return the Plan for the target of a Goal under a ChargingProspect, and a sentence on it, '' if it is certain.
 
-    The plan heats from the probability on from which heating to the target costs less than no heating, at the usual
-    prices and a charger that gives all that the vehicle takes.
+    The plan heats from the probability on from which heating to the target costs less than no heating, at the
+    usual prices and a charger that gives all that the vehicle takes.
     """
     def plan_to(target_c: float) -> Plan:
         return plan_preheating(vehicle, route, state, replace(goal, target_temperature_c=target_c), method)

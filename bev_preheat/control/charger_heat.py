@@ -3,9 +3,10 @@
 Heating while the vehicle charges, if the integrator asks for it, the vehicle is able to, and it pays.
 
 Whether and up to which temperature it pays is the choice of `charging.heating_choice` from the battery's state:
-the price of the energy against the value of the time at the charger. The choice is made at the charger and again
-every SEARCH_PERIOD_S, and as soon as the charger's power has changed. The charger feeds the heater while it
-also charges the battery. This shows in the battery's own power, so heating at the charger needs voltage and current.
+the price of the energy against the value of the time at the charger. The choice is made at the charger and
+again every SEARCH_PERIOD_S, and as soon as the charger's power has changed. The charger feeds the heater while
+it also charges the battery. This shows in the battery's own power, so heating at the charger needs voltage and
+current.
 """
 
 from __future__ import annotations

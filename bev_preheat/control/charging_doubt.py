@@ -2,9 +2,9 @@
 """
 What it means for the plan that the vehicle may not charge: the sentence, and a given target in doubt.
 
-A chosen target is the cheapest by expected cost (`charging.expectation`). A given target, or the vehicle's default,
-is kept or not heated to at all: it is heated to from the probability on from which that costs less than no heating.
-Once it is, the decision stays until the probability changes.
+A chosen target is the cheapest by expected cost (`charging.expectation`). A given target, or the vehicle's
+default, is kept or not heated to at all: it is heated to from the probability on from which that costs less
+than no heating. Once it is, the decision stays until the probability changes.
 """
 
 from __future__ import annotations
@@ -42,8 +42,8 @@ class ChargingDoubt(NamedTuple):
     """
     The `probability` of charging that a plan counts with, above 0 ... 1.
 
-    `pays_from` is the least probability for which some heating pays, above 1: none. `starts_by_ns` is the instant at
-    which heating starts if charging becomes certain [ns]; None: no heating even then.
+    `pays_from` is the least probability for which some heating pays, above 1: none. `starts_by_ns` is the
+    instant at which heating starts if charging becomes certain [ns]; None: no heating even then.
     """
 
     probability: float
@@ -83,8 +83,9 @@ def given_target_pays_from(vehicle: Vehicle, route: Route, state: BatteryState, 
     """
     Return the least probability of charging from which on heating to the target of a Goal pays; above 1: never.
 
-    `plan_to` returns the Plan for a target [deg C]. Without a `charger` it is the `assumed_charger`. USUAL_PAYS_FROM
-    if the session is unknown: the vehicle file does not describe it, or the battery arrives with enough charge.
+    `plan_to` returns the Plan for a target [deg C]. Without a `charger` it is the `assumed_charger`.
+    USUAL_PAYS_FROM if the session is unknown: the vehicle file does not describe it, or the battery arrives
+    with enough charge.
     """
     try:
         charger = charger or assumed_charger(vehicle)

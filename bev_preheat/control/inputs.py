@@ -93,9 +93,9 @@ class Leg:
 
     `target_temperature_c` [deg C] None: the planner's default. `departure` is the battery's state after the
     preceding stop; None without one. `places` are those of the route before it was put into planning steps;
-    None: its own. `charger` is the Charger at its end; None: unknown. `made_for` is the PreparationGoal that the
-    planner made it for; None: it comes from a route plan. `prospect` is the ChargingProspect at its end. A leg equals
-    only itself.
+    None: its own. `charger` is the Charger at its end; None: unknown. `made_for` is the PreparationGoal that
+    the planner made it for; None: it comes from a route plan. `prospect` is the ChargingProspect at its end. A
+    leg equals only itself.
     """
 
     route: Route

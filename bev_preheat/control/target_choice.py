@@ -8,8 +8,8 @@ updates, with PLANS_EACH_UPDATE plans each, so that no update takes long. It is 
 the estimate, the route or the time of arrival has changed, and every SEARCH_PERIOD_S. A target is replaced only
 if another is cheaper by LEAST_GAIN_SHARE, so that jitter does not change it.
 
-If it is uncertain whether the vehicle charges, or when it arrives, the cost is an expected one. Another probability
-needs no plan: the targets found so far are weighed anew at once.
+If it is uncertain whether the vehicle charges, or when it arrives, the cost is an expected one. Another
+probability needs no plan: the targets found so far are weighed anew at once.
 """
 
 from __future__ import annotations

@@ -41,8 +41,8 @@ class BusConditioning:
     """
     Turns requests into goals: one at a time, the latest counts.
 
-    A goal that ends, for whatever reason but the planner's shutdown, sets RequestedMode back to INACTIVE. A planner
-    that restarts gets the goal again.
+    A goal that ends, for whatever reason but the planner's shutdown, sets RequestedMode back to INACTIVE. A
+    planner that restarts gets the goal again.
     """
 
     def __init__(self, node: Node, planner: str, broker: VssSource, requests: SimpleQueue[Mapping[str, Any]],

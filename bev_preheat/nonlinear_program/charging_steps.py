@@ -59,8 +59,8 @@ def add_charging_steps(drive: DriveSteps, stop: ChargingStop, steps: int, variab
     """
     Add the steps of the session after a drive to a program, and return the session's result.
 
-    Variables: `charging_time` [s], each state of the drive at the ends of the steps, and for a car that can heat at
-    the charger `charging_heater`, the highest power of its heater in each step [W].
+    Variables: `charging_time` [s], each state of the drive at the ends of the steps, and for a car that can
+    heat at the charger `charging_heater`, the highest power of its heater in each step [W].
     """
     vehicle = drive.vehicle
     duration = variables.variable('charging_time', 1, TIME_SCALE_S)

@@ -102,8 +102,8 @@ class ImperfectCar:
         """
         Put the car at the start of a Route, with its battery in `state`; see numpy for `seed`.
 
-        The trip planner reports that it stood for `standing_time_s` [s] before; 0: unknown. It
-        knows the Charger at the end (None: unknown) and the `prospect` of charging there. `following` are the Phases
+        The trip planner reports that it stood for `standing_time_s` [s] before; 0: unknown. It knows the
+        Charger at the end (None: unknown) and the `prospect` of charging there. `following` are the Phases
         after this drive.
         """
         self._drive_seed, sensor_seed, self._position_seed = np.random.SeedSequence(seed).spawn(3)

@@ -117,8 +117,8 @@ class Cooling:
     Active cooling of the battery at a charger.
 
     Above `set_point_c` [deg C] its heat flow out of the battery rises with the battery temperature, and reaches
-    `cooling_power_w` [W] `proportional_band_k` [K] higher, with `electrical_power_w` [W] from the charger. A radiator
-    removes at most `radiator_conductance_w_per_k` [W/K] times the battery's temperature above the air.
+    `cooling_power_w` [W] `proportional_band_k` [K] higher, with `electrical_power_w` [W] from the charger. A
+    radiator removes at most `radiator_conductance_w_per_k` [W/K] times the battery's temperature above the air.
     """
 
     set_point_c: float
@@ -138,14 +138,14 @@ class Charging:
     """
     A car at a fast charger.
 
-    `power_limit` is the most charging power [W, negative] over (state of charge, temperature): the
-    battery's own charge limit if the file has no map for fast charging. `battery_heating`: whether
-    the car can heat its battery while it charges, None if the file does not say;
-    `heating_limit_c` is the battery temperature [deg C] up to which it does. The car draws at most
-    `maximum_inlet_power_w` [W] from the charger in total. `has_own_limit`: the file has a map for fast charging.
-    `power_limit` includes the derating of a hot battery; `assumed_fall_c` is the temperature [deg C] from which it
-    falls by assumption, because neither the map nor the file says how, else None. `polarization_factor` is the pack's
-    resistance in a session over `Battery.resistance`, `cooling` the active cooling, None without.
+    `power_limit` is the most charging power [W, negative] over (state of charge, temperature): the battery's
+    own charge limit if the file has no map for fast charging. `battery_heating`: whether the car can heat its
+    battery while it charges, None if the file does not say; `heating_limit_c` is the battery temperature [deg
+    C] up to which it does. The car draws at most `maximum_inlet_power_w` [W] from the charger in total.
+    `has_own_limit`: the file has a map for fast charging. `power_limit` includes the derating of a hot battery;
+    `assumed_fall_c` is the temperature [deg C] from which it falls by assumption, because neither the map nor
+    the file says how, else None. `polarization_factor` is the pack's resistance in a session over
+    `Battery.resistance`, `cooling` the active cooling, None without.
     """
 
     power_limit: Curve

@@ -2,9 +2,9 @@
 """
 The charging power of a hot battery.
 
-A map that ends at a warm battery says nothing about a hot one, and a table is constant beyond its ends. So each map
-gets a fall to 0: the stated one or, unless the map itself ends at 0, one over the last FALL_K below the vehicle's
-highest battery temperature.
+A map that ends at a warm battery says nothing about a hot one, and a table is constant beyond its ends. So each
+map gets a fall to 0: the stated one or, unless the map itself ends at 0, one over the last FALL_K below the
+vehicle's highest battery temperature.
 """
 
 from __future__ import annotations

@@ -5,7 +5,8 @@ from dataclasses import replace
 from itertools import product
 import math
 
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from plain_car import constant, plain_car
 import pytest
 

@@ -146,7 +146,7 @@ def test_a_file_that_cannot_be_used_is_an_error_and_nothing_is_heated(car):
 
 
 def test_without_departures_there_is_nothing_to_skip(car, domain_id):
-    car.week.write_text(WEEK.split('departures:')[0] + 'departures: []\n')
+    car.week.write_text(WEEK.split('departures:', maxsplit=1)[0] + 'departures: []\n')
     car.start()
     car.entry()
     skipped = subprocess.run([*PREPARE, '--skip-next'], text=True, capture_output=True, timeout=LIMIT_S,

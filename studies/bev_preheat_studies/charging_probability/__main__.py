@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-`python3 -m bev_preheat_studies.charging_probability`: the plan if it is uncertain whether, and when, a car charges.
+`python3 -m bev_preheat_studies.charging_probability`: the plan if it is uncertain whether, and when, a car
+charges.
 
 Compares the best target of random drives with a search over start and end of heating, by expected cost. With
 --closed-loop: drives under the planner, always heated, never heated, and by expected cost. With --tables: the

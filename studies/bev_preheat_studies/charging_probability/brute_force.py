@@ -2,9 +2,10 @@
 """
 The best target under uncertainty against a search over start and end of heating, on random drives.
 
-The search knows no target: it heats with full power between two instants up to the planned arrival, at which the
-planner switches off, tries a grid of both, and refines the best of it. Its cost is computed here: arrival times by a quadrature of its own with more points, each session simulated,
-the lost energy as the integral of the open-circuit voltage. The same account judges the planner's best target.
+The search knows no target: it heats with full power between two instants up to the planned arrival, at which
+the planner switches off, tries a grid of both, and refines the best of it. Its cost is computed here: arrival
+times by a quadrature of its own with more points, each session simulated, the lost energy as the integral of
+the open-circuit voltage. The same account judges the planner's best target.
 """
 
 from __future__ import annotations

@@ -2,9 +2,10 @@
 """
 Drives under the planner that may not end at the charger: always heated, never heated, and by expected cost.
 
-Each drive is simulated once for each way of planning, with the same sensor noise. Whether the vehicle charges is
-decided on arrival, so it does not change the drive: the cost of a drive is the mean of both outcomes, weighted by the
-probability, which has less noise than drawn outcomes. Differences between two ways are taken drive by drive.
+Each drive is simulated once for each way of planning, with the same sensor noise. Whether the vehicle charges
+is decided on arrival, so it does not change the drive: the cost of a drive is the mean of both outcomes,
+weighted by the probability, which has less noise than drawn outcomes. Differences between two ways are taken
+drive by drive.
 """
 
 from __future__ import annotations
