@@ -119,8 +119,8 @@ def load_live_map(name_or_file: str | Path) -> LiveMap:
     signal_map = load_signal_map(name_or_file)
     path, live = signal_map.path, signal_map.live
     if live is None:
-        raise InvalidInput(f'{path}: has no key live, which names the bus: add live: {{can: {{interface: socketcan, '
-                           'channel: can0}}, or live: {vss: {}}')
+        raise InvalidInput(f'{path}: has no key live, which names the bus: add '
+                           'live: {can: {interface: socketcan, channel: can0}}, or live: {vss: {}}')
     problems = []
     if ('can' in live) is ('vss' in live):
         problems.append(f'{path}: live: must have exactly one of the keys can and vss')
@@ -137,7 +137,8 @@ def load_live_map(name_or_file: str | Path) -> LiveMap:
     if 'can' in live and not signal_map.databases:
         problems.append(f'{path}: dbc: is missing; live CAN signals need the DBC files of the bus')
     if 'vss' in live:
-        problems += [f'{path}: live.{key}: is for CAN only' for key in ('messages', 'heater_command') if key in live]
+        problems += [f'{path}: live.{key}: is for CAN only'
+                     for key in ('messages', 'heater_command') if key in live]
     if problems:
         raise InvalidInput(problems)
     usual_s = live.get('valid_for_s', VALID_FOR_S['can' if 'can' in live else 'vss'])
@@ -146,7 +147,8 @@ def load_live_map(name_or_file: str | Path) -> LiveMap:
         signal_map, _can(live.get('can'), path.parent), _vss(live.get('vss'), path.parent), required,
         {name: float(live.get('valid_for_s_of', {}).get(name, usual_s))
          for name in (*BATTERY_SIGNALS, CELLS, CHARGING)},
-        read_source('battery_temperature_c', live['cells_c'], signal_map.no_reading) if 'cells_c' in live else None,
+        read_source('battery_temperature_c', live['cells_c'], signal_map.no_reading)
+        if 'cells_c' in live else None,
         charging.get('channel'), tuple(map(float, charging.get('values', (1.0,)))),
         {name: _message(entry) for name, entry in live.get('messages', {}).items()},
         _heater_frame(live.get('heater_command')))

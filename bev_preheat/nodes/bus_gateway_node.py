@@ -46,11 +46,12 @@ PARAMETERS = (
 PROGRAM = NodeProgram(
     'bus_gateway', 'Publishes the battery of a CAN bus (DBC) or of a VSS databroker as battery_state, and writes '
     "the heater's command to CAN.", PARAMETERS,
-    subscribes=(('hvch_command', 'bev_preheat_msgs/HvchCommand: written to CAN if the map says so; with VSS, whether '
-                 'it heats'),),
+    subscribes=(('hvch_command', 'bev_preheat_msgs/HvchCommand: written to CAN if the map says so; with VSS, '
+                 'whether it heats'),),
     publishes=(('battery_state', 'sensor_msgs/BatteryState'),
                ('/diagnostics', 'diagnostic_msgs/DiagnosticArray')),
-    actions=(('planner/prepare_battery', 'bev_preheat_msgs/PrepareBattery (client): for BatteryConditioning of VSS'),))
+    actions=(('planner/prepare_battery',
+              'bev_preheat_msgs/PrepareBattery (client): for BatteryConditioning of VSS'),))
 DIAGNOSTICS_PERIOD_S = 1.0
 # A simulated clock that falls back by more has been restarted [s].
 RESTART_S = 1.0
