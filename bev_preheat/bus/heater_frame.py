@@ -24,7 +24,8 @@ class HeaterFrame:
     Makes the frames of one message of the DBC.
 
     The counter rises by one a frame and begins again at 0. The power is rounded down to the signal's resolution and
-    limited to `highest_w` [W], its largest value. `period_s` is the time between two frames [s].
+    limited to `highest_w` [W], the
+    heater's largest power. `period_s` is the time between two frames [s].
     """
 
     def __init__(self, rule: HeaterFrameRule, messages: Mapping[str, Any], where: str) -> None:
@@ -58,6 +59,11 @@ class HeaterFrame:
         if power.maximum is not None and (power.minimum or 0.0) < power.maximum:
             highest = min(highest, float(power.maximum))
         self.highest_w = highest * self._watts
+        if rule.maximum_power_w is not None:
+            if rule.maximum_power_w > self.highest_w * (1.0 + 1e-9):
+                raise InvalidInput(f'{where}.maximum_power_w: {rule.maximum_power_w:g} W is not allowed; '
+                                   f'{rule.message}.{rule.power} carries at most {self.highest_w:g} W')
+            self.highest_w = rule.maximum_power_w
         self.period_s = rule.period_s or (message.cycle_time or 0) / 1000.0 or USUAL_PERIOD_S
         self._count = 0
         self.identifier, self.is_extended = int(message.frame_id), bool(message.is_extended_frame)
