@@ -65,7 +65,7 @@ class CanSource:
                 'checks beyond length and limits': ', '.join(checks) or 'none'}
 
     def heater_status(self, now_s: float) -> tuple[float | None, str]:
-        """Return the heater's measured power [W], None if it is not known, and a sentence on a fault or silence."""
+        """Return the heater's measured power [W] (None: unknown), and a sentence on a fault or silence."""
         rule = self._map.heater_status
         if rule is None:
             return None, ''

@@ -23,20 +23,20 @@ class HeaterFrame:
     """
     Makes the frames of one message of the DBC.
 
-    The counter rises by one a frame and begins again at 0. The power is rounded down to the signal's resolution and
-    limited to `highest_w` [W], the
-    heater's largest power. `period_s` is the time between two frames [s].
+    The counter rises by one a frame and begins again at 0. The power is rounded down to the signal's resolution
+    and limited to `highest_w` [W], the heater's largest power. `period_s` is the time between two frames [s].
     """
 
     def __init__(self, rule: HeaterFrameRule, messages: Mapping[str, Any], where: str) -> None:
-        """Take cantools Messages by name; raises InvalidInput if the rule does not fit them. `where` is the map's."""
+        """Take cantools Messages by name; raises InvalidInput, with `where`, if the rule does not fit them."""
         where = f'{where}: live.heater_command'
         message = messages.get(rule.message)
         if message is None:
             raise InvalidInput(f'{where}.message: {rule.message} is no message of the DBC; its messages are '
                                f'{", ".join(messages)}')
         if message.is_multiplexed():
-            raise InvalidInput(f'{where}.message: {rule.message} is multiplexed; the heater needs a message of its own')
+            raise InvalidInput(f'{where}.message: {rule.message} is multiplexed; the heater needs a message of its '
+                               'own')
         power = signal_of(message, rule.power, f'{where}.power')
         unit = pint_unit(power.unit or '') or 'W'
         check_unit(unit, 'heater_w')
@@ -46,7 +46,8 @@ class HeaterFrame:
         self._checksum = None if rule.checksum is None else Checksum(rule.checksum, message, f'{where}.checksum')
         self._message, self._power = message, power
         named = {rule.power, rule.counter, rule.enable}
-        self._others = {signal.name: _usual_value(signal) for signal in message.signals if signal.name not in named}
+        self._others = {signal.name: _usual_value(signal)
+                        for signal in message.signals if signal.name not in named}
         for name, value in rule.constants.items():
             if name not in self._others:
                 raise InvalidInput(f'{where}.constants: {name} is not among the other signals of {rule.message}: '

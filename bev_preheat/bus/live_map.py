@@ -160,7 +160,8 @@ def load_live_map(name_or_file: str | Path) -> LiveMap:
         signal_map, _can(live.get('can'), path.parent), _vss(live.get('vss'), path.parent), required,
         {name: float(live.get('valid_for_s_of', {}).get(name, usual_s))
          for name in (*BATTERY_SIGNALS, CELLS, CHARGING)},
-        read_source('battery_temperature_c', live['cells_c'], signal_map.no_reading) if 'cells_c' in live else None,
+        read_source('battery_temperature_c', live['cells_c'], signal_map.no_reading)
+        if 'cells_c' in live else None,
         charging.get('channel'), tuple(map(float, charging.get('values', (1.0,)))),
         {name: _message(entry) for name, entry in live.get('messages', {}).items()},
         _heater_frame(live.get('heater_command')),

@@ -33,7 +33,7 @@ from sensor_msgs.msg import BatteryState, Temperature
 from std_srvs.srv import SetBool
 
 from bev_preheat_msgs.action import PrepareBattery
-from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan, RouteProgress
+from bev_preheat_msgs.msg import HvchCommand, HvchStatus, PreheatPlan, RoutePlan, RouteProgress
 
 PARAMETERS: dict[str, Any] = {
     'vehicle': 'reference', 'method': 'merit_order', 'target_battery_temperature': 0.0,
@@ -75,6 +75,7 @@ class EmptyNode(Node):
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self.create_subscription(BatteryState, 'battery_state', self._on_battery_state, LATEST)
         self.create_subscription(RouteProgress, 'route_progress', _ignore, LATEST)
+        self.create_subscription(HvchStatus, 'hvch_status', _ignore, LATEST)
         for profile, overriding in ((LATCHED, OVERRIDABLE), (QoSProfile(depth=1), None)):
             self.create_subscription(
                 RoutePlan, 'route_plan', self._on_route_plan, profile, raw=True,
