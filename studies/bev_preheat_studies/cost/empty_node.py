@@ -41,7 +41,8 @@ PARAMETERS: dict[str, Any] = {
     'command_lease': 2.5, 'planning_step': 30.0, 'arrival_soc_margin': 0.0, 'estimation': True,
     'minimum_on_time': 20.0, 'minimum_off_time': 120.0, 'route_progress_timeout': 10.0,
     'energy_price': 0.6, 'value_of_time': 10.0, 'heat_while_charging': False,
-    'compiled_core': True, 'coldest_cell_limits': True, 'state_file': '',
+    'compiled_core': True, 'coldest_cell_limits': True, 'flight_recorder': '',
+    'flight_recorder_size': 500.0, 'state_file': '',
     'departures': '', 'grid_prices': ''}
 # Of the plan for the reference trip: steps, heating intervals, characters of its sentence.
 STEPS, STRETCHES, CHARACTERS = 120, 2, 120
