@@ -35,8 +35,8 @@ class HeaterFrame:
             raise InvalidInput(f'{where}.message: {rule.message} is no message of the DBC; its messages are '
                                f'{", ".join(messages)}')
         if message.is_multiplexed():
-            raise InvalidInput(f'{where}.message: {rule.message} is multiplexed; the heater needs a message of its '
-                               'own')
+            raise InvalidInput(f'{where}.message: {rule.message} is multiplexed; the heater needs a message of '
+                               'its own')
         power = signal_of(message, rule.power, f'{where}.power')
         unit = pint_unit(power.unit or '') or 'W'
         check_unit(unit, 'heater_w')

@@ -2,7 +2,7 @@
 """
 Executes `hvch_command` on CAN by the rules of `heater.controller`, and answers with `hvch_status`.
 
-While a valid command is in force, the frames carry its power; at all other times they carry 0 W. Frames end with the
+While a valid command is in force, the frames carry its power; at all other times 0 W. Frames end with the
 process, or with the bus; the heater's own timeout applies then.
 """
 

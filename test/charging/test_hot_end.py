@@ -195,8 +195,8 @@ def test_too_warm_is_an_answer_with_minutes_and_why():
     assert 20.0 < found.fastest_c < 38.0 and found.derating.above_c == 38.0
     minutes, seconds = divmod(round(found.slower_s), 60)
     assert found.sentence == (
-        f'Too warm: arriving at 43 degC charges {minutes}:{seconds:02d} min slower than at {found.fastest_c:.0f} degC, '
-        'because the power is derated above 38 degC, from 10 % on.')
+        f'Too warm: arriving at 43 degC charges {minutes}:{seconds:02d} min slower than at {found.fastest_c:.0f} '
+        'degC, because the power is derated above 38 degC, from 10 % on.')
 
 
 def test_a_battery_that_gets_warm_only_on_the_way_is_told_from_where():
