@@ -130,8 +130,8 @@ def load_live_map(name_or_file: str | Path) -> LiveMap:
     signal_map = load_signal_map(name_or_file)
     path, live = signal_map.path, signal_map.live
     if live is None:
-        raise InvalidInput(f'{path}: has no key live, which names the bus: add live: {{can: {{interface: '
-                           'channel: can0}} or live: {vss: {}}')
+        raise InvalidInput(f'{path}: has no key live, which names the bus: add '
+                           'live: {can: {interface: socketcan, channel: can0}}, or live: {vss: {}}')
     problems = []
     if ('can' in live) is ('vss' in live):
         problems.append(f'{path}: live: must have exactly one of the keys can and vss')
