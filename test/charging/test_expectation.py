@@ -90,7 +90,8 @@ def test_a_session_that_never_ends_unheated_is_a_sentence():
     assert all(math.isfinite(item.cost) for item in found.targets)
 
 
-@pytest.mark.parametrize('field', ['charging_probability', 'arrival_time_deviation', 'charging_known_before_arrival'])
+@pytest.mark.parametrize('field', [
+    'charging_probability', 'arrival_time_deviation', 'charging_known_before_arrival'])
 @pytest.mark.parametrize('value', [math.nan, -0.1, math.inf])
 def test_a_bad_prospect_in_a_message_is_refused(field, value):
     problem, = charger_problems(RoutePlan(**{field: value}))
