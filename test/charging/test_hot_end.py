@@ -199,8 +199,8 @@ def test_too_warm_is_an_answer_with_minutes_and_why():
     assert found.fastest_c < 38.0 and found.derating.above_c == 38.0
     hours, (minutes, seconds) = round(found.slower_s) // 3600, divmod(round(found.slower_s) % 3600, 60)
     assert found.sentence == (
-        f'Too warm: arriving at 43 degC charges {hours}:{minutes:02d}:{seconds:02d} h slower than at {found.fastest_c:.0f} '
-        'degC, because the power is derated above 38 degC, from 10 % on.')
+        f'Too warm: arriving at 43 degC charges {hours}:{minutes:02d}:{seconds:02d} h slower than at '
+        f'{found.fastest_c:.0f} degC, because the power is derated above 38 degC, from 10 % on.')
 
 
 def test_a_battery_that_gets_warm_only_on_the_way_is_told_from_where():
