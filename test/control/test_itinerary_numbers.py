@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whole numbers in an itinerary are floats: a field of a ROS message takes nothing else."""
+"""Whole numbers in an itinerary are floats: a ROS message refuses integers there."""
 
 from bev_preheat.control.itinerary import load_itinerary
 from bev_preheat.vehicle.loading import load_vehicle

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whole numbers in a scenario are floats: a field of a ROS message takes nothing else."""
+"""Whole numbers in a scenario are floats: a ROS message refuses integers there."""
 
 from pathlib import Path
 
