@@ -61,22 +61,24 @@ def load_itinerary(name_or_file: str | Path, vehicle: Vehicle) -> Itinerary:
         except InvalidInput as error:
             problems += [f'legs[{index}].route: {problem}' for problem in error.problems]
             continue
+        # YAML reads 20 as an integer, which a field of a ROS message refuses.
+        target_c = node.get('target_battery_temperature_c')
         legs.append(Leg(
             route=loaded[-1].route,
             charging_planned=node.get('charging_planned', True),
-            target_temperature_c=node.get('target_battery_temperature_c'),
-            minimum_arrival_soc=node.get('minimum_arrival_soc', 0.0),
+            target_temperature_c=None if target_c is None else float(target_c),
+            minimum_arrival_soc=float(node.get('minimum_arrival_soc', 0.0)),
             departure=departure,
             prospect=ChargingProspect(float(node.get('charging_probability', 1.0)),
                                       float(node.get('arrival_time_deviation_s', 0.0)),
                                       float(node.get('charging_known_before_arrival_s', 0.0)))))
         if not problems and node is not nodes[-1]:
-            departure = BatteryState(node['departure_temperature_c'], node['departure_soc'])
+            departure = BatteryState(float(node['departure_temperature_c']), float(node['departure_soc']))
     if problems:
         raise InvalidInput([f'{path}: {problem}' for problem in problems])
     return Itinerary(
         Mission(description['name'], with_stops(
-            legs, [node['stop_duration_s'] for node in nodes[:-1]])),
+            legs, [float(node['stop_duration_s']) for node in nodes[:-1]])),
         tuple(node['route'] for node in nodes),
         tuple(route.made_for for route in loaded), (path, *(route.file for route in loaded)),
         tuple(dict.fromkeys(route.warning for route in loaded if route.warning)))

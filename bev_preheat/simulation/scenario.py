@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -134,7 +134,7 @@ def _scenario(path: Path, contents: dict[str, FileData]) -> Scenario:
         name=contents['name'], description=contents['description'], vehicle_name=vehicle_name,
         vehicle=reader.vehicle, route=drive.route, state=state, goal=drive.goal, seed=contents.get('seed', 0),
         imperfections=Imperfections(
-            mismatch=Mismatch(**contents.get('mismatch', {})),
+            mismatch=Mismatch(**_with_floats(Mismatch, contents.get('mismatch', {}))),
             heat_path=_heat_path(contents),
             position=drive.position,
             sensors=_sensors(contents.get('sensors', {})),
@@ -237,7 +237,7 @@ def _heat_path(contents: dict[str, FileData]) -> HeatPath | None:
     """Return the HeatPath in a scenario's contents; None: that of the vehicle file."""
     if 'heat_path' not in contents:
         return None
-    path = HeatPath(**contents['heat_path'])
+    path = HeatPath(**_with_floats(HeatPath, contents['heat_path']))
     problems = list(heat_path_problems(path))
     if problems:
         raise InvalidInput(problems)
@@ -264,14 +264,26 @@ def _position(contents: dict[str, FileData], where: str) -> PositionReports | No
     """Return the car's position reports; None: it sends none."""
     node = contents.get('route_progress')
     return None if node is None else PositionReports(
-        **{**node, 'drop_outs': _spans(node, 'drop_outs', f'{where}route_progress')})
+        **{**_with_floats(PositionReports, node),
+           'drop_outs': _spans(node, 'drop_outs', f'{where}route_progress')})
+
+
+def _with_floats(kind: type, node: dict[str, FileData]) -> dict[str, FileData]:
+    """
+    Return the values of a node for a dataclass, whose float fields are floats.
+
+    YAML reads 20 as an integer, which a field of a ROS message refuses.
+    """
+    types = {each.name: str(each.type) for each in fields(kind)}
+    return {key: float(value) if type(value) is int and 'float' in types.get(key, '') else value
+            for key, value in node.items()}
 
 
 def _sensors(node: dict[str, FileData]) -> Sensors:
     spans = {key: _spans(node, key, 'sensors') for key in ('drop_outs', 'stuck', 'invalid')}
-    other = OtherBattery(**node['other']) if 'other' in node else None
-    return Sensors(**{**node, **spans, 'other': other,
-                      'spikes': tuple(Spike(**each) for each in node.get('spikes', ()))})
+    other = OtherBattery(**_with_floats(OtherBattery, node['other'])) if 'other' in node else None
+    return Sensors(**{**_with_floats(Sensors, node), **spans, 'other': other,
+                      'spikes': tuple(Spike(**_with_floats(Spike, each)) for each in node.get('spikes', ()))})
 
 
 # Required keys of each kind of event, besides its instant; other keys are refused.
@@ -291,7 +303,7 @@ def _event(where: str, node: dict[str, FileData], detour: Route | None) -> Event
                            f'have {", ".join(sorted(OWN_KEYS[kind])) or "nothing"}')
     if detour is not None:
         own['route'] = detour
-    return Event(kind, float(node['at_s']), node.get('route_plan_after_s', 0.0), **own)
+    return Event(kind, float(node['at_s']), node.get('route_plan_after_s', 0.0), **_with_floats(Event, own))
 
 
 def _expectations(node: dict[str, FileData], where: str) -> Expectations:
