@@ -1,0 +1,21 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The options of `preheat plan` on the prospect of charging."""
+
+import pytest
+
+DRIVE = ['plan', '--vehicle', 'reference', '--route', 'reference', '--temperature', '-7', '--soc', '0.5']
+
+
+@pytest.mark.parametrize('option, value, named', [
+    ('--charging-probability', 'nan', 'charging probability: nan'),
+    ('--charging-probability', '1.1', 'charging probability: 1.1'),
+    ('--arrival-deviation', '-1', 'arrival deviation: -1'),
+    ('--charging-known-before', 'inf', 'time before arrival: inf')])
+def test_a_bad_prospect_is_refused_in_one_line(said, option, value, named):
+    status, output, errors = said(*DRIVE, option, value)
+    assert (status, output) == (2, '') and f'{named} is not allowed' in errors
+
+
+def test_heating_waits_at_a_small_chance(said):
+    status, output, _ = said(*DRIVE, '--charging-probability', '0.1')
+    assert status == 0 and 'Heating waits: 10 % chance of charging; it starts after ' in output
