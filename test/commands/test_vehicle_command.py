@@ -47,7 +47,7 @@ def test_one_command_makes_a_car_that_is_usual_and_plans(said):
                                   '--json', 'plan.json')
     assert status == 0
     (line,) = [line for line in errors.splitlines() if 'assumed' in line]
-    assert line == ('preheat: warning: vehicle id4: 17 values are assumed, not measured; preheat vehicle check '
+    assert line == ('preheat: warning: vehicle id4: 19 values are assumed, not measured; preheat vehicle check '
                     'id4.yaml lists them')
     assert json.loads(Path('plan.json').read_text())['vehicle_assumed'] == list(
         load_vehicle('./id4.yaml').assumed)
