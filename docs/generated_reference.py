@@ -36,6 +36,8 @@ NODES = (planner_node, nlp_checker_node, charger_adviser_node, route_publisher_n
 SCHEMAS = {'vehicle': 'vehicle/schema.yaml', 'legs': 'route/legs_schema.yaml',
            'chargers': 'charging/chargers_schema.yaml',
            'itinerary': 'control/itinerary_schema.yaml',
+           'departures': 'control/departures_schema.yaml',
+           'grid_prices': 'control/grid_prices_schema.yaml',
            'scenario': 'simulation/scenario_schema.yaml'}
 LEVEL_NAMES = {DiagnosticStatus.OK: 'OK', DiagnosticStatus.WARN: 'WARN',
                DiagnosticStatus.ERROR: 'ERROR'}

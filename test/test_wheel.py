@@ -81,8 +81,8 @@ def run(site, *words):
 
 @pytest.mark.parametrize('words, shown', [
     (['plan', *SITUATION], 'Heating starts in 32:02 min'),
-    (['worth', *SITUATION, *CHARGER], 'saves 3:46 min'),
-    (['charge', *SITUATION, *CHARGER], '3:55 min less than without preheating'),
+    (['worth', *SITUATION, *CHARGER], 'saves 2:17 min'),
+    (['charge', *SITUATION, *CHARGER], '4:50 min less than without preheating'),
     (['vehicle', 'check', 'reference'], 'nothing is marked as assumed'),
     (['scenario', 'charge_in_percent'], '1 of 1 scenarios'),
     (['--version'], 'preheat 0.3.0'),

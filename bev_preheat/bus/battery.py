@@ -127,7 +127,7 @@ class _View:
             return None
         age_s = self._now_s - reading.instant_s
         if age_s > limit_s:
-            self.missing[signal] = (f'{signal}: the last valid reading of {channel} is {figure(age_s, 3)} s old; it '
-                                    f'expires after {limit_s:g} s')
+            self.missing[signal] = (f'{signal}: the last valid reading of {channel} is {figure(age_s, 3)} s old; '
+                                    f'it expires after {limit_s:g} s')
             return None
         return reading

@@ -41,7 +41,8 @@ class CanLink:
     Every received frame of `identifiers` is passed to `receive`, in the link's thread.
     """
 
-    def __init__(self, settings: CanSettings, identifiers: Collection[tuple[int, bool]], receive: Receiver) -> None:
+    def __init__(self, settings: CanSettings, identifiers: Collection[tuple[int, bool]],
+                 receive: Receiver) -> None:
         """Take the settings; raises InvalidInput if python-can knows no such interface. `start` opens the bus."""
         require('can', *([PACKAGES[settings.interface]] if settings.interface in PACKAGES else []))
         import can

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from bev_preheat.bus.battery import BatteryReader
-from bev_preheat.bus.can_decoder import CanDecoder
+from bev_preheat.bus.can_decoder import CanDecoder, HEATER_FAULT, HEATER_POWER
 from bev_preheat.bus.can_link import CanLink
 from bev_preheat.bus.heater_frame import HeaterFrame
 from bev_preheat.bus.readings import Readings
@@ -23,7 +23,7 @@ class CanSource:
     def __init__(self, live_map: LiveMap, clock_s: Callable[[], float]) -> None:
         """Take a map with `can`, and the clock [s] of the readings' instants; raises InvalidInput."""
         assert live_map.can is not None
-        self._clock_s = clock_s
+        self._map, self._clock_s = live_map, clock_s
         self._readings = Readings()
         self._decoder = CanDecoder(live_map)
         self._reader = BatteryReader(live_map, self._decoder.channels)
@@ -63,6 +63,24 @@ class CanSource:
                   if (words := check.in_words())]
         return {'frames': str(self._link.frames), 'reconnects': str(max(self._link.reconnects, 0)),
                 'checks beyond length and limits': ', '.join(checks) or 'none'}
+
+    def heater_status(self, now_s: float) -> tuple[float | None, str]:
+        """Return the heater's measured power [W] (None: unknown), and a sentence on a fault or silence."""
+        rule = self._map.heater_status
+        if rule is None:
+            return None, ''
+        measured_w, fault = None, ''
+        for signal, channel in ((HEATER_POWER, rule.power), (HEATER_FAULT, rule.fault)):
+            if channel is None:
+                continue
+            reading = self._readings.latest(signal, channel)
+            if reading is None or not 0.0 <= now_s - reading.instant_s <= rule.valid_for_s:
+                fault = f'no valid {channel} for {rule.valid_for_s:g} s'
+            elif signal == HEATER_POWER:
+                measured_w = reading.value
+            elif reading.value != 0.0:
+                fault = f'{channel}: {self._decoder.value_in_words(channel, reading.value)}'
+        return measured_w, fault
 
     def send_power(self, power_w: float) -> str:
         """Send the next frame of the heater's command [W]; return '' or why it was not sent."""

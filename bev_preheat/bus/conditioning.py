@@ -23,7 +23,7 @@ LOWEST_C, HIGHEST_C = -40.0, 80.0
 
 @dataclass(frozen=True)
 class ConditioningGoal:
-    """A battery at `target_c` [deg C] (None: the planner's default) at `ready_at_s` [s since the epoch; 0: soon]."""
+    """A battery at `target_c` [deg C] (None: the default) at `ready_at_s` [s since the epoch; 0: soon]."""
 
     target_c: float | None
     ready_at_s: float
@@ -60,8 +60,8 @@ class ConditioningRequest:
             except InvalidInput as error:
                 problems.append(f'{TIME}: {error}')
         if not problems and mode == DRIVING and target_c is None:
-            problems.append(f'{TEMPERATURE}: is not set; {DRIVING} needs it, because the planner has a default for '
-                            'fast charging only')
+            problems.append(f'{TEMPERATURE}: is not set; {DRIVING} needs it, because the planner has a default '
+                            'for fast charging only')
         if problems:
             raise InvalidInput(problems)
         return ConditioningRequest(mode, target_c, ready_at_s)

@@ -52,15 +52,15 @@ class FrameChecks:
             if window_s < RATE_WINDOW_S:
                 raise InvalidInput(
                     f'{name}: {len(self._instants_s)} frames within {window_s:.2f} s; its cycle time of '
-                    f'{self.cycle_time_s:g} s allows {self._most_frames} in {RATE_WINDOW_S:g} s; is there a second '
-                    'sender?')
+                    f'{self.cycle_time_s:g} s allows {self._most_frames} in {RATE_WINDOW_S:g} s; is there a '
+                    'second sender?')
         if len(data) < self.message.length:
             raise InvalidInput(f'{name}: a frame of {len(data)} bytes; the DBC has {self.message.length}')
         if self.checksum is not None:
             given, computed = data[self.checksum.at], self.checksum.of(data)
             if given != computed:
-                raise InvalidInput(f'{name}: {self.checksum.signal} is 0x{given:02X}, but the checksum of the data is '
-                                   f'0x{computed:02X}')
+                raise InvalidInput(f'{name}: {self.checksum.signal} is 0x{given:02X}, but the checksum of the '
+                                   f'data is 0x{computed:02X}')
 
     def check_counter(self, values: Mapping[str, float]) -> None:
         """Raise InvalidInput if the counter of a frame with these raw values stays, or skips too many counts."""

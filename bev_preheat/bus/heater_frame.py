@@ -24,18 +24,19 @@ class HeaterFrame:
     Makes the frames of one message of the DBC.
 
     The counter rises by one a frame and begins again at 0. The power is rounded down to the signal's resolution
-    and limited to `highest_w` [W], its largest value. `period_s` is the time between two frames [s].
+    and limited to `highest_w` [W], the heater's largest power. `period_s` is the time between two frames [s].
     """
 
     def __init__(self, rule: HeaterFrameRule, messages: Mapping[str, Any], where: str) -> None:
-        """Take cantools Messages by name; raises InvalidInput if the rule does not fit them. `where` is the map's."""
+        """Take cantools Messages by name; raises InvalidInput, with `where`, if the rule does not fit them."""
         where = f'{where}: live.heater_command'
         message = messages.get(rule.message)
         if message is None:
             raise InvalidInput(f'{where}.message: {rule.message} is no message of the DBC; its messages are '
                                f'{", ".join(messages)}')
         if message.is_multiplexed():
-            raise InvalidInput(f'{where}.message: {rule.message} is multiplexed; the heater needs a message of its own')
+            raise InvalidInput(f'{where}.message: {rule.message} is multiplexed; the heater needs a message of '
+                               'its own')
         power = signal_of(message, rule.power, f'{where}.power')
         unit = pint_unit(power.unit or '') or 'W'
         check_unit(unit, 'heater_w')
@@ -45,7 +46,8 @@ class HeaterFrame:
         self._checksum = None if rule.checksum is None else Checksum(rule.checksum, message, f'{where}.checksum')
         self._message, self._power = message, power
         named = {rule.power, rule.counter, rule.enable}
-        self._others = {signal.name: _usual_value(signal) for signal in message.signals if signal.name not in named}
+        self._others = {signal.name: _usual_value(signal)
+                        for signal in message.signals if signal.name not in named}
         for name, value in rule.constants.items():
             if name not in self._others:
                 raise InvalidInput(f'{where}.constants: {name} is not among the other signals of {rule.message}: '
@@ -58,6 +60,11 @@ class HeaterFrame:
         if power.maximum is not None and (power.minimum or 0.0) < power.maximum:
             highest = min(highest, float(power.maximum))
         self.highest_w = highest * self._watts
+        if rule.maximum_power_w is not None:
+            if rule.maximum_power_w > self.highest_w * (1.0 + 1e-9):
+                raise InvalidInput(f'{where}.maximum_power_w: {rule.maximum_power_w:g} W is not allowed; '
+                                   f'{rule.message}.{rule.power} carries at most {self.highest_w:g} W')
+            self.highest_w = rule.maximum_power_w
         self.period_s = rule.period_s or (message.cycle_time or 0) / 1000.0 or USUAL_PERIOD_S
         self._count = 0
         self.identifier, self.is_extended = int(message.frame_id), bool(message.is_extended_frame)

@@ -80,7 +80,17 @@ class HeaterFrameRule:
     enable: str | None = None
     checksum: ChecksumRule | None = None
     period_s: float | None = None
+    maximum_power_w: float | None = None
     constants: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class HeaterStatusRule:
+    """MESSAGE.SIGNAL of the heater's measured power, and of a fault (not 0); None: there is none."""
+
+    power: str | None = None
+    fault: str | None = None
+    valid_for_s: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -102,6 +112,7 @@ class LiveMap:
     charging_values: tuple[float, ...] = (1.0,)
     messages: Mapping[str, MessageRule] = field(default_factory=dict)
     heater_command: HeaterFrameRule | None = None
+    heater_status: HeaterStatusRule | None = None
 
     @property
     def sources(self) -> dict[str, Source]:
@@ -119,8 +130,8 @@ def load_live_map(name_or_file: str | Path) -> LiveMap:
     signal_map = load_signal_map(name_or_file)
     path, live = signal_map.path, signal_map.live
     if live is None:
-        raise InvalidInput(f'{path}: has no key live, which names the bus: add live: {{can: {{interface: socketcan, '
-                           'channel: can0}}, or live: {vss: {}}')
+        raise InvalidInput(f'{path}: has no key live, which names the bus: add '
+                           'live: {can: {interface: socketcan, channel: can0}}, or live: {vss: {}}')
     problems = []
     if ('can' in live) is ('vss' in live):
         problems.append(f'{path}: live: must have exactly one of the keys can and vss')
@@ -136,8 +147,11 @@ def load_live_map(name_or_file: str | Path) -> LiveMap:
                      for problem in source_problems('battery_temperature_c', live['cells_c'])]
     if 'can' in live and not signal_map.databases:
         problems.append(f'{path}: dbc: is missing; live CAN signals need the DBC files of the bus')
+    if 'heater_status' in live and 'heater_command' not in live:
+        problems.append(f'{path}: live.heater_status: is the answer to live.heater_command, which is missing')
     if 'vss' in live:
-        problems += [f'{path}: live.{key}: is for CAN only' for key in ('messages', 'heater_command') if key in live]
+        problems += [f'{path}: live.{key}: is for CAN only'
+                     for key in ('messages', 'heater_command', 'heater_status') if key in live]
     if problems:
         raise InvalidInput(problems)
     usual_s = live.get('valid_for_s', VALID_FOR_S['can' if 'can' in live else 'vss'])
@@ -146,10 +160,12 @@ def load_live_map(name_or_file: str | Path) -> LiveMap:
         signal_map, _can(live.get('can'), path.parent), _vss(live.get('vss'), path.parent), required,
         {name: float(live.get('valid_for_s_of', {}).get(name, usual_s))
          for name in (*BATTERY_SIGNALS, CELLS, CHARGING)},
-        read_source('battery_temperature_c', live['cells_c'], signal_map.no_reading) if 'cells_c' in live else None,
+        read_source('battery_temperature_c', live['cells_c'], signal_map.no_reading)
+        if 'cells_c' in live else None,
         charging.get('channel'), tuple(map(float, charging.get('values', (1.0,)))),
         {name: _message(entry) for name, entry in live.get('messages', {}).items()},
-        _heater_frame(live.get('heater_command')))
+        _heater_frame(live.get('heater_command')),
+        HeaterStatusRule(**live['heater_status']) if 'heater_status' in live else None)
 
 
 def _can(entry: FileData, folder: Path) -> CanSettings | None:
@@ -181,4 +197,4 @@ def _message(entry: FileData) -> MessageRule:
 def _heater_frame(entry: FileData) -> HeaterFrameRule | None:
     return None if entry is None else HeaterFrameRule(
         entry['message'], entry['power'], entry['counter'], entry.get('enable'), _checksum(entry.get('checksum')),
-        entry.get('period_s'), entry.get('constants', {}))
+        entry.get('period_s'), entry.get('maximum_power_w'), entry.get('constants', {}))

@@ -88,7 +88,8 @@ class VssLink:
     def _client(self) -> Any:
         from kuksa_client.grpc import VSSClient
         settings = self._settings
-        return VSSClient(settings.host, settings.port, token=self._token, root_certificates=settings.root_certificates,
+        return VSSClient(settings.host, settings.port, token=self._token,
+                         root_certificates=settings.root_certificates,
                          tls_server_name=settings.tls_server_name, ensure_startup_connection=False)
 
     def _serve(self, client: Any, lost: Event) -> None:
@@ -174,7 +175,8 @@ def _text_of(path: Any, key: str) -> str | None:
     try:
         return str(path.read_text(encoding='utf-8')).strip()
     except (OSError, UnicodeDecodeError) as error:
-        raise InvalidInput(f'{key}: {path} cannot be read: {getattr(error, "strerror", None) or "no text"}') from error
+        reason = getattr(error, 'strerror', None) or 'no text'
+        raise InvalidInput(f'{key}: {path} cannot be read: {reason}') from error
 
 
 def _in_words(error: Exception) -> str:

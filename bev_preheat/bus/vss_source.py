@@ -87,7 +87,8 @@ class VssSource:
         """Choose the paths of the signals; those of a broker that was replaced may differ."""
         where = str(self._map.signals.path)
         try:
-            channels = live_channels(self._map.sources, {path: pint_unit(unit) for path, unit in units.items()}, where)
+            channels = live_channels(
+                self._map.sources, {path: pint_unit(unit) for path, unit in units.items()}, where)
             lacking = [name for name in self._map.required if not channels[name]]
             self._mismatch = '' if not lacking else (
                 f'has no path of {", ".join(lacking)}; the signal map {where} names them')

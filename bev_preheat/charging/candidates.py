@@ -64,7 +64,8 @@ class Candidate:
     def prospect(self) -> ChargingProspect:
         """The ChargingProspect: a vehicle that finds the charger taken waits."""
         taken = 1.0 - self.free_probability
-        return ChargingProspect(self.free_probability, wait_s=self.expected_wait_s / taken) if taken > 0.0 else CERTAIN
+        return CERTAIN if taken <= 0.0 else ChargingProspect(
+            self.free_probability, wait_s=self.expected_wait_s / taken)
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,8 @@ from bev_preheat.errors import figure, figure_beyond, InvalidInput
 
 # Longest deviation of the arrival time, and longest time before the arrival [s]: a day.
 MOST_S = 86400.0
-# A prospect is revised if the probability has moved by more than this, or the deviation by this share: a probability
-# that jitters changes nothing.
+# A prospect is revised if the probability has moved by more than this, or the deviation by this share: jitter
+# changes nothing.
 PROBABILITY_STEP = 0.05
 DEVIATION_SHARE = 0.25
 
@@ -69,8 +69,8 @@ def check_prospect(prospect: ChargingProspect) -> None:
     # A vehicle that waits charges in any case.
     is_possible = prospect.probability > 0.0 or (prospect.wait_s is not None and prospect.probability == 0.0)
     if not (is_possible and prospect.probability <= 1.0):
-        problems.append(f'charging probability: {figure_beyond(prospect.probability, 0.0, 1.0)} is not allowed; it '
-                        'must be above 0 ... 1; without any charging there is nothing to plan')
+        problems.append(f'charging probability: {figure_beyond(prospect.probability, 0.0, 1.0)} is not allowed; '
+                        'it must be above 0 ... 1; without any charging there is nothing to plan')
     for name, value in (('arrival deviation', prospect.arrival_deviation_s),
                         ('time before arrival', prospect.known_before_arrival_s)):
         if not 0.0 <= value <= MOST_S:
@@ -81,7 +81,7 @@ def check_prospect(prospect: ChargingProspect) -> None:
 
 
 class HeldProspect:
-    """The prospect that the plans count with: it follows the given one in steps, so that jitter changes nothing."""
+    """The prospect that the plans count with: it follows the given one in steps, so jitter changes nothing."""
 
     def __init__(self) -> None:
         """Begin with certainty."""

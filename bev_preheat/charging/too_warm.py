@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a battery is too warm at the charger: from where on heat lowers the power, and the minutes that it costs."""
+"""Whether a battery is too warm at the charger: from where on heat lowers the power, and the minutes lost."""
 
 from __future__ import annotations
 
@@ -72,8 +72,8 @@ class TooWarm:
     def sentence(self) -> str:
         """The answer for the driver."""
         if self.slower_s == 0.0:
-            return (f'The battery gets as warm as {self.derating.hottest_c:.0f} degC, where it charges more slowly, '
-                    f'{self.derating.reason}; a colder arrival would not be faster.')
+            return (f'The battery gets as warm as {self.derating.hottest_c:.0f} degC, where it charges more '
+                    f'slowly, {self.derating.reason}; a colder arrival would not be faster.')
         slower = ('does not charge to the end' if math.isinf(self.slower_s) else
                   f'charges {duration_text(self.slower_s)} slower')
         than = 'as' if math.isinf(self.slower_s) else 'than'

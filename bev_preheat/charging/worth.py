@@ -255,7 +255,7 @@ class WorthSearch:
         return min(self._found.values(), key=lambda item: (item.charged_cost, item.target_c))
 
     def verdict(self, item: TargetWorth) -> str:
-        """Return the sentence for the driver on an evaluated TargetWorth, and whether the battery gets too warm."""
+        """Return the sentence for the driver on an evaluated TargetWorth, also on a battery that gets too warm."""
         sentence = verdict_on(item, self.without, self.break_even_per_h(), self._prices, self._problem)
         if self._expectation is not None:
             sentence = verdict_in_doubt(sentence, self._expectation.prospect, self.pays_from_probability())

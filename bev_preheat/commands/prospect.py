@@ -70,8 +70,9 @@ def plan_in_doubt(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goa
     if prospect.probability >= pays_from:
         return plan, f'{chance}: heating pays from {chance_text(pays_from)} on.'
     if pays_from > 1.0:
-        sentence = f'{chance}: heating to this target costs more than it saves, even if the vehicle charges for certain.'
+        sentence = (f'{chance}: heating to this target costs more than it saves, even if the vehicle charges for '
+                    'certain.')
     else:
-        sentence = (f'Heating waits: {chance}; it starts after {duration_text(plan.heating_start_s)} if that rises to '
-                    f'{chance_text(pays_from)}.')
+        sentence = (f'Heating waits: {chance}; it starts after {duration_text(plan.heating_start_s)} if that '
+                    f'rises to {chance_text(pays_from)}.')
     return plan_preheating(vehicle, route, state, replace(goal, heating_pays=False), method), sentence

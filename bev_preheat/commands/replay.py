@@ -3,14 +3,14 @@
 
 from __future__ import annotations
 
-from datetime import datetime, UTC
+from datetime import datetime, time, UTC
 import json
 import math
 from typing import Any, TYPE_CHECKING
 
 from bev_preheat.commands.completion import completed_by, VEHICLES
 from bev_preheat.console.output import add_json_argument, json_output, write_json
-from bev_preheat.console.terminal import print_figures, progress_bar, result_console
+from bev_preheat.console.terminal import print_figures, print_records, progress_bar, result_console
 from bev_preheat.control.settings import FIELD_OF_PARAMETER
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.files.output_files import check_outputs
@@ -24,11 +24,13 @@ if TYPE_CHECKING:
 
     from bev_preheat.commands.arguments import Subparsers
     from bev_preheat.replay.course import Course
+    from bev_preheat.replay.flight_file import Flight
     from bev_preheat.replay.player import Changes
     from bev_preheat.replay.what_if import Replayed
 
 DIFFERENT = 1
 NS_PER_S = 1_000_000_000
+NS_PER_DAY = 86400 * NS_PER_S
 
 
 def add_parser(subparsers: Subparsers) -> None:
@@ -46,6 +48,9 @@ def add_parser(subparsers: Subparsers) -> None:
     parser.add_argument('--method', metavar='NAME', help='change: another planning method')
     parser.add_argument('--set', metavar='PARAMETER=VALUE', action='append', default=[], dest='parameters',
                         help="change: another value of a planner's parameter; may be repeated")
+    parser.add_argument('--explain', metavar='T',
+                        help='why the planner gave its command at T: seconds from the start of the recording, or '
+                        'HH:MM:SS (UTC)')
     add_json_argument(parser)
     parser.set_defaults(run=run)
 
@@ -59,6 +64,10 @@ def run(arguments: Namespace) -> int:
     from bev_preheat.replay.flight_file import read_flight
     from bev_preheat.replay.what_if import replay, replay_changed
     flight = read_flight(arguments.recording)
+    if not flight.given:
+        raise InvalidInput(f'{arguments.recording}: has no step of the planner')
+    if arguments.explain is not None:
+        return run_explanation(arguments, flight, changes)
     with progress_bar() as bar:
         task = bar.add_task('replaying', total=len(flight.given) * (1 if changes.is_nothing else 2))
         replayed = replay(flight, lambda steps: bar.update(task, completed=steps))
@@ -71,6 +80,39 @@ def run(arguments: Namespace) -> int:
         console.print(f'note: {remark}', markup=False, soft_wrap=True)
     print_courses(console, replayed.course, changed)
     return print_comparison(console, replayed) if changed is None else 0
+
+
+def run_explanation(arguments: Namespace, flight: Flight, changes: Changes) -> int:
+    """Print why the planner gave its command at an instant; returns the exit status."""
+    if not changes.is_nothing:
+        raise InvalidInput('--explain: is for the recording as it was, without --vehicle, --method and --set')
+    from bev_preheat.replay.explanation import explain
+    why = explain(flight, instant_of(arguments.explain, flight.given[0].step.now_ns))
+    if arguments.json:
+        write_json(arguments.json, {
+            'now_ns': why.now_ns, 'answer': why.answer,
+            'sections': {section.heading: [list(row) for row in section.rows] for section in why.sections}})
+    console = result_console(arguments.json)
+    console.print(f'{moment(why.now_ns)}: {why.answer}', markup=False, soft_wrap=True)
+    for section in why.sections:
+        if section.rows:
+            print_records(console, section.heading, ('', ''), section.rows)
+    return 0
+
+
+def instant_of(text: str, start_ns: int) -> int:
+    """Return the instant [ns] of seconds from the start or of a time of day; raises InvalidInput."""
+    try:
+        if ':' not in text:
+            return start_ns + round(float(text) * NS_PER_S)
+        start = datetime.fromtimestamp(start_ns / NS_PER_S, UTC)
+        at = datetime.combine(start.date(), time.fromisoformat(text), UTC)
+        # A recording may go past midnight.
+        at_ns = round(at.timestamp() * NS_PER_S)
+        return at_ns if at_ns >= start_ns - NS_PER_S else at_ns + NS_PER_DAY
+    except (ValueError, OverflowError) as error:
+        raise InvalidInput(f'--explain: {quoted(text)} is not allowed; it must be seconds from the start of the '
+                           'recording, or HH:MM:SS') from error
 
 
 def changes_of(arguments: Namespace) -> Changes:

@@ -27,8 +27,8 @@ def add_published(actions: Subparsers) -> None:
     parser = actions.add_parser(
         'published', help='published charging times and battery temperatures of cars against computed ones',
         description='Print published figures of cars against those of the same cars, described from their data '
-                    'sheets. Charging times: from the data sheet alone, with the published charging curve, with the '
-                    'published time from 10 to 80 %%, and with the file that comes with the package. Battery '
+                    'sheets. Charging times: from the data sheet alone, with the published charging curve, with '
+                    'the published time from 10 to 80 %%, and with the file that comes with the package. Battery '
                     'temperatures: heating runs of owners, and the rise in a charging session.')
     parser.add_argument('--sources', action='store_true', help='print the source of each published figure')
     add_json_argument(parser)

@@ -58,7 +58,7 @@ class ChargingDoubt(NamedTuple):
         return plan.status, f'{plan.explanation} Planned for {chance_text(self.probability)} chance of charging.'
 
     def waiting_sentence(self, now_ns: int) -> str:
-        """Return the sentence on a heater that waits at an instant [ns]; '' if heating would not pay in any case."""
+        """Return the sentence on a heater that waits at an instant [ns]; '' if heating would never pay."""
         if self.starts_by_ns is None or self.pays_from > 1.0:
             return ''
         start = 'at once' if self.starts_by_ns <= now_ns else f'by {clock_text(self.starts_by_ns)}'

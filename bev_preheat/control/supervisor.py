@@ -274,8 +274,9 @@ class Supervisor:
 
     def _is_doubt_revised(self, has_new_trip: bool) -> bool:
         """
-        Return whether a new mission may differ in its probability of charging alone: that switches no heater at
-        once.
+        Return whether a new mission may differ in its probability of charging alone.
+
+        Such a one switches no heater at once.
 
         It is so if charging is uncertain on this mission, or was on the one before of the same trip.
         """

@@ -287,7 +287,7 @@ class TargetChooser:
             probability, pays_from, self._starts_by_ns(now, target_c)))
 
     def _by_usual_share(self, now: TargetSearchInput, choice: TargetChoice) -> TargetChoice:
-        """Return a TargetChoice without a session; in doubt a target is heated to from the usual probability on."""
+        """Return a TargetChoice without a session; in doubt it is heated for from the usual probability on."""
         probability = self._held.prospect.probability
         if probability == 1.0 or not choice.heating_pays:
             return choice
@@ -301,7 +301,7 @@ class TargetChooser:
         return None if start_s is None else now.stamp_ns + round(start_s * NS_PER_S)
 
     def _goes_on(self) -> bool:
-        """Return whether heating to a given target has been decided for the probability of now: it then stays so."""
+        """Return whether heating to a given target is decided for the present probability: it then stays so."""
         before = self._choice
         return (before is not None and before.doubt is not None and before.heating_pays
                 and before.doubt.probability == self._held.prospect.probability)

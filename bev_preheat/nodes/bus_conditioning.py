@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+import math
 from queue import Empty
+import time
 from typing import Any, TYPE_CHECKING
 
 from action_msgs.msg import GoalStatus
@@ -12,12 +14,13 @@ from rclpy.action import ActionClient
 from rclpy.clock import Clock, ClockType
 
 from bev_preheat.bus.bus_clock import steady_s
-from bev_preheat.bus.command_lease import CommandLease
 from bev_preheat.bus.conditioning import ConditioningRequest, INACTIVE, IS_ACTIVE, IS_ONGOING, MODE
 from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.errors import InvalidInput
+from bev_preheat.heater.controller import HeaterController, HeaterLimits, Instant
 from bev_preheat.nodes.bus_messages import bus_entry
-from bev_preheat.nodes.convert import nanoseconds, time_message
+from bev_preheat.nodes.convert import time_message
+from bev_preheat.nodes.heater_messages import heater_command
 from bev_preheat_msgs.action import PrepareBattery
 from bev_preheat_msgs.msg import HvchCommand
 
@@ -50,7 +53,8 @@ class BusConditioning:
         """`planner` is the planner's name; `requests` are values requested of the actuators of the broker."""
         self._node, self._broker, self._requests = node, broker, requests
         self._request = ConditioningRequest()
-        self._lease = CommandLease(longest_lease_s)
+        # It executes nothing; it tells whether the battery is being heated.
+        self._heater = HeaterController(HeaterLimits(math.inf, longest_lease_s=longest_lease_s))
         self._client = ActionClient(node, PrepareBattery, f'{planner}/prepare_battery')
         self._wanted: ConditioningGoal | None = None
         self._sent: ConditioningGoal | None = None
@@ -148,19 +152,14 @@ class BusConditioning:
     # State
 
     def _on_command(self, message: HvchCommand) -> None:
-        try:
-            self._lease.take(message.battery_heating_power, nanoseconds(message.valid_until) / NS_PER_S,
-                             self._now_s(), steady_s())
-        except InvalidInput:
-            # It heats nothing; who executes the command reports it.
-            self._lease.end()
+        self._heater.take(heater_command(message), self._now())
 
-    def _now_s(self) -> float:
-        return float(self._node.get_clock().now().nanoseconds) / NS_PER_S
+    def _now(self) -> Instant:
+        return Instant(self._node.get_clock().now().nanoseconds, time.monotonic_ns())
 
     @property
     def _is_heating(self) -> bool:
-        return self._lease.power_w(self._now_s(), steady_s()) > 0.0
+        return self._heater.step(self._now()).active_w > 0.0
 
     def _tell(self) -> None:
         """Publish the state if it, or the connection, is new."""

@@ -41,16 +41,19 @@ PARAMETERS = (
     Parameter('battery_state_period', 1.0, 'Period of battery_state', 's', (0.02, 60.0), read_only=True),
     Parameter('planner', 'planner', 'Name of the planner whose prepare_battery serves BatteryConditioning of VSS.',
               read_only=True),
-    Parameter('longest_lease', 30.0, 'A command with a longer lease is refused', 's', (0.1, 60.0), read_only=True),
+    Parameter('longest_lease', 10.0, 'A command with a longer lease is refused', 's', (0.05, 60.0),
+              read_only=True),
 )
 PROGRAM = NodeProgram(
     'bus_gateway', 'Publishes the battery of a CAN bus (DBC) or of a VSS databroker as battery_state, and writes '
     "the heater's command to CAN.", PARAMETERS,
-    subscribes=(('hvch_command', 'bev_preheat_msgs/HvchCommand: written to CAN if the map says so; with VSS, whether '
-                 'it heats'),),
+    subscribes=(('hvch_command', 'bev_preheat_msgs/HvchCommand: written to CAN if the map says so; with VSS, '
+                 'whether it heats'),),
     publishes=(('battery_state', 'sensor_msgs/BatteryState'),
+               ('hvch_status', 'bev_preheat_msgs/HvchStatus, if the map has heater_command'),
                ('/diagnostics', 'diagnostic_msgs/DiagnosticArray')),
-    actions=(('planner/prepare_battery', 'bev_preheat_msgs/PrepareBattery (client): for BatteryConditioning of VSS'),))
+    actions=(('planner/prepare_battery',
+              'bev_preheat_msgs/PrepareBattery (client): for BatteryConditioning of VSS'),))
 DIAGNOSTICS_PERIOD_S = 1.0
 # A simulated clock that falls back by more has been restarted [s].
 RESTART_S = 1.0
@@ -86,7 +89,8 @@ class BusGatewayNode(Node):
         self.create_timer(values['battery_state_period'], self._on_state,
                           clock=None if self._simulated else steady)
         self.create_timer(DIAGNOSTICS_PERIOD_S, self._on_diagnostics, clock=steady)
-        self._setup = SetupWatch(self, subscribes, ('battery_state',), single=('battery_state', *subscribes))
+        publishes = ('battery_state', *(() if self._output is None else ('hvch_status',)))
+        self._setup = SetupWatch(self, subscribes, publishes, single=(*publishes, *subscribes))
         self._source.start()
         self.get_logger().info(f'Signal map {self._map.signals.name}: {self._source.name}')
 
@@ -100,7 +104,7 @@ class BusGatewayNode(Node):
             self._source = source
             if source.heater_frame is None:
                 return []
-            self._output = HeaterOutput(self, source, values['longest_lease'], self._refuse)
+            self._output = HeaterOutput(self, source, values['longest_lease'], self._now_s, self._refuse)
             return ['hvch_command']
         if not self._map.vss.conditioning:
             self._source = VssSource(self._map, self._now_s, lambda values: None)

@@ -46,7 +46,7 @@ def _supply_status(is_charging: bool | None) -> int:
 
 def bus_entry(node_name: str, part: str, hardware: str, errors: Sequence[str], warnings: Sequence[str], good: str,
               values: Mapping[str, str]) -> DiagnosticStatus:
-    """Return the DiagnosticStatus `NODE: part`: ERROR with any error, else WARN with any warning, else OK: good."""
+    """Return the DiagnosticStatus `NODE: part`: ERROR with any error, else WARN with any warning, else OK."""
     level = (DiagnosticStatus.ERROR if errors else DiagnosticStatus.WARN if warnings else DiagnosticStatus.OK)
     return DiagnosticStatus(
         name=f'{node_name.lstrip("/")}: {part}', hardware_id=hardware, level=level,

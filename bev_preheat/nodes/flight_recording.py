@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, TYPE_CHECKING
 from uuid import uuid4
 
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import BatteryState, Temperature
 
@@ -208,6 +209,17 @@ class FlightRecorder:
             else:
                 self._node.get_logger().info('flight_recorder: recording again.')
             self._told = problem
+
+    def entry(self, name: str, hardware: str) -> DiagnosticStatus | None:
+        """Return the DiagnosticStatus `NODE: flight recorder`: WARN if it cannot record; None if it is off."""
+        if not self._where[0]:
+            return None
+        lost = f'{self.dropped} steps were not written' if self.dropped else ''
+        return DiagnosticStatus(
+            name=f'{name.lstrip("/")}: flight recorder', hardware_id=hardware,
+            level=DiagnosticStatus.WARN if self.problem or lost else DiagnosticStatus.OK,
+            message=self.problem or lost or 'recording',
+            values=[KeyValue(key='file', value=self.path), KeyValue(key='lost steps', value=str(self.dropped))])
 
     def close(self) -> None:
         """End the recording."""

@@ -1,101 +1,112 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Writes `hvch_command` to CAN, frame by frame.
+Executes `hvch_command` on CAN by the rules of `heater.controller`, and answers with `hvch_status`.
 
-While the lease of the latest command lasts, the frames carry its power; after it, and while two nodes publish
-commands, they carry 0 W. Frames end with the process, or with the bus; the heater's own timeout applies then.
+While a valid command is in force, the frames carry its power; at all other times 0 W. Frames end with the
+process, or with the bus; the heater's own timeout applies then.
 """
 
 from __future__ import annotations
 
+import time
 from typing import TYPE_CHECKING
 
+from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.clock import Clock, ClockType
 
-from bev_preheat.bus.bus_clock import steady_s
-from bev_preheat.bus.command_lease import CommandLease
-from bev_preheat.control.inputs import NS_PER_S
-from bev_preheat.errors import InvalidInput
+from bev_preheat.heater.controller import (
+    HeaterAnswer,
+    HeaterController,
+    HeaterLimits,
+    Instant,
+    Refusal,
+    SERVED,
+    Verdict,
+)
 from bev_preheat.nodes.bus_messages import bus_entry
-from bev_preheat.nodes.convert import nanoseconds
-from bev_preheat_msgs.msg import HvchCommand
+from bev_preheat.nodes.command_senders import CommandSenders
+from bev_preheat.nodes.heater_messages import heater_command, LEVELS, status_message
+from bev_preheat_msgs.msg import HvchCommand, HvchStatus
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
-    from diagnostic_msgs.msg import DiagnosticStatus
     from rclpy.node import Node
 
     from bev_preheat.bus.can_source import CanSource
 
-TOPIC = 'hvch_command'
-# Looks at the publishers, each half a second: a publisher that is being replaced is there for one look.
-LOOK_PERIOD_S, CONFLICT_LOOKS = 0.5, 2
+COMMAND, STATUS = 'hvch_command', 'hvch_status'
+STATUS_PERIOD_S = 0.5
 LAST_FRAMES = 3
 
 
 class HeaterOutput:
-    """The commands of a topic on their way to the heater's frame."""
+    """A HeaterController whose heater is a frame on CAN."""
 
-    def __init__(self, node: Node, source: CanSource, longest_lease_s: float,
+    def __init__(self, node: Node, source: CanSource, longest_lease_s: float, clock_s: Callable[[], float],
                  refuse: Callable[[str], None]) -> None:
-        """Subscribe and begin to send; `refuse` logs a sentence."""
+        """Subscribe and begin to send; `clock_s` is the readings' clock, `refuse` logs a sentence."""
         assert source.heater_frame is not None
-        self._node, self._source, self._refuse = node, source, refuse
-        self._lease = CommandLease(longest_lease_s)
-        self._refusal = self._unsent = ''
-        self._looks_in_conflict = 0
-        self._power_w = 0.0
-        self._sent = self._refused = 0
-        node.create_subscription(HvchCommand, TOPIC, self._on_command, 1)
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        node.create_timer(source.heater_frame.period_s, self._on_frame, clock=steady)
-        node.create_timer(LOOK_PERIOD_S, self._on_look, clock=steady)
+        self._node, self._source, self._clock_s, self._refuse = node, source, clock_s, refuse
+        self._controller = HeaterController(HeaterLimits(
+            source.heater_frame.highest_w, longest_lease_s=longest_lease_s))
+        self._senders = CommandSenders()
+        self._answer = HeaterAnswer(0.0, 0.0, Refusal.NO_COMMAND, 'no command has arrived yet')
+        self._measured_w: float | None = None
+        self._told, self._told_at_s = (Refusal.NO_COMMAND, 0.0), 0.0
+        self._unsent = ''
+        self._sent = 0
+        self._status_publisher = node.create_publisher(HvchStatus, STATUS, 1)
+        node.create_subscription(HvchCommand, COMMAND, self._on_command, 1)
+        node.create_timer(source.heater_frame.period_s, self._on_frame,
+                              clock=Clock(clock_type=ClockType.STEADY_TIME))
 
-    def _now_s(self) -> float:
-        return float(self._node.get_clock().now().nanoseconds) / NS_PER_S
+    def _now(self) -> Instant:
+        return Instant(self._node.get_clock().now().nanoseconds, time.monotonic_ns())
 
-    def _on_command(self, message: HvchCommand) -> None:
-        try:
-            self._lease.take(message.battery_heating_power, nanoseconds(message.valid_until) / NS_PER_S,
-                             self._now_s(), steady_s())
-            self._refusal = ''
-        except InvalidInput as error:
-            self._refused += 1
-            self._refusal = f'hvch_command refused: {error}'
-            self._refuse(self._refusal)
-
-    def _on_look(self) -> None:
-        publishers = self._node.count_publishers(TOPIC)
-        self._looks_in_conflict = self._looks_in_conflict + 1 if publishers > 1 else 0
-
-    @property
-    def _is_in_conflict(self) -> bool:
-        return self._looks_in_conflict >= CONFLICT_LOOKS
+    def _on_command(self, message: HvchCommand, info: Mapping[str, int]) -> None:
+        sender = self._senders.sender(info.get('publication_sequence_number'))
+        self._controller.take(heater_command(message, sender), self._now())
 
     def _on_frame(self) -> None:
-        self._power_w = 0.0 if self._is_in_conflict else self._lease.power_w(self._now_s(), steady_s())
-        self._unsent = self._source.send_power(self._power_w)
-        self._sent += not self._unsent
+        now = self._now()
+        self._measured_w, fault = self._source.heater_status(self._clock_s())
+        answer = self._controller.step(now, obstacle=Verdict(Refusal.HEATER_FAULT, fault) if fault else SERVED)
+        unsent = self._source.send_power(answer.active_w)
+        if unsent and answer.active_w > 0.0:
+            answer = answer._replace(active_w=0.0, refusal=Refusal.HEATER_FAULT, sentence=unsent)
+        self._unsent, self._answer = unsent, answer
+        self._sent += not unsent
+        self._tell(now)
+
+    def _tell(self, now: Instant) -> None:
+        """Publish the status at a change, and every STATUS_PERIOD_S."""
+        answer, now_s = self._answer, now.steady_ns * 1e-9
+        news = answer.refusal, answer.requested_w
+        if news == self._told and now_s - self._told_at_s < STATUS_PERIOD_S:
+            return
+        if answer.refusal is not self._told[0] and answer.refusal in LEVELS:
+            self._refuse(f'{answer.refusal.name}: {answer.sentence}')
+        self._told, self._told_at_s = news, now_s
+        self._status_publisher.publish(status_message(answer, now.clock_ns, self._measured_w))
 
     def end(self) -> None:
-        """Send 0 W a few times."""
-        self._lease.end()
+        """Send 0 W a few times, and say so."""
         for _ in range(LAST_FRAMES):
             self._source.send_power(0.0)
+        self._status_publisher.publish(status_message(HeaterAnswer(
+            0.0, 0.0, Refusal.NOT_ACTIVE, 'the gateway is shutting down'), self._now().clock_ns))
 
     def entry(self, node_name: str, hardware: str) -> DiagnosticStatus:
         """Return the DiagnosticStatus `NODE: heater command`."""
-        assert self._source.heater_frame is not None
-        errors = [f'{self._node.count_publishers(TOPIC)} nodes publish hvch_command; 0 W until one is left'
-                  ] if self._is_in_conflict else []
-        errors += filter(None, [self._refusal, self._unsent])
-        is_valid = self._lease.is_valid(self._now_s(), steady_s())
-        highest_w = self._source.heater_frame.highest_w
-        warnings = [] if is_valid or errors else ['no valid hvch_command: 0 W']
-        if self._power_w > highest_w:
-            warnings.append(f'the frame carries at most {highest_w:g} W of {self._power_w:g} W')
-        return bus_entry(node_name, 'heater command', hardware, errors, warnings,
-                         f'{self._power_w:g} W',
-                         {'power [W]': f'{self._power_w:g}', 'frames': str(self._sent),
-                          'refused commands': str(self._refused)})
+        answer = self._answer
+        level = LEVELS.get(answer.refusal)
+        sentences = [f'{answer.refusal.name}: {answer.sentence}'] if answer.sentence else []
+        errors, warnings = (sentences, []) if level == DiagnosticStatus.ERROR else ([], sentences if level else [])
+        measured_w = self._measured_w
+        return bus_entry(
+            node_name, 'heater command', hardware, [*errors, *([self._unsent] if self._unsent else [])], warnings,
+            f'{answer.active_w:g} W',
+            {'requested power [W]': f'{answer.requested_w:g}', 'active power [W]': f'{answer.active_w:g}',
+             'measured power [W]': 'not measured' if measured_w is None else f'{measured_w:g}',
+             'frames': str(self._sent)})

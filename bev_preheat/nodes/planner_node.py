@@ -483,6 +483,9 @@ class PlannerNode(Node):
         message.status.append(self._setup.entry(
             state.vehicle.name,
             f'{state.rivals} also publishes hvch_command' if state.rivals else ''))
+        recording = self._recorder.entry(self.get_fully_qualified_name(), state.vehicle.name)
+        if recording is not None:
+            message.status.append(recording)
         self._diagnostics_publisher.publish(message)
 
     def fail(self, where: str, error: Exception) -> None:

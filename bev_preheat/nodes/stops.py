@@ -34,7 +34,8 @@ LIMITS = {
     'stop_charging_known_before_arrival': (0.0, MOST_S),
 }
 UNITS = {'stop_charger_power': 'W',
-         **dict.fromkeys(('stop_duration', 'stop_arrival_time_deviation', 'stop_charging_known_before_arrival'), 's'),
+         **dict.fromkeys(
+        ('stop_duration', 'stop_arrival_time_deviation', 'stop_charging_known_before_arrival'), 's'),
          **dict.fromkeys(('stop_target_battery_temperature', 'departure_battery_temperature'), 'degC')}
 # NaN has a meaning in these fields.
 NAN_MEANS = {
@@ -183,7 +184,7 @@ def _flag_problems(message: RoutePlan) -> list[str]:
 
 
 def figures_of(prospect: ChargingProspect) -> tuple[float, float, float]:
-    """Return the numbers of a ChargingProspect in a RoutePlan: probability, deviation [s], known before arrival [s]."""
+    """Return a ChargingProspect as in a RoutePlan: probability, deviation [s], known before arrival [s]."""
     probability = 0.0 if prospect.probability == 1.0 else prospect.probability
     return probability, prospect.arrival_deviation_s, prospect.known_before_arrival_s
 

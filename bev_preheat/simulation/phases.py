@@ -75,7 +75,7 @@ class Charge:
                          self.cabin_heating_power_w, self.auxiliary_power_w)
 
     def vehicle(self, vehicle: Vehicle) -> Vehicle:
-        """Return the Vehicle at the charger: no drivetrain heat, its resistance there, and the limit for charging."""
+        """Return the Vehicle at the charger: no drivetrain heat, its resistance and its power limit there."""
         vehicle = vehicle_at_charger(vehicle)
         battery = vehicle.battery
         if vehicle.charging is not None:

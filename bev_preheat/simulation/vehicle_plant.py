@@ -145,7 +145,8 @@ class VehiclePlant:
     def followed_by(self, vehicle: Vehicle, route: Route, cooling: CoolingPowers | None = None) -> VehiclePlant:
         """Return the plant that continues from here as another Vehicle on another Route, with sums of 0."""
         following = VehiclePlant(vehicle, route, BatteryState(
-            self.temperature_c, self.soc, self._power_at_end_w, self.coolant_c - self.temperature_c), self.time_s, cooling)
+            self.temperature_c, self.soc, self._power_at_end_w, self.coolant_c - self.temperature_c),
+            self.time_s, cooling)
         following.sensor_c = self.sensor_c
         return following
 

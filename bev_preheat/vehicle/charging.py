@@ -108,8 +108,8 @@ def _hot_in_words(charging: Charging) -> str:
     sentences = []
     if charging.assumed_fall_c is not None:
         sentences.append(
-            f'The power of a hot battery is not stated: it is assumed to fall to 0 over the last {FALL_K:g} K up to '
-            f'{charging.assumed_fall_c + FALL_K:g} degC (charging.hot_derating states it).')
+            f'The power of a hot battery is not stated: it is assumed to fall to 0 over the last {FALL_K:g} K up '
+            f'to {charging.assumed_fall_c + FALL_K:g} degC (charging.hot_derating states it).')
     elif isinstance(charging.power_limit, Table) and falls_from_c(charging.power_limit) < inf:
         sentences.append(f'The power of a hot battery falls from {falls_from_c(charging.power_limit):g} degC on.')
     if charging.polarization_factor != 1.0:
@@ -123,6 +123,6 @@ def _hot_in_words(charging: Charging) -> str:
                     f', at most {cooling.radiator_conductance_w_per_k:g} W for each kelvin above the air')
         sentences.append(
             f'Above {cooling.set_point_c:g} degC it cools its battery with up to '
-            f'{cooling.cooling_power_w / W_PER_KW:.1f} kW{radiator}, for {cooling.electrical_power_w / W_PER_KW:.1f} '
-            'kW from the charger.')
+            f'{cooling.cooling_power_w / W_PER_KW:.1f} kW{radiator}, for '
+            f'{cooling.electrical_power_w / W_PER_KW:.1f} kW from the charger.')
     return ' '.join(sentences)

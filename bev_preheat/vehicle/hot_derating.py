@@ -63,8 +63,8 @@ def derating_problems(key: str, temperature_c: Sequence[float], share: Sequence[
     if share[0] != 1.0 or share[-1] != 0.0 or any(not before >= after for before, after in pairwise(share)):
         yield f'{key}.share: {list(share)} must fall from 1 at its first temperature to 0 at its last'
     elif temperature_c[0] >= highest_c:
-        yield (f'{key}.temperature_c: begins at {temperature_c[0]:g} degC, which must be below the highest battery '
-               f'temperature, {highest_c:g} degC')
+        yield (f'{key}.temperature_c: begins at {temperature_c[0]:g} degC, which must be below the highest '
+               f'battery temperature, {highest_c:g} degC')
 
 
 def falls_from_c(table: Table) -> float:

@@ -204,8 +204,8 @@ def _cooling(node: dict[str, FileData] | None, problems: list[str]) -> Cooling |
     values = _floats(node)
     ratio, power_w = values.pop('coefficient_of_performance', None), values.pop('cooling_power_w', None)
     if (ratio is None) == (power_w is None):
-        problems.append('charging.cooling: needs exactly one of cooling_power_w, the heat flow out of the battery, '
-                        'and coefficient_of_performance, its ratio to electrical_power_w')
+        problems.append('charging.cooling: needs exactly one of cooling_power_w, the heat flow out of the '
+                        'battery, and coefficient_of_performance, its ratio to electrical_power_w')
         return None
     return Cooling(cooling_power_w=ratio * values['electrical_power_w'] if power_w is None else power_w, **values)
 

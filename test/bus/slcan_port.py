@@ -48,7 +48,7 @@ class SlcanPort:
         os.close(self._theirs)
 
     def wait_for(self, condition, timeout_s=10.0):
-        """Return the first (instant, identifier, data) that arrives from now on with condition(identifier, data)."""
+        """Return the first new (instant, identifier, data) with condition(identifier, data)."""
         looked_at = len(self.frames)
         deadline_s = time.monotonic() + timeout_s
         with self._changed:
@@ -80,5 +80,6 @@ class SlcanPort:
             return
         length = int(line[4:5])
         with self._changed:
-            self.frames.append((time.monotonic(), int(line[1:4], 16), bytes.fromhex(line[5:5 + 2 * length].decode())))
+            self.frames.append((time.monotonic(), int(line[1:4], 16),
+                                bytes.fromhex(line[5:5 + 2 * length].decode())))
             self._changed.notify_all()

@@ -22,13 +22,15 @@ from kuksa.val.v2 import val_pb2_grpc as grpc_v2
 
 PACK = 'Vehicle.Powertrain.TractionBattery'
 CONDITIONING = f'{PACK}.BatteryConditioning'
-KINDS = {'float': types_v1.DATA_TYPE_FLOAT, 'bool': types_v1.DATA_TYPE_BOOLEAN, 'string': types_v1.DATA_TYPE_STRING}
+KINDS = {'float': types_v1.DATA_TYPE_FLOAT, 'bool': types_v1.DATA_TYPE_BOOLEAN,
+         'string': types_v1.DATA_TYPE_STRING}
 # Units as the VSS catalogue writes them.
 PATHS = {f'{PACK}.Temperature.Average': ('float', 'celsius'), f'{PACK}.Temperature.Min': ('float', 'celsius'),
          f'{PACK}.Temperature.Max': ('float', 'celsius'), f'{PACK}.StateOfCharge.Current': ('float', 'percent'),
          f'{PACK}.CurrentVoltage': ('float', 'V'), f'{PACK}.CurrentCurrent': ('float', 'A'),
          f'{PACK}.Charging.IsCharging': ('bool', ''), f'{CONDITIONING}.RequestedMode': ('string', ''),
-         f'{CONDITIONING}.TargetTemperature': ('float', 'celsius'), f'{CONDITIONING}.TargetTime': ('string', 'iso8601'),
+         f'{CONDITIONING}.TargetTemperature': ('float', 'celsius'),
+         f'{CONDITIONING}.TargetTime': ('string', 'iso8601'),
          f'{CONDITIONING}.IsActive': ('bool', ''), f'{CONDITIONING}.IsOngoing': ('bool', ''),
          'Vehicle.Speed': ('float', 'km/h')}
 

@@ -165,7 +165,7 @@ chargers:
   - {name: other, at_min: 60, charger_power_w: 150000, energy_price_per_kwh: 0.35}
 """)
     # 25 m/s.
-    assert one == Candidate('one', 1800.0, 50e3, 0.6, 240.0, 300.0)
+    assert one == Candidate('one', 1800.0, 50e3, 0.6, 240.0, 300.0, free_probability=0.75)
     assert other == Candidate('other', 3600.0, 150e3, 0.35, 0.0, 0.0)
 
 

@@ -84,7 +84,8 @@ def test_no_stretches_of_heating_beat_the_choice(charger_w, prices):
     rules += [is_between([(0.0, first), (again, end)]) for first, again, end in product(instants[1:], repeat=3)
               if first < again < end]
     rules += [lambda elapsed_s, soc, at_c, low=low, slope=slope: at_c < low + slope * (soc - 0.3)
-              for low in (-12.0, -8.0, -4.0, 0.0, 5.0, 10.0, 15.0, 20.0) for slope in (-15.0, 0.0, 10.0, 20.0, 35.0)]
+              for low in (-12.0, -8.0, -4.0, 0.0, 5.0, 10.0, 15.0, 20.0)
+              for slope in (-15.0, 0.0, 10.0, 20.0, 35.0)]
     best = min(own_cost(CAR, stop, state, prices, rule, 30.0) for rule in rules)
     assert choice.cost <= best * 1.001
     # The integrator above agrees with the session.

@@ -20,7 +20,7 @@ def test_no_event_is_left_out():
 
 @pytest.mark.parametrize('event', [
     events.PreheatingSwitched(False), events.RivalsChanged('/other'), events.DeparturesSkipped(5),
-    events.DeparturesSkipped(None), events.ActivationChanged(True)])
+    events.DeparturesSkipped(None), events.ActivationChanged(False, 'The node is inactive.')])
 def test_a_plain_event_comes_back(event):
     assert event_of(event_values(event, GoalNumbers(), has_message=False), GoalNumbers()) == event
 

@@ -618,7 +618,7 @@ def test_without_a_plan_the_figures_are_unknown():
                if kind == 'double' and name not in ('delay', 'planning_time')]
     assert (len(figures), [name for name in figures if not np.isnan(getattr(message, name))],
             message.route_id, message.heating_planned, len(message.time), message.header.stamp,
-            message.arrival) == (19, [], '', False, 0, Time(sec=7), Time())
+            message.arrival) == (21, [], '', False, 0, Time(sec=7), Time())
 
 
 @pytest.mark.parametrize('delay_ns, delay_s', [(0, 0.0), (90 * NS_PER_S, 90.0), (-NS_PER_S // 2, -0.5)])

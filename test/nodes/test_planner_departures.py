@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The installed planner with a file of departures, in simulated time over DDS: heating, skipping, restart, files."""
+"""The installed planner with departures, in simulated time over DDS: heating, skipping, restart, files."""
 
 from datetime import datetime
 import os
@@ -51,7 +51,8 @@ class Car:
         self.diagnostics = bench.record(DiagnosticArray, '/diagnostics')
         self._clock = bench.publisher(Clock, '/clock')
         self._states = bench.publisher(BatteryState, 'battery_state')
-        self.week, self.prices, self.memory = (folder / name for name in ('week.yaml', 'prices.yaml', 'state.json'))
+        self.week, self.prices, self.memory = (
+            folder / name for name in ('week.yaml', 'prices.yaml', 'state.json'))
         self.week.write_text(WEEK)
         self.prices.write_text(PRICES)
 

@@ -60,10 +60,14 @@ class Trip:
         self._planner.node._on_repeat()
         return self._planner.others.last.status[0]
 
-    def at(self, second, **power):
+    def set(self, **parameters):
+        """Set parameters of the planner."""
+        self._planner.node.set_parameters([Parameter(name, value=value) for name, value in parameters.items()])
+
+    def at(self, second, percentage=0.8, **power):
         """Set the clock to that second, and publish the state of a battery at -7 degC measured then."""
         self._planner.set_clock(second * NS_PER_S)
-        state = BatteryState(temperature=-7.0, percentage=0.8, **power)
+        state = BatteryState(temperature=-7.0, percentage=percentage, **power)
         state.header.stamp = Time(sec=second)
         self._planner.node._on_battery_state(state)
 
@@ -120,12 +124,14 @@ def test_a_later_leg_starts_from_its_departure(trip):
 
 
 def test_it_heats_on_while_the_battery_is_charged(trip):
+    # Heat at a charger of this power pays if energy costs nothing and the battery is to be charged for long.
+    trip.set(energy_price=0.0)
     # A charging current is positive in sensor_msgs. The planner needs some states as evidence.
-    trip.drive(FIRST_ARRIVAL_S, FIRST_ARRIVAL_S + 40, voltage=400.0, current=100.0)
+    trip.drive(FIRST_ARRIVAL_S, FIRST_ARRIVAL_S + 40, percentage=0.3, voltage=400.0, current=100.0)
     assert trip.command == (pytest.approx(FIRST_W), Status.CHARGING)
-    trip.at(FIRST_ARRIVAL_S + 41, voltage=400.0, current=-5.0)
+    trip.at(FIRST_ARRIVAL_S + 41, percentage=0.3, voltage=400.0, current=-5.0)
     assert trip.command == (0.0, Status.CHARGING)
-    trip.at(FIRST_ARRIVAL_S + 42)
+    trip.at(FIRST_ARRIVAL_S + 42, percentage=0.3)
     assert trip.command == (0.0, Status.CHARGING)
 
 

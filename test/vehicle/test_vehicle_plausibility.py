@@ -189,17 +189,19 @@ def test_the_path_of_the_heat_is_said_in_words(plain):
      '50 degC (charging.hot_derating states it). Its battery is not cooled there.'),
     ({'battery_heating': True, 'heating_limit_c': 18.5,
       'power_limit': {'temperature_c': [0, 20], 'values': [-10e3, -90e3]}}, 'While it charges the car '
-     'heats its battery up to 18.5 degC with the heater power left by the cabin, 4.0 kW; its inlet is not '
+     'can heat its battery up to 18.5 degC with the heater power left by the cabin, 4.0 kW; its inlet is not '
      'limited; the charging power is limited by a map of its own. The power of a hot battery is not stated: it is '
      'assumed to fall to 0 over the last 5 K up to 50 degC (charging.hot_derating states it). Its battery is not '
      'cooled there.'),
     ({'battery_heating': False, 'polarization_factor': 1.7, 'hot_derating': {
         'temperature_c': [38, 49], 'share': [1, 0]}, 'cooling': {
             'set_point_c': 33, 'electrical_power_w': 1500, 'coefficient_of_performance': 3,
-            'radiator_conductance_w_per_k': 210}}, 'While it charges the car does not heat its battery; its inlet is '
-     "not limited; the charging power is limited by the battery's charge limit. The power of a hot battery falls from "
-     '38 degC on. In a session its resistance is 1.7 times that of battery.resistance. Above 33 degC it cools its '
-     'battery with up to 4.5 kW, at most 210 W for each kelvin above the air, for 1.5 kW from the charger.')])
+            'radiator_conductance_w_per_k': 210}}, (
+                'While it charges the car does not heat its battery; its inlet is not limited; the charging power '
+                "is limited by the battery's charge limit. The power of a hot battery falls from 38 degC on. In a "
+                'session its resistance is 1.7 times that of battery.resistance. Above 33 degC it cools its '
+                'battery with up to 4.5 kW, at most 210 W for each kelvin above the air, for 1.5 kW from the '
+                'charger.'))])
 def test_what_the_car_does_at_a_charger_in_words(plain, charging, words):
     changes = {} if charging is None else {'charging': charging}
     assert meaning_of(plain(**changes)).charging == words

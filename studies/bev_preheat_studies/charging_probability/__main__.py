@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-`python3 -m bev_preheat_studies.charging_probability`: the plan if it is uncertain whether, and when, a car
-charges.
+`python3 -m bev_preheat_studies.charging_probability`: plans if charging is uncertain.
 
 Compares the best target of random drives with a search over start and end of heating, by expected cost. With
 --closed-loop: drives under the planner, always heated, never heated, and by expected cost. With --tables: the
@@ -108,7 +107,8 @@ def print_gaps(console: Console, gaps: Sequence[Gap], compared: Sequence[Gap]) -
     rows = []
     for name, group in groups:
         values = [100.0 * gap.gap for gap in group] or [float('nan')]
-        rows.append((name, str(len(group)), *(f'{np.percentile(values, q):.4f}' for q in (0.0, 50.0, 95.0, 100.0))))
+        rows.append((name, str(len(group)),
+                     *(f'{np.percentile(values, q):.4f}' for q in (0.0, 50.0, 95.0, 100.0))))
     print_figures(console, 'Expected cost of the best target above the best start and end of heating (%)',
                   ('', 'drives', 'least', 'median', '95 %', 'worst'), rows)
     worth = [100.0 * (1.0 - gap.cost / gap.certain_cost) for gap in compared]
@@ -117,9 +117,9 @@ def print_gaps(console: Console, gaps: Sequence[Gap], compared: Sequence[Gap]) -
     for gap in compared:
         if gap.gap > LISTED_GAP:
             prospect = gap.prospect
-            console.print(f'drive {gap.number}: best target {gap.cost:.4f}, search {gap.searched_cost:.4f}, probability '
-                          f'{prospect.probability:.2f}, arrival +-{prospect.arrival_deviation_s:.0f} s, known '
-                          f'{prospect.known_before_arrival_s:.0f} s before'
+            console.print(f'drive {gap.number}: best target {gap.cost:.4f}, search {gap.searched_cost:.4f}, '
+                          f'probability {prospect.probability:.2f}, arrival +-{prospect.arrival_deviation_s:.0f} '
+                          f's, known {prospect.known_before_arrival_s:.0f} s before'
                           + (', heat path' if gap.has_heat_path else ''), soft_wrap=True)
 
 
@@ -137,7 +137,8 @@ def _drive(arguments: Namespace) -> int:
     if drives:
         if arguments.json:
             write_json(arguments.json, {'seed': arguments.seed, 'complete': ending.is_complete,
-                                        'probabilities': PROBABILITIES, 'drives': [asdict(each) for each in drives]})
+                                        'probabilities': PROBABILITIES,
+                                        'drives': [asdict(each) for each in drives]})
         print_drives(result_console(arguments.json), drives)
     ending.tell(len(drives), arguments.drives, 'drives', (arguments.json,))
     return 0
@@ -151,7 +152,8 @@ def print_drives(console: Console, drives: Sequence[Driven]) -> None:
             [way.cost(probability) for way in ways if way is not None] for ways in (
                 [each.always for each in drives], [each.never for each in drives],
                 [each.expected[at] for each in drives]))
-        rows.append((f'{100.0 * probability:.0f} %', *(f'{np.mean(costs):.4f}' for costs in (always, never, expected)),
+        rows.append((f'{100.0 * probability:.0f} %',
+                     *(f'{np.mean(costs):.4f}' for costs in (always, never, expected)),
                      *('{:+.4f} +-{:.4f}'.format(*difference(expected, costs)) for costs in (always, never)),
                      str(max(each.expected[at].switch_ons for each in drives))))
     print_records(

@@ -102,7 +102,7 @@ class Judge:
                 trip, drawn.state, np.zeros(len(trip.route))).soc[-1])))
 
     def cost(self, power_of: Callable[[Trip, float], FloatArray]) -> float:
-        """Return the expected cost; `power_of(trip, until_s)` is the heater power on a trip, off from an instant [s]."""
+        """Return the expected cost; `power_of(trip, until_s)` is the heater power on a trip until then [s]."""
         drawn, prospect, cost = self._drawn, self._prospect, 0.0
         for weight, trip, unheated_soc in self._arrivals:
             driven = drive_as_planned(trip, drawn.state, power_of(trip, math.inf))
@@ -144,7 +144,7 @@ def between(start_s: float, end_s: float) -> Callable[[Trip, float], FloatArray]
 
 
 def search(judge: Judge, duration_s: float) -> tuple[float, float, float]:
-    """Return the least expected cost over start and end of heating on a drive of `duration_s` [s], and these two [s]."""
+    """Return the least expected cost over start and end [s] of heating within `duration_s` [s], and both."""
     tried: dict[tuple[float, float], float] = {}
 
     def attempt(start_s: float, end_s: float) -> float:

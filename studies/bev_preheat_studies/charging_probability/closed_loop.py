@@ -88,7 +88,7 @@ def drive(drawn: ChargingTrip, prospect: ChargingProspect | None) -> tuple[Batte
 
 
 def outcome(drawn: ChargingTrip, arrival: BatteryState, switch_ons: int, unheated_soc: float) -> Outcome:
-    """Return the Outcome of a drive that arrives with a BatteryState; the unheated one arrives with `unheated_soc`."""
+    """Return the Outcome of an arrival with a BatteryState; the unheated one arrives with `unheated_soc`."""
     session = charge(drawn.vehicle, drawn.stop, arrival)
     battery = drawn.vehicle.battery
     voltage_v = battery.open_circuit_voltage.function(FLOATS)(

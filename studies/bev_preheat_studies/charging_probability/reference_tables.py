@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The reference trip under uncertainty: over the probability, the arrival's deviation, and the spread of the cells."""
+"""The reference trip in doubt: over the probability, the arrival's deviation, and the spread of the cells."""
 
 from __future__ import annotations
 
@@ -69,6 +69,7 @@ def print_tables(console: Console) -> None:
         rows.append((f'{spread_k:.0f}', f'{best.target_c:.1f}', f'{best.charging_time_s / S_PER_MIN:.2f}',
                      f'{best.cost:.3f}', f'{blind.charging_time_s / S_PER_MIN:.2f}', f'{blind.cost:.3f}'))
     print_records(
-        console, 'Reference trip over the distance of the coldest cell from the mean: best target, and that of no spread',
+        console,
+        'Reference trip over the distance of the coldest cell from the mean: best target, and that of no spread',
         ('spread [K]', 'target [degC]', 'charging [min]', 'cost', 'without spread: charging [min]', 'cost '), rows,
         ('right',) * 6)

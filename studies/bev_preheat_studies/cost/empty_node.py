@@ -33,7 +33,7 @@ from sensor_msgs.msg import BatteryState, Temperature
 from std_srvs.srv import SetBool
 
 from bev_preheat_msgs.action import PrepareBattery
-from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan, RouteProgress
+from bev_preheat_msgs.msg import HvchCommand, HvchStatus, PreheatPlan, RoutePlan, RouteProgress
 
 PARAMETERS: dict[str, Any] = {
     'vehicle': 'reference', 'method': 'merit_order', 'target_battery_temperature': 0.0,
@@ -41,7 +41,8 @@ PARAMETERS: dict[str, Any] = {
     'command_lease': 2.5, 'planning_step': 30.0, 'arrival_soc_margin': 0.0, 'estimation': True,
     'minimum_on_time': 20.0, 'minimum_off_time': 120.0, 'route_progress_timeout': 10.0,
     'energy_price': 0.6, 'value_of_time': 10.0, 'heat_while_charging': False,
-    'compiled_core': True, 'coldest_cell_limits': True, 'state_file': '',
+    'compiled_core': True, 'coldest_cell_limits': True, 'flight_recorder': '',
+    'flight_recorder_size': 500.0, 'state_file': '',
     'departures': '', 'grid_prices': ''}
 # Of the plan for the reference trip: steps, heating intervals, characters of its sentence.
 STEPS, STRETCHES, CHARACTERS = 120, 2, 120
@@ -75,6 +76,7 @@ class EmptyNode(Node):
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self.create_subscription(BatteryState, 'battery_state', self._on_battery_state, LATEST)
         self.create_subscription(RouteProgress, 'route_progress', _ignore, LATEST)
+        self.create_subscription(HvchStatus, 'hvch_status', _ignore, LATEST)
         for profile, overriding in ((LATCHED, OVERRIDABLE), (QoSProfile(depth=1), None)):
             self.create_subscription(
                 RoutePlan, 'route_plan', self._on_route_plan, profile, raw=True,

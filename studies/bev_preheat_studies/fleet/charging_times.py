@@ -128,7 +128,8 @@ class _Sessions:
         self._voltage_v = vehicle.battery.open_circuit_voltage.function(ARRAYS)
         self._leakage_w_per_k = vehicle.battery.leakage.coefficient_w_per_k(0.0)
         self._integrate = make_charging_step(make_charging_rates(
-            self._limit_w, make_cooling(None, 0.0, ARRAYS), make_rates(vehicle_at_charger(vehicle), ARRAYS), ARRAYS))
+            self._limit_w, make_cooling(None, 0.0, ARRAYS), make_rates(vehicle_at_charger(vehicle), ARRAYS),
+            ARRAYS))
         stops = {value: stop_of(vehicle, charger_w, value) for value in np.unique(ambient_c).tolist()}
 
         def of_stop(value_of: Callable[[ChargingStop], float]) -> FloatArray:

@@ -43,8 +43,8 @@ DESCENT_W, DESCENT_MIN = (5e3, 40e3), (4.0, 15.0)
 # Share of the trips with: a garage at the start, a descent, a car that does not heat at the charger, a heat
 # path, free energy, time of no value.
 GARAGE, DESCENT, NO_HEATING, HEAT_PATH, FREE_ENERGY, FREE_TIME = 0.2, 0.3, 0.25, 0.15, 0.05, 0.1
-# … a car that cools its battery at the charger, and has more resistance there. Its set point lies above the limit of
-# heating by SET_POINT_K.
+# … a car that cools its battery at the charger, and has more resistance there. Its set point lies above the limit
+# of heating by SET_POINT_K.
 HOT_END = 0.35
 POLARIZATION, SET_POINT_K = (1.0, 2.5), (0.0, 6.0)
 COOLING_W, COEFFICIENT_OF_PERFORMANCE, BAND_K = (1e3, 8e3), (1.0, 4.0), (1.0, 4.0)

@@ -67,7 +67,7 @@ def test_the_best_target_is_as_good_as_the_program_on_a_hundred_trips():
 
 
 def result(number, cost, program_cost, wh=500.0, path=False, blind=None):
-    return WorthGap(number, COMPARED, '', 'car', path, cost, program_cost,
+    return WorthGap(number, COMPARED, '', 'car', path, False, cost, program_cost,
                     program_cost if blind is None else blind, 50.0, 15.0, 14.0, wh, wh, 1, 4, 0, 1.0)
 
 

@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Expected cost of preheating if charging is uncertain: by hand, its limits, its optimum, and refused inputs."""
+
+from dataclasses import replace
+import math
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import numpy as np
+from plain_car import plain_car
+import pytest
+
+from bev_preheat.charging.prospect import ChargingProspect, HeldProspect
+from bev_preheat.charging.target_worth import Prices
+from bev_preheat.charging.worth import find_worth
+from bev_preheat.errors import InvalidInput
+from bev_preheat.nodes.chargers import charger_problems
+from bev_preheat.numerics.arithmetic import FLOATS
+from bev_preheat.planning.planner import plan_preheating, plan_unheated
+from bev_preheat.planning.situation import BatteryState, Goal
+from bev_preheat.route import Route
+from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.curves import Table
+from bev_preheat_msgs.msg import RoutePlan
+
+REFERENCE, PRICES = load_vehicle('reference'), Prices(0.6, 30.0)
+STATE, GOAL = BatteryState(-7.0, 0.5), Goal(25.0)
+ROUTE = Route(np.full(25, 60.0), *(np.full(25, value) for value in (25.0, 15e3, 15e3, -8.0, 1500.0, 400.0, 15e3)))
+
+
+def worth(prospect, vehicle=REFERENCE):
+    return find_worth(vehicle, ROUTE, STATE, GOAL, 150e3, 0.8, PRICES, prospect=prospect)
+
+
+@pytest.fixture(scope='module')
+def certain():
+    """Return the Worth of certain charging."""
+    return find_worth(REFERENCE, ROUTE, STATE, GOAL, 150e3, 0.8, PRICES)
+
+
+@pytest.fixture(scope='module')
+def doubtful():
+    """Return the Worth at 40 %."""
+    return worth(ChargingProspect(0.4))
+
+
+def test_expected_cost_by_hand(certain, doubtful):
+    """Charged as if certain; not charged, the difference of the charge on arrival is bought again."""
+    battery = REFERENCE.battery
+    unheated_soc = plan_unheated(REFERENCE, ROUTE, STATE, GOAL).arrival_soc
+    charged = {item.target_c: item.cost for item in certain.targets}
+    for item in doubtful.targets:
+        if item.target_c not in charged or item is doubtful.without_heating:
+            continue
+        plan = plan_preheating(REFERENCE, ROUTE, STATE, Goal(item.target_c))
+        socs = np.linspace(plan.arrival_soc, unheated_soc, 50)
+        volts = [battery.open_circuit_voltage.function(FLOATS)(soc, plan.arrival_temperature_c) for soc in socs]
+        lost_kwh = (unheated_soc - plan.arrival_soc) * battery.capacity_as * float(np.mean(volts)) / 3.6e6
+        expected = 0.4 * charged[item.target_c] + 0.6 * 0.6 * lost_kwh
+        assert item.cost == pytest.approx(expected, rel=1e-5)
+    assert doubtful.without_heating.cost == pytest.approx(0.4 * certain.without_heating.cost, rel=1e-12)
+
+
+def test_certainty_is_the_cost_of_before_to_the_digit(certain):
+    again = worth(ChargingProspect(1.0, 0.0, 600.0))
+    assert again.targets == certain.targets and again.verdict == certain.verdict
+    assert again.pays_from_probability is None
+
+
+@given(st.floats(0.01, 1.0))
+@settings(max_examples=30, deadline=None)
+def test_the_optimum_is_no_dearer_than_always_or_never(certain, doubtful, probability):
+    costs = [probability * item.charged_cost + (1.0 - probability) * item.not_charged_cost
+             for item in doubtful.targets]
+    always = min(doubtful.targets, key=lambda item: item.charged_cost)
+    never = doubtful.without_heating
+    best = min(costs)
+    for item in (always, never):
+        assert best <= probability * item.charged_cost + (1.0 - probability) * item.not_charged_cost
+    # Below the break-even probability no target is cheaper than no heating.
+    if probability < doubtful.pays_from_probability:
+        assert best == pytest.approx(probability * never.charged_cost, rel=1e-12)
+
+
+def test_a_session_that_never_ends_unheated_is_a_sentence():
+    """The battery takes nothing below 0 degC."""
+    limit = Table((0.0,), (-20.0, 0.0, 10.0), ((0.0, 0.0, -60e3),))
+    found = worth(ChargingProspect(0.3), plain_car(limit=limit))
+    assert found.verdict.startswith('30 % chance of charging: ') and found.verdict.endswith('.')
+    assert all(math.isfinite(item.cost) for item in found.targets)
+
+
+@pytest.mark.parametrize('field', [
+    'charging_probability', 'arrival_time_deviation', 'charging_known_before_arrival'])
+@pytest.mark.parametrize('value', [math.nan, -0.1, math.inf])
+def test_a_bad_prospect_in_a_message_is_refused(field, value):
+    problem, = charger_problems(RoutePlan(**{field: value}))
+    assert problem.startswith(f'{field}: ') and 'is not allowed; it must be 0 ... ' in problem
+
+
+def test_a_probability_above_one_is_refused():
+    problem, = charger_problems(RoutePlan(charging_probability=1.1))
+    assert problem.startswith('charging_probability: 1.1 is not allowed')
+    with pytest.raises(InvalidInput, match=r'charging probability: 1\.1 is not allowed'):
+        worth(ChargingProspect(1.1))
+
+
+def test_jitter_changes_nothing_but_certainty_does():
+    held = HeldProspect()
+    assert held.follow(ChargingProspect(0.9)) and not held.follow(ChargingProspect(0.93))
+    assert held.follow(ChargingProspect(1.0))
+    assert held.follow(replace(ChargingProspect(1.0), arrival_deviation_s=1.0))

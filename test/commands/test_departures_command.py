@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`preheat prepare --departures`: a week without a planner, as table, JSON and picture, and its refusals."""
+
+from datetime import datetime
+import json
+from zoneinfo import ZoneInfo
+
+import pytest
+
+from bev_preheat.commands.main import main
+
+WEEK = """
+time_zone: Europe/Berlin
+ambient_temperature_c: -5
+departures:
+- {name: work, weekdays: [friday], time: '07:30', plugged_in: true}
+- {name: sports, weekdays: [saturday], time: '10:00', target_battery_temperature_c: 20, plugged_in: false}
+"""
+PRICES = """
+time_zone: Europe/Berlin
+currency: EUR
+daily:
+- {from: '22:00', price_per_kwh: 0.18}
+- {from: '06:00', price_per_kwh: 0.34}
+"""
+
+
+@pytest.fixture
+def prepare(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv('COLUMNS', '200')
+    (tmp_path / 'week.yaml').write_text(WEEK)
+    (tmp_path / 'tariff.yaml').write_text(PRICES)
+    return lambda *arguments: main(['prepare', *arguments])
+
+
+OFFLINE = ('--departures', 'week.yaml', '--vehicle', 'small_car', '--from', '2026-11-26 12:00')
+
+
+def test_costs_are_the_heating_times_at_the_tariff(prepare, tmp_path, capfd):
+    assert prepare(*OFFLINE, '--prices', 'tariff.yaml', '--json', 'week.json') == 0
+    result = json.loads((tmp_path / 'week.json').read_text())
+    work, sports = result['departures']
+    zone = ZoneInfo('Europe/Berlin')
+    assert work['departure_s'] == datetime(2026, 11, 27, 7, 30, tzinfo=zone).timestamp()
+    assert sports['departure_s'] == datetime(2026, 11, 28, 10, 0, tzinfo=zone).timestamp()
+    assert work['temperature_c'] == pytest.approx(work['target_c'], abs=0.01)
+    # Full power throughout, so energy is shared by time between the prices.
+    dear_s = datetime(2026, 11, 27, 6, 0, tzinfo=zone).timestamp()
+    heated_s = sum(end - begin for begin, end in work['heating_s'])
+    cheap_s = sum(max(0.0, min(end, dear_s) - begin) for begin, end in work['heating_s'])
+    mean_price = (0.18 * cheap_s + 0.34 * (heated_s - cheap_s)) / heated_s
+    assert work['cost'] == pytest.approx(work['hvch_electric_wh'] / 1000.0 * mean_price, rel=0.02)
+    assert work['cost'] < work['latest_cost']
+    assert sports['cost'] is None
+
+
+def test_the_week_is_drawn(prepare, tmp_path):
+    assert prepare(*OFFLINE, '--prices', 'tariff.yaml', '--plot', 'week.svg') == 0
+    labels = (tmp_path / 'week.svg').read_text()
+    assert all(f'<!-- {label} -->' in labels for label in ('2026-11-27', 'heater [kW]', 'price [EUR/kWh]'))
+
+
+@pytest.mark.parametrize('arguments, problem', [
+    (('--prices', 'tariff.yaml'), '--prices: is for --departures only'),
+    (('--from', '2026-11-26 12:00'), '--from: is for --departures only'),
+    ((*OFFLINE, '--skip-next'), '--skip-next: is not allowed with --departures'),
+    ((*OFFLINE, '--in', '40'), '--in: is not allowed with --departures'),
+    ((*OFFLINE[:-1], '26.11.2026'), '--from: '),
+    ((*OFFLINE, '--ambient', 'nan'), '--ambient: nan degC is not allowed'),
+    (('--departures', 'missing.yaml'), 'missing.yaml'),
+    ((*OFFLINE, '--json', 'week.yaml'), 'week.yaml'),
+])
+def test_arguments_that_cannot_be_used_are_named(prepare, tmp_path, arguments, problem, capfd):
+    assert prepare(*arguments) == 2
+    assert problem in capfd.readouterr().err
+    assert (tmp_path / 'week.yaml').read_text() == WEEK
