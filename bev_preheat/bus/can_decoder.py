@@ -66,8 +66,8 @@ class CanDecoder:
             raise InvalidInput(problems)
         self._wanted: dict[str, list[tuple[str, LiveChannel]]] = {}
         for signal, groups in self.channels.items():
-            for channel in {each.name: each for group in groups for each in group}.values():
-                self._wanted.setdefault(channel.name, []).append((signal, channel))
+            for wanted in {each.name: each for group in groups for each in group}.values():
+                self._wanted.setdefault(wanted.name, []).append((signal, wanted))
         if self._heater_power is not None:
             power = Source(HEATER_POWER, (self._heater_power,), plausible=PLAUSIBLE[HEATER_POWER])
             self._wanted.setdefault(self._heater_power, []).append((HEATER_POWER, LiveChannel(

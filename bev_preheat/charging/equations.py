@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 import math
-from typing import NamedTuple, TYPE_CHECKING
+from typing import cast, NamedTuple, TYPE_CHECKING
 
 from bev_preheat.numerics.arithmetic import Arithmetic, Number
 from bev_preheat.vehicle.charging import charging_of
@@ -88,7 +88,8 @@ def make_cooling(cooling: Cooling | None, ambient_c: float,
         heat_w = minimum(slope_w_per_k * (temperature_c - cooling.set_point_c), most_w)
         if math.isfinite(cooling.radiator_conductance_w_per_k):
             heat_w = minimum(heat_w, cooling.radiator_conductance_w_per_k * (temperature_c - ambient_c))
-        heat_w = maximum(0.0, minimum(heat_w, ratio * left_w))
+        # An Arithmetic takes plain numbers beside its own.
+        heat_w = maximum(cast('AnyNumber', 0.0), minimum(heat_w, ratio * left_w))
         return heat_w / ratio, heat_w
 
     return powers

@@ -190,7 +190,7 @@ class SessionCosts:
         kelvins, charges = warm_c / SPACING_K, state.soc / SPACING_SOC
         low_k, low_s = math.floor(kelvins), math.floor(charges)
         share_k, share_s = kelvins - low_k, charges - low_s
-        return sum(weight * self._at(at_k, at_s) for at_k, at_s, weight in (
+        return math.fsum(weight * self._at(at_k, at_s) for at_k, at_s, weight in (
             (low_k, low_s, (1.0 - share_k) * (1.0 - share_s)), (low_k + 1, low_s, share_k * (1.0 - share_s)),
             (low_k, low_s + 1, (1.0 - share_k) * share_s), (low_k + 1, low_s + 1, share_k * share_s))
             if weight > 0.0)

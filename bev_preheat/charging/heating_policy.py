@@ -217,7 +217,8 @@ class _Table:
             after = column + 1
             best[after] = full[after] if must else min(otherwise[after], full[after])
             full[column] = part * price[column] + (1.0 - part) * best[after] + part * cost[after]
-        return full
+        heated: FloatArray = full
+        return heated
 
 
 def _crossing_c(columns_c: FloatArray, more_cost: FloatArray) -> float:

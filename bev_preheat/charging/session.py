@@ -278,7 +278,7 @@ class _Plug:
 
         def is_warmer(at_c: float) -> bool:
             left_w = self._supply_w - self._command_w(soc, at_c)
-            return self._idle_heat_w - self._leakage_w_per_k * at_c - self._cooling(at_c, left_w)[1] < 0.0
+            return bool(self._idle_heat_w - self._leakage_w_per_k * at_c - self._cooling(at_c, left_w)[1] < 0.0)
 
         if not is_warmer(temperature_c):
             return temperature_c

@@ -82,7 +82,8 @@ def _print_times(console: Console, times: Sequence[ComputedTime]) -> None:
 
 def _print_sources(console: Console, times: Sequence[ComputedTime], runs: Sequence[ComputedWarmth],
                    sessions: Sequence[ComputedWarmth]) -> None:
-    for figure in (*times, *sessions):
+    figures: list[ComputedTime | ComputedWarmth] = [*times, *sessions]
+    for figure in figures:
         console.print(f'{figure.car}, {_span(figure)}: {figure.source}', markup=False, soft_wrap=True)
     for run in runs:
         console.print(f'{run.car}, heated for {run.minutes:g} min: {run.source}', markup=False, soft_wrap=True)

@@ -137,7 +137,8 @@ class Decoder:
         assert self._conversion is not None
         # A damaged number may be too large for any unit; it is implausible then.
         with np.errstate(over='ignore'):
-            return self.source.in_own_unit(numbers, self._scale, self._conversion)
+            converted: FloatArray = self.source.in_own_unit(numbers, self._scale, self._conversion)
+            return converted
 
     def _range(self) -> str:
         assert self._conversion is not None

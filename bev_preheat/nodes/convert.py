@@ -210,8 +210,9 @@ def _legs(message: RoutePlan, route: Route, stops: Sequence[PlannedStop],
     start_ns, legs = nanoseconds(message.header.stamp), []
     for first, end, goal, departure, charger, prospect in zip(
             edges, edges[1:], goals, departures, chargers, prospects):
-        legs.append(Leg(route.segments(first, end), start_ns, *goal, departure, charger=charger,
-                        prospect=prospect).in_planning_steps(planning_step_s))
+        charging_planned, target_c, minimum_soc = goal
+        legs.append(Leg(route.segments(first, end), start_ns, charging_planned, target_c, minimum_soc, departure,
+                        charger=charger, prospect=prospect).in_planning_steps(planning_step_s))
     return with_stops(legs, [stop.duration_s for stop in stops])
 
 

@@ -17,9 +17,9 @@ if TYPE_CHECKING:
 
 
 class Difference(NamedTuple):
-    """The first step that was answered differently: its index, its instant [ns], and both answers in words."""
+    """The first step that was answered differently: its number, its instant [ns], and both answers in words."""
 
-    index: int
+    number: int
     now_ns: int
     recorded: str
     replayed: str

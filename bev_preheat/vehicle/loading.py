@@ -207,7 +207,10 @@ def _cooling(node: dict[str, FileData] | None, problems: list[str]) -> Cooling |
         problems.append('charging.cooling: needs exactly one of cooling_power_w, the heat flow out of the '
                         'battery, and coefficient_of_performance, its ratio to electrical_power_w')
         return None
-    return Cooling(cooling_power_w=ratio * values['electrical_power_w'] if power_w is None else power_w, **values)
+    if power_w is None:
+        assert ratio is not None
+        power_w = ratio * values['electrical_power_w']
+    return Cooling(cooling_power_w=power_w, **values)
 
 
 def _no_cold(key: str, table: dict[str, FileData]) -> Iterator[str]:

@@ -58,7 +58,7 @@ def test_a_changed_command_is_found(recorded):
     given = flight.given[at]
     object.__setattr__(given.step, 'command', (given.step.command[0] - 50.0, *given.step.command[1:]))
     comparison = replay(flight).comparison
-    assert (comparison.different, comparison.first.index) == (1, at)
+    assert (comparison.different, comparison.first.number) == (1, at)
     assert comparison.largest_w == pytest.approx(50.0)
 
 
