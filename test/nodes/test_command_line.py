@@ -43,7 +43,7 @@ def run_installed(name, *arguments):
 @pytest.mark.parametrize('name', [
     name if name == 'charger_adviser' else pytest.param(name, marks=pytest.mark.deep) for name in NODES])
 def test_an_installed_executable_ends_with_2_and_one_line(domain_id, name):
-    parameter, value, text = (('signals', 'bicycle', "bicycle") if name == 'bus_gateway' else
+    parameter, value, text = (('signals', 'bicycle', 'bicycle') if name == 'bus_gateway' else
                               ('vehicle', 'bicycle', "vehicle 'bicycle' is unknown"))
     assert_one_line(run_installed(name, '--ros-args', '-p', f'{parameter}:={value}'), name, text)
 
