@@ -65,8 +65,8 @@ class Car:
 
     def temperatures(self, mean_c=-7.3, **changed):
         self._counts[TEMPERATURES] = (self._counts[TEMPERATURES] + 1) % 16
-        return TEMPERATURES, temperature_frame(
-            mean_c, **{'count': self._counts[TEMPERATURES], 'low_c': mean_c - 1.5, 'high_c': mean_c + 1.0, **changed})
+        usual = {'count': self._counts[TEMPERATURES], 'low_c': mean_c - 1.5, 'high_c': mean_c + 1.0}
+        return TEMPERATURES, temperature_frame(mean_c, **{**usual, **changed})
 
     def battery(self):
         return self.source.battery(self.now_s)
