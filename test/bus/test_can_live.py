@@ -231,3 +231,25 @@ def test_frames_of_29_bits_with_the_same_number_are_not_used():
     assert readings.latest('soc', 'BMS_Status.BMS_SoC') is None
     decoder.take(STATUS, False, status_frame(0.5, 360.0, 0.0, 1), 0.0, readings)
     assert readings.latest('soc', 'BMS_Status.BMS_SoC').value == pytest.approx(0.5)
+
+
+def test_an_adapter_that_is_unplugged_is_opened_again_when_it_is_back(tmp_path):
+    """The name of the port stays, as by udev: a link that leads to another terminal after the return."""
+    link_path = tmp_path / 'ttyCAN'
+    first, second = SlcanPort(), SlcanPort()
+    link_path.symlink_to(first.path)
+    source = CanSource(load_live_map(write_map(tmp_path, link_path)), steady_s)
+    source.start()
+    until(lambda: b'O' in first.commands and not source.problem, 'the adapter is opened')
+    link_path.unlink()
+    first.close()
+    until(lambda: source.problem, 'the adapter is missed')
+    assert source.send_power(1000.0)
+    link_path.symlink_to(second.path)
+    until(lambda: not source.problem, 'the adapter is back')
+    second.send(STATUS, status_frame(0.5, 360.0, 0.0, 3))
+    second.send(TEMPERATURES, temperature_frame(-2.0, 3))
+    assert until(lambda: source.battery(steady_s())[0], 'the battery').temperature_c == pytest.approx(-2.0)
+    assert source.figures()['reconnects'] == '1'
+    source.close()
+    second.close()
