@@ -308,6 +308,7 @@ def test_keys_of_files_have_range_and_comment(generated):
 
 def test_every_topic_is_described():
     from bev_preheat.nodes import (
+        bus_gateway_node,
         charger_adviser_node,
         heater_controller_node,
         nlp_checker_node,
@@ -317,7 +318,7 @@ def test_every_topic_is_described():
     )
     page = (ROOT / 'docs/reference/topics.md').read_text()
     for node in (planner_node, nlp_checker_node, charger_adviser_node, route_publisher_node,
-                 heater_controller_node, vehicle_simulator_node):
+                 heater_controller_node, vehicle_simulator_node, bus_gateway_node):
         program = node.PROGRAM
         for name, _ in (*program.subscribes, *program.publishes, *program.services, *program.actions):
             assert f'`{name}`' in page, f'{program.name}: {name}'

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 import math
 from typing import TYPE_CHECKING
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 # Values that are sent on change only hold no longer than this after the connection's last sign of life [s].
 CONNECTION_LOST_S = 3.0
-COMBINED: dict[str, Callable[[list[float]], float]] = {
+COMBINED: Mapping[str, Callable[[Sequence[float]], float]] = {
     'mean': lambda values: sum(values) / len(values), 'min': min, 'max': max, 'first': lambda values: values[0]}
 
 

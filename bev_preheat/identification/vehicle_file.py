@@ -99,7 +99,7 @@ def file_text(start: dict[str, FileData], vehicle: Vehicle, name: str, notes: Ma
         contents['uncertainty'] = deviations
     assumed = [key for key in contents.pop('assumed', [])
                if key != 'battery.connection_resistance_ohm'
-        and not any(key == done or key.startswith(f'{done}.') for done in identified)]
+               and not any(key == done or key.startswith(f'{done}.') for done in identified)]
     if assumed:
         contents['assumed'] = assumed
     text = yaml.safe_dump(contents, sort_keys=False, default_flow_style=None, width=100, allow_unicode=True)

@@ -59,7 +59,7 @@ class HeaterOutput:
         self._status_publisher = node.create_publisher(HvchStatus, STATUS, 1)
         node.create_subscription(HvchCommand, COMMAND, self._on_command, 1)
         node.create_timer(source.heater_frame.period_s, self._on_frame,
-                              clock=Clock(clock_type=ClockType.STEADY_TIME))
+                          clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _now(self) -> Instant:
         return Instant(self._node.get_clock().now().nanoseconds, time.monotonic_ns())

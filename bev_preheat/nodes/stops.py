@@ -33,9 +33,8 @@ LIMITS = {
     'stop_arrival_time_deviation': (0.0, MOST_S),
     'stop_charging_known_before_arrival': (0.0, MOST_S),
 }
-UNITS = {'stop_charger_power': 'W',
-         **dict.fromkeys(
-        ('stop_duration', 'stop_arrival_time_deviation', 'stop_charging_known_before_arrival'), 's'),
+TIMES = 'stop_duration', 'stop_arrival_time_deviation', 'stop_charging_known_before_arrival'
+UNITS = {'stop_charger_power': 'W', **dict.fromkeys(TIMES, 's'),
          **dict.fromkeys(('stop_target_battery_temperature', 'departure_battery_temperature'), 'degC')}
 # NaN has a meaning in these fields.
 NAN_MEANS = {

@@ -148,11 +148,8 @@ class Player:
 
     def _settings(self, parameters: Mapping[str, Any]) -> Settings:
         recorded = {name: value for name, value in parameters.items() if name in FIELD_OF_PARAMETER}
-        changed = {name: value for name, value in self._changes.parameters.items()}
-        return settings_of({**recorded, **changed})
+        return settings_of({**recorded, **self._changes.parameters})
 
     def _learned(self, learned: Learned | None) -> Learned | None:
         """Return the Learned for a vehicle: another vehicle file starts without."""
         return learned if self._changes.vehicle is None else None
-
-

@@ -103,7 +103,7 @@ class Scenario:
         """Return the ImperfectCar at the start."""
         return ImperfectCar(self.vehicle, self.route, self.state, self.goal, self.imperfections,
                             self.seed, self.name, self.standing_time_s, self.charger, self.following,
-            self.prospect)
+                            self.prospect)
 
 
 def load_scenario(name_or_file: str | Path) -> Scenario:

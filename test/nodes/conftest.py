@@ -27,6 +27,7 @@ import pytest
 from spinning import spun_node
 
 from bev_preheat.nodes import (
+    bus_gateway_node,
     charger_adviser_node,
     heater_controller_node,
     nlp_checker_node,
@@ -40,7 +41,8 @@ MAIN_MODULES = {'planner': planner_node, 'nlp_checker': nlp_checker_node,
                 'charger_adviser': charger_adviser_node,
                 'heater_controller': heater_controller_node,
                 'route_publisher': route_publisher_node,
-                'vehicle_simulator': vehicle_simulator_node}
+                'vehicle_simulator': vehicle_simulator_node,
+                'bus_gateway': bus_gateway_node}
 
 
 def pytest_collection_modifyitems(items):

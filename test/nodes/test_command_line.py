@@ -16,6 +16,7 @@ from ament_index_python.packages import get_package_prefix
 import pytest
 
 from bev_preheat.nodes import (
+    bus_gateway_node,
     charger_adviser_node,
     heater_controller_node,
     nlp_checker_node,
@@ -28,7 +29,8 @@ NODES = {'planner': planner_node, 'nlp_checker': nlp_checker_node,
          'charger_adviser': charger_adviser_node,
          'route_publisher': route_publisher_node,
          'heater_controller': heater_controller_node,
-         'vehicle_simulator': vehicle_simulator_node}
+         'vehicle_simulator': vehicle_simulator_node,
+         'bus_gateway': bus_gateway_node}
 LISTENING = ('planner', 'nlp_checker')
 
 
@@ -41,8 +43,9 @@ def run_installed(name, *arguments):
 @pytest.mark.parametrize('name', [
     name if name == 'charger_adviser' else pytest.param(name, marks=pytest.mark.deep) for name in NODES])
 def test_an_installed_executable_ends_with_2_and_one_line(domain_id, name):
-    assert_one_line(run_installed(name, '--ros-args', '-p', 'vehicle:=bicycle'), name,
-                    "vehicle 'bicycle' is unknown")
+    parameter, value, text = (('signals', 'bicycle', 'bicycle') if name == 'bus_gateway' else
+                              ('vehicle', 'bicycle', "vehicle 'bicycle' is unknown"))
+    assert_one_line(run_installed(name, '--ros-args', '-p', f'{parameter}:={value}'), name, text)
 
 
 def test_an_installed_executable_prints_its_help(domain_id):
@@ -59,7 +62,7 @@ def test_help_is_printed_and_the_process_ends(call_main, name, option):
     for parameter in NODES[name].PARAMETERS:
         assert f'\n  {parameter.name} (default: ' in done.stdout
     assert f'{name} --ros-args -p ' in done.stdout
-    topic = 'hvch_command' if name == 'heater_controller' else 'route_plan'
+    topic = 'hvch_command' if name in ('heater_controller', 'bus_gateway') else 'route_plan'
     assert topic in done.stdout and '/diagnostics' in done.stdout
 
 

@@ -13,7 +13,8 @@ from rclpy.parameter import parameter_dict_from_yaml_file, parameter_value_to_py
 import yaml
 
 NODES = {'planner': ('-p', 'arrival_soc_margin:=0.0625'), 'nlp_checker': (), 'charger_adviser': (),
-         'route_publisher': (), 'heater_controller': (), 'vehicle_simulator': ('-p', 'start_time:=1700000000.0')}
+         'route_publisher': (), 'heater_controller': (), 'vehicle_simulator': ('-p', 'start_time:=1700000000.0'),
+         'bus_gateway': ('-p', 'signals:=example_car')}
 
 
 class Services:

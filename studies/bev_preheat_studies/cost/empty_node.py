@@ -43,7 +43,7 @@ PARAMETERS: dict[str, Any] = {
     'energy_price': 0.6, 'value_of_time': 10.0, 'heat_while_charging': False,
     'compiled_core': True, 'coldest_cell_limits': True, 'flight_recorder': '',
     'flight_recorder_size': 500.0, 'state_file': '',
-    'departures': '', 'grid_prices': ''}
+    'departures': '', 'grid_prices': '', 'locked': False, 'lifecycle': False}
 # Of the plan for the reference trip: steps, heating intervals, characters of its sentence.
 STEPS, STRETCHES, CHARACTERS = 120, 2, 120
 # Size of the diagnostics.

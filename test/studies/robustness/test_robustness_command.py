@@ -73,6 +73,7 @@ def test_days_are_printed_written_and_gone_on_with(arguments, tmp_path, capsys):
     assert [result['number'] for result in written['results']] == [0, 1]
     assert written['summary']['trips'] == sum(len(result['trips']) for result in written['results'])
 
+
 @pytest.mark.deep
 def test_one_day_is_driven_by_itself(arguments, capsys):
     assert main([*arguments, '--days', '--only', '1']) == 0

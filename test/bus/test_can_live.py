@@ -1,0 +1,255 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A live CAN bus under attack, through an adapter on a pseudo terminal: no wrong reading is used, all recover."""
+
+from pathlib import Path
+import time
+from types import SimpleNamespace
+
+from example_frames import COMMAND, read_command, STATUS, status_frame, temperature_frame, TEMPERATURES
+import pytest
+from slcan_port import SlcanPort
+
+from bev_preheat.bus.bus_clock import age_of_stamp, steady_s
+from bev_preheat.bus.can_decoder import CanDecoder
+from bev_preheat.bus.can_link import CanLink
+from bev_preheat.bus.can_source import CanSource
+from bev_preheat.bus.live_map import load_live_map
+from bev_preheat.bus.readings import Readings
+
+pytestmark = [pytest.mark.needs('cantools'), pytest.mark.needs('can'), pytest.mark.needs('crccheck'),
+              pytest.mark.needs('serial'), pytest.mark.needs('pint')]
+SIGNALS = Path(__file__).resolve().parents[2] / 'config' / 'signals'
+TIME_LIMIT_S = 10.0
+
+
+def until(condition, what):
+    deadline_s = time.monotonic() + TIME_LIMIT_S
+    while not (value := condition()):
+        assert time.monotonic() < deadline_s, what
+        time.sleep(0.01)
+    return value
+
+
+def write_map(folder, path):
+    text = (SIGNALS / 'example_car.yaml').read_text()
+    text = text.replace('dbc: example_car.dbc', f'dbc: {SIGNALS / "example_car.dbc"}')
+    text = text.replace('{interface: socketcan, channel: can0}',
+                        f'{{interface: slcan, channel: {path}, bitrate: 500000}}')
+    file = folder / 'car.yaml'
+    file.write_text(text)
+    return file
+
+
+class Car:
+    """The car on the adapter's bus and the source that listens, with a clock that the test sets."""
+
+    def __init__(self, folder):
+        self.port = SlcanPort()
+        self.now_s = 1000.0
+        self.source = CanSource(load_live_map(write_map(folder, self.port.path)), lambda: self.now_s)
+        self._counts = {STATUS: 0, TEMPERATURES: 0}
+        self._sent = 0
+        self.source.start()
+        until(lambda: b'O' in self.port.commands and not self.source.problem, 'the adapter is opened')
+
+    def send(self, *frames):
+        """Send frames, and wait until they have been taken."""
+        for identifier, data in frames:
+            self.port.send(identifier, data)
+        self._sent += len(frames)
+        until(lambda: int(self.source.figures()['frames']) >= self._sent, f'{self._sent} frames')
+
+    def status(self, soc=0.5, **changed):
+        self._counts[STATUS] = (self._counts[STATUS] + 1) % 16
+        return STATUS, status_frame(soc, 360.0, 55.5, **{'count': self._counts[STATUS], **changed})
+
+    def temperatures(self, mean_c=-7.3, **changed):
+        self._counts[TEMPERATURES] = (self._counts[TEMPERATURES] + 1) % 16
+        usual = {'count': self._counts[TEMPERATURES], 'low_c': mean_c - 1.5, 'high_c': mean_c + 1.0}
+        return TEMPERATURES, temperature_frame(mean_c, **{**usual, **changed})
+
+    def battery(self):
+        return self.source.battery(self.now_s)
+
+    def doubts(self):
+        return ' '.join(self.source.doubts(self.now_s).values())
+
+
+@pytest.fixture
+def car(tmp_path):
+    car = Car(tmp_path)
+    yield car
+    car.source.close()
+    car.port.close()
+
+
+def test_frames_packed_bit_by_bit_become_the_battery(car):
+    assert car.battery()[0] is None
+    car.send(car.status(soc=0.637, charging=True), car.temperatures())
+    car.now_s += 0.5
+    battery, lacking = car.battery()
+    assert not lacking and not battery.missing
+    assert battery.temperature_c == pytest.approx(-7.3)
+    assert (battery.soc, battery.voltage_v, battery.current_a) == pytest.approx((0.637, 360.0, 55.5))
+    assert battery.cells_c == pytest.approx((-8.8, -6.3))
+    assert battery.is_charging is True
+    assert battery.instant_s == pytest.approx(1000.0, abs=0.2)
+
+
+def stuck_counter(car):
+    return [car.temperatures(20.0, count=1)] * 2, 'counter BMS_TempAlive has stayed at 1'
+
+
+def wrong_checksum(car):
+    identifier, data = car.temperatures(20.0)
+    return [(identifier, data[:-1] + bytes([data[-1] ^ 1]))], 'BMS_TempCrc is 0x'
+
+
+def changed_bit(car):
+    identifier, data = car.temperatures(20.0)
+    return [(identifier, bytes([data[0] ^ 4]) + data[1:])], 'but the checksum of the data is 0x'
+
+
+def short_frame(car):
+    identifier, data = car.temperatures(20.0)
+    return [(identifier, data[:5])], 'a frame of 5 bytes; the DBC has 8'
+
+
+def no_reading(car):
+    # 2047 on the bus, which the DBC calls SNA, is 154.7 deg C.
+    return [car.temperatures(154.7)], 'BMS_TempMean'
+
+
+def outside_the_limits(car):
+    return [car.temperatures(120.0)], 'outside the limits of the DBC'
+
+
+@pytest.mark.parametrize('attack', [
+    stuck_counter, wrong_checksum, changed_bit, short_frame, no_reading, outside_the_limits])
+def test_frames_in_doubt_are_dropped_with_the_reason_and_the_reading_expires(car, attack):
+    car.send(car.status(), car.temperatures(count=1))
+    frames, reason = attack(car)
+    car.now_s += 1.0
+    car.send(car.status(), *frames)
+    assert car.battery()[0].temperature_c == pytest.approx(-7.3)
+    assert reason in car.doubts()
+    car.now_s += 1.5
+    car.send(car.status(), *attack(car)[0])
+    battery, lacking = car.battery()
+    assert battery is None
+    assert lacking == ('battery_temperature_c: the last valid reading of BMS_Temperatures.BMS_TempMean is '
+                       '2.5 s old; it expires after 2 s',)
+    car.send(car.temperatures(-5.0, count=7))
+    assert car.battery()[0].temperature_c == pytest.approx(-5.0)
+
+
+def test_ten_times_the_rate_is_refused_until_it_is_over(car):
+    car.send(car.status())
+    for _ in range(40):
+        car.now_s += 0.05
+        car.send(car.temperatures(20.0))
+    assert 'is there a second sender?' in car.doubts()
+    assert 'cycle time of 0.5 s allows 7 in 1 s' in car.doubts()
+    car.now_s += 2.0
+    car.send(car.status(), car.temperatures(-7.3))
+    assert car.battery()[0].temperature_c == pytest.approx(-7.3)
+
+
+def test_bytes_that_are_no_frames_do_not_end_the_reception(car):
+    car.send(car.status(), car.temperatures())
+    for garbage in (b'\x00\xff' * 40 + b'\r', b't3A1\r', b'tZZZ8\r', b't3A19\r', b't3A18GGGG\r', b'\r\r', b'\x07'):
+        car.port.send_text(garbage)
+    deadline_s = time.monotonic() + TIME_LIMIT_S
+    # The link may have to open the adapter again, which takes a second.
+    while True:
+        car.port.send(*car.temperatures(-4.0))
+        battery = car.battery()[0]
+        if battery is not None and battery.temperature_c == pytest.approx(-4.0):
+            break
+        assert time.monotonic() < deadline_s, (car.source.problem, car.doubts())
+        time.sleep(0.1)
+        car.now_s += 0.5
+        car.port.send(*car.status())
+
+
+def test_a_silent_control_unit_is_named_alone(car):
+    car.send(car.status(), car.temperatures())
+    car.now_s += 2.1
+    car.send(car.temperatures())
+    battery, (lacking,) = car.battery()
+    assert battery is None and lacking.startswith('soc: the last valid reading of BMS_Status.BMS_SoC is 2.1 s old')
+    car.send(car.status(soc=0.4))
+    assert car.battery()[0].soc == pytest.approx(0.4)
+
+
+def test_the_commands_frame_has_power_counter_and_checksum(car):
+    for power_w in (3456.0, 7000.0, 99999.0, 0.0):
+        assert car.source.send_power(power_w) == ''
+    until(lambda: len(car.port.frames) >= 4, 'four frames')
+    read = [read_command(data) for _, identifier, data in car.port.frames if identifier == COMMAND]
+    # In steps of 10 W, rounded down.
+    assert [power_w for power_w, *_ in read] == [3450.0, 7000.0, 7000.0, 0.0]
+    assert [enabled for _, enabled, *_ in read] == [True, True, True, False]
+    counts = [count for *_, count, _ in read]
+    assert [(after - before) % 16 for before, after in zip(counts, counts[1:])] == [1, 1, 1]
+    assert all(right for *_, right in read)
+
+
+def test_a_controller_that_is_off_is_a_problem_until_a_frame_comes():
+    live_map = load_live_map('example_car')
+    link = CanLink(live_map.can, [(STATUS, False)], lambda *frame: None)
+    link.problem = ''
+    bus_off = SimpleNamespace(is_error_frame=True, arbitration_id=0x40)
+    frame = SimpleNamespace(is_error_frame=False, is_remote_frame=False, is_rx=True, arbitration_id=STATUS,
+                            is_extended_id=False, data=b'', timestamp=0.0)
+    link._take(bus_off)
+    assert link.problem.startswith('bus off: ')
+    assert 'bus off' in link.send(COMMAND, False, b'\x00')
+    link._take(frame)
+    assert link.problem == ''
+
+
+def test_steps_of_the_systems_clock_change_no_age(monkeypatch):
+    before_s = steady_s()
+    monkeypatch.setattr(time, 'time', lambda: 0.0)
+    assert 0.0 <= steady_s() - before_s < 1.0
+    # Stamps of the future, of more than an hour ago and of an adapter's own clock have no age.
+    assert [age_of_stamp(stamp_s, 1e9) for stamp_s in (1e9 + 5.0, 1e9 - 4000.0, 12.5, None)] == [0.0] * 4
+    assert age_of_stamp(1e9 - 0.75, 1e9) == 0.75
+
+
+def test_readings_are_dropped_when_the_clock_falls_back(car):
+    car.send(car.status(), car.temperatures())
+    car.source.forget()
+    assert car.battery()[0] is None
+
+
+def test_frames_of_29_bits_with_the_same_number_are_not_used():
+    readings = Readings()
+    decoder = CanDecoder(load_live_map('example_car'))
+    decoder.take(STATUS, True, status_frame(0.5, 360.0, 0.0, 1), 0.0, readings)
+    assert readings.latest('soc', 'BMS_Status.BMS_SoC') is None
+    decoder.take(STATUS, False, status_frame(0.5, 360.0, 0.0, 1), 0.0, readings)
+    assert readings.latest('soc', 'BMS_Status.BMS_SoC').value == pytest.approx(0.5)
+
+
+def test_an_adapter_that_is_unplugged_is_opened_again_when_it_is_back(tmp_path):
+    """The name of the port stays, as by udev: a link that leads to another terminal after the return."""
+    link_path = tmp_path / 'ttyCAN'
+    first, second = SlcanPort(), SlcanPort()
+    link_path.symlink_to(first.path)
+    source = CanSource(load_live_map(write_map(tmp_path, link_path)), steady_s)
+    source.start()
+    until(lambda: b'O' in first.commands and not source.problem, 'the adapter is opened')
+    link_path.unlink()
+    first.close()
+    until(lambda: source.problem, 'the adapter is missed')
+    assert source.send_power(1000.0)
+    link_path.symlink_to(second.path)
+    until(lambda: not source.problem, 'the adapter is back')
+    second.send(STATUS, status_frame(0.5, 360.0, 0.0, 3))
+    second.send(TEMPERATURES, temperature_frame(-2.0, 3))
+    assert until(lambda: source.battery(steady_s())[0], 'the battery').temperature_c == pytest.approx(-2.0)
+    assert source.figures()['reconnects'] == '1'
+    source.close()
+    second.close()

@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`bus_gateway` between a car on a CAN adapter and DDS: the battery one way, the heater's command the other."""
+
+import math
+from pathlib import Path
+import time
+
+from diagnostic_msgs.msg import DiagnosticArray
+from example_frames import COMMAND, read_command, STATUS, status_frame, temperature_frame, TEMPERATURES
+from node_bench import repeating
+import pytest
+from rclpy.clock import Clock, ClockType
+from sensor_msgs.msg import BatteryState
+from slcan_port import SlcanPort
+
+from bev_preheat_msgs.msg import HvchCommand
+
+pytestmark = [pytest.mark.needs('cantools'), pytest.mark.needs('can'), pytest.mark.needs('crccheck'),
+              pytest.mark.needs('serial'), pytest.mark.needs('pint')]
+SIGNALS = Path(__file__).resolve().parents[2] / 'config' / 'signals'
+LEASE_S = 0.6
+
+
+class Car:
+    """Sends its battery each 0.1 s and 0.5 s, and reads the heater's frames."""
+
+    def __init__(self):
+        self.port = SlcanPort()
+        self._count = 0
+
+    def step(self):
+        self._count += 1
+        self.port.send(STATUS, status_frame(0.55, 360.0, 50.0, self._count % 16))
+        if self._count % 5 == 0:
+            self.port.send(TEMPERATURES, temperature_frame(-8.2, self._count // 5 % 16, -9.5, -7.0))
+
+    def wait_for_power(self, power_w, timeout_s=10.0):
+        """Return the instant of the next frame with a power."""
+        return self.port.wait_for(
+            lambda identifier, data: identifier == COMMAND and read_command(data)[0] == power_w, timeout_s)[0]
+
+    def commands(self):
+        return [read_command(data) for _, identifier, data in list(self.port.frames) if identifier == COMMAND]
+
+
+def write_map(folder, port):
+    text = (SIGNALS / 'example_car.yaml').read_text()
+    text = text.replace('dbc: example_car.dbc', f'dbc: {SIGNALS / "example_car.dbc"}')
+    file = folder / 'car.yaml'
+    file.write_text(text.replace('{interface: socketcan, channel: can0}',
+                                 f'{{interface: slcan, channel: {port.path}, bitrate: 500000}}'))
+    return file
+
+
+def command(power_w, lease_s=LEASE_S):
+    now = Clock(clock_type=ClockType.SYSTEM_TIME).now().nanoseconds
+    message = HvchCommand(battery_heating_power=power_w)
+    for field, instant in ((message.header.stamp, now), (message.valid_until, now + round(lease_s * 1e9))):
+        field.sec, field.nanosec = divmod(instant, 10**9)
+    return message
+
+
+def test_a_car_on_can_is_heated_only_by_one_commander_with_a_valid_lease(
+        start_executable, record, publisher, tmp_path):
+    car = Car()
+    states, diagnostics = record(BatteryState, 'battery_state', 10), record(DiagnosticArray, '/diagnostics', 10)
+    process = start_executable('bus_gateway', '-p', f'signals:={write_map(tmp_path, car.port)}', '-p',
+                               'battery_state_period:=0.1')
+    try:
+        with repeating(car.step, 0.1):
+            state = states.wait_for(lambda state: state.cell_temperature)
+            assert (state.temperature, state.percentage, state.voltage) == pytest.approx((-8.2, 0.55, 360.0))
+            # sensor_msgs: negative while it is discharged.
+            assert state.current == pytest.approx(-50.0)
+            assert list(state.cell_temperature) == pytest.approx([-9.5, -7.0])
+
+            commands = publisher(HvchCommand, 'hvch_command', 1)
+            commands.wait_for_subscription()
+            assert {power_w for power_w, *_ in car.commands()} == {0.0}
+            with repeating(lambda: commands.publish(command(3456.0)), 0.1):
+                # In steps of 10 W, rounded down.
+                car.wait_for_power(3450.0)
+                commands_before = len(car.commands())
+                time.sleep(0.5)
+                heated = car.commands()[commands_before:]
+            last_s = time.monotonic()
+            assert len(heated) >= 3 and all(power_w == 3450.0 and enabled for power_w, enabled, *_ in heated)
+            assert car.wait_for_power(0.0) - last_s < LEASE_S + 0.3
+
+            commands.publish(command(2000.0, 20.0))
+            car.wait_for_power(2000.0)
+            commands.publish(command(math.nan, 20.0))
+            car.wait_for_power(0.0)
+            diagnostics.wait_for(lambda array: any(
+                status.name == 'bus_gateway: heater command' and 'battery_heating_power: nan W' in status.message
+                for status in array.status))
+
+            commands.publish(command(2000.0, 20.0))
+            car.wait_for_power(2000.0)
+            second = publisher(HvchCommand, 'hvch_command', 1)
+            car.wait_for_power(0.0)
+            second.destroy()
+            car.wait_for_power(2000.0)
+        process.end()
+        frames = car.commands()
+        assert [power_w for power_w, *_ in frames[-3:]] == [0.0] * 3
+        assert all(right for *_, right in frames)
+        assert all((after[2] - before[2]) % 16 == 1 for before, after in zip(frames, frames[1:]))
+    finally:
+        process.end()
+        car.port.close()
