@@ -36,6 +36,11 @@ def temperature_frame(mean_c, count, low_c=None, high_c=None):
                       (22, 11, round(10 * (high_c + 50))), (48, 4, count)])
 
 
+def heater_frame(power_w, count, refusal=0):
+    """Return the data of HVCH_Status."""
+    return packed(4, [(0, 10, round(power_w / 10)), (10, 1, power_w > 0.0), (11, 3, refusal), (16, 4, count)])
+
+
 def read_command(data):
     """Return (power [W], enabled, count, whether the checksum is right) of HVCH_Command's data."""
     word = int.from_bytes(data[:3], 'little')

@@ -6,7 +6,16 @@ from pathlib import Path
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray
-from example_frames import COMMAND, read_command, STATUS, status_frame, temperature_frame, TEMPERATURES
+from example_frames import (
+    COMMAND,
+    heater_frame,
+    HEATER_STATUS,
+    read_command,
+    STATUS,
+    status_frame,
+    temperature_frame,
+    TEMPERATURES,
+)
 from node_bench import repeating
 import pytest
 from rclpy.clock import Clock, ClockType
@@ -26,11 +35,12 @@ class Car:
 
     def __init__(self):
         self.port = SlcanPort()
-        self._count = 0
+        self._count, self.refusal = 0, 0
 
     def step(self):
         self._count += 1
         self.port.send(STATUS, status_frame(0.55, 360.0, 50.0, self._count % 16))
+        self.port.send(HEATER_STATUS, heater_frame(0.0, self._count % 16, self.refusal))
         if self._count % 5 == 0:
             self.port.send(TEMPERATURES, temperature_frame(-8.2, self._count // 5 % 16, -9.5, -7.0))
 
@@ -87,20 +97,30 @@ def test_a_car_on_can_is_heated_only_by_one_commander_with_a_valid_lease(
             assert len(heated) >= 3 and all(power_w == 3450.0 and enabled for power_w, enabled, *_ in heated)
             assert car.wait_for_power(0.0) - last_s < LEASE_S + 0.3
 
-            commands.publish(command(2000.0, 20.0))
-            car.wait_for_power(2000.0)
-            commands.publish(command(math.nan, 20.0))
+            with repeating(lambda: commands.publish(command(2000.0)), 0.1):
+                car.wait_for_power(2000.0)
+            commands.publish(command(math.nan))
             car.wait_for_power(0.0)
             diagnostics.wait_for(lambda array: any(
                 status.name == 'bus_gateway: heater command' and 'battery_heating_power: nan W' in status.message
                 for status in array.status))
 
-            commands.publish(command(2000.0, 20.0))
-            car.wait_for_power(2000.0)
-            second = publisher(HvchCommand, 'hvch_command', 1)
-            car.wait_for_power(0.0)
-            second.destroy()
-            car.wait_for_power(2000.0)
+            # After doubt the heater stays off for a while, so one valid command is not enough.
+            with repeating(lambda: commands.publish(command(2000.0)), 0.1):
+                car.wait_for_power(2000.0)
+                second = publisher(HvchCommand, 'hvch_command', 1)
+                second.wait_for_subscription()
+                second.publish(command(1000.0))
+                car.wait_for_power(0.0)
+                second.destroy()
+                car.wait_for_power(2000.0)
+
+                # The heater's own answer: 3 is "no_flow".
+                car.refusal = 3
+                car.wait_for_power(0.0)
+                diagnostics.wait_for(lambda array: any('no_flow' in status.message for status in array.status))
+                car.refusal = 0
+                car.wait_for_power(2000.0)
         process.end()
         frames = car.commands()
         assert [power_w for power_w, *_ in frames[-3:]] == [0.0] * 3
