@@ -79,7 +79,7 @@ class BatteryReader:
 
 
 class _View:
-    """The readings at one instant; keeps the oldest one that was used."""
+    """The readings at one instant; keeps the instant of the oldest reading used."""
 
     def __init__(self, reader: BatteryReader, readings: Readings, now_s: float, confirmed_s: float | None) -> None:
         self._map, self._channels = reader._map, reader._channels

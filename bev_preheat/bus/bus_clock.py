@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Instants of readings on a clock that no one sets: steps of the system's clock change no age."""
+"""Instants of readings on a steady clock: steps of the system's clock change no age."""
 
 from __future__ import annotations
 
 import time
 
-# A stamp this far from the system's clock is none of it: some interfaces count from the start of the adapter [s].
+# A stamp this far from the system's clock is another clock's: some adapters count from their own start [s].
 FAR_S = 3600.0
 
 

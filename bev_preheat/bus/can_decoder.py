@@ -37,7 +37,7 @@ class CanDecoder:
     """
 
     def __init__(self, live_map: LiveMap) -> None:
-        """Load the DBC files; raises InvalidInput if one is unreadable or lacks a required signal."""
+        """Load the DBC files; raises InvalidInput for an unreadable file or a missing signal."""
         require('cantools')
         where = str(live_map.signals.path)
         messages = {message.name: message for file in live_map.signals.databases

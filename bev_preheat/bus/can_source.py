@@ -46,7 +46,7 @@ class CanSource:
         self._link.close()
 
     def battery(self, now_s: float) -> tuple[LiveBattery | None, tuple[str, ...]]:
-        """Return the battery at an instant [s]; without one, a sentence for each signal that lacks."""
+        """Return the battery at an instant [s]; else a sentence for each missing signal."""
         return self._reader.read(self._readings, now_s)
 
     def doubts(self, now_s: float) -> dict[str, str]:

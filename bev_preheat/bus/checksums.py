@@ -22,7 +22,7 @@ class Checksum:
     """The checksum of a message: that of all bytes but its own, behind the prefix."""
 
     def __init__(self, rule: ChecksumRule, message: Any, where: str) -> None:
-        """Take a cantools Message; raises InvalidInput if the signal is not a byte of it. `where` is the map's."""
+        """Take a cantools Message; raises InvalidInput if the signal is not a byte. `where` is the map's."""
         self.signal, self._rule = rule.signal, rule
         self.at = _byte_of(message, rule.signal, where)
         self._crc = None

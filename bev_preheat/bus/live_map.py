@@ -86,7 +86,7 @@ class HeaterFrameRule:
 
 @dataclass(frozen=True)
 class HeaterStatusRule:
-    """MESSAGE.SIGNAL of the heater's measured power, and of a fault (not 0); None: there is none."""
+    """MESSAGE.SIGNAL of the heater's measured power, and of a fault (not 0); None: not given."""
 
     power: str | None = None
     fault: str | None = None
@@ -96,7 +96,7 @@ class HeaterStatusRule:
 @dataclass(frozen=True)
 class LiveMap:
     """
-    A signal map with a live part; exactly one of `can` and `vss` is given.
+    A signal map with a live part; either `can` or `vss` is given.
 
     `valid_for_s` has a time [s] for each of BATTERY_SIGNALS, CELLS and CHARGING. `charging_values` are those of
     `charging_channel` while the battery is being charged.

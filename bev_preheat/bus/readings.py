@@ -88,7 +88,7 @@ class Readings:
             self._doubts[cause] = (instant_s, sentence)
 
     def latest(self, signal: str, channel: str) -> Reading | None:
-        """Return the latest valid Reading, None if there was none."""
+        """Return the latest valid Reading; None before the first."""
         with self._lock:
             return self._latest.get((signal, channel))
 

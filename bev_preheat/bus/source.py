@@ -26,7 +26,7 @@ class LiveSource(Protocol):
         """End the thread and close the bus."""
 
     def battery(self, now_s: float) -> tuple[LiveBattery | None, tuple[str, ...]]:
-        """Return the battery at an instant [s]; without one, a sentence for each signal that lacks."""
+        """Return the battery at an instant [s]; else a sentence for each missing signal."""
 
     def doubts(self, now_s: float) -> dict[str, str]:
         """Return a sentence on the latest dropped input of each cause."""

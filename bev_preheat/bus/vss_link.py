@@ -33,7 +33,7 @@ class VssLink:
     Keeps a connection; `problem` is '' while it works, else a sentence.
 
     `on_paths` is called with the unit of each path at each connection, and returns the paths to subscribe to;
-    `on_value` with every value of these; `on_request` with the values requested of `actuators`. All of them run in
+    `on_value` with every value of these; `on_request` with the values requested of `actuators`. All run in
     the link's threads. `alive` is called whenever the broker has answered.
     """
 

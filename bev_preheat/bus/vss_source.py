@@ -66,7 +66,7 @@ class VssSource:
         self._link.publish(values)
 
     def battery(self, now_s: float) -> tuple[LiveBattery | None, tuple[str, ...]]:
-        """Return the battery at an instant [s]; without one, a sentence for each signal that lacks."""
+        """Return the battery at an instant [s]; else a sentence for each missing signal."""
         return BatteryReader(self._map, self._channels).read(self._readings, now_s, self._confirmed_s)
 
     def doubts(self, now_s: float) -> dict[str, str]:

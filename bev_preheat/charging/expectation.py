@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 # Abscissas and weights of Gauss and Hermite for a normal distribution (Abramowitz & Stegun 25.4.46, n = 7).
 ABSCISSAS, WEIGHTS = np.polynomial.hermite_e.hermegauss(7)
 WEIGHTS = WEIGHTS / WEIGHTS.sum()
-# Nobody drives faster than this multiple of the planned pace.
+# Drivers are not faster than this multiple of the planned pace.
 FASTEST_PACE = 2.0
 # Spacing of the states on arrival whose sessions are simulated [K] and (0 ... 1); the cost is linear between them.
 SPACING_K, SPACING_SOC = 1.0, 0.02
@@ -151,7 +151,7 @@ class Expectation:
         return max(0.0, arrival_s - self.prospect.known_before_arrival_s)
 
     def _soc_when_known(self, plan: Plan) -> float:
-        """Return the state of charge on arrival if heating ends when the driver knows that nobody charges."""
+        """Return the state of charge on arrival if heating ends when it is known that the car does not charge."""
         if self.prospect.known_before_arrival_s == 0.0 or plan.heating_start_s is None:
             return plan.arrival_soc
         trip = make_trip(self._vehicle, self._route, self._heater_share)
@@ -196,7 +196,7 @@ class SessionCosts:
             if weight > 0.0)
 
     def of_session(self, time_s: float, bought_wh: float, soc: float) -> float:
-        """Return the cost of a session from a state of charge (0 ... 1); one that never ends is the longest."""
+        """Return the cost of a session from a state of charge (0 ... 1); an endless one counts as the longest."""
         if math.isfinite(time_s):
             return self._prices.cost(bought_wh, time_s)
         battery = self._vehicle.battery

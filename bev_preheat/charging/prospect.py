@@ -2,7 +2,7 @@
 """
 The prospect of charging at the end of a drive: how likely it is, and how well the arrival is known.
 
-All of it comes from the trip planner. Nothing given means that the vehicle charges, exactly at the planned
+These figures come from the trip planner. Nothing given means that the vehicle charges, exactly at the planned
 instant.
 """
 

@@ -44,7 +44,7 @@ class ComputedWarmth:
 
     `minutes` are those of a heating run or, computed, of a session between two states of charge, `start_soc` and
     `end_soc` (0 ... 1; NaN for a heating run); `end_power_kw` is the computed charging power at its end.
-    `not_comparable` says why the computed rise cannot be held against the published one, or is None.
+    `not_comparable` says why the computed rise cannot be compared with the published one, or is None.
     """
 
     car: str

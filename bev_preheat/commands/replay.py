@@ -126,20 +126,22 @@ def changes_of(arguments: Namespace) -> Changes:
                                f'parameter of {", ".join(FIELD_OF_PARAMETER)}')
         parameters[name] = _value(name, value)
     if arguments.method is not None:
-        parameters['method'] = arguments.method
+        parameters['method'] = _value('method', arguments.method)
     return Changes(arguments.vehicle, parameters)
 
 
 def _value(name: str, text: str) -> Any:
-    from bev_preheat.nodes.parameters import check
+    from bev_preheat.nodes.parameters import check, IN_WORDS
     from bev_preheat.nodes.planner_node import PARAMETERS
+    [parameter] = [each for each in PARAMETERS if each.name == name]
+    kind = type(parameter.default)
     try:
-        value = json.loads(text)
+        value = text if kind is str else float(text) if kind is float else json.loads(text)
     except ValueError:
-        value = text
-    if isinstance(value, int) and not isinstance(value, bool):
-        value = float(value)
-    check([parameter for parameter in PARAMETERS if parameter.name == name], {name: value})
+        value = None
+    if not isinstance(value, kind):
+        raise InvalidInput(f'--set: {name}: {quoted(text)} is not allowed; it must be {IN_WORDS[kind]}')
+    check([parameter], {name: value})
     return value
 
 

@@ -103,7 +103,7 @@ def run(arguments: Namespace) -> int:
 
 
 def _prospect_text(prospect: ChargingProspect) -> str:
-    """Return what is uncertain, for the title; '' for nothing."""
+    """Return the prospect of charging for the title; '' if charging is certain."""
     known_s = prospect.known_before_arrival_s
     return ''.join(text for is_given, text in (
         (prospect.probability < 1.0, f', {prospect.in_words} chance of charging'),

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-What it means for the plan that the vehicle may not charge: the sentence, and a given target in doubt.
+The plan of a vehicle that may not charge: its sentence, and a given target in doubt.
 
 A chosen target is the cheapest by expected cost (`charging.expectation`). A given target, or the vehicle's
 default, is kept or not heated to at all: it is heated to from the probability on from which that costs less

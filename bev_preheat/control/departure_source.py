@@ -96,7 +96,7 @@ class DepartureSource:
         self._reason = 'the planner was not running'
         self._latest = ''
         self._memory = DriveMemory()
-        # Lowest state of charge since the grid was found not to feed the vehicle; None: the file is believed.
+        # Lowest state of charge since the grid was found not to feed the vehicle; None: the file holds.
         self._unplugged_soc: float | None = None
 
     def use(self, departures: Departures, prices: GridPrices | None) -> None:
@@ -132,7 +132,7 @@ class DepartureSource:
                 f'The preparation for a departure has ended: {self._reason}.'),)
         if goal is not None and _is_same(wanted, goal):
             return ()
-        # Without a pause it replaces one that the file or the evidence has changed.
+        # Without a pause it replaces a goal that the file or the evidence has changed.
         self._goal, self._goal_for = wanted, self._next
         return (PreparationWanted(wanted),)
 
@@ -193,7 +193,7 @@ class DepartureSource:
         if before_ns is None or before_ns < EARLIEST_NS:
             return
         if now_ns < before_ns:
-            # Set back: what was computed for later instants is void.
+            # Set back: results for later instants are void.
             self._next, self._retry_ns = None, 0
             self._memory = DriveMemory()
             return

@@ -67,7 +67,7 @@ class _Reading:
             raise InvalidInput([f'{self._path}: {problem}' for problem in self.problems])
 
     def _read(self, key: str, read: Callable[[], Value]) -> Value | None:
-        """Return the value that `read` returns; note what it refuses and return None."""
+        """Return the value that `read` returns; note its refusal and return None."""
         try:
             return read()
         except InvalidInput as error:

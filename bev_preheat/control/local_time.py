@@ -3,7 +3,7 @@
 Local times of a time zone as instants [ns], and back.
 
 Rules for clock changes are those of RFC 5545 (section 3.3.5): a local time that occurs twice means the first
-occurrence; one that is skipped is read with the offset before the gap, so 02:30 becomes 03:30.
+occurrence; a skipped one is read with the offset before the gap, so 02:30 becomes 03:30.
 """
 
 from __future__ import annotations

@@ -9,7 +9,7 @@ the estimate, the route or the time of arrival has changed, and every SEARCH_PER
 if another is cheaper by LEAST_GAIN_SHARE, so that jitter does not change it.
 
 If it is uncertain whether the vehicle charges, or when it arrives, the cost is an expected one. Another
-probability needs no plan: the targets found so far are weighed anew at once.
+probability needs no plan: the targets found so far are weighed again at once.
 """
 
 from __future__ import annotations

@@ -100,6 +100,18 @@ def test_the_command_says_reproduced_and_compares(recorded, capsys):
     assert "'colour=red' is not allowed" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize('words, told', [
+    (['--set', 'arrival_soc_margin=nan'], 'arrival_soc_margin'),
+    (['--set', 'arrival_soc_margin=much'], 'a number'),
+    (['--set', 'estimation=1'], 'true or false'), (['--method', 'magic'], "'magic'"),
+    (['--explain', 'nan'], 'seconds from the start'), (['--explain', '9999'], 'long')])
+def test_a_wrong_change_is_one_line_and_2(recorded, capsys, words, told):
+    _, folder = recorded
+    assert main(['replay', str(folder), *words]) == 2
+    [line] = capsys.readouterr().err.splitlines()
+    assert told in line
+
+
 def test_a_killed_planner_leaves_a_readable_file(recorded, tmp_path):
     """Whatever byte the file ends at, all whole steps before it are read."""
     _, folder = recorded
