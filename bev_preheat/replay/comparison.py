@@ -44,11 +44,11 @@ class Comparison:
         return self.different == 0
 
 
-def compare(pairs: Iterable[tuple[Given, Played]], tolerance_w: float = 0.0) -> Comparison:
+def compare(pairs: Iterable[tuple[Given, Played]]) -> Comparison:
     """
     Return the Comparison of recorded steps with their replays.
 
-    A command differs if its power does by more than `tolerance_w` [W], or its lease or its reason does at all.
+    A command differs if its power, the end of its lease or its reason does.
     """
     commands = different = 0
     first: Difference | None = None
@@ -60,7 +60,7 @@ def compare(pairs: Iterable[tuple[Given, Played]], tolerance_w: float = 0.0) -> 
         commands += 1
         if recorded is not None and replayed is not None:
             largest_w = max(largest_w, abs(recorded[0] - replayed[0]))
-            if abs(recorded[0] - replayed[0]) <= tolerance_w and recorded[1:] == replayed[1:]:
+            if recorded == replayed:
                 continue
         different += 1
         if first is None:

@@ -19,8 +19,6 @@ from bev_preheat.optional_packages import require
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-# Bytes that every MCAP file starts with.
-MAGIC = b'\x89MCAP0\r\n'
 # A damaged length must not make the reader ask for all memory.
 LARGEST_RECORD_BYTES = 100_000_000
 
@@ -49,24 +47,6 @@ class Flight:
     remarks: tuple[str, ...] = ()
 
 
-def is_flight_recording(path: str | Path) -> bool:
-    """Return whether a path is a file of the flight recorder, or a folder of such files."""
-    path = Path(path)
-    if path.is_dir():
-        return bool(recordings_in(path))
-    try:
-        with open(path, 'rb') as file:
-            if not file.read(len(MAGIC)).startswith(MAGIC):
-                return False
-        require('mcap')
-        for number, (channel, _, _, _) in enumerate(_messages(path, lambda problem: None)):
-            if channel == BEGINNING_CHANNEL or number > 0:
-                return channel == BEGINNING_CHANNEL
-    except OSError:
-        pass
-    return False
-
-
 def read_flight(path: str | Path) -> Flight:
     """
     Return the Flight of a file, with the later files of the same process; of a folder, that of the latest process.
@@ -83,7 +63,7 @@ def read_flight(path: str | Path) -> Flight:
         first, read, part_gaps = _read_part(part, remarks)
         if beginning is None:
             beginning = first
-        elif first.part != parts_before(beginning, number):
+        elif first.part != beginning.part + number:
             gaps.append(len(given))
             remarks.append(f'{part}: the file before it is missing')
         elif read and read[0].step.events and number:
@@ -96,11 +76,6 @@ def read_flight(path: str | Path) -> Flight:
         remarks.append("the recording begins in the middle of a planner's life: the estimation needs some minutes "
                        'until it knows again what it knew')
     return Flight(beginning, tuple(given), tuple(parts), tuple(gaps), tuple(remarks))
-
-
-def parts_before(beginning: Beginning, number: int) -> int:
-    """Return the part that the file `number` after a Beginning must have."""
-    return beginning.part + number
 
 
 def _repeated(read: list[Given], before: list[Given]) -> int:
