@@ -125,7 +125,7 @@ setup(
                             'control/itinerary_schema.yaml',
                             'simulation/scenario_schema.yaml', 'vehicle/chemistry.yaml',
                             'vehicle/vehicle_template.yaml',
-                            'vehicle/road_load_template.yaml', 'ecu/c/*'],
+                            'vehicle/road_load_template.yaml', 'web_page/assets/*', 'ecu/c/*'],
                   CONFIGURATION: ['*.yaml', '*/*', '*/*/*'],
                   STUDIES: ['footprint/*.[ch]']},
     ext_modules=[] if WITH_COLCON else [core_library()],
