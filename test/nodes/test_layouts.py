@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The layouts for Foxglove and PlotJuggler show topics that the flight recorder writes, and fields that they have."""
+"""Layouts for Foxglove and PlotJuggler show topics that the flight recorder writes, and fields that they have."""
 
 import json
 from pathlib import Path
