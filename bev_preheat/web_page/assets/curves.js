@@ -7,6 +7,7 @@ Stacked curves over one time axis, drawn by uPlot, which must be loaded first. c
       title: 'Temperature', unit: '°C',
       height: 220,                       // [px]; optional
       least: 0, most: 1,                 // limits that the axis always shows; optional
+      noScale: true,                     // no figures at the axis: states
       leastSpan: 2,                      // the axis spans at least this much; optional
       series: [{
         name: 'prediction', key: 'predicted',  // the column in the data
@@ -16,6 +17,7 @@ Stacked curves over one time axis, drawn by uPlot, which must be loaded first. c
         step: true,                      // holds each value until the next: heater, states
         low: 'low', high: 'high',        // columns of a band around it; the legend shows them
         times: 'planTime',               // column of its instants, if not `time`
+        words: ['off', 'on'],            // the legend shows the word of a value 0, 1, …
         off: true,                       // hidden until its legend entry is pressed
       }],
     }],
@@ -220,6 +222,9 @@ const bevCurves = (() => {
       this.zooming = true;
       for (const row of this.plots) row.plot.setScale('x', {min: from, max: to});
       this.zooming = false;
+      // The cursor stays where it is on the screen.
+      const left = this.plots.length ? this.plots[0].plot.cursor.left : -1;
+      if (this.at !== null && left >= 0) this.setCursor(this.plots[0].plot.posToVal(left, 'x'));
     }
 
     magnify(factor) {
@@ -301,7 +306,8 @@ const bevCurves = (() => {
             incrs: [1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 10800, 21600, 43200, 86400, 172800,
               604800],
             values: (plot, splits) => splits.map((at) => (isLast ? clockText(at, this.options.clock) : ''))},
-          {stroke: ink, grid, ticks: grid, size: AXIS_WIDTH, space: 28}],
+          {stroke: ink, grid, ticks: grid, size: AXIS_WIDTH, space: 28,
+            values: definition.noScale ? (plot, splits) => splits.map(() => '') : undefined}],
         cursor: {
           sync: {key: this.key, filters: {pub: (type) => type === 'mousemove' || type === 'mouseleave'}},
           focus: {prox: -1}, drag: {x: true, y: false, dist: 4}, points: {size: 7}},
@@ -398,12 +404,11 @@ const bevCurves = (() => {
 
     valueText(definition, series, at) {
       const times = this.data[series.times || 'time'], column = this.data[series.key];
-      if (!times || !column || at === null || !times.length || at > times[times.length - 1] + 1e-6) return '–';
+      if (!times || !column || at === null || !times.length || at > times[times.length - 1] + 2) return '–';
       const index = lastUntil(times, at);
       if (index < 0 || !isNumber(column[index])) return '–';
       const factor = series.scale || 1, digits = series.digits === undefined ? 1 : series.digits;
-      const texts = definition.words;
-      if (texts) return texts[column[index]] || '–';
+      if (series.words) return series.words[column[index]] || '–';
       const low = series.low && this.data[series.low], high = series.high && this.data[series.high];
       const spread = low && high && isNumber(low[index]) && isNumber(high[index])
         ? ` ±${((high[index] - low[index]) / 2 * factor).toFixed(digits)}` : '';
@@ -425,14 +430,14 @@ const bevCurves = (() => {
         const next = shown[index + 1];
         // The state that holds at the left edge is named too.
         const isBefore = marker.at < from;
-        if (isBefore && next && next.at <= from) return;
+        if (isBefore && next && next.at <= from) return;  // it does not hold at the edge any more
         const x = isBefore ? bbox.left : plot.valToPos(marker.at, 'x', true);
         if (!isBefore) {
           ctx.setLineDash([2 * ratio, 3 * ratio]);
           line(ctx, x, bbox);
         }
         if (!row.hasMarkers || x < free) return;
-        const end = next && next.at > from ? plot.valToPos(next.at, 'x', true) : bbox.left + bbox.width;
+        const end = next ? plot.valToPos(next.at, 'x', true) : bbox.left + bbox.width;
         const text = fitted(ctx, marker.text, end - x - 6 * ratio);
         if (!text) return;
         ctx.fillText(text, x + 2 * ratio, bbox.top - 3 * ratio);
