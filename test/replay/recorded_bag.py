@@ -14,13 +14,15 @@ from bev_preheat.replay.flight_file import read_flight
 
 TYPES = {'battery_state': 'sensor_msgs/msg/BatteryState', 'route_plan': 'bev_preheat_msgs/msg/RoutePlan',
          'hvch_command': 'bev_preheat_msgs/msg/HvchCommand'}
+# The first minutes of the drive are enough.
+STEPS = 500
 # A recorder notes a message this much after it was sent [ns].
 LATE_NS = 3_000_000
 
 
 def topic_messages(folder, prefix='', has_commands=True, ahead_ns=0):
     """Yield topic, type, time of arrival [ns] and bytes; the recorder's clock is `ahead_ns` [ns] behind."""
-    for given in read_flight(folder).given:
+    for given in read_flight(folder).given[:STEPS]:
         step = given.step
         at_ns = step.now_ns - ahead_ns
         if given.message is not None:

@@ -354,7 +354,7 @@ const bevCurves = (() => {
       }
       // A plot has one column of times; in the order of its series again.
       const sources = [...tables.keys()], joined = sources.length === 1 ? tables.get(sources[0])
-        : uPlot.join([...tables.values()]);
+        : merged([...tables.values()]);
       const offsets = new Map();
       let offset = 1;
       for (const source of sources) { offsets.set(source, offset); offset += tables.get(source).length - 1; }
@@ -513,6 +513,29 @@ const bevCurves = (() => {
     to += least === undefined ? lacking / 2 : lacking;
     const room = (to - from) * 0.05;
     return [from === least ? from : from - room, to === most ? to : to + room];
+  }
+
+  // One table of several with times of their own; undefined, unlike null, is no gap.
+  function merged(tables) {
+    const filled = tables.filter((table) => table[0].length), columns = [[]], at = filled.map(() => 0);
+    for (const table of tables) for (let index = 1; index < table.length; index++) columns.push([]);
+    const offsets = new Map();
+    let offset = 1;
+    for (const table of tables) { offsets.set(table, offset); offset += table.length - 1; }
+    for (let row = 0; ; row++) {
+      let time = Infinity;
+      filled.forEach((table, number) => { if (at[number] < table[0].length) time = Math.min(time, table[0][at[number]]); });
+      if (time === Infinity) break;
+      columns[0].push(time);
+      filled.forEach((table, number) => {
+        if (table[0][at[number]] !== time) return;
+        const first = offsets.get(table);
+        for (let index = 1; index < table.length; index++) columns[first + index - 1][row] = table[index][at[number]];
+        at[number] += 1;
+      });
+    }
+    for (const column of columns) column.length = columns[0].length;
+    return columns;
   }
 
   function line(ctx, x, bbox) {

@@ -71,8 +71,8 @@ def _figures(node: PlannerNode, folder: str, log: Callable[[str], object]) -> li
         f'{sum(path.stat().st_size for path in Path(folder).iterdir()) / 1e6:.1f} MB recorded')
     return [
         Figure('update of the planner node, processor time', 1e3 * update_s, 'ms'),
-        Figure("the flight recorder's share of its thread, by which a plan is later", 100.0 * own_s / update_s, '%',
-               MOST_SHARE_PERCENT),
+        Figure("the flight recorder's share of its thread, by which a plan is later",
+               100.0 * own_s / update_s, '%', MOST_SHARE_PERCENT),
         Figure("the flight recorder's share with its own thread", 100.0 * (own_s + writer_s) / update_s, '%',
                MOST_SHARE_PERCENT)]
 
