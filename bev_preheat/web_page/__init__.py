@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What this package's web pages embed, so that they work offline: the library of curves, and its style."""
+"""Scripts and styles of web pages: curves, embedded so that the pages work offline."""
