@@ -92,7 +92,8 @@ class TargetChoice:
         if self.heating_pays and self.target_c is None:
             return goal
         target_c = goal.target_temperature_c if self.target_c is None else self.target_c
-        return replace(goal, target_temperature_c=target_c, heating_pays=self.heating_pays)
+        return replace(goal, target_temperature_c=target_c, heating_pays=self.heating_pays,
+                       heats_until_arrival=self.source is TargetSource.CHOSEN)
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,9 +129,11 @@ class TargetSearchInput:
         return self.route.total_duration_s
 
     def plan_to(self, target_c: float) -> Plan:
-        """Return the Plan for a target [deg C]."""
+        """Return the Plan for a target [deg C]; for one that is chosen, heat under way counts."""
+        is_chosen = not self.given and self.leg.charger is not None and not _obstacle(self)
         return plan_preheating(
-            self.vehicle, self.route, self.state, replace(self.goal, target_temperature_c=target_c),
+            self.vehicle, self.route, self.state, replace(
+                self.goal, target_temperature_c=target_c, heats_until_arrival=is_chosen),
             self.settings.method, heater_share=self.heater_share)
 
 
