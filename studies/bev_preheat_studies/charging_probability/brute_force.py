@@ -4,9 +4,9 @@ The best target under uncertainty against a search over start and end of heating
 
 The search knows no target: it heats with full power between two instants up to the planned arrival, at which
 the planner switches off, tries a grid of both, and refines the best of it. Like a plan, it keeps the reserve of
-charge and the power that the drive needs. Its cost is computed here: arrival times by a quadrature of its own with
-more points, each session simulated with the cheapest heating at the charger, the lost energy as the integral of the
-open-circuit voltage. The same account judges the planner's best target.
+charge and the power that the drive needs. Its cost is computed here: arrival times by a quadrature of its own
+with more points, each session simulated with the cheapest heating at the charger, the lost energy as the integral
+of the open-circuit voltage. The same account judges the planner's best target.
 """
 
 from __future__ import annotations
