@@ -200,19 +200,19 @@ def compare(seed: int, number: int) -> Gap:
         return Gap(number, NOT_DRIVEN, str(error), prospect)
     judge = Judge(drawn, prospect)
 
-    def cost_of(target_c: float | None) -> float:
+    def cost_of(target_c: float | None, heats_until_arrival: bool) -> float:
         if target_c is None:
             return judge.cost(between(0.0, 0.0))
         plan = plan_preheating(*inputs[:3], replace(
-            drawn.goal, target_temperature_c=target_c, heats_until_arrival=True))
+            drawn.goal, target_temperature_c=target_c, heats_until_arrival=heats_until_arrival))
         return judge.cost(partial(by_the_clock, plan))
 
     best = found.best
     return Gap(
         number, COMPARED, '', prospect, has_heat_path,
-        cost_of(None if best is found.without_heating else best.target_c),
-        search(judge, drawn.route.total_duration_s)[0], cost_of(None),
-        cost_of(None if certain.best is certain.without_heating else certain.best.target_c))
+        cost_of(None if best is found.without_heating else best.target_c, prospect.heats_until_arrival),
+        search(judge, drawn.route.total_duration_s)[0], judge.cost(between(0.0, 0.0)),
+        cost_of(None if certain.best is certain.without_heating else certain.best.target_c, True))
 
 
 def run_gaps(drives: int, seed: int, jobs: int | None, report: Callable[[Gap], object]) -> None:
