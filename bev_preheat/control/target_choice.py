@@ -74,8 +74,8 @@ class TargetChoice:
 
     `target_c` is None if the goal's own target holds. Charging times [s] and bought energies [Wh] are those
     with the target and without any further heating, from the latest search; NaN if unknown, infinite if
-    the session never ends. `doubt` is None if the vehicle charges for certain. `heats_until_arrival` is that of the
-    Goal.
+    the session never ends. `doubt` is None if the vehicle charges for certain. `heats_until_arrival` is
+    that of the Goal.
     """
 
     source: TargetSource

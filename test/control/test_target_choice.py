@@ -30,13 +30,13 @@ from bev_preheat.charging.stop import ChargingStop
 from bev_preheat.charging.worth import find_worth
 from bev_preheat.control import target_choice
 from bev_preheat.control.inputs import Measurement, NS_PER_S
+from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.control.target_choice import (
     LEAST_GAIN_SHARE,
     PLANS_EACH_UPDATE,
     TargetChooser,
     TargetSource,
 )
-from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.estimation.prior import Learned
 from bev_preheat.estimation.state import FACTORS, HEAT_CAPACITY
 from bev_preheat.planning.planner import plan_preheating, plan_unheated
@@ -244,11 +244,12 @@ def test_over_a_drive_the_target_changes_a_few_times_and_is_reached():
 # Heat under way
 
 def driven_with_late_heat(target_c=math.nan):
-    """Drive a car whose heat arrives late; return its commands' instants [s] and powers [W], and the last target."""
+    """Drive a car whose heat arrives late; return instants [s] and powers [W] of its commands, and the target."""
     late = replace(VEHICLE, heat_path=HeatPath(45.0, 15e3, 300.0))
     car = ImperfectCar(
-        late, drive(40, -9.0, power_w=14e3), BatteryState(-9.0, 0.45), Goal(target_c), Imperfections(sensors=Sensors(
-            temperature_noise_k=0.1, temperature_resolution_k=0.1, period_s=5.0)), [3, 14], charger=FAST)
+        late, drive(40, -9.0, power_w=14e3), BatteryState(-9.0, 0.45), Goal(target_c),
+        Imperfections(sensors=Sensors(temperature_noise_k=0.1, temperature_resolution_k=0.1, period_s=5.0)),
+        [3, 14], charger=FAST)
     supervisor = Supervisor(late, replace(
         MEASURED, estimation=True, command_period_s=5.0, lease_s=12.0, battery_state_timeout_s=12.0))
     commands, planned_c = [], math.nan
