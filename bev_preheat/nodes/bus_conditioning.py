@@ -62,7 +62,9 @@ class BusConditioning:
         self._told: dict[str, Any] = {}
         self._connections = 0
         self._refusal, self._refused_s = '', -REFUSAL_SHOWN_S
+        # Of the car, for the next goal: whether it is charged, and the air around it [deg C], None: unknown.
         self.is_plugged_in = False
+        self.ambient_c: float | None = None
         node.create_subscription(HvchCommand, 'hvch_command', self._on_command, 1)
         node.create_timer(LOOK_PERIOD_S, self._on_look, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
@@ -113,6 +115,8 @@ class BusConditioning:
         if goal.target_c is not None:
             message.target_battery_temperature = goal.target_c
             message.has_target_battery_temperature = True
+        if self.ambient_c is not None:
+            message.ambient_temperature, message.has_ambient_temperature = self.ambient_c, True
         future = self._client.send_goal_async(message)
         future.add_done_callback(lambda future: self._on_accepted(goal, future))
 
