@@ -38,6 +38,8 @@ if TYPE_CHECKING:
 LOOK_PERIOD_S = 0.1
 # A refusal is shown in the diagnostics for this time [s].
 REFUSAL_SHOWN_S = 60.0
+# A planner that has just started knows no battery yet: a goal that it refuses within STARTING_S is sent again [s].
+STARTING_S, RETRY_S = 5.0, 0.5
 
 
 class BusConditioning:
@@ -61,9 +63,13 @@ class BusConditioning:
         self._handle: Any = None
         self._told: dict[str, Any] = {}
         self._connections = 0
+        # Since when planner and battery are there [s], None: they are not; and when a goal may be sent again [s].
+        self._ready_since_s: float | None = None
+        self._retry_at_s = 0.0
         self._refusal, self._refused_s = '', -REFUSAL_SHOWN_S
-        # Of the car, for the next goal: whether it is charged, and the air around it [deg C], None: unknown.
-        self.is_plugged_in = False
+        # Of the car, for the next goal: whether its battery is known and is charged, and the air around it [deg C],
+        # None: unknown.
+        self.has_battery = self.is_plugged_in = False
         self.ambient_c: float | None = None
         node.create_subscription(HvchCommand, 'hvch_command', self._on_command, 1)
         node.create_timer(LOOK_PERIOD_S, self._on_look, clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -77,9 +83,14 @@ class BusConditioning:
             except Empty:
                 break
             self._take(values)
-        if self._sent is not None and not self._client.server_is_ready():
+        is_there = self._client.server_is_ready()
+        if self._sent is not None and not is_there:
             # Its planner has gone; the next one gets the goal again.
             self._sent = self._handle = None
+        if not (is_there and self.has_battery):
+            self._ready_since_s = None
+        elif self._ready_since_s is None:
+            self._ready_since_s = steady_s()
         if self._wanted != self._sent:
             self._send()
         self._tell()
@@ -106,7 +117,7 @@ class BusConditioning:
                 self._handle.cancel_goal_async()
             self._sent = self._handle = None
             return
-        if not self._client.server_is_ready():
+        if self._ready_since_s is None or steady_s() < self._retry_at_s:
             return
         goal = self._wanted
         self._sent, self._handle = goal, None
@@ -139,6 +150,10 @@ class BusConditioning:
         if code == PrepareBattery.Result.SHUTTING_DOWN or answer.status == GoalStatus.STATUS_UNKNOWN:
             if goal is self._sent:
                 self._sent = self._handle = None
+            return
+        is_starting = self._ready_since_s is None or steady_s() - self._ready_since_s < STARTING_S
+        if code == PrepareBattery.Result.REFUSED and is_starting and goal is self._sent:
+            self._sent, self._handle, self._retry_at_s = None, None, steady_s() + RETRY_S
             return
         self._end(goal, answer.result.explanation,
                   code not in (PrepareBattery.Result.REACHED, PrepareBattery.Result.CANCELED))
@@ -184,8 +199,11 @@ class BusConditioning:
     def entry(self, node_name: str, hardware: str) -> DiagnosticStatus:
         """Return the DiagnosticStatus `NODE: conditioning`."""
         refused = [self._refusal] if steady_s() - self._refused_s < REFUSAL_SHOWN_S else []
-        waits = (['the planner does not answer: its action prepare_battery is not there']
-                 if self._wanted is not None and self._sent is None else [])
+        waits = []
+        if self._wanted is not None and self._sent is None:
+            waits = ['the request waits for the battery' if not self.has_battery else
+                     'the planner does not answer: its action prepare_battery is not there'
+                     if self._ready_since_s is None else 'the planner is starting']
         return bus_entry(node_name, 'conditioning', hardware, [], [*waits, *refused], self._request.mode,
                          {'mode': self._request.mode, 'active': str(self._handle is not None).lower(),
                           'heating': str(self._is_heating).lower()})

@@ -143,6 +143,7 @@ class BusGatewayNode(Node):
         self._latest_s = now_s
         self._battery, self._lacking = self._source.battery(now_s)
         if self._conditioning is not None:
+            self._conditioning.has_battery = self._battery is not None
             self._conditioning.is_plugged_in = self._battery is not None and bool(self._battery.is_charging)
             self._conditioning.ambient_c = self._source.value(AMBIENT, now_s)
         speed_mps = None if self._speed_publisher is None else self._source.value(SPEED, now_s)

@@ -7,6 +7,7 @@ installed ones, and no message of ROS is written by hand.
 """
 
 from itertools import groupby
+import signal
 import time
 
 from can_car import CanCar
@@ -61,15 +62,17 @@ def cabin():
     car.close()
 
 
-def test_request_ends_in_a_warm_battery_and_is_reported_back(cabin, start_executable, tmp_path):
+@pytest.mark.parametrize('is_killed', [False, pytest.param(True, marks=pytest.mark.deep)], ids=['', 'planner killed'])
+def test_request_ends_in_a_warm_battery_and_is_reported_back(cabin, start_executable, tmp_path, is_killed):
     car, broker = cabin._car, cabin.broker
     vehicle = small_battery(tmp_path, 25e3)
     signals = tmp_path / 'car_vss.yaml'
     shipped = find_configuration('signals', 'vss', '.yaml').read_text()
     signals.write_text(shipped.replace('port: 55555', f'port: {broker.port}'))
     start_executable('bus_gateway', '-p', f'signals:={signals}', '-p', 'battery_state_period:=0.2')
-    start_executable('planner', '-p', f'vehicle:={vehicle}', '-p', 'command_period:=0.3', '-p', 'estimation:=false',
-                     '-p', 'minimum_on_time:=0.0', '-p', 'minimum_off_time:=0.0')
+    planner = ('planner', '-p', f'vehicle:={vehicle}', '-p', 'command_period:=0.3', '-p', 'estimation:=false', '-p',
+               'minimum_on_time:=0.0', '-p', 'minimum_off_time:=0.0')
+    first = start_executable(*planner)
     start_executable('heater_controller', '-p', f'vehicle:={vehicle}', '-p',
                      f'signals:={can_map(tmp_path, car.ports[0])}')
     broker.wait_for(IS_ACTIVE, False)
@@ -81,6 +84,14 @@ def test_request_ends_in_a_warm_battery_and_is_reported_back(cabin, start_execut
     broker.wait_for(MODE, 'FAST_CHARGING_PREPARATION')
     broker.wait_for(IS_ONGOING, True)
     assert broker.values[IS_ACTIVE] is True
+    if is_killed:
+        first.send_signal(signal.SIGKILL)
+        first.wait()
+        # Its lease of 2.5 s.
+        broker.wait_for(IS_ONGOING, False, timeout_s=4.0)
+        start_executable(*planner)
+        # The new planner gets the goal again.
+        broker.wait_for(IS_ONGOING, True)
     broker.wait_for(MODE, 'INACTIVE', timeout_s=60.0)
     broker.wait_for(IS_ONGOING, False)
     broker.wait_for(IS_ACTIVE, False)
