@@ -322,3 +322,15 @@ def test_every_topic_is_described():
         program = node.PROGRAM
         for name, _ in (*program.subscribes, *program.publishes, *program.services, *program.actions):
             assert f'`{name}`' in page, f'{program.name}: {name}'
+
+
+def test_rules_of_the_heater_name_their_tests():
+    rules = (ROOT / 'docs/explanation/safety.md').read_text().partition('## Requirements for the heater controller')[2]
+    file = re.search(r'`(test/heater/\w+\.py)`', rules).group(1)
+    rows = [row for row in cells(rules) if re.fullmatch(r'R\d.*|all', row[0])]
+    assert [row[0][:2] for row in rows] == [f'R{number}' for number in range(1, 10)] + ['al']
+    named = {name for row in rows for name in re.findall(r'test_\w+', row[-1])}
+    assert all('test_' in row[-1] for row in rows)
+    # Each test of the controller belongs to a rule, except the one on the message's numbers.
+    assert named == set(re.findall(r'^def (test_\w+)', (ROOT / file).read_text(), re.MULTILINE)) - {
+        'test_numbers_are_those_of_the_message'}
