@@ -12,7 +12,7 @@ ENABLE, DISABLE, PREPARE, CANCEL, SKIP, UNSKIP = (
     'enable', 'disable', 'prepare', 'cancel', 'skip', 'unskip')
 KINDS = (ENABLE, DISABLE, PREPARE, CANCEL, SKIP, UNSKIP)
 # As the action has them: a day ahead, and the temperatures of batteries.
-MINUTES, TARGET_C = (0.0, 1440.0), (-60.0, 60.0)
+MINUTES, TARGET_C = (1.0, 1440.0), (-60.0, 60.0)
 
 
 class Asked(NamedTuple):

@@ -34,11 +34,12 @@ LEAST_CHANGE_W = 5.0
 
 
 class Mark(NamedTuple):
-    """A change of the plan at an instant [s]: its status and a sentence."""
+    """A change of the plan at an instant [s]: its status, a sentence, a few words for the curves ('' for none)."""
 
     at_s: float
     status: str
     text: str
+    label: str = ''
 
 
 class Span(NamedTuple):
@@ -113,9 +114,9 @@ class Board:
             self.trip_from_s = plan.at_s
         self.plan = plan
         self.plan_version += 1
-        text = change_of(self._marked, plan)
-        if text:
-            self.marks.append(Mark(plan.at_s, status_name(plan.status), text))
+        mark = change_of(self._marked, plan)
+        if mark is not None:
+            self.marks.append(mark)
             self._marked = plan
 
     def see_route(self, route: RouteSeen) -> None:
@@ -167,13 +168,13 @@ class Board:
             return None
         return number(self._route.reserve_of_leg(self.plan.later_legs) or None, 4)
 
-    def plan_curves(self) -> dict[str, Any]:
-        """Return the trajectories of the plan, thinned; empty columns without one."""
+    def plan_curves(self, most: int = MOST_PLAN_POINTS) -> dict[str, Any]:
+        """Return the trajectories of the plan, thinned to `most` points; empty columns without one."""
         plan = self.plan
         if plan is None or not plan.times_s:
             return {key: [] for key in ('planTime', 'planned', 'planUnheated', 'planSoc', 'planPower')}
         unheated_c = () if self.unheated is None else self.unheated.planned_c(plan)
-        kept = thinned(len(plan.times_s), MOST_PLAN_POINTS)
+        kept = thinned(len(plan.times_s), most)
         powers_w = (*plan.powers_w, math.nan)
 
         def column(values: Sequence[float], digits: int) -> list[float | None]:
@@ -214,20 +215,25 @@ def status_name(number: int) -> str:
         return f'STATUS_{number}'
 
 
-def change_of(before: PlanSeen | None, plan: PlanSeen) -> str:
-    """Return the sentence on what a plan changes compared with an earlier one; '' if nothing of note."""
+def change_of(before: PlanSeen | None, plan: PlanSeen) -> Mark | None:
+    """Return the Mark of a plan that differs from an earlier one; None if nothing of note changed."""
+    def mark(text: str, label: str = '') -> Mark:
+        return Mark(plan.at_s, status_name(plan.status), text, label)
+
     if before is None or before.status != plan.status or before.route_id != plan.route_id:
-        return shortened(plan.sentence, LONGEST_SENTENCE)
+        return mark(shortened(plan.sentence, LONGEST_SENTENCE))
     if abs(plan.target_c - before.target_c) >= TARGET_CHANGE_K:
-        return f'Target {plan.target_c:.1f} instead of {before.target_c:.1f} °C.'
+        return mark(f'Target {plan.target_c:.1f} instead of {before.target_c:.1f} degC.',
+                    f'target {plan.target_c:.1f} degC')
     start, earlier = plan.heating_start_s, before.heating_start_s
     # The start of heating that is under way is the instant of the plan.
     if start is not None and earlier is not None and start > plan.at_s and abs(start - earlier) >= START_CHANGE_S:
-        return (f'Heating starts {duration_text(abs(start - earlier))} '
-                f'{"later" if start > earlier else "earlier"} than planned before.')
+        shift = f'{duration_text(abs(start - earlier))} {"later" if start > earlier else "earlier"}'
+        return mark(f'Heating starts {shift} than planned before.', f'starts {shift}')
     if abs(plan.predicted_c - before.predicted_c) >= PREDICTION_CHANGE_K:
-        return f'Arrival at {plan.predicted_c:.1f} instead of {before.predicted_c:.1f} °C.'
-    return ''
+        return mark(f'Arrival at {plan.predicted_c:.1f} instead of {before.predicted_c:.1f} degC.',
+                    f'arrival {plan.predicted_c:.1f} degC')
+    return None
 
 
 def _plan_values(plan: PlanSeen | None) -> dict[str, Any]:

@@ -31,6 +31,8 @@ from bev_preheat.optional_packages import require
 from bev_preheat.vehicle import load_vehicle
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from bev_preheat.dashboard.discovery import PlannerFound
     from bev_preheat.dashboard.source import Source
 
@@ -39,7 +41,7 @@ PARAMETERS = (
               read_only=True),
     Parameter('port', 8080, "The page's port; 0: any free one.", limits=(0, 65535), read_only=True),
     Parameter('token', '', 'Asked for by the page: 16 to 256 visible ASCII characters. Empty: not asked for.',
-              read_only=True),
+              read_only=True, secret=True),
     Parameter('controls', False, 'Whether the page has buttons: preheating on or off, ready in …, cancel, skip '
               'the next departure.', read_only=True),
     Parameter('recording', '', 'Open a recording of the flight recorder, a file or its folder, instead of running '
@@ -97,15 +99,26 @@ class DashboardNode(Node):
         if values['controls']:
             self._controls = Controls(self, self._source.note_outcome)
             self._source.ask_planner = self._controls.ask
-        self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, QoSProfile(
-            depth=10, reliability=QoSReliabilityPolicy.BEST_EFFORT))
+        self.create_subscription(
+            DiagnosticArray, '/diagnostics', self._guarded('/diagnostics', self._on_diagnostics), QoSProfile(
+                depth=10, reliability=QoSReliabilityPolicy.BEST_EFFORT))
         # Planners come and go in real time.
-        self.create_timer(LOOK_PERIOD_S, self._on_look, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.create_timer(LOOK_PERIOD_S, self._guarded('looking for planners', self._look),
+                          clock=Clock(clock_type=ClockType.STEADY_TIME))
         return self._source
 
     def last_words(self) -> None:
         """Close the port and all connections."""
         self._server.stop()
+
+    def _guarded(self, what: str, action: Callable[..., None]) -> Callable[..., None]:
+        """Return an action that logs exceptions, because messages and answers come from any node."""
+        def guarded(*arguments: Any) -> None:
+            try:
+                action(*arguments)
+            except Exception as error:
+                self._warn(f'{what}: {type(error).__name__}: {error}')
+        return guarded
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         at_s, now_s = seconds(message.header.stamp), time.monotonic()
@@ -114,12 +127,6 @@ class DashboardNode(Node):
             if entries:
                 with self._source.lock:
                     board.see_diagnostics(at_s, entries, now_s)
-
-    def _on_look(self) -> None:
-        try:
-            self._look()
-        except Exception as error:
-            self._warn(f'looking for planners: {type(error).__name__}: {error}')
 
     def _look(self) -> None:
         there, now_s = find_planners(self, self._found), time.monotonic()
@@ -177,19 +184,20 @@ class DashboardNode(Node):
             return
         self._knows_vehicle.add(name)
         client.call_async(GetParameters.Request(names=['vehicle'])).add_done_callback(
-            lambda answered: self._on_vehicle(name, answered))
+            self._guarded(f"{name}: its vehicle", lambda answered: self._on_vehicle(name, answered)))
 
     def _on_vehicle(self, name: str, answered: Any) -> None:
         board = self._source.boards.get(name)
         if board is None or answered.cancelled() or answered.exception() is not None:
             return
-        [value] = answered.result().values
-        if value.type != ParameterType.PARAMETER_STRING:
-            return
+        values = answered.result().values
+        unheated: Unheated | None = None
         try:
-            unheated, problem = Unheated(load_vehicle(value.string_value)), ''
+            if len(values) != 1 or values[0].type != ParameterType.PARAMETER_STRING:
+                raise InvalidInput('the planner has no parameter vehicle')
+            unheated, problem = Unheated(load_vehicle(values[0].string_value)), ''
         except InvalidInput as error:
-            unheated, problem = None, f'Without the vehicle file no temperature without heating is shown: {error}'
+            problem = f'Without the vehicle file no temperature without heating is shown: {error}'
         with self._source.lock:
             board.unheated, board.unheated_problem = unheated, problem
 

@@ -17,6 +17,7 @@ from bev_preheat.dashboard.unheated import Unheated
 from bev_preheat.errors import InvalidInput
 from bev_preheat.nodes.convert import plan_message
 from bev_preheat.nodes.diagnostics import planner_diagnostics
+from bev_preheat.nodes.news import without_figures
 from bev_preheat.replay.flight_file import read_flight
 from bev_preheat.replay.player import Player
 
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
 
 PLANNER = 'planner'
 # The slider has at most so many positions, and at most so many plans are drawn.
-MOST_FRAMES, MOST_PLANS = 4000, 300
+MOST_FRAMES, MOST_PLANS, MOST_PLAN_POINTS = 4000, 200, 120
 MOST_POINTS = 8000
 # Values of a view that only a running planner has.
 LIVE_ONLY = ('banner', 'ages', 'late', 'outcome')
@@ -48,6 +49,7 @@ class RecordedDrive:
         self._plans: list[dict[str, Any]] = []
         self._framed_s = self._planned_s = -math.inf
         self._marks = self._measured_ns = 0
+        self._entry_kinds: list[tuple[str, str, str]] = []
 
     def add(self, played: Played) -> None:
         """Add a step."""
@@ -73,10 +75,19 @@ class RecordedDrive:
         board.see_plan(plan_seen(plan_message(decision, state.active_mission, played.now_ns)), at_s)
         board.see_diagnostics(
             at_s, entries_seen(planner_diagnostics(PLANNER, state, played.now_ns), PLANNER), at_s)
-        self._frames.append(board.view(at_s))
+        self._frames.append(self._with_known_entries(board.view(at_s)))
         if at_s - self._planned_s >= self._plan_s - CLOSE_S or len(board.marks) != self._marks:
             self._planned_s, self._marks = at_s, len(board.marks)
-            self._plans.append({'at': round(at_s, 3), **board.plan_curves()})
+            self._plans.append({'at': round(at_s, 3), **board.plan_curves(MOST_PLAN_POINTS)})
+
+    def _with_known_entries(self, view: dict[str, Any]) -> dict[str, Any]:
+        """Return a view whose diagnostics are those of the frame before unless more than figures changed."""
+        kinds = [(name, level, without_figures(text)) for name, level, text in view['entries']]
+        if kinds != self._entry_kinds:
+            self._entry_kinds = kinds
+            return view
+        # The page takes null for the same as before.
+        return {**view, 'entries': None}
 
     def tables(self) -> dict[str, Any]:
         """Return the tables: `keys` of the frames, `frames` in rows, plans, history, events."""

@@ -11,14 +11,17 @@ if TYPE_CHECKING:
 MOST_POINTS = 2000
 # Points older than this are dropped [s].
 HORIZON_S = 86400.0
+# Rows of a full trail are at least this share of their age apart, divided by the most rows, and this time [s]. Then
+# some 3/4 of the rows are left, whatever the rate: their number grows with the logarithm of the horizon.
+SHARE_OF_AGE, LEAST_APART_S = 14.0, 0.05
 
 
 class Trail:
     """
     Rows of numbers, the instant [s] first, in order of time; at most `most` of them.
 
-    A full trail drops the rows beyond the horizon and every second row of its older half. `generation` changes
-    when rows were dropped, so that a reader knows that it has to read all of them again.
+    A full trail drops the rows beyond the horizon, and others so that older rows are further apart. `generation`
+    changes when rows were dropped, so that a reader knows that it has to read all of them again.
     """
 
     def __init__(self, most: int = MOST_POINTS, horizon_s: float = HORIZON_S) -> None:
@@ -53,8 +56,13 @@ class Trail:
         return self._rows[count:]
 
     def _thin(self, now_s: float) -> None:
-        self._rows = [row for row in self._rows if row[0] >= now_s - self._horizon_s]
-        if len(self._rows) > self._most:
-            half = len(self._rows) // 2
-            self._rows = self._rows[:half:2] + self._rows[half:]
+        share, kept, later_s = SHARE_OF_AGE / self._most, [self._rows[-1]], self._rows[-1][0]
+        for row in reversed(self._rows[:-1]):
+            age_s = now_s - row[0]
+            if age_s > self._horizon_s:
+                break
+            if later_s - row[0] >= max(share * age_s, LEAST_APART_S):
+                kept.append(row)
+                later_s = row[0]
+        self._rows = kept[::-1][-self._most:]
         self.generation += 1

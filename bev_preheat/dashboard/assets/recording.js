@@ -43,8 +43,10 @@
   }
 
   function viewOf(index) {
-    const view = {};
+    const view = {}, entries = tables.keys.indexOf('entries');
     tables.keys.forEach((key, column) => { view[key] = tables.frames[index][column]; });
+    // null: those of the frame before.
+    for (let before = index; !view.entries && before >= 0; before--) view.entries = tables.frames[before][entries];
     return view;
   }
 
@@ -60,7 +62,7 @@
     bevView.showCurves(view, tables.history, plan, {marks: until(marks), regimes: until(regimes), doubts: until(doubts)});
     bevView.showLog(until(marks));
     slider.value = String(index);
-    const text = `${bevView.clock(times[index])} · ${bevView.duration(times[index] - times[0])} of ${
+    const text = `${bevView.clock(times[index])} UTC · ${bevView.duration(times[index] - times[0])} of ${
       bevView.duration(times[times.length - 1] - times[0])}`;
     slider.setAttribute('aria-valuetext', `${text}, ${bevView.statusOf(view.status)[0]}`);
     byId('player-time').textContent = text;

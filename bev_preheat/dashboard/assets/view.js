@@ -35,9 +35,7 @@ const bevView = (() => {
   }
 
   // In a recording UTC, as `preheat replay` has it.
-  function clock(at) {
-    return bevCurves.clockText(at, isRecording ? 'utc' : 'local') + (isRecording ? ' UTC' : '');
-  }
+  const clock = (at) => bevCurves.clockText(at, isRecording ? 'utc' : 'local');
 
   function showStatus(view) {
     const [word, kind] = statusOf(view.status), status = document.querySelector('.status');
@@ -172,9 +170,10 @@ const bevView = (() => {
       {name: 'measured', key: 'measured', colour: 'blue', width: 2.5},
       {name: 'planned', key: 'planned', times: 'planTime', colour: 'blue', dash: 'dash', width: 2},
       {name: 'without heating', key: 'unheated', times: 'unheatedTime', colour: 'grey', dash: 'dot', width: 2},
-      {name: 'target', key: 'target', times: 'targetTime', colour: 'ink', dash: 'long', width: 1.2},
+      {name: 'target', key: 'target', times: 'targetTime', colour: 'ink', dash: 'long', width: 1.2,
+        constant: true},
       {name: 'at arrival', key: 'spread', low: 'spreadLow', high: 'spreadHigh', times: 'spreadTime', colour: 'purple',
-        width: 3}]},
+        width: 3, constant: true}]},
     {title: 'Heater', unit: 'kW', height: 110, least: 0, leastSpan: 1, series: [
       {name: 'commanded', key: 'power', times: 'powerTime', colour: 'vermillion', step: true, scale: 0.001, width: 2.5},
       {name: 'planned', key: 'planPower', times: 'planTime', colour: 'vermillion', dash: 'dash', step: true,
@@ -182,7 +181,8 @@ const bevView = (() => {
     {title: 'Charge', unit: '%', height: 110, leastSpan: 5, series: [
       {name: 'measured', key: 'soc', colour: 'green', scale: 100, width: 2.5},
       {name: 'planned', key: 'planSoc', times: 'planTime', colour: 'green', dash: 'dash', scale: 100},
-      {name: 'reserve', key: 'reserve', times: 'reserveTime', colour: 'vermillion', dash: 'dot', scale: 100}]}];
+      {name: 'reserve', key: 'reserve', times: 'reserveTime', colour: 'vermillion', dash: 'dot', scale: 100,
+        constant: true}]}];
   if (isRecording) {
     ROWS[0].series.push({name: 'as it came', key: 'later', times: 'laterTime', colour: 'grey', width: 1.2});
   }
@@ -214,7 +214,7 @@ const bevView = (() => {
     }
     if (!data.time.length && !data.planTime.length) return;
     const markers = events.marks.filter(([instant]) => isRecording || instant >= from)
-      .map(([instant, status]) => ({at: instant, text: statusOf(status)[0]}));
+      .map(([instant, status, , label]) => ({at: instant, text: label ? readable(label) : statusOf(status)[0]}));
     const shades = [...events.regimes.filter(([, , text]) => text !== 'driving')
       .map(([begin, end, text]) => ({from: begin, to: end === null ? at : end, text, colour: 'green'})),
     ...events.doubts.map(([begin, end, text]) => ({from: begin, to: end === null ? at : end, text: `in doubt: ${text}`,

@@ -16,6 +16,7 @@ Stacked curves over one time axis, drawn by uPlot, which must be loaded first. c
         step: true,                      // holds each value until the next: heater, states
         low: 'low', high: 'high',        // columns of a band around it; the legend shows them
         times: 'planTime',               // column of its instants, if not `time`
+        constant: true,                  // the legend shows its last value, wherever the cursor is
         off: true,                       // hidden until its legend entry is pressed
       }],
     }],
@@ -409,8 +410,9 @@ const bevCurves = (() => {
 
     valueText(definition, series, at) {
       const times = this.data[series.times || 'time'], column = this.data[series.key];
-      if (!times || !column || at === null || !times.length || at > times[times.length - 1] + 1e-6) return '–';
-      const index = lastUntil(times, at);
+      if (!times || !column || at === null || !times.length) return '–';
+      if (!series.constant && at > times[times.length - 1] + 1e-6) return '–';
+      const index = series.constant ? times.length - 1 : lastUntil(times, at);
       if (index < 0 || !isNumber(column[index])) return '–';
       const factor = series.scale || 1, digits = series.digits === undefined ? 1 : series.digits;
       const texts = definition.words;
