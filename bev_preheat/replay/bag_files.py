@@ -88,8 +88,10 @@ def _mcap(path: Path, types: Mapping[str, str], remarks: list[str]) -> Iterator[
 
 def _sqlite_messages(path: Path, types: Mapping[str, str],
                      remarks: list[str]) -> Iterator[tuple[str, str, int, bytes]]:
+    # A recorder that was killed leaves a journal beside the file; without one nothing is written beside it.
+    how = 'mode=ro' if path.with_name(f'{path.name}-wal').exists() else 'mode=ro&immutable=1'
     try:
-        base = sqlite3.connect(f'{path.resolve().as_uri()}?mode=ro&immutable=1', uri=True)
+        base = sqlite3.connect(f'{path.resolve().as_uri()}?{how}', uri=True)
     except sqlite3.Error as error:
         raise InvalidInput(f'{path}: cannot be read: {error}') from error
     try:

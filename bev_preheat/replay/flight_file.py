@@ -6,7 +6,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 import json
 from pathlib import Path
-import struct
 from typing import Any, TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput
@@ -165,7 +164,6 @@ def mcap_messages(path: Path, note: Callable[[str], object]) -> Iterator[tuple[s
 
     A damaged record ends it, and is noted. Raises InvalidInput if the file cannot be read.
     """
-    from mcap.exceptions import McapError
     from mcap.records import Channel, Message, Schema
     from mcap.stream_reader import StreamReader
     channels: dict[int, Channel] = {}
@@ -182,9 +180,8 @@ def mcap_messages(path: Path, note: Callable[[str], object]) -> Iterator[tuple[s
                     schema = schemas.get(channel.schema_id)
                     name, text = ('', b'') if schema is None else (schema.name, schema.data)
                     yield channel.topic, name, record.log_time, record.data, text
-    except GeneratorExit:
-        raise
     except OSError as error:
         raise InvalidInput(f'{path}: cannot be read: {error.strerror}') from error
-    except (McapError, ValueError, KeyError, EOFError, IndexError, struct.error) as error:
+    except Exception as error:
+        # Damaged bytes raise errors of many kinds, also of the libraries that decompress chunks.
         note(f'ends in the middle ({type(error).__name__})')
