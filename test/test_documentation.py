@@ -309,6 +309,7 @@ def test_keys_of_files_have_range_and_comment(generated):
 
 
 def test_every_topic_is_described():
+    from bev_preheat.dashboard import dashboard_node
     from bev_preheat.nodes import (
         bus_gateway_node,
         charger_adviser_node,
@@ -320,7 +321,7 @@ def test_every_topic_is_described():
     )
     page = (ROOT / 'docs/reference/topics.md').read_text()
     for node in (planner_node, nlp_checker_node, charger_adviser_node, route_publisher_node,
-                 heater_controller_node, vehicle_simulator_node, bus_gateway_node):
+                 heater_controller_node, vehicle_simulator_node, bus_gateway_node, dashboard_node):
         program = node.PROGRAM
         for name, _ in (*program.subscribes, *program.publishes, *program.services, *program.actions):
             assert f'`{name}`' in page, f'{program.name}: {name}'

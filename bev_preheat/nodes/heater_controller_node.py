@@ -46,7 +46,7 @@ from bev_preheat.nodes.heater_messages import (
 from bev_preheat.nodes.managed import LIFECYCLE, ManagedStates, NOT_ACTIVE
 from bev_preheat.nodes.news import RepetitionFilter
 from bev_preheat.nodes.parameters import declare, Parameter
-from bev_preheat.nodes.process import run_node
+from bev_preheat.nodes.process import LAST_WORDS_TIME, run_node
 from bev_preheat.nodes.setup_watch import SetupWatch
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat_msgs.msg import HvchCommand, HvchStatus
@@ -245,6 +245,7 @@ class HeaterControllerNode(Node):
             self._can.end()
         self._status_publisher.publish(status_message(HeaterAnswer(
             0.0, 0.0, Refusal.NOT_ACTIVE, 'the controller is shutting down'), self._now().clock_ns))
+        self._status_publisher.wait_for_all_acked(LAST_WORDS_TIME)
 
 
 def _or_none(value: float) -> float | None:

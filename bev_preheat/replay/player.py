@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from bev_preheat.estimation.prior import Learned
     from bev_preheat.flight_recorder.beginning import Beginning
     from bev_preheat.replay.flight_file import Given
+    from bev_preheat.replay.signal_changes import SignalChange
     from bev_preheat.vehicle.description import Vehicle
 
 
@@ -48,16 +49,18 @@ class Changes:
     """
     What a replay changes: nothing, by default.
 
-    `vehicle` is a name in config/vehicles or a file, None: the recorded one. `parameters` replace recorded ones.
+    `vehicle` is a name in config/vehicles or a file, None: the recorded one. `parameters` replace recorded ones,
+    `signals` change recorded signals.
     """
 
     vehicle: str | None = None
     parameters: Mapping[str, Any] = field(default_factory=dict)
+    signals: tuple[SignalChange, ...] = ()
 
     @property
     def is_nothing(self) -> bool:
         """Whether the replay is to reproduce the recording."""
-        return self.vehicle is None and not self.parameters
+        return self.vehicle is None and not self.parameters and not self.signals
 
 
 class Played(NamedTuple):
@@ -116,6 +119,8 @@ class Player:
             return event_of(values, self._goals)
         message = self._message(given)
         if kind == ROUTE_PLAN:
+            for change in self._changes.signals:
+                change.alter_route(message)
             return self._routes.read(message, state)
         if kind == ROUTE_PROGRESS:
             return progress_event(message, hint)
@@ -123,6 +128,8 @@ class Player:
             return heater_status_event(message, state.vehicle.hvch.maximum_power_w)
         if self._alter is not None:
             self._alter(message)
+        for change in self._changes.signals:
+            change.alter_battery(message)
         return battery_event(message, hint)
 
     def _message(self, given: Given) -> Any:

@@ -12,7 +12,10 @@ from sensor_msgs.msg import BatteryState
 from std_srvs.srv import SetBool
 
 from bev_preheat.control.inputs import NS_PER_S
+from bev_preheat.flight_recorder.ring import recordings_in
 from bev_preheat.nodes.convert import nanoseconds, time_message
+from bev_preheat.replay.flight_file import read_flight
+from bev_preheat.replay.what_if import replay
 from bev_preheat_msgs.msg import HvchCommand, RoutePlan
 
 LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
@@ -99,6 +102,28 @@ def test_what_was_learned_outlives_the_process(car, tmp_path):
     # exp(0.125)
     assert values['heat capacity / vehicle file [1]'].startswith('1.133 ')
     assert 'the estimation begins with the learned factors' in second.output()
+
+
+@pytest.mark.needs('mcap')
+def test_a_killed_planner_leaves_a_recording_that_is_reproduced(car, tmp_path):
+    first = car.start_planner('-p', f'flight_recorder:={tmp_path}')
+    car.wait_for_heat()
+    # A second and more, so that the recorder's thread has written the first heat.
+    before = len(car.commands.messages)
+    poll_until(lambda: len(car.commands.messages) > before + 8, 'commands')
+    kill(first)
+    # A second planner's life in the same folder.
+    car.commands.clear()
+    second = car.start_planner('-p', f'flight_recorder:={tmp_path}')
+    car.wait_for_heat()
+    second.send_signal(signal.SIGTERM)
+    assert second.wait() == 0
+    killed, ended = recordings_in(tmp_path)
+    for path in (killed, ended):
+        replayed = replay(read_flight(path))
+        assert replayed.comparison.is_reproduced and replayed.comparison.commands > 2
+        assert replayed.course.heating
+    assert [given.step.call for given in read_flight(tmp_path).given][-1] == 'stop'
 
 
 def kill(process):
