@@ -77,7 +77,8 @@ class BatteryReader:
             None if charging is None else charging in self._map.charging_values, view.oldest_s,
             tuple(view.missing.values())), ()
 
-    def value(self, signal: str, readings: Readings, now_s: float, confirmed_s: float | None = None) -> float | None:
+    def value(self, signal: str, readings: Readings, now_s: float,
+              confirmed_s: float | None = None) -> float | None:
         """Return another signal of the car in its own unit, such as AMBIENT; None without a valid value."""
         is_lost = confirmed_s is not None and now_s - confirmed_s > CONNECTION_LOST_S
         if is_lost or signal not in self._channels:

@@ -40,8 +40,8 @@ LOOK_PERIOD_S = 0.1
 REFUSAL_SHOWN_S = 60.0
 # A planner that has just started knows no battery yet: a goal that it refuses within STARTING_S is sent again [s].
 STARTING_S, RETRY_S = 5.0, 0.5
-# A planner has lost the goal if it does not answer for this long, or for the longest lease of its commands: feedback
-# comes more often than a lease lasts. The graph shows a killed planner for some 20 s, and its successor at once [s].
+# A planner has lost the goal if it does not answer for this long, or for the longest lease of its commands:
+# feedback comes more often than a lease lasts. The graph shows a killed planner for some 20 s [s].
 ANSWER_S, MOST_SILENCE_S = 5.0, 60.0
 
 
@@ -73,7 +73,7 @@ class BusConditioning:
         self._number = 0
         self._alive_until_s, self._silence_s = math.inf, ANSWER_S
         self._refusal, self._refused_s = '', -REFUSAL_SHOWN_S
-        # Of the car, for the next goal: whether its battery is known and is charged, and the air around it [deg C],
+        # Of the car, for the next goal: whether its battery is known and charged, and the air around it [deg C],
         # None: unknown.
         self.has_battery = self.is_plugged_in = False
         self.ambient_c: float | None = None

@@ -44,8 +44,9 @@ PARAMETERS = (
               read_only=True),
     Parameter('longest_lease', 10.0, 'A command with a longer lease is refused', 's', (0.05, 60.0),
               read_only=True),
-    Parameter('execute_commands', True, 'Write hvch_command to CAN if the map has heater_command. False: leave it '
-              'to heater_controller, which also keeps the gates and the rate limit of the heater.', read_only=True),
+    Parameter('execute_commands', True, 'Write hvch_command to CAN if the map has heater_command. False: leave '
+              'it to heater_controller, which also keeps the gates and the rate limit of the heater.',
+              read_only=True),
 )
 PROGRAM = NodeProgram(
     'bus_gateway', 'Publishes the battery of a CAN bus (DBC) or of a VSS databroker as battery_state, and writes '

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A heater on CAN behind `heater_controller`: its command as frames, its own status as a fault and measured power."""
+"""A heater on CAN behind `heater_controller`: commands as frames, its status as a fault and measured power."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ class CanHeater:
     """
     The output of a heater_controller; call it at least every `period_s` [s].
 
-    It has a connection to the bus of its own. Frames end with the calls, and the heater's own timeout applies then:
-    no thread goes on for a controller that hangs.
+    It has a connection to the bus of its own. Frames end with the calls, and the heater's own timeout applies
+    then: no thread goes on for a controller that hangs.
     """
 
     def __init__(self, name_or_file: str, maximum_power_w: float) -> None:
@@ -34,14 +34,15 @@ class CanHeater:
         """
         live_map = load_live_map(name_or_file)
         if live_map.can is None or live_map.heater_command is None:
-            raise InvalidInput(f'{live_map.signals.path}: live.heater_command: is missing; it names the frame with '
-                               "the heater's power")
+            raise InvalidInput(f'{live_map.signals.path}: live.heater_command: is missing; it names the frame '
+                               "with the heater's power")
         self._source = CanSource(live_map, steady_s)
         frame = self._source.heater_frame
         assert frame is not None
         if frame.highest_w < maximum_power_w:
-            raise InvalidInput(f'{live_map.signals.path}: live.heater_command: carries at most {frame.highest_w:g} W; '
-                               f'hvch.maximum_power_w of the vehicle is {maximum_power_w:g} W')
+            raise InvalidInput(f'{live_map.signals.path}: live.heater_command: carries at most '
+                               f'{frame.highest_w:g} W; hvch.maximum_power_w of the vehicle is '
+                               f'{maximum_power_w:g} W')
         self.name, self.period_s = live_map.signals.name, frame.period_s
         self._next_s = -1.0
         self._sent = 0

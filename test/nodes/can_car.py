@@ -2,8 +2,8 @@
 """
 A car on CAN that plays itself: battery and heater by physics of its own, frames packed bit by bit.
 
-It shares no code with the project. Both adapters are on one bus: each hears every frame of the car, and what either
-sends reaches the heater.
+It shares no code with the project. Both adapters are on one bus: each hears every frame of the car, and the frames
+of either reach the heater.
 """
 
 import math
@@ -29,7 +29,7 @@ HEATER_EFFICIENCY, LEAKAGE_W_PER_K, VOLTAGE_V, RESISTANCE_OHM = 0.87, 20.0, 400.
 
 
 class CanCar:
-    """The car; `heated` has (instant [s, time.monotonic], power [W]) of every step."""
+    """The car; `heated` has (instant [s, time.monotonic], power [W]) of each step, `commanded_w` the command."""
 
     def __init__(self, temperature_c, heat_capacity_j_per_k, ambient_c, load_w, heat_lag_s, adapters):
         """Start to play; `load_w` [W] is drawn besides the heater, whose heat arrives `heat_lag_s` [s] late."""
@@ -38,9 +38,11 @@ class CanCar:
         self._heat_capacity_j_per_k, self._ambient_c, self._load_w = heat_capacity_j_per_k, ambient_c, load_w
         self._heat_lag_s, self._arriving_w = heat_lag_s, 0.0
         self.power_w, self.refusal, self.heated = 0.0, 0, []
-        self._commanded_w, self._heard_s, self._counts, self._current_a = 0.0, -math.inf, {}, 0.0
+        self.commanded_w, self._heard_s, self._counts, self._current_a = 0.0, -math.inf, {}, 0.0
         self._looked_at = [0] * adapters
         self.bad_frames = 0
+        # '', 'stuck counter', 'wrong checksum' or 'ten times the rate', of the battery's frames.
+        self.attack = ''
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._play, daemon=True)
         self._thread.start()
@@ -64,10 +66,19 @@ class CanCar:
             self._pass(now_s - before_s)
             self.heated.append((now_s, self.power_w))
             before_s, count = now_s, count + 1
-            self._say(STATUS, status_frame(self.soc, VOLTAGE_V, self._current_a, count % 16))
             self._say(HEATER_STATUS, heater_frame(self.power_w, count % 16, self.refusal))
-            if count % 5 == 0:
-                self._say(TEMPERATURES, temperature_frame(self.temperature_c, count // 5 % 16))
+            for number in range(10 if self.attack == 'ten times the rate' else 1):
+                self._say_battery(count + number)
+
+    def _say_battery(self, count):
+        count = 7 if self.attack == 'stuck counter' else count
+        wrong = 1 if self.attack == 'wrong checksum' else 0
+        frames = [(STATUS, status_frame(self.soc, VOLTAGE_V, self._current_a, count % 16))]
+        if count % 5 == 0 or self.attack:
+            of_message = count if self.attack else count // 5
+            frames.append((TEMPERATURES, temperature_frame(self.temperature_c, of_message % 16)))
+        for identifier, data in frames:
+            self._say(identifier, data[:-1] + bytes([data[-1] ^ wrong]))
 
     def _say(self, identifier, data):
         for port in self.ports:
@@ -85,10 +96,10 @@ class CanCar:
                     self.bad_frames += 1
                     continue
                 self._counts[number] = count
-                self._commanded_w, self._heard_s = power_w if enabled else 0.0, at_s
+                self.commanded_w, self._heard_s = power_w if enabled else 0.0, at_s
             self._looked_at[number] = len(frames)
         is_silent = now_s - self._heard_s > HEATER_TIMEOUT_S
-        self.power_w = 0.0 if is_silent or self.refusal else self._commanded_w
+        self.power_w = 0.0 if is_silent or self.refusal else self.commanded_w
 
     def _pass(self, elapsed_s):
         self._current_a = (self._load_w + self.power_w) / VOLTAGE_V

@@ -13,7 +13,8 @@ ANALYZERS = {name: node for name, node in yaml.safe_load(
 
 
 # The simulator is no part of a car.
-EXECUTABLES = sorted({path.name.partition('.')[0] for path in (ROOT / 'config/sros2').iterdir()} - {'vehicle_simulator'})
+EXECUTABLES = sorted({path.name.partition('.')[0] for path in (ROOT / 'config/sros2').iterdir()}
+                     - {'vehicle_simulator'})
 
 
 def test_executables_are_found():

@@ -62,7 +62,8 @@ def cabin():
     car.close()
 
 
-@pytest.mark.parametrize('is_killed', [False, pytest.param(True, marks=pytest.mark.deep)], ids=['', 'planner killed'])
+@pytest.mark.parametrize('is_killed', [False, pytest.param(True, marks=pytest.mark.deep)],
+                         ids=['', 'planner killed'])
 def test_request_ends_in_a_warm_battery_and_is_reported_back(cabin, start_executable, tmp_path, is_killed):
     car, broker = cabin._car, cabin.broker
     vehicle = small_battery(tmp_path, 25e3)
@@ -70,14 +71,15 @@ def test_request_ends_in_a_warm_battery_and_is_reported_back(cabin, start_execut
     shipped = find_configuration('signals', 'vss', '.yaml').read_text()
     signals.write_text(shipped.replace('port: 55555', f'port: {broker.port}'))
     start_executable('bus_gateway', '-p', f'signals:={signals}', '-p', 'battery_state_period:=0.2')
-    planner = ('planner', '-p', f'vehicle:={vehicle}', '-p', 'command_period:=0.3', '-p', 'estimation:=false', '-p',
-               'minimum_on_time:=0.0', '-p', 'minimum_off_time:=0.0')
+    planner = ('planner', '-p', f'vehicle:={vehicle}', '-p', 'command_period:=0.3', '-p', 'estimation:=false',
+               '-p', 'minimum_on_time:=0.0', '-p', 'minimum_off_time:=0.0')
     first = start_executable(*planner)
     start_executable('heater_controller', '-p', f'vehicle:={vehicle}', '-p',
                      f'signals:={can_map(tmp_path, car.ports[0])}')
     broker.wait_for(IS_ACTIVE, False)
     poll_until(broker.has_provider, 'the actuators are served')
-    poll_until(lambda: any(identifier == COMMAND for _, identifier, _ in car.ports[0].frames), 'frames of the heater')
+    frames = car.ports[0].frames
+    poll_until(lambda: any(identifier == COMMAND for _, identifier, _ in frames), 'frames of the heater')
     assert car.power_w == 0.0
 
     broker.request({MODE: 'FAST_CHARGING_PREPARATION', f'{CONDITIONING}.TargetTemperature': TARGET_C})

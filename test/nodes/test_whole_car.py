@@ -12,6 +12,7 @@ import signal
 import time
 
 from can_car import CanCar, HEATER_TIMEOUT_S
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from node_bench import poll_until
 import pytest
 import yaml
@@ -61,7 +62,8 @@ class Drive:
                  heat_lag_s=0.0, options=()):
         """`separate`: heater_controller writes the command; else bus_gateway itself."""
         self._start, self.folder, self.separate, self._options = start, folder, separate, options
-        self.car = CanCar(temperature_c, heat_capacity_j_per_k, AMBIENT_C, LOAD_W, heat_lag_s, 2 if separate else 1)
+        self.car = CanCar(temperature_c, heat_capacity_j_per_k, AMBIENT_C, LOAD_W, heat_lag_s,
+                          2 if separate else 1)
         self.vehicle = small_battery(folder, heat_capacity_j_per_k)
         self.route = folder / 'to_the_charger.csv'
         rows = [f'10.0,20.0,{LOAD_W},{AMBIENT_C},0.0,0.0' for _ in range(seconds // 10)]
@@ -74,10 +76,12 @@ class Drive:
 
     def start(self, part):
         arguments = {
-            'bus_gateway': ('-p', f'signals:={can_map(self.folder, self.car.ports[0])}', '-p', 'battery_state_period:=0.2', '-p',
+            'bus_gateway': ('-p', f'signals:={can_map(self.folder, self.car.ports[0])}', '-p',
+                            'battery_state_period:=0.2', '-p',
                             f'execute_commands:={str(not self.separate).lower()}'),
             'planner': ('-p', f'vehicle:={self.vehicle}', *PLANNER, *self._options),
-            'heater_controller': ('-p', f'vehicle:={self.vehicle}', '-p', f'signals:={can_map(self.folder, self.car.ports[-1])}', '-p',
+            'heater_controller': ('-p', f'vehicle:={self.vehicle}', '-p',
+                                  f'signals:={can_map(self.folder, self.car.ports[-1])}', '-p',
                                   f'command_deadline:={LEASE_S}'),
             'route_publisher': ('-p', f'vehicle:={self.vehicle}', '-p', f'route:={self.route}', '-p',
                                 f'target_battery_temperature:={TARGET_C}')}[part]
@@ -123,15 +127,15 @@ def driving(start_executable, tmp_path):
         drive.car.close()
 
 
-# A battery of 25 kJ/K within 20 s, too short for the estimation of the car; and one of 150 kJ/K within 8 min, whose heat
-# arrives late, with all defaults.
+# A battery of 25 kJ/K within 20 s, too short for the estimation of the car; and with all defaults one of
+# 150 kJ/K within 8 min, whose heat arrives late.
 SHORT = {'temperature_c': 17.5, 'seconds': 20, 'options': ('-p', 'estimation:=false')}
 LONG = {'temperature_c': 8.0, 'seconds': 480, 'heat_capacity_j_per_k': 150e3, 'heat_lag_s': 15.0}
 
 
 @pytest.mark.parametrize('separate, drive', [
-    (True, SHORT), pytest.param(False, SHORT, marks=pytest.mark.deep), pytest.param(True, LONG, marks=pytest.mark.deep),
-    pytest.param(False, LONG, marks=pytest.mark.deep)],
+    (True, SHORT), pytest.param(False, SHORT, marks=pytest.mark.deep),
+    pytest.param(True, LONG, marks=pytest.mark.deep), pytest.param(False, LONG, marks=pytest.mark.deep)],
     ids=['heater_controller', 'gateway alone', 'heater_controller, 8 min', 'gateway alone, 8 min'])
 def test_drive_arrives_with_a_warm_battery(driving, bench, separate, drive):
     plans = bench.record(PreheatPlan, 'preheat_plan', 100)
@@ -160,3 +164,47 @@ def test_each_process_that_is_killed_ends_the_heat_within_its_lease(driving, ord
         drive.kill_and_restart(part)
     if waits:
         poll_until(drive.is_heated, 'heat after all restarts', 60.0)
+
+
+def entries(name, text):
+    """Return a condition on a DiagnosticArray: an ERROR of that name whose message has the text."""
+    return lambda array: any(
+        status.name == name and status.level == DiagnosticStatus.ERROR and text in status.message
+        for status in array.status)
+
+
+@pytest.mark.parametrize('attack, text', [
+    ('stuck counter', 'has stayed at 7 for '),
+    pytest.param('wrong checksum', 'but the checksum of the data is 0x', marks=pytest.mark.deep),
+    pytest.param('ten times the rate', 'is there a second sender?', marks=pytest.mark.deep)])
+def test_attack_on_the_frames_of_the_battery_ends_in_0_w_and_is_named(driving, bench, attack, text):
+    diagnostics = bench.record(DiagnosticArray, '/diagnostics', 100)
+    drive = driving(**LARGE)
+    poll_until(drive.is_heated, 'heat', 60.0)
+    drive.car.attack, attacked_s = attack, time.monotonic()
+    diagnostics.wait_for(entries('bus_gateway: signals', text))
+    diagnostics.wait_for(entries('planner: preheating', 'STALE_INPUT'))
+    # Readings hold for 2 s, and the planner waits for its timeout.
+    limit_s = attacked_s + 2.0 + STATE_TIMEOUT_S + HEATER_TIMEOUT_S + LATE_S
+    poll_until(lambda: time.monotonic() > limit_s + 1.0, 'a second of 0 W')
+    assert not any(power_w for _, power_w in drive.car.powers_since(limit_s))
+    drive.car.attack = ''
+    poll_until(drive.is_heated, 'heat after the attack', 60.0)
+
+
+@pytest.mark.parametrize('separate', [True, pytest.param(False, marks=pytest.mark.deep)],
+                         ids=['heater_controller', 'gateway alone'])
+def test_heater_that_refuses_gets_0_w_and_is_named(driving, bench, separate):
+    diagnostics = bench.record(DiagnosticArray, '/diagnostics', 100)
+    plans = bench.record(PreheatPlan, 'preheat_plan', 100)
+    drive = driving(**LARGE, separate=separate)
+    poll_until(drive.is_heated, 'heat', 60.0)
+    # "no_flow" of the DBC.
+    drive.car.refusal = 3
+    diagnostics.wait_for(entries(
+        'heater_controller: command' if separate else 'bus_gateway: heater command', 'no_flow'))
+    plan = plans.wait_for(lambda plan: plan.explanation.startswith('The heater does not heat (HEATER_FAULT): '))
+    assert plan.hvch_electric_energy == 0.0
+    poll_until(lambda: drive.car.commanded_w == 0.0, '0 W on the bus')
+    drive.car.refusal = 0
+    poll_until(drive.is_heated, 'heat again', 60.0)
