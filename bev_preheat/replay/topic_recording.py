@@ -66,8 +66,8 @@ def read_topics(path: Path, beginning: Beginning, namespace: str | None = None) 
     commands, inputs = _in_time(messages)
     if not any(message.topic == BATTERY_STATE for message in inputs):
         raise InvalidInput(f'{path}: has no battery_state; a planner without it never heats')
-    remarks.append('the recording does not say what the planner had learned before, nor the instants of its '
-                   'steps; they are taken from its commands' if commands else
+    remarks.append('the recording has no learned factors and no instants of steps; the instants are those of '
+                   'its commands' if commands else
                    'the recording has no hvch_command: there are no commands to reproduce')
     if not any(message.topic == ROUTE_PLAN for message in inputs):
         remarks.append('the recording has no route_plan')
