@@ -24,6 +24,7 @@ ENTRY_POINTS = {
     'route_publisher': f'{PACKAGE}.nodes.executables:route_publisher',
     'heater_controller': f'{PACKAGE}.nodes.executables:heater_controller',
     'vehicle_simulator': f'{PACKAGE}.nodes.executables:vehicle_simulator',
+    'dashboard': f'{PACKAGE}.nodes.executables:dashboard',
     'preheat': f'{PACKAGE}.commands.main:main',
 }
 
@@ -38,6 +39,7 @@ EXTRAS = {
     'bus': ['cantools>=39', 'kuksa-client>=0.4.3', 'pint>=0.19', 'pyserial>=3.5', 'python-can>=4.0'],
     'nlp': ['casadi>=3.6'],
     'plot': ['matplotlib>=3.6.3'],
+    'dashboard': ['mcap>=1.0', 'tornado>=6.4'],
     'identify': ['casadi>=3.6', 'jinja2>=3.1.2', 'matplotlib>=3.6.3', 'scipy>=1.11.4'],
     'logs': ['asammdf>=7.3', 'cantools>=39', 'pint>=0.19', 'python-can>=4.0', 'rosbags>=0.9.16'],
     'routes': ['gpxpy>=1.5'],
@@ -126,7 +128,8 @@ setup(
                             'control/itinerary_schema.yaml',
                             'simulation/scenario_schema.yaml', 'vehicle/chemistry.yaml',
                             'vehicle/vehicle_template.yaml',
-                            'vehicle/road_load_template.yaml', 'web_page/assets/*', 'ecu/c/*'],
+                            'vehicle/road_load_template.yaml', 'web_page/assets/*', 'dashboard/assets/*',
+                            'ecu/c/*'],
                   CONFIGURATION: ['*.yaml', '*/*', '*/*/*'],
                   STUDIES: ['footprint/*.[ch]']},
     ext_modules=[] if WITH_COLCON else [core_library()],

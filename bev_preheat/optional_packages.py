@@ -32,6 +32,7 @@ PURPOSES = {
     'rosbags': 'reads rosbag2 and MCAP files',
     'scipy': 'fits vehicles to logs and to the paper',
     'serial': 'opens the serial port of a CAN adapter',
+    'tornado': 'serves the web page of the dashboard',
     'unicorn': "emulates a control unit's processor",
 }
 # Distribution names that differ from the module's name, and targets of make that install

@@ -14,6 +14,7 @@ import yaml
 
 from bev_preheat.commands.arguments import make_parser
 from bev_preheat.commands.main import SUBCOMMANDS
+from bev_preheat.dashboard import dashboard_node
 from bev_preheat.nodes import (
     bus_gateway_node,
     charger_adviser_node,
@@ -33,7 +34,7 @@ SERVICES = ('RankChargers',)
 SERVICE_PARTS = ('Request', 'Response')
 ACTION_PARTS = ('Goal', 'Result', 'Feedback')
 NODES = (planner_node, nlp_checker_node, charger_adviser_node, route_publisher_node, heater_controller_node,
-         vehicle_simulator_node, bus_gateway_node)
+         vehicle_simulator_node, bus_gateway_node, dashboard_node)
 SCHEMAS = {'vehicle': 'vehicle/schema.yaml', 'legs': 'route/legs_schema.yaml',
            'chargers': 'charging/chargers_schema.yaml',
            'itinerary': 'control/itinerary_schema.yaml',

@@ -7,12 +7,18 @@ the run reports the left-out tests and how to install the packages, one line eac
 is skipped silently, and `make test`, whose setup installs the optional packages, runs all tests.
 """
 
+from importlib.util import find_spec
+import shutil
+
 import pytest
 
 from bev_preheat.optional_packages import advice, is_installed, PURPOSES
 
 # Only for tests; not part of the product's optional packages.
 LINTERS = frozenset(('ament_flake8', 'ament_pep257'))
+# Programs by their usual names, and the package of Debian and Ubuntu.
+PROGRAMS = {'chromium': (('chromium', 'chromium-browser', 'google-chrome'), 'chromium'),
+            'chromedriver': (('chromedriver', 'chromium.chromedriver'), 'chromium-driver')}
 LEFT_OUT = pytest.StashKey()
 
 
@@ -23,10 +29,27 @@ def begin(config):
 
 def how_to_install(package):
     """Return the sentence that says that a package is missing, and how to install it."""
+    if package in PROGRAMS:
+        return f'{package} is not installed; Debian, Ubuntu: sudo apt install {PROGRAMS[package][1]}'
+    if package == 'selenium':
+        return ('the Python package selenium, which drives a browser, is not installed; in the checkout, make setup '
+                'installs it; elsewhere: python3 -m pip install selenium')
     if package in LINTERS:
         return (f'{package} is not installed; in the checkout, make lint installs it; elsewhere: '
                 f'sudo apt install ros-jazzy-{package.replace("_", "-")}')
     return advice(package)
+
+
+def program(name):
+    """Return the path of a program of PROGRAMS, None without it."""
+    return next(filter(None, map(shutil.which, PROGRAMS[name][0])), None)
+
+
+def is_there(package):
+    """Return whether a package or a program of PROGRAMS is installed."""
+    if package in PROGRAMS:
+        return program(package) is not None
+    return find_spec(package) is not None if package == 'selenium' else is_installed(package)
 
 
 class _Module(pytest.Module):
@@ -58,7 +81,7 @@ def pytest_collection_modifyitems(config, items):
         # The executable ends at once without it.
         if hasattr(item, 'callspec') and 'nlp_checker' in item.callspec.params.values():
             needed.add('casadi')
-        packages = [package for package in sorted(needed) if not is_installed(package)]
+        packages = [package for package in sorted(needed) if not is_there(package)]
         (missing if packages else kept).append(item)
         for package in packages:
             config.stash[LEFT_OUT].setdefault(package, [set(), 0])[1] += 1

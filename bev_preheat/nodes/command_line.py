@@ -79,7 +79,8 @@ class NodeProgram:
             'set a parameter:',
             f'  {self.name} --ros-args -p {example.name}:={example.default or "VALUE"}',
             f'  {self.name} --ros-args --params-file FILE.yaml',
-            f'  ros2 param set /{self.name} NAME VALUE', '', 'parameters:']
+            *([] if all(parameter.read_only for parameter in self.parameters) else
+              [f'  ros2 param set /{self.name} NAME VALUE']), '', 'parameters:']
         for parameter in self.parameters:
             lines.append(f'  {parameter.name} (default: {parameter.default_text()})')
             lines += _indented(parameter.help_text())

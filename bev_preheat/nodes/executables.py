@@ -53,12 +53,17 @@ def vehicle_simulator() -> None:
     _load_main('vehicle_simulator_node')()
 
 
+def dashboard() -> None:
+    """Run the web page."""
+    _load_main('dashboard_node', 'dashboard')()
+
+
 def _end_on_interrupt() -> None:
     # `process.run_node` installs its own handler later.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
-def _load_main(module: str) -> Callable[..., None]:
+def _load_main(module: str, room: str = 'nodes') -> Callable[..., None]:
     _end_on_interrupt()
-    main: Callable[..., None] = import_module(f'bev_preheat.nodes.{module}').main
+    main: Callable[..., None] = import_module(f'bev_preheat.{room}.{module}').main
     return main

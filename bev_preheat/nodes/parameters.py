@@ -35,7 +35,8 @@ class Parameter:
     `limits` is (low, high) for numbers; `unset_means` explains 0 and NaN if they mean that the value is unset
     (0 as the default: a NaN does not survive `ros2 param dump` and `load`); `choices` lists the allowed texts.
     `more_choices` returns further ones; it is called for the help and for a text that `choices` does not list,
-    because it may take longer than a start allows, and `more_in_words` names them elsewhere.
+    because it may take longer than a start allows, and `more_in_words` names them elsewhere. Messages never repeat
+    the value of a `secret` one.
     """
 
     name: str
@@ -48,6 +49,7 @@ class Parameter:
     read_only: bool = False
     more_choices: Callable[[], tuple[str, ...]] | None = None
     more_in_words: str = ''
+    secret: bool = False
 
     def descriptor(self) -> ParameterDescriptor:
         """Return the descriptor for `ros2 param describe`."""
@@ -99,6 +101,8 @@ class Parameter:
             return None
         # An empty default shows nothing.
         example = '' if wanted is bool or self.default == '' else f', such as {self.default_text()}'
+        if self.secret:
+            return f'{self.name}: is not {IN_WORDS[wanted]}; write a text of digits in quotes within quotes'
         return (f'{self.name}: {quoted(_as_typed(value))} is not allowed; it must be '
                 f'{IN_WORDS[wanted]}{example}')
 

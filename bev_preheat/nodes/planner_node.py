@@ -10,7 +10,6 @@ from typing import NamedTuple, TYPE_CHECKING
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
-from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data, QoSDurabilityPolicy, QoSProfile
 from sensor_msgs.msg import BatteryState, Temperature
@@ -43,7 +42,7 @@ from bev_preheat.nodes.managed import LIFECYCLE, ManagedStates, NOT_ACTIVE
 from bev_preheat.nodes.news import RepetitionFilter
 from bev_preheat.nodes.parameters import check, declare, Parameter
 from bev_preheat.nodes.prepare_action import PREPARE, PrepareAction
-from bev_preheat.nodes.process import run_node
+from bev_preheat.nodes.process import LAST_WORDS_TIME, run_node
 from bev_preheat.nodes.route_intake import RouteIntake
 from bev_preheat.nodes.route_listener import RouteListener
 from bev_preheat.nodes.route_progress import progress_event
@@ -140,8 +139,6 @@ PROGRAM = NodeProgram(
     services=(('~/enable', 'std_srvs/SetBool: false switches preheating off'),
               (SKIP, 'std_srvs/SetBool: true skips the next of `departures`, false takes that back')),
     actions=((PREPARE, 'bev_preheat_msgs/PrepareBattery: a battery that is warm at an instant'),))
-# A subscriber that hangs must not keep the process from ending.
-LAST_WORDS_TIME = Duration(seconds=0.5)
 # Share of the time by which the lease is longer than the command period.
 ANSWER_SHARE = 0.1
 _OWN = frozenset(parameter.name for parameter in PARAMETERS)

@@ -21,7 +21,7 @@ def test_each_name_is_known_and_each_field_is_recorded():
     for field, name in METADATA['vss'].items():
         topic, _, attribute = field.partition('.')
         assert hasattr(TYPES[topic](), attribute), field
-        # Only the branch itself is recognised by every name of it.
+        # The first pattern recognises the whole branch.
         assert name in names or any(pattern.search(name) for pattern in patterns[1:]), name
 
 

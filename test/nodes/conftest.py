@@ -26,6 +26,7 @@ from node_bench import Bench, PatientProcess, poll_until, Recorder, Sender
 import pytest
 from spinning import spun_node
 
+from bev_preheat.dashboard import dashboard_node
 from bev_preheat.nodes import (
     bus_gateway_node,
     charger_adviser_node,
@@ -42,7 +43,8 @@ MAIN_MODULES = {'planner': planner_node, 'nlp_checker': nlp_checker_node,
                 'heater_controller': heater_controller_node,
                 'route_publisher': route_publisher_node,
                 'vehicle_simulator': vehicle_simulator_node,
-                'bus_gateway': bus_gateway_node}
+                'bus_gateway': bus_gateway_node,
+                'dashboard': dashboard_node}
 
 
 def pytest_collection_modifyitems(items):

@@ -15,6 +15,7 @@ import subprocess
 from ament_index_python.packages import get_package_prefix
 import pytest
 
+from bev_preheat.dashboard import dashboard_node
 from bev_preheat.nodes import (
     bus_gateway_node,
     charger_adviser_node,
@@ -30,7 +31,8 @@ NODES = {'planner': planner_node, 'nlp_checker': nlp_checker_node,
          'route_publisher': route_publisher_node,
          'heater_controller': heater_controller_node,
          'vehicle_simulator': vehicle_simulator_node,
-         'bus_gateway': bus_gateway_node}
+         'bus_gateway': bus_gateway_node,
+         'dashboard': dashboard_node}
 LISTENING = ('planner', 'nlp_checker')
 
 
@@ -43,8 +45,10 @@ def run_installed(name, *arguments):
 @pytest.mark.parametrize('name', [
     name if name == 'charger_adviser' else pytest.param(name, marks=pytest.mark.deep) for name in NODES])
 def test_an_installed_executable_ends_with_2_and_one_line(domain_id, name):
-    parameter, value, text = (('signals', 'bicycle', 'bicycle') if name == 'bus_gateway' else
-                              ('vehicle', 'bicycle', "vehicle 'bicycle' is unknown"))
+    parameter, value, text = {
+        'bus_gateway': ('signals', 'bicycle', 'bicycle'),
+        'dashboard': ('address', '0.0.0.0', 'address: 0.0.0.0 is not allowed without a token'),
+    }.get(name, ('vehicle', 'bicycle', "vehicle 'bicycle' is unknown"))
     assert_one_line(run_installed(name, '--ros-args', '-p', f'{parameter}:={value}'), name, text)
 
 

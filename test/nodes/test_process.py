@@ -157,7 +157,7 @@ executables.{name}()
 
 @pytest.mark.parametrize('name', [
     'planner', 'nlp_checker', 'charger_adviser', 'route_publisher', 'heater_controller',
-    'vehicle_simulator', 'bus_gateway'])
+    'vehicle_simulator', 'bus_gateway', 'dashboard'])
 def test_ctrl_c_while_a_node_is_loaded_ends_it_without_a_traceback(name, domain_id):
     process = subprocess.Popen(
         [sys.executable, '-c', HANGING_LOAD.format(name=name)], text=True, stdout=subprocess.PIPE,

@@ -17,12 +17,18 @@ Stacked curves over one time axis, drawn by uPlot, which must be loaded first. c
         step: true,                      // holds each value until the next: heater, states
         low: 'low', high: 'high',        // columns of a band around it; the legend shows them
         times: 'planTime',               // column of its instants, if not `time`
+<<<<<<< HEAD
         words: ['off', 'on'],            // the legend shows the word of a value 0, 1, …
+=======
+        constant: true,                  // the legend shows its last value, wherever the cursor is
+>>>>>>> dashboard
         off: true,                       // hidden until its legend entry is pressed
       }],
     }],
     data: {time: [...], predicted: [...]},  // arrays or typed arrays; time ascends, in s since 1970; null or NaN: none
     markers: [{at: 1.7e9, text: 'HEATING'}],  // vertical lines at instants [s], with a text
+    shades: [{from: 1.7e9, to: null, text: 'charging', colour: 'green'}],  // periods, a strip in the first row; optional
+    endText: 'end',                    // what the readout calls the last instant; optional
     clock: 'utc',                        // utc, local, or seconds (data.time in s from the start)
     keep: 3600,                          // `append` drops what is older than this [s]; optional
     onPick: (at) => {},                  // a click or Enter at an instant [s]; optional
@@ -35,7 +41,8 @@ Stacked curves over one time axis, drawn by uPlot, which must be loaded first. c
   curves.setMarkers(list)    replaces the vertical lines
   curves.setRows(rows)       other rows with the same data
   curves.zoom(from, to)      shows a period [s]; curves.reset() shows all
-  curves.pick(at)            draws a line at an instant [s] that stays; null: none
+  curves.setShades(list)     replaces the periods
+  curves.pick(at, text)      draws a line at an instant [s] that stays, with a text; null: none
   curves.destroy()
 
 Drag selects a period to zoom into, a double click shows all. Two fingers zoom on a touch screen. With the keyboard:
@@ -49,7 +56,7 @@ const bevCurves = (() => {
     green: ['#00795a', '#00b386'], orange: ['#b87f00', '#e69f00'], purple: ['#b0568a', '#dc94bd'],
     grey: ['#6a6a6a', '#9a9a9a']};
   const DASHES = {solid: [], dash: [8, 4], dot: [2, 3], dashdot: [9, 3, 2, 3], long: [15, 5]};
-  const AXIS_WIDTH = 54, DEFAULT_HEIGHT = 170, X_AXIS_HEIGHT = 34, MARKER_HEIGHT = 18;
+  const AXIS_WIDTH = 54, DEFAULT_HEIGHT = 170, X_AXIS_HEIGHT = 34, MARKER_HEIGHT = 18, SHADE_HEIGHT = 18;
   const darkScheme = matchMedia('(prefers-color-scheme: dark)');
 
   function isDark() {
@@ -104,10 +111,12 @@ const bevCurves = (() => {
 
   class Curves {
     constructor(parent, options) {
-      this.options = Object.assign({clock: 'utc', onPick: () => {}, onCursor: () => {}}, options);
+      this.options = Object.assign({clock: 'utc', endText: 'end', onPick: () => {}, onCursor: () => {}}, options);
       this.markers = (options.markers || []).slice();
+      this.shades = (options.shades || []).slice();
       this.data = options.data;
       this.picked = this.at = null;
+      this.pickedText = '';
       this.plots = [];
       this.range = null;
       this.key = `bev${Math.random()}`;
@@ -191,8 +200,14 @@ const bevCurves = (() => {
       this.tell();
     }
 
-    pick(at) {
+    setShades(shades) {
+      this.shades = shades.slice();
+      for (const row of this.plots) row.plot.redraw(false);
+    }
+
+    pick(at, text = '') {
       this.picked = at;
+      this.pickedText = text;
       for (const row of this.plots) row.plot.redraw(false);
     }
 
@@ -314,7 +329,7 @@ const bevCurves = (() => {
         hooks: {
           setCursor: [(plot) => this.onCursor(plot)],
           setScale: [(plot, key) => this.onScale(plot, key)],
-          draw: [(plot) => this.drawMarkers(plot, row)]},
+          draw: [(plot) => this.drawShades(plot, row), (plot) => this.drawMarkers(plot, row)]},
       }, this.tableOf(row), chart);
       this.listen(row);
       return row;
@@ -396,7 +411,7 @@ const bevCurves = (() => {
       const at = this.at === null ? end : this.at;
       const instants = this.markers.map((each) => each.at), marker = at === null ? -1 : lastUntil(instants, at);
       this.readout.textContent = at === null ? 'no data' : `${clockText(at, this.options.clock, true)}${
-        this.at === null ? ' (end)' : ''}${marker < 0 ? '' : ` · ${this.markers[marker].text}`}`;
+        this.at === null ? ` (${this.options.endText})` : ''}${marker < 0 ? '' : ` · ${this.markers[marker].text}`}`;
       for (const row of this.plots) {
         for (const {series, value} of row.legend) value.textContent = this.valueText(row.definition, series, at);
       }
@@ -404,8 +419,9 @@ const bevCurves = (() => {
 
     valueText(definition, series, at) {
       const times = this.data[series.times || 'time'], column = this.data[series.key];
-      if (!times || !column || at === null || !times.length || at > times[times.length - 1] + 2) return '–';
-      const index = lastUntil(times, at);
+      if (!times || !column || at === null || !times.length) return '–';
+      if (!series.constant && at > times[times.length - 1] + 2) return '–';
+      const index = series.constant ? times.length - 1 : lastUntil(times, at);
       if (index < 0 || !isNumber(column[index])) return '–';
       const factor = series.scale || 1, digits = series.digits === undefined ? 1 : series.digits;
       if (series.words) return series.words[column[index]] || '–';
@@ -447,7 +463,53 @@ const bevCurves = (() => {
         ctx.setLineDash([]);
         ctx.lineWidth = 2 * ratio;
         ctx.strokeStyle = colourOf('vermillion');
-        line(ctx, plot.valToPos(this.picked, 'x', true), bbox);
+        const x = plot.valToPos(this.picked, 'x', true);
+        line(ctx, x, bbox);
+        if (row.isLast && this.pickedText) {
+          const width = ctx.measureText(this.pickedText).width, isRight = x + width + 10 * ratio > bbox.left + bbox.width;
+          ctx.fillStyle = ctx.strokeStyle;
+          ctx.textBaseline = 'top';
+          ctx.fillText(this.pickedText, isRight ? x - width - 5 * ratio : x + 5 * ratio, bbox.top + 3 * ratio);
+        }
+      }
+      ctx.restore();
+    }
+
+    // A strip along the bottom of the first row, hatched so that it needs no colour.
+    drawShades(plot, row) {
+      if (!row.hasMarkers || !this.shades.length) return;
+      const {ctx, bbox} = plot, ratio = uPlot.pxRatio, {min, max} = plot.scales.x;
+      const height = SHADE_HEIGHT * ratio, top = bbox.top + bbox.height - height, right = bbox.left + bbox.width;
+      ctx.save();
+      ctx.font = `${11 * ratio}px system-ui, sans-serif`;
+      ctx.textBaseline = 'middle';
+      for (const {from, to, text, colour} of this.shades) {
+        if (from >= max || (to !== null && to <= min)) continue;
+        const left = Math.max(plot.valToPos(from, 'x', true), bbox.left);
+        const end = Math.min(to === null ? right : plot.valToPos(to, 'x', true), right);
+        ctx.save();
+        ctx.beginPath();
+        ctx.rect(left, top, Math.max(end - left, ratio), height);
+        ctx.fillStyle = `${colourOf(colour)}2e`;
+        ctx.fill();
+        ctx.clip();
+        ctx.strokeStyle = `${colourOf(colour)}80`;
+        ctx.lineWidth = ratio;
+        for (let x = left - height; x < end; x += 7 * ratio) {
+          ctx.beginPath();
+          ctx.moveTo(x, top + height);
+          ctx.lineTo(x + height, top);
+          ctx.stroke();
+        }
+        const shown = fitted(ctx, text, end - left - 8 * ratio);
+        if (shown) {
+          const width = ctx.measureText(shown).width;
+          ctx.fillStyle = isDark() ? '#1b212ae6' : '#ffffffe6';
+          ctx.fillRect(left + 3 * ratio, top + 2 * ratio, width + 4 * ratio, height - 4 * ratio);
+          ctx.fillStyle = colourOf('ink');
+          ctx.fillText(shown, left + 5 * ratio, top + height / 2);
+        }
+        ctx.restore();
       }
       ctx.restore();
     }

@@ -1,0 +1,283 @@
+// SPDX-License-Identifier: Apache-2.0
+// Draws one view of a planner, live or recorded, and its curves.
+const bevView = (() => {
+  'use strict';
+  const byId = (id) => document.getElementById(id);
+  const isRecording = document.body.dataset.mode === 'recording';
+  const NO_BREAK = '\u00a0', MINUS = '\u2212';
+  // Word, shape and colour of each status.
+  const STATUSES = {
+    NO_ROUTE: ['No route', 'off'], NO_BATTERY_STATE: ['No battery state', 'warn'],
+    NO_CHARGING_PLANNED: ['No charging planned', 'off'], NOT_NEEDED: ['Warm enough', 'good'],
+    WAITING: ['Waiting to heat', 'wait'], HEATING: ['Heating', 'heat'],
+    TARGET_UNREACHABLE: ['Target out of reach', 'warn'], SOC_LIMITED: ['Limited by the charge', 'warn'],
+    POWER_LIMITED: ['Limited by the power', 'warn'], DISABLED: ['Switched off', 'off'],
+    STALE_INPUT: ['Battery state too old', 'warn'], INVALID_INPUT: ['Input refused', 'warn'],
+    ARRIVED: ['Arrived', 'good'], SHUTTING_DOWN: ['Planner shuts down', 'off'],
+    INTERNAL_ERROR: ['Planner failed', 'warn'], CHARGING: ['Charging', 'good'],
+    OUT_OF_CHARGE: ['Charge does not last', 'warn'], COMMAND_CONFLICT: ['Two nodes command the heater', 'warn'],
+    NOT_WORTH_IT: ['Heating does not pay', 'off']};
+  // Drives that began longer ago are shown from here on [s].
+  const LONGEST_PAST_S = 4 * 3600, BEFORE_TRIP_S = 300;
+
+  const isNumber = (value) => typeof value === 'number';
+  const fixed = (value, digits) => (isNumber(value)
+    ? value.toFixed(digits).replace(/^-(0(\.0+)?)$/, '$1').replace('-', MINUS) : '–');
+  const put = (id, text) => { const place = byId(id); if (place.textContent !== text) place.textContent = text; };
+  const statusOf = (name) => STATUSES[name] || [name || 'No plan yet', name ? 'warn' : 'off'];
+  const readable = (text) => text.replaceAll(' degC', `${NO_BREAK}°C`).replaceAll('+-', '±');
+
+  function duration(seconds) {
+    const whole = Math.max(0, Math.round(seconds));
+    const [hours, minutes, rest] = [Math.floor(whole / 3600), Math.floor(whole / 60) % 60, whole % 60];
+    const two = (number) => String(number).padStart(2, '0');
+    return hours ? `${hours}:${two(minutes)}:${two(rest)}` : `${minutes}:${two(rest)}`;
+  }
+
+  // In a recording UTC, as `preheat replay` has it.
+  const clock = (at) => bevCurves.clockText(at, isRecording ? 'utc' : 'local');
+
+  function showStatus(view) {
+    const [word, kind] = statusOf(view.status), status = document.querySelector('.status');
+    if (status.dataset.kind !== kind) {
+      status.dataset.kind = kind;
+      byId('status-icon').setAttribute('href', `#icon-${kind}`);
+    }
+    put('status', word);
+    const sentence = readable(view.sentence || 'The planner has not planned yet.');
+    put('sentence', sentence);
+    // Spoken only when the status changes: the sentence counts down.
+    if (showStatus.spoken !== view.status) {
+      showStatus.spoken = view.status;
+      put('spoken', `${word}. ${sentence}`);
+    }
+    document.title = `${word} · Battery preheating`;
+  }
+
+  function showFigures(view) {
+    put('temperature', fixed(view.temperature, 1));
+    put('predicted', fixed(view.predicted, 1));
+    put('spread', isNumber(view.deviation) ? `±${NO_BREAK}${view.deviation.toFixed(1)}` : '');
+    put('note-battery', `now and at arrival${isNumber(view.target) ? `, target ${fixed(view.target, 1)}${NO_BREAK}°C` : ''}`);
+    showCountdown(view);
+    put('power', fixed(isNumber(view.power) ? view.power / 1000 : null, 1));
+    put('note-heater', !isNumber(view.power) ? 'no command yet' : view.power > 0 ? 'for the battery' : 'off');
+    put('soc', fixed(isNumber(view.soc) ? 100 * view.soc : null, 0));
+    put('note-charge', isNumber(view.arrivalSoc) ? `${fixed(100 * view.arrivalSoc, 0)}${NO_BREAK}% at arrival${
+      isNumber(view.reserve) ? `, reserve ${fixed(100 * view.reserve, 0)}${NO_BREAK}%` : ''}` : '');
+    const saved = isNumber(view.charging) && isNumber(view.chargingUnheated)
+      ? (view.chargingUnheated - view.charging) / 60 : null;
+    put('saved', fixed(saved, Math.abs(saved) < 9.5 ? 1 : 0));
+    put('note-saved', saved === null ? 'the charger is not known'
+      : `${fixed(view.charging / 60, 0)} instead of ${fixed(view.chargingUnheated / 60, 0)}${NO_BREAK}min`);
+  }
+
+  function showCountdown(view) {
+    const {at, heatingStart, heatingEnd, arrival} = view;
+    const left = isNumber(arrival) && isNumber(at) ? arrival - at : null;
+    let title = 'Arrival in', value = left, note = isNumber(arrival) ? `at ${clock(arrival)}` : 'no plan';
+    if (left !== null && isNumber(heatingStart) && heatingStart > at + 1 && view.power === 0) {
+      title = 'Heating starts in';
+      value = heatingStart - at;
+      note = `arrival in ${duration(left)}`;
+    } else if (left !== null && view.power > 0 && isNumber(heatingEnd) && heatingEnd < arrival - 30 && heatingEnd > at) {
+      note = `heating ends in ${duration(heatingEnd - at)}`;
+    }
+    if (left !== null && left < 0) { title = 'Arrived'; value = null; }
+    put('title-time', title);
+    put('countdown', value === null ? '–' : duration(value));
+    put('note-time', note);
+  }
+
+  function showAges(view) {
+    const late = new Set(view.late || []);
+    for (const [id, topic] of [['figure-battery', 'battery'], ['figure-charge', 'battery'], ['figure-heater', 'command'],
+      ['figure-time', 'plan'], ['figure-saved', 'plan']]) {
+      byId(id).classList.toggle('late', late.has(topic));
+    }
+    document.querySelector('.hero').classList.toggle('late', late.has('plan'));
+    if (!view.ages) return;
+    const text = (age) => (isNumber(age) ? `${age < 10 ? age.toFixed(1) : age.toFixed(0)}${NO_BREAK}s ago` : 'never');
+    put('footer', `Last heard: battery ${text(view.ages.battery)} · plan ${text(view.ages.plan)} · command ${
+      text(view.ages.command)} · diagnostics ${text(view.ages.diagnostics)}`);
+  }
+
+  function showBanner(banner) {
+    const place = byId('banner');
+    place.hidden = !banner;
+    if (!banner) return;
+    place.dataset.level = banner.level;
+    // An alert is spoken again when its text changes; the age alone is no news.
+    const kind = banner.text.replace(/\d+/g, '#');
+    if (place.dataset.kind !== kind || !place.textContent) place.textContent = banner.text;
+    else if (place.firstChild.data !== banner.text) place.firstChild.data = banner.text;
+    place.dataset.kind = kind;
+  }
+
+  function row(tag, cells) {
+    const made = document.createElement(tag);
+    for (const [cellTag, text, level] of cells) {
+      const cell = document.createElement(cellTag);
+      cell.textContent = text;
+      if (level) cell.dataset.level = level;
+      made.append(cell);
+    }
+    return made;
+  }
+
+  function showDetails(view) {
+    const key = JSON.stringify([view.entries, view.regime, view.doubts, view.routeId, view.method, view.goal, view.outcome,
+      view.departure, view.unheatedProblem, view.targetReason]);
+    if (showDetails.key === key) return;
+    showDetails.key = key;
+    byId('entries').replaceChildren(...(view.entries || []).map(([name, level, text]) => row('tr', [
+      ['td', name], ['td', level, level], ['td', readable(text)]])));
+    const count = (view.entries || []).filter(([, level]) => level !== 'OK').length;
+    put('details-note', count ? `${count} of ${view.entries.length} parts report a problem` : '');
+    const facts = [
+      ['Target', view.targetReason], ['Regime', view.regime], ['Signals in doubt', (view.doubts || []).join(', ')],
+      ['Route', view.routeId], ['Method', view.method], ['Preparation', view.goal], ['Its end', view.outcome],
+      ['Next departure', view.departure && view.departure.next_words], ['Departure', view.departure && view.departure.state],
+      ['Skipped', view.departure && view.departure.skipped], ['Without heating', view.unheatedProblem]];
+    byId('facts').replaceChildren(...facts.filter(([, text]) => text).flatMap(([name, text]) => {
+      const [term, value] = [document.createElement('dt'), document.createElement('dd')];
+      term.textContent = name;
+      value.textContent = readable(text);
+      return [term, value];
+    }));
+  }
+
+  function showLog(marks) {
+    const key = JSON.stringify(marks);
+    if (showLog.key === key) return;
+    showLog.key = key;
+    byId('log-empty').hidden = marks.length > 0;
+    byId('log').replaceChildren(...marks.slice(-40).reverse().map(([at, status, text]) => {
+      const item = document.createElement('li'), time = document.createElement('time'), said = document.createElement('span');
+      const word = document.createElement('b');
+      time.textContent = clock(at);
+      word.textContent = statusOf(status)[0];
+      said.append(word, ` ${readable(text)}`);
+      item.append(time, said);
+      return item;
+    }));
+  }
+
+  // Curves
+
+  const ROWS = [
+    {title: 'Temperature', unit: '°C', height: 250, leastSpan: 4, series: [
+      {name: 'measured', key: 'measured', colour: 'blue', width: 2.5},
+      {name: 'planned', key: 'planned', times: 'planTime', colour: 'blue', dash: 'dash', width: 2},
+      {name: 'without heating', key: 'unheated', times: 'unheatedTime', colour: 'grey', dash: 'dot', width: 2},
+      {name: 'target', key: 'target', times: 'targetTime', colour: 'ink', dash: 'long', width: 1.2,
+        constant: true},
+      {name: 'at arrival', key: 'spread', low: 'spreadLow', high: 'spreadHigh', times: 'spreadTime', colour: 'purple',
+        width: 3, constant: true}]},
+    {title: 'Heater', unit: 'kW', height: 110, least: 0, leastSpan: 1, series: [
+      {name: 'commanded', key: 'power', times: 'powerTime', colour: 'vermillion', step: true, scale: 0.001, width: 2.5},
+      {name: 'planned', key: 'planPower', times: 'planTime', colour: 'vermillion', dash: 'dash', step: true,
+        scale: 0.001}]},
+    {title: 'Charge', unit: '%', height: 110, leastSpan: 5, series: [
+      {name: 'measured', key: 'soc', colour: 'green', scale: 100, width: 2.5},
+      {name: 'planned', key: 'planSoc', times: 'planTime', colour: 'green', dash: 'dash', scale: 100},
+      {name: 'reserve', key: 'reserve', times: 'reserveTime', colour: 'vermillion', dash: 'dot', scale: 100,
+        constant: true}]}];
+  if (isRecording) {
+    ROWS[0].series.push({name: 'as it came', key: 'later', times: 'laterTime', colour: 'grey', width: 1.2});
+  }
+  let curves = null, shownNow = null;
+
+  function showCurves(view, history, plan, events) {
+    const at = view.at, arrival = isNumber(view.arrival) && view.arrival > at ? view.arrival : at;
+    const from = isRecording || !isNumber(view.tripFrom) ? at - LONGEST_PAST_S
+      : Math.max(view.tripFrom - BEFORE_TRIP_S, at - LONGEST_PAST_S);
+    const past = sliced(history, 'time', ['measured', 'soc', 'unheated'], isRecording ? -Infinity : from, at);
+    const power = steps(history, isRecording ? -Infinity : from, at);
+    const ahead = plan || {planTime: [], planned: [], planUnheated: [], planSoc: [], planPower: []};
+    const first = past.time.length ? past.time[0] : at;
+    const width = Math.max(arrival - first, 60) * 0.008;
+    const hasSpread = isNumber(view.predicted) && arrival > at;
+    const half = hasSpread && isNumber(view.deviation) ? view.deviation : 0;
+    const twice = (value) => [value, value];
+    const data = {
+      ...past, ...power, ...ahead, planPower: held(ahead.planPower),
+      unheatedTime: past.time.concat(ahead.planTime), unheated: past.unheated.concat(ahead.planUnheated),
+      targetTime: isNumber(view.target) ? [first, arrival] : [], target: twice(view.target),
+      spreadTime: hasSpread ? [arrival - width, arrival + width] : [], spread: twice(view.predicted),
+      spreadLow: twice(view.predicted - half), spreadHigh: twice(view.predicted + half),
+      reserveTime: isNumber(view.reserve) ? [first, arrival] : [], reserve: twice(view.reserve)};
+    if (isRecording) {
+      const later = sliced(history, 'time', ['measured'], at, Infinity);
+      data.laterTime = later.time;
+      data.later = later.measured;
+    }
+    if (!data.time.length && !data.planTime.length) return;
+    const markers = events.marks.filter(([instant]) => isRecording || instant >= from)
+      .map(([instant, status, , label]) => ({at: instant, text: label ? readable(label) : statusOf(status)[0]}));
+    const shades = [...events.regimes.filter(([, , text]) => text !== 'driving')
+      .map(([begin, end, text]) => ({from: begin, to: end === null ? at : end, text, colour: 'green'})),
+    ...events.doubts.map(([begin, end, text]) => ({from: begin, to: end === null ? at : end, text: `in doubt: ${text}`,
+      colour: 'vermillion'}))];
+    if (!curves) {
+      curves = bevCurves.create(byId('curves'), {
+        rows: ROWS, data, markers, shades, clock: isRecording ? 'utc' : 'local', endText: 'now',
+        onPick: (instant) => bevView.onPick(instant)});
+    } else {
+      curves.setData(data);
+      curves.setMarkers(markers);
+      curves.setShades(shades);
+    }
+    if (shownNow !== at) { shownNow = at; curves.pick(at, 'now'); }
+  }
+
+  // The rows of a history after `from` until `to`.
+  function sliced(history, time, keys, from, to) {
+    const times = history[time], begin = lower(times, from), end = lower(times, to + 1e-6);
+    const made = {time: times.slice(begin, end)};
+    for (const key of keys) made[key] = history[key].slice(begin, end);
+    return made;
+  }
+
+  function lower(values, wanted) {
+    let low = 0, high = values.length;
+    while (low < high) {
+      const middle = (low + high) >> 1;
+      if (values[middle] < wanted) low = middle + 1; else high = middle;
+    }
+    return low;
+  }
+
+  // Changes of the heater's power, continued until now.
+  function steps(history, from, at) {
+    const end = lower(history.powerTime, at + 1e-6), begin = Math.max(0, Math.min(lower(history.powerTime, from), end - 1));
+    const powerTime = history.powerTime.slice(begin, end), power = history.power.slice(begin, end);
+    if (powerTime.length && powerTime[0] < from) powerTime[0] = from;
+    if (powerTime.length && powerTime[powerTime.length - 1] < at) {
+      powerTime.push(at);
+      power.push(power[power.length - 1]);
+    }
+    return {powerTime, power};
+  }
+
+  // The last power of a plan holds until its end.
+  function held(powers) {
+    return powers.length > 1 ? [...powers.slice(0, -1), powers[powers.length - 2]] : powers;
+  }
+
+  function showView(view) {
+    showBanner(view.banner);
+    showStatus(view);
+    showFigures(view);
+    showAges(view);
+    showDetails(view);
+  }
+
+  function showLink(state, text) {
+    byId('link').dataset.state = state;
+    put('link-text', text);
+  }
+
+  return {showView, showCurves, showLog, showBanner, showLink, statusOf, readable, duration, clock, put, byId, lower,
+    onPick: () => {}};
+})();

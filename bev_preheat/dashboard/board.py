@@ -1,0 +1,258 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The state of the page for one planner: latest values, history of the drive, changes of the plan."""
+
+from __future__ import annotations
+
+from collections import deque
+import math
+from typing import Any, NamedTuple, TYPE_CHECKING
+
+from bev_preheat.dashboard.diagnosis import diagnose, Diagnosis
+from bev_preheat.dashboard.health import banner_of, Pulse, Surroundings
+from bev_preheat.dashboard.plain import instant, instants, number, numbers
+from bev_preheat.dashboard.trail import MOST_POINTS, Trail
+from bev_preheat.errors import shortened
+from bev_preheat.planning.explanation import duration_text
+from bev_preheat.planning.status import Status
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from bev_preheat.dashboard.seen import EntrySeen, PlanSeen, RouteSeen
+    from bev_preheat.dashboard.unheated import Unheated
+
+MOST_MARKS, MOST_SPANS = 200, 200
+# The trajectories of a plan are drawn with at most so many points.
+MOST_PLAN_POINTS = 240
+# A stamp that is earlier than the latest one of its topic by more than this belongs to another drive [s].
+BACK_S = 1.0
+# Smaller changes of a plan are the usual re-planning: start of heating [s], target and prediction [K].
+START_CHANGE_S, TARGET_CHANGE_K, PREDICTION_CHANGE_K = 60.0, 0.5, 1.0
+LONGEST_SENTENCE, LONGEST_ROUTE_ID = 2000, 256
+# A power that changes by less is the same [W].
+LEAST_CHANGE_W = 5.0
+
+
+class Mark(NamedTuple):
+    """A change of the plan at an instant [s]: its status, a sentence, a few words for the curves ('' for none)."""
+
+    at_s: float
+    status: str
+    text: str
+    label: str = ''
+
+
+class Span(NamedTuple):
+    """A period [s] with a text, such as a regime; `to_s` None: it lasts."""
+
+    from_s: float
+    to_s: float | None
+    text: str
+
+
+class Board:
+    """
+    What the page shows of one planner. All instants are seconds of the planner's clock; `now_s` is monotonic.
+
+    `unheated` computes the temperature without heating; None: not known for this vehicle, with `unheated_problem`
+    as the reason. `version` changes with each new value. `outcome` says how the latest goal of the page ended.
+    """
+
+    def __init__(self, most_points: int = MOST_POINTS) -> None:
+        """Start without values."""
+        self._most_points = most_points
+        self.unheated: Unheated | None = None
+        self.unheated_problem = ''
+        self.around = Surroundings()
+        self.version = 0
+        self._route: RouteSeen | None = None
+        self.forget()
+
+    def forget(self) -> None:
+        """Start another drive: drop values and history."""
+        self.temperatures, self.powers = Trail(self._most_points), Trail(self._most_points)
+        self.marks: deque[Mark] = deque(maxlen=MOST_MARKS)
+        self.regimes: deque[Span] = deque(maxlen=MOST_SPANS)
+        self.doubts: deque[Span] = deque(maxlen=MOST_SPANS)
+        self.plan: PlanSeen | None = None
+        self.plan_version = 0
+        self.trip_from_s: float | None = None
+        self._marked: PlanSeen | None = None
+        self._battery = (math.nan, math.nan)
+        self._power_w = math.nan
+        self._reason: int | None = None
+        self._diagnosis = Diagnosis()
+        self._at_s: float | None = None
+        self.outcome = ''
+        self._latest_s: dict[str, float] = {}
+        self.pulses = {topic: Pulse() for topic in ('battery', 'command', 'plan', 'diagnostics')}
+        self.generation = getattr(self, 'generation', 0) + 1
+        if self.unheated is not None:
+            self.unheated.restart()
+
+    # Values come in
+
+    def see_battery(self, at_s: float, temperature_c: float, soc: float, now_s: float) -> None:
+        """Take a battery state."""
+        self._advance('battery', at_s, now_s)
+        self._battery = temperature_c, soc
+        unheated_c = math.nan if self.unheated is None else self.unheated.measured_c(
+            at_s, temperature_c, soc, self._power_w)
+        self.temperatures.add((at_s, temperature_c, soc, unheated_c))
+
+    def see_command(self, at_s: float, power_w: float, reason: int, now_s: float) -> None:
+        """Take a heater command."""
+        self._advance('command', at_s, now_s)
+        if math.isfinite(power_w) and not abs(power_w - self._power_w) < LEAST_CHANGE_W:
+            self.powers.add((at_s, power_w))
+        self._power_w, self._reason = power_w, reason
+
+    def see_plan(self, plan: PlanSeen, now_s: float) -> None:
+        """Take a plan."""
+        self._advance('plan', plan.at_s, now_s)
+        if self.plan is None or plan.route_id != self.plan.route_id:
+            self.trip_from_s = plan.at_s
+        self.plan = plan
+        self.plan_version += 1
+        mark = change_of(self._marked, plan)
+        if mark is not None:
+            self.marks.append(mark)
+            self._marked = plan
+
+    def see_route(self, route: RouteSeen) -> None:
+        """Take a route."""
+        self._route = route
+        self.version += 1
+
+    def see_diagnostics(self, at_s: float, entries: Iterable[EntrySeen], now_s: float) -> None:
+        """Take the planner's entries of /diagnostics."""
+        self._advance('diagnostics', at_s, now_s)
+        self._diagnosis = diagnose(entries)
+        _note(self.regimes, at_s, self._diagnosis.regime)
+        _note(self.doubts, at_s, ', '.join(self._diagnosis.doubts))
+
+    def _advance(self, topic: str, at_s: float, now_s: float) -> None:
+        """Note that a message came; start again if its clock was set back."""
+        if at_s < self._latest_s.get(topic, -math.inf) - BACK_S:
+            self.forget()
+        self._latest_s[topic] = at_s
+        self._at_s = at_s if self._at_s is None else max(self._at_s, at_s)
+        self.pulses[topic].beat(now_s, at_s)
+        self.version += 1
+
+    # What the page shows
+
+    @property
+    def at_s(self) -> float | None:
+        """The planner's time [s]; None before its first message."""
+        return self._at_s
+
+    def view(self, now_s: float) -> dict[str, Any]:
+        """Return the values of now as plain values for JSON."""
+        plan, (temperature_c, soc) = self.plan, self._battery
+        banner = banner_of(self.around, self.pulses['command'], self.pulses['battery'], now_s)
+        return {
+            'at': instant(self._at_s),
+            'banner': None if banner is None else banner._asdict(),
+            'ages': {topic: number(pulse.age_s(now_s), 1) for topic, pulse in self.pulses.items()},
+            'late': sorted(topic for topic, pulse in self.pulses.items()
+                           if pulse.is_late(now_s) or not self.around.is_there),
+            'temperature': number(temperature_c, 2), 'soc': number(soc, 4), 'power': number(self._power_w, 1),
+            'reason': None if self._reason is None else status_name(self._reason),
+            **_plan_values(plan), 'reserve': self._reserve(),
+            'unheatedProblem': self.unheated_problem, 'outcome': shortened(self.outcome, LONGEST_SENTENCE),
+            'tripFrom': instant(self.trip_from_s), **self._diagnosis.as_dictionary()}
+
+    def _reserve(self) -> float | None:
+        if self._route is None or self.plan is None:
+            return None
+        return number(self._route.reserve_of_leg(self.plan.later_legs) or None, 4)
+
+    def plan_curves(self, most: int = MOST_PLAN_POINTS) -> dict[str, Any]:
+        """Return the trajectories of the plan, thinned to `most` points; empty columns without one."""
+        plan = self.plan
+        if plan is None or not plan.times_s:
+            return {key: [] for key in ('planTime', 'planned', 'planUnheated', 'planSoc', 'planPower')}
+        unheated_c = () if self.unheated is None else self.unheated.planned_c(plan)
+        kept = thinned(len(plan.times_s), most)
+        powers_w = (*plan.powers_w, math.nan)
+
+        def column(values: Sequence[float], digits: int) -> list[float | None]:
+            return [number(values[index], digits) if index < len(values) else None for index in kept]
+
+        return {'planTime': instants([plan.times_s[index] for index in kept]),
+                'planned': column(plan.temperatures_c, 2),
+                'planUnheated': column(unheated_c, 2), 'planSoc': column(plan.socs, 4),
+                'planPower': column(powers_w, 0)}
+
+    def history(self, temperatures: int = 0, powers: int = 0) -> dict[str, Any]:
+        """Return the history after the first `temperatures` and `powers` rows, in columns."""
+        rows, power_rows = self.temperatures.since(temperatures), self.powers.since(powers)
+        times, measured, socs, unheated = zip(*rows) if rows else ((), (), (), ())
+        power_times, watts = zip(*power_rows) if power_rows else ((), ())
+        return {'time': instants(times), 'measured': numbers(measured, 2), 'soc': numbers(socs, 4),
+                'unheated': numbers(unheated, 2), 'powerTime': instants(power_times), 'power': numbers(watts, 0)}
+
+    def events(self) -> dict[str, Any]:
+        """Return what changed in the plan, and the periods of regimes and doubts."""
+        return {'marks': [list(mark) for mark in self.marks],
+                'regimes': [list(span) for span in self.regimes if span.text],
+                'doubts': [list(span) for span in self.doubts if span.text]}
+
+
+def thinned(count: int, most: int) -> list[int]:
+    """Return at most `most` evenly spread indices of `count` points, the last one included."""
+    if count <= most:
+        return list(range(count))
+    return sorted({round(index * (count - 1) / (most - 1)) for index in range(most)})
+
+
+def status_name(number: int) -> str:
+    """Return the name of a status."""
+    try:
+        return Status(number).name
+    except ValueError:
+        return f'STATUS_{number}'
+
+
+def change_of(before: PlanSeen | None, plan: PlanSeen) -> Mark | None:
+    """Return the Mark of a plan that differs from an earlier one; None if nothing of note changed."""
+    def mark(text: str, label: str = '') -> Mark:
+        return Mark(plan.at_s, status_name(plan.status), text, label)
+
+    if before is None or before.status != plan.status or before.route_id != plan.route_id:
+        return mark(shortened(plan.sentence, LONGEST_SENTENCE))
+    if abs(plan.target_c - before.target_c) >= TARGET_CHANGE_K:
+        return mark(f'Target {plan.target_c:.1f} instead of {before.target_c:.1f} degC.',
+                    f'target {plan.target_c:.1f} degC')
+    start, earlier = plan.heating_start_s, before.heating_start_s
+    # The start of heating that is under way is the instant of the plan.
+    if start is not None and earlier is not None and start > plan.at_s and abs(start - earlier) >= START_CHANGE_S:
+        shift = f'{duration_text(abs(start - earlier))} {"later" if start > earlier else "earlier"}'
+        return mark(f'Heating starts {shift} than planned before.', f'starts {shift}')
+    if abs(plan.predicted_c - before.predicted_c) >= PREDICTION_CHANGE_K:
+        return mark(f'Arrival at {plan.predicted_c:.1f} instead of {before.predicted_c:.1f} degC.',
+                    f'arrival {plan.predicted_c:.1f} degC')
+    return None
+
+
+def _plan_values(plan: PlanSeen | None) -> dict[str, Any]:
+    if plan is None:
+        return {'status': None, 'sentence': '', 'routeId': '', 'method': ''}
+    return {
+        'status': status_name(plan.status), 'sentence': shortened(plan.sentence, LONGEST_SENTENCE),
+        'routeId': shortened(plan.route_id, LONGEST_ROUTE_ID), 'method': shortened(plan.method, 60),
+        'heatingStart': instant(plan.heating_start_s), 'heatingEnd': instant(plan.heating_end_s),
+        'arrival': instant(plan.arrival_s), 'predicted': number(plan.predicted_c, 2),
+        'deviation': number(plan.deviation_k, 2), 'target': number(plan.target_c, 2),
+        'targetReason': shortened(plan.target_reason, LONGEST_SENTENCE), 'arrivalSoc': number(plan.arrival_soc, 4),
+        'charging': number(plan.charging_s, 0), 'chargingUnheated': number(plan.charging_unheated_s, 0)}
+
+
+def _note(spans: deque[Span], at_s: float, text: str) -> None:
+    """Begin a new span if the text changes, and end the one before."""
+    if spans and spans[-1].text == text:
+        return
+    if spans:
+        spans[-1] = spans[-1]._replace(to_s=at_s)
+    spans.append(Span(at_s, None, text))

@@ -1,0 +1,48 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The messages to one browser tab: the values of now, and of the curves only what the tab does not have yet."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, TYPE_CHECKING
+
+from bev_preheat.dashboard.plain import written
+
+if TYPE_CHECKING:
+    from bev_preheat.dashboard.board import Board
+
+# A tab gets the trajectories of a plan at most this often [s]: the planner makes a plan at each battery state.
+PLAN_PERIOD_S = 1.0
+
+
+@dataclass
+class Cursor:
+    """What a tab has: generations and numbers of rows of the history, version of the plan, events as text."""
+
+    generations: tuple[int, ...] = ()
+    temperatures: int = 0
+    powers: int = 0
+    plan_version: int = -1
+    plan_at_s: float = float('-inf')
+    events: str = ''
+
+
+def message(planner: str, board: Board, cursor: Cursor, now_s: float) -> str:
+    """Return the next message (JSON) to the tab of a Cursor, and advance that; `now_s` is monotonic."""
+    values: dict[str, Any] = {'planner': planner, 'view': board.view(now_s)}
+    generations = (board.generation, board.temperatures.generation, board.powers.generation)
+    is_new = generations != cursor.generations
+    if is_new:
+        cursor.generations, cursor.temperatures, cursor.powers = generations, 0, 0
+    counts = len(board.temperatures), len(board.powers)
+    if is_new or counts != (cursor.temperatures, cursor.powers):
+        values['history'] = {'isWhole': is_new, **board.history(cursor.temperatures, cursor.powers)}
+        cursor.temperatures, cursor.powers = counts
+    if is_new or (board.plan_version != cursor.plan_version and now_s - cursor.plan_at_s >= PLAN_PERIOD_S):
+        values['plan'] = board.plan_curves()
+        cursor.plan_version, cursor.plan_at_s = board.plan_version, now_s
+    events = written(board.events())
+    if events != cursor.events:
+        values['events'] = board.events()
+        cursor.events = events
+    return written(values)

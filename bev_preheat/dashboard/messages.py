@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: Apache-2.0
+"""ROS messages as the plain values of the page."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from bev_preheat.control.inputs import NS_PER_S
+from bev_preheat.dashboard.seen import EntrySeen, PlanSeen, RouteSeen
+from bev_preheat.nodes.convert import nanoseconds
+
+if TYPE_CHECKING:
+    from builtin_interfaces.msg import Time
+    from diagnostic_msgs.msg import DiagnosticArray
+
+    from bev_preheat_msgs.msg import PreheatPlan, RoutePlan
+
+# No drive is longer [s].
+LONGEST_S = 1e7
+
+
+def seconds(stamp: Time) -> float:
+    """Return an instant [s]."""
+    return nanoseconds(stamp) / NS_PER_S
+
+
+def plan_seen(message: PreheatPlan) -> PlanSeen:
+    """Return the PlanSeen of a message; trajectories that are no curve count as none."""
+    start_s, after_s = seconds(message.header.stamp), message.time
+    count = len(after_s)
+    # An axis of time needs rising instants; NaN compares as false.
+    is_whole = count > 1 and len(message.battery_temperature) == len(message.soc) == count == len(
+        message.hvch_power) + 1 and all(
+            0.0 <= before < after < LONGEST_S for before, after in zip(after_s, after_s[1:]))
+    return PlanSeen(
+        at_s=start_s, route_id=message.route_id, method=message.method, status=message.status,
+        sentence=message.explanation,
+        heating_start_s=_set_instant(message.heating_start) if message.heating_planned else None,
+        heating_end_s=_set_instant(message.heating_end), arrival_s=_set_instant(message.arrival),
+        predicted_c=message.predicted_arrival_temperature,
+        deviation_k=message.predicted_arrival_temperature_deviation,
+        target_c=message.target_battery_temperature, target_reason=message.target_reason,
+        arrival_soc=message.predicted_arrival_soc, charging_s=message.charging_time,
+        charging_unheated_s=message.charging_time_unheated, model_factors=tuple(message.model_factors),
+        later_legs=len(message.later_arrival),
+        times_s=tuple(start_s + each for each in after_s) if is_whole else (),
+        temperatures_c=tuple(message.battery_temperature) if is_whole else (),
+        socs=tuple(message.soc) if is_whole else (), powers_w=tuple(message.hvch_power) if is_whole else ())
+
+
+def route_seen(message: RoutePlan) -> RouteSeen:
+    """Return the RouteSeen of a message."""
+    return RouteSeen(tuple(message.stop_minimum_arrival_soc), len(message.stop_duration),
+                     message.minimum_arrival_soc)
+
+
+def entries_seen(message: DiagnosticArray, planner: str) -> list[EntrySeen]:
+    """Return the entries of a planner, by the full name of its node; [] if the message has none."""
+    prefix = f'{planner.lstrip("/")}: '
+    return [EntrySeen(status.name.removeprefix(prefix), status.level[0], status.message,
+                      {item.key: item.value for item in status.values})
+            for status in message.status if status.name.startswith(prefix)]
+
+
+def _set_instant(stamp: Time) -> float | None:
+    return None if (stamp.sec, stamp.nanosec) == (0, 0) else seconds(stamp)

@@ -1,0 +1,41 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The HTML of the page and the files that it loads."""
+
+from __future__ import annotations
+
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from bev_preheat.web_page.assets import asset
+
+if TYPE_CHECKING:
+    from bev_preheat.dashboard.source import Source
+
+FOLDER = Path(__file__).with_name('assets')
+OWN_FILES = {'dashboard.css': 'text/css', 'dashboard.js': 'text/javascript', 'view.js': 'text/javascript',
+             'controls.js': 'text/javascript', 'recording.js': 'text/javascript', 'icon.svg': 'image/svg+xml'}
+SHARED_FILES = {'uPlot.min.css': 'text/css', 'curves.css': 'text/css', 'uPlot.iife.min.js': 'text/javascript',
+                'curves.js': 'text/javascript'}
+# Names in the folder /assets and their types.
+FILES = {**OWN_FILES, **SHARED_FILES}
+
+
+def file_of(name: str) -> str:
+    """Return the text of a file of FILES."""
+    return asset(name) if name in SHARED_FILES else (FOLDER / name).read_text(encoding='utf-8')
+
+
+def main_page(source: Source) -> str:
+    """Return the page of a Source: with buttons only if planners may be asked."""
+    page = (FOLDER / 'dashboard.html').read_text(encoding='utf-8')
+    controls = (FOLDER / 'controls.html').read_text(encoding='utf-8') if source.has_controls else ''
+    slider = (FOLDER / 'recording.html').read_text(encoding='utf-8') if source.mode == 'recording' else ''
+    return (page.replace('{{mode}}', source.mode).replace('{{name}}', escape(source.name))
+            .replace('{{controls}}', controls).replace('{{recording}}', slider))
+
+
+def login_page(problem: str) -> str:
+    """Return the page that asks for the token, with a problem as a sentence."""
+    page = (FOLDER / 'login.html').read_text(encoding='utf-8')
+    return page.replace('{{problem}}', escape(problem))

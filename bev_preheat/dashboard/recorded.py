@@ -1,0 +1,154 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A recording of the flight recorder as tables for the page: what a Board would have shown, instant by instant."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from threading import Thread
+from typing import Any, TYPE_CHECKING
+
+from bev_preheat.control.inputs import NS_PER_S
+from bev_preheat.dashboard.board import Board
+from bev_preheat.dashboard.messages import entries_seen, plan_seen
+from bev_preheat.dashboard.plain import written
+from bev_preheat.dashboard.seen import RouteSeen
+from bev_preheat.dashboard.unheated import Unheated
+from bev_preheat.errors import InvalidInput
+from bev_preheat.nodes.convert import plan_message
+from bev_preheat.nodes.diagnostics import planner_diagnostics
+from bev_preheat.nodes.news import without_figures
+from bev_preheat.replay.flight_file import read_flight
+from bev_preheat.replay.player import Player
+
+if TYPE_CHECKING:
+    from concurrent.futures import Future
+
+    from bev_preheat.dashboard.asked import Answer, Asked
+    from bev_preheat.dashboard.feed import Cursor
+    from bev_preheat.replay.flight_file import Flight
+    from bev_preheat.replay.player import Played
+
+PLANNER = 'planner'
+# The slider has at most so many positions, and at most so many plans are drawn.
+MOST_FRAMES, MOST_PLANS, MOST_PLAN_POINTS = 4000, 200, 120
+MOST_POINTS = 8000
+# Values of a view that only a running planner has.
+LIVE_ONLY = ('banner', 'ages', 'late', 'outcome')
+CLOSE_S = 1e-6
+
+
+class RecordedDrive:
+    """Fills a Board with replayed steps, and keeps what it shows at times that are at least a frame apart."""
+
+    def __init__(self, length_s: float) -> None:
+        """Start; `length_s` is the length of the recording [s]."""
+        self._board = Board(MOST_POINTS)
+        self._frame_s, self._plan_s = length_s / MOST_FRAMES, length_s / MOST_PLANS
+        self._frames: list[dict[str, Any]] = []
+        self._plans: list[dict[str, Any]] = []
+        self._framed_s = self._planned_s = -math.inf
+        self._marks = self._measured_ns = 0
+        self._entry_kinds: list[tuple[str, str, str]] = []
+
+    def add(self, played: Played) -> None:
+        """Add a step."""
+        board, state, at_s = self._board, played.state, played.now_ns / NS_PER_S
+        if board.unheated is None:
+            board.unheated = Unheated(state.vehicle)
+        if played.output.command is not None:
+            board.see_command(at_s, played.output.command.battery_heating_power_w,
+                              int(played.output.command.reason), at_s)
+        measurement = state.measurement
+        if measurement is not None and measurement.stamp_ns != self._measured_ns:
+            self._measured_ns = measurement.stamp_ns
+            board.see_battery(measurement.stamp_ns / NS_PER_S, measurement.state.temperature_c,
+                              measurement.state.soc, at_s)
+        status = None if board.plan is None else board.plan.status
+        is_due = at_s - self._framed_s >= self._frame_s - CLOSE_S
+        if not is_due and status == state.decision.status:
+            return
+        self._framed_s = at_s
+        decision = state.decision
+        if decision.leg is not None:
+            board.see_route(RouteSeen((), 0, decision.leg.minimum_arrival_soc))
+        board.see_plan(plan_seen(plan_message(decision, state.active_mission, played.now_ns)), at_s)
+        board.see_diagnostics(
+            at_s, entries_seen(planner_diagnostics(PLANNER, state, played.now_ns), PLANNER), at_s)
+        self._frames.append(self._with_known_entries(board.view(at_s)))
+        if at_s - self._planned_s >= self._plan_s - CLOSE_S or len(board.marks) != self._marks:
+            self._planned_s, self._marks = at_s, len(board.marks)
+            self._plans.append({'at': round(at_s, 3), **board.plan_curves(MOST_PLAN_POINTS)})
+
+    def _with_known_entries(self, view: dict[str, Any]) -> dict[str, Any]:
+        """Return a view whose diagnostics are those of the frame before unless more than figures changed."""
+        kinds = [(name, level, without_figures(text)) for name, level, text in view['entries']]
+        if kinds != self._entry_kinds:
+            self._entry_kinds = kinds
+            return view
+        # The page takes null for the same as before.
+        return {**view, 'entries': None}
+
+    def tables(self) -> dict[str, Any]:
+        """Return the tables: `keys` of the frames, `frames` in rows, plans, history, events."""
+        # A dictionary keeps their order.
+        keys = list({key: None for frame in self._frames for key in frame if key not in LIVE_ONLY})
+        return {'keys': keys, 'frames': [[frame.get(key) for key in keys] for frame in self._frames],
+                'plans': self._plans, 'history': self._board.history(), 'events': self._board.events()}
+
+
+class RecordedSource:
+    """A recording as a Source: read in a thread of its own, because that takes some seconds for a day."""
+
+    mode, has_controls = 'recording', False
+
+    def __init__(self, path: str) -> None:
+        """Read the file; raises InvalidInput if it is none."""
+        self._flight = read_flight(path)
+        if not self._flight.given:
+            raise InvalidInput(f'{path}: has no step of the planner')
+        self.name = Path(self._flight.paths[0]).name
+        self._text: str | None = None
+        self._done, self._problem = 0, ''
+        self._thread = Thread(target=self._read, name='recording', daemon=True)
+        self._thread.start()
+
+    def _read(self) -> None:
+        try:
+            self._text = written(tables_of(self._flight, self._note))
+        except Exception as error:
+            self._problem = f'The recording cannot be replayed: {type(error).__name__}: {error}'
+
+    def _note(self, steps: int) -> None:
+        self._done = steps
+
+    def recording(self) -> str:
+        """Return the tables as JSON; until they are there, `progress` (0 ... 1) or a `problem`."""
+        if self._text is not None:
+            return self._text
+        return written({'problem': self._problem} if self._problem else
+                       {'progress': self._done / len(self._flight.given)})
+
+    def planners(self) -> list[dict[str, Any]]:
+        """Return the recorded planner."""
+        return [{'name': self.name, 'isThere': True, 'status': None}]
+
+    def message(self, planner: str, cursor: Cursor, now_s: float) -> str | None:
+        """Return None: nothing happens in a recording."""
+        return None
+
+    def ask(self, planner: str, asked: Asked) -> Future[Answer] | None:
+        """Return None: nobody can be asked."""
+        return None
+
+
+def tables_of(flight: Flight, note: Any) -> dict[str, Any]:
+    """Return the tables of a Flight; `note(steps)` is called now and then with the number of steps read."""
+    given = flight.given
+    player = Player(flight.beginning)
+    drive = RecordedDrive((given[-1].step.now_ns - given[0].step.now_ns) / NS_PER_S)
+    for number, each in enumerate(given):
+        drive.add(player.play(each))
+        if number % 100 == 0:
+            note(number)
+    return {'remarks': list(flight.remarks), **drive.tables()}

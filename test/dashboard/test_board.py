@@ -1,0 +1,170 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The state of the page for one planner."""
+
+import json
+import math
+
+import pytest
+from seen_examples import a_board, a_plan, NAN, START_S
+
+from bev_preheat.dashboard.board import change_of, thinned
+from bev_preheat.dashboard.feed import Cursor, message
+from bev_preheat.dashboard.plain import written
+from bev_preheat.dashboard.seen import EntrySeen, RouteSeen
+from bev_preheat.dashboard.unheated import Unheated
+from bev_preheat.planning.status import Status
+from bev_preheat.vehicle import load_vehicle
+
+
+def test_the_view_has_the_values_of_the_messages():
+    board = a_board()
+    board.see_route(RouteSeen((), 0, 0.2))
+    view = board.view(100.5)
+    expected = {'at': START_S, 'temperature': -7.0, 'soc': 0.9, 'power': 0.0, 'status': 'WAITING', 'predicted': 24.5,
+                'deviation': 0.4, 'target': 25.0, 'arrivalSoc': 0.61, 'arrival': START_S + 1800.0,
+                'heatingStart': START_S + 600.0, 'charging': 1800.0, 'chargingUnheated': 2520.0, 'reserve': 0.2,
+                'banner': None, 'late': [], 'tripFrom': START_S}
+    assert {key: view[key] for key in expected} == expected
+    assert view['ages']['battery'] == 0.5
+
+
+@pytest.mark.parametrize('later, reserve', [(0, 0.25), (1, 0.15), (2, 0.1), (5, 0.25)])
+def test_the_reserve_is_that_of_the_current_leg(later, reserve):
+    assert RouteSeen((0.1, 0.15), 2, 0.25).reserve_of_leg(later) == reserve
+
+
+def test_a_stop_without_reserves_has_none():
+    assert RouteSeen((), 2, 0.25).reserve_of_leg(1) == 0.0
+
+
+def test_unknown_values_are_null_and_the_json_is_valid():
+    board = a_board(predicted_c=NAN, deviation_k=math.inf, target_c=-math.inf, arrival_soc=NAN, charging_s=math.inf,
+                    heating_start_s=None, arrival_s=NAN, temperatures_c=(NAN, -5.0, 1e300))
+    text = message('/planner', board, Cursor(), 100.0)
+    values = json.loads(text, parse_constant=lambda name: pytest.fail(name))
+    assert values['view']['predicted'] is values['view']['charging'] is values['view']['arrival'] is None
+    assert values['plan']['planned'] == [None, -5.0, None]
+
+
+def test_text_of_any_publisher_cannot_leave_its_place_and_is_short():
+    evil = '</script><script>alert(1)</script>'
+    board = a_board(route_id=evil + 'x' * 5000, sentence=evil + 'y' * 100_000)
+    text = message('/planner', board, Cursor(), 100.0)
+    assert '<' not in text and len(text) < 10_000
+    assert json.loads(text)['view']['sentence'].startswith(evil)
+
+
+def test_a_tab_gets_only_what_it_does_not_have():
+    board, cursor = a_board(), Cursor()
+    first = json.loads(message('/planner', board, cursor, 100.0))
+    assert first['history']['isWhole'] and first['history']['time'] == [START_S]
+    again = json.loads(message('/planner', board, cursor, 100.5))
+    assert set(again) == {'planner', 'view'}
+    board.see_battery(START_S + 1.0, -6.9, 0.9, 101.0)
+    more = json.loads(message('/planner', board, cursor, 101.0))
+    assert not more['history']['isWhole'] and more['history']['measured'] == [-6.9]
+    # Another tab gets all.
+    assert json.loads(message('/planner', board, Cursor(), 101.0))['history']['time'] == [START_S, START_S + 1.0]
+
+
+def test_the_trajectories_come_at_most_once_a_second():
+    board, cursor = a_board(), Cursor()
+    message('/planner', board, cursor, 100.0)
+    board.see_plan(a_plan(START_S + 1.0), 100.2)
+    assert 'plan' not in json.loads(message('/planner', board, cursor, 100.2))
+    assert 'plan' in json.loads(message('/planner', board, cursor, 101.1))
+
+
+def test_a_clock_set_back_starts_another_drive():
+    board, cursor = a_board(), Cursor()
+    board.see_battery(START_S + 300.0, 3.0, 0.8, 130.0)
+    message('/planner', board, cursor, 130.0)
+    board.see_battery(START_S + 10.0, -9.0, 0.95, 131.0)
+    values = json.loads(message('/planner', board, cursor, 131.0))
+    assert values['history']['isWhole'] and values['history']['measured'] == [-9.0]
+    assert values['events'] == {'marks': [], 'regimes': [], 'doubts': []}
+    assert values['view']['at'] == START_S + 10.0 and values['view']['status'] is None
+
+
+def test_late_messages_of_another_topic_are_no_other_drive():
+    board = a_board()
+    board.see_battery(START_S + 5.0, -6.5, 0.9, 105.0)
+    # Its stamp is that of the battery state that it was made for.
+    board.see_plan(a_plan(START_S + 2.0), 105.1)
+    assert len(board.temperatures) == 2
+
+
+def test_memory_is_bounded_over_a_week():
+    board = a_board()
+    for second in range(0, 7 * 86400, 5):
+        at_s = START_S + second
+        board.see_battery(at_s, 20.0 + second % 7, 0.5, at_s)
+        board.see_command(at_s, 1000.0 * (second % 3), int(Status.HEATING), at_s)
+        if second % 300 == 0:
+            board.see_plan(a_plan(at_s, status=second // 300 % 8, sentence=f'{second}'), at_s)
+            board.see_diagnostics(at_s, [EntrySeen('signals', 0, '', {'regime': f'{second}'})], at_s)
+    assert len(message('/planner', board, Cursor(), 1e6)) < 250_000
+
+
+@pytest.mark.parametrize('changed, text', [
+    ({'status': int(Status.HEATING), 'sentence': 'Heats.'}, 'Heats.'),
+    ({'target_c': 20.0}, 'Target 20.0 instead of 25.0 degC.'),
+    ({'heating_start_s': START_S + 300.0}, 'Heating starts 5:00 min earlier than planned before.'),
+    ({'heating_start_s': START_S + 900.0}, 'Heating starts 5:00 min later than planned before.'),
+    ({'predicted_c': 22.0}, 'Arrival at 22.0 instead of 24.5 degC.'),
+    ({'predicted_c': 24.0, 'heating_start_s': START_S + 630.0, 'target_c': 24.8}, None),
+    ({'target_c': NAN, 'predicted_c': NAN, 'heating_start_s': None}, None)])
+def test_a_changed_plan_is_marked_with_its_change(changed, text):
+    mark = change_of(a_plan(), a_plan(START_S + 1.0, **changed))
+    assert (None if mark is None else mark.text) == text
+
+
+def test_slow_drift_is_marked_too():
+    board = a_board()
+    for step in range(1, 31):
+        board.see_plan(a_plan(START_S + step, heating_start_s=START_S + 600.0 + 5.0 * step), 100.0 + step)
+    # 150 s in steps of 5 s: at 60 s and 120 s.
+    assert [mark.at_s - START_S for mark in board.marks] == [0.0, 12.0, 24.0]
+
+
+def test_regimes_and_doubts_are_periods():
+    board = a_board()
+    for second, regime, doubt in ((0, 'driving', {}), (10, 'driving', {'current in doubt since [s]': '0'}),
+                                  (30, 'charging', {})):
+        board.see_diagnostics(START_S + second, [EntrySeen('signals', 1, '', {'regime': regime, **doubt})], 100.0)
+    events = board.events()
+    assert events['regimes'] == [[START_S, START_S + 30, 'driving'], [START_S + 30, None, 'charging']]
+    assert events['doubts'] == [[START_S + 10, START_S + 30, 'current']]
+
+
+def test_without_heating_the_battery_is_colder_by_the_stored_heat():
+    vehicle = load_vehicle('reference')
+    board = a_board()
+    board.unheated = Unheated(vehicle)
+    heated_s, power_w = 600.0, 5000.0
+    for second in range(0, int(heated_s) + 1, 10):
+        board.see_command(START_S + second, power_w, int(Status.HEATING), 100.0 + second)
+        board.see_battery(START_S + second, 0.01 * second, 0.8, 100.0 + second)
+    gained_k = 0.01 * heated_s - board.temperatures.since(0)[-1][3]
+    without_leakage_k = vehicle.hvch.efficiency * power_w * heated_s / vehicle.battery.heat_capacity_j_per_k
+    # Some of the heat leaks: by less than gamma_0 times the gain.
+    lost_k = vehicle.battery.leakage.gamma_0_w_per_k * heated_s / vehicle.battery.heat_capacity_j_per_k * gained_k
+    assert without_leakage_k - lost_k < gained_k < without_leakage_k
+    # The plan goes on from there.
+    at_s = START_S + heated_s
+    board.see_plan(a_plan(at_s, times_s=(at_s, at_s + 600.0), temperatures_c=(6.0, 6.0), socs=(0.8, 0.7),
+                          powers_w=(0.0,)), 800.0)
+    now_c, later_c = board.plan_curves()['planUnheated']
+    assert now_c == pytest.approx(6.0 - gained_k, abs=0.01) and now_c < later_c < 6.0
+
+
+@pytest.mark.parametrize('count', [0, 1, 2, 99, 100, 101, 12345])
+def test_thinned_keeps_both_ends(count):
+    kept = thinned(count, 100)
+    assert len(kept) == len(set(kept)) == min(count, 100)
+    assert not count or (kept[0], kept[-1]) == (0, count - 1)
+
+
+def test_written_never_ends_a_script():
+    assert '</' not in written({'text': '</script>'})
+    assert json.loads(written(['</script>'])) == ['</script>']

@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The banner: a planner that is gone, silent or frozen."""
+
+import pytest
+
+from bev_preheat.dashboard.diagnosis import Departure, diagnose, MOST_ENTRIES
+from bev_preheat.dashboard.health import banner_of, Pulse, Surroundings
+from bev_preheat.dashboard.seen import EntrySeen
+
+THERE = Surroundings()
+
+
+def beating(period_s, until_s, stamp_s=None):
+    """Return the Pulse of messages every `period_s` until `until_s`; a fixed stamp or a running one."""
+    pulse, at_s = Pulse(), 0.0
+    while at_s <= until_s:
+        pulse.beat(at_s, at_s if stamp_s is None else stamp_s)
+        at_s += period_s
+    return pulse
+
+
+def text_of(around, command, battery, now_s):
+    banner = banner_of(around, command, battery, now_s)
+    return '' if banner is None else f'{banner.level}: {banner.text}'
+
+
+def test_all_is_well_while_messages_come():
+    assert text_of(THERE, beating(1.0, 60.0), beating(1.0, 60.0), 60.9) == ''
+
+
+@pytest.mark.parametrize('around, told', [
+    (THERE, 'error: The planner is silent: no message for 5 s'),
+    (Surroundings(is_simulated=True, has_clock=True), 'error: The clock stands: /clock does not advance'),
+    (Surroundings(is_simulated=True), 'error: The clock stands: nothing publishes /clock'),
+    (Surroundings(is_there=False), 'error: The planner is gone')])
+def test_silence_is_told_with_its_cause(around, told):
+    assert text_of(around, beating(1.0, 60.0), beating(1.0, 60.0), 65.0).startswith(told)
+
+
+def test_a_slow_planner_is_not_called_silent():
+    pulse = beating(10.0, 200.0)
+    assert not pulse.is_late(215.0) and pulse.is_late(241.0)
+
+
+def test_a_planner_in_a_standing_clock_that_still_answers_is_told():
+    told = text_of(THERE, beating(1.0, 60.0, stamp_s=5.0), beating(1.0, 60.0), 60.5)
+    assert told.startswith("error: The planner's clock has been standing for 60 s")
+
+
+@pytest.mark.parametrize('battery, told', [
+    (beating(1.0, 50.0), 'warning: No battery state for 10 s'),
+    (beating(1.0, 60.0, stamp_s=7.0), 'warning: The battery state repeats one stamp')])
+def test_an_old_battery_state_is_told(battery, told):
+    assert text_of(THERE, beating(1.0, 60.0), battery, 60.4).startswith(told)
+
+
+def test_before_the_first_message():
+    assert text_of(THERE, Pulse(), Pulse(), 1.0).startswith('warning: The planner is there')
+
+
+def test_entries_are_read():
+    found = diagnose([
+        EntrySeen('preheating', 0, 'WAITING', {'enabled': 'false', 'goal of prepare_battery': 'ready in 5 min'}),
+        EntrySeen('signals', 1, '', {'regime': 'charging', 'current in doubt since [s]': '12'}),
+        EntrySeen('departures', 0, '', {'next departure': 'Mon 07:30', 'state': 'WAITS', 'skipped': ''})])
+    assert (found.is_enabled, found.goal, found.regime, found.doubts) == (
+        False, 'ready in 5 min', 'charging', ('current',))
+    assert found.departure == Departure('Mon 07:30', 'WAITS', '')
+
+
+def test_without_entries_all_is_unknown():
+    assert diagnose([]).as_dictionary() == {
+        'entries': [], 'regime': '', 'doubts': [], 'enabled': None, 'goal': '', 'departure': None}
+
+
+def test_a_flood_of_entries_is_cut():
+    found = diagnose(EntrySeen(f'{number}', 9, 'x' * 10_000, {}) for number in range(1000))
+    shown = found.as_dictionary()['entries']
+    assert len(shown) == MOST_ENTRIES and {level for _, level, _ in shown} == {'STALE'}
+    assert max(len(text) for _, _, text in shown) < 700

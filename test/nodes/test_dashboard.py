@@ -1,0 +1,227 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`dashboard` beside real planners, over DDS and HTTP, without a browser."""
+
+import asyncio
+from contextlib import contextmanager
+import json
+import re
+import signal
+import socket
+import time
+from urllib.request import Request, urlopen
+
+from node_bench import poll_until, repeating
+import pytest
+from rclpy.qos import QoSDurabilityPolicy, QoSProfile
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import BatteryState
+from tornado.httpclient import HTTPRequest
+from tornado.websocket import websocket_connect
+
+from bev_preheat.control.inputs import Leg, Mission, NS_PER_S
+from bev_preheat.nodes.convert import route_plan_message, time_message
+from bev_preheat.route import load_route
+from bev_preheat.vehicle import load_vehicle
+from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
+
+LIMIT_S = 120.0
+LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
+EVIL = '<img src=x onerror=alert(1)></script>"\''
+
+
+def page_of(process):
+    """Return host:port of a started dashboard."""
+    found = poll_until(lambda: re.search(r'http://(\S+:\d+)/', process.output()), 'the address of the page')
+    return found.group(1)
+
+
+class Tab:
+    """The latest state of a tab, filled by its own connection whenever it is asked."""
+
+    def __init__(self, host):
+        self.host, self.planners, self.view, self.events = host, [], {}, {}
+        self.plan, self.history, self._planner = {}, {}, None
+
+    def watch(self, planner, condition, what):
+        """Return the first view of a planner for which condition(this tab) holds."""
+        async def follow():
+            connection = await websocket_connect(HTTPRequest(
+                f'ws://{self.host}/tab', headers={'Origin': f'http://{self.host}'}))
+            end_s = time.monotonic() + LIMIT_S
+            await connection.write_message(json.dumps({'planner': planner}))
+            self.view = {}
+            while True:
+                text = await asyncio.wait_for(connection.read_message(), LIMIT_S)
+                values = json.loads(text, parse_constant=lambda name: pytest.fail(name))
+                for key in ('planners', 'view', 'events', 'plan', 'history'):
+                    setattr(self, key, values.get(key, getattr(self, key)))
+                if (self.view or not planner) and condition(self):
+                    connection.close()
+                    return
+                assert time.monotonic() < end_s, f'{what}: {self.planners} {self.view}'
+        asyncio.run(follow())
+        return self.view
+
+
+def ask(host, **values):
+    """Return the answer to a request."""
+    request = Request(f'http://{host}/ask', json.dumps(values).encode(), {
+        'Origin': f'http://{host}', 'Content-Type': 'application/json'})
+    with urlopen(request, timeout=LIMIT_S) as answer:
+        return json.loads(answer.read())
+
+
+@contextmanager
+def driving(bench, namespace='', temperature_c=-7.0, route_id='trip', **route):
+    """Publish a route and battery states in real time."""
+    vehicle = load_vehicle('reference')
+    routes = bench.publisher(RoutePlan, f'{namespace}/route_plan', LATCHED)
+    states = bench.publisher(BatteryState, f'{namespace}/battery_state', 1)
+
+    def now_ns():
+        return bench.node.get_clock().now().nanoseconds
+    message = route_plan_message(Mission(route_id, (Leg(
+        load_route('reference', vehicle.defaults), now_ns(), target_temperature_c=25.0,
+        minimum_arrival_soc=0.3),)))
+    for name, value in route.items():
+        setattr(message, name, value)
+    routes.publish(message)
+
+    def publish():
+        state = BatteryState(temperature=temperature_c, percentage=0.9, voltage=400.0, current=-50.0)
+        state.header.stamp = time_message(now_ns())
+        states.publish(state)
+    with repeating(publish, 0.3):
+        yield
+
+
+def test_planners_come_answer_go_and_come_back(bench):
+    dashboard = bench.start('dashboard', '-p', 'port:=0', '-p', 'controls:=true')
+    host = page_of(dashboard)
+    tab = Tab(host)
+    # No planner at the start.
+    tab.watch('', lambda tab: True, 'an empty list')
+    assert tab.planners == []
+    planner = bench.start('planner')
+    bench.start('planner', '-r', '__ns:=/car_7')
+    with driving(bench, route_id=EVIL), driving(bench, '/car_7', temperature_c=3.0):
+        view = tab.watch('/planner', lambda tab: tab.view['status'] == 'WAITING' and tab.view['regime']
+                         and tab.view['reserve'] and len(tab.plan.get('planUnheated', ())) > 2
+                         and tab.plan['planUnheated'][0] is not None and not tab.view['banner'], 'a plan')
+        assert view['temperature'] == -7.0 and view['routeId'] == EVIL and view['reserve'] == 0.3
+        assert view['predicted'] == pytest.approx(25.0, abs=1.0) and view['enabled'] is True
+        # Without heating it arrives colder by the heat of some 2 kWh.
+        assert 8.0 < tab.plan['planned'][-1] - tab.plan['planUnheated'][-1] < 30.0
+        other = tab.watch('/car_7/planner', lambda tab: tab.view['temperature'] == 3.0, 'the other one')
+        assert [each['name'] for each in tab.planners] == ['/car_7/planner', '/planner'] and not other['banner']
+        assert_it_answers(host, tab)
+        planner.send_signal(signal.SIGKILL)
+        view = tab.watch('/planner', lambda tab: tab.view['banner'] and 'command' in tab.view['late'], 'a banner')
+        assert view['banner']['level'] == 'error' and view['temperature'] == -7.0
+        bench.start('planner')
+        tab.watch('/planner', lambda tab: not tab.view['banner'] and tab.view['status'] == 'WAITING', 'it is back')
+        assert ask(host, planner='/planner', kind='enable')['isAccepted']
+    assert 'WARN' not in dashboard.output() and 'ERROR' not in dashboard.output()
+
+
+def assert_it_answers(host, tab):
+    """Ask all that the page can ask."""
+    assert ask(host, planner='/planner', kind='disable') == {
+        'isAccepted': True, 'text': 'Preheating is switched off.'}
+    tab.watch('/planner', lambda tab: tab.view['status'] == 'DISABLED' and tab.view['enabled'] is False, 'off')
+    refused = ask(host, planner='/planner', kind='prepare', minutes=30, target=20)
+    assert not refused['isAccepted'] and 'refused: Preheating is switched off' in refused['text']
+    assert ask(host, planner='/planner', kind='enable')['isAccepted']
+    accepted = ask(host, planner='/planner', kind='prepare', minutes=240, target=12)
+    assert accepted['isAccepted'] and 'Preparing the battery' in accepted['text'] and '12.0 degC' in accepted['text']
+    view = tab.watch('/planner', lambda tab: tab.view['goal'], 'the goal')
+    assert view['goal'].startswith('ready in 3:5') and view['target'] == 12.0
+    assert ask(host, planner='/planner', kind='cancel')['isAccepted']
+    assert 'cancelled' in tab.watch('/planner', lambda tab: tab.view['outcome'], 'its end')['outcome']
+    assert ask(host, planner='/planner', kind='cancel') == {
+        'isAccepted': False, 'text': 'There is no preparation to cancel.'}
+    skipped = ask(host, planner='/planner', kind='skip')
+    assert not skipped['isAccepted'] and 'no departures' in skipped['text']
+
+
+@pytest.mark.deep
+def test_a_planner_that_is_gone_answers_nothing_and_that_is_said(bench):
+    host = page_of(bench.start('dashboard', '-p', 'port:=0', '-p', 'controls:=true'))
+    planner, tab = bench.start('planner'), Tab(host)
+    tab.watch('/planner', lambda tab: tab.view['at'], 'a planner')
+    planner.end()
+    tab.watch('/planner', lambda tab: tab.view['banner'] and 'gone' in tab.view['banner']['text'], 'gone')
+    assert ask(host, planner='/planner', kind='disable') == {
+        'isAccepted': False, 'text': 'The planner was not found: nothing was asked.'}
+
+
+def test_a_clock_that_stands_is_named(bench):
+    host = page_of(bench.start('dashboard', '-p', 'port:=0'))
+    bench.start('planner', '-p', 'use_sim_time:=true')
+    clock, tab = bench.publisher(Clock, '/clock'), Tab(host)
+    seconds = [1000]
+
+    def tick():
+        seconds[0] += 1
+        clock.publish(Clock(clock=time_message(seconds[0] * NS_PER_S)))
+    with repeating(tick, 0.1):
+        tab.watch('/planner', lambda tab: (tab.view['at'] or 0) > 1010 and not tab.view['banner'], 'it runs')
+    view = tab.watch('/planner', lambda tab: tab.view['banner'], 'it stands')
+    assert 'The clock stands' in view['banner']['text']
+    # A simulation that starts again is another drive.
+    seconds[0] = 500
+    with repeating(tick, 0.1):
+        view = tab.watch('/planner', lambda tab: not tab.view['banner'] and 500 < tab.view['at'] < 900, 'again')
+
+
+def test_whatever_a_publisher_sends_is_no_end(bench):
+    """A foreign node with a planner's topics: NaN, absurd sizes and stamps, a million segments."""
+    dashboard = bench.start('dashboard', '-p', 'port:=0')
+    tab = Tab(page_of(dashboard))
+    plans = bench.publisher(PreheatPlan, 'preheat_plan', LATCHED)
+    commands = bench.publisher(HvchCommand, 'hvch_command')
+    bench.record(BatteryState, 'battery_state', 1)
+    bench.record(RoutePlan, 'route_plan', LATCHED)
+    nan = float('nan')
+    bad = PreheatPlan(status=250, explanation=EVIL * 10_000, route_id=EVIL, predicted_arrival_temperature=nan,
+                      heating_planned=True, time=[0.0, nan, 5.0], battery_temperature=[nan] * 3, soc=[1e300] * 3,
+                      hvch_power=[float('inf')] * 2)
+    with repeating(lambda: (plans.publish(bad), commands.publish(HvchCommand(battery_heating_power=nan, reason=99))),
+                   0.2):
+        with driving(bench, temperature_c=nan, segment_duration=[1.0] * 1_000_000):
+            view = tab.watch('/tester', lambda tab: tab.view['status'] and tab.view['ages']['battery'] is not None,
+                             'the foreign node')
+    assert view['status'] == 'STATUS_250' and view['power'] is view['predicted'] is view['temperature'] is None
+    assert tab.plan['planTime'] == [] and len(view['sentence']) < 2100
+    assert dashboard.exit_status is None and 'ERROR' not in dashboard.output()
+
+
+def test_a_taken_port_and_a_bad_recording_are_one_line(call_main, tmp_path):
+    with socket.create_server(('127.0.0.1', 0)) as taken:
+        port = taken.getsockname()[1]
+        for arguments, told in (
+                ((f'port:={port}',), f'port: 127.0.0.1:{port} cannot be used: Address already in use'),
+                (('port:=70000',), 'port: 70000 is not allowed; it must be 0 ... 65535'),
+                (('port:=0', 'recording:=/no/such.mcap'), '/no/such.mcap: does not exist'),
+                (('port:=0', 'recording:=/etc/hostname', 'controls:=true'), 'controls: is not allowed'),
+                (('address:=0.0.0.0',), 'address: 0.0.0.0 is not allowed without a token'),
+                (('token:=1234567890123456',), 'token: is not a text'),
+                (('token:=short-secret',), 'token: has 12 characters')):
+            done = call_main('dashboard', '--ros-args', *(word for each in arguments for word in ('-p', each)))
+            assert (done.returncode, done.stdout, len(done.stderr.splitlines())) == (2, '', 1), done
+            assert told in done.stderr, done.stderr
+            assert '1234567890123456' not in done.stderr and 'short-secret' not in done.stderr
+
+
+def test_the_token_is_neither_in_ros_nor_in_the_log_and_it_publishes_nothing(bench):
+    token = 'correct-horse-battery'
+    dashboard = bench.start('dashboard', '-p', 'port:=0', '-p', f'token:={token}')
+    host = page_of(dashboard)
+    with pytest.raises(OSError, match='401'):
+        urlopen(f'http://{host}/?token={token[:-1]}', timeout=LIMIT_S)
+    poll_until(lambda: 'dashboard' in bench.node.get_node_names(), 'the node')
+    services = dict(bench.node.get_service_names_and_types_by_node('dashboard', '/'))
+    assert not any('parameter' in name for name in services)
+    assert token not in dashboard.output() and token[:-1] not in dashboard.output()
+    topics = {name for name, _ in bench.node.get_publisher_names_and_types_by_node('dashboard', '/')}
+    assert topics <= {'/rosout', '/parameter_events'}

@@ -1,0 +1,210 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The page of `dashboard` in Chromium, beside the installed planner and the simulated vehicle.
+
+With BEV_PREHEAT_PICTURES=docs/pictures these tests write the pictures of the documentation.
+"""
+
+import os
+import signal
+import time
+
+from browser import browser, DESKTOP, PHONE
+from node_bench import poll_until
+import pytest
+from test_dashboard import page_of
+
+pytestmark = [pytest.mark.needs('selenium'), pytest.mark.needs('chromium'), pytest.mark.needs('chromedriver'),
+              pytest.mark.needs('tornado'), pytest.mark.needs('mcap')]
+# 1 s of simulated time is 10 ms here: the lease lasts longer than usual.
+PLANNER = ('-p', 'use_sim_time:=true', '-p', 'command_lease:=20.0', '-p', 'command_period:=5.0',
+           '-p', 'battery_state_timeout:=60.0', '-p', 'clock_tolerance:=10.0')
+SIMULATOR = ('-p', 'wait_for_planner:=true', '-p', 'charger_power:=150000.0', '-p', 'minimum_arrival_soc:=0.5',
+             '-p', 'start_time:=1700000000.0', '-p', 'battery_state_period:=2.0')
+# Resident memory of the process [MB] and of the page's scripts [MB] after the first drive may grow by so much.
+MOST_GROWTH_MB, MOST_HEAP_GROWTH_MB = 12.0, 8.0
+
+
+@pytest.fixture(scope='module')
+def chromium(tmp_path_factory):
+    """Give a Browser; its console must have stayed silent."""
+    with browser(tmp_path_factory.mktemp('profile')) as made:
+        yield made
+
+
+@pytest.fixture
+def page(chromium):
+    """Give the Browser to a test; fail if its console has a message that the test has not taken."""
+    chromium.new_messages()
+    yield chromium
+    assert chromium.new_messages() == []
+    chromium.open('about:blank')
+
+
+def rss_mb(process):
+    with open(f'/proc/{process.process_id}/statm', encoding='ascii') as file:
+        return int(file.read().split()[1]) * os.sysconf('SC_PAGE_SIZE') / 2**20
+
+
+def number_of(text):
+    return float(text.replace('\u2212', '-'))
+
+
+def ask(page, button, answer, prepare=lambda: None):
+    """Press a button, confirm, wait for an answer with a text, close the dialog."""
+    page.wait(lambda: page.is_visible(button), f'the button {button}')
+    page.click(button)
+    assert page.is_visible('dialog') and not page.is_visible('dialog-answer')
+    prepare()
+    page.click('dialog-ask')
+    page.wait(lambda: answer in page.text('dialog-answer'), f'the answer {answer!r}')
+    page.click('dialog-close')
+    assert not page.is_visible('dialog')
+
+
+def test_it_shows_a_drive_asks_back_and_survives_a_planner_that_dies(bench, page, tmp_path):
+    dashboard = bench.start('dashboard', '-p', 'port:=0', '-p', 'controls:=true')
+    page.open(f'http://{page_of(dashboard)}/')
+    page.wait(lambda: page.text('status') == 'No planner', 'that there is no planner')
+    recordings = tmp_path / 'recordings'
+    planner = bench.start('planner', *PLANNER, '-p', f'flight_recorder:={recordings}')
+    simulator = bench.start('vehicle_simulator', *SIMULATOR, '-p', 'speed_up:=100.0')
+    page.wait(lambda: page.text('status') == 'Waiting to heat' and page.text('saved') != '–', 'a plan')
+    # Temperature now and then, charge, reserve, minutes.
+    now_c, then_c, soc, saved = map(number_of, page.texts('temperature', 'predicted', 'soc', 'saved'))
+    assert -7.5 <= now_c < then_c and 5.0 < then_c < 30.0 and 60.0 <= soc <= 90.0 and saved > 0.5
+    assert 'reserve 50' in page.text('note-charge').replace('\N{NO-BREAK SPACE}', ' ')
+    assert page.text('title-time') == 'HEATING STARTS IN'.capitalize() and page.text('power') == '0.0'
+    page.wait(lambda: page.run('return document.querySelectorAll("#curves canvas").length') == 3, 'the curves')
+    page.wait(lambda: page.text('status') == 'Heating', 'that it heats')
+    page.wait(lambda: number_of(page.text('power')) > 1.0, 'the power')
+    page.picture('dashboard.png', 1180, 900)
+    page.picture('dashboard_phone.png', *PHONE)
+    assert_fits_and_is_labelled(page)
+    page.wait(lambda: page.text('status') in ('Arrived', 'Charging'), 'the arrival')
+    simulator.end()
+    simulator = bench.start('vehicle_simulator', *SIMULATOR, '-p', 'speed_up:=1.0')
+    # Time jumps back: another drive.
+    page.wait(lambda: page.text('status') == 'Waiting to heat' and number_of(page.text('temperature')) < -6.0,
+              'the next drive')
+    assert_answers_are_shown(page)
+    planner.send_signal(signal.SIGKILL)
+    page.wait(lambda: page.is_visible('banner'), 'a banner')
+    assert 'late' in page.run('return document.getElementById("figure-heater").className')
+    bench.start('planner', *PLANNER)
+    page.wait(lambda: not page.is_visible('banner') and page.text('link-text') == 'live', 'that it is back')
+    assert_a_dead_server_is_shown(page, dashboard)
+    assert_the_recording_plays(page, bench, recordings)
+
+
+def assert_answers_are_shown(page):
+    ask(page, 'do-disable', 'Accepted: Preheating is switched off.')
+    page.wait(lambda: page.text('status') == 'Switched off', 'that it is off')
+    ask(page, 'do-prepare', 'Not done: The goal was refused: Preheating is switched off',
+        lambda: page.type('minutes', '30'))
+    ask(page, 'do-enable', 'Accepted: Preheating is switched on.')
+    page.wait(lambda: page.is_visible('do-disable'), 'the other button')
+
+    def by_keyboard():
+        # The field of the minutes has the focus; Enter asks.
+        page.press('BACKSPACE', 'BACKSPACE', '4', '5', 'TAB', '1', '5', 'ENTER')
+        page.wait(lambda: page.text('dialog-answer').startswith('Accepted'), 'the answer')
+    page.click('do-prepare')
+    by_keyboard()
+    assert 'target 15.0' in page.text('dialog-answer').replace('\N{NO-BREAK SPACE}', ' ')
+    page.press('ESCAPE')
+    assert not page.is_visible('dialog')
+    ask(page, 'do-cancel', 'Accepted: The preparation is cancelled.')
+    page.wait(lambda: not page.is_visible('do-cancel'), 'that it is gone')
+
+
+def assert_fits_and_is_labelled(page):
+    """No horizontal scrolling at any usual width, in both schemes; each control has a name."""
+    for width in (320, 390, 768, 1180, 1920):
+        for dark in (False, True):
+            page.size(width, 800, dark)
+            page.wait(lambda: page.overflow_px() <= 0, f'that it fits into {width} px', 10.0)
+    page.size(*DESKTOP)
+    unnamed = page.run('''
+      return [...document.querySelectorAll('button, select, input, [role=group], section')].filter((e) =>
+        e.offsetParent !== null && !(e.innerText || '').trim() && !e.getAttribute('aria-label')
+        && !e.getAttribute('aria-labelledby') && !(e.labels && e.labels.length)).map((e) => e.outerHTML)''')
+    assert unnamed == []
+    assert page.run('return document.getElementById("banner").getAttribute("role")') == 'alert'
+    assert page.run('return document.documentElement.lang') == 'en'
+    # A status that changes is spoken with its sentence.
+    assert page.run('return document.getElementById("spoken").textContent').startswith('Heating. ')
+
+
+def assert_a_dead_server_is_shown(page, dashboard):
+    dashboard.end()
+    page.wait(lambda: 'dashboard does not answer' in page.text('banner'), 'that the dashboard is gone')
+    # The browser reports that it cannot connect; nothing else.
+    assert all('WebSocket connection' in message or 'ERR_CONNECTION' in message for message in page.new_messages())
+    page.open('about:blank')
+
+
+def assert_the_recording_plays(page, bench, recordings):
+    dashboard = bench.start('dashboard', '-p', 'port:=0', '-p', f'recording:={recordings}')
+    page.open(f'http://{page_of(dashboard)}/')
+    page.wait(lambda: not page.run('return document.getElementById("slider").disabled'), 'the recording')
+    assert not page.is_visible('actions') and 'UTC' in page.text('player-time')
+    times = 'return Number(document.getElementById("slider").value)'
+    page.click('play')
+    page.wait(lambda: page.text('status') == 'Heating', 'that the recorded drive heats')
+    page.click('play')
+    stopped = page.run(times)
+    assert stopped > 10 and page.text('play') == 'Play'
+    # By keyboard.
+    page.run('document.getElementById("slider").focus()')
+    page.press('HOME')
+    assert page.run(times) == 0
+    page.press('ARROW_RIGHT', 'ARROW_RIGHT')
+    assert page.run(times) == 2
+    page.run('const s = document.getElementById("slider"); s.value = arguments[0]; s.dispatchEvent(new Event("input"))',
+             stopped)
+    assert page.text('status') == 'Heating'
+    page.wait(lambda: page.overflow_px() <= 0, 'that it fits', 10.0)
+    page.picture('dashboard_recording.png', 1180, 900)
+
+
+@pytest.mark.parametrize('length_s', [20.0, pytest.param(3600.0, marks=pytest.mark.deep)])
+def test_drive_after_drive_at_a_hundred_times_nothing_grows(bench, page, length_s):
+    """Each drive of an hour lasts 36 s, and is followed by another one."""
+    dashboard = bench.start('dashboard', '-p', 'port:=0')
+    bench.start('planner', *PLANNER)
+    page.open(f'http://{page_of(dashboard)}/')
+    end_s, begun_s = time.monotonic() + length_s + 15.0, time.monotonic()
+    before = None
+    while time.monotonic() < end_s:
+        simulator = bench.start('vehicle_simulator', *SIMULATOR, '-p', 'speed_up:=100.0', '-p',
+                                'exit_on_arrival:=true')
+        while simulator.exit_status is None and time.monotonic() < end_s:
+            time.sleep(0.5)
+            # After the first plans all parts of the page are there.
+            if before is None and time.monotonic() - begun_s > 15.0 and page.text('predicted') != '–':
+                before = rss_mb(dashboard), page.heap_mb()
+        simulator.end()
+    assert before is not None
+    page.wait(lambda: page.is_visible('sentence'), 'the page')
+    grown = rss_mb(dashboard) - before[0], page.heap_mb() - before[1]
+    print(f'grown in {length_s:g} s: process {grown[0]:.1f} MB, page {grown[1]:.1f} MB; from '
+          f'{before[0]:.1f}, {before[1]:.1f} MB')
+    assert grown[0] < MOST_GROWTH_MB and grown[1] < MOST_HEAP_GROWTH_MB
+
+
+@pytest.mark.deep
+def test_twenty_tabs_show_the_same(bench, page):
+    dashboard = bench.start('dashboard', '-p', 'port:=0')
+    bench.start('planner', *PLANNER)
+    bench.start('vehicle_simulator', *SIMULATOR, '-p', 'speed_up:=1.0')
+    url = f'http://{page_of(dashboard)}/'
+    page.open(url)
+    page.wait(lambda: page.text('status') == 'Waiting to heat', 'a plan')
+    for _ in range(19):
+        page.run('const frame = document.createElement("iframe"); document.body.append(frame)')
+        page.run('window.open(arguments[0])', url)
+    poll_until(lambda: page.run('return 1'), 'the browser')
+    time.sleep(5.0)
+    page.wait(lambda: page.text('link-text') == 'live', 'that it goes on')
+    assert dashboard.exit_status is None and 'WARN' not in dashboard.output()
