@@ -139,7 +139,7 @@ def report_words(result: Result, histories: tuple[History, ...]) -> ReportText:
         setup += [('version', beginning.version), ('node', beginning.node)]
     setup += [(name, str(value)) for name, value in sorted(beginning.parameters.items())]
     verdict = result.verdict() or (
-        ['The log has no commands to reproduce; the planner beside it shows what it would have done.']
+        ['The log has no commands to reproduce; the planner stands beside the log.']
         if flight.is_log else ['The recording has no commands to reproduce.'])
     return ReportText(
         f'{beginning.node.strip("/") or "planner"}: drive of {moment(start_ns)}', tuple(verdict), result.is_good,

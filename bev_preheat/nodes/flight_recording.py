@@ -59,12 +59,15 @@ TYPES = {BATTERY_STATE: BatteryState, ROUTE_PLAN: RoutePlan, ROUTE_PROGRESS: Rou
 # Every plan follows from the inputs, so only some are written, for viewers [ns].
 PLAN_PERIOD_NS = 10 * NS_PER_S
 BYTES_PER_MB = 1_000_000
-# Names of the Vehicle Signal Specification for recorded fields.
+# Names of the Vehicle Signal Specification for recorded fields, as docs/how-to/bus.md has them.
 VSS = 'Vehicle.Powertrain.TractionBattery'
 METADATA = {'vss': {'battery_state.temperature': f'{VSS}.Temperature.Average',
-                    'battery_state.percentage': f'{VSS}.StateOfCharge.Displayed',
+                    'battery_state.percentage': f'{VSS}.StateOfCharge.Current',
                     'battery_state.voltage': f'{VSS}.CurrentVoltage',
-                    'battery_state.current': f'{VSS}.CurrentCurrent'}}
+                    'battery_state.current': f'{VSS}.CurrentCurrent',
+                    'battery_state.power_supply_status': f'{VSS}.Charging.IsCharging',
+                    'route_plan.target_battery_temperature': f'{VSS}.BatteryConditioning.TargetTemperature',
+                    'route_plan.ambient_temperature': 'Vehicle.Exterior.AirTemperature'}}
 
 
 class Setup(NamedTuple):

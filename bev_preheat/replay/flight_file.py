@@ -139,7 +139,7 @@ def _read_part(path: Path, remarks: list[str]) -> tuple[Beginning, list[Given], 
     latest: dict[str, tuple[str, bytes]] = {}
 
     def note(problem: str) -> None:
-        remarks.append(f'{path}: {problem}; what comes before is used')
+        remarks.append(f'{path}: {problem}; the messages before are used')
 
     for channel, type_name, _, data, _ in mcap_messages(path, note):
         if channel == BEGINNING_CHANNEL:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a report draws of a drive: columns over time, plans, sentences and diagnostics at their changes."""
+"""The contents of a report: columns over time; plans, sentences and diagnostics at their changes."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 # Rows of a drive of any length; a day has one a second.
 MOST_ROWS = 90_000
 LEAST_PERIOD_NS = NS_PER_S
-# A plan is kept if one of these differs from the latest kept one by more: start and arrival [s], temperatures [K].
+# A plan is kept if start or arrival [s], or a temperature [K], moved by more since the latest kept plan.
 PLAN_SHIFT_S, PLAN_SHIFT_K = 60.0, 0.5
 MOST_PLANS, MOST_POINTS = 400, 120
 MOST_CHANGES = 3000
@@ -45,7 +45,7 @@ class KeptPlan(NamedTuple):
     """
     A plan as it was made at an instant [ns], thinned.
 
-    `label` says what it intends. `time_s` since 1970 [s], `temperature_c` and `soc` of shape (N,), and
+    `label` describes it. `time_s` since 1970 [s], `temperature_c` and `soc` of shape (N,), and
     `power_w` [W] of shape (N,), the last one 0.
     """
 
@@ -177,7 +177,7 @@ class History:
         begins_s = math.inf if plan.heating_start_s is None else start_s + plan.heating_start_s
         key = _PlanKey(int(decision.status), begins_s, start_s + plan.arrival_time_s, plan.arrival_temperature_c,
                        plan.target_temperature_c)
-        # A heating under way begins at every instant anew.
+        # While heating, each plan starts with heat.
         is_under_way = plan.heating_start_s is not None and plan.heating_start_s <= 0.0
         if self._plan_key is not None and not _differ(self._plan_key, key, is_under_way):
             return

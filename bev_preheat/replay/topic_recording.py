@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Recordings of `ros2 bag`, MCAP or SQLite: the planner's topics, and the steps that its commands tell of."""
+"""Recordings of `ros2 bag`, MCAP or SQLite: the planner's topics, and steps from its commands."""
 
 from __future__ import annotations
 
@@ -66,8 +66,8 @@ def read_topics(path: Path, beginning: Beginning, namespace: str | None = None) 
     commands, inputs = _in_time(messages)
     if not any(message.topic == BATTERY_STATE for message in inputs):
         raise InvalidInput(f'{path}: has no battery_state; a planner without it never heats')
-    remarks.append('the recording does not say what the planner had learned before, nor the instants of its '
-                   'steps; they are taken from its commands' if commands else
+    remarks.append('the recording has no learned factors and no instants of steps; the instants are those of '
+                   'its commands' if commands else
                    'the recording has no hvch_command: there are no commands to reproduce')
     if not any(message.topic == ROUTE_PLAN for message in inputs):
         remarks.append('the recording has no route_plan')
@@ -138,9 +138,9 @@ def _stamp_ns(message: Any, topic: str) -> int:
 
 def _from_start(inputs: list[_Message], commands: list[_Command]) -> list[_Message]:
     """
-    Return the inputs that the planner got, if it was started while the recorder ran; all of them otherwise.
+    Return the inputs that reached a planner started while the recorder ran; otherwise all inputs.
 
-    Its first commands say what it did not know yet. A latched route reaches it later than the recorder.
+    Its first commands name missing inputs. A latched route reaches it later than the recorder.
     """
     first = commands[0]
     if first.values[2] not in (Status.NO_ROUTE, Status.NO_BATTERY_STATE):
@@ -152,7 +152,7 @@ def _from_start(inputs: list[_Message], commands: list[_Command]) -> list[_Messa
         known_ns = next((command.now_ns for command in commands if command.values[2] not in unknown), None)
         if before and known_ns is not None and not any(
                 message.topic == topic and message.now_ns <= known_ns for message in kept):
-            # The one that was on its way, or latched.
+            # It was on its way, or latched.
             kept.insert(0, before[-1]._replace(now_ns=known_ns))
     return sorted(kept, key=lambda message: message.now_ns)
 
@@ -172,7 +172,7 @@ def _steps(inputs: list[_Message], commands: list[_Command]) -> list[Given]:
         while message is not None and message.now_ns <= now_ns:
             before.append(message)
             message = next(waiting)
-        # The first ones were answered by commands that the recording lacks.
+        # The answers to the first inputs are missing from the recording.
         lost = max(len(before) - len(answers), 0)
         given += [_given(each) for each in before[:lost]]
         # Simulated time may stand while several inputs are answered.
