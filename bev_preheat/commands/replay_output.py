@@ -130,8 +130,8 @@ def report_words(result: Result, histories: tuple[History, ...]) -> ReportText:
     flight, beginning = result.flight, result.flight.beginning
     start_ns = result.replayed.course.instants[0].now_ns
     remarks = [*flight.remarks]
-    remarks += [f'the clock went back: {history.not_drawn} steps are not drawn' for history in histories[:1]
-                if history.not_drawn]
+    remarks += [f'the clock jumped {history.jumps} time(s); the curves go on with the time before the jump'
+                for history in histories[:1] if history.jumps]
     remarks += [f'{history.lost} changes of sentences and diagnostics are not listed' for history in histories
                 if history.lost]
     setup = [('recording', ', '.join(map(str, flight.paths))), ('kind', flight.source)]

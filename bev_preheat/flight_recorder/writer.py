@@ -20,7 +20,7 @@ from threading import Event, Thread
 import time
 from typing import Any, IO, NamedTuple
 
-from bev_preheat.flight_recorder.ring import file_name, make_room
+from bev_preheat.flight_recorder.ring import file_name, make_room, mark_as_being_written
 from bev_preheat.optional_packages import require
 
 # Entries that wait for the disk; 2 min of a planner that is fed ten times a second.
@@ -175,6 +175,7 @@ class RecordingWriter:
         path = folder / file_name(self._recording.started, self._recording.life, self._part)
         # Never over another file, nor through a link.
         descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
+        mark_as_being_written(descriptor)
         self._path, self._file = path, os.fdopen(descriptor, 'wb')
         part, self._part = self._part, self._part + 1
         make_room(folder, max(self._recording.most_bytes - self._largest_file_bytes, 0), path)
