@@ -93,7 +93,7 @@ def _load(arguments: Sequence[str] | None) -> Callable[[], int]:
     check_outputs([json_output(parsed.json), OutputFile('--results', parsed.results)], ())
     shows = parsed.only is not None or parsed.reference
     if shows and (parsed.json or parsed.results or (parsed.only is not None and parsed.reference)):
-        raise InvalidInput('--only, --reference: neither goes with the other, --json or --results')
+        raise InvalidInput('--only, --reference: not allowed together, nor with --json or --results')
     require('casadi')
     if shows:
         return lambda: _show(parsed)
