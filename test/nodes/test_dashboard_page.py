@@ -65,7 +65,7 @@ def rss_mb(process):
 
 
 def number_of(text):
-    return float(text.replace('\u2212', '-'))
+    return float('nan' if text == '–' else text.replace('\u2212', '-'))
 
 
 def ask(page, button, answer, prepare=lambda: None):
