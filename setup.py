@@ -122,6 +122,7 @@ setup(
     package_data={PACKAGE: ['vehicle/schema.yaml', 'vehicle/heat_path_schema.yaml',
                             'route/legs_schema.yaml', 'logs/signal_map_schema.yaml',
                             'charging/chargers_schema.yaml', 'identification/report.html',
+                            'replay/report.html', 'replay/report.css', 'replay/report.js',
                             'charging/published.yaml', 'charging/published_schema.yaml',
                             'control/departures_schema.yaml', 'control/grid_prices_schema.yaml',
                             'control/itinerary_schema.yaml',

@@ -81,10 +81,12 @@ def typed_pages():
         if commands:
             needs_casadi = any(command.words[1] in NEED_CASADI for command in commands)
             needs_pint = any(command.words[1] == 'log' for command in commands)
+            needs_can = '.dbc' in page.read_text()
             needs_gpxpy = '.gpx' in page.read_text()
             yield pytest.param(page, id=name_of(page), marks=[
                 pytest.mark.needs(package) for package, is_needed in (
-                    ('casadi', needs_casadi), ('pint', needs_pint), ('gpxpy', needs_gpxpy)) if is_needed])
+                    ('casadi', needs_casadi), ('pint', needs_pint), ('gpxpy', needs_gpxpy),
+                    ('can', needs_can), ('cantools', needs_can)) if is_needed])
 
 
 def run_script(arguments):
@@ -179,12 +181,12 @@ def compare(line, comment):
 
 @pytest.mark.parametrize('page', PAGES, ids=name_of)
 def test_each_python_block_runs_somewhere(page):
-    # test/nodes/test_typed_by_hand.py runs the tutorial for ROS.
+    # test/nodes/test_typed_by_hand.py and test_bus_tutorial.py run the tutorials for ROS.
     text = page.read_text()
     assert not re.search(r'^```(?:py|Python|ipython|pycon)\b', text, re.MULTILINE), 'its name is python'
     scripts = {name for name in files_of(text) if name.endswith('.py')}
     run = {command.words[1] for command in commands_of(text) if command.words[0] == 'python3'}
-    assert scripts - run <= ({'by_hand.py'} if page.stem == 'by_hand' else set())
+    assert scripts - run <= {'by_hand': {'by_hand.py'}, 'your_bus': {'play_car.py'}}.get(page.stem, set())
     assert len(re.findall(r'^```{code-block} python\n', text, re.MULTILINE)) == len(scripts), 'without a caption'
 
 
@@ -323,3 +325,16 @@ def test_every_topic_is_described():
         program = node.PROGRAM
         for name, _ in (*program.subscribes, *program.publishes, *program.services, *program.actions):
             assert f'`{name}`' in page, f'{program.name}: {name}'
+
+
+def test_rules_of_the_heater_name_their_tests():
+    page = (ROOT / 'docs/explanation/safety.md').read_text()
+    rules = page.partition('## Requirements for the heater controller')[2]
+    file = re.search(r'`(test/heater/\w+\.py)`', rules).group(1)
+    rows = [row for row in cells(rules) if re.fullmatch(r'R\d.*|all', row[0])]
+    assert [row[0][:2] for row in rows] == [f'R{number}' for number in range(1, 10)] + ['al']
+    named = {name for row in rows for name in re.findall(r'test_\w+', row[-1])}
+    assert all('test_' in row[-1] for row in rows)
+    # Each test of the controller belongs to a rule, except the one on the message's numbers.
+    assert named == set(re.findall(r'^def (test_\w+)', (ROOT / file).read_text(), re.MULTILINE)) - {
+        'test_numbers_are_those_of_the_message'}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The battery as the bus has it now: valid readings only, with the instant of the oldest."""
+"""The battery, and other signals of the car, as the bus has them now: valid readings only."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import math
 from typing import TYPE_CHECKING
 
-from bev_preheat.bus.live_map import CELLS, CHARGING
+from bev_preheat.bus.live_map import BATTERY_SIGNALS, CELLS, CHARGING
 from bev_preheat.errors import figure
 
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ class BatteryReader:
             return None, ('no sign of life of the connection' + (
                 f' for {figure(now_s - confirmed_s, 3)} s' if math.isfinite(confirmed_s) else ' yet'),)
         view = _View(self, readings, now_s, confirmed_s)
-        values = {signal: view.value(signal) for signal in self._channels if signal != CELLS}
+        values = {signal: view.value(signal) for signal in BATTERY_SIGNALS if signal in self._channels}
         cells_c = view.all_values(CELLS) if CELLS in self._channels else ()
         lacking = [view.missing.get(signal, f'{signal}: is not on the bus') for signal in self._map.required
                    if values.get(signal) is None]
@@ -76,6 +76,14 @@ class BatteryReader:
             values.get('battery_temperature_c'), values.get('soc'), voltage_v, current_a, cells_c,
             None if charging is None else charging in self._map.charging_values, view.oldest_s,
             tuple(view.missing.values())), ()
+
+    def value(self, signal: str, readings: Readings, now_s: float,
+              confirmed_s: float | None = None) -> float | None:
+        """Return another signal of the car in its own unit, such as AMBIENT; None without a valid value."""
+        is_lost = confirmed_s is not None and now_s - confirmed_s > CONNECTION_LOST_S
+        if is_lost or signal not in self._channels:
+            return None
+        return _View(self, readings, now_s, confirmed_s).value(signal)
 
 
 class _View:

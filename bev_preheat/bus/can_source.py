@@ -49,6 +49,10 @@ class CanSource:
         """Return the battery at an instant [s]; else a sentence for each missing signal."""
         return self._reader.read(self._readings, now_s)
 
+    def value(self, signal: str, now_s: float) -> float | None:
+        """Return another signal of live_map.LIVE_SIGNALS in its own unit, None without a valid value."""
+        return self._reader.value(signal, self._readings, now_s)
+
     def doubts(self, now_s: float) -> dict[str, str]:
         """Return a sentence on the latest dropped input of each cause."""
         return self._readings.doubts(now_s)

@@ -19,6 +19,10 @@ if TYPE_CHECKING:
 BATTERY_SIGNALS = ('battery_temperature_c', 'soc', 'voltage_v', 'current_a', 'power_w')
 # Names of further readings in `valid_for_s_of`.
 CELLS, CHARGING = 'cells_c', 'charging'
+# Other signals of the car: the air, which changes slowly, and the speed.
+AMBIENT, SPEED = 'ambient_c', 'speed_mps'
+AMBIENT_VALID_FOR_S = 6 * 3600.0
+LIVE_SIGNALS = (*BATTERY_SIGNALS, AMBIENT, SPEED)
 REQUIRED = ('battery_temperature_c', 'soc')
 VALID_FOR_S = {'can': 2.0, 'vss': 600.0}
 # The interface whose channel is a recording of frames.
@@ -98,7 +102,7 @@ class LiveMap:
     """
     A signal map with a live part; either `can` or `vss` is given.
 
-    `valid_for_s` has a time [s] for each of BATTERY_SIGNALS, CELLS and CHARGING. `charging_values` are those of
+    `valid_for_s` has a time [s] for each of LIVE_SIGNALS, CELLS and CHARGING. `charging_values` are those of
     `charging_channel` while the battery is being charged.
     """
 
@@ -116,8 +120,8 @@ class LiveMap:
 
     @property
     def sources(self) -> dict[str, Source]:
-        """The Sources of BATTERY_SIGNALS that the map has, and of CELLS."""
-        found = {name: self.signals.sources[name] for name in BATTERY_SIGNALS if name in self.signals.sources}
+        """The Sources of LIVE_SIGNALS that the map has, and of CELLS."""
+        found = {name: self.signals.sources[name] for name in LIVE_SIGNALS if name in self.signals.sources}
         return found if self.cells is None else {**found, CELLS: self.cells}
 
 
@@ -141,7 +145,7 @@ def load_live_map(name_or_file: str | Path) -> LiveMap:
     # There is no second choice of a scale while signals arrive.
     problems += [f'{path}: signals.{name}.scale: a live signal needs one scale, not {len(source.scales)}'
                  for name, source in signal_map.sources.items()
-                 if name in BATTERY_SIGNALS and len(source.scales) > 1]
+                 if name in LIVE_SIGNALS and len(source.scales) > 1]
     if 'cells_c' in live:
         problems += [f'{path}: live.cells_c: {problem}'
                      for problem in source_problems('battery_temperature_c', live['cells_c'])]
@@ -158,8 +162,8 @@ def load_live_map(name_or_file: str | Path) -> LiveMap:
     charging = live.get('charging', {})
     return LiveMap(
         signal_map, _can(live.get('can'), path.parent), _vss(live.get('vss'), path.parent), required,
-        {name: float(live.get('valid_for_s_of', {}).get(name, usual_s))
-         for name in (*BATTERY_SIGNALS, CELLS, CHARGING)},
+        {name: float(live.get('valid_for_s_of', {}).get(name, AMBIENT_VALID_FOR_S if name == AMBIENT else usual_s))
+         for name in (*LIVE_SIGNALS, CELLS, CHARGING)},
         read_source('battery_temperature_c', live['cells_c'], signal_map.no_reading)
         if 'cells_c' in live else None,
         charging.get('channel'), tuple(map(float, charging.get('values', (1.0,)))),

@@ -28,6 +28,9 @@ class LiveSource(Protocol):
     def battery(self, now_s: float) -> tuple[LiveBattery | None, tuple[str, ...]]:
         """Return the battery at an instant [s]; else a sentence for each missing signal."""
 
+    def value(self, signal: str, now_s: float) -> float | None:
+        """Return another signal of live_map.LIVE_SIGNALS in its own unit, None without a valid value."""
+
     def doubts(self, now_s: float) -> dict[str, str]:
         """Return a sentence on the latest dropped input of each cause."""
 

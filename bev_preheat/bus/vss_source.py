@@ -69,6 +69,10 @@ class VssSource:
         """Return the battery at an instant [s]; else a sentence for each missing signal."""
         return BatteryReader(self._map, self._channels).read(self._readings, now_s, self._confirmed_s)
 
+    def value(self, signal: str, now_s: float) -> float | None:
+        """Return another signal of live_map.LIVE_SIGNALS in its own unit, None without a valid value."""
+        return BatteryReader(self._map, self._channels).value(signal, self._readings, now_s, self._confirmed_s)
+
     def doubts(self, now_s: float) -> dict[str, str]:
         """Return a sentence on the latest dropped input of each cause."""
         unpublished = self._link.unpublished

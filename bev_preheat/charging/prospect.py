@@ -43,6 +43,11 @@ class ChargingProspect:
         return self.probability == 1.0 and self.arrival_deviation_s == 0.0
 
     @property
+    def heats_until_arrival(self) -> bool:
+        """Whether plans heat until the planned arrival: an arrival that may be earlier needs its heat before."""
+        return self.arrival_deviation_s == 0.0
+
+    @property
     def in_words(self) -> str:
         """The probability, as part of a sentence."""
         return chance_text(self.probability)

@@ -119,7 +119,7 @@ def find_worth(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal,
 
     def plan_to(target_c: float) -> Plan:
         return plan_preheating(vehicle, route, state, replace(
-            goal, target_temperature_c=target_c), method)
+            goal, target_temperature_c=target_c, heats_until_arrival=prospect.heats_until_arrival), method)
 
     search = WorthSearch(
         vehicle, stop, unheated, goal.target_temperature_c, prices, plan_to, None if prospect.is_certain else

@@ -3,91 +3,179 @@
 
 from __future__ import annotations
 
-from datetime import datetime, time, UTC
-import json
-import math
-from typing import Any, TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING
 
-from bev_preheat.commands.completion import completed_by, VEHICLES
+from bev_preheat.commands.completion import completed_by, NameCompleter, VEHICLES
 from bev_preheat.console.output import add_json_argument, json_output, write_json
-from bev_preheat.console.terminal import print_figures, print_records, progress_bar, result_console
-from bev_preheat.control.settings import FIELD_OF_PARAMETER
-from bev_preheat.errors import InvalidInput, quoted
-from bev_preheat.files.output_files import check_outputs
+from bev_preheat.console.terminal import print_records, progress_bar, result_console
+from bev_preheat.errors import InvalidInput
+from bev_preheat.files.output_files import check_outputs, expanded, OutputFile, write_whole
 from bev_preheat.optional_packages import require, require_ros
-from bev_preheat.planning.explanation import duration_text
 
 if TYPE_CHECKING:
-    from argparse import Namespace
-
-    from rich.console import Console
+    from argparse import ArgumentParser, Namespace
 
     from bev_preheat.commands.arguments import Subparsers
-    from bev_preheat.replay.course import Course
+    from bev_preheat.commands.replay_output import Result
     from bev_preheat.replay.flight_file import Flight
+    from bev_preheat.replay.history import History
+    from bev_preheat.replay.period import Period
     from bev_preheat.replay.player import Changes
-    from bev_preheat.replay.what_if import Replayed
 
 DIFFERENT = 1
-NS_PER_S = 1_000_000_000
-NS_PER_DAY = 86400 * NS_PER_S
 
 
 def add_parser(subparsers: Subparsers) -> None:
     """Add the subcommand."""
     parser = subparsers.add_parser(
         'replay', help='put a recording through the planner again, as it was or with changes',
-        description="Put a recording of the flight recorder through the planner's step again, and compare each "
+        description="Put a recording through the planner's step again, and compare each "
         'command with the recorded one: exit status 0 if all are the same, 1 if one differs, 2 if the recording '
         'is refused. '
-        'With changes (--vehicle, --method, --set) the changed drive stands beside the recorded one.')
+        'With changes (--vehicle, --method, --set, --change) the changed drive stands beside the recorded one. '
+        'Recordings of ros2 bag and logs do not hold the planner: there --vehicle, --method and --set describe '
+        'it, and --change alone asks what if.')
     parser.add_argument('recording', metavar='RECORDING',
-                        help='a file of the flight recorder, or its folder: then the latest drive of the planner')
+                        help='a file of the flight recorder, or its folder: then the latest drive of the planner; '
+                        'a recording of ros2 bag (MCAP, SQLite); or a log, with --route')
+    _add_planner_arguments(parser)
+    parser.add_argument('--from', metavar='T', dest='begin',
+                        help='compare and show from T on: seconds from the start of the recording, or HH:MM:SS '
+                        '(UTC); the planner is played from the start all the same')
+    parser.add_argument('--to', metavar='T', dest='end', help='end at T')
+    parser.add_argument('--explain', metavar='T', help='why the planner gave its command at T')
+    parser.add_argument('--report', metavar='OUT.html',
+                        help='page to write, one self-contained file with curves to zoom into')
+    parser.add_argument('--expect', metavar='EXPECTED.json',
+                        help='compare with expected figures: exit status 1 if one deviates')
+    parser.add_argument('--write-expected', metavar='EXPECTED.json',
+                        help='write the figures of this replay, with usual tolerances, for --expect')
+    add_json_argument(parser)
+    parser.set_defaults(run=run)
+
+
+def _add_planner_arguments(parser: ArgumentParser) -> None:
     completed_by(VEHICLES, parser.add_argument(
         '--vehicle', metavar='NAME|FILE', help='change: another vehicle file'))
     parser.add_argument('--method', metavar='NAME', help='change: another planning method')
     parser.add_argument('--set', metavar='PARAMETER=VALUE', action='append', default=[], dest='parameters',
                         help="change: another value of a planner's parameter; may be repeated")
-    parser.add_argument('--explain', metavar='T',
-                        help='why the planner gave its command at T: seconds from the start of the recording, or '
-                        'HH:MM:SS (UTC)')
-    add_json_argument(parser)
-    parser.set_defaults(run=run)
+    parser.add_argument('--change', metavar='WHAT=VALUE', action='append', default=[], dest='changes',
+                        help='change: a signal (temperature=+2, soc=*0.98, current=none, ambient_temperature=-5), '
+                        'vehicle=FILE, or a parameter; may be repeated')
+    parser.add_argument('--namespace', metavar='NAME', help='planner of a ros2 bag with several')
+    parser.add_argument('--route', metavar='NAME|FILE', help='route of a log: a file of any format')
+    completed_by(NameCompleter('signals'), parser.add_argument(
+        '--signals', metavar='NAME|FILE', help='signal map of a log (default: the map that recognises it)'))
 
 
 def run(arguments: Namespace) -> int:
     """Replay, print and write the result; returns the exit status."""
     require_ros()
     require('mcap')
-    check_outputs([json_output(arguments.json)], (arguments.recording,))
-    changes = changes_of(arguments)
-    from bev_preheat.replay.flight_file import read_flight
-    from bev_preheat.replay.what_if import replay, replay_changed
-    flight = read_flight(arguments.recording)
+    if arguments.report is not None:
+        require('jinja2')
+    outputs = [json_output(arguments.json), OutputFile('--report', arguments.report, ('.html',)),
+               OutputFile('--write-expected', arguments.write_expected, ('.json',))]
+    path = Path(expanded(arguments.recording))
+    inputs = [path, *([] if arguments.expect is None else [arguments.expect])]
+    check_outputs(outputs, inputs)
+    flight, changes = read(path, arguments)
     if not flight.given:
-        raise InvalidInput(f'{arguments.recording}: has no step of the planner')
+        raise InvalidInput(f'{path}: has no step of the planner')
     if arguments.explain is not None:
         return run_explanation(arguments, flight, changes)
-    with progress_bar() as bar:
-        task = bar.add_task('replaying', total=len(flight.given) * (1 if changes.is_nothing else 2))
-        replayed = replay(flight, lambda steps: bar.update(task, completed=steps))
-        changed = None if changes.is_nothing else replay_changed(
-            flight, changes, lambda steps: bar.update(task, completed=len(flight.given) + steps))
+    from bev_preheat.commands import replay_output
+    from bev_preheat.replay.period import period_of
+    result, histories = replayed(
+        flight, changes, period_of(flight, arguments.begin, arguments.end), arguments.report is not None)
     if arguments.json:
-        write_json(arguments.json, as_dictionary(replayed, changed, flight.remarks))
+        write_json(arguments.json, replay_output.as_dictionary(result))
+    if arguments.report is not None:
+        from bev_preheat.replay.report import report_text
+        write_whole(arguments.report, report_text(replay_output.report_words(result, histories), *histories))
     console = result_console(arguments.json)
-    for remark in flight.remarks:
-        console.print(f'note: {remark}', markup=False, soft_wrap=True)
-    print_courses(console, replayed.course, changed)
-    return print_comparison(console, replayed) if changed is None else 0
+    replay_output.print_result(console, result)
+    if arguments.report is not None:
+        console.print(f'written: {arguments.report}', markup=False, soft_wrap=True)
+    status = 0 if changes_only(result) or result.is_good is not False else DIFFERENT
+    return run_expectation(arguments, result, status)
+
+
+def changes_only(result: Result) -> bool:
+    """Return whether the question is what if, so that a recording that is not reproduced is no failure."""
+    return result.changed is not None and not result.changes.is_nothing
+
+
+def read(path: Path, arguments: Namespace) -> tuple[Flight, Changes]:
+    """Return the Flight of a recording, and the Changes; raises InvalidInput if one is refused."""
+    from bev_preheat.commands.replay_changes import changes_of, planner_of
+    from bev_preheat.replay.recordings import has_planner, open_recording, Planner, Sources
+    planner = planner_of(arguments)
+    # Options that change a recorded planner describe an unrecorded one.
+    changes = changes_of(arguments, planner if has_planner(path) else Planner())
+    return open_recording(path, planner, Sources(
+        arguments.route, arguments.signals, arguments.namespace)), changes
+
+
+def replayed(flight: Flight, changes: Changes, period: Period,
+             has_report: bool) -> tuple[Result, tuple[History, ...]]:
+    """Return the Result in a Period, and the History of each drive; () without a report."""
+    from bev_preheat.commands.replay_output import Result
+    from bev_preheat.replay.period import driven_ns
+    from bev_preheat.replay.what_if import replay, replay_changed, Watcher
+    is_changed = flight.is_log or not changes.is_nothing
+    steps, length_ns = len(flight.given), driven_ns(flight, period)
+    histories = []
+    if has_report:
+        from bev_preheat.replay.history import History
+        histories = [History(length_ns) for _ in range(2 if is_changed else 1)]
+    with progress_bar() as bar:
+        task = bar.add_task('replaying', total=steps * (2 if is_changed else 1))
+        as_it_was = replay(flight, period, Watcher(
+            lambda done: bar.update(task, completed=done), histories[0] if histories else None))
+        changed = replay_changed(flight, changes, period, Watcher(
+            lambda done: bar.update(task, completed=steps + done),
+            histories[1] if histories else None)) if is_changed else None
+    return Result(flight, as_it_was, changes, changed), tuple(histories)
+
+
+def run_expectation(arguments: Namespace, result: Result, status: int) -> int:
+    """Write the figures, or compare them with the expected ones; returns the exit status."""
+    if arguments.expect is None and arguments.write_expected is None:
+        return status
+    from bev_preheat.replay.expected import deviations, expectation, figures, load_expectation
+    console = result_console(arguments.json)
+    comparison = result.replayed.comparison if result.flight.has_commands and result.changed is None else None
+    values = figures(comparison, result.courses[-1])
+    if arguments.write_expected is not None:
+        write_json(arguments.write_expected, expectation(values))
+        console.print(f'written: {arguments.write_expected}', markup=False, soft_wrap=True)
+    if arguments.expect is None:
+        return status
+    expected = load_expectation(arguments.expect, values)
+    found = deviations(expected, values)
+    if not found:
+        console.print(f'as expected: {len(expected)} figures of {arguments.expect}', markup=False, soft_wrap=True)
+        return 0
+    more = '' if len(found) == 1 else f'; {len(found)} of {len(expected)} figures deviate'
+    console.print(f'not as expected: {found[0].sentence()}{more}', markup=False, soft_wrap=True)
+    return DIFFERENT
 
 
 def run_explanation(arguments: Namespace, flight: Flight, changes: Changes) -> int:
     """Print why the planner gave its command at an instant; returns the exit status."""
+    others = {'--from': arguments.begin, '--to': arguments.end, '--report': arguments.report,
+              '--expect': arguments.expect, '--write-expected': arguments.write_expected}
+    for option, value in others.items():
+        if value is not None:
+            raise InvalidInput(f'{option}: not allowed with --explain')
     if not changes.is_nothing:
-        raise InvalidInput('--explain: is for the recording as it was, without --vehicle, --method and --set')
+        raise InvalidInput('--explain: is for the recording as it was, without changes')
     from bev_preheat.replay.explanation import explain
-    why = explain(flight, instant_of(arguments.explain, flight.given[0].step.now_ns))
+    from bev_preheat.replay.period import instant_of, moment
+    why = explain(flight, instant_of('--explain', arguments.explain, flight.given[0].step.now_ns))
     if arguments.json:
         write_json(arguments.json, {
             'now_ns': why.now_ns, 'answer': why.answer,
@@ -98,108 +186,3 @@ def run_explanation(arguments: Namespace, flight: Flight, changes: Changes) -> i
         if section.rows:
             print_records(console, section.heading, ('', ''), section.rows)
     return 0
-
-
-def instant_of(text: str, start_ns: int) -> int:
-    """Return the instant [ns] of seconds from the start or of a time of day; raises InvalidInput."""
-    try:
-        if ':' not in text:
-            return start_ns + round(float(text) * NS_PER_S)
-        start = datetime.fromtimestamp(start_ns / NS_PER_S, UTC)
-        at = datetime.combine(start.date(), time.fromisoformat(text), UTC)
-        # A recording may go past midnight.
-        at_ns = round(at.timestamp() * NS_PER_S)
-        return at_ns if at_ns >= start_ns - NS_PER_S else at_ns + NS_PER_DAY
-    except (ValueError, OverflowError) as error:
-        raise InvalidInput(f'--explain: {quoted(text)} is not allowed; it must be seconds from the start of the '
-                           'recording, or HH:MM:SS') from error
-
-
-def changes_of(arguments: Namespace) -> Changes:
-    """Return the Changes of the command line; raises InvalidInput if a parameter is unknown or not a value."""
-    from bev_preheat.replay.player import Changes
-    parameters: dict[str, Any] = {}
-    for text in arguments.parameters:
-        name, sign, value = text.partition('=')
-        if not sign or name not in FIELD_OF_PARAMETER:
-            raise InvalidInput(f'--set: {quoted(text)} is not allowed; it must be PARAMETER=VALUE, with a '
-                               f'parameter of {", ".join(FIELD_OF_PARAMETER)}')
-        parameters[name] = _value(name, value)
-    if arguments.method is not None:
-        parameters['method'] = _value('method', arguments.method)
-    return Changes(arguments.vehicle, parameters)
-
-
-def _value(name: str, text: str) -> Any:
-    from bev_preheat.nodes.parameters import check, IN_WORDS
-    from bev_preheat.nodes.planner_node import PARAMETERS
-    [parameter] = [each for each in PARAMETERS if each.name == name]
-    kind = type(parameter.default)
-    try:
-        value = text if kind is str else float(text) if kind is float else json.loads(text)
-    except ValueError:
-        value = None
-    if not isinstance(value, kind):
-        raise InvalidInput(f'--set: {name}: {quoted(text)} is not allowed; it must be {IN_WORDS[kind]}')
-    check([parameter], {name: value})
-    return value
-
-
-def as_dictionary(replayed: Replayed, changed: Course | None, remarks: tuple[str, ...]) -> dict[str, Any]:
-    """Return the result for JSON."""
-    comparison = replayed.comparison
-    first = comparison.first
-    return {
-        'reproduced': comparison.is_reproduced, 'commands': comparison.commands, 'different': comparison.different,
-        'largest_difference_w': comparison.largest_w,
-        'first_difference': None if first is None else first._asdict(),
-        'remarks': list(remarks), 'recorded': replayed.course.as_dictionary(),
-        'changed': None if changed is None else changed.as_dictionary()}
-
-
-def print_courses(console: Console, recorded: Course, changed: Course | None) -> None:
-    """Print the figures of one or two Courses side by side."""
-    courses = [recorded] if changed is None else [recorded, changed]
-    start_ns = recorded.instants[0].now_ns
-    rows = [
-        ['begins', *(moment(course.instants[0].now_ns) for course in courses)],
-        ['length', *(duration_text((course.instants[-1].now_ns - start_ns) / NS_PER_S) for course in courses)],
-        ['heating begins after', *('never' if not course.heating else duration_text(
-            (course.heating[0][0] - start_ns) / NS_PER_S) for course in courses)],
-        ['switch-ons', *(str(len(course.heating)) for course in courses)],
-        ['HVCH electric [Wh]', *(f'{course.energy_wh:.1f}' for course in courses)],
-        ['arrival after', *('not in the recording' if course.arrival is None else duration_text(
-            (course.arrival.now_ns - start_ns) / NS_PER_S) for course in courses)],
-        ['arrival temp. [degC]', *(_arrival_text(course) for course in courses)],
-        ['last prediction [degC]', *('none' if course.latest_prediction is None else
-                                     f'{course.latest_prediction.predicted_c:.2f}' for course in courses)],
-        ['last status', *(course.said[-1].status.name for course in courses)]]
-    print_figures(console, None, ['', 'recorded', 'changed'][:len(courses) + 1], rows)
-
-
-def _arrival_text(course: Course) -> str:
-    arrival = course.arrival
-    known = arrival is not None and not math.isnan(arrival.measured_c)
-    return f'{arrival.measured_c:.2f}' if arrival is not None and known else 'not in the recording'
-
-
-def print_comparison(console: Console, replayed: Replayed) -> int:
-    """Print whether the recorded commands are reproduced; returns the exit status."""
-    comparison, first = replayed.comparison, replayed.comparison.first
-    if comparison.commands == 0:
-        console.print('the recording has no command', markup=False)
-        return DIFFERENT
-    if first is None:
-        console.print(f'reproduced: {comparison.commands} commands, each to the last digit', markup=False,
-                      soft_wrap=True)
-        return 0
-    console.print(
-        f'not reproduced: {comparison.different} of {comparison.commands} commands differ, by at most '
-        f'{comparison.largest_w:.1f} W; the first at {moment(first.now_ns)}: recorded {first.recorded}, replayed '
-        f'{first.replayed}', markup=False, soft_wrap=True)
-    return DIFFERENT
-
-
-def moment(now_ns: int) -> str:
-    """Return an instant [ns] in words."""
-    return datetime.fromtimestamp(now_ns / NS_PER_S, UTC).strftime('%Y-%m-%d %H:%M:%S UTC')

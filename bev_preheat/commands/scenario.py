@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rich.progress import BarColumn, TaskProgressColumn, TextColumn
@@ -17,6 +18,7 @@ from bev_preheat.console.terminal import print_records, progress_bar, result_con
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.configuration import configuration_folder
 from bev_preheat.files.output_files import check_outputs, expanded, OutputFile
+from bev_preheat.optional_packages import require
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -49,6 +51,9 @@ def add_parser(subparsers: Subparsers) -> None:
                         help='with --nodes: simulated seconds per real second, 1 ... 1000 '
                         '(default: %(default)s)')
     parser.add_argument('--logs', metavar='FOLDER', help='with --nodes: folder for their logs')
+    parser.add_argument('--record', metavar='FOLDER',
+                        help="with --nodes: folder for the planner's flight recordings, NAME.mcap, which "
+                        'preheat replay explains')
     add_json_argument(parser)
     parser.set_defaults(run=run)
 
@@ -60,10 +65,12 @@ def run(arguments: Namespace) -> int:
     if not 1.0 <= arguments.speed_up <= 1000.0:
         raise InvalidInput(f'--speed-up: {arguments.speed_up:g} is not allowed; it must be '
                            '1 ... 1000')
-    if arguments.logs is not None:
-        arguments.logs = expanded(arguments.logs)
-        if not os.path.isdir(arguments.logs):
-            raise InvalidInput(f'--logs: {arguments.logs}: no such folder')
+    arguments.logs = _folder('--logs', arguments.logs)
+    arguments.record = _folder('--record', arguments.record)
+    if arguments.record is not None:
+        if not arguments.nodes:
+            raise InvalidInput('--record: needs --nodes, because the installed planner records')
+        require('mcap')
     names = arguments.scenarios or sorted(
         path.stem for path in configuration_folder('scenarios').glob('*.yaml'))
     scenarios = [(name, load_scenario(name)) for name in names]
@@ -105,12 +112,25 @@ def run(arguments: Namespace) -> int:
     return 1 if bad else 0
 
 
+def _folder(option: str, folder: str | None) -> str | None:
+    if folder is None:
+        return None
+    if not os.path.isdir(expanded(folder)):
+        raise InvalidInput(f'{option}: {folder}: no such folder')
+    return expanded(folder)
+
+
+def _recording(arguments: Namespace, scenario: Scenario) -> Path | None:
+    return None if arguments.record is None else Path(arguments.record, f'{scenario.name}.mcap')
+
+
 def _check_outputs(arguments: Namespace, scenarios: Sequence[Scenario]) -> None:
     outputs = [json_output(arguments.json)]
     if arguments.nodes and arguments.logs is not None:
         from bev_preheat.nodes.installed_drive import log_files
         outputs += [OutputFile('--logs', path) for scenario in scenarios
                     for path in log_files(scenario, arguments.logs)]
+    outputs += [OutputFile('--record', _recording(arguments, scenario)) for scenario in scenarios]
     check_outputs(outputs, [path for scenario in scenarios for path in scenario.files])
 
 
@@ -119,7 +139,8 @@ def _drive(arguments: Namespace, name: str, scenario: Scenario,
     if arguments.nodes:
         from bev_preheat.nodes.installed_drive import drive_with_nodes, ScenarioFailed
         try:
-            return drive_with_nodes(scenario, name, arguments.speed_up, arguments.logs)
+            return drive_with_nodes(
+                scenario, name, arguments.speed_up, arguments.logs, _recording(arguments, scenario))
         except ScenarioFailed as error:
             raise InvalidInput(str(error)) from error
     from bev_preheat.simulation.scenario_drive import drive_scenario

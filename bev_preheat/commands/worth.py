@@ -72,7 +72,8 @@ def run(arguments: Namespace) -> int:
     worth = find_worth(*inputs, situation.goal, *charger, prices, prospect=prospect)
     shown = worth.fixed if worth.best is worth.without_heating else worth.best
     deviation = time_deviation(
-        *inputs, replace(situation.goal, target_temperature_c=shown.target_c), *charger, prices)
+        *inputs, replace(situation.goal, target_temperature_c=shown.target_c,
+                         heats_until_arrival=prospect.heats_until_arrival), *charger, prices)
     title = (f'vehicle {situation.vehicle.name}, route {arguments.route}, charger '
              f'{arguments.charger_power / W_PER_KW:g} kW to {100.0 * arguments.departure_soc:g} %\n'
              f'{prices.energy_per_kwh:g} per kWh, {prices.time_per_h:g} per h{_prospect_text(prospect)}')

@@ -238,7 +238,10 @@ class _Planning:
         if wanted.status is Status.TARGET_UNREACHABLE and self._lag_s > 0.0:
             # Most of the heat arrives too late, but some is better than none.
             commanded = self._plan(forecast, heat_lag_s=0.0, heater_share=self.share)
-            return wanted, commanded, words if commanded.heating_start_s is None else LATE
+            has_power = (self._route.cabin_heating_power_w < self._vehicle.hvch.maximum_power_w).any()
+            # Heat is left out, too, if it were shorter than the least time of heating.
+            is_late = commanded.heating_start_s is not None or (has_power and not commanded.note)
+            return wanted, commanded, LATE if is_late else words
         return wanted, None, words
 
     def forecast(self, plan: Plan) -> Forecast:

@@ -74,7 +74,8 @@ class TargetChoice:
 
     `target_c` is None if the goal's own target holds. Charging times [s] and bought energies [Wh] are those
     with the target and without any further heating, from the latest search; NaN if unknown, infinite if
-    the session never ends. `doubt` is None if the vehicle charges for certain.
+    the session never ends. `doubt` is None if the vehicle charges for certain. `heats_until_arrival` is
+    that of the Goal.
     """
 
     source: TargetSource
@@ -86,13 +87,15 @@ class TargetChoice:
     bought_energy_wh: float = math.nan
     unheated_bought_energy_wh: float = math.nan
     doubt: ChargingDoubt | None = None
+    heats_until_arrival: bool = False
 
     def goal(self, goal: Goal) -> Goal:
         """Return the Goal with this target."""
         if self.heating_pays and self.target_c is None:
             return goal
         target_c = goal.target_temperature_c if self.target_c is None else self.target_c
-        return replace(goal, target_temperature_c=target_c, heating_pays=self.heating_pays)
+        return replace(goal, target_temperature_c=target_c, heating_pays=self.heating_pays,
+                       heats_until_arrival=self.heats_until_arrival)
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,10 +130,17 @@ class TargetSearchInput:
         """Time until the arrival [s]."""
         return self.route.total_duration_s
 
+    @property
+    def heats_until_arrival(self) -> bool:
+        """Whether plans for a chosen target heat until arrival; one that is given holds on arrival."""
+        is_chosen = not self.given and self.leg.charger is not None and not _obstacle(self)
+        return is_chosen and self.leg.prospect.heats_until_arrival
+
     def plan_to(self, target_c: float) -> Plan:
         """Return the Plan for a target [deg C]."""
         return plan_preheating(
-            self.vehicle, self.route, self.state, replace(self.goal, target_temperature_c=target_c),
+            self.vehicle, self.route, self.state, replace(
+                self.goal, target_temperature_c=target_c, heats_until_arrival=self.heats_until_arrival),
             self.settings.method, heater_share=self.heater_share)
 
 
@@ -323,7 +333,8 @@ class TargetChooser:
         if best.cost < (1.0 - LEAST_GAIN_SHARE) * kept.cost:
             kept, kept_c = best, None if best is without else best.target_c
         return _with_figures(TargetChoice(
-            TargetSource.CHOSEN, _reason(search, kept, best), kept_c, kept_c is not None), kept, without)
+            TargetSource.CHOSEN, _reason(search, kept, best), kept_c, kept_c is not None,
+            heats_until_arrival=now.heats_until_arrival), kept, without)
 
 
 def _obstacle(now: TargetSearchInput) -> str:

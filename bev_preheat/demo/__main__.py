@@ -34,6 +34,7 @@ from bev_preheat.drawing.demo_figure import draw_drive
 from bev_preheat.errors import figure, figure_beyond, InvalidInput
 from bev_preheat.files.output_files import check_outputs, expanded, OutputFile, PICTURE_SUFFIXES
 from bev_preheat.nodes.installed_processes import NodeProcess, reserved_domain_id
+from bev_preheat.nodes.kept_recording import KeptRecording, recording_beside
 from bev_preheat.nodes.listening import listening
 from bev_preheat.route import route_for
 from bev_preheat.vehicle import load_vehicle, vehicle_file
@@ -85,7 +86,8 @@ def parse_arguments(arguments: Sequence[str] | None) -> Namespace:
     parser.add_argument('--speed-up', type=float, default=60.0, metavar='N',
                         help='simulated seconds per real second, 1 ... 1000 (%(default)s)')
     parser.add_argument('--output', type=Path, default=Path('out/demo.png'), metavar='FILE',
-                        help='the picture; the logs of the processes are written next to it (%(default)s)')
+                        help='the picture; the recording and the logs of the processes are written next to it '
+                        '(%(default)s)')
     parsed = parser.parse_args(arguments)
     parsed.output = Path(expanded(parsed.output))
     return parsed
@@ -100,7 +102,8 @@ def check_files(parsed: Namespace) -> str | None:
     route = route_for(parsed.route, load_vehicle(parsed.vehicle))
     logs = [OutputFile('--output', log_file(parsed.output, name), make_folder=True)
             for name in ('planner', 'vehicle_simulator')]
-    check_outputs([OutputFile('--output', parsed.output, PICTURE_SUFFIXES, make_folder=True), *logs],
+    check_outputs([OutputFile('--output', parsed.output, PICTURE_SUFFIXES, make_folder=True),
+                   OutputFile('--output', recording_beside(parsed.output), make_folder=True), *logs],
                   [vehicle_file(parsed.vehicle), route.file])
     return route.warning
 
@@ -173,7 +176,8 @@ def run(parsed: Namespace, console: Console) -> tuple[bool, str]:
         observer = Observer(listener.node)
         drive = observer.drive
         # The vehicle comes last, when all observers of its start are ready.
-        planner = _start(stack, parsed, 'planner', _planner_parameters(parsed))
+        recording = KeptRecording(recording_beside(parsed.output))
+        planner = _start(stack, parsed, 'planner', {**_planner_parameters(parsed), **recording.parameters(stack)})
         _wait_for_planner(listener, observer, planner)
         simulator = _start(stack, parsed, 'vehicle_simulator', _simulator_parameters(parsed))
         with shown(drive, console) as show:
@@ -181,6 +185,7 @@ def run(parsed: Namespace, console: Console) -> tuple[bool, str]:
         for process in (simulator, planner):
             if process.end() != 0:
                 raise DemoFailed(_ended(process))
+        recorded = recording.keep()
     if drive.first_plan is None:
         raise DemoFailed('the vehicle stopped before the planner had a plan')
     print_figures(console, 'The drive', *summary_rows(drive))
@@ -192,6 +197,11 @@ def run(parsed: Namespace, console: Console) -> tuple[bool, str]:
                f'vehicle {parsed.vehicle}, route {parsed.route}: arrival at '
                f'{drive.states[-1][1]:.1f} °C, target {drive.target_c:.1f} °C')
     console.print(f'Picture: {parsed.output}', markup=False, soft_wrap=True)
+    if recorded is not None:
+        console.print(f'Recording: {recorded}; to ask why, and what if: preheat replay {recorded}', markup=False,
+                      soft_wrap=True)
+        console.print('The drive as a page in a browser: ros2 run bev_preheat dashboard --ros-args '
+                      f'-p recording:={recorded}', markup=False, soft_wrap=True)
     return good, sentence
 
 

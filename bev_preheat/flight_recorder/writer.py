@@ -36,6 +36,7 @@ LIBRARY = 'bev_preheat'
 BEGINNING_CHANNEL, STEP_CHANNEL, GAP_CHANNEL = (
     'flight_recorder/beginning', 'flight_recorder/step', 'flight_recorder/gap')
 JSON_SCHEMA = json.dumps({'type': 'object'}).encode()
+JSON = json.JSONEncoder(separators=(',', ':'))
 
 
 class Kind(NamedTuple):
@@ -51,8 +52,8 @@ class Kind(NamedTuple):
 def json_kind(name: str) -> Kind:
     """Return the Kind of plain values."""
     return Kind(f'bev_preheat/{name}', JSON_SCHEMA, 'jsonschema', 'json',
-                lambda values: json.dumps(values if isinstance(values, dict) else values.as_dictionary(),
-                                          separators=(',', ':')).encode())
+                lambda values: JSON.encode(
+                    values if isinstance(values, dict) else values.as_dictionary()).encode())
 
 
 JSON_KINDS = {BEGINNING_CHANNEL: json_kind('Beginning'), STEP_CHANNEL: json_kind('Step'),
@@ -110,7 +111,9 @@ class RecordingWriter:
             self.dropped += 1
             return
         self._waiting.append(entries)
-        self._news.set()
+        # Cheaper than to wake the thread again while it collects.
+        if not self._news.is_set():
+            self._news.set()
 
     def close(self, patience_s: float = 2.0) -> None:
         """Write what waits and end the file; give up after `patience_s` [s]."""
@@ -122,9 +125,9 @@ class RecordingWriter:
         flushed_s = time.monotonic()
         while True:
             self._news.wait()
-            self._news.clear()
             if not self._ends:
                 time.sleep(COLLECTING_S)
+            self._news.clear()
             self._write_waiting()
             if (self._file is not None and time.monotonic() - flushed_s >= FLUSH_PERIOD_S) or self._ends:
                 flushed_s = time.monotonic()

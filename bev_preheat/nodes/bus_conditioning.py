@@ -38,6 +38,11 @@ if TYPE_CHECKING:
 LOOK_PERIOD_S = 0.1
 # A refusal is shown in the diagnostics for this time [s].
 REFUSAL_SHOWN_S = 60.0
+# A planner that has just started knows no battery yet: a goal that it refuses within STARTING_S is sent again [s].
+STARTING_S, RETRY_S = 5.0, 0.5
+# A planner has lost the goal if it does not answer for this long, or for the longest lease of its commands:
+# feedback comes more often than a lease lasts. The graph shows a killed planner for some 20 s [s].
+ANSWER_S, MOST_SILENCE_S = 5.0, 60.0
 
 
 class BusConditioning:
@@ -61,8 +66,17 @@ class BusConditioning:
         self._handle: Any = None
         self._told: dict[str, Any] = {}
         self._connections = 0
+        # Since when planner and battery are there [s], None: they are not; and when a goal may be sent again [s].
+        self._ready_since_s: float | None = None
+        self._retry_at_s = 0.0
+        # Each sent goal has a number of its own; until when its planner counts as alive [s].
+        self._number = 0
+        self._alive_until_s, self._silence_s = math.inf, ANSWER_S
         self._refusal, self._refused_s = '', -REFUSAL_SHOWN_S
-        self.is_plugged_in = False
+        # Of the car, for the next goal: whether its battery is known and charged, and the air around it [deg C],
+        # None: unknown.
+        self.has_battery = self.is_plugged_in = False
+        self.ambient_c: float | None = None
         node.create_subscription(HvchCommand, 'hvch_command', self._on_command, 1)
         node.create_timer(LOOK_PERIOD_S, self._on_look, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
@@ -75,9 +89,15 @@ class BusConditioning:
             except Empty:
                 break
             self._take(values)
-        if self._sent is not None and not self._client.server_is_ready():
+        is_there = self._client.server_is_ready()
+        if self._sent is not None and not (is_there and steady_s() < self._alive_until_s):
             # Its planner has gone; the next one gets the goal again.
             self._sent = self._handle = None
+            self._ready_since_s = None
+        if not (is_there and self.has_battery):
+            self._ready_since_s = None
+        elif self._ready_since_s is None:
+            self._ready_since_s = steady_s()
         if self._wanted != self._sent:
             self._send()
         self._tell()
@@ -104,44 +124,60 @@ class BusConditioning:
                 self._handle.cancel_goal_async()
             self._sent = self._handle = None
             return
-        if not self._client.server_is_ready():
+        if self._ready_since_s is None or steady_s() < self._retry_at_s:
             return
         goal = self._wanted
-        self._sent, self._handle = goal, None
+        self._sent, self._handle, self._alive_until_s = goal, None, steady_s() + self._silence_s
+        self._number += 1
         message = PrepareBattery.Goal(plugged_in=self.is_plugged_in)
         message.ready_at = time_message(round(goal.ready_at_s * NS_PER_S)) if goal.ready_at_s else Time()
         if goal.target_c is not None:
             message.target_battery_temperature = goal.target_c
             message.has_target_battery_temperature = True
-        future = self._client.send_goal_async(message)
-        future.add_done_callback(lambda future: self._on_accepted(goal, future))
+        if self.ambient_c is not None:
+            message.ambient_temperature, message.has_ambient_temperature = self.ambient_c, True
+        number = self._number
+        future = self._client.send_goal_async(message, lambda feedback: self._on_feedback(number))
+        future.add_done_callback(lambda future: self._on_accepted(number, future))
 
-    def _on_accepted(self, goal: ConditioningGoal, future: Future) -> None:
+    def _is_current(self, number: int) -> bool:
+        """Return whether the goal sent with a number is still wanted."""
+        return self._sent is not None and number == self._number
+
+    def _on_accepted(self, number: int, future: Future) -> None:
         handle = future.result()
         if handle is None or not handle.accepted:
-            self._end(goal, 'the planner has rejected the goal', True)
+            if self._is_current(number):
+                self._end('the planner has rejected the goal', True)
             return
-        if goal is not self._sent:
-            # Withdrawn, or replaced, before the planner answered.
-            if self._sent is None:
+        if not self._is_current(number):
+            # Withdrawn before the planner answered; a later goal replaces this one by itself.
+            if self._wanted is None:
                 handle.cancel_goal_async()
             return
-        self._handle = handle
-        handle.get_result_async().add_done_callback(lambda future: self._on_result(goal, future))
+        self._handle, self._alive_until_s = handle, steady_s() + self._silence_s
+        handle.get_result_async().add_done_callback(lambda future: self._on_result(number, future))
 
-    def _on_result(self, goal: ConditioningGoal, future: Future) -> None:
+    def _on_feedback(self, number: int) -> None:
+        if self._is_current(number):
+            self._alive_until_s = steady_s() + self._silence_s
+
+    def _on_result(self, number: int, future: Future) -> None:
+        if not self._is_current(number):
+            return
         answer = future.result()
         code = answer.result.code
         if code == PrepareBattery.Result.SHUTTING_DOWN or answer.status == GoalStatus.STATUS_UNKNOWN:
-            if goal is self._sent:
-                self._sent = self._handle = None
+            self._sent = self._handle = None
             return
-        self._end(goal, answer.result.explanation,
+        is_starting = self._ready_since_s is None or steady_s() - self._ready_since_s < STARTING_S
+        if code == PrepareBattery.Result.REFUSED and is_starting:
+            self._sent, self._handle, self._retry_at_s = None, None, steady_s() + RETRY_S
+            return
+        self._end(answer.result.explanation,
                   code not in (PrepareBattery.Result.REACHED, PrepareBattery.Result.CANCELED))
 
-    def _end(self, goal: ConditioningGoal, explanation: str, is_refusal: bool) -> None:
-        if goal is not self._sent:
-            return
+    def _end(self, explanation: str, is_refusal: bool) -> None:
         if is_refusal:
             self._refuse(f'BatteryConditioning: {explanation}')
         else:
@@ -152,7 +188,10 @@ class BusConditioning:
     # State
 
     def _on_command(self, message: HvchCommand) -> None:
-        self._heater.take(heater_command(message), self._now())
+        command = heater_command(message)
+        self._heater.take(command, self._now())
+        lease_s = (command.valid_until_ns - command.stamp_ns) / NS_PER_S
+        self._silence_s = min(max(self._silence_s, lease_s), MOST_SILENCE_S)
 
     def _now(self) -> Instant:
         return Instant(self._node.get_clock().now().nanoseconds, time.monotonic_ns())
@@ -180,8 +219,11 @@ class BusConditioning:
     def entry(self, node_name: str, hardware: str) -> DiagnosticStatus:
         """Return the DiagnosticStatus `NODE: conditioning`."""
         refused = [self._refusal] if steady_s() - self._refused_s < REFUSAL_SHOWN_S else []
-        waits = (['the planner does not answer: its action prepare_battery is not there']
-                 if self._wanted is not None and self._sent is None else [])
+        waits = []
+        if self._wanted is not None and self._sent is None:
+            waits = ['the request waits for the battery' if not self.has_battery else
+                     'the planner does not answer: its action prepare_battery is not there'
+                     if self._ready_since_s is None else 'the planner is starting']
         return bus_entry(node_name, 'conditioning', hardware, [], [*waits, *refused], self._request.mode,
                          {'mode': self._request.mode, 'active': str(self._handle is not None).lower(),
                           'heating': str(self._is_heating).lower()})

@@ -11,11 +11,12 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from sensor_msgs.msg import BatteryState
+from std_msgs.msg import Float64
 
 from bev_preheat.bus.bus_clock import steady_s
 from bev_preheat.bus.can_source import CanSource
 from bev_preheat.bus.conditioning import ACTUATORS
-from bev_preheat.bus.live_map import load_live_map
+from bev_preheat.bus.live_map import AMBIENT, load_live_map, SPEED
 from bev_preheat.bus.vss_source import VssSource
 from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.errors import InvalidInput
@@ -43,6 +44,9 @@ PARAMETERS = (
               read_only=True),
     Parameter('longest_lease', 10.0, 'A command with a longer lease is refused', 's', (0.05, 60.0),
               read_only=True),
+    Parameter('execute_commands', True, 'Write hvch_command to CAN if the map has heater_command. False: leave '
+              'it to heater_controller, which also keeps the gates and the rate limit of the heater.',
+              read_only=True),
 )
 PROGRAM = NodeProgram(
     'bus_gateway', 'Publishes the battery of a CAN bus (DBC) or of a VSS databroker as battery_state, and writes '
@@ -50,7 +54,8 @@ PROGRAM = NodeProgram(
     subscribes=(('hvch_command', 'bev_preheat_msgs/HvchCommand: written to CAN if the map says so; with VSS, '
                  'whether it heats'),),
     publishes=(('battery_state', 'sensor_msgs/BatteryState'),
-               ('hvch_status', 'bev_preheat_msgs/HvchStatus, if the map has heater_command'),
+               ('vehicle_speed', 'std_msgs/Float64 [m/s], if the map has speed_mps'),
+               ('hvch_status', 'bev_preheat_msgs/HvchStatus, if it writes the command'),
                ('/diagnostics', 'diagnostic_msgs/DiagnosticArray')),
     actions=(('planner/prepare_battery',
               'bev_preheat_msgs/PrepareBattery (client): for BatteryConditioning of VSS'),))
@@ -82,6 +87,8 @@ class BusGatewayNode(Node):
         self._published, self._same = 0, (0.0, 0)
         self._battery: LiveBattery | None = None
         self._state_publisher = self.create_publisher(BatteryState, 'battery_state', 1)
+        self._speed_publisher = (self.create_publisher(Float64, 'vehicle_speed', 1)
+                                 if SPEED in self._map.sources else None)
         self._diagnostics_publisher = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         # A timer on the system's clock would stand still after that was set back.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -89,7 +96,8 @@ class BusGatewayNode(Node):
         self.create_timer(values['battery_state_period'], self._on_state,
                           clock=None if self._simulated else steady)
         self.create_timer(DIAGNOSTICS_PERIOD_S, self._on_diagnostics, clock=steady)
-        publishes = ('battery_state', *(() if self._output is None else ('hvch_status',)))
+        publishes = ('battery_state', *(() if self._output is None else ('hvch_status',)),
+                     *(() if self._speed_publisher is None else ('vehicle_speed',)))
         self._setup = SetupWatch(self, subscribes, publishes, single=(*publishes, *subscribes))
         self._source.start()
         self.get_logger().info(f'Signal map {self._map.signals.name}: {self._source.name}')
@@ -102,7 +110,7 @@ class BusGatewayNode(Node):
         if self._map.vss is None:
             source = CanSource(self._map, self._now_s)
             self._source = source
-            if source.heater_frame is None:
+            if source.heater_frame is None or not values['execute_commands']:
                 return []
             self._output = HeaterOutput(self, source, values['longest_lease'], self._now_s, self._refuse)
             return ['hvch_command']
@@ -136,7 +144,12 @@ class BusGatewayNode(Node):
         self._latest_s = now_s
         self._battery, self._lacking = self._source.battery(now_s)
         if self._conditioning is not None:
+            self._conditioning.has_battery = self._battery is not None
             self._conditioning.is_plugged_in = self._battery is not None and bool(self._battery.is_charging)
+            self._conditioning.ambient_c = self._source.value(AMBIENT, now_s)
+        speed_mps = None if self._speed_publisher is None else self._source.value(SPEED, now_s)
+        if self._speed_publisher is not None and speed_mps is not None:
+            self._speed_publisher.publish(Float64(data=speed_mps))
         if self._battery is None or (self._simulated and now_s == 0.0):
             return
         stamp_ns = self._stamp_ns(self._battery.instant_s, now_s)

@@ -57,12 +57,15 @@ TYPES = {BATTERY_STATE: BatteryState, ROUTE_PLAN: RoutePlan, ROUTE_PROGRESS: Rou
 # Every plan follows from the inputs, so only some are written, for viewers [ns].
 PLAN_PERIOD_NS = 10 * NS_PER_S
 BYTES_PER_MB = 1_000_000
-# Names of the Vehicle Signal Specification for recorded fields.
+# Names of the Vehicle Signal Specification for recorded fields, as docs/how-to/bus.md has them.
 VSS = 'Vehicle.Powertrain.TractionBattery'
 METADATA = {'vss': {'battery_state.temperature': f'{VSS}.Temperature.Average',
-                    'battery_state.percentage': f'{VSS}.StateOfCharge.Displayed',
+                    'battery_state.percentage': f'{VSS}.StateOfCharge.Current',
                     'battery_state.voltage': f'{VSS}.CurrentVoltage',
-                    'battery_state.current': f'{VSS}.CurrentCurrent'}}
+                    'battery_state.current': f'{VSS}.CurrentCurrent',
+                    'battery_state.power_supply_status': f'{VSS}.Charging.IsCharging',
+                    'route_plan.target_battery_temperature': f'{VSS}.BatteryConditioning.TargetTemperature',
+                    'route_plan.ambient_temperature': 'Vehicle.Exterior.AirTemperature'}}
 
 
 class Setup(NamedTuple):
@@ -158,17 +161,21 @@ class FlightRecorder:
                 self._stop(error)
 
     def note(self, now_ns: int, events: tuple[Event, ...], message: Any, output: StepOutput,
-             call: str = STEP, what: str = '') -> None:
-        """Record a step: its events, the message that one of them came in (None: none), and its output."""
+             command: HvchCommand | None = None, call: str = STEP, what: str = '') -> None:
+        """
+        Record a step: its events, the message that one of them came in (None: none), and its output.
+
+        `command` is the published message of the output's command; None: it is not published yet.
+        """
         if self._writer is not None:
             try:
-                self._note(self._writer, now_ns, events, message, output, call, what)
+                self._note(self._writer, now_ns, events, message, output, command, call, what)
             except Exception as error:
                 # Nothing about a recording may keep the planner from its work.
                 self._stop(error)
 
     def _note(self, writer: RecordingWriter, now_ns: int, events: tuple[Event, ...], message: Any,
-              output: StepOutput, call: str, what: str) -> None:
+              output: StepOutput, command: HvchCommand | None, call: str, what: str) -> None:
         values = [self._values(event, message) for event in events]
         entries = []
         if message is not None:
@@ -180,7 +187,8 @@ class FlightRecorder:
         entries.append(Entry(STEP_CHANNEL, now_ns, RecordedStep(
             now_ns, call, tuple(values), what, command_values(output.command), status)))
         if output.command is not None:
-            entries.append(Entry(self._topics[COMMAND], now_ns, command_message(output.command, now_ns)))
+            entries.append(Entry(self._topics[COMMAND], now_ns,
+                                 command_message(output.command, now_ns) if command is None else command))
         writer.put(*entries)
 
     def _stop(self, error: Exception) -> None:
@@ -189,16 +197,17 @@ class FlightRecorder:
         self.tell()
 
     def note_plan(self, now_ns: int, plan: PreheatPlan, prediction: Temperature | None) -> None:
-        """Record a published plan if its status is new or PLAN_PERIOD_NS have passed, and the prediction."""
-        writer = self._writer
-        if writer is None:
+        """Record a published plan and prediction if the status is new or PLAN_PERIOD_NS have passed."""
+        writer, status = self._writer, plan.status
+        if writer is None or (status == self._plan_status
+                              and 0 <= self._plan_due_ns - now_ns <= PLAN_PERIOD_NS):
             return
-        entries = [] if prediction is None else [Entry(self._topics[PREDICTION], now_ns, prediction)]
-        if plan.status != self._plan_status or not 0 <= self._plan_due_ns - now_ns <= PLAN_PERIOD_NS:
-            self._plan_status, self._plan_due_ns = plan.status, now_ns + PLAN_PERIOD_NS
-            entries.append(Entry(self._topics[PLAN], now_ns, plan))
-        if entries:
-            writer.put(*entries)
+        self._plan_status, self._plan_due_ns = status, now_ns + PLAN_PERIOD_NS
+        plan_entry = Entry(self._topics[PLAN], now_ns, plan)
+        if prediction is None:
+            writer.put(plan_entry)
+        else:
+            writer.put(plan_entry, Entry(self._topics[PREDICTION], now_ns, prediction))
 
     def tell(self) -> None:
         """Log a new problem, or its end."""

@@ -3,7 +3,8 @@
 `heater_controller`: executes `hvch_command` by the rules of `heater.controller`, and answers with `hvch_status`.
 
 `main(output)` runs it with a car's own heater: `output(power_w)` sets the power [W] and returns the measured one
-[W], or None. The executable has no heater behind it, so it shows the rules only.
+[W], or None. The executable writes the power to CAN by a signal map (`signals`); without one it has no heater
+behind it and shows the rules only.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ from bev_preheat.heater.controller import (
     Refusal,
     Verdict,
 )
+from bev_preheat.nodes.can_heater import CanHeater
 from bev_preheat.nodes.command_line import NodeProgram
 from bev_preheat.nodes.command_senders import CommandSenders
 from bev_preheat.nodes.convert import measurement_from_message
@@ -44,7 +46,7 @@ from bev_preheat.nodes.heater_messages import (
 from bev_preheat.nodes.managed import LIFECYCLE, ManagedStates, NOT_ACTIVE
 from bev_preheat.nodes.news import RepetitionFilter
 from bev_preheat.nodes.parameters import declare, Parameter
-from bev_preheat.nodes.process import run_node
+from bev_preheat.nodes.process import LAST_WORDS_TIME, run_node
 from bev_preheat.nodes.setup_watch import SetupWatch
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat_msgs.msg import HvchCommand, HvchStatus
@@ -71,6 +73,8 @@ PARAMETERS = (
               'command_lease', 's', (0.05, 60.0), unset_means='none requested', read_only=True),
     Parameter('battery_state_timeout', 5.0, 'heating_gates that look at the battery or the speed close if the '
               'latest value is older than this', 's', (0.1, 60.0), read_only=True),
+    Parameter('signals', '', "Signal map with live.heater_command, the heater's frame on CAN: a name in "
+              'config/signals or a YAML file. Empty: no heater.', read_only=True),
     LIFECYCLE,
 )
 PROGRAM = NodeProgram(
@@ -96,7 +100,8 @@ class HeaterControllerNode(Node):
         self._controller = HeaterController(HeaterLimits(
             vehicle.hvch.maximum_power_w, _or_none(values['power_rise']) or math.inf,
             vehicle.heating_gates.power_steps_w, values['longest_lease'], values['clock_tolerance']))
-        self._output = output or _without_heater
+        self._can = CanHeater(values['signals'], vehicle.hvch.maximum_power_w) if values['signals'] else None
+        self._output = output or self._can or _without_heater
         self._timeout_s = values['battery_state_timeout']
         self._measurement: Measurement | None = None
         self._measured_at_s = self._speed_at_s = -math.inf
@@ -121,7 +126,8 @@ class HeaterControllerNode(Node):
         self._is_active = not values['lifecycle']
         self._managed = None if self._is_active else ManagedStates(self, self._on_activation)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(values['period'], self._on_period, clock=steady)
+        self.create_timer(min([values['period'], *([] if self._can is None else [self._can.period_s])]),
+                          self._on_period, clock=steady)
         self.create_timer(DIAGNOSTICS_PERIOD_S, self._publish_diagnostics, clock=steady)
         self._setup = SetupWatch(self, subscribes, ('hvch_status',), single=('hvch_command', 'hvch_status'))
         self.get_logger().info(f'Executing hvch_command for vehicle {vehicle.name}, up to '
@@ -176,6 +182,9 @@ class HeaterControllerNode(Node):
         """Return the Verdict of the car's own conditions."""
         if not self._is_active:
             return Verdict(Refusal.NOT_ACTIVE, NOT_ACTIVE)
+        fault = '' if self._can is None else self._can.fault()
+        if fault:
+            return Verdict(Refusal.HEATER_FAULT, fault)
         gates, now_s = self._vehicle.heating_gates, now.steady_ns / NS_PER_S
         soc = temperature_c = speed_mps = math.nan
         if gates.looks_at_battery:
@@ -220,9 +229,10 @@ class HeaterControllerNode(Node):
             self._tell(f'the heater cannot be switched off: {type(error).__name__}: {error}')
 
     def _publish_diagnostics(self) -> None:
+        name = self.get_fully_qualified_name()
         self._diagnostics_publisher.publish(heater_diagnostics(
-            self.get_fully_qualified_name(), self._vehicle.name, self._answer, self._now().clock_ns,
-            self._setup.entry(self._vehicle.name)))
+            name, self._vehicle.name, self._answer, self._now().clock_ns, [
+                self._setup.entry(self._vehicle.name), *([] if self._can is None else [self._can.entry(name)])]))
 
     def _tell(self, sentence: str) -> None:
         if self._news.has(sentence):
@@ -231,8 +241,11 @@ class HeaterControllerNode(Node):
     def last_words(self) -> None:
         """Switch the heater off before the process ends, and say so."""
         self._switch_off()
+        if self._can is not None:
+            self._can.end()
         self._status_publisher.publish(status_message(HeaterAnswer(
             0.0, 0.0, Refusal.NOT_ACTIVE, 'the controller is shutting down'), self._now().clock_ns))
+        self._status_publisher.wait_for_all_acked(LAST_WORDS_TIME)
 
 
 def _or_none(value: float) -> float | None:

@@ -15,7 +15,7 @@ from bev_preheat.nodes.convert import nanoseconds, stamp_problems, time_message
 from bev_preheat_msgs.msg import HvchStatus
 
 if TYPE_CHECKING:
-    from collections.abc import Hashable
+    from collections.abc import Hashable, Sequence
 
     from bev_preheat.control.heater_answer import HeaterAnswerReport
     from bev_preheat.heater.controller import HeaterAnswer
@@ -90,13 +90,13 @@ def status_message(answer: HeaterAnswer, now_ns: int, measured_w: float | None =
 
 
 def heater_diagnostics(node_name: str, vehicle_name: str, answer: HeaterAnswer, now_ns: int,
-                       setup: DiagnosticStatus) -> DiagnosticArray:
-    """Return the DiagnosticArray with the entry `NODE: command` and the entry on the setup."""
+                       others: Sequence[DiagnosticStatus]) -> DiagnosticArray:
+    """Return the DiagnosticArray with the entry `NODE: command` and other entries."""
     message = DiagnosticArray(status=[DiagnosticStatus(
         name=f'{node_name.lstrip("/")}: command', hardware_id=vehicle_name,
         level=LEVELS.get(answer.refusal, DiagnosticStatus.OK),
         message=f'{answer.refusal.name}: {answer.sentence}' if answer.sentence else 'the command is served',
         values=[KeyValue(key='requested power [W]', value=f'{answer.requested_w:.1f}'),
-                KeyValue(key='active power [W]', value=f'{answer.active_w:.1f}')]), setup])
+                KeyValue(key='active power [W]', value=f'{answer.active_w:.1f}')]), *others])
     message.header.stamp = time_message(now_ns)
     return message

@@ -26,6 +26,7 @@ from bev_preheat.heater.controller import (
 from bev_preheat.nodes.bus_messages import bus_entry
 from bev_preheat.nodes.command_senders import CommandSenders
 from bev_preheat.nodes.heater_messages import heater_command, LEVELS, status_message
+from bev_preheat.nodes.process import LAST_WORDS_TIME
 from bev_preheat_msgs.msg import HvchCommand, HvchStatus
 
 if TYPE_CHECKING:
@@ -96,6 +97,7 @@ class HeaterOutput:
             self._source.send_power(0.0)
         self._status_publisher.publish(status_message(HeaterAnswer(
             0.0, 0.0, Refusal.NOT_ACTIVE, 'the gateway is shutting down'), self._now().clock_ns))
+        self._status_publisher.wait_for_all_acked(LAST_WORDS_TIME)
 
     def entry(self, node_name: str, hardware: str) -> DiagnosticStatus:
         """Return the DiagnosticStatus `NODE: heater command`."""

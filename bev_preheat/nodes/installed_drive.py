@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from contextlib import contextmanager
+from contextlib import contextmanager, ExitStack
 import math
 import os
 from pathlib import Path
@@ -17,6 +17,7 @@ from sensor_msgs.msg import BatteryState
 
 from bev_preheat.nodes.convert import nanoseconds
 from bev_preheat.nodes.installed_processes import NodeProcess, reserved_domain_id
+from bev_preheat.nodes.kept_recording import KeptRecording
 from bev_preheat.nodes.listening import listening
 from bev_preheat.nodes.simulator_messages import ARRIVED, outcome_from_diagnostics, phase_ends
 from bev_preheat.planning.status import Status
@@ -113,14 +114,16 @@ def log_files(scenario: Scenario, folder: AnyPath) -> list[Path]:
 
 
 def drive_with_nodes(scenario: Scenario, name_or_file: str, speed_up: float,
-                     log_folder: AnyPath | None = None) -> DriveRecord:
+                     log_folder: AnyPath | None = None, recording: Path | None = None) -> DriveRecord:
     """
     Return the DriveRecord of a Scenario that the installed executables drive.
 
     The scenario was loaded from `name_or_file`; `speed_up` simulated seconds pass in each real one; the logs
-    go to `log_folder`. Raises ScenarioFailed if the drive does not finish.
+    go to `log_folder`, the planner's flight recording to the file `recording` (None: it does not record). Raises
+    ScenarioFailed if the drive does not finish.
     """
-    with tempfile.TemporaryDirectory() as temporary, reserved_domain_id() as domain_id:
+    with tempfile.TemporaryDirectory() as temporary, reserved_domain_id() as domain_id, ExitStack() as stack:
+        kept = None if recording is None else KeptRecording(recording)
         planner_log, simulator_log = log_files(scenario, log_folder or temporary)
         environment = {'ROS_DOMAIN_ID': str(domain_id),
                        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
@@ -128,7 +131,8 @@ def drive_with_nodes(scenario: Scenario, name_or_file: str, speed_up: float,
             recorder = _Recorder(listener.node, scenario.goal.target_temperature_c)
             planner_arguments = ['-p', 'use_sim_time:=true',
                                  '-p', f'vehicle:={scenario.vehicle_name}']
-            for parameter, value in {**HURRIED, **scenario.planner}.items():
+            recorded = {} if kept is None else kept.parameters(stack)
+            for parameter, value in {**HURRIED, **scenario.planner, **recorded}.items():
                 planner_arguments += ['-p', f'{parameter}:={_text(value)}']
             with NodeProcess('planner', planner_arguments, planner_log) as planner, NodeProcess(
                     'vehicle_simulator',
@@ -138,6 +142,8 @@ def drive_with_nodes(scenario: Scenario, name_or_file: str, speed_up: float,
                      '-p', 'wait_for_listeners:=2', '-p', 'exit_on_arrival:=true'],
                     simulator_log) as simulator:
                 _follow(listener, recorder, simulator, planner, scenario, speed_up)
+            if kept is not None:
+                kept.keep()
             fill_phases(recorder.record, scenario, recorder.ends)
             return recorder.record
 

@@ -10,7 +10,6 @@ from typing import NamedTuple, TYPE_CHECKING
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
-from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data, QoSDurabilityPolicy, QoSProfile
 from sensor_msgs.msg import BatteryState, Temperature
@@ -43,7 +42,7 @@ from bev_preheat.nodes.managed import LIFECYCLE, ManagedStates, NOT_ACTIVE
 from bev_preheat.nodes.news import RepetitionFilter
 from bev_preheat.nodes.parameters import check, declare, Parameter
 from bev_preheat.nodes.prepare_action import PREPARE, PrepareAction
-from bev_preheat.nodes.process import run_node
+from bev_preheat.nodes.process import LAST_WORDS_TIME, run_node
 from bev_preheat.nodes.route_intake import RouteIntake
 from bev_preheat.nodes.route_listener import RouteListener
 from bev_preheat.nodes.route_progress import progress_event
@@ -65,7 +64,7 @@ if TYPE_CHECKING:
     from bev_preheat.control.supervisor import StepOutput
     from bev_preheat.estimation.prior import Learned
     from bev_preheat.vehicle import Vehicle
-    from bev_preheat_msgs.msg import RoutePlan
+    from bev_preheat_msgs.msg import HvchCommand, RoutePlan
 
     # A method called by ROS.
     Callback = Callable[..., Any]
@@ -140,8 +139,6 @@ PROGRAM = NodeProgram(
     services=(('~/enable', 'std_srvs/SetBool: false switches preheating off'),
               (SKIP, 'std_srvs/SetBool: true skips the next of `departures`, false takes that back')),
     actions=((PREPARE, 'bev_preheat_msgs/PrepareBattery: a battery that is warm at an instant'),))
-# A subscriber that hangs must not keep the process from ending.
-LAST_WORDS_TIME = Duration(seconds=0.5)
 # Share of the time by which the lease is longer than the command period.
 ANSWER_SHARE = 0.1
 _OWN = frozenset(parameter.name for parameter in PARAMETERS)
@@ -420,9 +417,8 @@ class PlannerNode(Node):
         """
         now_ns = self._now_ns() if now_ns is None else now_ns
         output, in_doubt = self._supervisor.step(now_ns, *events), self._is_in_doubt
-        if not in_doubt:
-            self._publish_command(output, now_ns)
-        self._recorder.note(now_ns, events, message, output)
+        command = None if in_doubt else self._publish_command(output, now_ns)
+        self._recorder.note(now_ns, events, message, output, command)
         self._publish_decision(output, now_ns)
         for refusal in output.refusals:
             sentence = f'{refusal.source} refused: {refusal.error}'
@@ -438,9 +434,12 @@ class PlannerNode(Node):
         self._state_keeper.save_choices(self._supervisor.state)
         return not output.refusals and not output.failure
 
-    def _publish_command(self, output: StepOutput, now_ns: int) -> None:
-        if output.command is not None:
-            self._command_publisher.publish(command_message(output.command, now_ns))
+    def _publish_command(self, output: StepOutput, now_ns: int) -> HvchCommand | None:
+        if output.command is None:
+            return None
+        message = command_message(output.command, now_ns)
+        self._command_publisher.publish(message)
+        return message
 
     def _publish_decision(self, output: StepOutput, now_ns: int) -> None:
         if output.failure:
@@ -496,8 +495,8 @@ class PlannerNode(Node):
             what = f'{where}: {type(error).__name__}: {error}'
             output = self._supervisor.fail(now_ns, what)
             self.get_logger().error(output.failure)
-            self._publish_command(output, now_ns)
-            self._recorder.note(now_ns, (), None, output, FAIL, what)
+            command = self._publish_command(output, now_ns)
+            self._recorder.note(now_ns, (), None, output, command, FAIL, what)
         except Exception as another:
             self.get_logger().error(
                 f'0 W could not be published after that: {type(another).__name__}: {another}; the '
@@ -536,8 +535,8 @@ class PlannerNode(Node):
         # With a normal lease, because a heater's controller may ignore an expired command.
         now_ns = self._now_ns()
         output = self._supervisor.stop(now_ns)
-        self._publish_command(output, now_ns)
-        self._recorder.note(now_ns, (), None, output, STOP)
+        command = self._publish_command(output, now_ns)
+        self._recorder.note(now_ns, (), None, output, command, STOP)
 
     @guarded
     def _await_delivery(self) -> None:

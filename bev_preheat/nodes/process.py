@@ -10,6 +10,7 @@ from threading import Thread
 from typing import TYPE_CHECKING
 
 import rclpy
+from rclpy.duration import Duration
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
@@ -30,6 +31,8 @@ if TYPE_CHECKING:
     from bev_preheat.nodes.command_line import NodeProgram
 
 END_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+# For the delivery of a node's last message: a subscriber that hangs must not keep the process from ending.
+LAST_WORDS_TIME = Duration(seconds=1)
 
 
 def join_graph(name: str) -> Node | None:

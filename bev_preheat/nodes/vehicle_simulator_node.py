@@ -15,7 +15,6 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock as NodeClock
 from rclpy.clock import ClockType
-from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 from rclpy.task import Future
@@ -31,7 +30,7 @@ from bev_preheat.nodes.convert import nanoseconds, route_plan_message, time_mess
 from bev_preheat.nodes.heater_messages import heater_command, status_message
 from bev_preheat.nodes.news import RepetitionFilter
 from bev_preheat.nodes.parameters import check, declare, Parameter
-from bev_preheat.nodes.process import run_node
+from bev_preheat.nodes.process import LAST_WORDS_TIME, run_node
 from bev_preheat.nodes.route_progress import progress_message
 from bev_preheat.nodes.setup_watch import SetupWatch
 from bev_preheat.nodes.simulated_time import NodeTime, OwnTime
@@ -416,7 +415,7 @@ class VehicleSimulatorNode(Node):
 
     def last_words(self) -> None:
         """Wait up to 1 s until the listeners have received the last diagnostics."""
-        self._diagnostics_publisher.wait_for_all_acked(Duration(seconds=1))
+        self._diagnostics_publisher.wait_for_all_acked(LAST_WORDS_TIME)
 
 
 def _departure(values: Values) -> tuple[ImperfectCar, str, Iterable[str]]:

@@ -272,7 +272,7 @@ def solve_charging(vehicle: Vehicle, route: Route, state: BatteryState, goal: Go
     for target_c in sorted((*START_TARGETS_C, *more_targets_c)):
         if unheated.arrival_temperature_c < target_c <= highest_c:
             plan = plan_preheating(
-                vehicle, route, state, replace(goal, target_temperature_c=target_c))
+                vehicle, route, state, replace(goal, target_temperature_c=target_c, heats_until_arrival=True))
             # Beyond the reachable temperature all plans are the same.
             if plan.arrival_temperature_c > max(
                     start.arrival_temperature_c for start in starts) + SAME_START_K:

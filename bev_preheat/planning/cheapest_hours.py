@@ -7,6 +7,9 @@ end by an amount that depends on the step alone. The cost of a kelvin at the end
 step, and filling the steps in the order of these figures is exact. The battery's highest temperature limits the
 heat of all steps up to an instant; such nested limits form a polymatroid, on which filling in order is still
 exact (J. Edmonds, Submodular functions, matroids, and certain polyhedra, 1970).
+
+A negative price counts as 0: otherwise the plan would heat as early and as hot as it may, and let the heat leak,
+because the grid pays for it.
 """
 
 from __future__ import annotations
@@ -54,9 +57,10 @@ def plan_in_cheapest_hours(vehicle: Vehicle, route: Route, state: BatteryState, 
     """
     Return the Plan that reaches a goal at the least cost, for a vehicle that stands and is fed by the grid.
 
-    `vehicle` is that of `vehicle.grid.grid_fed`. `step_prices` gives the mean price per kWh of each step, also
-    negative; the plan never heats more than the target needs. `method` is the name in the plan; the other
-    arguments are those of `plan_preheating`. Raises what that raises for input outside the model's range.
+    `vehicle` is that of `vehicle.grid.grid_fed`. `step_prices` gives the mean price per kWh of each step; a
+    negative one counts as 0, and the plan never heats more than the target needs. `method` is the name in the
+    plan; the other arguments are those of `plan_preheating`. Raises what that raises for input outside the
+    model's range.
     """
     started = perf_counter()
     check_situation(vehicle, route, state, goal)
@@ -105,7 +109,8 @@ class _Hours:
         self._most_k = self._warmth_k_per_w * trip.heater_limit_w
         usable = np.flatnonzero(self._most_k > LEAST_K)
         # Cost of a kelvin at the end; at the same cost the later step, because less can go wrong after it.
-        per_k = price_per_kwh[usable] * trip.route.duration_s[usable] / self._warmth_k_per_w[usable]
+        counted_per_kwh = np.maximum(price_per_kwh[usable], 0.0)
+        per_k = counted_per_kwh * trip.route.duration_s[usable] / self._warmth_k_per_w[usable]
         self._order = usable[np.lexsort((-usable, per_k))]
         self._room_k = self._room(unheated)
 

@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from bev_preheat.planning.outcome import Stranding
     from bev_preheat.planning.plan import Plan
 
+# Why a plan does not heat though the battery arrives too cold; with a remark on the heater, that is the reason.
+NO_POWER, NOT_POSSIBLE = 'Cabin heating leaves no power for the battery', 'The battery cannot be heated'
 # A route that starts within this time starts now.
 LEAST_TOLD_S = 0.5
 
@@ -38,18 +40,20 @@ def duration_text(seconds: float) -> str:
 
 
 def explain(plan: Plan, reserve: float, starts_in_s: float = 0.0, unheated: str = 'the heater stays off',
-            too_cold_because: str = 'Cabin heating leaves no power for the battery',
+            too_cold_because: str = '',
             heated_s: float = 0.0, words: Words = OF_TRIP) -> str:
     """
     Return the sentence for a Plan's status; `reserve` is the state of charge to keep.
 
     Times count from now; the plan's time 0 is `starts_in_s` [s] ahead. A plan without heating is described
-    as `unheated`, and as `too_cold_because` if that makes it miss the target.
+    as `unheated`, and as `too_cold_because` if that makes it miss the target ('': as the plan's note says, else as
+    cabin heating).
     The battery has been heated for `heated_s` [s] on this drive.
     """
     begins = (f'The route begins in {duration_text(starts_in_s)}. '
               if starts_in_s >= LEAST_TOLD_S else '')
     note = f' {plan.note}' if plan.note else ''
+    too_cold_because = too_cold_because or (NOT_POSSIBLE if plan.note else NO_POWER)
     return begins + _outcome(plan, reserve, starts_in_s, unheated, too_cold_because, heated_s, words) + note
 
 

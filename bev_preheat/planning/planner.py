@@ -38,6 +38,7 @@ from bev_preheat.planning.status import Status
 from bev_preheat.planning.trip import heated_throughout, make_trip, Trip
 from bev_preheat.planning.uncertainty_margin import heat_early, UncertaintyMargin
 from bev_preheat.planning.unlimited import plan_unlimited, plan_unlimited_paper
+from bev_preheat.planning.until_arrival import heat_until_arrival
 from bev_preheat.vehicle.model import Integrator, make_runge_kutta_4
 
 if TYPE_CHECKING:
@@ -221,6 +222,7 @@ def _schedule(trip: Trip, state: BatteryState, goal: Goal, ways: _Ways,
             # It may ignore the target, so it is not asked.
             return unheated_within_limits(trip, state, unheated)
         goal = replace(goal, target_temperature_c=lowest_c)
+    is_late = goal.heats_until_arrival and not trip.vehicle.heat_path.is_direct
 
     def with_margin_c(target_c: float) -> float:
         return target_c if uncertainty_margin is None else min(target_c + uncertainty_margin.margin_k, highest_c)
@@ -230,6 +232,8 @@ def _schedule(trip: Trip, state: BatteryState, goal: Goal, ways: _Ways,
             target_c = with_margin_c(target_c)
             schedule = propose(trip, state, replace(goal, target_temperature_c=target_c),
                                unheated=unheated, **options)
+            if is_late:
+                schedule = heat_until_arrival(trip, state, schedule, target_c)
             if uncertainty_margin is not None:
                 schedule = heat_early(trip, state, schedule, target_c, uncertainty_margin)
             return as_described(trip, state, schedule)
@@ -237,7 +241,7 @@ def _schedule(trip: Trip, state: BatteryState, goal: Goal, ways: _Ways,
 
     def serve(trip: Trip) -> Schedule:
         found = None
-        if ways.is_checked_by_core and not options:
+        if ways.is_checked_by_core and not options and not is_late:
             found = checked_by_core(trip, state, goal, uncertainty_margin, unheated)
         return found or NoRegretCheck(trip, state, goal, unheated).serve(
             [proposal(trip, propose) for propose in ways.proposals])

@@ -38,13 +38,15 @@ class Goal:
     The conditions to meet on arrival.
 
     Without `heating_pays` the battery is heated only if the drive itself needs it, not for the arrival; the target
-    is then the resulting temperature.
+    is then the resulting temperature. With `heats_until_arrival` a heater whose heat arrives late is not switched
+    off before arrival, because the heat under way reaches the battery at the charger.
     """
 
     target_temperature_c: float
     minimum_arrival_soc: float = 0.0
     charging_planned: bool = True
     heating_pays: bool = True
+    heats_until_arrival: bool = False
 
 
 def reserve_soc(vehicle: Vehicle, goal: Goal) -> float:

@@ -62,29 +62,36 @@ class Course:
     regimes: list[tuple[int, str]] = field(default_factory=list)
     _arrived: Instant | None = None
     _predicted: Instant | None = None
+    _had_plan: bool = False
 
-    def add(self, played: Played) -> None:
-        """Add a step."""
+    def add(self, played: Played, recorded_w: float | None = None) -> None:
+        """
+        Add a step.
+
+        `recorded_w` [W] is the heater's recorded power if no planner commanded it, None: one did.
+        """
         state, decision = played.state, played.state.decision
         command, estimate, measurement, plan = (
-            state.latest_command, state.estimate, state.measurement, decision.plan)
+            state.latest_command, state.estimate, state.measurement, decision.plan if recorded_w is None else None)
         start_ns = None
         if plan is not None and plan.heating_start_s is not None:
             start_ns = decision.plan_start_ns + round(plan.heating_start_s * NS_PER_S)
         instant = Instant(
-            played.now_ns, 0.0 if command is None else command.battery_heating_power_w,
+            played.now_ns, recorded_w if recorded_w is not None else
+            0.0 if command is None else command.battery_heating_power_w,
             math.nan if measurement is None else measurement.state.temperature_c,
             math.nan if estimate is None else estimate.temperature_c,
             math.nan if plan is None else plan.arrival_temperature_c, decision.arrival_deviation_k,
             math.nan if measurement is None else measurement.state.soc, start_ns, decision.status)
         self.instants.append(instant)
-        if not self.said or self.said[-1].status is not decision.status:
+        if recorded_w is None and (not self.said or self.said[-1].status is not decision.status):
             target_c = math.nan if decision.target is None or decision.target.target_c is None \
                 else decision.target.target_c
             self.said.append(Said(played.now_ns, decision.status, decision.explanation, target_c))
         if plan is not None:
             self._predicted = instant
-        if self._arrived is None and decision.status in OVER and self._predicted is not None:
+        self._had_plan |= decision.plan is not None
+        if self._arrived is None and decision.status in OVER and self._had_plan:
             self._arrived = instant
         for known, value in ((self.signals, ', '.join(verdict.signal for verdict in state.signal_verdicts)),
                              (self.regimes, state.regime.regime.value)):

@@ -6,7 +6,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 import json
 from pathlib import Path
-import struct
 from typing import Any, TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput
@@ -21,6 +20,8 @@ if TYPE_CHECKING:
 
 # A damaged length must not make the reader ask for all memory.
 LARGEST_RECORD_BYTES = 100_000_000
+# Kinds of recordings.
+FLIGHT_RECORDER, ROS2_BAG, LOG = 'flight recorder', 'ros2 bag', 'log'
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +38,9 @@ class Flight:
     What a planner was given and what it answered, in order.
 
     `paths` are the files. `remarks` are sentences on what is missing. `gaps` are the indices in `given` before
-    which steps are missing.
+    which steps are missing. `source` is the kind of the recording. Without `has_commands` there is nothing to
+    reproduce; then commands in `given` are the heater's recorded power. Commands count as the same if their powers
+    differ by at most `power_tolerance_w` [W].
     """
 
     beginning: Beginning
@@ -45,6 +48,14 @@ class Flight:
     paths: tuple[Path, ...]
     gaps: tuple[int, ...] = ()
     remarks: tuple[str, ...] = ()
+    source: str = FLIGHT_RECORDER
+    has_commands: bool = True
+    power_tolerance_w: float = 0.0
+
+    @property
+    def is_log(self) -> bool:
+        """Whether no planner was there: the recorded battery was not heated by its commands."""
+        return self.source == LOG
 
 
 def read_flight(path: str | Path) -> Flight:
@@ -116,9 +127,9 @@ def _read_part(path: Path, remarks: list[str]) -> tuple[Beginning, list[Given], 
     latest: dict[str, tuple[str, bytes]] = {}
 
     def note(problem: str) -> None:
-        remarks.append(f'{path}: {problem}; what comes before is used')
+        remarks.append(f'{path}: {problem}; the messages before are used')
 
-    for channel, type_name, _, data in _messages(path, note):
+    for channel, type_name, _, data, _ in mcap_messages(path, note):
         if channel == BEGINNING_CHANNEL:
             beginning = Beginning.from_dictionary(_plain(path, data))
         elif channel == GAP_CHANNEL:
@@ -147,9 +158,12 @@ def _plain(path: Path, data: bytes) -> Any:
     return values
 
 
-def _messages(path: Path, note: Callable[[str], object]) -> Iterator[tuple[str, str, int, bytes]]:
-    """Yield channel, type, instant [ns] and bytes of each message as written; an error ends it, and is noted."""
-    from mcap.exceptions import McapError
+def mcap_messages(path: Path, note: Callable[[str], object]) -> Iterator[tuple[str, str, int, bytes, bytes]]:
+    """
+    Yield channel, type, instant [ns], bytes and the type's definition of each message as written.
+
+    A damaged record ends it, and is noted. Raises InvalidInput if the file cannot be read.
+    """
     from mcap.records import Channel, Message, Schema
     from mcap.stream_reader import StreamReader
     channels: dict[int, Channel] = {}
@@ -164,10 +178,10 @@ def _messages(path: Path, note: Callable[[str], object]) -> Iterator[tuple[str, 
                 elif isinstance(record, Message):
                     channel = channels[record.channel_id]
                     schema = schemas.get(channel.schema_id)
-                    yield channel.topic, '' if schema is None else schema.name, record.log_time, record.data
-    except GeneratorExit:
-        raise
+                    name, text = ('', b'') if schema is None else (schema.name, schema.data)
+                    yield channel.topic, name, record.log_time, record.data, text
     except OSError as error:
         raise InvalidInput(f'{path}: cannot be read: {error.strerror}') from error
-    except (McapError, ValueError, KeyError, EOFError, IndexError, struct.error) as error:
+    except Exception as error:
+        # Damaged bytes raise errors of many kinds, also of the libraries that decompress chunks.
         note(f'ends in the middle ({type(error).__name__})')

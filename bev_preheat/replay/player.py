@@ -28,6 +28,7 @@ from bev_preheat.nodes.convert import battery_event
 from bev_preheat.nodes.heater_messages import heater_status_event
 from bev_preheat.nodes.route_intake import RouteIntake
 from bev_preheat.nodes.route_progress import progress_event
+from bev_preheat.replay.message_types import read_message
 from bev_preheat.vehicle import load_vehicle
 
 if TYPE_CHECKING:
@@ -40,6 +41,7 @@ if TYPE_CHECKING:
     from bev_preheat.estimation.prior import Learned
     from bev_preheat.flight_recorder.beginning import Beginning
     from bev_preheat.replay.flight_file import Given
+    from bev_preheat.replay.signal_changes import SignalChange
     from bev_preheat.vehicle.description import Vehicle
 
 
@@ -48,16 +50,18 @@ class Changes:
     """
     What a replay changes: nothing, by default.
 
-    `vehicle` is a name in config/vehicles or a file, None: the recorded one. `parameters` replace recorded ones.
+    `vehicle` is a name in config/vehicles or a file, None: the recorded one. `parameters` replace recorded ones,
+    `signals` change recorded signals.
     """
 
     vehicle: str | None = None
     parameters: Mapping[str, Any] = field(default_factory=dict)
+    signals: tuple[SignalChange, ...] = ()
 
     @property
     def is_nothing(self) -> bool:
         """Whether the replay is to reproduce the recording."""
-        return self.vehicle is None and not self.parameters
+        return self.vehicle is None and not self.parameters and not self.signals
 
 
 class Played(NamedTuple):
@@ -116,6 +120,8 @@ class Player:
             return event_of(values, self._goals)
         message = self._message(given)
         if kind == ROUTE_PLAN:
+            for change in self._changes.signals:
+                change.alter_route(message)
             return self._routes.read(message, state)
         if kind == ROUTE_PROGRESS:
             return progress_event(message, hint)
@@ -123,16 +129,14 @@ class Player:
             return heater_status_event(message, state.vehicle.hvch.maximum_power_w)
         if self._alter is not None:
             self._alter(message)
+        for change in self._changes.signals:
+            change.alter_battery(message)
         return battery_event(message, hint)
 
     def _message(self, given: Given) -> Any:
-        from rclpy.serialization import deserialize_message
-
-        from bev_preheat.replay.message_types import message_type
         if given.message is None:
             raise InvalidInput('a step of the recording has lost its message')
-        type_name, data = given.message
-        return deserialize_message(data, message_type(type_name))
+        return read_message(*given.message)
 
     def _vehicle(self, text: str) -> Vehicle:
         """Return the Vehicle of a file's text, or the changed one; the same object for the same text."""

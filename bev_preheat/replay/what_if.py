@@ -3,19 +3,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.replay.comparison import compare, Comparison
 from bev_preheat.replay.course import Course
 from bev_preheat.replay.deviation import Deviation
+from bev_preheat.replay.period import Period, WHOLE
 from bev_preheat.replay.player import Changes, Played, Player
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
     from typing import Any
 
     from bev_preheat.flight_recorder.steps import RecordedStep
     from bev_preheat.replay.flight_file import Flight, Given
+    from bev_preheat.replay.history import History
 
 
 class Replayed(NamedTuple):
@@ -25,14 +28,27 @@ class Replayed(NamedTuple):
     comparison: Comparison
 
 
-def replay(flight: Flight, tell: Callable[[int], object] = lambda steps: None) -> Replayed:
-    """Return the Replayed flight, unchanged; `tell(steps)` is called now and then with the steps done."""
+class Watcher(NamedTuple):
+    """Who follows a replay: `tell(steps)` is called now and then, `history` collects a report's curves."""
+
+    tell: Callable[[int], object] = lambda steps: None
+    history: History | None = None
+
+
+NOBODY = Watcher()
+
+
+def replay(flight: Flight, period: Period = WHOLE, watcher: Watcher = NOBODY) -> Replayed:
+    """Return the Replayed flight, unchanged; a log's course has the recorded power of the heater."""
     course = Course()
-    comparison = compare(_noted(played_steps(flight, Player(flight.beginning)), course, tell))
+    steps = _until(played_steps(flight, Player(flight.beginning)), period)
+    comparison = compare(_noted(steps, course, period, watcher, flight.is_log), period,
+                         flight.power_tolerance_w, flight.has_commands)
     return Replayed(course, comparison)
 
 
-def replay_changed(flight: Flight, changes: Changes, tell: Callable[[int], object] = lambda steps: None) -> Course:
+def replay_changed(flight: Flight, changes: Changes, period: Period = WHOLE,
+                   watcher: Watcher = NOBODY) -> Course:
     """
     Return the Course with Changes.
 
@@ -40,7 +56,7 @@ def replay_changed(flight: Flight, changes: Changes, tell: Callable[[int], objec
     """
     course = Course()
     closed_loop = _ChangedBattery(flight, changes)
-    for _ in _noted(closed_loop.steps(), course, tell):
+    for _ in _noted(_until(closed_loop.steps(), period), course, period, watcher):
         pass
     return course
 
@@ -51,12 +67,28 @@ def played_steps(flight: Flight, player: Player) -> Iterator[tuple[Given, Played
         yield given, player.play(given)
 
 
-def _noted(steps: Iterator[tuple[Given, Played]], course: Course,
-           tell: Callable[[int], object]) -> Iterator[tuple[Given, Played]]:
+def _until(steps: Iterator[tuple[Given, Played]], period: Period) -> Iterator[tuple[Given, Played]]:
+    """Yield the steps up to the first one after a Period."""
+    for given, played in steps:
+        if given.step.now_ns > period.to_ns:
+            return
+        yield given, played
+
+
+def _noted(steps: Iterator[tuple[Given, Played]], course: Course, period: Period, watcher: Watcher,
+           is_log: bool = False) -> Iterator[tuple[Given, Played]]:
+    # The recorded power of a log's heater holds until the next one.
+    power_w, until_ns = 0.0, 0
     for number, (given, played) in enumerate(steps, start=1):
-        course.add(played)
+        if given.step.command is not None:
+            power_w, until_ns = given.step.command[:2]
+        if period.has(given.step.now_ns):
+            recorded_w = (power_w if until_ns >= given.step.now_ns else 0.0) if is_log else None
+            course.add(played, recorded_w)
+            if watcher.history is not None:
+                watcher.history.add(played, recorded_w)
         if number % 100 == 0:
-            tell(number)
+            watcher.tell(number)
         yield given, played
 
 

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What web pages of this package are made of: the library of curves and its style, embedded so that they work offline."""
+"""Scripts and styles of web pages: curves, embedded so that the pages work offline."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The files that a web page embeds: scripts and styles. uPlot 1.6.32 (MIT licence, LICENSE.uPlot) draws the curves."""
+"""The files that a web page embeds; uPlot 1.6.32 (MIT licence, LICENSE.uPlot) draws the curves."""
 
 from __future__ import annotations
 

@@ -155,6 +155,25 @@ def test_ten_times_the_rate_is_refused_until_it_is_over(car):
     assert car.battery()[0].temperature_c == pytest.approx(-7.3)
 
 
+def test_frames_from_before_the_bus_was_opened_are_not_used(tmp_path):
+    port = SlcanPort()
+    for count in range(8):
+        port.send(STATUS, status_frame(0.5, 360.0, 0.0, count))
+        port.send(TEMPERATURES, temperature_frame(20.0, count))
+    source = CanSource(load_live_map(write_map(tmp_path, port.path)), steady_s)
+    source.start()
+    try:
+        until(lambda: b'O' in port.commands and not source.problem, 'the adapter is opened')
+        port.send(STATUS, status_frame(0.5, 360.0, 0.0, 9))
+        until(lambda: int(source.figures()['frames']) >= 1, 'the new frame')
+        battery, (sentence,) = source.battery(steady_s())
+        assert battery is None
+        assert sentence == 'battery_temperature_c: no valid reading of BMS_Temperatures.BMS_TempMean yet'
+    finally:
+        source.close()
+        port.close()
+
+
 def test_bytes_that_are_no_frames_do_not_end_the_reception(car):
     car.send(car.status(), car.temperatures())
     for garbage in (b'\x00\xff' * 40 + b'\r', b't3A1\r', b'tZZZ8\r', b't3A19\r', b't3A18GGGG\r', b'\r\r', b'\x07'):

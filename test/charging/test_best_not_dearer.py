@@ -57,6 +57,6 @@ def test_the_best_target_costs_no_more_than_no_heating(number):
         vehicle, stop_after(fine, trip.stop.charger_power_w, trip.stop.departure_soc),
         plan_unheated(vehicle, fine, trip.state, trip.goal), trip.goal.target_temperature_c, prices,
         lambda target_c: plan_preheating(vehicle, fine, trip.state, replace(
-            trip.goal, target_temperature_c=target_c)))
+            trip.goal, target_temperature_c=target_c, heats_until_arrival=True)))
     again = search.look_at(worth.best.target_c)
     assert again.cost <= search.without.cost * (1.0 + MOST_FALSIFIED)

@@ -277,6 +277,12 @@ def test_heat_that_is_commanded_though_all_of_it_is_late_is_told_as_that():
     assert forecast_plan.plan.explanation.startswith('Most of the heat arrives too late: arrival in 0:30 min at ')
 
 
+def test_heat_that_is_not_worth_a_start_shortly_before_arrival_is_not_blamed_on_the_cabin():
+    forecast_plan = make(make_estimate(-10.0), route=ROUTE.after(1170.0))
+    assert forecast_plan.commanded.heating_start_s is None
+    assert forecast_plan.plan.explanation.startswith('Most of the heat arrives too late: arrival in 0:30 min at ')
+
+
 def test_the_cabin_is_to_blame_only_where_it_leaves_no_power():
     route = make_route({'duration_s': [30.0], 'speed_mps': [20.0], 'propulsion_power_w': [20e3],
                         'ambient_temperature_c': [-7.0], 'cabin_heating_power_w': [7000.0]}, VEHICLE.defaults)

@@ -30,6 +30,7 @@ from bev_preheat.charging.stop import ChargingStop
 from bev_preheat.charging.worth import find_worth
 from bev_preheat.control import target_choice
 from bev_preheat.control.inputs import Measurement, NS_PER_S
+from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.control.target_choice import (
     LEAST_GAIN_SHARE,
     PLANS_EACH_UPDATE,
@@ -45,7 +46,9 @@ from bev_preheat.simulation.heater_lease import HeaterLease
 from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
 from bev_preheat.simulation.mismatch import Mismatch
 from bev_preheat.simulation.sensors import Sensors
+from bev_preheat.simulation.supervised_drive import moments
 from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
+from bev_preheat.vehicle.heat_path import HeatPath
 
 # Of battery states on a simulated drive [s].
 PERIOD_S = 4.0
@@ -234,3 +237,37 @@ def test_over_a_drive_the_target_changes_a_few_times_and_is_reached():
     assert len(reasons) >= 4 and changes <= 3
     assert sum(a != b for a, b in zip(heated, heated[1:])) <= 4
     assert car.plant.temperature_c == pytest.approx(targets[-1], abs=1.0)
+
+
+
+
+# Heat under way
+
+def driven_with_late_heat(target_c=math.nan):
+    """Drive a car whose heat arrives late; return instants [s] and powers [W] of its commands, and the target."""
+    late = replace(VEHICLE, heat_path=HeatPath(45.0, 15e3, 300.0))
+    car = ImperfectCar(
+        late, drive(40, -9.0, power_w=14e3), BatteryState(-9.0, 0.45), Goal(target_c),
+        Imperfections(sensors=Sensors(temperature_noise_k=0.1, temperature_resolution_k=0.1, period_s=5.0)),
+        [3, 14], charger=FAST)
+    supervisor = Supervisor(late, replace(
+        MEASURED, estimation=True, command_period_s=5.0, lease_s=12.0, battery_state_timeout_s=12.0))
+    commands, planned_c = [], math.nan
+    for moment in moments(car, supervisor, lambda: car.is_over):
+        output = moment.output
+        if output.command is not None:
+            commands.append((moment.time_s, output.command.battery_heating_power_w))
+        if output.decision is not None and output.decision.plan is not None:
+            planned_c = output.decision.plan.target_temperature_c
+    return *np.array(commands).T, planned_c
+
+
+@pytest.mark.costly
+def test_a_chosen_target_is_heated_for_longer_than_the_same_target_given():
+    """Heat under way reaches the battery at the charger."""
+    time_s, chosen_w, target_c = driven_with_late_heat()
+    _, given_w, same_c = driven_with_late_heat(target_c)
+    assert same_c == target_c
+    for power_w in (chosen_w, given_w):
+        assert np.count_nonzero(np.diff((power_w > 0.0).astype(int)) == 1) <= 2
+    assert time_s[chosen_w > 0.0].max() > time_s[given_w > 0.0].max() + 30.0

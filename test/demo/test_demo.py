@@ -61,6 +61,15 @@ def test_good_drive_ends_with_table_and_picture(start_demo, tmp_path):
         assert word in output
     picture = (tmp_path / 'pictures' / 'demo.png').read_bytes()
     assert picture.startswith(b'\x89PNG') and len(picture) > 20_000
+    recording = tmp_path / 'pictures' / 'demo.mcap'
+    assert f'preheat replay {recording}' in output and f'recording:={recording}' in output
+    replayed = subprocess.run([sys.executable, '-m', 'bev_preheat', 'replay', str(recording)], capture_output=True,
+                              text=True, check=False)
+    assert replayed.returncode == 0, replayed.stderr
+    assert 'reproduced: ' in replayed.stdout
+    # The folder that the planner recorded into is gone.
+    assert sorted(path.name for path in (tmp_path / 'pictures').iterdir()) == [
+        'demo.mcap', 'demo.planner.log', 'demo.png', 'demo.vehicle_simulator.log']
 
 
 @pytest.mark.deep

@@ -12,8 +12,16 @@ ANALYZERS = {name: node for name, node in yaml.safe_load(
     if isinstance(node, dict)}
 
 
-@pytest.mark.parametrize('executable', [
-    'planner', 'heater_controller', 'route_publisher', 'nlp_checker', 'charger_adviser'])
+# The simulator is no part of a car.
+EXECUTABLES = sorted({path.name.partition('.')[0] for path in (ROOT / 'config/sros2').iterdir()}
+                     - {'vehicle_simulator'})
+
+
+def test_executables_are_found():
+    assert {'planner', 'heater_controller', 'bus_gateway'} <= set(EXECUTABLES)
+
+
+@pytest.mark.parametrize('executable', EXECUTABLES)
 @pytest.mark.parametrize('namespace', ['', 'car_7/'])
 def test_each_node_has_one_analyzer(executable, namespace):
     entry = f'{namespace}{executable}: setup'

@@ -14,13 +14,19 @@ from diagnostic_msgs.msg import DiagnosticArray
 import pytest
 import yaml
 
-from bev_preheat.nodes import heater_controller_node, nlp_checker_node, planner_node, vehicle_simulator_node
+from bev_preheat.nodes import (
+    bus_gateway_node,
+    heater_controller_node,
+    nlp_checker_node,
+    planner_node,
+    vehicle_simulator_node,
+)
 from bev_preheat.planning.status import Status
 from bev_preheat_msgs.msg import HvchCommand
 
 SHARE = Path(get_package_share_directory('bev_preheat'))
 NODES = {'planner': planner_node, 'heater_controller': heater_controller_node, 'nlp_checker': nlp_checker_node,
-         'vehicle_simulator': vehicle_simulator_node}
+         'vehicle_simulator': vehicle_simulator_node, 'bus_gateway': bus_gateway_node}
 PARAMETERS_FILE = SHARE / 'config' / 'parameters.yaml'
 
 
@@ -30,10 +36,11 @@ def launch():
 
 
 def substituted(text, values):
-    """Substitute as launch does: $(var NAME) and $(find-pkg-share PACKAGE)."""
+    """Substitute as launch does: $(var NAME), $(not VALUE) and $(find-pkg-share PACKAGE)."""
     text = re.sub(r'\$\(find-pkg-share (\w+)\)', lambda found: get_package_share_directory(found[1]),
                   text)
-    return re.sub(r'\$\(var (\w+)\)', lambda found: substituted(values[found[1]], values), text)
+    text = re.sub(r'\$\(var (\w+)\)', lambda found: substituted(values[found[1]], values), text)
+    return re.sub(r'\$\(not (\w+)\)', lambda found: str(found[1] != 'true').lower(), text)
 
 
 def values_of(launch, **given):
@@ -80,8 +87,17 @@ def test_the_planner_comes_alone_unless_more_is_wanted(launch, given, executable
 
 def test_nodes_of_the_car_are_restarted_on_request(launch):
     respawned = {node.get('exec') for node in launch.iter('node') if node.get('respawn') == '$(var respawn)'}
-    assert respawned == {'planner', 'heater_controller'}
+    assert respawned == {'planner', 'heater_controller', 'bus_gateway'}
     assert values_of(launch)['respawn'] == 'false'
+
+
+@pytest.mark.parametrize('heater', ['true', 'false'])
+def test_one_node_writes_the_command_to_can(launch, heater):
+    started = dict(started_by(launch, bus='true', signals='my_car.yaml', heater=heater))
+    assert ('heater_controller' in started) is (heater == 'true')
+    assert {'signals:=my_car.yaml', f'execute_commands:={"false" if heater == "true" else "true"}'} <= set(
+        started['bus_gateway'])
+    assert heater == 'false' or 'signals:=my_car.yaml' in started['heater_controller']
 
 
 @pytest.mark.parametrize('name', ['planner', 'nlp_checker'])

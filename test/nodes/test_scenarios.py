@@ -102,11 +102,11 @@ def selected(request, scenarios):
 
 
 def drive_over_dds(scenario, name, folder, speed_up=SPEED_UP):
-    """Return the finished process of `preheat scenario --nodes`, its findings and the nodes' logs."""
+    """Return the finished process of `preheat scenario --nodes --record`, its findings and the nodes' logs."""
     findings = folder / f'{name}.json'
     done = subprocess.run(
         [sys.executable, '-m', 'bev_preheat', 'scenario', scenario, '--nodes', '--speed-up',
-         str(speed_up), '--logs', str(folder), '--json', str(findings)],
+         str(speed_up), '--logs', str(folder), '--record', str(folder), '--json', str(findings)],
         capture_output=True, text=True, timeout=TIME_LIMIT_S)
     logs = ''.join(path.read_text() for path in folder.glob(f'{name}.*.log'))
     return done, json.loads(findings.read_text())[name] if findings.exists() else None, logs
@@ -119,10 +119,18 @@ def expect_good(done, findings, logs):
     assert 'Traceback' not in logs
 
 
+def expect_reproduced(recording):
+    replayed = subprocess.run([sys.executable, '-m', 'bev_preheat', 'replay', str(recording)], capture_output=True,
+                              text=True, timeout=TIME_LIMIT_S)
+    assert replayed.returncode == 0, replayed.stdout + replayed.stderr
+    assert 'reproduced: ' in replayed.stdout
+
+
 def test_faults_on_a_short_drive_are_met_by_the_nodes(dds, tmp_path):
     path = write_short(tmp_path, 'heater_dead', SHORT_OVER_DDS)
     expect_good(*drive_over_dds(
         str(path), 'short_heater_dead', tmp_path, SHORT_SPEED_UP))
+    expect_reproduced(tmp_path / 'short_heater_dead.mcap')
 
 
 @pytest.fixture(scope='module')
@@ -132,14 +140,16 @@ def drives(dds, request, tmp_path_factory):
     chosen = selected(request, OVER_DDS)
     with ThreadPoolExecutor(AT_ONCE) as pool:
         return dict(zip(chosen, pool.map(
-            lambda name: drive_over_dds(name, name, folder), chosen)))
+            lambda name: (*drive_over_dds(name, name, folder), folder), chosen)))
 
 
 @pytest.mark.deep
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize('name', sorted(OVER_DDS))
 def test_a_fault_is_met_as_its_scenario_expects(drives, name):
-    expect_good(*drives[name])
+    done, findings, logs, folder = drives[name]
+    expect_good(done, findings, logs)
+    expect_reproduced(folder / f'{name}.mcap')
 
 
 def findings_without_ros(name_or_file):

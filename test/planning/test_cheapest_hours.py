@@ -78,15 +78,17 @@ def least_cost(prices, start_c, ambient_c, target_c):
 @settings(max_examples=60)
 def test_it_costs_as_little_as_the_linear_program(prices, start_c, ambient_c, target_c):
     plan = planned(prices, start_c, ambient_c, target_c)
-    cost, is_feasible = least_cost(prices, start_c, ambient_c, target_c)
+    # A negative price counts as 0.
+    counted = np.maximum(prices, 0.0)
+    cost, is_feasible = least_cost(counted, start_c, ambient_c, target_c)
     if not is_feasible:
         assert plan.status is Status.TARGET_UNREACHABLE
         return
     assert plan.arrival_temperature_c == pytest.approx(target_c, abs=1e-3)
     energy_kwh = np.abs(plan.hvch_battery_power_w).sum() * STEP_S / 3.6e6
     # The planner integrates the leakage step by step, 0.02 % off the exact solution at most.
-    tolerance = 5e-4 * energy_kwh * max(map(abs, prices)) + 1e-6
-    assert cost_of(plan, hourly(prices)) == pytest.approx(cost, abs=tolerance)
+    tolerance = 5e-4 * energy_kwh * max(counted) + 1e-6
+    assert cost_of(plan, hourly(counted)) == pytest.approx(cost, abs=tolerance)
     assert plan.battery_temperature_c.max() <= max(CEILING_C, start_c) + 0.01
 
 
@@ -96,8 +98,8 @@ def test_it_never_costs_more_than_heating_as_late_as_possible(prices, start_c, t
     ambient_c = -4.0
     plan = planned(prices, start_c, ambient_c, target_c)
     latest = plan_preheating(GRID, standing(len(prices), ambient_c), BatteryState(start_c, SOC), Goal(target_c))
-    # Where negative prices pay for leaking heat, the ceiling may stand in their way.
-    assert cost_of(plan, hourly(prices)) <= cost_of(latest, hourly(prices)) + 1e-4
+    counted = hourly(np.maximum(prices, 0.0))
+    assert cost_of(plan, counted) <= cost_of(latest, counted) + 1e-4
     assert plan.arrival_temperature_c == pytest.approx(latest.arrival_temperature_c, abs=2e-3)
 
 
@@ -123,11 +125,13 @@ def test_a_battery_that_is_warm_enough_is_not_heated_even_if_the_grid_pays():
     assert plan.status is Status.NOT_NEEDED and not plan.hvch_battery_power_w.any()
 
 
-def test_a_negative_price_heats_no_further_than_the_target_and_the_range():
-    # Ten hours at negative prices: the earliest heating leaks the most, and pays the most.
+def test_a_grid_that_pays_is_no_reason_to_heat_early_and_hot():
+    # Ten hours at negative prices: the earliest heating would leak the most, and be paid the most.
     plan = planned([-0.5] * 10, 0.0, 0.0, 35.0)
+    latest = plan_preheating(GRID, standing(10, 0.0), BatteryState(0.0, SOC), Goal(35.0))
     assert plan.arrival_temperature_c == pytest.approx(35.0, abs=1e-3)
-    assert plan.battery_temperature_c.max() <= CEILING_C + 0.01
+    assert plan.battery_temperature_c.max() <= 35.0 + 0.01
+    assert plan.heating_start_s == pytest.approx(latest.heating_start_s, abs=2.0)
 
 
 def test_without_room_for_a_correction_it_begins_early_and_ends_early():

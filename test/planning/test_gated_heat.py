@@ -54,6 +54,7 @@ def test_car_that_is_never_allowed_is_planned_without_heat(method):
     plan = planned(HeatingGates(minimum_soc=0.95), method=method)
     assert not heated(plan).any()
     assert plan.status is Status.TARGET_UNREACHABLE
+    assert plan.explanation.startswith('The battery cannot be heated: ')
     assert 'below 95 % of charge' in plan.explanation
 
 

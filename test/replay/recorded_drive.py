@@ -16,12 +16,18 @@ from bev_preheat.nodes.convert import battery_event, route_plan_message, time_me
 from bev_preheat.nodes.flight_recording import _kind
 from bev_preheat.nodes.route_intake import RouteIntake
 from bev_preheat.nodes.simulator_messages import battery_state_message
+from bev_preheat.planning.situation import BatteryState as Battery
+from bev_preheat.planning.situation import Goal
+from bev_preheat.route import load_route
 from bev_preheat.simulation.heater_lease import HeaterLease
+from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
+from bev_preheat.simulation.sensors import Sensors
 from bev_preheat.vehicle import load_vehicle, vehicle_contents
 from bev_preheat_msgs.msg import RoutePlan
 
 START_NS = 1_700_000_000 * NS_PER_S
 LIFE = '0123abcd'
+LENGTH_S = 900
 KINDS = {'/battery_state': _kind(BatteryState), '/route_plan': _kind(RoutePlan)}
 
 
@@ -35,6 +41,13 @@ def beginning(now_ns=START_NS, vehicle='reference', **changed):
 def writer(folder, head=None, most_bytes=10**9, **options):
     head = (Entry(BEGINNING_CHANNEL, START_NS, beginning().as_dictionary()),) if head is None else head
     return RecordingWriter(Recording(folder, most_bytes, LIFE, '20260101T000000'), KINDS, head, {}, **options)
+
+
+def a_car(target_c=20.0):
+    vehicle = load_vehicle('reference')
+    return ImperfectCar(
+        vehicle, load_route('reference', vehicle.defaults).before(LENGTH_S), Battery(10.0, 0.8),
+        Goal(target_c), Imperfections(sensors=Sensors(temperature_resolution_k=0.5)), seed=3)
 
 
 class RecordedDrive:

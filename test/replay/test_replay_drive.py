@@ -4,38 +4,19 @@
 import json
 
 import pytest
-from recorded_drive import beginning, RecordedDrive, START_NS, writer
+from recorded_drive import a_car, beginning, LENGTH_S, RecordedDrive, START_NS, writer
 
 from bev_preheat.commands.main import main
 from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.control.settings import Settings
 from bev_preheat.errors import InvalidInput
 from bev_preheat.flight_recorder.writer import BEGINNING_CHANNEL, Entry
-from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.replay.explanation import explain
 from bev_preheat.replay.flight_file import read_flight
 from bev_preheat.replay.player import Changes
 from bev_preheat.replay.what_if import replay, replay_changed
-from bev_preheat.route import load_route
-from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
-from bev_preheat.simulation.sensors import Sensors
-from bev_preheat.vehicle import load_vehicle
 
 pytestmark = [pytest.mark.needs('mcap'), pytest.mark.needs('rclpy')]
-VEHICLE = load_vehicle('reference')
-LENGTH_S = 900
-
-
-def a_car(target_c=20.0):
-    return ImperfectCar(
-        VEHICLE, load_route('reference', VEHICLE.defaults).before(LENGTH_S), BatteryState(10.0, 0.8),
-        Goal(target_c), Imperfections(sensors=Sensors(temperature_resolution_k=0.5)), seed=3)
-
-
-@pytest.fixture(scope='module')
-def recorded(tmp_path_factory):
-    folder = tmp_path_factory.mktemp('flights')
-    return RecordedDrive(a_car(), folder).drive(LENGTH_S + 5), folder
 
 
 def test_it_is_reproduced_to_the_last_digit(recorded):

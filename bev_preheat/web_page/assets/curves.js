@@ -7,6 +7,7 @@ Stacked curves over one time axis, drawn by uPlot, which must be loaded first. c
       title: 'Temperature', unit: '°C',
       height: 220,                       // [px]; optional
       least: 0, most: 1,                 // limits that the axis always shows; optional
+      noScale: true,                     // no figures at the axis: states
       leastSpan: 2,                      // the axis spans at least this much; optional
       series: [{
         name: 'prediction', key: 'predicted',  // the column in the data
@@ -16,6 +17,7 @@ Stacked curves over one time axis, drawn by uPlot, which must be loaded first. c
         step: true,                      // holds each value until the next: heater, states
         low: 'low', high: 'high',        // columns of a band around it; the legend shows them
         times: 'planTime',               // column of its instants, if not `time`
+        words: ['off', 'on'],            // the legend shows the word of a value 0, 1, …
         constant: true,                  // the legend shows its last value, wherever the cursor is
         off: true,                       // hidden until its legend entry is pressed
       }],
@@ -232,6 +234,9 @@ const bevCurves = (() => {
       this.zooming = true;
       for (const row of this.plots) row.plot.setScale('x', {min: from, max: to});
       this.zooming = false;
+      // The cursor stays where it is on the screen.
+      const left = this.plots.length ? this.plots[0].plot.cursor.left : -1;
+      if (this.at !== null && left >= 0) this.setCursor(this.plots[0].plot.posToVal(left, 'x'));
     }
 
     magnify(factor) {
@@ -313,7 +318,8 @@ const bevCurves = (() => {
             incrs: [1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 10800, 21600, 43200, 86400, 172800,
               604800],
             values: (plot, splits) => splits.map((at) => (isLast ? clockText(at, this.options.clock) : ''))},
-          {stroke: ink, grid, ticks: grid, size: AXIS_WIDTH, space: 28}],
+          {stroke: ink, grid, ticks: grid, size: AXIS_WIDTH, space: 28,
+            values: definition.noScale ? (plot, splits) => splits.map(() => '') : undefined}],
         cursor: {
           sync: {key: this.key, filters: {pub: (type) => type === 'mousemove' || type === 'mouseleave'}},
           focus: {prox: -1}, drag: {x: true, y: false, dist: 4}, points: {size: 7}},
@@ -360,7 +366,7 @@ const bevCurves = (() => {
       }
       // A plot has one column of times; in the order of its series again.
       const sources = [...tables.keys()], joined = sources.length === 1 ? tables.get(sources[0])
-        : uPlot.join([...tables.values()]);
+        : merged([...tables.values()]);
       const offsets = new Map();
       let offset = 1;
       for (const source of sources) { offsets.set(source, offset); offset += tables.get(source).length - 1; }
@@ -411,12 +417,11 @@ const bevCurves = (() => {
     valueText(definition, series, at) {
       const times = this.data[series.times || 'time'], column = this.data[series.key];
       if (!times || !column || at === null || !times.length) return '–';
-      if (!series.constant && at > times[times.length - 1] + 1e-6) return '–';
+      if (!series.constant && at > times[times.length - 1] + 2) return '–';
       const index = series.constant ? times.length - 1 : lastUntil(times, at);
       if (index < 0 || !isNumber(column[index])) return '–';
       const factor = series.scale || 1, digits = series.digits === undefined ? 1 : series.digits;
-      const texts = definition.words;
-      if (texts) return texts[column[index]] || '–';
+      if (series.words) return series.words[column[index]] || '–';
       const low = series.low && this.data[series.low], high = series.high && this.data[series.high];
       const spread = low && high && isNumber(low[index]) && isNumber(high[index])
         ? ` ±${((high[index] - low[index]) / 2 * factor).toFixed(digits)}` : '';
@@ -438,14 +443,14 @@ const bevCurves = (() => {
         const next = shown[index + 1];
         // The state that holds at the left edge is named too.
         const isBefore = marker.at < from;
-        if (isBefore && next && next.at <= from) return;
+        if (isBefore && next && next.at <= from) return;  // it does not hold at the edge any more
         const x = isBefore ? bbox.left : plot.valToPos(marker.at, 'x', true);
         if (!isBefore) {
           ctx.setLineDash([2 * ratio, 3 * ratio]);
           line(ctx, x, bbox);
         }
         if (!row.hasMarkers || x < free) return;
-        const end = next && next.at > from ? plot.valToPos(next.at, 'x', true) : bbox.left + bbox.width;
+        const end = next ? plot.valToPos(next.at, 'x', true) : bbox.left + bbox.width;
         const text = fitted(ctx, marker.text, end - x - 6 * ratio);
         if (!text) return;
         ctx.fillText(text, x + 2 * ratio, bbox.top - 3 * ratio);
@@ -567,6 +572,29 @@ const bevCurves = (() => {
     to += least === undefined ? lacking / 2 : lacking;
     const room = (to - from) * 0.05;
     return [from === least ? from : from - room, to === most ? to : to + room];
+  }
+
+  // One table of several with times of their own; undefined, unlike null, is no gap.
+  function merged(tables) {
+    const filled = tables.filter((table) => table[0].length), columns = [[]], at = filled.map(() => 0);
+    for (const table of tables) for (let index = 1; index < table.length; index++) columns.push([]);
+    const offsets = new Map();
+    let offset = 1;
+    for (const table of tables) { offsets.set(table, offset); offset += table.length - 1; }
+    for (let row = 0; ; row++) {
+      let time = Infinity;
+      filled.forEach((table, number) => { if (at[number] < table[0].length) time = Math.min(time, table[0][at[number]]); });
+      if (time === Infinity) break;
+      columns[0].push(time);
+      filled.forEach((table, number) => {
+        if (table[0][at[number]] !== time) return;
+        const first = offsets.get(table);
+        for (let index = 1; index < table.length; index++) columns[first + index - 1][row] = table[index][at[number]];
+        at[number] += 1;
+      });
+    }
+    for (const column of columns) column.length = columns[0].length;
+    return columns;
   }
 
   function line(ctx, x, bbox) {

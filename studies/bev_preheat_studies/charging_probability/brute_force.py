@@ -3,9 +3,10 @@
 The best target under uncertainty against a search over start and end of heating, on random drives.
 
 The search knows no target: it heats with full power between two instants up to the planned arrival, at which
-the planner switches off, tries a grid of both, and refines the best of it. Its cost is computed here: arrival
-times by a quadrature of its own with more points, each session simulated, the lost energy as the integral of
-the open-circuit voltage. The same account judges the planner's best target.
+the planner switches off, tries a grid of both, and refines the best of it. Like a plan, it keeps the reserve of
+charge and the power that the drive needs. Its cost is computed here: arrival times by a quadrature of its own
+with more points, each session simulated with the cheapest heating at the charger, the lost energy as the integral
+of the open-circuit voltage. The same account judges the planner's best target.
 """
 
 from __future__ import annotations
@@ -19,13 +20,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.charging.expectation import by_the_clock, state_at_end
+from bev_preheat.charging.heating_choice import ChargerHeating
 from bev_preheat.charging.prospect import ChargingProspect
-from bev_preheat.charging.session import charge
 from bev_preheat.charging.worth import find_worth
 from bev_preheat.errors import InvalidInput
 from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.planning.limits import drive_as_planned
+from bev_preheat.planning.outcome import power_deficit
 from bev_preheat.planning.planner import plan_preheating, plan_unheated
+from bev_preheat.planning.situation import reserve_soc
 from bev_preheat.planning.trip import make_trip
 from bev_preheat_studies.numbered import run_numbered
 from bev_preheat_studies.optimality.charging_trips import draw_charging_trip
@@ -90,6 +93,10 @@ class Judge:
     def __init__(self, drawn: ChargingTrip, prospect: ChargingProspect) -> None:
         """Drive the unheated vehicle to each arrival time."""
         self._drawn, self._prospect = drawn, prospect
+        self._heating = ChargerHeating(drawn.vehicle, drawn.stop, drawn.prices)
+        self._planned = make_trip(drawn.vehicle, drawn.route)
+        self._allowed_w = power_deficit(self._planned, drive_as_planned(
+            self._planned, drawn.state, np.zeros(len(drawn.route)))).worst_w
         deviation_s = prospect.arrival_deviation_s
         points, weights = np.polynomial.hermite_e.hermegauss(ARRIVALS if deviation_s > 0.0 else 1)
         self._arrivals: list[tuple[float, Trip, float]] = []
@@ -100,6 +107,13 @@ class Judge:
             trip = make_trip(drawn.vehicle, route)
             self._arrivals.append((weight, trip, float(drive_as_planned(
                 trip, drawn.state, np.zeros(len(trip.route))).soc[-1])))
+
+    def allows(self, power_of: Callable[[Trip, float], FloatArray]) -> bool:
+        """Return whether a heating keeps the reserve of charge, and the power for the drive, as a plan does."""
+        driven = drive_as_planned(self._planned, self._drawn.state, power_of(self._planned, math.inf))
+        reserve = reserve_soc(self._drawn.vehicle, self._drawn.goal)
+        return (driven.empty_at_s is None and float(driven.soc[-1]) >= reserve
+                and power_deficit(self._planned, driven).worst_w <= self._allowed_w)
 
     def cost(self, power_of: Callable[[Trip, float], FloatArray]) -> float:
         """Return the expected cost; `power_of(trip, until_s)` is the heater power on a trip until then [s]."""
@@ -115,8 +129,8 @@ class Judge:
             state = state_at_end(driven)
             charged = 0.0
             if state.soc < drawn.stop.departure_soc:
-                session = charge(drawn.vehicle, drawn.stop, replace(
-                    state, temperature_c=min(state.temperature_c, drawn.vehicle.battery.temperature_range_c[1])))
+                session = self._heating.choose(replace(state, temperature_c=min(
+                    state.temperature_c, drawn.vehicle.battery.temperature_range_c[1]))).session
                 charged = (drawn.prices.cost(session.bought_energy_wh, session.charging_time_s)
                            if math.isfinite(session.charging_time_s) else drawn.prices.cost(
                                self._energy_wh(state.soc, drawn.stop.departure_soc, drawn.stop.ambient_c),
@@ -150,7 +164,8 @@ def search(judge: Judge, duration_s: float) -> tuple[float, float, float]:
     def attempt(start_s: float, end_s: float) -> float:
         at = (min(max(start_s, 0.0), duration_s), min(end_s, duration_s))
         if at not in tried:
-            tried[at] = judge.cost(between(*at)) if at[1] > at[0] else judge.cost(between(0.0, 0.0))
+            heating = between(*at) if at[1] > at[0] else between(0.0, 0.0)
+            tried[at] = judge.cost(heating) if at[1] <= at[0] or judge.allows(heating) else math.inf
         return tried[at]
 
     starts_s = np.linspace(0.0, duration_s, STARTS, endpoint=False).tolist()
@@ -185,18 +200,19 @@ def compare(seed: int, number: int) -> Gap:
         return Gap(number, NOT_DRIVEN, str(error), prospect)
     judge = Judge(drawn, prospect)
 
-    def cost_of(target_c: float | None) -> float:
+    def cost_of(target_c: float | None, heats_until_arrival: bool) -> float:
         if target_c is None:
             return judge.cost(between(0.0, 0.0))
-        plan = plan_preheating(*inputs[:3], replace(drawn.goal, target_temperature_c=target_c))
+        plan = plan_preheating(*inputs[:3], replace(
+            drawn.goal, target_temperature_c=target_c, heats_until_arrival=heats_until_arrival))
         return judge.cost(partial(by_the_clock, plan))
 
     best = found.best
     return Gap(
         number, COMPARED, '', prospect, has_heat_path,
-        cost_of(None if best is found.without_heating else best.target_c),
-        search(judge, drawn.route.total_duration_s)[0], cost_of(None),
-        cost_of(None if certain.best is certain.without_heating else certain.best.target_c))
+        cost_of(None if best is found.without_heating else best.target_c, prospect.heats_until_arrival),
+        search(judge, drawn.route.total_duration_s)[0], judge.cost(between(0.0, 0.0)),
+        cost_of(None if certain.best is certain.without_heating else certain.best.target_c, True))
 
 
 def run_gaps(drives: int, seed: int, jobs: int | None, report: Callable[[Gap], object]) -> None:

@@ -16,8 +16,8 @@ from itertools import count
 import math
 from typing import TYPE_CHECKING
 
+from bev_preheat.charging.heating_choice import ChargerHeating
 from bev_preheat.charging.prospect import CERTAIN, ChargingProspect
-from bev_preheat.charging.session import charge
 from bev_preheat.charging.stop import Charger
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
@@ -87,9 +87,10 @@ def drive(drawn: ChargingTrip, prospect: ChargingProspect | None) -> tuple[Batte
     return BatteryState(report.temperature_c, report.soc), switch_ons
 
 
-def outcome(drawn: ChargingTrip, arrival: BatteryState, switch_ons: int, unheated_soc: float) -> Outcome:
+def outcome(drawn: ChargingTrip, heating: ChargerHeating, arrival: BatteryState, switch_ons: int,
+            unheated_soc: float) -> Outcome:
     """Return the Outcome of an arrival with a BatteryState; the unheated one arrives with `unheated_soc`."""
-    session = charge(drawn.vehicle, drawn.stop, arrival)
+    session = heating.choose(arrival).session
     battery = drawn.vehicle.battery
     voltage_v = battery.open_circuit_voltage.function(FLOATS)(
         0.5 * (arrival.soc + unheated_soc), arrival.temperature_c)
@@ -102,16 +103,17 @@ def compare_ways(seed: int, number: int) -> Driven:
     drawn = draw_charging_trip(seed, number)
     # The account needs no heat under way.
     drawn = replace(drawn, vehicle=replace(drawn.vehicle, heat_path=HeatPath()))
+    heating = ChargerHeating(drawn.vehicle, drawn.stop, drawn.prices)
     try:
         if plan_unheated(drawn.vehicle, drawn.route, drawn.state, drawn.goal).stranding is not None:
             return Driven(number)
         unheated, _ = drive(drawn, None)
-        never = outcome(drawn, unheated, 0, unheated.soc)
+        never = outcome(drawn, heating, unheated, 0, unheated.soc)
         if math.isinf(never.charged):
             return Driven(number)
 
         def under(prospect: ChargingProspect) -> Outcome:
-            return outcome(drawn, *drive(drawn, prospect), unheated.soc)
+            return outcome(drawn, heating, *drive(drawn, prospect), unheated.soc)
 
         return Driven(number, under(CERTAIN), never, tuple(under(ChargingProspect(p)) for p in PROBABILITIES))
     except InvalidInput:

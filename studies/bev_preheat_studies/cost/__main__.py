@@ -30,6 +30,7 @@ from bev_preheat_studies.cost import (
     optimum_cost,
     planning_cost,
     process_cost,
+    recorder_cost,
     restart_cost,
     study_cost,
     update_cost,
@@ -43,12 +44,12 @@ MEASUREMENTS = {'planning': planning_cost.measure, 'interface': interface_cost.m
                 'update': update_cost.measure,
                 'choice': choice_cost.measure, 'optimum': optimum_cost.measure,
                 'checker': checker_cost.measure, 'process': process_cost.measure,
-                'restart': restart_cost.measure, 'fleet': fleet_cost.measure,
-                'studies': study_cost.measure}
+                'recorder': recorder_cost.measure, 'restart': restart_cost.measure,
+                'fleet': fleet_cost.measure, 'studies': study_cost.measure}
 # Packages needed in addition to the planner's own.
 PACKAGES = {'planning': (), 'interface': (), 'update': (), 'choice': (), 'optimum': ('casadi', 'do_mpc'),
-            'checker': ('casadi', 'psutil'), 'process': ('psutil',), 'restart': (), 'fleet': (),
-            'studies': ()}
+            'checker': ('casadi', 'psutil'), 'process': ('psutil',), 'recorder': ('mcap',), 'restart': (),
+            'fleet': (), 'studies': ()}
 # The names of all groups of measurements.
 ROUTES = ('reference', 'alpine_pass', 'motorway_3h')
 

@@ -32,7 +32,7 @@ PATHS = {f'{PACK}.Temperature.Average': ('float', 'celsius'), f'{PACK}.Temperatu
          f'{CONDITIONING}.TargetTemperature': ('float', 'celsius'),
          f'{CONDITIONING}.TargetTime': ('string', 'iso8601'),
          f'{CONDITIONING}.IsActive': ('bool', ''), f'{CONDITIONING}.IsOngoing': ('bool', ''),
-         'Vehicle.Speed': ('float', 'km/h')}
+         'Vehicle.Speed': ('float', 'km/h'), 'Vehicle.Exterior.AirTemperature': ('float', 'celsius')}
 
 
 class Broker:

@@ -1,0 +1,146 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What `preheat replay` prints and writes."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple, TYPE_CHECKING
+
+from bev_preheat.console.terminal import print_figures
+from bev_preheat.planning.explanation import duration_text
+from bev_preheat.replay.cause import cause_of
+from bev_preheat.replay.flight_file import FLIGHT_RECORDER
+from bev_preheat.replay.period import moment
+from bev_preheat.replay.sentences import what_if_sentence
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from bev_preheat.replay.course import Course
+    from bev_preheat.replay.flight_file import Flight
+    from bev_preheat.replay.history import History
+    from bev_preheat.replay.player import Changes
+    from bev_preheat.replay.report import ReportText
+    from bev_preheat.replay.what_if import Replayed
+
+NS_PER_S = 1_000_000_000
+DIFFERENT = 1
+
+
+class Result(NamedTuple):
+    """A replayed Flight, and the Course with Changes (None: without changes)."""
+
+    flight: Flight
+    replayed: Replayed
+    changes: Changes
+    changed: Course | None = None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of the drives."""
+        if self.changed is None:
+            return ('recorded',)
+        return 'recorded', 'planner' if self.changes.is_nothing else 'changed'
+
+    @property
+    def courses(self) -> tuple[Course, ...]:
+        """The Course as it was, and the changed one."""
+        return (self.replayed.course,) if self.changed is None else (self.replayed.course, self.changed)
+
+    @property
+    def is_good(self) -> bool | None:
+        """Whether the commands are reproduced; None if there is nothing to reproduce."""
+        comparison = self.replayed.comparison
+        return comparison.is_reproduced and comparison.commands > 0 if self.flight.has_commands else None
+
+    def verdict(self) -> list[str]:
+        """Return the sentences on the outcome."""
+        sentences = [reproduction(self.flight, self.replayed)] if self.flight.has_commands else []
+        comparison = self.replayed.comparison
+        if comparison.first is not None:
+            sentences.append(f'cause: {cause_of(self.flight, comparison.first)}')
+        if self.changed is not None and not self.changes.is_nothing:
+            sentences.append(what_if_sentence(self.changes, self.replayed.course, self.changed))
+        return sentences
+
+
+def reproduction(flight: Flight, replayed: Replayed) -> str:
+    """Return whether the recorded commands are reproduced, as a sentence."""
+    comparison, first = replayed.comparison, replayed.comparison.first
+    if comparison.commands == 0:
+        return 'the recording has no command'
+    if first is None:
+        how = 'each to the last digit' if flight.power_tolerance_w == 0.0 else (
+            f'each within {flight.power_tolerance_w:g} W, the largest difference {comparison.largest_w:.2f} W')
+        return f'reproduced: {comparison.commands} commands, {how}'
+    return (f'not reproduced: {comparison.different} of {comparison.commands} commands differ, by at most '
+            f'{comparison.largest_w:.1f} W; the first at {moment(first.now_ns)}: recorded {first.recorded}, '
+            f'replayed {first.replayed}')
+
+
+def as_dictionary(result: Result) -> dict[str, Any]:
+    """Return a Result for JSON."""
+    comparison, flight = result.replayed.comparison, result.flight
+    first = comparison.first
+    return {
+        'source': flight.source, 'reproduced': result.is_good, 'commands': comparison.commands,
+        'different': comparison.different, 'largest_difference_w': comparison.largest_w,
+        'first_difference': None if first is None else {**first._asdict(), 'cause': cause_of(flight, first)},
+        'remarks': list(flight.remarks), 'verdict': result.verdict(),
+        'recorded': result.replayed.course.as_dictionary(),
+        'changed': None if result.changed is None else result.changed.as_dictionary()}
+
+
+def figure_rows(courses: tuple[Course, ...]) -> list[list[str]]:
+    """Return the figures of Courses side by side: a name, and a value for each."""
+    start_ns = courses[0].instants[0].now_ns
+    return [
+        ['begins', *(moment(course.instants[0].now_ns) for course in courses)],
+        ['length', *(duration_text((course.instants[-1].now_ns - start_ns) / NS_PER_S) for course in courses)],
+        ['heating begins after', *('never' if not course.heating else duration_text(
+            (course.heating[0][0] - start_ns) / NS_PER_S) for course in courses)],
+        ['switch-ons', *(str(len(course.heating)) for course in courses)],
+        ['HVCH electric [Wh]', *(f'{course.energy_wh:.1f}' for course in courses)],
+        ['arrival after', *('not in the recording' if course.arrival is None else duration_text(
+            (course.arrival.now_ns - start_ns) / NS_PER_S) for course in courses)],
+        ['arrival temp. [degC]', *(_arrival_text(course) for course in courses)],
+        ['last prediction [degC]', *('none' if course.latest_prediction is None else
+                                     f'{course.latest_prediction.predicted_c:.2f}' for course in courses)],
+        ['last status', *(course.said[-1].status.name if course.said else '' for course in courses)]]
+
+
+def _arrival_text(course: Course) -> str:
+    arrival = course.arrival
+    known = arrival is not None and not math.isnan(arrival.measured_c)
+    return f'{arrival.measured_c:.2f}' if arrival is not None and known else 'not in the recording'
+
+
+def print_result(console: Console, result: Result) -> None:
+    """Print a Result."""
+    for remark in result.flight.remarks:
+        console.print(f'note: {remark}', markup=False, soft_wrap=True)
+    print_figures(console, None, ['', *result.names], figure_rows(result.courses))
+    for sentence in result.verdict():
+        console.print(sentence, markup=False, soft_wrap=True)
+
+
+def report_words(result: Result, histories: tuple[History, ...]) -> ReportText:
+    """Return the words of the report."""
+    from bev_preheat.replay.report import ReportText
+    flight, beginning = result.flight, result.flight.beginning
+    start_ns = result.replayed.course.instants[0].now_ns
+    remarks = [*flight.remarks]
+    remarks += [f'the clock went back: {history.not_drawn} steps are not drawn' for history in histories[:1]
+                if history.not_drawn]
+    remarks += [f'{history.lost} changes of sentences and diagnostics are not listed' for history in histories
+                if history.lost]
+    setup = [('recording', ', '.join(map(str, flight.paths))), ('kind', flight.source)]
+    if flight.source == FLIGHT_RECORDER:
+        setup += [('version', beginning.version), ('node', beginning.node)]
+    setup += [(name, str(value)) for name, value in sorted(beginning.parameters.items())]
+    verdict = result.verdict() or (
+        ['The log has no commands to reproduce; the planner stands beside the log.']
+        if flight.is_log else ['The recording has no commands to reproduce.'])
+    return ReportText(
+        f'{beginning.node.strip("/") or "planner"}: drive of {moment(start_ns)}', tuple(verdict), result.is_good,
+        result.names, tuple(tuple(row) for row in figure_rows(result.courses)), tuple(remarks), tuple(setup))

@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Changes of recorded signals: the planner is given another value than the recorded one."""
+
+from __future__ import annotations
+
+import math
+import re
+from typing import NamedTuple, TYPE_CHECKING
+
+from bev_preheat.errors import InvalidInput, quoted
+
+if TYPE_CHECKING:
+    from typing import Any
+
+# Fields of battery_state and of route_plan, by the names of the command line.
+BATTERY_FIELDS = {'temperature': 'temperature', 'soc': 'percentage', 'voltage': 'voltage', 'current': 'current'}
+ROUTE_FIELDS = {'ambient_temperature': 'ambient_temperature', 'propulsion_power': 'propulsion_power',
+                'target': 'target_battery_temperature'}
+# Without these values the planner still plans.
+MAY_BE_MISSING = frozenset(('voltage', 'current'))
+SIGNALS = (*BATTERY_FIELDS, *ROUTE_FIELDS)
+VALUE = re.compile(r'(?P<sign>[+*-])(?P<number>[0-9.eE+-]+)')
+MISSING = 'none'
+
+
+class SignalChange(NamedTuple):
+    """A signal of SIGNALS: its recorded value times `factor` plus `offset`; NaN: the signal is missing."""
+
+    signal: str
+    factor: float
+    offset: float
+
+    def of(self, value: float) -> float:
+        """Return the changed value."""
+        return value * self.factor + self.offset
+
+    def in_words(self) -> str:
+        """Return it in words."""
+        if math.isnan(self.factor):
+            return f'{self.signal} missing'
+        return (f'{self.signal} * {self.factor:g}' if self.factor != 1.0 or self.offset == 0.0 else
+                f'{self.signal} {"+" if self.offset > 0.0 else "-"} {abs(self.offset):g}')
+
+    def alter_battery(self, message: Any) -> None:
+        """Change a BatteryState message, if it has the signal."""
+        field = BATTERY_FIELDS.get(self.signal)
+        if field is not None:
+            setattr(message, field, self.of(getattr(message, field)))
+            if self.signal == 'temperature' and len(message.cell_temperature):
+                message.cell_temperature = [self.of(cell_c) for cell_c in message.cell_temperature]
+
+    def alter_route(self, message: Any) -> None:
+        """Change a RoutePlan message, if it has the signal."""
+        field = ROUTE_FIELDS.get(self.signal)
+        if self.signal == 'target':
+            # A target that the route does not name is the planner's own.
+            if message.has_target_battery_temperature:
+                message.target_battery_temperature = self.of(message.target_battery_temperature)
+        elif field is not None:
+            setattr(message, field, [self.of(value) for value in getattr(message, field)])
+
+
+def signal_change(signal: str, text: str) -> SignalChange:
+    """Return the SignalChange of `+2`, `-0.05`, `*1.1` or `none`; raises InvalidInput for anything else."""
+    allowed = f'{signal}: {quoted(text)} is not allowed; it must be +NUMBER, -NUMBER or *NUMBER'
+    if text == MISSING and signal in MAY_BE_MISSING:
+        return SignalChange(signal, math.nan, math.nan)
+    found = VALUE.fullmatch(text)
+    try:
+        number = math.nan if found is None else float(found['number'])
+    except ValueError:
+        number = math.nan
+    if found is None or not math.isfinite(number):
+        raise InvalidInput(f'{allowed}, or {MISSING}' if signal in MAY_BE_MISSING else allowed)
+    if found['sign'] == '*':
+        return SignalChange(signal, number, 0.0)
+    return SignalChange(signal, 1.0, number if found['sign'] == '+' else -number)

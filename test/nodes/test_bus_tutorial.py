@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The tutorial docs/tutorials/your_bus.md: its files, and its commands as printed, up to the first command."""
+
+from pathlib import Path
+import re
+import shlex
+import signal
+import subprocess
+import sys
+import time
+
+from node_bench import poll_until
+import pytest
+
+pytestmark = [pytest.mark.needs('cantools'), pytest.mark.needs('can'), pytest.mark.needs('crccheck'),
+              pytest.mark.needs('serial'), pytest.mark.needs('pint')]
+PAGE = (Path(__file__).parents[2] / 'docs/tutorials/your_bus.md').read_text()
+FILES = dict(re.findall(r':caption: (\S+)\n\n(.*?)\n```', PAGE, re.DOTALL))
+COMMANDS = [shlex.split(line) for block in re.findall(r'```bash\n(.*?)```', PAGE, re.DOTALL)
+            for line in block.splitlines()]
+
+
+@pytest.fixture
+def car(tmp_path, monkeypatch):
+    """Return the lines that the car of the tutorial has printed so far, in a folder with the page's files."""
+    monkeypatch.chdir(tmp_path)
+    for name, content in FILES.items():
+        (tmp_path / name).write_text(content)
+    words = [sys.executable, *COMMANDS[0][1:]]
+    with open(tmp_path / 'car.log', 'w') as output, subprocess.Popen(words, stdout=output) as process:
+        yield lambda: (tmp_path / 'car.log').read_text().splitlines()
+        assert process.poll() is None
+        process.kill()
+
+
+def test_commands_as_printed_lead_to_the_first_command_of_the_heater(car, start_executable):
+    assert COMMANDS[0] == ['python3', 'play_car.py']
+    assert len(FILES['play_car.py'].splitlines()) == 40
+    shown = re.search(r'```text\n(heater: .*?)\n```', PAGE, re.DOTALL)[1].splitlines()
+    poll_until(car, 'the car plays')
+    processes = {}
+    for words in COMMANDS[1:]:
+        assert words[:3] == ['ros2', 'run', 'bev_preheat'] and words[4] == '--ros-args'
+        processes[words[3]] = start_executable(words[3], *words[5:])
+    poll_until(lambda: len(car()) >= len(shown), 'the first command')
+    # It may take seconds; meanwhile the battery cools a little.
+    assert [line.split(',')[0] for line in car()[:len(shown)]] == [line.split(',')[0] for line in shown]
+    processes['planner'].send_signal(signal.SIGKILL)
+    killed_s = time.monotonic()
+    poll_until(lambda: car()[-1].startswith('heater: 0 W'), '0 W', 4.0)
+    # The lease of 2.5 s, and the periods of gateway and car.
+    assert time.monotonic() - killed_s < 3.0

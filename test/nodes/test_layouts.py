@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Layouts for Foxglove and PlotJuggler show topics that the flight recorder writes, and fields that they have."""
+
+import json
+from pathlib import Path
+import xml.etree.ElementTree as ElementTree
+
+import pytest
+
+from bev_preheat.nodes.flight_recording import TYPES
+
+LAYOUTS = Path(__file__).parents[2] / 'config' / 'layouts'
+NUMBERS = {'float', 'double', 'uint8', 'int32', 'boolean'}
+
+
+def foxglove_panels():
+    return json.loads((LAYOUTS / 'foxglove.json').read_text())
+
+
+def foxglove_paths(kind):
+    return [path['value'] if isinstance(path, dict) else path
+            for name, panel in foxglove_panels()['configById'].items() if name.startswith(kind)
+            for path in panel.get('paths', [panel.get('topicPath')])]
+
+
+def plotjuggler_paths():
+    root = ElementTree.parse(LAYOUTS / 'plotjuggler.xml').getroot()
+    assert root.tag == 'root'
+    return [curve.get('name').replace('/', '.').replace('.', '/', 1) for curve in root.iter('curve')]
+
+
+def type_of(path):
+    """Return the type of the field at /topic.field; fails if there is none."""
+    topic, _, field = path.partition('.')
+    assert topic.startswith('/'), path
+    return TYPES[topic[1:]].get_fields_and_field_types()[field]
+
+
+@pytest.mark.parametrize('path', [
+    *foxglove_paths('Plot'), *foxglove_paths('StateTransitions'), *plotjuggler_paths()])
+def test_curve_is_a_number_that_the_recorder_writes(path):
+    assert type_of(path) in NUMBERS
+
+
+@pytest.mark.parametrize('path', foxglove_paths('RawMessages'))
+def test_text_is_a_text_that_the_recorder_writes(path):
+    assert type_of(path) == 'string'
+
+
+def test_every_panel_has_a_place_and_every_place_a_panel():
+    def leaves(node):
+        return [node] if isinstance(node, str) else leaves(node['first']) + leaves(node['second'])
+
+    panels = foxglove_panels()
+    assert sorted(leaves(panels['layout'])) == sorted(panels['configById'])
+
+
+def test_both_layouts_show_the_same_curves():
+    assert set(plotjuggler_paths()) <= {*foxglove_paths('Plot'), *foxglove_paths('StateTransitions')}
+    assert set(foxglove_paths('Plot')) <= set(plotjuggler_paths())

@@ -1,0 +1,210 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+A whole car without a message of ROS written by hand: CAN, bus_gateway, planner, heater, CAN.
+
+The car plays itself in real time, on adapters at pseudo terminals; its battery is small, so that a drive takes a
+minute. Executables are the installed ones; the route is a file that route_publisher publishes.
+"""
+
+from itertools import permutations
+from pathlib import Path
+import signal
+import time
+
+from can_car import CanCar, HEATER_TIMEOUT_S
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from node_bench import poll_until
+import pytest
+import yaml
+
+from bev_preheat.files.configuration import find_configuration
+from bev_preheat.planning.status import Status
+from bev_preheat_msgs.msg import PreheatPlan
+
+pytestmark = [pytest.mark.needs('cantools'), pytest.mark.needs('can'), pytest.mark.needs('crccheck'),
+              pytest.mark.needs('serial'), pytest.mark.needs('pint')]
+SIGNALS = Path(__file__).resolve().parents[2] / 'config' / 'signals'
+TARGET_C, AMBIENT_C, LOAD_W = 20.0, -7.0, 12e3
+# The planner's parameters in these tests; no command holds longer than its lease, nor than its battery state.
+LEASE_S, STATE_TIMEOUT_S = 1.5, 2.0
+# Timers and a computer at work.
+LATE_S = 0.5
+PLANNER = ('-p', f'command_lease:={LEASE_S}', '-p', f'battery_state_timeout:={STATE_TIMEOUT_S}', '-p',
+           'command_period:=0.3', '-p', 'minimum_on_time:=0.0', '-p', 'minimum_off_time:=0.0')
+
+
+def small_battery(folder, heat_capacity_j_per_k):
+    """Return a vehicle file of the CanCar."""
+    vehicle = yaml.safe_load(find_configuration('vehicles', 'reference', '.yaml').read_text())
+    vehicle['battery'].update(heat_capacity_j_per_k=heat_capacity_j_per_k, resistance={'table': {
+        'temperature_c': [-40, 60], 'soc': [0, 1], 'values': [[0.1, 0.1], [0.1, 0.1]]}},
+        leakage={'gamma_0_w_per_k': 20, 'gamma_v_w_per_k_per_mps': 0})
+    vehicle['drivetrain']['heat_recovery_efficiency'] = 0.0
+    path = folder / 'small_battery.yaml'
+    path.write_text(yaml.safe_dump(vehicle))
+    return path
+
+
+def can_map(folder, port):
+    """Return the example's signal map with a port as its adapter."""
+    text = (SIGNALS / 'example_car.yaml').read_text()
+    text = text.replace('dbc: example_car.dbc', f'dbc: {SIGNALS / "example_car.dbc"}')
+    path = folder / f'map_of_{Path(port.path).name}.yaml'
+    path.write_text(text.replace('{interface: socketcan, channel: can0}',
+                                 f'{{interface: slcan, channel: {port.path}, bitrate: 500000}}'))
+    return path
+
+
+class Drive:
+    """The car, its files and its processes."""
+
+    def __init__(self, start, folder, temperature_c, seconds, separate=True, heat_capacity_j_per_k=25e3,
+                 heat_lag_s=0.0, options=()):
+        """`separate`: heater_controller writes the command; else bus_gateway itself."""
+        self._start, self.folder, self.separate, self._options = start, folder, separate, options
+        self.car = CanCar(temperature_c, heat_capacity_j_per_k, AMBIENT_C, LOAD_W, heat_lag_s,
+                          2 if separate else 1)
+        self.vehicle = small_battery(folder, heat_capacity_j_per_k)
+        self.route = folder / 'to_the_charger.csv'
+        rows = [f'10.0,20.0,{LOAD_W},{AMBIENT_C},0.0,0.0' for _ in range(seconds // 10)]
+        self.route.write_text('duration_s,speed_mps,propulsion_power_w,ambient_temperature_c,'
+                              'cabin_heating_power_w,auxiliary_power_w\n' + '\n'.join(rows) + '\n')
+        self.processes = {}
+
+    def parts(self):
+        return ('bus_gateway', 'planner', *(['heater_controller'] if self.separate else []))
+
+    def start(self, part):
+        arguments = {
+            'bus_gateway': ('-p', f'signals:={can_map(self.folder, self.car.ports[0])}', '-p',
+                            'battery_state_period:=0.2', '-p',
+                            f'execute_commands:={str(not self.separate).lower()}'),
+            'planner': ('-p', f'vehicle:={self.vehicle}', *PLANNER, *self._options),
+            'heater_controller': ('-p', f'vehicle:={self.vehicle}', '-p',
+                                  f'signals:={can_map(self.folder, self.car.ports[-1])}', '-p',
+                                  f'command_deadline:={LEASE_S}'),
+            'route_publisher': ('-p', f'vehicle:={self.vehicle}', '-p', f'route:={self.route}', '-p',
+                                f'target_battery_temperature:={TARGET_C}')}[part]
+        self.processes[part] = self._start(part, *arguments)
+
+    def kill(self, part):
+        """Kill a process; return the instant [s, time.monotonic]."""
+        self.processes[part].send_signal(signal.SIGKILL)
+        self.processes[part].wait()
+        return time.monotonic()
+
+    def is_heated(self):
+        return self.car.power_w > 0.0
+
+    def kill_and_restart(self, part):
+        """Kill a process while it heats, see that the heater is off within the lease, and restart it."""
+        poll_until(self.is_heated, f'heat before {part} is killed', 60.0)
+        killed_s = self.kill(part)
+        # Without states the planner commands until the latest one is too old.
+        limit_s = {'bus_gateway': STATE_TIMEOUT_S if self.separate else 0.0, 'planner': LEASE_S,
+                   'heater_controller': 0.0}[part] + HEATER_TIMEOUT_S + LATE_S
+        time.sleep(limit_s + 1.0)
+        powers = self.car.powers_since(killed_s + limit_s)
+        assert powers and not any(power_w for _, power_w in powers), (part, powers)
+        self.start(part)
+
+
+@pytest.fixture
+def driving(start_executable, tmp_path):
+    """`driving(…)` begins a Drive with all its processes."""
+    drives = []
+
+    def driving(*arguments, **named):
+        drives.append(drive := Drive(start_executable, tmp_path, *arguments, **named))
+        for part in (*drive.parts(), 'route_publisher'):
+            drive.start(part)
+        return drive
+
+    yield driving
+    for drive in drives:
+        for process in drive.processes.values():
+            process.end()
+        drive.car.close()
+
+
+# A battery of 25 kJ/K within 20 s, too short for the estimation of the car; and with all defaults one of
+# 150 kJ/K within 8 min, whose heat arrives late.
+SHORT = {'temperature_c': 17.5, 'seconds': 20, 'options': ('-p', 'estimation:=false')}
+LONG = {'temperature_c': 8.0, 'seconds': 480, 'heat_capacity_j_per_k': 150e3, 'heat_lag_s': 15.0}
+
+
+@pytest.mark.parametrize('separate, drive', [
+    (True, SHORT), pytest.param(False, SHORT, marks=pytest.mark.deep),
+    pytest.param(True, LONG, marks=pytest.mark.deep), pytest.param(False, LONG, marks=pytest.mark.deep)],
+    ids=['heater_controller', 'gateway alone', 'heater_controller, 8 min', 'gateway alone, 8 min'])
+def test_drive_arrives_with_a_warm_battery(driving, bench, separate, drive):
+    plans = bench.record(PreheatPlan, 'preheat_plan', 100)
+    driven = driving(**drive, separate=separate)
+    plans.wait_for(lambda plan: plan.status == Status.ARRIVED, timeout_s=drive['seconds'] + 30.0)
+    assert driven.car.temperature_c == pytest.approx(TARGET_C, abs=0.5)
+    assert driven.car.bad_frames == 0
+
+
+# The battery is so large that it is heated throughout.
+LARGE = {'temperature_c': -7.0, 'seconds': 1200, 'heat_capacity_j_per_k': 377e3}
+
+
+# All orders; the first one is daily, and does not wait for the heat after the last restart.
+ORDERS = [pytest.param(order, number > 0, id=' '.join(order), marks=[pytest.mark.deep] if number else [])
+          for number, order in enumerate([
+              ('heater_controller', 'planner', 'bus_gateway'),
+              *permutations(['heater_controller', 'planner', 'bus_gateway']),
+              ('planner', 'bus_gateway'), ('bus_gateway', 'planner')])]
+
+
+@pytest.mark.parametrize('order, waits', ORDERS)
+def test_each_process_that_is_killed_ends_the_heat_within_its_lease(driving, order, waits):
+    drive = driving(**LARGE, separate='heater_controller' in order)
+    for part in order:
+        drive.kill_and_restart(part)
+    if waits:
+        poll_until(drive.is_heated, 'heat after all restarts', 60.0)
+
+
+def entries(name, text):
+    """Return a condition on a DiagnosticArray: an ERROR of that name whose message has the text."""
+    return lambda array: any(
+        status.name == name and status.level == DiagnosticStatus.ERROR and text in status.message
+        for status in array.status)
+
+
+@pytest.mark.parametrize('attack, text', [
+    ('stuck counter', 'has stayed at 7 for '),
+    pytest.param('wrong checksum', 'but the checksum of the data is 0x', marks=pytest.mark.deep),
+    pytest.param('ten times the rate', 'is there a second sender?', marks=pytest.mark.deep)])
+def test_attack_on_the_frames_of_the_battery_ends_in_0_w_and_is_named(driving, bench, attack, text):
+    diagnostics = bench.record(DiagnosticArray, '/diagnostics', 100)
+    drive = driving(**LARGE)
+    poll_until(drive.is_heated, 'heat', 60.0)
+    drive.car.attack, attacked_s = attack, time.monotonic()
+    diagnostics.wait_for(entries('bus_gateway: signals', text))
+    diagnostics.wait_for(entries('planner: preheating', 'STALE_INPUT'))
+    # Readings hold for 2 s, and the planner waits for its timeout.
+    limit_s = attacked_s + 2.0 + STATE_TIMEOUT_S + HEATER_TIMEOUT_S + LATE_S
+    poll_until(lambda: time.monotonic() > limit_s + 1.0, 'a second of 0 W')
+    assert not any(power_w for _, power_w in drive.car.powers_since(limit_s))
+    drive.car.attack = ''
+    poll_until(drive.is_heated, 'heat after the attack', 60.0)
+
+
+@pytest.mark.parametrize('separate', [True, pytest.param(False, marks=pytest.mark.deep)],
+                         ids=['heater_controller', 'gateway alone'])
+def test_heater_that_refuses_gets_0_w_and_is_named(driving, bench, separate):
+    diagnostics = bench.record(DiagnosticArray, '/diagnostics', 100)
+    plans = bench.record(PreheatPlan, 'preheat_plan', 100)
+    drive = driving(**LARGE, separate=separate)
+    poll_until(drive.is_heated, 'heat', 60.0)
+    # "no_flow" of the DBC.
+    drive.car.refusal = 3
+    diagnostics.wait_for(entries(
+        'heater_controller: command' if separate else 'bus_gateway: heater command', 'no_flow'))
+    plan = plans.wait_for(lambda plan: plan.explanation.startswith('The heater does not heat (HEATER_FAULT): '))
+    assert plan.hvch_electric_energy == 0.0
+    poll_until(lambda: drive.car.commanded_w == 0.0, '0 W on the bus')
+    drive.car.refusal = 0
+    poll_until(drive.is_heated, 'heat again', 60.0)

@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The report is one page that works offline: its figures are those of the drive, and a browser draws them."""
+
+from array import array
+import base64
+import html
+import json
+import re
+import shutil
+import subprocess
+import sys
+
+import pytest
+from recorded_drive import START_NS
+
+from bev_preheat.commands.main import main
+from bev_preheat.control.inputs import NS_PER_S
+from bev_preheat.replay.flight_file import read_flight
+from bev_preheat.replay.history import History, MOST_ROWS
+from bev_preheat.replay.report import history_values, packed, report_text, ReportText
+
+pytestmark = [pytest.mark.needs('mcap'), pytest.mark.needs('rclpy'), pytest.mark.needs('jinja2'),
+              pytest.mark.costly]
+BROWSER = shutil.which('chromium') or shutil.which('chromium-browser') or shutil.which('google-chrome')
+QUIET = ('--headless', '--no-sandbox', '--disable-gpu', '--disable-quic', '--no-first-run',
+         '--disable-background-networking', '--disable-component-update', '--disable-sync')
+
+
+def numbers(text, kind='f'):
+    """Return the numbers of base64 of little-endian floats."""
+    values = array(kind, base64.b64decode(text))
+    if sys.byteorder == 'big':
+        values.byteswap()
+    return values.tolist()
+
+
+def contents_of(page):
+    [data] = re.findall(r'<script type="application/json" id="data">(.*?)</script>', page, re.DOTALL)
+    return json.loads(data)
+
+
+@pytest.fixture(scope='module')
+def page(recorded, tmp_path_factory):
+    """Return the recorded drive, and the path of a report on it that asks what if."""
+    path = tmp_path_factory.mktemp('report') / 'drive.html'
+    assert main(['replay', str(recorded[1]), '--set', 'estimation=false', '--report', str(path)]) == 0
+    return recorded[0], path
+
+
+def test_columns_are_those_of_the_drive(page):
+    drive, path = page
+    contents = contents_of(path.read_text(encoding='utf-8'))
+    assert contents['courses'] == ['recorded', 'changed']
+    columns = contents['recorded']['columns']
+    time_s = numbers(contents['recorded']['time'], 'd')
+    assert time_s == sorted(time_s) and time_s[0] * NS_PER_S == START_NS
+    commands_w = {now_ns: output.command.battery_heating_power_w for now_ns, output in drive.outputs}
+    for now_s, power_w in zip(time_s, numbers(columns['commanded'])):
+        # The last step of an instant may come after the row; power changes seldom.
+        assert commands_w[round(now_s * NS_PER_S)] == pytest.approx(power_w, abs=1.0) or power_w in (0.0, 5022.0)
+    statuses = [change[1] for change in contents['recorded']['sentences']]
+    assert 'HEATING' in statuses and statuses[-1] == 'ARRIVED'
+    _, label, start_s, times_s, temperatures_c, *_ = contents['recorded']['plans'][0]
+    assert label.startswith('HEATING: heating now') and start_s == START_NS / NS_PER_S
+    # A plan leads from the battery as it is to its target at the end of the route.
+    assert numbers(times_s)[-1] == 900.0 and numbers(temperatures_c)[-1] == pytest.approx(20.0, abs=1.0)
+
+
+def test_the_page_needs_no_network_and_escapes_what_recordings_say():
+    evil = '</script><script>alert(1)</script><b>'
+    history = History(NS_PER_S)
+    page = report_text(ReportText(evil, (evil,), None, ('recorded',), ((evil, evil),), (evil,), ((evil, evil),)),
+                       history)
+    assert '<b>' not in page and 'alert(1)</script>' not in page
+    assert html.escape(evil) in page
+    # The address in a comment of uPlot, and the names of namespaces, are not fetched.
+    assert not re.search(r'(src|href)\s*=|@import|url\(', page)
+
+
+def test_a_day_has_a_row_a_second_and_a_year_no_more_rows():
+    for length_ns, rows in ((86400 * NS_PER_S, 86400), (365 * 86400 * NS_PER_S, MOST_ROWS)):
+        history = History(length_ns)
+        assert rows * 0.99 <= length_ns / history._period_ns <= rows * 1.01
+
+
+def test_numbers_are_packed_little_endian():
+    assert base64.b64decode(packed([1.0], 'f')) == b'\x00\x00\x80?'
+
+
+def test_an_empty_history_is_written():
+    assert history_values(History(0))['plans'] == []
+
+
+@pytest.mark.skipif(BROWSER is None, reason='no Chromium is installed')
+def test_a_browser_draws_it(page, tmp_path):
+    dom = subprocess.run(
+        [BROWSER, *QUIET, f'--user-data-dir={tmp_path}', '--virtual-time-budget=2000', '--dump-dom',
+         page[1].as_uri()], capture_output=True, text=True, timeout=120).stdout
+    # Temperature, heater, charge, power, regime.
+    assert dom.count('<canvas') == 5
+    for words in ('measured, changed', 'predicted on arrival', 'HEATING: heating now'):
+        assert words in dom
+    # Rows of the tables are made by the page's script.
+    assert re.search(r'<td>ARRIVED</td>', dom) and '>2 of 2<' not in dom
+    assert 'Click into the curves' in dom
+
+
+def test_the_drive_of_a_clock_that_goes_back_is_drawn_without_those_steps(recorded):
+    history, flight = History(NS_PER_S), read_flight(recorded[1])
+    from bev_preheat.replay.player import Player
+    player = Player(flight.beginning)
+    for index, given in enumerate(flight.given[:40]):
+        played = player.play(given)
+        history.add(played._replace(now_ns=played.now_ns - (10 * NS_PER_S if index == 20 else 0)))
+    time_s = history.columns['time']
+    assert history.not_drawn == 1 and list(time_s) == sorted(time_s)
