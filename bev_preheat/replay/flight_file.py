@@ -53,6 +53,18 @@ class Flight:
     power_tolerance_w: float = 0.0
 
     @property
+    def start_ns(self) -> int:
+        """
+        The first instant [ns] at which the planner's clock ran: one that waits for /clock reads 0.
+
+        Raises InvalidInput if it never ran.
+        """
+        for given in self.given:
+            if given.step.now_ns > 0:
+                return given.step.now_ns
+        raise InvalidInput(f'{self.paths[0]}: the planner waited for /clock all the time')
+
+    @property
     def is_log(self) -> bool:
         """Whether no planner was there: the recorded battery was not heated by its commands."""
         return self.source == LOG

@@ -82,7 +82,7 @@ def _noted(steps: Iterator[tuple[Given, Played]], course: Course, period: Period
     for number, (given, played) in enumerate(steps, start=1):
         if given.step.command is not None:
             power_w, until_ns = given.step.command[:2]
-        if period.has(given.step.now_ns):
+        if given.step.now_ns > 0 and period.has(given.step.now_ns):
             recorded_w = (power_w if until_ns >= given.step.now_ns else 0.0) if is_log else None
             course.add(played, recorded_w)
             if watcher.history is not None:
