@@ -175,7 +175,7 @@ def run_explanation(arguments: Namespace, flight: Flight, changes: Changes) -> i
         raise InvalidInput('--explain: is for the recording as it was, without changes')
     from bev_preheat.replay.explanation import explain
     from bev_preheat.replay.period import instant_of, moment
-    why = explain(flight, instant_of('--explain', arguments.explain, flight.given[0].step.now_ns))
+    why = explain(flight, instant_of('--explain', arguments.explain, flight.start_ns))
     if arguments.json:
         write_json(arguments.json, {
             'now_ns': why.now_ns, 'answer': why.answer,

@@ -54,7 +54,7 @@ def instant_of(option: str, text: str, start_ns: int) -> int:
 def period_of(flight: Flight, begin: str | None, end: str | None) -> Period:
     """Return the Period from `begin` to `end` (None: open); raises InvalidInput if it has no step."""
     instants = [given.step.now_ns for given in flight.given]
-    start_ns = instants[0]
+    start_ns = flight.start_ns
     period = Period(WHOLE.from_ns if begin is None else instant_of('--from', begin, start_ns),
                     WHOLE.to_ns if end is None else instant_of('--to', end, start_ns))
     if period.from_ns > period.to_ns:

@@ -42,7 +42,7 @@ def replay(flight: Flight, period: Period = WHOLE, watcher: Watcher = NOBODY) ->
     """Return the Replayed flight, unchanged; a log's course has the recorded power of the heater."""
     course = Course()
     steps = _until(played_steps(flight, Player(flight.beginning)), period)
-    comparison = compare(_noted(steps, course, period, watcher, flight.is_log), period,
+    comparison = compare(_noted(steps, course, period, watcher, flight), period,
                          flight.power_tolerance_w, flight.has_commands)
     return Replayed(course, comparison)
 
@@ -56,7 +56,7 @@ def replay_changed(flight: Flight, changes: Changes, period: Period = WHOLE,
     """
     course = Course()
     closed_loop = _ChangedBattery(flight, changes)
-    for _ in _noted(_until(closed_loop.steps(), period), course, period, watcher):
+    for _ in _noted(_until(closed_loop.steps(), period), course, period, watcher, flight, has_planner=True):
         pass
     return course
 
@@ -76,13 +76,14 @@ def _until(steps: Iterator[tuple[Given, Played]], period: Period) -> Iterator[tu
 
 
 def _noted(steps: Iterator[tuple[Given, Played]], course: Course, period: Period, watcher: Watcher,
-           is_log: bool = False) -> Iterator[tuple[Given, Played]]:
+           flight: Flight, has_planner: bool = False) -> Iterator[tuple[Given, Played]]:
     # The recorded power of a log's heater holds until the next one.
     power_w, until_ns = 0.0, 0
+    begin, is_log = flight.begin, flight.is_log and not has_planner
     for number, (given, played) in enumerate(steps, start=1):
         if given.step.command is not None:
             power_w, until_ns = given.step.command[:2]
-        if period.has(given.step.now_ns):
+        if number > begin and period.has(given.step.now_ns):
             recorded_w = (power_w if until_ns >= given.step.now_ns else 0.0) if is_log else None
             course.add(played, recorded_w)
             if watcher.history is not None:
