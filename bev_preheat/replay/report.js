@@ -23,6 +23,7 @@
 
   // A log has no sentences; there the planner beside it has them.
   const told = recorded.sentences.length || !changed ? recorded : changed;
+  const toldName = told === recorded ? recordedName : changedName;
 
   // Codes of changes over time; the end of the drive ends the last one.
   const end = data.time[data.time.length - 1];
@@ -31,10 +32,11 @@
   data.regime = told.regimes.map((change) => regimes.indexOf(change[1]));
   data.regime.push(data.regime[data.regime.length - 1]);
   const doubted = [...new Set(told.doubts.flatMap((change) => change.slice(1)))];
-  data.doubt_time = told.doubts.map((change) => change[0]).concat(end);
-  doubted.forEach((signal, level) => {
-    const column = told.doubts.map((change) => (change.slice(1).includes(signal) ? level + 1 : null));
-    data[`doubt_${signal}`] = column.concat(column[column.length - 1]);
+  // Each change holds until the next one; a signal has a level above those of the regimes.
+  data.doubt_time = told.doubts.flatMap((change, index) => [change[0], (told.doubts[index + 1] || [end])[0]]);
+  doubted.forEach((signal, number) => {
+    data[`doubt_${signal}`] = told.doubts.flatMap((change) => Array(2).fill(
+      change.slice(1).includes(signal) ? regimes.length + number : null));
   });
 
   const changedLine = (name, key, more) => Object.assign(
@@ -51,7 +53,8 @@
       changedLine('measured', 'measured'), changedLine('predicted', 'predicted', {dash: 'dash'}),
       {name: 'plan', key: 'plan_temperature', times: 'plan_time', colour: 'vermillion', dash: 'dot', width: 3}])},
     {title: 'Heater', unit: 'kW', least: 0, height: 130, series: known([
-      {name: 'commanded', key: 'commanded', colour: 'vermillion', step: true, scale: 1e-3, digits: 2},
+      {name: told === recorded ? 'commanded' : 'recorded', key: 'commanded', colour: 'vermillion', step: true,
+        scale: 1e-3, digits: 2},
       {name: 'confirmed', key: 'confirmed', colour: 'blue', dash: 'dash', step: true, scale: 1e-3, digits: 2},
       changedLine('commanded', 'commanded', {step: true, scale: 1e-3, digits: 2, dash: 'dashdot'}),
       {name: 'plan', key: 'plan_power', times: 'plan_time', colour: 'green', dash: 'dot', step: true, scale: 1e-3,
@@ -66,7 +69,7 @@
       {name: 'regime', key: 'regime', times: 'regime_time', colour: 'ink', step: true, words: regimes},
       ...doubted.map((signal, level) => ({name: `${signal} in doubt`, key: `doubt_${signal}`, times: 'doubt_time',
         colour: ['vermillion', 'blue', 'green', 'purple', 'orange', 'grey'][level % 6], width: 5, step: true,
-        words: doubted.map(() => 'yes').concat('yes')}))]}];
+        words: Array(regimes.length + doubted.length).fill('yes')}))]}];
 
   const select = document.getElementById('plans'), said = document.getElementById('said');
   const moment = (at) => bevCurves.clockText(at, 'utc', true);
@@ -100,7 +103,7 @@
 
   function showAt(at) {
     let index = -1;
-    plans.forEach(({plan, name}, number) => { if (plan[0] <= at && name === (told === recorded ? recordedName : changedName)) index = number; });
+    plans.forEach(({plan, name}, number) => { if (plan[0] <= at && name === toldName) index = number; });
     showPlan(index);
     curves.pick(at);
     tellAt(at);

@@ -44,7 +44,7 @@ def replay(flight: Flight, period: Period = WHOLE, watcher: Watcher = NOBODY) ->
     """Return the Replayed flight, unchanged; a log's course has the recorded power of the heater."""
     course, inputs = Course(), InputRemarks()
     steps = _until(played_steps(flight, Player(flight.beginning)), period)
-    comparison = compare(_watched(_noted(steps, course, period, watcher, flight.is_log), inputs, period), period,
+    comparison = compare(_watched(_noted(steps, course, period, watcher, flight), inputs, period, flight), period,
                          flight.power_tolerance_w, flight.has_commands)
     return Replayed(course, comparison, tuple(inputs.sentences))
 
@@ -58,7 +58,7 @@ def replay_changed(flight: Flight, changes: Changes, period: Period = WHOLE,
     """
     course = Course()
     closed_loop = _ChangedBattery(flight, changes)
-    for _ in _noted(_until(closed_loop.steps(), period), course, period, watcher):
+    for _ in _noted(_until(closed_loop.steps(), period), course, period, watcher, flight, has_planner=True):
         pass
     return course
 
@@ -78,13 +78,14 @@ def _until(steps: Iterator[tuple[Given, Played]], period: Period) -> Iterator[tu
 
 
 def _noted(steps: Iterator[tuple[Given, Played]], course: Course, period: Period, watcher: Watcher,
-           is_log: bool = False) -> Iterator[tuple[Given, Played]]:
+           flight: Flight, has_planner: bool = False) -> Iterator[tuple[Given, Played]]:
     # The recorded power of a log's heater holds until the next one.
     power_w, until_ns = 0.0, 0
+    begin, is_log = flight.begin, flight.is_log and not has_planner
     for number, (given, played) in enumerate(steps, start=1):
         if given.step.command is not None:
             power_w, until_ns = given.step.command[:2]
-        if given.step.now_ns > 0 and period.has(given.step.now_ns):
+        if number > begin and period.has(given.step.now_ns):
             recorded_w = (power_w if until_ns >= given.step.now_ns else 0.0) if is_log else None
             course.add(played, recorded_w)
             if watcher.history is not None:
@@ -94,10 +95,11 @@ def _noted(steps: Iterator[tuple[Given, Played]], course: Course, period: Period
         yield given, played
 
 
-def _watched(steps: Iterator[tuple[Given, Played]], inputs: InputRemarks,
-             period: Period) -> Iterator[tuple[Given, Played]]:
-    for given, played in steps:
-        if given.step.now_ns > 0 and period.has(given.step.now_ns):
+def _watched(steps: Iterator[tuple[Given, Played]], inputs: InputRemarks, period: Period,
+             flight: Flight) -> Iterator[tuple[Given, Played]]:
+    begin = flight.begin
+    for number, (given, played) in enumerate(steps, start=1):
+        if number > begin and period.has(given.step.now_ns):
             inputs.add(given, played)
         yield given, played
 

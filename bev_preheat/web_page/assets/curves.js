@@ -311,7 +311,7 @@ const bevCurves = (() => {
       const grid = {stroke: () => (isDark() ? '#ffffff22' : '#00000018'), width: 1};
       row.plot = new uPlot({
         width: this.width(), height: this.heightOf(row), legend: {show: false}, series: lines, bands,
-        padding: [row.hasMarkers ? MARKER_HEIGHT : 6, 10, isLast ? 0 : 4, 0],
+        padding: [row.hasMarkers ? MARKER_HEIGHT : 6, 26, isLast ? 0 : 4, 0],
         scales: {x: {time: false}, y: {range: (plot, low, high) => yRange(definition, low, high)}},
         axes: [
           {stroke: ink, grid, ticks: grid, size: isLast ? X_AXIS_HEIGHT : 0, space: 74,
