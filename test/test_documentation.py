@@ -87,7 +87,7 @@ def typed_pages():
             yield pytest.param(page, id=name_of(page), marks=[
                 pytest.mark.needs(package) for package, is_needed in (
                     ('casadi', needs_casadi), ('pint', needs_pint), ('gpxpy', needs_gpxpy),
-                    ('can', needs_can), ('cantools', needs_can)) if is_needed])
+                    ('can', needs_can), ('cantools', needs_can), ('mcap', needs_mcap)) if is_needed])
 
 
 def run_script(arguments):
