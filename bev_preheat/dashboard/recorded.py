@@ -146,9 +146,11 @@ def tables_of(flight: Flight, note: Any) -> dict[str, Any]:
     """Return the tables of a Flight; `note(steps)` is called now and then with the number of steps read."""
     given = flight.given
     player = Player(flight.beginning)
-    drive = RecordedDrive((given[-1].step.now_ns - given[0].step.now_ns) / NS_PER_S)
+    drive = RecordedDrive((given[-1].step.now_ns - flight.start_ns) / NS_PER_S)
     for number, each in enumerate(given):
-        drive.add(player.play(each))
+        played = player.play(each)
+        if played.now_ns > 0:
+            drive.add(played)
         if number % 100 == 0:
             note(number)
     return {'remarks': list(flight.remarks), **drive.tables()}

@@ -28,6 +28,7 @@ MOST_WAITING = 5000
 # The thread collects entries for so long [s], so that it does not compute while the planner does.
 COLLECTING_S = 0.1
 FLUSH_PERIOD_S = 1.0
+CATCHING_UP_S = 0.02
 # A new attempt after a failure [s].
 RETRY_S = 30.0
 LARGEST_FILE_BYTES = 64_000_000
@@ -114,6 +115,11 @@ class RecordingWriter:
         # Cheaper than to wake the thread again while it collects.
         if not self._news.is_set():
             self._news.set()
+
+    def catch_up(self) -> None:
+        """Wait until what was handed over is being written, so that nothing is dropped."""
+        while self._waiting and self._thread.is_alive():
+            time.sleep(CATCHING_UP_S)
 
     def close(self, patience_s: float = 2.0) -> None:
         """Write what waits and end the file; give up after `patience_s` [s]."""

@@ -9,6 +9,7 @@ from typing import NamedTuple, TYPE_CHECKING
 from bev_preheat.replay.comparison import compare, Comparison
 from bev_preheat.replay.course import Course
 from bev_preheat.replay.deviation import Deviation
+from bev_preheat.replay.inputs import InputRemarks
 from bev_preheat.replay.period import Period, WHOLE
 from bev_preheat.replay.player import Changes, Played, Player
 
@@ -22,10 +23,11 @@ if TYPE_CHECKING:
 
 
 class Replayed(NamedTuple):
-    """A Course, and how it compares with the recorded commands."""
+    """A Course, how it compares with the recorded commands, and sentences on what was unusual in the inputs."""
 
     course: Course
     comparison: Comparison
+    remarks: tuple[str, ...] = ()
 
 
 class Watcher(NamedTuple):
@@ -40,11 +42,11 @@ NOBODY = Watcher()
 
 def replay(flight: Flight, period: Period = WHOLE, watcher: Watcher = NOBODY) -> Replayed:
     """Return the Replayed flight, unchanged; a log's course has the recorded power of the heater."""
-    course = Course()
+    course, inputs = Course(), InputRemarks()
     steps = _until(played_steps(flight, Player(flight.beginning)), period)
-    comparison = compare(_noted(steps, course, period, watcher, flight), period,
+    comparison = compare(_watched(_noted(steps, course, period, watcher, flight), inputs, period, flight), period,
                          flight.power_tolerance_w, flight.has_commands)
-    return Replayed(course, comparison)
+    return Replayed(course, comparison, tuple(inputs.sentences))
 
 
 def replay_changed(flight: Flight, changes: Changes, period: Period = WHOLE,
@@ -90,6 +92,15 @@ def _noted(steps: Iterator[tuple[Given, Played]], course: Course, period: Period
                 watcher.history.add(played, recorded_w)
         if number % 100 == 0:
             watcher.tell(number)
+        yield given, played
+
+
+def _watched(steps: Iterator[tuple[Given, Played]], inputs: InputRemarks, period: Period,
+             flight: Flight) -> Iterator[tuple[Given, Played]]:
+    begin = flight.begin
+    for number, (given, played) in enumerate(steps, start=1):
+        if number > begin and period.has(given.step.now_ns):
+            inputs.add(given, played)
         yield given, played
 
 

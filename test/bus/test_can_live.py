@@ -272,3 +272,51 @@ def test_an_adapter_that_is_unplugged_is_opened_again_when_it_is_back(tmp_path):
     assert source.figures()['reconnects'] == '1'
     source.close()
     second.close()
+
+
+def recorded_frames(instant_s):
+    """Return (instant [s], identifier, data) of a second of the car; the last frame has a wrong checksum."""
+    frames = []
+    for step in range(10):
+        frames.append((instant_s + 0.1 * step, STATUS, status_frame(0.61, 360.0, 40.0, step)))
+        if step % 5 == 0:
+            frames.append((instant_s + 0.1 * step + 0.01, TEMPERATURES, temperature_frame(-6.0 + step / 5, step // 5)))
+    wrong = temperature_frame(30.0, 2)
+    return [*frames, (instant_s + 0.95, TEMPERATURES, wrong[:-1] + bytes([wrong[-1] ^ 1]))]
+
+
+@pytest.mark.parametrize('suffix', ['log', 'asc', 'blf'])
+def test_recording_is_played_at_its_pace_and_expires(tmp_path, suffix):
+    import can
+    recording = tmp_path / f'drive.{suffix}'
+    if suffix == 'log':
+        recording.write_text(''.join(f'({at_s:.6f}) can0 {identifier:03X}#{data.hex().upper()}\n'
+                                     for at_s, identifier, data in recorded_frames(1768460400.0)))
+    else:
+        with can.Logger(str(recording)) as writer:
+            for at_s, identifier, data in recorded_frames(1768460400.0):
+                writer.on_message_received(can.Message(
+                    timestamp=at_s, arbitration_id=identifier, is_extended_id=False, data=data))
+    text = (SIGNALS / 'example_car.yaml').read_text().replace(
+        'dbc: example_car.dbc', f'dbc: {SIGNALS / "example_car.dbc"}').replace(
+        '{interface: socketcan, channel: can0}', f'{{interface: replay, channel: {recording.name}}}')
+    (tmp_path / 'recorded.yaml').write_text(text)
+    source = CanSource(load_live_map(tmp_path / 'recorded.yaml'), steady_s)
+    begun_s = steady_s()
+    source.start()
+    try:
+        first = until(lambda: source.battery(steady_s())[0], 'the first battery')
+        assert (first.temperature_c, first.soc) == pytest.approx((-6.0, 0.61))
+        until(lambda: int(source.figures()['frames']) == 13, 'all frames')
+        assert 0.9 < steady_s() - begun_s < 3.0
+        now_s = steady_s()
+        battery = source.battery(now_s)[0]
+        # The last temperature is refused; the one before counts, with its own instant.
+        assert battery.temperature_c == pytest.approx(-5.0)
+        assert 0.3 < now_s - battery.instant_s < 2.0
+        assert 'BMS_TempCrc is 0x' in ' '.join(source.doubts(now_s).values())
+        # Frames that are sent go nowhere; after the end the readings expire.
+        assert source.send_power(1000.0) == ''
+        assert source.battery(now_s + 2.0)[0] is None
+    finally:
+        source.close()
