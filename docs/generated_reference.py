@@ -54,7 +54,9 @@ def write_reference(folder):
     pages = {'messages': messages(), 'parameters': parameters(), 'statuses': statuses(),
              'heater': heater(), 'command_line': command_line(),
              **{f'{name}_keys': schema_keys(ROOT / 'bev_preheat' / path)
-                for name, path in SCHEMAS.items()}}
+                for name, path in SCHEMAS.items()},
+             'live_keys': schema_keys(ROOT / 'bev_preheat/logs/signal_map_schema.yaml', ('properties', 'live'),
+                                      ('checksum',))}
     for name, text in pages.items():
         path = folder / f'{name}.md'
         if not path.is_file() or path.read_text() != text:
@@ -237,12 +239,21 @@ def heater():
 # --- Files ---
 
 
-def schema_keys(path):
-    """Return the table of the keys that a YAML schema allows; comments in it are the meanings."""
+def schema_keys(path, begins=(), definitions=None):
+    """
+    Return the table of the keys that a YAML schema allows; comments in it are the meanings.
+
+    `begins` leads to the node whose keys are listed; `definitions` are the shared ones to list (None: all).
+    """
     text = path.read_text()
     schema, comments = yaml.safe_load(text), key_comments(text)
-    rows = list(key_rows(path, schema, comments, schema, ()))
+    node = schema
+    for key in begins:
+        node = node[key]
+    rows = list(key_rows(path, schema, comments, node, begins))
     for name, node in schema.get('definitions', {}).items():
+        if definitions is not None and name not in definitions:
+            continue
         # What several keys refer to is described once.
         below = list(key_rows(path, schema, comments, node, ('definitions', name), 1))
         rows += [(f'a {name}:', '', '', ''), *below] if below else []
@@ -279,6 +290,10 @@ def key_rows(path, schema, comments, node, keys, depth=0, mark=''):
         if is_shared:
             continue
         yield from key_rows(path, schema, comments, resolved, resolved_place, depth + 1)
+        if isinstance(named := resolved.get('additionalProperties'), dict) and 'properties' in named:
+            yield INDENT * (depth + 1) + 'each name', 'keys', '', ''
+            named_place = (*resolved_place, 'additionalProperties')
+            yield from key_rows(path, schema, comments, named, named_place, depth + 2)
         items, items_place = resolve(schema, resolved.get('items', {}), (*resolved_place, 'items'))
         yield from key_rows(path, schema, comments, items, items_place, depth + 1, '-&nbsp;')
 

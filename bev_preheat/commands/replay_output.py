@@ -53,6 +53,11 @@ class Result(NamedTuple):
         comparison = self.replayed.comparison
         return comparison.is_reproduced and comparison.commands > 0 if self.flight.has_commands else None
 
+    @property
+    def remarks(self) -> list[str]:
+        """Sentences on what is missing in the recording, and on what was unusual in its inputs."""
+        return [*self.flight.remarks, *self.replayed.remarks]
+
     def verdict(self) -> list[str]:
         """Return the sentences on the outcome."""
         sentences = [reproduction(self.flight, self.replayed)] if self.flight.has_commands else []
@@ -86,7 +91,7 @@ def as_dictionary(result: Result) -> dict[str, Any]:
         'source': flight.source, 'reproduced': result.is_good, 'commands': comparison.commands,
         'different': comparison.different, 'largest_difference_w': comparison.largest_w,
         'first_difference': None if first is None else {**first._asdict(), 'cause': cause_of(flight, first)},
-        'remarks': list(flight.remarks), 'verdict': result.verdict(),
+        'remarks': result.remarks, 'verdict': result.verdict(),
         'recorded': result.replayed.course.as_dictionary(),
         'changed': None if result.changed is None else result.changed.as_dictionary()}
 
@@ -117,7 +122,7 @@ def _arrival_text(course: Course) -> str:
 
 def print_result(console: Console, result: Result) -> None:
     """Print a Result."""
-    for remark in result.flight.remarks:
+    for remark in result.remarks:
         console.print(f'note: {remark}', markup=False, soft_wrap=True)
     print_figures(console, None, ['', *result.names], figure_rows(result.courses))
     for sentence in result.verdict():
@@ -129,7 +134,7 @@ def report_words(result: Result, histories: tuple[History, ...]) -> ReportText:
     from bev_preheat.replay.report import ReportText
     flight, beginning = result.flight, result.flight.beginning
     start_ns = result.replayed.course.instants[0].now_ns
-    remarks = [*flight.remarks]
+    remarks = result.remarks
     remarks += [f'the clock jumped {history.jumps} time(s); the curves go on with the time before the jump'
                 for history in histories[:1] if history.jumps]
     remarks += [f'{history.lost} changes of sentences and diagnostics are not listed' for history in histories

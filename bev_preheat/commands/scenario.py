@@ -52,7 +52,7 @@ def add_parser(subparsers: Subparsers) -> None:
                         '(default: %(default)s)')
     parser.add_argument('--logs', metavar='FOLDER', help='with --nodes: folder for their logs')
     parser.add_argument('--record', metavar='FOLDER',
-                        help="folder for the planner's flight recordings, NAME.mcap, which preheat replay explains")
+                        help="folder for the planner's flight recordings, NAME.mcap, for preheat replay")
     add_json_argument(parser)
     parser.set_defaults(run=run)
 

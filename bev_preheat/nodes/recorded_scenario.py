@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A scenario driven in this process and recorded as the node records: real messages, no DDS, faster than real time."""
+"""A scenario driven in this process and recorded as the node records: real messages, without DDS."""
 
 from __future__ import annotations
 
@@ -9,7 +9,13 @@ from typing import TYPE_CHECKING
 from rclpy.serialization import deserialize_message, serialize_message
 
 from bev_preheat.console.program import say
-from bev_preheat.nodes.convert import battery_event, plan_message, route_plan_message, temperature_message, time_message
+from bev_preheat.nodes.convert import (
+    battery_event,
+    plan_message,
+    route_plan_message,
+    temperature_message,
+    time_message,
+)
 from bev_preheat.nodes.flight_recording import FlightRecorder, Planner, Setup
 from bev_preheat.nodes.kept_recording import KeptRecording
 from bev_preheat.nodes.route_intake import RouteIntake

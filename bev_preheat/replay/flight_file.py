@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 # A damaged length must not make the reader ask for all memory.
 LARGEST_RECORD_BYTES = 100_000_000
+# A clock that jumps on from below a day by more than a day had not been set [ns].
+CLOCK_UNSET_NS = 86_400_000_000_000
 # Kinds of recordings.
 FLIGHT_RECORDER, ROS2_BAG, LOG = 'flight recorder', 'ros2 bag', 'log'
 
@@ -53,16 +55,16 @@ class Flight:
     power_tolerance_w: float = 0.0
 
     @property
-    def start_ns(self) -> int:
-        """
-        The first instant [ns] at which the planner's clock ran: one that waits for /clock reads 0.
+    def begin(self) -> int:
+        """The index of the first step after the clock was set; simulated time is 0 before."""
+        instants = [given.step.now_ns for given in self.given]
+        return next((index for index, (before, after) in enumerate(zip(instants, instants[1:]), start=1)
+                     if before < CLOCK_UNSET_NS < after - before), 0)
 
-        Raises InvalidInput if it never ran.
-        """
-        for given in self.given:
-            if given.step.now_ns > 0:
-                return given.step.now_ns
-        raise InvalidInput(f'{self.paths[0]}: the planner waited for /clock all the time')
+    @property
+    def start_ns(self) -> int:
+        """The instant of that step [ns]."""
+        return self.given[self.begin].step.now_ns
 
     @property
     def is_log(self) -> bool:

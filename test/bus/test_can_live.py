@@ -201,6 +201,30 @@ def test_a_silent_control_unit_is_named_alone(car):
     assert car.battery()[0].soc == pytest.approx(0.4)
 
 
+def test_speed_and_air_are_values_of_their_own_that_expire(tmp_path):
+    port, now_s = SlcanPort(), 1000.0
+    file = write_map(tmp_path, port.path)
+    # Any signals will do.
+    file.write_text(file.read_text().replace('  soc:', '  speed_mps: {channels: BMS_Status.BMS_SoC, unit: km/h}\n'
+                                             '  ambient_c: BMS_Temperatures.BMS_TempMin\n  soc:'))
+    source = CanSource(load_live_map(file), lambda: now_s)
+    source.start()
+    try:
+        until(lambda: b'O' in port.commands and not source.problem, 'the adapter is opened')
+        assert source.value('speed_mps', now_s) is None
+        port.send(STATUS, status_frame(0.72, 360.0, 0.0, 1))
+        port.send(TEMPERATURES, temperature_frame(-2.0, 1, low_c=-5.5))
+        until(lambda: int(source.figures()['frames']) == 2, 'both frames')
+        assert source.value('speed_mps', now_s + 1.9) == pytest.approx(20.0)
+        assert source.value('speed_mps', now_s + 2.1) is None
+        # The air changes slowly.
+        assert source.value('ambient_c', now_s + 3600.0) == pytest.approx(-5.5)
+        assert source.value('ambient_c', now_s + 6.1 * 3600.0) is None
+    finally:
+        source.close()
+        port.close()
+
+
 def test_the_commands_frame_has_power_counter_and_checksum(car):
     for power_w in (3456.0, 7000.0, 99999.0, 0.0):
         assert car.source.send_power(power_w) == ''
@@ -280,7 +304,8 @@ def recorded_frames(instant_s):
     for step in range(10):
         frames.append((instant_s + 0.1 * step, STATUS, status_frame(0.61, 360.0, 40.0, step)))
         if step % 5 == 0:
-            frames.append((instant_s + 0.1 * step + 0.01, TEMPERATURES, temperature_frame(-6.0 + step / 5, step // 5)))
+            data = temperature_frame(-6.0 + step / 5, step // 5)
+            frames.append((instant_s + 0.1 * step + 0.01, TEMPERATURES, data))
     wrong = temperature_frame(30.0, 2)
     return [*frames, (instant_s + 0.95, TEMPERATURES, wrong[:-1] + bytes([wrong[-1] ^ 1]))]
 

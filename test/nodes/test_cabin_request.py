@@ -14,6 +14,7 @@ from can_car import CanCar
 from example_frames import COMMAND
 from node_bench import poll_until, repeating
 import pytest
+from std_msgs.msg import Float64
 from test_whole_car import can_map, small_battery
 
 from bev_preheat.files.configuration import find_configuration
@@ -42,7 +43,7 @@ class Cabin:
                             (f'{PACK}.StateOfCharge.Current', round(100.0 * car.soc, 1)),
                             (f'{PACK}.CurrentVoltage', 400.0),
                             (f'{PACK}.CurrentCurrent', round(-(300.0 + car.power_w) / 400.0, 1)),
-                            (f'{PACK}.Charging.IsCharging', False), (AMBIENT, AMBIENT_C)):
+                            (f'{PACK}.Charging.IsCharging', False), (AMBIENT, AMBIENT_C), ('Vehicle.Speed', 36.0)):
             if self._known.get(path) != value:
                 self._known[path] = value
                 self.broker.set(path, value)
@@ -64,7 +65,7 @@ def cabin():
 
 @pytest.mark.parametrize('is_killed', [False, pytest.param(True, marks=pytest.mark.deep)],
                          ids=['', 'planner killed'])
-def test_request_ends_in_a_warm_battery_and_is_reported_back(cabin, start_executable, tmp_path, is_killed):
+def test_request_ends_in_a_warm_battery_and_is_reported_back(cabin, start_executable, record, tmp_path, is_killed):
     car, broker = cabin._car, cabin.broker
     vehicle = small_battery(tmp_path, 25e3)
     signals = tmp_path / 'car_vss.yaml'
@@ -76,6 +77,7 @@ def test_request_ends_in_a_warm_battery_and_is_reported_back(cabin, start_execut
     first = start_executable(*planner)
     start_executable('heater_controller', '-p', f'vehicle:={vehicle}', '-p',
                      f'signals:={can_map(tmp_path, car.ports[0])}')
+    speeds = record(Float64, 'vehicle_speed', 1)
     broker.wait_for(IS_ACTIVE, False)
     poll_until(broker.has_provider, 'the actuators are served')
     frames = car.ports[0].frames
@@ -102,5 +104,6 @@ def test_request_ends_in_a_warm_battery_and_is_reported_back(cabin, start_execut
     assert cabin.values(IS_ONGOING)[:2] == [False, True]
     assert cabin.values(IS_ACTIVE) == [False, True] * (2 if is_killed else 1) + [False]
     assert cabin.values(MODE) == ['INACTIVE', 'FAST_CHARGING_PREPARATION', 'INACTIVE']
+    assert speeds.wait_for().data == pytest.approx(10.0)
     time.sleep(1.0)
     assert car.power_w == 0.0

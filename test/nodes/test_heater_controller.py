@@ -189,3 +189,22 @@ def test_hanging_commander_ends_the_heat_before_a_long_lease(bench):
     poll_until(lambda: controlled.statuses.latest.active_power == 0.0, '0 W', timeout_s=8.0)
     assert time.monotonic() - silent_s < 2.5 + 1.0
     assert any(word in controlled.statuses.latest.explanation for word in ('deadline', 'alive'))
+
+
+@pytest.mark.needs('cantools')
+@pytest.mark.needs('can')
+@pytest.mark.needs('crccheck')
+@pytest.mark.needs('pint')
+@pytest.mark.parametrize('signals, words', [
+    ('vss', 'vss.yaml: live.heater_command: is missing; it names the frame with the heater\'s power'),
+    ('leafspy', 'leafspy.yaml: has no key live'),
+    ('example_car', 'live.heater_command: carries at most 7000 W; hvch.maximum_power_w of the vehicle is 7001 W')])
+def test_signal_map_without_a_frame_for_the_heater_is_refused_in_one_line(call_main, tmp_path, signals, words):
+    from bev_preheat.files.configuration import find_configuration
+    vehicle = tmp_path / 'strong.yaml'
+    vehicle.write_text(find_configuration('vehicles', 'reference', '.yaml').read_text().replace(
+        'maximum_power_w: 7000', 'maximum_power_w: 7001'))
+    ended = call_main('heater_controller', '--ros-args', '-p', f'signals:={signals}', '-p', f'vehicle:={vehicle}')
+    assert ended.returncode == 2
+    assert words in ended.stderr
+    assert 'Traceback' not in ended.stderr

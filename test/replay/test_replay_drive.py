@@ -124,10 +124,11 @@ def test_a_clock_that_jumps_does_not_heat(recorded):
 def test_simulated_time_that_is_not_set_yet_is_no_start(recorded):
     _, folder = recorded
     flight = read_flight(folder)
-    unset = [replace(given, step=replace(given.step, now_ns=0)) for given in flight.given[:3]]
+    unset = [replace(given, step=replace(given.step, now_ns=number)) for number, given in enumerate(flight.given[:3])]
     changed = replace(flight, given=(*unset, *flight.given[3:200]))
-    assert changed.start_ns == flight.given[3].step.now_ns
+    assert (changed.begin, changed.start_ns) == (3, flight.given[3].step.now_ns)
     assert replay(changed).course.instants[0].now_ns == flight.given[3].step.now_ns
+    assert flight.begin == 0
 
 
 def test_another_format_is_refused_by_name(tmp_path):
