@@ -124,7 +124,8 @@ def test_a_clock_that_jumps_does_not_heat(recorded):
 def test_simulated_time_that_is_not_set_yet_is_no_start(recorded):
     _, folder = recorded
     flight = read_flight(folder)
-    unset = [replace(given, step=replace(given.step, now_ns=number)) for number, given in enumerate(flight.given[:3])]
+    unset = [replace(given, step=replace(given.step, now_ns=number))
+             for number, given in enumerate(flight.given[:3])]
     changed = replace(flight, given=(*unset, *flight.given[3:200]))
     assert (changed.begin, changed.start_ns) == (3, flight.given[3].step.now_ns)
     assert replay(changed).course.instants[0].now_ns == flight.given[3].step.now_ns
