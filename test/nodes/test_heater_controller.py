@@ -196,7 +196,7 @@ def test_hanging_commander_ends_the_heat_before_a_long_lease(bench):
 @pytest.mark.needs('crccheck')
 @pytest.mark.needs('pint')
 @pytest.mark.parametrize('signals, words', [
-    ('vss', 'vss.yaml: live.heater_command: is missing; it names the frame with the heater\'s power'),
+    ('vss', "vss.yaml: live.heater_command: is missing; it names the frame with the heater's power"),
     ('leafspy', 'leafspy.yaml: has no key live'),
     ('example_car', 'live.heater_command: carries at most 7000 W; hvch.maximum_power_w of the vehicle is 7001 W')])
 def test_signal_map_without_a_frame_for_the_heater_is_refused_in_one_line(call_main, tmp_path, signals, words):
