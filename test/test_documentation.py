@@ -83,6 +83,7 @@ def typed_pages():
             needs_pint = any(command.words[1] == 'log' for command in commands)
             needs_can = '.dbc' in page.read_text()
             needs_gpxpy = '.gpx' in page.read_text()
+            needs_mcap = '.mcap' in page.read_text()
             yield pytest.param(page, id=name_of(page), marks=[
                 pytest.mark.needs(package) for package, is_needed in (
                     ('casadi', needs_casadi), ('pint', needs_pint), ('gpxpy', needs_gpxpy),

@@ -113,7 +113,7 @@ def read(path: Path, arguments: Namespace) -> tuple[Flight, Changes]:
     from bev_preheat.commands.replay_changes import changes_of, planner_of
     from bev_preheat.replay.recordings import has_planner, open_recording, Planner, Sources
     planner = planner_of(arguments)
-    # What changes a recorded planner describes one that is not in the recording.
+    # Options that change a recorded planner describe an unrecorded one.
     changes = changes_of(arguments, planner if has_planner(path) else Planner())
     return open_recording(path, planner, Sources(
         arguments.route, arguments.signals, arguments.namespace)), changes
@@ -175,7 +175,7 @@ def run_explanation(arguments: Namespace, flight: Flight, changes: Changes) -> i
         raise InvalidInput('--explain: is for the recording as it was, without changes')
     from bev_preheat.replay.explanation import explain
     from bev_preheat.replay.period import instant_of, moment
-    why = explain(flight, instant_of('--explain', arguments.explain, flight.given[0].step.now_ns))
+    why = explain(flight, instant_of('--explain', arguments.explain, flight.start_ns))
     if arguments.json:
         write_json(arguments.json, {
             'now_ns': why.now_ns, 'answer': why.answer,

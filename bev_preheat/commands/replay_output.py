@@ -53,6 +53,11 @@ class Result(NamedTuple):
         comparison = self.replayed.comparison
         return comparison.is_reproduced and comparison.commands > 0 if self.flight.has_commands else None
 
+    @property
+    def remarks(self) -> list[str]:
+        """Sentences on what is missing in the recording, and on what was unusual in its inputs."""
+        return [*self.flight.remarks, *self.replayed.remarks]
+
     def verdict(self) -> list[str]:
         """Return the sentences on the outcome."""
         sentences = [reproduction(self.flight, self.replayed)] if self.flight.has_commands else []
@@ -86,7 +91,7 @@ def as_dictionary(result: Result) -> dict[str, Any]:
         'source': flight.source, 'reproduced': result.is_good, 'commands': comparison.commands,
         'different': comparison.different, 'largest_difference_w': comparison.largest_w,
         'first_difference': None if first is None else {**first._asdict(), 'cause': cause_of(flight, first)},
-        'remarks': list(flight.remarks), 'verdict': result.verdict(),
+        'remarks': result.remarks, 'verdict': result.verdict(),
         'recorded': result.replayed.course.as_dictionary(),
         'changed': None if result.changed is None else result.changed.as_dictionary()}
 
@@ -117,7 +122,7 @@ def _arrival_text(course: Course) -> str:
 
 def print_result(console: Console, result: Result) -> None:
     """Print a Result."""
-    for remark in result.flight.remarks:
+    for remark in result.remarks:
         console.print(f'note: {remark}', markup=False, soft_wrap=True)
     print_figures(console, None, ['', *result.names], figure_rows(result.courses))
     for sentence in result.verdict():
@@ -129,9 +134,9 @@ def report_words(result: Result, histories: tuple[History, ...]) -> ReportText:
     from bev_preheat.replay.report import ReportText
     flight, beginning = result.flight, result.flight.beginning
     start_ns = result.replayed.course.instants[0].now_ns
-    remarks = [*flight.remarks]
-    remarks += [f'the clock went back: {history.not_drawn} steps are not drawn' for history in histories[:1]
-                if history.not_drawn]
+    remarks = result.remarks
+    remarks += [f'the clock jumped {history.jumps} time(s); the curves go on with the time before the jump'
+                for history in histories[:1] if history.jumps]
     remarks += [f'{history.lost} changes of sentences and diagnostics are not listed' for history in histories
                 if history.lost]
     setup = [('recording', ', '.join(map(str, flight.paths))), ('kind', flight.source)]
@@ -139,7 +144,7 @@ def report_words(result: Result, histories: tuple[History, ...]) -> ReportText:
         setup += [('version', beginning.version), ('node', beginning.node)]
     setup += [(name, str(value)) for name, value in sorted(beginning.parameters.items())]
     verdict = result.verdict() or (
-        ['The log has no commands to reproduce; the planner beside it shows what it would have done.']
+        ['The log has no commands to reproduce; the planner stands beside the log.']
         if flight.is_log else ['The recording has no commands to reproduce.'])
     return ReportText(
         f'{beginning.node.strip("/") or "planner"}: drive of {moment(start_ns)}', tuple(verdict), result.is_good,

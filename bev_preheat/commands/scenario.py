@@ -18,7 +18,7 @@ from bev_preheat.console.terminal import print_records, progress_bar, result_con
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.configuration import configuration_folder
 from bev_preheat.files.output_files import check_outputs, expanded, OutputFile
-from bev_preheat.optional_packages import require
+from bev_preheat.optional_packages import require, require_ros
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -52,8 +52,7 @@ def add_parser(subparsers: Subparsers) -> None:
                         '(default: %(default)s)')
     parser.add_argument('--logs', metavar='FOLDER', help='with --nodes: folder for their logs')
     parser.add_argument('--record', metavar='FOLDER',
-                        help="with --nodes: folder for the planner's flight recordings, NAME.mcap, which "
-                        'preheat replay explains')
+                        help="folder for the planner's flight recordings, NAME.mcap, for preheat replay")
     add_json_argument(parser)
     parser.set_defaults(run=run)
 
@@ -68,8 +67,7 @@ def run(arguments: Namespace) -> int:
     arguments.logs = _folder('--logs', arguments.logs)
     arguments.record = _folder('--record', arguments.record)
     if arguments.record is not None:
-        if not arguments.nodes:
-            raise InvalidInput('--record: needs --nodes, because the installed planner records')
+        require_ros()
         require('mcap')
     names = arguments.scenarios or sorted(
         path.stem for path in configuration_folder('scenarios').glob('*.yaml'))
@@ -143,8 +141,16 @@ def _drive(arguments: Namespace, name: str, scenario: Scenario,
                 scenario, name, arguments.speed_up, arguments.logs, _recording(arguments, scenario))
         except ScenarioFailed as error:
             raise InvalidInput(str(error)) from error
+
+    def progress(time_s: float, total_s: float) -> None:
+        report(time_s / total_s)
+
+    recording = _recording(arguments, scenario)
+    if recording is not None:
+        from bev_preheat.nodes.recorded_scenario import drive_recorded
+        return drive_recorded(scenario, recording, progress)
     from bev_preheat.simulation.scenario_drive import drive_scenario
-    return drive_scenario(scenario, lambda time_s, total_s: report(time_s / total_s))
+    return drive_scenario(scenario, progress)
 
 
 def print_findings(console: Console, findings: Mapping[str, Sequence[Finding]]) -> None:

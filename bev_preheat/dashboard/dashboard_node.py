@@ -184,7 +184,7 @@ class DashboardNode(Node):
             return
         self._knows_vehicle.add(name)
         client.call_async(GetParameters.Request(names=['vehicle'])).add_done_callback(
-            self._guarded(f"{name}: its vehicle", lambda answered: self._on_vehicle(name, answered)))
+            self._guarded(f'{name}: its vehicle', lambda answered: self._on_vehicle(name, answered)))
 
     def _on_vehicle(self, name: str, answered: Any) -> None:
         board = self._source.boards.get(name)

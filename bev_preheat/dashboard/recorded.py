@@ -9,7 +9,7 @@ from threading import Thread
 from typing import Any, TYPE_CHECKING
 
 from bev_preheat.control.inputs import NS_PER_S
-from bev_preheat.dashboard.board import Board
+from bev_preheat.dashboard.board import BACK_S, Board
 from bev_preheat.dashboard.messages import entries_seen, plan_seen
 from bev_preheat.dashboard.plain import written
 from bev_preheat.dashboard.seen import RouteSeen
@@ -22,6 +22,7 @@ from bev_preheat.replay.flight_file import read_flight
 from bev_preheat.replay.player import Player
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
     from concurrent.futures import Future
 
     from bev_preheat.dashboard.asked import Answer, Asked
@@ -36,6 +37,8 @@ MOST_POINTS = 8000
 # Values of a view that only a running planner has.
 LIVE_ONLY = ('banner', 'ages', 'late', 'outcome')
 CLOSE_S = 1e-6
+# A longer time between two steps is a clock that was set [s].
+LONGEST_GAP_S = 3600.0
 
 
 class RecordedDrive:
@@ -75,10 +78,12 @@ class RecordedDrive:
         board.see_plan(plan_seen(plan_message(decision, state.active_mission, played.now_ns)), at_s)
         board.see_diagnostics(
             at_s, entries_seen(planner_diagnostics(PLANNER, state, played.now_ns), PLANNER), at_s)
-        self._frames.append(self._with_known_entries(board.view(at_s)))
+        instant_s = round(at_s, 3)
+        # Of several steps at one instant the last one counts.
+        put(self._frames, {**self._with_known_entries(board.view(at_s)), 'at': instant_s})
         if at_s - self._planned_s >= self._plan_s - CLOSE_S or len(board.marks) != self._marks:
             self._planned_s, self._marks = at_s, len(board.marks)
-            self._plans.append({'at': round(at_s, 3), **board.plan_curves(MOST_PLAN_POINTS)})
+            put(self._plans, {**board.plan_curves(MOST_PLAN_POINTS), 'at': instant_s})
 
     def _with_known_entries(self, view: dict[str, Any]) -> dict[str, Any]:
         """Return a view whose diagnostics are those of the frame before unless more than figures changed."""
@@ -142,13 +147,48 @@ class RecordedSource:
         return None
 
 
-def tables_of(flight: Flight, note: Any) -> dict[str, Any]:
-    """Return the tables of a Flight; `note(steps)` is called now and then with the number of steps read."""
-    given = flight.given
-    player = Player(flight.beginning)
-    drive = RecordedDrive((given[-1].step.now_ns - given[0].step.now_ns) / NS_PER_S)
-    for number, each in enumerate(given):
-        drive.add(player.play(each))
+def tables_of(flight: Flight, note: Callable[[int], object]) -> dict[str, Any]:
+    """
+    Return the tables of a Flight, one for each drive: a clock that is set begins another one.
+
+    `note(steps)` is called now and then with the number of steps read.
+    """
+    player, drives, before_ns = Player(flight.beginning), list[RecordedDrive](), 0
+    lengths_s = iter(lengths_of(each.step.now_ns for each in flight.given))
+    for number, each in enumerate(flight.given):
+        if not drives or is_set(before_ns, each.step.now_ns):
+            drives.append(RecordedDrive(next(lengths_s)))
+        before_ns = each.step.now_ns
+        played = player.play(each)
+        # At 0 a simulated clock has not started yet.
+        if played.now_ns > 0:
+            drives[-1].add(played)
         if number % 100 == 0:
             note(number)
-    return {'remarks': list(flight.remarks), **drive.tables()}
+    tables = [drive.tables() for drive in drives]
+    return {'remarks': list(flight.remarks), 'drives': [each for each in tables if each['frames']]}
+
+
+def put(rows: list[dict[str, Any]], row: dict[str, Any]) -> None:
+    """Add a row; it replaces the rows of its instant and of later ones."""
+    while rows and rows[-1]['at'] >= row['at']:
+        replaced = rows.pop()
+        if row.get('entries', ()) is None:
+            row['entries'] = replaced['entries']
+    rows.append(row)
+
+
+def is_set(before_ns: int, now_ns: int) -> bool:
+    """Return whether the clock was set between two steps; the planner steps with every command, seconds apart."""
+    return not -BACK_S * NS_PER_S <= now_ns - before_ns <= LONGEST_GAP_S * NS_PER_S
+
+
+def lengths_of(instants_ns: Iterable[int]) -> list[float]:
+    """Return the lengths [s] of the drives that the instants [ns] of steps belong to."""
+    bounds: list[tuple[int, int]] = []
+    for now_ns in instants_ns:
+        if not bounds or is_set(bounds[-1][1], now_ns):
+            bounds.append((now_ns, now_ns))
+        else:
+            bounds[-1] = bounds[-1][0], now_ns
+    return [(last_ns - first_ns) / NS_PER_S for first_ns, last_ns in bounds]

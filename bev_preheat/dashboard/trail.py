@@ -11,8 +11,8 @@ if TYPE_CHECKING:
 MOST_POINTS = 2000
 # Points older than this are dropped [s].
 HORIZON_S = 86400.0
-# Rows of a full trail are at least this share of their age apart, divided by the most rows, and this time [s]. Then
-# some 3/4 of the rows are left, whatever the rate: their number grows with the logarithm of the horizon.
+# Rows of a full trail are at least this share of their age apart, divided by the most rows, and this time [s].
+# Then some 3/4 of the rows are left, whatever the rate: their number grows with the logarithm of the horizon.
 SHARE_OF_AGE, LEAST_APART_S = 14.0, 0.05
 
 

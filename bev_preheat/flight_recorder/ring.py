@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
+import fcntl
 import os
 from pathlib import Path
 import re
@@ -42,11 +43,36 @@ def recordings_in(folder: str | os.PathLike[str]) -> list[Path]:
     return sorted(found, key=lambda path: path.name)
 
 
+def mark_as_being_written(descriptor: int) -> None:
+    """Mark an open file, until it is closed or its process ends, so that no other planner deletes it."""
+    # Some network file systems have no locks.
+    with suppress(OSError):
+        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+
+
+def is_being_written(path: Path) -> bool:
+    """Return whether a process has marked a file."""
+    try:
+        # A pipe of that name must not block.
+        descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
+    except OSError:
+        return False
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:
+        return False
+    finally:
+        os.close(descriptor)
+    return False
+
+
 def make_room(folder: str | os.PathLike[str], most_bytes: int, kept: Path) -> list[Path]:
     """
     Delete the oldest recordings until the folder has at most `most_bytes` of them; return the deleted ones.
 
-    `kept` is never deleted. A file that cannot be deleted is passed over.
+    `kept` is never deleted, nor a file that another planner writes. A file that cannot be deleted is passed over.
     """
     sizes = {}
     for path in recordings_in(folder):
@@ -58,7 +84,7 @@ def make_room(folder: str | os.PathLike[str], most_bytes: int, kept: Path) -> li
     for path, size in sizes.items():
         if total <= most_bytes:
             break
-        if path == kept:
+        if path == kept or is_being_written(path):
             continue
         with suppress(OSError):
             os.unlink(path)

@@ -20,7 +20,7 @@ from threading import Event, Thread
 import time
 from typing import Any, IO, NamedTuple
 
-from bev_preheat.flight_recorder.ring import file_name, make_room
+from bev_preheat.flight_recorder.ring import file_name, make_room, mark_as_being_written
 from bev_preheat.optional_packages import require
 
 # Entries that wait for the disk; 2 min of a planner that is fed ten times a second.
@@ -28,6 +28,7 @@ MOST_WAITING = 5000
 # The thread collects entries for so long [s], so that it does not compute while the planner does.
 COLLECTING_S = 0.1
 FLUSH_PERIOD_S = 1.0
+CATCHING_UP_S = 0.02
 # A new attempt after a failure [s].
 RETRY_S = 30.0
 LARGEST_FILE_BYTES = 64_000_000
@@ -115,6 +116,11 @@ class RecordingWriter:
         if not self._news.is_set():
             self._news.set()
 
+    def catch_up(self) -> None:
+        """Wait until what was handed over is being written, so that nothing is dropped."""
+        while self._waiting and self._thread.is_alive():
+            time.sleep(CATCHING_UP_S)
+
     def close(self, patience_s: float = 2.0) -> None:
         """Write what waits and end the file; give up after `patience_s` [s]."""
         self._ends = True
@@ -169,6 +175,7 @@ class RecordingWriter:
         path = folder / file_name(self._recording.started, self._recording.life, self._part)
         # Never over another file, nor through a link.
         descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
+        mark_as_being_written(descriptor)
         self._path, self._file = path, os.fdopen(descriptor, 'wb')
         part, self._part = self._part, self._part + 1
         make_room(folder, max(self._recording.most_bytes - self._largest_file_bytes, 0), path)

@@ -20,6 +20,10 @@ if TYPE_CHECKING:
 
 # Temperatures [deg C] at which the correction of the resistance is free; it is linear between them.
 KNOTS_C = (-20.0, -10.0, 0.0, 10.0, 20.0, 30.0, 40.0)
+# States of charge at which it is free; cells have more resistance near empty.
+KNOTS_SOC = (0.0, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0)
+# If it varies by less over the charge, a file needs no axis of the state of charge.
+LEAST_VARIATION = 1e-3
 # Points of the tables in the file.
 TABLE_STEP_C, TABLE_STEP_SOC = 2.5, 0.05
 HALF = 0.5
@@ -27,24 +31,36 @@ HALF = 0.5
 
 @dataclass(frozen=True)
 class CorrectedResistance:
-    """A resistance curve times e^c(T); `log_factors` are c at KNOTS_C, numbers or symbols."""
+    """
+    A resistance curve times e^(c(T) + d(s)).
+
+    `log_factors` are c at KNOTS_C, `soc_factors` d at KNOTS_SOC; numbers or symbols.
+    """
 
     curve: Curve
     log_factors: Sequence[AnyNumber]
+    soc_factors: Sequence[AnyNumber] = (0.0,) * len(KNOTS_SOC)
 
     def function(self, arithmetic: Arithmetic[AnyNumber]) -> CurveFunction[AnyNumber]:
         """`f(soc, temperature_c)` [ohm], for the given kind of number."""
         value = self.curve.function(arithmetic)
 
         def resistance(soc: AnyNumber, temperature_c: AnyNumber) -> AnyNumber:
-            clipped = arithmetic.minimum(arithmetic.maximum(temperature_c, KNOTS_C[0]), KNOTS_C[-1])
-            correction = self.log_factors[0]
-            for low_c, high_c, low, high in zip(KNOTS_C, KNOTS_C[1:], self.log_factors, self.log_factors[1:]):
-                share = arithmetic.minimum(arithmetic.maximum(clipped - low_c, 0.0), high_c - low_c)
-                correction = correction + share * (high - low) / (high_c - low_c)
-            return value(soc, temperature_c) * arithmetic.exp(correction)
+            return value(soc, temperature_c) * arithmetic.exp(
+                _linear(temperature_c, KNOTS_C, self.log_factors, arithmetic)
+                + _linear(soc, KNOTS_SOC, self.soc_factors, arithmetic))
 
         return resistance
+
+
+def _linear(value: AnyNumber, knots: Sequence[float], heights: Sequence[AnyNumber],
+            arithmetic: Arithmetic[AnyNumber]) -> AnyNumber:
+    """Return the value of a function that is linear between knots and constant beyond."""
+    found = heights[0]
+    for low, high, low_height, high_height in zip(knots, knots[1:], heights, heights[1:]):
+        share = arithmetic.minimum(arithmetic.maximum(value - low, 0.0), high - low)
+        found = found + share * (high_height - low_height) / (high - low)
+    return found
 
 
 @dataclass(frozen=True)
@@ -68,21 +84,22 @@ class CorrectedVoltage:
         return voltage
 
 
-def knot_weights(temperature_c: FloatArray) -> FloatArray:
-    """Return the weight of each of KNOTS_C in the correction at temperatures (N,), shape (N, knots)."""
-    clipped = np.clip(temperature_c, KNOTS_C[0], KNOTS_C[-1])
-    return np.stack([np.interp(clipped, KNOTS_C, row) for row in np.eye(len(KNOTS_C))], axis=-1)
+def knot_weights(values: FloatArray, knots: Sequence[float]) -> FloatArray:
+    """Return the weight of each knot in a correction at values (N,), shape (N, knots)."""
+    return np.stack([np.interp(values, knots, row) for row in np.eye(len(knots))], axis=-1)
 
 
-def resistance_table(battery: Battery, log_factors: FloatArray) -> Table:
-    """Return the corrected resistance of a battery as a Table over temperature, and charge if the curve has it."""
+def resistance_table(battery: Battery, log_factors: FloatArray, soc_factors: FloatArray) -> Table:
+    """Return the corrected resistance of a battery as a Table over temperature, and charge if it depends on it."""
     low_c, high_c = battery.temperature_range_c
     own = [point for point in getattr(battery.resistance, 'temperature_c', ()) if low_c <= point <= high_c]
     even = np.arange(np.ceil(low_c / TABLE_STEP_C), np.floor(high_c / TABLE_STEP_C) + 1.0) * TABLE_STEP_C
     temperatures_c = sorted({low_c, high_c, *own, *even.tolist()})
     socs = getattr(battery.resistance, 'soc', ())
-    return _tabulated(CorrectedResistance(battery.resistance, log_factors.tolist()),
-                      socs if len(socs) > 1 else (0.0,), temperatures_c, 5)
+    if np.ptp(soc_factors) > LEAST_VARIATION:
+        socs = sorted({*socs, *KNOTS_SOC})
+    return _tabulated(CorrectedResistance(battery.resistance, log_factors.tolist(), soc_factors.tolist()),
+                      socs if len(socs) > 1 else (HALF,), temperatures_c, 5)
 
 
 def voltage_table(curve: CorrectedVoltage, soc_range: tuple[float, float]) -> Table:

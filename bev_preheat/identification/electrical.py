@@ -18,7 +18,8 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
-from bev_preheat.identification.curves import knot_weights, KNOTS_C
+from bev_preheat.identification.curves import knot_weights, KNOTS_C, KNOTS_SOC
+from bev_preheat.identification.parameters import NOMINAL_SENSOR_LAG_S
 from bev_preheat.numerics.arithmetic import ARRAYS
 
 if TYPE_CHECKING:
@@ -41,9 +42,11 @@ MOST_ROWS = 1500
 # Least root mean square of the current's changes within 30 s [A] for a trip that tells the resistance.
 LEAST_VARIATION_A = 3.0
 # Prior standard deviations: open-circuit voltage as shares of itself (offset, slope and curvature over the whole
-# charge), logarithm of the resistance (level, and change of the correction from knot to knot), polarisation.
+# charge), logarithm of the resistance (level, change of the correction from knot to knot),
+# the same over the charge, polarisation.
 VOLTAGE_DEVIATIONS = (0.15, 0.10, 0.10)
 LEVEL_DEVIATION, KNOT_DEVIATION = 0.5, 0.25
+SOC_LEVEL_DEVIATION, SOC_KNOT_DEVIATION = 0.01, 0.1
 POLARISATION_DEVIATION = 0.5
 # What voltage and heat may mean differently by resistance, at any temperature.
 SYSTEMATIC_DEVIATION = 0.01
@@ -51,16 +54,23 @@ CAPACITY_DEVIATION = 0.10
 # A change of charge smaller than this tells nothing of the capacity.
 LEAST_SOC_CHANGE = 0.05
 SOC_NOISE = 0.002
-OCV, KNOTS = 3, len(KNOTS_C)
+OCV = 3
+KNOTS = len(KNOTS_C)
 BETA = slice(OCV, OCV + KNOTS)
-RHO = OCV + KNOTS
+# The resistance's log factors over temperature, then over charge.
+LOGS = slice(OCV, OCV + KNOTS + len(KNOTS_SOC))
+RHO = LOGS.stop
 SIZE = RHO + 1
 
 
 def resistance_precision(level_deviation: float = LEVEL_DEVIATION) -> FloatArray:
     """Return the prior precision (knots, knots) of the resistance's log factors: a level and a random walk."""
-    steps = np.diff(np.eye(KNOTS), axis=0) / KNOT_DEVIATION
-    level = np.full((1, KNOTS), 1.0 / KNOTS) / level_deviation
+    return _walk_precision(KNOTS, level_deviation, KNOT_DEVIATION)
+
+
+def _walk_precision(knots: int, level_deviation: float, step_deviation: float) -> FloatArray:
+    steps = np.diff(np.eye(knots), axis=0) / step_deviation
+    level = np.full((1, knots), 1.0 / knots) / level_deviation
     return np.asarray(steps.T @ steps + level.T @ level)
 
 
@@ -69,8 +79,9 @@ class Electrical:
     """
     Result of the fit.
 
-    `voltage_v` are offset, slope and curvature [V]; `log_factors` (knots,) correct START's resistance, with their
-    `covariance`; `polarisation` is rho, `heat_factor` 1 + rho <x^2>/<I^2>, `residual_v` the root mean square
+    `voltage_v` are offset, slope and curvature [V]; `log_factors` (knots,) correct START's resistance over
+    temperature, with their `covariance`, `soc_factors` over the charge, 0 in the mean over the drives;
+    `polarisation` is rho, `heat_factor` 1 + rho <x^2>/<I^2>, `residual_v` the root mean square
     of the
     differenced residuals. `capacity_ah` has a `capacity_deviation_ah`. `used` names the trips that tell
     resistance;
@@ -80,6 +91,7 @@ class Electrical:
     voltage_v: FloatArray
     voltage_deviations_v: FloatArray
     log_factors: FloatArray
+    soc_factors: FloatArray
     covariance: FloatArray
     polarisation: float
     polarisation_s: float
@@ -101,6 +113,9 @@ class _Rows:
         smooth = np.ones(SMOOTHING_S)
         temperature_c = (np.convolve(trip.battery_temperature_c, smooth, 'same')
                          / np.convolve(np.ones(len(trip)), smooth, 'same'))
+        # The sensor shows the battery's temperature late.
+        late = min(round(vehicle.heat_path.sensor_lag_s or NOMINAL_SENSOR_LAG_S), len(trip) - 1)
+        temperature_c = np.concatenate((temperature_c[late:], np.repeat(temperature_c[-1:], late)))
         battery = vehicle.battery
         open_v = battery.open_circuit_voltage.function(ARRAYS)(soc, temperature_c)
         resistance = battery.resistance.function(ARRAYS)(soc, temperature_c)
@@ -120,14 +135,14 @@ class _Rows:
         self.error_v = differenced(open_v - trip.voltage_v)
         self.voltage = np.stack([differenced(column) for column in (
             np.ones_like(soc), centred, centred**2)], axis=-1)
-        weights = knot_weights(temperature_c)
+        weights = np.concatenate((knot_weights(temperature_c, KNOTS_C), knot_weights(soc, KNOTS_SOC)), axis=1)
         # The knots' part is not differenced before it is multiplied: R is at both instants nearly the same.
         self.weights = weights[int(BLOCK_S)::int(BLOCK_S)][:len(blocks) - 2][::stride]
         self.drop_v, self.polarised_v = differenced(resistance * current_a), differenced(resistance * follows_a)
 
     def residuals(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return residuals [V] (rows,) and their slopes (rows, SIZE)."""
-        factor = np.exp(self.weights @ theta[BETA])
+        factor = np.exp(self.weights @ theta[LOGS])
         dropped = factor * (self.drop_v + theta[RHO] * self.polarised_v)
         slopes = np.concatenate((self.voltage, -self.weights * dropped[:, np.newaxis],
                                  -(factor * self.polarised_v)[:, np.newaxis]), axis=1)
@@ -145,23 +160,28 @@ def fit_electrical(vehicle: Vehicle, trips: Sequence[Trip], weights: Sequence[fl
     precision = _prior_precision(vehicle)
     if not telling:
         prior = np.asarray(np.linalg.inv(precision), dtype=float)
-        return Electrical(np.zeros(OCV), np.sqrt(np.diag(prior)[:OCV]), np.zeros(KNOTS), prior[BETA, BETA],
-                          0.0, 0.0,
-                          1.0, math.nan, capacity_ah, capacity_deviation_ah, (), capacity_trips)
+        return Electrical(np.zeros(OCV), np.sqrt(np.diag(prior)[:OCV]), np.zeros(KNOTS), np.zeros(len(KNOTS_SOC)),
+                          prior[BETA, BETA], 0.0, 0.0, 1.0, math.nan,
+                          capacity_ah, capacity_deviation_ah, (), capacity_trips)
     best = min((_fit(vehicle, telling, capacity_ah, polarisation_s, precision)
                 for polarisation_s in POLARISATION_S), key=lambda found: found[0])
-    _, polarisation_s, theta, covariance, heat_share, residual_v = best
+    _, polarisation_s, theta, covariance, heat_share, residual_v, soc_weights = best
     heat_factor = 1.0 + theta[RHO] * heat_share
+    # The mean over the drives of the correction over charge counts as one over temperature.
+    soc_factors, means = theta[BETA.stop:LOGS.stop], soc_weights / soc_weights.sum()
+    joined = np.concatenate((np.eye(KNOTS), np.tile(means, (KNOTS, 1))), axis=1)
     return Electrical(
-        theta[:OCV], np.sqrt(np.diag(covariance)[:OCV]), theta[BETA] + math.log(heat_factor),
-        np.asarray(covariance[BETA, BETA] + SYSTEMATIC_DEVIATION**2, dtype=float), float(theta[RHO]),
+        theta[:OCV], np.sqrt(np.diag(covariance)[:OCV]), joined @ theta[LOGS] + math.log(heat_factor),
+        soc_factors - means @ soc_factors,
+        np.asarray(joined @ covariance[LOGS, LOGS] @ joined.T + SYSTEMATIC_DEVIATION**2, dtype=float),
+        float(theta[RHO]),
         polarisation_s, float(heat_factor),
         residual_v, capacity_ah, capacity_deviation_ah, tuple(trip.name for trip, _ in telling), capacity_trips)
 
 
 def _fit(vehicle: Vehicle, telling: Sequence[tuple[Trip, float]], capacity_ah: float, polarisation_s: float,
-         precision: FloatArray) -> tuple[float, float, FloatArray, FloatArray, float, float]:
-    """Return (cost, time constant, parameters, covariance, heat share of x, residual [V])."""
+         precision: FloatArray) -> tuple[float, float, FloatArray, FloatArray, float, float, FloatArray]:
+    """Return cost, time constant, parameters, covariance, heat share of x, residual [V], and heat by KNOTS_SOC."""
     rows = [_Rows(vehicle, trip, capacity_ah, polarisation_s) for trip, _ in telling]
     roots = [math.sqrt(weight) for _, weight in telling]
     prior_root = np.linalg.cholesky(precision).T
@@ -195,11 +215,14 @@ def _fit(vehicle: Vehicle, telling: Sequence[tuple[Trip, float]], capacity_ah: f
     count = len(gradients)
     spread = np.array(gradients).T @ np.array(gradients) * (count / max(count - 1.0, 1.0))
     covariance = inverse @ (spread + precision) @ inverse
+    soc_weights = np.sum([root**2 * row.drop_v**2 @ row.weights[:, KNOTS:] for row, root in zip(rows, roots)],
+                         axis=0)
     heat_share = float(np.average([row.heat_share for row in rows], weights=[row.square_a2 for row in rows]))
-    return found.cost, polarisation_s, theta, covariance, heat_share, float(np.sqrt(np.mean(errors_v**2)))
+    residual_v = float(np.sqrt(np.mean(errors_v**2)))
+    return found.cost, polarisation_s, theta, covariance, heat_share, residual_v, soc_weights
 
 
-_SCALES = np.array([10.0, 10.0, 10.0, *[0.2] * KNOTS, 0.2])
+_SCALES = np.array([10.0, 10.0, 10.0, *[0.2] * (LOGS.stop - OCV), 0.2])
 
 
 def _prior_precision(vehicle: Vehicle) -> FloatArray:
@@ -207,6 +230,8 @@ def _prior_precision(vehicle: Vehicle) -> FloatArray:
     precision = np.zeros((SIZE, SIZE))
     precision[range(OCV), range(OCV)] = 1.0 / np.square(np.array(VOLTAGE_DEVIATIONS) * nominal_v)
     precision[BETA, BETA] = resistance_precision()
+    precision[BETA.stop:LOGS.stop, BETA.stop:LOGS.stop] = _walk_precision(
+        len(KNOTS_SOC), SOC_LEVEL_DEVIATION, SOC_KNOT_DEVIATION)
     precision[RHO, RHO] = 1.0 / POLARISATION_DEVIATION**2
     return precision
 

@@ -11,8 +11,8 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from bev_preheat.identification.electrical import fit_electrical
-from bev_preheat.identification.parameters import ALWAYS, NAMES, parameters_of, STRUCTURES
-from bev_preheat.identification.readings import interval_residuals
+from bev_preheat.identification.parameters import ALWAYS, IN_THE_FILE, NAMES, parameters_of, STRUCTURES
+from bev_preheat.identification.readings import likely_noise_k, NOISE_K, ReadingResiduals
 from bev_preheat.identification.thermal import course_of, PARAMETERS, ThermalModel
 
 if TYPE_CHECKING:
@@ -24,13 +24,16 @@ if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import BoolArray, FloatArray
     from bev_preheat.vehicle.description import Vehicle
 
-# Readings (one in 30 s) that count as one independent observation against the priors: at least, at most.
-LEAST_DISPERSION, MOST_DISPERSION = 1.0, 30.0
+# Readings that count as one independent observation against the priors: at least, at most (a quarter of an hour).
+LEAST_DISPERSION, MOST_DISPERSION = 1.0, 900.0
 # The start temperature lies in the interval of the first reading; a lagging sensor widens it [K].
 START_NOISE_K = 0.2
 # A reading is the sensor's: with a coarse step the cell may be anywhere in it.
 SHARE_OF_STEP = 1.0 / math.sqrt(12.0)
 MOST_EVALUATIONS = 60
+MISFIT_STEPS = 2
+# Relative: half a sum of squares of 1000 is found to 0.01.
+TOLERANCE = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +92,8 @@ class Fitter:
         self.parameters = parameters_of(vehicle)
         self.courses = [course_of(trip, vehicle) for trip in trips]
         self.has_heating = [trip.heats for trip in trips]
-        self._models: dict[bool, ThermalModel] = {}
+        self._models: dict[str, ThermalModel] = {}
+        self._set_noise(NOISE_K)
         # Readings that count as one independent observation.
         self.dispersion = LEAST_DISPERSION
 
@@ -99,14 +103,19 @@ class Fitter:
 
     def find_dispersion(self, electrical: Electrical) -> ThermalFit:
         """
-        Set `dispersion` from a fit of one mass to all trips; return that fit.
+        Set the readings' noise and `dispersion` from a fit of one mass to all trips; return that fit.
 
         If the model were exact, the trips' gradients would vary as their information says. They vary more by the
         factor that is found here, because errors of model and sensor last (quasi-likelihood).
         """
-        structure = next(iter(STRUCTURES))
+        structure = IN_THE_FILE[-1]
         self.dispersion = LEAST_DISPERSION
         fit = self.fit(structure, None, electrical)
+        model = self.model(structure)
+        sensors_c = [self.sensor_c(model, course, fit.theta, start_c - course.trip.start_c, electrical)[0]
+                     for course, start_c in zip(self.courses, fit.starts_c)]
+        self._set_noise(likely_noise_k([course.readings for course in self.courses], sensors_c))
+        fit = self.fit(structure, None, electrical, fit)
         inverse = np.linalg.inv(fit.information)
         gradients = np.array([term.gradient for term in fit.terms])
         gradients = gradients - gradients.mean(axis=0)
@@ -127,12 +136,12 @@ class Fitter:
                 or (heating and name == 'heat_lag')]
 
     def fit(self, structure: str, kept: Sequence[int] | None = None, electrical: Electrical | None = None,
-            begin: FloatArray | None = None, held: Mapping[str, float] | None = None) -> ThermalFit:
+            begin: ThermalFit | None = None, held: Mapping[str, float] | None = None) -> ThermalFit:
         """
         Return the ThermalFit of a structure to the kept trips (indices; None: all).
 
-        `electrical` is that of these trips, `begin` the coordinates to begin at; `held` maps names to
-        the coordinates at which they are held.
+        `electrical` is that of these trips, `begin` a fit to all trips to begin at; `held` maps names to the
+        coordinates at which they are held.
         """
         indices = list(self._kept(kept))
         electrical = self.electrical(indices) if electrical is None else electrical
@@ -144,8 +153,10 @@ class Fitter:
         for at, name in enumerate(NAMES):
             if not free[at]:
                 theta[at] = prior[at] = self.parameters[name].fixed
+        offsets_k = np.zeros(len(indices))
         if begin is not None:
-            theta[free] = begin[free]
+            theta[free] = begin.theta[free]
+            offsets_k[:] = [begin.starts_c[at] - self.trips[at].start_c for at in indices]
         for name, coordinate in (held or {}).items():
             at = NAMES.index(name)
             free[at], theta[at] = False, coordinate
@@ -162,9 +173,9 @@ class Fitter:
                 cache.clear()
                 theta[free] = values[:count]
                 residuals, slopes = [], []
-                for at, course in enumerate(courses):
+                for at, index in enumerate(indices):
                     residual, slope = self.trip_residuals(
-                        model, course, theta, values[count + at], electrical)
+                        model, index, theta, values[count + at], electrical)
                     row = np.zeros((len(residual), len(values)))
                     row[:, :count], row[:, count + at] = slope[:, :-1][:, free], slope[:, -1]
                     residuals.append(residual)
@@ -179,15 +190,15 @@ class Fitter:
 
         reach_k = np.array([max(course.trip.resolution_k, 0.2) for course in courses])
         lowest, highest = np.concatenate((low[free], -reach_k)), np.concatenate((high[free], reach_k))
-        guess = np.clip(np.concatenate((theta[free], np.zeros(len(courses)))), lowest + 1e-9, highest - 1e-9)
+        guess = np.clip(np.concatenate((theta[free], offsets_k)), lowest + 1e-9, highest - 1e-9)
         found = least_squares(lambda values: evaluate(values)[0], guess, lambda values: evaluate(values)[1],
                               bounds=(lowest, highest), x_scale='jac', max_nfev=MOST_EVALUATIONS,
-                              ftol=1e-7, xtol=1e-7)
+                              ftol=TOLERANCE, xtol=TOLERANCE)
         theta[free] = found.x[:count]
         residuals, slopes = evaluate(found.x)
         terms, at = [], 0
         for number, course in enumerate(courses):
-            rows = slice(at, at + len(course.reading_at))
+            rows = slice(at, at + course.inputs.shape[1])
             at = rows.stop
             terms.append(_terms(residuals[rows], slopes[rows, :count], slopes[rows, count + number],
                                 found.x[count + number], start_deviations_k[number]))
@@ -198,19 +209,43 @@ class Fitter:
 
     def model(self, structure: str) -> ThermalModel:
         """Return the ThermalModel of a structure."""
-        has_shell = 'shell_share' in STRUCTURES[structure]
-        if has_shell not in self._models:
-            self._models[has_shell] = ThermalModel(self.vehicle, has_shell)
-        return self._models[has_shell]
+        if structure not in self._models:
+            self._models[structure] = ThermalModel(
+                self.vehicle, (*ALWAYS, 'heat_lag', *STRUCTURES[structure]))
+        return self._models[structure]
 
-    def trip_residuals(self, model: ThermalModel, course: Course, theta: FloatArray, start_offset_k: float,
+    def trip_residuals(self, model: ThermalModel, at: int, theta: FloatArray, start_offset_k: float,
                        electrical: Electrical) -> tuple[FloatArray, FloatArray]:
-        """Return weighted residuals (K,) of a course's readings and their slopes (K, PARAMETERS + 1)."""
-        readings_c, slopes = model.course(course, theta, course.trip.start_c + start_offset_k, electrical)
-        residual, slope = interval_residuals(
-            readings_c[course.reading_at], course.reading_c, course.trip.resolution_k)
+        """Return weighted residuals (K,) of a trip's readings and their slopes (K, PARAMETERS + 1)."""
+        sensor_c, slopes = self.sensor_c(model, self.courses[at], theta, start_offset_k, electrical)
+        residual, slope = self._residuals[at](sensor_c)
         weight = math.sqrt(1.0 / self.dispersion)
-        return weight * residual, (weight * slope)[:, np.newaxis] * slopes[course.reading_at]
+        return weight * residual, (weight * slope)[:, np.newaxis] * slopes
+
+    def misfit(self, fit: ThermalFit, at: int) -> float:
+        """Return half the sum of squares of a trip's residuals with a fit that need not know it."""
+        course, model, offset_k = self.courses[at], self.model(fit.structure), 0.0
+        deviation_k = start_deviation_k(course)
+        for _ in range(MISFIT_STEPS):
+            # Gauss-Newton in the start temperature.
+            residual, slope = self.trip_residuals(model, at, fit.theta, offset_k, fit.electrical)
+            own = slope[:, -1]
+            offset_k -= float((own @ residual + offset_k / deviation_k**2) / (own @ own + 1.0 / deviation_k**2))
+        residual, _ = self.trip_residuals(model, at, fit.theta, offset_k, fit.electrical)
+        return 0.5 * float(residual @ residual + (offset_k / deviation_k)**2)
+
+    def _set_noise(self, noise_k: float) -> None:
+        self.noise_k = noise_k
+        self._residuals = [ReadingResiduals(course.readings, noise_k) for course in self.courses]
+
+    def sensor_c(self, model: ThermalModel, course: Course, theta: FloatArray, start_offset_k: float,
+                 electrical: Electrical) -> tuple[FloatArray, FloatArray]:
+        """Return sensor temperatures at a course's readings (K,) [deg C], and their slopes (K, PARAMETERS + 1)."""
+        start_c = course.trip.start_c + start_offset_k
+        readings_c, slopes = model.course(course, theta, start_c, electrical)
+        start_slopes = np.zeros(PARAMETERS + 1)
+        start_slopes[-1] = 1.0
+        return course.within_steps(start_c, readings_c), course.within_steps(start_slopes, slopes)
 
     def _prior(self, electrical: Electrical) -> tuple[FloatArray, FloatArray, FloatArray]:
         own = [self.parameters[name] for name in NAMES]

@@ -12,11 +12,11 @@ import numpy as np
 
 from bev_preheat.identification.check import check_trips
 from bev_preheat.identification.coverage import coverage_of, refuse_poor
-from bev_preheat.identification.curves import CorrectedResistance, knot_weights
+from bev_preheat.identification.curves import CorrectedResistance, knot_weights, KNOTS_C
 from bev_preheat.identification.deviations import uncertainty_of
 from bev_preheat.identification.electrical import CAPACITY_DEVIATION
 from bev_preheat.identification.fit import Fitter
-from bev_preheat.identification.parameters import NAMES
+from bev_preheat.identification.parameters import NAMES, STRUCTURES
 from bev_preheat.identification.result import Estimated, Identification, ResistanceCurve
 from bev_preheat.identification.structures import (
     baselines,
@@ -26,13 +26,20 @@ from bev_preheat.identification.structures import (
     try_structures,
 )
 from bev_preheat.identification.trips import common_remarks
-from bev_preheat.identification.uncertainty import correlations, Interval, intervals_of, MOST_OF_PRIOR, QUANTILE
+from bev_preheat.identification.uncertainty import (
+    correlations,
+    Interval,
+    intervals_of,
+    MOST_OF_PRIOR,
+    QUANTILE,
+    wider,
+)
 from bev_preheat.identification.vehicle_file import identified_vehicle
 from bev_preheat.identification.verdict import record_next, verdict_of
 from bev_preheat.numerics.arithmetic import ARRAYS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterable, Sequence
 
     from bev_preheat.identification.electrical import Electrical
     from bev_preheat.identification.fit import ThermalFit
@@ -43,13 +50,13 @@ HALF = 0.5
 
 
 def identify(vehicle: Vehicle, trips: Sequence[Trip], name: str,
-             tell: Callable[[str], None] = lambda stage: None) -> Identification:
+             tell: Callable[[str], None] = lambda stage: None,
+             structures_tried: Iterable[str] = tuple(STRUCTURES)) -> Identification:
     """
     Return the Identification of the car that drove the Trips, from a START vehicle; it is called `name`.
 
-    `tell` hears each stage. Raises InvalidInput with reasons if the trips tell too little, and names the
-    recordings
-    that are missing.
+    `tell` hears each stage; `structures_tried` must include those of a vehicle file. Raises InvalidInput with
+    reasons if the trips tell too little, and names the recordings that are missing.
     """
     began_s = time.perf_counter()
     refuse_poor(trips)
@@ -57,14 +64,16 @@ def identify(vehicle: Vehicle, trips: Sequence[Trip], name: str,
     tell('voltage and current')
     electrical, electricals = fitter.electrical(), left_out_electricals(fitter)
     fitter.find_dispersion(electrical)
-    structures, fits = try_structures(fitter, electrical, electricals, tell)
+    structures, fits = try_structures(fitter, structures_tried, electrical, electricals, tell)
     structure = chosen_structure(structures)
     tell('intervals')
     full = fits[structure]
     intervals = intervals_of(fitter, full)
     held = _unidentified(fitter, intervals)
     # Parameters that the trips do not tell keep START's values; all others are fitted beside them.
-    fit = fitter.fit(structure, None, electrical, full.theta, held)
+    fit = fitter.fit(structure, None, electrical, full, held)
+    if held:
+        intervals = wider(fitter, intervals, fit)
     tell('leaving each trip out')
     left_out = leave_each_out(fitter, fit, electricals, held)
     estimates = (*_thermal_estimates(fitter, fit, intervals, held), _capacity(vehicle, electrical))
@@ -148,7 +157,8 @@ def _resistance(vehicle: Vehicle, fit: ThermalFit) -> ResistanceCurve:
     curve = vehicle.battery.resistance
     start_ohm = curve.function(ARRAYS)(socs, temperatures_c) + np.zeros_like(socs)
     log_factors = fit.theta[len(NAMES):]
-    estimate_ohm = CorrectedResistance(curve, log_factors.tolist()).function(ARRAYS)(socs, temperatures_c)
-    weights, covariance = knot_weights(temperatures_c), fit.covariance[len(NAMES):, len(NAMES):]
+    estimate_ohm = CorrectedResistance(curve, log_factors.tolist(), fit.electrical.soc_factors.tolist()).function(
+        ARRAYS)(socs, temperatures_c)
+    weights, covariance = knot_weights(temperatures_c, KNOTS_C), fit.covariance[len(NAMES):, len(NAMES):]
     spread = np.exp(QUANTILE * np.sqrt(np.einsum('ti,ij,tj->t', weights, covariance, weights)))
     return ResistanceCurve(temperatures_c, start_ohm, estimate_ohm, estimate_ohm / spread, estimate_ohm * spread)

@@ -13,7 +13,7 @@ from bev_preheat.errors import figure, InvalidInput
 from bev_preheat.estimation.memory import LAG_NAMES, NAMES
 from bev_preheat.estimation.prior import NOMINAL_LAGS_S, prior_factor_covariance
 from bev_preheat.estimation.state_file import load_state
-from bev_preheat.identification.curves import KNOTS_C, resistance_table
+from bev_preheat.identification.curves import KNOTS_C, KNOTS_SOC, resistance_table
 from bev_preheat.identification.deviations import with_deviations
 from bev_preheat.identification.notes import UNCERTAINTY_NOTE
 from bev_preheat.identification.uncertainty import MOST_OF_PRIOR, QUANTILE
@@ -65,7 +65,7 @@ def learned_vehicle(vehicle: Vehicle, fingerprint: str, state_file: AnyPath, nam
     car = corrected_vehicle(vehicle, Corrections(*factors))
     log_resistance = np.full(len(KNOTS_C), math.log(factors[2]))
     car = replace(car, name=name, battery=replace(
-        car.battery, resistance=resistance_table(vehicle.battery, log_resistance)),
+        car.battery, resistance=resistance_table(vehicle.battery, log_resistance, np.zeros(len(KNOTS_SOC)))),
         hvch=replace(car.hvch, efficiency=min(car.hvch.efficiency, 1.0)),
         uncertainty=with_deviations(vehicle.uncertainty, _narrower(learned)))
     notes = {key: f"learned on line: {figure(factor, DIGITS)} times START's, 90 % interval "

@@ -130,5 +130,6 @@ class Identification:
 def _row(result: StructureResult) -> dict[str, Any]:
     return {'structure': result.structure, 'rmse_k': result.rmse_k, 'worst_k': result.worst_k,
             'cost': None if math.isnan(result.cost) else result.cost,
+            'misfit': None if math.isnan(result.misfit) else result.misfit,
             'errors_k': list(map(float, result.errors_k)),
             'in_the_file': result.in_the_file}

@@ -10,32 +10,35 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.identification.check import rms
-from bev_preheat.identification.parameters import IN_THE_FILE, STRUCTURES
+from bev_preheat.identification.parameters import IN_THE_FILE
 from bev_preheat.identification.prediction import predict
 from bev_preheat.identification.uncertainty import QUANTILE
 from bev_preheat.identification.vehicle_file import identified_vehicle
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from bev_preheat.identification.electrical import Electrical
     from bev_preheat.identification.fit import Fitter, ThermalFit
 
-# A structure with more parameters must predict unseen trips better by this share.
-LEAST_GAIN = 0.03
+# A structure with more parameters must predict the arrivals of unseen trips better by this share to be named as
+# better, and explain their readings better by this part of the misfit to be chosen.
+LEAST_GAIN, LEAST_MISFIT_GAIN = 0.03, 2.0
 SENSOR_NOISE_K = 0.1
 
 
 @dataclass(frozen=True)
 class StructureResult:
     """
-    A structure's fit cost and its errors [K] on each trip left out.
+    A structure's fit cost, and its misfit and errors [K] on trips left out.
 
+    The misfit is the negative log-likelihood of the readings of all trips left out, relative to the best course;
     `in_the_file`: a vehicle file can hold the structure.
     """
 
     structure: str
     cost: float
+    misfit: float
     errors_k: tuple[float, ...]
     in_the_file: bool
 
@@ -73,29 +76,30 @@ def left_out_electricals(fitter: Fitter) -> list[Electrical]:
     return [fitter.electrical(_others(fitter, at)) for at in range(len(fitter.trips))]
 
 
-def try_structures(fitter: Fitter, whole: Electrical, electricals: Sequence[Electrical],
+def try_structures(fitter: Fitter, structures: Iterable[str], whole: Electrical, electricals: Sequence[Electrical],
                    tell: Callable[[str], None]) -> tuple[list[StructureResult], dict[str, ThermalFit]]:
-    """Return the StructureResult of each structure, and its fit to all trips; `tell` hears each name."""
+    """Return the StructureResult of each of `structures`, and its fit to all trips; `tell` hears each name."""
     results, fits = [], {}
-    for structure in STRUCTURES:
+    for structure in structures:
         tell(f'structure: {structure}')
         fit = fits[structure] = fitter.fit(structure, None, whole)
-        errors_k = []
+        errors_k, misfit = [], 0.0
         for at, electrical in enumerate(electricals):
-            without = fitter.fit(structure, _others(fitter, at), electrical, fit.theta)
+            without = fitter.fit(structure, _others(fitter, at), electrical, fit)
             course, trip = fitter.courses[at], fitter.trips[at]
             readings_c, _ = fitter.model(structure).course(
                 course, without.theta, trip.start_c, electrical)
             errors_k.append(float(readings_c[-1]) - trip.arrival_c)
-        results.append(StructureResult(structure, fit.cost, tuple(errors_k), structure in IN_THE_FILE))
+            misfit += fitter.misfit(without, at)
+        results.append(StructureResult(structure, fit.cost, misfit, tuple(errors_k), structure in IN_THE_FILE))
     return results, fits
 
 
 def chosen_structure(results: Sequence[StructureResult]) -> str:
-    """Return the simplest structure of a vehicle file unless another beats by LEAST_GAIN on unseen trips."""
+    """Return the simplest structure of a vehicle file unless another explains unseen trips better."""
     best, *others = [result for result in results if result.in_the_file]
     for result in others:
-        if result.rmse_k < best.rmse_k * (1.0 - LEAST_GAIN):
+        if result.misfit < best.misfit - LEAST_MISFIT_GAIN:
             best = result
     return best.structure
 
@@ -106,7 +110,7 @@ def leave_each_out(fitter: Fitter, fit: ThermalFit, electricals: Sequence[Electr
     found = []
     for at, electrical in enumerate(electricals):
         trip, course = fitter.trips[at], fitter.courses[at]
-        without = fitter.fit(fit.structure, _others(fitter, at), electrical, fit.theta, held)
+        without = fitter.fit(fit.structure, _others(fitter, at), electrical, fit, held)
         car = identified_vehicle(fitter, without)
         error_k = float(predict(car, trip).reading_c[-1]) - trip.arrival_c
         _, slopes = fitter.model(fit.structure).course(course, without.theta, trip.start_c, electrical)
@@ -135,8 +139,8 @@ def baselines(fitter: Fitter) -> dict[str, StructureResult]:
         kept = _others(fitter, at)
         coefficients, *_ = np.linalg.lstsq(columns[kept], warmed_k[kept], rcond=None)
         errors_k.append(float(columns[at] @ coefficients - warmed_k[at]))
-    return {'constant temperature': StructureResult('constant temperature', math.nan, tuple(-warmed_k), False),
-            'regression on I^2': StructureResult('regression on I^2', math.nan, tuple(errors_k), False)}
+    found = {'constant temperature': tuple(-warmed_k), 'regression on I^2': tuple(errors_k)}
+    return {name: StructureResult(name, math.nan, math.nan, errors, False) for name, errors in found.items()}
 
 
 def _others(fitter: Fitter, left_out: int) -> list[int]:

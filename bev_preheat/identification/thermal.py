@@ -19,55 +19,63 @@ import casadi
 import numpy as np
 
 from bev_preheat.estimation.state import LOCAL_LAG_S
-from bev_preheat.identification.curves import CorrectedResistance, CorrectedVoltage, KNOTS_C
+from bev_preheat.identification.curves import CorrectedResistance, CorrectedVoltage, KNOTS_C, KNOTS_SOC
 from bev_preheat.identification.parameters import NAMES
+from bev_preheat.identification.readings import Readings
 from bev_preheat.nonlinear_program.symbols import SYMBOLS
 from bev_preheat.numerics.arithmetic import ARRAYS
 from bev_preheat.vehicle.description import Leakage
+from bev_preheat.vehicle.model import make_rates
 from bev_preheat.vehicle.uncertain_car import DriveInputs, Lagging, make_drive_rates, make_lagging_step
 
 if TYPE_CHECKING:
+    from collections.abc import Collection
+
     from bev_preheat.identification.electrical import Electrical
     from bev_preheat.identification.trips import Trip
     from bev_preheat.numerics.arithmetic import AnyNumber
-    from bev_preheat.numerics.arrays import FloatArray, IntArray
+    from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.vehicle.description import Vehicle
 
 STATES = 6
 INPUTS = 8
-# Offset, slope and curvature that correct the open-circuit voltage.
+# Offset, slope and curvature that correct the open-circuit voltage; the resistance over charge follows.
 VOLTAGES = 3
+ELECTRICAL = VOLTAGES + len(KNOTS_SOC)
 PARAMETERS = len(NAMES) + len(KNOTS_C)
 # Steps while the car draws power, and at stand [s].
-DRIVE_STEP_S, STAND_STEP_S = 30, 300
+DRIVE_STEP_S, STAND_STEP_S = 15, 300
 IDLE_W = 1000.0
-# A residual each so many seconds.
-READING_STEP_S = 30
+HALF = 0.5
+# A signal with steps below this is continuous [K].
+LEAST_RESOLUTION_K = 0.2
 
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """
-    A Trip in steps for the model: inputs (INPUTS, M), and the steps after which readings are compared.
-
-    `reading_at` (K,) are indices of steps, `reading_c` (K,) the readings there, `reading_weight` (K,) the time [s]
-    that each stands for.
-    """
+    """A Trip in steps for the model: inputs (INPUTS, M), and the Readings of each step."""
 
     trip: Trip
     inputs: FloatArray
-    reading_at: IntArray
-    reading_c: FloatArray
-    reading_weight_s: FloatArray
+    readings: Readings
+
+    def within_steps(self, start: FloatArray | float, after_steps: FloatArray) -> FloatArray:
+        """
+        Return values (M, ...) when the mean reading of each step was taken, from those after each step (M, ...).
+
+        `start` is the value before the first step. A reading is that at the begin of its second.
+        """
+        before = np.concatenate((np.broadcast_to(start, (1, *after_steps.shape[1:])), after_steps[:-1]))
+        share = (HALF - HALF / self.inputs[0]).reshape(-1, *[1] * (after_steps.ndim - 1))
+        return np.asarray((1.0 - share) * before + share * after_steps)
 
 
 def course_of(trip: Trip, vehicle: Vehicle) -> Course:
     """
-    Return the Course of a Trip: steps of 30 s, at stand up to 300 s.
+    Return the Course of a Trip: steps of 15 s, at stand up to 300 s.
 
-    The inputs have the variance of the current within each step, measured if possible: that of the power gives
-    it to
-    first order only, about 5 % too low.
+    The inputs have the mean square of the current within each step, measured if possible: the variance of the
+    power gives it to first order only, several percent too low.
     """
     length = len(trip) // DRIVE_STEP_S * DRIVE_STEP_S
     fine = np.arange(0.0, length + 1.0, DRIVE_STEP_S)
@@ -85,23 +93,36 @@ def course_of(trip: Trip, vehicle: Vehicle) -> Course:
     at = np.array(edges)
     power_w = trip.means(trip.power_w, at)
     soc = trip.means(trip.soc, at)
-    if trip.current_a is None:
-        open_v = vehicle.battery.open_circuit_voltage.function(ARRAYS)(soc, np.full_like(soc, trip.start_c))
-        variance_a2 = (trip.means((trip.power_w + trip.heater_w)**2, at)
-                       - trip.means(trip.power_w + trip.heater_w, at)**2) / open_v**2
-    else:
-        variance_a2 = trip.means(trip.current_a**2, at) - trip.means(trip.current_a, at)**2
     inputs = np.stack([
-        np.diff(at), power_w, np.maximum(variance_a2, 0.0),
+        np.diff(at), power_w, trip.means(_current_a(trip, vehicle)**2, at),
         trip.means(np.abs(trip.propulsion_power_w), at), trip.means(trip.heater_w, at),
         trip.means(trip.speed_mps, at), trip.means(trip.ambient_c, at), soc])
-    compared, last_s = [], 0.0
-    for index, end_s in enumerate(at[1:].tolist()):
-        if end_s - last_s >= READING_STEP_S or index == len(at) - 2:
-            compared.append((index, trip.battery_temperature_c[int(end_s) - 1], end_s - last_s))
-            last_s = end_s
-    indices, readings_c, weights_s = zip(*compared)
-    return Course(trip, inputs, np.array(indices), np.array(readings_c), np.array(weights_s))
+    return Course(trip, inputs, _readings(trip, at))
+
+
+def _current_a(trip: Trip, vehicle: Vehicle) -> FloatArray:
+    """Return the current (N,) [A]: measured, else that of the power with a vehicle's voltage and resistance."""
+    if trip.current_a is not None:
+        return trip.current_a
+    nothing = np.zeros(len(trip))
+    soc_rate, _, _ = make_rates(vehicle, ARRAYS)(
+        trip.soc, trip.battery_temperature_c, trip.power_w + trip.heater_w, nothing, nothing, nothing)
+    return np.asarray(-soc_rate * vehicle.battery.capacity_as)
+
+
+def _readings(trip: Trip, edges: FloatArray) -> Readings:
+    """Return a Trip's Readings between whole seconds `edges`."""
+    seconds = np.diff(edges)
+    counts = seconds / trip.temperature_period_s
+    if trip.resolution_k < LEAST_RESOLUTION_K:
+        return Readings(trip.means(trip.battery_temperature_c, edges)[:, np.newaxis], counts[:, np.newaxis], 0.0)
+    values_c, index = np.unique(trip.battery_temperature_c[:int(edges[-1])], return_inverse=True)
+    times = np.zeros((len(seconds), len(values_c)))
+    np.add.at(times, (np.repeat(np.arange(len(seconds)), seconds.astype(int)), index), 1.0)
+    # The values of each window first, then unused places.
+    order = np.argsort(-times, axis=1)[:, :int((times > 0.0).sum(axis=1).max())]
+    return Readings(values_c[order], np.take_along_axis(times, order, 1) * (counts / seconds)[:, np.newaxis],
+                    trip.resolution_k)
 
 
 class ThermalModel:
@@ -111,10 +132,15 @@ class ThermalModel:
     Parameters (PARAMETERS,) are coordinates: those of `parameters.NAMES`, then the resistance's log factors.
     """
 
-    def __init__(self, vehicle: Vehicle, has_shell: bool = False) -> None:
-        """Take the START vehicle; the step and its derivatives are derived at first use."""
+    def __init__(self, vehicle: Vehicle, free: Collection[str]) -> None:
+        """
+        Take the START vehicle; the step and its derivatives are derived at first use.
+
+        Slopes over names that are not `free` are 0. Without its parameters there is no shell and no local rise.
+        """
         self._vehicle = vehicle
-        self._has_shell = has_shell
+        self._free = [name in free for name in NAMES] + [True] * len(KNOTS_C)
+        self._has_shell, self._has_rise = 'shell_share' in free, 'local_rise' in free
         self._over: dict[int, casadi.Function] = {}
 
     @cached_property
@@ -124,27 +150,35 @@ class ThermalModel:
 
         A second output is the reading with its slopes.
         """
-        state, inputs, theta, voltage_v = (casadi.SX.sym(name, size) for name, size in (
-            ('state', STATES), ('inputs', INPUTS), ('theta', PARAMETERS), ('voltage_v', VOLTAGES)))
-        after = self._after(*map(casadi.vertsplit, (state, inputs, theta, voltage_v)))
-        slopes = casadi.SX.sym('slopes', STATES, PARAMETERS + 1)
-        own = casadi.horzcat(casadi.jacobian(after, theta), casadi.SX(STATES, 1))
-        slopes_after = casadi.jacobian(after, state) @ slopes + own
-        joined = casadi.vertcat(state, casadi.vec(slopes))
-        return casadi.Function('step', [joined, inputs, theta, voltage_v],
-                               [casadi.vertcat(after, casadi.vec(slopes_after)),
-                                casadi.horzcat(after[STATES - 1], slopes_after[STATES - 1, :])]).expand()
+        state, inputs, theta, electrical = (casadi.SX.sym(name, size) for name, size in (
+            ('state', STATES), ('inputs', INPUTS), ('theta', PARAMETERS), ('electrical', ELECTRICAL)))
+        after = self._after(*map(casadi.vertsplit, (state, inputs, theta, electrical)))
+        by_state, free = casadi.jacobian(after, state), casadi.diag(casadi.DM(self._free).T)
+        own = casadi.horzcat(casadi.jacobian(after, theta) @ casadi.sparsify(free), casadi.SX(STATES, 1))
+        # Only slopes that can differ from 0 are carried along, which takes a third of the time.
+        pattern = _start_slopes()
+        for _ in range(STATES):
+            pattern = pattern + casadi.DM(by_state.sparsity(), 1.0) @ pattern + casadi.DM(own.sparsity(), 1.0)
+        slopes = casadi.SX.sym('slopes', pattern.sparsity())
+        slopes_after = casadi.project(by_state @ slopes + own, pattern.sparsity())
+        self._carried = pattern.sparsity()
+        joined = casadi.vertcat(state, slopes.nz[:])
+        # Without common subexpressions the step takes two thirds of the time.
+        reading = casadi.densify(casadi.horzcat(after[STATES - 1], slopes_after[STATES - 1, :]))
+        outputs = casadi.cse(casadi.vertcat(after, slopes_after.nz[:], reading.T))
+        size = joined.numel()
+        return casadi.Function('step', [joined, inputs, theta, electrical], [outputs[:size], outputs[size:].T])
 
     def _after(self, state: list[AnyNumber], inputs: list[AnyNumber], theta: list[AnyNumber],
-               voltage_v: list[AnyNumber]) -> AnyNumber:
+               electrical: list[AnyNumber]) -> AnyNumber:
         temperature_c, shell_c, under_way_k, sensor_c, local_k, _ = state
-        duration_s, power_w, variance_a2, magnitude_w, heater_w, speed_mps, ambient_c, soc = inputs
+        duration_s, power_w, square_a2, magnitude_w, heater_w, speed_mps, ambient_c, soc = inputs
         (log_capacity, log_leakage, per_speed, drivetrain_heat, efficiency, log_heat_lag, log_sensor_lag,
          local_rise,
          shell_share, log_conductance), log_factors = theta[:len(NAMES)], theta[len(NAMES):]
-        vehicle = replace(self._vehicle, battery=replace(
-            self._vehicle.battery,
-            open_circuit_voltage=CorrectedVoltage(self._vehicle.battery.open_circuit_voltage, *voltage_v)))
+        battery = self._vehicle.battery
+        vehicle = replace(self._vehicle, battery=replace(battery, open_circuit_voltage=CorrectedVoltage(
+            battery.open_circuit_voltage, *electrical[:VOLTAGES])))
         exp = SYMBOLS.exp
         capacity, conductance = exp(log_capacity), exp(log_conductance)
         leakage = Leakage(exp(log_leakage), per_speed)
@@ -155,11 +189,14 @@ class ThermalModel:
             battery=replace(
                 vehicle.battery, heat_capacity_j_per_k=core,
                 leakage=Leakage(0.0, 0.0) if self._has_shell else leakage,
-                resistance=CorrectedResistance(vehicle.battery.resistance, log_factors)))
-        variance_w2 = variance_a2 * vehicle.battery.open_circuit_voltage.function(SYMBOLS)(soc, temperature_c)**2
-        drive = DriveInputs(speed_mps, ambient_c, power_w, variance_w2, magnitude_w, 0.0, 0.0, heater_w)
-        rates = make_drive_rates(car, SYMBOLS, lambda mean, variance: mean)
-        ones = (1.0,) * 5
+                resistance=CorrectedResistance(vehicle.battery.resistance, log_factors, electrical[VOLTAGES:])))
+        rates, ones = make_drive_rates(car, SYMBOLS, lambda mean, variance: mean), (1.0,) * 5
+        steady = DriveInputs(speed_mps, ambient_c, power_w, 0.0, magnitude_w, 0.0, 0.0, heater_w)
+        # The variance with which the Joule heat is that of the current's mean square.
+        steady_a2 = rates(temperature_c, soc, ones, steady)[2] / car.battery.resistance.function(SYMBOLS)(
+            soc, temperature_c)
+        open_v = car.battery.open_circuit_voltage.function(SYMBOLS)(soc, temperature_c)
+        drive = replace(steady, power_variance_w2=(square_a2 - steady_a2) * open_v**2)
 
         def rates_at(core_c: AnyNumber) -> tuple[AnyNumber, AnyNumber, AnyNumber]:
             rate, soc_rate, joule_w = rates(core_c, soc, ones, drive)
@@ -174,7 +211,7 @@ class ThermalModel:
         lagging = Lagging(
             temperature_c, soc, under_way_k, sensor_c, local_k, heat_lag_s, sensor_lag_s,
             casadi.exp(-duration_s / heat_lag_s), casadi.exp(-duration_s / sensor_lag_s),
-            casadi.exp(-duration_s / LOCAL_LAG_S), 1.0, local_rise, 0.0)
+            casadi.exp(-duration_s / LOCAL_LAG_S), 1.0, local_rise if self._has_rise else 0.0, 0.0)
         end_c, _, under_way_end_k, sensor_end_c, local_end_k = make_lagging_step(car)(
             lagging, now, heater_w, duration_s)
         shell_end_c = shell_c
@@ -190,17 +227,25 @@ class ThermalModel:
         """
         Return sensor temperatures after each step (M,) [deg C] and their slopes (M, PARAMETERS + 1).
 
-        The last slope is that over the start temperature `start_c`; the open-circuit voltage is that of
-        `electrical`.
+        The last slope is that over the start temperature `start_c`; the open-circuit voltage, and the resistance's
+        course over charge, are those of `electrical`.
         """
         steps = course.inputs.shape[1]
         if steps not in self._over:
             self._over[steps] = self._step.mapaccum('course', steps, {'base': 4})
-        slopes = np.zeros((STATES, PARAMETERS + 1))
-        slopes[[0, 1, 3, 5], -1] = 1.0
-        state = np.concatenate(([start_c, start_c, 0.0, start_c, 0.0, start_c], slopes.ravel('F')))
+        slopes = casadi.project(_start_slopes(), self._carried).nonzeros()
+        state = np.concatenate(([start_c, start_c, 0.0, start_c, 0.0, start_c], slopes))
         _, rows = self._over[steps](state, course.inputs, *(
-            np.tile(values[:, np.newaxis], steps) for values in (theta, electrical.voltage_v)))
+            np.tile(values[:, np.newaxis], steps) for values in (
+                theta, np.concatenate((electrical.voltage_v, electrical.soc_factors)))))
         # The rows of all steps stand side by side.
         read = rows.full().reshape(steps, PARAMETERS + 2)
         return read[:, 0], read[:, 1:]
+
+
+def _start_slopes() -> casadi.DM:
+    """Return the slopes of the states at the start (STATES, PARAMETERS + 1): those over the start temperature."""
+    slopes = casadi.DM(STATES, PARAMETERS + 1)
+    for state in (0, 1, 3, 5):
+        slopes[state, PARAMETERS] = 1.0
+    return slopes

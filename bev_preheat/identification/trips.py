@@ -39,6 +39,9 @@ STANDING_MPS = 0.3
 MOST_NAMED = 3
 # Steps of the current from here on [A] show the sign of the current in the voltage.
 LEAST_CURRENT_STEP_A = 5.0
+# Samples of the temperature count one by one if they are this far apart [s]. A signal that is only sent on a
+# change tells something in between as well.
+PERIODS_S = 1.0, 300.0
 # Usual steps of a temperature signal.
 RESOLUTIONS_K = (1.0, 0.5, 0.25, 0.2, 0.1)
 
@@ -50,7 +53,8 @@ class Trip:
 
     `power_w` is the battery's terminal power without `heater_w`, the power of the HVCH for the battery.
     `propulsion_power_w` is the drivetrain's part, 0 at stand. `voltage_v` and `current_a` are None if the
-    log has the power only. `has_heater` and `has_speed` are True if the log has the signal.
+    log has the power only. `has_heater` and `has_speed` are True if the log has the signal. `temperature_period_s`
+    is the time between two samples of the battery temperature [s].
     """
 
     name: str
@@ -68,6 +72,7 @@ class Trip:
     has_heater: bool
     has_speed: bool
     remarks: tuple[str, ...] = ()
+    temperature_period_s: float = 1.0
 
     def __len__(self) -> int:
         """Return the duration [s], which is the number of samples."""
@@ -189,7 +194,14 @@ def trip_of(recording: Recording, vehicle: Vehicle) -> Trip:
     standing = speed_mps < STANDING_MPS if has_speed else np.full(len(grid_s), idle_w.mean() < 0.0)
     return Trip(name, held('battery_temperature_c'), held('soc'), idle_w, np.where(standing, 0.0, propulsion_w),
                 cabin_w, auxiliary_w, heater_w, speed_mps, linear('ambient_c'), voltage_v, current_a,
-                'battery_heater_w' in signals, has_speed, tuple(remarks))
+                'battery_heater_w' in signals, has_speed, tuple(remarks),
+                _period_s(signals['battery_temperature_c'].time_s))
+
+
+def _period_s(time_s: FloatArray) -> float:
+    """Return the usual time between two samples [s], within the range that counts."""
+    low_s, high_s = PERIODS_S
+    return float(np.clip(np.median(np.diff(time_s)), low_s, high_s)) if len(time_s) > 1 else high_s
 
 
 def _others(signals: Mapping[str, Series], held: Callable[[str], FloatArray], grid_s: FloatArray, vehicle: Vehicle,

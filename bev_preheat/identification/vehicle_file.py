@@ -59,7 +59,8 @@ def identified_vehicle(fitter: Fitter, fit: ThermalFit) -> Vehicle:
         battery=replace(
             battery, capacity_ah=electrical.capacity_ah,
             heat_capacity_j_per_k=values['heat_capacity'] - path.coolant_heat_capacity_j_per_k,
-            open_circuit_voltage=voltage, resistance=resistance_table(battery, fit.theta[len(NAMES):]),
+            open_circuit_voltage=voltage, resistance=resistance_table(
+                battery, fit.theta[len(NAMES):], electrical.soc_factors),
             leakage=Leakage(values['leakage'], values['leakage_with_speed'])))
 
 

@@ -43,6 +43,8 @@ from bev_preheat.nodes.message_definitions import definition
 from bev_preheat_msgs.msg import HvchCommand, HvchStatus, PreheatPlan, RoutePlan, RouteProgress
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from rclpy.node import Node
 
     from bev_preheat.control.events import Event
@@ -57,12 +59,15 @@ TYPES = {BATTERY_STATE: BatteryState, ROUTE_PLAN: RoutePlan, ROUTE_PROGRESS: Rou
 # Every plan follows from the inputs, so only some are written, for viewers [ns].
 PLAN_PERIOD_NS = 10 * NS_PER_S
 BYTES_PER_MB = 1_000_000
-# Names of the Vehicle Signal Specification for recorded fields.
+# Names of the Vehicle Signal Specification for recorded fields, as docs/how-to/bus.md has them.
 VSS = 'Vehicle.Powertrain.TractionBattery'
 METADATA = {'vss': {'battery_state.temperature': f'{VSS}.Temperature.Average',
-                    'battery_state.percentage': f'{VSS}.StateOfCharge.Displayed',
+                    'battery_state.percentage': f'{VSS}.StateOfCharge.Current',
                     'battery_state.voltage': f'{VSS}.CurrentVoltage',
-                    'battery_state.current': f'{VSS}.CurrentCurrent'}}
+                    'battery_state.current': f'{VSS}.CurrentCurrent',
+                    'battery_state.power_supply_status': f'{VSS}.Charging.IsCharging',
+                    'route_plan.target_battery_temperature': f'{VSS}.BatteryConditioning.TargetTemperature',
+                    'route_plan.ambient_temperature': 'Vehicle.Exterior.AirTemperature'}}
 
 
 class Setup(NamedTuple):
@@ -73,6 +78,26 @@ class Setup(NamedTuple):
     learned: Learned | None = None
 
 
+class Planner(NamedTuple):
+    """
+    The planner that is recorded: its full name, and whether its clock is /clock.
+
+    `topic` gives a topic's full name; `warn` and `inform` take sentences on the recording.
+    """
+
+    name: str
+    uses_sim_time: bool
+    topic: Callable[[str], str]
+    warn: Callable[[str], object]
+    inform: Callable[[str], object]
+
+
+def planner_of(node: Node) -> Planner:
+    """Return the Planner of its node."""
+    return Planner(node.get_fully_qualified_name(), node.get_parameter('use_sim_time').value,
+                   node.resolve_topic_name, node.get_logger().warning, node.get_logger().info)
+
+
 class FlightRecorder:
     """
     Records a planner's steps if the parameter `flight_recorder` names a folder; never raises, never waits.
@@ -80,9 +105,9 @@ class FlightRecorder:
     `problem` is the sentence on what keeps it from recording, '' if nothing does.
     """
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, planner: Planner) -> None:
         """Record nothing yet."""
-        self._node, self._life = node, ''
+        self._planner, self._life = planner, ''
         self._topics: dict[str, str] = {}
         self._writer: RecordingWriter | None = None
         self._where: tuple[str, float] = ('', 0.0)
@@ -124,21 +149,21 @@ class FlightRecorder:
         started = datetime.now(UTC).strftime('%Y%m%dT%H%M%S')
         try:
             check_folder(folder)
-            kinds = {self._node.resolve_topic_name(topic): _kind(message_type)
+            kinds = {self._planner.topic(topic): _kind(message_type)
                      for topic, message_type in TYPES.items()}
             self._life = uuid4().hex[:8]
             self._writer = RecordingWriter(
                 Recording(Path(folder).expanduser(), round(megabytes * BYTES_PER_MB), self._life, started), kinds,
                 self._head(state, now_ns, is_whole), METADATA)
-            self._topics = {topic: self._node.resolve_topic_name(topic) for topic in TYPES}
+            self._topics = {topic: self._planner.topic(topic) for topic in TYPES}
         except Exception as error:
             self._failure = str(error) if isinstance(error, InvalidInput) else f'{type(error).__name__}: {error}'
         self.tell()
 
     def _head(self, state: PlannerState, now_ns: int, is_whole: bool) -> tuple[Entry, ...]:
         beginning = Beginning(
-            version(), self._node.get_fully_qualified_name(), self._life, 0, is_whole, now_ns,
-            self._node.get_parameter('use_sim_time').value, self._setup.parameters,
+            version(), self._planner.name, self._life, 0, is_whole, now_ns,
+            self._planner.uses_sim_time, self._setup.parameters,
             self._setup.vehicle_contents.decode('utf-8', 'replace'), self._setup.learned, state.last_seen,
             state.choices)
         head = (Entry(BEGINNING_CHANNEL, now_ns, beginning.as_dictionary()),)
@@ -211,9 +236,9 @@ class FlightRecorder:
         problem = self.problem
         if problem != self._told:
             if problem:
-                self._node.get_logger().warning(f'flight_recorder: {problem}.')
+                self._planner.warn(f'flight_recorder: {problem}.')
             else:
-                self._node.get_logger().info('flight_recorder: recording again.')
+                self._planner.inform('flight_recorder: recording again.')
             self._told = problem
 
     def entry(self, name: str, hardware: str) -> DiagnosticStatus | None:
@@ -226,6 +251,11 @@ class FlightRecorder:
             level=DiagnosticStatus.WARN if self.problem or lost else DiagnosticStatus.OK,
             message=self.problem or lost or 'recording',
             values=[KeyValue(key='file', value=self.path), KeyValue(key='lost steps', value=str(self.dropped))])
+
+    def catch_up(self) -> None:
+        """Wait until the steps so far are written: for a drive that is faster than the disk."""
+        if self._writer is not None:
+            self._writer.catch_up()
 
     def close(self) -> None:
         """End the recording."""

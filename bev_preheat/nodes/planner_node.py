@@ -36,7 +36,7 @@ from bev_preheat.nodes.command_publisher import CommandPublisher
 from bev_preheat.nodes.convert import battery_event, command_message, plan_message, temperature_message
 from bev_preheat.nodes.departure_keeper import check_departure_parameters, DepartureKeeper, SKIP
 from bev_preheat.nodes.diagnostics import heater_sentence, planner_diagnostics
-from bev_preheat.nodes.flight_recording import FlightRecorder, Setup
+from bev_preheat.nodes.flight_recording import FlightRecorder, planner_of, Setup
 from bev_preheat.nodes.heater_messages import heater_status_event
 from bev_preheat.nodes.managed import LIFECYCLE, ManagedStates, NOT_ACTIVE
 from bev_preheat.nodes.news import RepetitionFilter
@@ -182,7 +182,7 @@ class PlannerNode(Node):
         self._supervisor = Supervisor(
             vehicle, settings, recalled.learned, recalled.last_seen, choices)
         self._told, self._news = _Told(), RepetitionFilter()
-        self._recorder = FlightRecorder(self)
+        self._recorder = FlightRecorder(planner_of(self))
         self._record(values, recalled.learned, is_whole=True)
         # The latest step, or its outputs, raised an exception.
         self._is_in_doubt = False

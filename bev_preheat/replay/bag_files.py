@@ -75,7 +75,7 @@ def _is_wanted(topic: str, type_name: str, types: Mapping[str, str]) -> bool:
 
 def _mcap(path: Path, types: Mapping[str, str], remarks: list[str]) -> Iterator[tuple[str, str, int, bytes]]:
     def note(problem: str) -> None:
-        remarks.append(f'{path}: {problem}; what comes before is used')
+        remarks.append(f'{path}: {problem}; the messages before are used')
 
     checked: set[str] = set()
     for topic, type_name, received_ns, data, text in mcap_messages(path, note):
@@ -88,8 +88,10 @@ def _mcap(path: Path, types: Mapping[str, str], remarks: list[str]) -> Iterator[
 
 def _sqlite_messages(path: Path, types: Mapping[str, str],
                      remarks: list[str]) -> Iterator[tuple[str, str, int, bytes]]:
+    # A recorder that was killed leaves a journal beside the file; without one nothing is written beside it.
+    how = 'mode=ro' if path.with_name(f'{path.name}-wal').exists() else 'mode=ro&immutable=1'
     try:
-        base = sqlite3.connect(f'{path.resolve().as_uri()}?mode=ro&immutable=1', uri=True)
+        base = sqlite3.connect(f'{path.resolve().as_uri()}?{how}', uri=True)
     except sqlite3.Error as error:
         raise InvalidInput(f'{path}: cannot be read: {error}') from error
     try:
@@ -105,7 +107,7 @@ def _sqlite_messages(path: Path, types: Mapping[str, str],
                 f'WHERE topic_id IN ({numbers}) ORDER BY timestamp, id'):
             yield *wanted[number], int(received_ns), bytes(data)
     except (sqlite3.Error, TypeError, ValueError, OverflowError) as error:
-        remarks.append(f'{path}: is damaged ({error}); what comes before is used')
+        remarks.append(f'{path}: is damaged ({error}); the messages before are used')
     finally:
         base.close()
 

@@ -24,8 +24,8 @@ def cause_of(flight: Flight, first: Difference) -> str:
     if any(gap <= first.number for gap in flight.gaps):
         return 'Steps before it were not recorded, so the replayed planner knows less.'
     if not beginning.is_whole:
-        return ("The recording begins in the middle of the planner's life, and the estimation does not know yet "
-                'what it knew.')
+        return ("The recording begins in the middle of the planner's life, and the estimation has not settled "
+                'yet.')
     if beginning.version != version():
         return f'Version {beginning.version} recorded it, and version {version()} replays it.'
     method = str(parameters.get('method', ''))

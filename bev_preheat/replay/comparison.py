@@ -36,7 +36,7 @@ class Comparison:
     """
     `commands` recorded commands were compared, `different` of them differ, `first` is the first Difference.
 
-    `largest_w` is the largest difference of power [W], `tolerance_w` [W] the one that counts as none.
+    `largest_w` is the largest difference of power [W], `tolerance_w` [W] the tolerated difference.
     """
 
     commands: int

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 WH_PER_J = 1.0 / 3600.0
 # Heater power below this is off [W].
 LEAST_HEAT_W = 1.0
+# The recorded power of a log's heater holds this long without another one [ns].
+RECORDED_HOLD_NS = 60 * NS_PER_S
 OVER = (Status.ARRIVED, Status.CHARGING)
 
 
@@ -24,7 +26,7 @@ class Instant(NamedTuple):
     The course at an instant [ns]: command [W], measured, estimated and predicted arrival temperature [deg C], SoC.
 
     `deviation_k` [K] is that of the prediction, `start_ns` [ns] the planned start of heating; NaN and None:
-    unknown.
+    unknown. `until_ns` [ns] is the end of the command's lease.
     """
 
     now_ns: int
@@ -36,6 +38,7 @@ class Instant(NamedTuple):
     soc: float
     start_ns: int | None
     status: Status
+    until_ns: int
 
 
 class Said(NamedTuple):
@@ -82,7 +85,9 @@ class Course:
             math.nan if measurement is None else measurement.state.temperature_c,
             math.nan if estimate is None else estimate.temperature_c,
             math.nan if plan is None else plan.arrival_temperature_c, decision.arrival_deviation_k,
-            math.nan if measurement is None else measurement.state.soc, start_ns, decision.status)
+            math.nan if measurement is None else measurement.state.soc, start_ns, decision.status,
+            played.now_ns + RECORDED_HOLD_NS if recorded_w is not None
+            else 0 if command is None else command.valid_until_ns)
         self.instants.append(instant)
         if recorded_w is None and (not self.said or self.said[-1].status is not decision.status):
             target_c = math.nan if decision.target is None or decision.target.target_c is None \
@@ -115,9 +120,9 @@ class Course:
 
     @property
     def energy_wh(self) -> float:
-        """The commanded electrical energy [Wh]."""
+        """The commanded electrical energy [Wh]; a command ends with its lease, whatever the clock does."""
         return WH_PER_J * sum(
-            before.command_w * max(after.now_ns - before.now_ns, 0) / NS_PER_S
+            before.command_w * max(min(after.now_ns, before.until_ns) - before.now_ns, 0) / NS_PER_S
             for before, after in zip(self.instants, self.instants[1:]))
 
     @property

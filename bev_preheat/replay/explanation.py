@@ -57,7 +57,7 @@ def explain(flight: Flight, at_ns: int) -> Why:
 
     Raises InvalidInput if the recording does not reach it.
     """
-    first_ns, last_ns = flight.given[0].step.now_ns, flight.given[-1].step.now_ns
+    first_ns, last_ns = flight.start_ns, flight.given[-1].step.now_ns
     if not first_ns <= at_ns <= last_ns:
         raise InvalidInput(f'the instant is {duration_text(abs(at_ns - first_ns) / NS_PER_S)} '
                            f'{"before" if at_ns < first_ns else "after"} the start of the recording, which is '

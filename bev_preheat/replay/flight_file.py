@@ -6,7 +6,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 import json
 from pathlib import Path
-import struct
 from typing import Any, TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput
@@ -52,6 +51,18 @@ class Flight:
     source: str = FLIGHT_RECORDER
     has_commands: bool = True
     power_tolerance_w: float = 0.0
+
+    @property
+    def start_ns(self) -> int:
+        """
+        The first instant [ns] at which the planner's clock ran: one that waits for /clock reads 0.
+
+        Raises InvalidInput if it never ran.
+        """
+        for given in self.given:
+            if given.step.now_ns > 0:
+                return given.step.now_ns
+        raise InvalidInput(f'{self.paths[0]}: the planner waited for /clock all the time')
 
     @property
     def is_log(self) -> bool:
@@ -128,7 +139,7 @@ def _read_part(path: Path, remarks: list[str]) -> tuple[Beginning, list[Given], 
     latest: dict[str, tuple[str, bytes]] = {}
 
     def note(problem: str) -> None:
-        remarks.append(f'{path}: {problem}; what comes before is used')
+        remarks.append(f'{path}: {problem}; the messages before are used')
 
     for channel, type_name, _, data, _ in mcap_messages(path, note):
         if channel == BEGINNING_CHANNEL:
@@ -165,7 +176,6 @@ def mcap_messages(path: Path, note: Callable[[str], object]) -> Iterator[tuple[s
 
     A damaged record ends it, and is noted. Raises InvalidInput if the file cannot be read.
     """
-    from mcap.exceptions import McapError
     from mcap.records import Channel, Message, Schema
     from mcap.stream_reader import StreamReader
     channels: dict[int, Channel] = {}
@@ -182,9 +192,8 @@ def mcap_messages(path: Path, note: Callable[[str], object]) -> Iterator[tuple[s
                     schema = schemas.get(channel.schema_id)
                     name, text = ('', b'') if schema is None else (schema.name, schema.data)
                     yield channel.topic, name, record.log_time, record.data, text
-    except GeneratorExit:
-        raise
     except OSError as error:
         raise InvalidInput(f'{path}: cannot be read: {error.strerror}') from error
-    except (McapError, ValueError, KeyError, EOFError, IndexError, struct.error) as error:
+    except Exception as error:
+        # Damaged bytes raise errors of many kinds, also of the libraries that decompress chunks.
         note(f'ends in the middle ({type(error).__name__})')

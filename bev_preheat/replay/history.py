@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a report draws of a drive: columns over time, plans, sentences and diagnostics at their changes."""
+"""The contents of a report: columns over time; plans, sentences and diagnostics at their changes."""
 
 from __future__ import annotations
 
@@ -23,11 +23,13 @@ if TYPE_CHECKING:
 # Rows of a drive of any length; a day has one a second.
 MOST_ROWS = 90_000
 LEAST_PERIOD_NS = NS_PER_S
-# A plan is kept if one of these differs from the latest kept one by more: start and arrival [s], temperatures [K].
+# A plan is kept if start or arrival [s], or a temperature [K], moved by more since the latest kept plan.
 PLAN_SHIFT_S, PLAN_SHIFT_K = 60.0, 0.5
 MOST_PLANS, MOST_POINTS = 400, 120
 MOST_CHANGES = 3000
 LEAST_HEAT_W = 1.0
+# The clock has jumped if it went back, or on by more [ns].
+LONGEST_PAUSE_NS = 86400 * NS_PER_S
 COLUMNS = ('time', 'measured', 'estimated', 'estimated_low', 'estimated_high', 'predicted', 'predicted_low',
            'predicted_high', 'target', 'ambient', 'commanded', 'confirmed', 'soc', 'power')
 # Numbers in a sentence change from step to step; only other words make it another one.
@@ -45,7 +47,7 @@ class KeptPlan(NamedTuple):
     """
     A plan as it was made at an instant [ns], thinned.
 
-    `label` says what it intends. `time_s` since 1970 [s], `temperature_c` and `soc` of shape (N,), and
+    `label` describes it. `time_s` since 1970 [s], `temperature_c` and `soc` of shape (N,), and
     `power_w` [W] of shape (N,), the last one 0.
     """
 
@@ -71,15 +73,14 @@ class History:
 
     `columns` has the values of COLUMNS, NaN for unknown: times in s since 1970, temperatures in deg C, powers in
     W, charge 0 ... 1. `sentences` (status, sentence), `regimes` (regime,), `doubts` (names of signals,) and
-    `diagnostics` (entry, level, message) are Changes; `lost` counts the changes beyond MOST_CHANGES, `not_drawn`
-    the steps from when the clock had gone back.
+    `diagnostics` (entry, level, message) are Changes; `lost` counts the changes beyond MOST_CHANGES, `jumps` those
+    of the clock, after which times are those of the clock before.
     """
 
-    def __init__(self, length_ns: int, has_diagnostics: bool = True) -> None:
+    def __init__(self, length_ns: int) -> None:
         """Prepare for a drive of a length [ns]."""
         self._period_ns = max(LEAST_PERIOD_NS, length_ns // MOST_ROWS)
         self._due_ns = self._latest_ns = -1
-        self._has_diagnostics = has_diagnostics
         self._latest: tuple[Any, ...] = ()
         self.columns: dict[str, array[float]] = {name: array('d') for name in COLUMNS}
         self.sentences: list[Change] = []
@@ -87,7 +88,9 @@ class History:
         self.doubts: list[Change] = []
         self.diagnostics: list[Change] = []
         self.plans: list[KeptPlan] = []
-        self.lost = self.not_drawn = 0
+        self.lost = self.jumps = 0
+        # By how much the drawn time is ahead of the clock.
+        self._ahead_ns = 0
         self._known: dict[str, object] = {}
         self._plan_key: _PlanKey | None = None
         self._ambient = _Ambient()
@@ -98,18 +101,14 @@ class History:
 
         `recorded_w` [W] is the heater's recorded power if no planner commanded it, None: one did.
         """
-        now_ns, state = played.now_ns, played.state
+        now_ns, state = self._drawn_ns(played.now_ns), played.state
         command, decision = state.latest_command, state.decision
         if recorded_w is not None:
             power_w = recorded_w
         else:
-            is_expired = command is None or command.valid_until_ns < now_ns
+            is_expired = command is None or command.valid_until_ns < played.now_ns
             power_w = 0.0 if command is None or is_expired else command.battery_heating_power_w
         switched = (decision.status, power_w >= LEAST_HEAT_W)
-        if now_ns < self._latest_ns:
-            # Curves go forwards only.
-            self.not_drawn += 1
-            return
         if now_ns < self._due_ns and switched == self._latest:
             return
         self._due_ns = now_ns - now_ns % self._period_ns + self._period_ns
@@ -122,9 +121,20 @@ class History:
                    (decision.status, NUMBER.sub('', explanation)))
         self._note('regime', self.regimes, now_ns, (state.regime.regime.value,))
         self._note('doubts', self.doubts, now_ns, tuple(verdict.signal for verdict in state.signal_verdicts))
-        if self._has_diagnostics:
-            self._add_diagnostics(now_ns, state)
+        self._add_diagnostics(now_ns, played)
         self._add_plan(now_ns, decision)
+
+    def _drawn_ns(self, now_ns: int) -> int:
+        """Return the instant [ns] at which a step is drawn: curves go forwards, whatever the clock does."""
+        if self._latest_ns < 0:
+            return now_ns
+        for ahead_ns in (0, self._ahead_ns):
+            if 0 <= now_ns + ahead_ns - self._latest_ns <= LONGEST_PAUSE_NS:
+                self._ahead_ns = ahead_ns
+                return now_ns + ahead_ns
+        self.jumps += 1
+        self._ahead_ns = self._latest_ns - now_ns
+        return self._latest_ns
 
     def _add_row(self, now_ns: int, state: PlannerState, command_w: float, has_planner: bool) -> None:
         decision, measurement = state.decision, state.measurement
@@ -139,15 +149,15 @@ class History:
             now_ns / NS_PER_S, math.nan if measurement is None else measurement.state.temperature_c,
             estimated_c, estimated_c - estimated_k, estimated_c + estimated_k,
             predicted_c, predicted_c - predicted_k, predicted_c + predicted_k,
-            math.nan if plan is None else plan.target_temperature_c, self._ambient.at(decision.leg, now_ns),
-            command_w,
+            math.nan if plan is None else plan.target_temperature_c,
+            self._ambient.at(decision.leg, now_ns - self._ahead_ns), command_w,
             math.nan if answer is None or answer.status is None else answer.status.confirmed_w,
             math.nan if measurement is None else measurement.state.soc, math.nan if power_w is None else power_w)
         for name, value in zip(COLUMNS, row):
             self.columns[name].append(value)
 
-    def _add_diagnostics(self, now_ns: int, state: PlannerState) -> None:
-        for entry in planner_diagnostics('planner', state, now_ns).status:
+    def _add_diagnostics(self, now_ns: int, played: Played) -> None:
+        for entry in planner_diagnostics('planner', played.state, played.now_ns).status:
             name = entry.name.partition(': ')[2]
             # `preheating` repeats status and sentence.
             level = int.from_bytes(entry.level) if isinstance(entry.level, bytes) else int(entry.level)
@@ -173,11 +183,11 @@ class History:
         if plan is None or len(plan.time_s) < 2:
             self._plan_key = None
             return
-        start_s = decision.plan_start_ns / NS_PER_S
+        start_s = (decision.plan_start_ns + self._ahead_ns) / NS_PER_S
         begins_s = math.inf if plan.heating_start_s is None else start_s + plan.heating_start_s
         key = _PlanKey(int(decision.status), begins_s, start_s + plan.arrival_time_s, plan.arrival_temperature_c,
                        plan.target_temperature_c)
-        # A heating under way begins at every instant anew.
+        # While heating, each plan starts with heat.
         is_under_way = plan.heating_start_s is not None and plan.heating_start_s <= 0.0
         if self._plan_key is not None and not _differ(self._plan_key, key, is_under_way):
             return

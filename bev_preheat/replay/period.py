@@ -53,8 +53,8 @@ def instant_of(option: str, text: str, start_ns: int) -> int:
 
 def period_of(flight: Flight, begin: str | None, end: str | None) -> Period:
     """Return the Period from `begin` to `end` (None: open); raises InvalidInput if it has no step."""
-    instants = [given.step.now_ns for given in flight.given]
-    start_ns = instants[0]
+    start_ns = flight.start_ns
+    instants = [given.step.now_ns for given in flight.given if given.step.now_ns > 0]
     period = Period(WHOLE.from_ns if begin is None else instant_of('--from', begin, start_ns),
                     WHOLE.to_ns if end is None else instant_of('--to', end, start_ns))
     if period.from_ns > period.to_ns:
@@ -69,7 +69,8 @@ def period_of(flight: Flight, begin: str | None, end: str | None) -> Period:
 
 def driven_ns(flight: Flight, period: Period = WHOLE) -> int:
     """Return how long [ns] the steps of a Period take, without pauses and jumps of the clock."""
-    instants = [given.step.now_ns for given in flight.given if period.has(given.step.now_ns)]
+    instants = [given.step.now_ns for given in flight.given
+                if given.step.now_ns > 0 and period.has(given.step.now_ns)]
     return sum(min(max(after - before, 0), LONGEST_PAUSE_NS) for before, after in zip(instants, instants[1:]))
 
 

@@ -28,6 +28,7 @@ from bev_preheat.nodes.convert import battery_event
 from bev_preheat.nodes.heater_messages import heater_status_event
 from bev_preheat.nodes.route_intake import RouteIntake
 from bev_preheat.nodes.route_progress import progress_event
+from bev_preheat.replay.message_types import read_message
 from bev_preheat.vehicle import load_vehicle
 
 if TYPE_CHECKING:
@@ -133,13 +134,9 @@ class Player:
         return battery_event(message, hint)
 
     def _message(self, given: Given) -> Any:
-        from rclpy.serialization import deserialize_message
-
-        from bev_preheat.replay.message_types import message_type
         if given.message is None:
             raise InvalidInput('a step of the recording has lost its message')
-        type_name, data = given.message
-        return deserialize_message(data, message_type(type_name))
+        return read_message(*given.message)
 
     def _vehicle(self, text: str) -> Vehicle:
         """Return the Vehicle of a file's text, or the changed one; the same object for the same text."""

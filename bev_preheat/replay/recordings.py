@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from bev_preheat.replay.flight_file import Flight
 
-# The recorder's first message is one of the first of a file.
+# The recorder's first message is near the start of a file.
 MOST_SEARCHED = 20
 
 
@@ -40,7 +40,7 @@ class Planner(NamedTuple):
 
 
 class Sources(NamedTuple):
-    """What a recording needs beside it: route file and signal map of a log, namespace of a ros2 bag."""
+    """The inputs beside a recording: route file and signal map of a log, namespace of a ros2 bag."""
 
     route: str | None = None
     signals: str | None = None
@@ -48,7 +48,7 @@ class Sources(NamedTuple):
 
 
 def has_planner(path: Path) -> bool:
-    """Return whether a recording is one of the flight recorder; raises InvalidInput if it cannot be read."""
+    """Return whether the flight recorder wrote a recording; raises InvalidInput if it cannot be read."""
     if path.is_dir():
         return not is_bag(path)
     if not path.is_file():

@@ -42,7 +42,7 @@ class SignalChange(NamedTuple):
                 f'{self.signal} {"+" if self.offset > 0.0 else "-"} {abs(self.offset):g}')
 
     def alter_battery(self, message: Any) -> None:
-        """Change a BatteryState message, if the signal is one of its fields."""
+        """Change a BatteryState message, if it has the signal."""
         field = BATTERY_FIELDS.get(self.signal)
         if field is not None:
             setattr(message, field, self.of(getattr(message, field)))
@@ -50,7 +50,7 @@ class SignalChange(NamedTuple):
                 message.cell_temperature = [self.of(cell_c) for cell_c in message.cell_temperature]
 
     def alter_route(self, message: Any) -> None:
-        """Change a RoutePlan message, if the signal is one of its fields."""
+        """Change a RoutePlan message, if it has the signal."""
         field = ROUTE_FIELDS.get(self.signal)
         if self.signal == 'target':
             # A target that the route does not name is the planner's own.

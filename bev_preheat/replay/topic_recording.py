@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Recordings of `ros2 bag`, MCAP or SQLite: the planner's topics, and the steps that its commands tell of."""
+"""Recordings of `ros2 bag`, MCAP or SQLite: the planner's topics, and steps from its commands."""
 
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.flight_recorder.steps import BATTERY_STATE, HVCH_STATUS, RecordedStep, ROUTE_PLAN, ROUTE_PROGRESS
 from bev_preheat.nodes.convert import nanoseconds
+from bev_preheat.planning.status import Status
 from bev_preheat.replay.bag_files import bag_messages
 from bev_preheat.replay.flight_file import Flight, Given, ROS2_BAG
-from bev_preheat.replay.message_types import message_type
+from bev_preheat.replay.message_types import read_message
 
 if TYPE_CHECKING:
     from typing import Any
@@ -65,12 +66,12 @@ def read_topics(path: Path, beginning: Beginning, namespace: str | None = None) 
     commands, inputs = _in_time(messages)
     if not any(message.topic == BATTERY_STATE for message in inputs):
         raise InvalidInput(f'{path}: has no battery_state; a planner without it never heats')
-    remarks.append('the recording does not say what the planner had learned before, nor the instants of its '
-                   'steps; they are taken from its commands' if commands else
+    remarks.append('the recording has no learned factors and no instants of steps; the instants are those of '
+                   'its commands' if commands else
                    'the recording has no hvch_command: there are no commands to reproduce')
     if not any(message.topic == ROUTE_PLAN for message in inputs):
         remarks.append('the recording has no route_plan')
-    given = _steps(inputs, commands) if commands else _with_repeats(
+    given = _steps(_from_start(inputs, commands), commands) if commands else _with_repeats(
         [_given(message) for message in inputs])
     begun_ns = given[0].step.now_ns
     return Flight(_begun(beginning, begun_ns), tuple(given), (path,), remarks=tuple(remarks), source=ROS2_BAG,
@@ -111,13 +112,13 @@ def _in_time(messages: list[tuple[int, str, str, bytes]]) -> tuple[list[_Command
     ahead_ns = 0
     for received_ns, topic, type_name, data in messages:
         if topic == COMMAND:
-            message = _read(type_name, data)
+            message = read_message(type_name, data)
             stamp_ns = nanoseconds(message.header.stamp)
             ahead_ns = stamp_ns - received_ns
             commands.append(_Command(stamp_ns, (
                 float(message.battery_heating_power), nanoseconds(message.valid_until), int(message.reason))))
             continue
-        stamp_ns = _stamp_ns(_read(type_name, data), topic)
+        stamp_ns = _stamp_ns(read_message(type_name, data), topic)
         if abs(ahead_ns) > SAME_CLOCK_NS or (not commands and abs(stamp_ns - received_ns) > SAME_CLOCK_NS
                                              and topic == BATTERY_STATE):
             now_ns = stamp_ns if topic in (BATTERY_STATE, ROUTE_PROGRESS, HVCH_STATUS) and stamp_ns \
@@ -129,25 +130,31 @@ def _in_time(messages: list[tuple[int, str, str, bytes]]) -> tuple[list[_Command
         inputs, key=lambda message: message.now_ns)
 
 
-def _read(type_name: str, data: bytes) -> Any:
-    from rclpy.serialization import deserialize_message
-    try:
-        return deserialize_message(data, message_type(type_name))
-    except Exception as error:
-        # rclpy raises errors of many kinds for damaged bytes.
-        raise InvalidInput(f'a message of type {type_name} in the recording is damaged, or of another version: '
-                           f'{shortened_reason(error)}') from error
-
-
-def shortened_reason(error: Exception) -> str:
-    """Return an exception's words on one line."""
-    return f'{type(error).__name__}: {" ".join(str(error).split())}'[:200]
-
-
 def _stamp_ns(message: Any, topic: str) -> int:
     header = getattr(message, 'header', None)
     stamp = header.stamp if header is not None else getattr(message, 'stamp', None)
     return 0 if stamp is None else nanoseconds(stamp)
+
+
+def _from_start(inputs: list[_Message], commands: list[_Command]) -> list[_Message]:
+    """
+    Return the inputs that reached a planner started while the recorder ran; otherwise all inputs.
+
+    Its first commands name missing inputs. A latched route reaches it later than the recorder.
+    """
+    first = commands[0]
+    if first.values[2] not in (Status.NO_ROUTE, Status.NO_BATTERY_STATE):
+        return inputs
+    kept = [message for message in inputs if message.now_ns >= first.now_ns]
+    for topic, unknown in ((BATTERY_STATE, (Status.NO_ROUTE, Status.NO_BATTERY_STATE)),
+                           (ROUTE_PLAN, (Status.NO_ROUTE,))):
+        before = [message for message in inputs if message.topic == topic and message.now_ns < first.now_ns]
+        known_ns = next((command.now_ns for command in commands if command.values[2] not in unknown), None)
+        if before and known_ns is not None and not any(
+                message.topic == topic and message.now_ns <= known_ns for message in kept):
+            # It was on its way, or latched.
+            kept.insert(0, before[-1]._replace(now_ns=known_ns))
+    return sorted(kept, key=lambda message: message.now_ns)
 
 
 def _steps(inputs: list[_Message], commands: list[_Command]) -> list[Given]:
@@ -165,7 +172,7 @@ def _steps(inputs: list[_Message], commands: list[_Command]) -> list[Given]:
         while message is not None and message.now_ns <= now_ns:
             before.append(message)
             message = next(waiting)
-        # The first ones were answered by commands that the recording lacks.
+        # The answers to the first inputs are missing from the recording.
         lost = max(len(before) - len(answers), 0)
         given += [_given(each) for each in before[:lost]]
         # Simulated time may stand while several inputs are answered.

@@ -9,6 +9,7 @@ from typing import NamedTuple, TYPE_CHECKING
 from bev_preheat.replay.comparison import compare, Comparison
 from bev_preheat.replay.course import Course
 from bev_preheat.replay.deviation import Deviation
+from bev_preheat.replay.inputs import InputRemarks
 from bev_preheat.replay.period import Period, WHOLE
 from bev_preheat.replay.player import Changes, Played, Player
 
@@ -22,10 +23,11 @@ if TYPE_CHECKING:
 
 
 class Replayed(NamedTuple):
-    """A Course, and how it compares with the recorded commands."""
+    """A Course, how it compares with the recorded commands, and sentences on what was unusual in the inputs."""
 
     course: Course
     comparison: Comparison
+    remarks: tuple[str, ...] = ()
 
 
 class Watcher(NamedTuple):
@@ -40,11 +42,11 @@ NOBODY = Watcher()
 
 def replay(flight: Flight, period: Period = WHOLE, watcher: Watcher = NOBODY) -> Replayed:
     """Return the Replayed flight, unchanged; a log's course has the recorded power of the heater."""
-    course = Course()
+    course, inputs = Course(), InputRemarks()
     steps = _until(played_steps(flight, Player(flight.beginning)), period)
-    comparison = compare(_noted(steps, course, period, watcher, flight.is_log), period,
+    comparison = compare(_watched(_noted(steps, course, period, watcher, flight.is_log), inputs, period), period,
                          flight.power_tolerance_w, flight.has_commands)
-    return Replayed(course, comparison)
+    return Replayed(course, comparison, tuple(inputs.sentences))
 
 
 def replay_changed(flight: Flight, changes: Changes, period: Period = WHOLE,
@@ -82,13 +84,21 @@ def _noted(steps: Iterator[tuple[Given, Played]], course: Course, period: Period
     for number, (given, played) in enumerate(steps, start=1):
         if given.step.command is not None:
             power_w, until_ns = given.step.command[:2]
-        if period.has(given.step.now_ns):
+        if given.step.now_ns > 0 and period.has(given.step.now_ns):
             recorded_w = (power_w if until_ns >= given.step.now_ns else 0.0) if is_log else None
             course.add(played, recorded_w)
             if watcher.history is not None:
                 watcher.history.add(played, recorded_w)
         if number % 100 == 0:
             watcher.tell(number)
+        yield given, played
+
+
+def _watched(steps: Iterator[tuple[Given, Played]], inputs: InputRemarks,
+             period: Period) -> Iterator[tuple[Given, Played]]:
+    for given, played in steps:
+        if given.step.now_ns > 0 and period.has(given.step.now_ns):
+            inputs.add(given, played)
         yield given, played
 
 

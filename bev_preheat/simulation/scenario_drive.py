@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from bev_preheat.control.planner_state import PlannerState
     from bev_preheat.simulation.imperfect_car import ImperfectCar
     from bev_preheat.simulation.scenario import Scenario
-    from bev_preheat.simulation.supervised_drive import Moment
+    from bev_preheat.simulation.supervised_drive import Moment, Wire
 
 # The planner is observed for this long after the arrival [s].
 AFTERWARDS_S = 120.0
@@ -25,11 +25,12 @@ AFTERWARDS_S = 120.0
 
 def drive_scenario(
         scenario: Scenario,
-        progress: Callable[[float, float], object] = lambda time_s, total_s: None) -> DriveRecord:
+        progress: Callable[[float, float], object] = lambda time_s, total_s: None,
+        wire: Callable[[Supervisor], Wire] | None = None) -> DriveRecord:
     """
     Return the DriveRecord of a Scenario.
 
-    `progress(time_s, total_s)` is called during the drive.
+    `progress(time_s, total_s)` is called during the drive; `wire(supervisor)` makes its Wire, None: none.
     """
     supervisor, car = Supervisor(scenario.vehicle, settings_of(scenario.planner)), scenario.car()
     record = DriveRecord(scenario.goal.target_temperature_c)
@@ -41,7 +42,7 @@ def drive_scenario(
             ended_s = min(ended_s, car.time_s)
         return car.time_s >= ended_s + AFTERWARDS_S
 
-    for moment in moments(car, supervisor, is_over):
+    for moment in moments(car, supervisor, is_over, wire=None if wire is None else wire(supervisor)):
         _note(record, moment, supervisor.state, car)
         progress(car.time_s, max(car.time_s, car.longest_s) + AFTERWARDS_S)
     fill_phases(record, scenario, [

@@ -12,7 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 import math
 from time import process_time
-from typing import TYPE_CHECKING
+from typing import Protocol, TYPE_CHECKING
 
 from bev_preheat.control.events import (
     BatteryStateArrived,
@@ -28,11 +28,11 @@ from bev_preheat.planning.situation import BatteryState
 from bev_preheat.simulation.heater_side import HeaterSide
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Sequence
 
     from bev_preheat.control.events import Event
     from bev_preheat.control.heater_answer import HeaterStatus
-    from bev_preheat.control.inputs import Mission
+    from bev_preheat.control.inputs import Mission, Progress
     from bev_preheat.control.supervisor import StepOutput, Supervisor
     from bev_preheat.heater.controller import HeaterAnswer
     from bev_preheat.simulation.imperfect_car import ImperfectCar
@@ -41,8 +41,24 @@ if TYPE_CHECKING:
     # The heater's answer, its actual power [W], and the instant [ns] to its HeaterStatus; None: nothing is sent.
     ToldByHeater = Callable[[HeaterAnswer, float, int], HeaterStatus | None]
 
-# Start of the drive on the planner's clock; 0 would mean that it has not started.
-START_NS = 1_000_000 * NS_PER_S
+class Wire(Protocol):
+    """Carries the planner's inputs as messages, and hears of each step: for recordings of a drive."""
+
+    def route(self, mission: Mission) -> Event:
+        """Return the event of a Mission's message."""
+
+    def progress(self, progress: Progress) -> Event:
+        """Return the event of a Progress's message."""
+
+    def battery(self, reading: Reading, stamp_ns: int) -> Event:
+        """Return the event of a Reading's message with a stamp [ns]."""
+
+    def stepped(self, now_ns: int, events: Sequence[Event], output: StepOutput) -> None:
+        """Hear of a step at an instant [ns]; `events` are of this Wire, or empty."""
+
+
+# Start of the drive on the planner's clock: 2026-01-12 06:00 UTC.
+START_NS = 1_768_197_600 * NS_PER_S
 
 
 @dataclass(frozen=True)
@@ -64,9 +80,11 @@ class Moment:
 
 
 def moments(car: ImperfectCar, supervisor: Supervisor, until: Callable[[], bool],
-            told_by_heater: ToldByHeater | None = None) -> Iterator[Moment]:
+            told_by_heater: ToldByHeater | None = None, wire: Wire | None = None) -> Iterator[Moment]:
     """
     Drive a car under a Supervisor; yield the Moments until `until()`.
+
+    With a Wire the planner gets what its messages say, to their digits.
 
     `told_by_heater` makes the HeaterStatus that arrives with each reading, from the heater's answer and its actual
     power [W], or None for none; without it the heater's controller is silent.
@@ -74,8 +92,8 @@ def moments(car: ImperfectCar, supervisor: Supervisor, until: Callable[[], bool]
     `car` (simulation.imperfect_car.ImperfectCar) stands at its start; between two Moments it drives
     under the latest command until that expires.
     """
-    drive = _Drive(car, supervisor, told_by_heater)
-    yield drive.step(RouteArrived(drive.planned(car.mission(START_NS))), is_last=False)
+    drive = _Drive(car, supervisor, told_by_heater, wire)
+    yield drive.step(drive.route_event(car.mission(START_NS)), is_last=False)
     while not until():
         yield from drive.due_now()
         drive.go_on()
@@ -83,15 +101,21 @@ def moments(car: ImperfectCar, supervisor: Supervisor, until: Callable[[], bool]
 
 class _Drive:
     def __init__(self, car: ImperfectCar, supervisor: Supervisor,
-                 told_by_heater: ToldByHeater | None = None) -> None:
+                 told_by_heater: ToldByHeater | None = None, wire: Wire | None = None) -> None:
         self._car, self._supervisor, self._told_by_heater = car, supervisor, told_by_heater
+        self._wire = wire
         self._heater = HeaterSide(car)
         self._ticks = 0
         self._settings = supervisor.state.settings
         self._stale_s = self._settings.battery_state_timeout_s
 
-    def planned(self, mission: Mission) -> Mission:
-        return mission.in_planning_steps(self._settings.planning_step_s)
+    def route_event(self, mission: Mission) -> Event:
+        if self._wire is not None:
+            return self._wire.route(mission)
+        return RouteArrived(mission.in_planning_steps(self._settings.planning_step_s))
+
+    def _progress_event(self, progress: Progress) -> Event:
+        return ProgressArrived(progress) if self._wire is None else self._wire.progress(progress)
 
     @property
     def _tick_s(self) -> float:
@@ -104,9 +128,9 @@ class _Drive:
         events: list[tuple[Reading | None, Event]] = []
         mission, progress = car.route_news(START_NS), car.progress(START_NS)
         if mission is not None:
-            events.append((None, RouteArrived(self.planned(mission))))
+            events.append((None, self.route_event(mission)))
         if progress is not None:
-            events.append((None, ProgressArrived(progress)))
+            events.append((None, self._progress_event(progress)))
         readings = car.readings()
         if readings and self._told_by_heater is not None:
             events += self._heater_events(self._told_by_heater)
@@ -138,15 +162,17 @@ class _Drive:
         self._ticks = math.ceil(wakes_s / settings.command_period_s)
         self._stale_s = wakes_s + settings.battery_state_timeout_s
 
-    def _battery_event(self, reading: Reading) -> BatteryStateArrived | BatteryStateUnreadable:
+    def _battery_event(self, reading: Reading) -> Event:
+        stamp_ns = START_NS + round(self._car.stamp_s(reading.instant_s) * NS_PER_S)
+        if self._wire is not None:
+            return self._wire.battery(reading, stamp_ns)
         if math.isnan(reading.temperature_c):
             return BatteryStateUnreadable(InvalidInput('temperature: nan is not a known value'), reading.soc)
         if reading.soc > 1.0:
             return BatteryStateUnreadable(InvalidInput(
                 f'percentage: {reading.soc:g} is not allowed; it must be 0 ... 1'), reading.soc)
         return BatteryStateArrived(Measurement(
-            BatteryState(reading.temperature_c, reading.soc),
-            START_NS + round(self._car.stamp_s(reading.instant_s) * NS_PER_S),
+            BatteryState(reading.temperature_c, reading.soc), stamp_ns,
             reading.voltage_v, reading.current_a, supply_status=reading.supply_status,
             location=reading.location))
 
@@ -158,6 +184,8 @@ class _Drive:
         started = process_time()
         output = self._supervisor.step(now_ns, *events)
         cpu_s = process_time() - started
+        if self._wire is not None:
+            self._wire.stepped(now_ns, events, output)
         if output.command is not None:
             self._heater.take(HeaterCommand(
                 output.command.battery_heating_power_w, now_ns, output.command.valid_until_ns), START_NS)

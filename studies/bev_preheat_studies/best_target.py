@@ -32,14 +32,16 @@ from bev_preheat.console.output import add_json_argument, json_output, write_jso
 from bev_preheat.console.parser import OneLineParser
 from bev_preheat.console.terminal import print_figures, print_records, progress_bar, result_console
 from bev_preheat.errors import InvalidInput
-from bev_preheat.files.output_files import check_outputs
+from bev_preheat.files.output_files import check_outputs, OutputFile
 from bev_preheat.optional_packages import require
 from bev_preheat_studies.charging_worth import cases, DEPARTURE_SOC, PRICES, trip_of
+from bev_preheat_studies.kept_results import kept_results
 from bev_preheat_studies.optimality.charging_trips import ChargingTrip, draw_charging_trip
 from bev_preheat_studies.optimality.worth_gap import (
     compare,
     COMPARED,
     PERCENTILES,
+    result_from,
     run_worth_study,
     solve_both,
     summarise,
@@ -78,6 +80,9 @@ def _load(arguments: Sequence[str] | None) -> Callable[[], int]:
     parser.add_argument('--jobs', type=int, metavar='N', help='processes (default: all cores)')
     parser.add_argument('--only', type=int, metavar='NUMBER', help='show this trip of the study')
     parser.add_argument('--reference', action='store_true', help='show the cases of the reference trip')
+    parser.add_argument('--results', metavar='FILE',
+                        help='append each result to this file (JSON lines); if the file exists, the study '
+                        'resumes from it')
     add_json_argument(parser)
     parsed = parser.parse_args(arguments)
     for name, low, high in (('trips', 1, 100_000), ('seed', 0, 2**31), ('jobs', 1, 1024),
@@ -85,10 +90,10 @@ def _load(arguments: Sequence[str] | None) -> Callable[[], int]:
         value = getattr(parsed, name)
         if value is not None and not low <= value <= high:
             raise InvalidInput(f'--{name}: {value} is not allowed; it must be {low} ... {high}')
-    check_outputs([json_output(parsed.json)], ())
+    check_outputs([json_output(parsed.json), OutputFile('--results', parsed.results)], ())
     shows = parsed.only is not None or parsed.reference
-    if shows and (parsed.json or (parsed.only is not None and parsed.reference)):
-        raise InvalidInput('--only, --reference, --json: only one of them')
+    if shows and (parsed.json or parsed.results or (parsed.only is not None and parsed.reference)):
+        raise InvalidInput('--only, --reference: not allowed together, nor with --json or --results')
     require('casadi')
     if shows:
         return lambda: _show(parsed)
@@ -97,7 +102,9 @@ def _load(arguments: Sequence[str] | None) -> Callable[[], int]:
 
 def _study(arguments: Namespace) -> int:
     results: list[WorthGap] = []
+    study = {'study': 'best_target', 'seed': arguments.seed}
     with (keeping_what_is_finished() as ending,
+          kept_results(arguments.results, study, result_from) as kept,
           progress_bar(TextColumn('{task.description}'), BarColumn(), MofNCompleteColumn(),
                        TimeElapsedColumn()) as progress):
         task = progress.add_task('compared trips', total=arguments.trips)
@@ -106,7 +113,7 @@ def _study(arguments: Namespace) -> int:
             results.append(result)
             progress.update(task, advance=result.outcome == COMPARED)
 
-        run_worth_study(arguments.trips, arguments.seed, arguments.jobs, report)
+        run_worth_study(arguments.trips, arguments.seed, arguments.jobs, report, kept)
     if results:
         summary = summarise(results)
         if arguments.json:
@@ -119,7 +126,7 @@ def _study(arguments: Namespace) -> int:
             console.print('Interrupted: only part of the study has run.')
         print_summary(console, summary, results)
     ending.tell(sum(result.outcome == COMPARED for result in results), arguments.trips, 'trips',
-                (arguments.json,))
+                (arguments.json,), arguments.results)
     return 0
 
 

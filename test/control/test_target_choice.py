@@ -239,8 +239,6 @@ def test_over_a_drive_the_target_changes_a_few_times_and_is_reached():
     assert car.plant.temperature_c == pytest.approx(targets[-1], abs=1.0)
 
 
-
-
 # Heat under way
 
 def driven_with_late_heat(target_c=math.nan):

@@ -30,7 +30,8 @@ def test_what_is_no_address_is_refused(address):
         Access(address, TOKEN)
 
 
-@pytest.mark.parametrize('token', ['short', 'x' * 15, 'has a space in it!', 'ümlaut-ümlaut-ümlaut', 'x' * 257])
+@pytest.mark.parametrize('token', [
+    'short', 'x' * 15, 'has a space in it!', 'ümlaut-ümlaut-ümlaut', 'x' * 257])
 def test_a_weak_token_is_refused_and_not_repeated(token):
     with pytest.raises(InvalidInput, match='token: has') as refused:
         Access('0.0.0.0', token)
@@ -48,7 +49,7 @@ def test_tokens_and_sessions():
 
 @pytest.mark.parametrize('host, is_allowed', [
     ('localhost:8080', True), ('127.0.0.1:8080', True), ('[::1]:8080', True), ('LOCALHOST', True),
-    ('evil.example:8080', False), ('127.0.0.1.evil.example', False), ('', False), ('localhost@evil.example', False),
+    ('evil.example:8080', False), ('127.0.0.1.evil.example', False), ('', False), ('localhost@evil.org', False),
     ('192.168.1.7:8080', False), ('localhost:port', False), ('localhost/x', False)])
 def test_on_loopback_only_names_of_this_computer_are_hosts(host, is_allowed):
     assert Access('127.0.0.1').allows_host(host) == is_allowed

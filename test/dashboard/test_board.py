@@ -20,8 +20,9 @@ def test_the_view_has_the_values_of_the_messages():
     board = a_board()
     board.see_route(RouteSeen((), 0, 0.2))
     view = board.view(100.5)
-    expected = {'at': START_S, 'temperature': -7.0, 'soc': 0.9, 'power': 0.0, 'status': 'WAITING', 'predicted': 24.5,
-                'deviation': 0.4, 'target': 25.0, 'arrivalSoc': 0.61, 'arrival': START_S + 1800.0,
+    expected = {'at': START_S, 'temperature': -7.0, 'soc': 0.9, 'power': 0.0, 'status': 'WAITING',
+                'predicted': 24.5, 'deviation': 0.4, 'target': 25.0, 'arrivalSoc': 0.61,
+                'arrival': START_S + 1800.0,
                 'heatingStart': START_S + 600.0, 'charging': 1800.0, 'chargingUnheated': 2520.0, 'reserve': 0.2,
                 'banner': None, 'late': [], 'tripFrom': START_S}
     assert {key: view[key] for key in expected} == expected
@@ -38,8 +39,8 @@ def test_a_stop_without_reserves_has_none():
 
 
 def test_unknown_values_are_null_and_the_json_is_valid():
-    board = a_board(predicted_c=NAN, deviation_k=math.inf, target_c=-math.inf, arrival_soc=NAN, charging_s=math.inf,
-                    heating_start_s=None, arrival_s=NAN, temperatures_c=(NAN, -5.0, 1e300))
+    board = a_board(predicted_c=NAN, deviation_k=math.inf, target_c=-math.inf, arrival_soc=NAN,
+                    charging_s=math.inf, heating_start_s=None, arrival_s=NAN, temperatures_c=(NAN, -5.0, 1e300))
     text = message('/planner', board, Cursor(), 100.0)
     values = json.loads(text, parse_constant=lambda name: pytest.fail(name))
     assert values['view']['predicted'] is values['view']['charging'] is values['view']['arrival'] is None

@@ -50,7 +50,7 @@ def test_a_file_that_cannot_grow_costs_steps_and_not_the_planner(tmp_path):
     report, dropped = result.stdout.splitlines()
     assert report == '' or ('File too large' in report and 'goes on' in report)
     assert 0 < int(dropped) < 2000
-    # Every file is readable up to its last whole step, and gaps are told.
+    # Every file is readable up to its last whole step, and gaps are reported.
     files = recordings_in(tmp_path)
     assert len(files) > 1
     flight = read_flight(files[0])

@@ -106,6 +106,18 @@ def test_the_folder_is_bounded_and_only_own_files_are_deleted(tmp_path):
     assert own[-1].exists()
 
 
+def test_two_planners_in_a_folder_do_not_delete_what_the_other_writes(tmp_path):
+    other = RecordingWriter(Recording(tmp_path, 10**9, '89abcdef', '20250101T000000'), {}, ())
+    other.put(Entry(STEP_CHANNEL, 1, RecordedStep(1)))
+    wait_for(lambda: other.path)
+    [written] = recordings_in(tmp_path)
+    old = tmp_path / 'flight_20260101T000000_01234567_0000.mcap'
+    old.write_bytes(b'x' * 1000)
+    assert make_room(tmp_path, 0, tmp_path / 'own') == [old]
+    other.close(10.0)
+    assert make_room(tmp_path, 0, tmp_path / 'own') == [written]
+
+
 def test_a_file_or_a_dangling_link_is_no_folder(tmp_path):
     file, link = tmp_path / 'file', tmp_path / 'link'
     file.write_text('')

@@ -23,10 +23,11 @@ VEHICLE = replace(REFERENCE, battery=replace(
 
 @pytest.mark.parametrize('resolution_k', [0.0, 0.5, 1.0])
 def test_half_the_square_of_a_residual_is_the_likelihood_of_the_interval(resolution_k):
-    from bev_preheat.identification.readings import interval_residuals, NOISE_K
+    from bev_preheat.identification.readings import NOISE_K, ReadingResiduals, single_readings
     model_c = np.array([4.1, 4.8, 5.0, 5.4, 5.7])
-    residual, slope = interval_residuals(model_c, np.full(5, 5.0), resolution_k)
-    ahead, _ = interval_residuals(model_c + 1e-6, np.full(5, 5.0), resolution_k)
+    residuals = ReadingResiduals(single_readings(np.full(5, 5.0), resolution_k))
+    residual, slope = residuals(model_c)
+    ahead, _ = residuals(model_c + 1e-6)
     if resolution_k:
         def share(off_k):
             # Midpoint rule.
@@ -42,10 +43,68 @@ def test_half_the_square_of_a_residual_is_the_likelihood_of_the_interval(resolut
 
 
 def test_a_spike_pulls_linearly_and_stays_finite():
-    from bev_preheat.identification.readings import interval_residuals
-    residual, slope = interval_residuals(np.array([-1e4, 60.0, 1e4]), np.full(3, 5.0), 1.0)
+    from bev_preheat.identification.readings import ReadingResiduals, single_readings
+    residual, slope = ReadingResiduals(single_readings(np.full(3, 5.0), 1.0))(np.array([-1e4, 60.0, 1e4]))
     assert np.isfinite(residual).all() and np.isfinite(slope).all()
     assert residual[0] < 0.0 < residual[1] <= residual[2]
+
+
+def test_readings_that_flicker_tell_where_between_two_values_the_temperature_is():
+    from bev_preheat.identification.readings import ReadingResiduals, Readings
+    # 7 of 10 readings of 4.4 + noise of 0.2 K are 4: 4.5 K is 0.524 standard deviations above.
+    flickering = ReadingResiduals(Readings(np.array([[4.0, 5.0]]), np.array([[7.0, 3.0]]), 1.0), 0.2)
+    at_c = 4.5 - 0.5244 * 0.2
+    residual, slope = flickering(np.array([at_c]))
+    assert residual[0] == pytest.approx(0.0, abs=2e-3)
+    # Fisher information of the share: density^2 / (p (1 - p)) for each of ten readings.
+    density = math.exp(-0.5 * 0.5244**2) / math.sqrt(2.0 * math.pi) / 0.2
+    assert slope[0]**2 == pytest.approx(10.0 * density**2 / (0.7 * 0.3), rel=1e-2)
+    # Half the square is the log-likelihood ratio of 7 and 3 of ten.
+    share = 0.5 * math.erfc(0.5 / math.sqrt(2.0))
+    residual, _ = flickering(np.array([4.6]))
+    assert 0.5 * residual[0]**2 == pytest.approx(
+        7.0 * math.log(0.7 / share) + 3.0 * math.log(0.3 / (1.0 - share)), rel=1e-3)
+
+
+@pytest.mark.parametrize('resolution_k', [0.0, 1.0])
+def test_the_noise_is_found_from_the_readings(resolution_k):
+    from bev_preheat.identification.readings import likely_noise_k, Readings
+    generator = np.random.default_rng(3)
+    true_c = np.linspace(0.0, 8.0, 4000)
+    read_c = true_c + generator.normal(0.0, 0.2, 4000)
+    if resolution_k:
+        read_c = np.round(read_c)
+    readings = Readings(read_c[:, np.newaxis], np.ones((4000, 1)), resolution_k)
+    assert likely_noise_k([readings], [true_c]) == pytest.approx(0.2, rel=0.05)
+
+
+def test_readings_count_as_often_as_the_sensor_was_read():
+    from bev_preheat.identification.thermal import course_of
+    drive = course_of(trip_of(recording(), VEHICLE), VEHICLE)
+    # A whole-degree signal once a second, steps of 15 s.
+    assert drive.readings.total.tolist() == [15.0] * 80
+    at_stand = course_of(trip_of(night(), VEHICLE), VEHICLE)
+    # One reading a minute, steps of 5 min.
+    assert at_stand.readings.total[2:-1] == pytest.approx(5.0)
+
+
+def test_the_fit_has_the_joule_heat_of_the_current_although_the_power_varies():
+    from bev_preheat.identification.curves import KNOTS_C
+    from bev_preheat.identification.electrical import fit_electrical
+    from bev_preheat.identification.parameters import NAMES, parameters_of
+    from bev_preheat.identification.thermal import course_of, ThermalModel
+    without_leakage = replace(VEHICLE, battery=replace(
+        VEHICLE.battery, leakage=Leakage(0.0, 0.0), resistance=InverseTemperatureResistance(0.1 * 1e6, 1e6)),
+        drivetrain=replace(VEHICLE.drivetrain, heat_recovery_efficiency=0.0))
+    trip = trip_of(recording(current_a=lambda a: 3.0 * a, voltage_v=lambda v: 3.0 * v - 2.0 * 380.0), VEHICLE)
+    theta = np.array([parameters_of(without_leakage)[name].fixed for name in NAMES] + [0.0] * len(KNOTS_C))
+    # The prior's centre of a leakage is at least 0.5 W/K: the smallest instead.
+    theta[NAMES.index('leakage')] = math.log(1e-9)
+    theta[NAMES.index('leakage_with_speed')] = 0.0
+    for known in (trip, replace(trip, current_a=None, voltage_v=None)):
+        readings_c, _ = ThermalModel(without_leakage, NAMES[:7]).course(
+            course_of(known, without_leakage), theta, 0.0, fit_electrical(without_leakage, []))
+        assert readings_c[-1] == pytest.approx(0.1 * float(np.sum(trip.current_a**2)) / 2e5, rel=0.01)
 
 
 def test_a_night_cools_as_the_exponential_does():
@@ -66,13 +125,15 @@ def test_slopes_are_those_of_finite_differences():
                    power_w=trip.power_w - np.where(np.arange(len(trip)) < 600, 2000.0, 0.0))
     course, electrical = course_of(trip, VEHICLE), fit_electrical(VEHICLE, [])
     theta = np.array([parameters_of(VEHICLE)[name].prior for name in NAMES] + [0.05] * len(KNOTS_C))
-    for has_shell in (False, True):
-        model = ThermalModel(VEHICLE, has_shell)
+    for structure in (NAMES[:7], NAMES):
+        model = ThermalModel(VEHICLE, structure)
         readings_c, slopes = model.course(course, theta, 5.0, electrical)
         for at in range(len(theta)):
             moved = theta.copy()
             moved[at] += 1e-5
             ahead_c, _ = model.course(course, moved, 5.0, electrical)
+            if at < len(NAMES) and NAMES[at] not in structure:
+                assert not slopes[:, at].any() and np.array_equal(ahead_c, readings_c)
             assert (ahead_c - readings_c) / 1e-5 == pytest.approx(slopes[:, at], rel=2e-3, abs=2e-3)
         warmer_c, _ = model.course(course, theta, 5.0 + 1e-5, electrical)
         assert (warmer_c - readings_c) / 1e-5 == pytest.approx(slopes[:, -1], rel=1e-3, abs=1e-4)
@@ -88,7 +149,7 @@ def test_the_fits_model_agrees_with_plans_where_power_is_steady():
                    VEHICLE)
     parameters = parameters_of(VEHICLE)
     theta = np.array([parameters[name].fixed for name in NAMES] + [0.0] * len(KNOTS_C))
-    readings_c, _ = ThermalModel(VEHICLE).course(
+    readings_c, _ = ThermalModel(VEHICLE, NAMES[:7]).course(
         course_of(trip, VEHICLE), theta, trip.start_c, fit_electrical(VEHICLE, []))
     assert readings_c[-1] == pytest.approx(predict(VEHICLE, trip).reading_c[-1], abs=0.02)
 

@@ -10,8 +10,8 @@ from left_out import program
 
 LIMIT_S = 240.0
 FLAGS = ('--headless=new', '--no-sandbox', '--disable-gpu', '--disable-quic', '--no-first-run',
-         '--disable-background-networking', '--disable-component-update', '--disable-sync', '--disable-dev-shm-usage',
-         '--js-flags=--expose-gc', '--enable-precise-memory-info')
+         '--disable-background-networking', '--disable-component-update', '--disable-sync',
+         '--disable-dev-shm-usage', '--js-flags=--expose-gc', '--enable-precise-memory-info')
 # Pictures for the documentation go here if the variable is set: BEV_PREHEAT_PICTURES=docs/pictures
 PICTURES = os.environ.get('BEV_PREHEAT_PICTURES')
 DESKTOP, PHONE = (1180, 900), (390, 844)
@@ -41,7 +41,8 @@ class Browser:
 
     def is_visible(self, name):
         """Return whether an element is there and has a size."""
-        return self.run('const e = document.getElementById(arguments[0]); return !!e && e.offsetParent !== null', name)
+        return self.run('const e = document.getElementById(arguments[0]);'
+                        'return !!e && e.getClientRects().length > 0', name)
 
     def click(self, name):
         """Click as a person does: the element must be visible and reachable."""
@@ -60,11 +61,12 @@ class Browser:
         from selenium.webdriver.common.keys import Keys
         self._driver.switch_to.active_element.send_keys(*(getattr(Keys, key, key) for key in keys))
 
-    def wait(self, condition, what, limit_s=LIMIT_S):
+    def wait(self, condition, what, limit_s=90.0):
         """Return the first truthy condition()."""
         end_s = time.monotonic() + limit_s
         while not (value := condition()):
-            assert time.monotonic() < end_s, f'{what}: not within {limit_s:g} s; the page: {self.page_text()[:1500]}'
+            assert time.monotonic() < end_s, (
+                f'{what}: not within {limit_s:g} s; the page: {self.page_text()[:1500]}')
             time.sleep(0.1)
         return value
 

@@ -133,7 +133,8 @@ def assert_it_answers(host, tab):
     assert not refused['isAccepted'] and 'refused: Preheating is switched off' in refused['text']
     assert ask(host, planner='/planner', kind='enable')['isAccepted']
     accepted = ask(host, planner='/planner', kind='prepare', minutes=240, target=12)
-    assert accepted['isAccepted'] and 'Preparing the battery' in accepted['text'] and '12.0 degC' in accepted['text']
+    assert accepted['isAccepted']
+    assert 'Preparing the battery' in accepted['text'] and '12.0 degC' in accepted['text']
     view = tab.watch('/planner', lambda tab: tab.view['goal'], 'the goal')
     assert view['goal'].startswith('ready in 3:5') and view['target'] == 12.0
     assert ask(host, planner='/planner', kind='cancel')['isAccepted']
@@ -186,8 +187,8 @@ def test_whatever_a_publisher_sends_is_no_end(bench):
     bad = PreheatPlan(status=250, explanation=EVIL * 10_000, route_id=EVIL, predicted_arrival_temperature=nan,
                       heating_planned=True, time=[0.0, nan, 5.0], battery_temperature=[nan] * 3, soc=[1e300] * 3,
                       hvch_power=[float('inf')] * 2)
-    with repeating(lambda: (plans.publish(bad), commands.publish(HvchCommand(battery_heating_power=nan, reason=99))),
-                   0.2):
+    command = HvchCommand(battery_heating_power=nan, reason=99)
+    with repeating(lambda: (plans.publish(bad), commands.publish(command)), 0.2):
         with driving(bench, temperature_c=nan, segment_duration=[1.0] * 1_000_000):
             view = tab.watch('/tester', lambda tab: tab.view['status'] and tab.view['ages']['battery'] is not None,
                              'the foreign node')

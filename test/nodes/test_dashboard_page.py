@@ -9,20 +9,38 @@ import os
 import signal
 import time
 
-from browser import browser, DESKTOP, PHONE
+from browser import browser, DESKTOP, PHONE, PICTURES
 from node_bench import poll_until
 import pytest
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import BatteryState
+from test_closed_loop import write_quarter
 from test_dashboard import page_of
+
+from bev_preheat_msgs.msg import PreheatPlan
 
 pytestmark = [pytest.mark.needs('selenium'), pytest.mark.needs('chromium'), pytest.mark.needs('chromedriver'),
               pytest.mark.needs('tornado'), pytest.mark.needs('mcap')]
 # 1 s of simulated time is 10 ms here: the lease lasts longer than usual.
 PLANNER = ('-p', 'use_sim_time:=true', '-p', 'command_lease:=20.0', '-p', 'command_period:=5.0',
            '-p', 'battery_state_timeout:=60.0', '-p', 'clock_tolerance:=10.0')
-SIMULATOR = ('-p', 'wait_for_planner:=true', '-p', 'charger_power:=150000.0', '-p', 'minimum_arrival_soc:=0.5',
+SIMULATOR = ('-p', 'wait_for_planner:=true', '-p', 'charger_power:=150000.0', '-p', 'minimum_arrival_soc:=0.2',
              '-p', 'start_time:=1700000000.0', '-p', 'battery_state_period:=2.0')
+# A quarter of an hour that leaves time to wait, and the hour of the pictures.
+START_C, START_SOC = 14.0, 0.5
+QUARTER = ('-p', f'initial_battery_temperature:={START_C}', '-p', f'initial_soc:={START_SOC}')
+HOUR = ('-p', 'initial_soc:=0.75')
+FIGURES = ('temperature', 'predicted', 'soc', 'saved')
 # Resident memory of the process [MB] and of the page's scripts [MB] after the first drive may grow by so much.
 MOST_GROWTH_MB, MOST_HEAP_GROWTH_MB = 12.0, 8.0
+
+
+# Visible controls and regions that a screen reader has no name for.
+UNNAMED = """
+    return [...document.querySelectorAll('button, select, input, [role=group], section')].filter((e) =>
+      e.offsetParent !== null && !(e.innerText || '').trim() && !e.getAttribute('aria-label')
+      && !e.getAttribute('aria-labelledby') && !(e.labels && e.labels.length)).map((e) => e.outerHTML)"""
 
 
 @pytest.fixture(scope='module')
@@ -47,7 +65,7 @@ def rss_mb(process):
 
 
 def number_of(text):
-    return float(text.replace('\u2212', '-'))
+    return float('nan' if text == '–' else text.replace('\u2212', '-'))
 
 
 def ask(page, button, answer, prepare=lambda: None):
@@ -67,26 +85,38 @@ def test_it_shows_a_drive_asks_back_and_survives_a_planner_that_dies(bench, page
     page.open(f'http://{page_of(dashboard)}/')
     page.wait(lambda: page.text('status') == 'No planner', 'that there is no planner')
     recordings = tmp_path / 'recordings'
+    plans, states = bench.record(PreheatPlan, 'preheat_plan', 1), bench.record(BatteryState, 'battery_state', 1)
     planner = bench.start('planner', *PLANNER, '-p', f'flight_recorder:={recordings}')
-    simulator = bench.start('vehicle_simulator', *SIMULATOR, '-p', 'speed_up:=100.0')
-    page.wait(lambda: page.text('status') == 'Waiting to heat' and page.text('saved') != '–', 'a plan')
-    # Temperature now and then, charge, reserve, minutes.
-    now_c, then_c, soc, saved = map(number_of, page.texts('temperature', 'predicted', 'soc', 'saved'))
-    assert -7.5 <= now_c < then_c and 5.0 < then_c < 30.0 and 60.0 <= soc <= 90.0 and saved > 0.5
-    assert 'reserve 50' in page.text('note-charge').replace('\N{NO-BREAK SPACE}', ' ')
-    assert page.text('title-time') == 'HEATING STARTS IN'.capitalize() and page.text('power') == '0.0'
+    car = (*SIMULATOR, *HOUR) if PICTURES else (*SIMULATOR, *QUARTER, '-p', f'route:={write_quarter(tmp_path)}')
+    start_c = -7.0 if PICTURES else START_C
+    simulator = bench.start('vehicle_simulator', *car, '-p', 'speed_up:=1.0')
+    page.wait(lambda: page.text('status') == 'Waiting to heat' and '–' not in page.texts(*FIGURES), 'a plan')
+    # Read one after the other, the page and the latest messages may be a state apart.
+    [now_c, arrival_c, soc, saved], battery, plan = (
+        list(map(number_of, page.texts(*FIGURES))), states.latest, plans.latest)
+    assert now_c == pytest.approx(battery.temperature, abs=0.3)
+    assert soc == pytest.approx(100.0 * battery.percentage, abs=1.5)
+    assert arrival_c == pytest.approx(plan.predicted_arrival_temperature, abs=0.3) and arrival_c > now_c + 2.0
+    assert saved > 0.1 and saved == pytest.approx(
+        (plan.charging_time_unheated - plan.charging_time) / 60.0, abs=0.2)
+    assert 'reserve 20' in page.text('note-charge').replace('\N{NO-BREAK SPACE}', ' ')
+    assert page.text('title-time') == 'Heating starts in' and page.text('power') == '0.0'
     page.wait(lambda: page.run('return document.querySelectorAll("#curves canvas").length') == 3, 'the curves')
+    set_speed(bench, 100.0)
     page.wait(lambda: page.text('status') == 'Heating', 'that it heats')
+    set_speed(bench, 1.0)
     page.wait(lambda: number_of(page.text('power')) > 1.0, 'the power')
     page.picture('dashboard.png', 1180, 900)
     page.picture('dashboard_phone.png', *PHONE)
     assert_fits_and_is_labelled(page)
+    set_speed(bench, 100.0)
     page.wait(lambda: page.text('status') in ('Arrived', 'Charging'), 'the arrival')
     simulator.end()
-    simulator = bench.start('vehicle_simulator', *SIMULATOR, '-p', 'speed_up:=1.0')
+    # The planner reports on a goal every command_period.
+    bench.start('vehicle_simulator', *car, '-p', 'speed_up:=5.0')
     # Time jumps back: another drive.
-    page.wait(lambda: page.text('status') == 'Waiting to heat' and number_of(page.text('temperature')) < -6.0,
-              'the next drive')
+    page.wait(lambda: page.text('status') == 'Waiting to heat'
+              and number_of(page.text('temperature')) < start_c + 1.0, 'the next drive')
     assert_answers_are_shown(page)
     planner.send_signal(signal.SIGKILL)
     page.wait(lambda: page.is_visible('banner'), 'a banner')
@@ -95,6 +125,12 @@ def test_it_shows_a_drive_asks_back_and_survives_a_planner_that_dies(bench, page
     page.wait(lambda: not page.is_visible('banner') and page.text('link-text') == 'live', 'that it is back')
     assert_a_dead_server_is_shown(page, dashboard)
     assert_the_recording_plays(page, bench, recordings)
+
+
+def set_speed(bench, speed_up):
+    result, = bench.call(SetParameters, 'vehicle_simulator/set_parameters', SetParameters.Request(
+        parameters=[Parameter('speed_up', value=speed_up).to_parameter_msg()])).results
+    assert result.successful, result.reason
 
 
 def assert_answers_are_shown(page):
@@ -107,11 +143,11 @@ def assert_answers_are_shown(page):
 
     def by_keyboard():
         # The field of the minutes has the focus; Enter asks.
-        page.press('BACKSPACE', 'BACKSPACE', '4', '5', 'TAB', '1', '5', 'ENTER')
+        page.press('BACKSPACE', 'BACKSPACE', '4', '5', 'TAB', '3', '0', 'ENTER')
         page.wait(lambda: page.text('dialog-answer').startswith('Accepted'), 'the answer')
     page.click('do-prepare')
     by_keyboard()
-    assert 'target 15.0' in page.text('dialog-answer').replace('\N{NO-BREAK SPACE}', ' ')
+    assert 'target 30.0' in page.text('dialog-answer').replace('\N{NO-BREAK SPACE}', ' ')
     page.press('ESCAPE')
     assert not page.is_visible('dialog')
     ask(page, 'do-cancel', 'Accepted: The preparation is cancelled.')
@@ -125,10 +161,7 @@ def assert_fits_and_is_labelled(page):
             page.size(width, 800, dark)
             page.wait(lambda: page.overflow_px() <= 0, f'that it fits into {width} px', 10.0)
     page.size(*DESKTOP)
-    unnamed = page.run('''
-      return [...document.querySelectorAll('button, select, input, [role=group], section')].filter((e) =>
-        e.offsetParent !== null && !(e.innerText || '').trim() && !e.getAttribute('aria-label')
-        && !e.getAttribute('aria-labelledby') && !(e.labels && e.labels.length)).map((e) => e.outerHTML)''')
+    unnamed = page.run(UNNAMED)
     assert unnamed == []
     assert page.run('return document.getElementById("banner").getAttribute("role")') == 'alert'
     assert page.run('return document.documentElement.lang') == 'en'
@@ -149,6 +182,8 @@ def assert_the_recording_plays(page, bench, recordings):
     page.open(f'http://{page_of(dashboard)}/')
     page.wait(lambda: not page.run('return document.getElementById("slider").disabled'), 'the recording')
     assert not page.is_visible('actions') and 'UTC' in page.text('player-time')
+    # The second drive began when the simulation was started again.
+    assert page.run('return document.getElementById("drive").innerText').split('\n') == ['1 of 2', '2 of 2']
     times = 'return Number(document.getElementById("slider").value)'
     page.click('play')
     page.wait(lambda: page.text('status') == 'Heating', 'that the recorded drive heats')
@@ -161,8 +196,8 @@ def assert_the_recording_plays(page, bench, recordings):
     assert page.run(times) == 0
     page.press('ARROW_RIGHT', 'ARROW_RIGHT')
     assert page.run(times) == 2
-    page.run('const s = document.getElementById("slider"); s.value = arguments[0]; s.dispatchEvent(new Event("input"))',
-             stopped)
+    page.run('const s = document.getElementById("slider"); s.value = arguments[0];'
+             's.dispatchEvent(new Event("input"))', stopped)
     assert page.text('status') == 'Heating'
     page.wait(lambda: page.overflow_px() <= 0, 'that it fits', 10.0)
     page.picture('dashboard_recording.png', 1180, 900)

@@ -15,6 +15,7 @@ from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.flight_recorder.ring import recordings_in
 from bev_preheat.nodes.convert import nanoseconds, time_message
 from bev_preheat.replay.flight_file import read_flight
+from bev_preheat.replay.recordings import open_recording, Planner, Sources
 from bev_preheat.replay.what_if import replay
 from bev_preheat_msgs.msg import HvchCommand, RoutePlan
 
@@ -124,6 +125,40 @@ def test_a_killed_planner_leaves_a_recording_that_is_reproduced(car, tmp_path):
         assert replayed.comparison.is_reproduced and replayed.comparison.commands > 2
         assert replayed.course.heating
     assert [given.step.call for given in read_flight(tmp_path).given][-1] == 'stop'
+
+
+@pytest.mark.needs('mcap')
+def test_a_recording_of_the_topics_is_reproduced(bench, car, tmp_path):
+    """As `ros2 bag` records them: bytes and times of arrival, in a process of its own."""
+    from mcap.writer import Writer
+    recorded = []
+
+    def record(message_type, topic, qos):
+        name = f'{message_type.__module__.partition(".")[0]}/msg/{message_type.__name__}'
+        return bench.node.create_subscription(message_type, topic, lambda data: recorded.append(
+            (f'/{topic}', name, bench.node.get_clock().now().nanoseconds, bytes(data))), qos, raw=True)
+
+    subscriptions = [record(BatteryState, 'battery_state', 10), record(RoutePlan, 'route_plan', LATCHED),
+                     record(HvchCommand, 'hvch_command', 10)]
+    car.start_planner()
+    car.wait_for_heat()
+    poll_until(lambda: len(car.commands.messages) > 20, 'commands')
+    for subscription in subscriptions:
+        bench.node.destroy_subscription(subscription)
+    with open(tmp_path / 'drive.mcap', 'wb') as file:
+        writer = Writer(file)
+        writer.start('ros2', 'rosbag2')
+        channels = {topic: writer.register_channel(topic, 'cdr', writer.register_schema(name, 'ros2msg', b''))
+                    for topic, name, _, _ in recorded}
+        for topic, _, received_ns, data in recorded:
+            writer.add_message(channels[topic], received_ns, data, received_ns)
+        writer.finish()
+    flight = open_recording(tmp_path / 'drive.mcap', Planner('reference', {
+        'command_period': 0.2, 'battery_state_timeout': 60.0, 'command_lease': LEASE_S}), Sources())
+    replayed = replay(flight)
+    # Timers of the planner may fire between a message's stamp and its arrival.
+    assert replayed.comparison.commands > 10 and replayed.comparison.different <= 2, replayed.comparison
+    assert replayed.course.heating
 
 
 def kill(process):

@@ -73,5 +73,3 @@ def write_sqlite(folder, messages):
     base.commit()
     base.close()
     return folder
-
-

@@ -29,7 +29,7 @@ def test_a_deviation_is_named(expected, told):
 
 @pytest.fixture(scope='module')
 def written(recorded, tmp_path_factory):
-    """Return the recording's folder, and the figures that are written of it."""
+    """Return the recording's folder, and its written figures."""
     path = tmp_path_factory.mktemp('expected') / 'expected.json'
     assert main(['replay', str(recorded[1]), *PART, '--write-expected', str(path)]) == 0
     return recorded[1], json.loads(path.read_text())
@@ -93,7 +93,7 @@ def test_a_wrong_period_or_change_is_one_line(recorded, capsys, words, told):
 
 
 def test_only_the_period_is_compared(recorded, capsys):
-    """Its planner knows what came before."""
+    """Its planner has the earlier inputs too."""
     drive, folder = recorded
     assert main(['replay', str(folder), '--from', '60', '--to', '120', '--json', '-']) == 0
     result = json.loads(capsys.readouterr().out)

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A recorded drive is reproduced to the last digit, and answers what-if questions as a second drive does."""
 
+from dataclasses import replace
 import json
 
 import pytest
@@ -13,6 +14,7 @@ from bev_preheat.errors import InvalidInput
 from bev_preheat.flight_recorder.writer import BEGINNING_CHANNEL, Entry
 from bev_preheat.replay.explanation import explain
 from bev_preheat.replay.flight_file import read_flight
+from bev_preheat.replay.period import Period
 from bev_preheat.replay.player import Changes
 from bev_preheat.replay.what_if import replay, replay_changed
 
@@ -105,6 +107,18 @@ def test_a_killed_planner_leaves_a_readable_file(recorded, tmp_path):
         assert 0 < len(cut.given) <= len(whole.given)
         assert len(cut.given) > 0.5 * share * len(whole.given)
         assert replay(cut).comparison.is_reproduced
+
+
+def test_a_clock_that_jumps_does_not_heat(recorded):
+    """A command ends with its lease, also if the next step is ten years later."""
+    _, folder = recorded
+    flight = read_flight(folder)
+    usual_wh = replay(flight, Period(to_ns=START_NS + 60 * NS_PER_S)).course.energy_wh
+    later = [replace(given, step=replace(given.step, now_ns=given.step.now_ns + 10**17)) if index > 119 else given
+             for index, given in enumerate(flight.given[:122])]
+    jumped_wh = replay(replace(flight, given=tuple(later))).course.energy_wh
+    # Half an hour of the heater would be 2500 Wh.
+    assert 0.0 < usual_wh and jumped_wh == pytest.approx(usual_wh, abs=10.0)
 
 
 def test_another_format_is_refused_by_name(tmp_path):

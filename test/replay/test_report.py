@@ -17,6 +17,7 @@ from bev_preheat.commands.main import main
 from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.replay.flight_file import read_flight
 from bev_preheat.replay.history import History, MOST_ROWS
+from bev_preheat.replay.player import Player
 from bev_preheat.replay.report import history_values, packed, report_text, ReportText
 
 pytestmark = [pytest.mark.needs('mcap'), pytest.mark.needs('rclpy'), pytest.mark.needs('jinja2'),
@@ -105,12 +106,16 @@ def test_a_browser_draws_it(page, tmp_path):
     assert 'Click into the curves' in dom
 
 
-def test_the_drive_of_a_clock_that_goes_back_is_drawn_without_those_steps(recorded):
+def test_a_clock_that_jumps_is_drawn_as_one_drive(recorded):
+    """Back by ten seconds, on by ten years, and again right."""
     history, flight = History(NS_PER_S), read_flight(recorded[1])
-    from bev_preheat.replay.player import Player
     player = Player(flight.beginning)
-    for index, given in enumerate(flight.given[:40]):
+    for index, given in enumerate(flight.given[:80]):
+        off_s = -10 if 20 <= index < 30 else 315360000 if 40 <= index < 50 else 0
         played = player.play(given)
-        history.add(played._replace(now_ns=played.now_ns - (10 * NS_PER_S if index == 20 else 0)))
-    time_s = history.columns['time']
-    assert history.not_drawn == 1 and list(time_s) == sorted(time_s)
+        history.add(played._replace(now_ns=played.now_ns + off_s * NS_PER_S))
+    time_s = list(history.columns['time'])
+    assert history.jumps == 2 and time_s == sorted(time_s)
+    # Two steps a second, and a row for each second.
+    assert time_s[-1] - time_s[0] == (flight.given[79].step.now_ns - START_NS) / NS_PER_S
+    assert max(after - before for before, after in zip(time_s, time_s[1:])) <= 2.0

@@ -1,13 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
 """The study of uncertain charging: the best target against a search over start and end of heating."""
 
+from dataclasses import asdict
+import json
 import math
 
 import numpy as np
 import pytest
 
 from bev_preheat.charging.prospect import ChargingProspect
-from bev_preheat_studies.charging_probability.brute_force import between, compare, COMPARED, Judge
+from bev_preheat_studies.charging_probability.brute_force import (
+    between,
+    compare,
+    COMPARED,
+    Gap,
+    gap_from,
+    Judge,
+    run_gaps,
+)
+from bev_preheat_studies.charging_probability.closed_loop import Driven, driven_from, Outcome, run_drives
+from bev_preheat_studies.kept_results import Kept
 from bev_preheat_studies.optimality.charging_trips import draw_charging_trip
 
 
@@ -36,3 +48,16 @@ def test_the_expected_cost_is_linear_in_the_chance():
     costs = [Judge(drawn, ChargingProspect(probability)).cost(heating) for probability in (0.2, 0.5, 0.8)]
     assert np.diff(costs, 2) == pytest.approx(0.0, abs=1e-9)
     assert costs[2] > costs[0] > 0.0
+
+
+@pytest.mark.parametrize('run, record_of', [
+    (run_gaps, lambda: (Gap(0, COMPARED, '', ChargingProspect(0.3, 60.0), True, 2.0, 1.9, 3.0, 2.5), gap_from)),
+    (run_drives, lambda: (Driven(0, Outcome(1.0, 0.2, 1), Outcome(1.5, 0.0, 0), (Outcome(1.1, 0.1, 1),)),
+                          driven_from))], ids=['search', 'closed loop'])
+def test_a_stopped_study_resumes_from_its_results(run, record_of):
+    result, from_record = record_of()
+    # As it is read back from a file.
+    kept = from_record(json.loads(json.dumps(asdict(result))))
+    reported = []
+    run(1, 1, 1, reported.append, Kept({0: kept}))
+    assert reported == [result]

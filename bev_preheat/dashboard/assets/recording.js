@@ -18,7 +18,7 @@
     if (answer.problem) {
       bevView.showBanner({level: 'error', text: answer.problem});
       bevView.showLink('lost', 'no recording');
-    } else if (!answer.frames) {
+    } else if (!answer.drives) {
       byId('player-time').textContent = `reading the recording, ${Math.round(100 * answer.progress)} %`;
       setTimeout(load, RETRY_MS);
     } else {
@@ -27,18 +27,37 @@
   }
 
   function start(answer) {
-    tables = answer;
-    const column = tables.keys.indexOf('at');
-    times = tables.frames.map((frame) => frame[column]);
-    planTimes = tables.plans.map((plan) => plan.at);
-    slider.max = String(times.length - 1);
-    slider.disabled = false;
-    byId('remarks').replaceChildren(...tables.remarks.map((text) => {
+    byId('remarks').replaceChildren(...answer.remarks.map((text) => {
       const item = document.createElement('li');
       item.textContent = text;
       return item;
     }));
     bevView.showLink('late', `recording ${document.body.dataset.name}`);
+    if (!answer.drives.length) {
+      byId('player-time').textContent = 'nothing is recorded';
+      return;
+    }
+    // The clock was set back between them, as when a simulation starts again.
+    const select = byId('drive');
+    byId('drives').hidden = answer.drives.length < 2;
+    select.replaceChildren(...answer.drives.map((drive, index) => {
+      const option = document.createElement('option');
+      option.value = String(index);
+      option.textContent = `${index + 1} of ${answer.drives.length}`;
+      return option;
+    }));
+    select.addEventListener('change', () => choose(answer.drives[Number(select.value)]));
+    choose(answer.drives[0]);
+  }
+
+  function choose(drive) {
+    tables = drive;
+    const column = tables.keys.indexOf('at');
+    times = tables.frames.map((frame) => frame[column]);
+    planTimes = tables.plans.map((plan) => plan.at);
+    slider.max = String(times.length - 1);
+    slider.disabled = false;
+    shown = -1;
     go(times[0]);
   }
 

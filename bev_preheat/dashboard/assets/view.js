@@ -157,7 +157,9 @@ const bevView = (() => {
       const word = document.createElement('b');
       time.textContent = clock(at);
       word.textContent = statusOf(status)[0];
-      said.append(word, ` ${readable(text)}`);
+      // Some sentences begin with the status.
+      const rest = readable(text).replace(`${word.textContent}: `, '');
+      said.append(word, `: ${rest}`);
       item.append(time, said);
       return item;
     }));
@@ -213,7 +215,9 @@ const bevView = (() => {
       data.later = later.measured;
     }
     if (!data.time.length && !data.planTime.length) return;
-    const markers = events.marks.filter(([instant]) => isRecording || instant >= from)
+    // Of several at one instant the last one counts.
+    const markers = events.marks.filter(([instant], index, all) => (isRecording || instant >= from)
+      && !(index + 1 < all.length && all[index + 1][0] - instant < 1))
       .map(([instant, status, , label]) => ({at: instant, text: label ? readable(label) : statusOf(status)[0]}));
     const shades = [...events.regimes.filter(([, , text]) => text !== 'driving')
       .map(([begin, end, text]) => ({from: begin, to: end === null ? at : end, text, colour: 'green'})),

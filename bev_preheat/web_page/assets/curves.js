@@ -17,11 +17,8 @@ Stacked curves over one time axis, drawn by uPlot, which must be loaded first. c
         step: true,                      // holds each value until the next: heater, states
         low: 'low', high: 'high',        // columns of a band around it; the legend shows them
         times: 'planTime',               // column of its instants, if not `time`
-<<<<<<< HEAD
         words: ['off', 'on'],            // the legend shows the word of a value 0, 1, …
-=======
         constant: true,                  // the legend shows its last value, wherever the cursor is
->>>>>>> dashboard
         off: true,                       // hidden until its legend entry is pressed
       }],
     }],

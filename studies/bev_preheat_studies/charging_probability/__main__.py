@@ -29,10 +29,17 @@ from bev_preheat.console.output import add_json_argument, json_output, write_jso
 from bev_preheat.console.parser import OneLineParser
 from bev_preheat.console.terminal import print_figures, print_records, progress_bar, result_console
 from bev_preheat.errors import InvalidInput
-from bev_preheat.files.output_files import check_outputs
-from bev_preheat_studies.charging_probability.brute_force import COMPARED, Gap, run_gaps
-from bev_preheat_studies.charging_probability.closed_loop import difference, Driven, PROBABILITIES, run_drives
+from bev_preheat.files.output_files import check_outputs, OutputFile
+from bev_preheat_studies.charging_probability.brute_force import COMPARED, Gap, gap_from, run_gaps
+from bev_preheat_studies.charging_probability.closed_loop import (
+    difference,
+    Driven,
+    driven_from,
+    PROBABILITIES,
+    run_drives,
+)
 from bev_preheat_studies.charging_probability.reference_tables import print_tables
+from bev_preheat_studies.kept_results import kept_results
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -58,15 +65,18 @@ def _load(arguments: Sequence[str] | None) -> Callable[[], int]:
     parser.add_argument('--jobs', type=int, metavar='N', help='processes (default: all cores)')
     parser.add_argument('--closed-loop', action='store_true', help='drive under the planner')
     parser.add_argument('--tables', action='store_true', help='the tables of the reference trip')
+    parser.add_argument('--results', metavar='FILE',
+                        help='append each result to this file (JSON lines); if the file exists, the study '
+                        'resumes from it')
     add_json_argument(parser)
     parsed = parser.parse_args(arguments)
     for name, low, high in (('drives', 1, 100_000), ('seed', 0, 2**31), ('jobs', 1, 1024)):
         value = getattr(parsed, name)
         if value is not None and not low <= value <= high:
             raise InvalidInput(f'--{name}: {value} is not allowed; it must be {low} ... {high}')
-    if parsed.tables and (parsed.closed_loop or parsed.json):
-        raise InvalidInput('--tables: not allowed with --closed-loop and --json')
-    check_outputs([json_output(parsed.json)], ())
+    if parsed.tables and (parsed.closed_loop or parsed.json or parsed.results):
+        raise InvalidInput('--tables: not allowed with --closed-loop, --json and --results')
+    check_outputs([json_output(parsed.json), OutputFile('--results', parsed.results)], ())
     return lambda: _tables() if parsed.tables else (_drive if parsed.closed_loop else _search)(parsed)
 
 
@@ -77,21 +87,23 @@ def _tables() -> int:
 
 def _search(arguments: Namespace) -> int:
     gaps: list[Gap] = []
-    with keeping_what_is_finished() as ending, progress_bar(*COLUMNS) as progress:
+    study = {'study': 'charging_probability', 'seed': arguments.seed}
+    with (keeping_what_is_finished() as ending, kept_results(arguments.results, study, gap_from) as kept,
+          progress_bar(*COLUMNS) as progress):
         task = progress.add_task('compared drives', total=arguments.drives)
 
         def report(gap: Gap) -> None:
             gaps.append(gap)
             progress.update(task, advance=gap.outcome == COMPARED)
 
-        run_gaps(arguments.drives, arguments.seed, arguments.jobs, report)
+        run_gaps(arguments.drives, arguments.seed, arguments.jobs, report, kept)
     compared = [gap for gap in gaps if gap.outcome == COMPARED]
     if compared:
         if arguments.json:
             write_json(arguments.json, {'seed': arguments.seed, 'complete': ending.is_complete, 'drives': [
                 {**asdict(gap), 'gap': gap.gap} for gap in compared]})
         print_gaps(result_console(arguments.json), gaps, compared)
-    ending.tell(len(compared), arguments.drives, 'drives', (arguments.json,))
+    ending.tell(len(compared), arguments.drives, 'drives', (arguments.json,), arguments.results)
     return 0
 
 
@@ -125,7 +137,9 @@ def print_gaps(console: Console, gaps: Sequence[Gap], compared: Sequence[Gap]) -
 
 def _drive(arguments: Namespace) -> int:
     drives: list[Driven] = []
-    with keeping_what_is_finished() as ending, progress_bar(*COLUMNS) as progress:
+    study = {'study': 'charging_probability --closed-loop', 'seed': arguments.seed}
+    with (keeping_what_is_finished() as ending, kept_results(arguments.results, study, driven_from) as kept,
+          progress_bar(*COLUMNS) as progress):
         task = progress.add_task('drives', total=arguments.drives)
 
         def report(driven: Driven) -> None:
@@ -133,14 +147,14 @@ def _drive(arguments: Namespace) -> int:
                 drives.append(driven)
             progress.update(task, advance=driven.never is not None)
 
-        run_drives(arguments.drives, arguments.seed, arguments.jobs, report)
+        run_drives(arguments.drives, arguments.seed, arguments.jobs, report, kept)
     if drives:
         if arguments.json:
             write_json(arguments.json, {'seed': arguments.seed, 'complete': ending.is_complete,
                                         'probabilities': PROBABILITIES,
                                         'drives': [asdict(each) for each in drives]})
         print_drives(result_console(arguments.json), drives)
-    ending.tell(len(drives), arguments.drives, 'drives', (arguments.json,))
+    ending.tell(len(drives), arguments.drives, 'drives', (arguments.json,), arguments.results)
     return 0
 
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from itertools import count
 import math
-from typing import TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
@@ -30,6 +30,7 @@ from bev_preheat.planning.outcome import power_deficit
 from bev_preheat.planning.planner import plan_preheating, plan_unheated
 from bev_preheat.planning.situation import reserve_soc
 from bev_preheat.planning.trip import make_trip
+from bev_preheat_studies.kept_results import Kept
 from bev_preheat_studies.numbered import run_numbered
 from bev_preheat_studies.optimality.charging_trips import draw_charging_trip
 from bev_preheat_studies.workers import Workers
@@ -215,11 +216,17 @@ def compare(seed: int, number: int) -> Gap:
         cost_of(None if certain.best is certain.without_heating else certain.best.target_c, True))
 
 
-def run_gaps(drives: int, seed: int, jobs: int | None, report: Callable[[Gap], object]) -> None:
-    """Compare drives until `drives` of them are compared; `report` takes each Gap in order."""
-    compared = 0
+def gap_from(record: dict[str, Any]) -> Gap:
+    """Return a Gap from its record in a file of results."""
+    return Gap(**{**record, 'prospect': ChargingProspect(**record['prospect'])})
+
+
+def run_gaps(drives: int, seed: int, jobs: int | None, report: Callable[[Gap], object],
+             kept: Kept[Gap] | None = None) -> None:
+    """Compare drives until `drives` are compared; `report` takes each Gap in order, `kept` are earlier ones."""
+    compared, kept = 0, kept or Kept()
     with Workers(jobs) as workers:
-        for gap in run_numbered(workers, partial(compare, seed), count()):
+        for gap in run_numbered(workers, partial(compare, seed), count(), kept.finished, kept.keep):
             report(gap)
             compared += gap.outcome == COMPARED
             if compared >= drives:

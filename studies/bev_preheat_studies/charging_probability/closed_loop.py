@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from itertools import count
 import math
-from typing import TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
 
 from bev_preheat.charging.heating_choice import ChargerHeating
 from bev_preheat.charging.prospect import CERTAIN, ChargingProspect
@@ -29,6 +29,7 @@ from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
 from bev_preheat.simulation.sensors import Sensors
 from bev_preheat.simulation.supervised_drive import moments
 from bev_preheat.vehicle.heat_path import HeatPath
+from bev_preheat_studies.kept_results import Kept
 from bev_preheat_studies.numbered import run_numbered
 from bev_preheat_studies.optimality.charging_trips import draw_charging_trip
 from bev_preheat_studies.workers import Workers
@@ -121,11 +122,18 @@ def compare_ways(seed: int, number: int) -> Driven:
         return Driven(number)
 
 
-def run_drives(drives: int, seed: int, jobs: int | None, report: Callable[[Driven], object]) -> None:
-    """Drive until `drives` drives are compared; `report` takes each Driven in order."""
-    compared = 0
+def driven_from(record: dict[str, Any]) -> Driven:
+    """Return a Driven from its record in a file of results."""
+    always, never = (None if way is None else Outcome(**way) for way in (record['always'], record['never']))
+    return Driven(record['number'], always, never, tuple(Outcome(**way) for way in record['expected']))
+
+
+def run_drives(drives: int, seed: int, jobs: int | None, report: Callable[[Driven], object],
+               kept: Kept[Driven] | None = None) -> None:
+    """Drive until `drives` drives are compared; `report` takes each Driven in order, `kept` are earlier ones."""
+    compared, kept = 0, kept or Kept()
     with Workers(jobs) as workers:
-        for driven in run_numbered(workers, partial(compare_ways, seed), count()):
+        for driven in run_numbered(workers, partial(compare_ways, seed), count(), kept.finished, kept.keep):
             report(driven)
             compared += driven.never is not None
             if compared >= drives:

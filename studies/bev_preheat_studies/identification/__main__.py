@@ -2,9 +2,9 @@
 """
 Identify synthetic cars: python3 -m bev_preheat_studies.identification --help.
 
-Prints for each parameter the errors and the coverage of the 90 % intervals. With --closed-loop it prints the
-arrival errors and heater energy of new drives under the planner, with the data sheet's vehicle file and the
-identified one.
+Prints for each parameter the errors, the least errors that the readings allow (Cramer-Rao bound), and the coverage
+of the 90 % intervals. With --closed-loop it prints the arrival errors and heater energy of new drives under the
+planner, with the data sheet's vehicle file and the identified one.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ def _described(arguments: Namespace) -> dict[str, object]:
 
 
 def _identify(arguments: Namespace) -> int:
-    from bev_preheat_studies.identification.study import study_car, summary
+    from bev_preheat_studies.identification.study import pooled_coverage, study_car, summary
     console = result_console(arguments.json)
     cars: list[list[Outcome]] = []
     with keeping_what_is_finished() as ending:
@@ -100,11 +100,14 @@ def _identify(arguments: Namespace) -> int:
                         for seed, outcomes in zip(_seeds(arguments), cars) for outcome in outcomes]})
     if cars:
         print_records(console, f'{len(cars)} synthetic cars around {arguments.vehicle}',
-                      ('parameter', 'cars', 'median error', '95 % error', 'coverage', 'identified'),
-                      [(name, f'{count}', f'{100 * median:+.1f} %', f'{100 * most:.1f} %',
-                        f'{100 * covered:.0f} %', f'{100 * identified:.0f} %')
-                       for name, count, median, most, covered, identified in summary(cars)],
-                      ('left', *['right'] * 5))
+                      ('parameter', 'cars', 'median error', '95 % error', 'bound', 'coverage', 'identified'),
+                      [(row.name, f'{row.cars}', f'{100 * row.median:+.1f} %', f'{100 * row.most:.1f} %',
+                        '' if row.bound is None else f'{100 * row.bound:.1f} %',
+                        f'{100 * row.covered:.0f} %', f'{100 * row.identified:.0f} %')
+                       for row in summary(cars)],
+                      ('left', *['right'] * 6))
+        console.print(f'90 % intervals with the truth, all together: {100 * pooled_coverage(cars):.0f} %',
+                      markup=False)
     ending.tell(len(cars), arguments.cars, 'cars', (arguments.json,))
     return 0
 

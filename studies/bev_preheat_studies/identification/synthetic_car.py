@@ -131,8 +131,9 @@ class SyntheticPlant:
                 + (car.leakage_w_per_k + car.leakage_w_per_k_per_mps * speed_mps)
                 * (self._ambient_c - self.temperature_c)) / car.heat_capacity_j_per_k
         self._coolant_k += (car.heater_efficiency * heater_w - conducted_w) / COOLANT_J_PER_K - rate
+        # The sensor follows the second's mean temperature.
         self.temperature_c += rate
-        self.sensor_c += (self.temperature_c - self.sensor_c) / car.sensor_lag_s
+        self.sensor_c += -math.expm1(-1.0 / car.sensor_lag_s) * (self.temperature_c - 0.5 * rate - self.sensor_c)
         self.soc -= self.current_a / (3600.0 * car.capacity_ah)
 
 

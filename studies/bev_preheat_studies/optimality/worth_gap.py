@@ -15,6 +15,7 @@ from bev_preheat.charging.worth import find_worth
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.planner import plan_unheated
 from bev_preheat.vehicle.charging import charging_of
+from bev_preheat_studies.kept_results import Kept
 from bev_preheat_studies.numbered import run_numbered
 from bev_preheat_studies.optimality.charging_trips import draw_charging_trip
 from bev_preheat_studies.workers import Workers
@@ -185,18 +186,23 @@ def summarise(results: Sequence[WorthGap]) -> dict[str, Any]:
     return figures
 
 
-def run_worth_study(compared: int, seed: int, jobs: int | None,
-                    report: Callable[[WorthGap], object]) -> list[WorthGap]:
+def result_from(record: dict[str, Any]) -> WorthGap:
+    """Return a WorthGap from its record in a file of results."""
+    return WorthGap(**record)
+
+
+def run_worth_study(compared: int, seed: int, jobs: int | None, report: Callable[[WorthGap], object],
+                    kept: Kept[WorthGap] | None = None) -> list[WorthGap]:
     """
     Run trips 0, 1, 2 … until `compared` of them are compared; return their WorthGaps in order.
 
-    `report(result)` is called with each result once it and all earlier ones are finished. The trips do not
-    depend on `jobs`. Raises WorkerLost if a process dies.
+    `report(result)` is called with each result once it and all earlier ones are finished; `kept` are those of an
+    earlier run. The trips do not depend on `jobs`. Raises WorkerLost if a process dies.
     """
     results: list[WorthGap] = []
-    found = 0
+    found, kept = 0, kept or Kept()
     with Workers(jobs) as workers:
-        for result in run_numbered(workers, partial(solve_charging_trip, seed), count()):
+        for result in run_numbered(workers, partial(solve_charging_trip, seed), count(), kept.finished, kept.keep):
             results.append(result)
             found += result.outcome == COMPARED
             report(result)

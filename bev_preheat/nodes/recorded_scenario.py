@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A scenario driven in this process and recorded as the node records: real messages, without DDS."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from typing import TYPE_CHECKING
+
+from rclpy.serialization import deserialize_message, serialize_message
+
+from bev_preheat.console.program import say
+from bev_preheat.nodes.convert import (
+    battery_event,
+    plan_message,
+    route_plan_message,
+    temperature_message,
+    time_message,
+)
+from bev_preheat.nodes.flight_recording import FlightRecorder, Planner, Setup
+from bev_preheat.nodes.kept_recording import KeptRecording
+from bev_preheat.nodes.route_intake import RouteIntake
+from bev_preheat.nodes.route_progress import progress_event, progress_message
+from bev_preheat.nodes.simulator_messages import battery_state_message
+from bev_preheat.simulation.scenario_drive import drive_scenario
+from bev_preheat.simulation.supervised_drive import START_NS
+from bev_preheat.vehicle import vehicle_contents
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from pathlib import Path
+    from typing import Any
+
+    from bev_preheat.control.events import Event
+    from bev_preheat.control.inputs import Mission, Progress
+    from bev_preheat.control.supervisor import StepOutput, Supervisor
+    from bev_preheat.simulation.evaluation import DriveRecord
+    from bev_preheat.simulation.scenario import Scenario
+    from bev_preheat.simulation.sensors import Reading
+
+# A folder of one drive is never too large [MB].
+UNBOUNDED_MB = 1e9
+# Steps between two waits for the disk: fewer than the writer holds.
+STEPS_AT_ONCE = 1000
+
+
+def drive_recorded(scenario: Scenario, recording: Path,
+                   progress: Callable[[float, float], object] = lambda time_s, total_s: None) -> DriveRecord:
+    """
+    Return the DriveRecord of a Scenario, and keep the planner's flight recording in the file `recording`.
+
+    Needs the package mcap. `progress(time_s, total_s)` is called during the drive. Raises OSError.
+    """
+    kept = KeptRecording(recording)
+    with ExitStack() as stack:
+        folder = str(kept.parameters(stack)['flight_recorder'])
+        wires: list[_MessageWire] = []
+
+        def wire(supervisor: Supervisor) -> _MessageWire:
+            wires.append(_MessageWire(supervisor, scenario, folder))
+            return wires[-1]
+
+        record = drive_scenario(scenario, progress, wire)
+        for each in wires:
+            each.close()
+        kept.keep()
+    return record
+
+
+class _MessageWire:
+    """Makes each input a message, reads it as the node does, and records the steps."""
+
+    def __init__(self, supervisor: Supervisor, scenario: Scenario, folder: str) -> None:
+        self._supervisor, self._capacity_ah = supervisor, scenario.vehicle.battery.capacity_ah
+        self._routes = RouteIntake()
+        # The events of an instant are made before the first of them is a step.
+        self._coming: list[tuple[Event, Any]] = []
+        self._steps = 0
+        self._recorder = FlightRecorder(Planner('/planner', True, '/{}'.format, say, say))
+        self._recorder.attach(
+            folder, UNBOUNDED_MB, Setup(dict(scenario.planner), vehicle_contents(scenario.vehicle_name)),
+            supervisor.state, START_NS, is_whole=True)
+
+    def route(self, mission: Mission) -> Event:
+        return self._carried(route_plan_message(mission),
+                             lambda message: self._routes.read(message, self._supervisor.state))
+
+    def progress(self, progress: Progress) -> Event:
+        return self._carried(progress_message(progress), progress_event)
+
+    def battery(self, reading: Reading, stamp_ns: int) -> Event:
+        return self._carried(
+            battery_state_message(reading, self._capacity_ah, time_message(stamp_ns)), battery_event)
+
+    def stepped(self, now_ns: int, events: Sequence[Event], output: StepOutput) -> None:
+        message = None
+        if events:
+            event, message = self._coming.pop(0)
+            assert event is events[0]
+        self._recorder.note(now_ns, tuple(events), message, output)
+        if output.decision is not None:
+            plan = plan_message(output.decision, self._supervisor.state.active_mission, now_ns,
+                                self._supervisor.later_decisions())
+            self._recorder.note_plan(now_ns, plan, None if output.decision.plan is None
+                                     else temperature_message(output.decision, now_ns))
+        self._steps += 1
+        if self._steps % STEPS_AT_ONCE == 0:
+            self._recorder.catch_up()
+
+    def close(self) -> None:
+        self._recorder.catch_up()
+        self._recorder.close()
+
+    def _carried(self, message: Any, read: Callable[[Any], Event]) -> Event:
+        """Return the event of a message as it comes out of DDS: some fields have fewer digits there."""
+        carried = deserialize_message(serialize_message(message), type(message))
+        self._coming.append((read(carried), carried))
+        return self._coming[-1][0]

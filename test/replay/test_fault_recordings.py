@@ -1,0 +1,67 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A scenario with a fault leaves a recording that is reproduced, and whose report names the fault."""
+
+import html
+import json
+
+import pytest
+
+from bev_preheat.commands.main import main
+
+pytestmark = [pytest.mark.costly, pytest.mark.needs('mcap'), pytest.mark.needs('jinja2')]
+
+# A part of a sentence in the report, by scenario. The heater's, signals' and inputs' own words, not the plan's.
+NAMED = {
+    'heater_dead': 'dead: the battery does not get the commanded heat',
+    'heater_derated': 'derated: it gives only',
+    'heater_stuck_on': 'stuck on: the battery is heated without a command',
+    'temperature_stuck': 'temperature: has read 18.00 degC for',
+    'temperature_never_set': 'temperature: has read 0.00 degC since the first state',
+    'temperature_minus_40': 'temperature: -40.0 degC is 33.0 K below the ambient temperature',
+    'temperature_unknown': 'temperature: nan is not a known value',
+    'nan_at_10_hz': 'temperature: nan is not a known value',
+    'rare_nan': 'temperature: nan is not a known value',
+    'voltage_too_low': 'voltage: ',
+    'voltage_of_12_v': 'voltage: ',
+    'voltage_at_full_scale': 'voltage: ',
+    'current_reversed': 'current: ',
+    'charge_in_percent': 'percentage: ',
+    'charge_never_set': 'percentage: 0.0 % contradicts',
+    'two_batteries': 'battery_state comes from two batteries',
+    'two_batteries_second': 'battery_state comes from two batteries',
+    'two_battery_managers': 'battery_state comes from two batteries',
+    'two_locations': 'battery_state comes from two batteries',
+    'battery_state_drop_out': 'less than 5 s are allowed',
+    'slow_feed': 'less than 5 s are allowed',
+    'spikes': 'of the latest readings were ignored',
+    'sensor_offset': 'the temperature sensor reads up to 1.0 K too warm',
+    'clock_back': 'the clock went back by',
+    'clock_forward': 'its clock was set forward',
+    'late_and_lossy': 'battery_state arrives 2.0 s old',
+    'reordered_states': 'battery states were overtaken by later ones',
+    'late_without_a_word': 'behind its route; the planner learned it from power or position',
+    'charging_cancelled': 'No fast charging at the end of this route',
+    'drives_past': '15 % chance of charging',
+    'charger_taken': '% chance of charging',
+    'cold_second_trip': 'derated: it gives only',
+}
+# The short ones of two kinds; test_inputs.py has the third one, an input's time.
+QUICK = {'heater_stuck_on', 'temperature_minus_40'}
+
+
+@pytest.mark.parametrize('name', [
+    pytest.param(name, marks=[] if name in QUICK else pytest.mark.deep) for name in NAMED])
+def test_report_names_the_fault(name, tmp_path):
+    # Whether the drive goes as expected is another test's question.
+    main(['scenario', name, '--record', str(tmp_path)])
+    report, results = tmp_path / 'report.html', tmp_path / 'results.json'
+    assert main(['replay', str(tmp_path / f'{name}.mcap'), '--report', str(report), '--json', str(results)]) == 0
+    assert json.loads(results.read_text())['reproduced']
+    assert NAMED[name] in html.unescape(report.read_text())
+
+
+def test_report_of_a_good_drive_names_none(tmp_path):
+    assert main(['scenario', 'nominal', '--record', str(tmp_path)]) == 0
+    results = tmp_path / 'results.json'
+    assert main(['replay', str(tmp_path / 'nominal.mcap'), '--json', str(results)]) == 0
+    assert json.loads(results.read_text())['remarks'] == []
