@@ -25,6 +25,7 @@ from bev_preheat.vehicle import vehicle_file
 from bev_preheat_studies.cost import (
     checker_cost,
     choice_cost,
+    dashboard_cost,
     fleet_cost,
     interface_cost,
     optimum_cost,
@@ -44,12 +45,13 @@ MEASUREMENTS = {'planning': planning_cost.measure, 'interface': interface_cost.m
                 'update': update_cost.measure,
                 'choice': choice_cost.measure, 'optimum': optimum_cost.measure,
                 'checker': checker_cost.measure, 'process': process_cost.measure,
-                'recorder': recorder_cost.measure, 'restart': restart_cost.measure,
+                'recorder': recorder_cost.measure, 'dashboard': dashboard_cost.measure,
+                'restart': restart_cost.measure,
                 'fleet': fleet_cost.measure, 'studies': study_cost.measure}
 # Packages needed in addition to the planner's own.
 PACKAGES = {'planning': (), 'interface': (), 'update': (), 'choice': (), 'optimum': ('casadi', 'do_mpc'),
-            'checker': ('casadi', 'psutil'), 'process': ('psutil',), 'recorder': ('mcap',), 'restart': (),
-            'fleet': (), 'studies': ()}
+            'checker': ('casadi', 'psutil'), 'process': ('psutil',), 'recorder': ('mcap',),
+            'dashboard': ('psutil', 'tornado'), 'restart': (), 'fleet': (), 'studies': ()}
 # The names of all groups of measurements.
 ROUTES = ('reference', 'alpine_pass', 'motorway_3h')
 
