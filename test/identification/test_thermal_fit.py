@@ -10,6 +10,7 @@ from recorded import night, recording
 
 from bev_preheat.identification.prediction import predict
 from bev_preheat.identification.trips import trip_of
+from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage
 from bev_preheat.vehicle.description import Leakage
@@ -168,6 +169,41 @@ def test_resistance_and_capacity_come_from_voltage_and_current():
     assert ohm[0] == pytest.approx(0.1, rel=0.01)
     assert found.capacity_ah == pytest.approx(100.0, rel=0.01)
     assert found.used == ('0', '1', '2', '3')
+
+
+def test_resistance_over_charge_is_found_although_start_has_none():
+    from bev_preheat.identification.curves import resistance_table
+    from bev_preheat.identification.electrical import fit_electrical
+
+    def ohm(soc):
+        return 0.1 + 0.08 * (0.9 - soc)
+
+    trips = []
+    for start_soc in (0.9, 0.6, 0.35):
+        shift = 0.8 - start_soc
+        soc = recording(seconds=2400).signals['soc'].value - shift
+        current_a = recording(seconds=2400).signals['current_a'].value
+        trips.append(trip_of(recording(
+            f'{start_soc}', 2400, soc=lambda s, soc=soc: soc, battery_temperature_c=lambda c: np.full_like(c, 5.0),
+            voltage_v=lambda v, soc=soc: 380.0 - ohm(soc) * current_a), VEHICLE))
+    found = fit_electrical(VEHICLE, trips)
+    # The resistance has a pole at -15 degC.
+    battery = replace(VEHICLE.battery, temperature_range_c=(-10.0, 40.0))
+    table = resistance_table(battery, found.log_factors, found.soc_factors)
+    for soc in (0.2, 0.4, 0.6, 0.8):
+        assert table.function(FLOATS)(soc, 5.0) == pytest.approx(ohm(soc), rel=0.02)
+
+
+def test_the_structure_is_the_simplest_unless_another_explains_unseen_readings_better():
+    from bev_preheat.identification.structures import chosen_structure, StructureResult
+
+    def result(structure, misfit, in_the_file=True):
+        # Arrivals, which are rounded, decide nothing.
+        return StructureResult(structure, 0.0, misfit, (1.0 - 0.001 * misfit,), in_the_file)
+
+    simple, lagging = result('one mass', 100.0), result('one mass, sensor lag', 97.0)
+    assert chosen_structure([simple, lagging, result('core and shell', 1.0, False)]) == 'one mass, sensor lag'
+    assert chosen_structure([simple, result('one mass, sensor lag', 99.0)]) == 'one mass'
 
 
 def test_polarisation_is_part_of_the_heat_but_not_of_the_ohmic_resistance():

@@ -28,9 +28,10 @@ from bev_preheat.console.output import add_json_argument, json_output, write_jso
 from bev_preheat.console.parser import OneLineParser
 from bev_preheat.console.terminal import print_figures, print_records, progress_bar, result_console
 from bev_preheat.errors import InvalidInput
-from bev_preheat.files.output_files import check_outputs
+from bev_preheat.files.output_files import check_outputs, OutputFile
 from bev_preheat.optional_packages import require
 from bev_preheat.vehicle import load_vehicle, vehicle_file
+from bev_preheat_studies.kept_results import kept_results
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -61,6 +62,8 @@ def _load(arguments: Sequence[str] | None) -> Callable[[], int]:
                         help='new drives of each car with --closed-loop (default: %(default)s)')
     parser.add_argument('--without-estimation', action='store_true',
                         help='plan with the vehicle file alone, with --closed-loop')
+    parser.add_argument('--results', metavar='FILE', help='file to which each identified car is appended; a car '
+                        'that is in it is not identified again')
     add_json_argument(parser)
     parsed = parser.parse_args(arguments)
     for name, low, high in (('cars', 1, 100_000), ('first', 0, 2**31), ('drives', 1, 1000)):
@@ -69,7 +72,9 @@ def _load(arguments: Sequence[str] | None) -> Callable[[], int]:
             raise InvalidInput(f'--{name}: {value} is not allowed; it must be {low} ... {high}')
     path = vehicle_file(parsed.vehicle)
     load_vehicle(path)
-    check_outputs([json_output(parsed.json)], [path])
+    if parsed.closed_loop and parsed.results is not None:
+        raise InvalidInput('--results: does not go with --closed-loop')
+    check_outputs([json_output(parsed.json), OutputFile('--results', parsed.results)], [path])
     require('casadi', 'scipy')
     return lambda: (_drive if parsed.closed_loop else _identify)(parsed)
 
@@ -84,13 +89,25 @@ def _described(arguments: Namespace) -> dict[str, object]:
 
 
 def _identify(arguments: Namespace) -> int:
-    from bev_preheat_studies.identification.study import pooled_coverage, study_car, summary
+    from bev_preheat_studies.identification.study import (
+        CarResult,
+        pooled_coverage,
+        result_from,
+        study_car,
+        summary,
+    )
     console = result_console(arguments.json)
-    cars: list[list[Outcome]] = []
-    with keeping_what_is_finished() as ending:
+    cars: list[Sequence[Outcome]] = []
+    study = {'study': 'identification', 'vehicle': arguments.vehicle, 'without_heater': arguments.without_heater}
+    with keeping_what_is_finished() as ending, kept_results(arguments.results, study, result_from) as kept:
         for seed in _seeds(arguments):
-            cars.append(study_car(arguments.vehicle, seed, not arguments.without_heater))
-            last = cars[-1][0]
+            car = kept.finished.get(seed)
+            if car is None:
+                car = CarResult(seed, tuple(study_car(arguments.vehicle, seed, not arguments.without_heater)))
+                if kept.keep is not None:
+                    kept.keep(seed, car)
+            cars.append(car.outcomes)
+            last = car.outcomes[0]
             console.print(f'car {seed}: {last.structure}, left out {last.left_out_rmse_k:.2f} K, '
                           f'{last.duration_s:.1f} s', markup=False)
     if arguments.json and cars:
@@ -108,7 +125,7 @@ def _identify(arguments: Namespace) -> int:
                       ('left', *['right'] * 6))
         console.print(f'90 % intervals with the truth, all together: {100 * pooled_coverage(cars):.0f} %',
                       markup=False)
-    ending.tell(len(cars), arguments.cars, 'cars', (arguments.json,))
+    ending.tell(len(cars), arguments.cars, 'cars', (arguments.json,), arguments.results)
     return 0
 
 

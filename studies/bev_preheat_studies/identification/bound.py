@@ -33,7 +33,7 @@ LEAST_PROBABILITY = 1e-12
 
 
 def relative_bounds(car: SyntheticCar, nominal: Vehicle, trips: Sequence[Trip]) -> dict[str, float]:
-    """Return the least relative standard deviation of each thermal parameter by name."""
+    """Return the least relative standard deviation of each thermal parameter that the trips tell, by name."""
     fitter = Fitter(vehicle_with_truth(car, nominal), trips)
     structure = IN_THE_FILE[-1]
     names = fitter.free_names(structure)
@@ -48,10 +48,11 @@ def relative_bounds(car: SyntheticCar, nominal: Vehicle, trips: Sequence[Trip]) 
         own, start = slopes[:, columns], slopes[:, -1]
         cross = own.T @ (count * start)
         information += own.T @ (count[:, np.newaxis] * own) - np.outer(cross, cross) / (start @ (count * start))
-    deviations = np.sqrt(np.diag(np.linalg.inv(information)))
-    return {name: float(deviation if fitter.parameters[name].is_log
-                        else deviation / fitter.parameters[name].value(theta[column]))
-            for name, column, deviation in zip(names, columns, deviations)}
+    told = np.flatnonzero(np.diag(information) > 0.0)
+    deviations = np.sqrt(np.diag(np.linalg.inv(information[np.ix_(told, told)])))
+    return {names[at]: float(deviation if fitter.parameters[names[at]].is_log
+                             else deviation / fitter.parameters[names[at]].value(theta[columns[at]]))
+            for at, deviation in zip(told.tolist(), deviations)}
 
 
 def reading_information(temperature_c: FloatArray) -> FloatArray:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -40,6 +41,19 @@ class Outcome:
     structure: str
     left_out_rmse_k: float
     duration_s: float
+
+
+@dataclass(frozen=True)
+class CarResult:
+    """The Outcomes of the car with the seed `number`."""
+
+    number: int
+    outcomes: tuple[Outcome, ...]
+
+
+def result_from(record: dict[str, Any]) -> CarResult:
+    """Return the CarResult of a record, the inverse of `asdict`."""
+    return CarResult(record['number'], tuple(Outcome(**outcome) for outcome in record['outcomes']))
 
 
 def study_car(vehicle_name: str, seed: int, heats: bool = True) -> list[Outcome]:
@@ -87,7 +101,7 @@ class ParameterFigures:
     identified: float
 
 
-def summary(cars: Iterable[list[Outcome]]) -> Iterator[ParameterFigures]:
+def summary(cars: Iterable[Iterable[Outcome]]) -> Iterator[ParameterFigures]:
     """Yield the ParameterFigures of each parameter."""
     by_name: dict[str, list[Outcome]] = {}
     for outcomes in cars:
@@ -101,7 +115,7 @@ def summary(cars: Iterable[list[Outcome]]) -> Iterator[ParameterFigures]:
             SHARE_DEVIATIONS * float(np.median(bounds)) if bounds else None, *_shares(found))
 
 
-def pooled_coverage(cars: Iterable[list[Outcome]]) -> float:
+def pooled_coverage(cars: Iterable[Iterable[Outcome]]) -> float:
     """Return the share of all 90 % intervals that have the truth."""
     return _shares([outcome for outcomes in cars for outcome in outcomes])[0]
 
