@@ -19,11 +19,9 @@ from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
-from rclpy.qos import LivelinessPolicy, qos_profile_sensor_data, QoSProfile
-from sensor_msgs.msg import BatteryState
-from std_msgs.msg import Float64
+from rclpy.qos import LivelinessPolicy, QoSProfile
 
-from bev_preheat.errors import InvalidInput, LONGEST_PROBLEM, shortened
+from bev_preheat.errors import LONGEST_PROBLEM, shortened
 from bev_preheat.heater.controller import (
     HeaterAnswer,
     HeaterController,
@@ -36,7 +34,7 @@ from bev_preheat.heater.controller import (
 from bev_preheat.nodes.can_heater import CanHeater
 from bev_preheat.nodes.command_line import NodeProgram
 from bev_preheat.nodes.command_senders import CommandSenders
-from bev_preheat.nodes.convert import measurement_from_message
+from bev_preheat.nodes.gate_inputs import GateInputs
 from bev_preheat.nodes.heater_messages import (
     heater_command,
     heater_diagnostics,
@@ -53,8 +51,6 @@ from bev_preheat_msgs.msg import HvchCommand, HvchStatus
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
-
-    from bev_preheat.control.inputs import Measurement
 
     # Sets the heater's power [W]; returns the measured power [W], None if it is not measured.
     Output = Callable[[float], float | None]
@@ -102,26 +98,15 @@ class HeaterControllerNode(Node):
             vehicle.heating_gates.power_steps_w, values['longest_lease'], values['clock_tolerance']))
         self._can = CanHeater(values['signals'], vehicle.hvch.maximum_power_w) if values['signals'] else None
         self._output = output or self._can or _without_heater
-        self._timeout_s = values['battery_state_timeout']
-        self._measurement: Measurement | None = None
-        self._measured_at_s = self._speed_at_s = -math.inf
-        self._speed_mps = math.nan
         self._senders, self._news = CommandSenders(), RepetitionFilter()
         self._answer = HeaterAnswer(0.0, 0.0, Refusal.NO_COMMAND, 'no command has arrived yet')
         # The latest refusal and requested power [W] that were published, and when [s].
         self._told, self._told_at_s = (Refusal.NO_COMMAND, 0.0), -math.inf
 
-        best_effort = QoSProfile(depth=1, reliability=qos_profile_sensor_data.reliability)
         self._status_publisher = self.create_publisher(HvchStatus, 'hvch_status', 1)
         self._diagnostics_publisher = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self._subscribe_to_commands(_or_none(values['command_deadline']))
-        subscribes = ['hvch_command']
-        if vehicle.heating_gates.looks_at_battery:
-            self.create_subscription(BatteryState, 'battery_state', self._on_battery_state, best_effort)
-            subscribes.append('battery_state')
-        if vehicle.heating_gates.only_while_standing:
-            self.create_subscription(Float64, 'vehicle_speed', self._on_speed, best_effort)
-            subscribes.append('vehicle_speed')
+        self._gate_inputs = GateInputs(self, vehicle.heating_gates, values['battery_state_timeout'], self._tell)
         # Not the node's clock: that may stand or be set.
         self._is_active = not values['lifecycle']
         self._managed = None if self._is_active else ManagedStates(self, self._on_activation)
@@ -129,7 +114,8 @@ class HeaterControllerNode(Node):
         self.create_timer(min([values['period'], *([] if self._can is None else [self._can.period_s])]),
                           self._on_period, clock=steady)
         self.create_timer(DIAGNOSTICS_PERIOD_S, self._publish_diagnostics, clock=steady)
-        self._setup = SetupWatch(self, subscribes, ('hvch_status',), single=('hvch_command', 'hvch_status'))
+        self._setup = SetupWatch(self, ('hvch_command', *self._gate_inputs.topics), ('hvch_status',),
+                                 single=('hvch_command', 'hvch_status'))
         self.get_logger().info(f'Executing hvch_command for vehicle {vehicle.name}, up to '
                                f'{vehicle.hvch.maximum_power_w:g} W.')
 
@@ -161,17 +147,6 @@ class HeaterControllerNode(Node):
             self._controller.lose_sender('no node that publishes hvch_command is alive')
             self._apply()
 
-    def _on_battery_state(self, message: BatteryState) -> None:
-        try:
-            self._measurement = measurement_from_message(message)
-        except InvalidInput as error:
-            self._tell(f'battery_state refused: {error}')
-            self._measurement = None
-        self._measured_at_s = time.monotonic()
-
-    def _on_speed(self, message: Float64) -> None:
-        self._speed_mps, self._speed_at_s = message.data, time.monotonic()
-
     def _on_activation(self, is_active: bool) -> None:
         self._is_active = is_active
         self._apply()
@@ -185,18 +160,7 @@ class HeaterControllerNode(Node):
         fault = '' if self._can is None else self._can.fault()
         if fault:
             return Verdict(Refusal.HEATER_FAULT, fault)
-        gates, now_s = self._vehicle.heating_gates, now.steady_ns / NS_PER_S
-        soc = temperature_c = speed_mps = math.nan
-        if gates.looks_at_battery:
-            if self._measurement is None or now_s - self._measured_at_s > self._timeout_s or abs(
-                    now.clock_ns - self._measurement.stamp_ns) > self._timeout_s * NS_PER_S:
-                return Verdict(Refusal.OTHER, 'no valid battery_state, which heating_gates need')
-            soc, temperature_c = self._measurement.state.soc, self._measurement.state.temperature_c
-        if gates.only_while_standing:
-            if now_s - self._speed_at_s > self._timeout_s:
-                return Verdict(Refusal.OTHER, 'no vehicle_speed, which heating_gates need')
-            speed_mps = self._speed_mps
-        return gates.verdict(soc, temperature_c, speed_mps)
+        return self._gate_inputs.verdict(now)
 
     def _on_period(self) -> None:
         self._apply()

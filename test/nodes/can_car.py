@@ -41,6 +41,8 @@ class CanCar:
         self.commanded_w, self._heard_s, self._counts, self._current_a = 0.0, -math.inf, {}, 0.0
         self._looked_at = [0] * adapters
         self.bad_frames = 0
+        # Whether its temperature and charge stay.
+        self.rests = False
         # '', 'stuck counter', 'wrong checksum' or 'ten times the rate', of the battery's frames.
         self.attack = ''
         self._ended = threading.Event()
@@ -63,7 +65,8 @@ class CanCar:
         while not self._ended.wait(PERIOD_S):
             now_s = time.monotonic()
             self._hear(now_s)
-            self._pass(now_s - before_s)
+            if not self.rests:
+                self._pass(now_s - before_s)
             self.heated.append((now_s, self.power_w))
             before_s, count = now_s, count + 1
             self._say(HEATER_STATUS, heater_frame(self.power_w, count % 16, self.refusal))

@@ -13,13 +13,15 @@ import time
 
 from can_car import CanCar, HEATER_TIMEOUT_S
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from example_frames import COMMAND
 from node_bench import poll_until
 import pytest
+from sensor_msgs.msg import BatteryState
 import yaml
 
 from bev_preheat.files.configuration import find_configuration
 from bev_preheat.planning.status import Status
-from bev_preheat_msgs.msg import PreheatPlan
+from bev_preheat_msgs.msg import HvchCommand, PreheatPlan
 
 pytestmark = [pytest.mark.needs('cantools'), pytest.mark.needs('can'), pytest.mark.needs('crccheck'),
               pytest.mark.needs('serial'), pytest.mark.needs('pint')]
@@ -110,14 +112,23 @@ class Drive:
 
 
 @pytest.fixture
-def driving(start_executable, tmp_path):
-    """`driving(…)` begins a Drive with all its processes."""
+def driving(start_executable, bench, tmp_path):
+    """`driving(…)` begins a Drive with all its processes; the route starts once they work."""
     drives = []
+    states, commands = bench.record(BatteryState, 'battery_state'), bench.record(HvchCommand, 'hvch_command')
 
     def driving(*arguments, **named):
         drives.append(drive := Drive(start_executable, tmp_path, *arguments, **named))
-        for part in (*drive.parts(), 'route_publisher'):
+        drive.car.rests = True
+        for part in drive.parts():
             drive.start(part)
+        states.wait_for(what='a battery')
+        commands.wait_for(what='a command')
+        poll_until(lambda: any(identifier == COMMAND for _, identifier, _ in drive.car.ports[-1].frames),
+                   'frames of the heater')
+        drive.start('route_publisher')
+        commands.wait_for(lambda command: command.reason != Status.NO_ROUTE, 'the route')
+        drive.car.rests = False
         return drive
 
     yield driving
