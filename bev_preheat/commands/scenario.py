@@ -148,7 +148,7 @@ def _drive(arguments: Namespace, name: str, scenario: Scenario,
     recording = _recording(arguments, scenario)
     if recording is not None:
         from bev_preheat.nodes.recorded_scenario import drive_recorded
-        return drive_recorded(scenario, recording, progress)
+        return drive_recorded(scenario, recording, warn, progress)
     from bev_preheat.simulation.scenario_drive import drive_scenario
     return drive_scenario(scenario, progress)
 

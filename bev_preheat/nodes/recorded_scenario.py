@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 from rclpy.serialization import deserialize_message, serialize_message
 
-from bev_preheat.console.program import say
 from bev_preheat.nodes.convert import (
     battery_event,
     plan_message,
@@ -43,12 +42,13 @@ UNBOUNDED_MB = 1e9
 STEPS_AT_ONCE = 1000
 
 
-def drive_recorded(scenario: Scenario, recording: Path,
+def drive_recorded(scenario: Scenario, recording: Path, warn: Callable[[str], object],
                    progress: Callable[[float, float], object] = lambda time_s, total_s: None) -> DriveRecord:
     """
     Return the DriveRecord of a Scenario, and keep the planner's flight recording in the file `recording`.
 
-    Needs the package mcap. `progress(time_s, total_s)` is called during the drive. Raises OSError.
+    Needs the package mcap. `warn` takes sentences on what could not be written; `progress(time_s, total_s)` is called
+    during the drive. Raises OSError.
     """
     kept = KeptRecording(recording)
     with ExitStack() as stack:
@@ -56,7 +56,7 @@ def drive_recorded(scenario: Scenario, recording: Path,
         wires: list[_MessageWire] = []
 
         def wire(supervisor: Supervisor) -> _MessageWire:
-            wires.append(_MessageWire(supervisor, scenario, folder))
+            wires.append(_MessageWire(supervisor, scenario, folder, warn))
             return wires[-1]
 
         record = drive_scenario(scenario, progress, wire)
@@ -69,13 +69,14 @@ def drive_recorded(scenario: Scenario, recording: Path,
 class _MessageWire:
     """Makes each input a message, reads it as the node does, and records the steps."""
 
-    def __init__(self, supervisor: Supervisor, scenario: Scenario, folder: str) -> None:
+    def __init__(self, supervisor: Supervisor, scenario: Scenario, folder: str,
+                 warn: Callable[[str], object]) -> None:
         self._supervisor, self._capacity_ah = supervisor, scenario.vehicle.battery.capacity_ah
         self._routes = RouteIntake()
         # The events of an instant are made before the first of them is a step.
         self._coming: list[tuple[Event, Any]] = []
         self._steps = 0
-        self._recorder = FlightRecorder(Planner('/planner', True, '/{}'.format, say, say))
+        self._recorder = FlightRecorder(Planner('/planner', True, '/{}'.format, warn, warn))
         self._recorder.attach(
             folder, UNBOUNDED_MB, Setup(dict(scenario.planner), vehicle_contents(scenario.vehicle_name)),
             supervisor.state, START_NS, is_whole=True)

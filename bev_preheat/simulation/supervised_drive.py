@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     # The heater's answer, its actual power [W], and the instant [ns] to its HeaterStatus; None: nothing is sent.
     ToldByHeater = Callable[[HeaterAnswer, float, int], HeaterStatus | None]
 
+
 class Wire(Protocol):
     """Carries the planner's inputs as messages, and hears of each step: for recordings of a drive."""
 
