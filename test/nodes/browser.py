@@ -27,6 +27,26 @@ class Browser:
         """Open a page."""
         self._driver.get(url)
 
+    def open_tabs(self, url, count):
+        """Open a page in `count` more tabs, the last one in front; return a function that goes to each in turn."""
+        for _ in range(count):
+            self._driver.switch_to.new_window('tab')
+            self._driver.get(url)
+
+        def each():
+            for handle in self._driver.window_handles:
+                self._driver.switch_to.window(handle)
+                yield
+        return each
+
+    def close_other_tabs(self):
+        """Keep the first tab."""
+        first, *others = self._driver.window_handles
+        for handle in others:
+            self._driver.switch_to.window(handle)
+            self._driver.close()
+        self._driver.switch_to.window(first)
+
     def run(self, script, *arguments):
         """Return the value of a script."""
         return self._driver.execute_script(script, *arguments)
