@@ -21,7 +21,7 @@ from bev_preheat.planning.status import Status
 from bev_preheat.route import load_route
 from bev_preheat.simulation.heater_faults import HeaterFault
 from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
-from bev_preheat.simulation.supervised_drive import moments
+from bev_preheat.simulation.supervised_drive import moments, START_NS
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.heating_gates import HeatingGates
 
@@ -76,7 +76,7 @@ def test_refusal_that_ends_is_forgotten():
     def refuses_for_a_while(answer, measured_w, now_ns):
         status = as_it_is(answer, measured_w, now_ns)
         # The first 500 s of the drive.
-        if now_ns < (1_000_000 + 500) * NS_PER_S:
+        if now_ns < START_NS + 500 * NS_PER_S:
             return status._replace(active_w=0.0, refusal=Refusal.HEATER_FAULT, sentence='coolant is low')
         return status
 

@@ -45,8 +45,8 @@ NAMED = {
     'charger_taken': '% chance of charging',
     'cold_second_trip': 'derated: it gives only',
 }
-# The short ones of two kinds; test_inputs.py has the third one, an input's time.
-QUICK = {'heater_stuck_on', 'temperature_minus_40'}
+# A short one; test_inputs.py has the inputs' time, and the tutorial a heater.
+QUICK = {'temperature_minus_40'}
 
 
 @pytest.mark.parametrize('name', [
@@ -60,6 +60,7 @@ def test_report_names_the_fault(name, tmp_path):
     assert NAMED[name] in html.unescape(report.read_text())
 
 
+@pytest.mark.deep
 def test_report_of_a_good_drive_names_none(tmp_path):
     assert main(['scenario', 'nominal', '--record', str(tmp_path)]) == 0
     results = tmp_path / 'results.json'
