@@ -40,7 +40,7 @@ default_role = 'code'
 # Types in signatures that have no page: those of other packages, and internal ones.
 nitpick_ignore_regex = [
     ('py:class', r'ArrayLike|DataFrame|FloatArray|Path|collections\.abc\.\w+'),
-    ('py:class', r'ChargingStop|Check|Identification|Optimum|Plan|Schedule|Session|Trip|Worth'),
+    ('py:class', r'ChargingStop|Check|HeatingChoice|Identification|Optimum|Plan|Schedule|Session|Trip|Worth'),
     ('py:class', r'bev_preheat\.(simulation|vehicle)\.[\w.]+'),
 ]
 
