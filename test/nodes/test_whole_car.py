@@ -184,10 +184,11 @@ def entries(name, text):
         for status in array.status)
 
 
+@pytest.mark.deep
 @pytest.mark.parametrize('attack, text', [
     ('stuck counter', 'has stayed at 7 for '),
-    pytest.param('wrong checksum', 'but the checksum of the data is 0x', marks=pytest.mark.deep),
-    pytest.param('ten times the rate', 'is there a second sender?', marks=pytest.mark.deep)])
+    ('wrong checksum', 'but the checksum of the data is 0x'),
+    ('ten times the rate', 'is there a second sender?')])
 def test_attack_on_the_frames_of_the_battery_ends_in_0_w_and_is_named(driving, bench, attack, text):
     diagnostics = bench.record(DiagnosticArray, '/diagnostics', 100)
     drive = driving(**LARGE)
