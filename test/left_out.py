@@ -111,6 +111,5 @@ def pytest_sessionfinish(session):
 def pytest_terminal_summary(terminalreporter, config):
     """Print the left-out tests, one line per package."""
     for package, (modules, count) in sorted(config.stash[LEFT_OUT].items()):
-        terminalreporter.write_line(
-            f'NOT RUN: {", ".join(sorted(modules))} and {count} more tests: {how_to_install(package)}',
-            yellow=True)
+        left_out = [*sorted(modules), f'{count} tests elsewhere' if modules else f'{count} tests']
+        terminalreporter.write_line(f'NOT RUN: {", ".join(left_out)}: {how_to_install(package)}', yellow=True)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What `preheat replay` prints and writes."""
+"""Printed and written results of `preheat replay`."""
 
 from __future__ import annotations
 

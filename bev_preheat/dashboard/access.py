@@ -38,7 +38,7 @@ class Access:
     """
 
     def __init__(self, address: str, token: str = '') -> None:
-        """Raise InvalidInput if the address is none, or needs a token, or the token is too short."""
+        """Raise InvalidInput if the address is invalid, or needs a token, or the token is too short."""
         self.address = '127.0.0.1' if address in LOOPBACK_NAMES else address
         try:
             self.is_loopback = ip_address(self.address).is_loopback

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a person asks of a planner on the page: checked values, and the planner's answer."""
+"""A request of a person on the page: checked values, and the planner's answer."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Asked(NamedTuple):
 
 
 class Answer(NamedTuple):
-    """Whether the planner does what was asked, and its sentence."""
+    """Whether the planner serves the request, and its sentence."""
 
     is_accepted: bool
     text: str

@@ -52,7 +52,7 @@ class Span(NamedTuple):
 
 class Board:
     """
-    What the page shows of one planner. All instants are seconds of the planner's clock; `now_s` is monotonic.
+    The state of one planner, as the page shows it. All instants are seconds of the planner's clock; `now_s` is monotonic.
 
     `unheated` computes the temperature without heating; None: not known for this vehicle, with `unheated_problem`
     as the reason. `version` changes with each new value. `outcome` says how the latest goal of the page ended.
@@ -140,7 +140,7 @@ class Board:
         self.pulses[topic].beat(now_s, at_s)
         self.version += 1
 
-    # What the page shows
+    # Output for the page
 
     @property
     def at_s(self) -> float | None:

@@ -89,7 +89,7 @@ class DashboardNode(Node):
             ', for those who know the token.' if access.needs_token else '.'))
 
     def _shown(self, values: dict[str, Any]) -> Source:
-        """Return what the page shows."""
+        """Return the contents of the page."""
         if values['recording']:
             require('mcap')
             if values['controls']:

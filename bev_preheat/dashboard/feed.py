@@ -17,7 +17,7 @@ PLAN_PERIOD_S = 1.0
 
 @dataclass
 class Cursor:
-    """What a tab has: generations and numbers of rows of the history, version of the plan, events as text."""
+    """Contents of a tab: generations and numbers of rows of the history, version of the plan, events as text."""
 
     generations: tuple[int, ...] = ()
     temperatures: int = 0

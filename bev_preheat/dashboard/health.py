@@ -16,7 +16,7 @@ INTERVAL_WEIGHT = 0.2
 
 class Surroundings(NamedTuple):
     """
-    What the ROS graph shows of a planner: whether it is there, whether it follows /clock, and who publishes that.
+    The ROS graph's view of a planner: whether it is there, whether it follows /clock, and who publishes that.
 
     `has_clock` is whether /clock has a publisher.
     """

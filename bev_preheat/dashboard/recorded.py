@@ -108,7 +108,7 @@ class RecordedSource:
     mode, has_controls = 'recording', False
 
     def __init__(self, path: str) -> None:
-        """Read the file; raises InvalidInput if it is none."""
+        """Read the file; raises InvalidInput if it is no recording."""
         self._flight = read_flight(path)
         if not self._flight.given:
             raise InvalidInput(f'{path}: has no step of the planner')

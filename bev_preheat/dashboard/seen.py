@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the page sees of a planner, as plain values; instants in seconds of the planner's clock."""
+"""The page's inputs from a planner, as plain values; instants in seconds of the planner's clock."""
 
 from __future__ import annotations
 

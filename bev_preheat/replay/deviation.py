@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a battery would have been like under another heater command than the recorded one."""
+"""The battery under another heater command than the recorded one."""
 
 from __future__ import annotations
 
