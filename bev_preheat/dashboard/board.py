@@ -52,7 +52,7 @@ class Span(NamedTuple):
 
 class Board:
     """
-    The state of one planner, as the page shows it. All instants are seconds of the planner's clock; `now_s` is monotonic.
+    The state of one planner, as the page shows it; instants in seconds of its clock, `now_s` monotonic.
 
     `unheated` computes the temperature without heating; None: not known for this vehicle, with `unheated_problem`
     as the reason. `version` changes with each new value. `outcome` says how the latest goal of the page ended.
