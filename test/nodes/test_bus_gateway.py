@@ -95,7 +95,8 @@ def test_a_car_on_can_is_heated_only_by_one_commander_with_a_valid_lease(
                 heated = car.commands()[commands_before:]
             last_s = time.monotonic()
             assert len(heated) >= 3 and all(power_w == 3450.0 and enabled for power_w, enabled, *_ in heated)
-            assert car.wait_for_power(0.0) - last_s < LEASE_S + 0.3
+            # Beside a busy computer's other work; test/heater has the lease by a clock of its own.
+            assert car.wait_for_power(0.0) - last_s < LEASE_S + 1.0
 
             with repeating(lambda: commands.publish(command(2000.0)), 0.1):
                 car.wait_for_power(2000.0)
