@@ -55,7 +55,7 @@ class Result(NamedTuple):
 
     @property
     def remarks(self) -> list[str]:
-        """Sentences on what is missing in the recording, and on what was unusual in its inputs."""
+        """Sentences on gaps in the recording, and on unusual inputs."""
         return [*self.flight.remarks, *self.replayed.remarks]
 
     def verdict(self) -> list[str]:

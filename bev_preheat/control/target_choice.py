@@ -132,7 +132,7 @@ class TargetSearchInput:
 
     @property
     def heats_until_arrival(self) -> bool:
-        """Whether plans for a chosen target heat until arrival; one that is given holds on arrival."""
+        """Whether plans for a chosen target heat until arrival; a given target holds on arrival."""
         is_chosen = not self.given and self.leg.charger is not None and not _obstacle(self)
         return is_chosen and self.leg.prospect.heats_until_arrival
 

@@ -62,7 +62,7 @@ class Access:
         return bool(self._token)
 
     def is_token(self, text: str) -> bool:
-        """Return whether a text is the token, in a time that does not depend on where they differ."""
+        """Return whether a text is the token, in a time that does not depend on the first difference."""
         return self.needs_token and secrets.compare_digest(text.encode(), self._token.encode())
 
     def is_session(self, cookie: str) -> bool:

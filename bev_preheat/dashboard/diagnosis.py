@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reads a planner's entries of /diagnostics: regime, signals in doubt, what is switched off, next departure."""
+"""Reads a planner's entries of /diagnostics: regime, signals in doubt, preheating on or off, next departure."""
 
 from __future__ import annotations
 

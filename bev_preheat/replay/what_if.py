@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 class Replayed(NamedTuple):
-    """A Course, how it compares with the recorded commands, and sentences on what was unusual in the inputs."""
+    """A Course, how it compares with the recorded commands, and sentences on unusual inputs."""
 
     course: Course
     comparison: Comparison
