@@ -98,7 +98,7 @@ def test_a_car_on_can_is_heated_only_by_one_commander_with_a_valid_lease(
             stopped = len(car.commands())
             assert len(heated) >= 3 and all(power_w == 3450.0 and enabled for power_w, enabled, *_ in heated)
             car.wait_for_power(0.0)
-            # In frames, because a busy computer sends no more of them: 6 periods of the lease, and one at its start.
+            # In frames, because a busy computer sends no more of them: 6 in a lease, and one at its start.
             after = [power_w for power_w, *_ in car.commands()[stopped:]]
             assert after.index(0.0) <= LEASE_S / FRAME_PERIOD_S + 1
 
