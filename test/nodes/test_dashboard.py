@@ -106,18 +106,21 @@ def test_planners_come_answer_go_and_come_back(bench):
     bench.start('planner', '-r', '__ns:=/car_7')
     with driving(bench, route_id=EVIL), driving(bench, '/car_7', temperature_c=3.0):
         view = tab.watch('/planner', lambda tab: tab.view['status'] == 'WAITING' and tab.view['regime']
-                         and tab.view['reserve'] and len(tab.plan.get('planUnheated', ())) > 2
-                         and tab.plan['planUnheated'][0] is not None and not tab.view['banner'], 'a plan')
+                         and tab.view['reserve'] and tab.view['enabled'] and not tab.view['banner']
+                         and len(tab.plan.get('planUnheated', ())) > 2
+                         and tab.plan['planUnheated'][0] is not None, 'a plan')
         assert view['temperature'] == -7.0 and view['routeId'] == EVIL and view['reserve'] == 0.3
-        assert view['predicted'] == pytest.approx(25.0, abs=1.0) and view['enabled'] is True
+        assert view['predicted'] == pytest.approx(25.0, abs=1.0)
         # Without heating it arrives colder by the heat of some 2 kWh.
         assert 8.0 < tab.plan['planned'][-1] - tab.plan['planUnheated'][-1] < 30.0
-        other = tab.watch('/car_7/planner', lambda tab: tab.view['temperature'] == 3.0, 'the other one')
-        assert [each['name'] for each in tab.planners] == ['/car_7/planner', '/planner'] and not other['banner']
+        tab.watch('/car_7/planner', lambda tab: tab.view['temperature'] == 3.0 and not tab.view['banner'],
+                  'the other one')
+        assert [each['name'] for each in tab.planners] == ['/car_7/planner', '/planner']
         assert_it_answers(host, tab)
         planner.send_signal(signal.SIGKILL)
-        view = tab.watch('/planner', lambda tab: tab.view['banner'] and 'command' in tab.view['late'], 'a banner')
-        assert view['banner']['level'] == 'error' and view['temperature'] == -7.0
+        view = tab.watch('/planner', lambda tab: 'command' in tab.view['late'] and tab.view['banner']
+                         and tab.view['banner']['level'] == 'error', 'a banner')
+        assert view['temperature'] == -7.0
         bench.start('planner')
         tab.watch('/planner', lambda tab: not tab.view['banner'] and tab.view['status'] == 'WAITING', 'it is back')
         assert ask(host, planner='/planner', kind='enable')['isAccepted']
@@ -135,10 +138,10 @@ def assert_it_answers(host, tab):
     accepted = ask(host, planner='/planner', kind='prepare', minutes=240, target=12)
     assert accepted['isAccepted']
     assert 'Preparing the battery' in accepted['text'] and '12.0 degC' in accepted['text']
-    view = tab.watch('/planner', lambda tab: tab.view['goal'], 'the goal')
-    assert view['goal'].startswith(('ready in 3:59', 'ready in 4:00')) and view['target'] == 12.0
+    view = tab.watch('/planner', lambda tab: tab.view['goal'] and tab.view['target'] == 12.0, 'the goal')
+    assert view['goal'].startswith(('ready in 3:5', 'ready in 4:00'))
     assert ask(host, planner='/planner', kind='cancel')['isAccepted']
-    assert 'cancelled' in tab.watch('/planner', lambda tab: tab.view['outcome'], 'its end')['outcome']
+    tab.watch('/planner', lambda tab: 'cancelled' in (tab.view['outcome'] or ''), 'its end')
     assert ask(host, planner='/planner', kind='cancel') == {
         'isAccepted': False, 'text': 'There is no preparation to cancel.'}
     skipped = ask(host, planner='/planner', kind='skip')
@@ -167,12 +170,12 @@ def test_a_clock_that_stands_is_named(bench):
         clock.publish(Clock(clock=time_message(seconds[0] * NS_PER_S)))
     with repeating(tick, 0.1):
         tab.watch('/planner', lambda tab: (tab.view['at'] or 0) > 1010 and not tab.view['banner'], 'it runs')
-    view = tab.watch('/planner', lambda tab: tab.view['banner'], 'it stands')
-    assert 'The clock stands' in view['banner']['text']
+    tab.watch('/planner', lambda tab: tab.view['banner'] and 'The clock stands' in tab.view['banner']['text'],
+              'it stands')
     # A simulation that starts again is another drive.
     seconds[0] = 500
     with repeating(tick, 0.1):
-        view = tab.watch('/planner', lambda tab: not tab.view['banner'] and 500 < tab.view['at'] < 900, 'again')
+        tab.watch('/planner', lambda tab: not tab.view['banner'] and 500 < tab.view['at'] < 900, 'again')
 
 
 def test_whatever_a_publisher_sends_is_no_end(bench):
@@ -190,8 +193,8 @@ def test_whatever_a_publisher_sends_is_no_end(bench):
     command = HvchCommand(battery_heating_power=nan, reason=99)
     with repeating(lambda: (plans.publish(bad), commands.publish(command)), 0.2):
         with driving(bench, temperature_c=nan, segment_duration=[1.0] * 1_000_000):
-            view = tab.watch('/tester', lambda tab: tab.view['status'] and tab.view['ages']['battery'] is not None,
-                             'the foreign node')
+            view = tab.watch('/tester', lambda tab: tab.view['status'] and tab.view['ages']['battery'] is not None
+                             and 'planTime' in tab.plan, 'the foreign node')
     assert view['status'] == 'STATUS_250' and view['power'] is view['predicted'] is view['temperature'] is None
     assert tab.plan['planTime'] == [] and len(view['sentence']) < 2100
     assert dashboard.exit_status is None and 'ERROR' not in dashboard.output()
