@@ -99,8 +99,8 @@ def _times_of(node: dict[str, FileData]) -> list[ComputedTime]:
     cars.append(described(replace(sheet, charging_time_10_80_min=usual[0])) if usual else None)
     cars.append(load_vehicle(node['vehicle']) if 'vehicle' in node else None)
     return [ComputedTime(sheet.name, start, end, minutes, source, *(  # type: ignore[arg-type]
-        None if car is None else warm_session(car, (start, end)).charging_time_s / S_PER_MIN for car in cars), remark)
-        for start, end, minutes, source, remark in times]
+        None if car is None else warm_session(car, (start, end)).charging_time_s / S_PER_MIN for car in cars),
+        remark) for start, end, minutes, source, remark in times]
 
 
 def described(sheet: DataSheet) -> Vehicle:
