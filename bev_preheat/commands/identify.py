@@ -14,6 +14,7 @@ from bev_preheat.console.terminal import print_records, progress_bar, result_con
 from bev_preheat.errors import figure, InvalidInput
 from bev_preheat.files.checked_yaml import load_checked_yaml
 from bev_preheat.files.output_files import check_outputs, existing_file, OutputFile, write_whole
+from bev_preheat.identification.coverage import MOST_TRIPS
 from bev_preheat.optional_packages import require
 from bev_preheat.vehicle import load_vehicle, vehicle_file, vehicle_fingerprint
 from bev_preheat.vehicle.loading import SCHEMA
@@ -66,7 +67,7 @@ def run(arguments: Namespace) -> int:
         return _export_learned(arguments, start_file)
     require('casadi', 'scipy', *(['jinja2', 'matplotlib'] if arguments.report else []))
     start = load_vehicle(arguments.vehicle)
-    trips = read_trips(arguments, start)
+    trips = read_trips(arguments, start, is_fit=True)
     from bev_preheat.identification.identify import identify
     from bev_preheat.identification.verdict import POOR_RMSE_K
     name = Path(arguments.output).stem if arguments.name is None else arguments.name
@@ -85,10 +86,11 @@ def run(arguments: Namespace) -> int:
     if arguments.json:
         write_json(arguments.json, result.as_dictionary())
     if not result.is_useful:
+        worst = max(result.left_out, key=lambda trip: abs(trip.error_k))
         raise InvalidInput(
             f'{arguments.output}: not written: trips that the fit has not seen are predicted with an RMSE of '
-            f'{result.rmse_k:.1f} K; at most {POOR_RMSE_K:g} K are allowed; check that battery_temperature_c and '
-            'the powers of all logs are those of one car')
+            f'{result.rmse_k:.1f} K, {worst.name} with {worst.error_k:+.1f} K; at most {POOR_RMSE_K:g} K are '
+            'allowed; check that battery_temperature_c and the powers of all logs are those of one car')
     _write_vehicle(arguments, result, start_file)
     _print_result(result_console(arguments.json), result, arguments)
     return 0
@@ -98,6 +100,10 @@ def _refuse_other_arguments(arguments: Namespace) -> None:
     """Raise InvalidInput unless there are either logs or a state file."""
     if arguments.state_file is None and not arguments.logs:
         raise InvalidInput('LOG: missing; name recorded drives, or a state file with --state-file')
+    if len(arguments.logs) > MOST_TRIPS:
+        # Before hours of reading.
+        raise InvalidInput(
+            f'LOG: {len(arguments.logs)} logs; at most {MOST_TRIPS} are fitted; leave out the shortest')
     if arguments.state_file is not None and (arguments.logs or arguments.report or arguments.json):
         raise InvalidInput('--state-file: not allowed with logs, --report or --json: it needs no fit')
 

@@ -3,10 +3,9 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
-
-from bev_preheat.errors import InvalidInput
 
 if TYPE_CHECKING:
     from argparse import ArgumentParser, Namespace
@@ -23,16 +22,21 @@ def add_log_arguments(parser: ArgumentParser, needs_logs: bool = True) -> None:
                         help="signal map of the logs (default: found from the logs' names of signals)")
 
 
-def read_trips(arguments: Namespace, vehicle: Vehicle) -> list[Trip]:
-    """Return the Trips of the logs; raise InvalidInput with one line for each log that is refused."""
-    from bev_preheat.identification.trips import trips_of
+def read_trips(arguments: Namespace, vehicle: Vehicle, is_fit: bool = False) -> list[Trip]:
+    """
+    Return the Trips of the logs, one recording in memory at a time.
+
+    A fit also refuses recordings with doubts about sign or unit. Raises InvalidInput with one line for each
+    problem of a log.
+    """
+    from bev_preheat.identification.recording_checks import refuse_doubted
+    from bev_preheat.identification.trips import trip_of, trips_from
     from bev_preheat.logs.reading import read_recording
-    recordings, problems = [], []
-    for path in arguments.logs:
-        try:
-            recordings.append(read_recording(Path(path), arguments.signals))
-        except InvalidInput as error:
-            problems += error.problems
-    if problems:
-        raise InvalidInput(problems)
-    return trips_of(recordings, vehicle)
+
+    def trip(path: str) -> Trip:
+        recording = read_recording(Path(path), arguments.signals)
+        if is_fit:
+            refuse_doubted(recording)
+        return trip_of(recording, vehicle)
+
+    return trips_from(partial(trip, path) for path in arguments.logs)

@@ -9,6 +9,7 @@ import time
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.special import gammaincinv
 
 from bev_preheat.identification.check import check_trips
 from bev_preheat.identification.coverage import coverage_of, refuse_poor
@@ -31,6 +32,7 @@ from bev_preheat.identification.uncertainty import (
     Interval,
     intervals_of,
     MOST_OF_PRIOR,
+    PROBABILITY,
     QUANTILE,
     wider,
 )
@@ -69,9 +71,7 @@ def identify(vehicle: Vehicle, trips: Sequence[Trip], name: str,
     tell('intervals')
     full = fits[structure]
     intervals = intervals_of(fitter, full)
-    held = _unidentified(fitter, intervals)
-    # Parameters that the trips do not tell keep START's values; all others are fitted beside them.
-    fit = fitter.fit(structure, None, electrical, full, held)
+    held, fit = _keep_start(fitter, full, intervals)
     if held:
         intervals = wider(fitter, intervals, fit)
     tell('leaving each trip out')
@@ -100,7 +100,30 @@ def _mean_speed_mps(trips: Sequence[Trip]) -> float:
     return float(np.concatenate(speeds).mean()) if speeds else 0.0
 
 
-def _unidentified(fitter: Fitter, intervals: dict[str, Interval]) -> dict[str, float]:
+def _keep_start(fitter: Fitter, full: ThermalFit,
+                intervals: dict[str, Interval]) -> tuple[dict[str, float], ThermalFit]:
+    """
+    Return the coordinates of the parameters that keep START's values, and the fit of all others beside them.
+
+    They are those that the trips do not tell: their intervals are hardly narrower than the priors'. Values that
+    the trips refute together do not stay: as long as the fit explains the readings worse than `full` by more than
+    it may at random, the parameter whose release helps most is released.
+    """
+    def beside(kept: dict[str, float]) -> ThermalFit:
+        return fitter.fit(full.structure, None, full.electrical, full, kept)
+
+    held = _untold(fitter, intervals)
+    fit = beside(held)
+    while held and fit.cost - full.cost > float(gammaincinv(0.5 * len(held), PROBABILITY)):
+        # Half of the quantile of a chi-squared distribution.
+        fits = {name: beside({other: at for other, at in held.items() if other != name}) for name in held}
+        released = min(fits, key=lambda name: fits[name].cost)
+        fit = fits[released]
+        del held[released]
+    return held, fit
+
+
+def _untold(fitter: Fitter, intervals: dict[str, Interval]) -> dict[str, float]:
     """Return the priors' centres of the parameters whose intervals are hardly narrower than the priors'."""
     held = {}
     for name, interval in intervals.items():

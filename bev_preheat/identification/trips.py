@@ -5,12 +5,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bev_preheat.errors import figure, InvalidInput
+from bev_preheat.identification.recording_checks import problems_of, reason_of
 from bev_preheat.logs.recording import Series
 
 if TYPE_CHECKING:
@@ -18,13 +19,6 @@ if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import BoolArray, FloatArray
     from bev_preheat.vehicle.description import Vehicle
 
-# Valid range of a sample: (low, high, unit). Values outside come from wrong units or columns.
-POSSIBLE = {
-    'battery_temperature_c': (-50.0, 90.0, 'degC'), 'ambient_c': (-60.0, 60.0, 'degC'),
-    'soc': (0.0, 1.0, '(a share of 1, not percent)'), 'voltage_v': (10.0, 1500.0, 'V'),
-    'current_a': (-3000.0, 3000.0, 'A'), 'power_w': (-2e6, 2e6, 'W'), 'speed_mps': (0.0, 100.0, 'm/s'),
-    'battery_heater_w': (0.0, 50e3, 'W'), 'cabin_heater_w': (0.0, 50e3, 'W'), 'auxiliary_w': (0.0, 50e3, 'W'),
-    'aircon_w': (0.0, 50e3, 'W'),    'heater_w': (0.0, 50e3, 'W'), 'propulsion_power_w': (-2e6, 2e6, 'W')}
 # Sensors of power show slightly negative values when nothing is drawn [W].
 MOST_NEGATIVE_NOISE_W = 500.0
 SHORTEST_TRIP_S = 120.0
@@ -37,8 +31,6 @@ ARRIVAL_S = 10.0
 STANDING_MPS = 0.3
 # A remark on more logs than this gives their number.
 MOST_NAMED = 3
-# Steps of the current from here on [A] show the sign of the current in the voltage.
-LEAST_CURRENT_STEP_A = 5.0
 # Samples of the temperature count one by one if they are this far apart [s]. A signal that is only sent on a
 # change tells something in between as well.
 PERIODS_S = 1.0, 300.0
@@ -127,10 +119,15 @@ class Trip:
 
 def trips_of(recordings: Iterable[Recording], vehicle: Vehicle) -> list[Trip]:
     """Return the Trips of recordings; raise InvalidInput with one problem for each recording that is refused."""
+    return trips_from(partial(trip_of, recording, vehicle) for recording in recordings)
+
+
+def trips_from(makers: Iterable[Callable[[], Trip]]) -> list[Trip]:
+    """Return the Trips that functions return; raise InvalidInput with the problems of all that raise it."""
     trips, problems = [], []
-    for recording in recordings:
+    for make in makers:
         try:
-            trips.append(trip_of(recording, vehicle))
+            trips.append(make())
         except InvalidInput as error:
             problems += error.problems
     seen: dict[str, Trip] = {}
@@ -153,9 +150,7 @@ def trip_of(recording: Recording, vehicle: Vehicle) -> Trip:
     Raises InvalidInput naming the log, the signal, its value and the allowed range.
     """
     name, signals = recording.name, _without_noise(recording.signals)
-    problems = [f'{name}: no {missing}; {advice}' for missing, advice in _missing(signals)]
-    problems += _implausible(name, signals)
-    if problems:
+    if problems := problems_of(recording, signals, vehicle):
         raise InvalidInput(problems)
     has_voltage = 'voltage_v' in signals and 'current_a' in signals
     needed = ('battery_temperature_c', 'soc', *(('voltage_v', 'current_a') if has_voltage else ('power_w',)))
@@ -181,7 +176,7 @@ def trip_of(recording: Recording, vehicle: Vehicle) -> Trip:
     voltage_v, current_a = (linear('voltage_v'), linear('current_a')) if has_voltage else (None, None)
     power_w = linear('power_w') if voltage_v is None or current_a is None else voltage_v * current_a
     for key in needed[2:]:
-        _refuse_gap(name, key, signals[key].time_s, start_s, power_w)
+        _refuse_gap(recording, key, signals[key].time_s, start_s, power_w)
     has_speed = 'speed_mps' in signals
     speed_mps = linear('speed_mps') if has_speed else np.zeros_like(grid_s)
     if not has_speed:
@@ -232,74 +227,16 @@ def _without_noise(signals: Mapping[str, Series]) -> dict[str, Series]:
     return cleaned
 
 
-def _missing(signals: Mapping[str, Series]) -> list[tuple[str, str]]:
-    missing = [(key, advice) for key, advice in (
-        ('battery_temperature_c', "record the battery's temperature"),
-        ('soc', 'record the state of charge'),
-        ('ambient_c', 'record the outside temperature')) if key not in signals]
-    if 'power_w' not in signals and not ('voltage_v' in signals and 'current_a' in signals):
-        missing.append(('power', 'record voltage_v and current_a, or power_w'))
-    return missing
-
-
-def _implausible(name: str, signals: Mapping[str, Series]) -> list[str]:
-    """Return one sentence for each signal that has impossible values or times."""
-    problems = []
-    for key, series in signals.items():
-        if len(series.value) == 0:
-            problems.append(f'{name}: {key}: has no samples')
-        elif not (np.isfinite(series.value).all() and np.isfinite(series.time_s).all()):
-            problems.append(f'{name}: {key}: has values that are not finite; drop these samples')
-        elif len(series.time_s) != len(series.value) or np.any(np.diff(series.time_s) <= 0.0):
-            problems.append(f'{name}: {key}: its times must increase from sample to sample')
-        elif key in POSSIBLE:
-            low, high, unit = POSSIBLE[key]
-            outside = (series.value < low) | (series.value > high)
-            if outside.any():
-                at = int(np.argmax(outside))
-                problems.append(f'{name}: {key}: {figure(float(series.value[at]))} after '
-                                f'{series.time_s[at]:.0f} s; it must be {low:g} ... {high:g} {unit}')
-    if not problems:
-        problems += _contradictions(name, signals)
-    return problems
-
-
-def _contradictions(name: str, signals: Mapping[str, Series]) -> list[str]:
-    """Return sentences on signals that contradict each other: signs, units, frozen sensors."""
-    problems = []
-    if 'voltage_v' in signals and 'current_a' in signals:
-        current = signals['current_a']
-        voltage_v = np.interp(current.time_s, signals['voltage_v'].time_s, signals['voltage_v'].value)
-        steps_v, steps_a = np.diff(voltage_v), np.diff(current.value)
-        moving = np.abs(steps_a) > LEAST_CURRENT_STEP_A
-        if moving.sum() > 20:
-            slope = float(np.sum(steps_v[moving] * steps_a[moving]) / np.sum(steps_a[moving]**2))
-            if slope > 0.0:
-                problems.append(f'{name}: current_a: the voltage rises by {1e3 * slope:.0f} mV for each ampere '
-                                f'drawn; '
-                                'current must be positive while the battery is discharged; reverse its sign')
-            elif np.ptp(voltage_v) < 0.2:
-                problems.append(f'{name}: voltage_v: stays at {voltage_v[0]:.1f} V while the current changes; '
-                                "record the battery's voltage")
-    if 'soc' in signals and 'current_a' in signals and not problems:
-        current, soc = signals['current_a'], signals['soc']
-        drawn_ah = float(np.sum(current.value[:-1] * np.diff(current.time_s)) / 3600.0)
-        fell = float(soc.value[0] - soc.value[-1])
-        if abs(drawn_ah) > 2.0 and abs(fell) > 0.05 and drawn_ah * fell < 0.0:
-            problems.append(f'{name}: current_a: {drawn_ah:+.1f} Ah were drawn, but soc changed by {-fell:+.2f}; '
-                            'current must be positive while the battery is discharged')
-    return problems
-
-
-def _refuse_gap(name: str, key: str, time_s: FloatArray, start_s: float, power_w: FloatArray) -> None:
+def _refuse_gap(recording: Recording, key: str, time_s: FloatArray, start_s: float, power_w: FloatArray) -> None:
     """Raise InvalidInput if a signal of the power is missing for long while the car draws power."""
     gaps_s = np.diff(time_s)
     for at in np.flatnonzero(gaps_s > LONGEST_GAP_S):
         around = slice(max(int(time_s[at] - start_s) - 1, 0), int(time_s[at + 1] - start_s) + 2)
         drawn: BoolArray = np.abs(power_w[around]) > LEAST_DRAWN_W
         if drawn.any():
-            raise InvalidInput(f'{name}: {key}: no sample for {gaps_s[at]:.0f} s after {time_s[at]:.0f} s while '
-                               f'the car draws power; at most {LONGEST_GAP_S:.0f} s are allowed')
+            raise InvalidInput(
+                f'{recording.name}: {key}: no sample for {gaps_s[at]:.0f} s after {time_s[at]:.0f} s while the '
+                f'car draws power; at most {LONGEST_GAP_S:.0f} s are allowed{reason_of(recording, key)}')
 
 
 def common_remarks(trips: Iterable[Trip]) -> tuple[str, ...]:

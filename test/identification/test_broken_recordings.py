@@ -1,12 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Recordings that cannot tell anything are answered by one line each."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from recorded import night, recording
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.identification.coverage import refuse_poor
+from bev_preheat.identification.recording_checks import refuse_doubted
 from bev_preheat.identification.trips import trip_of, trips_of
 from bev_preheat.logs.recording import Series
 from bev_preheat.vehicle import load_vehicle
@@ -49,6 +52,44 @@ def test_a_broken_recording_is_answered_by_one_line(changes, line):
     assert len(caught.value.problems) == 1
     assert caught.value.problems[0].startswith('B: ')
     assert line in caught.value.problems[0]
+
+
+@pytest.mark.parametrize('changes, line', [
+    ({'soc': lambda soc: np.full_like(soc, 0.5)},
+     'soc: stays at 0.5 while +13.5 Ah are drawn; record the state of charge'),
+    ({'current_a': lambda a: 0.0 * a, 'speed_mps': lambda v: np.where(TIME_S < 600.0, v, 0.0)},
+     "current_a: stays at 0 A while the car drives; record the battery's current"),
+    ({'battery_temperature_c': lambda c: c + np.where(TIME_S < 600.0, 0.0, 20.0)},
+     'battery_temperature_c: jumps from '),
+    # Three wrong readings are no jump.
+    ({'battery_temperature_c': lambda c: np.where(np.abs(TIME_S - 600.0) < 2.0, 60.0, c)}, None)])
+def test_a_stuck_or_jumping_signal_is_named(changes, line):
+    if line is None:
+        trip_of(recording('B', **changes), VEHICLE)
+        return
+    with pytest.raises(InvalidInput) as caught:
+        trip_of(recording('B', **changes), VEHICLE)
+    assert [problem[:len(line) + 3] for problem in caught.value.problems] == [f'B: {line}']
+
+
+def test_a_gap_is_named_as_such_however_much_charge_it_would_hold():
+    # The last sample before the gap regenerates: 40 A for 14 h would be more than the battery holds.
+    held = recording('B').signals['current_a'].value.copy()
+    held[598:600] = -40.0
+    broken = recording('B', current_a=Series(np.where(TIME_S < 600.0, TIME_S, TIME_S + 50000.0), held))
+    with pytest.raises(InvalidInput, match='together last|no sample for 50001 s after 599 s'):
+        trip_of(broken, VEHICLE)
+
+
+def test_a_fit_refuses_a_unit_in_doubt_and_a_refusal_says_what_the_reading_dropped():
+    thousandth = recording('B', current_a=lambda a: a / 1000.0)
+    with pytest.raises(InvalidInput, match='B: current_a: its integral .* a factor of 1000 is missing; correct'):
+        refuse_doubted(thousandth)
+    refuse_doubted(recording('B'))
+    without = replace(recording('B', soc=None), remarks=('b.csv: soc: is dropped', 'b.csv: other'))
+    with pytest.raises(InvalidInput) as caught:
+        trip_of(without, VEHICLE)
+    assert caught.value.problems == ['B: no soc; record the state of charge (b.csv: soc: is dropped)']
 
 
 def test_a_short_recording_and_one_of_days_are_refused():

@@ -1,0 +1,173 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Signals of a recording that are missing, impossible, stuck, or contradict each other: one sentence for each."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bev_preheat.errors import figure, InvalidInput
+from bev_preheat.logs.doubts import find_doubts, integral
+from bev_preheat.logs.recording import Series
+
+if TYPE_CHECKING:
+    from bev_preheat.logs.recording import Recording
+    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.vehicle.description import Vehicle
+
+    Signals = Mapping[str, Series]
+
+# Valid range of a sample: (low, high, unit). Values outside come from wrong units or columns.
+POSSIBLE = {
+    'battery_temperature_c': (-50.0, 90.0, 'degC'), 'ambient_c': (-60.0, 60.0, 'degC'),
+    'soc': (0.0, 1.0, '(a share of 1, not percent)'), 'voltage_v': (10.0, 1500.0, 'V'),
+    'current_a': (-3000.0, 3000.0, 'A'), 'power_w': (-2e6, 2e6, 'W'), 'speed_mps': (0.0, 100.0, 'm/s'),
+    'battery_heater_w': (0.0, 50e3, 'W'), 'cabin_heater_w': (0.0, 50e3, 'W'), 'auxiliary_w': (0.0, 50e3, 'W'),
+    'aircon_w': (0.0, 50e3, 'W'),    'heater_w': (0.0, 50e3, 'W'), 'propulsion_power_w': (-2e6, 2e6, 'W')}
+# Steps of the current from here on [A] show the sign of the current in the voltage.
+LEAST_CURRENT_STEP_A = 5.0
+SECONDS_PER_H = 3600.0
+# A state of charge that stays the same while this share of the vehicle's capacity flows is stuck.
+LEAST_SHARE = 0.05
+# A current that stays the same while the speed changes by this [m/s] is stuck.
+LEAST_SPEED_CHANGE_MPS = 5.0
+# No battery warms or cools by this [K] within JUMP_S [s]; a level is the median of this number of readings.
+LEAST_JUMP_K, JUMP_S, OF_LEVEL = 5.0, 30.0, 9
+# Signals whose unit or sign decides a fit.
+DECISIVE = ('battery_temperature_c', 'soc', 'current_a', 'power_w')
+POWER = ('voltage_v', 'current_a', 'power_w')
+
+
+def problems_of(recording: Recording, signals: Signals, vehicle: Vehicle) -> list[str]:
+    """
+    Return one sentence for each reason why a Recording cannot be a trip of a car like `vehicle`.
+
+    `signals` are those of the recording, without the noise of power sensors.
+    """
+    name = recording.name
+    impossible = _missing(recording) + _implausible(name, signals)
+    return impossible or _contradictions(name, signals) or _stuck(name, signals, vehicle)
+
+
+def _missing(recording: Recording) -> list[str]:
+    """Return one sentence for each signal that a trip needs and a Recording has not, with what to record."""
+    needed = [(key, advice, (key,)) for key, advice in (
+        ('battery_temperature_c', "record the battery's temperature"),
+        ('soc', 'record the state of charge'),
+        ('ambient_c', 'record the outside temperature')) if key not in recording.signals]
+    if 'power_w' not in recording.signals and not {'voltage_v', 'current_a'} <= recording.signals.keys():
+        needed.append(('power', 'record voltage_v and current_a, or power_w', POWER))
+    return [f'{recording.name}: no {what}; {advice}{reason_of(recording, *keys)}' for what, advice, keys in needed]
+
+
+def reason_of(recording: Recording, *keys: str) -> str:
+    """Return ' (…)' with the first remark of the reading on one of the signals `keys`; '' without."""
+    said = (remark for remark in recording.remarks for key in keys if f' {key}: ' in remark)
+    return next((f' ({remark})' for remark in said), '')
+
+
+def refuse_doubted(recording: Recording) -> None:
+    """Raise InvalidInput with one sentence for each doubt about a signal that decides a fit."""
+    doubts = {doubt.signal: doubt.sentence for doubt in find_doubts(recording.signals) if doubt.signal in DECISIVE}
+    if 'current_a' in doubts:
+        # The power is often computed from it.
+        doubts.pop('power_w', None)
+    if doubts:
+        raise InvalidInput([f'{recording.name}: {doubt}{"" if doubt.endswith("?") else ";"} correct it in the '
+                            'log, or with a signal map' for doubt in doubts.values()])
+
+
+def _implausible(name: str, signals: Signals) -> list[str]:
+    """Return one sentence for each signal that has impossible values or times."""
+    problems = []
+    for key, series in signals.items():
+        if len(series.value) == 0:
+            problems.append(f'{name}: {key}: has no samples')
+        elif not (np.isfinite(series.value).all() and np.isfinite(series.time_s).all()):
+            problems.append(f'{name}: {key}: has values that are not finite; drop these samples')
+        elif len(series.time_s) != len(series.value) or np.any(np.diff(series.time_s) <= 0.0):
+            problems.append(f'{name}: {key}: its times must increase from sample to sample')
+        elif key in POSSIBLE:
+            low, high, unit = POSSIBLE[key]
+            outside = (series.value < low) | (series.value > high)
+            if outside.any():
+                at = int(np.argmax(outside))
+                problems.append(f'{name}: {key}: {figure(float(series.value[at]))} after '
+                                f'{series.time_s[at]:.0f} s; it must be {low:g} ... {high:g} {unit}')
+    return problems
+
+
+def _contradictions(name: str, signals: Signals) -> list[str]:
+    """Return sentences on signals that contradict each other: signs, units, frozen sensors."""
+    problems = []
+    if 'voltage_v' in signals and 'current_a' in signals:
+        current = signals['current_a']
+        voltage_v = np.interp(current.time_s, signals['voltage_v'].time_s, signals['voltage_v'].value)
+        steps_v, steps_a = np.diff(voltage_v), np.diff(current.value)
+        moving = np.abs(steps_a) > LEAST_CURRENT_STEP_A
+        if moving.sum() > 20:
+            slope = float(np.sum(steps_v[moving] * steps_a[moving]) / np.sum(steps_a[moving]**2))
+            if slope > 0.0:
+                problems.append(f'{name}: current_a: the voltage rises by {1e3 * slope:.0f} mV for each ampere '
+                                'drawn; current must be positive while the battery is discharged; reverse its '
+                                'sign')
+            elif np.ptp(voltage_v) < 0.2:
+                problems.append(f'{name}: voltage_v: stays at {voltage_v[0]:.1f} V while the current changes; '
+                                "record the battery's voltage")
+    if 'soc' in signals and 'current_a' in signals and not problems:
+        soc = signals['soc']
+        drawn_ah = _drawn_ah(signals['current_a'])
+        fell = float(soc.value[0] - soc.value[-1])
+        if abs(drawn_ah) > 2.0 and abs(fell) > 0.05 and drawn_ah * fell < 0.0:
+            problems.append(f'{name}: current_a: {drawn_ah:+.1f} Ah were drawn, but soc changed by {-fell:+.2f}; '
+                            'current must be positive while the battery is discharged')
+    return problems
+
+
+def _stuck(name: str, signals: Signals, vehicle: Vehicle) -> list[str]:
+    """Return sentences on signals that stay the same, or jump, as no battery of a car like `vehicle` does."""
+    problems = []
+    soc, current, speed = (signals.get(key) for key in ('soc', 'current_a', 'speed_mps'))
+    if _stays(soc) and current is not None:
+        drawn_ah = _drawn_ah(current, soc.time_s[0], soc.time_s[-1])
+        if abs(drawn_ah) > LEAST_SHARE * vehicle.battery.capacity_ah:
+            problems.append(f'{name}: soc: stays at {figure(float(soc.value[0]), 4)} while {drawn_ah:+.1f} Ah are '
+                            'drawn; record the state of charge')
+    if (_stays(current) and speed is not None and len(speed.value)
+            and float(np.ptp(speed.value)) > LEAST_SPEED_CHANGE_MPS):
+        problems.append(f'{name}: current_a: stays at {figure(float(current.value[0]), 4)} A while the car '
+                        "drives; record the battery's current")
+    return problems + _jumps(name, signals.get('battery_temperature_c'))
+
+
+def _stays(series: Series | None) -> bool:
+    """Return whether a signal was recorded and always has the same value."""
+    return series is not None and len(series.value) > 1 and float(np.ptp(series.value)) == 0.0
+
+
+def _jumps(name: str, series: Series | None) -> list[str]:
+    """Return a sentence on the first lasting jump of the battery temperature."""
+    if series is None or len(series.value) < 2 * OF_LEVEL or not np.isfinite(series.value).all():
+        return []
+    levels_c = np.median(np.lib.stride_tricks.sliding_window_view(series.value, OF_LEVEL), axis=1)
+    jumps_k: FloatArray = levels_c[OF_LEVEL:] - levels_c[:-OF_LEVEL]
+    # From the last reading of one level to the first of the next.
+    quick = np.diff(series.time_s)[OF_LEVEL - 1:OF_LEVEL - 1 + len(jumps_k)] <= JUMP_S
+    steps_k = np.diff(series.value)[OF_LEVEL - 1:OF_LEVEL - 1 + len(jumps_k)]
+    found = np.flatnonzero(quick & (np.abs(jumps_k) > LEAST_JUMP_K) & (np.abs(steps_k) > LEAST_JUMP_K))
+    if not len(found):
+        return []
+    at = int(found[0]) + OF_LEVEL
+    return [f'{name}: battery_temperature_c: jumps from {series.value[at - 1]:.1f} to {series.value[at]:.1f} degC '
+            f'after {series.time_s[at - 1]:.0f} s; no battery warms or cools so fast; cut the log there, or drop '
+            'the wrong readings']
+
+
+def _drawn_ah(current: Series, start_s: float = -math.inf, end_s: float = math.inf) -> float:
+    """Return the charge drawn between two instants [Ah]; long intervals without samples count nothing."""
+    inside = (current.time_s >= start_s) & (current.time_s <= end_s)
+    part = Series(current.time_s[inside], current.value[inside])
+    return float(integral(part)[-1] / SECONDS_PER_H) if len(part.value) else 0.0
