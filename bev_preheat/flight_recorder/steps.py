@@ -117,7 +117,7 @@ def event_values(event: Event, goals: GoalNumbers, has_message: bool) -> dict[st
     """
     Return an event as plain values; `has_message`: its message is recorded before it.
 
-    Parameters are those of the node, which the caller adds: an event has only what was made of them.
+    Parameters are those of the node, which the caller adds: an event carries only the values derived from them.
     """
     match event:
         case PreparationWanted(goal):

@@ -25,7 +25,7 @@ from bev_preheat.optional_packages import require
 
 # Entries that wait for the disk; 2 min of a planner that is fed ten times a second.
 MOST_WAITING = 5000
-# The thread collects entries for so long [s], so that it does not compute while the planner does.
+# The thread collects entries for this time [s], so that it does not compute while the planner does.
 COLLECTING_S = 0.1
 FLUSH_PERIOD_S = 1.0
 CATCHING_UP_S = 0.02
@@ -117,7 +117,7 @@ class RecordingWriter:
             self._news.set()
 
     def catch_up(self) -> None:
-        """Wait until what was handed over is being written, so that nothing is dropped."""
+        """Wait until the thread has taken all entries, so that none is dropped."""
         while self._waiting and self._thread.is_alive():
             time.sleep(CATCHING_UP_S)
 

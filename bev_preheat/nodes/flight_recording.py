@@ -71,7 +71,7 @@ METADATA = {'vss': {'battery_state.temperature': f'{VSS}.Temperature.Average',
 
 
 class Setup(NamedTuple):
-    """Parameters of the node by name, the bytes of its vehicle file, and what it had learned at its start."""
+    """Parameters of the node by name, the bytes of its vehicle file, and the values learned before its start."""
 
     parameters: dict[str, Any]
     vehicle_contents: bytes
@@ -185,7 +185,7 @@ class FlightRecorder:
     def note(self, now_ns: int, events: tuple[Event, ...], message: Any, output: StepOutput,
              command: HvchCommand | None = None, call: str = STEP, what: str = '') -> None:
         """
-        Record a step: its events, the message that one of them came in (None: none), and its output.
+        Record a step: its events, the message with the input (None: no input), and its output.
 
         `command` is the published message of the output's command; None: it is not published yet.
         """

@@ -411,7 +411,7 @@ class PlannerNode(Node):
         """
         Run a step of the supervisor and publish its output; return whether every event was accepted.
 
-        `now_ns` is the step's instant [ns], None for that of the call; `message` the one that its event was
+        `now_ns` is the step's instant [ns], None for that of the call; `message` the message that its event was
         read from, None without one. The command is published first, but after a failure it is published last,
         so that no heat is commanded while the rest still fails.
         """

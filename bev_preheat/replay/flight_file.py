@@ -37,9 +37,9 @@ class Given:
 @dataclass(frozen=True, eq=False)
 class Flight:
     """
-    What a planner was given and what it answered, in order.
+    A planner's inputs and answers, in order.
 
-    `paths` are the files. `remarks` are sentences on what is missing. `gaps` are the indices in `given` before
+    `paths` are the files. `remarks` are sentences on missing parts. `gaps` are the indices in `given` before
     which steps are missing. `source` is the kind of the recording. Without `has_commands` there is nothing to
     reproduce; then commands in `given` are the heater's recorded power. Commands count as the same if their powers
     differ by at most `power_tolerance_w` [W].
@@ -92,7 +92,7 @@ def read_flight(path: str | Path) -> Flight:
             gaps.append(len(given))
             remarks.append(f'{part}: the file before it is missing')
         elif read and read[0].step.events and number:
-            # What a later part repeats for readers of that part alone.
+            # Records that a later part repeats for readers of that part alone.
             read = read[_repeated(read, given):]
         gaps += [len(given) + gap for gap in part_gaps]
         given += read

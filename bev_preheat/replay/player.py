@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 @dataclass(frozen=True)
 class Changes:
     """
-    What a replay changes: nothing, by default.
+    The changes of a replay: none by default.
 
     `vehicle` is a name in config/vehicles or a file, None: the recorded one. `parameters` replace recorded ones,
     `signals` change recorded signals.
@@ -112,7 +112,7 @@ class Player:
         kind, hint = values.get('kind'), str(values.get('hint', ''))
         state = self._supervisor.state
         if kind == RECONFIGURED:
-            # A recorded Learned is that of another file; a changed vehicle keeps what it has learned.
+            # A recorded Learned is that of another file; a changed vehicle keeps its own learned values.
             vehicle, settings = self._vehicle(str(values['vehicle_file'])), self._settings(values['parameters'])
             return Reconfigured(vehicle, settings, self._routes.read_again(state, vehicle, settings),
                                 self._learned(learned_of(values['learned'])))

@@ -110,7 +110,7 @@ class _ChangedBattery:
     def __init__(self, flight: Flight, changes: Changes) -> None:
         self._flight = flight
         self._player = Player(flight.beginning, changes, self._alter)
-        # The car is the one that was recorded; a changed vehicle file is only what the planner believes.
+        # The car stays as recorded; a changed vehicle file changes only the planner's model.
         self._deviation = Deviation(Player(flight.beginning).state.vehicle)
         self._recorded_w, self._recorded_until_ns = 0.0, 0
         self._now_ns = 0
