@@ -100,7 +100,7 @@ class Drive:
 
     def kill_and_restart(self, part):
         """Kill a process while it heats, see that the heater is off within the lease, and restart it."""
-        poll_until(self.is_heated, f'heat before {part} is killed', 60.0)
+        poll_until(self.is_heated, f'heat before {part} is killed')
         killed_s = self.kill(part)
         # Without states the planner commands until the latest one is too old.
         limit_s = {'bus_gateway': STATE_TIMEOUT_S if self.separate else 0.0, 'planner': LEASE_S,
@@ -174,7 +174,7 @@ def test_each_process_that_is_killed_ends_the_heat_within_its_lease(driving, ord
     for part in order:
         drive.kill_and_restart(part)
     if waits:
-        poll_until(drive.is_heated, 'heat after all restarts', 60.0)
+        poll_until(drive.is_heated, 'heat after all restarts')
 
 
 def entries(name, text):
@@ -192,7 +192,7 @@ def entries(name, text):
 def test_attack_on_the_frames_of_the_battery_ends_in_0_w_and_is_named(driving, bench, attack, text):
     diagnostics = bench.record(DiagnosticArray, '/diagnostics', 100)
     drive = driving(**LARGE)
-    poll_until(drive.is_heated, 'heat', 60.0)
+    poll_until(drive.is_heated, 'heat')
     drive.car.attack, attacked_s = attack, time.monotonic()
     diagnostics.wait_for(entries('bus_gateway: signals', text))
     diagnostics.wait_for(entries('planner: preheating', 'STALE_INPUT'))
@@ -201,7 +201,7 @@ def test_attack_on_the_frames_of_the_battery_ends_in_0_w_and_is_named(driving, b
     poll_until(lambda: time.monotonic() > limit_s + 1.0, 'a second of 0 W')
     assert not any(power_w for _, power_w in drive.car.powers_since(limit_s))
     drive.car.attack = ''
-    poll_until(drive.is_heated, 'heat after the attack', 60.0)
+    poll_until(drive.is_heated, 'heat after the attack')
 
 
 @pytest.mark.parametrize('separate', [True, pytest.param(False, marks=pytest.mark.deep)],
@@ -210,7 +210,7 @@ def test_heater_that_refuses_gets_0_w_and_is_named(driving, bench, separate):
     diagnostics = bench.record(DiagnosticArray, '/diagnostics', 100)
     plans = bench.record(PreheatPlan, 'preheat_plan', 100)
     drive = driving(**LARGE, separate=separate)
-    poll_until(drive.is_heated, 'heat', 60.0)
+    poll_until(drive.is_heated, 'heat')
     # "no_flow" of the DBC.
     drive.car.refusal = 3
     diagnostics.wait_for(entries(
@@ -219,4 +219,4 @@ def test_heater_that_refuses_gets_0_w_and_is_named(driving, bench, separate):
     assert plan.hvch_electric_energy == 0.0
     poll_until(lambda: drive.car.commanded_w == 0.0, '0 W on the bus')
     drive.car.refusal = 0
-    poll_until(drive.is_heated, 'heat again', 60.0)
+    poll_until(drive.is_heated, 'heat again')
