@@ -2,73 +2,28 @@
 """
 README and docs: commands work, links have targets, and the reference is complete.
 
-In a ```console block each line that begins with `$ preheat` or `$ python3 FILE` is run, and its output must
-contain the lines up to the next command; an ellipsis stands for omitted text. The exit status must be 0, or 2
-if a line `preheat: error:` is shown. The commands of a page run in order in one folder, which contains the page's
-code blocks with a caption as files; packages of docs/examples that the page names are installed. Commands that
-must not run are in ```bash or ```text.
+Console blocks are run as typed_pages.py describes. Commands that must not run are in ```bash or ```text.
 
 The ```python blocks of a page are run in order, like the cells of a notebook. If a comment follows `print(…)` on
 its line, the output must have the comment's numbers, to the comment's digits.
 """
 
-from dataclasses import dataclass
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 import re
-from runpy import run_path
-import shlex
-import sys
 
-import installed_packages
 import pytest
+from typed_pages import Command, commands_of, FENCE, files_of, run_page
 
-from bev_preheat.commands.main import main, SUBCOMMANDS
+from bev_preheat.commands.main import SUBCOMMANDS
 from bev_preheat.planning.status import Status
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [ROOT / 'README.md', ROOT / 'CONTRIBUTING.md', ROOT / 'QUALITY_DECLARATION.md',
          *sorted(path for path in (ROOT / 'docs').rglob('*.md') if path.parent.name != 'generated')]
 NEED_CASADI = {'optimum', 'compare', 'reproduce', 'sweep', 'identify'}
-FENCE = re.compile(r'^```(\S*)[^\n]*\n(.*?)^```', re.MULTILINE | re.DOTALL)
-
-
-@dataclass(frozen=True)
-class Command:
-    """A command of a page: its words, and the lines that are shown below it."""
-
-    words: list
-    shown: list
-
-    @property
-    def status(self):
-        return 2 if any(line.startswith('preheat: error:') for line in self.shown) else 0
-
-
-def commands_of(text):
-    """Return the commands in the console blocks of a page."""
-    found = []
-    for language, block in FENCE.findall(text):
-        if language != 'console':
-            continue
-        for line in block.replace('\\\n', ' ').splitlines():
-            if line.startswith('$ '):
-                words = shlex.split(line.removeprefix('$ '))
-                assert words[0] in RUNNERS, f'not to be run, so it belongs into ```bash: {line}'
-                found.append(Command(words, []))
-            elif line.strip():
-                found[-1].shown.append(line)
-    return found
-
-
-def files_of(text):
-    """Return {name: content} of the code blocks with a caption."""
-    files = {}
-    for _, block in FENCE.findall(text):
-        captioned = re.match(r':caption: (\S+)\n\n(.*)', block, re.DOTALL)
-        if captioned:
-            files[captioned.group(1)] = captioned.group(2)
-    return files
+# test/nodes/test_files_tutorial.py runs it, and the nodes that it ends with.
+WITH_NODES = {'docs/tutorials/from_files.md'}
 
 
 def name_of(page):
@@ -78,7 +33,7 @@ def name_of(page):
 def typed_pages():
     for page in PAGES:
         commands = commands_of(page.read_text())
-        if commands:
+        if commands and name_of(page) not in WITH_NODES:
             needs_casadi = any(command.words[1] in NEED_CASADI for command in commands)
             needs_pint = any(command.words[1] == 'log' for command in commands)
             needs_can = '.dbc' in page.read_text()
@@ -90,44 +45,10 @@ def typed_pages():
                     ('can', needs_can), ('cantools', needs_can), ('mcap', needs_mcap)) if is_needed])
 
 
-def run_script(arguments):
-    """Run a Python script of the page in this process; returns the exit status."""
-    with pytest.MonkeyPatch.context() as monkeypatch:
-        monkeypatch.setattr(sys, 'argv', arguments)
-        run_path(arguments[0], run_name='__main__')
-    return 0
-
-
-RUNNERS = {'preheat': main, 'python3': run_script}
-
-
-def words(text):
-    return ' '.join(text.split())
-
-
 @pytest.mark.costly
 @pytest.mark.parametrize('page', list(typed_pages()))
 def test_what_is_typed_gives_what_is_shown(page, tmp_path, monkeypatch, capfd):
-    monkeypatch.chdir(tmp_path)
-    # Wide enough for every table.
-    monkeypatch.setenv('COLUMNS', '250')
-    text = page.read_text()
-    for example in sorted(set(re.findall(r'/examples/(\w+)', text))):
-        if not (ROOT / 'docs' / 'examples' / example / 'pyproject.toml').is_file():
-            continue
-        (folder := tmp_path / 'installed' / example).mkdir(parents=True)
-        installed_packages.put_example(folder, example)
-        installed_packages.use_folder(monkeypatch, folder)
-    for name, content in files_of(text).items():
-        (tmp_path / name).write_text(content)
-    for command in commands_of(text):
-        assert RUNNERS[command.words[0]](command.words[1:]) == command.status, command.words
-        output = words(''.join(capfd.readouterr()))
-        for line in command.shown:
-            rest = output
-            for part in filter(None, map(str.strip, words(line).split('…'))):
-                _, found, rest = rest.partition(part)
-                assert found, f'not in the output of {command.words}: {part}'
+    run_page(page.read_text(), tmp_path, monkeypatch, capfd)
 
 
 def test_the_pages_have_commands_that_are_run():

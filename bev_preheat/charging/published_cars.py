@@ -42,7 +42,7 @@ class ComputedTime:
     A published charging time and its computed counterparts [min], between two states of charge (0 ... 1).
 
     None if the curve, the time from 10 to 80 % or a shipped file is missing. `fitted_min` of the span from 10 to
-    80 % is the published time by construction.
+    80 % is the published time by construction. `remark` says why times may differ, or is None.
     """
 
     car: str
@@ -54,6 +54,7 @@ class ComputedTime:
     curve_min: float | None
     fitted_min: float | None
     shipped_min: float | None
+    remark: str | None = None
 
     @property
     def is_fitted(self) -> bool:
@@ -85,21 +86,21 @@ def naming(path: Path, node: dict[str, FileData]) -> Iterator[None]:
 
 def _times_of(node: dict[str, FileData]) -> list[ComputedTime]:
     sheet = DataSheet(node['name'], **node['data_sheet'])
-    times = [(time['from'] / PERCENT, time['to'] / PERCENT, float(time['minutes']), time['source'])
-             for time in node.get('times', ())]
-    for start, end, _, _ in times:
+    times = [(time['from'] / PERCENT, time['to'] / PERCENT, float(time['minutes']), time['source'],
+              time.get('remark')) for time in node.get('times', ())]
+    for start, end, *_ in times:
         if not start < end:
             raise InvalidInput(f'times: from {PERCENT * start:g} to {PERCENT * end:g} % must rise')
     cars: list[Vehicle | None] = [described(sheet)]
     curve = node.get('curve')
     cars.append(None if curve is None else described(replace(sheet, charging_curve=checked_curve(
         [tuple(point) for point in curve['points']], curve['temperature_c'], curve['source']))))
-    usual = [minutes for start, end, minutes, _ in times if (start, end) == PUBLISHED_SPAN]
+    usual = [minutes for start, end, minutes, *_ in times if (start, end) == PUBLISHED_SPAN]
     cars.append(described(replace(sheet, charging_time_10_80_min=usual[0])) if usual else None)
     cars.append(load_vehicle(node['vehicle']) if 'vehicle' in node else None)
     return [ComputedTime(sheet.name, start, end, minutes, source, *(  # type: ignore[arg-type]
-        None if car is None else warm_session(car, (start, end)).charging_time_s / S_PER_MIN for car in cars))
-        for start, end, minutes, source in times]
+        None if car is None else warm_session(car, (start, end)).charging_time_s / S_PER_MIN for car in cars),
+        remark) for start, end, minutes, source, remark in times]
 
 
 def described(sheet: DataSheet) -> Vehicle:

@@ -78,6 +78,9 @@ def _print_times(console: Console, times: Sequence[ComputedTime]) -> None:
     print_records(console, 'Charging times in min', (
         'car', 'span', 'published', 'data sheet', 'curve', 'time', 'shipped'), rows,
         ('left', 'right', 'right', 'right', 'right', 'right', 'right'))
+    for time in times:
+        if time.remark is not None:
+            console.print(f'{time.car}, {_span(time)}: {time.remark}.', markup=False, soft_wrap=True)
 
 
 def _print_sources(console: Console, times: Sequence[ComputedTime], runs: Sequence[ComputedWarmth],

@@ -8,6 +8,7 @@ it responds.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 import math
 from typing import Any, NamedTuple, TYPE_CHECKING
@@ -68,6 +69,9 @@ UNHEATED: dict[Heater, dict[str, Any]] = {
 }
 # … and if the heat of the command would mostly arrive too late.
 LATE: dict[str, Any] = {'too_cold_because': 'Most of the heat arrives too late'}
+# Remark on a plan that misses its target by so little that the heater is not switched on for it.
+LEFT_OUT = (f'The missing {{shortfall_k:.1f}} K take less than {LEAST_HEATING_S:.0f} s of heating, for which the '
+            'heater is not switched on.')
 
 
 class PlanningTask(NamedTuple):
@@ -235,14 +239,26 @@ class _Planning:
             return self._plan(forecast, heater_share=0.0), wanted, UNHEATED[Heater.DEAD]
         if heater is Heater.STUCK_ON:
             return self._plan(forecast, heats_throughout=True), None, words
+        if wanted.status is Status.TARGET_UNREACHABLE and self._is_left_out(wanted, forecast):
+            note = LEFT_OUT.format(shortfall_k=wanted.shortfall_k)
+            return replace(wanted, status=Status.NOT_NEEDED, note=f'{wanted.note} {note}'.lstrip()), None, words
         if wanted.status is Status.TARGET_UNREACHABLE and self._lag_s > 0.0:
             # Most of the heat arrives too late, but some is better than none.
             commanded = self._plan(forecast, heat_lag_s=0.0, heater_share=self.share)
             has_power = (self._route.cabin_heating_power_w < self._vehicle.hvch.maximum_power_w).any()
-            # Heat is left out, too, if it were shorter than the least time of heating.
             is_late = commanded.heating_start_s is not None or (has_power and not commanded.note)
             return wanted, commanded, LATE if is_late else words
         return wanted, None, words
+
+    def _is_left_out(self, wanted: Plan, forecast: Forecast) -> bool:
+        """Return whether a Plan misses its target only because the missing heating is too short."""
+        hvch, battery = self._vehicle.hvch, self._vehicle.battery
+        longest_k = LEAST_HEATING_S * hvch.efficiency * hvch.maximum_power_w / battery.heat_capacity_j_per_k
+        if (wanted.heating_start_s is not None or wanted.shortfall_k > longest_k or self._task.is_heating
+                or self._task.preparation_goal is not None):
+            return False
+        whole = self._plan(forecast, least_heating_s=0.0, heater_share=self.share)
+        return whole.status in (Status.WAITING, Status.HEATING)
 
     def forecast(self, plan: Plan) -> Forecast:
         """Return the Forecast of a Plan."""
@@ -261,11 +277,12 @@ class _Planning:
             reserve=reserve_soc(self._vehicle, task.goal), starts_in_s=task.starts_in_s,
             heated_s=task.heated_s)), task.preparation_goal, self._estimate.soc)
 
-    def _plan(self, forecast: Forecast | None, heat_lag_s: float | None = None, **heater_as: Any) -> Plan:
+    def _plan(self, forecast: Forecast | None, heat_lag_s: float | None = None,
+              least_heating_s: float = LEAST_HEATING_S, **heater_as: Any) -> Plan:
         task = self._task
         return plan_preheating(
             self._vehicle, self._route, self._state, task.goal, task.settings.method,
-            self._uncertainty_margin(forecast),
+            replace(self._uncertainty_margin(forecast), least_heating_s=least_heating_s),
             heat_lag_s=self._lag_s if heat_lag_s is None else heat_lag_s, **heater_as)
 
     def _uncertainty_margin(self, forecast: Forecast | None) -> UncertaintyMargin:
@@ -280,7 +297,7 @@ class _Planning:
             # Heating as soon as possible is never too short or too late.
             is_heating=self._task.is_heating or self._full_power is not None,
             least_pause_s=max(settings.minimum_off_time_s, LEAST_PAUSE_S),
-            least_heating_s=max(settings.minimum_on_time_s, LEAST_HEATING_S))
+            least_heating_s=LEAST_HEATING_S)
 
 
 def _in_words(plan: Plan, heater: HeaterReport, forecast: Forecast, refusal: str = '', **told: Any) -> str:

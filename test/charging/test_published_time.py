@@ -145,6 +145,14 @@ def test_published_curves_and_times_up_to_80_percent_belong_together(times):
     assert np.mean(ratios) == pytest.approx(1.0, abs=0.07)
 
 
+def test_a_large_deviation_up_to_80_percent_has_its_reason(times):
+    large = [time for time in times if time.end_soc <= 0.8 and any(
+        minutes is not None and abs(minutes / time.published_min - 1.0) > 0.12
+        for minutes in (time.curve_min, time.fitted_min, time.shipped_min))]
+    assert {time.car for time in large} == {'Polestar 2 Long Range'}
+    assert all(time.remark for time in large)
+
+
 def test_a_data_sheet_alone_gives_times_of_the_right_size(times):
     """It was half of the published time where a plateau was assumed (Model 3 LFP: 16:27 against 32:25 min)."""
     for time in times:

@@ -168,6 +168,7 @@ def test_published_prints_published_against_computed_figures(said, monkeypatch):
     assert 'BYD Atto 3, 10 ... 80 %: km77.com' in output
     assert 'Skoda Enyaq iV 80, 6 ... 60 %: github.com/jagheterfredrik/meb-preheat/issues/26' in output
     assert 'heated for 40 min: ' in output and 'not comparable: the definition' in output
+    assert 'Polestar 2 Long Range, 30 ... 70 %: a session that began at 30 %' in output
     figures = json.loads(Path('published.json').read_text())
     for time in figures['times']:
         assert time['car'] in output and f'{time["data_sheet_min"]:.1f}' in output

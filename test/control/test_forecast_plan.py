@@ -136,12 +136,32 @@ def test_a_pause_lasts_ten_minutes_or_the_least_time_off(asked, minimum_off_time
     assert asked[-1].uncertainty_margin.least_pause_s == least_pause_s
 
 
-@pytest.mark.parametrize('minimum_on_time_s, least_heating_s', [(20.0, 90.0), (100.0, 100.0)])
 @pytest.mark.parametrize('is_heating', [False, True])
-def test_the_margin_knows_the_heater_and_its_least_time_on(asked, is_heating, minimum_on_time_s, least_heating_s):
-    make(make_estimate(), settings=Settings(minimum_on_time_s=minimum_on_time_s), is_heating=is_heating)
+def test_the_margin_knows_the_heater_and_its_least_heating(asked, is_heating):
+    make(make_estimate(), is_heating=is_heating)
     margin = asked[-1].uncertainty_margin
-    assert (margin.is_heating, margin.least_heating_s) == (is_heating, least_heating_s)
+    assert (margin.is_heating, margin.least_heating_s) == (is_heating, 90.0)
+
+
+def test_a_long_least_time_on_does_not_leave_the_battery_cold():
+    # 3 K take some 4 min, less than the least time on, which lasts up to 1 K above the target.
+    plan = make(make_estimate(22.0), settings=Settings(minimum_on_time_s=600.0)).plan
+    assert plan.status is Status.WAITING
+    assert plan.arrival_temperature_c == pytest.approx(25.0, abs=0.2)
+
+
+@pytest.mark.parametrize('missing_k, status', [(0.1, Status.NOT_NEEDED), (0.5, Status.NOT_NEEDED),
+                                               (1.6, Status.WAITING)])
+def test_a_target_that_is_missed_by_less_than_the_least_heating_is_not_called_out_of_reach(missing_k, status):
+    # 90 s of heating warm the battery by 0.87 * (7000 - 1500) W * 90 s / 377376 J/K = 1.1 K.
+    unheated_c = make(make_estimate(22.0), goal=Goal(-30.0)).plan.arrival_temperature_c
+    plan = make(make_estimate(22.0), goal=Goal(unheated_c + missing_k), heated_s=600.0).plan
+    assert plan.status is status
+    remark = 'The missing 0.5 K take less than 90 s of heating, for which the heater is not switched on.'
+    assert (remark in plan.explanation) is (missing_k == 0.5)
+    if missing_k == 0.5:
+        assert plan.explanation.startswith('Heating finished after 10:00 min: arrival in 20:00 min at ')
+        assert plan.shortfall_k == pytest.approx(0.5, abs=0.01)
 
 
 # The state, and the corrected vehicle
