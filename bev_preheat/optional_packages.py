@@ -24,7 +24,7 @@ PURPOSES = {
     'jinja2': 'writes reports',
     'kuksa_client': 'talks to a VSS databroker',
     'matplotlib': 'draws figures',
-    'mcap': 'writes and reads flight recordings',
+    'mcap': 'writes flight recordings and reads MCAP files',
     'pandas': 'holds results as tables',
     'pint': 'converts the units of logs',
     'plotext': 'draws the chart',

@@ -7,6 +7,7 @@ the run reports the left-out tests and how to install the packages, one line eac
 is skipped silently, and `make test`, whose setup installs the optional packages, runs all tests.
 """
 
+from functools import cache
 from importlib.util import find_spec
 import shutil
 
@@ -45,6 +46,7 @@ def program(name):
     return next(filter(None, map(shutil.which, PROGRAMS[name][0])), None)
 
 
+@cache
 def is_there(package):
     """Return whether a package or a program of PROGRAMS is installed."""
     if package in PROGRAMS:

@@ -82,7 +82,7 @@ class Broker:
         """Return whether a provider serves the actuators."""
         return bool(self._providers)
 
-    def wait_for(self, path, value, timeout_s=60.0):
+    def wait_for(self, path, value, timeout_s=240.0):
         """Wait until a path has a value; nodes of a busy computer take long to start."""
         with self._changed:
             assert self._changed.wait_for(lambda: self.values.get(path) == value, timeout_s), (

@@ -95,7 +95,7 @@ class VssSource:
                 self._map.sources, {path: pint_unit(unit) for path, unit in units.items()}, where)
             lacking = [name for name in self._map.required if not channels[name]]
             self._mismatch = '' if not lacking else (
-                f'has no path of {", ".join(lacking)}; the signal map {where} names them')
+                f'does not have {", ".join(lacking)}; the signal map {where} names them')
         except InvalidInput as error:
             channels, self._mismatch = {}, str(error)
         wanted: dict[str, list[tuple[str, LiveChannel]]] = {}

@@ -98,9 +98,17 @@ def _times_of(node: dict[str, FileData]) -> list[ComputedTime]:
     usual = [minutes for start, end, minutes, *_ in times if (start, end) == PUBLISHED_SPAN]
     cars.append(described(replace(sheet, charging_time_10_80_min=usual[0])) if usual else None)
     cars.append(load_vehicle(node['vehicle']) if 'vehicle' in node else None)
-    return [ComputedTime(sheet.name, start, end, minutes, source, *(  # type: ignore[arg-type]
-        None if car is None else warm_session(car, (start, end)).charging_time_s / S_PER_MIN for car in cars),
-        remark) for start, end, minutes, source, remark in times]
+
+    def minutes_of(car: Vehicle | None, span: tuple[float, float]) -> float | None:
+        return None if car is None else warm_session(car, span).charging_time_s / S_PER_MIN
+
+    found = []
+    for start, end, minutes, source, remark in times:
+        sheet_min, curve_min, fitted_min, shipped_min = (minutes_of(car, (start, end)) for car in cars)
+        assert sheet_min is not None
+        found.append(ComputedTime(sheet.name, start, end, minutes, source, sheet_min, curve_min, fitted_min,
+                                  shipped_min, remark))
+    return found
 
 
 def described(sheet: DataSheet) -> Vehicle:

@@ -72,7 +72,7 @@ class TooWarm:
     def sentence(self) -> str:
         """The answer for the driver."""
         if self.slower_s == 0.0:
-            return (f'The battery gets as warm as {self.derating.hottest_c:.0f} degC, where it charges more '
+            return (f'The battery reaches {self.derating.hottest_c:.0f} degC; at that temperature it charges more '
                     f'slowly, {self.derating.reason}; a colder arrival would not be faster.')
         slower = ('does not charge to the end' if math.isinf(self.slower_s) else
                   f'charges {duration_text(self.slower_s)} slower')

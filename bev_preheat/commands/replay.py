@@ -137,7 +137,7 @@ def replayed(flight: Flight, changes: Changes, period: Period,
             lambda done: bar.update(task, completed=done), histories[0] if histories else None))
         changed = replay_changed(flight, changes, period, Watcher(
             lambda done: bar.update(task, completed=steps + done),
-            histories[1] if histories else None)) if is_changed else None
+            histories[1] if histories else None), as_it_was.heater) if is_changed else None
     return Result(flight, as_it_was, changes, changed), tuple(histories)
 
 

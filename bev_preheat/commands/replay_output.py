@@ -55,8 +55,10 @@ class Result(NamedTuple):
 
     @property
     def remarks(self) -> list[str]:
-        """Sentences on gaps in the recording, and on unusual inputs."""
-        return [*self.flight.remarks, *self.replayed.remarks]
+        """Sentences on gaps in the recording, unusual inputs, and the weak heater of a changed drive."""
+        heater = self.replayed.heater
+        told = [] if heater is None or self.changed is None else [heater.sentence]
+        return [*self.flight.remarks, *self.replayed.remarks, *filter(None, told)]
 
     def verdict(self) -> list[str]:
         """Return the sentences on the outcome."""

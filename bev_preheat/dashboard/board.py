@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 MOST_MARKS, MOST_SPANS = 200, 200
 # The trajectories of a plan are drawn with at most so many points.
 MOST_PLAN_POINTS = 240
-# A stamp that is earlier than the latest one of its topic by more than this belongs to another drive [s].
+# A stamp earlier than its topic's latest by more than this [s] belongs to another drive.
 BACK_S = 1.0
 # Smaller changes of a plan are the usual re-planning: start of heating [s], target and prediction [K].
 START_CHANGE_S, TARGET_CHANGE_K, PREDICTION_CHANGE_K = 60.0, 0.5, 1.0

@@ -93,7 +93,7 @@ class DashboardNode(Node):
         if values['recording']:
             require('mcap')
             if values['controls']:
-                raise InvalidInput('controls: is not allowed with recording; nobody answers there')
+                raise InvalidInput('controls: is not allowed with recording; a recording cannot answer')
             from bev_preheat.dashboard.recorded import RecordedSource
             return RecordedSource(values['recording'])
         if values['controls']:

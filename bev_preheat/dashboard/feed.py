@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The messages to one browser tab: the values of now, and of the curves only what the tab does not have yet."""
+"""The messages to one browser tab: the current values, and the new part of the curves."""
 
 from __future__ import annotations
 

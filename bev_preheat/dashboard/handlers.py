@@ -115,7 +115,7 @@ class MissingHandler(PageHandler):
 
 
 class MainHandler(PageHandler):
-    """The page, or the one that asks for the token."""
+    """The page, or the form for the token."""
 
     needs_session = False
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-# A message is late after this time [s of real time], or after so many of its usual intervals.
+# A message is late after this time [s of real time], or after LATE_INTERVALS of its usual intervals.
 LATE_S, LATE_INTERVALS, LONGEST_LATE_S = 3.0, 4.0, 40.0
 # The battery state stands, though the planner answers.
 FROZEN_S = 4.0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A recording of the flight recorder as tables for the page: what a Board would have shown, instant by instant."""
+"""A flight recording as tables for the page: the values that a Board would have shown, instant by instant."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ LONGEST_GAP_S = 3600.0
 
 
 class RecordedDrive:
-    """Fills a Board with replayed steps, and keeps what it shows at times that are at least a frame apart."""
+    """Fills a Board with replayed steps, and keeps its values at times at least a frame apart."""
 
     def __init__(self, length_s: float) -> None:
         """Start; `length_s` is the length of the recording [s]."""
@@ -143,7 +143,7 @@ class RecordedSource:
         return None
 
     def ask(self, planner: str, asked: Asked) -> Future[Answer] | None:
-        """Return None: nobody can be asked."""
+        """Return None: a recording cannot answer."""
         return None
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the page is fed from: running planners, or a recording."""
+"""The source of the page's values: running planners, or a recording."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 class Source(Protocol):
     """
-    What the server needs: all methods are called in its thread.
+    The interface of a source to the server, which calls all methods in its thread.
 
     `mode` is `live` or `recording`, `name` that of the recording.
     """

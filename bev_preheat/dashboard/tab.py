@@ -68,7 +68,7 @@ class TabHandler(Checked, WebSocketHandler):
         self.shared.tabs.discard(self)
 
     def send(self) -> None:
-        """Send what is new, unless the tab has not read the previous messages yet."""
+        """Send the new values, unless the tab has not read the previous messages yet."""
         now_s = time.monotonic()
         if self._sending is not None and not self._sending.done():
             if now_s - self._sent_s > PATIENCE_S:

@@ -18,10 +18,10 @@ SHARE_OF_AGE, LEAST_APART_S = 14.0, 0.05
 
 class Trail:
     """
-    Rows of numbers, the instant [s] first, in order of time; at most `most` of them.
+    Rows of numbers, the instant [s] first, in order of time; at most `most` rows.
 
     A full trail drops the rows beyond the horizon, and others so that older rows are further apart. `generation`
-    changes when rows were dropped, so that a reader knows that it has to read all of them again.
+    changes when rows were dropped, so that a reader knows that it has to read all rows again.
     """
 
     def __init__(self, most: int = MOST_POINTS, horizon_s: float = HORIZON_S) -> None:

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the planner was given and what it answered, in MCAP files; see docs/how-to/replay.md."""
+"""The planner's inputs and answers, in MCAP files; see docs/how-to/replay.md."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The first record of each file: version, parameters, vehicle file, and what was known at its start."""
+"""The first record of each file: version, parameters, vehicle file, and the learned values at its start."""
 
 from __future__ import annotations
 

@@ -9,6 +9,8 @@ topic only: the message itself is in the recording just before the step.
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field
+import json
+from math import isfinite
 from typing import Any, TYPE_CHECKING
 
 from bev_preheat.control.events import (
@@ -34,6 +36,8 @@ from bev_preheat.control.preparation_goal import PreparationEnding, PreparationG
 from bev_preheat.errors import InvalidInput, quoted
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from bev_preheat.control.decision import Command
 
 # Topics of the planner's inputs, by the events that their messages become.
@@ -51,6 +55,8 @@ WANTED, ENDED, RECONFIGURED, REFUSED_ROUTE = (
 PLAIN_EVENTS: dict[str, Any] = {each.__name__: each for each in (
     ActivationChanged, PreheatingSwitched, RivalsChanged, DeparturesSkipped)}
 STEP, FAIL, STOP = 'step', 'fail', 'stop'
+JSON = json.JSONEncoder(separators=(',', ':'))
+NO_TEXT = '""'
 
 
 @dataclass(frozen=True)
@@ -89,6 +95,23 @@ class RecordedStep:
             raise InvalidInput(f'a step of the recording is damaged: {type(error).__name__}: {error}') from error
 
 
+def step_bytes(now_ns: int, call: str, events: Iterable[dict[str, Any]], what: str, command: Command | None,
+               status: int | None) -> bytes:
+    """Return the JSON of a RecordedStep with these fields; a usual step takes a third of the time."""
+    # A kind alone has no letters that JSON escapes.
+    told = ','.join([f'{{"kind":"{event["kind"]}"}}' if len(event) == 1 and event.get('kind') in MESSAGE_KINDS
+                     else JSON.encode(event) for event in events])
+    if command is None:
+        answer = 'null'
+    elif isfinite(command[0]):
+        answer = f'[{command[0]!r},{command[1]},{int(command[2])}]'
+    else:
+        answer = JSON.encode(command_values(command))
+    return (f'{{"now_ns":{now_ns},"call":"{call}","events":[{told}],'
+            f'"what":{JSON.encode(what) if what else NO_TEXT},"command":{answer},'
+            f'"status":{"null" if status is None else int(status)}}}').encode()
+
+
 def command_values(command: Command | None) -> tuple[float, int, int] | None:
     """Return a Command as power [W], end of its lease [ns] and number of its reason; None for None."""
     return None if command is None else (
@@ -117,7 +140,7 @@ def event_values(event: Event, goals: GoalNumbers, has_message: bool) -> dict[st
     """
     Return an event as plain values; `has_message`: its message is recorded before it.
 
-    Parameters are those of the node, which the caller adds: an event has only what was made of them.
+    Parameters are those of the node, which the caller adds: an event carries only the values derived from them.
     """
     match event:
         case PreparationWanted(goal):

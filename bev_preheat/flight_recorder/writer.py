@@ -2,33 +2,38 @@
 """
 Writes recordings in a thread of its own, so that no disk delays a command.
 
-The planner hands entries over and goes on. The thread makes bytes of them, and writes them unchunked: after a
-crash every message that reached the disk can be read. If the disk is slow, full or gone, entries are dropped
-and counted; the count is written as soon as writing works again.
+The planner hands its steps over and goes on. Once a second the thread makes entries and bytes of them, and writes
+them unchunked: after a crash every message that reached the disk can be read. If the disk is slow, full or gone,
+entries are dropped and counted; the count is written as soon as writing works again.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from functools import partial
+from io import FileIO
 import json
 import os
 from pathlib import Path
 from threading import Event, Thread
 import time
-from typing import Any, IO, NamedTuple
+from typing import Any, NamedTuple
 
+from bev_preheat.flight_recorder.mcap_output import McapOutput
 from bev_preheat.flight_recorder.ring import file_name, make_room, mark_as_being_written
+from bev_preheat.flight_recorder.steps import JSON, RecordedStep
 from bev_preheat.optional_packages import require
 
-# Entries that wait for the disk; 2 min of a planner that is fed ten times a second.
+# Groups of entries that wait for the disk; 2 min of a planner that is fed ten times a second.
 MOST_WAITING = 5000
-# The thread collects entries for so long [s], so that it does not compute while the planner does.
-COLLECTING_S = 0.1
-FLUSH_PERIOD_S = 1.0
+# The thread collects groups for this time [s]: in one go, bytes cost half of what they cost one by one. A process
+# that is killed loses them.
+COLLECTING_S = 1.0
 CATCHING_UP_S = 0.02
+# After a millisecond of work the thread rests [s].
+GROUPS_AT_ONCE, PAUSE_S = 50, 0.0005
 # A new attempt after a failure [s].
 RETRY_S = 30.0
 LARGEST_FILE_BYTES = 64_000_000
@@ -37,7 +42,6 @@ LIBRARY = 'bev_preheat'
 BEGINNING_CHANNEL, STEP_CHANNEL, GAP_CHANNEL = (
     'flight_recorder/beginning', 'flight_recorder/step', 'flight_recorder/gap')
 JSON_SCHEMA = json.dumps({'type': 'object'}).encode()
-JSON = json.JSONEncoder(separators=(',', ':'))
 
 
 class Kind(NamedTuple):
@@ -53,12 +57,17 @@ class Kind(NamedTuple):
 def json_kind(name: str) -> Kind:
     """Return the Kind of plain values."""
     return Kind(f'bev_preheat/{name}', JSON_SCHEMA, 'jsonschema', 'json',
-                lambda values: JSON.encode(
-                    values if isinstance(values, dict) else values.as_dictionary()).encode())
+                lambda values: JSON.encode(values).encode())
 
 
-JSON_KINDS = {BEGINNING_CHANNEL: json_kind('Beginning'), STEP_CHANNEL: json_kind('Step'),
-              GAP_CHANNEL: json_kind('Gap')}
+def _step_bytes(content: RecordedStep | dict[str, Any] | bytes) -> bytes:
+    if isinstance(content, bytes):
+        return content
+    return JSON.encode(content if isinstance(content, dict) else content.as_dictionary()).encode()
+
+
+JSON_KINDS = {BEGINNING_CHANNEL: json_kind('Beginning'),
+              STEP_CHANNEL: json_kind('Step')._replace(encode=_step_bytes), GAP_CHANNEL: json_kind('Gap')}
 
 
 class Entry(NamedTuple):
@@ -80,64 +89,75 @@ class Recording(NamedTuple):
 
 class RecordingWriter:
     """
-    The thread that writes; `put` hands entries over and returns at once.
+    The thread that writes; `put` and `put_group` hand entries over and return at once.
 
-    `head` are the entries that the next file starts with: a Beginning, and the messages that still hold; the
-    planner replaces them from time to time. `report` is the sentence on a failure, '' while all is well;
-    `dropped` counts the steps that were lost, `path` is that of the latest file.
+    `entries_of`, called in the thread, returns the entries of a group. `head` are the entries that the next file
+    starts with: a Beginning, and the messages that still hold; the planner replaces them from time to time.
+    `report` is the sentence on a failure, '' while all is well; `dropped` counts the groups that were lost, `path`
+    is that of the latest file.
     """
 
     def __init__(self, recording: Recording, kinds: dict[str, Kind],
                  head: tuple[Entry, ...], metadata: dict[str, dict[str, str]] | None = None,
-                 largest_file_bytes: int = LARGEST_FILE_BYTES) -> None:
+                 largest_file_bytes: int = LARGEST_FILE_BYTES,
+                 entries_of: Callable[[Any], Iterable[Entry]] = iter) -> None:
         """Start the thread; raises MissingPackage without the package mcap."""
         require('mcap')
         self.head = head
         self._recording, self._kinds = recording, {**kinds, **JSON_KINDS}
         self._metadata, self._largest_file_bytes = metadata or {}, largest_file_bytes
-        self._waiting: deque[tuple[Entry, ...]] = deque()
-        self._news, self._ends = Event(), False
-        self._file: IO[bytes] | None = None
+        self._entries_of = entries_of
+        self._waiting: deque[Any] = deque()
+        self._news, self._hurry, self._ends = Event(), Event(), False
+        self._file: FileIO | None = None
         self._path: Path | None = None
         self._retry_s = 0.0
         self._part = 0
-        self._reported_drops = 0
+        # Of the dropped groups, those that entries report, and those that written ones do.
+        self._reported_drops = self._written_drops = 0
+        # Groups that are collected and not written yet.
+        self._collected = 0
         self.dropped, self.report, self.path = 0, '', ''
+        self._output: McapOutput | None = None
+        self._channels: dict[str, tuple[int, Callable[[Any], bytes]]] = {}
         self._thread = Thread(target=self._run, name='flight recorder', daemon=True)
         self._thread.start()
 
     def put(self, *entries: Entry) -> None:
-        """Hand entries over that belong together; if too many wait, they are dropped."""
+        """Hand entries over that belong together; if too many groups wait, they are dropped."""
+        self.put_group(entries)
+
+    def put_group(self, group: Any) -> None:
+        """Hand a group over of which `entries_of` makes entries."""
         if len(self._waiting) >= MOST_WAITING:
             self.dropped += 1
             return
-        self._waiting.append(entries)
+        self._waiting.append(group)
         # Cheaper than to wake the thread again while it collects.
         if not self._news.is_set():
             self._news.set()
 
     def catch_up(self) -> None:
-        """Wait until what was handed over is being written, so that nothing is dropped."""
+        """Wait until the thread has taken all entries, so that none is dropped."""
         while self._waiting and self._thread.is_alive():
+            self._hurry.set()
             time.sleep(CATCHING_UP_S)
 
     def close(self, patience_s: float = 2.0) -> None:
         """Write what waits and end the file; give up after `patience_s` [s]."""
         self._ends = True
+        self._hurry.set()
         self._news.set()
         self._thread.join(patience_s)
 
     def _run(self) -> None:
-        flushed_s = time.monotonic()
         while True:
             self._news.wait()
-            if not self._ends:
-                time.sleep(COLLECTING_S)
+            self._hurry.wait(COLLECTING_S)
+            self._hurry.clear()
             self._news.clear()
             self._write_waiting()
-            if (self._file is not None and time.monotonic() - flushed_s >= FLUSH_PERIOD_S) or self._ends:
-                flushed_s = time.monotonic()
-                self._try(self._flush)
+            self._try(self._put_down)
             if self._ends:
                 self._try(self._end_file)
                 return
@@ -149,19 +169,27 @@ class RecordingWriter:
                 self.dropped += len(self._waiting)
                 self._waiting.clear()
                 return
-            entries = self._waiting.popleft()
-            if not self._try(partial(self._write_group, entries)):
+            group = self._waiting.popleft()
+            if not self._try(partial(self._collect, group)):
                 self.dropped += 1
+            elif self._collected >= GROUPS_AT_ONCE and self._try(self._put_down) and not self._hurry.is_set():
+                # Lets the planner go on, which would wait for the interpreter's lock.
+                time.sleep(PAUSE_S)
 
-    def _write_group(self, entries: tuple[Entry, ...]) -> None:
-        if self.dropped > self._reported_drops:
-            self._write(Entry(GAP_CHANNEL, entries[0].now_ns, {'dropped': self.dropped - self._reported_drops}))
-            self._reported_drops = self.dropped
-        for entry in entries:
-            self._write(entry)
-        assert self._file is not None
-        if self._file.tell() >= self._largest_file_bytes:
-            self._end_file()
+    def _collect(self, group: Any) -> None:
+        for entry in self._entries_of(group):
+            if self.dropped > self._reported_drops:
+                self._add(Entry(GAP_CHANNEL, entry.now_ns, {'dropped': self.dropped - self._reported_drops}))
+                self._reported_drops = self.dropped
+            self._add(entry)
+        self._collected += 1
+
+    def _put_down(self) -> None:
+        if self._output is not None and self._file is not None:
+            self._output.put_down()
+            self._collected, self._written_drops = 0, self._reported_drops
+            if self._output.size >= self._largest_file_bytes:
+                self._end_file()
 
     def _open(self) -> bool:
         if time.monotonic() < self._retry_s:
@@ -169,45 +197,41 @@ class RecordingWriter:
         return self._try(self._start_file)
 
     def _start_file(self) -> None:
-        from mcap.writer import CompressionType, Writer
         folder = self._recording.folder
         folder.mkdir(parents=True, exist_ok=True)
         path = folder / file_name(self._recording.started, self._recording.life, self._part)
         # Never over another file, nor through a link.
         descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
         mark_as_being_written(descriptor)
-        self._path, self._file = path, os.fdopen(descriptor, 'wb')
+        self._path, self._file = path, os.fdopen(descriptor, 'wb', buffering=0)
         part, self._part = self._part, self._part + 1
         make_room(folder, max(self._recording.most_bytes - self._largest_file_bytes, 0), path)
-        self._writer = Writer(self._file, use_chunking=False, compression=CompressionType.NONE)
-        self._writer.start(profile='ros2', library=LIBRARY)
-        self._channels: dict[str, int] = {}
-        self._sequence = 0
+        self._output = McapOutput(self._file, LIBRARY)
+        self._channels = {}
         for name, values in self._metadata.items():
-            self._writer.add_metadata(name, values)
+            self._output.add_metadata(name, values)
         for entry in self.head:
             if entry.channel == BEGINNING_CHANNEL:
                 entry = entry._replace(content={**entry.content, 'part': part})
-            self._write(entry)
+            self._add(entry)
+        self._output.put_down()
         self.path, self.report = str(path), ''
 
-    def _write(self, entry: Entry) -> None:
-        channel = self._channels.get(entry.channel)
-        kind = self._kinds[entry.channel]
+    def _add(self, entry: Entry) -> None:
+        name, now_ns, content = entry
+        channel = self._channels.get(name)
+        assert self._output is not None
         if channel is None:
-            schema = self._writer.register_schema(kind.type_name, kind.schema_encoding, kind.definition)
-            channel = self._channels[entry.channel] = self._writer.register_channel(
-                entry.channel, kind.message_encoding, schema)
-        self._sequence += 1
-        self._writer.add_message(channel, entry.now_ns, kind.encode(entry.content), entry.now_ns, self._sequence)
-
-    def _flush(self) -> None:
-        if self._file is not None:
-            self._file.flush()
+            kind = self._kinds[name]
+            channel = self._channels[name] = self._output.add_channel(
+                name, kind.message_encoding, kind.type_name, kind.schema_encoding, kind.definition), kind.encode
+        number, encode = channel
+        self._output.add(number, now_ns, encode(content))
 
     def _end_file(self) -> None:
         if self._file is not None:
-            self._writer.finish()
+            assert self._output is not None
+            self._output.finish()
             self._file.close()
             self._file = None
 
@@ -224,5 +248,7 @@ class RecordingWriter:
                 with suppress(OSError):
                     self._file.close()
                 self._file = None
+            self.dropped += self._collected
+            self._collected, self._reported_drops = 0, self._written_drops
             return False
         return True

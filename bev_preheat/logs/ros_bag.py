@@ -11,8 +11,9 @@ import numpy as np
 
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.files.installed import installed_prefix
+from bev_preheat.files.mcap_file import mcap_messages
 from bev_preheat.logs.channels import Channel, Piece
-from bev_preheat.optional_packages import require
+from bev_preheat.optional_packages import MissingPackage, require
 
 if TYPE_CHECKING:
     from bev_preheat.logs.remarks import Remarks
@@ -24,6 +25,8 @@ NS = 1e-9
 # Messages that are searched for the fields of topics, and those that are read at once.
 MOST_SEARCHED, BATCH = 20_000, 20_000
 LONGEST_ARRAY, DEEPEST = 8, 6
+# The encapsulation: byte order, then two bytes of options.
+CDR_HEAD_BYTES = 4
 
 
 class RosBag:
@@ -38,16 +41,17 @@ class RosBag:
         """Read the first messages of each topic for their fields; raises InvalidInput if the file is damaged."""
         require('rosbags')
         self._path = Path(path)
+        self._files = _mcap_files(self._path)
+        # Of a file whose messages are read as they come, they are not known before its end.
+        self._topics: set[str] | None = None
         found: dict[str, None] = {}
-        missing: set[str] | None = None
+        seen: set[str] = set()
         problem: list[str] = []
         for number, (topic, _, _, message) in enumerate(self._messages(problem)):
-            if missing is None:
-                missing = set(self._topics)
-            if topic in missing:
-                missing.discard(topic)
+            if topic not in seen:
+                seen.add(topic)
                 found.update(dict.fromkeys(_fields(topic, message)))
-            if not missing or number > MOST_SEARCHED:
+            if seen == self._topics or number > MOST_SEARCHED:
                 break
         if not found:
             raise InvalidInput(f'{path}: no message can be read' + (f': {problem[0]}' if problem else ''))
@@ -79,19 +83,75 @@ class RosBag:
 
     def _messages(self, problem: list[str]) -> Iterator[tuple[str, float, float | None, Any]]:
         """Yield topic, time of arrival [s], stamp [s] (None: none) and message; an error ends it and is named."""
-        from rosbags.highlevel import AnyReader
         try:
-            with AnyReader([self._path], default_typestore=_types()) as reader:
-                known = [each for each in reader.connections if each.msgtype in reader.typestore.fielddefs]
-                self._topics = {each.topic for each in known}
-                for connection, received_ns, data in reader.messages(connections=known):
-                    message = reader.deserialize(data, connection.msgtype)
-                    yield connection.topic, received_ns * NS, _stamp_s(message), message
-        except GeneratorExit:
+            reader = self._mcap_messages if self._files else self._bag_messages
+            yield from reader(problem)
+        except (GeneratorExit, MissingPackage):
             raise
         except Exception as error:
             # rosbags raises errors of many kinds for damaged files.
             problem.append(quoted(str(error) or type(error).__name__))
+
+    def _bag_messages(self, _: list[str]) -> Iterator[tuple[str, float, float | None, Any]]:
+        from rosbags.highlevel import AnyReader
+        with AnyReader([self._path], default_typestore=_types()) as reader:
+            known = [each for each in reader.connections if each.msgtype in reader.typestore.fielddefs]
+            self._topics = {each.topic for each in known}
+            for connection, received_ns, data in reader.messages(connections=known):
+                message = _deserialized(reader.typestore, connection.msgtype, data)
+                yield connection.topic, received_ns * NS, _stamp_s(message), message
+
+    def _mcap_messages(self, problem: list[str]) -> Iterator[tuple[str, float, float | None, Any]]:
+        """Yield those of MCAP files: AnyReader refuses a file if one of its channels is not ROS's."""
+        types = _RecordedTypes()
+        for file in self._files:
+            for topic, type_name, received_ns, data, text in mcap_messages(file, problem.append):
+                store = types.store_of(type_name, text)
+                if store is not None:
+                    message = _deserialized(store, type_name, data)
+                    yield topic, received_ns * NS, _stamp_s(message), message
+
+
+class _RecordedTypes:
+    """The types of messages by name, as the recording defines them."""
+
+    def __init__(self) -> None:
+        from rosbags.typesys import get_typestore, Stores
+        self._recorded, self._here = get_typestore(Stores.EMPTY), _types()
+        self._stores: dict[str, Any] = {}
+
+    def store_of(self, type_name: str, text: bytes) -> Any:
+        """Return the Typestore of a type with its definition; None if it is not a message of ROS."""
+        if type_name not in self._stores:
+            self._stores[type_name] = self._found(type_name, text.decode('utf-8', 'replace'))
+        return self._stores[type_name]
+
+    def _found(self, type_name: str, text: str) -> Any:
+        from rosbags.typesys import get_types_from_msg
+        if type_name in self._here.fielddefs and not text.strip():
+            return self._here
+        try:
+            types = get_types_from_msg(text, type_name)
+            self._recorded.register({name: fields for name, fields in types.items()
+                                     if name not in self._recorded.fielddefs})
+        except Exception:
+            # Another language of definitions, such as JSON or IDL.
+            return self._here if type_name in self._here.fielddefs else None
+        return self._recorded
+
+
+def _deserialized(store: Any, type_name: str, data: bytes) -> Any:
+    """
+    Return the message of bytes (CDR), without a look at those behind it.
+
+    `rmw_serialize` of Fast DDS, which rclpy calls, counts padding for empty sequences too, so the bytes of a
+    RoutePlan end with up to 60 bytes of no meaning. `Typestore.deserialize_cdr` refuses more than three.
+    """
+    kind = store.get_msgdef(type_name)
+    if len(data) < CDR_HEAD_BYTES or data[0] != 0 or data[1] not in (0, 1):
+        raise InvalidInput(f'a message of type {type_name} is no CDR: it begins with {bytes(data[:4]).hex()}')
+    read = kind.deserialize_cdr_le if data[1] == 1 else kind.deserialize_cdr_be
+    return read(data[CDR_HEAD_BYTES:], 0, kind.cls, store)[0]
 
 
 def _types() -> Any:
@@ -136,6 +196,20 @@ def _pieces(readings: dict[str, list[tuple[float, float, int]]]) -> Iterator[Pie
     for name, rows in readings.items():
         time_s, values, places = (np.array(column) for column in zip(*rows))
         yield Piece(name, time_s, values, places)
+
+
+def _mcap_files(path: Path) -> list[Path]:
+    """Return the MCAP files of a recording, in order; [] if it is SQLite."""
+    files = sorted(path.glob('*.mcap')) if path.is_dir() else [path]
+    return [file for file in files if _begins_as_mcap(file)]
+
+
+def _begins_as_mcap(path: Path) -> bool:
+    try:
+        with open(path, 'rb') as file:
+            return file.read(len(MAGIC[0])) == MAGIC[0]
+    except OSError as error:
+        raise InvalidInput(f'{path}: cannot be read: {error.strerror}') from error
 
 
 def is_bag_folder(path: str | Path) -> bool:

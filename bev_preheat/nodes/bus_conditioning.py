@@ -58,7 +58,7 @@ class BusConditioning:
         """`planner` is the planner's name; `requests` are values requested of the actuators of the broker."""
         self._node, self._broker, self._requests = node, broker, requests
         self._request = ConditioningRequest()
-        # It executes nothing; it tells whether the battery is being heated.
+        # It executes nothing; it reports whether the battery is being heated.
         self._heater = HeaterController(HeaterLimits(math.inf, longest_lease_s=longest_lease_s))
         self._client = ActionClient(node, PrepareBattery, f'{planner}/prepare_battery')
         self._wanted: ConditioningGoal | None = None

@@ -70,7 +70,7 @@ class BusGatewayNode(Node):
     """
     Publishes the battery at a steady rate while its signals are valid, and nothing otherwise.
 
-    Ages are measured on a clock that no one sets; with use_sim_time on /clock.
+    Ages are measured on the monotonic clock; with use_sim_time on /clock.
     """
 
     def __init__(self) -> None:
@@ -159,7 +159,7 @@ class BusGatewayNode(Node):
         self._state_publisher.publish(live_battery_message(self._battery, time_message(stamp_ns)))
 
     def _stamp_ns(self, instant_s: float, now_s: float) -> int:
-        """Return an instant on the readings' clock as one of ROS [ns]."""
+        """Return an instant on the readings' clock as ROS time [ns]."""
         stamp_ns = int(self.get_clock().now().nanoseconds) - round((now_s - instant_s) * NS_PER_S)
         same_s, same_ns = self._same
         if instant_s == same_s and abs(stamp_ns - same_ns) < SAME_STAMP_S * NS_PER_S:

@@ -21,7 +21,6 @@ from bev_preheat.flight_recorder.beginning import Beginning, learned_values
 from bev_preheat.flight_recorder.ring import check_folder
 from bev_preheat.flight_recorder.steps import (
     BATTERY_STATE,
-    command_values,
     event_values,
     GoalNumbers,
     HVCH_STATUS,
@@ -29,6 +28,7 @@ from bev_preheat.flight_recorder.steps import (
     ROUTE_PLAN,
     ROUTE_PROGRESS,
     STEP,
+    step_bytes,
 )
 from bev_preheat.flight_recorder.writer import (
     BEGINNING_CHANNEL,
@@ -38,19 +38,21 @@ from bev_preheat.flight_recorder.writer import (
     RecordingWriter,
     STEP_CHANNEL,
 )
-from bev_preheat.nodes.convert import command_message
+from bev_preheat.nodes.command_bytes import command_encoder
 from bev_preheat.nodes.message_definitions import definition
 from bev_preheat_msgs.msg import HvchCommand, HvchStatus, PreheatPlan, RoutePlan, RouteProgress
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
 
     from rclpy.node import Node
 
+    from bev_preheat.control.decision import Command
     from bev_preheat.control.events import Event
     from bev_preheat.control.planner_state import PlannerState
     from bev_preheat.control.supervisor import StepOutput
     from bev_preheat.estimation.prior import Learned
+    from bev_preheat.planning.status import Status
 
 COMMAND, PLAN, PREDICTION = 'hvch_command', 'preheat_plan', 'predicted_arrival_temperature'
 TYPES = {BATTERY_STATE: BatteryState, ROUTE_PLAN: RoutePlan, ROUTE_PROGRESS: RouteProgress,
@@ -71,11 +73,24 @@ METADATA = {'vss': {'battery_state.temperature': f'{VSS}.Temperature.Average',
 
 
 class Setup(NamedTuple):
-    """Parameters of the node by name, the bytes of its vehicle file, and what it had learned at its start."""
+    """Parameters of the node by name, the bytes of its vehicle file, and the values learned before its start."""
 
     parameters: dict[str, Any]
     vehicle_contents: bytes
     learned: Learned | None = None
+
+
+class _Noted(NamedTuple):
+    """A step as it is handed over: what FlightRecorder.note was given, and the Setup that held then."""
+
+    now_ns: int
+    events: tuple[Event, ...]
+    message: Any
+    command: Command | None
+    status: Status | None
+    call: str
+    what: str
+    setup: Setup
 
 
 class Planner(NamedTuple):
@@ -151,10 +166,12 @@ class FlightRecorder:
             check_folder(folder)
             kinds = {self._planner.topic(topic): _kind(message_type)
                      for topic, message_type in TYPES.items()}
+            command_topic = self._planner.topic(COMMAND)
+            kinds[command_topic] = kinds[command_topic]._replace(encode=command_encoder())
             self._life = uuid4().hex[:8]
             self._writer = RecordingWriter(
                 Recording(Path(folder).expanduser(), round(megabytes * BYTES_PER_MB), self._life, started), kinds,
-                self._head(state, now_ns, is_whole), METADATA)
+                self._head(state, now_ns, is_whole), METADATA, entries_of=self._entries)
             self._topics = {topic: self._planner.topic(topic) for topic in TYPES}
         except Exception as error:
             self._failure = str(error) if isinstance(error, InvalidInput) else f'{type(error).__name__}: {error}'
@@ -182,36 +199,32 @@ class FlightRecorder:
             except Exception as error:
                 self._stop(error)
 
-    def note(self, now_ns: int, events: tuple[Event, ...], message: Any, output: StepOutput,
-             command: HvchCommand | None = None, call: str = STEP, what: str = '') -> None:
+    def note(self, now_ns: int, events: tuple[Event, ...], message: Any, output: StepOutput, call: str = STEP,
+             what: str = '') -> None:
         """
-        Record a step: its events, the message that one of them came in (None: none), and its output.
+        Record a step: its events, the message with the first input (None: no input), and its output.
 
-        `command` is the published message of the output's command; None: it is not published yet.
+        The command is recorded with the step's instant as its stamp, as it is published.
         """
-        if self._writer is not None:
-            try:
-                self._note(self._writer, now_ns, events, message, output, command, call, what)
-            except Exception as error:
-                # Nothing about a recording may keep the planner from its work.
-                self._stop(error)
+        writer, decision = self._writer, output.decision
+        if writer is None:
+            return
+        writer.put_group(_Noted(now_ns, events, message, output.command,
+                                None if decision is None else decision.status, call, what, self._setup))
+        if message is not None and isinstance(message, RoutePlan):
+            self._route = Entry(self._topics[ROUTE_PLAN], now_ns, message)
 
-    def _note(self, writer: RecordingWriter, now_ns: int, events: tuple[Event, ...], message: Any,
-              output: StepOutput, command: HvchCommand | None, call: str, what: str) -> None:
-        values = [self._values(event, message) for event in events]
-        entries = []
-        if message is not None:
-            entry = Entry(self._topics[values[0]['kind']], now_ns, message)
-            if values[0]['kind'] == ROUTE_PLAN:
-                self._route = entry
-            entries.append(entry)
-        status = None if output.decision is None else int(output.decision.status)
-        entries.append(Entry(STEP_CHANNEL, now_ns, RecordedStep(
-            now_ns, call, tuple(values), what, command_values(output.command), status)))
-        if output.command is not None:
-            entries.append(Entry(self._topics[COMMAND], now_ns,
-                                 command_message(output.command, now_ns) if command is None else command))
-        writer.put(*entries)
+    def _entries(self, group: _Noted | tuple[Entry, ...]) -> Iterable[Entry]:
+        """Return the entries of a step; called by the writing thread."""
+        if not isinstance(group, _Noted):
+            return group
+        now_ns, events, message, command, status, call, what, setup = group
+        values = [_values(event, message is not None, self._goals, setup) for event in events]
+        step = Entry(STEP_CHANNEL, now_ns, step_bytes(now_ns, call, values, what, command, status))
+        entries = [step] if message is None else [Entry(self._topics[values[0]['kind']], now_ns, message), step]
+        if command is not None:
+            entries.append(Entry(self._topics[COMMAND], now_ns, (command, now_ns)))
+        return entries
 
     def _stop(self, error: Exception) -> None:
         self._failure = f'{type(error).__name__}: {error}; recording has ended'
@@ -263,12 +276,13 @@ class FlightRecorder:
             self._writer.close()
             self._writer = None
 
-    def _values(self, event: Event, message: Any) -> dict[str, Any]:
-        values = event_values(event, self._goals, message is not None)
-        if isinstance(event, Reconfigured):
-            values.update(parameters=self._setup.parameters, learned=learned_values(event.learned),
-                          vehicle_file=self._setup.vehicle_contents.decode('utf-8', 'replace'))
-        return values
+
+def _values(event: Event, has_message: bool, goals: GoalNumbers, setup: Setup) -> dict[str, Any]:
+    values = event_values(event, goals, has_message)
+    if isinstance(event, Reconfigured):
+        values.update(parameters=setup.parameters, learned=learned_values(event.learned),
+                      vehicle_file=setup.vehicle_contents.decode('utf-8', 'replace'))
+    return values
 
 
 def _kind(message_type: Any) -> Kind:

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 class GateInputs:
-    """Subscribes to what the gates look at; `topics` are the names."""
+    """Subscribes to the inputs of the gates; `topics` are the names."""
 
     def __init__(self, node: Node, gates: HeatingGates, timeout_s: float, tell: Callable[[str], None]) -> None:
         """Subscribe; values older than `timeout_s` [s] close the gates, and `tell` logs a sentence."""

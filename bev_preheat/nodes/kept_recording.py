@@ -24,7 +24,7 @@ def recording_beside(path: AnyPath) -> Path:
 
 
 class KeptRecording:
-    """A planner's recording, kept at `path`; without the package mcap there is none."""
+    """A planner's recording, kept at `path`; without the package mcap nothing is recorded."""
 
     def __init__(self, path: Path) -> None:
         """Record nothing yet."""
@@ -32,7 +32,7 @@ class KeptRecording:
         self._folder: Path | None = None
 
     def parameters(self, stack: ExitStack) -> dict[str, Any]:
-        """Return the planner's parameters that make it record; `stack` deletes what is not kept."""
+        """Return the planner's parameters that make it record; `stack` deletes the working folder."""
         if not is_installed('mcap'):
             return {}
         # In the same folder, so that keeping it renames a file.
@@ -42,7 +42,7 @@ class KeptRecording:
 
     def keep(self) -> Path | None:
         """
-        Keep the recording of a planner that has ended; return its path, None if there is none.
+        Keep the recording of a planner that has ended; return its path, None without a recording.
 
         A long drive has several files; these keep the names that replays put in order. Raises OSError.
         """

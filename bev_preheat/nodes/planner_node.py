@@ -64,7 +64,7 @@ if TYPE_CHECKING:
     from bev_preheat.control.supervisor import StepOutput
     from bev_preheat.estimation.prior import Learned
     from bev_preheat.vehicle import Vehicle
-    from bev_preheat_msgs.msg import HvchCommand, RoutePlan
+    from bev_preheat_msgs.msg import RoutePlan
 
     # A method called by ROS.
     Callback = Callable[..., Any]
@@ -411,14 +411,15 @@ class PlannerNode(Node):
         """
         Run a step of the supervisor and publish its output; return whether every event was accepted.
 
-        `now_ns` is the step's instant [ns], None for that of the call; `message` the one that its event was
+        `now_ns` is the step's instant [ns], None for that of the call; `message` the message that its event was
         read from, None without one. The command is published first, but after a failure it is published last,
         so that no heat is commanded while the rest still fails.
         """
         now_ns = self._now_ns() if now_ns is None else now_ns
         output, in_doubt = self._supervisor.step(now_ns, *events), self._is_in_doubt
-        command = None if in_doubt else self._publish_command(output, now_ns)
-        self._recorder.note(now_ns, events, message, output, command)
+        if not in_doubt:
+            self._publish_command(output, now_ns)
+        self._recorder.note(now_ns, events, message, output)
         self._publish_decision(output, now_ns)
         for refusal in output.refusals:
             sentence = f'{refusal.source} refused: {refusal.error}'
@@ -434,12 +435,9 @@ class PlannerNode(Node):
         self._state_keeper.save_choices(self._supervisor.state)
         return not output.refusals and not output.failure
 
-    def _publish_command(self, output: StepOutput, now_ns: int) -> HvchCommand | None:
-        if output.command is None:
-            return None
-        message = command_message(output.command, now_ns)
-        self._command_publisher.publish(message)
-        return message
+    def _publish_command(self, output: StepOutput, now_ns: int) -> None:
+        if output.command is not None:
+            self._command_publisher.publish(command_message(output.command, now_ns))
 
     def _publish_decision(self, output: StepOutput, now_ns: int) -> None:
         if output.failure:
@@ -495,8 +493,8 @@ class PlannerNode(Node):
             what = f'{where}: {type(error).__name__}: {error}'
             output = self._supervisor.fail(now_ns, what)
             self.get_logger().error(output.failure)
-            command = self._publish_command(output, now_ns)
-            self._recorder.note(now_ns, (), None, output, command, FAIL, what)
+            self._publish_command(output, now_ns)
+            self._recorder.note(now_ns, (), None, output, FAIL, what)
         except Exception as another:
             self.get_logger().error(
                 f'0 W could not be published after that: {type(another).__name__}: {another}; the '
@@ -535,8 +533,8 @@ class PlannerNode(Node):
         # With a normal lease, because a heater's controller may ignore an expired command.
         now_ns = self._now_ns()
         output = self._supervisor.stop(now_ns)
-        command = self._publish_command(output, now_ns)
-        self._recorder.note(now_ns, (), None, output, command, STOP)
+        self._publish_command(output, now_ns)
+        self._recorder.note(now_ns, (), None, output, STOP)
 
     @guarded
     def _await_delivery(self) -> None:

@@ -47,7 +47,7 @@ def drive_recorded(scenario: Scenario, recording: Path, warn: Callable[[str], ob
     """
     Return the DriveRecord of a Scenario, and keep the planner's flight recording in the file `recording`.
 
-    Needs the package mcap. `warn` takes sentences on what could not be written; `progress(time_s, total_s)` is
+    Needs the package mcap. `warn` takes sentences on failed writes; `progress(time_s, total_s)` is
     called during the drive. Raises OSError.
     """
     kept = KeptRecording(recording)

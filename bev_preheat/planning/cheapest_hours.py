@@ -59,7 +59,7 @@ def plan_in_cheapest_hours(vehicle: Vehicle, route: Route, state: BatteryState, 
 
     `vehicle` is that of `vehicle.grid.grid_fed`. `step_prices` gives the mean price per kWh of each step; a
     negative one counts as 0, and the plan never heats more than the target needs. `method` is the name in the
-    plan; the other arguments are those of `plan_preheating`. Raises what that raises for input outside the
+    plan; the other arguments are those of `plan_preheating`. Raises the same errors for input outside the
     model's range.
     """
     started = perf_counter()
@@ -80,9 +80,9 @@ def cost_of(plan: Plan, step_prices: StepPrices) -> float:
 
 def fill_in_order(order: IntArray, most_k: FloatArray, room_k: FloatArray, wanted_k: float) -> FloatArray:
     """
-    Return the heat of each step (N,) [K at the end] that sums to `wanted_k`, or to as much as there is room for.
+    Return the heat of each step (N,) [K at the end] that sums to `wanted_k`, or to the largest possible sum.
 
-    Each step in `order` takes as much as it can: at most `most_k` (N,), and so that the sum of all steps up to
+    Each step in `order` takes the most it can: at most `most_k` (N,), and so that the sum of all steps up to
     each one stays within `room_k` (N,).
     """
     heat_k, room_k = np.zeros(len(most_k)), room_k.copy()

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from bev_preheat.planning.situation import BatteryState
     from bev_preheat.planning.trip import Trip
 
-# The temperature on arrival is kept to this [K], or the start of heating found to this [s].
+# Tolerance of the temperature on arrival [K], or of the start of heating [s].
 ARRIVAL_TOLERANCE_K, START_RESOLUTION_S = 1e-4, 1e-2
 MOST_RUNS = 20
 # A battery that arrives this much above the target is heated for the drive, or for free [K].

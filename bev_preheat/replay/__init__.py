@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A recording put through the planner's step again: what it answered, and why."""
+"""A recording put through the planner's step again: its answers and their reasons."""

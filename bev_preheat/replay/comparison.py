@@ -34,7 +34,7 @@ class Difference(NamedTuple):
 @dataclass(frozen=True)
 class Comparison:
     """
-    `commands` recorded commands were compared, `different` of them differ, `first` is the first Difference.
+    `commands` recorded commands were compared, `different` commands differ, `first` is the first Difference.
 
     `largest_w` is the largest difference of power [W], `tolerance_w` [W] the tolerated difference.
     """

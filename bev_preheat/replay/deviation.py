@@ -25,7 +25,7 @@ class Deviation:
 
     The difference of two solutions of eqs. (9b)-(9d) under the same drive: heat that comes in, leaks and is
     stored, C dT/dt = eta dP - gamma_0 T, and charge that it takes, ds/dt = -dP / (U_oc C_b). The change of the
-    Joule heat by the few degrees is left out: some 2 % of it per kelvin. `temperature_k` [K], `soc` (0 ... 1),
+    The change of Joule heat with temperature (2 % per kelvin) is left out. `temperature_k` [K], `soc` (0 ... 1),
     `power_w` [W] of the battery's terminals.
     """
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Why the planner gave a command at an instant: what it knew, believed, wanted, and what bound it."""
+"""Why the planner gave a command at an instant: inputs, estimate, goal, and the limits that bound it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from bev_preheat.replay.flight_file import Flight
 
 NODE = 'planner'
-# What has to change for another answer, by status. Statuses with a plan have a sentence of their own.
+# The change that would lead to another answer, by status. Statuses with a plan have a sentence of their own.
 OTHERWISE = {
     Status.NO_ROUTE: 'A route_plan with charging planned at its end would be planned for.',
     Status.NO_BATTERY_STATE: 'A valid battery_state would let the planner plan.',

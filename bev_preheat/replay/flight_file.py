@@ -6,20 +6,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 import json
 from pathlib import Path
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 from bev_preheat.errors import InvalidInput
+from bev_preheat.files.mcap_file import mcap_messages
 from bev_preheat.flight_recorder.beginning import Beginning
 from bev_preheat.flight_recorder.ring import recordings_in
 from bev_preheat.flight_recorder.steps import MESSAGE_KINDS, RecordedStep
 from bev_preheat.flight_recorder.writer import BEGINNING_CHANNEL, GAP_CHANNEL, STEP_CHANNEL
 from bev_preheat.optional_packages import require
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-# A damaged length must not make the reader ask for all memory.
-LARGEST_RECORD_BYTES = 100_000_000
 # A clock that jumps on from below a day by more than a day had not been set [ns].
 CLOCK_UNSET_NS = 86_400_000_000_000
 # Kinds of recordings.
@@ -37,9 +33,9 @@ class Given:
 @dataclass(frozen=True, eq=False)
 class Flight:
     """
-    What a planner was given and what it answered, in order.
+    A planner's inputs and answers, in order.
 
-    `paths` are the files. `remarks` are sentences on what is missing. `gaps` are the indices in `given` before
+    `paths` are the files. `remarks` are sentences on missing parts. `gaps` are the indices in `given` before
     which steps are missing. `source` is the kind of the recording. Without `has_commands` there is nothing to
     reproduce; then commands in `given` are the heater's recorded power. Commands count as the same if their powers
     differ by at most `power_tolerance_w` [W].
@@ -92,7 +88,7 @@ def read_flight(path: str | Path) -> Flight:
             gaps.append(len(given))
             remarks.append(f'{part}: the file before it is missing')
         elif read and read[0].step.events and number:
-            # What a later part repeats for readers of that part alone.
+            # Records that a later part repeats for readers of that part alone.
             read = read[_repeated(read, given):]
         gaps += [len(given) + gap for gap in part_gaps]
         given += read
@@ -170,32 +166,3 @@ def _plain(path: Path, data: bytes) -> Any:
     if not isinstance(values, dict):
         raise InvalidInput(f'{path}: a record is damaged')
     return values
-
-
-def mcap_messages(path: Path, note: Callable[[str], object]) -> Iterator[tuple[str, str, int, bytes, bytes]]:
-    """
-    Yield channel, type, instant [ns], bytes and the type's definition of each message as written.
-
-    A damaged record ends it, and is noted. Raises InvalidInput if the file cannot be read.
-    """
-    from mcap.records import Channel, Message, Schema
-    from mcap.stream_reader import StreamReader
-    channels: dict[int, Channel] = {}
-    schemas: dict[int, Schema] = {}
-    try:
-        with open(path, 'rb') as file:
-            for record in StreamReader(file, record_size_limit=LARGEST_RECORD_BYTES).records:
-                if isinstance(record, Schema):
-                    schemas[record.id] = record
-                elif isinstance(record, Channel):
-                    channels[record.id] = record
-                elif isinstance(record, Message):
-                    channel = channels[record.channel_id]
-                    schema = schemas.get(channel.schema_id)
-                    name, text = ('', b'') if schema is None else (schema.name, schema.data)
-                    yield channel.topic, name, record.log_time, record.data, text
-    except OSError as error:
-        raise InvalidInput(f'{path}: cannot be read: {error.strerror}') from error
-    except Exception as error:
-        # Damaged bytes raise errors of many kinds, also of the libraries that decompress chunks.
-        note(f'ends in the middle ({type(error).__name__})')

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Unusual inputs in a recording: late, lost and overtaken states, a clock that jumps, a delay nobody told."""
+"""Unusual inputs in a recording: late, lost and overtaken states, a clock that jumps, unannounced delays."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ STAMP = struct.Struct('<4xiI')
 
 
 class InputRemarks:
-    """Looks at the inputs of a drive, step by step; `sentences` says what was unusual."""
+    """Looks at the inputs of a drive, step by step; `sentences` names the unusual inputs."""
 
     def __init__(self) -> None:
         """Begin without a step."""
@@ -83,7 +83,7 @@ class InputRemarks:
 
     @property
     def sentences(self) -> list[str]:
-        """What was unusual."""
+        """The unusual inputs, a sentence each."""
         found = []
         if self._back:
             found.append(f'the clock went back {_times(self._back)}')

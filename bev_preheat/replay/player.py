@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 @dataclass(frozen=True)
 class Changes:
     """
-    What a replay changes: nothing, by default.
+    The changes of a replay: none by default.
 
     `vehicle` is a name in config/vehicles or a file, None: the recorded one. `parameters` replace recorded ones,
     `signals` change recorded signals.
@@ -76,13 +76,15 @@ class Player:
     """
     A Supervisor that is given recorded steps one after the other.
 
-    `alter(message)` may change a battery state before it is read; None: it stays as recorded.
+    `alter(message)` may change a battery state before it is read, `alter_heater(message)` an answer of the
+    heater's controller; None: they stay as recorded.
     """
 
     def __init__(self, beginning: Beginning, changes: Changes = Changes(),
-                 alter: Callable[[Any], None] | None = None) -> None:
+                 alter: Callable[[Any], None] | None = None,
+                 alter_heater: Callable[[Any], None] | None = None) -> None:
         """Start as the planner did; raises InvalidInput if vehicle or parameters are not allowed."""
-        self._changes, self._alter = changes, alter
+        self._changes, self._alter, self._alter_heater = changes, alter, alter_heater
         self._vehicles: dict[str, Vehicle] = {}
         vehicle, settings = self._vehicle(beginning.vehicle_file), self._settings(beginning.parameters)
         self._supervisor = Supervisor(
@@ -112,7 +114,7 @@ class Player:
         kind, hint = values.get('kind'), str(values.get('hint', ''))
         state = self._supervisor.state
         if kind == RECONFIGURED:
-            # A recorded Learned is that of another file; a changed vehicle keeps what it has learned.
+            # A recorded Learned is that of another file; a changed vehicle keeps its own learned values.
             vehicle, settings = self._vehicle(str(values['vehicle_file'])), self._settings(values['parameters'])
             return Reconfigured(vehicle, settings, self._routes.read_again(state, vehicle, settings),
                                 self._learned(learned_of(values['learned'])))
@@ -126,6 +128,8 @@ class Player:
         if kind == ROUTE_PROGRESS:
             return progress_event(message, hint)
         if kind == HVCH_STATUS:
+            if self._alter_heater is not None:
+                self._alter_heater(message)
             return heater_status_event(message, state.vehicle.hvch.maximum_power_w)
         if self._alter is not None:
             self._alter(message)

@@ -8,12 +8,13 @@ from typing import Any, NamedTuple, TYPE_CHECKING
 
 from bev_preheat.control.settings import settings_of
 from bev_preheat.errors import InvalidInput
+from bev_preheat.files.mcap_file import mcap_messages
 from bev_preheat.files.version import version
 from bev_preheat.flight_recorder.beginning import Beginning
 from bev_preheat.flight_recorder.writer import BEGINNING_CHANNEL
 from bev_preheat.optional_packages import require
 from bev_preheat.replay.bag_files import is_bag, SQLITE
-from bev_preheat.replay.flight_file import mcap_messages, read_flight
+from bev_preheat.replay.flight_file import read_flight
 from bev_preheat.replay.log_recording import read_log
 from bev_preheat.replay.topic_recording import read_topics
 from bev_preheat.vehicle import vehicle_contents

@@ -9,6 +9,7 @@ from typing import NamedTuple, TYPE_CHECKING
 from bev_preheat.replay.comparison import compare, Comparison
 from bev_preheat.replay.course import Course
 from bev_preheat.replay.deviation import Deviation
+from bev_preheat.replay.heater_share import alter_status, HeaterShares
 from bev_preheat.replay.inputs import InputRemarks
 from bev_preheat.replay.period import Period, WHOLE
 from bev_preheat.replay.player import Changes, Played, Player
@@ -23,11 +24,12 @@ if TYPE_CHECKING:
 
 
 class Replayed(NamedTuple):
-    """A Course, how it compares with the recorded commands, and sentences on unusual inputs."""
+    """A Course, its Comparison with the recorded commands, sentences on unusual inputs, and the HeaterShares."""
 
     course: Course
     comparison: Comparison
     remarks: tuple[str, ...] = ()
+    heater: HeaterShares | None = None
 
 
 class Watcher(NamedTuple):
@@ -42,22 +44,23 @@ NOBODY = Watcher()
 
 def replay(flight: Flight, period: Period = WHOLE, watcher: Watcher = NOBODY) -> Replayed:
     """Return the Replayed flight, unchanged; a log's course has the recorded power of the heater."""
-    course, inputs = Course(), InputRemarks()
-    steps = _until(played_steps(flight, Player(flight.beginning)), period)
+    course, inputs, heater = Course(), InputRemarks(), HeaterShares(flight)
+    steps = _until(_heeded(played_steps(flight, Player(flight.beginning)), heater), period)
     comparison = compare(_watched(_noted(steps, course, period, watcher, flight), inputs, period, flight), period,
                          flight.power_tolerance_w, flight.has_commands)
-    return Replayed(course, comparison, tuple(inputs.sentences))
+    return Replayed(course, comparison, tuple(inputs.sentences), heater)
 
 
 def replay_changed(flight: Flight, changes: Changes, period: Period = WHOLE,
-                   watcher: Watcher = NOBODY) -> Course:
+                   watcher: Watcher = NOBODY, heater: HeaterShares | None = None) -> Course:
     """
     Return the Course with Changes.
 
     Battery states differ from the recorded ones by the heat that the changed command brings (`Deviation`).
+    `heater` has the share of a command that the heater delivers; None: all of it.
     """
     course = Course()
-    closed_loop = _ChangedBattery(flight, changes)
+    closed_loop = _ChangedBattery(flight, changes, HeaterShares(flight) if heater is None else heater)
     for _ in _noted(_until(closed_loop.steps(), period), course, period, watcher, flight, has_planner=True):
         pass
     return course
@@ -67,6 +70,12 @@ def played_steps(flight: Flight, player: Player) -> Iterator[tuple[Given, Played
     """Yield each recorded step with its replay."""
     for given in flight.given:
         yield given, player.play(given)
+
+
+def _heeded(steps: Iterator[tuple[Given, Played]], heater: HeaterShares) -> Iterator[tuple[Given, Played]]:
+    for given, played in steps:
+        heater.add(played)
+        yield given, played
 
 
 def _until(steps: Iterator[tuple[Given, Played]], period: Period) -> Iterator[tuple[Given, Played]]:
@@ -107,17 +116,17 @@ def _watched(steps: Iterator[tuple[Given, Played]], inputs: InputRemarks, period
 class _ChangedBattery:
     """Plays with Changes, and lets the battery deviate by the difference of the commands."""
 
-    def __init__(self, flight: Flight, changes: Changes) -> None:
-        self._flight = flight
-        self._player = Player(flight.beginning, changes, self._alter)
-        # The car is the one that was recorded; a changed vehicle file is only what the planner believes.
+    def __init__(self, flight: Flight, changes: Changes, heater: HeaterShares) -> None:
+        self._flight, self._heater, self._share = flight, heater, 1.0
+        self._player = Player(flight.beginning, changes, self._alter, self._alter_heater)
+        # The car stays as recorded; a changed vehicle file changes only the planner's model.
         self._deviation = Deviation(Player(flight.beginning).state.vehicle)
         self._recorded_w, self._recorded_until_ns = 0.0, 0
         self._now_ns = 0
 
     def steps(self) -> Iterator[tuple[Given, Played]]:
-        for given in self._flight.given:
-            self._now_ns = given.step.now_ns
+        for number, given in enumerate(self._flight.given):
+            self._now_ns, self._share = given.step.now_ns, self._heater.at(number)
             played = self._player.play(given)
             self._take(given.step)
             yield given, played
@@ -127,9 +136,14 @@ class _ChangedBattery:
             self._recorded_w, self._recorded_until_ns = step.command[0], step.command[1]
 
     def _alter(self, message: Any) -> None:
-        command = self._player.state.latest_command
-        changed_w = 0.0 if command is None or command.valid_until_ns < self._now_ns \
-            else command.battery_heating_power_w
         recorded_w = 0.0 if self._recorded_until_ns < self._now_ns else self._recorded_w
-        self._deviation.advance(self._now_ns, changed_w - recorded_w, message.percentage, message.temperature)
+        self._deviation.advance(self._now_ns, self._share * (self._changed_w() - recorded_w), message.percentage,
+                                message.temperature)
         self._deviation.alter(message)
+
+    def _alter_heater(self, message: Any) -> None:
+        alter_status(message, self._changed_w(), self._share)
+
+    def _changed_w(self) -> float:
+        command = self._player.state.latest_command
+        return 0.0 if command is None or command.valid_until_ns < self._now_ns else command.battery_heating_power_w

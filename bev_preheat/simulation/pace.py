@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Relation of simulated to real time, and waiting for a planner that lags behind."""
 
+import math
+
 # Simulated time between two clock messages [s]: the time resolution of the nodes.
 TICK_S = 0.5
 # Longest real time between them [s], so that slow simulations run smoothly.
@@ -9,6 +11,8 @@ LONGEST_REAL_TICK_S = 0.01
 # silent for this real time [s] is no longer waited for.
 MOST_AHEAD_S = 1.5
 PATIENCE_S = 1.0
+# Between two looks at most this real time [s] counts: a busy computer delays the planner as it delays the looks.
+LONGEST_WAIT_S = 0.02
 # Tolerance for a command from a planner that has not received the latest /clock [s].
 CLOCK_LAG_S = 1.0
 
@@ -55,14 +59,15 @@ class Patience:
     Whether simulated time may advance, or waits for a planner that has not answered a battery state.
 
     On a busy computer simulated time could outrun the planner, whose answers would then refer to
-    instants long past. A planner that is silent for PATIENCE_S of real time is not waited for
-    until it sends a command again. All other instants are in simulated time [s].
+    instants long past. A planner that is silent for PATIENCE_S of real time, counted as LONGEST_WAIT_S
+    says, is not waited for until it sends a command again. All other instants are in simulated time [s].
     """
 
     def __init__(self) -> None:
         """Start without an unanswered battery state."""
         self._unanswered_s: float | None = None
-        self._waiting_since_s: float | None = None
+        # Real time waited, and the instant of the latest look.
+        self._waited_s, self._looked_s = 0.0, math.inf
 
     def tell(self, instant_s: float) -> None:
         """Note that a battery state was published."""
@@ -72,7 +77,7 @@ class Patience:
 
     def hear(self, instant_s: float) -> None:
         """Note a command with an instant of the planner's clock, which may lag slightly."""
-        self._waiting_since_s = None
+        self._waited_s, self._looked_s = 0.0, math.inf
         if self._unanswered_s is not None and instant_s >= self._unanswered_s - CLOCK_LAG_S:
             self._unanswered_s = None
 
@@ -80,6 +85,6 @@ class Patience:
         """Return whether simulated time may advance, at a clock instant and a real instant [s of any clock]."""
         if self._unanswered_s is None or clock_s - self._unanswered_s <= MOST_AHEAD_S:
             return True
-        if self._waiting_since_s is None:
-            self._waiting_since_s = real_s
-        return real_s - self._waiting_since_s >= PATIENCE_S
+        self._waited_s += min(max(real_s - self._looked_s, 0.0), LONGEST_WAIT_S)
+        self._looked_s = real_s
+        return self._waited_s >= PATIENCE_S

@@ -85,7 +85,7 @@ def moments(car: ImperfectCar, supervisor: Supervisor, until: Callable[[], bool]
     """
     Drive a car under a Supervisor; yield the Moments until `until()`.
 
-    With a Wire the planner gets what its messages say, to their digits.
+    With a Wire the planner gets its inputs rounded as its messages carry them.
 
     `told_by_heater` makes the HeaterStatus that arrives with each reading, from the heater's answer and its actual
     power [W], or None for none; without it the heater's controller is silent.

@@ -21,6 +21,7 @@ from bev_preheat.planning.status import Status
 from bev_preheat.route import load_route
 from bev_preheat.simulation.heater_faults import HeaterFault
 from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
+from bev_preheat.simulation.sensors import Sensors
 from bev_preheat.simulation.supervised_drive import moments, START_NS
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.heating_gates import HeatingGates
@@ -30,6 +31,8 @@ ROUTE = load_route('reference', VEHICLE.defaults)
 STATE, GOAL = BatteryState(-7.0, 0.9), Goal(25.0, 0.0, True)
 NOW_NS = 5_000 * NS_PER_S
 SETTINGS = Settings()
+# Of battery states and heater statuses [s], within all timeouts: fewer plans than with one a second.
+PERIOD_S = 4.0
 
 
 def as_it_is(answer, measured_w, now_ns):
@@ -40,10 +43,11 @@ def measured(answer, measured_w, now_ns):
     return as_it_is(answer, measured_w, now_ns)._replace(measured_w=measured_w)
 
 
-def driven(told_by_heater, until_s, gates=None, faults=(), settings=SETTINGS):
+def driven(told_by_heater, until_s, gates=None, faults=(), settings=SETTINGS, state=STATE, period_s=PERIOD_S):
     """Return the Supervisor, the car and all (time, decision, command) of a drive up to an instant [s]."""
     vehicle = VEHICLE if gates is None else replace(VEHICLE, heating_gates=gates)
-    car = ImperfectCar(vehicle, ROUTE, STATE, GOAL, Imperfections(heater_faults=faults))
+    car = ImperfectCar(vehicle, ROUTE, state, GOAL, Imperfections(
+        sensors=Sensors(period_s=period_s), heater_faults=faults))
     supervisor = Supervisor(VEHICLE, settings)
     steps = [(moment.time_s, moment.output.decision, moment.output.command) for moment in moments(
         car, supervisor, lambda: car.time_s >= until_s, told_by_heater)]
@@ -97,7 +101,9 @@ def test_honest_answers_change_no_drive():
 
 
 def test_dead_heater_whose_controller_measures_0_w_is_not_promised_within_seconds():
-    supervisor, car, steps = driven(measured, 1500.0, faults=(HeaterFault(0.0, share=0.0),))
+    # So cold that it is heated at once.
+    supervisor, car, steps = driven(
+        measured, 60.0, faults=(HeaterFault(0.0, share=0.0),), state=BatteryState(-25.0, 0.9), period_s=1.0)
     commanded_s = next(time_s for time_s, _, command in steps
                        if command is not None and command.battery_heating_power_w > 0.0)
     refused_s = next(time_s for time_s, decision, _ in steps if decision is not None
@@ -197,7 +203,7 @@ def test_statuses_alone_give_no_command_and_bad_ones_are_reported():
     (False, HeatingGates(power_steps_w=(1500.0, 4000.0)))])
 def test_commands_keep_the_gates_of_the_vehicle_file(estimation, gates):
     vehicle = replace(VEHICLE, heating_gates=gates)
-    car = ImperfectCar(vehicle, ROUTE, STATE, GOAL)
+    car = ImperfectCar(vehicle, ROUTE, STATE, GOAL, Imperfections(sensors=Sensors(period_s=PERIOD_S)))
     supervisor = Supervisor(vehicle, replace(SETTINGS, estimation=estimation, minimum_on_time_s=600.0))
     heated_w = set()
     for moment in moments(car, supervisor, lambda: car.time_s >= 3000.0):

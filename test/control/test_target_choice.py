@@ -246,10 +246,10 @@ def driven_with_late_heat(target_c=math.nan):
     late = replace(VEHICLE, heat_path=HeatPath(45.0, 15e3, 300.0))
     car = ImperfectCar(
         late, drive(40, -9.0, power_w=14e3), BatteryState(-9.0, 0.45), Goal(target_c),
-        Imperfections(sensors=Sensors(temperature_noise_k=0.1, temperature_resolution_k=0.1, period_s=5.0)),
+        Imperfections(sensors=Sensors(temperature_noise_k=0.1, temperature_resolution_k=0.1, period_s=10.0)),
         [3, 14], charger=FAST)
     supervisor = Supervisor(late, replace(
-        MEASURED, estimation=True, command_period_s=5.0, lease_s=12.0, battery_state_timeout_s=12.0))
+        MEASURED, estimation=True, command_period_s=10.0, lease_s=22.0, battery_state_timeout_s=22.0))
     commands, planned_c = [], math.nan
     for moment in moments(car, supervisor, lambda: car.is_over):
         output = moment.output

@@ -7,6 +7,8 @@ import pytest
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.logs.reading import read_recording
+from bev_preheat.logs.remarks import Remarks
+from bev_preheat.logs.ros_bag import _types, RosBag
 
 DBC = """VERSION ""
 NS_ :
@@ -100,6 +102,7 @@ def test_mdf(tmp_path):
 
 @pytest.mark.parametrize('storage', ['MCAP', 'SQLITE3'])
 @pytest.mark.needs('rosbags')
+@pytest.mark.needs('mcap')
 def test_recorded_topics(tmp_path, storage):
     """Simulated time runs twenty times as fast as the recorder's clock; the stamps count."""
     from rosbags.rosbag2 import StoragePlugin, Writer
@@ -121,3 +124,43 @@ def test_recorded_topics(tmp_path, storage):
         recording = read_recording(path)
         assert (recording.format, recording.signal_map, recording.start_s) == ('ROS 2 topics', 'topics', 1000.0)
         assert_is(recording, log, ('voltage_v', 'current_a', 'soc', 'battery_temperature_c'), 1e-6)
+
+
+@pytest.mark.parametrize('storage', ['MCAP', 'SQLITE3'])
+@pytest.mark.needs('rosbags')
+@pytest.mark.needs('mcap')
+@pytest.mark.needs('rclpy')
+def test_recorded_routes(tmp_path, storage):
+    """The bytes that rclpy makes of empty sequences have a meaningless end of up to 60 bytes."""
+    from array import array
+
+    from rclpy.serialization import serialize_message
+    from rosbags.rosbag2 import StoragePlugin, Writer
+
+    from bev_preheat_msgs.msg import RoutePlan
+    ends = set()
+    with Writer(tmp_path / 'bag', version=9, storage_plugin=StoragePlugin[storage]) as file:
+        store = _types()
+        topic = file.add_connection('/route_plan', 'bev_preheat_msgs/msg/RoutePlan', typestore=store)
+        for number in range(24):
+            message = RoutePlan(
+                route_id='x' * (number % 5), segment_duration=array('d', [30.0] * (number % 3)),
+                stop_has_target_battery_temperature=[True] * (number % 4), standing_time=7.0 * number,
+                stop_after_segment=array('I', range(number % 2)), charging_departure_soc=0.01 * number,
+                departure_soc=array('d', [0.5] * (1 + number % 2)))
+            message.header.frame_id = 'y' * (number % 7)
+            data = bytes(serialize_message(message))
+            kind = store.get_msgdef(topic.msgtype)
+            ends.add(len(data) - 4 - kind.deserialize_cdr_le(data[4:], 0, kind.cls, store)[1])
+            file.write(topic, number * 10**9, data)
+    # Otherwise this test shows nothing.
+    assert max(ends) > 3
+    for path in (tmp_path / 'bag', next((tmp_path / 'bag').glob('bag.*'))):
+        bag = RosBag(path)
+        names = [f'/route_plan.{field}' for field in (
+            'standing_time', 'charging_departure_soc', 'departure_soc.0')]
+        assert {*names} <= {channel.name for channel in bag.channels}
+        pieces = {piece.channel: piece for piece in bag.pieces(names, Remarks())}
+        np.testing.assert_array_equal(pieces[names[0]].values, 7.0 * np.arange(24))
+        np.testing.assert_allclose(pieces[names[1]].values, 0.01 * np.arange(24))
+        np.testing.assert_array_equal(pieces[names[2]].values, np.full(24, 0.5))

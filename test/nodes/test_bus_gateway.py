@@ -46,10 +46,10 @@ class Car:
         if self._count % 5 == 0:
             self.port.send(TEMPERATURES, temperature_frame(-8.2, self._count // 5 % 16, -9.5, -7.0))
 
-    def wait_for_power(self, power_w, timeout_s=10.0):
+    def wait_for_power(self, power_w):
         """Return the instant of the next frame with a power."""
         return self.port.wait_for(
-            lambda identifier, data: identifier == COMMAND and read_command(data)[0] == power_w, timeout_s)[0]
+            lambda identifier, data: identifier == COMMAND and read_command(data)[0] == power_w)[0]
 
     def commands(self):
         return [read_command(data) for _, identifier, data in list(self.port.frames) if identifier == COMMAND]

@@ -96,7 +96,7 @@ def test_request_ends_in_a_warm_battery_and_is_reported_back(cabin, start_execut
         start_executable(*planner)
         # The new planner gets the goal again.
         broker.wait_for(IS_ONGOING, True)
-    broker.wait_for(MODE, 'INACTIVE', timeout_s=60.0)
+    broker.wait_for(MODE, 'INACTIVE')
     broker.wait_for(IS_ONGOING, False)
     broker.wait_for(IS_ACTIVE, False)
     assert car.temperature_c == pytest.approx(TARGET_C, abs=0.5)

@@ -1,16 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Planner and heater_controller together over DDS: a heater that refuses, and processes that are killed."""
+"""Planner and heater_controller together over DDS: refusals, clocks that jump, lies, and killed processes."""
 
+import re
 import signal
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from node_bench import repeating
 import pytest
+from rosgraph_msgs.msg import Clock
 from test_command_conflict import feeding, LEASE_S, QUICK
 
+from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.files.configuration import find_configuration
-from bev_preheat.nodes.convert import nanoseconds
-from bev_preheat_msgs.msg import HvchStatus, PreheatPlan
+from bev_preheat.nodes.convert import nanoseconds, time_message
+from bev_preheat_msgs.msg import HvchCommand, HvchStatus, PreheatPlan
 
 HEATER = ('-p', f'command_deadline:={LEASE_S + 1.0}')
 
@@ -46,11 +50,41 @@ def test_refusal_is_in_the_plan_and_in_one_entry(bench, careful_car):
             and 'LOW_CHARGE' in status.message for status in array.status))
 
 
-def test_planner_and_heater_killed_and_restarted_end_in_0_w_and_heat_again(bench):
+# A step of the planner's clock [s]; what planner and heater controller say of it.
+CLOCK_STEPS = [
+    (3600, r'INVALID_INPUT: battery_state refused: header.stamp: the state is 3[56]\d\d(\.\d+)? s old; ',
+     r'INVALID_LEASE: header.stamp: is 3[56]\d\d\.\d+ s ahead of the clock; '),
+    (-3600, r'INVALID_INPUT: battery_state refused: header.stamp: the state is 3[56]\d\d(\.\d+)? s ahead of the ',
+     r'INVALID_LEASE: valid_until: is 3[56]\d\d\.\d+ s in the past')]
+
+
+def is_only_error(name, text):
+    """Return a condition: a node's diagnostics have one ERROR, with this name and text."""
+    def condition(array):
+        errors = [status for status in array.status if status.level == DiagnosticStatus.ERROR]
+        return [status.name for status in errors] == [name] and re.match(text, errors[0].message)
+    return condition
+
+
+def test_clock_steps_and_kills_of_planner_and_heater_end_in_0_w_and_heat_again(bench):
     statuses = bench.record(HvchStatus, 'hvch_status', 100)
-    with feeding(bench):
-        planner, heater = bench.start('planner', *QUICK), bench.start('heater_controller', *HEATER)
+    diagnostics = bench.record(DiagnosticArray, '/diagnostics', 100)
+    clock, ahead_ns = bench.publisher(Clock, '/clock', 10), [0]
+    tick = repeating(lambda: clock.publish(Clock(clock=time_message(time.time_ns() + ahead_ns[0]))), 0.05)
+    with feeding(bench), tick:
+        # Its clock may jump, and that of the car does not.
+        planner = bench.start('planner', *QUICK, '-p', 'use_sim_time:=true')
+        heater = bench.start('heater_controller', *HEATER)
         statuses.wait_for(is_heating, 'heat')
+        for step_s, planner_says, heater_says in CLOCK_STEPS:
+            diagnostics.clear()
+            ahead_ns[0] = step_s * NS_PER_S
+            diagnostics.wait_for(is_only_error('planner: preheating', planner_says), planner_says)
+            diagnostics.wait_for(is_only_error('heater_controller: command', heater_says), heater_says)
+            statuses.clear()
+            assert not any(map(is_heating, statuses.wait_for_count(4)))
+            ahead_ns[0] = 0
+            statuses.wait_for(is_heating, 'heat after the clock is right again')
         planner.send_signal(signal.SIGKILL)
         planner.wait()
         # NO_COMMAND was also the first answer, before the planner's first command.
@@ -69,3 +103,34 @@ def test_planner_and_heater_killed_and_restarted_end_in_0_w_and_heat_again(bench
         bench.start('heater_controller', *HEATER)
         statuses.wait_for(lambda status: is_heating(status) and nanoseconds(status.header.stamp) > killed_ns,
                           'heat of the second controller')
+
+
+# At fifty times real time, leases and timeouts allow for the delays of a busy computer.
+FAST = ('-p', 'use_sim_time:=true', '-p', 'battery_state_timeout:=60.0', '-p', 'clock_tolerance:=10.0')
+FAST_PLANNER = (*FAST, '-p', 'command_lease:=30.0', '-p', 'command_period:=5.0')
+FAST_HEATER = (*FAST, '-p', 'period:=1.0', '-p', 'longest_lease:=60.0', '-p', 'command_deadline:=60.0')
+
+
+@pytest.mark.deep
+@pytest.mark.parametrize('scenario, heat, lie', [
+    ('heater_dead', True, r'it reports \d{3,4} W, but battery temperature and power show no heat'),
+    ('heater_stuck_on', False, 'it reports 0 W, but battery temperature and power show more heat than it')])
+def test_heater_that_lies_is_named_in_one_entry(bench, scenario, heat, lie):
+    """The controller's status follows the command; the simulated heater does not."""
+    diagnostics = bench.record(DiagnosticArray, '/diagnostics', 100)
+    commands = bench.record(HvchCommand, 'hvch_command', 100)
+    bench.start('planner', *FAST_PLANNER)
+    bench.start('heater_controller', *FAST_HEATER)
+    bench.start('vehicle_simulator', '-p', f'scenario:={scenario}', '-p', 'speed_up:=50.0', '-p',
+                'wait_for_planner:=true', '-p', 'wait_for_listeners:=1')
+
+    def names_it(array):
+        told = [status for status in array.status if 'hvch_status is in doubt: ' in status.message
+                and re.search(lie, status.message)]
+        assert [status.name for status in told] in ([], ['planner: heater status'])
+        return bool(told) and told[0].level == DiagnosticStatus.ERROR
+
+    diagnostics.wait_for(names_it, lie)
+    commands.clear()
+    # A dead heater is still commanded, because it may recover; one that is stuck on gets 0 W.
+    assert all((command.battery_heating_power > 0.0) is heat for command in commands.wait_for_count(20))

@@ -21,6 +21,7 @@ OFFERED = QoSProfile(depth=1, deadline=Duration(seconds=2.5), liveliness=Livelin
                      liveliness_lease_duration=Duration(seconds=2.5))
 BEST_EFFORT = QoSProfile(depth=1)
 PERIOD_S = 0.2
+QUICK = ('-p', 'period:=0.02')
 
 
 def test_senders_are_told_apart_by_their_sequence_numbers():
@@ -57,7 +58,7 @@ class Controlled:
         self.bench = bench
         self.statuses = bench.record(HvchStatus, 'hvch_status', 100)
         self.diagnostics = bench.record(DiagnosticArray, '/diagnostics', 100)
-        self.process = bench.start('heater_controller', '-p', 'period:=0.02', *arguments)
+        self.process = bench.start('heater_controller', *QUICK, *arguments)
         self.commands = bench.publisher(HvchCommand, 'hvch_command', OFFERED)
         self.commands.wait_for_subscription()
 
@@ -80,9 +81,17 @@ class Controlled:
             for entry in array.status), f'the diagnostics with {text!r}')
 
 
+@pytest.fixture(scope='module')
+def shared(module_bench):
+    return Controlled(module_bench)
+
+
 @pytest.fixture
-def controlled(bench):
-    return Controlled(bench)
+def controlled(shared):
+    """Return the Controlled that tests share, without what it has said before; the last test ends it."""
+    shared.statuses.clear()
+    shared.diagnostics.clear()
+    return shared
 
 
 def test_command_is_served_until_silence_and_the_status_says_both(controlled):
@@ -121,6 +130,16 @@ def test_second_commander_switches_off_and_is_named(controlled):
         controlled.names('2 nodes command the heater')
         controlled.statuses.clear()
         assert all(status.active_power == 0.0 for status in controlled.statuses.wait_for_count(4))
+    stranger.destroy()
+
+
+def test_hanging_commander_ends_the_heat_before_a_long_lease(controlled):
+    with repeating(lambda: controlled.commands.publish(command(2500.0, lease_s=9.0)), PERIOD_S):
+        controlled.statuses.wait_for(lambda status: status.active_power == 2500.0)
+    silent_s = time.monotonic()
+    poll_until(lambda: controlled.statuses.latest.active_power == 0.0, '0 W', timeout_s=8.0)
+    assert time.monotonic() - silent_s < 2.5 + 1.0
+    assert any(word in controlled.statuses.latest.explanation for word in ('deadline', 'alive'))
 
 
 def test_killed_and_restarted_heater_starts_cold_and_ends_with_0_w(controlled):
@@ -128,7 +147,7 @@ def test_killed_and_restarted_heater_starts_cold_and_ends_with_0_w(controlled):
     controlled.process.send_signal(signal.SIGKILL)
     controlled.process.wait()
     controlled.statuses.clear()
-    controlled.bench.start('heater_controller')
+    controlled.process = controlled.bench.start('heater_controller', *QUICK)
     assert controlled.statuses.wait_for().active_power == 0.0
     controlled.heats()
 
@@ -178,17 +197,6 @@ def gated_car(tmp_path):
     path.write_text(f'{text}\nheating_gates: {{minimum_soc: 0.15, maximum_temperature_c: 25, '
                     'only_while_standing: true, power_steps_w: [2000, 5000]}\n')
     return path
-
-
-def test_hanging_commander_ends_the_heat_before_a_long_lease(bench):
-    controlled = Controlled(bench)
-    controlled.statuses.clear()
-    with repeating(lambda: controlled.commands.publish(command(2500.0, lease_s=9.0)), PERIOD_S):
-        controlled.statuses.wait_for(lambda status: status.active_power == 2500.0)
-    silent_s = time.monotonic()
-    poll_until(lambda: controlled.statuses.latest.active_power == 0.0, '0 W', timeout_s=8.0)
-    assert time.monotonic() - silent_s < 2.5 + 1.0
-    assert any(word in controlled.statuses.latest.explanation for word in ('deadline', 'alive'))
 
 
 @pytest.mark.needs('cantools')

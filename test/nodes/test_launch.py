@@ -14,6 +14,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 import pytest
 import yaml
 
+from bev_preheat.dashboard import dashboard_node
 from bev_preheat.nodes import (
     bus_gateway_node,
     heater_controller_node,
@@ -26,7 +27,8 @@ from bev_preheat_msgs.msg import HvchCommand
 
 SHARE = Path(get_package_share_directory('bev_preheat'))
 NODES = {'planner': planner_node, 'heater_controller': heater_controller_node, 'nlp_checker': nlp_checker_node,
-         'vehicle_simulator': vehicle_simulator_node, 'bus_gateway': bus_gateway_node}
+         'vehicle_simulator': vehicle_simulator_node, 'bus_gateway': bus_gateway_node,
+         'dashboard': dashboard_node}
 PARAMETERS_FILE = SHARE / 'config' / 'parameters.yaml'
 
 
@@ -79,7 +81,7 @@ def test_it_starts_executables_of_this_package_with_parameters_that_they_have(la
 
 @pytest.mark.parametrize('given, executables', [
     ({}, ['planner']), ({'heater': 'true'}, ['planner', 'heater_controller']),
-    ({'checker': 'true'}, ['planner', 'nlp_checker']),
+    ({'checker': 'true'}, ['planner', 'nlp_checker']), ({'dashboard': 'true'}, ['planner', 'dashboard']),
     ({'checker': 'true', 'simulator': 'true'}, ['planner', 'nlp_checker', 'vehicle_simulator'])])
 def test_the_planner_comes_alone_unless_more_is_wanted(launch, given, executables):
     assert [name for name, _ in started_by(launch, **given)] == executables
@@ -100,13 +102,14 @@ def test_one_node_writes_the_command_to_can(launch, heater):
     assert heater == 'false' or 'signals:=my_car.yaml' in started['heater_controller']
 
 
-@pytest.mark.parametrize('name', ['planner', 'nlp_checker'])
+@pytest.mark.parametrize('name', ['planner', 'nlp_checker', 'dashboard'])
 def test_the_parameter_file_has_every_parameter_with_its_default(name):
     contents = yaml.safe_load(PARAMETERS_FILE.read_text(encoding='utf-8'))
     values = contents[f'/**/{name}']['ros__parameters']
     # The vehicle is the launch file's argument, which would override the file's.
+    # A token has a file that others cannot read.
     assert values == {parameter.name: parameter.default for parameter in NODES[name].PARAMETERS
-                      if parameter.name != 'vehicle'}
+                      if parameter.name not in ('vehicle', 'token')}
     for parameter in NODES[name].PARAMETERS:
         # An integer for a double would be refused.
         value = values.get(parameter.name, 'reference')

@@ -290,6 +290,20 @@ def of_route(route_id):
 
 # Reports
 
+def test_refuses_a_demand_that_nothing_can_come_of(alone, wait_until):
+    """The first test with this checker: no route has arrived yet."""
+    response = alone.check()
+    assert not response.success
+    assert response.message == 'No valid route plan has arrived yet.'
+    alone.send_route('over', 30, age_s=60)
+    wait_until(lambda: alone.check().message == 'No valid battery state has arrived yet.',
+               'a refusal for want of a battery state')
+    with alone.feeding():
+        wait_until(lambda: alone.check().message == 'The route has ended.',
+                   'a refusal because the route has ended')
+    assert not alone.check().success
+
+
 def test_reports_for_a_new_route_that_optimal_switch_is_the_optimum(both):
     both.send_route('home')
     with both.feeding():
@@ -435,20 +449,6 @@ def test_checks_on_demand_and_not_by_itself_where_told_so(both):
             lambda report: report.route_id == 'asked' and report.header != first.header)
     assert nanoseconds(second.header.stamp) > nanoseconds(first.header.stamp)
     assert second.optimal
-
-
-def test_refuses_a_demand_that_nothing_can_come_of(surroundings, wait_until):
-    surroundings.start('nlp_checker')
-    response = surroundings.check()
-    assert not response.success
-    assert response.message == 'No valid route plan has arrived yet.'
-    surroundings.send_route('over', 30, age_s=60)
-    wait_until(lambda: surroundings.check().message == 'No valid battery state has arrived yet.',
-               'a refusal for want of a battery state')
-    with surroundings.feeding():
-        wait_until(lambda: surroundings.check().message == 'The route has ended.',
-                   'a refusal because the route has ended')
-    assert not surroundings.check().success
 
 
 def test_a_cancelled_trip_leaves_nothing_to_check(alone, wait_until):
@@ -629,10 +629,10 @@ def test_the_solver_is_ready_before_the_first_check(surroundings):
     assert values['last report: answered by'] in ('FATROP', 'IPOPT')
 
 
-def test_cannot_start_with_an_unknown_vehicle(bench):
-    checker = bench.start('nlp_checker', '-p', 'vehicle:=small_cat')
-    assert checker.wait() == 2
-    assert "did you mean 'small_car'" in checker.output()
+def test_cannot_start_with_an_unknown_vehicle(call_main):
+    done = call_main('nlp_checker', '--ros-args', '-p', 'vehicle:=small_cat')
+    assert done.returncode == 2
+    assert "did you mean 'small_car'" in done.stderr
 
 
 # Beside other processes

@@ -117,17 +117,17 @@ def test_a_process_is_found_before_its_node_is_made_and_only_as_that_node_afterw
         rclpy.shutdown()
 
 
-@pytest.mark.parametrize('value, status, text', [
-    ('abc', 2, 'ROS_DOMAIN_ID'),
-    ('233', 2, 'ROS_DOMAIN_ID: 233 is not allowed; it must be 0 ... 232'),
-    ('99999999999999999999', 2, 'it must be 0 ... 232')])
-@pytest.mark.parametrize('name', ['planner', 'charger_adviser'])
-def test_a_domain_that_no_participant_can_have_is_refused_in_one_line(name, value, status, text):
+@pytest.mark.parametrize('name, value, text', [
+    ('planner', 'abc', 'ROS_DOMAIN_ID'),
+    ('planner', '233', 'ROS_DOMAIN_ID: 233 is not allowed; it must be 0 ... 232'),
+    ('planner', '99999999999999999999', 'it must be 0 ... 232'),
+    ('charger_adviser', '233', 'ROS_DOMAIN_ID: 233 is not allowed; it must be 0 ... 232')])
+def test_a_domain_that_no_participant_can_have_is_refused_in_one_line(name, value, text):
     executable = os.path.join(get_package_prefix('bev_preheat'), 'lib', 'bev_preheat', name)
     done = subprocess.run([executable], text=True, capture_output=True, timeout=60,
                           env={**os.environ, 'ROS_DOMAIN_ID': value})
     (line,) = done.stderr.splitlines()
-    assert (done.returncode, done.stdout) == (status, '')
+    assert (done.returncode, done.stdout) == (2, '')
     assert line.startswith(f'{name}: error: ') and text in line
 
 

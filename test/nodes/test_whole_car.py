@@ -17,6 +17,7 @@ from example_frames import COMMAND
 from node_bench import poll_until
 import pytest
 from sensor_msgs.msg import BatteryState
+from spinning import TIME_LIMIT_S
 import yaml
 
 from bev_preheat.files.configuration import find_configuration
@@ -71,7 +72,7 @@ class Drive:
         rows = [f'10.0,20.0,{LOAD_W},{AMBIENT_C},0.0,0.0' for _ in range(seconds // 10)]
         self.route.write_text('duration_s,speed_mps,propulsion_power_w,ambient_temperature_c,'
                               'cabin_heating_power_w,auxiliary_power_w\n' + '\n'.join(rows) + '\n')
-        self.processes = {}
+        self.processes, self.has_lost_a_part = {}, False
 
     def parts(self):
         return ('bus_gateway', 'planner', *(['heater_controller'] if self.separate else []))
@@ -91,6 +92,7 @@ class Drive:
 
     def kill(self, part):
         """Kill a process; return the instant [s, time.monotonic]."""
+        self.has_lost_a_part = True
         self.processes[part].send_signal(signal.SIGKILL)
         self.processes[part].wait()
         return time.monotonic()
@@ -100,7 +102,7 @@ class Drive:
 
     def kill_and_restart(self, part):
         """Kill a process while it heats, see that the heater is off within the lease, and restart it."""
-        poll_until(self.is_heated, f'heat before {part} is killed', 60.0)
+        poll_until(self.is_heated, f'heat before {part} is killed')
         killed_s = self.kill(part)
         # Without states the planner commands until the latest one is too old.
         limit_s = {'bus_gateway': STATE_TIMEOUT_S if self.separate else 0.0, 'planner': LEASE_S,
@@ -111,14 +113,28 @@ class Drive:
         self.start(part)
 
 
-@pytest.fixture
-def driving(start_executable, bench, tmp_path):
-    """`driving(…)` begins a Drive with all its processes; the route starts once they work."""
-    drives = []
-    states, commands = bench.record(BatteryState, 'battery_state'), bench.record(HvchCommand, 'hvch_command')
+@pytest.fixture(scope='module')
+def driving(module_bench, tmp_path_factory):
+    """`driving(…)` returns a Drive whose route has begun: that of the test before, if it is the same and whole."""
+    under_way = {}
+    states = module_bench.record(BatteryState, 'battery_state')
+    commands = module_bench.record(HvchCommand, 'hvch_command')
 
-    def driving(*arguments, **named):
-        drives.append(drive := Drive(start_executable, tmp_path, *arguments, **named))
+    def end():
+        for drive in under_way.values():
+            for process in drive.processes.values():
+                process.end()
+            drive.car.close()
+        under_way.clear()
+
+    def driving(**named):
+        if repr(named) in under_way and not under_way[repr(named)].has_lost_a_part:
+            return under_way[repr(named)]
+        end()
+        states.clear()
+        commands.clear()
+        drive = Drive(module_bench.start, tmp_path_factory.mktemp('drive'), **named)
+        under_way[repr(named)] = drive
         drive.car.rests = True
         for part in drive.parts():
             drive.start(part)
@@ -132,10 +148,7 @@ def driving(start_executable, bench, tmp_path):
         return drive
 
     yield driving
-    for drive in drives:
-        for process in drive.processes.values():
-            process.end()
-        drive.car.close()
+    end()
 
 
 # A battery of 25 kJ/K within 20 s, too short for the estimation of the car; and with all defaults one of
@@ -148,16 +161,42 @@ LONG = {'temperature_c': 8.0, 'seconds': 480, 'heat_capacity_j_per_k': 150e3, 'h
     (True, SHORT), pytest.param(False, SHORT, marks=pytest.mark.deep),
     pytest.param(True, LONG, marks=pytest.mark.deep), pytest.param(False, LONG, marks=pytest.mark.deep)],
     ids=['heater_controller', 'gateway alone', 'heater_controller, 8 min', 'gateway alone, 8 min'])
-def test_drive_arrives_with_a_warm_battery(driving, bench, separate, drive):
-    plans = bench.record(PreheatPlan, 'preheat_plan', 100)
+def test_drive_arrives_with_a_warm_battery(driving, module_bench, separate, drive):
     driven = driving(**drive, separate=separate)
-    plans.wait_for(lambda plan: plan.status == Status.ARRIVED, timeout_s=drive['seconds'] + 30.0)
+    # After it, so that no plan is of the drive before.
+    plans = module_bench.record(PreheatPlan, 'preheat_plan', 100)
+    plans.wait_for(lambda plan: plan.status == Status.ARRIVED, timeout_s=drive['seconds'] + TIME_LIMIT_S)
     assert driven.car.temperature_c == pytest.approx(TARGET_C, abs=0.5)
     assert driven.car.bad_frames == 0
 
 
 # The battery is so large that it is heated throughout.
 LARGE = {'temperature_c': -7.0, 'seconds': 1200, 'heat_capacity_j_per_k': 377e3}
+
+
+def entries(name, text):
+    """Return a condition on a DiagnosticArray: an ERROR of that name whose message has the text."""
+    return lambda array: any(
+        status.name == name and status.level == DiagnosticStatus.ERROR and text in status.message
+        for status in array.status)
+
+
+@pytest.mark.parametrize('separate', [True, pytest.param(False, marks=pytest.mark.deep)],
+                         ids=['heater_controller', 'gateway alone'])
+def test_heater_that_refuses_gets_0_w_and_is_named(driving, module_bench, separate):
+    drive = driving(**LARGE, separate=separate)
+    diagnostics = module_bench.record(DiagnosticArray, '/diagnostics', 100)
+    plans = module_bench.record(PreheatPlan, 'preheat_plan', 100)
+    poll_until(drive.is_heated, 'heat')
+    # "no_flow" of the DBC.
+    drive.car.refusal = 3
+    diagnostics.wait_for(entries(
+        'heater_controller: command' if separate else 'bus_gateway: heater command', 'no_flow'))
+    plan = plans.wait_for(lambda plan: plan.explanation.startswith('The heater does not heat (HEATER_FAULT): '))
+    assert plan.hvch_electric_energy == 0.0
+    poll_until(lambda: drive.car.commanded_w == 0.0, '0 W on the bus')
+    drive.car.refusal = 0
+    poll_until(drive.is_heated, 'heat again')
 
 
 # All orders; the first one is daily, and does not wait for the heat after the last restart.
@@ -174,14 +213,7 @@ def test_each_process_that_is_killed_ends_the_heat_within_its_lease(driving, ord
     for part in order:
         drive.kill_and_restart(part)
     if waits:
-        poll_until(drive.is_heated, 'heat after all restarts', 60.0)
-
-
-def entries(name, text):
-    """Return a condition on a DiagnosticArray: an ERROR of that name whose message has the text."""
-    return lambda array: any(
-        status.name == name and status.level == DiagnosticStatus.ERROR and text in status.message
-        for status in array.status)
+        poll_until(drive.is_heated, 'heat after all restarts')
 
 
 @pytest.mark.deep
@@ -189,10 +221,10 @@ def entries(name, text):
     ('stuck counter', 'has stayed at 7 for '),
     ('wrong checksum', 'but the checksum of the data is 0x'),
     ('ten times the rate', 'is there a second sender?')])
-def test_attack_on_the_frames_of_the_battery_ends_in_0_w_and_is_named(driving, bench, attack, text):
-    diagnostics = bench.record(DiagnosticArray, '/diagnostics', 100)
+def test_attack_on_the_frames_of_the_battery_ends_in_0_w_and_is_named(driving, module_bench, attack, text):
     drive = driving(**LARGE)
-    poll_until(drive.is_heated, 'heat', 60.0)
+    diagnostics = module_bench.record(DiagnosticArray, '/diagnostics', 100)
+    poll_until(drive.is_heated, 'heat')
     drive.car.attack, attacked_s = attack, time.monotonic()
     diagnostics.wait_for(entries('bus_gateway: signals', text))
     diagnostics.wait_for(entries('planner: preheating', 'STALE_INPUT'))
@@ -201,22 +233,4 @@ def test_attack_on_the_frames_of_the_battery_ends_in_0_w_and_is_named(driving, b
     poll_until(lambda: time.monotonic() > limit_s + 1.0, 'a second of 0 W')
     assert not any(power_w for _, power_w in drive.car.powers_since(limit_s))
     drive.car.attack = ''
-    poll_until(drive.is_heated, 'heat after the attack', 60.0)
-
-
-@pytest.mark.parametrize('separate', [True, pytest.param(False, marks=pytest.mark.deep)],
-                         ids=['heater_controller', 'gateway alone'])
-def test_heater_that_refuses_gets_0_w_and_is_named(driving, bench, separate):
-    diagnostics = bench.record(DiagnosticArray, '/diagnostics', 100)
-    plans = bench.record(PreheatPlan, 'preheat_plan', 100)
-    drive = driving(**LARGE, separate=separate)
-    poll_until(drive.is_heated, 'heat', 60.0)
-    # "no_flow" of the DBC.
-    drive.car.refusal = 3
-    diagnostics.wait_for(entries(
-        'heater_controller: command' if separate else 'bus_gateway: heater command', 'no_flow'))
-    plan = plans.wait_for(lambda plan: plan.explanation.startswith('The heater does not heat (HEATER_FAULT): '))
-    assert plan.hvch_electric_energy == 0.0
-    poll_until(lambda: drive.car.commanded_w == 0.0, '0 W on the bus')
-    drive.car.refusal = 0
-    poll_until(drive.is_heated, 'heat again', 60.0)
+    poll_until(drive.is_heated, 'heat after the attack')

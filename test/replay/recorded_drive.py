@@ -43,11 +43,11 @@ def writer(folder, head=None, most_bytes=10**9, **options):
     return RecordingWriter(Recording(folder, most_bytes, LIFE, '20260101T000000'), KINDS, head, {}, **options)
 
 
-def a_car(target_c=20.0):
+def a_car(target_c=20.0, **imperfections):
     vehicle = load_vehicle('reference')
     return ImperfectCar(
         vehicle, load_route('reference', vehicle.defaults).before(LENGTH_S), Battery(10.0, 0.8),
-        Goal(target_c), Imperfections(sensors=Sensors(temperature_resolution_k=0.5)), seed=3)
+        Goal(target_c), Imperfections(sensors=Sensors(temperature_resolution_k=0.5), **imperfections), seed=3)
 
 
 class RecordedDrive:

@@ -12,6 +12,7 @@ from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.control.settings import Settings
 from bev_preheat.errors import InvalidInput
 from bev_preheat.flight_recorder.writer import BEGINNING_CHANNEL, Entry
+from bev_preheat.logs.reading import read_recording
 from bev_preheat.replay.explanation import explain
 from bev_preheat.replay.flight_file import read_flight
 from bev_preheat.replay.period import Period
@@ -31,6 +32,20 @@ def test_it_is_reproduced_to_the_last_digit(recorded):
     assert replayed.comparison.commands == len(commands) > LENGTH_S
     # It heats, otherwise equality would say little.
     assert replayed.course.heating and replayed.course.energy_wh > 200.0
+
+
+@pytest.mark.needs('rosbags')
+@pytest.mark.needs('pint')
+def test_it_is_a_log_too(recorded):
+    """Its steps are JSON, which no reader of ROS messages takes for one."""
+    drive, folder = recorded
+    recording = read_recording(next(folder.glob('*.mcap')))
+    given = read_flight(folder).given
+    temperatures = recording.signals['battery_temperature_c'].value
+    # States with the same stamp count as one.
+    assert 0.5 * LENGTH_S < len(temperatures) <= sum(each.message is not None for each in given)
+    assert temperatures[0] == pytest.approx(10.0, abs=1.0) and temperatures[-1] > temperatures[0] + 5.0
+    assert recording.start_s == pytest.approx(START_NS / NS_PER_S, abs=2.0)
 
 
 def test_a_changed_command_is_found(recorded):
