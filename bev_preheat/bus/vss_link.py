@@ -11,6 +11,7 @@ import time
 from typing import Any, TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput, quoted
+from bev_preheat.files.input_files import read_text
 from bev_preheat.optional_packages import require
 
 if TYPE_CHECKING:
@@ -173,10 +174,9 @@ def _text_of(path: Any, key: str) -> str | None:
     if path is None:
         return None
     try:
-        return str(path.read_text(encoding='utf-8')).strip()
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, 'strerror', None) or 'no text'
-        raise InvalidInput(f'{key}: {path} cannot be read: {reason}') from error
+        return read_text(path).strip()
+    except InvalidInput as error:
+        raise InvalidInput([f'{key}: {problem}' for problem in error.problems]) from error
 
 
 def _in_words(error: Exception) -> str:

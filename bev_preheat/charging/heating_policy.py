@@ -158,9 +158,9 @@ class _Table:
 
     def _rise_k(self, rate_k_per_s: FloatArray, time_s: FloatArray) -> FloatArray:
         """Return the rise of the temperature [K] in a time [s], towards the temperature at which it settles."""
-        if self._leakage_w_per_k == 0.0:
+        constant_s = self._heat_j_per_k / self._leakage_w_per_k if self._leakage_w_per_k else np.inf
+        if not np.isfinite(constant_s):
             return rate_k_per_s * time_s
-        constant_s = self._heat_j_per_k / self._leakage_w_per_k
         return rate_k_per_s * constant_s * -np.expm1(-time_s / constant_s)
 
     def policy(self) -> HeatingPolicy:

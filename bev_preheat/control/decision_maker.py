@@ -106,6 +106,10 @@ class DecisionMaker:
         """Forget the consumption of the route before: another trip begins."""
         self._estimator.begin_route()
 
+    def acquit_heater(self) -> None:
+        """Take the heater for healthy, because the power with which it was compared is refuted."""
+        self._estimator.acquit_heater()
+
     def lose_time(self) -> None:
         """Take the temperature from the next reading alone, because the clock was restarted."""
         self._estimator.lose_time()

@@ -24,6 +24,9 @@ HEATER_STATUS = 'hvch_status'
 # An answer that reports 0 W is a refusal once heat has been commanded for this time [s]: commands and answers
 # take a moment, and the power may rise slowly.
 CONFIRMED_WITHIN_S = 3.0
+# A doubted answer has confirmed another power than the commanded one if their means over this time [ns] differ by
+# more than this [W].
+COMPARED_OVER_NS, LEAST_DIFFERENCE_W = 60 * NS_PER_S, 500.0
 # These do not depend on a command: they hold at once.
 HOLD_AT_ONCE = frozenset((Refusal.HEATER_FAULT, Refusal.LOW_CHARGE, Refusal.HOT_BATTERY, Refusal.IN_MOTION))
 IN_WORDS = {
@@ -122,13 +125,19 @@ class HeaterAnswers:
             reason = f'it reports {status.confirmed_w:.0f} W'
         return f'The heater does not heat ({status.refusal.name}): {reason.rstrip(".")}.'
 
-    def judge(self, report: HeaterReport, now_ns: int, settings: Settings) -> None:
-        """Doubt the answers for the rest of the trip if a HeaterReport contradicts them."""
+    def judge(self, report: HeaterReport, now_ns: int, settings: Settings, commands: CommandHistory) -> bool:
+        """
+        Doubt the answers for the rest of the trip if a HeaterReport contradicts them.
+
+        Returns whether the report then falls with them: it rests on powers that were not commanded.
+        """
         if self._status is None or report.heater is Heater.ANSWERS or not self.are_used(now_ns, settings):
-            return
+            return False
         self._doubt = (f'{HEATER_STATUS} is in doubt: it reports {self._status.confirmed_w:.0f} W, but '
                        f'{IN_WORDS[report.heater]} (probability {100.0 * report.probability:.1f} %); the planner '
                        'goes by battery temperature and power')
+        from_ns = now_ns - COMPARED_OVER_NS
+        return abs(commands.mean_w(from_ns, now_ns) - self.history.mean_w(from_ns, now_ns)) > LEAST_DIFFERENCE_W
 
     def begin_trip(self) -> None:
         """Trust the answers again."""

@@ -301,8 +301,9 @@ class Supervisor:
         if inputs.settings.estimation:
             self._decision_maker.learn(known, inputs.active_timetable, history, inputs.mission)
             estimate = self._decision_maker.estimate
-            if estimate is not None:
-                self._answers.judge(estimate.heater, self._now_ns, inputs.settings)
+            if estimate is not None and self._answers.judge(
+                    estimate.heater, self._now_ns, inputs.settings, self._commander.history):
+                self._decision_maker.acquit_heater()
 
     def _decide(self, now_ns: int) -> Decision | None:
         """Make the Decision of an instant; return the obstacle, None without one."""

@@ -210,6 +210,13 @@ class Belief:
                                    (TEMPERATURE, LOCAL, -local_k**2), (SENSOR, LOCAL, -local_k**2)):
             self.covariance[..., one, other] = self.covariance[..., other, one] = shared
 
+    def acquit_heater(self) -> None:
+        """Take the heater for healthy: prior weights, and the likeliest filter for every hypothesis."""
+        likeliest = int(self.weights.sum(axis=1).argmax())
+        self.mean = np.repeat(self.mean[likeliest:likeliest + 1], len(SHARES), axis=0)
+        self.covariance = np.repeat(self.covariance[likeliest:likeliest + 1], len(SHARES), axis=0)
+        self.weights = prior_weights()
+
     def begin_route(self) -> None:
         """Reset the factor on the propulsion power, which belongs to the previous route."""
         self.mean[..., PROPULSION] = 0.0

@@ -8,12 +8,13 @@ Instants are integers, in nanoseconds of the clock that stamps the battery state
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 import math
 from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.estimation.belief import Belief
 from bev_preheat.estimation.estimate import Estimate
-from bev_preheat.estimation.hypotheses import is_suspect, judge, Suspicion
+from bev_preheat.estimation.hypotheses import FAULTY, Heater, HeaterReport, is_suspect, judge, Suspicion
 from bev_preheat.estimation.measured_power import PowerResponse, PowerSamples
 from bev_preheat.estimation.readings import MeasuredState, ReadingCheck, Verdict
 from bev_preheat.estimation.soak import expected_offset_k
@@ -21,7 +22,6 @@ from bev_preheat.estimation.state import LOCAL, SENSOR, SOC, TEMPERATURE
 from bev_preheat.vehicle.uncertain_car import DriveInputs
 
 if TYPE_CHECKING:
-    from bev_preheat.estimation.hypotheses import HeaterReport
     from bev_preheat.estimation.prior import Learned
     from bev_preheat.estimation.readings import Expected
     from bev_preheat.estimation.soak import Soak
@@ -101,6 +101,15 @@ class Estimator:
         """Reset the propulsion factor, because a new trip begins."""
         self._belief.begin_route()
         self._expected = None
+
+    def acquit_heater(self) -> None:
+        """Take the heater for healthy, because the power with which it was compared is refuted."""
+        if self.estimate is None:
+            return
+        self._belief.acquit_heater()
+        self._response = PowerResponse()
+        self._suspect_since_ns = None
+        self.estimate = replace(self.estimate, heater=HeaterReport(Heater.ANSWERS, 1.0 - FAULTY, 1.0))
 
     def rely_on(self, standing: Soak) -> None:
         """Take the sensor's offset from the next reading, which is of a battery after a Soak."""

@@ -13,6 +13,7 @@ from typing import Any
 import yaml
 
 from bev_preheat.errors import InvalidInput
+from bev_preheat.files.input_files import read_text
 from bev_preheat.files.schema_check import surely_obeys
 
 # A value from a YAML or JSON file; its schema gives the type.
@@ -28,13 +29,7 @@ def load_checked_yaml(path: str | Path, schema_path: Path) -> dict[str, FileData
     Raises InvalidInput with one problem per wrong key, naming file, key, value
     and allowed range.
     """
-    path = Path(path)
-    try:
-        text = path.read_text(encoding='utf-8')
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, 'strerror', None) or 'is not UTF-8 text'
-        raise InvalidInput(f'{path}: cannot be read: {reason}') from error
-    return check_yaml(text, path, schema_path)
+    return check_yaml(read_text(path), path, schema_path)
 
 
 def check_yaml(text: str, path: str | Path, schema_path: Path) -> dict[str, FileData]:

@@ -6,6 +6,7 @@ import os
 from pathlib import Path
 
 from bev_preheat.errors import InvalidInput, LONGEST_QUOTE, quoted
+from bev_preheat.files.input_files import check_input
 from bev_preheat.files.installed import share_folder
 
 # In a source tree, its own config folder is used.
@@ -30,13 +31,8 @@ def find_configuration(kind: str, name_or_file: str | Path, suffix: str) -> Path
     """
     text = str(name_or_file)
     if '/' in text or text.endswith(suffix):
-        file = os.path.expanduser(text)
-        # pathlib's is_file() raises if a name is too long or a folder is not accessible.
-        if not os.path.isfile(file):
-            raise InvalidInput(f'{text}: ' + (
-                'is a folder; a file is needed' if os.path.isdir(file) else
-                'is not a regular file' if os.path.exists(file) else 'no such file'))
-        return Path(file)
+        check_input(text)
+        return Path(os.path.expanduser(text))
     folder = configuration_folder(kind)
     names = sorted(item.stem for item in folder.glob(f'*{suffix}'))
     if text in names:

@@ -8,7 +8,7 @@ topic only: the message itself is in the recording just before the step.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 import json
 from math import isfinite
 from typing import Any, TYPE_CHECKING
@@ -32,6 +32,8 @@ from bev_preheat.control.events import (
     RouteUnreadable,
     TripCancelled,
 )
+from bev_preheat.control.grid_prices import DailyPrice, GridPrices, PricePeriod
+from bev_preheat.control.local_time import clock_time, zone_of
 from bev_preheat.control.preparation_goal import PreparationEnding, PreparationGoal
 from bev_preheat.errors import InvalidInput, quoted
 
@@ -144,7 +146,8 @@ def event_values(event: Event, goals: GoalNumbers, has_message: bool) -> dict[st
     """
     match event:
         case PreparationWanted(goal):
-            return {'kind': WANTED, 'goal': goals.number(goal), **asdict(goal)}
+            plain = asdict(replace(goal, prices=None))
+            return {'kind': WANTED, 'goal': goals.number(goal), **plain, 'prices': _price_values(goal.prices)}
         case PreparationEnded(goal, ending, explanation):
             return {'kind': ENDED, 'goal': None if goal is None else goals.number(goal), 'ending': int(ending),
                     'explanation': explanation}
@@ -157,6 +160,19 @@ def event_values(event: Event, goals: GoalNumbers, has_message: bool) -> dict[st
         return {'kind': name, **asdict(event)}
     hint = getattr(event, 'hint', '')
     return {'kind': TOPIC_OF[type(event)], **({'hint': hint} if hint else {})}
+
+
+def _price_values(prices: GridPrices | None) -> dict[str, Any] | None:
+    """Return GridPrices as plain values, the time zone by its IANA name."""
+    return None if prices is None else {
+        'zone': str(prices.zone), 'daily': [(f'{each.clock:%H:%M}', each.price_per_kwh) for each in prices.daily],
+        'dated': list(map(tuple, prices.dated)), 'currency': prices.currency}
+
+
+def _prices_of(values: Any) -> GridPrices | None:
+    return None if values is None else GridPrices(
+        zone_of(values['zone']), tuple(DailyPrice(clock_time(clock), price) for clock, price in values['daily']),
+        tuple(PricePeriod(*period) for period in values['dated']), values['currency'])
 
 
 def event_of(values: dict[str, Any], goals: GoalNumbers) -> Event:
@@ -172,7 +188,7 @@ def event_of(values: dict[str, Any], goals: GoalNumbers) -> Event:
             event: Event = PLAIN_EVENTS[kind](**fields)
             return event
         if kind == WANTED:
-            goal = PreparationGoal(**fields)
+            goal = PreparationGoal(**{**fields, 'prices': _prices_of(fields.get('prices'))})
             goals.numbers[goal] = int(values['goal'])
             return PreparationWanted(goal)
         if kind == ENDED:

@@ -13,6 +13,7 @@ from typing import Any, cast, TextIO, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.errors import InvalidInput, quoted
+from bev_preheat.files.input_files import check_input
 from bev_preheat.logs.channels import Channel, Piece
 from bev_preheat.logs.text_lines import encoding_of, line_blocks, read_head
 from bev_preheat.logs.times import EARLIEST_S, LATEST_S
@@ -156,6 +157,7 @@ def load_dbc(file: str | Path) -> Any:
     """Return the cantools Database of a DBC file; raises InvalidInput if it cannot be read."""
     require('cantools')
     import cantools
+    check_input(file)
     try:
         return cantools.database.load_file(str(file), strict=False)
     except Exception as error:

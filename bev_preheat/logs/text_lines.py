@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from bev_preheat.errors import InvalidInput
+from bev_preheat.files.input_files import check_input
 
 HEAD_BYTES = 1 << 18
 BLOCK_CHARACTERS = 1 << 20
@@ -20,8 +21,7 @@ NOT_TEXT = frozenset('\0\x01\x02\x03\x04\x05\x06\x07\x08\x0e\x0f')
 def read_head(path: str | Path) -> bytes:
     """Return the first bytes of a file; raise InvalidInput if it cannot be read or is empty."""
     try:
-        if not Path(path).is_file():
-            raise InvalidInput(f'{path}: ' + ('is not a regular file' if Path(path).exists() else 'no such file'))
+        check_input(path)
         with open(path, 'rb') as file:
             head = file.read(HEAD_BYTES)
     except (OSError, ValueError) as error:

@@ -16,6 +16,8 @@ from bev_preheat.route.match import Cause, Fix
 from bev_preheat.route.odometer import NS_PER_S
 
 if TYPE_CHECKING:
+    from rclpy.impl.rcutils_logger import RcutilsLogger
+
     from bev_preheat.route.match import Match
 
 LIMITS = {'latitude': 90.0, 'longitude': 180.0}
@@ -57,6 +59,16 @@ def _deviation_m(message: NavSatFix) -> float | None:
     if not np.isfinite(covariance_m2).all() or not (np.diag(covariance_m2) > 0.0).all():
         return None
     return math.sqrt(max(float(np.linalg.eigvalsh(covariance_m2)[-1]), 0.0))
+
+
+def log_place(logger: RcutilsLogger, match: Match) -> None:
+    """Log the cause of a Match: a warning unless the place is known or the vehicle has arrived."""
+    line = f'{match.cause.value}: {match.sentence}.'
+    # One call for each severity: rclpy raises if a line of code logs with a second one.
+    if match.cause in GOOD:
+        logger.info(line)
+    else:
+        logger.warning(line)
 
 
 def position_diagnostics(name: str, hardware: str, match: Match, refusal: str, now_ns: int,

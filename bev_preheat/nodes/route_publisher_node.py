@@ -22,7 +22,7 @@ from bev_preheat.nodes.command_line import NodeProgram
 from bev_preheat.nodes.convert import LATEST_S, time_message
 from bev_preheat.nodes.news import RepetitionFilter, without_figures
 from bev_preheat.nodes.parameters import check, declare, Parameter
-from bev_preheat.nodes.position_messages import fix_from_message, GOOD, position_diagnostics
+from bev_preheat.nodes.position_messages import fix_from_message, log_place, position_diagnostics
 from bev_preheat.nodes.process import run_node
 from bev_preheat.nodes.route_offer import in_words, load_offer, NO_AMBIENT_C, WITH_AUXILIARIES
 from bev_preheat.nodes.route_progress import progress_message
@@ -255,8 +255,7 @@ class RoutePublisherNode(Node):
         cause = f'{match.cause.name} {without_figures(match.sentence) if match.cause is Cause.SILENT else ""}'
         if cause == self._seen_cause != self._logged_cause:
             self._logged_cause = cause
-            log = self.get_logger().info if match.cause in GOOD else self.get_logger().warning
-            log(f'{match.cause.value}: {match.sentence}.')
+            log_place(self.get_logger(), match)
         self._seen_cause = cause
         name = self.get_fully_qualified_name()
         values = {'route_id': self._offer.mission.route_id,

@@ -146,8 +146,12 @@ class StateKeeper:
 
     def _fail(self, problem: str, is_foreign: bool = False) -> None:
         if problem != self._problem:
-            log = self._logger.error if is_foreign else self._logger.warning
-            log(f'state_file: {problem}.')
+            line = f'state_file: {problem}.'
+            # One call for each severity: rclpy raises if a line of code logs with a second one.
+            if is_foreign:
+                self._logger.error(line)
+            else:
+                self._logger.warning(line)
         self._problem, self._is_foreign = problem, is_foreign
 
 

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple, TYPE_CHECKING
 
 from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.errors import InvalidInput, quoted
+from bev_preheat.files.input_files import read_text
 
 if TYPE_CHECKING:
     from bev_preheat.replay.comparison import Comparison
@@ -108,10 +109,9 @@ def load_expectation(path: str | Path, known: dict[str, Any]) -> dict[str, tuple
 
     `known` are the `figures` of the replay. Raises InvalidInput, naming file and figure, if it is not such a file.
     """
+    text = read_text(path)
     try:
-        contents = json.loads(Path(path).read_text(encoding='utf-8'))
-    except OSError as error:
-        raise InvalidInput(f'{path}: cannot be read: {error.strerror}') from error
+        contents = json.loads(text)
     except (ValueError, RecursionError) as error:
         raise InvalidInput(f'{path}: is not JSON: {error}') from error
     if not isinstance(contents, dict) or contents.get('format') != FORMAT:

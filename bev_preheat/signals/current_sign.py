@@ -29,11 +29,14 @@ PROVES_CORRELATION = 0.7
 LEAST_MOVED = 0.0025
 LEAST_STEPS = 0.9
 LEAST_DEVIATIONS = 5.0
-# Number of states over which the noise is averaged.
-NOISE_OVER = 30.0
+# Number of states over which the noise is averaged, and the largest change that counts as noise.
+NOISE_OVER, MOST_NOISE = 30.0, 0.01
 # Least share of this change that the current accounts for.
 LEAST_SHARE = 0.25
 CONFIRMED_EVERY_S = 10.0
+# A change of the charge from one state to the next that exceeds this number of its steps and this multiple of the
+# charge moved by the current, beside LEAST_MOVED and the noise, is a jump: a correction of the battery management.
+JUMP_STEPS, JUMP_MOVED = 2.5, 3.0
 # The comparison starts again after this charge without proof.
 RESTART_AFTER = 0.05
 
@@ -85,16 +88,28 @@ class CurrentSign:
         elapsed_s = instant_s - before.instant_s
         if elapsed_s <= APART_S:
             self._changes.append((voltage_v - before.voltage_v, current_a - before.current_a))
+        moved = 0.5 * (current_a + before.current_a) * elapsed_s / self._capacity_as
+        has_jumped = self._has_jumped(soc, moved)
         if self._latest_soc is not None and self._soc_steps.step == 0.0:
-            self._noise += ((soc - self._latest_soc)**2 - self._noise) / NOISE_OVER
+            self._noise += (min(abs(soc - self._latest_soc), MOST_NOISE)**2 - self._noise) / NOISE_OVER
         self._latest_soc = soc
-        self._discharged += 0.5 * (current_a + before.current_a) * elapsed_s / self._capacity_as
+        self._discharged += moved
+        if has_jumped:
+            # It tells nothing about the current.
+            self._first_soc, self._discharged = soc, 0.0
         # A sign proved right is confirmed from time to time.
         if self.sign is not Sign.RIGHT or instant_s >= self._confirmed_s + CONFIRMED_EVERY_S:
             self._confirmed_s = instant_s
             self._judge_voltage()
         self._judge_charge(soc)
         return self.sign
+
+    def _has_jumped(self, soc: float, moved: float) -> bool:
+        if self._latest_soc is None:
+            return False
+        most = JUMP_MOVED * abs(moved) + max(
+            LEAST_MOVED + JUMP_STEPS * self._soc_steps.step, 2.0 * LEAST_DEVIATIONS * math.sqrt(self._noise))
+        return abs(soc - self._latest_soc) > most
 
     def _judge_voltage(self) -> None:
         count = len(self._changes)

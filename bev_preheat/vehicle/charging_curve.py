@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.errors import InvalidInput, quoted
+from bev_preheat.files.input_files import read_text
 from bev_preheat.vehicle.chemistry import Chemistry
 from bev_preheat.vehicle.curves import Table
 
@@ -78,10 +79,9 @@ def read_charging_curve(path: str | Path, temperature_c: float, note: str = 'giv
             f'--charging-curve-temperature-c: {temperature_c:g} degC is not allowed; it must be {low_c:g} ... '
             f'{high_c:g} degC, the battery temperature at which the curve was recorded')
     try:
-        lines = Path(path).read_text(encoding='utf-8-sig').splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, 'strerror', None) or 'is not UTF-8 text'
-        raise InvalidInput(f'--charging-curve: {path}: cannot be read: {reason}') from error
+        lines = read_text(path, 'utf-8-sig').splitlines()
+    except InvalidInput as error:
+        raise InvalidInput([f'--charging-curve: {problem}' for problem in error.problems]) from error
     rows = [(number, [cell.strip() for cell in row]) for number, line in enumerate(lines, 1)
             if line.strip() and not line.lstrip().startswith('#') for row in csv.reader([line])]
     if not rows or tuple(rows[0][1]) != HEADER:

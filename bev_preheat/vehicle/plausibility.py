@@ -203,9 +203,9 @@ def warmed_by_k(vehicle: Vehicle, heater_w: float, leakage_w_per_k: float,
     capacity = vehicle.battery.heat_capacity_j_per_k
     heat_w = vehicle.hvch.efficiency * heater_w
     initial_w = heat_w - leakage_w_per_k * (from_c - ambient_c)
-    if leakage_w_per_k == 0.0:
-        return initial_w * duration_s / capacity
-    return initial_w / leakage_w_per_k * -math.expm1(-leakage_w_per_k * duration_s / capacity)
+    decays = leakage_w_per_k * duration_s / capacity
+    # The smallest leakages are 0 here.
+    return initial_w * duration_s / capacity * (-math.expm1(-decays) / decays if decays else 1.0)
 
 
 def _time_constant_h(battery: Battery, speed_mps: float) -> float:

@@ -126,6 +126,24 @@ def test_answers_that_battery_and_power_contradict_are_doubted(lie, fault, words
     assert answer.refusal == ''
 
 
+# At -20 degC it is heated from the start.
+@pytest.mark.parametrize('from_c, measured_w, faults, accused', [
+    (-20.0, 0.0, (), set()), (-7.0, 5022.0, (), set()),
+    (-7.0, 0.0, (HeaterFault(0.0, stuck_on=True),), {Heater.STUCK_ON})])
+def test_a_measured_power_that_is_wrong_accuses_no_healthy_heater(from_c, measured_w, faults, accused):
+    told, doubts = {Heater.ANSWERS}, ['']
+    supervisor = Supervisor(VEHICLE, SETTINGS)
+    car = ImperfectCar(VEHICLE, ROUTE, BatteryState(from_c, 0.9), GOAL, Imperfections(heater_faults=faults))
+    # On for half a minute after the doubt.
+    for _ in moments(car, supervisor, lambda: doubts[-30:][0] != '', lambda answer, _, now_ns: as_it_is(
+            answer, None, now_ns)._replace(measured_w=measured_w)):
+        if supervisor.state.estimate is not None and supervisor.state.heater_answer is not None:
+            told.add(supervisor.state.estimate.heater.heater)
+            doubts.append(supervisor.state.heater_answer.doubt)
+    assert told == {Heater.ANSWERS} | accused
+    assert doubts[-1].startswith(f'hvch_status is in doubt: it reports {measured_w:.0f} W')
+
+
 def answers_with(**fields):
     answers = HeaterAnswers()
     answers.accept(HeaterStatus(**{'stamp_ns': NOW_NS, 'requested_w': 5000.0, 'active_w': 0.0, **fields}), NOW_NS,
@@ -182,7 +200,7 @@ def test_confirmed_power_is_the_measured_one_if_there_is_one():
 
 def test_doubt_ends_with_the_trip():
     answers = answers_with(active_w=5000.0)
-    answers.judge(HeaterReport(Heater.DEAD, 0.997, 0.0), NOW_NS, SETTINGS)
+    assert not answers.judge(HeaterReport(Heater.DEAD, 0.997, 0.0), NOW_NS, SETTINGS, answers.history)
     assert 'probability 99.7 %' in answers.report(NOW_NS, SETTINGS, '').doubt
     assert not answers.are_used(NOW_NS, SETTINGS)
     answers.begin_trip()

@@ -2,12 +2,16 @@
 """Every event of the planner's step can be recorded."""
 
 from dataclasses import asdict
+from datetime import time
+import json
 from typing import get_args
 
 import pytest
 
 from bev_preheat.control import events
 from bev_preheat.control.events import PreparationEnded, PreparationWanted, Reconfigured, RouteUnreadable
+from bev_preheat.control.grid_prices import DailyPrice, GridPrices, PricePeriod
+from bev_preheat.control.local_time import zone_of
 from bev_preheat.control.preparation_goal import PreparationEnding, PreparationGoal
 from bev_preheat.errors import InvalidInput
 from bev_preheat.flight_recorder.steps import event_of, event_values, GoalNumbers, PLAIN_EVENTS, TOPIC_OF
@@ -36,6 +40,15 @@ def test_goals_are_told_apart_by_number():
     assert end.preparation_goal is back[1]
     with pytest.raises(InvalidInput, match='its beginning is missing'):
         event_of({'kind': 'PreparationEnded', 'goal': 7, 'ending': 3, 'explanation': ''}, read)
+
+
+@pytest.mark.parametrize('zone', ['UTC', 'Europe/Berlin'])
+def test_the_prices_of_a_departure_come_back(zone):
+    prices = GridPrices(zone_of(zone), (DailyPrice(time(22, 5), 0.18), DailyPrice(time(6), -0.34)),
+                        (PricePeriod(10**18, 2 * 10**18, None),), 'EUR')
+    goal = PreparationGoal(10**18, is_plugged_in=True, prices=prices)
+    values = json.loads(json.dumps(event_values(PreparationWanted(goal), GoalNumbers(), False)))
+    assert event_of(values, GoalNumbers()).preparation_goal.prices == prices
 
 
 def test_a_refused_route_without_a_message_keeps_its_reason():

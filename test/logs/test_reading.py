@@ -179,5 +179,5 @@ def test_files_that_are_no_logs(tmp_path, contents, problem):
 def test_missing_files_and_folders(tmp_path):
     with pytest.raises(InvalidInput, match='no such file'):
         read_recording(tmp_path / 'nowhere.csv')
-    with pytest.raises(InvalidInput, match='is not a regular file'):
+    with pytest.raises(InvalidInput, match='is a folder; a file is needed'):
         read_recording(tmp_path)

@@ -77,6 +77,18 @@ def test_a_later_proof_replaces_the_one_before():
     assert watch.sign is Sign.RIGHT
 
 
+@pytest.mark.parametrize('jump', [-0.1, 0.02, 0.1])
+@pytest.mark.parametrize('soc_step', [0.0, 0.005])
+def test_a_charge_that_jumps_once_says_nothing_of_the_current(jump, soc_step):
+    watch, soc, found = CurrentSign(CAPACITY_AS), 0.7, []
+    for second in range(600):
+        soc -= 45.0 / CAPACITY_AS - (jump if second == 300 else 0.0)
+        found.append(watch.see(
+            float(second + 1), 380.0, 45.0, round(soc / soc_step) * soc_step if soc_step else soc))
+    assert Sign.REVERSED not in found
+    assert found[-1] is Sign.RIGHT
+
+
 def test_noise_of_a_charge_proves_nothing():
     drawn, watch, soc = random.Random(5), CurrentSign(CAPACITY_AS), 0.6
     for second in range(2000):

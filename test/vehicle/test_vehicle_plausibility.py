@@ -71,7 +71,7 @@ def test_figures_by_hand(plain):
 def test_heating_follows_the_heat_balance(plain):
     """Six hundred steps of one second, compared with the closed form."""
     vehicle = plain()
-    for heater_w, leakage in ((6000.0, 30.0), (4000.0, 55.0), (0.0, 30.0), (6000.0, 0.0)):
+    for heater_w, leakage in ((6000.0, 30.0), (4000.0, 55.0), (0.0, 30.0), (6000.0, 0.0), (6000.0, 5e-324)):
         temperature_c = 0.0
         for _ in range(6000):
             temperature_c += 0.1 * (0.8 * heater_w + leakage * (-10.0 - temperature_c)) / 400e3

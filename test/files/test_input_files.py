@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Input files: a pipe would block and a device would never end, so only regular files are opened."""
+
+import os
+
+import pytest
+
+from bev_preheat.bus.vss_link import _text_of
+from bev_preheat.control.departures_file import load_departures, load_grid_prices
+from bev_preheat.errors import InvalidInput
+from bev_preheat.files import input_files
+from bev_preheat.files.configuration import find_configuration
+from bev_preheat.files.input_files import read_text
+from bev_preheat.logs.can_frames import load_dbc
+from bev_preheat.logs.text_lines import read_head
+from bev_preheat.replay.expected import load_expectation
+from bev_preheat.vehicle.charging_curve import read_charging_curve
+
+READERS = {
+    'departures': load_departures, 'grid prices': load_grid_prices,
+    'charging curve': lambda path: read_charging_curve(path, 25.0),
+    'expected figures': lambda path: load_expectation(path, {}),
+    'token': lambda path: _text_of(path, 'live.vss.token'),
+    'DBC': pytest.param(load_dbc, marks=pytest.mark.needs('cantools')),
+    'log': read_head, 'vehicle': lambda path: find_configuration('vehicles', path, '.yaml')}
+KINDS = {'is not a regular file': os.mkfifo, 'is a folder; a file is needed': os.mkdir,
+         'no such file': lambda path: None}
+
+
+@pytest.mark.parametrize('read', READERS.values(), ids=READERS)
+@pytest.mark.parametrize('reason', KINDS)
+def test_only_a_regular_file_is_opened(read, reason, tmp_path):
+    KINDS[reason](path := tmp_path / 'thing')
+    with pytest.raises(InvalidInput, match=f'{path}: {reason}'):
+        read(path)
+
+
+def test_a_name_that_no_file_can_have_is_refused():
+    with pytest.raises(InvalidInput, match='no such file'):
+        read_text('a\0b.yaml')
+
+
+def test_text_is_read_from_the_home_folder_up_to_a_size(tmp_path, monkeypatch):
+    monkeypatch.setenv('HOME', str(tmp_path))
+    (tmp_path / 'week.yaml').write_bytes('Müller'.encode())
+    assert read_text('~/week.yaml') == 'Müller'
+    monkeypatch.setattr(input_files, 'LARGEST_TEXT', 5)
+    with pytest.raises(InvalidInput, match='~/week.yaml: is larger than'):
+        read_text('~/week.yaml')
+    (tmp_path / 'week.yaml').write_bytes(b'\xff')
+    with pytest.raises(InvalidInput, match='week.yaml: cannot be read: is not UTF-8 text'):
+        read_text('~/week.yaml')
