@@ -20,6 +20,8 @@ from bev_preheat.files.schema_check import surely_obeys
 FileData = Any
 # Upper limit of all numbers in files, so that every calculation can take them as floats.
 LARGEST_INTEGER = 10**300
+# An alias repeats a value, and aliases of aliases multiply it; no file of ours has a thousandth of these.
+MOST_VALUES = 1_000_000
 
 
 def load_checked_yaml(path: str | Path, schema_path: Path) -> dict[str, FileData]:
@@ -36,6 +38,8 @@ def check_yaml(text: str, path: str | Path, schema_path: Path) -> dict[str, File
     """Return the contents of a YAML text that satisfies a schema; `path` names the text in InvalidInput."""
     try:
         contents = _load(text)
+        if '*' in text and _values_in(contents, {}) > MOST_VALUES:
+            raise InvalidInput(f'{path}: cannot be read: its aliases (*) make more than {MOST_VALUES} values of it')
         problems = list(_unfit_numbers(contents, ''))
     except RecursionError as error:
         # Thousands of brackets, or an alias within its own value.
@@ -116,6 +120,16 @@ def load_schema(path: Path) -> FileData:
         return [whole(item) for item in node] if isinstance(node, list) else node
 
     return whole(yaml.load(path.read_text(encoding='utf-8'), Loader=_FastLoader))
+
+
+def _values_in(value: FileData, known: dict[int, int]) -> int:
+    """Return the number of values in a value with its aliases written out; `known` has those of parts by identity."""
+    if not isinstance(value, dict | list):
+        return 1
+    if id(value) not in known:
+        items = value.values() if isinstance(value, dict) else value
+        known[id(value)] = 1 + sum(_values_in(item, known) for item in items)
+    return known[id(value)]
 
 
 def _unfit_numbers(value: FileData, key: str) -> Iterator[str]:

@@ -46,6 +46,13 @@ def test_what_is_wrong_is_told_in_the_same_words_without_the_fast_parser(load, t
     assert 'is not YAML' in told
 
 
+def test_aliases_that_multiply_are_refused_at_once(load, tmp_path):
+    """Nine levels of nine aliases are a billion values."""
+    levels = [f'l{level}: &l{level} [{", ".join([f"*l{level - 1}"] * 9)}]' for level in range(1, 10)]
+    text = '\n'.join(['l0: &l0 [x]', *levels])
+    assert 'its aliases (*) make more than 1000000 values of it' in problem_of(load, tmp_path / 'many.yaml', text)
+
+
 @pytest.mark.parametrize('opening, depth', [
     pytest.param('[', 2_400, marks=pytest.mark.deep), ('- ', 4_900), ('- ', 30_000), ('? ', 4_900), ('? ', 30_000),
     ('{a: ', 2_400), ('{a: ', 30_000)])

@@ -45,6 +45,8 @@ class CanCar:
         self.rests = False
         # '', 'stuck counter', 'wrong checksum' or 'ten times the rate', of the battery's frames.
         self.attack = ''
+        # Frames of an ECU that has stopped.
+        self.lost = ()
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._play, daemon=True)
         self._thread.start()
@@ -81,7 +83,8 @@ class CanCar:
             of_message = count if self.attack else count // 5
             frames.append((TEMPERATURES, temperature_frame(self.temperature_c, of_message % 16)))
         for identifier, data in frames:
-            self._say(identifier, data[:-1] + bytes([data[-1] ^ wrong]))
+            if identifier not in self.lost:
+                self._say(identifier, data[:-1] + bytes([data[-1] ^ wrong]))
 
     def _say(self, identifier, data):
         for port in self.ports:

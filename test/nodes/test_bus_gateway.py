@@ -5,6 +5,7 @@ import math
 from pathlib import Path
 import time
 
+from can_car import CanCar
 from diagnostic_msgs.msg import DiagnosticArray
 from example_frames import (
     COMMAND,
@@ -17,6 +18,7 @@ from example_frames import (
     TEMPERATURES,
 )
 from node_bench import repeating
+import numpy as np
 import pytest
 from rclpy.clock import Clock, ClockType
 from sensor_msgs.msg import BatteryState
@@ -134,3 +136,46 @@ def test_a_car_on_can_is_heated_only_by_one_commander_with_a_valid_lease(
     finally:
         process.end()
         car.port.close()
+
+
+# The map's readings hold for 2 s, and the temperatures come every 0.5 s.
+HOLD_S, DRIVE_PERIOD_S = 2.0, 0.1
+# A message on its way on a busy computer.
+TRANSPORT_S = 0.5
+
+
+@pytest.mark.deep
+@pytest.mark.parametrize('length_s', [20.0, 480.0])
+def test_a_drive_at_a_steady_rate_without_a_value_that_has_expired(start_executable, record, tmp_path, length_s):
+    """The ECU of the temperatures stops for an eighth of the drive, in the middle of it."""
+    car = CanCar(5.0, 150e3, -7.0, 12e3, 0.0, 1)
+    states = record(BatteryState, 'battery_state', 100)
+    start_executable('bus_gateway', '-p', f'signals:={write_map(tmp_path, car.ports[0])}', '-p',
+                     f'battery_state_period:={DRIVE_PERIOD_S}')
+    try:
+        states.wait_for(what='a battery')
+        states.clear()
+        ahead_s = time.time() - time.monotonic()
+        time.sleep(length_s / 2.0)
+        car.lost, stopped_s = (TEMPERATURES,), time.monotonic()
+        time.sleep(length_s / 8.0)
+        car.lost, back_s = (), time.monotonic()
+        time.sleep(3.0 * length_s / 8.0)
+        timed = states.timed
+    finally:
+        car.close()
+    arrived_s = np.array([at_s for at_s, _ in timed])
+    stamps = [state.header.stamp for _, state in timed]
+    ages_s = arrived_s + ahead_s - [stamp.sec + 1e-9 * stamp.nanosec for stamp in stamps]
+    before, after = arrived_s[arrived_s < stopped_s], arrived_s[arrived_s > back_s]
+    intervals_s = np.concatenate([np.diff(before), np.diff(after)])
+    print(f'{length_s:g} s: {len(timed)} battery states every {DRIVE_PERIOD_S:g} s; interval median '
+          f'{np.median(intervals_s):.4f} s, 1 ... 99 % {np.quantile(intervals_s, 0.01):.4f} ... '
+          f'{np.quantile(intervals_s, 0.99):.4f} s, longest {intervals_s.max():.3f} s; oldest reading '
+          f'{ages_s.max():.2f} s; ECU gone for {back_s - stopped_s:.1f} s: last state after '
+          f'{arrived_s[arrived_s < back_s].max() - stopped_s:.2f} s, first again after '
+          f'{after.min() - back_s:.2f} s')
+    assert np.median(intervals_s) == pytest.approx(DRIVE_PERIOD_S, rel=0.05)
+    assert ages_s.max() < HOLD_S + TRANSPORT_S
+    gone = arrived_s[(arrived_s > stopped_s + HOLD_S + TRANSPORT_S) & (arrived_s < back_s)]
+    assert len(gone) == 0 and after.min() - back_s < HOLD_S
