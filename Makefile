@@ -40,7 +40,7 @@ demo: build ## a simulated drive to the fast charger
 	@$(environment); $(local_only); $(DEMO)
 
 test: build ## all tests
-	@$(environment); $(local_only); python3 -m pytest -q $(several_files_at_once) -m "not deep and not linter" $(TESTS)
+	@$(environment); $(local_only); scripts/compile_tests.bash; python3 -m pytest -q $(several_files_at_once) -m "not deep and not linter" $(TESTS)
 
 # The tests use the checkout's Python files, so only changed messages, equations and C files need a build.
 test-quick: setup ## the quick tests without DDS, for use while editing
@@ -53,7 +53,7 @@ test-deep: build ## all tests, including the long ones: all scenarios over DDS, 
 # Uses its own environment and build in .oldest.
 test-oldest: export BEV_PREHEAT_OLDEST := 1
 test-oldest: build ## all tests with the oldest supported versions (scripts/requirements-oldest.txt), no optional package
-	@$(environment); $(local_only); python3 -m pytest -q $(several_files_at_once) -m "not deep and not linter" $(TESTS)
+	@$(environment); $(local_only); scripts/compile_tests.bash; python3 -m pytest -q $(several_files_at_once) -m "not deep and not linter" $(TESTS)
 
 test-pythons: ## all tests with each supported Python that is installed (scripts/pythons.txt), in PATH or by pyenv
 	@scripts/test_pythons.bash $(TESTS)

@@ -9,6 +9,7 @@ import sys
 import psutil
 import pytest
 
+from bev_preheat.commands.main import main as preheat
 from bev_preheat.demo.__main__ import main
 
 ROUTE = """# four minutes
@@ -50,7 +51,7 @@ def wait_for_line(demo, text):
     pytest.fail(f'the demonstration ended before it said {text!r}: {"".join(said)}')
 
 
-def test_good_drive_ends_with_table_and_picture(start_demo, tmp_path):
+def test_good_drive_ends_with_table_and_picture(start_demo, tmp_path, capsys):
     demo = start_demo('--temperature', '2', '--target', '4', '--speed-up', '40')
     output, _ = demo.communicate(timeout=TIME_LIMIT_S)
     assert demo.returncode == 0, output
@@ -63,10 +64,8 @@ def test_good_drive_ends_with_table_and_picture(start_demo, tmp_path):
     assert picture.startswith(b'\x89PNG') and len(picture) > 20_000
     recording = tmp_path / 'pictures' / 'demo.mcap'
     assert f'preheat replay {recording}' in output and f'recording:={recording}' in output
-    replayed = subprocess.run([sys.executable, '-m', 'bev_preheat', 'replay', str(recording)], capture_output=True,
-                              text=True, check=False)
-    assert replayed.returncode == 0, replayed.stderr
-    assert 'reproduced: ' in replayed.stdout
+    assert preheat(['replay', str(recording)]) == 0
+    assert 'reproduced: ' in capsys.readouterr().out
     # The folder that the planner recorded into is gone.
     assert sorted(path.name for path in (tmp_path / 'pictures').iterdir()) == [
         'demo.mcap', 'demo.planner.log', 'demo.png', 'demo.vehicle_simulator.log']

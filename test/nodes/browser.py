@@ -112,12 +112,13 @@ class Browser:
 
     def picture(self, name, width, height):
         """Write the page as PNG into the folder of pictures, if there is one."""
+        if not PICTURES:
+            return
         self.size(width, height)
         full = min(self.run('return document.documentElement.scrollHeight'), 2400)
         self.size(width, full)
         time.sleep(1.0)
-        if PICTURES:
-            Path(PICTURES, name).write_bytes(self._driver.get_screenshot_as_png())
+        Path(PICTURES, name).write_bytes(self._driver.get_screenshot_as_png())
         self.size(*DESKTOP)
 
     def new_messages(self):

@@ -17,6 +17,7 @@ import sys
 import pytest
 import yaml
 
+from bev_preheat.commands.main import main
 from bev_preheat.files.configuration import configuration_folder
 from bev_preheat.simulation.evaluation import evaluate_chain
 from bev_preheat.simulation.scenario import load_scenario
@@ -119,18 +120,18 @@ def expect_good(done, findings, logs):
     assert 'Traceback' not in logs
 
 
-def expect_reproduced(recording):
-    replayed = subprocess.run([sys.executable, '-m', 'bev_preheat', 'replay', str(recording)], capture_output=True,
-                              text=True, timeout=TIME_LIMIT_S)
-    assert replayed.returncode == 0, replayed.stdout + replayed.stderr
-    assert 'reproduced: ' in replayed.stdout
+def expect_reproduced(recording, capsys):
+    capsys.readouterr()
+    status = main(['replay', str(recording)])
+    output = capsys.readouterr().out
+    assert (status, 'reproduced: ' in output) == (0, True), output
 
 
-def test_faults_on_a_short_drive_are_met_by_the_nodes(dds, tmp_path):
+def test_faults_on_a_short_drive_are_met_by_the_nodes(dds, tmp_path, capsys):
     path = write_short(tmp_path, 'heater_dead', SHORT_OVER_DDS)
     expect_good(*drive_over_dds(
         str(path), 'short_heater_dead', tmp_path, SHORT_SPEED_UP))
-    expect_reproduced(tmp_path / 'short_heater_dead.mcap')
+    expect_reproduced(tmp_path / 'short_heater_dead.mcap', capsys)
 
 
 @pytest.fixture(scope='module')
@@ -146,10 +147,10 @@ def drives(dds, request, tmp_path_factory):
 @pytest.mark.deep
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize('name', sorted(OVER_DDS))
-def test_a_fault_is_met_as_its_scenario_expects(drives, name):
+def test_a_fault_is_met_as_its_scenario_expects(drives, name, capsys):
     done, findings, logs, folder = drives[name]
     expect_good(done, findings, logs)
-    expect_reproduced(folder / f'{name}.mcap')
+    expect_reproduced(folder / f'{name}.mcap', capsys)
 
 
 def findings_without_ros(name_or_file):
