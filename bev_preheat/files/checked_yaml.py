@@ -38,9 +38,8 @@ def check_yaml(text: str, path: str | Path, schema_path: Path) -> dict[str, File
     """Return the contents of a YAML text that satisfies a schema; `path` names the text in InvalidInput."""
     try:
         contents = _load(text)
-        if '*' in text and _values_in(contents, {}) > MOST_VALUES:
-            raise InvalidInput(f'{path}: cannot be read: its aliases (*) make more than {MOST_VALUES} values of it')
-        problems = list(_unfit_numbers(contents, ''))
+        multiplies = '*' in text and _values_in(contents, {}) > MOST_VALUES
+        problems = [] if multiplies else list(_unfit_numbers(contents, ''))
     except RecursionError as error:
         # Thousands of brackets, or an alias within its own value.
         raise InvalidInput(f'{path}: cannot be read: its values are nested too deeply') from error
@@ -50,6 +49,8 @@ def check_yaml(text: str, path: str | Path, schema_path: Path) -> dict[str, File
     except (ArithmeticError, AttributeError, LookupError, TypeError) as error:
         # PyYAML gives no details for `!!int ""`, `!!bool maybe` and `!!timestamp soon`.
         raise InvalidInput(f'{path}: is not YAML: a value does not fit its tag (!!…)') from error
+    if multiplies:
+        raise InvalidInput(f'{path}: cannot be read: its aliases (*) make more than {MOST_VALUES} values')
     if not isinstance(contents, dict):
         raise InvalidInput(f'{path}: must be a mapping of keys to values')
     if problems:
@@ -123,7 +124,7 @@ def load_schema(path: Path) -> FileData:
 
 
 def _values_in(value: FileData, known: dict[int, int]) -> int:
-    """Return the number of values in a value with its aliases written out; `known` has those of parts by identity."""
+    """Return the number of values with aliases written out; `known` has those of parts by identity."""
     if not isinstance(value, dict | list):
         return 1
     if id(value) not in known:
