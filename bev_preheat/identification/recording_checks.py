@@ -54,11 +54,12 @@ def problems_of(recording: Recording, signals: Signals, vehicle: Vehicle) -> lis
 
 def _missing(recording: Recording) -> list[str]:
     """Return one sentence for each signal that a trip needs and a Recording has not, with what to record."""
-    needed = [(key, advice, (key,)) for key, advice in (
+    has_power = 'power_w' in recording.signals or {'voltage_v', 'current_a'} <= recording.signals.keys()
+    needed: list[tuple[str, str, tuple[str, ...]]] = [(key, advice, (key,)) for key, advice in (
         ('battery_temperature_c', "record the battery's temperature"),
         ('soc', 'record the state of charge'),
         ('ambient_c', 'record the outside temperature')) if key not in recording.signals]
-    if 'power_w' not in recording.signals and not {'voltage_v', 'current_a'} <= recording.signals.keys():
+    if not has_power:
         needed.append(('power', 'record voltage_v and current_a, or power_w', POWER))
     return [f'{recording.name}: no {what}; {advice}{reason_of(recording, *keys)}' for what, advice, keys in needed]
 
@@ -131,21 +132,22 @@ def _stuck(name: str, signals: Signals, vehicle: Vehicle) -> list[str]:
     """Return sentences on signals that stay the same, or jump, as no battery of a car like `vehicle` does."""
     problems = []
     soc, current, speed = (signals.get(key) for key in ('soc', 'current_a', 'speed_mps'))
-    if _stays(soc) and current is not None:
+    charge, constant_a = _only_value(soc), _only_value(current)
+    if soc is not None and charge is not None and current is not None:
         drawn_ah = _drawn_ah(current, soc.time_s[0], soc.time_s[-1])
         if abs(drawn_ah) > LEAST_SHARE * vehicle.battery.capacity_ah:
-            problems.append(f'{name}: soc: stays at {figure(float(soc.value[0]), 4)} while {drawn_ah:+.1f} Ah are '
-                            'drawn; record the state of charge')
-    if (_stays(current) and speed is not None and len(speed.value)
-            and float(np.ptp(speed.value)) > LEAST_SPEED_CHANGE_MPS):
-        problems.append(f'{name}: current_a: stays at {figure(float(current.value[0]), 4)} A while the car '
-                        "drives; record the battery's current")
+            problems.append(f'{name}: soc: stays at {figure(charge, 4)} while {drawn_ah:+.1f} Ah are drawn; '
+                            'record the state of charge')
+    if constant_a is not None and speed is not None and np.ptp(speed.value) > LEAST_SPEED_CHANGE_MPS:
+        problems.append(f'{name}: current_a: stays at {figure(constant_a, 4)} A while the car drives; record the '
+                        "battery's current")
     return problems + _jumps(name, signals.get('battery_temperature_c'))
 
 
-def _stays(series: Series | None) -> bool:
-    """Return whether a signal was recorded and always has the same value."""
-    return series is not None and len(series.value) > 1 and float(np.ptp(series.value)) == 0.0
+def _only_value(series: Series | None) -> float | None:
+    """Return the value of a signal that always has the same; None if it changes or was not recorded."""
+    stays = series is not None and len(series.value) > 1 and np.ptp(series.value) == 0.0
+    return float(series.value[0]) if series is not None and stays else None
 
 
 def _jumps(name: str, series: Series | None) -> list[str]:
