@@ -12,6 +12,8 @@ from __future__ import annotations
 from collections import deque
 from typing import NamedTuple
 
+from bev_preheat.errors import quoted
+
 # Largest changes between consecutive states of one battery: [K], (0 ... 1), share of the voltage.
 JUMP_K = 4.0
 JUMP_SOC = 0.03
@@ -74,8 +76,8 @@ class SourceWatch:
 
     def _sentence(self, one: _SeenState, other: _SeenState) -> str:
         if one.name != other.name:
-            return (f'battery_state comes from two batteries: {one.name or "without a name"!r} and '
-                    f'{other.name or "without a name"!r}; remap the topic to the traction battery')
+            names = ' and '.join(quoted(each.name) if each.name else 'one without a name' for each in (one, other))
+            return f'battery_state comes from two batteries: {names}; remap the topic to the traction battery'
         share = 100.0 * sum(self._jumps) / len(self._jumps)
         return (f'battery_state comes from two batteries: {share:.0f} % of the readings contradict the one '
                 f'before, {_in_words(one)} and {_in_words(other)}; remap the topic to the traction battery')

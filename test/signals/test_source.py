@@ -61,3 +61,12 @@ def test_a_night_between_two_states_is_no_contradiction():
     watch = SourceWatch()
     for number in range(12):
         assert watch.see(32400.0 * number, *(TRACTION, AUXILIARY)[number % 2]) == ''
+
+
+def test_a_name_without_end_is_shortened():
+    watch = SourceWatch()
+    for second in range(6):
+        doubt = watch.see(100.0 + second, 5.0, 0.5, 400.0, 'x' * 100_000 if second % 2 else '')
+    assert doubt.startswith('battery_state comes from two batteries: ')
+    assert 'one without a name' in doubt
+    assert len(doubt) < 300
