@@ -39,7 +39,8 @@ def find_configuration(kind: str, name_or_file: str | Path, suffix: str) -> Path
         return folder / f'{text}{suffix}'
     near = get_close_matches(text[:LONGEST_QUOTE], names, n=1)
     hint = f'; did you mean {near[0]!r}?' if near else ''
-    singular = f'{kind[:-3]}y' if kind.endswith('ies') else kind.rpartition('/')[2][:-1]
+    singular = 'signal map' if kind == 'signals' else (
+        f'{kind[:-3]}y' if kind.endswith('ies') else kind.rpartition('/')[2][:-1])
     raise InvalidInput(
         f'{singular} {quoted(text)} is unknown{hint}; known: {", ".join(names)}; '
         f'or give a file ending in {suffix}')

@@ -12,6 +12,8 @@ from __future__ import annotations
 from collections import deque
 from typing import NamedTuple
 
+from bev_preheat.errors import quoted
+
 # Largest changes between consecutive states of one battery: [K], (0 ... 1), share of the voltage.
 JUMP_K = 4.0
 JUMP_SOC = 0.03
@@ -63,7 +65,7 @@ class SourceWatch:
         if before is None or not 0.0 <= instant_s - before.instant_s <= TOGETHER_S:
             self._jumps.clear()
             return self.doubt
-        has_jumped = _has_jumped(before, state)
+        has_jumped = before.name != state.name or bool(_jumping(before, state))
         self._jumps.append(has_jumped)
         self._calm = 0 if has_jumped else self._calm + 1
         if sum(self._jumps) >= LEAST_JUMPS:
@@ -74,20 +76,25 @@ class SourceWatch:
 
     def _sentence(self, one: _SeenState, other: _SeenState) -> str:
         if one.name != other.name:
-            return (f'battery_state comes from two batteries: {one.name or "without a name"!r} and '
-                    f'{other.name or "without a name"!r}; remap the topic to the traction battery')
+            names = ' and '.join(quoted(each.name) if each.name else 'one without a name' for each in (one, other))
+            return f'battery_state comes from two batteries: {names}; remap the topic to the traction battery'
         share = 100.0 * sum(self._jumps) / len(self._jumps)
-        return (f'battery_state comes from two batteries: {share:.0f} % of the readings contradict the one '
+        jumping = _jumping(one, other)
+        # A noisy sensor looks like a second battery that differs in one signal.
+        lone = f', or its {jumping[0]} jumps' if len(jumping) == 1 else ''
+        return (f'battery_state comes from two batteries{lone}: {share:.0f} % of the readings contradict the one '
                 f'before, {_in_words(one)} and {_in_words(other)}; remap the topic to the traction battery')
 
 
-def _has_jumped(one: _SeenState, other: _SeenState) -> bool:
+def _jumping(one: _SeenState, other: _SeenState) -> list[str]:
+    """Return the signals that change from one state to the next faster than those of a battery."""
     elapsed_s = other.instant_s - one.instant_s
-    return (one.name != other.name
-            or abs(other.temperature_c - one.temperature_c) > max(JUMP_K, RATE_K_PER_S * elapsed_s)
-            or abs(other.soc - one.soc) > JUMP_SOC
-            or (one.voltage_v is not None and other.voltage_v is not None
-                and abs(other.voltage_v - one.voltage_v) > JUMP_VOLTAGE * max(one.voltage_v, other.voltage_v)))
+    jumps = {
+        'temperature': abs(other.temperature_c - one.temperature_c) > max(JUMP_K, RATE_K_PER_S * elapsed_s),
+        'state of charge': abs(other.soc - one.soc) > JUMP_SOC,
+        'voltage': one.voltage_v is not None and other.voltage_v is not None and (
+            abs(other.voltage_v - one.voltage_v) > JUMP_VOLTAGE * max(one.voltage_v, other.voltage_v))}
+    return [signal for signal, has_jumped in jumps.items() if has_jumped]
 
 
 def _in_words(state: _SeenState) -> str:

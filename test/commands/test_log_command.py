@@ -59,7 +59,7 @@ def test_table_and_picture(log, capfd, monkeypatch):
 
 @pytest.mark.parametrize('arguments, problem', [
     (['--json', '{log}'], 'is a file that this run '
-                          'reads'), (['--signals', 'nobody'], "signal 'nobody' is unknown"),
+                          'reads'), (['--signals', 'nobody'], "signal map 'nobody' is unknown"),
     (['--plot', 'a.txt'], '--plot')])
 def test_wrong_arguments_are_refused_in_one_line(log, capfd, arguments, problem):
     assert main(['log', str(log), *(each.format(log=log) for each in arguments)]) == 2

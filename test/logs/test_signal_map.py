@@ -105,7 +105,7 @@ def test_a_faulty_map_is_refused(tmp_path, text, problem):
 
 
 def test_unknown_names_are_refused_with_the_known_ones():
-    with pytest.raises(InvalidInput, match="^signal 'leafspi' is unknown; did you mean 'leafspy'.*common"):
+    with pytest.raises(InvalidInput, match="^signal map 'leafspi' is unknown; did you mean 'leafspy'.*common"):
         load_signal_map('leafspi')
 
 
