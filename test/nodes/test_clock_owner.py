@@ -29,14 +29,14 @@ def error_lines(process):
     return [line for line in process.output().splitlines() if 'error:' in line]
 
 
-def test_the_simulator_that_comes_later_ends_and_says_why(bench):
+def test_the_simulator_that_comes_later_ends_and_says_why(bench, call_main):
     clock = bench.record(Clock, '/clock', MANY)
     first = start_in(bench, '/car1', '-p', f'start_time:={START_S}.0')
     # Long enough ago that the first node stays.
     clock.wait_for(lambda message: message.clock.sec > START_S + 3)
-    second = start_in(bench, '/car2', '-p', f'start_time:={2 * START_S}.0')
-    assert second.wait() == 2
-    (line,) = error_lines(second)
+    second = call_main('vehicle_simulator', '--ros-args', '-r', '__ns:=/car2', '-p', f'start_time:={2 * START_S}.0')
+    assert second.returncode == 2
+    (line,) = (line for line in second.stderr.splitlines() if 'error:' in line)
     assert line == (
         'vehicle_simulator: error: /car1/vehicle_simulator also publishes /clock; set '
         'publish_clock:=false (and use_sim_time:=true) to drive by that clock')

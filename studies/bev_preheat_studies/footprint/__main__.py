@@ -44,6 +44,7 @@ if TYPE_CHECKING:
 
 # Lags of the heat: of the heater, and through coolant.
 LATE = HeatPath(heater_lag_s=45.0, coolant_heat_capacity_j_per_k=20e3, coolant_conductance_w_per_k=400.0)
+PATHS = (HeatPath(), LATE)
 DRAWN, LONG, SEED = 200, 30, 0
 # As in the export's Makefile.
 USUAL_BLOCK = 32
@@ -80,7 +81,7 @@ def _measure(arguments: Namespace, vehicle: Vehicle) -> int:
     targets, console = [COMPUTER, *([CORTEX_M7] if CORTEX_M7.is_there else [])], progress_console()
     results: list[Measured] = []
     with TemporaryDirectory() as folder, console.status('measuring …'):
-        for path in (HeatPath(), LATE):
+        for path in PATHS:
             car, export = replace(vehicle, heat_path=path), Path(folder, path_name(path))
             exported = Export(car, export, []).write(DRAWN, SEED, lambda: None)
             planned = situations(car, exported, LONG, SEED)
