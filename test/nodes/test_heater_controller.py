@@ -13,6 +13,7 @@ from rclpy.qos import LivelinessPolicy, QoSProfile
 from sensor_msgs.msg import BatteryState
 from std_msgs.msg import Float64
 
+from bev_preheat.files.configuration import find_configuration
 from bev_preheat.nodes.command_senders import CommandSenders, MOST_SENDERS
 from bev_preheat.nodes.convert import time_message
 from bev_preheat_msgs.msg import HvchCommand, HvchStatus
@@ -189,6 +190,20 @@ def test_hanging_commander_ends_the_heat_before_a_long_lease(bench):
     poll_until(lambda: controlled.statuses.latest.active_power == 0.0, '0 W', timeout_s=8.0)
     assert time.monotonic() - silent_s < 2.5 + 1.0
     assert any(word in controlled.statuses.latest.explanation for word in ('deadline', 'alive'))
+
+
+@pytest.mark.needs('cantools')
+@pytest.mark.needs('can')
+@pytest.mark.needs('serial')
+@pytest.mark.needs('crccheck')
+@pytest.mark.needs('pint')
+def test_bus_that_cannot_be_opened_is_in_the_log_before_any_command(start_executable, tmp_path):
+    signals = find_configuration('signals', 'example_car', '.yaml')
+    path, adapter = tmp_path / 'car.yaml', tmp_path / 'no_adapter'
+    text = signals.read_text().replace('dbc: example_car.dbc', f'dbc: {signals.with_name("example_car.dbc")}')
+    path.write_text(text.replace('interface: socketcan, channel: can0', f'interface: slcan, channel: {adapter}'))
+    process = start_executable('heater_controller', '-p', f'signals:={path}')
+    poll_until(lambda: f'slcan {adapter}: ' in process.output(), 'the bus')
 
 
 @pytest.mark.needs('cantools')
