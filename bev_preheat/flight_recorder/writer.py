@@ -190,6 +190,10 @@ class RecordingWriter:
             self._collected, self._written_drops = 0, self._reported_drops
             if self._output.size >= self._largest_file_bytes:
                 self._end_file()
+            elif os.fstat(self._file.fileno()).st_nlink == 0:
+                # Somebody deleted it; the next steps go into another one.
+                self._file.close()
+                self._file = None
 
     def _open(self) -> bool:
         if time.monotonic() < self._retry_s:

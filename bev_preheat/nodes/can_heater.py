@@ -49,10 +49,14 @@ class CanHeater:
         self._unsent = ''
         self._source.start()
 
+    @property
+    def bus_problem(self) -> str:
+        """A sentence if the bus does not work, else ''."""
+        return f'{self._source.name}: {self._source.problem}' if self._source.problem else ''
+
     def fault(self) -> str:
         """Return a sentence if bus or heater do not work, else ''."""
-        return (f'{self._source.name}: {self._source.problem}' if self._source.problem else
-                self._source.heater_status(steady_s())[1])
+        return self.bus_problem or self._source.heater_status(steady_s())[1]
 
     def __call__(self, power_w: float) -> float | None:
         """Send the power [W] if the next frame is due; return the measured one [W], None if it is not known."""
@@ -78,6 +82,6 @@ class CanHeater:
     def entry(self, node_name: str) -> DiagnosticStatus:
         """Return the DiagnosticStatus `NODE: bus`."""
         doubts = list(self._source.doubts(steady_s()).values())
-        problem = f'{self._source.name}: {self._source.problem}' if self._source.problem else self._unsent
+        problem = self.bus_problem or self._unsent
         return bus_entry(node_name, 'bus', self.name, [problem] if problem else [], doubts,
                          f'{self._source.name}: works', {**self._source.figures(), 'sent frames': str(self._sent)})

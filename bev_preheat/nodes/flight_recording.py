@@ -9,7 +9,6 @@ from typing import Any, NamedTuple, TYPE_CHECKING
 from uuid import uuid4
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
-from rclpy.serialization import serialize_message
 from sensor_msgs.msg import BatteryState, Temperature
 
 from bev_preheat.control.events import Reconfigured
@@ -38,8 +37,8 @@ from bev_preheat.flight_recorder.writer import (
     RecordingWriter,
     STEP_CHANNEL,
 )
-from bev_preheat.nodes.command_bytes import command_encoder
 from bev_preheat.nodes.message_definitions import definition
+from bev_preheat.nodes.recorded_bytes import command_encoder, serialized, state_encoder
 from bev_preheat_msgs.msg import HvchCommand, HvchStatus, PreheatPlan, RoutePlan, RouteProgress
 
 if TYPE_CHECKING:
@@ -166,8 +165,9 @@ class FlightRecorder:
             check_folder(folder)
             kinds = {self._planner.topic(topic): _kind(message_type)
                      for topic, message_type in TYPES.items()}
-            command_topic = self._planner.topic(COMMAND)
-            kinds[command_topic] = kinds[command_topic]._replace(encode=command_encoder())
+            for topic, encode in ((COMMAND, command_encoder()), (BATTERY_STATE, state_encoder())):
+                name = self._planner.topic(topic)
+                kinds[name] = kinds[name]._replace(encode=encode)
             self._life = uuid4().hex[:8]
             self._writer = RecordingWriter(
                 Recording(Path(folder).expanduser(), round(megabytes * BYTES_PER_MB), self._life, started), kinds,
@@ -287,8 +287,4 @@ def _values(event: Event, has_message: bool, goals: GoalNumbers, setup: Setup) -
 
 def _kind(message_type: Any) -> Kind:
     package, name = message_type.__module__.partition('.')[0], message_type.__name__
-    return Kind(f'{package}/msg/{name}', definition(package, name), 'ros2msg', 'cdr', _serialized)
-
-
-def _serialized(message: Any) -> bytes:
-    return bytes(serialize_message(message))
+    return Kind(f'{package}/msg/{name}', definition(package, name), 'ros2msg', 'cdr', serialized)

@@ -98,7 +98,7 @@ class HeaterControllerNode(Node):
             vehicle.heating_gates.power_steps_w, values['longest_lease'], values['clock_tolerance']))
         self._can = CanHeater(values['signals'], vehicle.hvch.maximum_power_w) if values['signals'] else None
         self._output = output or self._can or _without_heater
-        self._senders, self._news = CommandSenders(), RepetitionFilter()
+        self._senders, self._news, self._bus_problem = CommandSenders(), RepetitionFilter(), ''
         self._answer = HeaterAnswer(0.0, 0.0, Refusal.NO_COMMAND, 'no command has arrived yet')
         # The latest refusal and requested power [W] that were published, and when [s].
         self._told, self._told_at_s = (Refusal.NO_COMMAND, 0.0), -math.inf
@@ -194,9 +194,17 @@ class HeaterControllerNode(Node):
 
     def _publish_diagnostics(self) -> None:
         name = self.get_fully_qualified_name()
+        self._tell_bus()
         self._diagnostics_publisher.publish(heater_diagnostics(
             name, self._vehicle.name, self._answer, self._now().clock_ns, [
                 self._setup.entry(self._vehicle.name), *([] if self._can is None else [self._can.entry(name)])]))
+
+    def _tell_bus(self) -> None:
+        """Log a new problem of the bus, also before the first command."""
+        problem = '' if self._can is None else self._can.bus_problem
+        if problem and not self._bus_problem:
+            self._tell(problem)
+        self._bus_problem = problem
 
     def _tell(self, sentence: str) -> None:
         if self._news.has(sentence):

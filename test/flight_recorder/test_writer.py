@@ -5,6 +5,7 @@ from dataclasses import fields
 import errno
 import json
 import os
+import shutil
 import time
 
 from hypothesis import given
@@ -82,6 +83,24 @@ def test_a_full_disk_is_reported_counted_and_tried_again(tmp_path, monkeypatch):
     assert writer.dropped == 1
     data = b''.join(path.read_bytes() for path in recordings_in(tmp_path))
     assert b'{"dropped":1}' in data and b'"now_ns":2' in data
+
+
+def test_after_its_file_was_deleted_it_writes_another_one(tmp_path, monkeypatch):
+    monkeypatch.setattr(module, 'COLLECTING_S', 0.01)
+    writer = a_writer(tmp_path / 'flights')
+    writer.put(Entry(STEP_CHANNEL, 1, RecordedStep(1)))
+    wait_for(lambda: writer.path)
+    shutil.rmtree(tmp_path / 'flights')
+    first = writer.path
+    # The first of these may still go into the deleted file.
+    for second in range(2, 1000):
+        writer.put(Entry(STEP_CHANNEL, second, RecordedStep(second)))
+        if writer.path != first:
+            break
+        time.sleep(0.02)
+    writer.close(10.0)
+    [written] = recordings_in(tmp_path / 'flights')
+    assert written.name.endswith('_0001.mcap') and f'"now_ns":{second},'.encode() in written.read_bytes()
 
 
 def test_a_disk_that_hangs_costs_entries_not_time(tmp_path, monkeypatch):

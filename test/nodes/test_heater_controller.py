@@ -13,6 +13,7 @@ from rclpy.qos import LivelinessPolicy, QoSProfile
 from sensor_msgs.msg import BatteryState
 from std_msgs.msg import Float64
 
+from bev_preheat.files.configuration import find_configuration
 from bev_preheat.nodes.command_senders import CommandSenders, MOST_SENDERS
 from bev_preheat.nodes.convert import time_message
 from bev_preheat_msgs.msg import HvchCommand, HvchStatus
@@ -197,6 +198,20 @@ def gated_car(tmp_path):
     path.write_text(f'{text}\nheating_gates: {{minimum_soc: 0.15, maximum_temperature_c: 25, '
                     'only_while_standing: true, power_steps_w: [2000, 5000]}\n')
     return path
+
+
+@pytest.mark.needs('cantools')
+@pytest.mark.needs('can')
+@pytest.mark.needs('serial')
+@pytest.mark.needs('crccheck')
+@pytest.mark.needs('pint')
+def test_bus_that_cannot_be_opened_is_in_the_log_before_any_command(start_executable, tmp_path):
+    signals = find_configuration('signals', 'example_car', '.yaml')
+    path, adapter = tmp_path / 'car.yaml', tmp_path / 'no_adapter'
+    text = signals.read_text().replace('dbc: example_car.dbc', f'dbc: {signals.with_name("example_car.dbc")}')
+    path.write_text(text.replace('interface: socketcan, channel: can0', f'interface: slcan, channel: {adapter}'))
+    process = start_executable('heater_controller', '-p', f'signals:={path}')
+    poll_until(lambda: f'slcan {adapter}: ' in process.output(), 'the bus')
 
 
 @pytest.mark.needs('cantools')
