@@ -60,6 +60,19 @@ def test_drives_left_out_are_predicted_well_and_better_than_without_a_model():
 
 
 @pytest.mark.deep
+@pytest.mark.parametrize('factor', [0.5, 1.0, 2.0])
+def test_a_start_of_another_car_does_not_spoil_the_file(factor):
+    from bev_preheat.identification.identify import identify
+    other = load_vehicle('small_car')
+    start = replace(other, battery=replace(
+        other.battery, heat_capacity_j_per_k=factor * other.battery.heat_capacity_j_per_k))
+    result = identify(start, trips_of([read_recording(path) for path in LOGS], start), 'my_car',
+                      structures_tried=('one mass', 'one mass, sensor lag'))
+    assert result.rmse_k <= 0.40
+    assert result.worst_k <= 0.75
+
+
+@pytest.mark.deep
 def test_the_file_predicts_the_drives_and_the_estimation_does_not_harm():
     check = check_trips(identified().vehicle, trips())
     assert check.rmse_k <= 0.40
