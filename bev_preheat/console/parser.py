@@ -40,7 +40,10 @@ class OneLineParser(argparse.ArgumentParser):
             for argument in args:
                 if argument == '--':
                     break
-                option = argument.partition('=')[0]
+                option, _, value = argument.partition('=')
+                if option.startswith('--') and value == '--':
+                    # argparse would take it for no value at all.
+                    self.error(f"argument {option}: '--' is not allowed")
                 # A unique prefix of an option is enough.
                 if option.startswith('--') and not any(
                         name.startswith(option) for name in known):

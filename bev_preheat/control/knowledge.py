@@ -17,6 +17,7 @@ from bev_preheat.control.regime import Evidence, Regime, RegimeReport, RegimeWat
 from bev_preheat.estimation.readings import Resolution, TEMPERATURE_STEPS_K
 from bev_preheat.numerics.arithmetic import SATURATING_FLOATS
 from bev_preheat.numerics.folded_normal import mean_magnitude
+from bev_preheat.signals.current_scale import CurrentScale
 from bev_preheat.signals.current_sign import CurrentSign, Sign
 from bev_preheat.signals.electrical import ElectricalCheck
 from bev_preheat.signals.source import FeedWatch, SourceWatch
@@ -80,6 +81,7 @@ class Knowledge:
         self._vehicle = vehicle
         self._regime = RegimeWatch()
         self._sign = CurrentSign(vehicle.battery.capacity_as)
+        self._scale = CurrentScale(vehicle.battery.capacity_as)
         self._electrical = ElectricalCheck(vehicle)
         self._source = SourceWatch()
         self._stuck = StuckTemperature()
@@ -126,7 +128,7 @@ class Knowledge:
 
     def lose_time(self) -> None:
         """Forget all instants, because the clock was restarted; the sign of the current is still known."""
-        for watch in (self._regime, self._sign, self._source, self._stuck, self._feed):
+        for watch in (self._regime, self._sign, self._scale, self._source, self._stuck, self._feed):
             watch.lose_time()
         self._stamp_ns = self._charged_ns = None
         self._shown_until_ns.clear()
@@ -205,11 +207,13 @@ class Knowledge:
             self._clear_shown(now_ns)
             return replace(measurement, voltage_v=None, current_a=None)
         sign = self._sign.see(instant_s, voltage_v, current_a, state.soc)
-        self._show(CURRENT, '' if sign is not Sign.REVERSED else (
+        scale_doubt = self._scale.see(instant_s, current_a, state.soc)
+        current_doubt = scale_doubt if sign is not Sign.REVERSED else (
             f'current: its sign is reversed: {self._sign.evidence}; battery_state.current is negative while '
-            'the battery is discharged; voltage and current are not used'), now_ns)
+            'the battery is discharged; voltage and current are not used')
+        self._show(CURRENT, current_doubt, now_ns)
         self._clear_shown(now_ns)
-        return measurement if sign is not Sign.REVERSED else replace(measurement, voltage_v=None, current_a=None)
+        return replace(measurement, voltage_v=None, current_a=None) if current_doubt else measurement
 
     def _has_current(self, current_a: float) -> bool:
         """Whether a current [A] is known: a field that has always been 0 is not filled."""

@@ -87,6 +87,9 @@ def test_help_is_printed(capsys, command):
     (['plan', '--vehicel', 'reference'],
      'preheat plan: error: unrecognized arguments: --vehicel; did you mean --vehicle?; '
      'see preheat plan --help'),
+    # argparse takes it for no value.
+    (['plan', '--target=--', *SITUATION],
+     "preheat plan: error: argument --target: '--' is not allowed; see preheat plan --help"),
     (['sweep', '--seed', '1e9'],
      "preheat sweep: error: argument --seed: '1e9' is not a whole number; use digits only; "
      'see preheat sweep --help'),
