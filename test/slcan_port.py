@@ -47,7 +47,7 @@ class SlcanPort:
         os.close(self._mine)
         os.close(self._theirs)
 
-    def wait_for(self, condition, timeout_s=10.0):
+    def wait_for(self, condition, timeout_s=60.0):
         """Return the first new (instant, identifier, data) with condition(identifier, data)."""
         looked_at = len(self.frames)
         deadline_s = time.monotonic() + timeout_s

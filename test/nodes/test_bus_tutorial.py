@@ -7,7 +7,6 @@ import shlex
 import signal
 import subprocess
 import sys
-import time
 
 from node_bench import poll_until
 import pytest
@@ -46,7 +45,5 @@ def test_commands_as_printed_lead_to_the_first_command_of_the_heater(car, start_
     # It may take seconds; meanwhile the battery cools a little.
     assert [line.split(',')[0] for line in car()[:len(shown)]] == [line.split(',')[0] for line in shown]
     processes['planner'].send_signal(signal.SIGKILL)
-    killed_s = time.monotonic()
-    poll_until(lambda: car()[-1].startswith('heater: 0 W'), '0 W', 4.0)
-    # The lease of 2.5 s, and the periods of gateway and car.
-    assert time.monotonic() - killed_s < 3.0
+    # test_bus_gateway.py counts the frames until the lease has ended.
+    poll_until(lambda: car()[-1].startswith('heater: 0 W'), '0 W')

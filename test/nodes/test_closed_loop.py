@@ -12,7 +12,7 @@ import signal
 
 from diagnostic_msgs.msg import DiagnosticArray
 import pytest
-from rclpy.qos import qos_profile_sensor_data
+from rclpy.qos import qos_profile_sensor_data, QoSProfile
 from sensor_msgs.msg import BatteryState
 
 from bev_preheat.control.inputs import NS_PER_S
@@ -29,6 +29,8 @@ from bev_preheat_msgs.msg import HvchCommand, PreheatPlan
 SPEED_UP = 100
 TARGET_C = 25.0
 LEASE_S = 20.0
+# Best effort, and no state is dropped while the test is held up.
+MANY = QoSProfile(depth=1000, reliability=qos_profile_sensor_data.reliability)
 # On a busy computer simulated time slows down.
 TRIP_LIMIT_S = 240.0
 START_S = 1_700_000_000
@@ -84,7 +86,7 @@ class Trip:
         self.commands = bench.record(HvchCommand, 'hvch_command', 100)
         self.plans = bench.record(PreheatPlan, 'preheat_plan', 100)
         self.diagnostics = bench.record(DiagnosticArray, '/diagnostics')
-        self.states = bench.record(BatteryState, 'battery_state', qos_profile_sensor_data)
+        self.states = bench.record(BatteryState, 'battery_state', MANY)
         self.planner = bench.start('planner', *PLANNER)
         # The simulator waits for the planner, not for listeners: nodes may take seconds to find each other,
         # and minutes of the drive pass meanwhile.
@@ -112,6 +114,7 @@ def trip(request, module_bench, tmp_path_factory):
     trip = Trip(module_bench, route, drive.temperature_c)
     trip.duration_s = drive.duration_s
     assert trip.simulator.wait(TRIP_LIMIT_S) == 0, trip.simulator.output()
+    trip.states.wait_for(lambda state: on_the_way_s(state.header.stamp) >= trip.duration_s, 'the arrival')
     yield trip
     trip.planner.end()
 

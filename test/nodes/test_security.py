@@ -89,7 +89,7 @@ def uses(bench, executable, expected):
         names = [name for name, _ in bench.node.get_node_names_and_namespaces()]
         return executable in names and used(bench.node, executable) == expected
     try:
-        poll_until(agrees, 'the endpoints of the policy', timeout_s=20.0)
+        poll_until(agrees, 'the endpoints of the policy')
     except AssertionError:
         assert used(bench.node, executable) == expected
         raise
