@@ -2,9 +2,10 @@
 """
 The whole trip: the installed planner and the simulated vehicle, each closing the other's loop.
 
-A quarter of an hour in the cold at 100 times real time; `make test-deep` also drives the paper's hour. The
-planner's lease and clock tolerance are longer than usual: 1 s of simulated time is 10 ms here, and a busy computer
-may take longer than that to deliver a command, or /clock after the state measured at that instant.
+A quarter of an hour in the cold at 100 times real time; `make test-deep` also drives the paper's hour, and kills
+the planner (daily in test_whole_car.py and test_heater_answers.py). The planner's lease and clock tolerance are
+longer than usual: 1 s of simulated time is 10 ms here, and a busy computer may take longer than that to deliver a
+command, or /clock after the state measured at that instant.
 """
 
 from dataclasses import dataclass
@@ -166,6 +167,7 @@ def test_the_planner_outlives_the_trip(trip):
     assert trip.planner.exit_status is None
 
 
+@pytest.mark.deep
 def test_a_planner_killed_while_heating_leaves_no_heat_after_the_lease(bench, tmp_path):
     # So cold that it is heated at once.
     trip = Trip(bench, write_quarter(tmp_path), -25.0)

@@ -203,8 +203,9 @@ def test_a_cancelled_trip_outlives_a_killed_process(bench, car, tmp_path):
     car.wait_for_heat()
 
 
+@pytest.mark.deep
 def test_a_restarted_simulator_is_followed(bench):
-    """Clock and drive restart; the planner's process is the same."""
+    """Clock and drive restart; the planner's process is the same (daily in test_planner_node.py)."""
     commands = bench.record(HvchCommand, 'hvch_command', 100)
     planner = bench.start('planner', '-p', 'use_sim_time:=true', '-p', 'command_lease:=10.0',
                           '-p', 'battery_state_timeout:=30.0', '-p', 'command_period:=2.0')
