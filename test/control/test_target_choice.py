@@ -57,7 +57,7 @@ PERIOD_S = 4.0
 # Which target
 
 @pytest.mark.costly
-@pytest.mark.parametrize('charger, state', [(FAST, STATE), (FAST, BatteryState(10.0, 0.2)), (SLOW, STATE)])
+@pytest.mark.parametrize('charger, state', [(FAST, BatteryState(10.0, 0.2)), (SLOW, STATE)])
 def test_the_target_costs_what_the_best_costs(charger, state):
     supervisor, route = a_supervisor(charger), drive()
     first = feed(supervisor, 0.0, state).target

@@ -113,6 +113,7 @@ def test_it_compiles_without_a_warning_and_plans_what_python_plans(export):
         assert max(len(vector.columns[1]) for vector in heated(export.vectors, method)) == 360
 
 
+@pytest.mark.deep
 def test_plans_are_the_same_with_fewer_states_side_by_side(export, tmp_path):
     folder = tmp_path / 'other'
     shutil.copytree(export.folder, folder, ignore=shutil.ignore_patterns('build'))

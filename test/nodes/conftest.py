@@ -49,14 +49,15 @@ MAIN_MODULES = {'planner': planner_node, 'nlp_checker': nlp_checker_node,
 
 # Files of 8 s of processor time and more, the longest first: none of them may begin last.
 LONGEST = [f'{name}.py' for name in (
-    'test_documentation', 'test_dashboard_page', 'test_nlp_checker', 'test_whole_car', 'test_scenarios', 'test_wheel',
-    'test_demo', 'test_restart', 'test_target_choice', 'test_footprint', 'test_heater_answer', 'test_clock_owner',
-    'test_setup', 'test_route_listener', 'test_identify_command', 'test_security', 'test_robustness_command',
-    'test_exported_planner', 'test_dashboard')]
+    'test_documentation', 'test_dashboard_page', 'test_nlp_checker', 'test_whole_car', 'test_scenarios',
+    'test_wheel', 'test_demo', 'test_restart', 'test_target_choice', 'test_optimum', 'test_footprint',
+    'test_heater_answer', 'test_clock_owner', 'test_worker', 'test_setup', 'test_route_listener',
+    'test_identify_command', 'test_security', 'test_robustness_command', 'test_exported_planner',
+    'test_dashboard')]
 
 
 def pytest_collection_modifyitems(items):
-    """Run the longest files first, then those over DDS, which mostly wait while other tests compute, then costly ones."""
+    """Run the longest files first, then those over DDS, which mostly wait, then those marked costly."""
     waiting = Counter(item.path for item in items if 'dds' in item.fixturenames)
     costly = Counter(item.path for item in items if item.get_closest_marker('costly') is not None)
 

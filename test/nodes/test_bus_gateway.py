@@ -17,7 +17,7 @@ from example_frames import (
     temperature_frame,
     TEMPERATURES,
 )
-from node_bench import repeating
+from node_bench import poll_until, repeating
 import numpy as np
 import pytest
 from rclpy.clock import Clock, ClockType
@@ -29,7 +29,7 @@ from bev_preheat_msgs.msg import HvchCommand
 pytestmark = [pytest.mark.needs('cantools'), pytest.mark.needs('can'), pytest.mark.needs('crccheck'),
               pytest.mark.needs('serial'), pytest.mark.needs('pint')]
 SIGNALS = Path(__file__).resolve().parents[2] / 'config' / 'signals'
-LEASE_S = 0.6
+LEASE_S = 1.5
 # GenMsgCycleTime of the heater's frame in example_car.dbc.
 FRAME_PERIOD_S = 0.1
 
@@ -95,12 +95,12 @@ def test_a_car_on_can_is_heated_only_by_one_commander_with_a_valid_lease(
                 # In steps of 10 W, rounded down.
                 car.wait_for_power(3450.0)
                 commands_before = len(car.commands())
-                time.sleep(0.5)
+                poll_until(lambda: len(car.commands()) >= commands_before + 5, 'frames')
                 heated = car.commands()[commands_before:]
             stopped = len(car.commands())
-            assert len(heated) >= 3 and all(power_w == 3450.0 and enabled for power_w, enabled, *_ in heated)
+            assert all(power_w == 3450.0 and enabled for power_w, enabled, *_ in heated)
             car.wait_for_power(0.0)
-            # In frames, because a busy computer sends no more of them: 6 in a lease, and one at its start.
+            # In frames, because a busy computer sends no more of them: 15 in a lease, and one at its start.
             after = [power_w for power_w, *_ in car.commands()[stopped:]]
             assert after.index(0.0) <= LEASE_S / FRAME_PERIOD_S + 1
 

@@ -8,7 +8,6 @@ installed ones, and no message of ROS is written by hand.
 
 from itertools import groupby
 import signal
-import time
 
 from can_car import CanCar
 from example_frames import COMMAND
@@ -105,5 +104,4 @@ def test_request_ends_in_a_warm_battery_and_is_reported_back(cabin, start_execut
     assert cabin.values(IS_ACTIVE) == [False, True] * (2 if is_killed else 1) + [False]
     assert cabin.values(MODE) == ['INACTIVE', 'FAST_CHARGING_PREPARATION', 'INACTIVE']
     assert speeds.wait_for().data == pytest.approx(10.0)
-    time.sleep(1.0)
-    assert car.power_w == 0.0
+    poll_until(lambda: car.power_w == 0.0, 'that the heater is off')

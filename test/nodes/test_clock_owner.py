@@ -3,6 +3,7 @@
 
 import re
 import signal
+from statistics import median
 
 from builtin_interfaces.msg import Time
 from node_bench import repeating
@@ -34,7 +35,8 @@ def test_the_simulator_that_comes_later_ends_and_says_why(bench, call_main):
     first = start_in(bench, '/car1', '-p', f'start_time:={START_S}.0')
     # Long enough ago that the first node stays.
     clock.wait_for(lambda message: message.clock.sec > START_S + 3)
-    second = call_main('vehicle_simulator', '--ros-args', '-r', '__ns:=/car2', '-p', f'start_time:={2 * START_S}.0')
+    second = call_main(
+        'vehicle_simulator', '--ros-args', '-r', '__ns:=/car2', '-p', f'start_time:={2 * START_S}.0')
     assert second.returncode == 2
     (line,) = (line for line in second.stderr.splitlines() if 'error:' in line)
     assert line == (
@@ -92,11 +94,13 @@ def test_a_killed_simulator_does_not_keep_the_next_one_from_starting(bench):
 def test_another_simulator_drives_by_the_clock_of_the_first(bench, wait_until):
     states = bench.record(BatteryState, '/car2/battery_state', MANY)
     second = start_in(bench, '/car2', '-p', 'publish_clock:=false', '-p', 'use_sim_time:=true')
-    start_in(bench, '/car1', '-p', f'start_time:={START_S}.0', '-p', 'speed_up:=20.0')
-    first, last = (states.wait_for_count(20)[at] for at in (0, -1))
+    start_in(bench, '/car1', '-p', f'start_time:={START_S}.0', '-p', 'speed_up:=5.0')
+    received = states.wait_for_count(20)
+    first, last = received[0], received[-1]
     assert START_S <= first.header.stamp.sec < last.header.stamp.sec < START_S + 3600
-    # One state a second of the first one's time, and no second clock.
-    assert 15 <= last.header.stamp.sec - first.header.stamp.sec <= 25
+    # One state a second of the first one's time, and no second clock; a busy computer leaves some out.
+    steps_s = [after.header.stamp.sec - before.header.stamp.sec for before, after in zip(received, received[1:])]
+    assert median(steps_s) == 1 and last.header.stamp.sec - first.header.stamp.sec >= 15
     assert last.percentage < first.percentage
 
     def topics_of_second():

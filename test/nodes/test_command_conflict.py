@@ -74,6 +74,9 @@ def test_two_planners_stay_off_until_one_is_gone(bench, number):
         bench.start('planner', *QUICK, '-r', '__node:=rear')
         diagnostics.wait_for(errors_of('front', 'also published by /rear'), 'the first says so')
         diagnostics.wait_for(errors_of('rear', 'also published by /front'), 'the second says so')
+        # Commands from before may arrive after the diagnostics.
+        poll_until(lambda: len(commands.messages) >= 40
+                   and all(map(is_in_conflict, commands.messages[-40:])), 'both in conflict')
         commands.clear()
         assert all(map(is_in_conflict, commands.wait_for_count(40)))
         first.send_signal(number)

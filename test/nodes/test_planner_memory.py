@@ -120,7 +120,7 @@ def what_is_there(path):
 
 # The kinds of files are those of test/estimation/test_state_file.py.
 @pytest.mark.parametrize('make, problem', [
-    pytest.param(*FOREIGN[kind], id=kind, marks=[] if kind in ('a vehicle file', 'pipe') else pytest.mark.deep)
+    pytest.param(*FOREIGN[kind], id=kind, marks=[] if kind == 'pipe' else pytest.mark.deep)
     for kind in FOREIGN])
 def test_with_a_file_of_others_it_starts_and_never_writes_it(start, tmp_path, make, problem):
     folder = tmp_path / 'memory'

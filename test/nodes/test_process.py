@@ -10,6 +10,7 @@ import time
 from ament_index_python.packages import get_package_prefix
 import pytest
 import rclpy
+from spinning import TIME_LIMIT_S
 
 PROGRAM = """
 import gc
@@ -87,7 +88,7 @@ sys.exit(run_node(Slow, None, loading_node))
 
 
 def await_names(node, wanted):
-    end = time.monotonic() + 20.0
+    end = time.monotonic() + TIME_LIMIT_S
     while time.monotonic() < end:
         names = set(node.get_node_names()) - {node.get_name()}
         if names == wanted:
@@ -110,7 +111,7 @@ def test_a_process_is_found_before_its_node_is_made_and_only_as_that_node_afterw
         await_names(onlooker, {'slow'})
         assert ('slow', '/car') in onlooker.get_node_names_and_namespaces()
         process.terminate()
-        assert process.wait(20.0) == 0
+        assert process.wait(TIME_LIMIT_S) == 0
     finally:
         process.kill()
         onlooker.destroy_node()
@@ -165,7 +166,7 @@ def test_ctrl_c_while_a_node_is_loaded_ends_it_without_a_traceback(name, domain_
     try:
         assert process.stdout.readline() == 'loads\n'
         process.send_signal(signal.SIGINT)
-        _, told = process.communicate(timeout=20.0)
+        _, told = process.communicate(timeout=TIME_LIMIT_S)
     finally:
         process.kill()
     assert (process.returncode, told) == (-signal.SIGINT, '')

@@ -9,6 +9,7 @@ from node_bench import poll_until, repeating
 import pytest
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 from sensor_msgs.msg import BatteryState
+from spinning import take_down
 from std_srvs.srv import SetBool
 
 from bev_preheat.control.inputs import NS_PER_S
@@ -140,7 +141,7 @@ def test_a_recording_of_the_topics_is_reproduced(bench, car, tmp_path):
     car.wait_for_heat()
     poll_until(lambda: len(car.commands.messages) > 20, 'commands')
     for subscription in subscriptions:
-        bench.node.destroy_subscription(subscription)
+        take_down(bench.node, lambda subscription=subscription: bench.node.destroy_subscription(subscription))
     with open(tmp_path / 'drive.mcap', 'wb') as file:
         writer = Writer(file)
         writer.start('ros2', 'rosbag2')
@@ -167,6 +168,7 @@ def test_an_opt_out_outlives_a_killed_process(bench, car, tmp_path):
     first = car.start_planner('-p', f'state_file:={memory}')
     car.wait_for_heat()
     bench.call(SetBool, '/planner/enable', SetBool.Request(data=False))
+    car.commands.wait_for(lambda command: command.reason == HvchCommand.DISABLED)
     kill(first)
     car.commands.clear()
     second = car.start_planner('-p', f'state_file:={memory}')
@@ -206,8 +208,9 @@ def test_a_cancelled_trip_outlives_a_killed_process(bench, car, tmp_path):
     car.wait_for_heat()
 
 
+@pytest.mark.deep
 def test_a_restarted_simulator_is_followed(bench):
-    """Clock and drive restart; the planner's process is the same."""
+    """Clock and drive restart; the planner's process is the same (daily in test_planner_node.py)."""
     commands = bench.record(HvchCommand, 'hvch_command', 100)
     planner = bench.start('planner', '-p', 'use_sim_time:=true', '-p', 'command_lease:=10.0',
                           '-p', 'battery_state_timeout:=30.0', '-p', 'command_period:=2.0')

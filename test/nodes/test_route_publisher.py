@@ -177,7 +177,7 @@ def test_the_planner_follows_the_positions_and_a_restarted_publisher_finds_them_
     # 200 s late: planned after 100 s, driven after 300 s.
     def is_followed():
         plan = trip.plans.latest
-        return plan is not None and plan.delay > 150.0
+        return plan is not None and plan.delay > 150.0 and trip.progress.latest is not None
 
     second, place = trip.drive(is_followed, START_S + 300, (1500.0, 3.0))
     assert trip.plans.latest.delay == pytest.approx(200.0, abs=3.0)

@@ -135,7 +135,9 @@ MISFITS = {
 }
 
 
-@pytest.mark.parametrize('name, misfits', MISFITS.values(), ids=MISFITS)
+@pytest.mark.parametrize('name, misfits', [
+    pytest.param(*misfits, id=kind, marks=pytest.mark.deep if kind == 'checker' else [])
+    for kind, misfits in MISFITS.items()])
 def test_who_does_not_fit_is_named_once_in_the_log_and_forgotten_when_gone(shared, name, misfits):
     texts = [text for _, text in misfits]
     for make, _ in misfits:

@@ -78,6 +78,8 @@ def test_what_is_typed_heats_and_what_is_cancelled_stays_off(shell):
         plan = shell.plans.wait_for(lambda plan: plan.status == Status.NO_CHARGING_PLANNED)
         assert plan.explanation == ('The trip was cancelled: no heating until a new route plan '
                                     'arrives.')
+        # A command of before may still be on its way.
+        shell.commands.wait_for(lambda command: command.reason == Status.NO_CHARGING_PLANNED)
         # Ten battery states later.
         shell.plans.clear()
         shell.commands.clear()

@@ -473,7 +473,8 @@ def test_an_optimum_at_a_corner_of_a_map_is_found(number):
             assert power_w <= bilinear(battery.discharge_power_limit, *state) + 15.0
 
 
-@pytest.mark.parametrize('number', [137, 324])
+# test/studies/optimality/test_study.py drives the other trip daily.
+@pytest.mark.parametrize('number', [pytest.param(137, marks=pytest.mark.deep), 324])
 def test_power_of_a_climb_comes_before_the_highest_temperature(number):
     trip = draw_limit_trip(REFERENCE, 1, number)
     car, highest_c = Car(REFERENCE), REFERENCE.battery.temperature_range_c[1]

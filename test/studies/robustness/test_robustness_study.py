@@ -235,7 +235,7 @@ WARMER = {'goal': Goal(30.0), 'period_s': 1.0}
 @pytest.mark.costly
 @pytest.mark.parametrize('number', [0, *(
     pytest.param(number, marks=pytest.mark.deep) for number in range(1, 4))])
-@pytest.mark.parametrize('plant', ['lag', 'sensor_lag', 'all'])
+@pytest.mark.parametrize('plant', ['lag', pytest.param('sensor_lag', marks=pytest.mark.deep), 'all'])
 def test_a_slow_heater_is_not_accused(plant, number):
     conditions = short_conditions(plant=plant, **WARMER)
     drive = drive_car(conditions, 3, number, ['planner'])[0].methods['planner']
