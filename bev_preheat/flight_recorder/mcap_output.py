@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
     from io import RawIOBase
 
-    from mcap.data_stream import RecordBuilder
     from mcap.records import Channel, McapRecord, MetadataIndex, Schema
 
 MAGIC = b'\x89MCAP0\r\n'
@@ -129,7 +128,7 @@ class McapOutput:
 
 def _bytes_of(*records: McapRecord) -> bytes:
     from mcap.data_stream import RecordBuilder
-    builder: RecordBuilder = RecordBuilder()
+    builder = RecordBuilder()
     for record in records:
         record.write(builder)
     return bytes(builder.end())
