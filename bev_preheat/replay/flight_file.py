@@ -86,7 +86,7 @@ def read_flight(path: str | Path) -> Flight:
             beginning = first
         elif first.part != beginning.part + number:
             gaps.append(len(given))
-            remarks.append(f'{part}: the file before it is missing')
+            remarks.append(f'{part.name}: the file before it is missing')
         elif read and read[0].step.events and number:
             # Records that a later part repeats for readers of that part alone.
             read = read[_repeated(read, given):]
@@ -137,15 +137,15 @@ def _read_part(path: Path, remarks: list[str]) -> tuple[Beginning, list[Given], 
     latest: dict[str, tuple[str, bytes]] = {}
 
     def note(problem: str) -> None:
-        remarks.append(f'{path}: {problem}; the messages before are used')
+        remarks.append(f'{path.name}: {problem}; the messages before are used')
 
     for channel, type_name, _, data, _ in mcap_messages(path, note):
         if channel == BEGINNING_CHANNEL:
             beginning = Beginning.from_dictionary(_plain(path, data))
         elif channel == GAP_CHANNEL:
             gaps.append(len(given))
-            remarks.append(f'{path}: {_plain(path, data).get("dropped")} steps were not written, because the disk '
-                           'was too slow or full; after them the replay may differ')
+            remarks.append(f'{path.name}: {_plain(path, data).get("dropped")} steps were not written, because the '
+                           'disk was too slow or full; after them the replay may differ')
         elif channel == STEP_CHANNEL:
             step = RecordedStep.from_dictionary(_plain(path, data))
             kinds = {event.get('kind') for event in step.events} & MESSAGE_KINDS

@@ -198,7 +198,7 @@ def test_a_published_curve_and_time_become_the_map(said):
     (['--charging-curve-temperature-c', '25'],
      '--charging-curve and --charging-curve-temperature-c belong together'),
     (['--charging-curve', 'none.csv', '--charging-curve-temperature-c', '25'],
-     '--charging-curve: none.csv: cannot be read: '),
+     '--charging-curve: none.csv: no such file'),
     (['--source', 'charging-curve=magazine'], '--source: --charging-curve is not given')])
 def test_half_a_curve_is_refused(said, arguments, problem):
     status, _, errors = said(*ID4, '--output', 'car.yaml', *arguments)

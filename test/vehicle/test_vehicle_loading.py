@@ -4,7 +4,6 @@
 from copy import deepcopy
 from dataclasses import replace
 import math
-from pathlib import Path
 
 import pytest
 import yaml
@@ -449,11 +448,11 @@ def test_file_that_is_not_text(tmp_path):
 def test_file_that_may_not_be_read(tmp_path, monkeypatch):
     path = written(tmp_path, GOOD)
 
-    def refuse(self, **kwargs):
+    def refuse(*arguments, **kwargs):
         raise PermissionError(13, 'Permission denied')
 
     # Root may read a file without permission.
-    monkeypatch.setattr(Path, 'read_text', refuse)
+    monkeypatch.setattr('builtins.open', refuse)
     assert problems_of(path) == ['cannot be read: Permission denied']
 
 
