@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Compile the test files of a fresh checkout once, in two processes: each of pytest's workers imports all of them, and would
-# compile all of them at the same time. What is wrong with a file, the tests tell.
+# Compile the test files of a fresh checkout once, in two processes: each of pytest's workers imports every file, and
+# they would all compile at the same time. Errors in a file are left for the tests to report.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 

@@ -2,7 +2,7 @@
 """
 Writes MCAP files: records by the package mcap, except for those that come with every step.
 
-Its own `Writer.add_message` takes three times as long as the bytes of a message need. Without chunks each message
+Its own `Writer.add_message` takes three times as much time as the bytes alone. Without chunks each message
 stands alone, so that a file without an end can be read up to its last whole message.
 """
 

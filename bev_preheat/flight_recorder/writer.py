@@ -2,7 +2,7 @@
 """
 Writes recordings in a thread of its own, so that no disk delays a command.
 
-The planner hands its steps over and goes on. Once a second the thread makes entries and bytes of them, and writes
+The planner hands its steps over and goes on. Once a second the thread makes bytes, and writes
 them unchunked: after a crash every message that reached the disk can be read. If the disk is slow, full or gone,
 entries are dropped and counted; the count is written as soon as writing works again.
 """
@@ -28,7 +28,7 @@ from bev_preheat.optional_packages import require
 
 # Groups of entries that wait for the disk; 2 min of a planner that is fed ten times a second.
 MOST_WAITING = 5000
-# The thread collects groups for this time [s]: in one go, bytes cost half of what they cost one by one. A process
+# The thread collects groups for this time [s]: in one go, bytes cost half the time. A process
 # that is killed loses them.
 COLLECTING_S = 1.0
 CATCHING_UP_S = 0.02
@@ -128,7 +128,7 @@ class RecordingWriter:
         self.put_group(entries)
 
     def put_group(self, group: Any) -> None:
-        """Hand a group over of which `entries_of` makes entries."""
+        """Hand a group over; `entries_of` turns it into entries."""
         if len(self._waiting) >= MOST_WAITING:
             self.dropped += 1
             return

@@ -102,7 +102,7 @@ class RosBag:
                 yield connection.topic, received_ns * NS, _stamp_s(message), message
 
     def _mcap_messages(self, problem: list[str]) -> Iterator[tuple[str, float, float | None, Any]]:
-        """Yield those of MCAP files: AnyReader refuses a file if one of its channels is not ROS's."""
+        """Yield those of MCAP files: AnyReader refuses a file with a channel that is not ROS's."""
         types = _RecordedTypes()
         for file in self._files:
             for topic, type_name, received_ns, data, text in mcap_messages(file, problem.append):

@@ -86,7 +86,7 @@ def state_encoder() -> Callable[[BatteryState], bytes]:
 
 
 def _fits(data: bytes, message: HvchCommand | BatteryState) -> bool:
-    """Return whether bytes are a message's: another middleware or another version of it may have other ones."""
+    """Return whether bytes are a message's: another middleware or version may have other bytes."""
     try:
         # Padding may have any bytes.
         return bool(deserialize_message(data, type(message)) == message) and len(data) == len(serialized(message))

@@ -57,7 +57,7 @@ def replay_changed(flight: Flight, changes: Changes, period: Period = WHOLE,
     Return the Course with Changes.
 
     Battery states differ from the recorded ones by the heat that the changed command brings (`Deviation`).
-    `heater` has the share of a command that the heater delivers; None: all of it.
+    `heater` has the share of a command that the heater delivers; None: the whole command.
     """
     course = Course()
     closed_loop = _ChangedBattery(flight, changes, HeaterShares(flight) if heater is None else heater)

@@ -78,6 +78,6 @@ class CurrentScale:
             return
         self.doubt = '' if not is_too_much and FACTOR * drawn >= changed else (
             f'current: it moved {100.0 * drawn:.1f} % of the charge while percentage changed by '
-            f'{100.0 * changed:.1f} %; the unit or scale of one of them is wrong; voltage and current are not '
+            f'{100.0 * changed:.1f} %; the unit or scale of either is wrong; voltage and current are not '
             'used')
         self._begin(sample)

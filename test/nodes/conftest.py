@@ -47,7 +47,7 @@ MAIN_MODULES = {'planner': planner_node, 'nlp_checker': nlp_checker_node,
                 'dashboard': dashboard_node}
 
 
-# Files of 8 s of processor time and more, the longest first: none of them may begin last.
+# Files of 8 s of processor time and more, the longest first: no long file may begin last.
 LONGEST = [f'{name}.py' for name in (
     'test_documentation', 'test_dashboard_page', 'test_nlp_checker', 'test_whole_car', 'test_scenarios',
     'test_wheel', 'test_demo', 'test_restart', 'test_target_choice', 'test_optimum', 'test_footprint',

@@ -91,6 +91,7 @@ def test_a_killed_simulator_does_not_keep_the_next_one_from_starting(bench):
     assert second.exit_status is None
 
 
+@pytest.mark.deep
 def test_another_simulator_drives_by_the_clock_of_the_first(bench, wait_until):
     states = bench.record(BatteryState, '/car2/battery_state', MANY)
     second = start_in(bench, '/car2', '-p', 'publish_clock:=false', '-p', 'use_sim_time:=true')

@@ -50,7 +50,7 @@ def test_refusal_is_in_the_plan_and_in_one_entry(bench, careful_car):
             and 'LOW_CHARGE' in status.message for status in array.status))
 
 
-# A step of the planner's clock [s]; what planner and heater controller say of it.
+# A step of the planner's clock [s]; the messages of planner and heater controller.
 CLOCK_STEPS = [
     (3600, r'INVALID_INPUT: battery_state refused: header.stamp: the state is 3[56]\d\d(\.\d+)? s old; ',
      r'INVALID_LEASE: header.stamp: is 3[56]\d\d\.\d+ s ahead of the clock; '),

@@ -206,7 +206,7 @@ def test_instructions_are_told_for_heated_plans_by_length_and_limit():
         ['merit_order, a limit active', '10', '-', '-', '-']]
 
 
-@pytest.mark.costly
+@pytest.mark.deep
 @pytest.mark.needs('elftools')
 def test_the_command_tells_what_it_can_where_the_other_compiler_is_missing(monkeypatch, tmp_path, capsys):
     for name, value in {'DRAWN': 12, 'LONG': 0, 'SEED': 4, 'LEVELS': ('-O0',), 'PATHS': (HeatPath(),),

@@ -10,6 +10,7 @@ import pytest
 pytestmark = pytest.mark.usefixtures('dds')
 
 
+@pytest.mark.deep
 def test_a_short_soak_test_loads_the_planner_and_judges_it(tmp_path):
     picture = tmp_path / 'soak.png'
     done = subprocess.run(
