@@ -30,8 +30,6 @@ if TYPE_CHECKING:
     from bev_preheat.simulation.evaluation import DriveRecord, Finding
     from bev_preheat.simulation.scenario import Scenario
 
-DEFAULT_SPEED_UP = 60.0
-
 
 def add_parser(subparsers: Subparsers) -> None:
     """Add the subcommand."""
@@ -47,9 +45,9 @@ def add_parser(subparsers: Subparsers) -> None:
     parser.add_argument('--nodes', action='store_true',
                         help='use the installed planner and vehicle_simulator over ROS, instead of this '
                         'process without ROS')
-    parser.add_argument('--speed-up', type=float, default=DEFAULT_SPEED_UP, metavar='N',
-                        help='with --nodes: simulated seconds per real second, 1 ... 1000 '
-                        '(default: %(default)s)')
+    parser.add_argument('--speed-up', type=float, metavar='N',
+                        help='with --nodes: simulated seconds per real second, 1 ... 1000; commands then arrive '
+                        'with the delays of this computer (default: in lockstep, the same drive on every computer)')
     parser.add_argument('--logs', metavar='FOLDER', help='with --nodes: folder for their logs')
     parser.add_argument('--record', metavar='FOLDER',
                         help="folder for the planner's flight recordings, NAME.mcap, for preheat replay")
@@ -61,7 +59,7 @@ def run(arguments: Namespace) -> int:
     """Run, print and write; returns 0 if all expectations are met."""
     from bev_preheat.simulation.evaluation import evaluate_chain
     from bev_preheat.simulation.scenario import load_scenario
-    if not 1.0 <= arguments.speed_up <= 1000.0:
+    if arguments.speed_up is not None and not 1.0 <= arguments.speed_up <= 1000.0:
         raise InvalidInput(f'--speed-up: {arguments.speed_up:g} is not allowed; it must be '
                            '1 ... 1000')
     arguments.logs = _folder('--logs', arguments.logs)

@@ -28,6 +28,7 @@ from ament_index_python.packages import PackageNotFoundError
 from bev_preheat.charging.stop import CHARGER_RANGE_W, USUAL_DEPARTURE_SOC
 from bev_preheat.console.parser import OneLineParser
 from bev_preheat.console.terminal import print_figures, result_console
+from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.demo.display import charging_sentence, shown, summary_rows, verdict
 from bev_preheat.demo.observer import Observer
 from bev_preheat.drawing.demo_figure import draw_drive
@@ -37,6 +38,7 @@ from bev_preheat.nodes.installed_processes import NodeProcess, reserved_domain_i
 from bev_preheat.nodes.kept_recording import KeptRecording, recording_beside
 from bev_preheat.nodes.listening import listening
 from bev_preheat.route import route_for
+from bev_preheat.simulation.supervised_drive import START_NS
 from bev_preheat.vehicle import load_vehicle, vehicle_file
 
 if TYPE_CHECKING:
@@ -54,7 +56,7 @@ ARRIVAL_TOLERANCE_K = 1.0
 # Limits of real time for the processes to find each other, and between two battery states [s]. The end of a
 # process is noticed at once; these waits may take a minute on a busy computer.
 START_LIMIT_S = 180.0
-SILENCE_LIMIT_S = 60.0
+SILENCE_LIMIT_S = 90.0
 REFRESH_S = 0.2
 # Stands for a target of 0 degC, because 0 means the default.
 LEAST_TARGET_C = 1e-3
@@ -83,8 +85,9 @@ def parse_arguments(arguments: Sequence[str] | None) -> Namespace:
                         'itself (unknown)')
     parser.add_argument('--departure-soc', type=float, metavar='0..1',
                         help=f'state of charge at which the car leaves the charger ({USUAL_DEPARTURE_SOC:g})')
-    parser.add_argument('--speed-up', type=float, default=60.0, metavar='N',
-                        help='simulated seconds per real second, 1 ... 1000 (%(default)s)')
+    parser.add_argument('--speed-up', type=float, metavar='N',
+                        help='simulated seconds per real second, 1 ... 1000; commands then arrive with the delays '
+                        'of this computer (in lockstep, the same drive on every computer)')
     parser.add_argument('--output', type=Path, default=Path('out/demo.png'), metavar='FILE',
                         help='the picture; the recording and the logs of the processes are written next to it '
                         '(%(default)s)')
@@ -120,7 +123,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _load(arguments: Sequence[str] | None) -> Callable[[], int]:
     parsed = parse_arguments(arguments)
-    if not 1.0 <= parsed.speed_up <= 1000.0:
+    if parsed.speed_up is not None and not 1.0 <= parsed.speed_up <= 1000.0:
         raise InvalidInput(f'--speed-up: {parsed.speed_up:g} is not allowed; it must be 1 ... 1000')
     _check_charger(parsed)
     warning = check_files(parsed)
@@ -169,9 +172,9 @@ def run(parsed: Namespace, console: Console) -> tuple[bool, str]:
         os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
         if 'ROS_DOMAIN_ID' not in os.environ:
             os.environ['ROS_DOMAIN_ID'] = str(stack.enter_context(reserved_domain_id()))
-        console.print(f'Vehicle {parsed.vehicle} on route {parsed.route}, {parsed.speed_up:g} '
-                      f'times real time, ROS domain {os.environ["ROS_DOMAIN_ID"]}.',
-                      markup=False, soft_wrap=True)
+        pace = 'in lockstep' if parsed.speed_up is None else f'{parsed.speed_up:g} times real time'
+        console.print(f'Vehicle {parsed.vehicle} on route {parsed.route}, {pace}, '
+                      f'ROS domain {os.environ["ROS_DOMAIN_ID"]}.', markup=False, soft_wrap=True)
         listener = stack.enter_context(listening('demo'))
         observer = Observer(listener.node)
         drive = observer.drive
@@ -181,7 +184,7 @@ def run(parsed: Namespace, console: Console) -> tuple[bool, str]:
         _wait_for_planner(listener, observer, planner)
         simulator = _start(stack, parsed, 'vehicle_simulator', _simulator_parameters(parsed))
         with shown(drive, console) as show:
-            _follow(listener, drive, (simulator, planner), show)
+            _follow(listener, drive, simulator, planner, show)
         for process in (simulator, planner):
             if process.end() != 0:
                 raise DemoFailed(_ended(process))
@@ -192,7 +195,7 @@ def run(parsed: Namespace, console: Console) -> tuple[bool, str]:
     charging = charging_sentence(drive)
     if charging:
         console.print(charging, markup=False, soft_wrap=True)
-    good, sentence = verdict(drive, ARRIVAL_TOLERANCE_K)
+    good, sentence = verdict(drive, ARRIVAL_TOLERANCE_K, parsed.speed_up)
     draw_drive(parsed.output, drive, load_vehicle(parsed.vehicle),
                f'vehicle {parsed.vehicle}, route {parsed.route}: arrival at '
                f'{drive.states[-1][1]:.1f} °C, target {drive.target_c:.1f} °C')
@@ -211,8 +214,10 @@ def _simulator_parameters(parsed: Namespace) -> dict[str, Any]:
         'route': parsed.route,
         'initial_battery_temperature': parsed.temperature,
         'initial_soc': parsed.soc,
-        'speed_up': parsed.speed_up,
-        'wait_for_planner': 'true',
+        # So that two drives can be compared.
+        'start_time': START_NS / NS_PER_S,
+        **({'lockstep': 'true'} if parsed.speed_up is None else {
+            'speed_up': parsed.speed_up, 'wait_for_planner': 'true'}),
         # Wait for the planner and this observer.
         'wait_for_listeners': 2,
         'exit_on_arrival': 'true',
@@ -250,24 +255,27 @@ def _wait_for_planner(listener: Listener, observer: Observer, planner: NodeProce
         listener.listen(REFRESH_S)
 
 
-def _follow(listener: Listener, drive: ObservedDrive, processes: Sequence[NodeProcess],
+def _follow(listener: Listener, drive: ObservedDrive, simulator: NodeProcess, planner: NodeProcess,
             show: Callable[[], object]) -> None:
-    """Return when the vehicle stands; raise DemoFailed if that cannot happen any more."""
+    """Return when the simulator has ended its drive; raise DemoFailed if that cannot happen any more."""
     limit_s = time.monotonic() + START_LIMIT_S
-    while not drive.is_over:
-        for process in processes:
-            if process.exit_status is not None:
-                raise DemoFailed(_ended(process))
+    while simulator.exit_status is None:
+        if planner.exit_status is not None:
+            raise DemoFailed(_ended(planner))
         now_s = time.monotonic()
         if drive.plan is None and now_s > limit_s:
             raise DemoFailed(f'no plan within {START_LIMIT_S:g} s. '
-                             + '\n'.join(map(_last_lines, processes)))
+                             + '\n'.join(map(_last_lines, (simulator, planner))))
         if drive.heard_at_s is not None and now_s > drive.heard_at_s + SILENCE_LIMIT_S:
             raise DemoFailed(f'no battery state for {SILENCE_LIMIT_S:g} s. '
-                             f'{_last_lines(processes[0])}')
+                             f'{_last_lines(simulator)}')
         show()
         listener.listen(REFRESH_S)
+    # Messages that were in transit at the end.
+    listener.listen(REFRESH_S)
     show()
+    if not drive.is_over:
+        raise DemoFailed(_ended(simulator))
 
 
 def _ended(process: NodeProcess) -> str:

@@ -15,6 +15,7 @@ from rich.table import Table
 
 from bev_preheat.console.output import ENERGY_ROWS
 from bev_preheat.nodes.convert import ENERGY_FIELDS, nanoseconds
+from bev_preheat.nodes.simulator_messages import lost_commands_sentence
 from bev_preheat.nodes.target_report import charging_text
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.status import Status
@@ -158,8 +159,13 @@ def _instant_text(instant_s: float | None) -> str:
     return 'never' if instant_s is None else f'after {duration_text(max(0.0, instant_s))}'
 
 
-def verdict(drive: ObservedDrive, tolerance_k: float) -> tuple[bool, str]:
-    """Return (whether the battery arrived within `tolerance_k` of its target, a sentence)."""
+def verdict(drive: ObservedDrive, tolerance_k: float, speed_up: float | None) -> tuple[bool, str]:
+    """
+    Return (whether the drive is good, a sentence).
+
+    It is if the battery arrived within `tolerance_k` of its target under valid commands all the way. `speed_up` is
+    in simulated seconds per real second; None: in lockstep.
+    """
     _, temperature_c, _ = drive.states[-1]
     if not drive.has_arrived:
         return False, f'{_outcome(drive).state} after {duration_text(drive.time_s)}: no arrival.'
@@ -169,6 +175,9 @@ def verdict(drive: ObservedDrive, tolerance_k: float) -> tuple[bool, str]:
     side = 'above' if error_k > 0.0 else 'below'
     sentence = (f'the battery arrived at {temperature_c:.2f} degC, {abs(error_k):.2f} K {side} '
                 f'its target of {drive.target_c:.1f} degC')
+    without_s = _outcome(drive).without_command_s
+    if without_s > 0.0:
+        return False, f'{sentence}, {lost_commands_sentence(without_s, speed_up)}.'
     if abs(error_k) <= tolerance_k:
         return True, f'{sentence}.'
     return False, (f'{sentence}; at most {tolerance_k:g} K is good. Planned at the start: '

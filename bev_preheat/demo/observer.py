@@ -8,7 +8,7 @@ import time
 from typing import TYPE_CHECKING
 
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.qos import QoSDurabilityPolicy, QoSProfile, QoSReliabilityPolicy
+from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 from sensor_msgs.msg import BatteryState, Temperature
 
 from bev_preheat.nodes.convert import nanoseconds
@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
 # Statuses of a planner without a trip to plan.
 NOT_READY = (Status.NO_ROUTE, Status.NO_BATTERY_STATE)
+# Messages of a topic that wait while the display is drawn.
+MOST_UNREAD = 1000
 # Stamps are in whole nanoseconds, and segments add up with rounding.
 ROUNDING_S = 1e-3
 
@@ -102,17 +104,18 @@ class Observer:
 
     def __init__(self, node: Node) -> None:
         """Subscribe."""
-        self.drive = ObservedDrive()
+        self.drive, self._has_heated = ObservedDrive(), False
         latched = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
-        lossy = QoSProfile(depth=100, reliability=QoSReliabilityPolicy.BEST_EFFORT)
+        # Deeper than a vehicle in lockstep runs ahead of its listeners.
+        every_plan = QoSProfile(depth=MOST_UNREAD, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
         subscribe = node.create_subscription
         subscribe(RoutePlan, 'route_plan', self._on_route, latched)
-        subscribe(BatteryState, 'battery_state', self._on_state, lossy)
-        subscribe(DiagnosticArray, '/diagnostics', self._on_diagnostics, 100)
+        subscribe(BatteryState, 'battery_state', self._on_state, MOST_UNREAD)
+        subscribe(DiagnosticArray, '/diagnostics', self._on_diagnostics, MOST_UNREAD)
         self._from_planner = [
-            subscribe(PreheatPlan, 'preheat_plan', self._on_plan, latched),
-            subscribe(HvchCommand, 'hvch_command', self._on_command, 100),
-            subscribe(Temperature, 'predicted_arrival_temperature', self._on_prediction, 100)]
+            subscribe(PreheatPlan, 'preheat_plan', self._on_plan, every_plan),
+            subscribe(HvchCommand, 'hvch_command', self._on_command, MOST_UNREAD),
+            subscribe(Temperature, 'predicted_arrival_temperature', self._on_prediction, MOST_UNREAD)]
 
     @property
     def hears_planner(self) -> bool:
@@ -138,10 +141,11 @@ class Observer:
         self.drive.plan = message
         if math.isfinite(message.target_battery_temperature):
             self.drive.latest_target_c = message.target_battery_temperature
-        instant_s, heated_s = self._instant_s(message), self.drive.switched_on_s
-        # The command that switches on may arrive before its plan; both have the same stamp.
-        if charging_text(message) and instant_s is not None and (not heated_s or instant_s <= heated_s[0]):
+        # Commands may arrive earlier or later than the plan with the same stamp.
+        if charging_text(message) and not self._has_heated:
             self.drive.charging_plan = message
+        self._has_heated |= message.heating_planned and nanoseconds(
+            message.heating_start) <= nanoseconds(message.header.stamp)
 
     def _on_state(self, message: BatteryState) -> None:
         self.drive.heard_at_s = time.monotonic()

@@ -12,16 +12,23 @@ import time
 from typing import TYPE_CHECKING
 
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.qos import qos_profile_sensor_data, QoSDurabilityPolicy, QoSProfile
+from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 from sensor_msgs.msg import BatteryState
 
+from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.nodes.convert import nanoseconds
 from bev_preheat.nodes.installed_processes import NodeProcess, reserved_domain_id
 from bev_preheat.nodes.kept_recording import KeptRecording
 from bev_preheat.nodes.listening import listening
-from bev_preheat.nodes.simulator_messages import ARRIVED, outcome_from_diagnostics, phase_ends
+from bev_preheat.nodes.simulator_messages import (
+    ARRIVED,
+    lost_commands_sentence,
+    outcome_from_diagnostics,
+    phase_ends,
+)
 from bev_preheat.planning.status import Status
 from bev_preheat.simulation.evaluation import DriveRecord, fill_phases, PhaseEnd, SIGNALS
+from bev_preheat.simulation.supervised_drive import START_NS
 from bev_preheat_msgs.msg import HvchCommand, PreheatPlan
 
 if TYPE_CHECKING:
@@ -34,12 +41,14 @@ if TYPE_CHECKING:
     from bev_preheat.nodes.listening import Listener
     from bev_preheat.simulation.scenario import Scenario
 
-START_S = 1_700_000_000
+START_S = START_NS / NS_PER_S
 HEATER_ENTRY, SIGNALS_ENTRY = 'planner: heater', 'planner: signals'
-# Real time for discovery, and for the drive beyond its own length [s].
+# Real time for discovery, and between two messages of the simulator [s].
 START_LIMIT_S = 120.0
-PATIENCE_S = 120.0
+SILENCE_LIMIT_S = 120.0
 POLL_S = 0.05
+# Messages of a topic that wait between two polls.
+MOST_UNREAD = 1000
 # At 60 times real time a clock message that is 20 ms late is 1.2 s late; the simulator's time runs
 # no further ahead of the planner than this.
 HURRIED = {'clock_tolerance': 2.0}
@@ -56,21 +65,22 @@ class _Recorder:
         self.record = DriveRecord(target_c)
         self.ends: list[PhaseEnd] = []
         self.has_ended = False
+        self.heard_s = time.monotonic() + START_LIMIT_S
+        self.without_command_s = 0.0
         self._temperature_c = math.nan
-        latched = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
+        every_plan = QoSProfile(depth=MOST_UNREAD, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
         self._node, self._listens_to_states = node, False
         self._subscriptions = [
-            node.create_subscription(HvchCommand, 'hvch_command', self._on_command, 1000),
-            node.create_subscription(PreheatPlan, 'preheat_plan', self._on_plan, latched),
-            node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 1000)]
+            node.create_subscription(HvchCommand, 'hvch_command', self._on_command, MOST_UNREAD),
+            node.create_subscription(PreheatPlan, 'preheat_plan', self._on_plan, every_plan),
+            node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, MOST_UNREAD)]
 
     def let_start(self) -> None:
         """Subscribe to battery states, as the second listener, once the planner publishes."""
         if not self._listens_to_states and all(
                 subscription.get_publisher_count() for subscription in self._subscriptions):
             self._listens_to_states = True
-            self._node.create_subscription(
-                BatteryState, 'battery_state', self._on_state, qos_profile_sensor_data)
+            self._node.create_subscription(BatteryState, 'battery_state', self._on_state, MOST_UNREAD)
 
     def _on_state(self, message: BatteryState) -> None:
         self._temperature_c = message.temperature
@@ -99,13 +109,14 @@ class _Recorder:
                     name for name in SIGNALS if any(key.startswith(f'{name} in doubt') for key in values)])
         outcome = outcome_from_diagnostics(message)
         if outcome is not None and not self.has_ended:
+            self.heard_s, self.without_command_s = time.monotonic(), outcome.without_command_s
             self.ends = phase_ends(message)
             self.has_ended = outcome.state == ARRIVED
 
 
 def _instant_s(message: Any) -> float:
     """Seconds after the start; 0 while the clock is held, negative before the planner receives it."""
-    return nanoseconds(message.header.stamp) * 1e-9 - START_S
+    return (nanoseconds(message.header.stamp) - START_NS) / NS_PER_S
 
 
 def log_files(scenario: Scenario, folder: AnyPath) -> list[Path]:
@@ -113,14 +124,15 @@ def log_files(scenario: Scenario, folder: AnyPath) -> list[Path]:
     return [Path(folder) / f'{scenario.name}.{name}.log' for name in ('planner', 'vehicle_simulator')]
 
 
-def drive_with_nodes(scenario: Scenario, name_or_file: str, speed_up: float,
+def drive_with_nodes(scenario: Scenario, name_or_file: str, speed_up: float | None = None,
                      log_folder: AnyPath | None = None, recording: Path | None = None) -> DriveRecord:
     """
     Return the DriveRecord of a Scenario that the installed executables drive.
 
-    The scenario was loaded from `name_or_file`; `speed_up` simulated seconds pass in each real one; the logs
-    go to `log_folder`, the planner's flight recording to the file `recording` (None: it does not record). Raises
-    ScenarioFailed if the drive does not finish.
+    The scenario was loaded from `name_or_file`; `speed_up` simulated seconds pass in each real one (None: in
+    lockstep, the same drive on every computer); the logs go to `log_folder`, the planner's flight recording to the
+    file `recording` (None: it does not record). Raises ScenarioFailed if the drive does not finish, or loses
+    commands.
     """
     with tempfile.TemporaryDirectory() as temporary, reserved_domain_id() as domain_id, ExitStack() as stack:
         kept = None if recording is None else KeptRecording(recording)
@@ -132,34 +144,35 @@ def drive_with_nodes(scenario: Scenario, name_or_file: str, speed_up: float,
             planner_arguments = ['-p', 'use_sim_time:=true',
                                  '-p', f'vehicle:={scenario.vehicle_name}']
             recorded = {} if kept is None else kept.parameters(stack)
-            for parameter, value in {**HURRIED, **scenario.planner, **recorded}.items():
+            tolerance = {} if speed_up is None else HURRIED
+            for parameter, value in {**tolerance, **scenario.planner, **recorded}.items():
                 planner_arguments += ['-p', f'{parameter}:={_text(value)}']
             with NodeProcess('planner', planner_arguments, planner_log) as planner, NodeProcess(
                     'vehicle_simulator',
-                    ['-p', f'scenario:={name_or_file}', '-p', f'speed_up:={float(speed_up)}',
-                     '-p', f'start_time:={float(START_S)}', '-p', 'wait_for_planner:=true',
+                    ['-p', f'scenario:={name_or_file}', '-p', f'start_time:={START_S}',
+                     *(('-p', 'lockstep:=true') if speed_up is None else (
+                         '-p', f'speed_up:={float(speed_up)}', '-p', 'wait_for_planner:=true')),
                      # Planner and recorder: messages before the recorder's subscription are lost.
                      '-p', 'wait_for_listeners:=2', '-p', 'exit_on_arrival:=true'],
                     simulator_log) as simulator:
-                _follow(listener, recorder, simulator, planner, scenario, speed_up)
+                _follow(listener, recorder, simulator, planner)
+            if speed_up is not None and recorder.without_command_s > 0.0:
+                raise ScenarioFailed(f'{scenario.name}: the drive ended, '
+                                     f'{lost_commands_sentence(recorder.without_command_s, speed_up)}')
             if kept is not None:
                 kept.keep()
             fill_phases(recorder.record, scenario, recorder.ends)
             return recorder.record
 
 
-def _follow(listener: Listener, recorder: _Recorder, simulator: NodeProcess, planner: NodeProcess,
-            scenario: Scenario, speed_up: float) -> None:
+def _follow(listener: Listener, recorder: _Recorder, simulator: NodeProcess, planner: NodeProcess) -> None:
     """Return once the drive is over."""
-    car = scenario.car()
-    limit_s = (time.monotonic() + START_LIMIT_S + PATIENCE_S
-               + 2.0 * car.longest_s / speed_up)
     while simulator.exit_status is None:
         if planner.exit_status is not None:
             raise ScenarioFailed(f'planner ended with exit status {planner.exit_status}: '
                                  f'{planner.output()[-2000:]}')
-        if time.monotonic() > limit_s:
-            raise ScenarioFailed(f'{scenario.name}: no arrival in time: '
+        if time.monotonic() > recorder.heard_s + SILENCE_LIMIT_S:
+            raise ScenarioFailed(f'no message of vehicle_simulator for {SILENCE_LIMIT_S:g} s: '
                                  f'{simulator.output()[-2000:]}{planner.output()[-2000:]}')
         recorder.let_start()
         listener.listen(POLL_S)

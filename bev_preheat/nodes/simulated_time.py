@@ -115,7 +115,7 @@ class NodeTime:
         problems = [f'{name}: {values[name]} is not allowed with publish_clock:=false; it must be '
                     f'{allowed}' for name, allowed in (
                         ('start_time', 0.0), ('speed_up', 1.0), ('wait_for_planner', False),
-                        ('wait_for_listeners', 0)) if values[name] != allowed]
+                        ('wait_for_listeners', 0), ('lockstep', False)) if values[name] != allowed]
         if problems:
             raise InvalidInput(problems)
         self._node = node

@@ -17,7 +17,7 @@ from rclpy.clock import Clock as NodeClock
 from rclpy.clock import ClockType
 from rclpy.node import Node
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile
-from rclpy.task import Future
+from rclpy.task import Future, Task
 from sensor_msgs.msg import BatteryState as BatteryStateMessage
 
 from bev_preheat.charging.stop import CHARGER_RANGE_W
@@ -28,6 +28,7 @@ from bev_preheat.nodes.command_line import NodeProgram, print_error
 from bev_preheat.nodes.command_senders import CommandSenders
 from bev_preheat.nodes.convert import nanoseconds, route_plan_message, time_message
 from bev_preheat.nodes.heater_messages import heater_command, status_message
+from bev_preheat.nodes.lockstep import Lockstep, LOOK_PERIOD_S, NoAnswer
 from bev_preheat.nodes.news import RepetitionFilter
 from bev_preheat.nodes.parameters import check, declare, Parameter
 from bev_preheat.nodes.process import LAST_WORDS_TIME, run_node
@@ -49,7 +50,7 @@ from bev_preheat.vehicle import load_vehicle
 from bev_preheat_msgs.msg import HvchCommand, HvchStatus, RoutePlan, RouteProgress
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
     from typing import Any
 
     from rclpy.parameter import Parameter as RosParameter
@@ -91,9 +92,15 @@ PARAMETERS = (
               "the node's clock, which is another node's /clock with use_sim_time.", read_only=True),
     Parameter('start_time', 0.0, 'Simulated time at the start, since the epoch; 0: now', 's',
               (0.0, 2.1e9), read_only=True),
+    Parameter('lockstep', False,
+              'Let the clock go on once the planner has handled every message: the same drive on every '
+              'computer, as fast as it can; speed_up must be 1.0.', read_only=True),
+    Parameter('lockstep_limit', 60.0,
+              'In lockstep, real time after which a node that does not answer ends the drive with an error', 's',
+              (0.5, 3600.0), read_only=True),
     Parameter('wait_for_planner', False,
               'Hold the clock at the start until an hvch_command comes from a planner that has '
-              'route and battery state, and on the way while its answers lag behind.',
+              'route and battery state, and on the way while its answers lag behind. lockstep does so anyway.',
               read_only=True),
     Parameter('wait_for_listeners', 0,
               'Hold the clock at the start until battery_state has this many subscriptions.', '',
@@ -126,6 +133,10 @@ HOLD_PERIOD_S = 0.2
 DIAGNOSTICS_PERIOD_S = 1.0
 # Simulated time may be slower than requested by this share before a warning.
 TOLERATED_LOSS = 0.2
+# A restarted planner sends several commands at one instant, and each must be seen in lockstep.
+COMMANDS_KEPT = 20
+# Instants may differ from multiples of a tick by this [s].
+ROUNDING = 1e-9
 # Command reasons of a planner that still misses inputs.
 NOT_READY = (HvchCommand.NO_ROUTE, HvchCommand.NO_BATTERY_STATE)
 
@@ -171,9 +182,12 @@ class VehicleSimulatorNode(Node):
         self._waits_for_planner = values['wait_for_planner']
         self._patience = Patience() if self._waits_for_planner else None
         self._listeners_awaited = values['wait_for_listeners']
-        self._is_held = self._waits_for_planner or self._listeners_awaited > 0
+        if values['lockstep'] and values['speed_up'] != 1.0:
+            raise InvalidInput(f'speed_up: {values["speed_up"]} is not allowed with lockstep; it must be 1.0')
+        self._lockstep = Lockstep(
+            self, values['lockstep_limit'], ('battery_state', 'route_plan')) if values['lockstep'] else None
+        self._is_held = self._waits_for_planner or self._listeners_awaited > 0 or values['lockstep']
         self._stood_since_s: tuple[float, float] | None = None
-        self._published_s = 0.0
 
         self._state_publisher = self.create_publisher(BatteryStateMessage, 'battery_state', 1)
         self._route_publisher = self.create_publisher(
@@ -183,15 +197,17 @@ class VehicleSimulatorNode(Node):
         self._diagnostics_publisher = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self._status_publisher = (
             self.create_publisher(HvchStatus, 'hvch_status', 1) if values['heater_status'] else None)
-        self.create_subscription(HvchCommand, 'hvch_command', self._on_command, 1)
+        self._commands = self.create_subscription(HvchCommand, 'hvch_command', self._on_command, COMMANDS_KEPT)
         self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._apply_parameters)
 
         self._has_told_route = False
         # Not the node's clock: with use_sim_time that may be the one published here.
         self._steady_clock = NodeClock(clock_type=ClockType.STEADY_TIME)
+        self._drive: Task | None = None
         self._tick_timer = self.create_timer(
-            self._pace.real_tick_s, self._on_tick, clock=self._steady_clock)
+            LOOK_PERIOD_S if self._lockstep else self._pace.real_tick_s,
+            self._on_look if self._lockstep else self._on_tick, clock=self._steady_clock)
         self._hold_timer = self.create_timer(
             HOLD_PERIOD_S, self._on_hold, clock=self._steady_clock)
         self.create_timer(
@@ -200,8 +216,9 @@ class VehicleSimulatorNode(Node):
         self.get_logger().info(
             f'Vehicle {self._plant.vehicle.name}, route {route_name!r}{self._car.in_words}: '
             f'{duration_text(self._plant.duration_s)}, '
-            f'{self._plant.route.distance_m / 1000:.1f} km, at {self._pace.speed_up:g} times real '
-            f'time.{" The clock waits." if self._is_held else ""}')
+            f'{self._plant.route.distance_m / 1000:.1f} km, '
+            f'{"in lockstep" if self._lockstep else f"at {self._pace.speed_up:g} times real time"}.'
+            f'{" The clock waits." if self._is_held else ""}')
 
     # Time
 
@@ -238,27 +255,103 @@ class VehicleSimulatorNode(Node):
         car.advance_under(self._heater.lease(self._time.start_ns), elapsed_s)
         # The clock first: readers of a battery state need it for the age.
         self._time.publish(self._stamp())
-        news = car.route_news(self._time.start_ns)
+        readings = car.readings()
+        if car.is_over and self._stood_since_s is None:
+            readings = [car.read()]
+        # Only the latest one: others of the same tick would be overwritten in the queue.
+        for _ in self._publish_due(readings[-1:]):
+            pass
+        self._stand(real_s)
+        if self._has_lingered(LINGER_REAL_S, real_s):
+            self._leave()
+
+    def _publish_due(self, readings: Iterable[Reading]) -> Iterator[None]:
+        """Publish each message that is due, and Readings; yield after each."""
+        car = self._car
+        news, progress = car.route_news(self._time.start_ns), car.progress(self._time.start_ns)
         if news is not None:
             self._route_publisher.publish(route_plan_message(news))
-        progress = car.progress(self._time.start_ns)
+            yield
         if progress is not None:
             self._progress_publisher.publish(progress_message(progress))
-        if car.is_over and self._stood_since_s is None:
-            self._stand(real_s)
-        else:
-            # Only the latest one: others of the same tick would be overwritten in the queue.
-            for reading in car.readings()[-1:]:
-                self._publish_reading(reading)
-        if self._stood_since_s is not None:
-            self._leave_in_time(real_s, *self._stood_since_s)
+            yield
+        for reading in readings:
+            if self._status_publisher is not None:
+                self._publish_status()
+                yield
+            self._publish_state(reading)
+            yield
+
+    @guarded
+    def _on_look(self) -> None:
+        """Begin to drive in lockstep; end it at the time limit."""
+        assert self._lockstep is not None
+        if self._drive is None:
+            assert self.executor is not None
+            self._drive = self.executor.create_task(self._drive_in_lockstep, self._lockstep)
+        try:
+            self._lockstep.look()
+        except NoAnswer as error:
+            self.get_logger().error(
+                f'{error}: it has ended, it hangs, or this computer is too slow. The drive ends after '
+                f'{duration_text(self._plant.time_s)}.')
+            self._finish(1)
+
+    async def _drive_in_lockstep(self, lockstep: Lockstep) -> None:
+        try:
+            await self._begin_in_lockstep(lockstep)
+            while not self.finished.done() and self._time.has_started:
+                await self._go_on_in_lockstep(lockstep)
+        except InvalidInput as error:
+            self._end(2, error)
+        except Exception as error:
+            self.fail('lockstep', error)
+
+    async def _begin_in_lockstep(self, lockstep: Lockstep) -> None:
+        """Start the clock of a planner that is connected, and give it the route."""
+        names = await lockstep.meet(self._listeners_awaited, lambda: self._time.has_started and bool(
+            self._commands.get_publisher_count()))
+        self._is_held, self._has_told_route = False, True
+        self._tell_start(names)
+        self._time.publish(self._stamp())
+        await lockstep.planner()
+        # Listeners need the route for the instants of all other messages.
+        await lockstep.listeners(is_due=True)
+        self._route_publisher.publish(route_plan_message(self._car.mission(self._time.start_ns)))
+        await lockstep.planner()
+        await lockstep.listeners(is_due=True)
+
+    async def _go_on_in_lockstep(self, lockstep: Lockstep) -> None:
+        """Publish all that is due at an instant, and drive on to the next one."""
+        car = self._car
+        tick_s, tick = lockstep.tick_s, math.floor(car.time_s / lockstep.tick_s + ROUNDING)
+        self._time.publish(self._stamp())
+        await lockstep.clock(is_command_due=car.time_s - tick_s * tick <= ROUNDING)
+        messages = self._publish_due(car.readings())
+        next(messages, None)
+        # Without a message too, for the timers: their turn comes after that of the clock.
+        await lockstep.planner()
+        for _ in messages:
+            await lockstep.planner()
+        self._stand(0.0)
+        has_lingered = self._has_lingered()
+        await lockstep.listeners(has_lingered)
+        if has_lingered and self.get_parameter('exit_on_arrival').value:
+            self._leave()
+            return
+        to_s = car.asleep_until_s or min(tick_s * (tick + 1), car.next_event_s)
+        if has_lingered:
+            # Nobody waits for the end of the drive any more: go on in real time.
+            await lockstep.pause(to_s - car.time_s)
+        car.advance_under(self._heater.lease(self._time.start_ns), to_s)
 
     @guarded
     def _on_hold(self) -> None:
-        if self._is_held:
+        if self._is_held and not self._lockstep:
             # A planner on simulated time cannot use it before the first /clock.
             if self._has_told_route:
-                self._publish_reading(self._car.read())
+                self._publish_status()
+                self._publish_state(self._car.read())
             self._start_if_ready()
         else:
             self._hold_timer.cancel()
@@ -272,15 +365,18 @@ class VehicleSimulatorNode(Node):
                      for endpoint in self.get_subscriptions_info_by_topic(publisher.topic_name)}
         if min(publisher.get_subscription_count(), len(listeners)) >= self._listeners_awaited:
             self._is_held = False
-            names = ', '.join(sorted(listeners.values())) or 'none'
-            self.get_logger().info(
-                f'Planner and listeners are ready ({names} listening); the clock starts.')
+            self._tell_start(sorted(listeners.values()))
+
+    def _tell_start(self, listeners: Sequence[str]) -> None:
+        self.get_logger().info(
+            f'Planner and listeners are ready ({", ".join(listeners) or "none"} listening); the clock starts.')
 
     def _stand(self, real_s: float) -> None:
-        """Publish and log the end of the drive."""
+        """Publish and log the end of the drive, once it has ended."""
         plant = self._plant
+        if not self._car.is_over or self._stood_since_s is not None:
+            return
         self._stood_since_s = (real_s, plant.time_s)
-        self._publish_reading(self._car.read())
         self._publish_diagnostics()
         energy = plant.energy_wh
         figures = (
@@ -299,12 +395,16 @@ class VehicleSimulatorNode(Node):
                 f'The battery was short by up to {plant.undeliverable_power_w / 1000:.1f} kW, '
                 f'{plant.undeliverable_energy_wh:.1f} Wh in all.')
 
-    def _leave_in_time(self, real_s: float, stood_real_s: float,
-                       stood_simulated_s: float) -> None:
-        if (self.get_parameter('exit_on_arrival').value and not self.finished.done()
-                and real_s - stood_real_s >= LINGER_REAL_S
-                and self._plant.time_s - stood_simulated_s >= LINGER_SIMULATED_S):
-            self.finished.set_result(None)
+    def _has_lingered(self, for_s: float = 0.0, real_s: float = 0.0) -> bool:
+        """Whether the drive has been over for LINGER_SIMULATED_S, and at `real_s` for `for_s` [s of real time]."""
+        if self._stood_since_s is None:
+            return False
+        stood_real_s, stood_simulated_s = self._stood_since_s
+        return self._plant.time_s - stood_simulated_s >= LINGER_SIMULATED_S and real_s - stood_real_s >= for_s
+
+    def _leave(self) -> None:
+        if self.get_parameter('exit_on_arrival').value:
+            self._finish(0)
 
     # Topics
 
@@ -312,6 +412,12 @@ class VehicleSimulatorNode(Node):
     def _on_command(self, message: HvchCommand, info: Mapping[str, int]) -> None:
         if self._car.is_over or self._time.start_ns == 0:
             return
+        if self._lockstep and (self._is_held or message.header.stamp != self._stamp()):
+            if not self._is_held:
+                self._lose_step(message.header.stamp)
+            return
+        if self._lockstep:
+            self._lockstep.hear()
         if self._patience:
             self._patience.hear(
                 (nanoseconds(message.header.stamp) - self._time.start_ns) / NS_PER_S)
@@ -330,23 +436,25 @@ class VehicleSimulatorNode(Node):
             self._waits_for_planner = False
             self._start_if_ready()
 
+    def _lose_step(self, stamp: Time) -> None:
+        self.get_logger().error(
+            f'hvch_command is stamped {(nanoseconds(stamp) - nanoseconds(self._stamp())) / NS_PER_S:+.3f} s from '
+            '/clock: the lockstep is lost, because a message was lost or another node publishes commands. The '
+            f'drive ends after {duration_text(self._plant.time_s)}.')
+        self._finish(1)
+
     def _publish_status(self) -> None:
-        """Publish the heater's answer with each battery state."""
+        """Publish the heater's answer."""
         if self._status_publisher is not None and self._time.start_ns:
             now_ns = self._time.start_ns + round(self._car.clock_s * NS_PER_S)
             self._status_publisher.publish(status_message(
                 self._heater.answer(self._time.start_ns), now_ns, self._heater.measured_w))
 
-    def _publish_reading(self, reading: Reading) -> None:
-        # Delayed readings that a newer one has overtaken are dropped.
-        if reading.instant_s < self._published_s:
-            return
-        self._published_s = reading.instant_s
+    def _publish_state(self, reading: Reading) -> None:
         stamp = time_message(
             self._time.start_ns + round(self._car.stamp_s(reading.instant_s) * NS_PER_S))
         if self._patience:
             self._patience.tell(self._car.clock_s)
-        self._publish_status()
         self._state_publisher.publish(
             battery_state_message(reading, self._plant.vehicle.battery.capacity_ah, stamp))
 
@@ -376,6 +484,8 @@ class VehicleSimulatorNode(Node):
         values = {parameter.name: parameter.value for parameter in parameters}
         try:
             check(PARAMETERS, values)
+            if self._lockstep and values.get('speed_up', 1.0) != 1.0:
+                raise InvalidInput('speed_up: lockstep is as fast as it can')
             if not self._owns_clock and values.get('speed_up', 1.0) != 1.0:
                 raise InvalidInput('speed_up: the owner of /clock sets it (publish_clock is false)')
         except InvalidInput as error:
@@ -385,7 +495,7 @@ class VehicleSimulatorNode(Node):
     @guarded
     def _apply_parameters(self, parameters: Sequence[RosParameter]) -> None:
         values = {parameter.name: parameter.value for parameter in parameters}
-        if 'speed_up' in values:
+        if 'speed_up' in values and not self._lockstep:
             self._pace.speed_up = values['speed_up']
             self._tick_timer.timer_period_ns = round(self._pace.real_tick_s * 1e9)
             self._tick_timer.reset()

@@ -1,0 +1,197 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Lockstep of a simulated drive with the nodes around it: the clock goes on once they have handled every message.
+
+A node is asked for parameters, which each node of rclpy and rclcpp answers unless that is switched off. In each
+turn its executor looks at all topics, then at all services, and runs what has arrived: timers first, then
+subscriptions, then one request of each service. A message that arrives after the look at its topic and before the
+look at the service runs a turn after the request behind it, but before a second request. So after two answers a
+message is handled, and timers that are due by a new `/clock` run before any message that is sent later. A command
+with the stamp of a new `/clock` shows the same without a request: it comes from the turn of these timers. All
+callbacks run in one order, however busy the computer is.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING
+
+from rcl_interfaces.srv import GetParameters
+from rclpy.task import Future
+
+from bev_preheat.errors import InvalidInput
+from bev_preheat.nodes.surroundings import endpoint_name, NAMELESS
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator
+
+    from rclpy.client import Client
+    from rclpy.node import Node
+
+PERIOD, SIM_TIME = 'command_period', 'use_sim_time'
+REQUEST = GetParameters.Request(names=[PERIOD, SIM_TIME])
+REQUESTS = 2
+# Longest simulated time between two clock messages [s], so that a planner soon notices missing battery states.
+LONGEST_TICK_S = 1.0
+# Listeners are waited for once in this many instants: fewer messages than their queues hold.
+INSTANTS_BETWEEN_LISTENERS = 10
+# Real time [s] between two looks for the nodes, and until a request of the start is repeated: a node that has not
+# discovered its client yet answers nobody.
+LOOK_PERIOD_S, REPEAT_S = 0.05, 1.0
+
+
+class NoAnswer(Exception):
+    """A node did not answer within the time limit; the text names it."""
+
+
+class Lockstep:
+    """
+    The planner of a simulated drive and the other listeners to its battery states, which are waited for.
+
+    The node's executor has to run `look` every LOOK_PERIOD_S or so.
+    """
+
+    def __init__(self, node: Node, limit_s: float, topics: Iterable[str]) -> None:
+        """
+        Wait for nobody yet, and never longer than `limit_s` [s of real time] for an answer.
+
+        `topics` are those that a planner must be connected to.
+        """
+        self._node, self._limit_s = node, limit_s
+        self._topics = [node.resolve_topic_name(topic) for topic in topics]
+        self._planner: Client | None = None
+        self._listeners: list[Client] = []
+        self._instants = 0
+        # What is waited for, and since when.
+        self._awaited: tuple[str, float] | None = None
+        self._next_look = Future()
+        # Whether a command came for the latest /clock, once that is known.
+        self._is_answered, self._is_overdue = Future(), False
+        self.tick_s = LONGEST_TICK_S
+
+    def look(self) -> None:
+        """Go on looking for nodes; raises NoAnswer after the time limit."""
+        look, self._next_look = self._next_look, Future()
+        look.set_result(None)
+        if not self._is_answered.done():
+            if self._is_overdue:
+                self._is_answered.set_result(False)
+            self._is_overdue = True
+        if self._awaited is not None:
+            whom, since_s = self._awaited
+            if time.monotonic() - since_s > self._limit_s:
+                raise NoAnswer(f'{whom} within {self._limit_s:g} s of real time (lockstep_limit)')
+
+    async def meet(self, listeners: int, is_ready: Callable[[], bool]) -> list[str]:
+        """
+        Wait for a planner, `listeners` subscriptions of the first topic and `is_ready()`; return all their nodes.
+
+        Raises InvalidInput if the planner does not follow /clock.
+        """
+        node, (state_topic, *_) = self._node, self._topics
+        self._awaited = 'no planner that is connected to hvch_command, /clock and battery_state', time.monotonic()
+        while True:
+            await self._next_look
+            planners = node.get_publishers_info_by_topic(node.resolve_topic_name('hvch_command'))
+            heard = {bytes(each.endpoint_gid): each for each in node.get_subscriptions_info_by_topic(state_topic)}
+            everybody = [*planners, *heard.values()]
+            if not planners or len(heard) < listeners or any(each.node_name == NAMELESS for each in everybody):
+                continue
+            names = {endpoint_name(each) for each in planners}
+            if len(names) > 1:
+                raise InvalidInput(f'{" and ".join(sorted(names))} publish hvch_command; lockstep needs one')
+            (planner,) = names
+            if is_ready() and all(planner in self._listening_to(topic) for topic in ('/clock', *self._topics)):
+                break
+        # Created last: whoever answers knows all publishers of this node.
+        self._planner = self._client(planner)
+        others = sorted(set(map(endpoint_name, heard.values())) - {planner})
+        self._listeners = [self._client(name) for name in others if self._answers(name)]
+        await self._greet(self._planner)
+        for client in self._listeners:
+            await self._greet(client)
+        return sorted(map(endpoint_name, heard.values()))
+
+    def _listening_to(self, topic: str) -> set[str]:
+        return {endpoint_name(each) for each in self._node.get_subscriptions_info_by_topic(topic)}
+
+    def _answers(self, name: str) -> bool:
+        """Return whether a node has parameter services; the graph shows them before its subscriptions."""
+        return self._node.count_services(f'{name}/get_parameters') > 0
+
+    def _client(self, name: str) -> Client:
+        return self._node.create_client(GetParameters, f'{name}/get_parameters')
+
+    async def _greet(self, client: Client) -> None:
+        """Wait until a node answers."""
+        self._awaited = f'no answer of {client.srv_name}', time.monotonic()
+        while not client.service_is_ready():
+            await self._next_look
+        future, asked_s = client.call_async(REQUEST), time.monotonic()
+        while not future.done():
+            await self._next_look
+            if time.monotonic() - asked_s > REPEAT_S:
+                client.remove_pending_request(future)
+                future, asked_s = client.call_async(REQUEST), time.monotonic()
+        self._awaited = None
+        if client is self._planner:
+            self._take(client, future.result())
+
+    def _take(self, planner: Client, response: GetParameters.Response) -> None:
+        period, sim_time = response.values
+        if not sim_time.bool_value:
+            raise InvalidInput(f'{planner.srv_name.rpartition("/")[0]} does not follow /clock: start it with '
+                               'use_sim_time:=true')
+        # 0: it has no such parameter.
+        self.tick_s = min(period.double_value or LONGEST_TICK_S, LONGEST_TICK_S)
+
+    async def pause(self, duration_s: float) -> None:
+        """Wait for a real time [s]."""
+        end_s = time.monotonic() + duration_s
+        while time.monotonic() < end_s:
+            await self._next_look
+
+    def hear(self) -> None:
+        """Note a command with the stamp of the latest /clock."""
+        if not self._is_answered.done():
+            self._is_answered.set_result(True)
+
+    async def clock(self, is_command_due: bool) -> None:
+        """Wait until the planner has received the latest /clock, which may have made its next command due."""
+        if is_command_due:
+            self._is_answered, self._is_overdue = Future(), False
+            if await self._is_answered:
+                return
+        await self.planner()
+
+    async def planner(self) -> None:
+        """Wait until the planner has handled every message sent so far, and its own answers are here."""
+        assert self._planner is not None
+        await self._all([self._planner])
+
+    async def listeners(self, is_due: bool = False) -> None:
+        """Wait for the other listeners, once in a while or if it `is_due`."""
+        self._instants += 1
+        if is_due or self._instants % INSTANTS_BETWEEN_LISTENERS == 0:
+            await self._all(self._listeners)
+
+    async def _all(self, clients: Iterable[Client]) -> None:
+        futures = [(client, client.call_async(REQUEST)) for client in clients for _ in range(REQUESTS)]
+        for client, future in futures:
+            self._awaited = f'no answer of {client.srv_name}', time.monotonic()
+            response = await future
+            if client is self._planner:
+                self._take(client, response)
+        self._awaited = None
+        # Commands that left before the last answer may be one turn of this node's executor behind it.
+        executor = self._node.executor
+        assert executor is not None
+        executor.wake()
+        await _OneTurn()
+
+
+class _OneTurn:
+    """Awaited by a task: the executor makes a turn."""
+
+    def __await__(self) -> Iterator[None]:
+        yield
