@@ -47,7 +47,7 @@ def add_parser(subparsers: Subparsers) -> None:
                         'process without ROS')
     parser.add_argument('--speed-up', type=float, metavar='N',
                         help='with --nodes: simulated seconds per real second, 1 ... 1000; commands then arrive '
-                        'with the delays of this computer (default: in lockstep, the same drive on every computer)')
+                        'with the delays of this computer (default: in lockstep, the same drive everywhere)')
     parser.add_argument('--logs', metavar='FOLDER', help='with --nodes: folder for their logs')
     parser.add_argument('--record', metavar='FOLDER',
                         help="folder for the planner's flight recordings, NAME.mcap, for preheat replay")
