@@ -23,14 +23,14 @@ from bev_preheat.errors import InvalidInput
 from bev_preheat.nodes.surroundings import endpoint_name, NAMELESS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
+    from collections.abc import Callable, Generator, Iterable, Sequence
 
     from rclpy.client import Client
     from rclpy.node import Node
 
-PERIOD, SIM_TIME = 'command_period', 'use_sim_time'
-REQUEST = GetParameters.Request(names=[PERIOD, SIM_TIME])
-REQUESTS = 2
+# A node answers a request for an unknown parameter with no value.
+SIM_TIME = GetParameters.Request(names=['use_sim_time'])
+COMMAND_PERIOD = GetParameters.Request(names=['command_period'])
 # Longest simulated time between two clock messages [s], so that a planner soon notices missing battery states.
 LONGEST_TICK_S = 1.0
 # Listeners are waited for once in this many instants: fewer messages than their queues hold.
@@ -41,7 +41,7 @@ LOOK_PERIOD_S, REPEAT_S = 0.05, 1.0
 
 
 class NoAnswer(Exception):
-    """A node did not answer within the time limit; the text names it."""
+    """A node did not answer, or not within the time limit; the text names it."""
 
 
 class Lockstep:
@@ -80,7 +80,8 @@ class Lockstep:
         if self._awaited is not None:
             whom, since_s = self._awaited
             if time.monotonic() - since_s > self._limit_s:
-                raise NoAnswer(f'{whom} within {self._limit_s:g} s of real time (lockstep_limit)')
+                raise NoAnswer(f'{whom} within {self._limit_s:g} s of real time (lockstep_limit): it has ended, '
+                               'it hangs, or this computer is too slow')
 
     async def meet(self, listeners: int, is_ready: Callable[[], bool]) -> list[str]:
         """
@@ -89,7 +90,7 @@ class Lockstep:
         Raises InvalidInput if the planner does not follow /clock.
         """
         node, (state_topic, *_) = self._node, self._topics
-        self._awaited = 'no planner that is connected to hvch_command, /clock and battery_state', time.monotonic()
+        self._awaited = 'No planner that is connected to hvch_command and battery_state', time.monotonic()
         while True:
             await self._next_look
             planners = node.get_publishers_info_by_topic(node.resolve_topic_name('hvch_command'))
@@ -101,9 +102,10 @@ class Lockstep:
             if len(names) > 1:
                 raise InvalidInput(f'{" and ".join(sorted(names))} publish hvch_command; lockstep needs one')
             (planner,) = names
-            if is_ready() and all(planner in self._listening_to(topic) for topic in ('/clock', *self._topics)):
+            if is_ready() and all(planner in self._listening_to(topic) for topic in self._topics):
                 break
-        # Created last: whoever answers knows all publishers of this node.
+        # Created last: whoever answers knows all publishers of this node. The graph shows its own endpoints in the
+        # order of their creation, /clock first.
         self._planner = self._client(planner)
         others = sorted(set(map(endpoint_name, heard.values())) - {planner})
         self._listeners = [self._client(name) for name in others if self._answers(name)]
@@ -124,26 +126,19 @@ class Lockstep:
 
     async def _greet(self, client: Client) -> None:
         """Wait until a node answers."""
-        self._awaited = f'no answer of {client.srv_name}', time.monotonic()
+        self._awaited = f'No answer of {client.srv_name}', time.monotonic()
         while not client.service_is_ready():
             await self._next_look
-        future, asked_s = client.call_async(REQUEST), time.monotonic()
+        future, asked_s = client.call_async(SIM_TIME), time.monotonic()
         while not future.done():
             await self._next_look
             if time.monotonic() - asked_s > REPEAT_S:
                 client.remove_pending_request(future)
-                future, asked_s = client.call_async(REQUEST), time.monotonic()
+                future, asked_s = client.call_async(SIM_TIME), time.monotonic()
         self._awaited = None
-        if client is self._planner:
-            self._take(client, future.result())
-
-    def _take(self, planner: Client, response: GetParameters.Response) -> None:
-        period, sim_time = response.values
-        if not sim_time.bool_value:
-            raise InvalidInput(f'{planner.srv_name.rpartition("/")[0]} does not follow /clock: start it with '
+        if client is self._planner and not any(value.bool_value for value in future.result().values):
+            raise InvalidInput(f'{client.srv_name.rpartition("/")[0]} does not follow /clock: start it with '
                                'use_sim_time:=true')
-        # 0: it has no such parameter.
-        self.tick_s = min(period.double_value or LONGEST_TICK_S, LONGEST_TICK_S)
 
     async def pause(self, duration_s: float) -> None:
         """Wait for a real time [s]."""
@@ -167,7 +162,9 @@ class Lockstep:
     async def planner(self) -> None:
         """Wait until the planner has handled every message sent so far, and its own answers are here."""
         assert self._planner is not None
-        await self._all([self._planner])
+        (periods,) = await self._all([self._planner])
+        self.tick_s = min([value.double_value for value in periods.values if value.double_value > 0.0]
+                          + [LONGEST_TICK_S])
 
     async def listeners(self, is_due: bool = False) -> None:
         """Wait for the other listeners, once in a while or if it `is_due`."""
@@ -175,23 +172,25 @@ class Lockstep:
         if is_due or self._instants % INSTANTS_BETWEEN_LISTENERS == 0:
             await self._all(self._listeners)
 
-    async def _all(self, clients: Iterable[Client]) -> None:
-        futures = [(client, client.call_async(REQUEST)) for client in clients for _ in range(REQUESTS)]
-        for client, future in futures:
-            self._awaited = f'no answer of {client.srv_name}', time.monotonic()
-            response = await future
-            if client is self._planner:
-                self._take(client, response)
+    async def _all(self, clients: Sequence[Client]) -> list[GetParameters.Response]:
+        """Wait for two answers of each node; return the second ones, with the command_period."""
+        futures = [(client, client.call_async(SIM_TIME), client.call_async(COMMAND_PERIOD)) for client in clients]
+        responses = []
+        for client, first, second in futures:
+            self._awaited = f'No answer of {client.srv_name}', time.monotonic()
+            await first
+            responses.append(await second)
         self._awaited = None
         # Commands that left before the last answer may be one turn of this node's executor behind it.
         executor = self._node.executor
         assert executor is not None
         executor.wake()
         await _OneTurn()
+        return responses
 
 
 class _OneTurn:
     """Awaited by a task: the executor makes a turn."""
 
-    def __await__(self) -> Iterator[None]:
+    def __await__(self) -> Generator[None, None, None]:
         yield

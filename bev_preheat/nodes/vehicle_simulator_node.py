@@ -188,6 +188,8 @@ class VehicleSimulatorNode(Node):
             self, values['lockstep_limit'], ('battery_state', 'route_plan')) if values['lockstep'] else None
         self._is_held = self._waits_for_planner or self._listeners_awaited > 0 or values['lockstep']
         self._stood_since_s: tuple[float, float] | None = None
+        # Simulated time of the latest command in lockstep.
+        self._answered_s = -math.inf
 
         self._state_publisher = self.create_publisher(BatteryStateMessage, 'battery_state', 1)
         self._route_publisher = self.create_publisher(
@@ -292,10 +294,7 @@ class VehicleSimulatorNode(Node):
         try:
             self._lockstep.look()
         except NoAnswer as error:
-            self.get_logger().error(
-                f'{error}: it has ended, it hangs, or this computer is too slow. The drive ends after '
-                f'{duration_text(self._plant.time_s)}.')
-            self._finish(1)
+            self._give_up(error)
 
     async def _drive_in_lockstep(self, lockstep: Lockstep) -> None:
         try:
@@ -304,8 +303,14 @@ class VehicleSimulatorNode(Node):
                 await self._go_on_in_lockstep(lockstep)
         except InvalidInput as error:
             self._end(2, error)
+        except NoAnswer as error:
+            self._give_up(error)
         except Exception as error:
             self.fail('lockstep', error)
+
+    def _give_up(self, error: NoAnswer) -> None:
+        self.get_logger().error(f'{error}. The drive ends after {duration_text(self._plant.time_s)}.')
+        self._finish(1)
 
     async def _begin_in_lockstep(self, lockstep: Lockstep) -> None:
         """Start the clock of a planner that is connected, and give it the route."""
@@ -327,12 +332,16 @@ class VehicleSimulatorNode(Node):
         tick_s, tick = lockstep.tick_s, math.floor(car.time_s / lockstep.tick_s + ROUNDING)
         self._time.publish(self._stamp())
         await lockstep.clock(is_command_due=car.time_s - tick_s * tick <= ROUNDING)
-        messages = self._publish_due(car.readings())
+        readings = car.readings()
+        messages = self._publish_due(readings)
         next(messages, None)
         # Without a message too, for the timers: their turn comes after that of the clock.
         await lockstep.planner()
         for _ in messages:
             await lockstep.planner()
+        if readings and self._answered_s != car.time_s:
+            raise NoAnswer('No hvch_command with the stamp of /clock answers the battery state: a message was '
+                           'lost')
         self._stand(0.0)
         has_lingered = self._has_lingered()
         await lockstep.listeners(has_lingered)
@@ -410,14 +419,11 @@ class VehicleSimulatorNode(Node):
 
     @guarded
     def _on_command(self, message: HvchCommand, info: Mapping[str, int]) -> None:
-        if self._car.is_over or self._time.start_ns == 0:
-            return
-        if self._lockstep and (self._is_held or message.header.stamp != self._stamp()):
-            if not self._is_held:
-                self._lose_step(message.header.stamp)
-            return
-        if self._lockstep:
+        if self._lockstep and message.header.stamp == self._stamp():
+            self._answered_s = self._car.time_s
             self._lockstep.hear()
+        if self._car.is_over or self._time.start_ns == 0 or (self._lockstep and self._is_held):
+            return
         if self._patience:
             self._patience.hear(
                 (nanoseconds(message.header.stamp) - self._time.start_ns) / NS_PER_S)
@@ -435,13 +441,6 @@ class VehicleSimulatorNode(Node):
                               or message.reason not in NOT_READY):
             self._waits_for_planner = False
             self._start_if_ready()
-
-    def _lose_step(self, stamp: Time) -> None:
-        self.get_logger().error(
-            f'hvch_command is stamped {(nanoseconds(stamp) - nanoseconds(self._stamp())) / NS_PER_S:+.3f} s from '
-            '/clock: the lockstep is lost, because a message was lost or another node publishes commands. The '
-            f'drive ends after {duration_text(self._plant.time_s)}.')
-        self._finish(1)
 
     def _publish_status(self) -> None:
         """Publish the heater's answer."""

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """`python -m bev_preheat.demo`, as a user runs it."""
 
+from dataclasses import fields
 import os
 import signal
 import subprocess
@@ -11,6 +12,10 @@ import pytest
 
 from bev_preheat.commands.main import main as preheat
 from bev_preheat.demo.__main__ import main
+from bev_preheat.demo.display import verdict
+from bev_preheat.demo.observer import ObservedDrive
+from bev_preheat.nodes.simulator_messages import ARRIVED, SimulatedDriveReport
+from bev_preheat.planning.dynamics import Energies
 
 ROUTE = """# four minutes
 duration_s,speed_mps,propulsion_power_w,ambient_temperature_c
@@ -52,7 +57,7 @@ def wait_for_line(demo, text):
 
 
 def test_good_drive_ends_with_table_and_picture(start_demo, tmp_path, capsys):
-    demo = start_demo('--temperature', '2', '--target', '4', '--speed-up', '40')
+    demo = start_demo('--temperature', '2', '--target', '4')
     output, _ = demo.communicate(timeout=TIME_LIMIT_S)
     assert demo.returncode == 0, output
     assert 'demo: good: the battery arrived at' in output
@@ -73,7 +78,7 @@ def test_good_drive_ends_with_table_and_picture(start_demo, tmp_path, capsys):
 
 @pytest.mark.deep
 def test_missed_target_is_a_failure(start_demo):
-    demo = start_demo('--speed-up', '60')
+    demo = start_demo()
     output, _ = demo.communicate(timeout=TIME_LIMIT_S)
     assert demo.returncode == 1, output
     assert 'demo: failed: the battery arrived at' in output
@@ -83,11 +88,11 @@ def test_missed_target_is_a_failure(start_demo):
 
 @pytest.mark.deep
 def test_a_drive_to_a_known_charger_tells_the_session(start_demo):
-    demo = start_demo('--temperature', '2', '--soc', '0.4', '--charger-power', '1000', '--speed-up', '40')
+    demo = start_demo('--temperature', '2', '--soc', '0.4', '--charger-power', '1000')
     output, _ = demo.communicate(timeout=TIME_LIMIT_S)
     assert demo.returncode in (0, 1), output
     assert "The target is the vehicle's default: This charger cannot charge" in output
-    demo = start_demo('--temperature', '2', '--soc', '0.4', '--charger-power', '50000', '--speed-up', '40')
+    demo = start_demo('--temperature', '2', '--soc', '0.4', '--charger-power', '50000')
     output, _ = demo.communicate(timeout=TIME_LIMIT_S)
     assert demo.returncode == 0, output
     assert 'NOT_WORTH_IT: ' in output and 'At the charger, as predicted on the way: ' in output
@@ -119,6 +124,19 @@ def test_interruption_ends_everything(start_demo, number):
     assert 'demo: interrupted' in output
     assert 'Traceback' not in output
     assert psutil.wait_procs(processes, timeout=TIME_LIMIT_S)[1] == []
+
+
+@pytest.mark.parametrize('without_s, speed_up, cause', [
+    (0.0, None, ''),
+    (2.5, 60.0, 'no command was valid for 2.5 s of the drive: this computer was too slow for 60 times real time'),
+    (2.5, None, 'no command was valid for 2.5 s of the drive: the planner sent none')])
+def test_a_drive_with_lost_commands_is_not_good_and_tells_the_cause(without_s, speed_up, cause):
+    drive = ObservedDrive()
+    drive.states, drive.latest_target_c = [(240.0, 25.01, 0.6)], 25.0
+    drive.outcome = SimulatedDriveReport(ARRIVED, Energies(*[0.0] * len(fields(Energies))), without_s)
+    good, sentence = verdict(drive, 1.0, speed_up)
+    assert good == (without_s == 0.0)
+    assert 'the battery arrived at 25.01 degC, 0.01 K above' in sentence and cause in sentence
 
 
 def test_refused_parameter_is_told(tmp_path, capsys):

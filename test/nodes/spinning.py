@@ -7,18 +7,20 @@ import threading
 import rclpy
 from rclpy.context import Context
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.parameter import Parameter
 
 # Used up only by a failing test, or on a heavily loaded computer.
 TIME_LIMIT_S = 240.0
 
 
 @contextmanager
-def spun_node(name, domain_id=None):
+def spun_node(name, domain_id=None, uses_sim_time=False):
     """Give a node whose callbacks run in their own thread inside the block."""
     context = Context()
     rclpy.init(context=context, domain_id=domain_id)
     try:
-        node = rclpy.create_node(name, context=context, enable_rosout=False)
+        node = rclpy.create_node(name, context=context, enable_rosout=False, parameter_overrides=[
+            Parameter('use_sim_time', value=uses_sim_time)])
         executor = SingleThreadedExecutor(context=context)
         executor.add_node(node)
         thread = threading.Thread(target=_spin, args=(executor,), daemon=True)

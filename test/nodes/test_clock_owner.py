@@ -155,6 +155,7 @@ def test_a_clock_that_is_set_back_ends_a_drive_that_goes_by_it(bench, wait_until
     (('speed_up:=20.0',), 'speed_up: 20.0 is not allowed with publish_clock:=false; it must be 1.0'),
     (('start_time:=1000.0',), 'start_time: 1000.0 is not allowed with publish_clock:=false'),
     (('wait_for_planner:=true',), 'wait_for_planner: True is not allowed with'),
+    (('lockstep:=true',), 'lockstep: True is not allowed with publish_clock:=false; it must be False'),
     (('scenario:=clock_back',), 'scenario clock_back makes the clock jump'),
 ])
 def test_what_only_the_owner_of_the_clock_can_do_is_refused(call_main, arguments, text):

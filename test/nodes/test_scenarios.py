@@ -74,10 +74,6 @@ SHORT_OVER_DDS = {
                # The last state is of 99 s at most, the timeout 5 s, the command period 1 s.
                'off_during': [[106, 140]], 'heats_during': [[60, 100], [145, 420]]},
 }
-# A drive of 25 min in 25 s; a command period is 17 ms.
-SPEED_UP = 60
-# A drive of 7 min has few states for assessing a heater: on a busy computer none of these may be lost.
-SHORT_SPEED_UP = 25
 # Number of concurrent drives, each in its own ROS domain.
 AT_ONCE = 2
 TIME_LIMIT_S = 300.0
@@ -102,12 +98,12 @@ def selected(request, scenarios):
     return sorted(scenarios & tried)
 
 
-def drive_over_dds(scenario, name, folder, speed_up=SPEED_UP):
+def drive_over_dds(scenario, name, folder):
     """Return the finished process of `preheat scenario --nodes --record`, its findings and the nodes' logs."""
     findings = folder / f'{name}.json'
     done = subprocess.run(
-        [sys.executable, '-m', 'bev_preheat', 'scenario', scenario, '--nodes', '--speed-up',
-         str(speed_up), '--logs', str(folder), '--record', str(folder), '--json', str(findings)],
+        [sys.executable, '-m', 'bev_preheat', 'scenario', scenario, '--nodes', '--logs', str(folder),
+         '--record', str(folder), '--json', str(findings)],
         capture_output=True, text=True, timeout=TIME_LIMIT_S)
     logs = ''.join(path.read_text() for path in folder.glob(f'{name}.*.log'))
     return done, json.loads(findings.read_text())[name] if findings.exists() else None, logs
@@ -130,7 +126,7 @@ def expect_reproduced(recording, capsys):
 def test_faults_on_a_short_drive_are_met_by_the_nodes(dds, tmp_path, capsys):
     path = write_short(tmp_path, 'heater_dead', SHORT_OVER_DDS)
     expect_good(*drive_over_dds(
-        str(path), 'short_heater_dead', tmp_path, SHORT_SPEED_UP))
+        str(path), 'short_heater_dead', tmp_path))
     expect_reproduced(tmp_path / 'short_heater_dead.mcap', capsys)
 
 

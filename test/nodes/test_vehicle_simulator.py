@@ -300,6 +300,7 @@ def test_empty_battery_ends_a_drive_whose_target_is_left_to_the_planner(record, 
     ({'route': 'nowhere'}, "route 'nowhere' is unknown"),
     ({'vehicle': 'bicycle'}, "vehicle 'bicycle' is unknown"),
     ({'speed_up': 'fast'}, 'speed_up'),
+    ({'lockstep': 'true', 'speed_up': 20.0}, 'speed_up: 20.0 is not allowed with lockstep; it must be 1.0'),
 ])
 def test_impossible_parameters_are_refused_in_words(call_main, parameters, complaint):
     done = call_main('vehicle_simulator', '--ros-args', *(

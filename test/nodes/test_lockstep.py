@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Drives in lockstep over DDS: the same on an idle and on a busy computer, or an error."""
+
+from contextlib import contextmanager
+import signal
+import subprocess
+import sys
+
+from mcap.reader import make_reader
+from node_bench import Bench
+import pytest
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import BatteryState
+from spinning import spun_node
+import yaml
+
+from bev_preheat.nodes.installed_drive import drive_with_nodes
+from bev_preheat.nodes.recorded_scenario import drive_recorded
+from bev_preheat.simulation.scenario import load_scenario
+from bev_preheat_msgs.msg import HvchCommand, RoutePlan
+
+BUSY_LOOPS = 4
+# Noise, losses and delays, so that a state more or less changes all that follow; states drop out until the
+# command is 0 W, and a new route arrives on the way.
+DRIVE = {
+    'name': 'noisy', 'description': 'Noise, losses and delays.', 'seed': 7,
+    'drive': {'vehicle': 'reference', 'route': 'reference', 'ends_after_s': 60,
+              'initial_battery_temperature_c': 18, 'initial_soc': 0.8},
+    'sensors': {'period_s': 0.7, 'delay_s': 0.4, 'loss': 0.1, 'temperature_noise_k': 0.2,
+                'drop_outs': [[40, 55]]},
+    'traffic': [{'event': 'stop', 'at_s': 20, 'duration_s': 10, 'route_plan_after_s': 5}],
+    'expect': {'statuses': ['STALE_INPUT']},
+}
+LIMIT_S = 3.0
+LOCKSTEP = ('-p', 'lockstep:=true', '-p', f'lockstep_limit:={LIMIT_S}', '-p', 'exit_on_arrival:=true')
+
+
+@contextmanager
+def busy_computer():
+    loops = [subprocess.Popen([sys.executable, '-c', 'while True: pass']) for _ in range(BUSY_LOOPS)]
+    try:
+        yield
+    finally:
+        for loop in loops:
+            loop.kill()
+            loop.wait()
+
+
+def recorded(path, topic, message_type):
+    """Return (instant [ns], message) of each message of a topic in a flight recording."""
+    with open(path, 'rb') as stream:
+        return [(message.log_time, deserialize_message(message.data, message_type))
+                for _, _, message in make_reader(stream).iter_messages([topic], log_time_order=False)]
+
+
+def test_a_drive_is_the_same_on_an_idle_and_on_a_busy_computer_and_without_ros(dds, tmp_path):
+    file = tmp_path / 'noisy.yaml'
+    file.write_text(yaml.safe_dump(DRIVE))
+    scenario = load_scenario(str(file))
+    idle, busy, without_ros = (tmp_path / f'{name}.mcap' for name in ('idle', 'busy', 'without_ros'))
+    seen = drive_with_nodes(scenario, str(file), recording=idle)
+    with busy_computer():
+        seen_when_busy = drive_with_nodes(scenario, str(file), recording=busy)
+    assert len(seen.commands) > 120
+    assert seen.commands == seen_when_busy.commands
+    for topic, message_type in (('/battery_state', BatteryState), ('/hvch_command', HvchCommand)):
+        # NaN fields: not reported.
+        assert repr(recorded(idle, topic, message_type)) == repr(recorded(busy, topic, message_type))
+    # Without ROS the timers of an instant come after its battery state, not before; the heater gets the same.
+    drive_recorded(scenario, without_ros, pytest.fail)
+    states = recorded(idle, '/battery_state', BatteryState)
+    assert len(states) > 60
+    assert repr(states) == repr(recorded(without_ros, '/battery_state', BatteryState)[:len(states)])
+
+
+def test_a_planner_that_no_longer_answers_ends_the_drive_with_an_error(bench, wait_until):
+    planner = bench.start('planner', '-p', 'use_sim_time:=true')
+    simulator = bench.start('vehicle_simulator', *LOCKSTEP)
+    wait_until(lambda: 'the clock starts' in simulator.output(), 'the start')
+    planner.send_signal(signal.SIGSTOP)
+    try:
+        assert simulator.wait() == 1
+    finally:
+        planner.send_signal(signal.SIGCONT)
+    assert 'No answer of /planner/get_parameters within 3 s of real time (lockstep_limit)' in simulator.output()
+    assert 'The drive ends after' in simulator.output()
+
+
+def test_a_planner_that_sends_no_command_ends_the_drive_with_an_error(domain_id, start_executable):
+    with spun_node('tester', domain_id, uses_sim_time=True) as node:
+        bench = Bench(node, start_executable)
+        simulator = connected_simulator(bench)
+        assert simulator.wait() == 1
+    assert ('No hvch_command with the stamp of /clock answers the battery state: a message was lost. '
+            'The drive ends after 0:00 min.') in simulator.output()
+
+
+def connected_simulator(bench):
+    """Start a simulator that takes the test's node for the planner."""
+    bench.publisher(HvchCommand, 'hvch_command')
+    for message_type, topic in ((BatteryState, 'battery_state'), (RoutePlan, 'route_plan')):
+        bench.record(message_type, topic)
+    return bench.start('vehicle_simulator', *LOCKSTEP)
+
+
+def test_a_planner_on_another_clock_is_refused(bench):
+    simulator = connected_simulator(bench)
+    assert simulator.wait() == 2
+    assert '/tester does not follow /clock: start it with use_sim_time:=true' in simulator.output()
