@@ -3,12 +3,12 @@
 Lockstep of a simulated drive with the nodes around it: the clock goes on once they have handled every message.
 
 A node is asked for parameters, which each node of rclpy and rclcpp answers unless that is switched off. In each
-turn its executor looks at all topics, then at all services, and runs what has arrived: timers first, then
-subscriptions, then one request of each service. A message that arrives after the look at its topic and before the
-look at the service runs a turn after the request behind it, but before a second request. So after two answers a
-message is handled, and timers that are due by a new `/clock` run before any message that is sent later. A command
-with the stamp of a new `/clock` shows the same without a request: it comes from the turn of these timers. All
-callbacks run in one order, however busy the computer is.
+turn its executor looks at all topics, then at all services, and runs the callbacks of all that arrived: timers
+first, then subscriptions, then one request of each service. A message that arrives after the look at its topic and
+before the look at the service runs a turn after the request behind it, but before a second request. So after two
+answers a message is handled, and timers that are due by a new `/clock` run before any message that is sent later.
+A command with the stamp of a new `/clock` shows this without a request: it is from the turn of these timers.
+All callbacks run in one order, however busy the computer is.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ LONGEST_TICK_S = 1.0
 # Listeners are waited for once in this many instants: fewer messages than their queues hold.
 INSTANTS_BETWEEN_LISTENERS = 10
 # Real time [s] between two looks for the nodes, and until a request of the start is repeated: a node that has not
-# discovered its client yet answers nobody.
+# discovered its client yet sends no answer.
 LOOK_PERIOD_S, REPEAT_S = 0.05, 1.0
 
 
@@ -53,7 +53,7 @@ class Lockstep:
 
     def __init__(self, node: Node, limit_s: float, topics: Iterable[str]) -> None:
         """
-        Wait for nobody yet, and never longer than `limit_s` [s of real time] for an answer.
+        Begin without nodes; no answer is waited for longer than `limit_s` [s of real time].
 
         `topics` are those that a planner must be connected to.
         """
@@ -62,7 +62,7 @@ class Lockstep:
         self._planner: Client | None = None
         self._listeners: list[Client] = []
         self._instants = 0
-        # What is waited for, and since when.
+        # The error message if the wait takes too long, and its begin.
         self._awaited: tuple[str, float] | None = None
         self._next_look = Future()
         # Whether a command came for the latest /clock, once that is known.
@@ -104,8 +104,8 @@ class Lockstep:
             (planner,) = names
             if is_ready() and all(planner in self._listening_to(topic) for topic in self._topics):
                 break
-        # Created last: whoever answers knows all publishers of this node. The graph shows its own endpoints in the
-        # order of their creation, /clock first.
+        # Created last: a node that answers knows all publishers of this node. The graph shows its own endpoints in
+        # the order of their creation, /clock first.
         self._planner = self._client(planner)
         others = sorted(set(map(endpoint_name, heard.values())) - {planner})
         self._listeners = [self._client(name) for name in others if self._answers(name)]
@@ -126,7 +126,8 @@ class Lockstep:
 
     async def _greet(self, client: Client) -> None:
         """Wait until a node answers."""
-        self._awaited = f'No answer of {client.srv_name}', time.monotonic()
+        service = client.srv_name
+        self._awaited = f'No answer of {service}', time.monotonic()
         while not client.service_is_ready():
             await self._next_look
         future, asked_s = client.call_async(SIM_TIME), time.monotonic()
@@ -137,7 +138,7 @@ class Lockstep:
                 future, asked_s = client.call_async(SIM_TIME), time.monotonic()
         self._awaited = None
         if client is self._planner and not any(value.bool_value for value in future.result().values):
-            raise InvalidInput(f'{client.srv_name.rpartition("/")[0]} does not follow /clock: start it with '
+            raise InvalidInput(f'{service.rpartition("/")[0]} does not follow /clock: start it with '
                                'use_sim_time:=true')
 
     async def pause(self, duration_s: float) -> None:

@@ -350,7 +350,7 @@ class VehicleSimulatorNode(Node):
             return
         to_s = car.asleep_until_s or min(tick_s * (tick + 1), car.next_event_s)
         if has_lingered:
-            # Nobody waits for the end of the drive any more: go on in real time.
+            # The drive has ended, but the clock of other nodes must not stop: go on in real time.
             await lockstep.pause(to_s - car.time_s)
         car.advance_under(self._heater.lease(self._time.start_ns), to_s)
 

@@ -67,12 +67,12 @@ SHORT = {
 }
 # A heater that never answers, and battery states that drop out for 40 s.
 SHORT_OVER_DDS = {
-    # A lagging heater would respond just as late, so a dead one is only recognised after five minutes.
-    'drive': {'ends_after_s': 420},
+    # A lagging heater would respond just as late, so a dead one is only recognised after eight minutes.
+    'drive': {'ends_after_s': 600},
     'sensors': {'drop_outs': [[100, 140]]},
     'expect': {'statuses': ['STALE_INPUT', 'TARGET_UNREACHABLE'], 'most_switch_ons': 2,
                # The last state is of 99 s at most, the timeout 5 s, the command period 1 s.
-               'off_during': [[106, 140]], 'heats_during': [[60, 100], [145, 420]]},
+               'off_during': [[106, 140]], 'heats_during': [[60, 100], [145, 600]]},
 }
 # Number of concurrent drives, each in its own ROS domain.
 AT_ONCE = 2
