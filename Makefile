@@ -19,6 +19,19 @@ several_files_at_once := $$(python3 -c 'import xdist; print("-n 5 --dist loadfil
 
 several_without_nodes := $(subst -n 5,-n auto,$(several_files_at_once))
 
+# Groups of packages in addition to those that the program always needs; scripts/requirements-optional.txt lists them:
+# make setup WITH="bus logs"
+WITH :=
+# What a target needs; in effect for its prerequisites too.
+groups :=
+test test-quick test-deep test-oldest test-repeated coverage: groups := test
+bench: groups := studies dashboard bench
+footprint: groups := footprint
+soak: groups := studies
+soak-monitor: groups := monitor studies
+docs: groups := test docs
+lint: groups := test lint
+
 # If it is set, each test worker compiles all tests again.
 unexport PYTHONDONTWRITEBYTECODE
 
@@ -30,10 +43,11 @@ help: ## print this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/  make \1\t\2/' | expand -t 16
 
 setup: ## the working environment in .venv: packages missing from the ROS 2 distribution, or ROS 2 from wheels
-	@scripts/setup.bash
+	@scripts/setup.bash $(groups) $(WITH)
 
 # For a car, without the studies: BEV_PREHEAT_WITHOUT_STUDIES=1 make build.
-build: setup ## the three packages, if anything changed (colcon build --base-paths . core msg_defs)
+build: ## the three packages, if anything changed (colcon build --base-paths . core msg_defs)
+	@scripts/setup.bash --build $(groups) $(WITH)
 	@scripts/build.bash
 
 demo: build ## a simulated drive to the fast charger
@@ -68,11 +82,9 @@ coverage: build ## all tests, with their coverage of lines and branches, includi
 	    python3 -m coverage combine -q; python3 -m coverage html -q -d out/coverage/html --fail-under=0; python3 -m coverage report
 
 bench: build ## time and memory of the planner, compared with other solvers
-	@scripts/setup.bash bench
 	@$(environment); $(local_only); $(BENCH)
 
 footprint: build ## bytes, stack and instructions of an export by preheat export-ecu, for this computer and a Cortex-M7
-	@scripts/setup.bash footprint
 	@$(environment); python3 -m bev_preheat_studies.footprint
 
 soak: build ## the planner under load for MINUTES (10), in real time
@@ -83,13 +95,11 @@ soak-monitor: build ## preheat monitor beside drives at 100 times real time for 
 
 # A broken link, an unknown anchor and any other warning are errors. The reference is generated from the checkout's code.
 docs: build ## the documentation as a site: out/docs/index.html
-	@scripts/setup.bash docs
 	@$(environment); PYTHONPATH="$$PWD:$$PWD/studies:$$PYTHONPATH" python3 -m sphinx -q -W -n --keep-going -d out/.doctrees docs out/docs
 	@echo out/docs/index.html
 
 # Not every machine has shellcheck.
 lint: setup ## ruff (errors, imports, names, docstrings), mypy, ament_flake8 and ament_pep257 for Python, each installed compiler for C, shellcheck for the scripts
-	@scripts/setup.bash lint
 	@$(environment); ruff check --quiet
 	@$(environment); mypy
 	@$(environment); python3 -m pytest -q -p no:cacheprovider -m linter test/test_ament_style.py

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Installs the Python package, its executables and its configuration (ament_python)."""
 
+from concurrent.futures import ThreadPoolExecutor
 import os
 from pathlib import Path
 import subprocess
@@ -42,8 +43,10 @@ EXTRAS = {
     'dashboard': ['mcap>=1.0', 'tornado>=6.4'],
     'identify': ['casadi>=3.6', 'jinja2>=3.1.2', 'matplotlib>=3.6.3', 'scipy>=1.11.4'],
     'logs': ['asammdf>=7.3', 'cantools>=39', 'mcap>=1.0', 'pint>=0.19', 'python-can>=4.0', 'rosbags>=0.10'],
+    'monitor': ['plotext'],
     'routes': ['gpxpy>=1.5'],
     'studies': ['casadi>=3.6', 'matplotlib>=3.6.3', 'psutil>=5.9.8', 'scipy>=1.11.4'],
+    'tables': ['pandas'],
     'test': ['pytest'],
 }
 
@@ -91,6 +94,14 @@ class BuildCore(build_ext):
         subprocess.run([sys.executable, '-m', f'{PACKAGE}.code_generation.c_source', str(headers)], check=True,
                        env={**os.environ, 'PYTHONPATH': os.pathsep.join([str(HERE), *sys.path])})
         extension.include_dirs.append(str(generated))
+        # One file after the other would take most of the time of pip install.
+        sources, extension.sources = extension.sources, []
+        extension.depends = [*extension.depends, *sources]
+        with ThreadPoolExecutor(os.cpu_count()) as threads:
+            compiled = threads.map(lambda source: self.compiler.compile(
+                [source], output_dir=self.build_temp, include_dirs=extension.include_dirs,
+                extra_postargs=extension.extra_compile_args), sources)
+            extension.extra_objects = [each for objects in compiled for each in objects]
         super().build_extension(extension)
 
     def get_ext_filename(self, name):

@@ -35,11 +35,16 @@ PURPOSES = {
     'tornado': 'serves the web page of the dashboard',
     'unicorn': "emulates a control unit's processor",
 }
-# Distribution names that differ from the module's name, and targets of make that install
-# the package, if not setup.
+# Distribution names that differ from the module's name.
 PACKAGES = {'can': 'python-can', 'do_mpc': 'do-mpc', 'elftools': 'pyelftools', 'kuksa_client': 'kuksa-client',
             'serial': 'pyserial'}
-TARGETS = {'do_mpc': 'bench', 'unicorn': 'footprint'}
+# The group of packages, in the checkout's scripts/requirements*.txt, that is added for a module; if it has several, the
+# one for which the module is the main purpose.
+GROUPS = {
+    'asammdf': 'logs', 'can': 'bus', 'cantools': 'bus', 'casadi': 'nlp', 'crccheck': 'bus', 'distributed': 'studies',
+    'do_mpc': 'bench', 'elftools': 'footprint', 'gpxpy': 'routes', 'jinja2': 'identify', 'kuksa_client': 'bus',
+    'matplotlib': 'demo', 'mcap': 'demo', 'pandas': 'tables', 'pint': 'logs', 'plotext': 'monitor', 'psutil': 'studies',
+    'rosbags': 'logs', 'scipy': 'identify', 'serial': 'bus', 'tornado': 'dashboard', 'unicorn': 'footprint'}
 
 
 class MissingPackage(InvalidInput):
@@ -53,9 +58,9 @@ def is_installed(module: str) -> bool:
 
 def advice(module: str) -> str:
     """Return the sentence on a missing module of PURPOSES and its installation."""
-    package, target = PACKAGES.get(module, module), TARGETS.get(module, 'setup')
+    package = PACKAGES.get(module, module)
     return (f'the Python package {package}, which {PURPOSES[module]}, is not installed; in the checkout, '
-            f'make {target} installs it; elsewhere: python3 -m pip install {package}')
+            f'scripts/setup.bash {GROUPS[module]} installs it; elsewhere: python3 -m pip install {package}')
 
 
 def require_ros() -> None:

@@ -22,9 +22,9 @@ for variable in PATH AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH LD_L
     if [ -n "$kept" ]; then export "$variable=$kept"; else unset "$variable"; fi
 done
 
-bev_preheat_enter
-if [ "$(bev_preheat_venv_state)" != ready ]; then
-    echo "build: .venv is $(bev_preheat_venv_state); run: make setup" >&2
+bev_preheat_enter build
+if [ "$(bev_preheat_venv_state build)" != ready ]; then
+    echo "build: .venv is $(bev_preheat_venv_state build); run: make setup" >&2
     exit 1
 fi
 install=$bev_preheat_place/install
@@ -59,6 +59,11 @@ fi
 rm -f "$stamp"
 # Without byte-compiled files (as in many containers), each start of a node would compile all modules again.
 unset PYTHONDONTWRITEBYTECODE
+# Without a distribution there is nothing that could use the messages from C++ (msg_defs/CMakeLists.txt).
+[ "$bev_preheat_underlay" != .venv ] || export BEV_PREHEAT_PYTHON_MESSAGES_ONLY=1
+# colcon's own choice compiles less at once on a loaded computer, as it is while setup installs packages.
+MAKEFLAGS=-j$(nproc)
+export MAKEFLAGS
 # With this Python, so that the installed executables run with it and see its packages.
 python3 -c 'import sys; from colcon_core.command import main; sys.exit(main())' --log-base "$bev_preheat_place/log" \
     build --base-paths . core msg_defs --build-base "$build" --install-base "$install" "$@"

@@ -11,9 +11,9 @@ else
 fi
 # shellcheck source=scripts/ros_underlay.bash
 . "$bev_preheat_root/scripts/ros_underlay.bash"
-bev_preheat_enter
+bev_preheat_enter demo
 
-case $(bev_preheat_venv_state) in
+case $(bev_preheat_venv_state demo) in
     unfinished) bev_preheat_problem="setup was interrupted or has failed, .venv is incomplete" ;;
     moved) bev_preheat_problem="this checkout was moved or copied after setup" ;;
     absent) bev_preheat_problem="not set up yet" ;;

@@ -2,9 +2,9 @@
 """
 Print the packages missing from this Python, for pip; with --constraints the packages that must stay as is.
 
-Run by setup.bash with the Python of .venv on a machine with a ROS 2 distribution. A package of the
-system that is at least the oldest supported version is used; an older or absent one is to be installed
-in a version up to the tested one.
+Run by setup.bash with the Python of .venv on a machine with a ROS 2 distribution. Without groups: of the packages that
+builds need. A package of the system that is at least the oldest supported version is used; an older or absent one is to be
+installed in a version up to the tested one.
 """
 
 import argparse
@@ -13,17 +13,30 @@ from pathlib import Path
 import re
 
 SCRIPTS = Path(__file__).resolve().parent
-# Extensions of colcon's command line for a build of the two packages, and their own dependencies.
+# Extensions of colcon's command line for a build of the packages, and their own dependencies.
 BUILD = re.compile('colcon-|setuptools$')
+# Of these files only the packages of requirements-oldest.txt are wanted; the distribution brings what those need.
+WITH_OLDEST = ('requirements.txt', 'requirements-demo.txt', 'requirements-test.txt')
+# Mark of packages that do not work with the NumPy of a distribution.
+WHEELS_ONLY = 'wheels'
 
 
-def pinned(*files):
-    """Return {package: version} of requirement files; of several lines the first counts."""
+def pinned(file, group=None):
+    """Return {package: version} of a requirement file, with a group: of its lines that name it; the first line counts."""
     versions = {}
-    for file in files:
-        for name, version in re.findall(r'^([\w.-]+)==([\w.]+)', (SCRIPTS / file).read_text(), re.M):
+    path = SCRIPTS / file
+    for name, version, groups in re.findall(
+            r'^([\w.-]+)==([\w.]+)(?: *#(.*))?', path.read_text() if path.exists() else '', re.M):
+        if WHEELS_ONLY not in groups.split() and group in (None, *groups.split()):
             versions.setdefault(name, version)
     return versions
+
+
+def packages_of(group):
+    """Return ({package: version} of which the oldest are wanted, {package: version} that are wanted as they are)."""
+    file = f'requirements-{group}.txt'
+    own, optional = pinned(file), pinned('requirements-optional.txt', None if group == 'test' else group)
+    return (own, optional) if file in WITH_OLDEST else ({}, {**optional, **own})
 
 
 def installed(name):
@@ -43,16 +56,17 @@ def main(arguments=None):
     """Print a line for each package; `arguments` None: those of the process."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--constraints', action='store_true', help='print the packages that must stay as they are')
-    parser.add_argument('--group', help='with what scripts/requirements-GROUP.txt names')
+    parser.add_argument('groups', nargs='*', metavar='GROUP', help='with the packages of this group')
     arguments = parser.parse_args(arguments)
-    group = pinned(f'requirements-{arguments.group}.txt') if arguments.group else {}
-    tested = {**group, **pinned('requirements.txt', 'requirements-optional.txt')}
-    oldest = {name: version for name, version in pinned('requirements-oldest.txt').items()
-              if name in tested}
-    wanted = {**oldest, **pinned('requirements-optional.txt')}
-    wanted |= {name: version for name, version in group.items() if name not in oldest}
+    by_oldest, wanted = pinned('requirements.txt'), {}
     # Of what builds, any version will do that the distribution brings.
-    wanted |= {name: '0' for name in tested if BUILD.match(name)}
+    builds = {name: '0' for name in by_oldest if BUILD.match(name)}
+    for group in arguments.groups:
+        with_oldest, as_they_are = packages_of(group)
+        by_oldest, wanted = {**with_oldest, **by_oldest}, {**as_they_are, **wanted}
+    tested = {**wanted, **by_oldest}
+    wanted |= {name: version for name, version in pinned('requirements-oldest.txt').items() if name in tested}
+    wanted |= builds
     # Compiled messages, matplotlib and SciPy of the system work with one major version of NumPy only.
     numpy_major = numbers(installed('numpy') or '1')[0]
     for name, least in sorted(wanted.items()):

@@ -48,12 +48,13 @@ bev_preheat_enter_distribution() {
 }
 
 # "ready", "absent", "unfinished" (setup was interrupted or has failed) or "moved". The place counts, because a
-# virtual environment does not survive being moved or copied.
+# virtual environment does not survive being moved or copied. The argument is the group that must be
+# there, demo (all that the program always needs) without one; builds need none.
 bev_preheat_venv_state() {
     local venv=$bev_preheat_place/.venv
     if [ ! -e "$venv" ]; then
         echo absent
-    elif [ ! -r "$venv/.ready" ]; then
+    elif [ ! -r "$venv/.ready" ] || [ -e "$venv/.adding-${1:-demo}" ]; then
         echo unfinished
     elif ! grep -qxF "$venv" "$venv/.ready"; then
         echo moved
@@ -64,7 +65,7 @@ bev_preheat_venv_state() {
 
 bev_preheat_enter() {
     bev_preheat_enter_distribution
-    if [ "$(bev_preheat_venv_state)" = ready ]; then
+    if [ "$(bev_preheat_venv_state "$@")" = ready ]; then
         bev_preheat_source "$bev_preheat_place/.venv/local_setup.$bev_preheat_shell"
         : "${bev_preheat_underlay:=.venv}"
         # The wheels' start-up hook trusts this mark, which another checkout's Python may have left in our environment.

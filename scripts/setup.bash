@@ -1,8 +1,11 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
+# usage: setup.bash [--build] [GROUP ...]
 # Make the working environment in .venv, once. With a ROS 2 distribution: the packages missing there. Without:
-# ROS 2 Jazzy from wheels. "setup.bash bench" adds the packages needed only by make bench; likewise docs, footprint and lint. With
-# BEV_PREHEAT_OLDEST=1: the oldest supported versions and no optional package, in .oldest/.venv.
+# ROS 2 Jazzy from wheels. The packages come in groups: requirements.txt is what builds need, the group demo what the
+# program needs beside it; "setup.bash bus logs" adds the groups bus and logs (requirements-optional.txt,
+# requirements-GROUP.txt). --build runs build.bash while packages are installed. With BEV_PREHEAT_OLDEST=1: the oldest
+# supported versions and no optional package, in .oldest/.venv.
 set -euo pipefail
 
 bev_preheat_root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd -P)
@@ -24,6 +27,14 @@ if command -v flock >/dev/null; then
     exec 9<"${BASH_SOURCE[0]}"
     flock -n 9 || { say "waits for another setup of this checkout" && flock 9; }
 fi
+
+builds=
+if [ "${1:-}" = --build ]; then
+    builds=1
+    shift
+fi
+# pip and its build tools write their byte-code, or each start would compile them again.
+unset PYTHONDONTWRITEBYTECODE
 
 # shellcheck source=scripts/ros_underlay.bash
 . scripts/ros_underlay.bash
@@ -99,17 +110,77 @@ find_python() {
         "  install one (Debian, Ubuntu: python3.12 python3.12-venv python3.12-dev) or name it: make setup PYTHON=/path/to/python3.12"
 }
 
-# --- pip ---
+# --- packages ---
 
+# With process groups of their own (set -m), background jobs can be ended together with all that they started.
+jobs_running=()
+in_background() {
+    set -m
+    "$@" &
+    jobs_running+=($!)
+    set +m
+}
+
+end_background() {
+    local job
+    for job in ${jobs_running[@]+"${jobs_running[@]}"}; do
+        if kill -INT -- "-$job" 2>/dev/null; then wait "$job" 2>/dev/null || true; fi
+    done
+    jobs_running=()
+}
+trap end_background EXIT
+
+# uv reads no configuration of pip, so it may be there and not reach the index. It does not see the packages of a
+# distribution.
+find_uv() {
+    [ -z "$bev_preheat_underlay" ] || return 1
+    [ -n "${uv_works:-}" ] || {
+        uv_works=no
+        if command -v uv >/dev/null && timeout 10 uv pip install --quiet --dry-run --no-deps --reinstall --refresh-package tzdata \
+            --python "$python" tzdata >/dev/null 2>&1; then
+            uv_works=yes
+            say "using $(uv --version)"
+        fi
+    }
+    [ "$uv_works" = yes ]
+}
+
+# pip without byte-code: compile_packages and the first imports make it, in parallel.
+pip_install() {
+    "$python" -m pip install --no-input --disable-pip-version-check --progress-bar off --no-compile "$@"
+}
+
+# Copies, because mend_cmake_files writes into files that would otherwise be those of uv's cache.
+uv_install() {
+    uv pip install --no-progress --link-mode copy --python "$python" "${@/--force-reinstall/--reinstall}"
+}
+
+# install_packages FILE [OPTION ...]. Packages without dependencies among pip's choices are installed by two processes
+# at once: pip waits for the network half of the time.
 install_packages() {
-    local log=$venv/install.log
-    if ! "$python" -m pip install --no-input --disable-pip-version-check --progress-bar off "$@" 2>&1 | tee "$log" |
-        awk '/^Collecting |^Processing / { n++; if (n % 40 == 0) { print "setup:   " n " packages"; fflush() } }
-            /^Installing collected/ { print "setup:   unpacking"; fflush() }'; then
-        tail -n 15 "$log" >&2
-        fail "pip could not install what is needed (all of its output: $log). Then run setup again." \
-            "  The ROS wheels are for Linux on x86-64, glibc 2.28 or newer; elsewhere use a ROS 2 distribution."
+    local list=$1 part parts=("$1") pids=() log=$venv/install.log failed=
+    shift
+    if find_uv; then
+        uv_install "$@" -r "$list" >"$log" 2>&1 || failed=uv
+    else
+        if [[ " $* " == *' --no-deps '* ]]; then
+            rm -f "$list".[01]
+            awk -v list="$list" 'NF { print >(list "." NR % 2) }' "$list"
+            parts=("$list".[01])
+        fi
+        for part in "${parts[@]}"; do
+            in_background pip_install "$@" -r "$part" >"$part.log" 2>&1
+            pids+=("${jobs_running[-1]}")
+        done
+        for part in "${pids[@]}"; do wait "$part" || failed=pip; done
+        cat "${parts[@]/%/.log}" >"$log"
     fi
+    [ -z "$failed" ] || {
+        # A line of each package says nothing of the failure.
+        grep -vE '^(Collecting|Requirement already|  (Using cached|Downloading)|WARNING: Location) ?' "$log" | tail -n 15 >&2
+        fail "$failed could not install what is needed (all of its output: $log). Then run setup again." \
+            "  The ROS wheels are for Linux on x86-64, glibc 2.28 or newer; elsewhere use a ROS 2 distribution."
+    }
 }
 
 # With a virtual environment that sees the system's packages, the system's pip will do.
@@ -118,15 +189,39 @@ ensure_pip() {
         fail "there is no pip (Debian, Ubuntu: sudo apt install python3-venv)"
 }
 
-wheels() {
+# The byte-code of what has been installed, in parallel; nobody imports tests.
+compile_packages() {
+    nice "$python" -m compileall -q -j 0 -x '/tests?/|/cmake/data/' \
+        "$("$python" -c 'import sysconfig; print(sysconfig.get_path("purelib"))')" >/dev/null 2>&1 || true
+}
+
+pins() { sed -nE '/^[^#]*==/{s/ *#.*//;p}' "$@"; }
+
+# The packages of a group, one a line; "build" is requirements.txt. With BEV_PREHEAT_OLDEST all are in "build".
+packages_of() {
     if [ -n "${BEV_PREHEAT_OLDEST:-}" ]; then
-        # requirements.txt, but for the packages that the list of the oldest names.
+        [ "$1" = build ] || return 0
+        # But for the packages that the list of the oldest names.
         awk -F '==' 'FNR == NR { if (NF > 1) { named[$1] } ; next } NF > 1 && !($1 in named)' \
-            scripts/requirements-oldest.txt scripts/requirements.txt
-        grep '==' scripts/requirements-oldest.txt
-    else
-        grep -h '==' scripts/requirements.txt scripts/requirements-optional.txt scripts/requirements-wheels.txt
+            scripts/requirements-oldest.txt scripts/requirements{,-demo,-test}.txt
+        pins scripts/requirements-oldest.txt
+        return
     fi
+    case $1 in
+        build) pins scripts/requirements.txt ;;
+        test) pins scripts/requirements-test.txt scripts/requirements-optional.txt ;;
+        *)
+            { grep -E "^[^#]+==.* #(.* )?$1( |\$)" scripts/requirements-optional.txt || true; } | pins
+            [ ! -f "scripts/requirements-$1.txt" ] || pins "scripts/requirements-$1.txt"
+            ;;
+    esac | sort -u
+}
+
+group_names() {
+    {
+        sed -nE 's/^[^#]+==.* # ?//p' scripts/requirements-optional.txt | tr ' ' '\n' | grep -vx wheels
+        printf '%s\n' scripts/requirements-*.txt | sed -E 's/.*requirements-(.*)\.txt/\1/' | grep -vxE 'oldest|optional'
+    } | sed '/^$/d' | sort -u
 }
 
 # The CMake files inside the message wheels name folders of the machine that built them.
@@ -169,13 +264,34 @@ SH
 
 # What .ready must say: the place too, because a virtual environment does not survive being moved.
 stamp_for() {
-    printf '%s\n' "$venv" "$(version_of "$1") ${bev_preheat_underlay:-wheels} $(cat scripts/requirements*.txt | cksum)"
+    printf '%s\n' "$venv" "$(version_of "$1") ${bev_preheat_underlay:-wheels} $(packages_of build | cksum)"
+}
+
+group_stamp() { packages_of "$1" | cksum; }
+
+# .ready-GROUP names a group that is installed, .adding-GROUP one whose installation has begun: pip takes a package for
+# installed that is only half there.
+groups_there() {
+    local file
+    for file in "$venv"/.ready-* "$venv"/.adding-*; do
+        [ ! -e "$file" ] || printf '%s\n' "${file#"$venv"/.*-}"
+    done
+}
+
+has_group() { [ ! -e "$venv/.adding-$1" ] && [ "$(cat "$venv/.ready-$1" 2>/dev/null)" = "$(group_stamp "$1")" ]; }
+
+# Rebuilt rather than upgraded if a list has changed: its former packages must not remain.
+groups_unchanged() {
+    local group
+    for group in $(groups_there); do
+        [ ! -e "$venv/.ready-$group" ] || [ "$(cat "$venv/.ready-$group")" = "$(group_stamp "$group")" ] || return 1
+    done
 }
 
 is_ready() {
     # Without PYTHON, keep the Python of .venv: a later "make" must not switch back to python3.
     [ -x "$python" ] && { [ -z "${PYTHON:-}" ] || [ "$(version_of "$PYTHON")" = "$(version_of "$python")" ]; } &&
-        [ "$(cat "$venv/.ready" 2>/dev/null)" = "$(stamp_for "$python")" ]
+        [ "$(cat "$venv/.ready" 2>/dev/null)" = "$(stamp_for "$python")" ] && groups_unchanged
 }
 
 say_why_again() {
@@ -188,16 +304,21 @@ say_why_again() {
 # A half-made .venv never counts as ready: .ready is removed first and written last.
 begin() {
     say_why_again
-    trap 'trap - INT TERM; echo; say "interrupted; $venv_name is incomplete. The next make or scripts/setup.bash starts again." >&2; exit 130' INT TERM
+    # As before, and the group without which the environment is not complete.
+    groups=$(printf '%s\n' "$groups" "$(groups_there)" | sort -u)
     rm -f "$venv/.ready"
 }
 
-finish() {
+trap 'trap - INT TERM; echo; say "interrupted; the next make or scripts/setup.bash continues" >&2; exit 130' INT TERM
+
+# What builds need is there; the group demo may still be missing.
+finish_base() {
     write_local_setup
+    local group
+    for group in $groups; do : >"$venv/.adding-$group"; done
     stamp_for "$python" >"$venv/.ready.new"
     mv "$venv/.ready.new" "$venv/.ready"
-    trap - INT TERM
-    say "done in $SECONDS s"
+    did=1
 }
 
 # What Python says of an interruption is left out.
@@ -214,18 +335,18 @@ make_venv_of_wheels() {
     check_build_tools "$base"
     begin
     say "ROS 2 Jazzy and what else is needed go into $venv_name, with Python $(version_of "$base")"
-    # Rebuilt rather than upgraded: packages of an older requirements.txt must not remain.
     make_venv "$base" --clear
-    wheels >"$venv/requirements.txt"
-    say "downloading and installing $(wc -l <"$venv/requirements.txt") packages, a minute or two"
-    install_packages --no-deps -r "$venv/requirements.txt"
+    packages_of build >"$venv/requirements.txt"
+    say "downloading and installing $(wc -l <"$venv/requirements.txt") packages for the build, half a minute or more"
+    install_packages "$venv/requirements.txt" --no-deps
     mend_cmake_files
-    finish
+    finish_base
 }
 
 make_venv_of_distribution() {
     # The system's packages may have changed since.
-    if is_ready && [ -z "$("$python" scripts/lacking_packages.py)" ]; then
+    # shellcheck disable=SC2046
+    if is_ready && [ -z "$("$python" scripts/lacking_packages.py $(groups_there))" ]; then
         return 0
     fi
     local base lacking
@@ -241,31 +362,62 @@ make_venv_of_distribution() {
         say "installing the packages that the system is missing into .venv:" $lacking
         add_to_distribution
     fi
-    finish
+    finish_base
 }
 
 add_to_distribution() {
-    ensure_pip
     "$python" scripts/lacking_packages.py "$@" >"$venv/requirements.txt"
+    [ -s "$venv/requirements.txt" ] || return 0
+    ensure_pip
     "$python" scripts/lacking_packages.py --constraints "$@" >"$venv/constraints.txt"
-    install_packages -r "$venv/requirements.txt" -c "$venv/constraints.txt"
+    install_packages "$venv/requirements.txt" -c "$venv/constraints.txt" ${again:+--force-reinstall}
 }
 
-# What only one target of the Makefile needs: scripts/requirements-GROUP.txt.
-add_group() {
-    local file=scripts/requirements-$1.txt stamp
-    [ -f "$file" ] || fail "unknown group $1; usage: scripts/setup.bash [bench | docs | footprint | lint]"
-    stamp=$(cksum <"$file")
-    if [ "$(cat "$venv/.ready-$1" 2>/dev/null)" != "$stamp" ]; then
-        say "adding the packages of make $1 to $venv_name"
+add_groups() {
+    local group wanted='' again=''
+    for group in $groups; do
+        has_group "$group" || wanted+=" $group"
+        [ ! -e "$venv/.adding-$group" ] || [ -n "${did:-}" ] || again=1
+    done
+    [ -n "$wanted" ] || return 0
+    if [ -z "${BEV_PREHEAT_OLDEST:-}" ]; then
+        say "adding the packages of:$wanted"
+        for group in $wanted; do : >"$venv/.adding-$group"; done
+        # shellcheck disable=SC2086
         if [ -n "$bev_preheat_underlay" ]; then
-            add_to_distribution --group "$1"
+            add_to_distribution $wanted
         else
-            install_packages --no-deps -r "$file"
+            for group in $wanted; do packages_of "$group"; done | sort -u >"$venv/requirements.txt"
+            install_packages "$venv/requirements.txt" --no-deps ${again:+--force-reinstall}
         fi
-        printf '%s\n' "$stamp" >"$venv/.ready-$1"
     fi
+    case " $wanted " in *' demo '*) compile_packages ;; esac
+    for group in $wanted; do
+        group_stamp "$group" >"$venv/.ready-$group"
+        rm -f "$venv/.adding-$group"
+    done
+    did=1
 }
+
+# The build beside the installation: its output is shown when both are done.
+start_build() {
+    say "building the core and the messages meanwhile"
+    in_background scripts/build.bash >"$venv/build.log" 2>&1
+    build_job=${jobs_running[-1]}
+}
+
+finish_build() {
+    local status=0
+    wait "$build_job" || status=$?
+    cat "$venv/build.log"
+    [ "$status" = 0 ] || fail "the build has failed (its output, as above: $venv/build.log)"
+}
+
+for group in "$@"; do
+    group_names | grep -qxF -e "$group" ||
+        fail "unknown group $group; usage: scripts/setup.bash [--build] [GROUP ...]; groups: $(group_names | paste -s -d ' ')"
+done
+groups=$(printf '%s\n' demo "$@" | sort -u)
 
 bev_preheat_enter_distribution
 # In a shell that has sourced scripts/env.bash python3 is .venv's own, which is about to be replaced.
@@ -278,4 +430,7 @@ if [ -n "$bev_preheat_underlay" ]; then
 else
     make_venv_of_wheels
 fi
-[ -z "${1:-}" ] || add_group "$1"
+[ -z "$builds" ] || [ -z "${did:-}" ] || start_build
+add_groups
+[ -z "${build_job:-}" ] || finish_build
+[ -z "${did:-}" ] || say "done in $SECONDS s"

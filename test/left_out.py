@@ -33,10 +33,10 @@ def how_to_install(package):
     if package in PROGRAMS:
         return f'{package} is not installed; Debian, Ubuntu: sudo apt install {PROGRAMS[package][1]}'
     if package == 'selenium':
-        return ('the Python package selenium, which drives a browser, is not installed; in the checkout, make '
-                'setup installs it; elsewhere: python3 -m pip install selenium')
+        return ('the Python package selenium, which drives a browser, is not installed; in the checkout, '
+                'scripts/setup.bash test installs it; elsewhere: python3 -m pip install selenium')
     if package in LINTERS:
-        return (f'{package} is not installed; in the checkout, make lint installs it; elsewhere: '
+        return (f'{package} is not installed; in the checkout, scripts/setup.bash lint installs it; elsewhere: '
                 f'sudo apt install ros-jazzy-{package.replace("_", "-")}')
     return advice(package)
 

@@ -13,9 +13,9 @@ from bev_preheat.optional_packages import is_installed, MissingPackage, require
 SITUATION = ['--vehicle', 'reference', '--route', 'winter_commute', '--temperature', '-5', '--soc',
              '0.8']
 CASADI = ('the Python package casadi, which solves the nonlinear program, is not installed; in the '
-          'checkout, make setup installs it; elsewhere: python3 -m pip install casadi')
+          'checkout, scripts/setup.bash nlp installs it; elsewhere: python3 -m pip install casadi')
 DO_MPC = ('the Python package do-mpc, which is the benchmark of the nonlinear program, is not '
-          'installed; in the checkout, make bench installs it; elsewhere: python3 -m pip install do-mpc')
+          'installed; in the checkout, scripts/setup.bash bench installs it; elsewhere: python3 -m pip install do-mpc')
 
 
 @pytest.fixture

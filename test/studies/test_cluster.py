@@ -124,4 +124,4 @@ def test_without_dask_one_line_says_how_to_install_it(monkeypatch, capsys):
     assert main(['robustness', '--trips', '1', '--cluster', 'tcp://127.0.0.1:1']) == 2
     assert capsys.readouterr().err == (
         'preheat: error: the Python package distributed, which runs studies on a cluster, is not installed; '
-        'in the checkout, make setup installs it; elsewhere: python3 -m pip install distributed\n')
+        'in the checkout, scripts/setup.bash studies installs it; elsewhere: python3 -m pip install distributed\n')
