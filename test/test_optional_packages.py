@@ -1,15 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """A missing package is reported in one line with its installation; setup installs only missing packages."""
 
-from importlib import util
+from importlib import metadata, util
 from pathlib import Path
+import re
+import subprocess
+import sys
 
+from packaging.requirements import Requirement
 import pytest
 
 from bev_preheat import optional_packages
 from bev_preheat.commands.main import main
 from bev_preheat.optional_packages import is_installed, MissingPackage, require
 
+ROOT = Path(__file__).parents[1]
 SITUATION = ['--vehicle', 'reference', '--route', 'winter_commute', '--temperature', '-5', '--soc',
              '0.8']
 CASADI = ('the Python package casadi, which solves the nonlinear program, is not installed; in the '
@@ -50,16 +55,23 @@ def test_a_command_without_its_package_is_refused_in_one_line(without, capsys, a
 
 # Packages that setup installs in addition to those of a ROS machine
 
+def scripts_module(name):
+    spec = util.spec_from_file_location(name, ROOT / 'scripts' / f'{name}.py')
+    module = util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
 @pytest.fixture
 def deficit(monkeypatch, tmp_path):
     """Return a function: the output lines for a machine with these packages {name: version}."""
-    spec = util.spec_from_file_location(
-        'lacking_packages', Path(__file__).parents[1] / 'scripts' / 'lacking_packages.py')
-    script = util.module_from_spec(spec)
-    spec.loader.exec_module(script)
-    for kind, text in (('', 'numpy==1.26.4\nrich==14.0.0\ncolcon-core==0.19.0\nsetuptools==79.0.1\n'),
-                       ('-optional', '# solver\ncasadi==3.6.7\n'), ('-bench', 'do-mpc==4.6.5\n'),
-                       ('-oldest', 'numpy==1.26.0\nrich==13.7.0\npytest-cov==4.0\n')):
+    script = scripts_module('lacking_packages')
+    for kind, text in (('', 'numpy==1.26.4\ncolcon-core==0.19.0\nsetuptools==79.0.1\nempy==4.2.1\n'),
+                       ('-demo', 'rich==14.0.0\npygments==2.21.0\n'), ('-test', 'pytest==9.2.0\niniconfig==2.3.1\n'),
+                       ('-optional', '# solver\ncasadi==3.6.7  # nlp studies\nmcap==1.3.0  # demo\n'
+                                     'asammdf==8.8.28  # logs wheels\nrosbags==0.11.9  # logs\nselenium==4.51.0\n'),
+                       ('-bench', 'do-mpc==4.6.5\n'),
+                       ('-oldest', 'numpy==1.26.0\nrich==13.7.0\npytest==7.4.4\npytest-cov==4.0\n')):
         (tmp_path / f'requirements{kind}.txt').write_text(text)
     monkeypatch.setattr(script, 'SCRIPTS', tmp_path)
 
@@ -74,25 +86,144 @@ UBUNTU = {'numpy': '1.26.4', 'rich': '13.7.1', 'colcon-core': '0.15.1', 'setupto
 
 
 @pytest.mark.parametrize('changes, wanted', [
-    ({'casadi': '3.6.7'}, []), ({}, ['casadi>=3.6.7,<=3.6.7']),
-    # Compared as numbers, not as texts: 13.10 is newer than 13.7.
-    ({'casadi': '3.6.7', 'rich': '13.10.0'}, []),
-    ({'casadi': '3.6.7', 'rich': '13.6.9'}, ['rich>=13.7.0,<=14.0.0']),
-    ({'casadi': '3.6.7', 'colcon-core': None}, ['colcon-core>=0,<=0.19.0']),
+    ({}, []), ({'numpy': None}, ['numpy>=1.26.0,<=1.26.4']),
+    ({'colcon-core': None}, ['colcon-core>=0,<=0.19.0']),
     # Newer versions cannot build Python packages of ROS 2.
-    ({'casadi': '3.6.7', 'setuptools': '80.0.0'}, ['setuptools>=0,<=79.0.1'])])
-def test_only_what_is_absent_or_too_old_is_installed(deficit, capsys, changes, wanted):
+    ({'setuptools': '80.0.0'}, ['setuptools>=0,<=79.0.1'])])
+def test_builds_need_only_what_is_absent_or_too_old(deficit, capsys, changes, wanted):
     assert deficit({**UBUNTU, **changes}, capsys) == wanted
 
 
+@pytest.mark.parametrize('changes, wanted', [
+    ({'mcap': '1.3.0'}, []), ({}, ['mcap>=1.3.0,<=1.3.0']),
+    # Compared as numbers, not as texts: 13.10 is newer than 13.7.
+    ({'mcap': '1.3.0', 'rich': '13.10.0'}, []),
+    ({'mcap': '1.3.0', 'rich': '13.6.9'}, ['rich>=13.7.0,<=14.0.0'])])
+def test_the_program_needs_its_own_packages_too(deficit, capsys, changes, wanted):
+    assert deficit({**UBUNTU, **changes}, capsys, 'demo') == wanted
+
+
+def test_a_group_without_a_wheel_for_the_numpy_of_the_distribution_lacks_it(deficit, capsys):
+    assert deficit(UBUNTU, capsys, 'logs') == ['rosbags>=0.11.9,<=0.11.9']
+
+
+def test_the_tests_need_every_group(deficit, capsys):
+    assert deficit(UBUNTU, capsys, 'test') == [
+        'casadi>=3.6.7,<=3.6.7', 'mcap>=1.3.0,<=1.3.0', 'pytest>=7.4.4,<=9.2.0', 'rosbags>=0.11.9,<=0.11.9',
+        'selenium>=4.51.0,<=4.51.0']
+
+
 def test_the_benchmark_needs_its_peer_too(deficit, capsys):
-    assert deficit(UBUNTU, capsys, '--group', 'bench') == ['casadi>=3.6.7,<=3.6.7', 'do-mpc>=4.6.5,<=4.6.5']
+    assert deficit(UBUNTU, capsys, 'studies', 'bench') == ['casadi>=3.6.7,<=3.6.7', 'do-mpc>=4.6.5,<=4.6.5']
 
 
 def test_what_is_installed_must_not_be_replaced(deficit, capsys):
-    assert deficit(UBUNTU, capsys, '--constraints') == [
+    assert deficit(UBUNTU, capsys, '--constraints', 'demo') == [
         'colcon-core==0.15.1', 'numpy==1.26.4', 'rich==13.7.1', 'setuptools==68.1.2']
 
 
 def test_numpy_stays_of_one_major_version(deficit, capsys):
     assert 'numpy<2' in deficit({**UBUNTU, 'numpy': '1.24.0'}, capsys, '--constraints')
+
+
+# The lists that setup installs
+
+def pins(file, group=None):
+    """Return {package: version} of a requirement file; with a group: of the lines that name it."""
+    found = {}
+    for line in (ROOT / 'scripts' / file).read_text().splitlines():
+        package, _, groups = line.partition('#')
+        if '==' in package and group in (None, *groups.split()):
+            name, version = package.split(';')[0].strip().split('==')
+            found[name.lower().replace('_', '-')] = version
+    return found
+
+
+def packages_of(*groups):
+    """Return the packages that setup installs without a distribution for these groups, beside those for builds."""
+    found = pins('requirements.txt')
+    for group in groups:
+        found |= pins('requirements-optional.txt', None if group == 'test' else group)
+        if (ROOT / 'scripts' / f'requirements-{group}.txt').exists():
+            found |= pins(f'requirements-{group}.txt')
+    return found
+
+
+GROUPS = sorted({group for line in (ROOT / 'scripts' / 'requirements-optional.txt').read_text().splitlines()
+                 if '==' in line for group in line.partition('#')[2].split()} - {'wheels'})
+
+
+def test_a_package_in_several_lists_has_one_version():
+    # The linters and the documentation want different versions of one package, and are never imported.
+    lists = [pins(f'requirements{kind}.txt') for kind in ('', '-demo', '-optional', '-test', '-bench')]
+    for first in lists:
+        for second in lists:
+            assert {name: (version, second[name]) for name, version in first.items()
+                    if second.get(name, version) != version} == {}
+
+
+@pytest.mark.parametrize('module', optional_packages.PURPOSES)
+def test_the_named_group_has_the_package(module):
+    package = optional_packages.PACKAGES.get(module, module)
+    assert package in packages_of(optional_packages.GROUPS[module])
+
+
+@pytest.mark.parametrize('group', ['test', *GROUPS])
+def test_a_group_is_complete(group):
+    """Its packages need nothing beyond it, by their own metadata."""
+    listed = packages_of('demo', group)
+    there = {name.replace('.', '-') for name in listed}
+    missing = {}
+    for name in listed.keys() - pins('requirements.txt').keys():
+        try:
+            needs = metadata.distribution(name).requires or ()
+        except metadata.PackageNotFoundError:
+            # Another environment, such as a distribution, has other packages.
+            continue
+        for requirement in map(Requirement, needs):
+            needed = requirement.name.lower().replace('_', '-').replace('.', '-')
+            if (requirement.marker is None or requirement.marker.evaluate({'extra': ''})) and needed not in there:
+                missing.setdefault(name, []).append(requirement.name)
+    assert missing == {}
+
+
+def test_pip_and_setup_have_the_same_groups():
+    """Each extra of setup.py is a group of that name, and the group has the packages of the extra."""
+    extras = dict(re.findall(r"^    '(\w+)': \[(.*)\]", (ROOT / 'setup.py').read_text(), re.M))
+    del extras['plot'], extras['test']
+    assert sorted(extras) == [group for group in GROUPS if group not in ('demo', 'footprint')]
+    for group, requirements in extras.items():
+        named = {re.match(r'[\w-]+', each).group().lower() for each in re.findall(r"'(.*?)'", requirements)}
+        assert named <= packages_of('demo', group).keys()
+
+
+# Imports all of the modules of the demonstration's processes, if no module of another group is there.
+PROCESSES = """
+import importlib, sys
+from importlib import metadata
+allowed = set(sys.argv[1].split())
+distributions = metadata.packages_distributions()
+def is_there(module):
+    names = {name.lower().replace('_', '-') for name in distributions.get(module, ())}
+    return not names or bool(names & allowed)
+class Absent:
+    def find_spec(self, name, path=None, target=None):
+        if not is_there(name.partition('.')[0]):
+            raise ModuleNotFoundError(f'{name} is in no group of the demonstration', name=name)
+sys.meta_path.insert(0, Absent())
+from bev_preheat import demo
+for name in sys.argv[2:]:
+    importlib.import_module(name)
+print('imported')
+"""
+
+
+def test_the_demonstration_needs_only_its_group():
+    """Its processes import no third-party module of another group, loaded early or within their functions."""
+    own = [name for name in packages_of('demo')]
+    modules = ['bev_preheat.demo.__main__', 'bev_preheat.drawing.demo_figure', 'bev_preheat.flight_recorder.writer',
+               'bev_preheat.nodes.planner_node', 'bev_preheat.nodes.vehicle_simulator_node',
+               'matplotlib.backends.backend_agg', 'mcap.writer', 'mcap.reader']
+    done = subprocess.run([sys.executable, '-c', PROCESSES, ' '.join([*own, 'bev-preheat', 'bev-preheat-msgs']),
+                           *modules], capture_output=True, text=True)
+    assert (done.stdout, done.stderr) == ('imported\n', '')
