@@ -22,7 +22,7 @@ several_without_nodes := $(subst -n 5,-n auto,$(several_files_at_once))
 # Groups of packages in addition to those that the program always needs; scripts/requirements-optional.txt lists them:
 # make setup WITH="bus logs"
 WITH :=
-# What a target needs; in effect for its prerequisites too.
+# The groups of a target are in effect for its prerequisites too.
 groups :=
 test test-quick test-deep test-oldest test-repeated coverage: groups := test
 bench: groups := studies dashboard bench

@@ -38,13 +38,14 @@ PURPOSES = {
 # Distribution names that differ from the module's name.
 PACKAGES = {'can': 'python-can', 'do_mpc': 'do-mpc', 'elftools': 'pyelftools', 'kuksa_client': 'kuksa-client',
             'serial': 'pyserial'}
-# The group of packages, in the checkout's scripts/requirements*.txt, that is added for a module; if it has several, the
-# one for which the module is the main purpose.
+# The group of packages that setup adds for a module (scripts/requirements-optional.txt); of several groups, the one
+# for which the module is the main purpose.
 GROUPS = {
-    'asammdf': 'logs', 'can': 'bus', 'cantools': 'bus', 'casadi': 'nlp', 'crccheck': 'bus', 'distributed': 'studies',
-    'do_mpc': 'bench', 'elftools': 'footprint', 'gpxpy': 'routes', 'jinja2': 'identify', 'kuksa_client': 'bus',
-    'matplotlib': 'demo', 'mcap': 'demo', 'pandas': 'tables', 'pint': 'logs', 'plotext': 'monitor', 'psutil': 'studies',
-    'rosbags': 'logs', 'scipy': 'identify', 'serial': 'bus', 'tornado': 'dashboard', 'unicorn': 'footprint'}
+    'asammdf': 'logs', 'can': 'bus', 'cantools': 'bus', 'casadi': 'nlp', 'crccheck': 'bus',
+    'distributed': 'studies', 'do_mpc': 'bench', 'elftools': 'footprint', 'gpxpy': 'routes', 'jinja2': 'identify',
+    'kuksa_client': 'bus', 'matplotlib': 'demo', 'mcap': 'demo', 'pandas': 'tables', 'pint': 'logs',
+    'plotext': 'monitor', 'psutil': 'studies', 'rosbags': 'logs', 'scipy': 'identify', 'serial': 'bus',
+    'tornado': 'dashboard', 'unicorn': 'footprint'}
 
 
 class MissingPackage(InvalidInput):

@@ -2,9 +2,9 @@
 """
 Print the packages missing from this Python, for pip; with --constraints the packages that must stay as is.
 
-Run by setup.bash with the Python of .venv on a machine with a ROS 2 distribution. Without groups: of the packages that
-builds need. A package of the system that is at least the oldest supported version is used; an older or absent one is to be
-installed in a version up to the tested one.
+Run by setup.bash with the Python of .venv on a machine with a ROS 2 distribution. Builds need the packages of
+requirements.txt; the arguments are the groups needed in addition. A package of the system that is at least the
+oldest supported version is used; an older or absent one is to be installed in a version up to the tested one.
 """
 
 import argparse
@@ -22,7 +22,11 @@ WHEELS_ONLY = 'wheels'
 
 
 def pinned(file, group=None):
-    """Return {package: version} of a requirement file, with a group: of its lines that name it; the first line counts."""
+    """
+    Return {package: version} of a requirement file, with a group: of the lines that name it.
+
+    Of several lines for a package the first counts.
+    """
     versions = {}
     path = SCRIPTS / file
     for name, version, groups in re.findall(
@@ -33,7 +37,11 @@ def pinned(file, group=None):
 
 
 def packages_of(group):
-    """Return ({package: version} of which the oldest are wanted, {package: version} that are wanted as they are)."""
+    """
+    Return the packages of a group, as two {package: version}.
+
+    Of the first, those of requirements-oldest.txt are wanted; of the second, all in the tested version.
+    """
     file = f'requirements-{group}.txt'
     own, optional = pinned(file), pinned('requirements-optional.txt', None if group == 'test' else group)
     return (own, optional) if file in WITH_OLDEST else ({}, {**optional, **own})

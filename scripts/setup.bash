@@ -2,9 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 # usage: setup.bash [--build] [GROUP ...]
 # Make the working environment in .venv, once. With a ROS 2 distribution: the packages missing there. Without:
-# ROS 2 Jazzy from wheels. The packages come in groups: requirements.txt is what builds need, the group demo what the
-# program needs beside it; "setup.bash bus logs" adds the groups bus and logs (requirements-optional.txt,
-# requirements-GROUP.txt). --build runs build.bash while packages are installed. With BEV_PREHEAT_OLDEST=1: the oldest
+# ROS 2 Jazzy from wheels. The packages come in groups: builds need requirements.txt, the program also the group demo;
+# "setup.bash bus logs" adds the groups bus and logs (requirements-optional.txt, requirements-GROUP.txt). --build runs build.bash while packages are installed. With BEV_PREHEAT_OLDEST=1: the oldest
 # supported versions and no optional package, in .oldest/.venv.
 set -euo pipefail
 
@@ -189,7 +188,7 @@ ensure_pip() {
         fail "there is no pip (Debian, Ubuntu: sudo apt install python3-venv)"
 }
 
-# The byte-code of what has been installed, in parallel; nobody imports tests.
+# Compile all installed packages but their tests, in parallel.
 compile_packages() {
     nice "$python" -m compileall -q -j 0 -x '/tests?/|/cmake/data/' \
         "$("$python" -c 'import sysconfig; print(sysconfig.get_path("purelib"))')" >/dev/null 2>&1 || true

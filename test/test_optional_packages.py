@@ -4,9 +4,8 @@
 from importlib import metadata, util
 from pathlib import Path
 import re
-import subprocess
-import sys
 
+from package_groups import normal, packages_of, pins
 from packaging.requirements import Requirement
 import pytest
 
@@ -20,7 +19,8 @@ SITUATION = ['--vehicle', 'reference', '--route', 'winter_commute', '--temperatu
 CASADI = ('the Python package casadi, which solves the nonlinear program, is not installed; in the '
           'checkout, scripts/setup.bash nlp installs it; elsewhere: python3 -m pip install casadi')
 DO_MPC = ('the Python package do-mpc, which is the benchmark of the nonlinear program, is not '
-          'installed; in the checkout, scripts/setup.bash bench installs it; elsewhere: python3 -m pip install do-mpc')
+          'installed; in the checkout, scripts/setup.bash bench installs it; elsewhere: python3 -m pip install '
+          'do-mpc')
 
 
 @pytest.fixture
@@ -67,9 +67,11 @@ def deficit(monkeypatch, tmp_path):
     """Return a function: the output lines for a machine with these packages {name: version}."""
     script = scripts_module('lacking_packages')
     for kind, text in (('', 'numpy==1.26.4\ncolcon-core==0.19.0\nsetuptools==79.0.1\nempy==4.2.1\n'),
-                       ('-demo', 'rich==14.0.0\npygments==2.21.0\n'), ('-test', 'pytest==9.2.0\niniconfig==2.3.1\n'),
+                       ('-demo', 'rich==14.0.0\npygments==2.21.0\n'),
+                       ('-test', 'pytest==9.2.0\niniconfig==2.3.1\n'),
                        ('-optional', '# solver\ncasadi==3.6.7  # nlp studies\nmcap==1.3.0  # demo\n'
-                                     'asammdf==8.8.28  # logs wheels\nrosbags==0.11.9  # logs\nselenium==4.51.0\n'),
+                                     'asammdf==8.8.28  # logs wheels\nrosbags==0.11.9  # logs\n'
+                                     'selenium==4.51.0\n'),
                        ('-bench', 'do-mpc==4.6.5\n'),
                        ('-oldest', 'numpy==1.26.0\nrich==13.7.0\npytest==7.4.4\npytest-cov==4.0\n')):
         (tmp_path / f'requirements{kind}.txt').write_text(text)
@@ -128,27 +130,6 @@ def test_numpy_stays_of_one_major_version(deficit, capsys):
 
 # The lists that setup installs
 
-def pins(file, group=None):
-    """Return {package: version} of a requirement file; with a group: of the lines that name it."""
-    found = {}
-    for line in (ROOT / 'scripts' / file).read_text().splitlines():
-        package, _, groups = line.partition('#')
-        if '==' in package and group in (None, *groups.split()):
-            name, version = package.split(';')[0].strip().split('==')
-            found[name.lower().replace('_', '-')] = version
-    return found
-
-
-def packages_of(*groups):
-    """Return the packages that setup installs without a distribution for these groups, beside those for builds."""
-    found = pins('requirements.txt')
-    for group in groups:
-        found |= pins('requirements-optional.txt', None if group == 'test' else group)
-        if (ROOT / 'scripts' / f'requirements-{group}.txt').exists():
-            found |= pins(f'requirements-{group}.txt')
-    return found
-
-
 GROUPS = sorted({group for line in (ROOT / 'scripts' / 'requirements-optional.txt').read_text().splitlines()
                  if '==' in line for group in line.partition('#')[2].split()} - {'wheels'})
 
@@ -164,7 +145,7 @@ def test_a_package_in_several_lists_has_one_version():
 
 @pytest.mark.parametrize('module', optional_packages.PURPOSES)
 def test_the_named_group_has_the_package(module):
-    package = optional_packages.PACKAGES.get(module, module)
+    package = normal(optional_packages.PACKAGES.get(module, module))
     assert package in packages_of(optional_packages.GROUPS[module])
 
 
@@ -172,7 +153,6 @@ def test_the_named_group_has_the_package(module):
 def test_a_group_is_complete(group):
     """Its packages need nothing beyond it, by their own metadata."""
     listed = packages_of('demo', group)
-    there = {name.replace('.', '-') for name in listed}
     missing = {}
     for name in listed.keys() - pins('requirements.txt').keys():
         try:
@@ -181,8 +161,8 @@ def test_a_group_is_complete(group):
             # Another environment, such as a distribution, has other packages.
             continue
         for requirement in map(Requirement, needs):
-            needed = requirement.name.lower().replace('_', '-').replace('.', '-')
-            if (requirement.marker is None or requirement.marker.evaluate({'extra': ''})) and needed not in there:
+            if (requirement.marker is None or requirement.marker.evaluate({'extra': ''})) and normal(
+                    requirement.name) not in listed:
                 missing.setdefault(name, []).append(requirement.name)
     assert missing == {}
 
@@ -195,35 +175,3 @@ def test_pip_and_setup_have_the_same_groups():
     for group, requirements in extras.items():
         named = {re.match(r'[\w-]+', each).group().lower() for each in re.findall(r"'(.*?)'", requirements)}
         assert named <= packages_of('demo', group).keys()
-
-
-# Imports all of the modules of the demonstration's processes, if no module of another group is there.
-PROCESSES = """
-import importlib, sys
-from importlib import metadata
-allowed = set(sys.argv[1].split())
-distributions = metadata.packages_distributions()
-def is_there(module):
-    names = {name.lower().replace('_', '-') for name in distributions.get(module, ())}
-    return not names or bool(names & allowed)
-class Absent:
-    def find_spec(self, name, path=None, target=None):
-        if not is_there(name.partition('.')[0]):
-            raise ModuleNotFoundError(f'{name} is in no group of the demonstration', name=name)
-sys.meta_path.insert(0, Absent())
-from bev_preheat import demo
-for name in sys.argv[2:]:
-    importlib.import_module(name)
-print('imported')
-"""
-
-
-def test_the_demonstration_needs_only_its_group():
-    """Its processes import no third-party module of another group, loaded early or within their functions."""
-    own = [name for name in packages_of('demo')]
-    modules = ['bev_preheat.demo.__main__', 'bev_preheat.drawing.demo_figure', 'bev_preheat.flight_recorder.writer',
-               'bev_preheat.nodes.planner_node', 'bev_preheat.nodes.vehicle_simulator_node',
-               'matplotlib.backends.backend_agg', 'mcap.writer', 'mcap.reader']
-    done = subprocess.run([sys.executable, '-c', PROCESSES, ' '.join([*own, 'bev-preheat', 'bev-preheat-msgs']),
-                           *modules], capture_output=True, text=True)
-    assert (done.stdout, done.stderr) == ('imported\n', '')

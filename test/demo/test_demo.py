@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 
+from package_groups import environment_of
 import psutil
 import pytest
 
@@ -30,7 +31,10 @@ def start_demo(dds, tmp_path):
     """Start a demonstration of four minutes; returns the process, with its output as text at stdout."""
     route = tmp_path / 'four_minutes.csv'
     route.write_text(ROUTE)
-    environment = {name: value for name, value in os.environ.items() if name != 'ROS_DOMAIN_ID'}
+    # Its processes see only the packages that make demo installs.
+    (site := tmp_path / 'site').mkdir()
+    environment = {**{name: value for name, value in os.environ.items() if name != 'ROS_DOMAIN_ID'},
+                   **environment_of(site, 'demo')}
     demos = []
 
     def start_demo(*arguments):
