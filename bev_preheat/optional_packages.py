@@ -38,8 +38,8 @@ PURPOSES = {
 # Distribution names that differ from the module's name.
 PACKAGES = {'can': 'python-can', 'do_mpc': 'do-mpc', 'elftools': 'pyelftools', 'kuksa_client': 'kuksa-client',
             'serial': 'pyserial'}
-# The group of packages that setup adds for a module (scripts/requirements-optional.txt); of several groups, the one
-# for which the module is the main purpose.
+# The group of packages that setup adds for a module (scripts/requirements-optional.txt); of several groups, the
+# one for which the module is the main purpose.
 GROUPS = {
     'asammdf': 'logs', 'can': 'bus', 'cantools': 'bus', 'casadi': 'nlp', 'crccheck': 'bus',
     'distributed': 'studies', 'do_mpc': 'bench', 'elftools': 'footprint', 'gpxpy': 'routes', 'jinja2': 'identify',
