@@ -135,6 +135,8 @@ find_uv() {
     [ -z "$bev_preheat_underlay" ] || return 1
     [ -n "${uv_works:-}" ] || {
         uv_works=no
+        # The certificates of the system, as pip may be configured to use; older versions know the first name.
+        export UV_NATIVE_TLS=1 UV_SYSTEM_CERTS=1
         if command -v uv >/dev/null && timeout 10 uv pip install --quiet --dry-run --no-deps --reinstall --refresh-package tzdata \
             --python "$python" tzdata >/dev/null 2>&1; then
             uv_works=yes
