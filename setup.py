@@ -119,7 +119,8 @@ def core_library():
     return Extension(
         CORE, sources=sorted(map(str, Path('core', 'src').glob('*.c'))),
         include_dirs=['core/include', 'core/src'], libraries=['m'], optional=True,
-        extra_compile_args=['-std=c99', '-O3', '-g0', '-ffp-contract=off', '-fno-math-errno', '-fno-trapping-math'])
+        extra_compile_args=['-std=c99', '-O3', '-g0', '-ffp-contract=off', '-fno-math-errno',
+                            '-fno-trapping-math'])
 
 
 check_that_messages_are_built()

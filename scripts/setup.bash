@@ -159,23 +159,21 @@ uv_install() {
 # install_packages FILE [OPTION ...]. Packages without dependencies among pip's choices are installed by two processes
 # at once: pip waits for the network half of the time.
 install_packages() {
-    local list=$1 part parts=("$1") pids=() log=$venv/install.log failed=
+    local list=$1 part parts=("$1") pids=() log=$venv/install.log installer=pip failed=
     shift
     if find_uv; then
-        uv_install "$@" -r "$list" >"$log" 2>&1 || failed=uv
-    else
-        if [[ " $* " == *' --no-deps '* ]]; then
-            rm -f "$list".[01]
-            awk -v list="$list" 'NF { print >(list "." NR % 2) }' "$list"
-            parts=("$list".[01])
-        fi
-        for part in "${parts[@]}"; do
-            in_background pip_install "$@" -r "$part" >"$part.log" 2>&1
-            pids+=("${jobs_running[-1]}")
-        done
-        for part in "${pids[@]}"; do wait "$part" || failed=pip; done
-        cat "${parts[@]/%/.log}" >"$log"
+        installer=uv
+    elif [[ " $* " == *' --no-deps '* ]]; then
+        rm -f "$list".[01]
+        awk -v list="$list" 'NF { print >(list "." NR % 2) }' "$list"
+        parts=("$list".[01])
     fi
+    for part in "${parts[@]}"; do
+        in_background "${installer}_install" "$@" -r "$part" >"$part.log" 2>&1
+        pids+=("${jobs_running[-1]}")
+    done
+    for part in "${pids[@]}"; do wait "$part" || failed=$installer; done
+    cat "${parts[@]/%/.log}" >"$log"
     [ -z "$failed" ] || {
         # A line of each package says nothing of the failure.
         grep -vE '^(Collecting|Requirement already|  (Using cached|Downloading)|WARNING: Location) ?' "$log" | tail -n 15 >&2
