@@ -169,12 +169,12 @@ def _counter_problem(rule: ChecksumRule, profile: Profile, counter: Any) -> str:
 
 def raw_of(signal: Any, data: bytes) -> int:
     """Return the raw value of a cantools Signal in a frame's data, without a sign."""
-    mask = (1 << signal.length) - 1
+    mask = (1 << int(signal.length)) - 1
     if signal.byte_order == 'little_endian':
-        return int.from_bytes(data, 'little') >> signal.start & mask
+        return int.from_bytes(data, 'little') >> int(signal.start) & mask
     # The start is the highest bit; bits are numbered within their bytes.
-    first = 8 * (signal.start // 8) + 7 - signal.start % 8
-    return int.from_bytes(data, 'big') >> (8 * len(data) - first - signal.length) & mask
+    first = 8 * (int(signal.start) // 8) + 7 - int(signal.start) % 8
+    return int.from_bytes(data, 'big') >> (8 * len(data) - first - int(signal.length)) & mask
 
 
 def _place_of(message: Any, name: str, bits: int, where: str) -> tuple[Any, int, int]:

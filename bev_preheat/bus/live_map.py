@@ -236,8 +236,11 @@ def _vss(entry: FileData, folder: Path) -> VssSettings | None:
 
 
 def _checksum(entry: FileData) -> ChecksumRule | None:
-    return None if entry is None else ChecksumRule(
-        **{key: tuple(value) if isinstance(value, list) else value for key, value in entry.items()})
+    if entry is None:
+        return None
+    values: dict[str, FileData] = {
+        key: tuple(value) if isinstance(value, list) else value for key, value in entry.items()}
+    return ChecksumRule(**values)
 
 
 def _message(entry: FileData) -> MessageRule:
@@ -251,4 +254,4 @@ def _heater_frame(entry: FileData) -> HeaterFrameRule | None:
     coolant = entry.get('coolant')
     return HeaterFrameRule(**{
         **entry, 'checksum': _checksum(entry.get('checksum')), 'coolant': None if coolant is None else CoolantLaw(
-            coolant['follows'], coolant['watts_per_kelvin'], tuple(map(float, coolant['range_c'])))})
+            coolant['follows'], coolant['watts_per_kelvin'], (coolant['range_c'][0], coolant['range_c'][1]))})

@@ -110,7 +110,10 @@ class HeaterControllerNode(Node):
         self._gate_inputs = GateInputs(self, vehicle.heating_gates, values['battery_state_timeout'], self._tell)
         # Not the node's clock: that may stand or be set.
         self._is_active = not values['lifecycle']
-        self._managed = None if self._is_active else ManagedStates(self, self._on_activation)
+        self._managed: ManagedStates | None = None
+        if values['lifecycle']:
+            self._managed = ManagedStates(self, self._on_activation)
+            self.finished = self._managed.finished
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(min([values['period'], *([] if self._can is None else [self._can.period_s])]),
                           self._on_period, clock=steady)
