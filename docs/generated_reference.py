@@ -5,7 +5,7 @@ Writes the parts of the docs that stand in the code already, as Markdown, into t
     python docs/generated_reference.py --write
 
 A page has a part between the lines `<!-- generated: NAME -->` and `<!-- end of NAME -->`. It is committed, so that
-it can be read where nothing is built; without --write, the pages that differ are named.
+it can be read without a build; without --write, the pages that differ are named.
 """
 
 import argparse

@@ -35,7 +35,7 @@ class BusMessages:
     """
     The messages of all buses of a map, by name: cantools Messages in `by_name`, indices of their buses in `bus`.
 
-    A message that several buses have, such as one that a gateway repeats, is that of the first.
+    A message of several buses, because a gateway repeats it, is read from the first.
     """
 
     def __init__(self, live_map: LiveMap) -> None:
@@ -120,7 +120,7 @@ class CanDecoder:
         return tuple(self._checks.values())
 
     def _want(self, signal: str, name: str, unit: str, where: str, full_power_w: float | None = None) -> None:
-        """Read MESSAGE.SIGNAL as a signal of the heater; a share is one of `full_power_w` [W]."""
+        """Read MESSAGE.SIGNAL as a signal of the heater; a share refers to `full_power_w` [W]."""
         source = Source(signal, (name,), plausible=PLAUSIBLE[signal])
         if unit in SHARES:
             if full_power_w is None:

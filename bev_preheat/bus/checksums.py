@@ -52,7 +52,7 @@ class Checksum:
         """
         Take cantools' Message and Signal of the counter; `where` is the key of the map.
 
-        Raises InvalidInput if the rule does not fit the message, or is none.
+        Raises InvalidInput if the rule contradicts itself or does not fit the message.
         """
         self._rule, self.signal = rule, rule.signal
         self.profile = None if rule.e2e_profile is None else PROFILES[rule.e2e_profile]

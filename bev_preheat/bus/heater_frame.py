@@ -26,7 +26,7 @@ class HeaterFrame:
     """
     Makes the frames of one message of the DBC.
 
-    The unit of the command's signal decides what it carries: a power, a share of `full_power_w` [W], or the
+    The unit of the command's signal decides its meaning: a power, a share of `full_power_w` [W], or the
     coolant's set-point, which is the temperature that it follows plus the power divided by `watts_per_kelvin`,
     within `range_c` [deg C]. It is rounded down to the signal's resolution, and the power limited to `highest_w`
     [W]. The counter rises by one a frame and begins again at 0. `period_s` is the time between two frames [s].

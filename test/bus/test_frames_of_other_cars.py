@@ -57,7 +57,7 @@ def heater_frame(folder, command, vehicle_power_w=None, dbc=BATTERY + HEATER):
                        vehicle_power_w)
 
 
-# --- What the command carries ---
+# --- The contents of the command ---
 
 
 @pytest.mark.parametrize('command, vehicle_w, byte, expected', [
@@ -82,7 +82,7 @@ COOLANT = 'power: SetPoint, maximum_power_w: 5000, coolant: {follows: HeaterStat
 @pytest.mark.parametrize('power_w, inlet_c, set_point_c', [
     # Inlet + power / 200 W/K, rounded down to half a kelvin, at most 60 degC and the heater's 5000 W.
     (2000.0, 10.0, 20.0), (2010.0, 10.0, 20.0), (2100.0, 10.0, 20.5), (9e9, 10.0, 35.0), (4000.0, 55.0, 60.0),
-    # 0 W, an unknown inlet, a set-point below the range, one that is rounded to no difference: off.
+    # 0 W, an unknown inlet, a set-point below the range, a difference rounded to 0: off.
     (0.0, 10.0, None), (-5.0, 10.0, None), (2000.0, None, None), (2000.0, float('nan'), None),
     (1000.0, -10.0, None), (90.0, 10.0, None), (1000.0, 65.0, None)])
 @pytest.mark.parametrize('off, off_raw', [('off_value: -20', 0), ('enable: Enable', 50)])
@@ -271,7 +271,7 @@ def test_aggregate_of_a_log_leaves_out_instants_with_too_few_cells(tmp_path):
 def test_two_buses_with_the_same_identifiers_are_kept_apart(tmp_path):
     import can
     (tmp_path / 'battery.dbc').write_text(BATTERY)
-    # The heater's bus has other contents under the battery's identifier, and the battery's message once more.
+    # The heater's bus has other contents under the battery's identifier, and a message of the same name.
     (tmp_path / 'heater.dbc').write_text(
         NS + HEATER.replace('BO_ 513', 'BO_ 256') + 'BO_ 700 BMS: 8 CAR\n SG_ Temp : 0|8@1+ (1,0) [0|9] "V" GW\n')
     names = [f'{tmp_path.name}_{number}' for number in (0, 1)]

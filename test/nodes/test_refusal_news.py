@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a heater controller logs when refusals begin and end."""
+"""The log of a heater controller when refusals begin and end."""
 
 from bev_preheat.heater.controller import HeaterAnswer, Refusal
 from bev_preheat.nodes.heater_messages import RefusalNews
