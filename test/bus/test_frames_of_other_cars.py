@@ -309,6 +309,26 @@ live:
         reduce(lambda _, bus: bus.shutdown(), buses, None)
 
 
+def test_long_command_is_sent_as_a_frame_of_can_fd(tmp_path):
+    import can
+    path = written_map(
+        tmp_path, '  heater_command: {message: Heater, power: Power, counter: Count, checksum: {signal: Crc, '
+        'e2e_profile: 5, data_id: 0x1234}}', BATTERY + DBC_P5_LONG[len(NS):])
+    bus = can.Bus(interface='virtual', channel=tmp_path.name)
+    source = CanSource(load_live_map(path), steady_s)
+    source.start()
+    try:
+        deadline_s = time.monotonic() + 10.0
+        while source.send_power(2000.0):
+            assert time.monotonic() < deadline_s, source.problem
+            time.sleep(0.01)
+        frame = bus.recv(5.0)
+        assert (frame.is_fd, len(frame.data), frame.data[0]) == (True, 16, 20)
+    finally:
+        source.close()
+        bus.shutdown()
+
+
 # --- Messages on maps that do not fit ---
 
 
