@@ -253,7 +253,10 @@ class Inbox:
         timeout_s = self.settings.battery_state_timeout_s
         ahead_s = self.settings.clock_tolerance_s
         if not -ahead_s <= age_s <= timeout_s:
-            raise InvalidInput(f'header.stamp: the state is {age_beyond(age_s, ahead_s, timeout_s)}')
+            is_same = self.measurement is not None and self.measurement.stamp_ns == measurement.stamp_ns
+            raise InvalidInput(f'header.stamp: the state is {age_beyond(age_s, ahead_s, timeout_s)}' + (
+                '; the state before had the same stamp: if stamps are coarse, battery_state_timeout must be at '
+                'least their step' if is_same else ''))
         if self.measurement is not None and measurement.stamp_ns < self.measurement.stamp_ns:
             late_s = (self.measurement.stamp_ns - measurement.stamp_ns) / NS_PER_S
             raise InvalidInput(f'header.stamp: the state is {late_s:.3f} s older than the previous one; '

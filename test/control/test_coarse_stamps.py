@@ -63,11 +63,11 @@ def jittering(most_s):
 
 
 @pytest.mark.parametrize('stamp_s, period_s', [
-    (of_step(1.0), 1.0), (of_step(2.0), 1.0), (of_step(5.0), 1.0), (of_step(5.0), 0.1), (late_by(4.0), 1.0),
-    (late_by(4.9), 1.0), (jittering(4.0), 1.0), (jittering(4.0), 0.1)],
-    ids=['steps of 1 s', '2 s', '5 s', '5 s at 10 Hz', '4 s late', '4.9 s late', 'jitter', 'jitter at 10 Hz'])
+    (of_step(1.0), 1.0), (of_step(2.0), 1.0), (of_step(5.0), 1.0), (of_step(5.0), 0.25), (late_by(4.0), 1.0),
+    (late_by(4.9), 1.0), (jittering(4.0), 1.0), (jittering(4.0), 0.25)],
+    ids=['steps of 1 s', '2 s', '5 s', '5 s at 4 Hz', '4 s late', '4.9 s late', 'jitter', 'jitter at 4 Hz'])
 def test_coarse_late_or_jittering_stamps_within_the_limit_do_not_interrupt_heating(stamp_s, period_s):
-    given = commands(stamp_s, 90.0, period_s)[2:]
+    given = commands(stamp_s, 40.0, period_s)[2:]
     assert {power_w > 0.0 for _, power_w, _, _ in given} == {True}
     # The lease never ends before the next command.
     for (_, _, until_s, _), (next_s, *_) in zip(given, given[1:]):
@@ -79,6 +79,15 @@ def test_states_older_than_the_limit_never_heat(stamp_s):
     given = [entry for entry in commands(stamp_s, 60.0) if entry[0] > TIMEOUT_S + 1.0]
     assert {power_w for _, power_w, _, _ in given} == {0.0}
     assert Status.INVALID_INPUT in {reason for *_, reason in given}
+
+
+def test_refusal_of_a_stamp_that_stays_names_the_parameter():
+    supervisor, state = Supervisor(VEHICLE, Settings()), Measurement(BatteryState(-7.0, 0.8), START_NS)
+    supervisor.step(START_NS, BatteryStateArrived(state))
+    output = supervisor.step(START_NS + 6 * NS_PER_S, BatteryStateArrived(state))
+    assert str(output.refusals[0].error) == (
+        'header.stamp: the state is 6 s old; at most 5 s are allowed; the state before had the same stamp: if '
+        'stamps are coarse, battery_state_timeout must be at least their step')
 
 
 @pytest.mark.parametrize('stamp_s, most_s', [
