@@ -33,7 +33,7 @@ from bev_preheat.heater.controller import (
 )
 from bev_preheat.nodes.can_heater import CanHeater
 from bev_preheat.nodes.command_line import NodeProgram
-from bev_preheat.nodes.command_senders import CommandSenders
+from bev_preheat.nodes.command_senders import CommandSenders, HEARD_DEPTH
 from bev_preheat.nodes.gate_inputs import GateInputs
 from bev_preheat.nodes.heater_messages import (
     heater_command,
@@ -124,10 +124,10 @@ class HeaterControllerNode(Node):
                                f'{vehicle.hvch.maximum_power_w:g} W.')
 
     def _subscribe_to_commands(self, deadline_s: float | None) -> None:
-        qos, events = QoSProfile(depth=1), SubscriptionEventCallbacks()
+        qos, events = QoSProfile(depth=HEARD_DEPTH), SubscriptionEventCallbacks()
         if deadline_s is not None:
             within = Duration(seconds=deadline_s)
-            qos = QoSProfile(depth=1, deadline=within, liveliness=LivelinessPolicy.MANUAL_BY_TOPIC,
+            qos = QoSProfile(depth=HEARD_DEPTH, deadline=within, liveliness=LivelinessPolicy.MANUAL_BY_TOPIC,
                              liveliness_lease_duration=within)
             events = SubscriptionEventCallbacks(deadline=self._on_missed_deadline, liveliness=self._on_liveliness)
         self.create_subscription(HvchCommand, 'hvch_command', self._on_command, qos, event_callbacks=events)

@@ -24,7 +24,7 @@ from bev_preheat.heater.controller import (
     Verdict,
 )
 from bev_preheat.nodes.bus_messages import bus_entry
-from bev_preheat.nodes.command_senders import CommandSenders
+from bev_preheat.nodes.command_senders import CommandSenders, HEARD_DEPTH
 from bev_preheat.nodes.heater_messages import heater_command, LEVELS, RefusalNews, status_message
 from bev_preheat.nodes.process import LAST_WORDS_TIME
 from bev_preheat_msgs.msg import HvchCommand, HvchStatus
@@ -58,7 +58,7 @@ class HeaterOutput:
         self._unsent = ''
         self._sent = 0
         self._status_publisher = node.create_publisher(HvchStatus, STATUS, 1)
-        node.create_subscription(HvchCommand, COMMAND, self._on_command, 1)
+        node.create_subscription(HvchCommand, COMMAND, self._on_command, HEARD_DEPTH)
         node.create_timer(source.heater_frame.period_s, self._on_frame,
                           clock=Clock(clock_type=ClockType.STEADY_TIME))
 
