@@ -10,8 +10,6 @@ from xml.etree import ElementTree
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE), str(HERE.parent), str(HERE.parent / 'studies')]
 
-from generated_reference import write_reference  # noqa: E402
-
 import bev_preheat  # noqa: E402
 
 project = 'bev_preheat'
@@ -23,8 +21,7 @@ extensions = ['myst_parser', 'sphinx.ext.autodoc', 'sphinx.ext.mathjax', 'sphinx
 # Formulas as GitHub writes them: $…$ in a line, ```math for a block. MathJax is part of the site.
 myst_enable_extensions = ['dollarmath']
 myst_fence_as_directive = ['math']
-# The files of this folder are included by the pages of reference/.
-exclude_patterns = ['reference/generated/*', 'examples/*']
+exclude_patterns = ['examples/*']
 # Links may point to headings: page.md#heading.
 myst_heading_anchors = 4
 myst_links_external_new_tab = False
@@ -66,8 +63,6 @@ html_static_path = ['static']
 html_css_files = ['tables.css']
 html_copy_source = False
 html_show_sphinx = False
-
-write_reference(HERE / 'reference/generated')
 
 
 def link_to_gallery(app, name, source):

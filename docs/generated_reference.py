@@ -1,13 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Writes the parts of the reference that stand in the code already, as Markdown.
+Writes the parts of the docs that stand in the code already, as Markdown, into the pages of docs/.
 
-conf.py calls write_reference() before each build; the pages of docs/reference include the files.
+    python docs/generated_reference.py --write
+
+A page has a part between the lines `<!-- generated: NAME -->` and `<!-- end of NAME -->`. It is committed, so that
+it can be read without a build; without --write, the pages that differ are named.
 """
 
 import argparse
 from pathlib import Path
 import re
+import sys
 
 from diagnostic_msgs.msg import DiagnosticStatus
 import yaml
@@ -41,6 +45,10 @@ SCHEMAS = {'vehicle': 'vehicle/schema.yaml', 'legs': 'route/legs_schema.yaml',
            'departures': 'control/departures_schema.yaml',
            'grid_prices': 'control/grid_prices_schema.yaml',
            'scenario': 'simulation/scenario_schema.yaml'}
+# Files that a page shows, with their language.
+EXAMPLES = {'example_map': ('yaml', 'config/signals/example_car.yaml'),
+            'example_method': ('python', 'docs/examples/fixed_minutes_method/fixed_minutes_method.py'),
+            'example_project': ('toml', 'docs/examples/fixed_minutes_method/pyproject.toml')}
 LEVEL_NAMES = {DiagnosticStatus.OK: 'OK', DiagnosticStatus.WARN: 'WARN',
                DiagnosticStatus.ERROR: 'ERROR'}
 INDENT = 3 * '&nbsp;'
@@ -48,19 +56,42 @@ INDENT = 3 * '&nbsp;'
 UNIT = re.compile(r' ?\[(deg C|K|s|m|m/s|W|Wh)\]')
 
 
-def write_reference(folder):
-    """Write all files into a folder; an unchanged file keeps its time stamp."""
-    folder.mkdir(parents=True, exist_ok=True)
-    pages = {'messages': messages(), 'parameters': parameters(), 'statuses': statuses(),
-             'heater': heater(), 'command_line': command_line(),
-             **{f'{name}_keys': schema_keys(ROOT / 'bev_preheat' / path)
-                for name, path in SCHEMAS.items()},
-             'live_keys': schema_keys(ROOT / 'bev_preheat/logs/signal_map_schema.yaml', ('properties', 'live'),
-                                      ('checksum',))}
-    for name, text in pages.items():
-        path = folder / f'{name}.md'
-        if not path.is_file() or path.read_text() != text:
-            path.write_text(text)
+PART = re.compile(r'(<!-- generated: (\w+) -->\n)(?:.*?\n)?(<!-- end of \2 -->\n)', re.DOTALL)
+
+
+def parts():
+    """Return {name: text} of all generated parts."""
+    return {'messages': messages(), 'parameters': parameters(), 'statuses': statuses(),
+            'heater': heater(), 'command_line': command_line(),
+            **{f'{name}_keys': schema_keys(ROOT / 'bev_preheat' / path)
+               for name, path in SCHEMAS.items()},
+            'live_keys': schema_keys(ROOT / 'bev_preheat/logs/signal_map_schema.yaml', ('properties', 'live'),
+                                     ('checksum', 'can')),
+            **{name: f'```{language}\n{(ROOT / path).read_text()}```\n'
+               for name, (language, path) in EXAMPLES.items()}}
+
+
+def filled_pages():
+    """Return {path: text} of the pages that have generated parts, with these parts as they should be."""
+    texts, pages = parts(), {}
+    for path in sorted((ROOT / 'docs').rglob('*.md')):
+        text = path.read_text(encoding='utf-8')
+        if PART.search(text):
+            pages[path] = PART.sub(lambda found: f'{found[1]}\n{texts[found[2]]}\n{found[3]}', text)
+    return pages
+
+
+def main():
+    """Write the pages, or name those that differ; return the exit status."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
+    parser.add_argument('--write', action='store_true', help='write the pages')
+    write = parser.parse_args().write
+    differing = [path for path, text in filled_pages().items() if path.read_text(encoding='utf-8') != text]
+    for path in differing:
+        if write:
+            path.write_text(filled_pages()[path], encoding='utf-8')
+        print(f'{path.relative_to(ROOT)}: {"written" if write else "differs; run with --write"}')
+    return 1 if differing and not write else 0
 
 
 # --- Markdown ---
@@ -412,3 +443,7 @@ def option_rows(parser):
         needed = action.required and action.nargs not in ('*', '?')
         yield (name, value, 'yes' if needed else '',
                plain(formatter._expand_help(action) if action.help else ''))
+
+
+if __name__ == '__main__':
+    sys.exit(main())

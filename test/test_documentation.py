@@ -20,7 +20,7 @@ from bev_preheat.planning.status import Status
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [ROOT / 'README.md', ROOT / 'CONTRIBUTING.md', ROOT / 'QUALITY_DECLARATION.md',
-         *sorted(path for path in (ROOT / 'docs').rglob('*.md') if path.parent.name != 'generated')]
+         *sorted(path for path in (ROOT / 'docs').rglob('*.md'))]
 NEED_CASADI = {'optimum', 'compare', 'reproduce', 'sweep', 'identify'}
 # test/nodes/test_files_tutorial.py runs it, and the nodes that it ends with.
 WITH_NODES = {'docs/tutorials/from_files.md'}
@@ -130,27 +130,29 @@ def test_the_readme_is_a_page():
 
 
 @pytest.fixture(scope='module')
-def generated(tmp_path_factory):
-    """Return {name: text} of the generated parts of the reference."""
+def reference():
+    """Return the module that generates parts of the reference."""
     spec = spec_from_file_location('generated_reference', ROOT / 'docs/generated_reference.py')
     module = module_from_spec(spec)
     spec.loader.exec_module(module)
-    folder = tmp_path_factory.mktemp('generated')
-    module.write_reference(folder)
-    return {path.stem: path.read_text() for path in folder.iterdir()}
+    return module
 
 
-def anchors(path, generated):
+@pytest.fixture(scope='module')
+def generated(reference):
+    """Return {name: text} of the generated parts of the reference."""
+    return reference.parts()
+
+
+def anchors(path):
     """Return the anchors of a page's headings, as Git hosts and the site make them."""
     text = path.read_text()
-    for name in re.findall(r'```{include} generated/(\w+)\.md', text):
-        text += generated[name]
     headings = re.findall(r'^#+ (.*)$', FENCE.sub('', text), re.MULTILINE)
     return {re.sub(r'[^\w\- ]', '', heading.lower()).replace(' ', '-') for heading in headings}
 
 
 @pytest.mark.parametrize('page', PAGES, ids=name_of)
-def test_links_lead_somewhere(page, generated):
+def test_links_lead_somewhere(page):
     for target in re.findall(r'\]\(([^)\s]+)\)', FENCE.sub('', page.read_text())):
         if target.startswith(('https://', 'http://')):
             continue
@@ -158,7 +160,7 @@ def test_links_lead_somewhere(page, generated):
         path = (page.parent / name).resolve() if name else page
         assert path.exists(), f'{name_of(page)} links to {target}'
         if anchor:
-            assert anchor in anchors(path, generated), f'{name_of(page)} links to {target}'
+            assert anchor in anchors(path), f'{name_of(page)} links to {target}'
 
 
 def test_code_comments_name_pages_that_exist():
@@ -176,6 +178,20 @@ def cells(table):
     """Return the rows of a Markdown table, without code marks."""
     return [[cell.strip().strip('`') for cell in re.split(r'(?<!\\)\|', line)[1:-1]]
             for line in table.splitlines() if line.startswith('| ')]
+
+
+def test_generated_parts_are_in_the_pages_as_they_are_generated(reference, generated):
+    pages = reference.filled_pages()
+    found = re.findall(r'^<!-- generated: (\w+) -->$', '\n'.join(pages.values()), re.MULTILINE)
+    assert sorted(found) == sorted(generated)
+    differing = [name_of(path) for path, text in pages.items() if path.read_text(encoding='utf-8') != text]
+    assert not differing, 'run python docs/generated_reference.py --write'
+
+
+@pytest.mark.parametrize('page', PAGES, ids=name_of)
+def test_no_text_is_included_by_the_build_alone(page):
+    # Such text is missing on a repository's web page.
+    assert not re.search(r'^```{(literal)?include}', page.read_text(), re.MULTILINE)
 
 
 def test_every_status_is_explained(generated):

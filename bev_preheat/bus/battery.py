@@ -98,13 +98,18 @@ class _View:
     def value(self, signal: str) -> float | None:
         """Return a signal by the first entry of its Source that is valid as a whole."""
         for group in self._channels[signal]:
+            source = self._map.sources[signal]
             found = [self._valid(signal, channel.name, signal) for channel in group]
-            if all(found):
-                used = [reading for reading in found if reading is not None]
-                self.oldest_s = min([self.oldest_s, *(self._held_s(reading) for reading in used)])
+            used = [reading for reading in found if reading is not None]
+            if len(used) == len(found):
                 self.missing.pop(signal, None)
-                combine = COMBINED[self._map.sources[signal].combine]
-                return float(combine([reading.value for reading in used]))
+            elif source.at_least:
+                self.missing[signal] += f'; {len(used)} of {len(found)} channels are valid'
+            if len(used) >= (source.at_least or len(found)):
+                self.oldest_s = min([self.oldest_s, *(self._held_s(reading) for reading in used)])
+                return float(COMBINED[source.combine]([reading.value for reading in used]))
+            if source.at_least:
+                self.missing[signal] += f', at least {source.at_least} are needed'
         return None
 
     def all_values(self, signal: str) -> tuple[float, ...]:

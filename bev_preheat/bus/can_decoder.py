@@ -3,11 +3,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from dataclasses import replace
 import re
 from typing import Any, TYPE_CHECKING
 
 from bev_preheat.bus.frame_checks import FrameChecks
+from bev_preheat.bus.heater_frame import SHARES
 from bev_preheat.bus.live_map import CHARGING
 from bev_preheat.bus.readings import live_channels, LiveChannel
 from bev_preheat.errors import figure, InvalidInput, quoted
@@ -22,10 +23,30 @@ if TYPE_CHECKING:
 
 # Names of the heater's readings.
 HEATER_POWER, HEATER_FAULT = 'battery_heater_w', 'heater_fault'
+# Name of the readings of the temperature that a coolant set-point follows.
+FOLLOWED = 'coolant_c'
 # Values that the DBC gives such a name are no readings.
 NO_READING = re.compile(r'(^|[^a-z])(sna|n\W?a|nan|init\w*|invalid|fault\w*|error|err|unknown|undefined|'
                         r'not ?(available|defined|valid|used)|no ?(signal|data|value)|reserved)([^a-z]|$)',
                         re.IGNORECASE)
+
+
+class BusMessages:
+    """
+    The messages of all buses of a map, by name: cantools Messages in `by_name`, indices of their buses in `bus`.
+
+    A message of several buses, because a gateway repeats it, is read from the first.
+    """
+
+    def __init__(self, live_map: LiveMap) -> None:
+        """Load the DBC files; raises InvalidInput for an unreadable file."""
+        require('cantools')
+        self.by_name: dict[str, Any] = {}
+        self.bus: dict[str, int] = {}
+        for number, settings in enumerate(live_map.can):
+            own = {message.name: message for file in settings.databases for message in load_dbc(file).messages}
+            for name in own.keys() - self.by_name.keys():
+                self.by_name[name], self.bus[name] = own[name], number
 
 
 class CanDecoder:
@@ -33,15 +54,18 @@ class CanDecoder:
     Turns frames into Readings.
 
     `channels` has the LiveChannels of each signal, as battery.BatteryReader takes them; `identifiers` are the
-    frames that are used, as (identifier, whether it has 29 bits).
+    frames that are used, as (identifier, whether it has 29 bits), for each bus.
     """
 
-    def __init__(self, live_map: LiveMap) -> None:
-        """Load the DBC files; raises InvalidInput for an unreadable file or a missing signal."""
-        require('cantools')
-        where = str(live_map.signals.path)
-        messages = {message.name: message for file in live_map.signals.databases
-                    for message in load_dbc(file).messages}
+    def __init__(self, live_map: LiveMap, bus_messages: BusMessages | None = None, follows: str | None = None,
+                 full_power_w: float | None = None) -> None:
+        """
+        Take the messages (None: load them), the temperature that the heater's set-point follows, MESSAGE.SIGNAL.
+
+        `full_power_w` [W] is that of a heater's share of 100 %. Raises InvalidInput for a missing signal.
+        """
+        where, bus_messages = str(live_map.signals.path), bus_messages or BusMessages(live_map)
+        messages = bus_messages.by_name
         signals = {f'{message.name}.{signal.name}': signal
                    for message in messages.values() for signal in message.signals}
         units = {name: pint_unit(signal.unit or '') for name, signal in signals.items()}
@@ -59,7 +83,8 @@ class CanDecoder:
         self._heater_power = None if status is None else status.power
         for key, channel in ((f'live.{CHARGING}.channel', self._plain.get(CHARGING)),
                              ('live.heater_status.fault', self._plain.get(HEATER_FAULT)),
-                             ('live.heater_status.power', self._heater_power)):
+                             ('live.heater_status.power', self._heater_power),
+                             ('live.heater_command.coolant.follows', follows)):
             if channel is not None and channel not in signals:
                 problems.append(f'{where}: {key}: {channel} is no MESSAGE.SIGNAL of the DBC')
         if problems:
@@ -69,28 +94,49 @@ class CanDecoder:
             for wanted in {each.name: each for group in groups for each in group}.values():
                 self._wanted.setdefault(wanted.name, []).append((signal, wanted))
         if self._heater_power is not None:
-            power = Source(HEATER_POWER, (self._heater_power,), plausible=PLAUSIBLE[HEATER_POWER])
-            self._wanted.setdefault(self._heater_power, []).append((HEATER_POWER, LiveChannel(
-                self._heater_power, power, units[self._heater_power] or 'W')))
+            self._want(HEATER_POWER, self._heater_power, units[self._heater_power],
+                       f'{where}: live.heater_status.power', full_power_w)
+        if follows is not None:
+            self._want(FOLLOWED, follows, units[follows], f'{where}: live.heater_command.coolant.follows')
         used = {name.partition('.')[0] for name in (*self._wanted, *self._plain.values())}
         self._checks = {
-            (message.frame_id, message.is_extended_frame):
+            (bus_messages.bus[message.name], message.frame_id, message.is_extended_frame):
             FrameChecks(message, live_map.messages.get(message.name), f'{where}: live.messages.{message.name}')
             for message in messages.values() if message.name in used}
         self._signals = signals
         self._limits = {name: _limits(signals[name]) for name in self._wanted}
         self._nothing = {name: _names_of_nothing(signals[name]) for name in self._wanted}
-        self.identifiers = tuple(self._checks)
-        self.messages: Mapping[str, Any] = messages
+        self.identifiers = tuple(
+            tuple((identifier, is_extended) for bus, identifier, is_extended in self._checks if bus == number)
+            for number in range(len(live_map.can)))
+        # Whether a bus has frames of CAN FD.
+        self.has_fd = tuple(
+            any(bus == number and (check.message.is_fd or check.message.length > 8)
+                for (bus, *_), check in self._checks.items()) for number in range(len(live_map.can)))
 
     @property
     def checks(self) -> tuple[FrameChecks, ...]:
         """The checks of the messages that are used."""
         return tuple(self._checks.values())
 
-    def take(self, identifier: int, is_extended: bool, data: bytes, instant_s: float, readings: Readings) -> None:
-        """Record the readings of a frame that came at an instant [s], or why it was dropped."""
-        checks = self._checks.get((identifier, is_extended))
+    def _want(self, signal: str, name: str, unit: str, where: str, full_power_w: float | None = None) -> None:
+        """Read MESSAGE.SIGNAL as a signal of the heater; a share refers to `full_power_w` [W]."""
+        source = Source(signal, (name,), plausible=PLAUSIBLE[signal])
+        if unit in SHARES:
+            if full_power_w is None:
+                raise InvalidInput(f'{where}: {name} is a share ({unit}); the power at 100 % [W] is missing: '
+                                   'live.heater_command.full_power_w')
+            source, unit = replace(source, scales=(full_power_w * SHARES[unit],)), 'W'
+        try:
+            channel = LiveChannel(name, source, unit or ('W' if signal == HEATER_POWER else ''))
+        except InvalidInput as error:
+            raise InvalidInput([f'{where}: {problem}' for problem in error.problems]) from error
+        self._wanted.setdefault(name, []).append((signal, channel))
+
+    def take(self, identifier: int, is_extended: bool, data: bytes, instant_s: float, readings: Readings,
+             bus: int = 0) -> None:
+        """Record the readings of a frame that came at an instant [s] on a bus, or why it was dropped."""
+        checks = self._checks.get((bus, identifier, is_extended))
         if checks is None:
             return
         name = checks.message.name

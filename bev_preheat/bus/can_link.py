@@ -42,8 +42,12 @@ class CanLink:
     """
 
     def __init__(self, settings: CanSettings, identifiers: Collection[tuple[int, bool]],
-                 receive: Receiver) -> None:
-        """Take the settings; raises InvalidInput if python-can knows no such interface. `start` opens the bus."""
+                 receive: Receiver, has_fd: bool = False) -> None:
+        """
+        Take the settings, and whether frames of CAN FD are used; `start` opens the bus.
+
+        Raises InvalidInput if python-can knows no such interface.
+        """
         require('can', *([PACKAGES[settings.interface]] if settings.interface in PACKAGES else []))
         import can
         known = sorted(map(str, can.VALID_INTERFACES))
@@ -53,7 +57,7 @@ class CanLink:
         if settings.interface == REPLAY:
             # A recording that cannot be read is a wrong setting; a bus may be connected later.
             ReplayBus(str(settings.channel)).shutdown()
-        self._settings, self._receive = settings, receive
+        self._settings, self._receive, self._has_fd = settings, receive, has_fd
         self._filters = [{'can_id': identifier, 'can_mask': 0x1FFFFFFF if is_extended else 0x7FF,
                           'extended': is_extended} for identifier, is_extended in identifiers]
         self._lock, self._ended = Lock(), Event()
@@ -79,7 +83,7 @@ class CanLink:
             self._thread.join(timeout=2.0)
         self._shut()
 
-    def send(self, identifier: int, is_extended: bool, data: bytes) -> str:
+    def send(self, identifier: int, is_extended: bool, data: bytes, is_fd: bool = False) -> str:
         """Send a frame; return '' or a sentence on the reason that it was not sent."""
         import can
         with self._lock:
@@ -88,7 +92,7 @@ class CanLink:
                 return f'{self.name}: {self.problem or "is closed"}'
             try:
                 bus.send(can.Message(arbitration_id=identifier, is_extended_id=is_extended, data=data,
-                                     is_fd=len(data) > 8), timeout=0.0)
+                                     is_fd=is_fd), timeout=0.0)
             except Exception as error:
                 # python-can passes on errors of drivers, such as a full buffer or a bus that is off.
                 return f'{self.name}: a frame could not be sent ({quoted(str(error))})'
@@ -117,6 +121,8 @@ class CanLink:
         options = dict(settings.options)
         if settings.bitrate is not None:
             options['bitrate'] = settings.bitrate
+        if self._has_fd:
+            options.setdefault('fd', True)
         if settings.interface == 'slcan':
             # The library waits two seconds for the first Arduinos; adapters of today need no time.
             options.setdefault('sleep_after_open', 0.0)

@@ -4,46 +4,77 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING
 
 from bev_preheat.bus.battery import BatteryReader
-from bev_preheat.bus.can_decoder import CanDecoder, HEATER_FAULT, HEATER_POWER
+from bev_preheat.bus.can_decoder import BusMessages, CanDecoder, FOLLOWED, HEATER_FAULT, HEATER_POWER
 from bev_preheat.bus.can_link import CanLink
 from bev_preheat.bus.heater_frame import HeaterFrame
+from bev_preheat.bus.live_map import HeaterStatusRule
 from bev_preheat.bus.readings import Readings
+from bev_preheat.errors import InvalidInput
 
 if TYPE_CHECKING:
     from bev_preheat.bus.battery import LiveBattery
     from bev_preheat.bus.live_map import LiveMap
 
+# The readings that a set-point follows are valid for as long as those of this signal.
+TEMPERATURE = 'battery_temperature_c'
+
 
 class CanSource:
     """See source.LiveSource. `heater_frame` is None if the map names none."""
 
-    def __init__(self, live_map: LiveMap, clock_s: Callable[[], float]) -> None:
-        """Take a map with `can`, and the clock [s] of the readings' instants; raises InvalidInput."""
-        assert live_map.can is not None
+    def __init__(self, live_map: LiveMap, clock_s: Callable[[], float],
+                 vehicle_power_w: float | None = None) -> None:
+        """
+        Take a map with `can`, and the clock [s] of the readings' instants; raises InvalidInput.
+
+        `vehicle_power_w` [W] is the heater's maximum power in the vehicle file, None: not known.
+        """
+        assert live_map.can
         self._map, self._clock_s = live_map, clock_s
         self._readings = Readings()
-        self._decoder = CanDecoder(live_map)
+        messages, rule = BusMessages(live_map), live_map.heater_command
+        frame = self.heater_frame = None if rule is None else HeaterFrame(
+            rule, messages.by_name, str(live_map.signals.path), vehicle_power_w)
+        self._follows, full_power_w = (None, None) if frame is None else (frame.follows, frame.full_power_w)
+        self._decoder = CanDecoder(live_map, messages, self._follows, full_power_w)
         self._reader = BatteryReader(live_map, self._decoder.channels)
-        self.heater_frame = None if live_map.heater_command is None else HeaterFrame(
-            live_map.heater_command, self._decoder.messages, str(live_map.signals.path))
-        self._link = CanLink(live_map.can, self._decoder.identifiers, self._on_frame)
-        self.name = self._link.name
+        heaters_bus = None if rule is None else messages.bus[rule.message]
+        try:
+            self._links = [CanLink(
+                settings, self._decoder.identifiers[number], partial(self._on_frame, number),
+                self._decoder.has_fd[number] or (number == heaters_bus and frame is not None and frame.is_fd))
+                for number, settings in enumerate(live_map.can)]
+        except InvalidInput as error:
+            raise InvalidInput([f'{live_map.signals.path}: {problem}' for problem in error.problems]) from error
+        self._heaters_link = None if heaters_bus is None else self._links[heaters_bus]
+        self.name = ' and '.join(link.name for link in self._links)
 
     @property
     def problem(self) -> str:
-        """'' while the bus works, else a sentence."""
-        return self._link.problem
+        """'' while all buses work, else a sentence."""
+        if len(self._links) == 1:
+            return self._links[0].problem
+        return '; '.join(f'{link.name}: {link.problem}' for link in self._links if link.problem)
+
+    @property
+    def heaters_problem(self) -> str:
+        """'' while the bus of the heater's command works, else a sentence that names it."""
+        link = self._heaters_link
+        return f'{link.name}: {link.problem}' if link is not None and link.problem else ''
 
     def start(self) -> None:
-        """Receive in a thread."""
-        self._link.start()
+        """Receive, in a thread for each bus."""
+        for link in self._links:
+            link.start()
 
     def close(self) -> None:
-        """End the thread and close the bus."""
-        self._link.close()
+        """End the threads and close the buses."""
+        for link in self._links:
+            link.close()
 
     def battery(self, now_s: float) -> tuple[LiveBattery | None, tuple[str, ...]]:
         """Return the battery at an instant [s]; else a sentence for each missing signal."""
@@ -65,15 +96,17 @@ class CanSource:
         """Return figures for the diagnostics."""
         checks = [f'{check.message.name} ({", ".join(words)})' for check in self._decoder.checks
                   if (words := check.in_words())]
-        return {'frames': str(self._link.frames), 'reconnects': str(max(self._link.reconnects, 0)),
+        return {'frames': str(sum(link.frames for link in self._links)),
+                'reconnects': str(sum(max(link.reconnects, 0) for link in self._links)),
                 'checks beyond length and limits': ', '.join(checks) or 'none'}
 
     def heater_status(self, now_s: float) -> tuple[float | None, str]:
         """Return the heater's measured power [W] (None: unknown), and a sentence on a fault or silence."""
-        rule = self._map.heater_status
-        if rule is None:
-            return None, ''
+        rule = self._map.heater_status or HeaterStatusRule()
         measured_w, fault = None, ''
+        if self._follows is not None and self._followed_c(now_s) is None:
+            fault = (f'no valid {self._follows} for {self._map.valid_for_s[TEMPERATURE]:g} s, which the set-point '
+                     'follows')
         for signal, channel in ((HEATER_POWER, rule.power), (HEATER_FAULT, rule.fault)):
             if channel is None:
                 continue
@@ -88,9 +121,19 @@ class CanSource:
 
     def send_power(self, power_w: float) -> str:
         """Send the next frame of the heater's command [W]; return '' or why it was not sent."""
-        frame = self.heater_frame
-        assert frame is not None
-        return self._link.send(frame.identifier, frame.is_extended, frame.next(power_w))
+        frame, link = self.heater_frame, self._heaters_link
+        assert frame is not None and link is not None
+        data = frame.next(power_w, self._followed_c(self._clock_s()))
+        return link.send(frame.identifier, frame.is_extended, data, frame.is_fd)
 
-    def _on_frame(self, identifier: int, is_extended: bool, data: bytes, age_s: float) -> None:
-        self._decoder.take(identifier, is_extended, data, self._clock_s() - age_s, self._readings)
+    def _followed_c(self, now_s: float) -> float | None:
+        """Return the valid temperature that the set-point follows [deg C] at an instant [s], None without one."""
+        if self._follows is None:
+            return None
+        reading = self._readings.latest(FOLLOWED, self._follows)
+        if reading is None or not 0.0 <= now_s - reading.instant_s <= self._map.valid_for_s[TEMPERATURE]:
+            return None
+        return reading.value
+
+    def _on_frame(self, bus: int, identifier: int, is_extended: bool, data: bytes, age_s: float) -> None:
+        self._decoder.take(identifier, is_extended, data, self._clock_s() - age_s, self._readings, bus)

@@ -27,7 +27,8 @@ class FrameChecks:
         rule = rule or MessageRule()
         self.message = message
         self.counter = _counter(message, rule, where)
-        self.checksum = None if rule.checksum is None else Checksum(rule.checksum, message, where)
+        self.checksum = None if rule.checksum is None else Checksum(
+            rule.checksum, message, f'{where}.checksum', self.counter)
         self._largest_step = rule.largest_step
         self._count: int | None = None
         self._stays = 0
@@ -57,10 +58,9 @@ class FrameChecks:
         if len(data) < self.message.length:
             raise InvalidInput(f'{name}: a frame of {len(data)} bytes; the DBC has {self.message.length}')
         if self.checksum is not None:
-            given, computed = data[self.checksum.at], self.checksum.of(data)
-            if given != computed:
-                raise InvalidInput(f'{name}: {self.checksum.signal} is 0x{given:02X}, but the checksum of the '
-                                   f'data is 0x{computed:02X}')
+            problem = self.checksum.problem(data)
+            if problem:
+                raise InvalidInput(f'{name}: {problem}')
 
     def check_counter(self, values: Mapping[str, float]) -> None:
         """Raise InvalidInput if the counter of a frame with these raw values stays, or skips too many counts."""
@@ -75,21 +75,23 @@ class FrameChecks:
             self._stays += 1
             raise InvalidInput(f'{name} has stayed at {count} for {self._stays + 1} frames')
         self._stays = 0
-        step = (count - before) % counts_of(self.counter)
+        step = (count - before) % counts_of(self.counter, self.checksum)
         if self._largest_step is not None and step > self._largest_step:
             raise InvalidInput(f'{name} went from {before} to {count}; at most {self._largest_step} steps are '
                                'allowed')
 
 
-def counts_of(signal: Any) -> int:
-    """Return how many values a counter has, before it begins again at 0."""
+def counts_of(signal: Any, checksum: Checksum | None) -> int:
+    """Return how many values a counter has, before it begins again at 0; a Checksum's E2E profile says so."""
+    if checksum is not None and checksum.profile is not None:
+        return checksum.profile.counts
     highest = signal.maximum if signal.maximum else 2**signal.length - 1
     return int(min(highest, 2**signal.length - 1)) + 1
 
 
 def _counter(message: Any, rule: MessageRule, where: str) -> Any:
     if rule.counter is not None:
-        return signal_of(message, rule.counter, where)
+        return signal_of(message, rule.counter, f'{where}.counter')
     found = [signal for signal in message.signals if COUNTER.search(signal.name)]
     # Of several, only the map can tell which one counts the frames.
     return found[0] if len(found) == 1 and found[0].length <= 8 else None

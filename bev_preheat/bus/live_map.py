@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.logs.signal_map import load_signal_map, read_source, source_problems
+from bev_preheat.logs.signal_map import database_files, load_signal_map, read_source, source_problems
 
 if TYPE_CHECKING:
     from bev_preheat.files.checked_yaml import FileData
@@ -33,12 +33,17 @@ BROKER_PORT = 55555
 
 @dataclass(frozen=True)
 class CanSettings:
-    """A bus as python-can opens it; `bitrate` is in bit/s, None: the interface's own."""
+    """
+    A bus as python-can opens it, and the DBC files of its messages.
+
+    `bitrate` is in bit/s, None: the interface's own.
+    """
 
     interface: str
     channel: str | int
     bitrate: int | None = None
     options: Mapping[str, FileData] = field(default_factory=dict)
+    databases: tuple[Path, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -55,13 +60,28 @@ class VssSettings:
 
 @dataclass(frozen=True)
 class ChecksumRule:
-    """Where a message has its checksum, and how it is computed; see frame_checks.METHODS."""
+    """
+    Where a message has its checksum, and how it is computed: by a `method`, or by an `e2e_profile`.
+
+    See checksums.CRCS and checksums.PROFILES.
+    """
 
     signal: str
-    method: str
+    method: str | None = None
     prefix: tuple[int, ...] = ()
+    suffix: tuple[int, ...] = ()
     initial: int | None = None
     final_xor: int | None = None
+    e2e_profile: int | None = None
+    data_id: int | None = None
+    data_ids: tuple[int, ...] = ()
+    data_id_mode: str | None = None
+    data_id_nibble: str | None = None
+
+    @property
+    def mode(self) -> str:
+        """How the data ID takes part."""
+        return 'list' if self.data_ids else self.data_id_mode or 'both'
 
 
 @dataclass(frozen=True)
@@ -75,8 +95,28 @@ class MessageRule:
 
 
 @dataclass(frozen=True)
+class CoolantLaw:
+    """
+    How a coolant set-point follows from the heater's power.
+
+    It is the temperature of `follows` (MESSAGE.SIGNAL) plus power / `watts_per_kelvin` [W/K], within `range_c`
+    [deg C].
+    """
+
+    follows: str
+    watts_per_kelvin: float
+    range_c: tuple[float, float]
+
+
+@dataclass(frozen=True)
 class HeaterFrameRule:
-    """The CAN message that carries the heater's command; names are those of the DBC."""
+    """
+    The CAN message that carries the heater's command; names are those of the DBC.
+
+    `unit` '' is that of the DBC. `full_power_w` [W] is the power of a share of 100 %; None: the vehicle's.
+    `off_value` is the value of the signal at 0 W; None: 0, or for a set-point any, because `enable` switches it
+    off.
+    """
 
     message: str
     power: str
@@ -86,6 +126,10 @@ class HeaterFrameRule:
     period_s: float | None = None
     maximum_power_w: float | None = None
     constants: Mapping[str, float] = field(default_factory=dict)
+    unit: str = ''
+    full_power_w: float | None = None
+    off_value: float | None = None
+    coolant: CoolantLaw | None = None
 
 
 @dataclass(frozen=True)
@@ -100,14 +144,14 @@ class HeaterStatusRule:
 @dataclass(frozen=True)
 class LiveMap:
     """
-    A signal map with a live part; either `can` or `vss` is given.
+    A signal map with a live part; either `can` (one bus or more) or `vss` is given.
 
     `valid_for_s` has a time [s] for each of LIVE_SIGNALS, CELLS and CHARGING. `charging_values` are those of
     `charging_channel` while the battery is being charged.
     """
 
     signals: SignalMap
-    can: CanSettings | None
+    can: tuple[CanSettings, ...]
     vss: VssSettings | None
     required: tuple[str, ...]
     valid_for_s: Mapping[str, float]
@@ -137,8 +181,8 @@ def load_live_map(name_or_file: str | Path) -> LiveMap:
         raise InvalidInput(f'{path}: has no key live, which names the bus: add '
                            'live: {can: {interface: socketcan, channel: can0}}, or live: {vss: {}}')
     problems = []
-    if ('can' in live) is ('vss' in live):
-        problems.append(f'{path}: live: must have exactly one of the keys can and vss')
+    if sum(key in live for key in ('can', 'can_buses', 'vss')) != 1:
+        problems.append(f'{path}: live: must have exactly one of the keys can, can_buses and vss')
     required = tuple(live.get('required', REQUIRED))
     problems += [f'{path}: live.required: {name} is not among the signals of the map'
                  for name in required if name not in signal_map.sources]
@@ -151,6 +195,8 @@ def load_live_map(name_or_file: str | Path) -> LiveMap:
                      for problem in source_problems('battery_temperature_c', live['cells_c'])]
     if 'can' in live and not signal_map.databases:
         problems.append(f'{path}: dbc: is missing; live CAN signals need the DBC files of the bus')
+    problems += [f'{path}: live.can_buses[{number}].dbc: is missing; each of several buses needs its own DBC files'
+                 for number, bus in enumerate(live.get('can_buses', ())) if 'dbc' not in bus]
     if 'heater_status' in live and 'heater_command' not in live:
         problems.append(f'{path}: live.heater_status: is the answer to live.heater_command, which is missing')
     if 'vss' in live:
@@ -158,10 +204,10 @@ def load_live_map(name_or_file: str | Path) -> LiveMap:
                      for key in ('messages', 'heater_command', 'heater_status') if key in live]
     if problems:
         raise InvalidInput(problems)
-    usual_s = live.get('valid_for_s', VALID_FOR_S['can' if 'can' in live else 'vss'])
+    usual_s = live.get('valid_for_s', VALID_FOR_S['vss' if 'vss' in live else 'can'])
     charging = live.get('charging', {})
     return LiveMap(
-        signal_map, _can(live.get('can'), path.parent), _vss(live.get('vss'), path.parent), required,
+        signal_map, _can_buses(live, signal_map), _vss(live.get('vss'), path.parent), required,
         {name: float(live.get('valid_for_s_of', {}).get(name, AMBIENT_VALID_FOR_S if name == AMBIENT else usual_s))
          for name in (*LIVE_SIGNALS, CELLS, CHARGING)},
         read_source('battery_temperature_c', live['cells_c'], signal_map.no_reading)
@@ -172,11 +218,13 @@ def load_live_map(name_or_file: str | Path) -> LiveMap:
         HeaterStatusRule(**live['heater_status']) if 'heater_status' in live else None)
 
 
-def _can(entry: FileData, folder: Path) -> CanSettings | None:
-    if entry is None:
-        return None
-    channel = str(folder / str(entry['channel'])) if entry['interface'] == REPLAY else entry['channel']
-    return CanSettings(entry['interface'], channel, entry.get('bitrate'), entry.get('options', {}))
+def _can_buses(live: FileData, signal_map: SignalMap) -> tuple[CanSettings, ...]:
+    folder, entries = signal_map.path.parent, live.get('can_buses', [live['can']] if 'can' in live else [])
+    return tuple(CanSettings(
+        entry['interface'],
+        str(folder / str(entry['channel'])) if entry['interface'] == REPLAY else entry['channel'],
+        entry.get('bitrate'), entry.get('options', {}),
+        database_files(folder, entry['dbc']) if 'dbc' in entry else signal_map.databases) for entry in entries)
 
 
 def _vss(entry: FileData, folder: Path) -> VssSettings | None:
@@ -188,9 +236,11 @@ def _vss(entry: FileData, folder: Path) -> VssSettings | None:
 
 
 def _checksum(entry: FileData) -> ChecksumRule | None:
-    return None if entry is None else ChecksumRule(
-        entry['signal'], entry['method'], tuple(entry.get('prefix', ())), entry.get('initial'),
-        entry.get('final_xor'))
+    if entry is None:
+        return None
+    values: dict[str, FileData] = {
+        key: tuple(value) if isinstance(value, list) else value for key, value in entry.items()}
+    return ChecksumRule(**values)
 
 
 def _message(entry: FileData) -> MessageRule:
@@ -199,6 +249,9 @@ def _message(entry: FileData) -> MessageRule:
 
 
 def _heater_frame(entry: FileData) -> HeaterFrameRule | None:
-    return None if entry is None else HeaterFrameRule(
-        entry['message'], entry['power'], entry['counter'], entry.get('enable'), _checksum(entry.get('checksum')),
-        entry.get('period_s'), entry.get('maximum_power_w'), entry.get('constants', {}))
+    if entry is None:
+        return None
+    coolant = entry.get('coolant')
+    return HeaterFrameRule(**{
+        **entry, 'checksum': _checksum(entry.get('checksum')), 'coolant': None if coolant is None else CoolantLaw(
+            coolant['follows'], coolant['watts_per_kelvin'], (coolant['range_c'][0], coolant['range_c'][1]))})

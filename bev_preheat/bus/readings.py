@@ -9,6 +9,7 @@ import math
 from threading import Lock
 from typing import TYPE_CHECKING
 
+from bev_preheat.bus.live_map import CELLS
 from bev_preheat.errors import figure, InvalidInput
 from bev_preheat.logs.units import check_unit, conversion, own_unit
 
@@ -40,8 +41,11 @@ class LiveChannel:
         self._source = source
         unit = source.unit or channel_unit
         if not unit:
-            raise InvalidInput(f'{source.signal}: {name} has no unit; name it in the signal map (unit: ...)')
-        check_unit(unit, source.signal)
+            raise InvalidInput(f'{name} has no unit; name it in the signal map (unit: ...)')
+        try:
+            check_unit(unit, source.signal)
+        except InvalidInput as error:
+            raise InvalidInput([f'{name}: {problem}' for problem in error.problems]) from error
         self._conversion = conversion(unit, own_unit(source.signal))
 
     def read(self, number: float) -> float:
@@ -115,12 +119,15 @@ def live_channels(sources: Mapping[str, Source], units: Mapping[str, str],
     """
     found, problems = {}, []
     for signal, source in sources.items():
-        groups = []
+        groups, key = [], f'{where}: live.{signal}' if signal == CELLS else f'{where}: signals.{signal}'
         for names in _groups(source, list(units)):
             try:
                 groups.append(tuple(LiveChannel(name, source, units[name]) for name in names))
             except InvalidInput as error:
-                problems += [f'{where}: signals.{problem}' for problem in error.problems]
+                problems += [f'{key}: {problem}' for problem in error.problems]
+            if len(names) < source.at_least:
+                problems.append(f'{key}.at_least: {source.at_least} channels are needed, but the bus has only '
+                                f'{", ".join(names)}')
         found[signal] = tuple(groups)
     if problems:
         raise InvalidInput(problems)
@@ -129,5 +136,8 @@ def live_channels(sources: Mapping[str, Source], units: Mapping[str, str],
 
 def _groups(source: Source, names: Sequence[str]) -> list[tuple[str, ...]]:
     """Return the channels of each entry that matches any, in the map's order of preference."""
-    groups = [source.only(entry).chosen(names) for entry in source.channels]
+    if source.at_least:
+        groups = [source.chosen(names)]
+    else:
+        groups = [source.only(entry).chosen(names) for entry in source.channels]
     return [group for group in groups if group]

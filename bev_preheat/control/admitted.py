@@ -75,7 +75,7 @@ def find_obstacle(inputs: AdmittedInputs, now_ns: int) -> Decision | None:
         return Decision(Status.NO_BATTERY_STATE, 'No valid battery state has arrived yet.')
     age_s = (now_ns - inputs.measurement.stamp_ns) / NS_PER_S
     timeout_s, tolerance_s = inputs.settings.battery_state_timeout_s, inputs.settings.clock_tolerance_s
-    if age_s >= timeout_s:
+    if now_ns >= inputs.measurement.expires_ns(timeout_s):
         also = '' if inputs.doubt is None else f' {inputs.doubt}'
         return Decision(Status.STALE_INPUT, f'battery_state is {age_s:.3f} s old; less than '
                         f'{timeout_s:g} s are allowed.{also}')

@@ -198,8 +198,8 @@ def _lease_end_ns(now_ns: int, inputs: AdmittedInputs) -> int:
     settings, measurement = inputs.settings, inputs.measurement
     assert measurement is not None
     # No lease outlives the battery state that it is based on.
-    stale_ns = measurement.stamp_ns + round(settings.battery_state_timeout_s * NS_PER_S)
-    return min(now_ns + round(settings.lease_s * NS_PER_S), stale_ns)
+    return min(now_ns + round(settings.lease_s * NS_PER_S),
+               measurement.expires_ns(settings.battery_state_timeout_s))
 
 
 def _has_departed(decision: Decision, now_ns: int) -> bool:

@@ -274,8 +274,8 @@ class DepartureSource:
             measurement = state.measurement
             if measurement is None:
                 return 'no valid battery state has arrived yet'
-            age_s = (now_ns - measurement.stamp_ns) / NS_PER_S
-            if not abs(age_s) < state.settings.battery_state_timeout_s:
+            timeout_s = state.settings.battery_state_timeout_s
+            if not measurement.stamp_ns - timeout_s * NS_PER_S < now_ns < measurement.expires_ns(timeout_s):
                 return 'the battery state is too old, or ahead of the clock'
         return ''
 

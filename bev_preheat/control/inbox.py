@@ -34,6 +34,7 @@ from bev_preheat.estimation.driver_choices import CancelledTrip, DriverChoices, 
 from bev_preheat.planning.situation import check_situation, Goal
 from bev_preheat.route.plausibility import unit_warnings
 from bev_preheat.signals.electrical import ElectricalCheck, PercentScale
+from bev_preheat.signals.source import is_one_battery, SeenState
 from bev_preheat.signals.verdict import SignalVerdict, STATE_OF_CHARGE
 from bev_preheat.vehicle.description import Vehicle
 
@@ -212,19 +213,26 @@ class Inbox:
         except InvalidInput as error:
             self.refuse_battery(error, measurement.state.soc, now_ns)
             raise
-        self.measurement = measurement
+        measurement = self.measurement = replace(measurement, arrived_ns=now_ns)
         changes = self._changes
         self._changes = InputChanges((*changes.measurements, measurement), changes.has_new_mission,
                                      changes.has_new_trip, changes.clock_restarted)
         self._refusals.lift_by_battery()
 
     def _is_overtaken(self, measurement: Measurement, now_ns: int) -> bool:
-        """Return whether a later state arrived a moment before this one."""
-        if self.measurement is None:
+        """
+        Return whether a later state arrived a moment before this one, or stamps jitter.
+
+        Stamps that jitter by less than `battery_state_timeout` are no doubt if both states are of one battery: the
+        later stamp counts and expires as usual.
+        """
+        latest, timeout_s = self.measurement, self.settings.battery_state_timeout_s
+        if latest is None or now_ns < measurement.stamp_ns:
             return False
-        late_ns = self.measurement.stamp_ns - measurement.stamp_ns
-        most_s = min(MOST_OVERTAKEN_S, self.settings.battery_state_timeout_s)
-        return 0 < late_ns <= most_s * NS_PER_S and now_ns >= measurement.stamp_ns
+        late_s = (latest.stamp_ns - measurement.stamp_ns) / NS_PER_S
+        return 0.0 < late_s <= min(MOST_OVERTAKEN_S, timeout_s) or (
+            0.0 < late_s and now_ns - measurement.stamp_ns <= timeout_s * NS_PER_S
+            and is_one_battery(_seen(latest), _seen(measurement)))
 
     def refuse_battery(self, error: InvalidInput, percentage: float = math.nan, now_ns: int = 0) -> None:
         """
@@ -245,7 +253,10 @@ class Inbox:
         timeout_s = self.settings.battery_state_timeout_s
         ahead_s = self.settings.clock_tolerance_s
         if not -ahead_s <= age_s <= timeout_s:
-            raise InvalidInput(f'header.stamp: the state is {age_beyond(age_s, ahead_s, timeout_s)}')
+            is_same = self.measurement is not None and self.measurement.stamp_ns == measurement.stamp_ns
+            raise InvalidInput(f'header.stamp: the state is {age_beyond(age_s, ahead_s, timeout_s)}' + (
+                '; the state before had the same stamp: if stamps are coarse, battery_state_timeout must be at '
+                'least their step' if is_same else ''))
         if self.measurement is not None and measurement.stamp_ns < self.measurement.stamp_ns:
             late_s = (self.measurement.stamp_ns - measurement.stamp_ns) / NS_PER_S
             raise InvalidInput(f'header.stamp: the state is {late_s:.3f} s older than the previous one; '
@@ -360,3 +371,10 @@ class Inbox:
         self._changes = replace(
             self._changes, has_new_mission=True,
             has_new_trip=self._changes.has_new_trip or is_new_trip)
+
+
+def _seen(measurement: Measurement) -> SeenState:
+    """Return a Measurement as signals.source compares it."""
+    state = measurement.state
+    return SeenState(measurement.stamp_ns / NS_PER_S, state.temperature_c, state.soc, measurement.voltage_v,
+                     measurement.serial_number or measurement.location)

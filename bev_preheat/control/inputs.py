@@ -4,11 +4,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.charging.prospect import CERTAIN, ChargingProspect
+from bev_preheat.control.margins import LEAST_HELD_S
 from bev_preheat.control.settings import defaults_of, MOST_PLANNED_STEPS, Settings
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal
@@ -43,7 +44,7 @@ class Measurement:
     None stands for an unknown terminal voltage [V], current [A], positive = discharging, temperature of
     the coldest cell [deg C], and difference between the warmest and the coldest cell [K]. `location` and
     `serial_number` distinguish batteries ('': not given); their lengths are not bounded, so quote them
-    with `errors.quoted`.
+    with `errors.quoted`. `arrived_ns` is the instant [ns] at which it was admitted; None: not yet.
     """
 
     state: BatteryState
@@ -55,6 +56,14 @@ class Measurement:
     supply_status: SupplyStatus = SupplyStatus.UNKNOWN
     location: str = ''
     serial_number: str = ''
+    arrived_ns: int | None = field(default=None, compare=False)
+
+    def expires_ns(self, timeout_s: float) -> int:
+        """Return when it becomes stale [ns]: `timeout_s` [s] after its stamp, or later if it came late."""
+        expires_ns = self.stamp_ns + round(timeout_s * NS_PER_S)
+        if self.arrived_ns is None:
+            return expires_ns
+        return max(expires_ns, self.arrived_ns + round(min(LEAST_HELD_S, timeout_s / 2.0) * NS_PER_S))
 
     @property
     def power_w(self) -> float | None:

@@ -54,6 +54,10 @@ MOST_SWITCH_ONS, HOUR_S = 20, 3600.0
 SPACING_S = HOUR_S / MOST_SWITCH_ONS / 2.0
 # A battery state overtaken by a later one by no more than this [s] is dropped silently: networks reorder.
 MOST_OVERTAKEN_S = 1.0
+# A battery state that was young enough on arrival holds for at least this time [s], or half of
+# battery_state_timeout if that is less: twice the period of a usual feed. Coarse or late stamps would otherwise
+# reach the limit just before the next state, and each time count as doubt.
+LEAST_HELD_S = 2.0
 # A clock that falls back by more than this [s] was set or restarted; earlier stamps are void.
 CLOCK_RESTART_S = 1.0
 # A cell that is colder than the battery by more than this [K] is a failed sensor.

@@ -223,6 +223,8 @@ class HeaterController:
         if len(self._senders) > 1:
             self._drop(Verdict(Refusal.COMMAND_CONFLICT, f'{len(self._senders)} nodes command the heater'))
             return True
+        if self._verdict.refusal is Refusal.COMMAND_CONFLICT:
+            self._verdict = Verdict(Refusal.NO_COMMAND, 'no valid command has arrived since two nodes commanded')
         return False
 
     def _watch_clock(self, now: Instant) -> None:

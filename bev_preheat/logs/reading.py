@@ -152,8 +152,14 @@ def _series(path: str | Path, log: RawLog, chosen: dict[str, tuple[str, ...]],
             part = _in_order(path, log, channel, *kept.arrays(), remarks)
             if len(part.time_s):
                 parts.append(part)
-        if len(parts) > 1:
-            series[signal] = combined(parts, signal_map.sources[signal].combine, HOLD_S)
+        source = signal_map.sources[signal]
+        if len(parts) < source.at_least:
+            remarks.add(f'few {signal}', f'{path}: {signal}: {len(parts)} of its channels have valid readings; at '
+                                         f'least {source.at_least} are needed; the signal is left out')
+        elif len(parts) > 1:
+            whole = combined(parts, source.combine, HOLD_S, source.at_least)
+            if len(whole.time_s):
+                series[signal] = whole
         elif parts:
             series[signal] = parts[0]
     return series

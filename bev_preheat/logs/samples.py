@@ -60,11 +60,12 @@ def _halved(time_s: FloatArray, values: FloatArray, places: IntArray) -> tuple[F
     return mean(time_s), mean(values), places[::2].copy()
 
 
-def combined(parts: list[Series], how: str, hold_s: float) -> Series:
+def combined(parts: list[Series], how: str, hold_s: float, at_least: int = 0) -> Series:
     """
     Return one Series of several channels: their mean, min or max at the instants of the longest.
 
-    A channel takes part at an instant if it has a sample at most `hold_s` away.
+    A channel takes part at an instant if it has a sample at most `hold_s` away; instants at which fewer than
+    `at_least` channels take part are left out.
     """
     longest = max(parts, key=lambda part: len(part.time_s))
     rows = []
@@ -77,4 +78,5 @@ def combined(parts: list[Series], how: str, hold_s: float) -> Series:
     table = np.array(rows)
     value = (np.nanmin(table, axis=0) if how == 'min' else np.nanmax(table, axis=0) if how == 'max' else
              np.nanmean(table, axis=0))
-    return Series(longest.time_s, value)
+    enough = np.isfinite(table).sum(axis=0) >= at_least
+    return Series(longest.time_s[enough], value[enough])

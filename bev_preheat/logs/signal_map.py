@@ -49,7 +49,8 @@ class Source:
     `channels` are names, or patterns between slashes, in order of preference; all channels of the first entry
     that matches any are combined (`combine`: mean, min, max, first). `unit` is empty if the log names it.
     `scales`: factors on the reading, the first that makes the signal plausible counts; then `offset` is added, and
-    the unit converted. `no_reading` are readings that mean none; `plausible` is the range in the signal's unit.
+    the unit converted. `at_least`, if above 0, is how many channels must be valid; then the channels of all
+    entries are combined. `no_reading` are readings that mean none; `plausible` is the range in the signal's unit.
     """
 
     signal: str
@@ -61,6 +62,7 @@ class Source:
     charging_is_positive: bool = False
     no_reading: tuple[float, ...] = ()
     plausible: tuple[float, float] = (-1e300, 1e300)
+    at_least: int = 0
 
     def in_own_unit(self, readings: Any, scale: float, conversion: Conversion) -> Any:
         """Return readings (a float or an array) in the signal's own unit and sign; `scale` is one of `scales`."""
@@ -73,6 +75,8 @@ class Source:
 
     def chosen(self, names: Sequence[str]) -> tuple[str, ...]:
         """Return the channels among `names` that make up the signal, () without such channels."""
+        if self.at_least:
+            return tuple(name for name in names if any(matches(entry, name) for entry in self.channels))
         for entry in self.channels:
             found = tuple(name for name in names if matches(entry, name))
             if found:
@@ -143,7 +147,7 @@ def load_signal_map(name_or_file: str | Path) -> SignalMap:
         raise InvalidInput(problems)
     return SignalMap(contents.get('name', path.stem), sources, _texts(contents.get('time', ())),
                      _texts(contents.get('recognised_by', ())),
-                     tuple(path.parent / file for file in _texts(contents.get('dbc', ()))),
+                     database_files(path.parent, contents.get('dbc', _of_buses(contents))),
                      everywhere, contents.get('live'), path)
 
 
@@ -160,6 +164,16 @@ def recognised_map(names: Sequence[str]) -> SignalMap:
     return next((each for each in maps if each.recognises(names)), maps[-1])
 
 
+def database_files(folder: Path, files: FileData) -> tuple[Path, ...]:
+    """Return the paths of DBC files that a map in a folder names."""
+    return tuple(folder / file for file in _texts(files))
+
+
+def _of_buses(contents: FileData) -> list[str]:
+    """Return the DBC files of the buses of a map, for logs."""
+    return [file for bus in contents.get('live', {}).get('can_buses', ()) for file in _texts(bus.get('dbc', ()))]
+
+
 def _texts(value: FileData) -> tuple[str, ...]:
     return (value,) if isinstance(value, str) else tuple(value)
 
@@ -173,7 +187,8 @@ def read_source(signal: str, entry: FileData, everywhere: tuple[float, ...]) -> 
         signal, _texts(entry['channels']), entry.get('combine', 'mean'), entry.get('unit', ''),
         tuple(map(float, scale if isinstance(scale, list) else [scale])), float(entry.get('offset', 0.0)),
         entry.get('positive') == 'charging', everywhere + tuple(map(float, entry.get('no_reading', ()))),
-        tuple(map(float, entry.get('range', PLAUSIBLE[signal]))))  # type: ignore[arg-type]
+        tuple(map(float, entry.get('range', PLAUSIBLE[signal]))),  # type: ignore[arg-type]
+        entry.get('at_least', 0))
 
 
 def source_problems(signal: str, entry: FileData) -> Iterable[str]:
@@ -188,6 +203,8 @@ def source_problems(signal: str, entry: FileData) -> Iterable[str]:
     low, high = entry.get('range', PLAUSIBLE[signal])
     if low >= high:
         yield f'range: {low:g} is not below {high:g}'
+    if 'at_least' in entry and entry.get('combine') == 'first':
+        yield 'at_least: needs combine: mean, min or max'
     if 'positive' in entry and signal not in ('current_a', 'power_w'):
         yield 'positive: only current_a and power_w have a sign of charging'
 

@@ -112,7 +112,7 @@ class BusGatewayNode(Node):
             self._source = source
             if source.heater_frame is None or not values['execute_commands']:
                 return []
-            self._output = HeaterOutput(self, source, values['longest_lease'], self._now_s, self._refuse)
+            self._output = HeaterOutput(self, source, values['longest_lease'], self._now_s, self._tell)
             return ['hvch_command']
         if not self._map.vss.conditioning:
             self._source = VssSource(self._map, self._now_s, lambda values: None)
@@ -130,8 +130,16 @@ class BusGatewayNode(Node):
         return steady_s()
 
     def _refuse(self, sentence: str) -> None:
-        if self._news.has(sentence):
+        self._tell(True, sentence)
+
+    def _tell(self, is_refused: bool, sentence: str) -> None:
+        if not self._news.has(sentence):
+            return
+        # One call for each severity: rclpy raises if a line of code logs with a second one.
+        if is_refused:
             self.get_logger().warning(sentence)
+        else:
+            self.get_logger().info(sentence)
 
     # Battery state
 

@@ -33,10 +33,10 @@ class CanHeater:
         Raises InvalidInput if there is none, or if its frame cannot carry the vehicle's maximum power [W].
         """
         live_map = load_live_map(name_or_file)
-        if live_map.can is None or live_map.heater_command is None:
+        if not live_map.can or live_map.heater_command is None:
             raise InvalidInput(f'{live_map.signals.path}: live.heater_command: is missing; it names the frame '
                                "with the heater's power")
-        self._source = CanSource(live_map, steady_s)
+        self._source = CanSource(live_map, steady_s, maximum_power_w)
         frame = self._source.heater_frame
         assert frame is not None
         if frame.highest_w < maximum_power_w:
@@ -56,7 +56,7 @@ class CanHeater:
 
     def fault(self) -> str:
         """Return a sentence if bus or heater do not work, else ''."""
-        return self.bus_problem or self._source.heater_status(steady_s())[1]
+        return self._source.heaters_problem or self._source.heater_status(steady_s())[1]
 
     def __call__(self, power_w: float) -> float | None:
         """Send the power [W] if the next frame is due; return the measured one [W], None if it is not known."""

@@ -7,6 +7,9 @@ from collections import OrderedDict
 
 # The oldest sender is forgotten beyond this number.
 MOST_SENDERS = 16
+# Depth of a heater's subscription: two planners answer the same battery state at nearly the same instant, and with
+# depth 1 the later command would hide the earlier one, and with it the conflict.
+HEARD_DEPTH = 20
 
 
 class CommandSenders:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 import math
 import time
 from typing import TYPE_CHECKING
@@ -11,7 +12,7 @@ from rclpy.qos import qos_profile_sensor_data, QoSProfile
 from sensor_msgs.msg import BatteryState
 from std_msgs.msg import Float64
 
-from bev_preheat.errors import InvalidInput
+from bev_preheat.errors import age_beyond, InvalidInput
 from bev_preheat.heater.controller import NS_PER_S, Refusal, Verdict
 from bev_preheat.nodes.convert import measurement_from_message
 
@@ -30,7 +31,7 @@ class GateInputs:
 
     def __init__(self, node: Node, gates: HeatingGates, timeout_s: float, tell: Callable[[str], None]) -> None:
         """Subscribe; values older than `timeout_s` [s] close the gates, and `tell` logs a sentence."""
-        self._gates, self._timeout_s, self._tell = gates, timeout_s, tell
+        self._node, self._gates, self._timeout_s, self._tell = node, gates, timeout_s, tell
         self._measurement: Measurement | None = None
         self._measured_at_s = self._speed_at_s = -math.inf
         self._speed_mps = math.nan
@@ -44,8 +45,13 @@ class GateInputs:
             self.topics.append('vehicle_speed')
 
     def _on_battery_state(self, message: BatteryState) -> None:
+        now_ns = self._node.get_clock().now().nanoseconds
         try:
-            self._measurement = measurement_from_message(message)
+            measurement = measurement_from_message(message)
+            age_s, most_s = (now_ns - measurement.stamp_ns) / NS_PER_S, self._timeout_s
+            if abs(age_s) > most_s:
+                raise InvalidInput(f'header.stamp: the state is {age_beyond(age_s, most_s, most_s)}')
+            self._measurement = replace(measurement, arrived_ns=now_ns)
         except InvalidInput as error:
             self._tell(f'battery_state refused: {error}')
             self._measurement = None
@@ -59,10 +65,12 @@ class GateInputs:
         gates, now_s = self._gates, now.steady_ns / NS_PER_S
         soc = temperature_c = speed_mps = math.nan
         if gates.looks_at_battery:
-            if self._measurement is None or now_s - self._measured_at_s > self._timeout_s or abs(
-                    now.clock_ns - self._measurement.stamp_ns) > self._timeout_s * NS_PER_S:
+            measurement = self._measurement
+            if measurement is None or now_s - self._measured_at_s > self._timeout_s or not (
+                    measurement.stamp_ns - now.clock_ns <= self._timeout_s * NS_PER_S
+                    and now.clock_ns < measurement.expires_ns(self._timeout_s)):
                 return Verdict(Refusal.OTHER, 'no valid battery_state, which heating_gates need')
-            soc, temperature_c = self._measurement.state.soc, self._measurement.state.temperature_c
+            soc, temperature_c = measurement.state.soc, measurement.state.temperature_c
         if gates.only_while_standing:
             if now_s - self._speed_at_s > self._timeout_s:
                 return Verdict(Refusal.OTHER, 'no vehicle_speed, which heating_gates need')

@@ -33,12 +33,12 @@ from bev_preheat.heater.controller import (
 )
 from bev_preheat.nodes.can_heater import CanHeater
 from bev_preheat.nodes.command_line import NodeProgram
-from bev_preheat.nodes.command_senders import CommandSenders
+from bev_preheat.nodes.command_senders import CommandSenders, HEARD_DEPTH
 from bev_preheat.nodes.gate_inputs import GateInputs
 from bev_preheat.nodes.heater_messages import (
     heater_command,
     heater_diagnostics,
-    LEVELS,
+    RefusalNews,
     status_message,
 )
 from bev_preheat.nodes.managed import LIFECYCLE, ManagedStates, NOT_ACTIVE
@@ -99,6 +99,7 @@ class HeaterControllerNode(Node):
         self._can = CanHeater(values['signals'], vehicle.hvch.maximum_power_w) if values['signals'] else None
         self._output = output or self._can or _without_heater
         self._senders, self._news, self._bus_problem = CommandSenders(), RepetitionFilter(), ''
+        self._refusal_news = RefusalNews()
         self._answer = HeaterAnswer(0.0, 0.0, Refusal.NO_COMMAND, 'no command has arrived yet')
         # The latest refusal and requested power [W] that were published, and when [s].
         self._told, self._told_at_s = (Refusal.NO_COMMAND, 0.0), -math.inf
@@ -109,7 +110,10 @@ class HeaterControllerNode(Node):
         self._gate_inputs = GateInputs(self, vehicle.heating_gates, values['battery_state_timeout'], self._tell)
         # Not the node's clock: that may stand or be set.
         self._is_active = not values['lifecycle']
-        self._managed = None if self._is_active else ManagedStates(self, self._on_activation)
+        self._managed: ManagedStates | None = None
+        if values['lifecycle']:
+            self._managed = ManagedStates(self, self._on_activation)
+            self.finished = self._managed.finished
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(min([values['period'], *([] if self._can is None else [self._can.period_s])]),
                           self._on_period, clock=steady)
@@ -120,10 +124,10 @@ class HeaterControllerNode(Node):
                                f'{vehicle.hvch.maximum_power_w:g} W.')
 
     def _subscribe_to_commands(self, deadline_s: float | None) -> None:
-        qos, events = QoSProfile(depth=1), SubscriptionEventCallbacks()
+        qos, events = QoSProfile(depth=HEARD_DEPTH), SubscriptionEventCallbacks()
         if deadline_s is not None:
             within = Duration(seconds=deadline_s)
-            qos = QoSProfile(depth=1, deadline=within, liveliness=LivelinessPolicy.MANUAL_BY_TOPIC,
+            qos = QoSProfile(depth=HEARD_DEPTH, deadline=within, liveliness=LivelinessPolicy.MANUAL_BY_TOPIC,
                              liveliness_lease_duration=within)
             events = SubscriptionEventCallbacks(deadline=self._on_missed_deadline, liveliness=self._on_liveliness)
         self.create_subscription(HvchCommand, 'hvch_command', self._on_command, qos, event_callbacks=events)
@@ -181,8 +185,9 @@ class HeaterControllerNode(Node):
         news = answer.refusal, answer.requested_w
         if news == self._told and now_s - self._told_at_s < STATUS_PERIOD_S:
             return
-        if answer.refusal is not self._told[0] and answer.refusal in LEVELS:
-            self._tell(f'{answer.refusal.name}: {answer.sentence}')
+        is_refused, sentence = self._refusal_news.sentence(answer)
+        if sentence:
+            self._tell(sentence, is_refused)
         self._told, self._told_at_s = news, now_s
         self._status_publisher.publish(status_message(answer, now.clock_ns, measured_w))
 
@@ -206,9 +211,14 @@ class HeaterControllerNode(Node):
             self._tell(problem)
         self._bus_problem = problem
 
-    def _tell(self, sentence: str) -> None:
-        if self._news.has(sentence):
+    def _tell(self, sentence: str, is_refused: bool = True) -> None:
+        if not self._news.has(sentence):
+            return
+        # One call for each severity: rclpy raises if a line of code logs with a second one.
+        if is_refused:
             self.get_logger().warning(sentence)
+        else:
+            self.get_logger().info(sentence)
 
     def last_words(self) -> None:
         """Switch the heater off before the process ends, and say so."""

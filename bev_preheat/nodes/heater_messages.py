@@ -39,6 +39,25 @@ LEVELS = {
 }
 
 
+class RefusalNews:
+    """Words for the log when a refusal begins or ends."""
+
+    def __init__(self) -> None:
+        """Start as a heater does: without a command."""
+        self._refusal, self._told = Refusal.NO_COMMAND, ''
+
+    def sentence(self, answer: HeaterAnswer) -> tuple[bool, str]:
+        """Return whether the heater is refused now, and the news since the call before; '' without news."""
+        is_refused = answer.refusal in LEVELS
+        if answer.refusal is self._refusal:
+            return is_refused, ''
+        ended = f'{self._told} is over' if self._told else ''
+        begun = f'{answer.refusal.name}: {answer.sentence}' if is_refused else 'the command is served'
+        sentence = '; '.join(filter(None, [ended, begun if is_refused or ended else '']))
+        self._refusal, self._told = answer.refusal, answer.refusal.name if is_refused else ''
+        return is_refused, sentence
+
+
 def heater_command(message: HvchCommand, sender: Hashable = None) -> HeaterCommand:
     """Return the HeaterCommand of a message; the controller checks it."""
     return HeaterCommand(float(message.battery_heating_power), nanoseconds(message.header.stamp),

@@ -24,8 +24,8 @@ from bev_preheat.heater.controller import (
     Verdict,
 )
 from bev_preheat.nodes.bus_messages import bus_entry
-from bev_preheat.nodes.command_senders import CommandSenders
-from bev_preheat.nodes.heater_messages import heater_command, LEVELS, status_message
+from bev_preheat.nodes.command_senders import CommandSenders, HEARD_DEPTH
+from bev_preheat.nodes.heater_messages import heater_command, LEVELS, RefusalNews, status_message
 from bev_preheat.nodes.process import LAST_WORDS_TIME
 from bev_preheat_msgs.msg import HvchCommand, HvchStatus
 
@@ -45,20 +45,20 @@ class HeaterOutput:
     """A HeaterController whose heater is a frame on CAN."""
 
     def __init__(self, node: Node, source: CanSource, longest_lease_s: float, clock_s: Callable[[], float],
-                 refuse: Callable[[str], None]) -> None:
-        """Subscribe and begin to send; `clock_s` is the readings' clock, `refuse` logs a sentence."""
+                 log: Callable[[bool, str], None]) -> None:
+        """Subscribe and begin to send; `clock_s` is the readings' clock, `log(is_refused, sentence)` logs."""
         assert source.heater_frame is not None
-        self._node, self._source, self._clock_s, self._refuse = node, source, clock_s, refuse
+        self._node, self._source, self._clock_s, self._log = node, source, clock_s, log
         self._controller = HeaterController(HeaterLimits(
             source.heater_frame.highest_w, longest_lease_s=longest_lease_s))
-        self._senders = CommandSenders()
+        self._senders, self._refusal_news = CommandSenders(), RefusalNews()
         self._answer = HeaterAnswer(0.0, 0.0, Refusal.NO_COMMAND, 'no command has arrived yet')
         self._measured_w: float | None = None
         self._told, self._told_at_s = (Refusal.NO_COMMAND, 0.0), 0.0
         self._unsent = ''
         self._sent = 0
         self._status_publisher = node.create_publisher(HvchStatus, STATUS, 1)
-        node.create_subscription(HvchCommand, COMMAND, self._on_command, 1)
+        node.create_subscription(HvchCommand, COMMAND, self._on_command, HEARD_DEPTH)
         node.create_timer(source.heater_frame.period_s, self._on_frame,
                           clock=Clock(clock_type=ClockType.STEADY_TIME))
 
@@ -86,8 +86,9 @@ class HeaterOutput:
         news = answer.refusal, answer.requested_w
         if news == self._told and now_s - self._told_at_s < STATUS_PERIOD_S:
             return
-        if answer.refusal is not self._told[0] and answer.refusal in LEVELS:
-            self._refuse(f'{answer.refusal.name}: {answer.sentence}')
+        is_refused, sentence = self._refusal_news.sentence(answer)
+        if sentence:
+            self._log(is_refused, sentence)
         self._told, self._told_at_s = news, now_s
         self._status_publisher.publish(status_message(answer, now.clock_ns, self._measured_w))
 

@@ -231,6 +231,7 @@ class PlannerNode(Node):
         if values['lifecycle']:
             self._on_activation(False)
             self._managed = ManagedStates(self, self._on_activation)
+            self.finished = self._managed.finished
         if not self._supervisor.state.is_enabled:
             self.get_logger().info('Preheating is switched off, as it was before the restart.')
 

@@ -31,7 +31,9 @@ CALM_STATES = 30
 SLOW_GAPS, STEADY_GAPS = 2, 3
 
 
-class _SeenState(NamedTuple):
+class SeenState(NamedTuple):
+    """A battery state: instant [s], temperature [deg C], charge (0 ... 1), voltage [V], name ('': none)."""
+
     instant_s: float
     temperature_c: float
     soc: float
@@ -45,7 +47,7 @@ class SourceWatch:
     def __init__(self) -> None:
         """Start without states."""
         self.doubt = ''
-        self._before: _SeenState | None = None
+        self._before: SeenState | None = None
         self._jumps: deque[bool] = deque(maxlen=STATES)
         self._calm = 0
 
@@ -60,7 +62,7 @@ class SourceWatch:
 
         `name` identifies the battery in the message, '' if it does not. Returns `doubt`.
         """
-        state = _SeenState(instant_s, temperature_c, soc, voltage_v, name)
+        state = SeenState(instant_s, temperature_c, soc, voltage_v, name)
         before, self._before = self._before, state
         if before is None or not 0.0 <= instant_s - before.instant_s <= TOGETHER_S:
             self._jumps.clear()
@@ -74,7 +76,7 @@ class SourceWatch:
             self.doubt = ''
         return self.doubt
 
-    def _sentence(self, one: _SeenState, other: _SeenState) -> str:
+    def _sentence(self, one: SeenState, other: SeenState) -> str:
         if one.name != other.name:
             names = ' and '.join(quoted(each.name) if each.name else 'one without a name' for each in (one, other))
             return f'battery_state comes from two batteries: {names}; remap the topic to the traction battery'
@@ -86,7 +88,12 @@ class SourceWatch:
                 f'before, {_in_words(one)} and {_in_words(other)}; remap the topic to the traction battery')
 
 
-def _jumping(one: _SeenState, other: _SeenState) -> list[str]:
+def is_one_battery(one: SeenState, other: SeenState) -> bool:
+    """Return whether two states may be of one battery."""
+    return one.name == other.name and not _jumping(one, other)
+
+
+def _jumping(one: SeenState, other: SeenState) -> list[str]:
     """Return the signals that change from one state to the next faster than those of a battery."""
     elapsed_s = other.instant_s - one.instant_s
     jumps = {
@@ -97,7 +104,7 @@ def _jumping(one: _SeenState, other: _SeenState) -> list[str]:
     return [signal for signal, has_jumped in jumps.items() if has_jumped]
 
 
-def _in_words(state: _SeenState) -> str:
+def _in_words(state: SeenState) -> str:
     voltage = '' if state.voltage_v is None else f', {state.voltage_v:.0f} V'
     return f'{state.temperature_c:.1f} degC, {100 * state.soc:.1f} %{voltage}'
 

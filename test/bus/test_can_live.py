@@ -240,7 +240,7 @@ def test_the_commands_frame_has_power_counter_and_checksum(car):
 
 def test_a_controller_that_is_off_is_a_problem_until_a_frame_comes():
     live_map = load_live_map('example_car')
-    link = CanLink(live_map.can, [(STATUS, False)], lambda *frame: None)
+    link = CanLink(live_map.can[0], [(STATUS, False)], lambda *frame: None)
     link.problem = ''
     bus_off = SimpleNamespace(is_error_frame=True, arbitration_id=0x40)
     frame = SimpleNamespace(is_error_frame=False, is_remote_frame=False, is_rx=True, arbitration_id=STATUS,

@@ -40,7 +40,7 @@ def test_a_clock_that_falls_back_by_more_than_a_second_was_restarted(back_ns, re
     measurement = Measurement(STATE, NOW_NS - back_ns if restarted else NOW_NS)
     inbox.accept_battery(measurement, NOW_NS - back_ns)
     assert inbox.take_changes().clock_restarted is restarted
-    assert inbox.measurement is measurement
+    assert inbox.measurement == measurement
 
 
 def test_the_least_power_switches_the_heater_on_and_none_does_not():

@@ -74,7 +74,7 @@ def test_what_was_handed_over_cannot_be_changed(kind):
 def test_a_refused_battery_state_is_told_with_its_hint(inbox, hint, problems):
     assert refused(inbox, BatteryStateArrived(BAD, hint)) == problems
     assert inbox.refusal == f'battery_state refused: {"; ".join(problems)}'
-    assert inbox.measurement is GOOD
+    assert inbox.measurement == GOOD
 
 
 def test_a_valid_battery_state_needs_no_hint(inbox):

@@ -172,6 +172,16 @@ def test_second_commander_switches_off_until_only_one_is_left():
     assert heater.power_w() == 2500.0
 
 
+def test_conflict_that_ends_in_silence_is_over():
+    heater = Heater()
+    heater.command(2500.0, sender='planner')
+    heater.command(2500.0, sender='stranger')
+    assert heater.answer().refusal is Refusal.COMMAND_CONFLICT
+    heater.wait(2.5)
+    assert heater.answer() == (0.0, 0.0, Refusal.NO_COMMAND,
+                               'no valid command has arrived since two nodes commanded')
+
+
 def test_second_commander_counts_although_its_commands_are_invalid():
     heater = Heater()
     heater.command(2500.0)

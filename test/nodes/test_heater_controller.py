@@ -131,8 +131,13 @@ def test_second_commander_switches_off_and_is_named(controlled):
     controlled.heats()
     stranger = controlled.bench.publisher(HvchCommand, 'hvch_command', OFFERED)
     stranger.wait_for_subscription()
-    with repeating(lambda: controlled.commands.publish(command(2500.0)), PERIOD_S), \
-            repeating(lambda: stranger.publish(command(1500.0)), PERIOD_S):
+
+    def publish_both():
+        # Together, as planners that answer the same battery state.
+        controlled.commands.publish(command(2500.0))
+        stranger.publish(command(1500.0))
+
+    with repeating(publish_both, PERIOD_S):
         controlled.refused(HvchStatus.COMMAND_CONFLICT)
         controlled.names('2 nodes command the heater')
         controlled.statuses.clear()

@@ -42,7 +42,9 @@ def substituted(text, values):
     text = re.sub(r'\$\(find-pkg-share (\w+)\)', lambda found: get_package_share_directory(found[1]),
                   text)
     text = re.sub(r'\$\(var (\w+)\)', lambda found: substituted(values[found[1]], values), text)
-    return re.sub(r'\$\(not (\w+)\)', lambda found: str(found[1] != 'true').lower(), text)
+    text = re.sub(r'\$\(not (\w+)\)', lambda found: str(found[1] != 'true').lower(), text)
+    # Of expressions, the file has the comparison with an empty text alone.
+    return re.sub(r"\$\(eval '\\'([^']*)\\' != \\'\\''\)", lambda found: str(found[1] != '').lower(), text)
 
 
 def values_of(launch, **given):
@@ -51,14 +53,29 @@ def values_of(launch, **given):
     return {**defaults, **given}
 
 
+def nodes_of(parent, values, before=()):
+    """Yield each node with the ROS arguments of the groups around it, which come before its own."""
+    arguments = list(before)
+    for child in parent:
+        if child.tag == 'group':
+            yield from nodes_of(child, values, arguments)
+        elif child.tag == 'node':
+            yield child, arguments
+        elif child.tag == 'set_parameters_from_file':
+            arguments += ['--params-file', substituted(child.get('filename'), values)]
+        elif child.tag == 'set_parameter' and substituted(child.get('if', 'true'), values) == 'true':
+            arguments += ['-p', f'{child.get("name")}:={substituted(child.get("value"), values)}']
+
+
 def started_by(launch, **given):
     """Return [(executable, ROS arguments)] of the nodes that `ros2 launch` starts with these arguments."""
     values, started = values_of(launch, **given), []
-    for node in launch.iter('node'):
+    for node, of_group in nodes_of(launch, values):
         if substituted(node.get('if', 'true'), values) != 'true':
             continue
         namespace = substituted(launch.find('.//push-ros-namespace').get('namespace'), values)
         arguments = ['-r', f'__node:={node.get("name")}', '-r', f'__ns:={namespace}']
+        arguments += of_group
         for parameter in node.findall('param'):
             if parameter.get('from'):
                 arguments += ['--params-file', substituted(parameter.get('from'), values)]
@@ -77,6 +94,8 @@ def test_it_starts_executables_of_this_package_with_parameters_that_they_have(la
         known = {parameter.name for parameter in NODES[executable].PARAMETERS} | {'use_sim_time'}
         assert {parameter.get('name') for parameter in node.findall('param')} - {None} <= known
     assert all(argument.get('description') for argument in launch.findall('arg'))
+    assert {parameter.get('name') for parameter in launch.iter('set_parameter')} <= {
+        parameter.name for parameter in planner_node.PARAMETERS}
 
 
 @pytest.mark.parametrize('given, executables', [
@@ -85,6 +104,27 @@ def test_it_starts_executables_of_this_package_with_parameters_that_they_have(la
     ({'checker': 'true', 'simulator': 'true'}, ['planner', 'nlp_checker', 'vehicle_simulator'])])
 def test_the_planner_comes_alone_unless_more_is_wanted(launch, given, executables):
     assert [name for name, _ in started_by(launch, **given)] == executables
+
+
+def test_arguments_that_are_not_given_leave_the_values_of_the_parameter_file(launch):
+    (_, arguments), = started_by(launch)
+    names = {argument.partition(':=')[0] for argument in arguments}
+    assert not names & {'state_file', 'flight_recorder', 'locked'}
+    (_, arguments), = started_by(launch, state_file='/data/state', flight_recorder='/data/flights', locked='true')
+    # Later ones count.
+    after_the_file = set(arguments[arguments.index('--params-file') + 2:])
+    assert {'state_file:=/data/state', 'flight_recorder:=/data/flights', 'locked:=true'} <= after_the_file
+
+
+def test_example_with_a_lifecycle_manager_names_the_managed_nodes(launch):
+    example = ElementTree.parse(SHARE / 'launch' / 'managed.launch.xml').getroot()
+    given = {argument.get('name'): argument.get('value') for argument in example.find('include').findall('arg')}
+    manager = {parameter.get('name'): parameter.get('value')
+               for parameter in example.find('.//node').findall('param')}
+    started = started_by(launch, **{**given, 'namespace': '/'})
+    managed = [name for name, arguments in started if 'lifecycle:=true' in arguments]
+    assert sorted(manager['node_names'].split(',')) == sorted(managed) == ['heater_controller', 'planner']
+    assert (manager['autostart'], float(manager['bond_timeout'])) == ('true', 0.0)
 
 
 def test_nodes_of_the_car_are_restarted_on_request(launch):

@@ -10,6 +10,7 @@ from rclpy.parameter import Parameter
 from test_command_conflict import feeding, heats, QUICK
 from test_heater_controller import command, OFFERED
 
+from bev_preheat.planning.status import Status
 from bev_preheat_msgs.msg import HvchCommand, HvchStatus, PreheatPlan
 
 ACTIVE = 'active'
@@ -18,8 +19,7 @@ WAY = (
     (Transition.TRANSITION_CONFIGURE, 'inactive'), (Transition.TRANSITION_ACTIVATE, ACTIVE),
     (Transition.TRANSITION_DEACTIVATE, 'inactive'), (Transition.TRANSITION_ACTIVATE, ACTIVE),
     (Transition.TRANSITION_DEACTIVATE, 'inactive'), (Transition.TRANSITION_CLEANUP, 'unconfigured'),
-    (Transition.TRANSITION_CONFIGURE, 'inactive'), (Transition.TRANSITION_ACTIVATE, ACTIVE),
-    (Transition.TRANSITION_ACTIVE_SHUTDOWN, 'finalized'))
+    (Transition.TRANSITION_CONFIGURE, 'inactive'), (Transition.TRANSITION_ACTIVATE, ACTIVE))
 
 
 def goes(bench, node, transition):
@@ -27,6 +27,13 @@ def goes(bench, node, transition):
     request = ChangeState.Request(transition=Transition(id=transition))
     assert bench.call(ChangeState, f'/{node}/change_state', request).success
     return state(bench, node)
+
+
+def shut_down(bench, node, process):
+    """Make the transition `shutdown` of an active node, and return the exit status of its process."""
+    request = ChangeState.Request(transition=Transition(id=Transition.TRANSITION_ACTIVE_SHUTDOWN))
+    assert bench.call(ChangeState, f'/{node}/change_state', request).success
+    return process.wait()
 
 
 def state(bench, node):
@@ -37,7 +44,7 @@ def test_managed_planner_heats_only_when_active(bench):
     commands = bench.record(HvchCommand, 'hvch_command', 100)
     plans = bench.record(PreheatPlan, 'preheat_plan', 100)
     with feeding(bench):
-        bench.start('planner', *QUICK, '-p', 'lifecycle:=true')
+        process = bench.start('planner', *QUICK, '-p', 'lifecycle:=true')
         commands.wait_for_count(5)
         assert state(bench, 'planner') == 'unconfigured'
         assert plans.wait_for(lambda plan: 'not active' in plan.explanation).status == PreheatPlan.DISABLED
@@ -49,11 +56,13 @@ def test_managed_planner_heats_only_when_active(bench):
             else:
                 # The first one may have been under way.
                 assert not any(map(heats, commands.wait_for_count(10)[1:]))
+        assert shut_down(bench, 'planner', process) == 0
+        assert (commands.latest.battery_heating_power, commands.latest.reason) == (0.0, Status.SHUTTING_DOWN)
 
 
 def test_managed_heater_controller_heats_only_when_active(bench):
     statuses = bench.record(HvchStatus, 'hvch_status', 100)
-    bench.start('heater_controller', '-p', 'lifecycle:=true')
+    process = bench.start('heater_controller', '-p', 'lifecycle:=true')
     commands = bench.publisher(HvchCommand, 'hvch_command', OFFERED)
     commands.wait_for_subscription()
     with repeating(lambda: commands.publish(command(2500.0)), 0.2):
@@ -65,6 +74,8 @@ def test_managed_heater_controller_heats_only_when_active(bench):
                 statuses.wait_for(lambda status: status.active_power == 2500.0, 'heat')
             else:
                 assert {status.active_power for status in statuses.wait_for_count(3)[1:]} == {0.0}
+        assert shut_down(bench, 'heater_controller', process) == 0
+        assert (statuses.latest.active_power, statuses.latest.refusal) == (0.0, HvchStatus.NOT_ACTIVE)
 
 
 @pytest.mark.parametrize('locked', [True, False])

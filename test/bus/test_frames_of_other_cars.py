@@ -1,0 +1,406 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Heaters commanded by share or set-point, E2E profiles, cells with gaps, two buses, messages on maps."""
+
+from functools import reduce
+import time
+
+import pytest
+
+from bev_preheat.bus.bus_clock import steady_s
+from bev_preheat.bus.can_decoder import BusMessages, CanDecoder
+from bev_preheat.bus.can_source import CanSource
+from bev_preheat.bus.heater_frame import HeaterFrame
+from bev_preheat.bus.live_map import load_live_map
+from bev_preheat.bus.readings import Readings
+from bev_preheat.errors import InvalidInput
+from bev_preheat.logs.reading import read_recording
+
+pytestmark = [pytest.mark.needs('cantools'), pytest.mark.needs('can'), pytest.mark.needs('crccheck'),
+              pytest.mark.needs('pint')]
+NS = 'VERSION ""\nBU_: CAR GW\n'
+BATTERY = NS + """BO_ 256 BMS: 8 CAR
+ SG_ Temp : 0|16@1- (0.01,0) [-60|100] "degC" GW
+ SG_ Soc : 16|8@1+ (0.5,0) [0|100] "%" GW
+BO_ 257 Cells: 8 CAR
+""" + ''.join(f' SG_ T{n} : {8 * n - 8}|8@1+ (1,-50) [-50|100] "degC" GW\n' for n in range(1, 9))
+HEATER = """BO_ 512 Heater: 8 GW
+ SG_ Share : 0|8@1+ (0.5,0) [0|100] "%" CAR
+ SG_ Power : 8|8@1+ (0.1,0) [0|10] "kW" CAR
+ SG_ SetPoint : 16|8@1+ (0.5,-20) [-20|90] "degC" CAR
+ SG_ Plain : 24|8@1+ (50,0) [0|7000] "" CAR
+ SG_ Current : 32|8@1+ (1,0) [0|250] "A" CAR
+ SG_ Enable : 40|1@1+ (1,0) [0|1] "" CAR
+ SG_ Count : 44|4@1+ (1,0) [0|15] "" CAR
+BO_ 513 HeaterState: 8 CAR
+ SG_ Share : 0|8@1+ (0.5,0) [0|100] "%" GW
+ SG_ Inlet : 8|8@1+ (0.5,-40) [-40|87.5] "degC" GW
+"""
+MAP = """dbc: car.dbc
+signals: {{battery_temperature_c: BMS.Temp, soc: BMS.Soc{signals}}}
+live:
+  can: {{interface: virtual, channel: {channel}}}
+{live}
+"""
+
+
+def written_map(folder, live='', dbc=BATTERY + HEATER, signals=''):
+    """Write a map and its DBC; the bus has the folder's name, so that each test has its own."""
+    (folder / 'car.dbc').write_text(dbc)
+    (folder / 'car.yaml').write_text(MAP.format(channel=folder.name, live=live, signals=signals))
+    return folder / 'car.yaml'
+
+
+def heater_frame(folder, command, vehicle_power_w=None, dbc=BATTERY + HEATER):
+    live_map = load_live_map(written_map(
+        folder, f'  heater_command: {{message: Heater, counter: Count, {command}}}', dbc))
+    return HeaterFrame(live_map.heater_command, BusMessages(live_map).by_name, str(live_map.signals.path),
+                       vehicle_power_w)
+
+
+# --- The contents of the command ---
+
+
+@pytest.mark.parametrize('command, vehicle_w, byte, expected', [
+    # Raw values by hand: half per cent, tenths of a kilowatt, 50 W.
+    ('power: Share, full_power_w: 5000', None, 0, {0: 0, 24: 0, 25: 1, 2500: 100, 4999: 199, 5000: 200, 9e9: 200}),
+    ('power: Share', 7000.0, 0, {0: 0, 3500: 100, 7000: 200}),
+    ('power: Share, full_power_w: 5000, maximum_power_w: 3000', None, 0, {4000: 120}),
+    ('power: Power', None, 1, {0: 0, 99: 0, 100: 1, 3456: 34, 99999: 100}),
+    ('power: Plain, unit: W', None, 3, {0: 0, 49: 0, 3456: 69}),
+], ids=['share of the map', "share of the vehicle's power", 'limited share', 'kilowatts', 'unit of the map'])
+def test_power_and_share_are_never_above_the_command(tmp_path, command, vehicle_w, byte, expected):
+    frame = heater_frame(tmp_path, f'{command}, enable: Enable', vehicle_w)
+    for power_w, raw in expected.items():
+        data = frame.next(power_w)
+        assert (data[byte], data[5] & 1) == (raw, raw > 0), power_w
+
+
+COOLANT = 'power: SetPoint, maximum_power_w: 5000, coolant: {follows: HeaterState.Inlet, watts_per_kelvin: 200, ' \
+          'range_c: [5, 60]}'
+
+
+@pytest.mark.parametrize('power_w, inlet_c, set_point_c', [
+    # Inlet + power / 200 W/K, rounded down to half a kelvin, at most 60 degC and the heater's 5000 W.
+    (2000.0, 10.0, 20.0), (2010.0, 10.0, 20.0), (2100.0, 10.0, 20.5), (9e9, 10.0, 35.0), (4000.0, 55.0, 60.0),
+    # 0 W, an unknown inlet, a set-point below the range, a difference rounded to 0: off.
+    (0.0, 10.0, None), (-5.0, 10.0, None), (2000.0, None, None), (2000.0, float('nan'), None),
+    (1000.0, -10.0, None), (90.0, 10.0, None), (1000.0, 65.0, None)])
+@pytest.mark.parametrize('off, off_raw', [('off_value: -20', 0), ('enable: Enable', 50)])
+def test_set_point_follows_the_coolant_and_is_off_in_doubt(tmp_path, power_w, inlet_c, set_point_c, off, off_raw):
+    data = heater_frame(tmp_path, f'{COOLANT}, {off}').next(power_w, inlet_c)
+    assert data[2] == (off_raw if set_point_c is None else 2 * (set_point_c + 20.0))
+    if 'enable' in off:
+        assert data[5] & 1 == (set_point_c is not None)
+
+
+def test_heater_is_at_fault_without_the_temperature_that_its_set_point_follows(tmp_path):
+    now_s = [100.0]
+    path = written_map(
+        tmp_path, f'  heater_command: {{message: Heater, counter: Count, off_value: -20, {COOLANT}}}')
+    source = CanSource(load_live_map(path), lambda: now_s[0])
+    assert source.heater_status(100.0)[1] == 'no valid HeaterState.Inlet for 2 s, which the set-point follows'
+    source._on_frame(0, 513, False, bytes([0, 100, 0, 0, 0, 0, 0, 0]), 0.0)
+    assert source.heater_status(101.9) == (None, '')
+    assert source.heater_status(102.1)[1]
+
+
+def test_measured_share_becomes_watts(tmp_path):
+    source = CanSource(load_live_map(written_map(
+        tmp_path, '  heater_status: {power: HeaterState.Share}\n  heater_command: {message: Heater, power: Share, '
+        'counter: Count, full_power_w: 5000}')), lambda: 100.0)
+    source._on_frame(0, 513, False, bytes([90, 0, 0, 0, 0, 0, 0, 0]), 0.0)
+    assert source.heater_status(100.5) == (pytest.approx(2250.0), '')
+
+
+# --- End-to-end protection ---
+
+
+def crc(data, bits, polynomial, start, final):
+    """Return a CRC bit by bit."""
+    value = start
+    for byte in data:
+        value ^= byte << bits - 8
+        for _ in range(8):
+            value = (value << 1 ^ (polynomial if value >> bits - 1 else 0)) & (1 << bits) - 1
+    return value ^ final
+
+
+LIST = list(range(1, 17))
+DBC_P11 = NS + """BO_ 512 Heater: 8 GW
+ SG_ Crc : 0|8@1+ (1,0) [0|255] "" CAR
+ SG_ Count : 8|4@1+ (1,0) [0|15] "" CAR
+ SG_ Nibble : 12|4@1+ (1,0) [0|15] "" CAR
+ SG_ Power : 16|8@1+ (100,0) [0|7000] "W" CAR
+"""
+DBC_P5 = NS + """BO_ 512 Heater: 8 GW
+ SG_ Crc : 0|16@1+ (1,0) [0|65535] "" CAR
+ SG_ Count : 16|8@1+ (1,0) [0|255] "" CAR
+ SG_ Power : 24|8@1+ (100,0) [0|7000] "W" CAR
+"""
+DBC_P5_LONG = NS + """BO_ 512 Heater: 16 GW
+ SG_ Power : 0|8@1+ (100,0) [0|7000] "W" CAR
+ SG_ Crc : 64|16@1+ (1,0) [0|65535] "" CAR
+ SG_ Count : 80|8@1+ (1,0) [0|255] "" CAR
+"""
+# The examples of AUTOSAR's E2E Protocol Specification for profiles 5 and 11, and their like for 1 and 2 as the
+# library autosar-e2e 1.0 has them: data of zeros, counter 0, 1, 2.
+VECTORS = [
+    (DBC_P11, 'e2e_profile: 11, data_id: 0x123', 15, ['cc00', '9101', '7602']),
+    (DBC_P11, 'e2e_profile: 11, data_id: 0x123, data_id_mode: nibble, data_id_nibble: Nibble', 15,
+     ['2a10', '7711', '9012']),
+    (DBC_P11, 'e2e_profile: 1, data_id: 0x123', 15, ['cc00', '9101', '7602']),
+    (DBC_P11, 'e2e_profile: 1, data_id: 0x123, data_id_mode: alternating', 15, ['ce00', '0201', '7402']),
+    (DBC_P11, 'e2e_profile: 1, data_id: 0x123, data_id_mode: low', 15, ['ce00', '9301', '7402']),
+    (DBC_P11, f'e2e_profile: 2, data_ids: {LIST}', 16, ['0e00', '1b01', '9802']),
+    (DBC_P11, f'e2e_profile: 22, data_ids: {LIST}', 16, ['0e00', '1b01', '9802']),
+    (DBC_P5, 'e2e_profile: 5, data_id: 0x1234', 256, ['1cca00', 'cf8d01']),
+    (DBC_P5_LONG, 'e2e_profile: 5, data_id: 0x1234', 256, ['0000000000000000289100'])]
+IDS = ['11', '11 nibble', '1', '1 alternating', '1 low', '2', '22', '5', '5 at byte 8']
+
+
+def protected(folder, dbc, protection):
+    return heater_frame(folder, f'power: Power, checksum: {{signal: Crc, {protection}}}', dbc=dbc)
+
+
+@pytest.mark.parametrize('dbc, protection, counts, beginnings', VECTORS, ids=IDS)
+def test_sent_frames_have_the_published_protection(tmp_path, dbc, protection, counts, beginnings):
+    frame = protected(tmp_path, dbc, protection)
+    # The constructor made the frame with count 0.
+    frame._count = 0
+    for beginning in beginnings:
+        data = frame.next(0.0)
+        assert data == bytes.fromhex(beginning).ljust(len(data), b'\0')
+
+
+@pytest.mark.parametrize('dbc, protection, counts, _', VECTORS, ids=IDS)
+def test_counter_has_the_range_of_the_profile(tmp_path, dbc, protection, counts, _):
+    frame = protected(tmp_path, dbc, protection)
+    at = {DBC_P11: 1, DBC_P5: 2, DBC_P5_LONG: 10}[dbc]
+    mask = 0xFF if dbc is not DBC_P11 else 0xF
+    seen = [frame.next(1000.0)[at] & mask for _ in range(2 * counts)]
+    assert seen == [(1 + number) % counts for number in range(2 * counts)]
+
+
+def receiver(folder, dbc, protection, counter='counter: Count, '):
+    text = dbc
+    for before, after in (('Heater', 'BMS'), ('"W"', '"degC"'), ('Power', 'Temp'), ('[0|7000]', '[0|80]'),
+                          ('(100,0)', '(1,0)')):
+        text = text.replace(before, after)
+    path = written_map(folder, f'  required: [battery_temperature_c]\n  messages: {{BMS: {{{counter}checksum: '
+                               f'{{signal: Crc, {protection}}}}}}}', text)
+    return CanDecoder(load_live_map(path))
+
+
+@pytest.mark.parametrize('dbc, protection, counts, _', VECTORS, ids=IDS)
+def test_received_frames_are_checked_and_each_wrong_bit_is_found(tmp_path, dbc, protection, counts, _):
+    (tmp_path / 'other').mkdir()
+    frame, decoder = protected(tmp_path / 'other', dbc, protection), receiver(tmp_path, dbc, protection)
+    for number in range(20):
+        readings = Readings()
+        data = frame.next(100.0 * (number + 1))
+        decoder.take(512, False, data, float(number), readings)
+        assert readings.latest('battery_temperature_c', 'BMS.Temp').value == number + 1
+    for bit in range(8 * len(data)):
+        readings = Readings()
+        wrong = (int.from_bytes(data, 'big') ^ 1 << bit).to_bytes(len(data), 'big')
+        decoder.take(512, False, wrong, 100.0 + bit, readings)
+        assert readings.latest('battery_temperature_c', 'BMS.Temp') is None
+        assert readings.doubts(100.0 + bit)
+
+
+def test_data_id_of_another_message_is_refused(tmp_path):
+    decoder, readings = receiver(tmp_path, DBC_P5, 'e2e_profile: 5, data_id: 0x1235'), Readings()
+    decoder.take(512, False, bytes.fromhex('1cca000000000000'), 0.0, readings)
+    assert 'Crc is 0xCA1C, but the checksum of the data is 0x' in readings.doubts(0.0)['BMS']
+
+
+def test_plain_crc16_has_a_suffix_and_motorola_order(tmp_path):
+    dbc = DBC_P5.replace('0|16@1+', '7|16@0+')
+    decoder, readings = receiver(
+        tmp_path, dbc, 'method: crc16_ccitt, suffix: [0x34, 0x12]', counter=''), Readings()
+    body = bytes([5, 21, 0, 0, 0, 0])
+    protection = crc(body + b'\x34\x12', 16, 0x1021, 0xFFFF, 0).to_bytes(2, 'big')
+    decoder.take(512, False, protection + body, 0.0, readings)
+    assert readings.latest('battery_temperature_c', 'BMS.Temp').value == 21.0
+
+
+# --- Cells with gaps ---
+
+
+@pytest.mark.parametrize('entry', ["'/^Cells\\.T\\d$/'", str([f'Cells.T{n}' for n in range(1, 9)])])
+@pytest.mark.parametrize('combine', ['mean', 'min', 'max'])
+@pytest.mark.parametrize('missing', [0, 1, 2, 3, 8])
+def test_aggregate_holds_while_enough_cells_are_valid(tmp_path, entry, combine, missing):
+    path = written_map(tmp_path)
+    path.write_text(path.read_text().replace(
+        'BMS.Temp', f'{{channels: {entry}, combine: {combine}, at_least: 6, no_reading: [77]}}'))
+    source = CanSource(load_live_map(path), lambda: 100.0)
+    cells_c = [10.0 + number for number in range(8)]
+    raw = [round(cell_c + 50) if number >= missing else 127 for number, cell_c in enumerate(cells_c)]
+    source._on_frame(0, 256, False, bytes([0, 0, 160, 0, 0, 0, 0, 0]), 0.0)
+    source._on_frame(0, 257, False, bytes(raw), 0.0)
+    battery, lacking = source.battery(100.5)
+    valid = cells_c[missing:]
+    if len(valid) < 6:
+        assert battery is None
+        assert lacking[0].startswith('battery_temperature_c: ')
+        assert lacking[0].endswith(f'{len(valid)} of 8 channels are valid, at least 6 are needed')
+    else:
+        expected = {'mean': sum(valid) / len(valid), 'min': min(valid), 'max': max(valid)}[combine]
+        assert battery.temperature_c == pytest.approx(expected)
+        assert [f'{len(valid)} of 8 channels are valid' in sentence for sentence in battery.missing] == (
+            [True] if missing else [])
+
+
+def test_aggregate_of_a_log_leaves_out_instants_with_too_few_cells(tmp_path):
+    cells = [[20.0 + row + cell if (row, cell) not in ((1, 0), (2, 0), (2, 1)) else '' for cell in range(4)]
+             for row in range(4)]
+    lines = ['time_s,c1,c2,c3,c4,soc'] + [
+        ','.join(map(str, (600 * row, *cells[row], 0.8))) for row in range(4)]
+    (tmp_path / 'log.csv').write_text('\n'.join(lines) + '\n')
+    (tmp_path / 'map.yaml').write_text(
+        "signals: {battery_temperature_c: {channels: '/^c\\d$/', at_least: 3, unit: degC}, soc: soc}\n")
+    series = read_recording(tmp_path / 'log.csv', tmp_path / 'map.yaml').signals['battery_temperature_c']
+    assert list(series.time_s) == [0.0, 600.0, 1800.0]
+    assert list(series.value) == pytest.approx([21.5, 23.0, 24.5])
+
+
+# --- Two buses ---
+
+
+def test_two_buses_with_the_same_identifiers_are_kept_apart(tmp_path):
+    import can
+    (tmp_path / 'battery.dbc').write_text(BATTERY)
+    # The heater's bus has other contents under the battery's identifier, and a message of the same name.
+    (tmp_path / 'heater.dbc').write_text(
+        NS + HEATER.replace('BO_ 513', 'BO_ 256') + 'BO_ 700 BMS: 8 CAR\n SG_ Temp : 0|8@1+ (1,0) [0|9] "V" GW\n')
+    names = [f'{tmp_path.name}_{number}' for number in (0, 1)]
+    (tmp_path / 'car.yaml').write_text(f"""
+signals: {{battery_temperature_c: BMS.Temp, soc: BMS.Soc}}
+live:
+  can_buses:
+  - {{interface: virtual, channel: {names[0]}, dbc: battery.dbc}}
+  - {{interface: virtual, channel: {names[1]}, dbc: heater.dbc}}
+  heater_status: {{power: HeaterState.Share}}
+  heater_command: {{message: Heater, power: Share, counter: Count, full_power_w: 5000}}
+""")
+    buses = [can.Bus(interface='virtual', channel=name) for name in names]
+    source = CanSource(load_live_map(tmp_path / 'car.yaml'), steady_s)
+    source.start()
+    try:
+        deadline_s = time.monotonic() + 10.0
+        while source.problem:
+            assert time.monotonic() < deadline_s, source.problem
+            time.sleep(0.01)
+        battery = (-750).to_bytes(2, 'little', signed=True) + bytes([160, 0, 0, 0, 0, 0])
+        buses[0].send(can.Message(arbitration_id=256, is_extended_id=False, data=battery))
+        buses[1].send(can.Message(arbitration_id=256, is_extended_id=False, data=[100] + [0] * 7))
+        while source.battery(steady_s())[0] is None or source.heater_status(steady_s())[0] is None:
+            assert time.monotonic() < deadline_s, source.figures()
+            time.sleep(0.01)
+        assert source.battery(steady_s())[0].temperature_c == pytest.approx(-7.5)
+        assert source.heater_status(steady_s())[0] == pytest.approx(2500.0)
+        assert source.send_power(1000.0) == ''
+        assert buses[1].recv(5.0).data[0] == 40
+        assert buses[0].recv(0.05) is None
+        assert source.name == f'virtual {names[0]} and virtual {names[1]}'
+    finally:
+        source.close()
+        reduce(lambda _, bus: bus.shutdown(), buses, None)
+
+
+def test_long_command_is_sent_as_a_frame_of_can_fd(tmp_path):
+    import can
+    path = written_map(
+        tmp_path, '  heater_command: {message: Heater, power: Power, counter: Count, checksum: {signal: Crc, '
+        'e2e_profile: 5, data_id: 0x1234}}', BATTERY + DBC_P5_LONG[len(NS):])
+    bus = can.Bus(interface='virtual', channel=tmp_path.name)
+    source = CanSource(load_live_map(path), steady_s)
+    source.start()
+    try:
+        deadline_s = time.monotonic() + 10.0
+        while source.send_power(2000.0):
+            assert time.monotonic() < deadline_s, source.problem
+            time.sleep(0.01)
+        frame = bus.recv(5.0)
+        assert (frame.is_fd, len(frame.data), frame.data[0]) == (True, 16, 20)
+    finally:
+        source.close()
+        bus.shutdown()
+
+
+# --- Messages on maps that do not fit ---
+
+
+COMMAND = '  heater_command: {{message: Heater, counter: Count, {}}}'
+MISFITS = {
+    'unit of a current': (COMMAND.format('power: Current'), {}, [
+        'live.heater_command.power: Heater.Current: unit', 'cannot be converted to watt']),
+    'no unit': (COMMAND.format('power: Plain'), {}, ['live.heater_command.unit: is missing', 'Heater.Plain']),
+    'unknown unit': (COMMAND.format('power: Plain, unit: furlong'), {}, ["'furlong' of Heater.Plain is unknown"]),
+    'no full power': (COMMAND.format('power: Share'), {}, [
+        'heater_command.full_power_w: is missing; Heater.Share']),
+    'no law': (COMMAND.format('power: SetPoint'), {}, ['heater_command.coolant: is missing; Heater.SetPoint']),
+    'no limit': (COMMAND.format(f'off_value: 0, {COOLANT.replace("maximum_power_w: 5000, ", "")}'), {}, [
+        'heater_command.maximum_power_w: is missing; Heater.SetPoint']),
+    'no off': (COMMAND.format(COOLANT), {}, ['heater_command.off_value: is missing; Heater.SetPoint']),
+    'off that does not fit': (COMMAND.format(f'off_value: -30, {COOLANT}'), {}, [
+        'live.heater_command: Heater cannot']),
+    'follows nothing': (COMMAND.format(f'off_value: 0, {COOLANT.replace("Inlet", "Outlet")}'), {}, [
+        'live.heater_command.coolant.follows: HeaterState.Outlet is no MESSAGE.SIGNAL of the DBC']),
+    'follows a share': (COMMAND.format(f'off_value: 0, {COOLANT.replace("Inlet", "Share")}'), {}, [
+        'live.heater_command.coolant.follows: HeaterState.Share']),
+    'measured current': (COMMAND.format('power: Power') + '\n  heater_status: {power: Heater.Current}', {}, [
+        'live.heater_status.power: Heater.Current: unit', 'cannot be converted to watt']),
+    'signal of a current': ('', {'BMS.Temp': 'Heater.Current'}, [
+        'signals.battery_temperature_c: Heater.Current: unit']),
+    'signal without unit': ('', {'BMS.Temp': 'Heater.Plain'}, [
+        'signals.battery_temperature_c: Heater.Plain has no unit']),
+    'cells of a current': ('  cells_c: Heater.Current', {}, ['live.cells_c: Heater.Current: unit']),
+    'few cells': ('', {'BMS.Temp': "{channels: '/^Cells/', at_least: 9}"}, [
+        'signals.battery_temperature_c.at_least: 9 channels are needed, but the bus has only Cells.T1, ']),
+    'first of some': ('', {'BMS.Temp': "{channels: '/^Cells/', at_least: 2, combine: first}"}, [
+        'signals.battery_temperature_c: at_least: needs combine']),
+    'no such interface': ('', {'virtual': 'no_such'}, ["live.can.interface: 'no_such' is unknown"]),
+    'counter of no signal': ('  messages: {BMS: {counter: Count}}', {}, [
+        'live.messages.BMS.counter: Count is no signal of BMS']),
+    'checksum of no signal': ('  messages: {BMS: {checksum: {signal: Crc, method: crc8}}}', {}, [
+        'live.messages.BMS.checksum.signal: Crc is no signal of BMS']),
+    'checksum of 16 bits': ('  messages: {BMS: {checksum: {signal: Soc, method: crc16_ccitt}}}', {}, [
+        'live.messages.BMS.checksum.signal: BMS.Soc has 8 bits from bit 16; this checksum must fill 2 bytes']),
+    'method and profile': ('  messages: {BMS: {checksum: {signal: Soc, method: crc8, e2e_profile: 5}}}', {}, [
+        'live.messages.BMS.checksum: must have exactly one of the keys method and e2e_profile']),
+    'profile without counter': ('  messages: {BMS: {checksum: {signal: Temp, e2e_profile: 5, data_id: 1}}}', {}, [
+        'live.messages.BMS.checksum: e2e_profile 5 needs the counter of the message']),
+    'counter of another profile': (
+        COMMAND.format('power: Power, checksum: {signal: Plain, e2e_profile: 5, data_id: 1}'), {}, [
+            'live.heater_command.checksum: Count has 4 bits; the counter of e2e_profile 5 has 8']),
+    'list for a profile with one': (
+        COMMAND.format(f'power: Power, checksum: {{signal: Plain, e2e_profile: 11, data_ids: {LIST}}}'), {}, [
+            'live.heater_command.checksum: e2e_profile 11 needs data_id']),
+    'one for a profile with a list': (
+        COMMAND.format('power: Power, checksum: {signal: Plain, e2e_profile: 2, data_id: 5}'), {}, [
+            'live.heater_command.checksum: e2e_profile 2 needs data_ids']),
+    'prefix of a profile': (
+        COMMAND.format('power: Power, checksum: {signal: Plain, e2e_profile: 11, data_id: 1, prefix: [1]}'), {}, [
+            'live.heater_command.checksum: prefix does not belong to e2e_profile']),
+    'mode of another profile': (COMMAND.format(
+        'power: Power, checksum: {signal: Plain, e2e_profile: 11, data_id: 1, data_id_mode: low}'), {}, [
+        'live.heater_command.checksum: data_id_mode of e2e_profile 11 must be both or nibble']),
+    'two kinds of bus': ('  vss: {}', {}, ['live: must have exactly one of the keys can, can_buses and vss']),
+}
+
+
+@pytest.mark.parametrize('live, changes, texts', MISFITS.values(), ids=MISFITS)
+def test_messages_on_a_map_name_file_key_and_signal(tmp_path, live, changes, texts):
+    path = written_map(tmp_path, live)
+    text = path.read_text()
+    for before, after in changes.items():
+        assert before in text
+        text = text.replace(before, after)
+    path.write_text(text)
+    with pytest.raises(InvalidInput) as refusal:
+        CanSource(load_live_map(path), steady_s)
+    (problem,) = refusal.value.problems
+    assert problem.startswith(f'{path}: ')
+    assert [text for text in texts if text not in problem] == [], problem
