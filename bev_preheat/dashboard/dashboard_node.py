@@ -52,6 +52,7 @@ PROGRAM = NodeProgram(
     'allowed, buttons.', PARAMETERS,
     subscribes=(('preheat_plan', 'bev_preheat_msgs/PreheatPlan'), ('hvch_command', 'bev_preheat_msgs/HvchCommand'),
                 ('battery_state', 'sensor_msgs/BatteryState'),
+                ('hvch_status', 'bev_preheat_msgs/HvchStatus: the delivered power'),
                 ('route_plan', 'bev_preheat_msgs/RoutePlan: the reserve of charge'),
                 ('/diagnostics', 'diagnostic_msgs/DiagnosticArray')))
 LOOK_PERIOD_S = 1.0

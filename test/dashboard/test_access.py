@@ -38,7 +38,7 @@ def test_what_is_no_address_is_refused(address):
     ('short', 'has 5 characters'), ('x' * 15, 'has 15 characters'), ('has a space in it!', 'without spaces'),
     ('ümlaut-ümlaut-ümlaut', 'visible ASCII'), ('x' * 257, 'has 257 characters'),
     ('write-your-own-here', 'placeholder'), ('Write-Your-Own-Here', 'placeholder'),
-    ('aaaaaaaaaaaaaaaa', 'only 1 different characters; it must have at least 8'), ('abababAB-ababAB-', 'at least 8'),
+    ('aaaaaaaaaaaaaaaa', 'only 1 different characters'), ('abababAB-ababAB-', 'at least 8'),
     ('correct-horse-correct-horse-', 'repeats'),
     ('0123456789abcdef', 'order'), ('1234567890123456', 'order'), ('zyxwvutsrqponmlk', 'order')])
 def test_a_weak_token_is_refused_with_advice_and_not_repeated(token, told):
