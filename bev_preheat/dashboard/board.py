@@ -262,7 +262,7 @@ class Board:
                   for span in self._account.latest_without_command(MOST_SPANS)]
         if self._at_s is not None and self._at_s > self._until_s:
             lapses.append(Span(self._until_s, None, NO_COMMAND))
-        return {'marks': [list(mark) for mark in self.marks],
+        return {'marks': [[instant(mark.at_s), *mark[1:]] for mark in self.marks],
                 'regimes': [list(span) for span in self.regimes if span.text],
                 'doubts': [list(span) for span in self.doubts if span.text],
                 'lapses': [list(span) for span in lapses]}

@@ -11,7 +11,7 @@ from typing import Any, TYPE_CHECKING
 from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.dashboard.board import BACK_S, Board
 from bev_preheat.dashboard.messages import entries_seen, plan_seen
-from bev_preheat.dashboard.plain import written
+from bev_preheat.dashboard.plain import instant, written
 from bev_preheat.dashboard.seen import RouteSeen
 from bev_preheat.dashboard.unheated import Unheated
 from bev_preheat.errors import InvalidInput
@@ -106,7 +106,7 @@ class RecordedDrive:
         """Return the tables: results of trips, `keys` of the frames, `frames` in rows, plans, history, events."""
         # A dictionary keeps their order.
         keys = list({key: None for frame in self._frames for key in frame if key not in LIVE_ONLY})
-        results = [[trip.ended_ns / NS_PER_S, *trip.sentences()] for trip in self._results.trips]
+        results = [[instant(trip.ended_ns / NS_PER_S), *trip.sentences()] for trip in self._results.trips]
         return {'results': results, 'lapses': lapses_in_words(self._results.account.without_command),
                 'keys': keys, 'frames': [[frame.get(key) for key in keys] for frame in self._frames],
                 'plans': self._plans, 'history': self._board.history(), 'events': self._board.events()}

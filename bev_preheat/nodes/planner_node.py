@@ -375,7 +375,7 @@ class PlannerNode(Node):
             if parameter.name == USE_SIM_TIME:
                 self.get_logger().warning(
                     f'use_sim_time = {str(parameter.value).lower()}: stamps and leases now follow '
-                    f'{"/clock; whoever publishes it sets the time" if parameter.value else "the system clock"}.')
+                    f'{"/clock; its publisher sets the time" if parameter.value else "the system clock"}.')
         if not _OWN.intersection(parameter.name for parameter in parameters):
             return
         state = self._supervisor.state

@@ -101,7 +101,7 @@ class TripResult:
     def _energy(self) -> str:
         commanded_wh, delivered_wh = self.account.commanded_wh, self.account.delivered_wh
         return f'The heater was commanded {commanded_wh or 0.0:.0f} Wh' + (
-            '; what it delivered is not recorded (hvch_status).' if delivered_wh is None else
+            '; the delivered energy is not recorded (hvch_status).' if delivered_wh is None else
             f' and delivered {delivered_wh:.0f} Wh.')
 
 

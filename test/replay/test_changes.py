@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`preheat replay --change` and `--set`: what a person would type works, or the right name is told."""
+"""`preheat replay --change` and `--set`: usual names work, and others are suggested."""
 
 import json
 

@@ -84,7 +84,7 @@ def test_each_trip_ends_with_its_result_in_words(arrival_c, between, told):
     [trip] = results.trips
     arrival, energy = trip.sentences()
     assert told in arrival
-    assert energy == 'The heater was commanded 300 Wh; what it delivered is not recorded (hvch_status).'
+    assert energy == 'The heater was commanded 300 Wh; the delivered energy is not recorded (hvch_status).'
 
 
 def test_a_recording_that_ends_on_the_way_says_so():

@@ -78,6 +78,13 @@ def test_it_has_the_result_in_words(drive):
     assert drive['lapses'] == '' and drive['events']['lapses'] == []
 
 
+def test_each_event_is_at_a_frame_with_its_status(drive):
+    statuses = dict(zip(column(drive, 'at'), column(drive, 'status')))
+    # Of several at one instant the last one counts.
+    marked = {at_s: status for at_s, status, *_ in drive['events']['marks']}
+    assert {at_s: statuses[at_s] for at_s in marked} == marked and len(marked) >= 3
+
+
 def test_the_file_is_small(drive):
     # 15 min; diagnostics stand only where more than figures changed.
     assert len(written(drive)) < 1_500_000
