@@ -59,7 +59,9 @@
     slider.disabled = false;
     shown = -1;
     showResults();
-    bevView.showLog(tables.events.marks, go);
+    // Of several at one instant only the last one has a frame.
+    bevView.showLog(tables.events.marks.filter(([instant], index, all) => !(index + 1 < all.length
+      && all[index + 1][0] === instant)), go);
     // The whole drive is seen from its end.
     go(times[times.length - 1]);
   }
