@@ -62,8 +62,9 @@ def _add_planner_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('--set', metavar='PARAMETER=VALUE', action='append', default=[], dest='parameters',
                         help="change: another value of a planner's parameter; may be repeated")
     parser.add_argument('--change', metavar='WHAT=VALUE', action='append', default=[], dest='changes',
-                        help='change: a signal (temperature=+2, soc=*0.98, current=none, ambient_temperature=-5), '
-                        'vehicle=FILE, or a parameter; may be repeated')
+                        help='change: a signal (target=30 [degC], temperature=+2 [K], soc=*0.98, current=none, '
+                        'ambient_temperature=-5: 5 K colder, ambient_temperature==-5: -5 degC), vehicle=FILE, a '
+                        'key of the vehicle file (hvch.maximum_power_w=5000), or a parameter; may be repeated')
     parser.add_argument('--namespace', metavar='NAME', help='planner of a ros2 bag with several')
     parser.add_argument('--route', metavar='NAME|FILE', help='route of a log: a file of any format')
     completed_by(NameCompleter('signals'), parser.add_argument(

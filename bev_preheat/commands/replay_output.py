@@ -12,6 +12,7 @@ from bev_preheat.replay.cause import cause_of
 from bev_preheat.replay.flight_file import FLIGHT_RECORDER
 from bev_preheat.replay.period import moment
 from bev_preheat.replay.sentences import what_if_sentence
+from bev_preheat.replay.trip_result import lapses_in_words
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -24,7 +25,8 @@ if TYPE_CHECKING:
     from bev_preheat.replay.what_if import Replayed
 
 NS_PER_S = 1_000_000_000
-DIFFERENT = 1
+# The longest spans without a command are listed.
+MOST_SPANS = 10
 
 
 class Result(NamedTuple):
@@ -107,13 +109,32 @@ def figure_rows(courses: tuple[Course, ...]) -> list[list[str]]:
         ['heating begins after', *('never' if not course.heating else duration_text(
             (course.heating[0][0] - start_ns) / NS_PER_S) for course in courses)],
         ['switch-ons', *(str(len(course.heating)) for course in courses)],
-        ['HVCH electric [Wh]', *(f'{course.energy_wh:.1f}' for course in courses)],
+        ['HVCH commanded [Wh]', *(_energy_text(course.results.account.commanded_wh) for course in courses)],
+        ['HVCH delivered [Wh]', *(_energy_text(course.results.account.delivered_wh) for course in courses)],
+        ['without a valid command', *(lapses_in_words(course.results.account.without_command) or 'never'
+                                      for course in courses)],
         ['arrival after', *('not in the recording' if course.arrival is None else duration_text(
             (course.arrival.now_ns - start_ns) / NS_PER_S) for course in courses)],
         ['arrival temp. [degC]', *(_arrival_text(course) for course in courses)],
         ['last prediction [degC]', *('none' if course.latest_prediction is None else
                                      f'{course.latest_prediction.predicted_c:.2f}' for course in courses)],
         ['last status', *(course.said[-1].status.name if course.said else '' for course in courses)]]
+
+
+def _energy_text(energy_wh: float | None) -> str:
+    return 'not recorded' if energy_wh is None else f'{energy_wh:.1f}'
+
+
+def result_sentences(course: Course) -> list[str]:
+    """Return the result of each trip, and the spans without a valid command, in words."""
+    told = [sentence for trip in course.results.trips for sentence in trip.sentences()]
+    spans = course.results.account.without_command
+    # In order of time again.
+    listed = sorted(sorted(spans, key=lambda span: -span.length_s)[:MOST_SPANS])
+    told += [f'without a valid command: {moment(span.from_ns)} for {span.length_s:.1f} s' for span in listed]
+    if len(spans) > len(listed):
+        told.append(f'without a valid command: {len(spans) - len(listed)} shorter spans')
+    return told
 
 
 def _arrival_text(course: Course) -> str:
@@ -127,7 +148,7 @@ def print_result(console: Console, result: Result) -> None:
     for remark in result.remarks:
         console.print(f'note: {remark}', markup=False, soft_wrap=True)
     print_figures(console, None, ['', *result.names], figure_rows(result.courses))
-    for sentence in result.verdict():
+    for sentence in [*result_sentences(result.replayed.course), *result.verdict()]:
         console.print(sentence, markup=False, soft_wrap=True)
 
 
@@ -145,7 +166,7 @@ def report_words(result: Result, histories: tuple[History, ...]) -> ReportText:
     if flight.source == FLIGHT_RECORDER:
         setup += [('version', beginning.version), ('node', beginning.node)]
     setup += [(name, str(value)) for name, value in sorted(beginning.parameters.items())]
-    verdict = result.verdict() or (
+    verdict = [*result_sentences(result.replayed.course), *result.verdict()] or (
         ['The log has no commands to reproduce; the planner stands beside the log.']
         if flight.is_log else ['The recording has no commands to reproduce.'])
     return ReportText(

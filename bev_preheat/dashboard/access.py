@@ -16,6 +16,10 @@ if TYPE_CHECKING:
 
 SHORTEST_TOKEN, LONGEST_TOKEN = 16, 256
 TOKEN = re.compile(r'[\x21-\x7e]+')
+# The token that docs/how-to/watch.md printed in earlier versions.
+PLACEHOLDER = 'write-your-own-here'
+LEAST_DIFFERENT = 8
+ADVICE = "make one with: python3 -c 'import secrets; print(secrets.token_urlsafe(24))'"
 LOOPBACK_NAMES = ('localhost', 'localhost.')
 COOKIE = 'bev_preheat_dashboard'
 # All that the page needs comes from its own server.
@@ -24,7 +28,9 @@ CONTENT_SECURITY_POLICY = (
     "base-uri 'none'; form-action 'self'; frame-ancestors 'none'")
 HEADERS = {
     'Content-Security-Policy': CONTENT_SECURITY_POLICY, 'X-Content-Type-Options': 'nosniff',
-    'X-Frame-Options': 'DENY', 'Referrer-Policy': 'no-referrer', 'Cache-Control': 'no-store',
+    'X-Frame-Options': 'DENY', 'Cache-Control': 'no-store',
+    # With no-referrer browsers send `Origin: null` with the own form, as they do from foreign frames.
+    'Referrer-Policy': 'same-origin',
     'Cross-Origin-Opener-Policy': 'same-origin', 'Cross-Origin-Resource-Policy': 'same-origin'}
 
 
@@ -38,7 +44,7 @@ class Access:
     """
 
     def __init__(self, address: str, token: str = '') -> None:
-        """Raise InvalidInput if the address is invalid, or needs a token, or the token is too short."""
+        """Raise InvalidInput if the address is invalid, or needs a token, or the token is easy to guess."""
         self.address = '127.0.0.1' if address in LOOPBACK_NAMES else address
         try:
             self.is_loopback = ip_address(self.address).is_loopback
@@ -48,7 +54,9 @@ class Access:
         if token and not (SHORTEST_TOKEN <= len(token) <= LONGEST_TOKEN and TOKEN.fullmatch(token)):
             # Without the token itself, because messages go to logs.
             raise InvalidInput(f'token: has {len(token)} characters; it must have {SHORTEST_TOKEN} ... '
-                               f'{LONGEST_TOKEN} visible ASCII characters, without spaces')
+                               f'{LONGEST_TOKEN} visible ASCII characters, without spaces; {ADVICE}')
+        if token and (weakness := weakness_of(token)):
+            raise InvalidInput(f'token: {weakness}; {ADVICE}')
         if not self.is_loopback and not token:
             raise InvalidInput(f'address: {address} is not allowed without a token, because others reach it: set '
                                f'token to at least {SHORTEST_TOKEN} characters, or use 127.0.0.1')
@@ -88,6 +96,21 @@ class Access:
         origin = urlsplit(headers.get('Origin', ''))
         host = headers.get('Host', '').lower()
         return origin.scheme in ('http', 'https') and host != '' and origin.netloc.lower() == host
+
+
+def weakness_of(token: str) -> str:
+    """Return why a token is easy to guess, as the rest of a sentence without the token; '' if it is not."""
+    if token.lower() == PLACEHOLDER:
+        return 'is the placeholder of the manual'
+    different = len(set(token.lower()))
+    if different < LEAST_DIFFERENT:
+        return f'has only {different} different characters; it must have at least {LEAST_DIFFERENT}'
+    if token in (token + token)[1:-1]:
+        return 'repeats one text; it must not'
+    rising = sum(abs(ord(after) - ord(before)) == 1 for before, after in zip(token, token[1:]))
+    if 2 * rising >= len(token):
+        return 'consists of characters in their order, such as 12345678; it must not'
+    return ''
 
 
 def host_name(host: str) -> str | None:

@@ -7,21 +7,25 @@ from collections import deque
 import math
 from typing import Any, NamedTuple, TYPE_CHECKING
 
+from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.dashboard.diagnosis import diagnose, Diagnosis
-from bev_preheat.dashboard.health import banner_of, Pulse, Surroundings
+from bev_preheat.dashboard.health import Banner, banner_of, Pulse, Surroundings
 from bev_preheat.dashboard.plain import instant, instants, number, numbers
 from bev_preheat.dashboard.trail import MOST_POINTS, Trail
 from bev_preheat.errors import shortened
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.status import Status
+from bev_preheat.replay.heater_account import ANSWER_HOLDS_NS, HeaterAccount
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
+    from bev_preheat.control.heater_answer import HeaterStatus
     from bev_preheat.dashboard.seen import EntrySeen, PlanSeen, RouteSeen
     from bev_preheat.dashboard.unheated import Unheated
 
 MOST_MARKS, MOST_SPANS = 200, 200
+NO_COMMAND = 'no valid command'
 # The trajectories of a plan are drawn with at most so many points.
 MOST_PLAN_POINTS = 240
 # A stamp earlier than its topic's latest by more than this [s] belongs to another drive.
@@ -31,6 +35,11 @@ START_CHANGE_S, TARGET_CHANGE_K, PREDICTION_CHANGE_K = 60.0, 0.5, 1.0
 LONGEST_SENTENCE, LONGEST_ROUTE_ID = 2000, 256
 # A power that changes by less is the same [W].
 LEAST_CHANGE_W = 5.0
+# The planner makes a plan at each battery state; an older one says nothing about the battery of now [s].
+PLAN_FRESH_S = 10.0
+ANSWER_HOLDS_S = ANSWER_HOLDS_NS / NS_PER_S
+# A heater's controller refuses longer leases [s].
+LONGEST_LEASE_S = 60.0
 
 
 class Mark(NamedTuple):
@@ -71,6 +80,11 @@ class Board:
     def forget(self) -> None:
         """Start another drive: drop values and history."""
         self.temperatures, self.powers = Trail(self._most_points), Trail(self._most_points)
+        self.deliveries = Trail(self._most_points)
+        self._account = HeaterAccount()
+        # Instant [s] and power [W] of the heater's latest answer; end of the latest command's lease [s].
+        self._delivered = (-math.inf, math.nan)
+        self._until_s = math.inf
         self.marks: deque[Mark] = deque(maxlen=MOST_MARKS)
         self.regimes: deque[Span] = deque(maxlen=MOST_SPANS)
         self.doubts: deque[Span] = deque(maxlen=MOST_SPANS)
@@ -92,20 +106,60 @@ class Board:
 
     # Values come in
 
-    def see_battery(self, at_s: float, temperature_c: float, soc: float, now_s: float) -> None:
-        """Take a battery state."""
+    def see_battery(self, at_s: float, temperature_c: float, soc: float, now_s: float,
+                    settled_c: float | None = None) -> None:
+        """
+        Take a battery state.
+
+        `settled_c` [deg C] is the battery's temperature once the heat under way has arrived, NaN: unknown; None:
+        the latest plan's, if that is fresh.
+        """
         self._advance('battery', at_s, now_s)
         self._battery = temperature_c, soc
-        unheated_c = math.nan if self.unheated is None else self.unheated.measured_c(
-            at_s, temperature_c, soc, self._power_w)
+        if settled_c is None:
+            plan = self.plan
+            is_fresh = plan is not None and abs(at_s - plan.at_s) < PLAN_FRESH_S
+            settled_c = plan.temperatures_c[0] if plan is not None and is_fresh and plan.times_s else math.nan
+        unheated_c = math.nan if self.unheated is None else self.unheated.unheated_c(
+            at_s, settled_c, soc, self._heat_w(at_s))
         self.temperatures.add((at_s, temperature_c, soc, unheated_c))
 
-    def see_command(self, at_s: float, power_w: float, reason: int, now_s: float) -> None:
-        """Take a heater command."""
+    def see_command(self, at_s: float, power_w: float, reason: int, now_s: float,
+                    until_s: float = math.inf) -> None:
+        """Take a heater command with the end of its lease [s]."""
         self._advance('command', at_s, now_s)
         if math.isfinite(power_w) and not abs(power_w - self._power_w) < LEAST_CHANGE_W:
             self.powers.add((at_s, power_w))
-        self._power_w, self._reason = power_w, reason
+        self._power_w, self._reason, self._until_s = power_w, reason, until_s
+        if math.isfinite(power_w):
+            self._account.command(_ns(at_s), power_w, _ns(min(until_s, at_s + LONGEST_LEASE_S)))
+
+    def see_answer(self, status: HeaterStatus) -> None:
+        """Take an answer of the heater's controller."""
+        at_s, power_w = status.stamp_ns / NS_PER_S, status.confirmed_w
+        before_s, before_w = self._delivered
+        if at_s <= before_s:
+            return
+        if before_s + ANSWER_HOLDS_S < at_s and not math.isnan(before_w):
+            self.deliveries.add((before_s + ANSWER_HOLDS_S, math.nan))
+            before_w = math.nan
+        if not abs(power_w - before_w) < LEAST_CHANGE_W:
+            self.deliveries.add((at_s, power_w))
+        self._delivered = at_s, power_w
+        self._account.answer(status)
+        self.version += 1
+
+    def _delivered_w(self, at_s: float) -> float:
+        """Return the delivered power [W]; NaN: no recent answer."""
+        answered_s, power_w = self._delivered
+        return power_w if at_s - answered_s <= ANSWER_HOLDS_S else math.nan
+
+    def _heat_w(self, at_s: float) -> float:
+        """Return the heater's power [W] as delivered, else the believed share of the command."""
+        delivered_w = self._delivered_w(at_s)
+        if not math.isnan(delivered_w):
+            return delivered_w
+        return self._diagnosis.heater_share * self._power_w if at_s <= self._until_s else 0.0
 
     def see_plan(self, plan: PlanSeen, now_s: float) -> None:
         """Take a plan."""
@@ -147,10 +201,13 @@ class Board:
         """The planner's time [s]; None before its first message."""
         return self._at_s
 
+    def banner(self, now_s: float) -> Banner | None:
+        """Return the Banner on a planner that is gone, silent or frozen; None if all is well."""
+        return banner_of(self.around, self.pulses['command'], self.pulses['battery'], now_s)
+
     def view(self, now_s: float) -> dict[str, Any]:
         """Return the values of now as plain values for JSON."""
-        plan, (temperature_c, soc) = self.plan, self._battery
-        banner = banner_of(self.around, self.pulses['command'], self.pulses['battery'], now_s)
+        plan, (temperature_c, soc), banner = self.plan, self._battery, self.banner(now_s)
         return {
             'at': instant(self._at_s),
             'banner': None if banner is None else banner._asdict(),
@@ -158,6 +215,7 @@ class Board:
             'late': sorted(topic for topic, pulse in self.pulses.items()
                            if pulse.is_late(now_s) or not self.around.is_there),
             'temperature': number(temperature_c, 2), 'soc': number(soc, 4), 'power': number(self._power_w, 1),
+            'delivered': None if self._at_s is None else number(self._delivered_w(self._at_s), 1),
             'reason': None if self._reason is None else status_name(self._reason),
             **_plan_values(plan), 'reserve': self._reserve(),
             'unheatedProblem': self.unheated_problem, 'outcome': shortened(self.outcome, LONGEST_SENTENCE),
@@ -185,19 +243,29 @@ class Board:
                 'planUnheated': column(unheated_c, 2), 'planSoc': column(plan.socs, 4),
                 'planPower': column(powers_w, 0)}
 
-    def history(self, temperatures: int = 0, powers: int = 0) -> dict[str, Any]:
-        """Return the history after the first `temperatures` and `powers` rows, in columns."""
-        rows, power_rows = self.temperatures.since(temperatures), self.powers.since(powers)
+    def history(self, temperatures: int = 0, powers: int = 0, deliveries: int = 0) -> dict[str, Any]:
+        """Return the history after the first rows of each trail, in columns."""
+        rows = self.temperatures.since(temperatures)
         times, measured, socs, unheated = zip(*rows) if rows else ((), (), (), ())
-        power_times, watts = zip(*power_rows) if power_rows else ((), ())
-        return {'time': instants(times), 'measured': numbers(measured, 2), 'soc': numbers(socs, 4),
-                'unheated': numbers(unheated, 2), 'powerTime': instants(power_times), 'power': numbers(watts, 0)}
+        values: dict[str, Any] = {
+            'time': instants(times), 'measured': numbers(measured, 2), 'soc': numbers(socs, 4),
+            'unheated': numbers(unheated, 2)}
+        for name, trail, count in (('power', self.powers, powers), ('delivered', self.deliveries, deliveries)):
+            power_rows = trail.since(count)
+            power_times, watts = zip(*power_rows) if power_rows else ((), ())
+            values |= {f'{name}Time': instants(power_times), name: numbers(watts, 0)}
+        return values
 
     def events(self) -> dict[str, Any]:
-        """Return what changed in the plan, and the periods of regimes and doubts."""
-        return {'marks': [list(mark) for mark in self.marks],
+        """Return what changed in the plan, the periods of regimes and doubts, and lapses of the command."""
+        lapses = [Span(span.from_ns / NS_PER_S, span.to_ns / NS_PER_S, NO_COMMAND)
+                  for span in self._account.latest_without_command(MOST_SPANS)]
+        if self._at_s is not None and self._at_s > self._until_s:
+            lapses.append(Span(self._until_s, None, NO_COMMAND))
+        return {'marks': [[instant(mark.at_s), *mark[1:]] for mark in self.marks],
                 'regimes': [list(span) for span in self.regimes if span.text],
-                'doubts': [list(span) for span in self.doubts if span.text]}
+                'doubts': [list(span) for span in self.doubts if span.text],
+                'lapses': [list(span) for span in lapses]}
 
 
 def thinned(count: int, most: int) -> list[int]:
@@ -256,3 +324,7 @@ def _note(spans: deque[Span], at_s: float, text: str) -> None:
     if spans:
         spans[-1] = spans[-1]._replace(to_s=at_s)
     spans.append(Span(at_s, None, text))
+
+
+def _ns(at_s: float) -> int:
+    return round(at_s * NS_PER_S)

@@ -40,8 +40,8 @@ PARAMETERS = (
     Parameter('address', '127.0.0.1', "The page's IP address: any other than a loopback address needs a token.",
               read_only=True),
     Parameter('port', 8080, "The page's port; 0: any free one.", limits=(0, 65535), read_only=True),
-    Parameter('token', '', 'Asked for by the page: 16 to 256 visible ASCII characters. Empty: not asked for.',
-              read_only=True, secret=True),
+    Parameter('token', '', 'Asked for by the page: 16 to 256 visible ASCII characters, hard to guess. Empty: not '
+              'asked for.', read_only=True, secret=True),
     Parameter('controls', False, 'Whether the page has buttons: preheating on or off, ready in …, cancel, skip '
               'the next departure.', read_only=True),
     Parameter('recording', '', 'Open a recording of the flight recorder, a file or its folder, instead of running '
@@ -52,6 +52,7 @@ PROGRAM = NodeProgram(
     'allowed, buttons.', PARAMETERS,
     subscribes=(('preheat_plan', 'bev_preheat_msgs/PreheatPlan'), ('hvch_command', 'bev_preheat_msgs/HvchCommand'),
                 ('battery_state', 'sensor_msgs/BatteryState'),
+                ('hvch_status', 'bev_preheat_msgs/HvchStatus: the delivered power'),
                 ('route_plan', 'bev_preheat_msgs/RoutePlan: the reserve of charge'),
                 ('/diagnostics', 'diagnostic_msgs/DiagnosticArray')))
 LOOK_PERIOD_S = 1.0

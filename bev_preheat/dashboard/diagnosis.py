@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from bev_preheat.dashboard.seen import EntrySeen
 
 IN_DOUBT = ' in doubt since [s]'
+SHARE = 'share of the command [1]'
 LEVELS = ('OK', 'WARN', 'ERROR', 'STALE')
 # Messages come from any publisher; they must not fill the page.
 LONGEST_TEXT, MOST_ENTRIES, MOST_DOUBTS = 600, 24, 12
@@ -31,7 +32,8 @@ class Diagnosis(NamedTuple):
     The planner's entries as the page shows them.
 
     `is_enabled` is None if it is unknown, `goal` the goal of prepare_battery in words, '' for none; `departure` is
-    None without departures.
+    None without departures. `heater_share` (0 ... 1) is the share of the command that the heater is believed to
+    deliver.
     """
 
     entries: tuple[EntrySeen, ...] = ()
@@ -40,6 +42,7 @@ class Diagnosis(NamedTuple):
     is_enabled: bool | None = None
     goal: str = ''
     departure: Departure | None = None
+    heater_share: float = 1.0
 
     def as_dictionary(self) -> dict[str, Any]:
         """Return plain values for the page."""
@@ -56,7 +59,8 @@ def diagnose(entries: Iterable[EntrySeen]) -> Diagnosis:
     for entry in entries:
         if len(by_name) < MOST_ENTRIES:
             by_name[entry.name] = entry
-    signals, preheating, departures = (_values(by_name, name) for name in ('signals', 'preheating', 'departures'))
+    signals, preheating, departures, heater = (
+        _values(by_name, name) for name in ('signals', 'preheating', 'departures', 'heater'))
     doubts = tuple(shortened(key.removesuffix(IN_DOUBT), 60) for key in signals if key.endswith(IN_DOUBT))
     departure = None
     if 'departures' in by_name:
@@ -65,7 +69,17 @@ def diagnose(entries: Iterable[EntrySeen]) -> Diagnosis:
     return Diagnosis(
         tuple(by_name[name] for name in sorted(by_name)), shortened(signals.get('regime', ''), 60),
         doubts[:MOST_DOUBTS], {'true': True, 'false': False}.get(preheating.get('enabled', '')),
-        shortened(preheating.get('goal of prepare_battery', ''), LONGEST_TEXT), departure)
+        shortened(preheating.get('goal of prepare_battery', ''), LONGEST_TEXT), departure,
+        _share(heater.get(SHARE, '')))
+
+
+def _share(text: str) -> float:
+    """Return a share as a number; 1 for anything that is none."""
+    try:
+        share = float(text)
+    except ValueError:
+        return 1.0
+    return share if 0.0 <= share <= 1.0 else 1.0
 
 
 def _values(entries: Mapping[str, EntrySeen], name: str) -> Mapping[str, str]:

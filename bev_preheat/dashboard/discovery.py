@@ -12,7 +12,8 @@ from bev_preheat.dashboard.health import Surroundings
 if TYPE_CHECKING:
     from rclpy.node import Node
 
-PLAN, COMMAND, ROUTE = (f'bev_preheat_msgs/msg/{name}' for name in ('PreheatPlan', 'HvchCommand', 'RoutePlan'))
+PLAN, COMMAND, ROUTE, ANSWER = (
+    f'bev_preheat_msgs/msg/{name}' for name in ('PreheatPlan', 'HvchCommand', 'RoutePlan', 'HvchStatus'))
 BATTERY = 'sensor_msgs/msg/BatteryState'
 CLOCK = '/clock'
 
@@ -25,6 +26,7 @@ class PlannerFound(NamedTuple):
     command_topic: str
     battery_topic: str
     route_topic: str
+    answer_topic: str = ''
 
 
 def find_planners(node: Node, known: dict[str, PlannerFound]) -> dict[str, PlannerFound]:
@@ -54,11 +56,11 @@ def _examine(node: Node, full_name: str, name: str, namespace: str, plan_topic: 
     except NodeNameNonExistentError:
         # Its endpoints are known before its name.
         return None
-    command, battery, route = (
+    command, battery, route, answer = (
         next((topic for topic, types in topics if kind in types), '')
-        for topics, kind in ((out, COMMAND), (into, BATTERY), (into, ROUTE)))
+        for topics, kind in ((out, COMMAND), (into, BATTERY), (into, ROUTE), (into, ANSWER)))
     # Half discovered.
-    return PlannerFound(full_name, plan_topic, command, battery, route) if command and battery else None
+    return PlannerFound(full_name, plan_topic, command, battery, route, answer) if command and battery else None
 
 
 def surroundings_of(node: Node, planner: str, is_there: bool) -> Surroundings:

@@ -8,6 +8,7 @@ for it.
 
 from __future__ import annotations
 
+import math
 import time
 from typing import TYPE_CHECKING
 
@@ -16,11 +17,13 @@ from rclpy.qos import QoSDurabilityPolicy, QoSProfile, QoSReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import BatteryState
 
+from bev_preheat.control.events import HeaterStatusArrived
 from bev_preheat.dashboard.messages import plan_seen, route_seen, seconds
 from bev_preheat.nodes.battery_fields import read_temperatures
+from bev_preheat.nodes.heater_messages import heater_status_event
 from bev_preheat.nodes.news import RepetitionFilter
 from bev_preheat.nodes.route_listener import LARGEST_BYTES
-from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
+from bev_preheat_msgs.msg import HvchCommand, HvchStatus, PreheatPlan, RoutePlan
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -54,6 +57,8 @@ class Ears:
             subscribe(HvchCommand, planner.command_topic, self._on_command, LATEST),
             subscribe(PreheatPlan, planner.plan_topic, self._on_plan, LATCHED),
             subscribe(BatteryState, planner.battery_topic, self._on_battery, LATEST)]
+        if planner.answer_topic:
+            self._subscriptions.append(subscribe(HvchStatus, planner.answer_topic, self._on_answer, LATEST))
         if planner.route_topic:
             # Of a route only the reserve is shown; it may be published with any quality of service.
             self._subscriptions += [subscribe(RoutePlan, planner.route_topic, self._on_route, qos, raw=True)
@@ -78,7 +83,13 @@ class Ears:
     def _on_command(self, message: HvchCommand) -> None:
         with self._lock:
             self._board.see_command(seconds(message.header.stamp), message.battery_heating_power, message.reason,
-                                    time.monotonic())
+                                    time.monotonic(), seconds(message.valid_until))
+
+    def _on_answer(self, message: HvchStatus) -> None:
+        event = heater_status_event(message, math.inf)
+        if isinstance(event, HeaterStatusArrived):
+            with self._lock:
+                self._board.see_answer(event.status)
 
     def _on_plan(self, message: PreheatPlan) -> None:
         plan = plan_seen(message)

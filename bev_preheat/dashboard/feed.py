@@ -17,11 +17,10 @@ PLAN_PERIOD_S = 1.0
 
 @dataclass
 class Cursor:
-    """Contents of a tab: generations and numbers of rows of the history, version of the plan, events as text."""
+    """Contents of a tab: generations and numbers of rows of the trails, version of the plan, events as text."""
 
     generations: tuple[int, ...] = ()
-    temperatures: int = 0
-    powers: int = 0
+    rows: tuple[int, int, int] = (0, 0, 0)
     plan_version: int = -1
     plan_at_s: float = float('-inf')
     events: str = ''
@@ -30,14 +29,15 @@ class Cursor:
 def message(planner: str, board: Board, cursor: Cursor, now_s: float) -> str:
     """Return the next message (JSON) to the tab of a Cursor, and advance that; `now_s` is monotonic."""
     values: dict[str, Any] = {'planner': planner, 'view': board.view(now_s)}
-    generations = (board.generation, board.temperatures.generation, board.powers.generation)
+    trails = board.temperatures, board.powers, board.deliveries
+    generations = (board.generation, *(trail.generation for trail in trails))
     is_new = generations != cursor.generations
     if is_new:
-        cursor.generations, cursor.temperatures, cursor.powers = generations, 0, 0
-    counts = len(board.temperatures), len(board.powers)
-    if is_new or counts != (cursor.temperatures, cursor.powers):
-        values['history'] = {'isWhole': is_new, **board.history(cursor.temperatures, cursor.powers)}
-        cursor.temperatures, cursor.powers = counts
+        cursor.generations, cursor.rows = generations, (0, 0, 0)
+    counts = len(trails[0]), len(trails[1]), len(trails[2])
+    if is_new or counts != cursor.rows:
+        values['history'] = {'isWhole': is_new, **board.history(*cursor.rows)}
+        cursor.rows = counts
     if is_new or (board.plan_version != cursor.plan_version and now_s - cursor.plan_at_s >= PLAN_PERIOD_S):
         values['plan'] = board.plan_curves()
         cursor.plan_version, cursor.plan_at_s = board.plan_version, now_s

@@ -27,10 +27,11 @@ class Surroundings(NamedTuple):
 
 
 class Banner(NamedTuple):
-    """A sentence at the top of the page, and its level: `error` or `warning`."""
+    """A sentence at the top of the page, its level (`error`, `warning`), and the word in the list of planners."""
 
     level: str
     text: str
+    word: str
 
 
 @dataclass
@@ -73,21 +74,25 @@ def banner_of(around: Surroundings, command: Pulse, battery: Pulse, now_s: float
     if not around.is_there:
         return Banner('error', 'The planner is gone. Its heater command has expired, so the heater is off. '
                       'The values below are its last ones.'
-                      if age_s is not None else 'The planner is gone.')
+                      if age_s is not None else 'The planner is gone.', 'gone')
     if age_s is None:
-        return Banner('warning', 'The planner is there; its first message has not arrived yet.')
+        return Banner('warning', 'The planner is there; its first message has not arrived yet.', 'no message yet')
     if command.is_late(now_s):
         if around.is_simulated and not around.has_clock:
-            return Banner('error', f'The clock stands: nothing publishes /clock. No message for {age_s:.0f} s.')
+            return Banner('error', f'The clock stands: nothing publishes /clock. No message for {age_s:.0f} s.',
+                          'its clock stands')
         if around.is_simulated:
-            return Banner('error', f'The clock stands: /clock does not advance. No message for {age_s:.0f} s.')
+            return Banner('error', f'The clock stands: /clock does not advance. No message for {age_s:.0f} s.',
+                          'its clock stands')
         return Banner('error', f'The planner is silent: no message for {age_s:.0f} s. Without fresh commands the '
-                      'heater is off.')
+                      'heater is off.', 'silent')
     if command.stands_s(now_s) > FROZEN_S:
-        return Banner('error', f"The planner's clock has been standing for {command.stands_s(now_s):.0f} s.")
+        return Banner('error', f"The planner's clock has been standing for {command.stands_s(now_s):.0f} s.",
+                      'its clock stands')
     if battery.is_late(now_s):
         return Banner('warning', f'No battery state for {battery.age_s(now_s):.0f} s: the measured '
-                      'values are old.')
+                      'values are old.', 'no battery state')
     if battery.stands_s(now_s) > FROZEN_S:
-        return Banner('warning', 'The battery state repeats one stamp: the measured values are old.')
+        return Banner('warning', 'The battery state repeats one stamp: the measured values are old.',
+                      'the battery state stands')
     return None

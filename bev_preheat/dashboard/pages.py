@@ -30,9 +30,11 @@ def main_page(source: Source) -> str:
     """Return the page of a Source: with buttons only if planners may be asked."""
     page = (FOLDER / 'dashboard.html').read_text(encoding='utf-8')
     controls = (FOLDER / 'controls.html').read_text(encoding='utf-8') if source.has_controls else ''
-    slider = (FOLDER / 'recording.html').read_text(encoding='utf-8') if source.mode == 'recording' else ''
+    results, slider = ((FOLDER / f'{name}.html').read_text(encoding='utf-8') if source.mode == 'recording' else ''
+                       for name in ('results', 'recording'))
     return (page.replace('{{mode}}', source.mode).replace('{{name}}', escape(source.name))
-            .replace('{{controls}}', controls).replace('{{recording}}', slider))
+            .replace('{{controls}}', controls).replace('{{results}}', results)
+            .replace('{{recording}}', slider))
 
 
 def login_page(problem: str) -> str:

@@ -11,7 +11,7 @@ from typing import Any, TYPE_CHECKING
 from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.dashboard.board import BACK_S, Board
 from bev_preheat.dashboard.messages import entries_seen, plan_seen
-from bev_preheat.dashboard.plain import written
+from bev_preheat.dashboard.plain import instant, written
 from bev_preheat.dashboard.seen import RouteSeen
 from bev_preheat.dashboard.unheated import Unheated
 from bev_preheat.errors import InvalidInput
@@ -20,6 +20,7 @@ from bev_preheat.nodes.diagnostics import planner_diagnostics
 from bev_preheat.nodes.news import without_figures
 from bev_preheat.replay.flight_file import read_flight
 from bev_preheat.replay.player import Player
+from bev_preheat.replay.trip_result import lapses_in_words, TripResults
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -53,20 +54,27 @@ class RecordedDrive:
         self._framed_s = self._planned_s = -math.inf
         self._marks = self._measured_ns = 0
         self._entry_kinds: list[tuple[str, str, str]] = []
+        self._results = TripResults()
 
     def add(self, played: Played) -> None:
         """Add a step."""
         board, state, at_s = self._board, played.state, played.now_ns / NS_PER_S
         if board.unheated is None:
             board.unheated = Unheated(state.vehicle)
+        self._results.add(played)
         if played.output.command is not None:
             board.see_command(at_s, played.output.command.battery_heating_power_w,
-                              int(played.output.command.reason), at_s)
+                              int(played.output.command.reason), at_s,
+                              played.output.command.valid_until_ns / NS_PER_S)
+        if state.heater_answer is not None and state.heater_answer.status is not None:
+            board.see_answer(state.heater_answer.status)
         measurement = state.measurement
         if measurement is not None and measurement.stamp_ns != self._measured_ns:
             self._measured_ns = measurement.stamp_ns
+            plan = state.decision.plan
             board.see_battery(measurement.stamp_ns / NS_PER_S, measurement.state.temperature_c,
-                              measurement.state.soc, at_s)
+                              measurement.state.soc, at_s,
+                              math.nan if plan is None else float(plan.battery_temperature_c[0]))
         status = None if board.plan is None else board.plan.status
         is_due = at_s - self._framed_s >= self._frame_s - CLOSE_S
         if not is_due and status == state.decision.status:
@@ -95,10 +103,12 @@ class RecordedDrive:
         return {**view, 'entries': None}
 
     def tables(self) -> dict[str, Any]:
-        """Return the tables: `keys` of the frames, `frames` in rows, plans, history, events."""
+        """Return the tables: results of trips, `keys` of the frames, `frames` in rows, plans, history, events."""
         # A dictionary keeps their order.
         keys = list({key: None for frame in self._frames for key in frame if key not in LIVE_ONLY})
-        return {'keys': keys, 'frames': [[frame.get(key) for key in keys] for frame in self._frames],
+        results = [[instant(trip.ended_ns / NS_PER_S), *trip.sentences()] for trip in self._results.trips]
+        return {'results': results, 'lapses': lapses_in_words(self._results.account.without_command),
+                'keys': keys, 'frames': [[frame.get(key) for key in keys] for frame in self._frames],
                 'plans': self._plans, 'history': self._board.history(), 'events': self._board.events()}
 
 
@@ -134,9 +144,9 @@ class RecordedSource:
         return written({'problem': self._problem} if self._problem else
                        {'progress': self._done / len(self._flight.given)})
 
-    def planners(self) -> list[dict[str, Any]]:
+    def planners(self, now_s: float) -> list[dict[str, Any]]:
         """Return the recorded planner."""
-        return [{'name': self.name, 'isThere': True, 'status': None}]
+        return [{'name': self.name, 'problem': '', 'status': None}]
 
     def message(self, planner: str, cursor: Cursor, now_s: float) -> str | None:
         """Return None: nothing happens in a recording."""

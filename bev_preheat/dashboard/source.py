@@ -39,8 +39,8 @@ class Source(Protocol):
     def has_controls(self) -> bool:
         """Whether planners may be asked."""
 
-    def planners(self) -> list[dict[str, Any]]:
-        """Return name, presence and status of each planner."""
+    def planners(self, now_s: float) -> list[dict[str, Any]]:
+        """Return name and status of each planner, and a word on one that is gone or silent ('' for none)."""
 
     def message(self, planner: str, cursor: Cursor, now_s: float) -> str | None:
         """Return the next message to a tab; None if there is no such planner."""
@@ -72,10 +72,10 @@ class LiveSource:
         """Whether planners may be asked."""
         return self.ask_planner is not None
 
-    def planners(self) -> list[dict[str, Any]]:
-        """Return name, presence and status of each planner."""
+    def planners(self, now_s: float) -> list[dict[str, Any]]:
+        """Return name and status of each planner, and a word on one that is gone or silent ('' for none)."""
         with self.lock:
-            return [{'name': name, 'isThere': board.around.is_there,
+            return [{'name': name, 'problem': '' if (banner := board.banner(now_s)) is None else banner.word,
                      'status': None if board.plan is None else status_name(board.plan.status)}
                     for name, board in sorted(self.boards.items())]
 

@@ -80,7 +80,7 @@ class TabHandler(Checked, WebSocketHandler):
             return
         source = self.shared.source
         texts = []
-        planners = written({'planners': source.planners()})
+        planners = written({'planners': source.planners(now_s)})
         if planners != self._list:
             self._list = planners
             texts.append(planners)

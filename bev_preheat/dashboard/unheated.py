@@ -16,18 +16,19 @@ if TYPE_CHECKING:
     from bev_preheat.dashboard.seen import PlanSeen
     from bev_preheat.vehicle.description import Vehicle
 
-# A recorded or measured charge that is unknown: the open-circuit voltage at it serves.
-USUAL_SOC = 0.5
+# A charge or temperature that is unknown: the open-circuit voltage at these serves.
+USUAL_SOC, USUAL_C = 0.5, 20.0
 # A longer gap between two measurements starts the comparison again [s].
 LONGEST_GAP_S = 600.0
 
 
 class Unheated:
     """
-    How much warmer the battery is because of the heater, from the commands so far.
+    How much warmer the battery is because of the heater, from its power so far.
 
     The equation is that of replay.deviation.Deviation: stored heat and leakage of the vehicle file; the change of
-    the Joule heat by the few degrees is left out.
+    the Joule heat by the few degrees is left out. It takes heat away at once, so it starts from the temperature
+    that the battery settles at when the heat under way has arrived, as plans do: a reading shows heat late.
     """
 
     def __init__(self, vehicle: Vehicle) -> None:
@@ -40,16 +41,15 @@ class Unheated:
         """Forget the heat, because another trip begins."""
         self._deviation, self._latest_s = Deviation(self._vehicle), None
 
-    def measured_c(self, at_s: float, temperature_c: float, soc: float, power_w: float) -> float:
-        """Return the unheated temperature [deg C] at a measurement, while the heater takes `power_w` [W]."""
+    def unheated_c(self, at_s: float, settled_c: float, soc: float, power_w: float) -> float:
+        """Return the unheated temperature [deg C] (NaN: unknown), while the heater takes `power_w` [W]."""
         if self._latest_s is not None and not 0.0 <= at_s - self._latest_s < LONGEST_GAP_S:
             self.restart()
         self._latest_s = at_s
-        if not math.isfinite(temperature_c):
-            return math.nan
-        # The heater takes nothing away: the difference to a car without it is negative.
-        self._deviation.advance(_ns(at_s), -_finite(power_w, 0.0), _finite(soc, USUAL_SOC), temperature_c)
-        return temperature_c + self._deviation.temperature_k
+        # The difference of a car without the heater is negative.
+        self._deviation.advance(_ns(at_s), -_finite(power_w, 0.0), _finite(soc, USUAL_SOC),
+                                _finite(settled_c, USUAL_C))
+        return settled_c + self._deviation.temperature_k
 
     def planned_c(self, plan: PlanSeen) -> tuple[float, ...]:
         """Return the unheated temperatures [deg C] at the instants of a plan; () without one."""

@@ -221,6 +221,8 @@ def _simulator_parameters(parsed: Namespace) -> dict[str, Any]:
         # Wait for the planner and this observer.
         'wait_for_listeners': 2,
         'exit_on_arrival': 'true',
+        # So that the recording has the delivered power too.
+        'heater_status': 'true',
     }
     if parsed.charger_power is not None:
         parameters['charger_power'] = parsed.charger_power

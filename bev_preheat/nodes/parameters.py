@@ -7,6 +7,7 @@ A whole number is accepted for a parameter of type double: people write 12, whic
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass
 from functools import partial
 import math
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
     from rclpy.node import Node
 
 
+# Declared by rclpy in every node; it can be set at run time.
+USE_SIM_TIME = 'use_sim_time'
 # By the type of the default.
 IN_WORDS = {float: 'a number', int: 'a whole number', bool: 'true or false', str: 'a text'}
 
@@ -121,7 +124,11 @@ class Parameter:
 
 
 def declare(node: Node, parameters: Sequence[Parameter]) -> dict[str, Any]:
-    """Declare the parameters and return their values by name; raise InvalidInput on bad ones."""
+    """
+    Declare the parameters and return their values by name; raise InvalidInput on bad ones.
+
+    If all of them are read-only, the node's clock cannot be exchanged at run time either.
+    """
     _take_overrides(node, parameters)
     node.add_pre_set_parameters_callback(partial(_taken, {item.name: item for item in parameters}))
     values = {}
@@ -129,6 +136,11 @@ def declare(node: Node, parameters: Sequence[Parameter]) -> dict[str, Any]:
         values[parameter.name] = node.declare_parameter(
             parameter.name, parameter.default, parameter.descriptor()).value
     check(parameters, values)
+    if all(parameter.read_only for parameter in parameters):
+        # rclpy gives its own object away.
+        descriptor = copy(node.describe_parameter(USE_SIM_TIME))
+        descriptor.read_only = True
+        node.set_descriptor(USE_SIM_TIME, descriptor)
     return values
 
 

@@ -40,7 +40,7 @@ from bev_preheat.nodes.flight_recording import FlightRecorder, planner_of, Setup
 from bev_preheat.nodes.heater_messages import heater_status_event
 from bev_preheat.nodes.managed import LIFECYCLE, ManagedStates, NOT_ACTIVE
 from bev_preheat.nodes.news import RepetitionFilter
-from bev_preheat.nodes.parameters import check, declare, Parameter
+from bev_preheat.nodes.parameters import check, declare, Parameter, USE_SIM_TIME
 from bev_preheat.nodes.prepare_action import PREPARE, PrepareAction
 from bev_preheat.nodes.process import LAST_WORDS_TIME, run_node
 from bev_preheat.nodes.route_intake import RouteIntake
@@ -120,7 +120,8 @@ PARAMETERS = (
               'empty: none.'),
     Parameter('grid_prices', '', 'File of prices of energy from the grid (YAML): a plugged-in battery is prepared '
               'in the cheapest hours; empty: as late as possible.'),
-    Parameter('locked', False, 'Refuse changes of the safety-relevant parameters at run time.', read_only=True),
+    Parameter('locked', False, "Refuse changes of the safety-relevant parameters, and of the node's clock "
+              '(use_sim_time), at run time.', read_only=True),
     LIFECYCLE,
 )
 # A driver or a backend may change these although the others are locked.
@@ -338,10 +339,10 @@ class PlannerNode(Node):
     # Parameters
 
     def _check_parameters(self, parameters: Sequence[RosParameter]) -> SetParametersResult:
-        if not _OWN.intersection(parameter.name for parameter in parameters):
-            return SetParametersResult(successful=True)
         try:
             self._check_lock(parameters)
+            if not _OWN.intersection(parameter.name for parameter in parameters):
+                return SetParametersResult(successful=True)
             _take_effect(self._values_with(parameters))
             # A faulty file must not block other parameters; the diagnostics report it.
             for parameter in parameters:
@@ -360,17 +361,22 @@ class PlannerNode(Node):
         return SetParametersResult(successful=True)
 
     def _check_lock(self, parameters: Iterable[RosParameter]) -> None:
-        """Raise InvalidInput if a parameter that is locked would change."""
+        """Raise InvalidInput if a parameter that is locked would change, also one that rclpy declared."""
         if self.get_parameter('locked').value:
             problems = [
                 f'{parameter.name}: is locked (locked:=true at the start); change the parameter file and restart'
-                for parameter in parameters if parameter.name in _OWN - NEVER_LOCKED
+                for parameter in parameters if parameter.name not in NEVER_LOCKED
                 and parameter.value != self.get_parameter(parameter.name).value]
             if problems:
                 raise InvalidInput(problems)
 
     @guarded
     def _apply_parameters(self, parameters: Sequence[RosParameter]) -> None:
+        for parameter in parameters:
+            if parameter.name == USE_SIM_TIME:
+                self.get_logger().warning(
+                    f'use_sim_time = {str(parameter.value).lower()}: stamps and leases now follow '
+                    f'{"/clock; its publisher sets the time" if parameter.value else "the system clock"}.')
         if not _OWN.intersection(parameter.name for parameter in parameters):
             return
         state = self._supervisor.state

@@ -9,16 +9,14 @@ from typing import Any, NamedTuple, TYPE_CHECKING
 
 from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.planning.status import Status
+from bev_preheat.replay.heater_account import RECORDED_HOLD_NS
+from bev_preheat.replay.trip_result import OVER, span_values, TripResults
 
 if TYPE_CHECKING:
     from bev_preheat.replay.player import Played
 
-WH_PER_J = 1.0 / 3600.0
 # Heater power below this is off [W].
 LEAST_HEAT_W = 1.0
-# The recorded power of a log's heater holds this long without another one [ns].
-RECORDED_HOLD_NS = 60 * NS_PER_S
-OVER = (Status.ARRIVED, Status.CHARGING)
 
 
 class Instant(NamedTuple):
@@ -56,13 +54,14 @@ class Course:
     A drive, instant by instant; filled by `add`.
 
     `said` has the sentence at each change of status, `signals` the names of signals in doubt by instant [ns],
-    `regimes` the regime by instant [ns], each at its changes.
+    `regimes` the regime by instant [ns], each at its changes. `results` has the heater's energy and each trip.
     """
 
     instants: list[Instant] = field(default_factory=list)
     said: list[Said] = field(default_factory=list)
     signals: list[tuple[int, str]] = field(default_factory=list)
     regimes: list[tuple[int, str]] = field(default_factory=list)
+    results: TripResults = field(default_factory=TripResults)
     _arrived: Instant | None = None
     _predicted: Instant | None = None
     _had_plan: bool = False
@@ -73,6 +72,7 @@ class Course:
 
         `recorded_w` [W] is the heater's recorded power if no planner commanded it, None: one did.
         """
+        self.results.add(played, recorded_w)
         state, decision = played.state, played.state.decision
         command, estimate, measurement, plan = (
             state.latest_command, state.estimate, state.measurement, decision.plan if recorded_w is None else None)
@@ -120,10 +120,9 @@ class Course:
 
     @property
     def energy_wh(self) -> float:
-        """The commanded electrical energy [Wh]; a command ends with its lease, whatever the clock does."""
-        return WH_PER_J * sum(
-            before.command_w * max(min(after.now_ns, before.until_ns) - before.now_ns, 0) / NS_PER_S
-            for before, after in zip(self.instants, self.instants[1:]))
+        """The heater's electrical energy [Wh]: as commanded, or of a log as recorded."""
+        account = self.results.account
+        return (account.delivered_wh if account.commanded_wh is None else account.commanded_wh) or 0.0
 
     @property
     def arrival(self) -> Instant | None:
@@ -141,7 +140,10 @@ class Course:
         return {
             'start_ns': self.instants[0].now_ns, 'end_ns': self.instants[-1].now_ns, 'steps': len(self.instants),
             'heating': [{'from_ns': begun, 'to_ns': ended} for begun, ended in self.heating],
-            'hvch_electric_wh': self.energy_wh,
+            'hvch_commanded_wh': self.results.account.commanded_wh,
+            'hvch_delivered_wh': self.results.account.delivered_wh,
+            'without_command': span_values(self.results.account.without_command),
+            'results': [trip.sentences() for trip in self.results.trips],
             'arrival_ns': None if arrival is None else arrival.now_ns,
             'arrival_temperature_c': None if arrival is None else arrival.measured_c,
             'last_predicted_arrival_temperature_c': None if predicted is None else predicted.predicted_c,

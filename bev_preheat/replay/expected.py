@@ -21,7 +21,8 @@ FORMAT = 1
 SAMPLE_S = 60
 # Tolerances that `figures` are written with; the others are compared as they are.
 TOLERANCES = {
-    'heating_begins_s': 30.0, 'heating_ends_s': 30.0, 'hvch_electric_wh': 20.0, 'arrival_s': 10.0,
+    'heating_begins_s': 30.0, 'heating_ends_s': 30.0, 'hvch_commanded_wh': 20.0, 'hvch_delivered_wh': 20.0,
+    'arrival_s': 10.0,
     'arrival_temperature_c': 0.3, 'last_predicted_arrival_temperature_c': 0.3, 'minute_command_w': 100.0,
     'minute_measured_c': 0.3, 'minute_predicted_c': 0.3, 'largest_difference_w': 1.0}
 
@@ -60,7 +61,8 @@ def figures(comparison: Comparison | None, course: Course) -> dict[str, Any]:
         'heating_begins_s': seconds(heating[0][0] if heating else None),
         'heating_ends_s': seconds(heating[-1][1] if heating else None),
         'switch_ons': len(heating),
-        'hvch_electric_wh': course.energy_wh,
+        'hvch_commanded_wh': course.results.account.commanded_wh,
+        'hvch_delivered_wh': course.results.account.delivered_wh,
         'arrival_s': seconds(None if arrival is None else arrival.now_ns),
         'arrival_temperature_c': _known(None if arrival is None else arrival.measured_c),
         'last_predicted_arrival_temperature_c': _known(None if predicted is None else predicted.predicted_c),

@@ -4,8 +4,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple, TYPE_CHECKING
 
 from bev_preheat.control.events import Reconfigured
@@ -29,7 +27,9 @@ from bev_preheat.nodes.heater_messages import heater_status_event
 from bev_preheat.nodes.route_intake import RouteIntake
 from bev_preheat.nodes.route_progress import progress_event
 from bev_preheat.replay.message_types import read_message
-from bev_preheat.vehicle import load_vehicle
+from bev_preheat.replay.vehicle_keys import with_keys
+from bev_preheat.vehicle import vehicle_contents
+from bev_preheat.vehicle.loading import vehicle_of_text
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -44,24 +44,32 @@ if TYPE_CHECKING:
     from bev_preheat.replay.signal_changes import SignalChange
     from bev_preheat.vehicle.description import Vehicle
 
+RECORDED_VEHICLE = 'the recorded vehicle file'
+
 
 @dataclass(frozen=True)
 class Changes:
     """
     The changes of a replay: none by default.
 
-    `vehicle` is a name in config/vehicles or a file, None: the recorded one. `parameters` replace recorded ones,
-    `signals` change recorded signals.
+    `vehicle` is a name in config/vehicles or a file, None: the recorded one. `vehicle_keys` replace values of that
+    file by dotted keys, `parameters` recorded ones, `signals` change recorded signals.
     """
 
     vehicle: str | None = None
+    vehicle_keys: Mapping[str, Any] = field(default_factory=dict)
     parameters: Mapping[str, Any] = field(default_factory=dict)
     signals: tuple[SignalChange, ...] = ()
 
     @property
     def is_nothing(self) -> bool:
         """Whether the replay is to reproduce the recording."""
-        return self.vehicle is None and not self.parameters and not self.signals
+        return self.has_recorded_vehicle and not self.parameters and not self.signals
+
+    @property
+    def has_recorded_vehicle(self) -> bool:
+        """Whether the vehicle file is the recorded one."""
+        return self.vehicle is None and not self.vehicle_keys
 
 
 class Played(NamedTuple):
@@ -145,13 +153,9 @@ class Player:
     def _vehicle(self, text: str) -> Vehicle:
         """Return the Vehicle of a file's text, or the changed one; the same object for the same text."""
         if text not in self._vehicles:
-            if self._changes.vehicle is not None:
-                self._vehicles[text] = load_vehicle(self._changes.vehicle)
-            else:
-                with TemporaryDirectory() as folder:
-                    path = Path(folder, 'recorded.yaml')
-                    path.write_text(text, encoding='utf-8')
-                    self._vehicles[text] = load_vehicle(path)
+            name, keys = self._changes.vehicle, self._changes.vehicle_keys
+            contents = text if name is None else vehicle_contents(name).decode('utf-8', 'replace')
+            self._vehicles[text] = vehicle_of_text(with_keys(contents, keys), name or RECORDED_VEHICLE)
         return self._vehicles[text]
 
     def _settings(self, parameters: Mapping[str, Any]) -> Settings:
@@ -160,4 +164,4 @@ class Player:
 
     def _learned(self, learned: Learned | None) -> Learned | None:
         """Return the Learned for a vehicle: another vehicle file starts without."""
-        return learned if self._changes.vehicle is None else None
+        return learned if self._changes.has_recorded_vehicle else None

@@ -19,12 +19,26 @@ ROUTE_FIELDS = {'ambient_temperature': 'ambient_temperature', 'propulsion_power'
 # Without these values the planner still plans.
 MAY_BE_MISSING = frozenset(('voltage', 'current'))
 SIGNALS = (*BATTERY_FIELDS, *ROUTE_FIELDS)
-VALUE = re.compile(r'(?P<sign>[+*-])(?P<number>[0-9.eE+-]+)')
+# Units, of differences too, and limits of a value that replaces the recorded one.
+UNITS = {'temperature': ('degC', 'K', (-60.0, 80.0)), 'soc': ('', '', (0.0, 1.0)),
+         'voltage': ('V', 'V', (1.0, 1500.0)), 'current': ('A', 'A', (-3000.0, 3000.0)),
+         'ambient_temperature': ('degC', 'K', (-60.0, 60.0)), 'propulsion_power': ('W', 'W', (-1e6, 1e6)),
+         'target': ('degC', 'K', (-40.0, 60.0))}
+# Other names of signals.
+ALIASES = {'battery_temperature': 'temperature', 'temp': 'temperature', 'percentage': 'soc',
+           'state_of_charge': 'soc', 'charge': 'soc', 'ambient': 'ambient_temperature',
+           'outside_temperature': 'ambient_temperature', 'power': 'propulsion_power',
+           'target_temperature': 'target'}
+VALUE = re.compile(r'(?P<sign>[+*=-]?)(?P<number>[0-9.eE+-]+)')
 MISSING = 'none'
 
 
 class SignalChange(NamedTuple):
-    """A signal of SIGNALS: its recorded value times `factor` plus `offset`; NaN: the signal is missing."""
+    """
+    A signal of SIGNALS: its recorded value times `factor` plus `offset`; NaN: the signal is missing.
+
+    A `factor` of 0 puts `offset` in place of the recorded value, but not of a missing one.
+    """
 
     signal: str
     factor: float
@@ -38,8 +52,12 @@ class SignalChange(NamedTuple):
         """Return it in words."""
         if math.isnan(self.factor):
             return f'{self.signal} missing'
-        return (f'{self.signal} * {self.factor:g}' if self.factor != 1.0 or self.offset == 0.0 else
-                f'{self.signal} {"+" if self.offset > 0.0 else "-"} {abs(self.offset):g}')
+        unit, difference, _ = UNITS[self.signal]
+        if self.factor == 0.0:
+            return f'{self.signal} {self.offset:g} {unit}'.rstrip()
+        if self.factor != 1.0 or self.offset == 0.0:
+            return f'{self.signal} * {self.factor:g}'
+        return f'{self.signal} {"+" if self.offset > 0.0 else "-"} {abs(self.offset):g} {difference}'.rstrip()
 
     def alter_battery(self, message: Any) -> None:
         """Change a BatteryState message, if it has the signal."""
@@ -53,7 +71,8 @@ class SignalChange(NamedTuple):
         """Change a RoutePlan message, if it has the signal."""
         field = ROUTE_FIELDS.get(self.signal)
         if self.signal == 'target':
-            # A target that the route does not name is the planner's own.
+            # A target that the route does not name is the planner's own, which only another value replaces.
+            message.has_target_battery_temperature |= self.factor == 0.0
             if message.has_target_battery_temperature:
                 message.target_battery_temperature = self.of(message.target_battery_temperature)
         elif field is not None:
@@ -61,8 +80,12 @@ class SignalChange(NamedTuple):
 
 
 def signal_change(signal: str, text: str) -> SignalChange:
-    """Return the SignalChange of `+2`, `-0.05`, `*1.1` or `none`; raises InvalidInput for anything else."""
-    allowed = f'{signal}: {quoted(text)} is not allowed; it must be +NUMBER, -NUMBER or *NUMBER'
+    """
+    Return the SignalChange of `20` or `=20`, `+2`, `-0.05`, `*1.1` or `none`.
+
+    Raises InvalidInput, naming signal, unit and allowed values, for anything else.
+    """
+    unit, difference, (low, high) = UNITS[signal]
     if text == MISSING and signal in MAY_BE_MISSING:
         return SignalChange(signal, math.nan, math.nan)
     found = VALUE.fullmatch(text)
@@ -70,8 +93,15 @@ def signal_change(signal: str, text: str) -> SignalChange:
         number = math.nan if found is None else float(found['number'])
     except ValueError:
         number = math.nan
-    if found is None or not math.isfinite(number):
-        raise InvalidInput(f'{allowed}, or {MISSING}' if signal in MAY_BE_MISSING else allowed)
+    is_value = found is not None and found['sign'] in ('', '=')
+    if found is None or not math.isfinite(number) or (is_value and not low <= number <= high):
+        told = [f'{low:g} ... {high:g}{f" {unit}" if unit else " (a share)"}, with = before a negative one',
+                f'+NUMBER or -NUMBER{f" [{difference}]" if difference else ""}', '*NUMBER',
+                *([MISSING] if signal in MAY_BE_MISSING else [])]
+        raise InvalidInput(
+            f'{signal}: {quoted(text)} is not allowed; it must be {", ".join(told[:-1])}, or {told[-1]}')
+    if is_value:
+        return SignalChange(signal, 0.0, number)
     if found['sign'] == '*':
         return SignalChange(signal, number, 0.0)
     return SignalChange(signal, 1.0, number if found['sign'] == '+' else -number)

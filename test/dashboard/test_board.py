@@ -7,6 +7,7 @@ import math
 import pytest
 from seen_examples import a_board, a_plan, NAN, START_S
 
+from bev_preheat.control.heater_answer import HeaterStatus
 from bev_preheat.dashboard.board import change_of, thinned
 from bev_preheat.dashboard.feed import Cursor, message
 from bev_preheat.dashboard.plain import written
@@ -83,7 +84,7 @@ def test_a_clock_set_back_starts_another_drive():
     board.see_battery(START_S + 10.0, -9.0, 0.95, 131.0)
     values = json.loads(message('/planner', board, cursor, 131.0))
     assert values['history']['isWhole'] and values['history']['measured'] == [-9.0]
-    assert values['events'] == {'marks': [], 'regimes': [], 'doubts': []}
+    assert values['events'] == {'marks': [], 'regimes': [], 'doubts': [], 'lapses': []}
     assert values['view']['at'] == START_S + 10.0 and values['view']['status'] is None
 
 
@@ -145,7 +146,10 @@ def test_without_heating_the_battery_is_colder_by_the_stored_heat():
     heated_s, power_w = 600.0, 5000.0
     for second in range(0, int(heated_s) + 1, 10):
         board.see_command(START_S + second, power_w, int(Status.HEATING), 100.0 + second)
-        board.see_battery(START_S + second, 0.01 * second, 0.8, 100.0 + second)
+        # The sensor shows no heat at all yet; plans start from the battery's own temperature.
+        board.see_plan(a_plan(START_S + second, times_s=(START_S + second, START_S + 1800.0),
+                              temperatures_c=(0.01 * second, 6.0), socs=(0.8, 0.7), powers_w=(power_w,)), 100.0)
+        board.see_battery(START_S + second, 0.0, 0.8, 100.0 + second)
     gained_k = 0.01 * heated_s - board.temperatures.since(0)[-1][3]
     without_leakage_k = vehicle.hvch.efficiency * power_w * heated_s / vehicle.battery.heat_capacity_j_per_k
     # Some of the heat leaks: by less than gamma_0 times the gain.
@@ -157,6 +161,29 @@ def test_without_heating_the_battery_is_colder_by_the_stored_heat():
                           powers_w=(0.0,)), 800.0)
     now_c, later_c = board.plan_curves()['planUnheated']
     assert now_c == pytest.approx(6.0 - gained_k, abs=0.01) and now_c < later_c < 6.0
+    # It is continuous at that instant, whatever the sensor shows.
+    assert now_c == pytest.approx(board.temperatures.since(0)[-1][3], abs=0.01)
+
+
+def test_the_delivered_power_counts_for_the_heat_and_a_lapsed_command_is_a_span():
+    board = a_board()
+    board.unheated = Unheated(load_vehicle('reference'))
+    gained_k = []
+    for share in (1.0, 0.5):
+        board.forget()
+        for second in range(0, 301, 5):
+            at_s = START_S + second
+            board.see_command(at_s, 4000.0, int(Status.HEATING), at_s, at_s + (5.0 if second != 100 else 2.0))
+            board.see_answer(HeaterStatus(round(at_s * 1e9), 4000.0, share * 4000.0))
+            board.see_battery(at_s, 0.0, 0.8, at_s, 0.0)
+        gained_k.append(-board.temperatures.since(0)[-1][3])
+    assert gained_k[0] > 2.0 and gained_k[1] == pytest.approx(0.5 * gained_k[0], rel=0.01)
+    assert board.history()['delivered'] == [2000.0] and board.view(at_s)['delivered'] == 2000.0
+    assert board.events()['lapses'] == [[START_S + 102.0, START_S + 105.0, 'no valid command']]
+    board.see_battery(at_s + 30.0, 0.0, 0.8, at_s, 0.0)
+    # The heater's answers and the commands are missing for a while.
+    assert board.view(at_s)['delivered'] is None
+    assert board.events()['lapses'][-1] == [at_s + 5.0, None, 'no valid command']
 
 
 @pytest.mark.parametrize('count', [0, 1, 2, 99, 100, 101, 12345])

@@ -119,7 +119,9 @@ def test_planners_come_answer_go_and_come_back(bench):
         assert_it_answers(host, tab)
         planner.send_signal(signal.SIGKILL)
         view = tab.watch('/planner', lambda tab: 'command' in tab.view['late'] and tab.view['banner']
-                         and tab.view['banner']['level'] == 'error', 'a banner')
+                         and tab.view['banner']['level'] == 'error'
+                         and tab.planners[-1]['problem'] in ('silent', 'gone'), 'a banner')
+        assert (tab.planners[0]['name'], tab.planners[0]['problem']) == ('/car_7/planner', '')
         assert view['temperature'] == -7.0
         bench.start('planner')
         tab.watch('/planner', lambda tab: not tab.view['banner'] and tab.view['status'] == 'WAITING', 'it is back')

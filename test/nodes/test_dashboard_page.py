@@ -25,7 +25,8 @@ pytestmark = [pytest.mark.needs('selenium'), pytest.mark.needs('chromium'), pyte
 PLANNER = ('-p', 'use_sim_time:=true', '-p', 'command_lease:=20.0', '-p', 'command_period:=5.0',
            '-p', 'battery_state_timeout:=60.0', '-p', 'clock_tolerance:=10.0')
 SIMULATOR = ('-p', 'wait_for_planner:=true', '-p', 'charger_power:=150000.0', '-p', 'minimum_arrival_soc:=0.2',
-             '-p', 'start_time:=1700000000.0', '-p', 'battery_state_period:=2.0')
+             '-p', 'start_time:=1700000000.0', '-p', 'battery_state_period:=2.0',
+             '-p', 'heater_status:=true')
 # A quarter of an hour that leaves time to wait, and the hour of the pictures.
 START_C, START_SOC = 14.0, 0.5
 QUARTER = ('-p', f'initial_battery_temperature:={START_C}', '-p', f'initial_soc:={START_SOC}')
@@ -180,10 +181,17 @@ def assert_the_recording_plays(page, bench, recordings):
     dashboard = bench.start('dashboard', '-p', 'port:=0', '-p', f'recording:={recordings}')
     page.open(f'http://{page_of(dashboard)}/')
     page.wait(lambda: not page.run('return document.getElementById("slider").disabled'), 'the recording')
-    assert not page.is_visible('actions') and 'UTC' in page.text('player-time')
+    assert not page.is_visible('actions') and 'UTC' in page.text('footer')
+    # It opens at the end of the first drive, with its result and its events.
+    assert 'Arrived after' in page.text('results') and page.text('status') in ('Arrived', 'Charging')
+    assert 'was commanded' in page.text('results') and 'and delivered' in page.text('results')
     # The second drive began when the simulation was started again.
     assert page.run('return document.getElementById("drive").innerText').split('\n') == ['1 of 2', '2 of 2']
     times = 'return Number(document.getElementById("slider").value)'
+    page.run('[...document.querySelectorAll("#log b")].find((each) => each.textContent === "Heating").click()')
+    assert page.text('status') == 'Heating'
+    page.run('document.querySelector("#results button").click()')
+    assert page.text('status') in ('Arrived', 'Charging')
     page.click('play')
     page.wait(lambda: page.text('status') == 'Heating', 'that the recorded drive heats')
     page.click('play')
@@ -198,6 +206,7 @@ def assert_the_recording_plays(page, bench, recordings):
     page.run('const s = document.getElementById("slider"); s.value = arguments[0];'
              's.dispatchEvent(new Event("input"))', stopped)
     assert page.text('status') == 'Heating'
+    page.press('END')
     page.wait(lambda: page.overflow_px() <= 0, 'that it fits', 10.0)
     page.picture('dashboard_recording.png', 1180, 900)
 

@@ -80,14 +80,14 @@ def test_managed_heater_controller_heats_only_when_active(bench):
 
 @pytest.mark.parametrize('locked', [True, False])
 def test_locked_parameters_cannot_be_changed(bench, locked):
-    bench.start('planner', '-p', f'locked:={str(locked).lower()}')
+    planner = bench.start('planner', '-p', f'locked:={str(locked).lower()}')
 
     def set_one(name, value):
-        request = SetParameters.Request(parameters=[Parameter(name, value=value).to_parameter_msg()])
-        return bench.call(SetParameters, '/planner/set_parameters', request).results[0]
+        return set_parameter(bench, 'planner', name, value)
 
+    # The last one would let anybody who publishes /clock set the time of stamps and leases.
     for name, value in (('vehicle', 'small_car'), ('command_lease', 9.0), ('battery_state_timeout', 50.0),
-                        ('estimation', False), ('minimum_on_time', 600.0)):
+                        ('estimation', False), ('minimum_on_time', 600.0), ('use_sim_time', True)):
         result = set_one(name, value)
         assert result.successful is not locked
         assert not locked or f'{name}: is locked' in result.reason
@@ -95,3 +95,17 @@ def test_locked_parameters_cannot_be_changed(bench, locked):
     assert set_one('value_of_time', 20.0).successful
     assert set_one('clock_tolerance', 1.0).successful
     assert not set_one('locked', False).successful
+    assert set_one('use_sim_time', not locked).successful
+    assert ('use_sim_time = true: stamps and leases now follow /clock' in planner.output()) is not locked
+
+
+def test_the_clock_of_a_node_whose_parameters_are_read_at_the_start_stays(bench):
+    bench.start('heater_controller')
+    result = set_parameter(bench, 'heater_controller', 'use_sim_time', True)
+    assert not result.successful and 'read-only' in result.reason
+
+
+def set_parameter(bench, node, name, value):
+    """Return the result of setting a parameter."""
+    request = SetParameters.Request(parameters=[Parameter(name, value=value).to_parameter_msg()])
+    return bench.call(SetParameters, f'/{node}/set_parameters', request).results[0]

@@ -32,7 +32,7 @@ def test_a_bag_gives_the_commands_again(recorded, tmp_path, capsys, ahead_ns):
     status, result = replayed(capsys, bag, '--vehicle', 'reference', '--method', 'optimal_switch')
     assert (status, result['reproduced']) == (0, True)
     assert result['commands'] == sum(output.command is not None for _, output in drive.outputs[:STEPS])
-    assert result['recorded']['hvch_electric_wh'] > 200.0
+    assert result['recorded']['hvch_commanded_wh'] > 200.0
 
 
 def test_the_folder_of_an_sqlite_bag_is_read(recorded, tmp_path, capsys):
@@ -98,11 +98,11 @@ def test_a_log_has_the_heaters_power_instead_of_commands(recorded, tmp_path, cap
     assert (status, result['source'], result['reproduced']) == (0, 'log', None)
     # The same energy as the drive that the log was made of: two steps a second.
     energy_wh = sum(output.command.battery_heating_power_w for _, output in drive.outputs[:STEPS]) / 2 / 3600
-    assert result['recorded']['hvch_electric_wh'] == pytest.approx(energy_wh, rel=0.02)
+    assert result['recorded']['hvch_delivered_wh'] == pytest.approx(energy_wh, rel=0.02)
     assert energy_wh > 200.0 and result['changed']['statuses']
     assert 'no commands to reproduce' in result['remarks'][-1]
     _, without = replayed(capsys, log_of(folder, tmp_path / 'cold.csv', 5), '--route', 'reference')
-    assert without['recorded']['hvch_electric_wh'] == 0.0 and 'counts as 0 W' in without['remarks'][-1]
+    assert without['recorded']['hvch_delivered_wh'] == 0.0 and 'counts as 0 W' in without['remarks'][-1]
 
 
 @pytest.mark.parametrize('words, told', [

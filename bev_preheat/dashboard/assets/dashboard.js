@@ -5,9 +5,10 @@
   if (document.body.dataset.mode !== 'live') return;
   const {byId} = bevView;
   const RETRY_MS = 2000, SILENCE_MS = 6000;
-  const EMPTY = {time: [], measured: [], soc: [], unheated: [], powerTime: [], power: []};
+  const EMPTY = {time: [], measured: [], soc: [], unheated: [], powerTime: [], power: [], deliveredTime: [],
+    delivered: []};
   let socket = null, chosen = null, planners = [], heardMs = Date.now();
-  let history = structuredClone(EMPTY), plan = null, events = {marks: [], regimes: [], doubts: []};
+  let history = structuredClone(EMPTY), plan = null, events = {marks: [], regimes: [], doubts: [], lapses: []};
 
   function connect() {
     socket = new WebSocket(`${location.protocol === 'https:' ? 'wss' : 'ws'}://${location.host}/tab`);
@@ -41,7 +42,7 @@
     select.replaceChildren(...list.map((each) => {
       const option = document.createElement('option');
       option.value = each.name;
-      option.textContent = `${each.name} · ${each.isThere ? bevView.statusOf(each.status)[0] : 'gone'}`;
+      option.textContent = `${each.name} · ${each.problem || bevView.statusOf(each.status)[0]}`;
       return option;
     }));
     const wanted = decodeURIComponent(location.hash.slice(1));
@@ -60,7 +61,7 @@
     byId('planner').value = name;
     history = structuredClone(EMPTY);
     plan = null;
-    events = {marks: [], regimes: [], doubts: []};
+    events = {marks: [], regimes: [], doubts: [], lapses: []};
     socket.send(JSON.stringify({planner: name}));
   }
 

@@ -58,7 +58,36 @@
     slider.max = String(times.length - 1);
     slider.disabled = false;
     shown = -1;
-    go(times[0]);
+    showResults();
+    // Of several at one instant only the last one has a frame.
+    bevView.showLog(tables.events.marks.filter(([instant], index, all) => !(index + 1 < all.length
+      && all[index + 1][0] === instant)), go);
+    // The whole drive is seen from its end.
+    go(times[times.length - 1]);
+  }
+
+  function showResults() {
+    const lines = tables.results.flatMap(([instant, arrival, energy], index) => {
+      const line = document.createElement('p'), button = document.createElement('button'), more = document.createElement('p');
+      line.className = 'sentence';
+      button.type = 'button';
+      button.textContent = bevView.readable(arrival);
+      button.title = `go to ${bevView.clock(instant)}`;
+      button.addEventListener('click', () => go(instant));
+      line.append(button);
+      more.className = 'note';
+      const lapses = tables.lapses && index === tables.results.length - 1
+        ? ` Without a valid command: ${tables.lapses} (shaded below).` : '';
+      more.textContent = `${energy}${lapses}`;
+      return [line, more];
+    });
+    if (!lines.length) {
+      const line = document.createElement('p');
+      line.className = 'sentence';
+      line.textContent = 'No trip was planned in this recording.';
+      lines.push(line);
+    }
+    byId('results').replaceChildren(...lines);
   }
 
   function viewOf(index) {
@@ -75,17 +104,19 @@
     if (index === shown) return;
     shown = index;
     const view = viewOf(index), plan = tables.plans[Math.max(0, bevView.lower(planTimes, times[index] + 1e-6) - 1)];
-    const {marks, regimes, doubts} = tables.events;
+    const {marks, regimes, doubts, lapses} = tables.events;
     const until = (list) => list.filter(([begin]) => begin <= times[index] + 1e-6);
     bevView.showView(view);
-    bevView.showCurves(view, tables.history, plan, {marks: until(marks), regimes: until(regimes), doubts: until(doubts)});
-    bevView.showLog(until(marks));
+    bevView.showCurves(view, tables.history, plan, {
+      marks: until(marks), regimes: until(regimes), doubts: until(doubts), lapses: until(lapses)});
+    bevView.showLogAt(times[index]);
     slider.value = String(index);
-    const text = `${bevView.clock(times[index])} UTC · ${bevView.duration(times[index] - times[0])} of ${
+    const text = `${bevCurves.clockText(times[index], 'local', true)} · ${bevView.duration(times[index] - times[0])} of ${
       bevView.duration(times[times.length - 1] - times[0])}`;
     slider.setAttribute('aria-valuetext', `${text}, ${bevView.statusOf(view.status)[0]}`);
     byId('player-time').textContent = text;
-    byId('footer').textContent = 'A recording: nothing here happens now. Times are UTC, as in preheat replay --explain.';
+    byId('footer').textContent = 'A recording: nothing here happens now. Times are local; for preheat replay --explain this '
+      + `instant is ${bevCurves.clockText(times[index], 'utc')} (UTC).`;
   }
 
   function stop() {

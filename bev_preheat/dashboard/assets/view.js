@@ -34,8 +34,7 @@ const bevView = (() => {
     return hours ? `${hours}:${two(minutes)}:${two(rest)}` : `${minutes}:${two(rest)}`;
   }
 
-  // In a recording UTC, as `preheat replay` has it.
-  const clock = (at) => bevCurves.clockText(at, isRecording ? 'utc' : 'local');
+  const clock = (at) => bevCurves.clockText(at, 'local');
 
   function showStatus(view) {
     const [word, kind] = statusOf(view.status), status = document.querySelector('.status');
@@ -61,7 +60,8 @@ const bevView = (() => {
     put('note-battery', `now and at arrival${isNumber(view.target) ? `, target ${fixed(view.target, 1)}${NO_BREAK}°C` : ''}`);
     showCountdown(view);
     put('power', fixed(isNumber(view.power) ? view.power / 1000 : null, 1));
-    put('note-heater', !isNumber(view.power) ? 'no command yet' : view.power > 0 ? 'for the battery' : 'off');
+    put('note-heater', !isNumber(view.power) ? 'no command yet' : isNumber(view.delivered)
+      ? `commanded, ${fixed(view.delivered / 1000, 1)}${NO_BREAK}kW delivered` : view.power > 0 ? 'commanded' : 'off');
     put('soc', fixed(isNumber(view.soc) ? 100 * view.soc : null, 0));
     put('note-charge', isNumber(view.arrivalSoc) ? `${fixed(100 * view.arrivalSoc, 0)}${NO_BREAK}% at arrival${
       isNumber(view.reserve) ? `, reserve ${fixed(100 * view.reserve, 0)}${NO_BREAK}%` : ''}` : '');
@@ -147,12 +147,14 @@ const bevView = (() => {
     }));
   }
 
-  function showLog(marks) {
+  // The latest first; of a recording all in their order, each a button that goes to its instant.
+  function showLog(marks, onGo = null) {
     const key = JSON.stringify(marks);
     if (showLog.key === key) return;
     showLog.key = key;
     byId('log-empty').hidden = marks.length > 0;
-    byId('log').replaceChildren(...marks.slice(-40).reverse().map(([at, status, text]) => {
+    const shown = onGo ? marks : marks.slice(-40).reverse();
+    byId('log').replaceChildren(...shown.map(([at, status, text]) => {
       const item = document.createElement('li'), time = document.createElement('time'), said = document.createElement('span');
       const word = document.createElement('b');
       time.textContent = clock(at);
@@ -160,9 +162,25 @@ const bevView = (() => {
       // Some sentences begin with the status.
       const rest = readable(text).replace(`${word.textContent}: `, '');
       said.append(word, `: ${rest}`);
-      item.append(time, said);
+      if (!onGo) { item.append(time, said); return item; }
+      const button = document.createElement('button');
+      button.type = 'button';
+      button.dataset.at = String(at);
+      button.append(time, said);
+      button.addEventListener('click', () => onGo(at));
+      item.append(button);
       return item;
     }));
+  }
+
+  // Marks the event of a recording that holds at an instant.
+  function showLogAt(at) {
+    let latest = null;
+    for (const button of byId('log').querySelectorAll('button')) {
+      button.removeAttribute('aria-current');
+      if (Number(button.dataset.at) <= at + 1e-6) latest = button;
+    }
+    if (latest) latest.setAttribute('aria-current', 'true');
   }
 
   // Curves
@@ -171,13 +189,15 @@ const bevView = (() => {
     {title: 'Temperature', unit: '°C', height: 250, leastSpan: 4, series: [
       {name: 'measured', key: 'measured', colour: 'blue', width: 2.5},
       {name: 'planned', key: 'planned', times: 'planTime', colour: 'blue', dash: 'dash', width: 2},
-      {name: 'without heating', key: 'unheated', times: 'unheatedTime', colour: 'grey', dash: 'dot', width: 2},
+      {name: 'without heating', short: 'unheated', key: 'unheated', times: 'unheatedTime', colour: 'grey', dash: 'dot', width: 2},
       {name: 'target', key: 'target', times: 'targetTime', colour: 'ink', dash: 'long', width: 1.2,
         constant: true},
-      {name: 'at arrival', key: 'spread', low: 'spreadLow', high: 'spreadHigh', times: 'spreadTime', colour: 'purple',
+      {name: 'at arrival', short: 'arrival', key: 'spread', low: 'spreadLow', high: 'spreadHigh', times: 'spreadTime', colour: 'purple',
         width: 3, constant: true}]},
     {title: 'Heater', unit: 'kW', height: 110, least: 0, leastSpan: 1, series: [
       {name: 'commanded', key: 'power', times: 'powerTime', colour: 'vermillion', step: true, scale: 0.001, width: 2.5},
+      {name: 'delivered', key: 'delivered', times: 'deliveredTime', colour: 'blue', dash: 'dashdot', step: true,
+        scale: 0.001},
       {name: 'planned', key: 'planPower', times: 'planTime', colour: 'vermillion', dash: 'dash', step: true,
         scale: 0.001}]},
     {title: 'Charge', unit: '%', height: 110, leastSpan: 5, series: [
@@ -194,8 +214,10 @@ const bevView = (() => {
     const at = view.at, arrival = isNumber(view.arrival) && view.arrival > at ? view.arrival : at;
     const from = isRecording || !isNumber(view.tripFrom) ? at - LONGEST_PAST_S
       : Math.max(view.tripFrom - BEFORE_TRIP_S, at - LONGEST_PAST_S);
-    const past = sliced(history, 'time', ['measured', 'soc', 'unheated'], isRecording ? -Infinity : from, at);
-    const power = steps(history, isRecording ? -Infinity : from, at);
+    const begin = isRecording ? -Infinity : from;
+    const past = sliced(history, 'time', ['measured', 'soc', 'unheated'], begin, at);
+    const powers = {...steps(history, 'power', begin, at, true),
+      ...steps(history, 'delivered', begin, at, isNumber(view.delivered))};
     const ahead = plan || {planTime: [], planned: [], planUnheated: [], planSoc: [], planPower: []};
     const first = past.time.length ? past.time[0] : at;
     const width = Math.max(arrival - first, 60) * 0.008;
@@ -203,7 +225,7 @@ const bevView = (() => {
     const half = hasSpread && isNumber(view.deviation) ? view.deviation : 0;
     const twice = (value) => [value, value];
     const data = {
-      ...past, ...power, ...ahead, planPower: held(ahead.planPower),
+      ...past, ...powers, ...ahead, planPower: held(ahead.planPower),
       unheatedTime: past.time.concat(ahead.planTime), unheated: past.unheated.concat(ahead.planUnheated),
       targetTime: isNumber(view.target) ? [first, arrival] : [], target: twice(view.target),
       spreadTime: hasSpread ? [arrival - width, arrival + width] : [], spread: twice(view.predicted),
@@ -222,10 +244,11 @@ const bevView = (() => {
     const shades = [...events.regimes.filter(([, , text]) => text !== 'driving')
       .map(([begin, end, text]) => ({from: begin, to: end === null ? at : end, text, colour: 'green'})),
     ...events.doubts.map(([begin, end, text]) => ({from: begin, to: end === null ? at : end, text: `in doubt: ${text}`,
-      colour: 'vermillion'}))];
+      colour: 'vermillion'})),
+    ...events.lapses.map(([begin, end, text]) => ({from: begin, to: end === null ? at : end, text, colour: 'orange', row: 1}))];
     if (!curves) {
       curves = bevCurves.create(byId('curves'), {
-        rows: ROWS, data, markers, shades, clock: isRecording ? 'utc' : 'local', endText: 'now',
+        rows: ROWS, data, markers, shades, clock: 'local', endText: 'now',
         onPick: (instant) => bevView.onPick(instant)});
     } else {
       curves.setData(data);
@@ -252,16 +275,17 @@ const bevView = (() => {
     return low;
   }
 
-  // Changes of the heater's power, continued until now.
-  function steps(history, from, at) {
-    const end = lower(history.powerTime, at + 1e-6), begin = Math.max(0, Math.min(lower(history.powerTime, from), end - 1));
-    const powerTime = history.powerTime.slice(begin, end), power = history.power.slice(begin, end);
-    if (powerTime.length && powerTime[0] < from) powerTime[0] = from;
-    if (powerTime.length && powerTime[powerTime.length - 1] < at) {
-      powerTime.push(at);
-      power.push(power[power.length - 1]);
+  // Changes of a power, continued until now if it goes on.
+  function steps(history, key, from, at, goesOn) {
+    const times = `${key}Time`, end = lower(history[times], at + 1e-6);
+    const begin = Math.max(0, Math.min(lower(history[times], from), end - 1));
+    const instants = history[times].slice(begin, end), values = history[key].slice(begin, end);
+    if (instants.length && instants[0] < from) instants[0] = from;
+    if (goesOn && instants.length && instants[instants.length - 1] < at) {
+      instants.push(at);
+      values.push(values[values.length - 1]);
     }
-    return {powerTime, power};
+    return {[times]: instants, [key]: values};
   }
 
   // The last power of a plan holds until its end.
@@ -282,6 +306,6 @@ const bevView = (() => {
     put('link-text', text);
   }
 
-  return {showView, showCurves, showLog, showBanner, showLink, statusOf, readable, duration, clock, put, byId, lower,
+  return {showView, showCurves, showLog, showLogAt, showBanner, showLink, statusOf, readable, duration, clock, put, byId, lower,
     onPick: () => {}};
 })();

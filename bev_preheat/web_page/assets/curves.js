@@ -11,6 +11,7 @@ Stacked curves over one time axis, drawn by uPlot, which must be loaded first. c
       leastSpan: 2,                      // the axis spans at least this much; optional
       series: [{
         name: 'prediction', key: 'predicted',  // the column in the data
+        short: 'forecast',               // the name in the legend of a narrow screen; optional
         colour: 'blue',                  // ink, blue, vermillion, green, orange, purple, grey
         dash: 'dash',                    // solid, dash, dot, dashdot, long
         width: 2, digits: 1, scale: 1,   // line [px]; decimals of the legend; factor from data to unit
@@ -24,7 +25,8 @@ Stacked curves over one time axis, drawn by uPlot, which must be loaded first. c
     }],
     data: {time: [...], predicted: [...]},  // arrays or typed arrays; time ascends, in s since 1970; null or NaN: none
     markers: [{at: 1.7e9, text: 'HEATING'}],  // vertical lines at instants [s], with a text
-    shades: [{from: 1.7e9, to: null, text: 'charging', colour: 'green'}],  // periods, a strip in the first row; optional
+    // periods, a strip in the first row; with `row` the whole height of that row; optional
+    shades: [{from: 1.7e9, to: null, text: 'charging', colour: 'green', row: 1}],
     endText: 'end',                    // what the readout calls the last instant; optional
     clock: 'utc',                        // utc, local, or seconds (data.time in s from the start)
     keep: 3600,                          // `append` drops what is older than this [s]; optional
@@ -282,7 +284,7 @@ const bevCurves = (() => {
       element('strong', '', caption,
         definition.unit ? `${definition.title} [${definition.unit}]` : definition.title);
       const legend = element('span', 'bev-legend', caption), chart = element('div', 'bev-chart', box);
-      const row = {definition, legend: [], height: definition.height || DEFAULT_HEIGHT, hasMarkers: index === 0,
+      const row = {definition, index, legend: [], height: definition.height || DEFAULT_HEIGHT, hasMarkers: index === 0,
         isLast};
       const lines = [{}], bands = [];
       row.columns = [];
@@ -348,7 +350,10 @@ const bevCurves = (() => {
       line.setAttribute('stroke', colourOf(series.colour));
       line.setAttribute('stroke-dasharray', DASHES[series.dash || 'solid'].join(' ') || 'none');
       sample.append(line);
-      button.append(sample, ` ${series.name} `, value);
+      const name = element('span', series.short ? 'bev-long' : '', button, series.name);
+      button.append(sample, ' ', name);
+      if (series.short) button.append(element('span', 'bev-short', null, series.short));
+      button.append(' ', value);
       button.addEventListener('click', () => {
         const show = button.getAttribute('aria-pressed') !== 'true';
         button.setAttribute('aria-pressed', String(show));
@@ -472,21 +477,23 @@ const bevCurves = (() => {
       ctx.restore();
     }
 
-    // A strip along the bottom of the first row, hatched so that it needs no colour.
+    // A strip along the bottom of the first row, or a whole row, hatched so that it needs no colour.
     drawShades(plot, row) {
-      if (!row.hasMarkers || !this.shades.length) return;
+      const shades = this.shades.filter((shade) => (shade.row || 0) === row.index);
+      if (!shades.length) return;
       const {ctx, bbox} = plot, ratio = uPlot.pxRatio, {min, max} = plot.scales.x;
-      const height = SHADE_HEIGHT * ratio, top = bbox.top + bbox.height - height, right = bbox.left + bbox.width;
+      const height = row.index ? bbox.height : SHADE_HEIGHT * ratio;
+      const top = bbox.top + bbox.height - height, right = bbox.left + bbox.width;
       ctx.save();
       ctx.font = `${11 * ratio}px system-ui, sans-serif`;
       ctx.textBaseline = 'middle';
-      for (const {from, to, text, colour} of this.shades) {
+      for (const {from, to, text, colour} of shades) {
         if (from >= max || (to !== null && to <= min)) continue;
         const left = Math.max(plot.valToPos(from, 'x', true), bbox.left);
         const end = Math.min(to === null ? right : plot.valToPos(to, 'x', true), right);
         ctx.save();
         ctx.beginPath();
-        ctx.rect(left, top, Math.max(end - left, ratio), height);
+        ctx.rect(left, top, Math.max(end - left, 2 * ratio), height);
         ctx.fillStyle = `${colourOf(colour)}2e`;
         ctx.fill();
         ctx.clip();
@@ -502,9 +509,10 @@ const bevCurves = (() => {
         if (shown) {
           const width = ctx.measureText(shown).width;
           ctx.fillStyle = isDark() ? '#1b212ae6' : '#ffffffe6';
-          ctx.fillRect(left + 3 * ratio, top + 2 * ratio, width + 4 * ratio, height - 4 * ratio);
+          const middle = top + (row.index ? SHADE_HEIGHT * ratio : height) / 2, tall = (SHADE_HEIGHT - 4) * ratio;
+          ctx.fillRect(left + 3 * ratio, middle - tall / 2, width + 4 * ratio, tall);
           ctx.fillStyle = colourOf('ink');
-          ctx.fillText(shown, left + 5 * ratio, top + height / 2);
+          ctx.fillText(shown, left + 5 * ratio, middle);
         }
         ctx.restore();
       }

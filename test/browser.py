@@ -11,7 +11,9 @@ from left_out import program
 LIMIT_S = 240.0
 FLAGS = ('--headless=new', '--no-sandbox', '--disable-gpu', '--disable-quic', '--no-first-run',
          '--disable-background-networking', '--disable-component-update', '--disable-sync',
-         '--disable-dev-shm-usage', '--js-flags=--expose-gc', '--enable-precise-memory-info')
+         '--disable-dev-shm-usage', '--js-flags=--expose-gc', '--enable-precise-memory-info',
+         # Names for this computer that are not those of a loopback address.
+         '--host-resolver-rules=MAP *.test 127.0.0.1')
 # Pictures for the documentation go here if the variable is set: BEV_PREHEAT_PICTURES=docs/pictures
 PICTURES = os.environ.get('BEV_PREHEAT_PICTURES')
 DESKTOP, PHONE = (1180, 900), (390, 844)
@@ -26,6 +28,10 @@ class Browser:
     def open(self, url):
         """Open a page."""
         self._driver.get(url)
+
+    def forget_cookies(self):
+        """Forget the cookies of all sites."""
+        self._driver.execute_cdp_cmd('Network.clearBrowserCookies', {})
 
     def open_tabs(self, url, count):
         """Open a page in `count` more tabs, the last one in front; return a function that goes to each in turn."""
