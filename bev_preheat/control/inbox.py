@@ -102,7 +102,7 @@ class Inbox:
         return None if self.timetable is None else self.timetable.mission
 
     def keep(self, timetable: Timetable | None) -> None:
-        """Follow the route by a later value of its Timetable; None without a route. The end of a trip is remembered."""
+        """Follow the route by a later value of its Timetable (None without one); remember the end of the trip."""
         before, self.timetable = self.timetable, timetable
         if timetable is None or timetable.end is None or (before is not None and before.end is not None):
             return
@@ -307,7 +307,7 @@ class Inbox:
             return
         self._cancelled_before = None
         self.choices = replace(self.choices, cancelled_trip=None)
-        before, ended = self.timetable, self.choices.ended_trip
+        timetable, ended = self.timetable, self.choices.ended_trip
         is_update = mission.route_id == self._route_id
         self._route_id = mission.route_id
         if ended is not None and ended.includes(
@@ -315,8 +315,9 @@ class Inbox:
             self._follow(Timetable.of(mission).ended(TripEnd(ended.ended_ns, ended.is_observed)), not is_update)
         else:
             self.choices = replace(self.choices, ended_trip=None)
-            continues = is_update and mission.route_id != '' and before is not None and before.end is None
-            self._follow(before.updated(mission, now_ns) if continues and before is not None
+            # A route without a route_id is never an update.
+            continues = is_update and mission.route_id and timetable is not None and timetable.end is None
+            self._follow(timetable.updated(mission, now_ns) if timetable is not None and continues
                          else Timetable.of(mission), not is_update or (ended is not None and ended.is_observed))
         self._refusals.lift_by_route()
 

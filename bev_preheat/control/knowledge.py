@@ -52,19 +52,19 @@ SEEN_OVER_S = 60.0
 # Unplugging and driving off takes longer than this [s]: power that ended sooner was that of a descent.
 UNPLUGGED_AFTER_S = 20.0
 # A car that is charged for ARRIVES_AFTER_S [s] near the end of a leg to a charger has arrived there. Near: within
-# NEAR_END_S [s] or NEAR_END_SHARE of the leg.
+# NEAR_END_S [s] or NEAR_END_SHARE of the leg, but not within NEAR_START_SHARE of its start, where it may be
+# charged until departure.
 ARRIVES_AFTER_S = 120.0
-NEAR_END_S, NEAR_END_SHARE = 900.0, 0.25
+NEAR_END_S, NEAR_END_SHARE, NEAR_START_SHARE = 900.0, 0.25, 0.25
 
 
 class Known(NamedTuple):
     """
-    A Measurement with the signals that hold, the others are None in it; and the Timetable of the route with its
-    place at that instant, None without a route.
+    A Measurement with the signals that hold; the others are None in it.
 
-    `command_w` [W] is the command to the heater at its instant. `is_described`: the model describes this instant,
-    so it may be learned from; `is_open`: that is not known yet. `trusts_temperature`, `trusts_soc`: these readings
-    hold.
+    `timetable` is that of the route, with its place at that instant; None without a route. `command_w` [W] is the
+    command to the heater at its instant. `is_described`: the model describes this instant, so it may be learned
+    from; `is_open`: that is not known yet. `trusts_temperature`, `trusts_soc`: these readings hold.
     """
 
     measurement: Measurement
@@ -181,11 +181,10 @@ class Knowledge:
                 return timetable.driven_all_along()
             return timetable.driving() if report.regime is Regime.DRIVING else timetable.released()
         leg = timetable.mission.legs[timetable.mission.leg_number(now_ns)]
-        left_s = -leg.ended_for_s(now_ns)
-        # A vehicle that has been charged since before the leg is still where that begins.
-        if (is_charged and leg.charging_planned and leg.start_ns <= report.since_ns
-                and now_ns - report.since_ns >= ARRIVES_AFTER_S * NS_PER_S
-                and 0.0 < left_s <= max(NEAR_END_S, NEAR_END_SHARE * leg.route.total_duration_s)):
+        left_s, whole_s = -leg.ended_for_s(now_ns), leg.route.total_duration_s
+        near_s = min(max(NEAR_END_S, NEAR_END_SHARE * whole_s), (1.0 - NEAR_START_SHARE) * whole_s)
+        if (is_charged and leg.charging_planned and 0.0 < left_s <= near_s
+                and now_ns - report.since_ns >= ARRIVES_AFTER_S * NS_PER_S):
             return timetable.arrived(report.since_ns, False)
         return timetable.standing(report.since_ns, report.recognised_ns, now_ns, is_charged)
 

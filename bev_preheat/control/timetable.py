@@ -4,8 +4,8 @@ When a trip is where: by its route's stamp, and by the vehicle's position once t
 
 The timetable is the only source of times on the route: the mission with its delay, and the planned instant of
 an actual one. It is a value: each observation (a position, standing, charging, the passing of time) makes another
-one. Its place comes from the latest observation alone, and a trip that has ended stays ended: no method leads back.
-Instants are integers, in nanoseconds of the node's clock.
+one. Its place comes from the latest observation alone, and a trip that has ended stays ended: no method leads
+back. Instants are integers, in nanoseconds of the node's clock.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 # than this stands.
 KNOWN_TO_M = 10.0
 # A distance may lie CORRECTED_BY_M [m] behind the furthest one before, or exceed by that the distance that the
-# fastest vehicle drives: positions are corrected. A vehicle that stands or charges so close to the end of a leg has
-# arrived there: its place at the charger is not a point of the road.
+# fastest vehicle drives: positions are corrected. A vehicle that stands or charges so close to the end of a leg
+# has arrived there: its place at the charger is not a point of the road.
 CORRECTED_BY_M = 100.0
 FASTEST_MPS = LIMITS['speed_mps'][1]
 # The end of the route is known to this share of its length, and to CORRECTED_BY_M at least.
@@ -52,9 +52,9 @@ class _Track(NamedTuple):
     """
     The positions on the route so far.
 
-    `furthest_m` [m] is the furthest one. `stands_at_m` [m] and `stands_from_ns` [ns] are distance and delay at which
-    it last grew, `moved_ns` the instant; None: the positions since `since_ns`, which followed one another, have not
-    grown yet.
+    `furthest_m` [m] is the furthest one. `stands_at_m` [m] and `stands_from_ns` [ns] are distance and delay at
+    which it last grew, `moved_ns` the instant; None: the positions since `since_ns`, which followed one another,
+    have not grown yet.
     """
 
     latest: Progress
@@ -98,8 +98,8 @@ class Timetable:
 
     `planned` is the Mission by its own stamp; `mission` is the same with all its instants shifted by the delay.
     `end` is the TripEnd, None before it. `stood_ns` is the delay that has built up since the vehicle last moved.
-    `begun_ns` is the start of the trip's first route plan, `known_ns` the instant at which this one replaced another
-    of the trip; positions from before it belong to that one. `fixes` are in order of their instants.
+    `begun_ns` is the start of the trip's first route plan, `known_ns` the instant at which this one replaced
+    another of the trip; positions from before it belong to that one. `fixes` are in order of their instants.
     """
 
     planned: Mission
@@ -268,8 +268,8 @@ class Timetable:
         """Return whether the furthest position is at the end of the current leg, as close as a charger may be."""
         if self.track is None:
             return False
-        end_s = (self._leg_at(self.planned_ns(now_ns)).arrival_ns - self.planned.start_ns) / NS_PER_S
-        return self.track.furthest_m >= self.planned.places.distance_at_m(end_s) - CORRECTED_BY_M
+        end_m = self._end_of_m(self._leg_at(self.planned_ns(now_ns)))
+        return self.track.furthest_m >= end_m - CORRECTED_BY_M
 
     # Standing and charging, by other evidence
 
@@ -291,10 +291,12 @@ class Timetable:
                           fixes[-1].planned_ns if fixes else leg.start_ns)
             if not fixes or fixes[-1].stamp_ns < recognised_ns:
                 fixes = _noted(fixes, _Fix(min(recognised_ns, now_ns), held_ns))
+        if is_charged and before_ns is None and held_ns > leg.start_ns:
+            before_ns = self.delay_ns
         return replace(
             self, held_at_ns=held_ns, fixes=_noted(fixes, _Fix(now_ns, held_ns)), goes_on_ns=0,
             mission=self.planned.delayed(now_ns - held_ns),
-            delay_before_charge_ns=self.delay_ns if is_charged and before_ns is None else before_ns,
+            delay_before_charge_ns=before_ns,
             stood_ns=now_ns - max(since_ns, self.begun_ns))
 
     def driving(self) -> Timetable:
@@ -322,13 +324,18 @@ class Timetable:
         arrived = replace(
             self, mission=self.planned.delayed(since_ns - leg.arrival_ns), held_at_ns=None, stood_ns=0,
             fixes=(_Fix(since_ns, leg.arrival_ns),), goes_on_ns=0)
-        if is_at_place and arrived.track is not None:
-            end_m = self.planned.places.distance_at_m((leg.arrival_ns - self.planned.start_ns) / NS_PER_S)
-            arrived = replace(arrived, track=arrived.track._replace(furthest_m=max(arrived.track.furthest_m, end_m)))
+        if is_at_place and self.track is not None:
+            arrived = replace(arrived, track=self.track._replace(
+                furthest_m=max(self.track.furthest_m, self._end_of_m(leg))))
         return arrived.ended(TripEnd(since_ns, True)) if leg is self.planned.legs[-1] else arrived
 
     def _leg_at(self, planned_ns: int) -> Leg:
         return self.planned.legs[self.planned.leg_number(planned_ns)]
+
+    def _end_of_m(self, leg: Leg) -> float:
+        """Return the distance [m] at the end of a planned leg."""
+        planned = self.planned
+        return planned.places.distance_at_m((leg.arrival_ns - planned.start_ns) / NS_PER_S)
 
     def _delayed(self, delay_ns: int) -> Mission:
         # The same object while the delay stays.
@@ -373,13 +380,13 @@ class Timetable:
                     'stamps must not go back']
         behind_m = track.furthest_m - distance_m
         if behind_m > CORRECTED_BY_M:
-            return [f'distance: {distance_m:.0f} m is {behind_m:.0f} m behind the {track.furthest_m:.0f} m that were '
-                    f'reached before; it must be at most {CORRECTED_BY_M:.0f} m behind: a vehicle that turns back '
-                    'needs a new route plan']
+            return [f'distance: {distance_m:.0f} m is {behind_m:.0f} m behind the {track.furthest_m:.0f} m that '
+                    f'were reached before; it must be at most {CORRECTED_BY_M:.0f} m behind: a vehicle that turns '
+                    'back needs a new route plan']
         gain_m, most_m = distance_m - track.latest.distance_m, FASTEST_MPS * since_s + CORRECTED_BY_M
         if is_followed and gain_m > most_m:
-            return [f'distance: {distance_m:.0f} m is {gain_m:.0f} m beyond the {track.latest.distance_m:.0f} m of '
-                    f'{since_s:.1f} s before; it must be at most {most_m:.0f} m beyond']
+            return [f'distance: {distance_m:.0f} m is {gain_m:.0f} m beyond the {track.latest.distance_m:.0f} m '
+                    f'of {since_s:.1f} s before; it must be at most {most_m:.0f} m beyond']
         return []
 
     def _problems_with_route(self, progress: Progress) -> list[str]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The driver's choices and the end of the trip, which outlast the planner's process: their form in the state file."""
+"""The driver's choices and the trip's end, which outlast the planner's process; their form in the state file."""
 
 from __future__ import annotations
 
@@ -14,7 +14,9 @@ if TYPE_CHECKING:
 
 # Choices older than 24 h [ns] expire: by then the driver has forgotten them. No trip lasts longer.
 OLDEST_CHOICE_NS = 24 * 3600 * 1_000_000_000
-# A route of a finished trip that is no longer than this [m] leads to where the vehicle is, within a position's error.
+# A route plan that arrives later than this after its stamp [ns] does not begin a trip of a restarted clock.
+JUST_BEGUN_NS = 60 * 1_000_000_000
+# A route of a finished trip no longer than this [m] leads to the vehicle's place, within a position's error.
 NOWHERE_M = 100.0
 
 
@@ -49,11 +51,15 @@ class EndedTrip:
         Return whether a route plan that arrives at an instant [ns] belongs to this trip: it begins no other.
 
         That is the plan itself, received again; one with its route_id that is older than it, or than an end that
-        was observed; and one with its route_id that leads no further than NOWHERE_M. An end in the future is that
-        of another clock.
+        was observed; and one with its route_id that leads no further than NOWHERE_M. If the end lies ahead, the
+        clock was set back: then only the plan itself belongs to it, unless it has just begun, as in a simulation
+        that was restarted.
         """
-        if not 0 <= now_ns - self.ended_ns <= OLDEST_CHOICE_NS or route_id != self.route_id:
+        age_ns = now_ns - self.ended_ns
+        if route_id != self.route_id or age_ns > OLDEST_CHOICE_NS:
             return False
+        if age_ns < 0:
+            return route_stamp_ns == self.route_stamp_ns and route_stamp_ns < now_ns - JUST_BEGUN_NS
         if route_stamp_ns == self.route_stamp_ns:
             return True
         # A route without a route_id is never an update.
@@ -66,8 +72,8 @@ class DriverChoices:
     """
     Instant when preheating was switched off [ns], None while it is on, and the trip cancelled last, if any.
 
-    Departures up to `skipped_until_ns` [ns] are skipped; None: none is. `ended_trip` is the trip that has ended; None:
-    the latest one has not.
+    Departures up to `skipped_until_ns` [ns] are skipped; None: none is. `ended_trip` is the trip that has ended;
+    None: the latest one has not.
 
     Instants are those of the node's clock.
     """

@@ -59,8 +59,8 @@ def progress_diagnostics(name: str, state: PlannerState, now_ns: int) -> Diagnos
     """
     Return the DiagnosticStatus `NODE: route progress`; None before the first route_progress.
 
-    WARN if the latest was refused or is too old: the planner then continues by time. A trip that has ended needs no
-    position.
+    WARN if the latest was refused or is too old: the planner then continues by time. A trip that has ended needs
+    no position.
     """
     place, refused = state.place, state.refused_progress
     if refused is None and place is None:

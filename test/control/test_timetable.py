@@ -246,7 +246,7 @@ def test_what_may_be_is_accepted(where, how):
      'behind: a vehicle that turns back needs a new route plan'),
     # However long ago: it does not drive back.
     (958.1, 100.0, 'distance: 100 m is 900 m behind the 1000 m that were reached before'),
-    (52.0, 1301.0, 'distance: 1301 m is 301 m beyond the 1000 m of 2.0 s before; it must be at most 300 m beyond')])
+    (52.0, 1301.0, 'distance: 1301 m is 301 m beyond the 1000 m of 2.0 s before; it must be at most 300 m')])
 def test_what_does_not_follow_is_refused(at_s, distance_m, message):
     driven = Driven()
     driven.tell(50.0, 1000.0)
