@@ -292,7 +292,7 @@ class Inbox:
 
     def accept_mission(self, mission: Mission, now_ns: int = 0) -> None:
         """
-        Replace the route by one that arrives at an instant [ns], or refuse it as `refuse_route` does.
+        Replace the route by a Mission received at an instant [ns], or refuse it as `refuse_route` does.
 
         A route plan of a trip that has ended leaves it ended (see `estimation.driver_choices.EndedTrip`).
         """

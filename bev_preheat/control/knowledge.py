@@ -52,8 +52,8 @@ SEEN_OVER_S = 60.0
 # Unplugging and driving off takes longer than this [s]: power that ended sooner was that of a descent.
 UNPLUGGED_AFTER_S = 20.0
 # A car that is charged for ARRIVES_AFTER_S [s] near the end of a leg to a charger has arrived there. Near: within
-# NEAR_END_S [s] or NEAR_END_SHARE of the leg, but not within NEAR_START_SHARE of its start, where it may be
-# charged until departure.
+# NEAR_END_S [s] or NEAR_END_SHARE of the leg, but not within NEAR_START_SHARE of its start: it may be
+# charged there until departure.
 ARRIVES_AFTER_S = 120.0
 NEAR_END_S, NEAR_END_SHARE, NEAR_START_SHARE = 900.0, 0.25, 0.25
 

@@ -54,6 +54,9 @@ LEAST_GAIN_SHARE = 5e-4
 # that time, so the battery misses nothing. In the first minutes of a trip the sensor lags behind the cells and the
 # estimated factors settle: the best target moves by several kelvin to and fro, while the cost around it is flat.
 MOST_MOVE_K = 2.0
+# Another route plan leads to the same destination if charger and prices are the same, and the arrivals are no
+# further apart than this [s].
+SAME_ARRIVAL_S = 1800.0
 # The search is repeated after SEARCH_PERIOD_S [s]. After LEAST_PERIOD_S [s] it is repeated as soon as a factor has
 # moved by FACTOR_CHANGE of its standard deviation, or the arrival by ARRIVAL_CHANGE_S [s].
 SEARCH_PERIOD_S, LEAST_PERIOD_S = 600.0, 60.0
@@ -188,10 +191,10 @@ class TargetChooser:
         key = (now.route_id, now.legs_after, charger, now.leg.target_temperature_c, now.goal,
                now.settings.prices, now.settings.method)
         if key != self._key:
-            # Another route plan to the same charger: the target so far is preferred, as after an update.
-            before = self._choice if key[1:] == self._key[1:] and not now.given else None
+            # Another route plan to the same destination: the target moves from the present one, as in an update.
+            before = self._choice if key[1:] == self._key[1:] and self._is_same_arrival(now) else None
             self._forget()
-            self._key, self._choice = key, before
+            self._key, self._choice, self._is_searched = key, before, before is not None
         is_revised = self._held.follow(now.leg.prospect.seen_from(now.remaining_s))
         try:
             if is_revised and self._choice is not None:
@@ -259,6 +262,11 @@ class TargetChooser:
         if self._search.advance(PLANS_EACH_UPDATE):
             self._choice, self._search = self._weigh(self._search, now), None
             self._is_searched = True
+
+    def _is_same_arrival(self, now: TargetSearchInput) -> bool:
+        before = self._searched
+        return before is not None and not now.given and (
+            abs(now.leg.arrival_ns - before.leg.arrival_ns) <= SAME_ARRIVAL_S * NS_PER_S)
 
     def _is_due(self, now: TargetSearchInput) -> bool:
         before = self._searched

@@ -114,7 +114,7 @@ class Timetable:
     fixes: tuple[_Fix, ...] = ()
     # For how long after the latest fix the pace is assumed to continue [ns].
     goes_on_ns: int = 0
-    # The delay before a charge that may turn out to be a descent [ns]; None: there is none.
+    # The delay before a charge that may turn out to be a descent [ns]; None: no such charge.
     delay_before_charge_ns: int | None = None
     # The standing before the route plan was replaced [ns].
     stood_before_ns: int = 0
@@ -300,11 +300,11 @@ class Timetable:
             stood_ns=now_ns - max(since_ns, self.begun_ns))
 
     def driving(self) -> Timetable:
-        """Return the Timetable of a vehicle that drives on from the place where it stood."""
+        """Return the Timetable of a vehicle that drives on from its place."""
         return replace(self, held_at_ns=None, stood_ns=0, stood_before_ns=0, delay_before_charge_ns=None)
 
     def released(self) -> Timetable:
-        """Return the Timetable of a vehicle of which nothing shows any more that it stands."""
+        """Return the Timetable of a vehicle without evidence that it still stands."""
         return self if self.held_at_ns is None else self.driving()
 
     def driven_all_along(self) -> Timetable:

@@ -22,7 +22,7 @@ VEHICLE = load_vehicle('reference')
 BEGIN_S = 1_700_000_000
 STEP_S = 5
 SPEED_MPS, DRIVE_W, CONSUMERS_W, PARKED_W, CHARGER_W = 20.0, 15e3, 2478.0, 250.0, 60e3
-AMBIENT_C = -7.0
+AMBIENT_C, TARGET_C = -7.0, 40.0
 # A fix is wrong by at most ERROR_M; a place on the route is known to PLACE_M, and may be corrected by CORRECTED_M.
 ERROR_M, PLACE_M, CORRECTED_M = 30.0, 10.0, 100.0
 # A battery state is too old after this time; positions, too.
@@ -64,9 +64,8 @@ class World:
     `violations` are sentences; `heated_on_the_way_s` [s] is the time of heat before the end of a trip was known.
     """
 
-    def __init__(self, settings=SETTINGS, planner=None):
-        self.settings = settings
-        self.planner = Supervisor(VEHICLE, settings) if planner is None else planner
+    def __init__(self):
+        self.planner = Supervisor(VEHICLE, SETTINGS)
         self.now_s, self.offset_s = BEGIN_S, 0
         self.temperature_c, self.soc, self.command_w = 0.0, 0.8, 0.0
         self.route, self.here_m, self.fixed_m = None, 0.0, None
@@ -84,6 +83,30 @@ class World:
         if output.command is not None:
             self.command_w = output.command.battery_heating_power_w
 
+    # The planner: over DDS, these are messages and a process.
+
+    def give_route(self, route_id, stamp_ns, durations_s):
+        self.tell(RouteArrived(Mission(route_id, (Leg(make_route({
+            'duration_s': durations_s, 'speed_mps': [SPEED_MPS], 'propulsion_power_w': [DRIVE_W],
+            'ambient_temperature_c': [AMBIENT_C]}, VEHICLE.defaults), stamp_ns, True, TARGET_C),))))
+
+    def give_position(self, route_id, stamp_ns, distance_m):
+        self.tell(ProgressArrived(Progress(distance_m, self.clock_ns, route_id, stamp_ns)))
+
+    def give_battery_state(self, volts, amperes):
+        self.tell(BatteryStateArrived(Measurement(
+            BatteryState(self.temperature_c, self.soc), self.clock_ns, volts, amperes)))
+
+    def restart(self):
+        choices = self.planner.state.choices.after_restart(self.clock_ns)
+        self.planner = Supervisor(VEHICLE, SETTINGS, choices=choices)
+
+    @property
+    def answer(self):
+        """The planner's (status, sentence, delay [ns])."""
+        decision, mission = self.planner.state.decision, self.planner.state.mission
+        return decision.status, decision.explanation, 0 if mission is None else mission.delay_ns
+
     # Inputs
 
     def send_route(self, route_id, metres):
@@ -97,14 +120,12 @@ class World:
         route_id, stamp_ns, length_m = self.route
         whole, rest_s = divmod(length_m / SPEED_MPS, 60.0)
         durations_s = [60.0] * int(whole) + ([rest_s] if rest_s > 0.01 else [])
-        self.tell(RouteArrived(Mission(route_id, (Leg(make_route({
-            'duration_s': durations_s, 'speed_mps': [SPEED_MPS], 'propulsion_power_w': [DRIVE_W],
-            'ambient_temperature_c': [AMBIENT_C]}, VEHICLE.defaults), stamp_ns, True, 40.0),))))
+        self.give_route(route_id, stamp_ns, durations_s)
 
     def send_position(self, distance_m):
         route_id, stamp_ns, length_m = self.route
         distance_m = min(max(distance_m, 0.0), length_m)
-        self.tell(ProgressArrived(Progress(distance_m, self.clock_ns, route_id, stamp_ns)))
+        self.give_position(route_id, stamp_ns, distance_m)
         return distance_m
 
     def step(self, propulsion_w, consumers_w, charger_w=0.0):
@@ -119,30 +140,28 @@ class World:
         self.temperature_c = min(self.temperature_c, 5.0)
         resistance_ohm = 4.3125 / (self.temperature_c + 45.0)
         volts = 365.0 + 75.0 * self.soc + 15.0 * self.soc**3 - resistance_ohm * power_w / 425.0
-        self.tell(BatteryStateArrived(Measurement(
-            BatteryState(self.temperature_c, self.soc), self.clock_ns, volts, power_w / volts)))
+        self.give_battery_state(volts, power_w / volts)
         self.check()
 
     # The properties
 
     def check(self):
-        state = self.planner.state
+        status, sentence, delay_ns = self.answer
         if self.command_w > 0.0:
             if self.is_over:
-                self.violations.append(f'{self.command_w:.0f} W after the end of trip {self.trips}: '
-                                       f'{state.decision.explanation}')
+                self.violations.append(f'{self.command_w:.0f} W after the end of trip {self.trips}: {sentence}')
             elif self.said_arrived:
-                self.violations.append(f'{self.command_w:.0f} W after ARRIVED: {state.decision.explanation}')
+                self.violations.append(f'{self.command_w:.0f} W after ARRIVED: {sentence}')
             else:
                 self.heated_on_the_way_s += STEP_S
-        self.said_arrived = self.said_arrived or state.decision.status is Status.ARRIVED
-        if self.fixed_m is not None and state.mission is not None and not self.is_over:
-            planned_m = (self.clock_ns - self.route[1] - state.mission.delay_ns) / NS_PER_S * SPEED_MPS
+        self.said_arrived = self.said_arrived or status is Status.ARRIVED
+        if self.fixed_m is not None and not self.is_over:
+            planned_m = (self.clock_ns - self.route[1] - delay_ns) / NS_PER_S * SPEED_MPS
             if planned_m < self.fixed_m - CORRECTED_M - PLACE_M - 1.0:
                 self.violations.append(f'the place went back from {self.fixed_m:.0f} m to {planned_m:.0f} m: '
-                                       f'{state.decision.explanation}')
+                                       f'{sentence}')
 
-    # What a car does
+    # Pieces of a day
 
     def drive(self, share, pace, has_position):
         """Drive a share of the rest of the route."""
@@ -196,14 +215,13 @@ class World:
             self.offset_s += how[0]
             self.command_w = 0.0
         elif kind == 'restart':
-            self.planner = Supervisor(VEHICLE, self.settings, choices=self.planner.state.choices.after_restart(
-                self.clock_ns))
+            self.restart()
             self.command_w = 0.0
             # The route is latched.
             self.send_again()
 
     def trip(self, before, minutes, pieces, last, charged, afterwards, route_id):
-        """Stand, drive a route in pieces to its end, charge there, and what comes afterwards."""
+        """Stand, drive a route in pieces to its end, charge there, and go on as drawn."""
         if before:
             self.do('stand', before, False)
         self.trips += 1
@@ -215,23 +233,22 @@ class World:
         heated_s = self.heated_on_the_way_s
         self.drive(1.0, pace, has_position)
         if not pieces and self.heated_on_the_way_s == heated_s:
-            self.violations.append(f'trip {self.trips} was not heated: {self.planner.state.decision.explanation}')
+            self.violations.append(f'trip {self.trips} was not heated: {self.answer[1]}')
         if has_position:
             # The end is known with the next battery state.
             self.step(0.0, CONSUMERS_W)
             self.is_over = True
         if charged is not None:
             self.do('charge', charged)
-        status = self.planner.state.decision.status
         # Without a position two minutes of charging near the end show it, and the end of the planned time.
-        self.is_over = self.is_over or status is Status.ARRIVED
+        self.is_over = self.is_over or self.answer[0] is Status.ARRIVED
         for piece in afterwards if self.is_over else ():
             self.do(*piece)
 
 
-def violations_of(day):
-    """Return the violations of a drawn day, and the time of heat on the way [s]."""
-    world = World()
+def violations_of(day, world=None):
+    """Return the violations of a drawn day in a World; None: a new one."""
+    world = world or World()
     for trip in day:
         world.trip(*trip)
-    return world.violations, world.heated_on_the_way_s
+    return world.violations
