@@ -153,10 +153,9 @@ class DecisionMaker:
         timetable = inputs.active_timetable
         assert timetable is not None
         mission = timetable.mission
-        number = mission.leg_number(now_ns)
+        number = mission.leg_number(now_ns) if timetable.end is None else len(mission.legs) - 1
         leg, later_legs = mission.legs[number], mission.legs[number + 1:]
-        ended_for_s = leg.ended_for_s(now_ns)
-        if ended_for_s < 0.0:
+        if timetable.end is None and leg.ended_for_s(now_ns) < 0.0:
             if leg.made_for is not None:
                 return in_words_of_preparation(self._plan_current(inputs, leg, now_ns, is_heating, heated_s))
             decision = self._charged_on_the_way(inputs, leg, regime, now_ns, is_heating)
@@ -177,7 +176,7 @@ class DecisionMaker:
         if later_legs:
             return Decision(Status.CHARGING, _charging_sentence(later_legs[0], now_ns) + why,
                             later_legs=later_legs, charger_heat_w=heat.power_w)
-        arrived = f'The route has ended: arrived {duration_text(ended_for_s)} ago.'
+        arrived = _arrived_sentence(timetable, now_ns)
         if heat.power_w > 0.0:
             return Decision(Status.CHARGING, arrived + why, charger_heat_w=heat.power_w)
         return Decision(Status.ARRIVED, arrived)
@@ -347,6 +346,14 @@ def _standing_sentence(stood_s: float, regime: RegimeReport) -> str:
     evidence = f' ({regime.evidence})' if regime.evidence else ''
     return (f'The vehicle has stood for {duration_text(stood_s)} although its route has no stop here{evidence}: '
             'no heating until it drives on.')
+
+
+def _arrived_sentence(timetable: Timetable, now_ns: int) -> str:
+    """Return the sentence on a trip that has ended."""
+    ended_ns = None if timetable.end is None else timetable.end.at_ns
+    if ended_ns is None or now_ns < ended_ns:
+        return 'The route has ended; only a new route plan begins another trip.'
+    return f'The route has ended: arrived {duration_text((now_ns - ended_ns) / NS_PER_S)} ago.'
 
 
 def _charging_sentence(leg: Leg, now_ns: int) -> str:

@@ -28,9 +28,9 @@ from bev_preheat.control.inputs import check_mission, goal_of_leg, Leg, Measurem
 from bev_preheat.control.margins import CLOCK_RESTART_S, MOST_OVERTAKEN_S
 from bev_preheat.control.refusals import PROGRESS, Refusals, RefusedRoute
 from bev_preheat.control.settings import defaults_of, Settings
-from bev_preheat.control.timetable import Timetable
+from bev_preheat.control.timetable import Timetable, TripEnd
 from bev_preheat.errors import age_beyond, InvalidInput
-from bev_preheat.estimation.driver_choices import CancelledTrip, DriverChoices, NO_CHOICES
+from bev_preheat.estimation.driver_choices import CancelledTrip, DriverChoices, EndedTrip, NO_CHOICES
 from bev_preheat.planning.situation import check_situation, Goal
 from bev_preheat.route.plausibility import unit_warnings
 from bev_preheat.signals.electrical import ElectricalCheck, PercentScale
@@ -102,6 +102,16 @@ class Inbox:
         """The current Mission with its delay (see timetable.Timetable); None without a route."""
         return None if self.timetable is None else self.timetable.mission
 
+    def keep(self, timetable: Timetable | None) -> None:
+        """Follow the route by a later value of its Timetable (None without one); remember the end of the trip."""
+        before, self.timetable = self.timetable, timetable
+        if timetable is None or timetable.end is None or (before is not None and before.end is not None):
+            return
+        planned, end = timetable.planned, timetable.end
+        assert end.at_ns is not None
+        self.choices = replace(self.choices, ended_trip=EndedTrip(
+            planned.route_id, planned.stamp_ns, end.at_ns, end.is_observed))
+
     def note_other_goal(self) -> None:
         """Note that a preparation goal began or ended: heating so far does not count for the next trip."""
         self._changes = replace(self._changes, has_new_mission=True, has_new_trip=True)
@@ -147,7 +157,7 @@ class Inbox:
                 self.refuse_battery(error, percentage, now_ns)
                 raise error
             case RouteArrived(mission):
-                self.accept_mission(mission)
+                self.accept_mission(mission, now_ns)
             case RouteUnreadable(error, refused):
                 self.refuse_route(error, refused)
                 raise error
@@ -200,7 +210,7 @@ class Inbox:
         if now_ns < self._latest_ns - CLOCK_RESTART_S * NS_PER_S:
             self.measurement = None
             if self.timetable is not None:
-                self.timetable.lose_time()
+                self.timetable = self.timetable.without_instants()
             self._changes = replace(self._changes, measurements=(), clock_restarted=True)
         self._latest_ns = now_ns
         try:
@@ -282,7 +292,7 @@ class Inbox:
     def accept_progress(self, progress: Progress, now_ns: int) -> None:
         """Take a route progress in, or refuse it; it is ignored without a route."""
         if self.timetable is not None:
-            self.timetable.accept(progress, now_ns, self.settings)
+            self.timetable = self.timetable.at_progress(progress, now_ns, self.settings)
             self.refused_progress = None
 
     def refuse_progress(self, error: InvalidInput) -> None:
@@ -291,8 +301,12 @@ class Inbox:
 
     # Routes
 
-    def accept_mission(self, mission: Mission) -> None:
-        """Replace the route by a new one, or refuse it as `refuse_route` does."""
+    def accept_mission(self, mission: Mission, now_ns: int = 0) -> None:
+        """
+        Replace the route by a Mission received at an instant [ns], or refuse it as `refuse_route` does.
+
+        A route plan of a trip that has ended leaves it ended (see `estimation.driver_choices.EndedTrip`).
+        """
         try:
             self._check_mission(mission)
         except InvalidInput as error:
@@ -304,9 +318,18 @@ class Inbox:
             return
         self._cancelled_before = None
         self.choices = replace(self.choices, cancelled_trip=None)
-        is_new_trip = mission.route_id != self._route_id
+        timetable, ended = self.timetable, self.choices.ended_trip
+        is_update = mission.route_id == self._route_id
         self._route_id = mission.route_id
-        self._follow(mission, is_new_trip)
+        if ended is not None and ended.includes(
+                mission.route_id, mission.stamp_ns, mission.places.length_m, now_ns):
+            self._follow(Timetable.of(mission).ended(TripEnd(ended.ended_ns, ended.is_observed)), not is_update)
+        else:
+            self.choices = replace(self.choices, ended_trip=None)
+            # A route without a route_id is never an update.
+            continues = is_update and mission.route_id and timetable is not None and timetable.end is None
+            self._follow(timetable.updated(mission, now_ns) if timetable is not None and continues
+                         else Timetable.of(mission), not is_update or (ended is not None and ended.is_observed))
         self._refusals.lift_by_route()
 
     def revise_mission(self, mission: Mission) -> None:
@@ -321,11 +344,15 @@ class Inbox:
             self.drop_misfit(error)
             self.latest_mission = mission
             raise
-        timetable, refused_progress = self.timetable, self.refused_progress
-        self._follow(mission)
+        timetable, refused_progress, ended = self.timetable, self.refused_progress, self.choices.ended_trip
         if timetable is not None:
-            timetable.revise(mission)
-            self.timetable, self.refused_progress = timetable, refused_progress
+            self._follow(timetable.revised(mission))
+            self.refused_progress = refused_progress
+        else:
+            # It was dropped, and with it its place.
+            timetable = Timetable.of(mission)
+            self._follow(timetable if ended is None else timetable.ended(
+                TripEnd(ended.ended_ns, ended.is_observed)))
         self._refusals.lift_misfit()
 
     def drop_misfit(self, error: InvalidInput) -> None:
@@ -361,11 +388,11 @@ class Inbox:
     def _check_mission(self, mission: Mission) -> None:
         check_mission(self.vehicle, mission, defaults_of(self.vehicle, self.settings).target_battery_temperature_c)
 
-    def _follow(self, mission: Mission | None, is_new_trip: bool = False) -> None:
-        self.latest_mission = mission
+    def _follow(self, timetable: Timetable | None, is_new_trip: bool = False) -> None:
+        self.latest_mission = mission = None if timetable is None else timetable.planned
         self.unit_warnings = () if mission is None else tuple(unit_warnings(
             (leg.route for leg in mission.legs), self.vehicle))
-        self.timetable = None if mission is None else Timetable(mission)
+        self.timetable = timetable
         self.refused_progress = None
         self.is_cancelled = False
         self._changes = replace(

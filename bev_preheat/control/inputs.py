@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
+from functools import cached_property
 from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.charging.prospect import CERTAIN, ChargingProspect
@@ -166,6 +167,22 @@ class Mission:
     def start_ns(self) -> int:
         """Instant at which the first leg starts [ns]."""
         return self.legs[0].start_ns
+
+    @property
+    def arrival_ns(self) -> int:
+        """Instant at which the last leg ends [ns]."""
+        return self.legs[-1].arrival_ns
+
+    @cached_property
+    def places(self) -> Places:
+        """The Places of the whole trip; its stops are spans in which the vehicle stands."""
+        return Places.joined(((leg.start_ns - self.start_ns) / NS_PER_S, leg.places or Places.of_route(leg.route))
+                             for leg in self.legs)
+
+    def has_instants_of(self, other: Mission) -> bool:
+        """Return whether each leg starts and ends when that of another Mission does."""
+        return [(leg.start_ns, leg.arrival_ns) for leg in self.legs] == [
+            (leg.start_ns, leg.arrival_ns) for leg in other.legs]
 
     @property
     def stamp_ns(self) -> int:

@@ -35,11 +35,12 @@ from bev_preheat.signals.verdict import (
 from bev_preheat.vehicle.uncertain_car import make_drive_rates
 
 if TYPE_CHECKING:
+    from bev_preheat.control.admitted import AdmittedInputs
     from bev_preheat.control.command_history import CommandHistory
     from bev_preheat.control.inputs import Measurement
     from bev_preheat.control.settings import Settings
     from bev_preheat.control.timetable import Timetable
-    from bev_preheat.vehicle.description import Defaults, Vehicle
+    from bev_preheat.vehicle.description import Vehicle
     from bev_preheat.vehicle.uncertain_car import DriveInputs
 
 # Time for which a doubt about voltage or current is shown after its last reading [s].
@@ -51,21 +52,23 @@ SEEN_OVER_S = 60.0
 # Unplugging and driving off takes longer than this [s]: power that ended sooner was that of a descent.
 UNPLUGGED_AFTER_S = 20.0
 # A car that is charged for ARRIVES_AFTER_S [s] near the end of a leg to a charger has arrived there. Near: within
-# NEAR_END_S [s] or NEAR_END_SHARE of the leg.
+# NEAR_END_S [s] or NEAR_END_SHARE of the leg, but not within NEAR_START_SHARE of its start: it may be
+# charged there until departure.
 ARRIVES_AFTER_S = 120.0
-NEAR_END_S, NEAR_END_SHARE = 900.0, 0.25
+NEAR_END_S, NEAR_END_SHARE, NEAR_START_SHARE = 900.0, 0.25, 0.25
 
 
 class Known(NamedTuple):
     """
     A Measurement with the signals that hold; the others are None in it.
 
-    `command_w` [W] is the command to the heater at its instant. `is_described`: the model describes this instant,
-    so it may be learned from; `is_open`: that is not known yet. `trusts_temperature`, `trusts_soc`: these readings
-    hold.
+    `timetable` is that of the route, with its place at that instant; None without a route. `command_w` [W] is the
+    command to the heater at its instant. `is_described`: the model describes this instant, so it may be learned
+    from; `is_open`: that is not known yet. `trusts_temperature`, `trusts_soc`: these readings hold.
     """
 
     measurement: Measurement
+    timetable: Timetable | None
     command_w: float
     is_described: bool
     is_open: bool
@@ -133,57 +136,57 @@ class Knowledge:
         self._stamp_ns = self._charged_ns = None
         self._shown_until_ns.clear()
 
-    def see(self, measurement: Measurement, timetable: Timetable | None, commands: CommandHistory,
-            settings: Settings, defaults: Defaults) -> Known:
+    def see(self, measurement: Measurement, inputs: AdmittedInputs, commands: CommandHistory) -> Known:
         """
-        Take a valid Measurement in and return it as Known.
+        Take a valid Measurement in, on the timetables of the AdmittedInputs, and return it as Known.
 
-        `timetable` is that which is planned for; None without one. Where the vehicle stands or is
-        charged on a leg, the timetable stays at that place.
+        Where the vehicle stands or is charged on a leg of the route, its place stays there.
         """
-        stamp_ns = measurement.stamp_ns
+        stamp_ns, settings = measurement.stamp_ns, inputs.settings
+        timetable, active = inputs.timetable, inputs.active_timetable
         command_w = commands.power_w(stamp_ns)
         self._note(FEED, self._feed.see(stamp_ns / NS_PER_S, settings.battery_state_timeout_s), stamp_ns)
         seen = self._screened(measurement)
-        planned = planned_around(timetable, stamp_ns, defaults)
+        planned = planned_around(active, stamp_ns, inputs.defaults)
         has_moved = None if timetable is None else timetable.has_moved(stamp_ns, settings)
         report = self._regime.see(Evidence(
             stamp_ns, seen.power_w, command_w, planned, measurement.supply_status, has_moved,
             0.0 if timetable is None or has_moved is None else timetable.stood_ns / NS_PER_S,
             self._sign.sign is Sign.RIGHT))
-        if timetable is not None:
-            self._keep_place(timetable, report, stamp_ns, settings)
-        drive = driven_at(self._vehicle, timetable, stamp_ns)
+        kept = None if timetable is None else self._kept(timetable, report, stamp_ns, settings)
+        drive = driven_at(self._vehicle, kept if active is timetable else active, stamp_ns)
         self._check_temperature(seen, drive, command_w)
         self._stamp_ns = stamp_ns
         is_described = (
             drive is not None and report.regime not in (Regime.CHARGING, Regime.STANDING)
             and not report.suspicion and self._verdicts.keys().isdisjoint(NEEDED))
         is_one_battery = SOURCE not in self._verdicts
-        return Known(seen, command_w, is_described, is_described and report.is_doubtful,
+        return Known(seen, kept, command_w, is_described, is_described and report.is_doubtful,
                      TEMPERATURE not in self._verdicts and is_one_battery,
                      STATE_OF_CHARGE not in self._verdicts and is_one_battery)
 
-    def _keep_place(self, timetable: Timetable, report: RegimeReport, now_ns: int, settings: Settings) -> None:
-        """Let a Timetable stay where the vehicle stands or is charged; a recent position outranks that."""
+    def _kept(self, timetable: Timetable, report: RegimeReport, now_ns: int, settings: Settings) -> Timetable:
+        """Return a Timetable with the place at an instant [ns]; a recent position outranks the battery's power."""
+        was_charged_ns = self._charged_ns
+        is_charged = report.regime is Regime.CHARGING
+        is_at_rest = is_charged or report.regime is Regime.STANDING
+        self._charged_ns = now_ns if is_charged else was_charged_ns if is_at_rest else None
+        if timetable.end is not None:
+            return timetable
+        if timetable.has_position(now_ns, settings):
+            return timetable.arrived(report.since_ns, True) if (
+                is_at_rest and timetable.is_at_end_of_leg(now_ns)) else timetable
+        if not is_at_rest:
+            if was_charged_ns is not None and now_ns - was_charged_ns <= UNPLUGGED_AFTER_S * NS_PER_S:
+                return timetable.driven_all_along()
+            return timetable.driving() if report.regime is Regime.DRIVING else timetable.released()
         leg = timetable.mission.legs[timetable.mission.leg_number(now_ns)]
-        if timetable.has_moved(now_ns, settings) is not None or leg.made_for is not None:
-            return
-        if report.regime is Regime.CHARGING:
-            self._charged_ns = now_ns
-        if report.regime not in (Regime.CHARGING, Regime.STANDING):
-            if self._charged_ns is not None and now_ns - self._charged_ns <= UNPLUGGED_AFTER_S * NS_PER_S:
-                timetable.take_back()
-            self._charged_ns = None
-            timetable.go_on()
-            return
-        left_s = -leg.ended_for_s(now_ns)
-        if (report.regime is Regime.CHARGING and leg.charging_planned and now_ns >= leg.start_ns
-                and now_ns - report.since_ns >= ARRIVES_AFTER_S * NS_PER_S
-                and 0.0 < left_s <= max(NEAR_END_S, NEAR_END_SHARE * leg.route.total_duration_s)):
-            timetable.arrive(report.since_ns)
-            return
-        timetable.stand(report.since_ns, report.recognised_ns, now_ns)
+        left_s, whole_s = -leg.ended_for_s(now_ns), leg.route.total_duration_s
+        near_s = min(max(NEAR_END_S, NEAR_END_SHARE * whole_s), (1.0 - NEAR_START_SHARE) * whole_s)
+        if (is_charged and leg.charging_planned and 0.0 < left_s <= near_s
+                and now_ns - report.since_ns >= ARRIVES_AFTER_S * NS_PER_S):
+            return timetable.arrived(report.since_ns, False)
+        return timetable.standing(report.since_ns, report.recognised_ns, now_ns, is_charged)
 
     # Signals
 

@@ -79,7 +79,7 @@ class PreparationControl:
         if mission is not None:
             leg = mission.legs[mission.leg_number(now_ns)]
             at = leg.route.segment_at((now_ns - leg.start_ns) / NS_PER_S)
-            self._ambient = (min(now_ns, mission.legs[-1].arrival_ns),
+            self._ambient = (min(now_ns, mission.arrival_ns),
                              float(leg.route.ambient_temperature_c[at]))
 
     def lose_time(self) -> None:
@@ -133,7 +133,7 @@ class PreparationControl:
         if objection:
             raise InvalidInput(f'plugged_in: {objection}')
         # A placeholder trip: without any, find_obstacle would report a missing route.
-        self.timetable = Timetable(Mission(ROUTE_ID, (Leg(steady_drive(1.0, 0.0, inputs.defaults)),)))
+        self.timetable = Timetable.of(Mission(ROUTE_ID, (Leg(steady_drive(1.0, 0.0, inputs.defaults)),)))
         obstacle = find_obstacle(inputs._replace(active_timetable=self.timetable), now_ns)
         if obstacle is not None:
             raise InvalidInput(obstacle.explanation.removesuffix('.'))
@@ -203,7 +203,7 @@ class PreparationControl:
                       inputs, now_ns, progress.goal.ready_at_ns or progress.expected_ns or now_ns)
                   if not progress.goal.is_plugged_in else 0.0,
                   made_for=progress.goal).in_planning_steps(inputs.settings.planning_step_s)
-        self.timetable = Timetable(Mission(ROUTE_ID, (replace(
+        self.timetable = Timetable.of(Mission(ROUTE_ID, (replace(
             leg, route=in_price_steps(leg.route, progress.goal)),)))
 
     def _drive(self, progress: PreparationProgress, inputs: AdmittedInputs, now_ns: int, until_ns: int,
@@ -234,7 +234,8 @@ class PreparationControl:
 
 
 def _has_route(inputs: AdmittedInputs, now_ns: int) -> bool:
-    return inputs.mission is not None and inputs.mission.legs[-1].arrival_ns > now_ns
+    timetable = inputs.timetable
+    return timetable is not None and timetable.end is None and timetable.mission.arrival_ns > now_ns
 
 
 def _problems(goal: PreparationGoal, now_ns: int) -> list[str]:

@@ -149,13 +149,21 @@ class Supervisor:
 
     def _react(self, now_ns: int, events: tuple[Event, ...]) -> StepOutput:
         self._learn_from_changes(now_ns, events)
+        self._pass_time(now_ns)
+        self._inputs = self._with_timetable(self._inputs)
         obstacle = self._decide(now_ns)
         return self._publication(self._command(now_ns, self._conclude_preparation(now_ns, obstacle)))
 
     def _let_time_pass(self, now_ns: int) -> StepOutput:
+        timetable = self._inbox.timetable
+        self._pass_time(now_ns)
         self._inputs = self._admitted()
-        obstacle = self._obstacle(now_ns)
-        self._decision = obstacle or self._decision
+        if timetable is self._inbox.timetable:
+            obstacle = self._obstacle(now_ns)
+            self._decision = obstacle or self._decision
+        else:
+            # The trip has ended: the plan before no longer counts, whatever the clock does.
+            obstacle = self._decide(now_ns)
         command = self._command(now_ns, self._conclude_preparation(now_ns, obstacle))
         if self._shown.status is self._published_status:
             return StepOutput(command)
@@ -222,6 +230,17 @@ class Supervisor:
         return self._inbox.admitted(
             self._preparation.timetable, self._screened if arrived is self._arrived else arrived, self._doubt
         )._replace(heater_refusal=self._heater_refusal, inactive=self._inactive)
+
+    def _pass_time(self, now_ns: int) -> None:
+        """End the trip if its time is over."""
+        timetable = self._inbox.timetable
+        if timetable is not None:
+            self._inbox.keep(timetable.passed(now_ns))
+
+    def _with_timetable(self, inputs: AdmittedInputs) -> AdmittedInputs:
+        """Return AdmittedInputs with the latest Timetable of the route."""
+        timetable = self._inbox.timetable
+        return inputs._replace(timetable=timetable, active_timetable=self._preparation.timetable or timetable)
 
     def _admit(self, event: Event, now_ns: int, refusals: list[Refusal]) -> None:
         """Take an event in, or add its Refusal."""
@@ -293,8 +312,9 @@ class Supervisor:
     def _see(self, measurement: Measurement) -> None:
         """Take a valid Measurement in: check its signals and learn from it."""
         inputs, history = self._inputs, self._answers.history
-        known = self._knowledge.see(
-            measurement, inputs.active_timetable, history, inputs.settings, inputs.defaults)
+        known = self._knowledge.see(measurement, inputs, history)
+        self._inbox.keep(known.timetable)
+        inputs = self._with_timetable(inputs)
         self._arrived, self._screened, self._doubt = measurement, known.measurement, self._knowledge.obstacle
         self._inputs = inputs._replace(measurement=self._screened, doubt=self._doubt)
         self._preparation.see(known.measurement, known.command_w, self._inputs)

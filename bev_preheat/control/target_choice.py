@@ -6,7 +6,9 @@ It chooses the cheapest target by `charging.worth`, for the corrected vehicle an
 leg gets a target at once, after a first look at every fifth degree. The full search follows in the next
 updates, with PLANS_EACH_UPDATE plans each, so that no update takes long. It is repeated in the same way when
 the estimate, the route or the time of arrival has changed, and every SEARCH_PERIOD_S. A target is replaced only
-if another is cheaper by LEAST_GAIN_SHARE, so that jitter does not change it.
+if another is cheaper by LEAST_GAIN_SHARE, so that jitter does not change it, and moves by MOST_MOVE_K in one
+search, so that an estimate that is still settling does not swing it. A new route plan to the same charger keeps
+the target in the same way.
 
 If it is uncertain whether the vehicle charges, or when it arrives, the cost is an expected one. Another
 probability needs no plan: the targets found so far are weighed again at once.
@@ -47,6 +49,14 @@ FIRST_LOOK_K = 5.0
 PLANS_EACH_UPDATE = 1
 # A target is replaced if another is cheaper by more than this share of the cost.
 LEAST_GAIN_SHARE = 5e-4
+# A repeated search moves the target by this much at most [K], and is repeated while the best target is further
+# away. A search takes a minute or two; the heater of the reference vehicle warms the battery by less than this in
+# that time, so the battery misses nothing. In the first minutes of a trip the sensor lags behind the cells and the
+# estimated factors settle: the best target moves by several kelvin to and fro, while the cost around it is flat.
+MOST_MOVE_K = 2.0
+# Another route plan leads to the same destination if charger and prices are the same, and the arrivals are no
+# further apart than this [s].
+SAME_ARRIVAL_S = 1800.0
 # The search is repeated after SEARCH_PERIOD_S [s]. After LEAST_PERIOD_S [s] it is repeated as soon as a factor has
 # moved by FACTOR_CHANGE of its standard deviation, or the arrival by ARRIVAL_CHANGE_S [s].
 SEARCH_PERIOD_S, LEAST_PERIOD_S = 600.0, 60.0
@@ -160,6 +170,8 @@ class TargetChooser:
         # The search behind the choice, finished or not, and the prospect that it counts with.
         self._weighed: WorthSearch | None = None
         self._held = HeldProspect()
+        # Whether a whole search has been completed for this leg; the first look at it is coarse.
+        self._is_searched = False
 
     def follow_new_mission(self) -> None:
         """Search again for the same leg of another route plan."""
@@ -179,8 +191,10 @@ class TargetChooser:
         key = (now.route_id, now.legs_after, charger, now.leg.target_temperature_c, now.goal,
                now.settings.prices, now.settings.method)
         if key != self._key:
+            # Another route plan to the same destination: the target moves from the present one, as in an update.
+            before = self._choice if key[1:] == self._key[1:] and self._is_same_arrival(now) else None
             self._forget()
-            self._key = key
+            self._key, self._choice, self._is_searched = key, before, before is not None
         is_revised = self._held.follow(now.leg.prospect.seen_from(now.remaining_s))
         try:
             if is_revised and self._choice is not None:
@@ -247,6 +261,12 @@ class TargetChooser:
             return
         if self._search.advance(PLANS_EACH_UPDATE):
             self._choice, self._search = self._weigh(self._search, now), None
+            self._is_searched = True
+
+    def _is_same_arrival(self, now: TargetSearchInput) -> bool:
+        before = self._searched
+        return before is not None and not now.given and (
+            abs(now.leg.arrival_ns - before.leg.arrival_ns) <= SAME_ARRIVAL_S * NS_PER_S)
 
     def _is_due(self, now: TargetSearchInput) -> bool:
         before = self._searched
@@ -331,7 +351,14 @@ class TargetChooser:
             kept_c = before.target_c
             kept = search.look_at(kept_c)
         if best.cost < (1.0 - LEAST_GAIN_SHARE) * kept.cost:
-            kept, kept_c = best, None if best is without else best.target_c
+            if kept_c is None or best is without or not self._is_searched or (
+                    abs(best.target_c - kept_c) <= MOST_MOVE_K):
+                kept, kept_c = best, None if best is without else best.target_c
+            else:
+                step_c = kept_c + math.copysign(MOST_MOVE_K, best.target_c - kept_c)
+                step = search.look_at(step_c)
+                if step.cost < kept.cost:
+                    kept, kept_c, self._is_outdated = step, step_c, True
         return _with_figures(TargetChoice(
             TargetSource.CHOSEN, _reason(search, kept, best), kept_c, kept_c is not None,
             heats_until_arrival=now.heats_until_arrival), kept, without)
@@ -386,6 +413,9 @@ def _reason(search: WorthSearch, chosen: TargetWorth, best: TargetWorth) -> str:
     share = f'{100.0 * LEAST_GAIN_SHARE:g} %'
     if chosen is best:
         return search.verdict(best)
+    if best.cost < (1.0 - LEAST_GAIN_SHARE) * chosen.cost:
+        return (f'{search.verdict(chosen)} {best.target_c:.1f} degC is cheaper: the target moves there, by at '
+                f'most {MOST_MOVE_K:g} K in one search.')
     if chosen.cost < (1.0 - LEAST_GAIN_SHARE) * search.without.cost:
         return f'{search.verdict(chosen)} No other target is cheaper by {share}.'
     if chosen is search.without:

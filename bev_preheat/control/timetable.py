@@ -3,29 +3,31 @@
 When a trip is where: by its route's stamp, and by the vehicle's position once that is known.
 
 The timetable is the only source of times on the route: the mission with its delay, and the planned instant of
-an actual one. Instants are integers, in nanoseconds of the node's clock.
+an actual one. It is a value: each observation (a position, standing, charging, the passing of time) makes another
+one. Its place comes from the latest observation alone, and a trip that has ended stays ended: no method leads
+back. Instants are integers, in nanoseconds of the node's clock.
 """
 
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections import deque
-from typing import NamedTuple, TYPE_CHECKING
+from dataclasses import dataclass, replace
+from typing import NamedTuple, Self, TYPE_CHECKING
 
 from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.errors import age_beyond, figure_beyond, InvalidInput, quoted
-from bev_preheat.route.places import Places
 from bev_preheat.route.segments import LIMITS
 
 if TYPE_CHECKING:
-    from bev_preheat.control.inputs import Mission, Progress
+    from bev_preheat.control.inputs import Leg, Mission, Progress
     from bev_preheat.control.settings import Settings
 
 # Accuracy of a distance [m]: a vehicle within it of its planned place is on time; a vehicle that moves no further
 # than this stands.
 KNOWN_TO_M = 10.0
-# From one message to the next the distance may fall by CORRECTED_BY_M [m], or exceed by that the distance that the
-# fastest vehicle drives: positions are corrected.
+# A distance may lie CORRECTED_BY_M [m] behind the furthest one before, or exceed by that the distance that the
+# fastest vehicle drives: positions are corrected. A vehicle that stands or charges so close to the end of a leg
+# has arrived there: its place at the charger is not a point of the road.
 CORRECTED_BY_M = 100.0
 FASTEST_MPS = LIMITS['speed_mps'][1]
 # The end of the route is known to this share of its length, and to CORRECTED_BY_M at least.
@@ -46,55 +48,102 @@ class _Fix(NamedTuple):
     planned_ns: int
 
 
+class _Track(NamedTuple):
+    """
+    The positions on the route so far.
+
+    `furthest_m` [m] is the furthest one. `stands_at_m` [m] and `stands_from_ns` [ns] are distance and delay at
+    which it last grew, `moved_ns` the instant; None: the positions since `since_ns`, which followed one another,
+    have not grown yet.
+    """
+
+    latest: Progress
+    furthest_m: float
+    since_ns: int
+    stands_at_m: float
+    stands_from_ns: int
+    moved_ns: int | None = None
+
+
+class TripEnd(NamedTuple):
+    """
+    The end of a trip at an instant [ns]; None: before the clock was restarted.
+
+    `is_observed`: a position or the charging showed it; otherwise the planned time was over.
+    """
+
+    at_ns: int | None
+    is_observed: bool
+
+
 class PlaceReport(NamedTuple):
     """
     The vehicle's place on a route of `length_m` [m], by its latest Progress.
 
     `delay_ns` [ns] is negative if it is early; `stood_ns` [ns] is the delay that has built up since it last moved.
+    `has_ended`: the trip is over, and needs no place.
     """
 
     latest: Progress
     length_m: float
     delay_ns: int
     stood_ns: int
+    has_ended: bool = False
 
 
+@dataclass(frozen=True, eq=False)
 class Timetable:
     """
     One Mission, and the vehicle's place on it.
 
-    `planned` is the Mission by its own stamp; `mission` is the same with all its instants shifted by the delay of
-    the latest Progress. Without Progress the two are equal. `latest` is the latest valid Progress, None before the
-    first; `stood_ns` is the delay that has built up since the vehicle last moved.
+    `planned` is the Mission by its own stamp; `mission` is the same with all its instants shifted by the delay.
+    `end` is the TripEnd, None before it. `stood_ns` is the delay that has built up since the vehicle last moved.
+    `begun_ns` is the start of the trip's first route plan, `known_ns` the instant at which this one replaced
+    another of the trip; positions from before it belong to that one. `fixes` are in order of their instants.
     """
 
-    def __init__(self, planned: Mission) -> None:
-        """Go by the Mission's own stamp."""
-        self.planned = self.mission = planned
-        self.latest: Progress | None = None
-        self.stood_ns = 0
-        self._fixes: deque[_Fix] = deque()
-        # For how long after the latest Progress the pace is assumed to continue [ns].
-        self._goes_on_ns = 0
-        self._places: Places | None = None
-        # The furthest distance so far [m], and the distance [m] and delay [ns] at which it last grew.
-        self._furthest_m = 0.0
-        self._stands_at_m, self._stands_from_ns = 0.0, 0
-        # The instant at which it last grew, and the planned instant at which other evidence has the vehicle stand.
-        self._moved_ns = 0
-        self._frozen_ns: int | None = None
-        # The delay before that [ns]; None: no such standing.
-        self._delay_before_ns: int | None = None
+    planned: Mission
+    mission: Mission
+    begun_ns: int
+    known_ns: int | None = None
+    end: TripEnd | None = None
+    stood_ns: int = 0
+    track: _Track | None = None
+    # The planned instant of the place at which the vehicle stands [ns]; None: it drives.
+    held_at_ns: int | None = None
+    fixes: tuple[_Fix, ...] = ()
+    # For how long after the latest fix the pace is assumed to continue [ns].
+    goes_on_ns: int = 0
+    # The delay before a charge that may turn out to be a descent [ns]; None: no such charge.
+    delay_before_charge_ns: int | None = None
+    # The standing before the route plan was replaced [ns].
+    stood_before_ns: int = 0
+
+    @classmethod
+    def of(cls, planned: Mission) -> Self:
+        """Return the Timetable of a Mission by its own stamp."""
+        return cls(planned, planned, planned.start_ns)
+
+    def updated(self, planned: Mission, now_ns: int) -> Timetable:
+        """
+        Return the Timetable of a later route plan for the same trip, received at an instant [ns].
+
+        It goes by its own stamp, unless it has the same instants as the route plan before. A vehicle that stands
+        does not begin to stand.
+        """
+        if planned.has_instants_of(self.planned):
+            return self.revised(planned)
+        return replace(Timetable.of(planned), begun_ns=min(self.begun_ns, planned.start_ns), known_ns=now_ns,
+                       stood_before_ns=self.stood_ns, stood_ns=self.stood_ns)
+
+    def revised(self, planned: Mission) -> Timetable:
+        """Return the Timetable of the same Mission in other steps, or with another goal."""
+        return replace(self, planned=planned, mission=planned.delayed(self.delay_ns))
 
     @property
-    def places(self) -> Places:
-        """The Places of the whole trip; its stops are spans in which the vehicle stands."""
-        if self._places is None:
-            start_ns = self.planned.start_ns
-            self._places = Places.joined(
-                ((leg.start_ns - start_ns) / NS_PER_S, leg.places or Places.of_route(leg.route))
-                for leg in self.planned.legs)
-        return self._places
+    def latest(self) -> Progress | None:
+        """The latest valid Progress; None before the first."""
+        return None if self.track is None else self.track.latest
 
     @property
     def delay_ns(self) -> int:
@@ -104,28 +153,23 @@ class Timetable:
     @property
     def place(self) -> PlaceReport | None:
         """The PlaceReport of now; None without Progress."""
-        if self.latest is None:
-            return None
-        return PlaceReport(self.latest, self.places.length_m, self.delay_ns, self.stood_ns)
-
-    def lose_time(self) -> None:
-        """Go by the Mission's own stamp again, because the clock was restarted."""
-        self.latest, self.mission, self.stood_ns = None, self.planned, 0
-        self._frozen_ns = self._delay_before_ns = None
-        self._fixes.clear()
-
-    def revise(self, planned: Mission) -> None:
-        """Take the same Mission in other steps, or with another goal."""
-        self.mission, self.planned = planned.delayed(self.delay_ns), planned
+        return None if self.track is None else PlaceReport(
+            self.track.latest, self.planned.places.length_m, self.delay_ns, self.stood_ns, self.end is not None)
 
     def planned_ns(self, instant_ns: int) -> int:
         """
         Return the planned instant of the vehicle's position at an instant.
 
-        Between two Progresses it is interpolated linearly; after the latest the pace continues, and becomes the
-        planned pace once the latest is too old.
+        Between two fixes it is interpolated linearly; after the latest the pace continues, and becomes the
+        planned pace once the latest is too old. After the end of the trip it is not before the planned arrival.
         """
-        fixes = self._fixes
+        planned_ns = self._by_fixes_ns(instant_ns)
+        if self.end is None or (self.end.at_ns is not None and instant_ns < self.end.at_ns):
+            return planned_ns
+        return max(planned_ns, self.planned.arrival_ns)
+
+    def _by_fixes_ns(self, instant_ns: int) -> int:
+        fixes = self.fixes
         if not fixes or instant_ns <= fixes[0].stamp_ns:
             delay_ns = fixes[0].stamp_ns - fixes[0].planned_ns if fixes else self.mission.delay_ns
             return instant_ns - delay_ns
@@ -134,105 +178,180 @@ class Timetable:
             since = next(fix for fix in reversed(fixes)
                          if fix.stamp_ns <= last.stamp_ns - PACE_OVER_NS or fix is fixes[0])
             beyond_ns = instant_ns - last.stamp_ns
-            as_before_ns = min(beyond_ns, self._goes_on_ns)
+            as_before_ns = min(beyond_ns, self.goes_on_ns)
             return last.planned_ns + _part_ns(as_before_ns, since, last) + beyond_ns - as_before_ns
         at = bisect_right(fixes, instant_ns - 1, key=lambda fix: fix.stamp_ns)
         before, after = fixes[at - 1], fixes[at]
         return before.planned_ns + _part_ns(instant_ns - before.stamp_ns, before, after)
 
-    def accept(self, progress: Progress, now_ns: int, settings: Settings) -> None:
+    # Time
+
+    def passed(self, now_ns: int) -> Timetable:
+        """Return the Timetable at an instant [ns]: a trip whose time is over has ended."""
+        arrival_ns = self.mission.arrival_ns
+        if self.end is not None or now_ns < arrival_ns:
+            return self
+        track = self.track
+        is_there = track is not None and track.furthest_m >= self.planned.places.length_m - KNOWN_TO_M
+        return self.ended(TripEnd(arrival_ns, is_there))
+
+    def ended(self, end: TripEnd) -> Timetable:
+        """Return the Timetable of a trip that has ended; its arrival is at the end."""
+        mission = self.mission if end.at_ns is None else self._delayed(end.at_ns - self.planned.arrival_ns)
+        return replace(self, end=end, mission=mission, held_at_ns=None, stood_ns=0, delay_before_charge_ns=None)
+
+    def without_instants(self) -> Timetable:
+        """Return the Timetable by the Mission's own stamp, because the clock was restarted."""
+        end = self.end
+        return replace(
+            self, mission=self.planned, known_ns=None, end=None if end is None else end._replace(at_ns=None),
+            stood_ns=0, track=None, held_at_ns=None, fixes=(), goes_on_ns=0, delay_before_charge_ns=None,
+            stood_before_ns=0)
+
+    # Positions
+
+    def at_progress(self, progress: Progress, now_ns: int, settings: Settings) -> Timetable:
         """
-        Take a Progress in; raise InvalidInput, with one problem per field, and keep the previous one if it is bad.
+        Return the Timetable with a Progress; raise InvalidInput, with one problem per field, if it is bad.
 
         The delay changes by the least amount that explains the reported position; it does not change while the
-        route plans to stand.
+        route plans to stand. After the end of the trip no position counts.
         """
+        if self.end is not None or self._is_of_route_before(progress):
+            return self
         is_followed = self._is_followed(progress, settings)
         problems = self._problems(progress, now_ns, settings, is_followed)
         if problems:
             raise InvalidInput(problems)
-        start_ns, places = self.planned.start_ns, self.places
-        expected_ns = progress.stamp_ns - self.delay_ns
-        if not is_followed:
-            self._fixes.clear()
-        self._furthest_m = min(max(
-            progress.distance_m, self._furthest_m if is_followed else 0.0), places.length_m)
+        start_ns, places, track = self.planned.start_ns, self.planned.places, self.track
+        furthest_m = min(max(progress.distance_m, track.furthest_m if track else 0.0), places.length_m)
         # Not beyond the end, which counts as reached within the accuracy of a distance.
-        earliest_s = places.earliest_s(self._furthest_m - KNOWN_TO_M)
-        latest_s = places.latest_s(self._furthest_m + KNOWN_TO_M)
-        planned_ns = expected_ns
+        earliest_s = places.earliest_s(furthest_m - KNOWN_TO_M)
+        latest_s = places.latest_s(furthest_m + KNOWN_TO_M)
+        planned_ns = expected_ns = progress.stamp_ns - self.delay_ns
         if (expected_ns - start_ns) / NS_PER_S < earliest_s:
             planned_ns = start_ns + round(earliest_s * NS_PER_S)
         elif (expected_ns - start_ns) / NS_PER_S > latest_s:
             planned_ns = start_ns + round(latest_s * NS_PER_S)
-        self._note(_Fix(progress.stamp_ns, planned_ns))
-        self._goes_on_ns = round(settings.route_progress_timeout_s * NS_PER_S)
         delay_ns = progress.stamp_ns - planned_ns
-        if delay_ns != self.delay_ns:
-            self.mission = self.planned.delayed(delay_ns)
-        if not is_followed or self._furthest_m > self._stands_at_m + KNOWN_TO_M:
-            self._stands_at_m, self._stands_from_ns = self._furthest_m, delay_ns
-            self._moved_ns = progress.stamp_ns
-        self.stood_ns = delay_ns - self._stands_from_ns
-        self.latest = progress
+        stood_before_ns = self.stood_before_ns
+        if track is None or not is_followed:
+            # Whether it has moved, only the next positions show.
+            track = _Track(progress, furthest_m, progress.stamp_ns, furthest_m, delay_ns)
+        elif furthest_m > track.stands_at_m + KNOWN_TO_M:
+            track = _Track(progress, furthest_m, track.since_ns, furthest_m, delay_ns, progress.stamp_ns)
+            stood_before_ns = 0
+        else:
+            track = track._replace(latest=progress, furthest_m=furthest_m)
+        return replace(
+            self, mission=self._delayed(delay_ns), track=track, held_at_ns=None,
+            fixes=_noted(self.fixes if is_followed else (), _Fix(progress.stamp_ns, planned_ns)),
+            goes_on_ns=round(settings.route_progress_timeout_s * NS_PER_S),
+            stood_before_ns=stood_before_ns, delay_before_charge_ns=None,
+            stood_ns=stood_before_ns + delay_ns - track.stands_from_ns)
+
+    def has_position(self, now_ns: int, settings: Settings) -> bool:
+        """Return whether the vehicle's position is known: the latest Progress is recent."""
+        return self.track is not None and (
+            now_ns - self.track.latest.stamp_ns <= settings.route_progress_timeout_s * NS_PER_S)
 
     def has_moved(self, now_ns: int, settings: Settings) -> bool | None:
-        """Return whether the vehicle moves, by its latest Progress; None without a recent one."""
-        latest = self.latest
-        if latest is None or now_ns - latest.stamp_ns > settings.route_progress_timeout_s * NS_PER_S:
+        """Return whether the vehicle moves, by its latest positions; None if they do not show it."""
+        track = self.track
+        if track is None or self.end is not None or not self.has_position(now_ns, settings):
             return None
-        return latest.stamp_ns - self._moved_ns <= MOVES_WITHIN_NS
+        if track.moved_ns is not None and track.latest.stamp_ns - track.moved_ns <= MOVES_WITHIN_NS:
+            return True
+        return False if track.latest.stamp_ns - track.since_ns > MOVES_WITHIN_NS else None
 
-    def stand(self, since_ns: int, recognised_ns: int, now_ns: int) -> None:
+    def is_at_end_of_leg(self, now_ns: int) -> bool:
+        """Return whether the furthest position is at the end of the current leg, as close as a charger may be."""
+        if self.track is None:
+            return False
+        end_m = self._end_of_m(self._leg_at(self.planned_ns(now_ns)))
+        return self.track.furthest_m >= end_m - CORRECTED_BY_M
+
+    # Standing and charging, by other evidence
+
+    def standing(self, since_ns: int, recognised_ns: int, now_ns: int, is_charged: bool = False) -> Timetable:
         """
-        Stay at the place of an instant, because the vehicle stands or is charged: the delay grows.
+        Return the Timetable of a vehicle that stands or `is_charged`: it stays at its place, and the delay grows.
 
         The vehicle has stood since `since_ns` [ns], recognised at `recognised_ns` [ns]. Its place is that at
-        recognition, because a short stop is part of the route. Before the trip, at its stops and after its end
-        time passes as planned.
+        recognition, because a short stop is part of the route, but not before its latest fix. Before the trip, at
+        its stops and after its end time passes as planned.
         """
-        planned, planned_ns = self.planned, self.planned_ns(now_ns)
-        leg = planned.legs[planned.leg_number(planned_ns)]
-        if self._frozen_ns is None:
-            if not leg.start_ns <= planned_ns < leg.arrival_ns:
-                return
-            self._frozen_ns = max(self.planned_ns(recognised_ns), leg.start_ns)
-            self._delay_before_ns = self.delay_ns
-            self._note(_Fix(min(recognised_ns, now_ns), self._frozen_ns))
-        self._note(_Fix(now_ns, self._frozen_ns))
-        self._goes_on_ns = 0
-        self.mission = planned.delayed(now_ns - self._frozen_ns)
-        self.stood_ns = now_ns - max(since_ns, planned.start_ns)
+        held_ns, fixes, planned_ns = self.held_at_ns, self.fixes, self.planned_ns(now_ns)
+        before_ns = self.delay_before_charge_ns
+        leg = self._leg_at(planned_ns)
+        if held_ns is None:
+            if self.end is not None or not leg.start_ns <= planned_ns < leg.arrival_ns:
+                return self
+            held_ns = max(self.planned_ns(recognised_ns), leg.start_ns,
+                          fixes[-1].planned_ns if fixes else leg.start_ns)
+            if not fixes or fixes[-1].stamp_ns < recognised_ns:
+                fixes = _noted(fixes, _Fix(min(recognised_ns, now_ns), held_ns))
+        if is_charged and before_ns is None and held_ns > leg.start_ns:
+            before_ns = self.delay_ns
+        return replace(
+            self, held_at_ns=held_ns, fixes=_noted(fixes, _Fix(now_ns, held_ns)), goes_on_ns=0,
+            mission=self.planned.delayed(now_ns - held_ns),
+            delay_before_charge_ns=before_ns,
+            stood_ns=now_ns - max(since_ns, self.begun_ns))
 
-    def go_on(self) -> None:
-        """Continue the route from the place where the vehicle stood."""
-        if self._frozen_ns is not None:
-            self._frozen_ns, self.stood_ns = None, 0
+    def driving(self) -> Timetable:
+        """Return the Timetable of a vehicle that drives on from its place."""
+        return replace(self, held_at_ns=None, stood_ns=0, stood_before_ns=0, delay_before_charge_ns=None)
 
-    def take_back(self) -> None:
-        """Undo the latest `stand` or `arrive`: the vehicle was driving all along."""
-        if self._delay_before_ns is None:
-            return
-        self.mission = self.planned.delayed(self._delay_before_ns)
-        self._frozen_ns = self._delay_before_ns = None
-        self.stood_ns = 0
-        self._fixes.clear()
+    def released(self) -> Timetable:
+        """Return the Timetable of a vehicle without evidence that it still stands."""
+        return self if self.held_at_ns is None else self.driving()
 
-    def arrive(self, since_ns: int) -> None:
-        """End the current leg as of an instant [ns]: the vehicle has reached its charger."""
+    def driven_all_along(self) -> Timetable:
+        """Return the Timetable without the latest charge, which was a descent."""
+        before_ns = self.delay_before_charge_ns
+        if before_ns is None or self.end is not None:
+            return self.driving()
+        return replace(self.driving(), mission=self.planned.delayed(before_ns), fixes=())
+
+    def arrived(self, since_ns: int, is_at_place: bool) -> Timetable:
+        """
+        Return the Timetable of a vehicle that has been at the end of its current leg since an instant [ns].
+
+        `is_at_place`: its position says so.
+        """
+        leg = self._leg_at(self.planned_ns(since_ns) if self.held_at_ns is None else self.held_at_ns)
+        arrived = replace(
+            self, mission=self.planned.delayed(since_ns - leg.arrival_ns), held_at_ns=None, stood_ns=0,
+            fixes=(_Fix(since_ns, leg.arrival_ns),), goes_on_ns=0)
+        if is_at_place and self.track is not None:
+            arrived = replace(arrived, track=self.track._replace(
+                furthest_m=max(self.track.furthest_m, self._end_of_m(leg))))
+        return arrived.ended(TripEnd(since_ns, True)) if leg is self.planned.legs[-1] else arrived
+
+    def _leg_at(self, planned_ns: int) -> Leg:
+        return self.planned.legs[self.planned.leg_number(planned_ns)]
+
+    def _end_of_m(self, leg: Leg) -> float:
+        """Return the distance [m] at the end of a planned leg."""
         planned = self.planned
-        leg = planned.legs[planned.leg_number(
-            self.planned_ns(since_ns) if self._frozen_ns is None else self._frozen_ns)]
-        self._frozen_ns, self.stood_ns = None, 0
-        self._fixes.clear()
-        self._note(_Fix(since_ns, leg.arrival_ns))
-        self._goes_on_ns = 0
-        self.mission = planned.delayed(since_ns - leg.arrival_ns)
+        return planned.places.distance_at_m((leg.arrival_ns - planned.start_ns) / NS_PER_S)
+
+    def _delayed(self, delay_ns: int) -> Mission:
+        # The same object while the delay stays.
+        return self.mission if delay_ns == self.delay_ns else self.planned.delayed(delay_ns)
+
+    # Checks of a Progress
+
+    def _is_of_route_before(self, progress: Progress) -> bool:
+        """Return whether a Progress may be from before this route plan replaced another with its route_id."""
+        return (self.known_ns is not None and progress.route_start_ns is None
+                and progress.stamp_ns < self.known_ns)
 
     def _is_followed(self, progress: Progress, settings: Settings) -> bool:
-        """Return whether the latest Progress is recent enough to be compared with this one."""
-        return self.latest is not None and (
-            progress.stamp_ns - self.latest.stamp_ns
+        """Return whether the latest Progress is recent enough for a pace between it and this one."""
+        return self.track is not None and (
+            progress.stamp_ns - self.track.latest.stamp_ns
             <= settings.route_progress_timeout_s * NS_PER_S)
 
     def _problems(self, progress: Progress, now_ns: int, settings: Settings,
@@ -245,28 +364,29 @@ class Timetable:
         if problems:
             # A distance along another route cannot be checked.
             return problems
-        length_m, distance_m = self.places.length_m, progress.distance_m
+        length_m, distance_m = self.planned.places.length_m, progress.distance_m
         if length_m == 0.0:
             return ['distance: has no meaning on a route whose speed is 0 in each segment']
         most_m = length_m + max(END_KNOWN_TO * length_m, CORRECTED_BY_M)
         if not 0.0 <= distance_m <= most_m:
             return [f'distance: {figure_beyond(distance_m, 0.0, most_m)} m is not allowed; it must be 0 ... '
                     f'{length_m:.0f} m, the length of the route']
-        latest = self.latest
-        if latest is None:
+        track = self.track
+        if track is None:
             return []
-        since_s = (progress.stamp_ns - latest.stamp_ns) / NS_PER_S
+        since_s = (progress.stamp_ns - track.latest.stamp_ns) / NS_PER_S
         if since_s < 0.0:
             return [f'header.stamp: the position is {-since_s:.3f} s older than the previous one; '
                     'stamps must not go back']
-        if not is_followed:
-            return []
-        gain_m, most_m = distance_m - latest.distance_m, FASTEST_MPS * since_s + CORRECTED_BY_M
-        if not -CORRECTED_BY_M <= gain_m <= most_m:
-            return [f'distance: {distance_m:.0f} m is {abs(gain_m):.0f} m '
-                    f'{"beyond" if gain_m > 0.0 else "behind"} the {latest.distance_m:.0f} m of '
-                    f'{since_s:.1f} s before; it must be at most {most_m:.0f} m beyond or '
-                    f'{CORRECTED_BY_M:.0f} m behind']
+        behind_m = track.furthest_m - distance_m
+        if behind_m > CORRECTED_BY_M:
+            return [f'distance: {distance_m:.0f} m is {behind_m:.0f} m behind the {track.furthest_m:.0f} m that '
+                    f'were reached before; it must be at most {CORRECTED_BY_M:.0f} m behind: a vehicle that turns '
+                    'back needs a new route plan']
+        gain_m, most_m = distance_m - track.latest.distance_m, FASTEST_MPS * since_s + CORRECTED_BY_M
+        if is_followed and gain_m > most_m:
+            return [f'distance: {distance_m:.0f} m is {gain_m:.0f} m beyond the {track.latest.distance_m:.0f} m '
+                    f'of {since_s:.1f} s before; it must be at most {most_m:.0f} m beyond']
         return []
 
     def _problems_with_route(self, progress: Progress) -> list[str]:
@@ -280,17 +400,18 @@ class Timetable:
                     f'{"after" if apart_s > 0.0 else "before"} it']
         return []
 
-    def _note(self, fix: _Fix) -> None:
-        fixes = self._fixes
-        if fixes and fix.planned_ns < fixes[-1].planned_ns:
-            fixes.clear()
-        if len(fixes) > 1 and fix.stamp_ns - fixes[-2].stamp_ns < SPACED_NS:
-            fixes.pop()
-        elif fixes and fixes[-1].stamp_ns == fix.stamp_ns:
-            fixes.pop()
-        fixes.append(fix)
-        while fixes[0].stamp_ns < fix.stamp_ns - KEPT_NS:
-            fixes.popleft()
+
+def _noted(fixes: tuple[_Fix, ...], fix: _Fix) -> tuple[_Fix, ...]:
+    """Return fixes and a later one, without those that are too old or too close."""
+    if fixes and fix.planned_ns < fixes[-1].planned_ns:
+        return (fix,)
+    if (len(fixes) > 1 and fix.stamp_ns - fixes[-2].stamp_ns < SPACED_NS) or (
+            fixes and fixes[-1].stamp_ns == fix.stamp_ns):
+        fixes = fixes[:-1]
+    oldest_ns, first = fix.stamp_ns - KEPT_NS, 0
+    while first < len(fixes) and fixes[first].stamp_ns < oldest_ns:
+        first += 1
+    return (*fixes[first:], fix)
 
 
 def _part_ns(span_ns: int, before: _Fix, after: _Fix) -> int:

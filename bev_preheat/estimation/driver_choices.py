@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The driver's choices that outlast the planner's process, and their form in the state file."""
+"""The driver's choices and the trip's end, which outlast the planner's process; their form in the state file."""
 
 from __future__ import annotations
 
@@ -12,8 +12,12 @@ from bev_preheat.estimation.last_seen import instant_from
 if TYPE_CHECKING:
     from bev_preheat.files.checked_yaml import FileData
 
-# After a restart, choices older than 24 h [ns] expire: by then the driver has forgotten them.
+# Choices older than 24 h [ns] expire: by then the driver has forgotten them. No trip lasts longer.
 OLDEST_CHOICE_NS = 24 * 3600 * 1_000_000_000
+# A route plan that arrives later than this after its stamp [ns] does not begin a trip of a restarted clock.
+JUST_BEGUN_NS = 60 * 1_000_000_000
+# A route of a finished trip no longer than this [m] leads to the vehicle's place, within a position's error.
+NOWHERE_M = 100.0
 
 
 @dataclass(frozen=True)
@@ -30,11 +34,46 @@ class CancelledTrip:
 
 
 @dataclass(frozen=True)
+class EndedTrip:
+    """
+    A trip that has ended: identification and stamp [ns] of its latest route plan, and the instant of the end [ns].
+
+    `is_observed`: a position or the charging showed the end; otherwise the planned time was over.
+    """
+
+    route_id: str
+    route_stamp_ns: int
+    ended_ns: int
+    is_observed: bool
+
+    def includes(self, route_id: str, route_stamp_ns: int, length_m: float, now_ns: int) -> bool:
+        """
+        Return whether a route plan that arrives at an instant [ns] belongs to this trip: it begins no other.
+
+        That is the plan itself, received again; one with its route_id that is older than it, or than an end that
+        was observed; and one with its route_id that leads no further than NOWHERE_M. If the end lies ahead, the
+        clock was set back: then only the plan itself belongs to it, unless it has just begun, as in a simulation
+        that was restarted.
+        """
+        age_ns = now_ns - self.ended_ns
+        if route_id != self.route_id or age_ns > OLDEST_CHOICE_NS:
+            return False
+        if age_ns < 0:
+            return route_stamp_ns == self.route_stamp_ns and route_stamp_ns < now_ns - JUST_BEGUN_NS
+        if route_stamp_ns == self.route_stamp_ns:
+            return True
+        # A route without a route_id is never an update.
+        return route_id != '' and (length_m <= NOWHERE_M or route_stamp_ns < (
+            max(self.ended_ns, self.route_stamp_ns) if self.is_observed else self.route_stamp_ns))
+
+
+@dataclass(frozen=True)
 class DriverChoices:
     """
     Instant when preheating was switched off [ns], None while it is on, and the trip cancelled last, if any.
 
-    Departures up to `skipped_until_ns` [ns] are skipped; None: none is.
+    Departures up to `skipped_until_ns` [ns] are skipped; None: none is. `ended_trip` is the trip that has ended;
+    None: the latest one has not.
 
     Instants are those of the node's clock.
     """
@@ -42,6 +81,7 @@ class DriverChoices:
     switched_off_ns: int | None = None
     cancelled_trip: CancelledTrip | None = None
     skipped_until_ns: int | None = None
+    ended_trip: EndedTrip | None = None
 
     def after_restart(self, now_ns: int) -> DriverChoices:
         """
@@ -56,7 +96,9 @@ class DriverChoices:
             None if self.switched_off_ns is None or self.switched_off_ns < oldest_ns
             else self.switched_off_ns,
             None if trip is None or trip.cancelled_ns < oldest_ns else trip,
-            None if skipped_ns is None or skipped_ns < now_ns else skipped_ns)
+            None if skipped_ns is None or skipped_ns < now_ns else skipped_ns,
+            # Its age is checked when a route plan arrives: until then a simulated clock may stand at 0.
+            self.ended_trip)
 
 
 NO_CHOICES = DriverChoices()
@@ -71,12 +113,13 @@ def choices_from(entry: FileData) -> DriverChoices:
     """Return the DriverChoices of an entry; raise InvalidInput, naming field, value and range."""
     if not isinstance(entry, dict):
         raise InvalidInput('driver: must have switched_off_ns and cancelled_trip')
-    off_ns, trip, skipped_ns = (entry.get(name) for name in (
-        'switched_off_ns', 'cancelled_trip', 'skipped_until_ns'))
+    off_ns, trip, skipped_ns, ended = (entry.get(name) for name in (
+        'switched_off_ns', 'cancelled_trip', 'skipped_until_ns', 'ended_trip'))
     return DriverChoices(
         None if off_ns is None else instant_from(off_ns, 'driver.switched_off_ns'),
         None if trip is None else _trip_from(trip),
-        None if skipped_ns is None else instant_from(skipped_ns, 'driver.skipped_until_ns'))
+        None if skipped_ns is None else instant_from(skipped_ns, 'driver.skipped_until_ns'),
+        None if ended is None else _ended_from(ended))
 
 
 def _trip_from(entry: FileData) -> CancelledTrip:
@@ -85,3 +128,12 @@ def _trip_from(entry: FileData) -> CancelledTrip:
     return CancelledTrip(entry['route_id'], *(
         instant_from(entry.get(name), f'driver.cancelled_trip.{name}')
         for name in ('route_stamp_ns', 'cancelled_ns')))
+
+
+def _ended_from(entry: FileData) -> EndedTrip:
+    if not isinstance(entry, dict) or not isinstance(entry.get('route_id'), str) or not isinstance(
+            entry.get('is_observed'), bool):
+        raise InvalidInput('driver.ended_trip: must have route_id, route_stamp_ns, ended_ns and is_observed')
+    stamp_ns, ended_ns = (instant_from(entry.get(name), f'driver.ended_trip.{name}')
+                          for name in ('route_stamp_ns', 'ended_ns'))
+    return EndedTrip(entry['route_id'], stamp_ns, ended_ns, entry['is_observed'])

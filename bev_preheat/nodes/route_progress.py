@@ -59,7 +59,8 @@ def progress_diagnostics(name: str, state: PlannerState, now_ns: int) -> Diagnos
     """
     Return the DiagnosticStatus `NODE: route progress`; None before the first route_progress.
 
-    WARN if the latest was refused or is too old: the planner then continues by time.
+    WARN if the latest was refused or is too old: the planner then continues by time. A trip that has ended needs
+    no position.
     """
     place, refused = state.place, state.refused_progress
     if refused is None and place is None:
@@ -74,8 +75,10 @@ def progress_diagnostics(name: str, state: PlannerState, now_ns: int) -> Diagnos
                   'length of the route [m]': f'{place.length_m:.0f}',
                   'delay [s]': f'{delay_s:.1f}', 'age [s]': f'{age_s:.2f}',
                   'has stood for [s]': f'{place.stood_ns / NS_PER_S:.0f}'}
-        is_late = age_s > limit_s
-        if is_late:
+        is_late = age_s > limit_s and not place.has_ended
+        if place.has_ended and refused is None:
+            sentences.append('The trip has ended.')
+        elif is_late:
             sentences.append(f'The latest valid route_progress is {age_s:.3f} s old; at most '
                              f'{limit_s:g} s are allowed: the planner continues by time from there.')
         elif refused is None:

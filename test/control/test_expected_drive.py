@@ -32,7 +32,7 @@ MISSION = Mission('two legs', (
 def between(from_s, to_s, mission=MISSION):
     """Return (DriveInputs, heater power left by the cabin [W]) of the single step between two instants."""
     edges_ns = [round((START_S + at_s) * NS_PER_S) for at_s in (from_s, to_s)]
-    timetable = None if mission is None else Timetable(mission)
+    timetable = None if mission is None else Timetable.of(mission)
     interval, = intervals_between(edges_ns, VEHICLE, timetable, CommandHistory())
     return interval.drive, interval.limit_w
 
@@ -79,7 +79,7 @@ def test_segments_may_be_shorter_than_a_second():
 def test_a_simulated_clock_may_have_begun_a_moment_ago():
     mission = Mission('soon', (leg(1, [10e3, 20e3, -5e3]),))
     edges_ns = [at_s * NS_PER_S for at_s in (1, 60, 62, 120, 180)]
-    intervals = intervals_between(edges_ns, VEHICLE, Timetable(mission), CommandHistory())
+    intervals = intervals_between(edges_ns, VEHICLE, Timetable.of(mission), CommandHistory())
     assert [interval.drive.propulsion_power_w for interval in intervals] == [10e3, 20e3, 20e3, -5e3]
 
 
@@ -88,9 +88,9 @@ def test_instants_of_today_are_not_rounded():
     start_ns = 1_700_000_000_000_000_001
     drive = Leg(MISSION.legs[0].route, start_ns)
     intervals = intervals_between((start_ns - 2, start_ns, start_ns + 2), VEHICLE,
-                                  Timetable(Mission('today', (drive,))), CommandHistory())
+                                  Timetable.of(Mission('today', (drive,))), CommandHistory())
     assert [interval.drive is None for interval in intervals] == [True, False]
-    begins, = intervals_between((start_ns - 1, start_ns + 1), VEHICLE, Timetable(Mission('today', (drive,))),
+    begins, = intervals_between((start_ns - 1, start_ns + 1), VEHICLE, Timetable.of(Mission('today', (drive,))),
                                 CommandHistory())
     assert begins.drive.propulsion_power_w == 10e3
 
@@ -117,7 +117,7 @@ def test_each_step_has_its_mean_command():
     commands.note(START_S * NS_PER_S, 1000.0)
     commands.note((START_S + 15) * NS_PER_S, 4000.0)
     edges_ns = [(START_S + at_s) * NS_PER_S for at_s in (0, 10, 20)]
-    intervals = intervals_between(edges_ns, VEHICLE, Timetable(MISSION), commands)
+    intervals = intervals_between(edges_ns, VEHICLE, Timetable.of(MISSION), commands)
     assert [(interval.duration_s, interval.command_w) for interval in intervals] == [
         (10.0, 1000.0), (10.0, 2500.0)]
 
@@ -130,15 +130,15 @@ def test_steps_need_not_last_whole_seconds():
 
 
 def test_between_no_instants_there_is_no_step():
-    assert intervals_between((), VEHICLE, Timetable(MISSION), CommandHistory()) == ()
+    assert intervals_between((), VEHICLE, Timetable.of(MISSION), CommandHistory()) == ()
 
 
 def along(places, from_s, to_s):
     """Return the DriveInputs between two instants of a vehicle at (second, distance [m]) places."""
-    timetable = Timetable(MISSION)
+    timetable = Timetable.of(MISSION)
     for at_s, distance_m in places:
         stamp_ns = round((START_S + at_s) * NS_PER_S)
-        timetable.accept(Progress(distance_m, stamp_ns, 'two legs'), stamp_ns, Settings())
+        timetable = timetable.at_progress(Progress(distance_m, stamp_ns, 'two legs'), stamp_ns, Settings())
     edges_ns = [round((START_S + at_s) * NS_PER_S) for at_s in (from_s, to_s)]
     interval, = intervals_between(edges_ns, VEHICLE, timetable, CommandHistory())
     return interval.drive
@@ -181,5 +181,5 @@ def test_the_battery_answers_for_the_heater_on_the_way_only(at_s, shown_w):
     commands = CommandHistory()
     commands.note(0, 3e3)
     instant_ns = round((START_S + at_s) * NS_PER_S)
-    assert shown_command_w(Timetable(MISSION), instant_ns, commands) == shown_w
+    assert shown_command_w(Timetable.of(MISSION), instant_ns, commands) == shown_w
     assert shown_command_w(None, instant_ns, commands) == 3e3

@@ -164,6 +164,20 @@ def test_at_a_stop_that_lasts_longer_the_next_leg_waits():
     assert car.planner.state.decision.status is Status.CHARGING
 
 
+def test_a_short_leg_does_not_end_at_the_stop_before_it():
+    legs = with_stops((leg(5), leg(10, departure=BatteryState(20.0, 0.8))), (300.0,))
+    car = Car(legs, soc=0.4, temperature_c=-5.0)
+    car.go(5 * 60, DRIVE_W)
+    # It is charged for 10 min longer than planned, and the 10 min of the next leg are near its end.
+    car.go(900, 0.0, charged_w=50e3)
+    assert car.planner.state.decision.status is Status.CHARGING
+    car.go(60, 0.0)
+    driven_s = car.at_s
+    car.go(300, DRIVE_W)
+    assert car.planner.state.decision.status is Status.TARGET_UNREACHABLE
+    assert car.heated_s(driven_s) >= 280
+
+
 def test_what_the_model_does_not_describe_teaches_nothing():
     car = Car()
     car.go(10 * 60, DRIVE_W)

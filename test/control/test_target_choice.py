@@ -30,9 +30,11 @@ from bev_preheat.charging.stop import ChargingStop
 from bev_preheat.charging.worth import find_worth
 from bev_preheat.control import target_choice
 from bev_preheat.control.inputs import Measurement, NS_PER_S
+from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.control.target_choice import (
     LEAST_GAIN_SHARE,
+    MOST_MOVE_K,
     PLANS_EACH_UPDATE,
     TargetChooser,
     TargetSource,
@@ -269,3 +271,46 @@ def test_a_chosen_target_is_heated_for_longer_than_the_same_target_given():
     for power_w in (chosen_w, given_w):
         assert np.count_nonzero(np.diff((power_w > 0.0).astype(int)) == 1) <= 2
     assert time_s[chosen_w > 0.0].max() > time_s[given_w > 0.0].max() + 30.0
+
+
+class LaggingCar:
+    """Core and surface of a battery in steps of 1 s; the sensor lags by a minute and has steps of 0.5 K."""
+
+    def __init__(self, supervisor):
+        self.supervisor, self.at_s = supervisor, 0
+        self.core_c = self.surface_c = self.sensor_c = -8.0
+        self.targets, self.commands_w = [], []
+
+    def go(self, seconds):
+        for _ in range(seconds):
+            command_w = self.supervisor.state.latest_command.battery_heating_power_w if self.at_s else 0.0
+            self.surface_c += (0.8 * command_w + 900.0 * (self.core_c - self.surface_c)) / 80e3
+            self.core_c += (900.0 * (self.surface_c - self.core_c) + 1800.0 - 55.0 * (self.core_c + 8.0)) / 330e3
+            self.sensor_c += (0.8 * self.core_c + 0.2 * self.surface_c - self.sensor_c) / 60.0
+            self.at_s += 1
+            decision = feed(self.supervisor, self.at_s, BatteryState(
+                round(2.0 * self.sensor_c) / 2.0, 0.35 - self.at_s * 6e-5))
+            self.targets.append(target_of(decision.target))
+            self.commands_w.append(self.supervisor.state.latest_command.battery_heating_power_w)
+
+
+@pytest.mark.costly
+def test_with_a_lagging_sensor_the_target_moves_and_does_not_swing():
+    car = LaggingCar(a_supervisor(settings=Settings(energy_price_per_kwh=0.55, value_of_time_per_h=12.0)))
+    # The first look at every fifth degree, and the first whole search.
+    car.go(ENOUGH)
+    first = len(car.targets)
+    car.go(240)
+    # Another route plan to the same charger, as after a detour; then as an update.
+    for number, route_id in enumerate(('around', 'around')):
+        minutes = 25 - car.at_s // 60 + 2 - number
+        car.supervisor.accept_mission(a_mission(
+            route_id=route_id, route=drive(minutes), start_ns=START_NS + car.at_s * 1_000_000_000))
+        car.go(240)
+    later = car.targets[first - 1:]
+    assert None not in later
+    moves = [after - before for before, after in zip(later, later[1:]) if after != before]
+    assert all(abs(move_k) <= MOST_MOVE_K + 1e-6 for move_k in moves)
+    # It does not move to and fro, and the heater stays on.
+    assert sum(a * b < 0.0 for a, b in zip(moves, moves[1:])) <= 1
+    assert min(car.commands_w[60:]) > 0.0

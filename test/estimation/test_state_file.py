@@ -15,7 +15,7 @@ import pytest
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.estimation import state_file as module
-from bev_preheat.estimation.driver_choices import CancelledTrip, DriverChoices, NO_CHOICES
+from bev_preheat.estimation.driver_choices import CancelledTrip, DriverChoices, EndedTrip, NO_CHOICES
 from bev_preheat.estimation.last_seen import LastSeen
 from bev_preheat.estimation.memory import as_entry, learned_from
 from bev_preheat.estimation.prior import nothing_learned
@@ -157,7 +157,7 @@ def test_a_file_that_vanished_is_written_anew(state_file):
 # Last seen, and the driver
 
 SEEN, SEEN_LATER = LastSeen(11.5, 0.375, 1_700_000_000_000_000_001), LastSeen(-3.25, 0.75, 7)
-CHOICES = DriverChoices(5, CancelledTrip('to the café', 2, 3))
+CHOICES = DriverChoices(5, CancelledTrip('to the café', 2, 3), 11, EndedTrip('home', 13, 17, True))
 
 
 def test_last_seen_and_choices_come_back(state_file):

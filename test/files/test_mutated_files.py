@@ -34,7 +34,8 @@ STATE = json.dumps({'bev_preheat_state_file': 3, 'cars': {CAR: {
     'log_lags': {'heat': 0.6, 'sensor': -0.9}, 'lag_variances': {'heat': 0.04, 'sensor': 0.2},
     'last_seen': {'temperature_c': 11.5, 'soc': 0.5, 'stamp_ns': 1_700_000_000_000_000_000}}},
     'driver': {'switched_off_ns': 5, 'cancelled_trip': {
-        'route_id': 'home', 'route_stamp_ns': 6, 'cancelled_ns': 7}}}, indent=1)
+        'route_id': 'home', 'route_stamp_ns': 6, 'cancelled_ns': 7}, 'ended_trip': {
+            'route_id': 'home', 'route_stamp_ns': 6, 'ended_ns': 8, 'is_observed': True}}}, indent=1)
 
 
 def plan(vehicle=VEHICLE, route=ROUTE):

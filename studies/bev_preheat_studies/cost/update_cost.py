@@ -139,7 +139,7 @@ def _updates_ms(vehicle: Vehicle, mission: Mission, measurements: list[Measureme
 
 def _estimations_ms(vehicle: Vehicle, mission: Mission, measurements: list[Measurement]) -> FloatArray:
     """Return the estimator's time for each measurement [ms of processor time]."""
-    estimator, timetable, commands = Estimator(vehicle), Timetable(mission), CommandHistory()
+    estimator, timetable, commands = Estimator(vehicle), Timetable.of(mission), CommandHistory()
     return _times_ms(lambda measurement: estimator.observe(measurement, 0.0, intervals_between(
         estimator.edges_ns(measurement.stamp_ns), vehicle, timetable, commands)), measurements)
 
