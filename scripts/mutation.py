@@ -241,7 +241,7 @@ def main():
     kept = arguments.again.read_text() if arguments.again else ''
     shutil.rmtree(WORK, ignore_errors=True)
     WORK.mkdir(parents=True)
-    # mutmut reads its settings, and writes, where it runs.
+    # mutmut reads its settings from its working directory, and writes there.
     os.chdir(WORK)
     configure([])
     drawn, before = again(kept) if kept else (
