@@ -2,7 +2,7 @@
 SHELL := bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help setup build demo test test-quick test-deep test-oldest test-pythons test-repeated coverage bench footprint soak soak-monitor docs lint clean
+.PHONY: help setup build demo test test-quick test-deep test-oldest test-pythons test-repeated coverage mutation bench footprint soak soak-monitor docs lint clean
 
 DEMO := python3 -m bev_preheat.demo
 BENCH := python3 -m bev_preheat_studies.cost
@@ -80,6 +80,11 @@ coverage: build ## all tests, with their coverage of lines and branches, includi
 	@$(environment); $(local_only); export COVERAGE_FILE="$$PWD/out/coverage/data"; mkdir -p out/coverage; rm -f out/coverage/data*; \
 	    python3 -m coverage run -m pytest -q $(several_files_at_once) -m "not deep and not linter" $(TESTS); \
 	    python3 -m coverage combine -q; python3 -m coverage html -q -d out/coverage/html --fail-under=0; python3 -m coverage report
+
+# make mutation MUTATION="--subject gate --sample 1000"
+mutation: build ## changes of the gate, the admission of inputs and the run within limits that no test notices
+	@scripts/setup.bash mutation
+	@$(environment); $(local_only); python3 scripts/mutation.py $(MUTATION)
 
 bench: build ## time and memory of the planner, compared with other solvers
 	@$(environment); $(local_only); $(BENCH)

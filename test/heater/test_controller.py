@@ -182,6 +182,18 @@ def test_conflict_that_ends_in_silence_is_over():
                                'no valid command has arrived since two nodes commanded')
 
 
+def test_no_command_that_arrived_beside_another_node_is_in_force_later():
+    heater = Heater()
+    heater.command(2500.0, sender='stranger', lease_s=0.5)
+    heater.wait(DOUBT_S - 0.1)
+    heater.command(2500.0, lease_s=10.0)
+    # The stranger is forgotten before the next step.
+    heater.wait(0.2)
+    assert heater.answer() == (0.0, 0.0, Refusal.COMMAND_CONFLICT, '2 nodes command the heater')
+    heater.command(2500.0)
+    assert heater.power_w() == 2500.0
+
+
 def test_second_commander_counts_although_its_commands_are_invalid():
     heater = Heater()
     heater.command(2500.0)

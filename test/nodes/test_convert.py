@@ -138,6 +138,13 @@ def test_the_event_of_a_refused_state_has_its_percentage():
     assert battery_event(battery_message(temperature=nan, percentage=0.25)).percentage == 0.25
 
 
+@pytest.mark.parametrize('hint', ['', 'the publisher sends degrees Fahrenheit'])
+def test_a_hint_follows_the_problems_of_an_unreadable_battery_state(hint):
+    unread = battery_event(battery_message(temperature=nan), hint)
+    without = battery_event(battery_message(temperature=nan))
+    assert unread.error.problems == [*without.error.problems, *([hint] if hint else [])]
+
+
 # Cells: their order, and NaN among them, must not matter.
 CELLS_C = [4.0, nan, 1.5, 9.5]
 
@@ -272,6 +279,11 @@ def test_a_number_that_is_none_is_refused_in_each_array(field, value, text):
 ])
 def test_bad_route(field, values, problem):
     assert problems_of(lambda: convert(**{field: values})) == [problem]
+
+
+@pytest.mark.parametrize('soc', [0.0, 1.0])
+def test_the_charge_wanted_on_arrival_may_be_none_or_all(soc):
+    assert convert(minimum_arrival_soc=soc).legs[-1].minimum_arrival_soc == soc
 
 
 def test_a_longer_array_makes_the_others_too_short():

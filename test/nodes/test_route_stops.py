@@ -98,6 +98,10 @@ def test_stops_out_of_order_are_refused(after_segment, problem):
     assert problems_of(stop_after_segment=after_segment) == [problem]
 
 
+def test_the_last_stop_may_leave_one_segment_to_drive():
+    assert [leg.route.total_duration_s for leg in convert(stop_after_segment=[1, 4]).legs] == [30.0, 120.0, 60.0]
+
+
 def test_a_route_of_one_segment_has_no_stop():
     assert ('stop_after_segment[0]: 0 is not allowed; a route of one segment has no stop on the way'
             in problems_of(segment_duration=[900.0], speed=[11.0], stop_after_segment=[0]))

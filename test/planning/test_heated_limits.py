@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Runs within limits of a vehicle with a heat path: the limits hold, as far as a heater with lag allows."""
 
+from contextlib import nullcontext
 from dataclasses import replace
 
 from hypothesis import given
@@ -138,6 +139,50 @@ def test_an_empty_battery_strands_with_its_coolant_cooling():
     assert (plan.soc[-5:] == 0.0).all()
     assert 0.0 <= plan.heat.coolant_excess_k[-1] < 0.5
     assert plan.heat.lost_electric_wh == 0.0
+
+
+@pytest.mark.parametrize('reference', [nullcontext, without_core])
+def test_surplus_is_used_until_it_lasts_no_longer_than_the_heater_needs_to_switch_off(reference):
+    segment = {'duration_s': 10.0, 'speed_mps': 20.0, 'ambient_temperature_c': -10.0, 'cabin_heating_power_w': 0.0,
+               'wanted_share': 0.0}
+    segments = [{**segment, 'propulsion_power_w': -60e3}] * 15 + [{**segment, 'propulsion_power_w': 10e3}] * 15
+    with reference():
+        _, run = driven(segments, BatteryState(-10.0, 0.9), LAG)
+    # 0.7 lags of 60 s, from the middle of a step on: the surplus must last for another 37 s, four steps.
+    assert (run.heater_power_w > 0.0).tolist() == [True] * 11 + [False] * 19
+
+
+def stranded_run():
+    """Return a trip and its run with half of the heater's power; the charge runs out in the middle of a step."""
+    segment = {'duration_s': 30.0, 'speed_mps': 20.0, 'propulsion_power_w': 40e3, 'ambient_temperature_c': -10.0,
+               'cabin_heating_power_w': 0.0, 'wanted_share': 0.5}
+    return driven([segment] * 40, BatteryState(-5.0, 0.1, 3e3, 10.0), BOTH)
+
+
+def test_a_stranded_run_is_the_same_in_python():
+    _, found = stranded_run()
+    with without_core():
+        _, expected = stranded_run()
+    assert found.empty_at_s == pytest.approx(expected.empty_at_s, abs=1e-6)
+    assert 0.05 < found.empty_at_s % 30.0 < 29.95
+    for run in (found, expected):
+        assert (run.soc[-5:] == 0.0).all()
+    for name in ('soc', 'temperature_c', 'heater_power_w', 'driven_share'):
+        np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=1e-9, atol=1e-9)
+    for name in ('heater_power_w', 'coolant_excess_k', 'drawn_power_w', 'arriving_heat_w'):
+        np.testing.assert_allclose(getattr(found.heat, name), getattr(expected.heat, name), rtol=1e-9, atol=1e-6)
+
+
+def test_a_stranded_vehicle_only_loses_the_heat_of_battery_and_coolant():
+    with without_core():
+        trip, run = stranded_run()
+    standing, coolant_c = trip.time_s[:-1] >= run.empty_at_s, run.temperature_c + run.heat.coolant_excess_k
+    heat_j = (REFERENCE.battery.heat_capacity_j_per_k * run.temperature_c
+              + BOTH.coolant_heat_capacity_j_per_k * coolant_c)
+    mean_c = 0.5 * (run.temperature_c[1:] + run.temperature_c[:-1])
+    lost_j = trip.leakage_w_per_k * (mean_c - trip.route.ambient_temperature_c) * trip.route.duration_s
+    np.testing.assert_allclose(-np.diff(heat_j)[standing], lost_j[standing], rtol=1e-3)
+    assert standing.sum() > 5 and (run.heat.drawn_power_w[standing] == 0.0).all()
 
 
 @pytest.mark.costly
