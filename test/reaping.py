@@ -2,9 +2,10 @@
 """
 Kills the processes that a test process leaves behind, however it ends.
 
-Ctrl-C and SIGKILL leave no time for fixtures. All that a test starts, and all that this starts, inherits a
-variable from the environment. `python3 reaping.py NAME=VALUE PARENT` waits for the end of its parent and kills all
-processes that have the variable.
+SIGKILL leaves no time for fixtures. All that a test starts, and all that this starts, inherits a variable from
+the environment. `python3 reaping.py NAME=VALUE TEST_PROCESS CONTROLLER` waits for the end of its parent, the test
+process, and kills all processes that have the variable. A worker of pytest-xdist would go on without its
+controller (0: none), so it is killed, too.
 """
 
 import os
@@ -24,8 +25,18 @@ def begin():
     os.environ[VARIABLE] = f'{os.getpid()} {time.time_ns()}'
     # Not in the terminal's session, or Ctrl-C would end it first.
     mark = f'{VARIABLE}={os.environ[VARIABLE]}'
-    return subprocess.Popen([sys.executable, '-IS', __file__, mark, str(os.getpid())], env=unmarked,
-                            stdin=subprocess.DEVNULL, start_new_session=True)
+    controller = os.getppid() if 'PYTEST_XDIST_WORKER' in os.environ else 0
+    return subprocess.Popen([sys.executable, '-IS', __file__, mark, str(os.getpid()), str(controller)],
+                            env=unmarked, stdin=subprocess.DEVNULL, start_new_session=True)
+
+
+def parent_of(process):
+    """Return the id of a process's parent, 0 without the process."""
+    try:
+        # Behind the name, which may contain anything: state, parent.
+        return int(Path(f'/proc/{process}/stat').read_text().rpartition(')')[2].split()[1])
+    except OSError:
+        return 0
 
 
 def left_behind(mark):
@@ -42,7 +53,10 @@ def left_behind(mark):
 
 
 if __name__ == '__main__':
-    while os.getppid() == int(sys.argv[2]):
+    worker, controller = map(int, sys.argv[2:])
+    while os.getppid() == worker:
+        if controller and parent_of(worker) != controller:
+            os.kill(worker, signal.SIGKILL)
         time.sleep(LOOK_PERIOD_S)
     while processes := left_behind(sys.argv[1].encode()):
         for process in processes:

@@ -33,9 +33,23 @@ def wait_until(condition):
         time.sleep(0.02)
 
 
+# A controller that starts the test process as its worker.
+CONTROLLER = """
+import os
+import subprocess
+import sys
+import time
+
+subprocess.Popen([sys.executable, '-c', sys.argv[1]], env={**os.environ, 'PYTEST_XDIST_WORKER': 'gw0'})
+time.sleep(600)
+"""
+
+
 @pytest.mark.parametrize('number', [signal.SIGKILL, signal.SIGINT])
-def test_all_processes_of_a_killed_test_process_are_killed(number):
-    with subprocess.Popen([sys.executable, '-c', TEST_PROCESS], cwd=Path(__file__).parent, text=True,
+@pytest.mark.parametrize('program', [(TEST_PROCESS,), (CONTROLLER, TEST_PROCESS)], ids=['alone', 'worker'])
+def test_all_processes_of_a_killed_test_process_are_killed(monkeypatch, program, number):
+    monkeypatch.delenv('PYTEST_XDIST_WORKER', raising=False)
+    with subprocess.Popen([sys.executable, '-c', *program], cwd=Path(__file__).parent, text=True,
                           stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as process:
         mark = process.stdout.readline().strip().encode()
         # bash and sleep; the process itself has set the variable too late for its own environment.

@@ -32,8 +32,9 @@ class Pool:
     def __init__(self):
         """Begin to load; the first start waits for it."""
         self.path = os.environ.get('PYTHONPATH')
-        self._process = subprocess.Popen(
-            [sys.executable, __file__], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        # Not in the terminal's session: after Ctrl-C the tests under way end their nodes themselves.
+        self._process = subprocess.Popen([sys.executable, __file__], stdin=subprocess.PIPE,
+                                         stdout=subprocess.PIPE, text=True, start_new_session=True)
 
     def ask(self, **request):
         """Return the answer to a request."""
@@ -126,15 +127,12 @@ def become(request):
     os.environ.clear()
     os.environ.update(request['environment'])
     os.chdir(request['folder'])
-    signal.signal(signal.SIGINT, signal.default_int_handler)
     sys.argv = request['arguments']
     sys.path[0] = str(Path(sys.argv[0]).parent)
 
 
 if __name__ == '__main__':
     load()
-    # Ctrl-C in the terminal ends it without a word.
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
     started = serve()
     if started is not None:
         become(started)
