@@ -31,6 +31,7 @@ soak: groups := studies
 soak-monitor: groups := monitor studies
 docs: groups := test docs
 lint: groups := test lint
+mutation: groups := test mutation
 
 # If it is set, each test worker compiles all tests again.
 unexport PYTHONDONTWRITEBYTECODE
@@ -83,7 +84,6 @@ coverage: build ## all tests, with their coverage of lines and branches, includi
 
 # make mutation MUTATION="--subject gate --sample 1000"
 mutation: build ## changes of the gate, the admission of inputs and the run within limits that no test notices
-	@scripts/setup.bash mutation
 	@$(environment); $(local_only); python3 scripts/mutation.py $(MUTATION)
 
 bench: build ## time and memory of the planner, compared with other solvers

@@ -10,6 +10,8 @@ A test over DDS depends on the fixture `dds`, usually through `bench` or `module
 the marker of that name. Without it ROS 2 does not start in the test nor in its processes, so no test
 over DDS gets into `make test-quick` unnoticed. (Only a process that chooses a ROS domain of its own
 escapes, as the demonstration does: `pytestmark = pytest.mark.usefixtures('dds')`.)
+With the fixture `ros`, usually through `rehearsal`, ROS 2 starts in the test's own process, and its nodes
+neither find others nor are found.
 
 Each of several workers imports every test file, although it runs only some. So modules that are slow to import and
 needed by few tests (SciPy) are imported inside these tests. Objects from importing and collecting live
@@ -23,6 +25,7 @@ import sys
 from hypothesis import HealthCheck, settings
 import left_out
 import pytest
+import reaping
 
 # Wall-clock limits on examples would make a test depend on the load of the machine.
 UNTIMED = {'deadline': None, 'suppress_health_check': [HealthCheck.too_slow]}
@@ -33,6 +36,8 @@ settings.register_profile(
 settings.load_profile('daily')
 
 NO_DOMAIN = 'none without the fixture dds'
+# Beyond those of tests over DDS (bev_preheat.nodes.installed_processes.DOMAIN_IDS).
+SILENT_DOMAIN = '101'
 
 gc.disable()
 
@@ -43,9 +48,23 @@ def pytest_configure(config):
     config.pluginmanager.register(left_out)
 
 
+@pytest.fixture(scope='session', autouse=True)
+def reaped():
+    """Have the processes killed that tests leave behind, also if this process is killed."""
+    guard = reaping.begin()
+    yield
+    guard.kill()
+    guard.wait()
+
+
 @pytest.fixture(scope='session')
 def dds():
     """Mark every test that depends on this fixture as one over DDS."""
+
+
+@pytest.fixture(scope='session')
+def ros():
+    """Let ROS 2 start in this process, without discovery."""
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -66,7 +85,12 @@ def pytest_collection_finish():
 def pytest_runtest_protocol(item):
     """Keep ROS 2 from starting in a test without the marker."""
     with pytest.MonkeyPatch.context() as monkeypatch:
-        if item.get_closest_marker('dds') is None:
+        if item.get_closest_marker('dds') is not None:
+            pass
+        elif 'ros' in item.fixturenames:
+            monkeypatch.setenv('ROS_DOMAIN_ID', SILENT_DOMAIN)
+            monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'OFF')
+        else:
             # In its processes rclpy.init() fails, and names this value.
             monkeypatch.setenv('ROS_DOMAIN_ID', NO_DOMAIN)
             if 'rclpy' in sys.modules:

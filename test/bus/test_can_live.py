@@ -2,6 +2,7 @@
 """A live CAN bus under attack, through an adapter on a pseudo terminal: no wrong reading is used, all recover."""
 
 from pathlib import Path
+from queue import Empty, Queue
 import time
 from types import SimpleNamespace
 
@@ -238,18 +239,31 @@ def test_the_commands_frame_has_power_counter_and_checksum(car):
     assert all(right for *_, right in read)
 
 
-def test_a_controller_that_is_off_is_a_problem_until_a_frame_comes():
+def test_a_controller_that_is_off_is_a_problem_until_a_frame_comes(monkeypatch):
+    arriving = Queue()
+
+    def receive(timeout):
+        try:
+            return arriving.get(timeout=timeout)
+        except Empty:
+            return None
+
+    # A bus of python-can.
+    bus = SimpleNamespace(recv=receive, shutdown=lambda: None)
+    monkeypatch.setattr('can.Bus', lambda **settings: bus)
     live_map = load_live_map('example_car')
     link = CanLink(live_map.can[0], [(STATUS, False)], lambda *frame: None)
-    link.problem = ''
+    link.start()
+    until(lambda: not link.problem, 'an open bus')
     bus_off = SimpleNamespace(is_error_frame=True, arbitration_id=0x40)
     frame = SimpleNamespace(is_error_frame=False, is_remote_frame=False, is_rx=True, arbitration_id=STATUS,
                             is_extended_id=False, data=b'', timestamp=0.0)
-    link._take(bus_off)
-    assert link.problem.startswith('bus off: ')
+    arriving.put(bus_off)
+    until(lambda: link.problem.startswith('bus off: '), 'bus off')
     assert 'bus off' in link.send(COMMAND, False, b'\x00')
-    link._take(frame)
-    assert link.problem == ''
+    arriving.put(frame)
+    until(lambda: not link.problem, 'the end of the problem')
+    link.close()
 
 
 def test_steps_of_the_systems_clock_change_no_age(monkeypatch):

@@ -64,15 +64,14 @@ def test_a_folder_that_cannot_be_written_is_reported_and_the_planner_goes_on(tmp
 
 
 def test_a_full_disk_is_reported_counted_and_tried_again(tmp_path, monkeypatch):
-    writer = a_writer(tmp_path)
-    write, full = RecordingWriter._collect, [True]
+    full = [True]
 
-    def fails(self, group):
+    def entries_of(group):
         if full[0]:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        write(self, group)
+        return group
 
-    monkeypatch.setattr(RecordingWriter, '_collect', fails)
+    writer = a_writer(tmp_path, entries_of=entries_of)
     monkeypatch.setattr(module, 'RETRY_S', 0.0)
     writer.put(Entry(STEP_CHANNEL, 1, RecordedStep(1)))
     wait_for(lambda: 'No space left' in writer.report)

@@ -54,9 +54,14 @@ def command_message(power_w, **fields):
 
 
 @pytest.fixture
-def heard():
+def clock():
+    return Clock()
+
+
+@pytest.fixture
+def heard(clock):
     """Return the data from a planner two minutes before it heats."""
-    heard = Heard(clock_s=Clock())
+    heard = Heard(clock_s=clock)
     heard.hear('battery_state', stamped(BatteryState(temperature=-3.25, percentage=0.8), 1000))
     heard.hear('route_plan', RoutePlan(minimum_arrival_soc=0.25, segment_duration=[600.0]))
     heard.hear('hvch_command', command_message(0.0, reason=HvchCommand.WAITING))
@@ -94,8 +99,8 @@ def test_others_diagnostics_are_not_the_planners(heard):
     assert 'driving' not in text(heard)
 
 
-def test_ages_are_those_of_arrival(heard):
-    heard._clock_s.now_s += 7.5
+def test_ages_are_those_of_arrival(heard, clock):
+    clock.now_s += 7.5
     assert 'hvch_command 7.5 s' in text(heard)
 
 

@@ -17,43 +17,28 @@ is generous because only a failing test uses it up.
 from collections import Counter
 from contextlib import contextmanager
 import gc
+from importlib import import_module
 import os
 import signal
 import sys
 from types import SimpleNamespace
 
+from forking import Pool
 from node_bench import Bench, PatientProcess, poll_until, Recorder, Sender
 import pytest
+from rclpy.context import Context
+from rehearsal import Rehearsal
 from spinning import spun_node
 
-from bev_preheat.dashboard import dashboard_node
-from bev_preheat.nodes import (
-    bus_gateway_node,
-    charger_adviser_node,
-    heater_controller_node,
-    nlp_checker_node,
-    planner_node,
-    route_publisher_node,
-    vehicle_simulator_node,
-)
 from bev_preheat.nodes.installed_processes import reserved_domain_id
-
-MAIN_MODULES = {'planner': planner_node, 'nlp_checker': nlp_checker_node,
-                'charger_adviser': charger_adviser_node,
-                'heater_controller': heater_controller_node,
-                'route_publisher': route_publisher_node,
-                'vehicle_simulator': vehicle_simulator_node,
-                'bus_gateway': bus_gateway_node,
-                'dashboard': dashboard_node}
-
 
 # Files of 8 s of processor time and more, the longest first: no long file may begin last.
 LONGEST = [f'{name}.py' for name in (
-    'test_documentation', 'test_dashboard_page', 'test_nlp_checker', 'test_whole_car', 'test_scenarios',
-    'test_wheel', 'test_demo', 'test_restart', 'test_target_choice', 'test_optimum', 'test_footprint',
-    'test_heater_answer', 'test_clock_owner', 'test_worker', 'test_setup', 'test_route_listener',
-    'test_identify_command', 'test_security', 'test_robustness_command', 'test_exported_planner',
-    'test_dashboard')]
+    'test_documentation', 'test_whole_car', 'test_dashboard_page', 'test_nlp_checker', 'test_scenarios',
+    'test_demo', 'test_wheel', 'test_replay_drive', 'test_files_tutorial', 'test_target_choice', 'test_optimum',
+    'test_footprint', 'test_heater_answer', 'test_worker', 'test_identify_command', 'test_expected',
+    'test_other_recordings', 'test_planner_fuzz', 'test_robustness_command', 'test_exported_planner',
+    'test_dashboard', 'test_cabin_request')]
 
 
 def pytest_collection_modifyitems(items):
@@ -73,8 +58,39 @@ def wait_until():
     return poll_until
 
 
+@pytest.fixture(scope='session')
+def pool():
+    """Return the process that starts the installed executables; it loads their modules once."""
+    pool = Pool()
+    yield pool
+    pool.close()
+
+
+@pytest.fixture(scope='session')
+def silent_context(ros):
+    """Give the ROS context of all rehearsals."""
+    context = Context()
+    context.init(args=[])
+    yield context
+    context.try_shutdown()
+
+
+@pytest.fixture
+def rehearsal(silent_context):
+    """Return a Rehearsal: nodes in this process, without DDS."""
+    with Rehearsal(silent_context).held() as rehearsal:
+        yield rehearsal
+
+
 @pytest.fixture(scope='module')
-def module_bench(dds, tmp_path_factory):
+def module_rehearsal(silent_context):
+    """Return a Rehearsal that the tests of a module share."""
+    with Rehearsal(silent_context).held() as rehearsal:
+        yield rehearsal
+
+
+@pytest.fixture(scope='module')
+def module_bench(dds, pool, tmp_path_factory):
     """Bench that the tests of a module share, in a ROS domain of its own."""
     folder = tmp_path_factory.mktemp('module_bench')
     processes = []
@@ -85,7 +101,7 @@ def module_bench(dds, tmp_path_factory):
                 monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
                 monkeypatch.setenv('ROS_LOG_DIR', str(folder / 'ros_log'))
                 processes.append(PatientProcess(
-                    name, ros_arguments, folder / f'{name}_{len(processes)}.log'))
+                    name, ros_arguments, folder / f'{name}_{len(processes)}.log', pool))
             return processes[-1]
 
         try:
@@ -138,7 +154,7 @@ def publisher(node):
 
 
 @pytest.fixture
-def start_executable(domain_id, tmp_path):
+def start_executable(domain_id, pool, tmp_path):
     """
     `start_executable(name, *ros_arguments)` starts an installed executable: a NodeProcess.
 
@@ -148,7 +164,7 @@ def start_executable(domain_id, tmp_path):
 
     def start_executable(name, *ros_arguments):
         log_file = tmp_path / f'{name}_{len(processes)}.log'
-        processes.append(PatientProcess(name, ros_arguments, log_file))
+        processes.append(PatientProcess(name, ros_arguments, log_file, pool))
         return processes[-1]
 
     yield start_executable
@@ -174,13 +190,14 @@ def signals_kept():
 
 
 @pytest.fixture
-def call_main(domain_id, monkeypatch, capfd):
+def call_main(ros, monkeypatch, capfd):
     """
     `call_main(name, *arguments)` runs an executable's main function in this process.
 
     Only for arguments that make it exit at once; returns its exit status and its output. A process
     would need most of a second of processor time to start. But a node that could not start ends with its
     process; here it would be visible, in a domain that other tests use meanwhile, until Python collects it.
+    Other nodes are found only in a test that also has `domain_id`, as through `bench`.
     """
     # The middleware prints a line of its own if another process holds its shared memory.
     monkeypatch.setenv('FASTDDS_BUILTIN_TRANSPORTS', 'UDPv4')
@@ -189,7 +206,7 @@ def call_main(domain_id, monkeypatch, capfd):
         monkeypatch.setattr(sys, 'argv', [f'/opt/lib/bev_preheat/{name}', *arguments])
         capfd.readouterr()
         with signals_kept(), pytest.raises(SystemExit) as end:
-            MAIN_MODULES[name].main()
+            import_module(f'bev_preheat.{"dashboard" if name == "dashboard" else "nodes"}.{name}_node').main()
         gc.collect()
         stdout, stderr = capfd.readouterr()
         return SimpleNamespace(returncode=end.value.code, stdout=stdout, stderr=stderr)

@@ -2,9 +2,12 @@
 """The environment of the installed executables in a test: recorders, senders, background actions."""
 
 from contextlib import contextmanager
+import os
+from pathlib import Path
 import threading
 import time
 
+from ament_index_python.packages import get_package_prefix
 from spinning import take_down, TIME_LIMIT_S
 
 from bev_preheat.nodes.installed_processes import NodeProcess
@@ -162,7 +165,17 @@ class Sender:
 
 
 class PatientProcess(NodeProcess):
-    """A NodeProcess whose end has the same time limit as any other wait."""
+    """A NodeProcess whose end has the same time limit as any other wait, and which a pool starts."""
+
+    def __init__(self, name, ros_arguments, log_file, pool):
+        """Start it by the Pool, unless it is to load other modules."""
+        if os.environ.get('PYTHONPATH') != pool.path:
+            super().__init__(name, ros_arguments, log_file)
+            return
+        self.name, self.log_file = name, Path(log_file)
+        executable = Path(get_package_prefix('bev_preheat')) / 'lib' / 'bev_preheat' / name
+        self._process = pool.start([executable, '--ros-args', *ros_arguments], log_file, {
+            **os.environ, 'RCUTILS_COLORIZED_OUTPUT': '0'})
 
     def wait(self, timeout_s=TIME_LIMIT_S):
         """Return the exit status; raises subprocess.TimeoutExpired if the process keeps running."""
@@ -170,12 +183,26 @@ class PatientProcess(NodeProcess):
 
 
 class Bench:
-    """A test's node and its executables: all fixtures in one object."""
+    """A test's node and its executables: all fixtures in one object, with the interface of a Rehearsal."""
 
     def __init__(self, node, start_executable):
         """`start_executable(name, *ros_arguments)` returns a NodeProcess."""
         self.node = node
         self.start = start_executable
+        self._clients = {}
+
+    @property
+    def now_ns(self):
+        """Return the time [ns]."""
+        return self.node.get_clock().now().nanoseconds
+
+    def repeating(self, action, period_s):
+        """Call `action()` every `period_s` inside the block."""
+        return repeating(action, period_s)
+
+    def wait_until(self, condition, what):
+        """Return the first truthy condition()."""
+        return poll_until(condition, what)
 
     def record(self, message_type, topic, qos=10):
         """Subscribe; returns a Recorder."""
@@ -187,22 +214,22 @@ class Bench:
 
     def call(self, service_type, name, request, timeout_s=TIME_LIMIT_S):
         """Wait for a service and return its response."""
-        client = self.node.create_client(service_type, name)
-        try:
-            assert client.wait_for_service(timeout_s), f'{name}: no such service'
-            futures = []
+        # Kept, because discovering a new client takes longer than any answer.
+        if (service_type, name) not in self._clients:
+            self._clients[service_type, name] = self.node.create_client(service_type, name)
+        client = self._clients[service_type, name]
+        assert client.wait_for_service(timeout_s), f'{name}: no such service'
+        futures = []
 
-            def answered():
-                return next((future for future in futures if future.done()), None)
+        def answered():
+            return next((future for future in futures if future.done()), None)
 
-            def asked_and_answered():
-                # The answer of a server that has not yet discovered the client is lost.
-                futures.append(client.call_async(request))
-                try:
-                    return poll_until(answered, name, ANSWER_TIME_S)
-                except AssertionError:
-                    return None
+        def asked_and_answered():
+            # The answer of a server that has not yet discovered the client is lost.
+            futures.append(client.call_async(request))
+            try:
+                return poll_until(answered, name, ANSWER_TIME_S)
+            except AssertionError:
+                return None
 
-            return poll_until(asked_and_answered, f'{name}: a response', timeout_s).result()
-        finally:
-            take_down(self.node, lambda: self.node.destroy_client(client))
+        return poll_until(asked_and_answered, f'{name}: a response', timeout_s).result()

@@ -1,56 +1,47 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A real PlannerNode in this process: publications are recorded instead of sent, its clock is set by hand."""
+"""A planner's node in this process that gets one input at a time, at instants that the test sets."""
 
-from contextlib import contextmanager
-from dataclasses import dataclass, field
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import BatteryState
+from std_srvs.srv import SetBool
 
-import rclpy
-from rclpy.logging import LoggingSeverity
+from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
 
-from bev_preheat.nodes.installed_processes import reserved_domain_id
-from bev_preheat.nodes.planner_node import PlannerNode
-
-
-class Recorder:
-    """Takes the place of a publisher."""
-
-    def __init__(self):
-        self.last = None
-        self.count = 0
-
-    def publish(self, message):
-        self.last, self.count = message, self.count + 1
-
-    def wait_for_all_acked(self, timeout):
-        return True
+TOPICS = {BatteryState: 'battery_state', RoutePlan: 'route_plan'}
 
 
-@dataclass
 class RehearsedPlanner:
-    """The node and its publications."""
+    """The node, its inputs, and recorders of its publications."""
 
-    node: PlannerNode
-    commands: Recorder = field(default_factory=Recorder)
-    plans: Recorder = field(default_factory=Recorder)
-    others: Recorder = field(default_factory=Recorder)
-
-    def __post_init__(self):
-        self.node._command_publisher, self.node._plan_publisher = self.commands, self.plans
-        self.node._temperature_publisher = self.node._diagnostics_publisher = self.others
+    def __init__(self, rehearsal, start_ns, commands_alone=False):
+        """Start it at an instant [ns]; `commands_alone` saves the time of recording plans and diagnostics."""
+        self._rehearsal = rehearsal
+        self.set_clock(start_ns)
+        self.commands = rehearsal.record(HvchCommand, 'hvch_command')
+        if not commands_alone:
+            self.plans = rehearsal.record(PreheatPlan, 'preheat_plan')
+            self.diagnostics = rehearsal.record(DiagnosticArray, '/diagnostics')
+        self._publishers = {kind: rehearsal.publisher(kind, topic) for kind, topic in TOPICS.items()}
+        self.process = rehearsal.start('planner')
 
     def set_clock(self, now_ns):
-        self.node._now_ns = lambda: now_ns
+        """Set the time [ns]; no timer fires."""
+        self._rehearsal.now_ns = now_ns
 
+    def give(self, message):
+        """Publish a BatteryState or a RoutePlan."""
+        self._publishers[type(message)].publish(message)
 
-@contextmanager
-def rehearsed_planner():
-    """A RehearsedPlanner in a ROS domain of its own."""
-    with reserved_domain_id() as domain_id:
-        rclpy.init(domain_id=domain_id)
-        node = PlannerNode()
-        try:
-            node.get_logger().set_level(LoggingSeverity.FATAL)
-            yield RehearsedPlanner(node)
-        finally:
-            node.destroy_node()
-            rclpy.try_shutdown()
+    def repeat(self):
+        """Let every timer fire."""
+        self._rehearsal.fire_all()
+
+    def enable(self, is_on):
+        """Call ~/enable."""
+        self._rehearsal.call(SetBool, '/planner/enable', SetBool.Request(data=is_on))
+
+    def set(self, **parameters):
+        """Set parameters; return the result of the last."""
+        return self.process.node.set_parameters(
+            [Parameter(name, value=value) for name, value in parameters.items()])[-1]

@@ -33,11 +33,11 @@ class Cabin:
     def __init__(self, car):
         # The broker needs grpc, which is optional.
         from vss_broker import Broker
-        self.broker, self._car, self._known = Broker(), car, {}
+        self.broker, self.car, self._known = Broker(), car, {}
 
     def update(self):
         """Set the values that have changed, as the car's sensors resolve them."""
-        car = self._car
+        car = self.car
         for path, value in ((f'{PACK}.Temperature.Average', round(car.temperature_c, 1)),
                             (f'{PACK}.StateOfCharge.Current', round(100.0 * car.soc, 1)),
                             (f'{PACK}.CurrentVoltage', 400.0),
@@ -65,7 +65,7 @@ def cabin():
 @pytest.mark.parametrize('is_killed', [False, pytest.param(True, marks=pytest.mark.deep)],
                          ids=['', 'planner killed'])
 def test_request_ends_in_a_warm_battery_and_is_reported_back(cabin, start_executable, record, tmp_path, is_killed):
-    car, broker = cabin._car, cabin.broker
+    car, broker = cabin.car, cabin.broker
     vehicle = small_battery(tmp_path, 25e3)
     signals = tmp_path / 'car_vss.yaml'
     shipped = find_configuration('signals', 'vss', '.yaml').read_text()

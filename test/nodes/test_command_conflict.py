@@ -1,12 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Two installed planners that command the same heater: both stay off until one ends."""
+"""Two planners that command the same heater: both stay off until one ends; one pair is over DDS."""
 
 from contextlib import contextmanager
 import signal
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from node_bench import poll_until, repeating
-import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import BatteryState
 from std_srvs.srv import SetBool
@@ -30,7 +28,7 @@ QUICK = ('-p', 'command_period:=0.2', '-p', f'command_lease:={LEASE_S}',
 def feeding(bench, namespace=''):
     """Publish battery states continuously, and a latched route that needs heat at once."""
     def stamp():
-        return time_message(bench.node.get_clock().now().nanoseconds)
+        return time_message(bench.now_ns)
 
     route = RoutePlan(
         route_id='home', segment_duration=[30.0] * 40, speed=[20.0], propulsion_power=[20e3],
@@ -44,7 +42,7 @@ def feeding(bench, namespace=''):
         state.header.stamp = stamp()
         states.publish(state)
 
-    with repeating(feed, STATE_PERIOD_S):
+    with bench.repeating(feed, STATE_PERIOD_S):
         yield
 
 
@@ -63,9 +61,8 @@ def errors_of(name, text, status_text='COMMAND_CONFLICT'):
         and text in status.message and status_text in status.message for status in array.status)
 
 
-@pytest.mark.parametrize('number', [
-    signal.SIGKILL, pytest.param(signal.SIGTERM, marks=pytest.mark.deep)])
-def test_two_planners_stay_off_until_one_is_gone(bench, number):
+def in_conflict_until_one_is_gone(bench, end):
+    """Start two planners that see each other; `end(the first)`."""
     commands = bench.record(HvchCommand, 'hvch_command', 100)
     diagnostics = bench.record(DiagnosticArray, '/diagnostics', 100)
     with feeding(bench):
@@ -75,12 +72,11 @@ def test_two_planners_stay_off_until_one_is_gone(bench, number):
         diagnostics.wait_for(errors_of('front', 'also published by /rear'), 'the first says so')
         diagnostics.wait_for(errors_of('rear', 'also published by /front'), 'the second says so')
         # Commands from before may arrive after the diagnostics.
-        poll_until(lambda: len(commands.messages) >= 40
-                   and all(map(is_in_conflict, commands.messages[-40:])), 'both in conflict')
+        bench.wait_until(lambda: len(commands.messages) >= 20
+                         and all(map(is_in_conflict, commands.messages[-20:])), 'both in conflict')
         commands.clear()
-        assert all(map(is_in_conflict, commands.wait_for_count(40)))
-        first.send_signal(number)
-        first.wait()
+        assert all(map(is_in_conflict, commands.wait_for_count(20)))
+        end(first)
         commands.clear()
         # A lease and one or two checks.
         commands.wait_for(heats, 'heat of the second', timeout_s=GRAPH_FORGETS_S)
@@ -90,27 +86,38 @@ def test_two_planners_stay_off_until_one_is_gone(bench, number):
             for status in array.status))
 
 
-def test_two_planners_of_one_name_stay_off_and_name_it(bench, wait_until):
-    commands = bench.record(HvchCommand, 'hvch_command', 100)
-    diagnostics = bench.record(DiagnosticArray, '/diagnostics', 100)
-    with feeding(bench):
-        bench.start('planner', *QUICK)
-        bench.start('planner', *QUICK)
+def test_two_installed_planners_stay_off_until_one_is_killed(bench):
+    def kill(planner):
+        planner.send_signal(signal.SIGKILL)
+        planner.wait()
+    in_conflict_until_one_is_gone(bench, kill)
+
+
+def test_two_planners_stay_off_until_one_ends(rehearsal):
+    in_conflict_until_one_is_gone(rehearsal, lambda planner: planner.end())
+
+
+def test_two_planners_of_one_name_stay_off_and_name_it(rehearsal):
+    commands = rehearsal.record(HvchCommand, 'hvch_command', 100)
+    diagnostics = rehearsal.record(DiagnosticArray, '/diagnostics', 100)
+    with feeding(rehearsal):
+        rehearsal.start('planner', *QUICK)
+        rehearsal.start('planner', *QUICK)
         diagnostics.wait_for(errors_of('planner', 'another node named /planner'))
         # One detects the other slightly earlier; together they send 40 commands per second.
-        wait_until(lambda: len(commands.messages) >= 40
-                   and all(map(is_in_conflict, commands.messages[-40:])), 'both in conflict')
+        rehearsal.wait_until(lambda: len(commands.messages) >= 40
+                         and all(map(is_in_conflict, commands.messages[-40:])), 'both in conflict')
         commands.clear()
         assert all(map(is_in_conflict, commands.wait_for_count(40)))
 
 
-def test_a_stranger_that_commands_switches_the_heater_off(bench):
-    commands = bench.record(HvchCommand, 'hvch_command', 100)
-    plans = bench.record(PreheatPlan, 'preheat_plan', 100)
-    with feeding(bench):
-        planner = bench.start('planner', *QUICK)
+def test_a_stranger_that_commands_switches_the_heater_off(rehearsal):
+    commands = rehearsal.record(HvchCommand, 'hvch_command', 100)
+    plans = rehearsal.record(PreheatPlan, 'preheat_plan', 100)
+    with feeding(rehearsal):
+        planner = rehearsal.start('planner', *QUICK)
         commands.wait_for(heats)
-        stranger = bench.publisher(HvchCommand, 'hvch_command', 10)
+        stranger = rehearsal.publisher(HvchCommand, 'hvch_command', 10)
         stranger.wait_for_subscription(2)
         # Advertised but silent: the planner keeps heating.
         commands.clear()
@@ -121,7 +128,7 @@ def test_a_stranger_that_commands_switches_the_heater_off(bench):
             stranger.publish(HvchCommand(battery_heating_power=1000.0))
             return plans.comes_to(lambda plan: plan.status == Status.COMMAND_CONFLICT, 0.2)
 
-        poll_until(is_in_conflict, 'the conflict')
+        rehearsal.wait_until(is_in_conflict, 'the conflict')
         plan = plans.wait_for(lambda plan: plan.status == Status.COMMAND_CONFLICT)
         assert plan.explanation == ('hvch_command is also published by /tester; the heater is off '
                                     'until only one is left.')
@@ -132,13 +139,12 @@ def test_a_stranger_that_commands_switches_the_heater_off(bench):
         assert '/tester also publishes hvch_command: the heater is off.' in planner.output()
 
 
-@pytest.mark.deep
-def test_a_planner_that_is_switched_off_says_so_too(bench):
-    diagnostics = bench.record(DiagnosticArray, '/diagnostics', 100)
-    with feeding(bench):
-        bench.start('planner', *QUICK, '-r', '__node:=front')
-        assert bench.call(SetBool, '/front/enable', SetBool.Request(data=False)).success
-        bench.start('planner', *QUICK, '-r', '__node:=rear')
+def test_a_planner_that_is_switched_off_says_so_too(rehearsal):
+    diagnostics = rehearsal.record(DiagnosticArray, '/diagnostics', 100)
+    with feeding(rehearsal):
+        rehearsal.start('planner', *QUICK, '-r', '__node:=front')
+        assert rehearsal.call(SetBool, '/front/enable', SetBool.Request(data=False)).success
+        rehearsal.start('planner', *QUICK, '-r', '__node:=rear')
         diagnostics.wait_for(errors_of('rear', 'also published by /front'))
         diagnostics.wait_for(lambda array: any(
             status.name == 'front: setup' and status.level == DiagnosticStatus.ERROR
@@ -148,13 +154,12 @@ def test_a_planner_that_is_switched_off_says_so_too(bench):
             for status in array.status))
 
 
-@pytest.mark.deep
-def test_planners_of_two_cars_do_not_conflict(bench):
-    first = bench.record(HvchCommand, '/car1/hvch_command', 100)
-    second = bench.record(HvchCommand, '/car2/hvch_command', 100)
-    with feeding(bench, '/car1'), feeding(bench, '/car2'):
+def test_planners_of_two_cars_do_not_conflict(rehearsal):
+    first = rehearsal.record(HvchCommand, '/car1/hvch_command', 100)
+    second = rehearsal.record(HvchCommand, '/car2/hvch_command', 100)
+    with feeding(rehearsal, '/car1'), feeding(rehearsal, '/car2'):
         for namespace in ('/car1', '/car2'):
-            bench.start('planner', *QUICK, '-r', f'__ns:={namespace}')
+            rehearsal.start('planner', *QUICK, '-r', f'__ns:={namespace}')
         first.wait_for(heats)
         second.wait_for(heats)
         first.clear()

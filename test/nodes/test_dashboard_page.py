@@ -99,7 +99,8 @@ def test_it_shows_a_drive_asks_back_and_survives_a_planner_that_dies(bench, page
     assert arrival_c == pytest.approx(plan.predicted_arrival_temperature, abs=0.3) and arrival_c > now_c + 2.0
     assert saved > 0.1 and saved == pytest.approx(
         (plan.charging_time_unheated - plan.charging_time) / 60.0, abs=0.2)
-    assert 'reserve 20' in page.text('note-charge').replace('\N{NO-BREAK SPACE}', ' ')
+    # It comes with the route, the rest with the plan.
+    page.wait(lambda: 'reserve 20' in page.text('note-charge').replace('\N{NO-BREAK SPACE}', ' '), 'the reserve')
     assert page.text('title-time') == 'Heating starts in' and page.text('power') == '0.0'
     page.wait(lambda: page.run('return document.querySelectorAll("#curves canvas").length') == 3, 'the curves')
     set_speed(bench, 100.0)

@@ -6,9 +6,10 @@ import subprocess
 import sys
 
 import pytest
-import rclpy
+from rcl_interfaces.srv import ListParameters
 from rclpy.serialization import serialize_message
 from rclpy.waitable import Waitable
+from rehearsal import SilentNode
 
 from bev_preheat.control.events import BatteryStateArrived, RouteArrived
 from bev_preheat.control.inputs import Leg, Measurement, Mission, NS_PER_S
@@ -35,9 +36,9 @@ def kind(waitable):
 def shape(node):
     """Return the parts of a node by kind."""
     return {
-        'parameters': {name: parameter.value for name, parameter in node._parameters.items()},
-        'checks of parameters': (len(node._on_set_parameters_callbacks),
-                                 len(node._post_set_parameters_callbacks)),
+        'parameters': {name: node.get_parameter(name).value
+                       for name in node.list_parameters([], ListParameters.Request.DEPTH_RECURSIVE).names},
+        'checks of parameters': node.checks,
         'publishers': {part.topic_name: (part.msg_type, part.qos_profile) for part in node.publishers},
         'subscriptions': sorted(
             (part.topic_name, str(part.msg_type), str(part.qos_profile), part.raw)
@@ -49,19 +50,31 @@ def shape(node):
         'guards': list(node.guards)}
 
 
+class CountingNode(SilentNode):
+    """Counts the functions that are called when parameters are set."""
+
+    def __init__(self, name):
+        self.checks = Counter()
+        super().__init__(name)
+
+    def add_on_set_parameters_callback(self, callback):
+        self.checks['before'] += 1
+        super().add_on_set_parameters_callback(callback)
+
+    def add_post_set_parameters_callback(self, callback):
+        self.checks['after'] += 1
+        super().add_post_set_parameters_callback(callback)
+
+
 @pytest.fixture
-def shapes(domain_id):
-    """Give the shapes of planner and empty node."""
-    rclpy.init(domain_id=domain_id)
+def shapes(silent_context):
+    """Return the shapes of planner and empty node."""
     found = []
-    try:
-        for make in (PlannerNode, empty_node.EmptyNode):
-            node = make()
-            found.append(shape(node))
-            node.destroy_node()
-        yield found
-    finally:
-        rclpy.try_shutdown()
+    for node_class in (PlannerNode, empty_node.EmptyNode):
+        node = type('Counted', (node_class, CountingNode), {'silent_context': silent_context})()
+        found.append(shape(node))
+        node.destroy_node()
+    return found
 
 
 def test_it_has_all_that_the_planner_has(shapes):

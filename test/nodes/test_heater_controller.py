@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The installed heater_controller over DDS: attacks on its commands, and a planner that is killed."""
+"""`heater_controller`: bad commands in this process; over DDS a second or hanging commander, kills and signals."""
 
 import math
 import signal
-import time
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from node_bench import poll_until, repeating
+from node_bench import repeating
 import pytest
 from rclpy.duration import Duration
 from rclpy.qos import LivelinessPolicy, QoSProfile
@@ -40,12 +39,16 @@ def test_senders_are_told_apart_by_their_sequence_numbers():
 
 def test_many_restarts_are_forgotten():
     senders = CommandSenders()
-    assert len({senders.sender(1) for _ in range(10 * MOST_SENDERS)}) == 10 * MOST_SENDERS
-    assert len(senders._latest) == MOST_SENDERS
+    first = senders.sender(100)
+    for restarts, is_known in ((MOST_SENDERS - 1, True), (MOST_SENDERS, False)):
+        numbers = {senders.sender(1) for _ in range(restarts)}
+        assert len(numbers) == restarts and first not in numbers
+        assert (senders.sender(101 + restarts) == first) is is_known
 
 
-def command(power_w, lease_s=1.0, stamp_s=None):
-    now_ns = round((time.time() if stamp_s is None else stamp_s) * 1e9)
+def command(power_w, now_ns, lease_s=1.0, ahead_s=0.0):
+    """Return a command of an instant [ns], stamped some time later [s]."""
+    now_ns += round(ahead_s * 1e9)
     message = HvchCommand(battery_heating_power=power_w, reason=HvchCommand.HEATING,
                           valid_until=time_message(now_ns + round(lease_s * 1e9)))
     message.header.stamp = time_message(now_ns)
@@ -63,15 +66,16 @@ class Controlled:
         self.commands = bench.publisher(HvchCommand, 'hvch_command', OFFERED)
         self.commands.wait_for_subscription()
 
-    def give(self, message):
-        """Publish a command, and keep the end of its lease."""
+    def give(self, power_w, **named):
+        """Publish a command of now, and keep the end of its lease."""
+        message = command(power_w, self.bench.now_ns, **named)
         self.lease_end_ns = nanoseconds(message.valid_until)
         self.commands.publish(message)
 
     def heats(self, power_w=2500.0, lease_s=1.0):
         """Wait until commands are served."""
         self.statuses.clear()
-        with repeating(lambda: self.give(command(power_w, lease_s)), PERIOD_S):
+        with self.bench.repeating(lambda: self.give(power_w, lease_s=lease_s), PERIOD_S):
             self.statuses.wait_for(lambda status: status.active_power == power_w, 'heat')
 
     def refused(self, refusal):
@@ -87,17 +91,16 @@ class Controlled:
             for entry in array.status), f'the diagnostics with {text!r}')
 
 
-@pytest.fixture(scope='module')
-def shared(module_bench):
-    return Controlled(module_bench)
-
-
 @pytest.fixture
-def controlled(shared):
-    """Return the Controlled that tests share, without what it has said before; the last test ends it."""
-    shared.statuses.clear()
-    shared.diagnostics.clear()
-    return shared
+def controlled(rehearsal):
+    """Return a Controlled in this process."""
+    return Controlled(rehearsal)
+
+
+@pytest.fixture(scope='module')
+def installed(module_bench):
+    """Return a Controlled over DDS that tests share; the last one ends it."""
+    return Controlled(module_bench)
 
 
 def test_command_is_served_until_silence_and_the_status_says_both(controlled):
@@ -114,78 +117,78 @@ def test_command_is_served_until_silence_and_the_status_says_both(controlled):
 
 
 @pytest.mark.parametrize('bad, refusal, text', [
-    (lambda: command(math.nan), HvchStatus.INVALID_COMMAND, 'nan W is not allowed'),
-    (lambda: command(1000.0, stamp_s=time.time() + 3600.0), HvchStatus.INVALID_LEASE, 's ahead of the clock'),
-    (lambda: command(1000.0, lease_s=3600.0), HvchStatus.INVALID_LEASE, 'a lease of 3600'),
-    (lambda: command(1000.0, stamp_s=time.time() - 60.0), HvchStatus.INVALID_LEASE, 's in the past'),
+    ({'power_w': math.nan}, HvchStatus.INVALID_COMMAND, 'nan W is not allowed'),
+    ({'power_w': 1000.0, 'ahead_s': 3600.0}, HvchStatus.INVALID_LEASE, 's ahead of the clock'),
+    ({'power_w': 1000.0, 'lease_s': 3600.0}, HvchStatus.INVALID_LEASE, 'a lease of 3600'),
+    ({'power_w': 1000.0, 'ahead_s': -60.0}, HvchStatus.INVALID_LEASE, 's in the past'),
 ], ids=['nan', 'stamp', 'lease', 'past'])
 def test_bad_command_ends_the_heat_of_the_good_one_before(controlled, bad, refusal, text):
     controlled.heats()
     controlled.statuses.clear()
-    controlled.commands.publish(bad())
+    controlled.give(**bad)
     assert text in controlled.refused(refusal).explanation
     controlled.names(text)
 
 
-def test_second_commander_switches_off_and_is_named(controlled):
-    controlled.heats()
-    stranger = controlled.bench.publisher(HvchCommand, 'hvch_command', OFFERED)
+def test_second_commander_switches_off_and_is_named(installed):
+    installed.heats()
+    stranger = installed.bench.publisher(HvchCommand, 'hvch_command', OFFERED)
     stranger.wait_for_subscription()
 
     def publish_both():
         # Together, as planners that answer the same battery state.
-        controlled.commands.publish(command(2500.0))
-        stranger.publish(command(1500.0))
+        installed.give(2500.0)
+        stranger.publish(command(1500.0, installed.bench.now_ns))
 
     with repeating(publish_both, PERIOD_S):
-        controlled.refused(HvchStatus.COMMAND_CONFLICT)
-        controlled.names('2 nodes command the heater')
-        controlled.statuses.clear()
-        assert all(status.active_power == 0.0 for status in controlled.statuses.wait_for_count(4))
+        installed.refused(HvchStatus.COMMAND_CONFLICT)
+        installed.names('2 nodes command the heater')
+        installed.statuses.clear()
+        assert all(status.active_power == 0.0 for status in installed.statuses.wait_for_count(4))
     stranger.destroy()
 
 
-def test_hanging_commander_ends_the_heat_before_a_long_lease(controlled):
-    controlled.heats(lease_s=9.0)
-    controlled.statuses.clear()
-    status = controlled.statuses.wait_for(lambda status: status.active_power == 0.0, '0 W')
-    assert nanoseconds(status.header.stamp) < controlled.lease_end_ns
+def test_hanging_commander_ends_the_heat_before_a_long_lease(installed):
+    installed.heats(lease_s=9.0)
+    installed.statuses.clear()
+    status = installed.statuses.wait_for(lambda status: status.active_power == 0.0, '0 W')
+    assert nanoseconds(status.header.stamp) < installed.lease_end_ns
     assert any(word in status.explanation for word in ('deadline', 'alive'))
 
 
-def test_killed_and_restarted_heater_starts_cold_and_ends_with_0_w(controlled):
-    controlled.heats()
-    controlled.process.send_signal(signal.SIGKILL)
-    controlled.process.wait()
-    controlled.statuses.clear()
-    controlled.process = controlled.bench.start('heater_controller', *QUICK)
-    assert controlled.statuses.wait_for().active_power == 0.0
-    controlled.heats()
+def test_killed_and_restarted_heater_starts_cold_and_ends_with_0_w(installed):
+    installed.heats()
+    installed.process.send_signal(signal.SIGKILL)
+    installed.process.wait()
+    installed.statuses.clear()
+    installed.process = installed.bench.start('heater_controller', *QUICK)
+    assert installed.statuses.wait_for().active_power == 0.0
+    installed.heats()
 
 
-def test_end_by_signal_is_reported(controlled):
-    controlled.heats()
-    controlled.process.send_signal(signal.SIGTERM)
-    assert controlled.process.wait() == 0
-    assert controlled.refused(HvchStatus.NOT_ACTIVE).explanation == 'the controller is shutting down'
+def test_end_by_signal_is_reported(installed):
+    installed.heats()
+    installed.process.send_signal(signal.SIGTERM)
+    assert installed.process.wait() == 0
+    assert installed.refused(HvchStatus.NOT_ACTIVE).explanation == 'the controller is shutting down'
 
 
-def test_gates_of_the_car(bench, gated_car):
-    controlled = Controlled(bench, '-p', f'vehicle:={gated_car}')
-    states = bench.publisher(BatteryState, 'battery_state', 1)
-    speeds = bench.publisher(Float64, 'vehicle_speed', 1)
+def test_gates_of_the_car(rehearsal, gated_car):
+    controlled = Controlled(rehearsal, '-p', f'vehicle:={gated_car}')
+    states = rehearsal.publisher(BatteryState, 'battery_state', 1)
+    speeds = rehearsal.publisher(Float64, 'vehicle_speed', 1)
     car = {'soc': 0.5, 'temperature': 5.0, 'speed': 0.0}
 
     def drive():
         state = BatteryState(percentage=car['soc'], temperature=car['temperature'])
-        state.header.stamp = time_message(time.time_ns())
+        state.header.stamp = time_message(rehearsal.now_ns)
         states.publish(state)
         speeds.publish(Float64(data=car['speed']))
-        controlled.commands.publish(command(6000.0))
+        controlled.give(6000.0)
 
-    controlled.commands.publish(command(6000.0))
+    controlled.give(6000.0)
     assert 'no valid battery_state' in controlled.refused(HvchStatus.OTHER).explanation
-    with repeating(drive, 0.1):
+    with rehearsal.repeating(drive, 0.1):
         # The heater has 2000 and 5000 W.
         controlled.statuses.wait_for(lambda status: status.active_power == 5000.0
                                      and status.refusal == HvchStatus.STEP_OF_POWER)
@@ -215,13 +218,13 @@ def gated_car(tmp_path):
 @pytest.mark.needs('serial')
 @pytest.mark.needs('crccheck')
 @pytest.mark.needs('pint')
-def test_bus_that_cannot_be_opened_is_in_the_log_before_any_command(start_executable, tmp_path):
+def test_bus_that_cannot_be_opened_is_in_the_log_before_any_command(rehearsal, tmp_path):
     signals = find_configuration('signals', 'example_car', '.yaml')
     path, adapter = tmp_path / 'car.yaml', tmp_path / 'no_adapter'
     text = signals.read_text().replace('dbc: example_car.dbc', f'dbc: {signals.with_name("example_car.dbc")}')
     path.write_text(text.replace('interface: socketcan, channel: can0', f'interface: slcan, channel: {adapter}'))
-    process = start_executable('heater_controller', '-p', f'signals:={path}')
-    poll_until(lambda: f'slcan {adapter}: ' in process.output(), 'the bus')
+    process = rehearsal.start('heater_controller', '-p', f'signals:={path}')
+    rehearsal.wait_until(lambda: f'slcan {adapter}: ' in process.output(), 'the bus')
 
 
 @pytest.mark.needs('cantools')

@@ -156,16 +156,16 @@ def test_the_parameter_file_has_every_parameter_with_its_default(name):
         assert value.__class__ is parameter.default.__class__
 
 
-def test_what_it_starts_drives_in_a_namespace(launch, record, start_executable, tmp_path):
+def test_what_it_starts_drives_in_a_namespace(launch, rehearsal, tmp_path):
     parameters = tmp_path / 'parameters.yaml'
     parameters.write_text(PARAMETERS_FILE.read_text(encoding='utf-8').replace(
         'command_lease: 2.5', 'command_lease: 2.25'), encoding='utf-8')
-    commands = record(HvchCommand, '/lorry/hvch_command', 10)
-    diagnostics = record(DiagnosticArray, '/diagnostics', 50)
+    commands = rehearsal.record(HvchCommand, '/lorry/hvch_command', 10)
+    diagnostics = rehearsal.record(DiagnosticArray, '/diagnostics', 50)
     for name, arguments in started_by(
             launch, namespace='/lorry', simulator='true', speed_up='50.0', vehicle='small_car',
             parameters=str(parameters)):
-        start_executable(name, *arguments)
+        rehearsal.start(name, *arguments)
     waiting = commands.wait_for(lambda message: message.reason == Status.WAITING, 'a plan')
     lease_s = (waiting.valid_until.sec - waiting.header.stamp.sec
                + 1e-9 * (waiting.valid_until.nanosec - waiting.header.stamp.nanosec))

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Parameters of the installed nodes through files: what `ros2 param dump` writes, loaded again.
+Parameters of the nodes through files: what `ros2 param dump` writes, loaded again.
 
 No package index has ros2cli, so the dump is made as it makes it (jazzy: ros2param/verb/dump.py): every
 parameter that the node lists, as YAML with a level for each dot. The file is read as by
@@ -58,12 +58,10 @@ def dump(path, node_name, values):
                               default_flow_style=False))
 
 
-@pytest.mark.parametrize('name, arguments', [
-    pytest.param(*item, id=item[0], marks=[pytest.mark.deep] * (item[0] != 'planner'))
-    for item in NODES.items()])
-def test_what_was_dumped_can_be_loaded_and_started_with(bench, tmp_path, name, arguments):
-    process, path = bench.start(name, *arguments), tmp_path / 'dumped.yaml'
-    services = Services(bench, name)
+@pytest.mark.parametrize('name, arguments', NODES.items(), ids=NODES)
+def test_what_was_dumped_can_be_loaded_and_started_with(rehearsal, tmp_path, name, arguments):
+    process, path = rehearsal.start(name, *arguments), tmp_path / 'dumped.yaml'
+    services = Services(rehearsal, name)
     values = services.values()
     dump(path, name, values)
     names, refused = services.load(path)
@@ -72,6 +70,6 @@ def test_what_was_dumped_can_be_loaded_and_started_with(bench, tmp_path, name, a
     # NaN would differ from itself.
     assert (names, services.values()) == (set(values), values)
     process.end()
-    started = bench.start(name, '--params-file', path)
+    started = rehearsal.start(name, '--params-file', path)
     assert services.values() == values
     assert started.exit_status is None

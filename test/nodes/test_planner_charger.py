@@ -1,23 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The installed `planner` on the way to a known charger: it chooses the target, or does not heat."""
+"""The planner's node on the way to a known charger: it chooses the target, or does not heat."""
 
-from builtin_interfaces.msg import Time
 import pytest
-from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
-from rcl_interfaces.srv import SetParameters
-from rclpy.qos import QoSDurabilityPolicy, QoSProfile
-from rosgraph_msgs.msg import Clock
+from rclpy.parameter import Parameter
 from sensor_msgs.msg import BatteryState
 
 from bev_preheat.charging.target_worth import Prices
 from bev_preheat.charging.worth import find_worth
+from bev_preheat.nodes.convert import time_message
 from bev_preheat.planning import situation
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
 
-LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
-START_S = 1000
 # As a 32-bit number has it.
 TEMPERATURE_C, SOC = 6.0, 0.375
 SEGMENTS = {'segment_duration': [60.0] * 25, 'speed': [25.0], 'propulsion_power': [15e3],
@@ -36,54 +31,35 @@ def worth(charger_w, prices):
 
 
 class Trip:
-    """A planner in simulated time, which advances a second with each battery state."""
+    """A planner, and a battery that is published every second."""
 
-    def __init__(self, bench):
-        self.bench = bench
-        self.commands = bench.record(HvchCommand, 'hvch_command')
-        self.plans = bench.record(PreheatPlan, 'preheat_plan', LATCHED)
-        self._clock = bench.publisher(Clock, '/clock')
-        self._states = bench.publisher(BatteryState, 'battery_state')
-        self._routes = bench.publisher(RoutePlan, 'route_plan', LATCHED)
-        self.process = bench.start(
-            'planner', '-p', 'use_sim_time:=true', '-p', 'estimation:=false', '-p',
-            'energy_price:=0.55', '-p', 'value_of_time:=12.0')
-        for sender in (self._clock, self._states, self._routes):
-            sender.wait_for_subscription()
-        self.second = START_S
+    def __init__(self, rehearsal):
+        self._rehearsal = rehearsal
+        self.commands = rehearsal.record(HvchCommand, 'hvch_command')
+        self.plans = rehearsal.record(PreheatPlan, 'preheat_plan')
+        self._states = rehearsal.publisher(BatteryState, 'battery_state')
+        self._routes = rehearsal.publisher(RoutePlan, 'route_plan')
+        self.process = rehearsal.start(
+            'planner', '-p', 'estimation:=false', '-p', 'energy_price:=0.55', '-p', 'value_of_time:=12.0')
 
-    def send_route(self, route_id, **charger):
-        message = RoutePlan(route_id=route_id, charging_planned=True, **SEGMENTS, **charger)
-        # It begins at the current time, so that each drive is complete.
-        message.header.stamp = Time(sec=START_S + 600)
+    def plan(self, **charger):
+        """Return the plan for a route to a charger, at its beginning."""
+        message = RoutePlan(charging_planned=True, **SEGMENTS, **charger)
+        message.header.stamp = time_message(self._rehearsal.now_ns)
         self._routes.publish(message)
-
-    def go_on(self, seconds=1):
-        for _ in range(seconds):
-            # Never up to the start of the routes, even on a slow computer.
-            self.second = min(self.second + 1, START_S + 500)
-            self._clock.publish(Clock(clock=Time(sec=self.second)))
-            state = BatteryState(temperature=TEMPERATURE_C, percentage=SOC)
-            state.header.stamp = Time(sec=self.second)
-            self._states.publish(state)
-
-    def plan(self, wait_until, condition):
-        """Return the first plan for which condition(plan), while battery states go on."""
-        def found():
-            self.go_on()
-            plan = self.plans.latest
-            return plan if plan is not None and condition(plan) else None
-        return wait_until(found, f'the last plan: {self.plans.latest}')
+        state = BatteryState(temperature=TEMPERATURE_C, percentage=SOC)
+        state.header.stamp = time_message(self._rehearsal.now_ns)
+        self._states.publish(state)
+        return self.plans.latest
 
 
-@pytest.fixture(scope='module')
-def trip(module_bench):
-    return Trip(module_bench)
+@pytest.fixture
+def trip(rehearsal):
+    return Trip(rehearsal)
 
 
-def test_it_chooses_what_preheat_worth_calls_best(trip, wait_until):
-    trip.send_route('fast', charger_power=150e3)
-    first = trip.plan(wait_until, lambda plan: plan.route_id == 'fast' and len(plan.time))
+def test_it_chooses_what_preheat_worth_calls_best(trip):
+    first = trip.plan(charger_power=150e3)
     best = worth(150e3, Prices(0.55, 12.0))
     assert first.target_source == PreheatPlan.TARGET_CHOSEN
     assert 0.0 < first.charging_time < first.charging_time_unheated == pytest.approx(
@@ -94,31 +70,27 @@ def test_it_chooses_what_preheat_worth_calls_best(trip, wait_until):
     assert best.best.cost - 1e-6 <= cost <= 1.005 * best.best.cost
 
 
-def test_a_slow_charger_is_not_heated_for(trip, wait_until):
-    trip.send_route('slow', charger_power=50e3)
-    plan = trip.plan(wait_until, lambda plan: plan.status == PreheatPlan.NOT_WORTH_IT)
+def test_a_slow_charger_is_not_heated_for(trip):
+    plan = trip.plan(charger_power=50e3)
+    assert plan.status == PreheatPlan.NOT_WORTH_IT
     assert plan.explanation.startswith('Not worth it: ') and not plan.heating_planned
     assert plan.charging_time == plan.charging_time_unheated > 0.0
-    command = trip.commands.wait_for(lambda command: command.reason == HvchCommand.NOT_WORTH_IT)
-    assert command.battery_heating_power == 0.0
+    assert (trip.commands.latest.reason, trip.commands.latest.battery_heating_power) == (
+        HvchCommand.NOT_WORTH_IT, 0.0)
 
 
-def test_prices_can_be_set_on_the_way(trip, wait_until):
-    trip.send_route('dear', charger_power=150e3)
-    trip.plan(wait_until, lambda plan: plan.route_id == 'dear' and plan.status == PreheatPlan.WAITING)
+def test_prices_can_be_set_on_the_way(trip):
+    assert trip.plan(charger_power=150e3).status == PreheatPlan.WAITING
 
     def set_price(value):
-        return trip.bench.call(SetParameters, '/planner/set_parameters', SetParameters.Request(
-            parameters=[Parameter(name='value_of_time', value=ParameterValue(
-                type=ParameterType.PARAMETER_DOUBLE, double_value=value))])).results[0]
+        return trip.process.node.set_parameters([Parameter('value_of_time', value=value)])[0]
 
     assert not set_price(-1.0).successful
     assert set_price(0.0).successful
-    trip.plan(wait_until, lambda plan: plan.status == PreheatPlan.NOT_WORTH_IT)
+    assert trip.plans.latest.status == PreheatPlan.NOT_WORTH_IT
 
 
-def test_a_charger_that_cannot_be_is_refused(trip, wait_until):
-    trip.send_route('watts', charger_power=150.0)
-    plan = trip.plan(wait_until, lambda plan: plan.status == PreheatPlan.INVALID_INPUT)
+def test_a_charger_that_cannot_be_is_refused(trip):
+    plan = trip.plan(charger_power=150.0)
+    assert plan.status == PreheatPlan.INVALID_INPUT
     assert 'charger_power: 150 is not allowed' in plan.explanation
-    assert trip.process.exit_status is None

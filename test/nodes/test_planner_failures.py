@@ -5,7 +5,7 @@ from itertools import count
 
 from builtin_interfaces.msg import Time
 import pytest
-from rehearsed_planner import rehearsed_planner
+from rehearsed_planner import RehearsedPlanner
 from sensor_msgs.msg import BatteryState
 
 from bev_preheat.planning.status import Status
@@ -16,11 +16,8 @@ NS_PER_S = 1_000_000_000
 
 
 @pytest.fixture
-def planner(dds, tmp_path, monkeypatch):
-    monkeypatch.setenv('ROS_LOG_DIR', str(tmp_path))
-    with rehearsed_planner() as planner:
-        planner.set_clock(START_S * NS_PER_S)
-        yield planner
+def planner(rehearsal):
+    return RehearsedPlanner(rehearsal, START_S * NS_PER_S)
 
 
 def short_route():
@@ -37,11 +34,11 @@ def give_state(planner, second):
     planner.set_clock((START_S + second) * NS_PER_S)
     message = BatteryState(temperature=-7.0, percentage=0.8)
     message.header.stamp = Time(sec=START_S + second)
-    planner.node._on_battery_state(message)
+    planner.give(message)
 
 
 def command(planner):
-    return planner.commands.last.battery_heating_power, Status(planner.commands.last.reason)
+    return planner.commands.latest.battery_heating_power, Status(planner.commands.latest.reason)
 
 
 def after_state(planner, second):
@@ -65,53 +62,47 @@ def fail(*_, **__):
     'control.forecast_plan.plan_preheating', 'nodes.planner_node.plan_message'])
 def test_an_exception_that_nobody_foresaw_switches_off_until_states_are_valid_again(
         planner, monkeypatch, where):
-    planner.node._on_route_plan(short_route())
+    planner.give(short_route())
     heats = after_state(planner, 0)
     assert heats[0] > 5000.0
     with monkeypatch.context() as meanwhile:
         meanwhile.setattr(f'bev_preheat.{where}', fail)
         assert after_state(planner, 1) == (0.0, Status.INTERNAL_ERROR)
-    planner.node._on_repeat()
-    assert 'ZeroDivisionError: by chance' in planner.plans.last.explanation
+    planner.repeat()
+    assert 'ZeroDivisionError: by chance' in planner.plans.latest.explanation
     assert after_pause(planner, 2) == heats
 
 
 @pytest.mark.parametrize('where', [
     'plan_message', 'temperature_message', 'planner_diagnostics', 'PlannerNode._tell_findings'])
 def test_what_fails_after_the_command_each_time_lets_no_heat_through_in_between(planner, monkeypatch, where):
-    planner.node._on_route_plan(short_route())
+    planner.give(short_route())
     assert after_state(planner, 0)[0] > 5000.0
-    powers_w = []
-    publish = planner.commands.publish
-
-    def note(message):
-        powers_w.append(message.battery_heating_power)
-        publish(message)
-
     with monkeypatch.context() as meanwhile:
         meanwhile.setattr(f'bev_preheat.nodes.planner_node.{where}', fail)
-        planner.node._on_repeat()
+        planner.repeat()
         give_state(planner, 1)
-        planner.commands.publish = note
+        planner.commands.clear()
         for second in range(2, 6):
             give_state(planner, second)
-            planner.node._on_repeat()
+            planner.repeat()
+    powers_w = [command.battery_heating_power for command in planner.commands.messages]
     assert powers_w == [0.0] * len(powers_w)
     assert len(powers_w) >= 8
     assert after_pause(planner, 6)[0] > 5000.0
 
 
 def test_where_no_command_can_be_made_no_exception_leaves_a_callback(planner, monkeypatch):
-    planner.node._on_route_plan(short_route())
+    planner.give(short_route())
     heats = after_state(planner, 0)
     with monkeypatch.context() as meanwhile:
         meanwhile.setattr('bev_preheat.nodes.planner_node.command_message', fail)
-        given = planner.commands.count
+        given = len(planner.commands.messages)
         give_state(planner, 1)
-        planner.node._on_repeat()
-        planner.node._on_route_plan(short_route())
+        planner.repeat()
+        planner.give(short_route())
         # No command was sent: the lease of the previous command ends.
-        assert planner.commands.count == given
+        assert len(planner.commands.messages) == given
     assert after_pause(planner, 2) == heats
 
 
@@ -119,7 +110,7 @@ def test_where_no_command_can_be_made_no_exception_leaves_a_callback(planner, mo
 def test_the_last_words_are_off_and_all_else_is_done_where_one_of_them_fails(planner, monkeypatch, failing):
     from bev_preheat.nodes import planner_node
 
-    planner.node._on_route_plan(short_route())
+    planner.give(short_route())
     assert after_state(planner, 0)[0] > 5000.0
     calls, saved, command_message = count(1), [], planner_node.command_message
 
@@ -129,19 +120,18 @@ def test_the_last_words_are_off_and_all_else_is_done_where_one_of_them_fails(pla
         return command_message(*arguments)
 
     monkeypatch.setattr(planner_node, 'command_message', fail_now_and_then)
-    monkeypatch.setattr(planner.node._state_keeper, 'save', saved.append)
-    monkeypatch.setattr(planner.node._prepare, 'shut_down', fail)
-    planner.node.last_words()
-    assert planner.commands.last.battery_heating_power == 0.0
+    monkeypatch.setattr(
+        'bev_preheat.nodes.state_keeper.StateKeeper.save', lambda keeper, state: saved.append(state))
+    monkeypatch.setattr('bev_preheat.nodes.prepare_action.PrepareAction.shut_down', fail)
+    planner.process.end()
+    assert planner.commands.latest.battery_heating_power == 0.0
     assert len(saved) == 1
 
 
 def test_a_route_at_which_the_planner_fails_is_not_told_as_taken(planner, monkeypatch):
-    told = []
-    monkeypatch.setattr(planner.node, '_tell_route', lambda: told.append(True))
-    planner.node._on_route_plan(short_route())
-    assert told == [True]
+    planner.give(short_route())
+    assert planner.process.output().count("Route 'home': ") == 1
     monkeypatch.setattr('bev_preheat.control.inbox.check_mission', fail)
-    planner.node._on_route_plan(short_route())
-    assert told == [True]
+    planner.give(short_route())
+    assert planner.process.output().count("Route 'home': ") == 1
     assert command(planner)[1] is Status.INTERNAL_ERROR

@@ -1,15 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The installed planner and its `state_file`: refusals, backups and messages."""
+"""The planner's node and its `state_file`: refusals, backups and messages."""
 
 import errno
 import json
 import os
-import signal
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 import pytest
-from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
-from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
 from sensor_msgs.msg import BatteryState
 
 from bev_preheat.files.configuration import configuration_folder
@@ -31,36 +29,31 @@ def theirs(tmp_path):
 
 
 class Planner:
-    """An installed planner with a battery, and its diagnostics of the state file."""
+    """A planner with a battery, and its diagnostics of the state file."""
 
-    def __init__(self, bench, wait_until, *arguments):
-        self._bench, self._wait_until = bench, wait_until
-        self._diagnostics = bench.record(DiagnosticArray, '/diagnostics')
-        self._states = bench.publisher(BatteryState, 'battery_state')
-        self.process = bench.start('planner', '-p', 'command_period:=0.2', '-p',
-                                   'command_lease:=0.8', *arguments)
-        self._states.wait_for_subscription()
-        self._diagnostics.wait_for_publisher()
+    def __init__(self, rehearsal, *arguments):
+        self._rehearsal = rehearsal
+        self._diagnostics = rehearsal.record(DiagnosticArray, '/diagnostics')
+        self._states = rehearsal.publisher(BatteryState, 'battery_state')
+        self.process = rehearsal.start(
+            'planner', '-p', 'command_period:=0.2', '-p', 'command_lease:=0.8', *arguments)
 
     def learn(self, vehicle='reference'):
         """Give battery states until this vehicle has an estimate that can be stored."""
         def estimated():
             state = BatteryState(temperature=-7.0, percentage=0.8)
-            state.header.stamp = time_message(self._bench.node.get_clock().now().nanoseconds)
+            state.header.stamp = time_message(self._rehearsal.now_ns)
             self._states.publish(state)
             return any(entry.name == 'planner: estimation' and entry.hardware_id == vehicle
                        for array in self._diagnostics.messages for entry in array.status)
 
         self._diagnostics.clear()
-        self._wait_until(estimated, f'an estimate of {vehicle}')
+        self._rehearsal.wait_until(estimated, f'an estimate of {vehicle}')
 
     def set(self, **values):
         """Set parameters; returns the reason of the refusal, empty without a refusal."""
-        (result,) = self._bench.call(
-            SetParameters, '/planner/set_parameters', SetParameters.Request(parameters=[
-                Parameter(name=name, value=ParameterValue(
-                    type=ParameterType.PARAMETER_STRING, string_value=value))
-                for name, value in values.items()])).results
+        result = self.process.node.set_parameters(
+            [Parameter(name, value=value) for name, value in values.items()])[-1]
         assert result.successful == (result.reason == '')
         return result.reason
 
@@ -80,15 +73,13 @@ class Planner:
         return {entry.name for array in self._diagnostics.messages for entry in array.status}
 
     def end(self):
-        self.process.send_signal(signal.SIGTERM)
-        assert self.process.wait() == 0
-        assert 'Traceback' not in self.process.output()
+        self.process.end()
 
 
 @pytest.fixture
-def start(bench, wait_until):
+def start(rehearsal):
     """`start(*arguments)` returns a Planner."""
-    return lambda *arguments: Planner(bench, wait_until, *arguments)
+    return lambda *arguments: Planner(rehearsal, *arguments)
 
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
@@ -119,9 +110,7 @@ def what_is_there(path):
 
 
 # The kinds of files are those of test/estimation/test_state_file.py.
-@pytest.mark.parametrize('make, problem', [
-    pytest.param(*FOREIGN[kind], id=kind, marks=[] if kind == 'pipe' else pytest.mark.deep)
-    for kind in FOREIGN])
+@pytest.mark.parametrize('make, problem', FOREIGN.values(), ids=FOREIGN)
 def test_with_a_file_of_others_it_starts_and_never_writes_it(start, tmp_path, make, problem):
     folder = tmp_path / 'memory'
     path = folder / 'state.json'

@@ -1,33 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The installed `planner` over real DDS: its answers to valid, invalid, late and missing input.
+The planner's node: its answers to valid, invalid, late and missing input, without DDS (test_planner_over_dds.py).
 
-Most tests share a planner (`car`) and start while it heats, so that 0 W is a reaction and not the initial state.
-A test that needs a fresh planner (`fresh_car`) leaves it to the following tests; after a test that ends the
-planner, the next test starts another.
-
-Time is simulated, and stands still unless a test advances it: one battery state at a time, or
-without any. It never runs ahead of the planner's answers, so no test depends on how much of the
-processor planner and test get.
+Most tests start while it heats, so that 0 W is a reaction and not the initial state.
 """
 
 from array import array
-from collections import Counter
 from math import inf, isnan, nan
-import os
 import re
-import signal
-import subprocess
-import sys
+import time
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from node_bench import POLL_S, poll_until, repeating
-import psutil
 import pytest
-from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.msg import ParameterType
 from rcl_interfaces.srv import DescribeParameters, GetParameters, SetParameters, SetParametersAtomically
-from rclpy.qos import QoSDurabilityPolicy, QoSProfile, QoSReliabilityPolicy
+from rclpy.parameter import Parameter
+from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import BatteryState, Temperature
 from std_srvs.srv import SetBool
@@ -39,31 +28,14 @@ from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan, RouteProgr
 
 LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
 PERIOD_S, LEASE_S, TIMEOUT_S = 0.2, 0.6, 2.0
-START_S = 1_700_000_000
-SIMULATED = ('-p', 'use_sim_time:=true')
 QUICK = ('-p', f'command_period:={PERIOD_S}', '-p', f'command_lease:={LEASE_S}',
          '-p', f'battery_state_timeout:={TIMEOUT_S}',
          # Here batteries jump between states, and the plans report standing vehicles.
          '-p', 'estimation:=false', '-p', 'minimum_on_time:=0.0', '-p', 'minimum_off_time:=0.0')
-# Simulated time between battery states; between ticks of the clock without battery states.
-STATE_PERIOD_S, TICK_S = 0.04, 0.02
-# The same if valid states only have to end the pause after doubt.
-VALID_PERIOD_S = 0.5
-# Enough time between tests for interruptions and switch-ons of the previous test to expire.
-BETWEEN_TESTS_S = 3700.0
-# Messages lost on best-effort topics are sent again after this real time.
-RESEND_S = 0.2
+STATE_PERIOD_S = 0.04
 CABIN_W = 1600.0
 # config/vehicles/reference.yaml: 7 kW.
 FULL_POWER_W = 7000.0 - CABIN_W
-FROZEN_SUBSCRIBER = """
-import rclpy
-from bev_preheat_msgs.msg import HvchCommand
-rclpy.init()
-node = rclpy.create_node('frozen')
-node.create_subscription(HvchCommand, 'hvch_command', lambda message: print('.', flush=True), 1)
-rclpy.spin(node)
-"""
 
 
 def heats(command):
@@ -75,37 +47,22 @@ def is_off_for(status):
 
 
 class Car:
-    """The planner's environment: sends clock, battery and route, and records all its messages."""
+    """The planner's environment: battery, route and position, and all that the planner says."""
 
-    def __init__(self, bench, *arguments, namespace='', battery_topic='battery_state'):
-        self.bench = bench
-        self.name = f'{namespace}/planner'
-        self.now_ns = START_S * NS_PER_S
-        self.commands = bench.record(HvchCommand, f'{namespace}/hvch_command')
-        self.plans = bench.record(PreheatPlan, f'{namespace}/preheat_plan')
-        self.temperatures = bench.record(
-            Temperature, f'{namespace}/predicted_arrival_temperature')
-        self.diagnostics = bench.record(DiagnosticArray, '/diagnostics')
-        self._clock = bench.publisher(Clock, '/clock')
-        self._states = bench.publisher(BatteryState, f'{namespace}/{battery_topic}')
-        self._routes = bench.publisher(RoutePlan, f'{namespace}/route_plan', LATCHED)
-        self._positions = bench.publisher(RouteProgress, f'{namespace}/route_progress')
-        self.process = bench.start('planner', *QUICK, *SIMULATED, *arguments)
-        for sender in (self._clock, self._states, self._positions):
-            sender.wait_for_subscription()
-        self._routes.wait_for_subscription()
-        for recorder in (self.commands, self.plans, self.temperatures, self.diagnostics):
-            recorder.wait_for_publisher()
+    def __init__(self, rehearsal, *arguments):
+        self.rehearsal = rehearsal
+        self.commands = rehearsal.record(HvchCommand, 'hvch_command')
+        self.plans = rehearsal.record(PreheatPlan, 'preheat_plan')
+        self.temperatures = rehearsal.record(Temperature, 'predicted_arrival_temperature')
+        self.diagnostics = rehearsal.record(DiagnosticArray, '/diagnostics')
+        self._states = rehearsal.publisher(BatteryState, 'battery_state')
+        self._routes = rehearsal.publisher(RoutePlan, 'route_plan', LATCHED)
+        self._positions = rehearsal.publisher(RouteProgress, 'route_progress')
+        self.process = rehearsal.start('planner', *QUICK, *arguments)
 
-    def take_down(self):
-        """End the planner and its environment; the next planner must not receive its messages."""
-        self.process.end()
-        parts = (self.commands, self.plans, self.temperatures, self.diagnostics,
-                 self._clock, self._states, self._routes, self._positions)
-        for part in parts:
-            part.destroy()
-        poll_until(lambda: not self.bench.node.count_subscribers('route_plan'),
-                   'that the planner is forgotten')
+    @property
+    def now_ns(self):
+        return self.rehearsal.now_ns
 
     def state(self, age_s=0.0, **fields):
         message = BatteryState(**{'temperature': -7.0, 'percentage': 0.8, **fields})
@@ -122,9 +79,6 @@ class Car:
         message.header.stamp = time_message(self.now_ns - round(age_s * NS_PER_S))
         return message
 
-    def send_clock(self):
-        self._clock.publish(Clock(clock=time_message(self.now_ns)))
-
     def send_state(self, message=None):
         self._states.publish(message or self.state())
 
@@ -136,46 +90,14 @@ class Car:
         message.header.stamp = time_message(self.now_ns)
         self._positions.publish(message)
 
-    def give_state(self, make_state=None, period_s=STATE_PERIOD_S):
-        """Advance time by a battery state, and return once the planner has answered it."""
-        self.now_ns += round(period_s * NS_PER_S)
-        message = (make_state or self.state)()
-
-        def is_answered():
-            self.send_clock()
-            self.send_state(message)
-            # A plan for a route that begins later is stamped with its start.
-            return (self.commands.comes_to(self._is_of_now, RESEND_S)
-                    and self.plans.comes_to(
-                        lambda plan: nanoseconds(plan.header.stamp) >= self.now_ns, RESEND_S))
-
-        poll_until(is_answered, 'an answer to a battery state')
-
-    def _is_of_now(self, message):
-        return nanoseconds(message.header.stamp) == self.now_ns
+    def give_state(self, make_state=None):
+        """Let time pass, and publish a battery state."""
+        self.rehearsal.advance(STATE_PERIOD_S)
+        self.send_state((make_state or self.state)())
 
     def feeding(self, make_state=None):
-        """Give battery states continuously, each after the answer to the previous one."""
-        return repeating(lambda: self.give_state(make_state), 0.0)
-
-    def silence(self, period_s=PERIOD_S):
-        """
-        Advance time without battery states, but not ahead of the planner's commands.
-
-        `period_s` is the time in which it repeats them.
-        """
-        def tick():
-            latest = self.commands.latest
-            next_ns = self.now_ns + round(TICK_S * NS_PER_S)
-            if latest is not None:
-                next_ns = min(
-                    next_ns, nanoseconds(latest.header.stamp) + round(period_s * NS_PER_S))
-            # Time also advances while no command arrives: the planner may have discovered this listener
-            # only after its first command, and without advancing time no second one follows.
-            self.now_ns = max(self.now_ns, next_ns)
-            self.send_clock()
-
-        return repeating(tick, POLL_S)
+        """Publish battery states while time passes in the block."""
+        return self.rehearsal.repeating(lambda: self.send_state((make_state or self.state)()), STATE_PERIOD_S)
 
     def heat(self):
         """Give valid input until it heats as this route demands, and forget its earlier messages."""
@@ -184,103 +106,84 @@ class Car:
 
     def expect_heat(self):
         """Give valid states until it heats, for 10 s or more after doubt; forget its earlier messages."""
-        def heats_for_the_route():
-            self.give_state(period_s=VALID_PERIOD_S)
-            return (self.commands.latest.battery_heating_power == pytest.approx(FULL_POWER_W)
-                    and self.plans.latest.status == Status.TARGET_UNREACHABLE
-                    and self.plans.latest.route_id == 'home')
-
-        poll_until(heats_for_the_route, 'heating')
-        # The last message caused by a state; messages in transit must not answer the next question.
-        poll_until(lambda: self.temperatures.comes_to(self._is_of_now, RESEND_S),
-                   'the predicted temperature')
+        with self.feeding():
+            self.commands.clear()
+            self.commands.wait_for(
+                lambda command: command.battery_heating_power == pytest.approx(FULL_POWER_W), 'heat')
+        assert (self.plans.latest.status, self.plans.latest.route_id) == (Status.TARGET_UNREACHABLE, 'home')
         for recorder in (self.commands, self.plans, self.temperatures, self.diagnostics):
             recorder.clear()
 
     def enable(self, on):
-        return self.bench.call(SetBool, f'{self.name}/enable', SetBool.Request(data=on))
+        return self.rehearsal.call(SetBool, '/planner/enable', SetBool.Request(data=on))
 
     def set_parameters(self, service=SetParameters, **values):
         atomically = service is SetParametersAtomically
-        response = self.bench.call(
-            service, f'{self.name}/set_parameters{"_atomically" if atomically else ""}',
-            service.Request(parameters=[
-                Parameter(name=name, value=parameter_value(value))
-                for name, value in values.items()]))
+        response = self.rehearsal.call(
+            service, f'/planner/set_parameters{"_atomically" if atomically else ""}',
+            service.Request(parameters=[Parameter(name, value=value).to_parameter_msg()
+                                        for name, value in values.items()]))
         return response.result if atomically else response.results[0]
 
     def get_parameters(self, *names):
-        values = self.bench.call(GetParameters, f'{self.name}/get_parameters',
-                                 GetParameters.Request(names=names)).values
+        values = self.rehearsal.call(
+            GetParameters, '/planner/get_parameters', GetParameters.Request(names=names)).values
         return [value.string_value if value.type == ParameterType.PARAMETER_STRING
                 else value.double_value for value in values]
 
 
-def parameter_value(value):
-    if isinstance(value, str):
-        return ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=value)
-    if isinstance(value, bool):
-        return ParameterValue(type=ParameterType.PARAMETER_BOOL, bool_value=value)
-    if isinstance(value, int):
-        return ParameterValue(type=ParameterType.PARAMETER_INTEGER, integer_value=value)
-    return ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=value)
-
-
-@pytest.fixture(scope='module')
-def cars(module_bench):
-    """`cars(fresh)` returns the car that the tests share: the latest, or another one."""
-    latest = []
-
-    def cars(fresh):
-        if fresh or not latest or latest[-1].process.exit_status is not None:
-            if latest:
-                latest.pop().take_down()
-            latest.append(Car(module_bench))
-        return latest[-1]
-    return cars
+@pytest.fixture
+def fresh_car(rehearsal):
+    """Return a car whose planner has not received anything yet."""
+    return Car(rehearsal)
 
 
 @pytest.fixture
-def fresh_car(cars):
-    """Return a car whose planner has not received anything yet, not even the clock; others will share it."""
-    car = cars(fresh=True)
-    yield car
-    assert car.process.exit_status is None, 'the planner has ended'
-
-
-@pytest.fixture
-def last_drive(cars):
-    """Return the car that the tests share, heating; its planner may end."""
-    car = cars(fresh=False)
-    car.now_ns += round(BETWEEN_TESTS_S * NS_PER_S)
-    car.heat()
-    return car
-
-
-@pytest.fixture
-def car(last_drive):
-    """Return the car that the tests share, heating; it must keep running."""
-    yield last_drive
-    assert last_drive.process.exit_status is None, 'the planner has ended'
+def car(fresh_car):
+    """Return a car that heats."""
+    fresh_car.heat()
+    return fresh_car
 
 
 # The first command
 
 def test_no_heat_before_both_inputs(fresh_car):
     car = fresh_car
-    with car.silence():
-        car.commands.wait_for(is_off_for(Status.NO_ROUTE), 'off without a route')
-        array = car.diagnostics.wait_for()
+    car.commands.wait_for(is_off_for(Status.NO_ROUTE), 'off without a route')
+    array = car.diagnostics.wait_for()
     assert (array.status[0].level, array.status[0].name, array.status[0].message) == (
         DiagnosticStatus.WARN, 'planner: preheating',
         'NO_ROUTE: No valid route plan has arrived yet.')
-    with car.feeding():
-        car.plans.wait_for(lambda plan: plan.status == Status.NO_ROUTE)
-        # Five battery states alone have been answered.
-        car.commands.clear()
-        assert not any(map(heats, car.commands.wait_for_count(5)))
-        car.send_route()
-        car.commands.wait_for(heats, 'heating')
+    for _ in range(5):
+        car.give_state()
+    assert car.plans.latest.status == Status.NO_ROUTE
+    assert len(car.commands.messages) > 5 and not any(map(heats, car.commands.messages))
+    car.send_route()
+    assert heats(car.commands.latest)
+
+
+def test_no_heat_with_a_route_alone(fresh_car):
+    car = fresh_car
+    car.send_route()
+    car.rehearsal.advance(TIMEOUT_S)
+    assert is_off_for(Status.NO_BATTERY_STATE)(car.commands.latest)
+    assert not any(map(heats, car.commands.messages))
+    car.give_state()
+    assert heats(car.commands.latest)
+
+
+def test_before_the_clock_runs_nothing_is_heated(rehearsal):
+    car = Car(rehearsal, '-p', 'use_sim_time:=true')
+    clock = rehearsal.publisher(Clock, '/clock')
+    car.send_route()
+    for _ in range(5):
+        car.give_state()
+    assert len(car.commands.messages) >= 5
+    assert {(command.battery_heating_power, command.reason) for command in car.commands.messages} <= {
+        (0.0, int(Status.INVALID_INPUT)), (0.0, int(Status.NO_BATTERY_STATE))}
+    with rehearsal.repeating(
+            lambda: clock.publish(Clock(clock=time_message(rehearsal.now_ns))), 0.5 * STATE_PERIOD_S):
+        car.heat()
 
 
 # Replanning
@@ -306,9 +209,8 @@ def test_a_route_replaced_on_the_way_takes_effect_at_once(car):
 
 def test_the_predicted_temperature_is_that_of_the_plan(car):
     car.give_state(lambda: car.state(temperature=-5.5))
-    plan = car.plans.latest
-    message = car.temperatures.wait_for(lambda message: message.header.stamp == plan.header.stamp)
-    assert message.temperature == plan.predicted_arrival_temperature
+    plan, message = car.plans.latest, car.temperatures.latest
+    assert (message.header.stamp, message.temperature) == (plan.header.stamp, plan.predicted_arrival_temperature)
 
 
 def test_the_power_is_what_the_cabin_leaves(car):
@@ -327,38 +229,26 @@ def test_an_array_of_one_and_empty_ones_make_a_route(car):
 
 # Position of the vehicle
 
-def entry(array):
-    return next((status for status in array.status if status.name == 'planner: route progress'),
-                None)
-
-
-def is_told(car, condition, **fields):
-    """Report the vehicle's position, advance time, and return whether condition(the entry) holds."""
+def told(car, **fields):
+    """Report the vehicle's position, give a state, and return the entry on it."""
     car.send_position(**fields)
     car.give_state()
-    return any(entry(array) and condition(entry(array)) for array in car.diagnostics.messages)
+    car.rehearsal.advance(PERIOD_S)
+    return next(status for status in car.diagnostics.latest.status if status.name == 'planner: route progress')
 
 
 def test_a_late_vehicle_is_heated_by_place_and_a_refused_place_leaves_that_alone(car):
     # By its stamp the route has 15 min left; the vehicle has not left the start.
     car.send_route(car.route(age_s=300.0))
-
-    def late_plan():
-        # Diagnostics may precede the plan of the same instant, and a plan may precede the position.
-        is_late = is_told(car, lambda status: status.message.endswith('min late'),
-                          distance=0.0, has_distance=True)
-        return is_late and next((plan for plan in reversed(car.plans.messages)
-                                 if plan.delay == pytest.approx(300.0, abs=5.0)), None)
-
-    plan = poll_until(late_plan, 'a delay')
+    assert told(car, distance=0.0, has_distance=True).message.endswith('min late')
+    plan = car.plans.latest
+    assert plan.delay == pytest.approx(300.0, abs=5.0)
     # At the planned 20 m/s it takes 0.5 s to cover the 10 m of position accuracy.
     assert (nanoseconds(plan.arrival) - nanoseconds(plan.header.stamp)) / NS_PER_S == pytest.approx(
         1199.5, abs=0.5)
     assert heats(car.commands.latest)
-    car.diagnostics.clear()
-    poll_until(lambda: is_told(car, lambda status: status.level == DiagnosticStatus.WARN,
-                               distance=nan), 'a refusal')
-    status = next(filter(None, map(entry, reversed(car.diagnostics.messages))))
+    status = told(car, distance=nan)
+    assert status.level == DiagnosticStatus.WARN
     assert status.message == ('route_progress refused: distance: nan m is not allowed; it must be '
                               '0 ... 24000 m, the length of the route.')
     assert heats(car.commands.latest)
@@ -403,36 +293,22 @@ def test_a_good_battery_state_after_a_bad_one_heats_again(car):
 
 def test_silence_of_the_battery_switches_off_within_the_timeout(car):
     last_ns = car.now_ns
-    with car.silence():
-        command = car.commands.wait_for(is_off_for(Status.STALE_INPUT), 'off')
+    command = car.commands.wait_for(is_off_for(Status.STALE_INPUT), 'off')
     age_s = (nanoseconds(command.header.stamp) - last_ns) / NS_PER_S
     assert TIMEOUT_S <= age_s <= TIMEOUT_S + PERIOD_S
 
 
 def test_no_lease_outlasts_the_battery_state(car):
     state_ns = car.now_ns
-    with car.silence():
-        car.commands.wait_for(is_off_for(Status.STALE_INPUT), 'off')
+    car.commands.wait_for(is_off_for(Status.STALE_INPUT), 'off')
     last_ns = max(nanoseconds(command.valid_until) for command in car.commands.messages
                   if heats(command))
     assert last_ns <= state_ns + round(TIMEOUT_S * NS_PER_S)
 
 
 def test_a_battery_that_comes_back_heats_again(car):
-    with car.silence():
-        car.commands.wait_for(is_off_for(Status.STALE_INPUT), 'off')
+    car.commands.wait_for(is_off_for(Status.STALE_INPUT), 'off')
     car.expect_heat()
-
-
-def test_bytes_that_are_no_message_do_no_harm(car):
-    car.send_state(b'\x00\x01\x00\x00' + b'\xff' * 60)
-    car.expect_heat()
-    # An unreadable route may have been a cancellation of the trip.
-    car.send_route(b'\x00\x01\x00\x00\x01')
-    car.plans.wait_for(lambda plan: plan.status == Status.INVALID_INPUT
-                       and 'route_plan refused: the message cannot be read' in plan.explanation)
-    car.heat()
-    assert car.process.exit_status is None
 
 
 # Bad routes
@@ -531,13 +407,13 @@ def test_after_a_refused_route_the_one_before_goes_on_only_if_it_was_not_called_
             and array.status[0].message.startswith('TARGET_UNREACHABLE: '), 'a good route')
 
 
-def test_a_parameter_does_not_bring_a_route_back_that_was_called_off(tunable_car):
-    tunable_car.send_route(tunable_car.route(route_id='work', speed=[-1.0]))
-    tunable_car.plans.wait_for(lambda plan: plan.status == Status.INVALID_INPUT)
-    with tunable_car.feeding():
-        assert tunable_car.set_parameters(clock_tolerance=0.75).successful
-        tunable_car.plans.clear()
-        plans = tunable_car.plans.wait_for_count(10)
+def test_a_parameter_does_not_bring_a_route_back_that_was_called_off(car):
+    car.send_route(car.route(route_id='work', speed=[-1.0]))
+    car.plans.wait_for(lambda plan: plan.status == Status.INVALID_INPUT)
+    with car.feeding():
+        assert car.set_parameters(clock_tolerance=0.75).successful
+        car.plans.clear()
+        plans = car.plans.wait_for_count(10)
     assert {plan.status for plan in plans} == {Status.INVALID_INPUT}
 
 
@@ -560,13 +436,13 @@ def test_a_cancelled_trip_stays_off_while_states_keep_coming(car):
     assert array.status[0].level == DiagnosticStatus.OK
 
 
-def test_a_parameter_does_not_bring_a_cancelled_trip_back(tunable_car):
-    tunable_car.send_route(RoutePlan())
-    tunable_car.plans.wait_for(lambda plan: plan.status == Status.NO_CHARGING_PLANNED)
-    with tunable_car.feeding():
-        assert tunable_car.set_parameters(clock_tolerance=0.75).successful
-        tunable_car.plans.clear()
-        plans = tunable_car.plans.wait_for_count(10)
+def test_a_parameter_does_not_bring_a_cancelled_trip_back(car):
+    car.send_route(RoutePlan())
+    car.plans.wait_for(lambda plan: plan.status == Status.NO_CHARGING_PLANNED)
+    with car.feeding():
+        assert car.set_parameters(clock_tolerance=0.75).successful
+        car.plans.clear()
+        plans = car.plans.wait_for_count(10)
     assert {plan.status for plan in plans} == {Status.NO_CHARGING_PLANNED}
 
 
@@ -611,10 +487,10 @@ def test_a_message_of_a_megabyte_is_refused_in_few_words(car):
     assert 'route_id: ' in plan.explanation and 'at most 256 characters' in plan.explanation
 
 
-def test_a_parameter_of_a_megabyte_is_refused_in_few_words(tunable_car):
+def test_a_parameter_of_a_megabyte_is_refused_in_few_words(car):
     for value in ('x' * 1_000_000, f'/{"x" * 1_000_000}.yaml', '/x' * 500_000):
         for name in ('vehicle', 'method'):
-            result = tunable_car.set_parameters(**{name: value})
+            result = car.set_parameters(**{name: value})
             assert (result.successful, len(result.reason) < 1000) == (False, True), result.reason
 
 
@@ -628,30 +504,17 @@ def fine_route(car, route_id):
                          ('ambient_temperature', -7.0), ('cabin_heating_power', CABIN_W))})
 
 
-def processor_time_s(process):
-    times = psutil.Process(process.process_id).cpu_times()
-    return times.user + times.system
-
-
-def test_100_000_segments_are_planned_in_a_second_of_processor_time(car):
-    route = fine_route(car, 'fine')
-    before_s = processor_time_s(car.process)
-    car.send_route(route)
-    car.plans.wait_for(lambda plan: plan.route_id == 'fine')
-    assert processor_time_s(car.process) - before_s < 1.0
-
-
-def test_commands_keep_coming_under_100_000_segments_again_and_again(car):
+def test_100_000_segments_again_and_again_are_planned_in_a_second_of_processor_time_each(car):
     route = fine_route(car, '')
-    for number in range(5):
+    for number in range(3):
         route.route_id = f'fine {number}'
-        before_s = processor_time_s(car.process)
+        before_s = time.thread_time()
         car.send_route(route)
-        car.plans.wait_for(lambda plan: plan.route_id == route.route_id)
+        assert car.plans.latest.route_id == route.route_id
         # Commands come between the routes: none takes longer than the first.
         car.give_state()
         assert heats(car.commands.latest)
-        assert processor_time_s(car.process) - before_s < 1.0
+        assert time.thread_time() - before_s < 1.0
 
 
 # Driver opt-out
@@ -659,18 +522,16 @@ def test_commands_keep_coming_under_100_000_segments_again_and_again(car):
 @pytest.fixture
 def switched_off_car(car):
     assert car.enable(False).success
-    yield car
-    car.enable(True)
+    return car
 
 
 def test_switching_off_is_off_at_once(switched_off_car):
     # No time has passed and no battery state has arrived.
-    switched_off_car.commands.wait_for(is_off_for(Status.DISABLED), 'off')
+    assert is_off_for(Status.DISABLED)(switched_off_car.commands.latest)
 
 
 def test_switched_off_stays_off_for_good_input(switched_off_car):
     car = switched_off_car
-    car.commands.wait_for(is_off_for(Status.DISABLED), 'off')
     car.commands.clear()
     car.send_route()
     with car.feeding():
@@ -680,94 +541,43 @@ def test_switched_off_stays_off_for_good_input(switched_off_car):
 
 
 def test_switching_on_again_heats(switched_off_car):
-    car = switched_off_car
-    car.commands.wait_for(is_off_for(Status.DISABLED), 'off')
-    response = car.enable(True)
+    response = switched_off_car.enable(True)
     assert (response.success, response.message) == (True, 'Preheating is switched on.')
-    car.expect_heat()
+    switched_off_car.expect_heat()
 
 
 # The command and its lease
 
 def test_the_command_is_repeated(car):
-    with car.silence():
-        # The first ones may still answer the last state.
-        first_s, last_s = (nanoseconds(command.header.stamp) / NS_PER_S
-                           for command in car.commands.wait_for_count(8)[2::5])
+    # The first ones may still answer the last state.
+    first_s, last_s = (nanoseconds(command.header.stamp) / NS_PER_S
+                       for command in car.commands.wait_for_count(8)[2::5])
     assert last_s - first_s == pytest.approx(5 * PERIOD_S, abs=0.5 * PERIOD_S)
 
 
 def test_the_lease_moves_with_each_command(car):
-    with car.silence():
-        commands = [command for command in car.commands.wait_for_count(5) if heats(command)]
+    commands = [command for command in car.commands.wait_for_count(5) if heats(command)]
     leases_s = [(nanoseconds(command.valid_until) - nanoseconds(command.header.stamp)) / NS_PER_S
                 for command in commands]
     assert leases_s == pytest.approx([LEASE_S] * len(commands)) and len(commands) >= 4
 
 
-def test_who_comes_late_gets_the_plan(car):
-    car.send_route(car.route(route_id='told before'))
-    car.plans.wait_for(lambda plan: plan.route_id == 'told before')
-    late = car.bench.record(PreheatPlan, 'preheat_plan', LATCHED)
-    assert late.wait_for().route_id == 'told before'
-
-
-def test_who_comes_late_gets_no_old_command(car):
-    (endpoint,) = car.bench.node.get_publishers_info_by_topic('hvch_command')
-    assert (endpoint.qos_profile.durability, endpoint.qos_profile.reliability) == (
-        QoSDurabilityPolicy.VOLATILE, QoSReliabilityPolicy.RELIABLE)
-
-
-def test_any_publisher_of_battery_states_matches(car):
-    (endpoint,) = car.bench.node.get_subscriptions_info_by_topic('battery_state')
-    assert (endpoint.qos_profile.durability, endpoint.qos_profile.reliability) == (
-        QoSDurabilityPolicy.VOLATILE, QoSReliabilityPolicy.BEST_EFFORT)
-
-
-def offered(node, topic='route_plan'):
-    """Count the (reliability, durability) that subscriptions to the route offer."""
-    return Counter((endpoint.qos_profile.reliability, endpoint.qos_profile.durability)
-                   for endpoint in node.get_subscriptions_info_by_topic(topic))
-
-
-def test_the_route_is_subscribed_to_latched_and_volatile(car, module_bench):
-    reliable = QoSReliabilityPolicy.RELIABLE
-    assert offered(module_bench.node) == Counter([
-        (reliable, QoSDurabilityPolicy.TRANSIENT_LOCAL), (reliable, QoSDurabilityPolicy.VOLATILE)])
-
-
 # Parameters
 
-DEFAULTS = {'command_period': PERIOD_S, 'command_lease': LEASE_S,
-            'battery_state_timeout': TIMEOUT_S, 'target_battery_temperature': 0.0,
-            'planning_step': 30.0, 'clock_tolerance': 1.0, 'vehicle': 'reference', 'compiled_core': True}
-
-
-@pytest.fixture
-def tunable_car(car):
-    """Return the shared car, whose parameters are put back afterwards."""
-    yield car
-    result = car.set_parameters(SetParametersAtomically, **DEFAULTS)
-    assert result.successful, result.reason
-
-
-def test_a_new_target_takes_effect_at_once(tunable_car):
-    car = tunable_car
+def test_a_new_target_takes_effect_at_once(car):
     car.send_route(car.route(target_battery_temperature=nan, route_id='no target'))
     car.plans.wait_for(lambda plan: plan.route_id == 'no target')
     assert car.set_parameters(target_battery_temperature=11.5).successful
     car.plans.wait_for(lambda plan: plan.target_battery_temperature == 11.5)
 
 
-def test_a_new_vehicle_takes_effect_at_once(tunable_car):
-    car = tunable_car
+def test_a_new_vehicle_takes_effect_at_once(car):
     assert car.set_parameters(vehicle='small_car').successful
     with car.feeding():
         car.diagnostics.wait_for(lambda array: array.status[0].hardware_id == 'small_car')
 
 
-def test_a_new_vehicle_with_assumed_values_is_warned_of(tunable_car):
-    car = tunable_car
+def test_a_new_vehicle_with_assumed_values_is_warned_of(car):
     assert car.set_parameters(vehicle='mid_size_lfp').successful
     with car.feeding():
         array = car.diagnostics.wait_for(
@@ -778,18 +588,15 @@ def test_a_new_vehicle_with_assumed_values_is_warned_of(tunable_car):
             in car.process.output())
 
 
-def test_a_new_period_takes_effect_at_once(tunable_car):
-    car = tunable_car
+def test_a_new_period_takes_effect_at_once(car):
     assert car.set_parameters(command_period=0.05).successful
     car.commands.clear()
-    with car.silence(0.05):
-        stamps_s = [nanoseconds(command.header.stamp) / NS_PER_S
-                    for command in car.commands.wait_for_count(12)[1:]]
+    stamps_s = [nanoseconds(command.header.stamp) / NS_PER_S
+                for command in car.commands.wait_for_count(12)[1:]]
     assert stamps_s[-1] - stamps_s[0] < 10 * 0.5 * PERIOD_S
 
 
-def test_the_compiled_core_is_told_and_can_be_switched_off(tunable_car):
-    car = tunable_car
+def test_the_compiled_core_is_told_and_can_be_switched_off(car):
     assert re.search(r'with method \w+; native core used: \S+libbev_preheat_core\.so\.', car.process.output())
     assert car.set_parameters(compiled_core=False).successful
     with car.feeding():
@@ -798,11 +605,9 @@ def test_the_compiled_core_is_told_and_can_be_switched_off(tunable_car):
             for item in array.status[0].values))
 
 
-def test_a_new_timeout_takes_effect_at_once(tunable_car):
-    car = tunable_car
+def test_a_new_timeout_takes_effect_at_once(car):
     assert car.set_parameters(battery_state_timeout=0.3).successful
-    with car.silence():
-        plan = car.plans.wait_for(lambda plan: plan.status == Status.STALE_INPUT)
+    plan = car.plans.wait_for(lambda plan: plan.status == Status.STALE_INPUT)
     assert plan.explanation.endswith('less than 0.3 s are allowed.')
     assert 'In effect now: battery_state_timeout = 0.3.' in car.process.output()
 
@@ -826,44 +631,44 @@ REFUSED = {
 
 
 @pytest.mark.parametrize('values, text', REFUSED.values(), ids=REFUSED)
-def test_a_wrong_parameter_is_refused_with_the_reason(tunable_car, values, text):
+def test_a_wrong_parameter_is_refused_with_the_reason(car, values, text):
     (name,) = values
-    before = tunable_car.get_parameters(name)
-    result = tunable_car.set_parameters(**values)
+    before = car.get_parameters(name)
+    result = car.set_parameters(**values)
     same = [a == b or (isnan(a) and isnan(b)) for a, b in zip(
-        before, tunable_car.get_parameters(name))]
+        before, car.get_parameters(name))]
     assert (result.successful, same) == (False, [True])
     assert text.partition(':')[0] in result.reason
     # rclpy checks ranges itself, with its own messages.
     assert text in result.reason or 'range' in result.reason
 
 
-def test_a_whole_number_is_taken_for_a_double(tunable_car):
-    assert tunable_car.set_parameters(value_of_time=12).successful
-    assert tunable_car.get_parameters('value_of_time') == [12.0]
-    assert 'In effect now: value_of_time = 12.0.' in tunable_car.process.output()
+def test_a_whole_number_is_taken_for_a_double(car):
+    assert car.set_parameters(value_of_time=12).successful
+    assert car.get_parameters('value_of_time') == [12.0]
+    assert 'In effect now: value_of_time = 12.0.' in car.process.output()
 
 
-def test_a_file_that_breaks_the_reader_is_refused(tunable_car, tmp_path):
+def test_a_file_that_breaks_the_reader_is_refused(car, tmp_path):
     path = tmp_path / 'deep.yaml'
     path.write_text('[' * 5000)
-    assert not tunable_car.set_parameters(vehicle=str(path)).successful
-    tunable_car.expect_heat()
+    assert not car.set_parameters(vehicle=str(path)).successful
+    car.expect_heat()
 
 
-def test_several_parameters_hold_together(tunable_car):
+def test_several_parameters_hold_together(car):
     # Either alone is refused: the lease must be longer than the period.
-    result = tunable_car.set_parameters(
+    result = car.set_parameters(
         SetParametersAtomically, command_period=0.7, command_lease=2.0)
-    assert (result.successful, tunable_car.get_parameters('command_period', 'command_lease')) == (
+    assert (result.successful, car.get_parameters('command_period', 'command_lease')) == (
         True, [0.7, 2.0])
 
 
-def test_several_parameters_fail_together(tunable_car):
-    result = tunable_car.set_parameters(
+def test_several_parameters_fail_together(car):
+    result = car.set_parameters(
         SetParametersAtomically, battery_state_timeout=3.0, command_period=0.9)
     assert (result.successful,
-            tunable_car.get_parameters('battery_state_timeout', 'command_period')) == (
+            car.get_parameters('battery_state_timeout', 'command_period')) == (
         False, [TIMEOUT_S, PERIOD_S])
 
 
@@ -872,7 +677,7 @@ PARAMETER_NAMES = ('vehicle', 'method', 'target_battery_temperature', 'battery_s
 
 
 def descriptors(car, names):
-    return car.bench.call(DescribeParameters, f'{car.name}/describe_parameters',
+    return car.rehearsal.call(DescribeParameters, '/planner/describe_parameters',
                           DescribeParameters.Request(names=names)).descriptors
 
 
@@ -923,9 +728,8 @@ def test_level_of_the_diagnostics(car, fields, level, status):
 
 
 def test_silence_of_the_battery_is_an_error_in_the_diagnostics(car):
-    with car.silence():
-        array = car.diagnostics.wait_for(
-            lambda array: array.status[0].message.startswith('STALE_INPUT'))
+    array = car.diagnostics.wait_for(
+        lambda array: array.status[0].message.startswith('STALE_INPUT'))
     assert array.status[0].level == DiagnosticStatus.ERROR
 
 
@@ -945,7 +749,7 @@ def test_diagnostics_tell_the_figures(car):
 # The clock
 
 def test_a_clock_that_restarts_is_followed(car):
-    car.now_ns = 50 * NS_PER_S
+    car.rehearsal.now_ns = 50 * NS_PER_S
     # The old route starts in the new future.
     car.give_state()
     assert not heats(car.commands.latest)
@@ -953,88 +757,3 @@ def test_a_clock_that_restarts_is_followed(car):
     assert car.commands.latest.header.stamp.sec < 200
 
 
-# The process
-
-def test_no_solver_and_no_plots_are_in_the_process(car):
-    with open(f'/proc/{car.process.process_id}/maps', encoding='utf-8') as maps:
-        loaded = maps.read()
-    assert [name for name in ('casadi', 'matplotlib', 'scipy') if f'/{name}' in loaded] == []
-
-
-# The end, and fresh planners
-
-def expect_good_end(car, number):
-    car.process.send_signal(number)
-    last = car.commands.wait_for(is_off_for(Status.SHUTTING_DOWN), 'the last command')
-    assert car.process.wait() == 0
-    assert car.commands.messages[-1].reason == Status.SHUTTING_DOWN
-    # A heater's controller may ignore an expired command and keep heating.
-    assert nanoseconds(last.valid_until) > nanoseconds(last.header.stamp)
-
-
-def test_interrupted_it_switches_off_and_ends_well(last_drive):
-    expect_good_end(last_drive, signal.SIGINT)
-
-
-def test_before_the_clock_runs_nothing_is_heated(fresh_car):
-    car = fresh_car
-    car.send_route()
-    with repeating(car.send_state, STATE_PERIOD_S):
-        commands = car.commands.wait_for_count(5)
-    assert {(command.battery_heating_power, command.reason) for command in commands} <= {
-        (0.0, int(Status.INVALID_INPUT)), (0.0, int(Status.NO_BATTERY_STATE))}
-    car.heat()
-
-
-def test_told_to_end_it_switches_off_and_ends_well(last_drive):
-    expect_good_end(last_drive, signal.SIGTERM)
-
-
-def test_no_heat_with_a_route_alone(fresh_car):
-    car = fresh_car
-    with car.silence():
-        car.commands.wait_for(is_off_for(Status.NO_ROUTE), 'the clock')
-        car.send_route()
-        car.commands.wait_for(is_off_for(Status.NO_BATTERY_STATE), 'off without a battery state')
-    assert not any(map(heats, car.commands.messages))
-    with car.feeding():
-        car.commands.wait_for(heats, 'heating')
-
-
-def test_a_listener_that_hangs_does_not_keep_it_from_ending(last_drive):
-    car = last_drive
-    domain = {'ROS_DOMAIN_ID': str(car.bench.node.context.get_domain_id()),
-              'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
-    with subprocess.Popen([sys.executable, '-c', FROZEN_SUBSCRIBER],
-                          stdout=subprocess.PIPE, env={**os.environ, **domain}) as listener:
-        try:
-            # The log reports the first command, and commands are sent only while time passes.
-            with car.silence():
-                assert listener.stdout.readline()
-            listener.send_signal(signal.SIGSTOP)
-            car.process.send_signal(signal.SIGTERM)
-            assert car.process.wait() == 0
-        finally:
-            listener.kill()
-
-
-# Names
-
-def test_two_cars_have_topics_of_their_own(bench, wait_until):
-    # The first has other names for everything; the second receives routes differently.
-    first = Car(bench, '-r', '__ns:=/car1', '-r', 'battery_state:=bms/state', namespace='/car1',
-                battery_topic='bms/state')
-    override = 'qos_overrides./car2/route_plan.subscription.durability:=volatile'
-    second = Car(bench, '-r', '__ns:=/car2', '-p', override, namespace='/car2')
-    first.heat()
-    with first.feeding():
-        first.diagnostics.wait_for(
-            lambda array: array.status[0].name == 'car1/planner: preheating')
-    # They share the clock.
-    second.now_ns = first.now_ns
-    with second.silence():
-        second.commands.wait_for_count(3)
-    assert not any(map(heats, second.commands.messages))
-    wait_until(lambda: offered(bench.node, '/car2/route_plan').total() == 2, 'two subscriptions')
-    assert offered(bench.node, '/car2/route_plan') == Counter(
-        2 * [(QoSReliabilityPolicy.RELIABLE, QoSDurabilityPolicy.VOLATILE)])

@@ -9,9 +9,8 @@ from node_bench import repeating
 import pytest
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import DescribeParameters, SetParameters
-from rclpy.parameter import Parameter as RosParameter
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile
-from rehearsed_planner import rehearsed_planner
+from rehearsed_planner import RehearsedPlanner
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import BatteryState
 
@@ -100,17 +99,14 @@ def test_the_planner_heats_by_an_installed_method_and_refuses_a_broken_one(bench
 
 
 @pytest.fixture
-def planner(dds, tmp_path, monkeypatch):
-    monkeypatch.setenv('ROS_LOG_DIR', str(tmp_path))
-    with rehearsed_planner() as planner:
-        planner.set_clock(START_S * 1_000_000_000)
-        yield planner
+def planner(rehearsal):
+    return RehearsedPlanner(rehearsal, START_S * 1_000_000_000)
 
 
 def after_state(planner, second):
     planner.set_clock((START_S + second) * 1_000_000_000)
-    planner.node._on_battery_state(battery_state(second))
-    return planner.commands.last.battery_heating_power, Status(planner.commands.last.reason)
+    planner.give(battery_state(second))
+    return planner.commands.latest.battery_heating_power, Status(planner.commands.latest.reason)
 
 
 def test_a_method_that_fails_during_a_drive_switches_off_and_heats_again_once_it_works(planner, monkeypatch):
@@ -124,14 +120,14 @@ def test_a_method_that_fails_during_a_drive_switches_off_and_heats_again_once_it
     monkeypatch.setattr(installed_methods, '_loaded', {'full': InstalledMethod('full', 'package own 1.0', full)})
     monkeypatch.setattr('bev_preheat.planning.planner.find_methods',
                         lambda built_in: installed_methods.Found({'full': None}, {}))
-    assert planner.node.set_parameters([RosParameter('method', value='full')])[0].successful
-    planner.node._on_route_plan(route())
+    assert planner.set(method='full').successful
+    planner.give(route())
     assert after_state(planner, 1)[0] > 5000.0
     for second, error in enumerate((ValueError('lost'), SystemExit(1), MemoryError('none')), start=2):
         fails[:] = [error]
         assert after_state(planner, second) == (0.0, Status.INVALID_INPUT)
         assert (f'method full of package own 1.0: raised {type(error).__name__}: {error}'
-                in planner.plans.last.explanation)
+                in planner.plans.latest.explanation)
     fails.clear()
     # The pause between two switchings passes first.
     assert after_state(planner, 5)[0] == 0.0

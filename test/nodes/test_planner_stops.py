@@ -5,8 +5,7 @@ from math import nan
 
 from builtin_interfaces.msg import Time
 import pytest
-from rclpy.parameter import Parameter
-from rehearsed_planner import rehearsed_planner
+from rehearsed_planner import RehearsedPlanner
 from sensor_msgs.msg import BatteryState
 
 from bev_preheat.control.inputs import NS_PER_S
@@ -42,34 +41,34 @@ class Trip:
 
     def __init__(self, planner):
         self._planner = planner
-        self.routes = planner.node._on_route_plan
+        self.routes = planner.give
 
     @property
     def command(self):
         """Return the latest power [W] and its reason."""
-        last = self._planner.commands.last
+        last = self._planner.commands.latest
         return last.battery_heating_power, last.reason
 
     @property
     def plan(self):
         """Return the latest PreheatPlan."""
-        return self._planner.plans.last
+        return self._planner.plans.latest
 
     def status(self):
         """Return the latest diagnostics of preheating."""
-        self._planner.node._on_repeat()
-        return self._planner.others.last.status[0]
+        self._planner.repeat()
+        return self._planner.diagnostics.latest.status[0]
 
     def set(self, **parameters):
         """Set parameters of the planner."""
-        self._planner.node.set_parameters([Parameter(name, value=value) for name, value in parameters.items()])
+        assert self._planner.set(**parameters).successful
 
     def at(self, second, percentage=0.8, **power):
         """Set the clock to that second, and publish the state of a battery at -7 degC measured then."""
         self._planner.set_clock(second * NS_PER_S)
         state = BatteryState(temperature=-7.0, percentage=percentage, **power)
         state.header.stamp = Time(sec=second)
-        self._planner.node._on_battery_state(state)
+        self._planner.give(state)
 
     def drive(self, first_s, last_s, **power):
         """Advance time from one second to another, with a battery state each STEP_S and at the end."""
@@ -78,17 +77,15 @@ class Trip:
 
 
 @pytest.fixture
-def trip(dds, tmp_path, monkeypatch):
+def trip(rehearsal):
     """Return the start of the trip with two stops."""
-    monkeypatch.setenv('ROS_LOG_DIR', str(tmp_path))
-    with rehearsed_planner() as planner:
-        planner.node.set_parameters([Parameter('heat_while_charging', value=True)])
-        planner.set_clock(START_S * NS_PER_S)
-        trip = Trip(planner)
-        trip.routes(route_message())
-        trip.at(START_S)
-        assert (trip.plan.route_id, trip.plan.status) == ('two stops', HEATS)
-        yield trip
+    planner = RehearsedPlanner(rehearsal, START_S * NS_PER_S)
+    assert planner.set(heat_while_charging=True).successful
+    trip = Trip(planner)
+    trip.routes(route_message())
+    trip.at(START_S)
+    assert (trip.plan.route_id, trip.plan.status) == ('two stops', HEATS)
+    return trip
 
 
 def test_each_part_of_the_trip_is_commanded_when_it_is_now(trip):

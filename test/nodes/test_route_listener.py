@@ -80,15 +80,31 @@ def publish_once_matched(bench, qos, message):
     return routes
 
 
-@pytest.mark.parametrize('kind', ['latched', 'volatile'])
-def test_a_route_arrives_from_whoever_is_reliable(reliable, wait_until, kind):
+def expect_handled_once_each_time(planner, routes, bench):
+    same = route(bench, 'same')
+    before = times_accepted(planner, 'same')
+    for time_sent in (1, 2, 3):
+        routes.publish(same)
+        poll_until(lambda: times_accepted(planner, 'same') >= before + time_sent, 'the route again')
+    routes.publish(route(bench, 'last'))
+    poll_until(lambda: times_accepted(planner, 'last'), 'the last route')
+    assert times_accepted(planner, 'same') == before + 3
+
+
+def test_a_route_arrives_from_whoever_is_reliable_and_is_handled_once_each_time(reliable):
     bench, planner = reliable
-    publish_once_matched(bench, KINDS[kind], route(bench, kind))
-    wait_until(lambda: times_accepted(planner, kind), 'the route')
+    for kind in ('latched', 'volatile'):
+        routes = publish_once_matched(bench, KINDS[kind], route(bench, kind))
+        poll_until(lambda: times_accepted(planner, kind), 'the route')
+    expect_handled_once_each_time(planner, routes, bench)
 
 
-def test_a_route_arrives_with_best_effort(bench, wait_until):
+def test_a_route_arrives_with_best_effort_and_once_three_ways(bench):
+    # Latched before the planner starts.
+    latched = bench.publisher(RoutePlan, 'route_plan', LATCHED)
+    latched.publish(route(bench))
     planner = bench.start('planner')
+    poll_until(lambda: times_accepted(planner, 'home'), 'the latched route')
     for kind in ('best_effort', 'latched_best_effort'):
         routes = publish_once_matched(bench, KINDS[kind], route(bench, kind))
 
@@ -97,40 +113,10 @@ def test_a_route_arrives_with_best_effort(bench, wait_until):
             routes.publish(route(bench, kind))
             return times_accepted(planner, kind)
 
-        wait_until(has_arrived, f'the route, {kind}')
-        routes.destroy()
-
-
-def test_a_route_that_was_latched_before_arrives(bench, wait_until):
-    bench.publisher(RoutePlan, 'route_plan', LATCHED).publish(route(bench))
-    planner = bench.start('planner')
-    wait_until(lambda: times_accepted(planner, 'home'), 'the route')
-
-
-def expect_handled_once_each_time(planner, routes, bench, wait_until):
-    same = route(bench, 'same')
-    for time_sent in (1, 2, 3):
-        routes.publish(same)
-        wait_until(lambda: times_accepted(planner, 'same') >= time_sent, 'the route again')
-    routes.publish(route(bench, 'last'))
-    wait_until(lambda: times_accepted(planner, 'last'), 'the last route')
-    assert times_accepted(planner, 'same') == 3
-
-
-def test_a_route_is_handled_once_and_again_when_it_is_sent_again(reliable, wait_until):
-    bench, planner = reliable
-    routes = bench.publisher(RoutePlan, 'route_plan', VOLATILE)
-    routes.wait_for_subscription()
-    expect_handled_once_each_time(planner, routes, bench, wait_until)
-
-
-def test_a_route_that_comes_three_ways_is_handled_once(bench, wait_until):
-    planner = bench.start('planner')
-    routes = bench.publisher(RoutePlan, 'route_plan', LATCHED)
-    # This adds a third subscription, which matches every publisher, like the second.
-    bench.publisher(RoutePlan, 'route_plan', BEST_EFFORT)
-    routes.wait_for_subscription(3)
-    expect_handled_once_each_time(planner, routes, bench, wait_until)
+        poll_until(has_arrived, f'the route, {kind}')
+    # With the third subscription, which matches every publisher, like the second.
+    latched.wait_for_subscription(3)
+    expect_handled_once_each_time(planner, latched, bench)
 
 
 def test_a_volatile_route_of_200_000_segments_with_all_arrays_arrives(reliable, wait_until):
@@ -149,10 +135,13 @@ def resident_mb(process):
         return int(re.search(r'VmRSS:\s+(\d+) kB', status.read()).group(1)) / 1024
 
 
-def test_a_huge_route_is_refused_by_its_size_and_leaves_nothing_behind(bench, wait_until):
+@pytest.mark.parametrize('frees_memory', [
+    # Python frees the middleware's copy some time later.
+    False, pytest.param(True, marks=pytest.mark.deep)])
+def test_a_huge_route_is_refused_by_its_size_and_leaves_nothing_behind(bench, wait_until, frees_memory):
     commands = bench.record(HvchCommand, 'hvch_command')
     plans = bench.record(PreheatPlan, 'preheat_plan')
-    planner = bench.start('planner')
+    planner = bench.start('planner', '-p', 'command_period:=0.2')
     routes = bench.publisher(RoutePlan, 'route_plan', LATCHED)
     routes.wait_for_subscription(2)
     routes.publish(route(bench))
@@ -160,27 +149,28 @@ def test_a_huge_route_is_refused_by_its_size_and_leaves_nothing_behind(bench, wa
     before_mb = resident_mb(planner)
     commands.clear()
     before_s = processor_time_s(planner)
-    # 7 arrays of 800 000 numbers of 8 bytes.
-    routes.publish(long_route(bench, 'huge', 800_000))
+    # 7 arrays of 600 000 numbers of 8 bytes; the memory of smaller blocks stays with the process.
+    routes.publish(long_route(bench, 'huge', 600_000))
     plan = plans.wait_for(lambda plan: plan.status == Status.INVALID_INPUT)
-    assert re.search(r'route_plan refused: the message has 44\.8 MB; at most 11\.3 MB are read, '
+    assert re.search(r'route_plan refused: the message has 33\.6 MB; at most 11\.3 MB are read, '
                      'enough for 200000 segments', plan.explanation)
     commands.wait_for_count(4)
     # Even without other work, a command would have come within the lease.
     assert processor_time_s(planner) - before_s < LEASE_S
-    # Twice 44.8 MB: the middleware's copy and the message itself.
-    wait_until(lambda: resident_mb(planner) < before_mb + 20.0, 'the memory')
+    # Twice 33.6 MB: the middleware's copy and the message itself.
+    if frees_memory:
+        wait_until(lambda: resident_mb(planner) < before_mb + 20.0, 'the memory')
     # It is still latched, and refused only once.
     routes.publish(route(bench, 'next'))
     wait_until(lambda: times_accepted(planner, 'next'), 'the next route')
-    assert len(re.findall(r'\[ERROR\].*the message has 44', planner.output())) == 1
+    assert len(re.findall(r'\[ERROR\].*the message has 33', planner.output())) == 1
     expect_a_latched_route_of_another_publisher(bench, planner, routes, wait_until)
 
 
 def expect_a_latched_route_of_another_publisher(bench, planner, routes, wait_until):
     """See that another publisher's latched route arrives after a huge one."""
-    routes.publish(long_route(bench, 'huge', 300_000))
-    wait_until(lambda: 'the message has 16.8 MB' in planner.output(), 'the refusal')
+    routes.publish(long_route(bench, 'huge', 220_000))
+    wait_until(lambda: 'the message has 12.3 MB' in planner.output(), 'the refusal')
     other = bench.publisher(RoutePlan, 'route_plan', LATCHED)
     # Before any of the planner's subscriptions has discovered it.
     other.publish(route(bench, 'rescued'))

@@ -2,7 +2,6 @@
 """`route_publisher`: a route file as route_plan, fixes as route_progress, and the planner that follows."""
 
 import math
-import signal
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
@@ -12,7 +11,6 @@ import pytest
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.parameter import Parameter as RosParameter
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile
-from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import BatteryState, NavSatFix, NavSatStatus
 
 from bev_preheat.errors import InvalidInput
@@ -119,40 +117,31 @@ def test_a_file_that_is_no_route_is_one_line_and_2(call_main, tmp_path):
     assert line.startswith(f'route_publisher: error: {path}')
 
 
-# Over DDS, in simulated time
+# The node
 
 class Trip:
-    """A clock, a vehicle at a place, and the topics of publisher and planner."""
+    """A vehicle at a place, and the topics of publisher and planner."""
 
-    def __init__(self, bench):
-        self.bench = bench
-        self.clock = bench.publisher(Clock, '/clock')
-        self.fixes = bench.publisher(NavSatFix, 'fix', 10)
-        self.states = bench.publisher(BatteryState, 'battery_state')
-        self.plans = bench.record(PreheatPlan, 'preheat_plan', LATCHED)
-        self.routes = bench.record(RoutePlan, 'route_plan', LATCHED)
-        self.progress = bench.record(RouteProgress, 'route_progress')
-        self.diagnostics = bench.record(DiagnosticArray, '/diagnostics', 100)
+    def __init__(self, rehearsal):
+        self.rehearsal = rehearsal
+        self.fixes = rehearsal.publisher(NavSatFix, 'fix', 10)
+        self.states = rehearsal.publisher(BatteryState, 'battery_state')
+        self.plans = rehearsal.record(PreheatPlan, 'preheat_plan', LATCHED)
+        self.routes = rehearsal.record(RoutePlan, 'route_plan', LATCHED)
+        self.progress = rehearsal.record(RouteProgress, 'route_progress')
+        self.diagnostics = rehearsal.record(DiagnosticArray, '/diagnostics', 100)
 
     def drive(self, until, second, place, speed_mps=SPEED_MPS, limit=600):
-        """
-        Drive on from a place at a second, one second each turn, until a condition holds; return both.
-
-        Each turn waits for an answer: long while the publisher answers, because the computer may be busy; ever
-        shorter beside the route, where no answer comes.
-        """
-        patience_s = 2.0
+        """Drive on from a place at a second until a condition holds; return both."""
+        self.rehearsal.now_ns = second * NS
         for _ in range(limit):
-            self.clock.publish(Clock(clock=Time(sec=second)))
             self.fixes.publish(a_fix(*place, second))
             state = BatteryState(temperature=-4.0, percentage=0.75)
             state.header.stamp = Time(sec=second)
             self.states.publish(state)
             if until():
                 return second, place
-            before = self.progress.latest
-            self.progress.comes_to(lambda message: message.header.stamp.sec >= second, patience_s)
-            patience_s = 2.0 if self.progress.latest is not before else max(0.5 * patience_s, 0.05)
+            self.rehearsal.advance(1.0)
             second, place = second + 1, (place[0] + speed_mps, place[1])
         raise AssertionError(f'not within {limit} s; the last: {self.entries()}')
 
@@ -165,14 +154,13 @@ class Trip:
         return '' if status is None else status.message
 
 
-def test_the_planner_follows_the_positions_and_a_restarted_publisher_finds_them_again(bench, file):
-    trip = Trip(bench)
-    arguments = ('-p', 'use_sim_time:=true', '-p', f'route:={file}', *AMBIENT, '-p',
+def test_the_planner_follows_the_positions_and_a_restarted_publisher_finds_them_again(rehearsal, file):
+    trip = Trip(rehearsal)
+    arguments = ('-p', f'route:={file}', *AMBIENT, '-p',
                  f'departure_time:={START_S}.0', '-p', 'target_battery_temperature:=25.0')
-    bench.start('planner', '-p', 'use_sim_time:=true')
-    publisher = bench.start('route_publisher', *arguments)
-    for sender, count in ((trip.clock, 2), (trip.fixes, 1), (trip.states, 1)):
-        sender.wait_for_subscription(count)
+    rehearsal.now_ns = START_S * NS
+    rehearsal.start('planner')
+    publisher = rehearsal.start('route_publisher', *arguments)
 
     # 200 s late: planned after 100 s, driven after 300 s.
     def is_followed():
@@ -198,26 +186,20 @@ def test_the_planner_follows_the_positions_and_a_restarted_publisher_finds_them_
     second, place = trip.drive(lambda: 'off the route' in trip.position(), left_at, (place[0], 400.0))
     assert max(message.header.stamp.sec for message in trip.progress.messages) < left_at
 
-    assert publisher.end() == 0
+    publisher.end()
     trip.routes.clear()
     trip.progress.clear()
-    publisher = bench.start('route_publisher', *arguments)
-    trip.fixes.wait_for_subscription()
+    publisher = rehearsal.start('route_publisher', *arguments)
     second, place = trip.drive(lambda: trip.progress.messages, second + 1, (3000.0, 0.0))
     told = trip.progress.messages[0]
     driven_m = SPEED_MPS * (told.header.stamp.sec - second) + place[0]
     assert told.distance == pytest.approx(driven_m, abs=60.0)
     assert trip.routes.wait_for().header.stamp.sec == START_S
-    publisher.send_signal(signal.SIGTERM)
-    assert publisher.wait() == 0
-    assert 'Traceback' not in publisher.output()
 
 
-def test_on_departure_and_after_a_restart_of_the_clock_the_route_is_published_again(bench, file):
-    trip = Trip(bench)
-    publisher = bench.start('route_publisher', '-p', 'use_sim_time:=true', '-p', f'route:={file}', *AMBIENT)
-    trip.clock.wait_for_subscription()
-    trip.fixes.wait_for_subscription()
+def test_on_departure_and_after_a_restart_of_the_clock_the_route_is_published_again(rehearsal, file):
+    trip = Trip(rehearsal)
+    publisher = rehearsal.start('route_publisher', '-p', f'route:={file}', *AMBIENT)
     second, place = trip.drive(lambda: len(trip.progress.messages) > 20, START_S, (10.0, 0.0), speed_mps=0.0)
     assert trip.routes.latest.header.stamp.sec - START_S < 20
     assert trip.progress.latest.distance == pytest.approx(10.0, abs=15.0)
@@ -227,7 +209,7 @@ def test_on_departure_and_after_a_restart_of_the_clock_the_route_is_published_ag
 
     # Another file replaces the route; an unreadable file does not.
     def replaced(**changed):
-        return bench.call(
+        return rehearsal.call(
             SetParametersAtomically, '/route_publisher/set_parameters_atomically',
             SetParametersAtomically.Request(parameters=[
                 RosParameter(name, value=value).to_parameter_msg() for name, value in changed.items()])).result

@@ -2,22 +2,27 @@
 """
 The SROS 2 policies allow exactly the endpoints of the nodes.
 
-The nodes run without DDS security, which is missing from ROS 2's wheels; the graph shows their endpoints.
+The nodes run without DDS security, which is missing from ROS 2's wheels, and mostly in this process; the graph
+shows their endpoints.
 """
 
+from contextlib import contextmanager
 from pathlib import Path
 from xml.etree import ElementTree
 
 from ament_index_python.packages import get_package_prefix
 from node_bench import poll_until
 import pytest
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rehearsal import class_of, SilentNode
 
 from bev_preheat_msgs.msg import HvchCommand
 
 FOLDER = Path(__file__).resolve().parents[2] / 'config' / 'sros2'
 SIGNALS = FOLDER.parent / 'signals'
 EXECUTABLES = ('planner', 'nlp_checker', 'charger_adviser', 'route_publisher', 'heater_controller',
-               'vehicle_simulator', pytest.param('dashboard', marks=pytest.mark.needs('tornado')))
+               'vehicle_simulator')
 # A gateway has the endpoints of its bus, so it is tested with several signal maps.
 GATEWAY = 'bus_gateway'
 OPTIONS = {'planner': ('-p', 'lifecycle:=true'),
@@ -68,34 +73,63 @@ def used(node, executable):
     return {key: value for key, value in found.items() if value}
 
 
+@contextmanager
+def spun(context, executable, *arguments):
+    """Give the node of an executable in this process, and a function that lets it work until a condition holds."""
+    node_class = type('Silent', (class_of(executable), SilentNode), {
+        'silent_context': context, 'arguments': arguments})
+    node, executor = node_class(), SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+
+    def wait_until(condition, what):
+        for _ in range(200):
+            if condition():
+                return
+            executor.spin_once(0.05)
+        raise AssertionError(what)
+
+    try:
+        yield node, wait_until
+    finally:
+        executor.shutdown()
+        node.destroy_node()
+
+
 @pytest.mark.parametrize('executable', EXECUTABLES)
-def test_a_policy_allows_what_the_node_uses_and_nothing_else(bench, executable, gated_car):
-    # The planner listens to hvch_command while another node publishes it.
-    bench.publisher(HvchCommand, 'hvch_command', 10)
+def test_a_policy_allows_what_the_node_uses_and_nothing_else(silent_context, executable, gated_car):
     options = OPTIONS.get(executable, ())
     if executable == 'heater_controller':
         options = ('-p', f'vehicle:={gated_car}', '-p', 'lifecycle:=true')
-    if executable == 'dashboard':
-        # It has endpoints for the planners that it finds.
-        bench.start('planner')
-    bench.start(executable, *options)
-    uses(bench, executable, policy(executable))
+    with spun(silent_context, executable, *options) as (node, wait_until):
+        # The planner listens to hvch_command while another node publishes it.
+        tester = rclpy.create_node('tester', context=silent_context)
+        tester.create_publisher(HvchCommand, 'hvch_command', 10)
+        uses(node, executable, policy(executable), wait_until)
+        tester.destroy_node()
 
 
-def uses(bench, executable, expected):
+@pytest.mark.needs('tornado')
+def test_the_policy_of_the_dashboard_allows_what_it_uses_and_nothing_else(bench):
+    # It has endpoints for the planners that it finds.
+    bench.start('planner')
+    bench.start('dashboard', *OPTIONS['dashboard'])
+    uses(bench.node, 'dashboard', policy('dashboard'), poll_until)
+
+
+def uses(node, executable, expected, wait_until):
     """Wait until a node has the expected endpoints."""
     def agrees():
         # A node that the graph does not show yet raises.
-        names = [name for name, _ in bench.node.get_node_names_and_namespaces()]
-        return executable in names and used(bench.node, executable) == expected
+        names = [name for name, _ in node.get_node_names_and_namespaces()]
+        return executable in names and used(node, executable) == expected
     try:
-        poll_until(agrees, 'the endpoints of the policy')
+        wait_until(agrees, 'the endpoints of the policy')
     except AssertionError:
-        assert used(bench.node, executable) == expected
+        assert used(node, executable) == expected
         raise
 
 
-def test_policy_of_the_gateway_allows_what_can_and_vss_use_together(bench, tmp_path):
+def test_policy_of_the_gateway_allows_what_can_and_vss_use_together(silent_context, tmp_path):
     can_map = tmp_path / 'can.yaml'
     can_map.write_text((SIGNALS / 'example_car.yaml').read_text().replace(
         'dbc: example_car.dbc', f'dbc: {SIGNALS / "example_car.dbc"}').replace(
@@ -104,14 +138,14 @@ def test_policy_of_the_gateway_allows_what_can_and_vss_use_together(bench, tmp_p
     allowed = policy(GATEWAY)
     action = allowed.pop(('actions', 'call'))
     # There is neither a bus nor a broker; the endpoints do not wait for them.
-    gateway = bench.start(GATEWAY, '-p', f'signals:={can_map}')
-    uses(bench, GATEWAY, allowed)
-    gateway.end()
-    bench.start(GATEWAY, '-p', 'signals:=vss', '-r', '__node:=bus_gateway_vss')
-    # VSS has no frame for the heater.
-    uses(bench, 'bus_gateway_vss', {
-        **allowed, ('actions', 'call'): action,
-        ('topics', 'publish'): allowed['topics', 'publish'] - {'hvch_status'}})
+    with spun(silent_context, GATEWAY, '-p', f'signals:={can_map}') as (node, wait_until):
+        uses(node, GATEWAY, allowed, wait_until)
+    vss = '-p', 'signals:=vss', '-r', '__node:=bus_gateway_vss'
+    with spun(silent_context, GATEWAY, *vss) as (node, wait_until):
+        # VSS has no frame for the heater.
+        uses(node, 'bus_gateway_vss', {
+            **allowed, ('actions', 'call'): action,
+            ('topics', 'publish'): allowed['topics', 'publish'] - {'hvch_status'}}, wait_until)
 
 
 def test_each_executable_has_a_policy_and_only_the_planner_may_command_the_heater():

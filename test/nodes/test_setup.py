@@ -1,14 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Set-up errors around the installed nodes are described in the log and in the diagnostics."""
 
-import time
-
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rehearsal import START_NS
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import BatteryState, Temperature
-from spinning import take_down
 
 from bev_preheat.nodes.convert import time_message
 from bev_preheat.nodes.setup_watch import clock_hint
@@ -29,125 +27,76 @@ def setup_entry(diagnostics, name, text, level=DiagnosticStatus.WARN):
     return entries(diagnostics.wait_for(lambda array: entries(array), f'{name}: {text}'))[0].message
 
 
-class Shared:
-    """A node that tests share, with the test's own publishers and subscriptions around it."""
-
-    def __init__(self, bench, name):
-        self.name = name
-        self.process = bench.start(name)
-        self.diagnostics = bench.record(DiagnosticArray, '/diagnostics')
-        self._bench = bench
-        self._made = []
-        self._before = 0
-
-    def publish(self, message_type, topic, qos=1):
-        """Advertise until the test is over; returns the rclpy publisher."""
-        node = self._bench.node
-        publisher = node.create_publisher(message_type, topic, qos)
-        self._made.append(lambda: node.destroy_publisher(publisher))
-        return publisher
-
-    def subscribe(self, message_type, topic, qos):
-        """Subscribe until the test is over."""
-        node = self._bench.node
-        subscription = node.create_subscription(message_type, topic, lambda message: None, qos)
-        self._made.append(lambda: node.destroy_subscription(subscription))
-
-    def entry(self, text, level=DiagnosticStatus.WARN):
-        """Return the next message of the setup entry with this text and level."""
-        self.diagnostics.clear()
-        return setup_entry(self.diagnostics, self.name, text, level)
-
-    def log(self):
-        """Return the log since the start of the test."""
-        return self.process.output()[self._before:]
-
-    def take_down(self):
-        """Remove the test's own nodes; the planner must then report a correct set-up."""
-        while self._made:
-            take_down(self._bench.node, self._made.pop())
-        self.entry('fit', DiagnosticStatus.OK)
-        assert self.process.exit_status is None
-        self._before = len(self.process.output())
-
-
-@pytest.fixture(scope='module')
-def running(module_bench):
-    """`running(name)` is the Shared of an executable; the previous one is ended, because each takes time."""
-    latest = []
-
-    def running(name):
-        if not latest or latest[-1].name != name:
-            if latest:
-                latest[-1].process.end()
-            latest.append(Shared(module_bench, name))
-        return latest[-1]
-    return running
-
-
-@pytest.fixture
-def shared(running, name):
-    """Give the node of the name that the test has as parameter."""
-    shared = running(name)
-    yield shared
-    shared.take_down()
-
-
-@pytest.mark.parametrize('name', ['planner'])
-def test_all_is_well_with_what_fits(shared, name):
-    shared.subscribe(HvchCommand, 'hvch_command', BEST_EFFORT)
+def test_all_is_well_with_what_fits(rehearsal):
+    diagnostics = rehearsal.record(DiagnosticArray, '/diagnostics')
+    planner = rehearsal.start('planner')
+    rehearsal.record(HvchCommand, 'hvch_command', BEST_EFFORT)
     # Matches one subscription.
-    shared.publish(RoutePlan, 'route_plan', BEST_EFFORT)
-    shared.publish(BatteryState, 'battery_state', LATCHED)
-    # The second check certainly sees them.
-    for _ in range(2):
-        shared.entry('parameters, clock and topics fit', DiagnosticStatus.OK)
-    assert 'WARN' not in shared.log()
+    rehearsal.publisher(RoutePlan, 'route_plan', BEST_EFFORT)
+    rehearsal.publisher(BatteryState, 'battery_state', LATCHED)
+    rehearsal.advance(5.0)
+    assert {status.level for array in diagnostics.messages for status in array.status
+            if status.name == 'planner: setup'} == {DiagnosticStatus.OK}
+    assert 'WARNING' not in planner.output()
 
 
-# Those of one executable follow each other. Of one topic one node can have one type only.
 MISFITS = {
     'planner': ('planner', [
-        (lambda shared: shared.publish(Temperature, 'battery_state'),
+        (lambda bench: bench.publisher(Temperature, 'battery_state'),
          '/tester publishes /battery_state as sensor_msgs/msg/Temperature; the type must be '
          'sensor_msgs/msg/BatteryState'),
-        (lambda shared: shared.publish(Temperature, 'route_plan'),
+        (lambda bench: bench.publisher(Temperature, 'route_plan'),
          '/tester publishes /route_plan as sensor_msgs/msg/Temperature; the type must be '
          'bev_preheat_msgs/msg/RoutePlan'),
-        (lambda shared: shared.subscribe(HvchCommand, 'hvch_command', LATCHED),
+        (lambda bench: bench.record(HvchCommand, 'hvch_command', LATCHED),
          '/tester subscribes to /hvch_command with an incompatible quality of service: '
          'volatile publisher and transient local subscription')]),
     'type of a subscription': ('planner', [
-        (lambda shared: shared.subscribe(Temperature, 'hvch_command', 1),
+        (lambda bench: bench.record(Temperature, 'hvch_command', 1),
          '/tester subscribes to /hvch_command as sensor_msgs/msg/Temperature')]),
     'type of hvch_command': ('vehicle_simulator', [
-        (lambda shared: shared.publish(Temperature, 'hvch_command'),
+        (lambda bench: bench.publisher(Temperature, 'hvch_command'),
          '/tester publishes /hvch_command as sensor_msgs/msg/Temperature')]),
     'best-effort commands': ('vehicle_simulator', [
-        (lambda shared: shared.publish(HvchCommand, 'hvch_command', BEST_EFFORT),
+        (lambda bench: bench.publisher(HvchCommand, 'hvch_command', BEST_EFFORT),
          '/tester publishes /hvch_command with an incompatible quality of service: '
          'best effort publisher and reliable subscription')]),
     'checker': ('nlp_checker', [
-        (lambda shared: shared.publish(Temperature, 'route_plan'),
+        (lambda bench: bench.publisher(Temperature, 'route_plan'),
          '/tester publishes /route_plan as sensor_msgs/msg/Temperature'),
-        (lambda shared: shared.publish(PreheatPlan, 'preheat_plan'),
+        (lambda bench: bench.publisher(PreheatPlan, 'preheat_plan'),
          '/tester publishes /preheat_plan with an incompatible quality of service: ')]),
 }
 
 
-@pytest.mark.parametrize('name, misfits', [
-    pytest.param(*misfits, id=kind, marks=pytest.mark.deep if kind == 'checker' else [])
-    for kind, misfits in MISFITS.items()])
-def test_who_does_not_fit_is_named_once_in_the_log_and_forgotten_when_gone(shared, name, misfits):
-    texts = [text for _, text in misfits]
-    for make, _ in misfits:
-        make(shared)
+@pytest.mark.parametrize('name, misfits', MISFITS.values(), ids=MISFITS)
+def test_who_does_not_fit_is_named_once_in_the_log_and_forgotten_when_gone(rehearsal, name, misfits):
+    diagnostics, process = rehearsal.record(DiagnosticArray, '/diagnostics'), rehearsal.start(name)
+    parts, texts = [make(rehearsal) for make, _ in misfits], [text for _, text in misfits]
     for text in texts:
-        setup_entry(shared.diagnostics, name, text)
+        setup_entry(diagnostics, name, text)
     # Two checks later they are still there, and not logged again.
-    message = shared.entry(texts[0])
+    diagnostics.clear()
+    message = setup_entry(diagnostics, name, texts[0])
     assert all(text in message for text in texts)
-    assert [shared.log().count(text) for text in texts] == [1] * len(texts)
+    assert [process.output().count(text) for text in texts] == [1] * len(texts)
+    for part in parts:
+        part.destroy()
+    diagnostics.clear()
+    setup_entry(diagnostics, name, 'fit', DiagnosticStatus.OK)
+
+
+def test_who_does_not_fit_is_found_over_dds_and_forgotten_when_gone(bench):
+    diagnostics = bench.record(DiagnosticArray, '/diagnostics')
+    bench.start('planner')
+    name, misfits = MISFITS['planner']
+    parts = [make(bench) for make, _ in misfits]
+    for _, text in misfits:
+        setup_entry(diagnostics, name, text)
+    for part in parts:
+        part.destroy()
+    diagnostics.clear()
+    setup_entry(diagnostics, name, 'fit', DiagnosticStatus.OK)
 
 
 def stamped(instant_ns):
@@ -161,41 +110,36 @@ def refusals(diagnostics):
             if 'battery_state refused' in status.message]
 
 
-@pytest.mark.parametrize('name', [
-    'nlp_checker', pytest.param('planner', marks=pytest.mark.deep)])
-def test_simulated_stamps_against_the_wall_clock_are_told(shared, name, wait_until):
-    states = shared.publish(BatteryState, 'battery_state')
-    shared.diagnostics.clear()
-
-    def are_refused():
-        states.publish(stamped(1000 * 10**9))
-        return refusals(shared.diagnostics)
-
+@pytest.mark.parametrize('name', ['nlp_checker', 'planner'])
+def test_simulated_stamps_against_the_wall_clock_are_told(rehearsal, name):
+    diagnostics, process = rehearsal.record(DiagnosticArray, '/diagnostics'), rehearsal.start(name)
+    states = rehearsal.publisher(BatteryState, 'battery_state')
     text = ("days before this node's time, which is the system's: if the sender is simulated or "
             'replayed, set use_sim_time:=true here')
-    assert text in wait_until(are_refused, 'a refusal')[0]
-    assert text in shared.log()
+    states.publish(stamped(1000 * 10**9))
+    assert text in rehearsal.wait_until(lambda: refusals(diagnostics), 'a refusal')[0]
+    assert text in process.output()
 
 
 # Unknown parameters
 
-def test_a_misspelt_parameter_on_the_command_line_is_told_with_the_nearest(bench):
-    diagnostics = bench.record(DiagnosticArray, '/diagnostics')
-    planner = bench.start('planner', '-p', 'vehicel:=small_car')
+def test_a_misspelt_parameter_on_the_command_line_is_told_with_the_nearest(rehearsal):
+    diagnostics = rehearsal.record(DiagnosticArray, '/diagnostics')
+    planner = rehearsal.start('planner', '-p', 'vehicel:=small_car')
     text = "parameter 'vehicel' is unknown and ignored; did you mean 'vehicle'?"
     assert setup_entry(diagnostics, 'planner', text) == text
     assert planner.output().count(text) == 1
 
 
 @pytest.mark.parametrize('name, misspelt, nearest', [
-    pytest.param('nlp_checker', 'time_limits', 'time_limit', marks=pytest.mark.deep),
+    ('nlp_checker', 'time_limits', 'time_limit'),
     ('vehicle_simulator', 'initial_socc', 'initial_soc')])
-def test_a_misspelt_parameter_in_a_file_is_told(bench, tmp_path, name, misspelt, nearest):
+def test_a_misspelt_parameter_in_a_file_is_told(rehearsal, tmp_path, name, misspelt, nearest):
     path = tmp_path / 'parameters.yaml'
     path.write_text(f'{name}:\n  ros__parameters:\n    {misspelt}: 0.5\n    use_sim_time: false\n'
                     'another_node:\n  ros__parameters:\n    colour: red\n')
-    diagnostics = bench.record(DiagnosticArray, '/diagnostics')
-    bench.start(name, '--params-file', str(path))
+    diagnostics = rehearsal.record(DiagnosticArray, '/diagnostics')
+    rehearsal.start(name, '--params-file', str(path))
     text = f'parameter {misspelt!r} is unknown and ignored; did you mean {nearest!r}?'
     assert setup_entry(diagnostics, name, text) == text
 
@@ -210,46 +154,38 @@ def test_parameters_that_ros_knows_are_not_unknown(bench):
     assert 'unknown' not in planner.output()
 
 
-def test_a_file_for_another_node_is_told(bench, tmp_path):
+def test_a_file_for_another_node_is_told(rehearsal, tmp_path, monkeypatch):
     path = tmp_path / 'parameters.yaml'
     path.write_text('planer:\n  ros__parameters:\n    vehicle: small_car\n')
-    diagnostics = bench.record(DiagnosticArray, '/diagnostics')
-    bench.start('planner', '--params-file', str(path))
+    diagnostics = rehearsal.record(DiagnosticArray, '/diagnostics')
+    arguments = '--params-file', str(path)
+    monkeypatch.setattr('sys.argv', ['planner', '--ros-args', *arguments])
+    rehearsal.start('planner', *arguments)
     setup_entry(diagnostics, 'planner', 'the parameter file holds nothing for /planner')
 
 
 # Clocks
 
-@pytest.mark.parametrize('name', [
-    'planner', pytest.param('nlp_checker', marks=pytest.mark.deep)])
-def test_with_simulated_time_no_clock_and_wall_stamps_are_told(bench, wait_until, name):
-    diagnostics = bench.record(DiagnosticArray, '/diagnostics')
-    process = bench.start(name, '-p', 'use_sim_time:=true')
+@pytest.mark.parametrize('name', ['planner', 'nlp_checker'])
+def test_with_simulated_time_no_clock_and_wall_stamps_are_told(rehearsal, name):
+    diagnostics = rehearsal.record(DiagnosticArray, '/diagnostics')
+    process = rehearsal.start(name, '-p', 'use_sim_time:=true')
     text = 'use_sim_time is set and no /clock has arrived: time stands at 0'
     assert setup_entry(diagnostics, name, text) == text
     assert text in process.output()
-    clocks = bench.publisher(Clock, '/clock')
+    clocks, states = rehearsal.publisher(Clock, '/clock'), rehearsal.publisher(BatteryState, 'battery_state')
     diagnostics.clear()
 
-    def is_well():
-        # Its timers need a clock that runs.
-        clocks.publish(Clock(clock=time_message(1000 * 10**9 + time.monotonic_ns())))
-        return any((status.name, status.level) == (f'{name}: setup', DiagnosticStatus.OK)
-                   for array in diagnostics.messages for status in array.status)
+    def tick():
+        clocks.publish(Clock(clock=time_message(1000 * 10**9 + rehearsal.now_ns - START_NS)))
 
-    wait_until(is_well, 'an entry without a problem')
-    states = bench.publisher(BatteryState, 'battery_state')
-    hint = ("days after this node's time, which is /clock (use_sim_time is set): set "
-            'use_sim_time:=true at the sender too, or use_sim_time:=false here')
-
-    def are_refused():
-        clocks.publish(Clock(clock=time_message(1000 * 10**9 + time.monotonic_ns())))
-        states.publish(stamped(time.time_ns()))
-        # The log repeats a refusal every 5 s, and the first may precede the clock.
-        return (any(hint in refusal for refusal in refusals(diagnostics))
-                and hint in process.output())
-
-    wait_until(are_refused, 'a refusal with the hint')
+    with rehearsal.repeating(tick, 0.1):
+        setup_entry(diagnostics, name, 'fit', DiagnosticStatus.OK)
+        hint = ("days after this node's time, which is /clock (use_sim_time is set): set "
+                'use_sim_time:=true at the sender too, or use_sim_time:=false here')
+        states.publish(stamped(rehearsal.now_ns))
+        rehearsal.wait_until(lambda: any(hint in refusal for refusal in refusals(diagnostics)), 'the hint')
+    assert hint in process.output()
 
 
 @pytest.mark.parametrize('now_ns, stamp_ns, is_far', [

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The installed vehicle_simulator over DDS."""
+"""`vehicle_simulator`: drive, clock, commands and parameters in this process; over DDS, its pace and its end."""
 
 import math
 import signal
@@ -9,7 +9,7 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
 import pytest
-from rcl_interfaces.msg import Log, Parameter, ParameterType, ParameterValue
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
 from rclpy.qos import qos_profile_sensor_data, QoSDurabilityPolicy, QoSProfile
 from rosgraph_msgs.msg import Clock
@@ -26,7 +26,6 @@ from bev_preheat_msgs.msg import HvchCommand, RoutePlan
 START_S = 1_700_000_000
 LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
 MANY = QoSProfile(depth=1000, reliability=qos_profile_sensor_data.reliability)
-LOG = QoSProfile(depth=1000, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
 VEHICLE = load_vehicle('reference')
 
 
@@ -52,11 +51,23 @@ def arguments_of(route, **parameters):
 
 
 @pytest.fixture
-def start_simulator(start_executable, route):
+def start_simulator(rehearsal, route):
     """Start a simulator on `route`; keywords are parameters."""
     def start_simulator(**parameters):
-        return start_executable('vehicle_simulator', *arguments_of(route, **parameters))
+        return rehearsal.start('vehicle_simulator', *arguments_of(route, **parameters))
     return start_simulator
+
+
+@pytest.fixture
+def record(rehearsal):
+    """`record(message_type, topic, qos)` returns a Recorder."""
+    return rehearsal.record
+
+
+@pytest.fixture
+def publisher(rehearsal):
+    """`publisher(message_type, topic, qos)` returns a publisher."""
+    return rehearsal.publisher
 
 
 def seconds(stamp):
@@ -156,15 +167,6 @@ def assert_ends_cleanly(simulator, number):
     assert 'Traceback' not in simulator.output()
 
 
-@pytest.mark.deep
-def test_being_told_to_end_ends_it_cleanly(record, start_simulator):
-    clock = record(Clock, '/clock', MANY)
-    simulator = start_simulator()
-    clock.wait_for()
-    assert_ends_cleanly(simulator, signal.SIGTERM)
-
-
-@pytest.mark.deep
 def test_a_target_of_0_is_left_to_the_planner(record, start_simulator):
     plans = record(RoutePlan, 'route_plan', LATCHED)
     start_simulator(target_battery_temperature=0.0)
@@ -176,8 +178,7 @@ def test_the_clock_waits_for_all_listeners_and_without_commands_there_is_no_heat
     states = record(BatteryState, 'battery_state', MANY)
     diagnostics = record(DiagnosticArray, '/diagnostics', 10)
     simulator = start_simulator(speed_up=100.0, wait_for_listeners=2, exit_on_arrival='true')
-    for number in range(1, 4):
-        assert states.wait_for_count(number)[-1].header.stamp == Time(sec=START_S)
+    assert {state.header.stamp.sec for state in states.wait_for_count(4)} == {START_S}
     record(BatteryState, 'battery_state', MANY)
     outcome = outcome_at_the_end(diagnostics)
     assert outcome.state == ARRIVED
@@ -207,22 +208,14 @@ def test_commands_that_are_renewed_heat_on_until_the_lease_ends(record, publishe
     assert outcome.without_command_s == pytest.approx(180.0 - 121.3, abs=1e-3)
 
 
-@pytest.fixture(scope='class')
-def held_simulator(module_bench, route):
-    """Let a simulator run whose clock is held; returns (bench, its clock)."""
-    clock = module_bench.record(Clock, '/clock', MANY)
-    process = module_bench.start('vehicle_simulator', *arguments_of(route, wait_for_planner='true'))
-    yield module_bench, clock
-    process.end()
-
-
 @pytest.fixture
-def held(held_simulator):
-    """Give the bench of a simulator that tests share; its clock must be held after each."""
-    bench, clock = held_simulator
-    yield bench
-    clock.clear()
-    assert {seconds(message.clock) for message in clock.wait_for_count(20)} == {0.0}
+def held(rehearsal, route):
+    """Give the Rehearsal of a simulator whose clock is held, and in which some time has passed."""
+    clock = rehearsal.record(Clock, '/clock', MANY)
+    rehearsal.start('vehicle_simulator', *arguments_of(route, wait_for_planner='true'))
+    rehearsal.advance(3.0)
+    yield rehearsal
+    assert len(clock.messages) > 20 and {seconds(message.clock) for message in clock.messages} == {0.0}
 
 
 def leaves_target_to_planner(message):
@@ -230,50 +223,45 @@ def leaves_target_to_planner(message):
             message.target_battery_temperature) == (True, False, 0.0)
 
 
-class TestWhileTheClockIsHeld:
-    """One simulator, which tests share; the last test releases its clock."""
+def test_battery_state_tells_what_is_known_and_nan_for_the_rest(held):
+    message = held.record(BatteryState, 'battery_state', MANY).wait_for()
+    assert message.header.stamp == Time(sec=START_S)
+    assert message.temperature == pytest.approx(4.0)
+    assert message.percentage == pytest.approx(0.77)
+    assert message.charge == pytest.approx(0.77 * 200.0)
+    assert message.design_capacity == pytest.approx(200.0)
+    assert math.isnan(message.capacity)
+    # Terminal power of the first segment, but for its ripple; negative current = discharging.
+    assert message.voltage * message.current == pytest.approx(-(8e3 + 2100.0 + 450.0), rel=1e-2)
+    assert message.power_supply_status == BatteryState.POWER_SUPPLY_STATUS_UNKNOWN
+    assert message.present
 
-    def test_battery_state_tells_what_is_known_and_nan_for_the_rest(self, held):
-        message = held.record(BatteryState, 'battery_state', MANY).wait_for()
-        assert message.header.stamp == Time(sec=START_S)
-        assert message.temperature == pytest.approx(4.0)
-        assert message.percentage == pytest.approx(0.77)
-        assert message.charge == pytest.approx(0.77 * 200.0)
-        assert message.design_capacity == pytest.approx(200.0)
-        assert math.isnan(message.capacity)
-        # Terminal power of the first segment, but for its ripple; negative current = discharging.
-        assert message.voltage * message.current == pytest.approx(-(8e3 + 2100.0 + 450.0), rel=1e-2)
-        assert message.power_supply_status == BatteryState.POWER_SUPPLY_STATUS_UNKNOWN
-        assert message.present
 
-    def test_without_a_target_it_is_left_to_the_planner(self, held):
-        assert leaves_target_to_planner(
-            held.record(RoutePlan, 'route_plan', LATCHED).wait_for())
+def test_without_a_target_it_is_left_to_the_planner(held):
+    assert leaves_target_to_planner(
+        held.record(RoutePlan, 'route_plan', LATCHED).wait_for())
 
-    @pytest.mark.parametrize('power_w, until_s, complaint', [
-        (math.nan, 50.0, 'battery_heating_power: nan W'),
-        (7100.0, 50.0, 'battery_heating_power: 7100 W is not allowed; it must be 0 ... 7000 W'),
-        (3000.0, -2.0, 'valid_until: is 2.000 s in the past'),
-    ])
-    def test_bad_command_is_no_command(self, held, power_w, until_s, complaint):
-        commands = held.publisher(HvchCommand, 'hvch_command', 1)
-        log = held.record(Log, '/rosout', LOG)
-        commands.wait_for_subscription()
-        log.wait_for_publisher()
-        commands.publish(command(power_w, until_s))
-        log.wait_for(lambda message: 'hvch_command ignored' in message.msg
-                     and complaint in message.msg)
 
-    def test_it_is_held_until_the_planner_has_route_and_battery(self, held_simulator):
-        bench, clock = held_simulator
-        commands = bench.publisher(HvchCommand, 'hvch_command', 1)
-        commands.wait_for_subscription()
-        for reason in (HvchCommand.NO_ROUTE, HvchCommand.NO_BATTERY_STATE):
-            commands.publish(command(0.0, 2.5, reason))
-        clock.clear()
-        assert {seconds(message.clock) for message in clock.wait_for_count(50)} == {0.0}
-        commands.publish(command(0.0, 2.5, HvchCommand.WAITING))
-        clock.wait_for(lambda message: seconds(message.clock) > 0.0)
+@pytest.mark.parametrize('power_w, until_s, complaint', [
+    (math.nan, 50.0, 'battery_heating_power: nan W'),
+    (7100.0, 50.0, 'battery_heating_power: 7100 W is not allowed; it must be 0 ... 7000 W'),
+    (3000.0, -2.0, 'valid_until: is 2.000 s in the past'),
+])
+def test_bad_command_is_no_command(rehearsal, start_simulator, power_w, until_s, complaint):
+    simulator = start_simulator(wait_for_planner='true')
+    rehearsal.advance(3.0)
+    rehearsal.publisher(HvchCommand, 'hvch_command', 1).publish(command(power_w, until_s))
+    assert any('hvch_command ignored' in line and complaint in line for line in simulator.output().splitlines())
+
+
+def test_it_is_held_until_the_planner_has_route_and_battery(rehearsal, start_simulator):
+    clock, commands = rehearsal.record(Clock, '/clock', MANY), rehearsal.publisher(HvchCommand, 'hvch_command', 1)
+    start_simulator(wait_for_planner='true')
+    for reason in (HvchCommand.NO_ROUTE, HvchCommand.NO_BATTERY_STATE):
+        commands.publish(command(0.0, 2.5, reason))
+    assert {seconds(message.clock) for message in clock.wait_for_count(50)} == {0.0}
+    commands.publish(command(0.0, 2.5, HvchCommand.WAITING))
+    clock.wait_for(lambda message: seconds(message.clock) > 0.0)
 
 
 def test_empty_battery_ends_a_drive_whose_target_is_left_to_the_planner(record, start_simulator):

@@ -5,8 +5,7 @@ import json
 import time
 
 import pytest
-from recorded_drive import RecordedDrive, START_NS
-from test_replay_drive import a_car, LENGTH_S
+from recorded_drive import LENGTH_S, START_NS
 
 from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.dashboard.plain import written
@@ -16,12 +15,6 @@ from bev_preheat.replay.flight_file import read_flight
 
 START_S = START_NS / NS_PER_S
 LIMIT_S = 60.0
-
-
-@pytest.fixture(scope='module')
-def recorded(tmp_path_factory):
-    folder = tmp_path_factory.mktemp('flights')
-    return RecordedDrive(a_car(), folder).drive(LENGTH_S + 5), folder
 
 
 @pytest.fixture(scope='module')
