@@ -29,7 +29,7 @@ import reaping
 
 # Wall-clock limits on examples would make a test depend on the load of the machine.
 UNTIMED = {'deadline': None, 'suppress_health_check': [HealthCheck.too_slow]}
-settings.register_profile('daily', max_examples=25, derandomize=True, **UNTIMED)
+settings.register_profile('daily', max_examples=16, derandomize=True, **UNTIMED)
 settings.register_profile(
     'deep', max_examples=int(os.environ.get('BEV_PREHEAT_EXAMPLES', '1000')), print_blob=True,
     **UNTIMED)

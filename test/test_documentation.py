@@ -24,10 +24,18 @@ PAGES = [ROOT / 'README.md', ROOT / 'CONTRIBUTING.md', ROOT / 'QUALITY_DECLARATI
 NEED_CASADI = {'optimum', 'compare', 'reproduce', 'sweep', 'identify'}
 # test/nodes/test_files_tutorial.py runs it, and the nodes that it ends with.
 WITH_NODES = {'docs/tutorials/from_files.md'}
+# They take most of the time: whole drives, solvers, a hundred plans. The same commands run daily on shorter inputs
+# in test/replay, test/commands and test/interface.
+DEEP = {'docs/tutorials/cold_arrival.md', 'docs/explanation/planning.md', 'docs/explanation/worth.md',
+        'docs/how-to/ecu.md', 'docs/reference/python.md'}
 
 
 def name_of(page):
     return page.relative_to(ROOT).as_posix()
+
+
+def depth_of(page):
+    return [pytest.mark.deep] * (name_of(page) in DEEP)
 
 
 def typed_pages():
@@ -39,10 +47,10 @@ def typed_pages():
             needs_can = '.dbc' in page.read_text()
             needs_gpxpy = '.gpx' in page.read_text()
             needs_mcap = '.mcap' in page.read_text()
-            yield pytest.param(page, id=name_of(page), marks=[
+            yield pytest.param(page, id=name_of(page), marks=[*depth_of(page), *(
                 pytest.mark.needs(package) for package, is_needed in (
                     ('casadi', needs_casadi), ('pint', needs_pint), ('gpxpy', needs_gpxpy),
-                    ('can', needs_can), ('cantools', needs_can), ('mcap', needs_mcap)) if is_needed])
+                    ('can', needs_can), ('cantools', needs_can), ('mcap', needs_mcap)) if is_needed)])
 
 
 @pytest.mark.costly
@@ -72,11 +80,12 @@ def python_of(text):
     return [block for language, block in FENCE.findall(text) if language == 'python']
 
 
-PAGES_WITH_PYTHON = [page for page in PAGES if python_of(page.read_text())]
+PAGES_WITH_PYTHON = [pytest.param(page, id=name_of(page), marks=depth_of(page))
+                     for page in PAGES if python_of(page.read_text())]
 
 
 @pytest.mark.costly
-@pytest.mark.parametrize('page', PAGES_WITH_PYTHON, ids=name_of)
+@pytest.mark.parametrize('page', PAGES_WITH_PYTHON)
 def test_python_of_a_page_runs(page, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     for name, content in files_of(page.read_text()).items():
@@ -113,7 +122,7 @@ def test_each_python_block_runs_somewhere(page):
 
 
 def test_pages_with_python_are_found():
-    assert 'docs/reference/python.md' in map(name_of, PAGES_WITH_PYTHON)
+    assert 'docs/reference/python.md' in {page.id for page in PAGES_WITH_PYTHON}
 
 
 def test_a_wrong_figure_in_a_comment_is_found():

@@ -71,7 +71,8 @@ def test_planning_rooms_need_no_ros_no_solver_and_no_plots(loaded_by_room, room)
     assert loaded_by_room[room] == []
 
 
-@pytest.mark.costly
+# The contract `without_ros` says the same of each import, daily.
+@pytest.mark.deep
 def test_the_model_can_be_used_where_ros_is_not_installed(tmp_path):
     for package in ROS:
         (tmp_path / f'{package}.py').write_text(f'raise ModuleNotFoundError("No module named {package!r}")\n')
@@ -80,7 +81,8 @@ def test_the_model_can_be_used_where_ros_is_not_installed(tmp_path):
         [[]] * (len(rooms) + 1))
 
 
-@pytest.mark.costly
+# The contract `product` says the same of each import, daily.
+@pytest.mark.deep
 def test_the_product_does_without_the_studies(tmp_path):
     (tmp_path / 'bev_preheat_studies.py').write_text('raise ModuleNotFoundError("No studies here")\n')
     modules = [module for module in modules_of('bev_preheat') if not module.endswith('__main__')]

@@ -13,7 +13,8 @@ CHECKOUT = Path(__file__).resolve().parents[1]
 
 @pytest.mark.costly
 @pytest.mark.parametrize('without, packages', [
-    ('', ['bev_preheat', 'bev_preheat_studies']), ('0', ['bev_preheat', 'bev_preheat_studies']),
+    # make build leaves the variable out.
+    ('0', ['bev_preheat', 'bev_preheat_studies']),
     ('1', ['bev_preheat'])])
 def test_the_studies_can_be_left_out(tmp_path, without, packages):
     subprocess.run([sys.executable, 'setup.py', '--quiet', 'egg_info', '--egg-base', str(tmp_path)], cwd=CHECKOUT,

@@ -44,8 +44,8 @@ class VssLink:
         """Take the settings and receivers; raises InvalidInput if a file cannot be read. `start` connects."""
         require('kuksa_client')
         self._settings = settings
-        self._token = _text_of(settings.token, 'live.vss.token')
-        _text_of(settings.root_certificates, 'live.vss.root_certificates')
+        self._token = text_of(settings.token, 'live.vss.token')
+        text_of(settings.root_certificates, 'live.vss.root_certificates')
         self._on_paths, self._on_value, self._on_request = on_paths, on_value, on_request
         self._actuators, self._alive = tuple(actuators), alive
         self._ended, self._wake, self._lock = Event(), Event(), Lock()
@@ -170,7 +170,8 @@ class VssLink:
             self.unpublished = f'{", ".join(outgoing)} could not be published: {_in_words(error)}'
 
 
-def _text_of(path: Any, key: str) -> str | None:
+def text_of(path: Any, key: str) -> str | None:
+    """Return the text of a file, None without a path; InvalidInput names the key."""
     if path is None:
         return None
     try:

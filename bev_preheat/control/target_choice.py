@@ -303,7 +303,7 @@ class TargetChooser:
     def _weigh(self, search: WorthSearch, now: TargetSearchInput) -> TargetChoice:
         """Return the TargetChoice by the targets that a search has found so far."""
         self._weighed = search
-        choice = self._given_one(search, now) if now.given else self._best_of(search, now)
+        choice = self._given_one(search, now) if now.given else self.best_of(search, now)
         probability = self._held.prospect.probability
         if probability == 1.0:
             return choice
@@ -342,7 +342,8 @@ class TargetChooser:
             TargetChoice(TargetSource.GIVEN, now.given), search.look_at(now.goal.target_temperature_c),
             search.without)
 
-    def _best_of(self, search: WorthSearch, now: TargetSearchInput) -> TargetChoice:
+    def best_of(self, search: WorthSearch, now: TargetSearchInput) -> TargetChoice:
+        """Return the choice from a search's best target: heat to it if that gains enough, otherwise none."""
         best, without, before = search.best(), search.without, self._choice
         if math.isinf(best.cost):
             return _with_figures(_unchosen(now.leg, now.settings, search.verdict(best)), without, without)

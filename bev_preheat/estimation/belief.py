@@ -234,7 +234,7 @@ class Belief:
 
         `drive` is a DriveInputs of floats (heater power is not read); None: the drive is unknown.
         """
-        self._mix(duration_s)
+        self.mix(duration_s)
         if drive is None:
             self._pass_unknown(duration_s)
         else:
@@ -256,7 +256,7 @@ class Belief:
                  *_propulsion_noise(drive.propulsion_power_w, duration_s)))
         # The steps that the core did not do follow here.
         if done < 1:
-            self._mix(duration_s)
+            self.mix(duration_s)
         if done < 2:
             self._move(duration_s, drive, command_w, limit_w)
         if done == 3:
@@ -439,7 +439,7 @@ class Belief:
             self.weights = np.maximum(self.weights, LEAST_WEIGHT)
             self.weights /= self.weights.sum()
 
-    def _mix(self, duration_s: float) -> None:
+    def mix(self, duration_s: float) -> None:
         """Mix the heaters' filters, because a heater may have changed from one kind to another."""
         matrix = _elapsing(duration_s).transitions
         if self._core_belief().mix(matrix):

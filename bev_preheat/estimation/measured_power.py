@@ -144,7 +144,7 @@ class PowerResponse:
         # Log-likelihood of each heater without evidence, and with that of the power, for each lag.
         self._prior = prior_weights().sum(axis=1)
         self._weights = self._prior[:, np.newaxis] * np.full(shape[1], 1.0 / shape[1])
-        self._excess_w, self._variance_w2 = np.zeros(shape), np.full(shape, EXCESS_W**2)
+        self.excess_w, self._variance_w2 = np.zeros(shape), np.full(shape, EXCESS_W**2)
         self._scatter_w2, self._blocks = SCATTER_W**2, SCATTER_BLOCKS
         # Current power of a heater with each lag [W]; None: no command yet.
         self._followed_w: FloatArray | None = None
@@ -185,7 +185,7 @@ class PowerResponse:
         heater_w[STUCK] = limit_w
         self._mix(lasted_s)
         left = math.exp(-lasted_s / EXCESS_LASTS_S)
-        excess_w = left * self._excess_w
+        excess_w = left * self.excess_w
         variance_w2 = left**2 * self._variance_w2 + (1.0 - left**2) * EXCESS_W**2
         total_w2 = variance_w2 + self._scatter_w2
         error_w = beyond_w - heater_w - excess_w
@@ -193,7 +193,7 @@ class PowerResponse:
                 - 0.5 * (FREEDOM + 1.0) * array_log(1.0 + error_w**2 / (FREEDOM * total_w2)))
         logs = np.maximum(logs - logs.max(), -MOST_EVIDENCE)
         gain = variance_w2 / total_w2
-        self._excess_w = excess_w + gain * error_w
+        self.excess_w = excess_w + gain * error_w
         self._variance_w2 = (1.0 - gain) * variance_w2
         before = self._weights.sum(axis=1)
         weights = self._weights * array_exp(logs)
@@ -211,10 +211,10 @@ class PowerResponse:
         share = matrix[:, :, np.newaxis] * self._weights[:, np.newaxis, :]
         self._weights = share.sum(axis=0)
         share /= self._weights
-        excess_w = (share * self._excess_w[:, np.newaxis]).sum(axis=0)
-        off_w = self._excess_w[:, np.newaxis] - excess_w
+        excess_w = (share * self.excess_w[:, np.newaxis]).sum(axis=0)
+        off_w = self.excess_w[:, np.newaxis] - excess_w
         self._variance_w2 = (share * (self._variance_w2[:, np.newaxis] + off_w**2)).sum(axis=0)
-        self._excess_w = excess_w
+        self.excess_w = excess_w
 
     def _learn_scatter(self, rest_w: float) -> None:
         """Update the scatter of blocks with the power that the heater does not explain [W]."""

@@ -71,7 +71,7 @@ def identify(vehicle: Vehicle, trips: Sequence[Trip], name: str,
     tell('intervals')
     full = fits[structure]
     intervals = intervals_of(fitter, full)
-    held, fit = _keep_start(fitter, full, intervals)
+    held, fit = keep_start(fitter, full, intervals)
     if held:
         intervals = wider(fitter, intervals, fit)
     tell('leaving each trip out')
@@ -100,8 +100,8 @@ def _mean_speed_mps(trips: Sequence[Trip]) -> float:
     return float(np.concatenate(speeds).mean()) if speeds else 0.0
 
 
-def _keep_start(fitter: Fitter, full: ThermalFit,
-                intervals: dict[str, Interval]) -> tuple[dict[str, float], ThermalFit]:
+def keep_start(fitter: Fitter, full: ThermalFit,
+               intervals: dict[str, Interval]) -> tuple[dict[str, float], ThermalFit]:
     """
     Return the coordinates of the parameters that keep START's values, and the fit of all others beside them.
 

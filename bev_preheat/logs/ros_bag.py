@@ -94,7 +94,7 @@ class RosBag:
 
     def _bag_messages(self, _: list[str]) -> Iterator[tuple[str, float, float | None, Any]]:
         from rosbags.highlevel import AnyReader
-        with AnyReader([self._path], default_typestore=_types()) as reader:
+        with AnyReader([self._path], default_typestore=known_types()) as reader:
             known = [each for each in reader.connections if each.msgtype in reader.typestore.fielddefs]
             self._topics = {each.topic for each in known}
             for connection, received_ns, data in reader.messages(connections=known):
@@ -117,7 +117,7 @@ class _RecordedTypes:
 
     def __init__(self) -> None:
         from rosbags.typesys import get_typestore, Stores
-        self._recorded, self._here = get_typestore(Stores.EMPTY), _types()
+        self._recorded, self._here = get_typestore(Stores.EMPTY), known_types()
         self._stores: dict[str, Any] = {}
 
     def store_of(self, type_name: str, text: bytes) -> Any:
@@ -154,7 +154,7 @@ def _deserialized(store: Any, type_name: str, data: bytes) -> Any:
     return read(data[CDR_HEAD_BYTES:], 0, kind.cls, store)[0]
 
 
-def _types() -> Any:
+def known_types() -> Any:
     """Return the types of messages, with our own, for recordings that do not hold them."""
     from rosbags.typesys import get_types_from_msg, get_typestore, Stores
     store = get_typestore(Stores.ROS2_JAZZY)

@@ -158,32 +158,33 @@ def without_core() -> Iterator[None]:
 
 def core() -> Any:
     """Return the library, None if it is not available or switched off."""
-    return _loaded()[0] if _Switch.is_on and not _Switch.is_held_off else None
+    return loaded_core()[0] if _Switch.is_on and not _Switch.is_held_off else None
 
 
 def core_in_words() -> str:
     """Return whether the library is used, and why not."""
     if not _Switch.is_on or _Switch.is_held_off:
         return 'not used: switched off'
-    library, problem = _loaded()
+    library, problem = loaded_core()
     return f'used: {library._name}' if library is not None else f'not used: {problem}'
 
 
 @lru_cache(maxsize=1)
-def _loaded() -> tuple[Any, str]:
+def loaded_core() -> tuple[Any, str]:
     """Return (library, ''), or None and the reason."""
     for prefix in filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)):
         path = os.path.join(prefix, 'lib', FILE)
         if os.path.isfile(path):
-            return _load(path)
+            return load_core(path)
     # Installed by pip it lies beside this file.
     path = os.path.join(os.path.dirname(__file__), FILE)
     if os.path.isfile(path):
-        return _load(path)
+        return load_core(path)
     return None, 'package bev_preheat_core is not built'
 
 
-def _load(path: str) -> tuple[Any, str]:
+def load_core(path: str) -> tuple[Any, str]:
+    """Return (library of that file, ''), or None and the reason."""
     try:
         library = CDLL(path)
         if library.bev_interface() != bindings().digest():

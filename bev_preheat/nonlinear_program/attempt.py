@@ -145,8 +145,8 @@ def _run(problem: Problem, program: NonlinearProgram, name: str, guess: FloatArr
     solver = program.solver(name)
     variables, constraints = program.variables, program.constraints
     bounds = [variables.pack(values) for values in _variable_bounds(problem, program)]
-    bounds_g = [constraints.pack(values) for values in _constraint_bounds(problem)]
-    parameters = _parameters(problem)
+    bounds_g = [constraints.pack(values) for values in constraint_bounds(problem)]
+    parameters = parameters_of(problem)
     started = perf_counter()
     warnings = StringIO()
     # If interrupted, CasADi warns of the KeyboardInterrupt that it raises.
@@ -162,15 +162,15 @@ def _run(problem: Problem, program: NonlinearProgram, name: str, guess: FloatArr
     if name == FATROP:
         # FATROP's status is a number.
         status = f'FATROP ended with {status}'
-        if statistics['success'] and _is_sound(program, parameters, guess, found, bounds, bounds_g):
+        if statistics['success'] and is_sound(program, parameters, guess, found, bounds, bounds_g):
             status, found = SUCCESS, np.clip(found, *bounds)
     multiplier = constraints.unpack(np.asarray(result['lam_g']).ravel())['target'][0]
     return Attempt(program, found, energy, -float(multiplier), name, status,
                    int(statistics['iter_count']), time_s)
 
 
-def _is_sound(program: NonlinearProgram, parameters: FloatArray, guess: FloatArray, found: FloatArray,
-              bounds: Sequence[FloatArray], bounds_g: Sequence[FloatArray]) -> bool:
+def is_sound(program: NonlinearProgram, parameters: FloatArray, guess: FloatArray, found: FloatArray,
+             bounds: Sequence[FloatArray], bounds_g: Sequence[FloatArray]) -> bool:
     """Return whether an answer keeps bounds and constraints, and costs no more than a start that keeps them."""
     def costs(variables: FloatArray) -> float:
         """Return the energy; inf if a bound or constraint is violated."""
@@ -228,7 +228,7 @@ def _variable_bounds(problem: Problem, program: NonlinearProgram) -> tuple[Value
     return low, high
 
 
-def _constraint_bounds(problem: Problem) -> tuple[Values, Values]:
+def constraint_bounds(problem: Problem) -> tuple[Values, Values]:
     """Return the lower and upper bounds of the constraints."""
     (lowest_soc, highest_soc), (_, warmest_c) = _ranges(problem)
     reserves = [reserve.name for reserve in RESERVES]
@@ -245,7 +245,7 @@ def _constraint_bounds(problem: Problem) -> tuple[Values, Values]:
     return low, high
 
 
-def _parameters(problem: Problem) -> FloatArray:
+def parameters_of(problem: Problem) -> FloatArray:
     """Return the program's parameters, in its order."""
     trip, goal = problem.trip, problem.goal
     coldest_c = trip.vehicle.battery.temperature_range_c[0]

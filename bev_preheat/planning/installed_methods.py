@@ -76,7 +76,7 @@ def _package_of(entry: EntryPoint) -> str:
     return 'an unknown package' if entry.dist is None else f'package {entry.dist.name} {entry.dist.version}'
 
 
-class _TimeLimit:
+class TimeLimit:
     """The longest time that an answer may take [s]; unlimited without a running planner."""
 
     limit_s = math.inf
@@ -84,7 +84,7 @@ class _TimeLimit:
 
 def limit_answer_time(limit_s: float) -> None:
     """Refuse answers of installed methods that take longer [s], from now on in this process."""
-    _TimeLimit.limit_s = limit_s
+    TimeLimit.limit_s = limit_s
 
 
 @dataclass(eq=False)
@@ -116,9 +116,9 @@ class InstalledMethod:
             failure = self._failure(f'raised {type(error).__name__}: {error}')
             failure.__cause__ = error
         took_s = perf_counter() - started_s
-        if took_s > _TimeLimit.limit_s:
+        if took_s > TimeLimit.limit_s:
             self._asked_again_s = perf_counter() + PAUSE_FACTOR * took_s
-            self._late = (f'took {took_s:.2f} s; at most {_TimeLimit.limit_s:.2g} s are allowed, a tenth of the '
+            self._late = (f'took {took_s:.2f} s; at most {TimeLimit.limit_s:.2g} s are allowed, a tenth of the '
                           'time by which command_lease is longer than command_period')
             failure = self._failure(self._late)
         if failure is not None:

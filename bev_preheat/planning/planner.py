@@ -127,7 +127,7 @@ def plan_preheating(vehicle: Vehicle, route: Route, state: BatteryState, goal: G
     unknown; PlanningFailure if the model yields no numbers, or an installed method no valid powers.
     """
     notes: dict[str, None] = {}
-    ways = _built_in(method) if method in METHODS else _installed(installed_method(method, METHODS), notes)
+    ways = built_in_ways(method) if method in METHODS else _installed(installed_method(method, METHODS), notes)
     started = perf_counter()
     check_situation(vehicle, route, state, goal)
     trip = make_trip(vehicle, route, heater_share, heat_lag_s)
@@ -143,14 +143,14 @@ def plan_preheating(vehicle: Vehicle, route: Route, state: BatteryState, goal: G
             schedule, outcome = found
         else:
             unheated = plan_without_heating(trip, state) if found is None else found[0]
-            schedule = _schedule(
+            schedule = schedule_trip(
                 trip, state, goal, ways, uncertainty_margin, no_regret, options, unheated)
         gates = vehicle.heating_gates
         if gates.is_any and no_regret:
             first = schedule
 
             def plan_on(gated: Trip) -> Schedule:
-                return first if gated is trip else _schedule(
+                return first if gated is trip else schedule_trip(
                     gated, state, goal, ways, uncertainty_margin, no_regret, options,
                     plan_without_heating(gated, state))
 
@@ -182,7 +182,8 @@ class _Ways(NamedTuple):
     is_installed: bool = False
 
 
-def _built_in(method: str) -> _Ways:
+def built_in_ways(method: str) -> _Ways:
+    """Return how a method of METHODS plans."""
     return _Ways(METHODS[method], PROPOSALS[method], UNLIMITED[method], method == 'merit_order')
 
 
@@ -210,9 +211,9 @@ class _Uncommanded:
             hvch_electric=energy_wh.hvch_electric + float(hours @ self.taken_w))
 
 
-def _schedule(trip: Trip, state: BatteryState, goal: Goal, ways: _Ways,
-              uncertainty_margin: UncertaintyMargin | None, no_regret: bool, options: dict[str, Any],
-              unheated: Schedule) -> Schedule:
+def schedule_trip(trip: Trip, state: BatteryState, goal: Goal, ways: _Ways,
+                  uncertainty_margin: UncertaintyMargin | None, no_regret: bool, options: dict[str, Any],
+                  unheated: Schedule) -> Schedule:
     """Return the Schedule of a method; `unheated` is the one without any heating, ignoring limits."""
     if not goal.charging_planned:
         return as_described(trip, state, unheated)

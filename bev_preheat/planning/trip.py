@@ -138,7 +138,7 @@ def make_trip(vehicle: Vehicle, route: Route, heater_share: float = 1.0,
     arrives `heat_lag_s` [s] late; it is not produced in the last steps, from which it would arrive too late.
     """
     if len(route) > MOST_KEPT_SEGMENTS:
-        return _made_trip(vehicle, route, heater_share, heat_lag_s)
+        return uncached_trip(vehicle, route, heater_share, heat_lag_s)
     return _kept_trip(vehicle, _OneRoute(route), heater_share, heat_lag_s)
 
 
@@ -159,10 +159,11 @@ class _OneRoute:
 
 @lru_cache(maxsize=KEPT_TRIPS)
 def _kept_trip(vehicle: Vehicle, one: _OneRoute, heater_share: float, heat_lag_s: float) -> Trip:
-    return _made_trip(vehicle, one.route, heater_share, heat_lag_s)
+    return uncached_trip(vehicle, one.route, heater_share, heat_lag_s)
 
 
-def _made_trip(vehicle: Vehicle, route: Route, heater_share: float, heat_lag_s: float) -> Trip:
+def uncached_trip(vehicle: Vehicle, route: Route, heater_share: float, heat_lag_s: float) -> Trip:
+    """Return the same Trip as `make_trip`, without the cache."""
     trip = _trip_without_gates(vehicle, route, heater_share, heat_lag_s)
     gates = vehicle.heating_gates
     if not (gates.only_while_standing or gates.power_steps_w):

@@ -66,7 +66,7 @@ class UncertaintyMargin:
 def heat_early(trip: Trip, state: BatteryState, schedule: Schedule, target_c: float,
                uncertainty_margin: UncertaintyMargin) -> Schedule:
     """Return the Schedule with its last heating interval begun as early as the UncertaintyMargin asks."""
-    found = _found_by_core(trip, schedule, target_c, uncertainty_margin)
+    found = found_by_core(trip, schedule, target_c, uncertainty_margin)
     if found is not None:
         return found
     last = _last_interval(trip, schedule)
@@ -76,13 +76,13 @@ def heat_early(trip: Trip, state: BatteryState, schedule: Schedule, target_c: fl
     end_s = _latest_end_s(trip, schedule)
     if not uncertainty_margin.is_heating and (_heated_s(trip, schedule, first) < uncertainty_margin.least_heating_s
                                               or _comes_too_late(trip, schedule, start_s)):
-        return _LastInterval(trip, state, schedule, first, start_s).without()
+        return LastInterval(trip, state, schedule, first, start_s).without()
     early_s = _earlier_s(trip, start_s, uncertainty_margin.lead_k)
     if uncertainty_margin.is_heating and early_s <= uncertainty_margin.least_pause_s:
         early_s = 0.0
     if early_s >= start_s:
         return schedule
-    interval = _LastInterval(trip, state, schedule, trip.route.segment_at(early_s), early_s)
+    interval = LastInterval(trip, state, schedule, trip.route.segment_at(early_s), early_s)
     # Heat that comes earlier is not needed later.
     guess_s = end_s - (start_s - early_s)
     if interval.may_leave_limits_aside():
@@ -93,8 +93,8 @@ def heat_early(trip: Trip, state: BatteryState, schedule: Schedule, target_c: fl
         _needed_until_s(interval, interval.arrival_within_limits_c, target_c, guess_s))
 
 
-def _found_by_core(trip: Trip, schedule: Schedule, target_c: float,
-                   uncertainty_margin: UncertaintyMargin) -> Schedule | None:
+def found_by_core(trip: Trip, schedule: Schedule, target_c: float,
+                  uncertainty_margin: UncertaintyMargin) -> Schedule | None:
     """Return the Schedule as the native core heats early; None if it does not answer."""
     vehicle = native_vehicle(trip.vehicle)
     if vehicle is None or (schedule.heat is None) != trip.vehicle.heat_path.is_direct:
@@ -164,7 +164,7 @@ def _earlier_s(trip: Trip, until_s: float, lead_k: float) -> float:
     return min(float(trip.time_s[step] + (wanted_j - given_j[step]) / heat_w[step]), until_s)
 
 
-class _LastInterval:
+class LastInterval:
     """A Schedule whose last heating interval begins at a given instant."""
 
     def __init__(self, trip: Trip, state: BatteryState, schedule: Schedule, first: int,
@@ -260,7 +260,7 @@ class _LastInterval:
         return end_s if self.start_s < end_s < self.arrival_s else None
 
 
-def _needed_until_s(interval: _LastInterval, arrival_c: Callable[[float], float], target_c: float,
+def _needed_until_s(interval: LastInterval, arrival_c: Callable[[float], float], target_c: float,
                     guess_s: float) -> float:
     """Return the end of heating [s] with which the battery arrives at the target."""
     def heated_until(end_s: float) -> Trial[None]:

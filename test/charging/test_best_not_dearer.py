@@ -29,7 +29,7 @@ def in_steps(route, step_s):
 
 @pytest.mark.costly
 @pytest.mark.parametrize('number', [
-    pytest.param(number, marks=[] if number in (1, 4, 7) else pytest.mark.deep) for number in range(24)])
+    pytest.param(number, marks=[] if number == 4 else pytest.mark.deep) for number in range(24)])
 def test_the_best_target_costs_no_more_than_no_heating(number):
     trip = draw_charging_trip(11, number)
     vehicle = replace(trip.vehicle, heat_path=PATH)

@@ -155,7 +155,6 @@ def test_polarization_is_resistance_in_the_session_alone():
 # --- derating ---
 
 
-@settings(max_examples=30, deadline=None)
 @given(strategies.floats(25.0, 50.0), strategies.floats(1.0, 20.0), strategies.floats(0.0, 1.0),
        strategies.floats(0.0, 12.0), strategies.floats(28.0, 59.0))
 def test_more_derating_never_charges_faster(begins_c, width_k, middle, earlier_k, start_c):

@@ -132,10 +132,12 @@ WARMING_SMALL = replace(SMALL, charging=replace(SMALL.charging, battery_heating=
 
 @pytest.mark.parametrize('vehicle, charger_w, temperature_c, soc', [
     # At a weak charger the heater takes most of the power, so its switching counts most.
-    (WARMING_SMALL, 22e3, 19.8, 0.59), (REFERENCE, 22e3, -6.8, 0.24), (REFERENCE, 11e3, 18.0, 0.57),
-    (REFERENCE, 150e3, 22.0, 0.3)])
-@pytest.mark.parametrize('path', [HeatPath(30.0, 15e3, 300.0), HeatPath(90.0, 40e3, 100.0), HeatPath(200.0),
-                                  HeatPath(0.0, 40e3, 300.0)])
+    (WARMING_SMALL, 22e3, 19.8, 0.59), (REFERENCE, 150e3, 22.0, 0.3), *(
+        pytest.param(*case, marks=pytest.mark.deep) for case in (
+            (REFERENCE, 22e3, -6.8, 0.24), (REFERENCE, 11e3, 18.0, 0.57)))])
+@pytest.mark.parametrize('path', [
+    HeatPath(30.0, 15e3, 300.0), HeatPath(200.0), *(pytest.param(path, marks=pytest.mark.deep) for path in (
+        HeatPath(90.0, 40e3, 100.0), HeatPath(0.0, 40e3, 300.0)))])
 def test_late_heat_gives_times_that_are_exact_to_the_digits_that_rank_targets(
         vehicle, charger_w, temperature_c, soc, path):
     late = replace(vehicle, heat_path=path)

@@ -86,8 +86,8 @@ CORNERS = Table((0.0,), (-20.0, 0.0, 2.0, 12.0, 13.0, 40.0), (
 
 
 @pytest.mark.parametrize('vehicle, charger_w', [
-    (REFERENCE, 150e3), (replace(REFERENCE, charging=Charging(CORNERS, False)), 140e3)],
-    ids=['reference', 'corners'])
+    pytest.param(REFERENCE, 150e3, id='reference', marks=pytest.mark.deep),
+    pytest.param(replace(REFERENCE, charging=Charging(CORNERS, False)), 140e3, id='corners')])
 def test_the_best_target_is_that_of_a_fine_scan(vehicle, charger_w):
     route = drive()
     worth = find_worth(vehicle, route, STATE, GOAL, charger_w, 0.8, PRICES)
@@ -281,7 +281,7 @@ def test_a_spread_without_an_end_is_infinite():
 # --- the search in parts ---
 
 
-@pytest.mark.parametrize('plans', [1, 7])
+@pytest.mark.parametrize('plans', [pytest.param(1, marks=pytest.mark.deep), 7])
 def test_a_search_in_parts_finds_the_same(usual, plans):
     route, made = drive(), []
     unheated = plan_unheated(REFERENCE, route, STATE, GOAL)

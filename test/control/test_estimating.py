@@ -118,6 +118,8 @@ def test_the_model_that_was_planned_with_is_told(healthy):
     assert factors == pytest.approx([1.0] * 5, abs=0.25)
 
 
+# test/estimation/test_memory.py keeps learned values and reads them back, daily.
+@pytest.mark.deep
 def test_a_second_drive_begins_with_the_lags_of_the_first():
     slow = HeatPath(60.0, 20e3, 500.0, 60.0)
     first = Ride(temperature_c=18.0, heat_path=slow)

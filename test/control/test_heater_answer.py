@@ -29,6 +29,8 @@ from bev_preheat.vehicle.heating_gates import HeatingGates
 VEHICLE = load_vehicle('reference')
 ROUTE = load_route('reference', VEHICLE.defaults)
 STATE, GOAL = BatteryState(-7.0, 0.9), Goal(25.0, 0.0, True)
+# So cold that it is heated within a quarter of an hour.
+COLD = BatteryState(-25.0, 0.9)
 NOW_NS = 5_000 * NS_PER_S
 SETTINGS = Settings()
 # Of battery states and heater statuses [s], within all timeouts: fewer plans than with one a second.
@@ -40,13 +42,15 @@ def as_it_is(answer, measured_w, now_ns):
 
 
 def measured(answer, measured_w, now_ns):
-    return as_it_is(answer, measured_w, now_ns)._replace(measured_w=measured_w)
+    return HeaterStatus(
+        now_ns, answer.requested_w, answer.active_w, answer.refusal, answer.sentence, measured_w=measured_w)
 
 
-def driven(told_by_heater, until_s, gates=None, faults=(), settings=SETTINGS, state=STATE, period_s=PERIOD_S):
+def driven(told_by_heater, until_s, gates=None, faults=(), settings=SETTINGS, state=STATE, period_s=PERIOD_S,
+           route=ROUTE, goal=GOAL):
     """Return the Supervisor, the car and all (time, decision, command) of a drive up to an instant [s]."""
     vehicle = VEHICLE if gates is None else replace(VEHICLE, heating_gates=gates)
-    car = ImperfectCar(vehicle, ROUTE, state, GOAL, Imperfections(
+    car = ImperfectCar(vehicle, route, state, goal, Imperfections(
         sensors=Sensors(period_s=period_s), heater_faults=faults))
     supervisor = Supervisor(VEHICLE, settings)
     steps = [(moment.time_s, moment.output.decision, moment.output.command) for moment in moments(
@@ -58,14 +62,14 @@ def driven(told_by_heater, until_s, gates=None, faults=(), settings=SETTINGS, st
 def test_what_the_car_refuses_is_not_promised(estimation):
     settings = replace(SETTINGS, estimation=estimation)
     supervisor, car, steps = driven(
-        as_it_is, 1600.0 if estimation else 2000.0, HeatingGates(minimum_soc=0.95), settings=settings)
+        as_it_is, 300.0 if estimation else 1000.0, HeatingGates(minimum_soc=0.95), settings=settings, state=COLD)
     decision = supervisor.state.decision
     assert decision.status is Status.TARGET_UNREACHABLE
     assert decision.sentence is None or decision.explanation == decision.sentence
     assert decision.explanation.startswith(
         'The heater does not heat (LOW_CHARGE): the state of charge is ')
     # The promise is the drive without heating, which an independent plan gives from the start.
-    unheated = plan_unheated(VEHICLE, ROUTE, STATE, GOAL)
+    unheated = plan_unheated(VEHICLE, ROUTE, COLD, GOAL)
     assert decision.plan.arrival_temperature_c == pytest.approx(unheated.arrival_temperature_c, abs=0.3)
     assert car.plant.energy_wh.hvch_electric == 0.0
     # Never claimed, although heat is commanded, so that it begins as soon as the car allows it.
@@ -78,11 +82,10 @@ def test_what_the_car_refuses_is_not_promised(estimation):
 
 def test_refusal_that_ends_is_forgotten():
     def refuses_for_a_while(answer, measured_w, now_ns):
-        status = as_it_is(answer, measured_w, now_ns)
         # The first 500 s of the drive.
         if now_ns < START_NS + 500 * NS_PER_S:
-            return status._replace(active_w=0.0, refusal=Refusal.HEATER_FAULT, sentence='coolant is low')
-        return status
+            return HeaterStatus(now_ns, answer.requested_w, 0.0, Refusal.HEATER_FAULT, 'coolant is low')
+        return as_it_is(answer, measured_w, now_ns)
 
     supervisor, _, steps = driven(refuses_for_a_while, 600.0)
     said = [decision.explanation for time_s, decision, _ in steps if decision is not None and time_s < 480.0]
@@ -92,18 +95,19 @@ def test_refusal_that_ends_is_forgotten():
 
 
 def test_honest_answers_change_no_drive():
-    *_, silent = driven(None, 1700.0)
-    _, _, honest = driven(measured, 1700.0)
+    # Heated for some minutes in the middle.
+    short = {'route': ROUTE.before(1200.0), 'goal': Goal(-1.0)}
+    *_, silent = driven(None, 1190.0, **short)
+    _, _, honest = driven(measured, 1190.0, **short)
     by_command = [[(time_s, command.battery_heating_power_w) for time_s, _, command in steps
                    if command is not None and command.battery_heating_power_w > 0.0] for steps in (silent, honest)]
-    assert by_command[0][0][0] == pytest.approx(by_command[1][0][0], abs=40.0)
+    assert by_command[0][0][0] == pytest.approx(by_command[1][0][0], abs=40.0) and by_command[0][0][0] > 60.0
     assert len(by_command[0]) == pytest.approx(len(by_command[1]), rel=0.05)
 
 
 def test_dead_heater_whose_controller_measures_0_w_is_not_promised_within_seconds():
-    # So cold that it is heated at once.
     supervisor, car, steps = driven(
-        measured, 60.0, faults=(HeaterFault(0.0, share=0.0),), state=BatteryState(-25.0, 0.9), period_s=1.0)
+        measured, 60.0, faults=(HeaterFault(0.0, share=0.0),), state=COLD, period_s=1.0)
     commanded_s = next(time_s for time_s, _, command in steps
                        if command is not None and command.battery_heating_power_w > 0.0)
     refused_s = next(time_s for time_s, decision, _ in steps if decision is not None
@@ -119,24 +123,24 @@ def test_dead_heater_whose_controller_measures_0_w_is_not_promised_within_second
      'battery temperature and power show more heat than it reports'),
 ], ids=['claims heat', 'denies heat'])
 def test_answers_that_battery_and_power_contradict_are_doubted(lie, fault, words):
-    supervisor, car, _ = driven(lie, 2800.0, faults=() if fault is None else (fault,))
+    supervisor, car, _ = driven(lie, 800.0, faults=() if fault is None else (fault,), state=COLD)
     answer = supervisor.state.heater_answer
     assert words in answer.doubt
     assert answer.doubt.startswith('hvch_status is in doubt: it reports ')
     assert answer.refusal == ''
 
 
-# At -20 degC it is heated from the start.
 @pytest.mark.parametrize('from_c, measured_w, faults, accused', [
-    (-20.0, 0.0, (), set()), (-7.0, 5022.0, (), set()),
+    (COLD.temperature_c, 0.0, (), set()), (-7.0, 5022.0, (), set()),
     (-7.0, 0.0, (HeaterFault(0.0, stuck_on=True),), {Heater.STUCK_ON})])
 def test_a_measured_power_that_is_wrong_accuses_no_healthy_heater(from_c, measured_w, faults, accused):
     told, doubts = {Heater.ANSWERS}, ['']
     supervisor = Supervisor(VEHICLE, SETTINGS)
-    car = ImperfectCar(VEHICLE, ROUTE, BatteryState(from_c, 0.9), GOAL, Imperfections(heater_faults=faults))
+    car = ImperfectCar(VEHICLE, ROUTE, BatteryState(from_c, 0.9), GOAL, Imperfections(
+        sensors=Sensors(period_s=PERIOD_S), heater_faults=faults))
     # On for half a minute after the doubt.
-    for _ in moments(car, supervisor, lambda: doubts[-30:][0] != '', lambda answer, _, now_ns: as_it_is(
-            answer, None, now_ns)._replace(measured_w=measured_w)):
+    for _ in moments(car, supervisor, lambda: doubts[-30:][0] != '', lambda answer, _, now_ns: measured(
+            answer, measured_w, now_ns)):
         if supervisor.state.estimate is not None and supervisor.state.heater_answer is not None:
             told.add(supervisor.state.estimate.heater.heater)
             doubts.append(supervisor.state.heater_answer.doubt)
@@ -216,19 +220,25 @@ def test_statuses_alone_give_no_command_and_bad_ones_are_reported():
     assert supervisor.state.heater_answer.problem == 'hvch_status refused: active_power: nan W'
 
 
+# A quarter of an hour, which is too short for the target, so it is heated until the gate closes on the way.
 @pytest.mark.parametrize('estimation, gates', [
-    (False, HeatingGates(maximum_temperature_c=3.0)), (True, HeatingGates(minimum_soc=0.75)),
+    (False, HeatingGates(maximum_temperature_c=-3.0)), (True, HeatingGates(minimum_soc=0.87)),
     (False, HeatingGates(power_steps_w=(1500.0, 4000.0)))])
 def test_commands_keep_the_gates_of_the_vehicle_file(estimation, gates):
     vehicle = replace(VEHICLE, heating_gates=gates)
-    car = ImperfectCar(vehicle, ROUTE, STATE, GOAL, Imperfections(sensors=Sensors(period_s=PERIOD_S)))
+    car = ImperfectCar(vehicle, ROUTE.before(900.0), STATE, GOAL, Imperfections(
+        sensors=Sensors(period_s=PERIOD_S)))
     supervisor = Supervisor(vehicle, replace(SETTINGS, estimation=estimation, minimum_on_time_s=600.0))
     heated_w = set()
-    for moment in moments(car, supervisor, lambda: car.time_s >= 3000.0):
+    for moment in moments(car, supervisor, lambda: car.time_s >= 850.0):
         command, measured = moment.output.command, supervisor.state.measurement
         if command is not None and command.battery_heating_power_w > 0.0:
             assert measured.state.temperature_c < gates.maximum_temperature_c
             assert measured.state.soc >= gates.minimum_soc
             heated_w.add(command.battery_heating_power_w)
     assert heated_w
+    if not gates.power_steps_w:
+        # The gate has closed.
+        assert (measured.state.temperature_c >= gates.maximum_temperature_c
+                or measured.state.soc < gates.minimum_soc)
     assert not gates.power_steps_w or heated_w == {4000.0}

@@ -27,12 +27,13 @@ def leg(minutes=40, charging_planned=True, departure=None):
 
 
 class Car:
-    """The reference battery, one state a second; the heater obeys at once."""
+    """The reference battery; for a minute or more, one state every `every_s`. The heater obeys at once."""
 
-    def __init__(self, legs=None, settings=Settings(), reports_power=True, temperature_c=5.0, soc=0.8):
+    def __init__(self, legs=None, settings=Settings(), reports_power=True, temperature_c=5.0, soc=0.8,
+                 every_s=2):
         self.planner = Supervisor(VEHICLE, settings)
         self.at_s, self.temperature_c, self.soc, self.reports_power = 0, temperature_c, soc, reports_power
-        self.command_w, self.commands = 0.0, []
+        self.command_w, self.commands, self.every_s = 0.0, [], every_s
         # The sign of the current is known before the route arrives.
         for _ in range(60):
             self.go(1, 0.0, CONSUMERS_W)
@@ -47,21 +48,22 @@ class Car:
 
     def go(self, seconds, propulsion_w, consumers_w=CONSUMERS_W, charged_w=0.0, **measured):
         """Let time pass at a propulsion power, or a charging power [W] at the battery's terminals."""
-        for _ in range(seconds):
-            self.at_s += 1
+        step_s = self.every_s if seconds >= 60 and seconds % self.every_s == 0 else 1
+        for _ in range(seconds // step_s):
+            self.at_s += step_s
             power_w = -charged_w if charged_w else propulsion_w + consumers_w + self.command_w
-            self.soc -= power_w / (365.0 + 60.0) / VEHICLE.battery.capacity_as
-            self.temperature_c += (0.87 * self.command_w + 0.08 * abs(propulsion_w) - 48.0 * (
+            self.soc -= step_s * power_w / (365.0 + 60.0) / VEHICLE.battery.capacity_as
+            self.temperature_c += step_s * (0.87 * self.command_w + 0.08 * abs(propulsion_w) - 48.0 * (
                 self.temperature_c + 7.0)) / 377376.0
             resistance_ohm = 4.3125 / (self.temperature_c + 45.0)
             volts = 365.0 + 75.0 * self.soc + 15.0 * self.soc**3 - resistance_ohm * power_w / 425.0
             self.planner_step(BatteryStateArrived(Measurement(
                 BatteryState(self.temperature_c, self.soc), START_NS + self.at_s * NS_PER_S,
                 *((volts, power_w / volts) if self.reports_power else (None, None)), **measured)))
-            self.commands.append((self.at_s, self.command_w))
+            self.commands.append((self.at_s, step_s, self.command_w))
 
     def heated_s(self, from_s):
-        return sum(power_w > 0.0 for at_s, power_w in self.commands if at_s >= from_s)
+        return sum(step_s for at_s, step_s, power_w in self.commands if at_s >= from_s and power_w > 0.0)
 
     @property
     def delay_s(self):
@@ -124,7 +126,7 @@ def test_a_parked_car_is_not_heated_for_longer_than_stated():
 
 def test_a_traffic_jam_with_its_consumers_on_is_heated_for_a_quarter_of_an_hour():
     # Too cold to reach the target: heat made while it stands is not lost.
-    car = Car((leg(25),), temperature_c=-7.0)
+    car = Car((leg(25),), temperature_c=-7.0, every_s=1)
     car.go(300, DRIVE_W)
     jam_s = car.at_s
     car.go(1000, 0.0)

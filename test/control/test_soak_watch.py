@@ -3,6 +3,7 @@
 
 from dataclasses import replace
 from math import exp
+import pickle
 
 import pytest
 from stepwise import Stepwise
@@ -184,7 +185,9 @@ def test_an_older_drive_or_a_clock_that_was_set_tells_nothing():
 
 
 def test_temperatures_of_days_are_bounded():
-    watch = StandWatch(VEHICLE)
+    watch, sizes = StandWatch(VEHICLE), []
     for number in range(5000):
         watch.note(seen(5.0, 86400.0 * 20 - 300.0 * number))
-    assert len(watch._history) <= 576
+        if number in (100, 1000, 4000):
+            sizes.append(len(pickle.dumps(watch)))
+    assert sizes[0] < sizes[1] and sizes[2] < 1.01 * sizes[1]

@@ -59,7 +59,8 @@ PERIOD_S = 4.0
 # Which target
 
 @pytest.mark.costly
-@pytest.mark.parametrize('charger, state', [(FAST, BatteryState(10.0, 0.2)), (SLOW, STATE)])
+@pytest.mark.parametrize('charger, state', [
+    (FAST, BatteryState(10.0, 0.2)), pytest.param(SLOW, STATE, marks=pytest.mark.deep)])
 def test_the_target_costs_what_the_best_costs(charger, state):
     supervisor, route = a_supervisor(charger), drive()
     first = feed(supervisor, 0.0, state).target
@@ -159,7 +160,8 @@ def test_an_update_of_the_route_keeps_the_target_until_it_is_searched_through():
 
 
 @pytest.mark.parametrize('other', [
-    {'charger': SLOW}, {'route_id': 'another'}, {'target_temperature_c': 21.0}, {'minimum_arrival_soc': 0.1}])
+    pytest.param({'charger': SLOW}, marks=pytest.mark.deep), {'route_id': 'another'},
+    {'target_temperature_c': 21.0}, {'minimum_arrival_soc': 0.1}])
 def test_another_goal_is_answered_at_once(other):
     supervisor = a_supervisor()
     before = feed(supervisor).target
@@ -181,7 +183,8 @@ def chosen_after(chooser, at_s, *belief):
     return choice
 
 
-@pytest.mark.costly
+# Over the drive below the target changes a few times at most, daily.
+@pytest.mark.deep
 def test_an_estimate_that_jitters_does_not_make_the_target_hunt():
     chooser, random = TargetChooser(), np.random.default_rng(5)
     chosen_after(chooser, 0.0)
@@ -247,7 +250,7 @@ def driven_with_late_heat(target_c=math.nan):
     """Drive a car whose heat arrives late; return instants [s] and powers [W] of its commands, and the target."""
     late = replace(VEHICLE, heat_path=HeatPath(45.0, 15e3, 300.0))
     car = ImperfectCar(
-        late, drive(40, -9.0, power_w=14e3), BatteryState(-9.0, 0.45), Goal(target_c),
+        late, drive(20, -9.0, power_w=14e3), BatteryState(10.0, 0.45), Goal(target_c),
         Imperfections(sensors=Sensors(temperature_noise_k=0.1, temperature_resolution_k=0.1, period_s=10.0)),
         [3, 14], charger=FAST)
     supervisor = Supervisor(late, replace(

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Units of time, thinned curves, ranges of axes, titles and legends."""
 
+from matplotlib.cbook import is_math_text
 from matplotlib.figure import Figure
 import numpy as np
 import pytest
@@ -96,8 +97,8 @@ def test_any_name_can_be_a_title(tmp_path, suffix, beginning):
 @pytest.mark.parametrize('name', ['a$b', '$x$', r'\$', r'\\$y$'])
 def test_dollars_are_no_formula(name):
     figure, _ = stacked_figure(1, name)
-    text = figure._suptitle
-    assert text._preprocess_math(text.get_text()) == (name, False)
+    text = figure.texts[0].get_text()
+    assert text.replace(r'\$', '$') == name and not is_math_text(text)
 
 
 def test_a_long_title_is_broken_and_a_very_long_one_cut():
@@ -109,7 +110,7 @@ def test_a_long_title_is_broken_and_a_very_long_one_cut():
 def test_a_title_with_a_long_name_is_not_cut_at_the_sides():
     figure, _ = stacked_figure(1, 'x' * 300)
     figure.draw_without_rendering()
-    title = figure._suptitle.get_window_extent()
+    title = figure.texts[0].get_window_extent()
     assert title.x0 >= 0.0 and title.x1 <= figure.bbox.x1
 
 
@@ -124,7 +125,7 @@ def test_two_legends_above_a_panel_do_not_meet():
     boxes = [legend.get_window_extent() for legend in (first, axis.get_legend())]
     assert boxes[0].x1 < boxes[1].x0
     assert min(box.y0 for box in boxes) >= axis.get_window_extent().y1
-    assert max(box.y1 for box in boxes) <= figure._suptitle.get_window_extent().y0
+    assert max(box.y1 for box in boxes) <= figure.texts[0].get_window_extent().y0
 
 
 # Curves in one figure must differ in colour, in dashes (black and white) and in markers.

@@ -121,7 +121,7 @@ def test_the_legend_says_what_is_found_on_arrival(reference):
 
 def test_the_title_of_one_plan_explains_it(reference):
     panels, (plan,) = reference
-    title = panels['drive'].figure._suptitle.get_text().replace('\n', ' ')
+    title = panels['drive'].figure.texts[0].get_text().replace('\n', ' ')
     assert title == f'title WAITING: {plan.explanation}'
 
 
@@ -246,7 +246,7 @@ def test_no_text_of_a_plan_is_cut_or_covers_another(compared):
     figure.draw_without_rendering()
     legends = [child.get_window_extent() for axis in panels.values()
                for child in axis.get_children() if hasattr(child, 'get_texts')]
-    boxes = [*legends, figure._suptitle.get_window_extent(),
+    boxes = [*legends, figure.texts[0].get_window_extent(),
              *(axis.get_window_extent() for axis in panels.values())]
     for number, box in enumerate(boxes):
         assert box.x0 >= 0.0 and box.x1 <= figure.bbox.x1 + 1.0 and box.y1 <= figure.bbox.y1
@@ -283,7 +283,7 @@ def test_the_legend_of_an_itinerary_has_each_line_once(itinerary):
 
 def test_the_title_of_an_itinerary_says_how_each_leg_ends(itinerary):
     figure, plans = itinerary
-    _, first, last = figure._suptitle.get_text().split('\n')
+    _, first, last = figure.texts[0].get_text().split('\n')
     assert first.startswith('leg 1: WAITING, target 20.0 °C, arrival at 20.0 °C, without preheating')
     assert last == f'leg 2: NO_CHARGING_PLANNED, arrival at {plans[1].arrival_temperature_c:.1f} °C'
 

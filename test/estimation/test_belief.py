@@ -108,7 +108,7 @@ def test_mixing_keeps_mean_and_spread_of_all():
     belief.mean += drawn.normal(size=belief.mean.shape) * [1.0, 0.01, *[0.02] * 5, *[0.1] * 5, 1.0, 0.2]
     belief.weights = drawn.dirichlet(np.ones(belief.weights.size)).reshape(SHAPE)
     mean, covariance = belief.expected()
-    belief._mix(600.0)
+    belief.mix(600.0)
     mixed_mean, mixed_covariance = belief.expected()
     assert belief.weights.sum() == pytest.approx(1.0)
     assert mixed_mean == pytest.approx(mean, rel=1e-9)

@@ -129,6 +129,11 @@ def told(kind, suspicion, support):
     return report.heater is not Heater.ANSWERS
 
 
+def changed(suspicion, **fields):
+    """Return the suspicion with other fields."""
+    return Suspicion(**{**dict(zip(Suspicion.__annotations__, suspicion, strict=True)), **fields})
+
+
 @pytest.mark.parametrize('kind', ['dead', 'derated'])
 def test_power_alone_is_not_enough(kind):
     assert not told(kind, SHORT, 20.0)
@@ -141,7 +146,7 @@ def test_temperature_alone_needs_a_long_course(kind, suspicion):
     # Of 6.1 K half is missing with the weakest plausible derated heater.
     assert 0.5 * 6.1 > LEAST_COURSE_K
     assert not told(kind, Suspicion(900.0, 0.45 * LEAST_COURSE_K, 0.9 * LEAST_COURSE_K, LEAST_COURSE_K), None)
-    assert not told(kind, suspicion._replace(lasts_s=LEAST_COURSE_S - 1.0), None)
+    assert not told(kind, changed(suspicion, lasts_s=LEAST_COURSE_S - 1.0), None)
 
 
 @pytest.mark.parametrize('kind, suspicion', [('dead', LONG_ON), ('derated', LONG_ON), ('stuck_on', LONG_OFF)])
@@ -157,8 +162,8 @@ def test_power_that_leans_to_a_fault_shortens_the_course(kind):
     assert told(kind, course, LEANING + 0.1)
     assert not told(kind, course, LEANING - 0.1)
     assert not told(kind, course, None)
-    assert not told(kind, course._replace(lasts_s=LEANING_COURSE_S - 1.0), LEANING + 0.1)
-    assert not told(kind, course._replace(commanded_k=0.9 * LEANING_COURSE_K), LEANING + 0.1)
+    assert not told(kind, changed(course, lasts_s=LEANING_COURSE_S - 1.0), LEANING + 0.1)
+    assert not told(kind, changed(course, commanded_k=0.9 * LEANING_COURSE_K), LEANING + 0.1)
 
 
 def test_power_alone_is_not_enough_for_uncommanded_heat():
@@ -195,4 +200,4 @@ def test_a_fault_is_suspected_with_its_evidence_until_it_is_told(kind, heat_k):
 def test_uncommanded_heat_needs_a_reading_that_rises():
     # After a spike the reading falls back while the hypothesis is still likely.
     assert told('stuck_on', LONG_OFF, 5.0)
-    assert not told('stuck_on', LONG_OFF._replace(rise_k=0.9 * LEAST_RISE * LONG_OFF.uncommanded_k), 5.0)
+    assert not told('stuck_on', changed(LONG_OFF, rise_k=0.9 * LEAST_RISE * LONG_OFF.uncommanded_k), 5.0)

@@ -54,7 +54,7 @@ def test_the_excess_is_found_and_forgotten():
     response = PowerResponse()
     for _ in range(1200):
         response.see(1.0, 1500.0, 0.0, LIMIT_W)
-    assert response._excess_w[0] == pytest.approx(np.full(3, 1500.0), rel=0.15)
+    assert response.excess_w[0] == pytest.approx(np.full(3, 1500.0), rel=0.15)
     kept = math.exp(-BLOCK_S / EXCESS_LASTS_S)
     assert 0.9 < kept < 1.0
 

@@ -5,7 +5,7 @@ import os
 
 import pytest
 
-from bev_preheat.bus.vss_link import _text_of
+from bev_preheat.bus.vss_link import text_of
 from bev_preheat.control.departures_file import load_departures, load_grid_prices
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files import input_files
@@ -20,7 +20,7 @@ READERS = {
     'departures': load_departures, 'grid prices': load_grid_prices,
     'charging curve': lambda path: read_charging_curve(path, 25.0),
     'expected figures': lambda path: load_expectation(path, {}),
-    'token': lambda path: _text_of(path, 'live.vss.token'),
+    'token': lambda path: text_of(path, 'live.vss.token'),
     'DBC': pytest.param(load_dbc, marks=pytest.mark.needs('cantools')),
     'log': read_head, 'vehicle': lambda path: find_configuration('vehicles', path, '.yaml')}
 KINDS = {'is not a regular file': os.mkfifo, 'is a folder; a file is needed': os.mkdir,

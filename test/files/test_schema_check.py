@@ -57,12 +57,13 @@ def test_every_shipped_file_surely_obeys():
         assert surely_obeys(schema, contents), contents['name' if 'name' in contents else folder]
 
 
+@pytest.mark.parametrize('every', [3, pytest.param(1, marks=pytest.mark.deep)])
 @pytest.mark.parametrize('folder', SCHEMAS)
-def test_what_is_sure_obeys(folder):
+def test_what_is_sure_obeys(folder, every):
     _, schema, contents = next(file for file in shipped() if file[0] == folder)
     validator = Draft7Validator(schema)
     verdicts = []
-    for place in list(places(contents)):
+    for place in list(places(contents))[::every]:
         if any(isinstance(key, int) and key > 0 for key in place):
             continue
         for other in changed(contents, place):

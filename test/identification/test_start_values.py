@@ -5,7 +5,6 @@ from types import SimpleNamespace
 
 import pytest
 
-from bev_preheat.identification.identify import _keep_start
 from bev_preheat.identification.parameters import parameters_of
 from bev_preheat.identification.uncertainty import Interval
 from bev_preheat.vehicle import load_vehicle
@@ -15,8 +14,11 @@ PARAMETERS = parameters_of(load_vehicle('small_car'))
 FULL = SimpleNamespace(structure='one mass', electrical=None, cost=100.0)
 
 
-def keep_start(rises, told=('heat_capacity',)):
+def kept(rises, told=('heat_capacity',)):
     """Return the names that keep START's values; `rises` are costs above that of FULL by the held names."""
+    # Loads SciPy and CasADi.
+    from bev_preheat.identification.identify import keep_start
+
     def fit(structure, kept, electrical, begin, held):
         assert (structure, kept, begin) == ('one mass', None, FULL)
         return SimpleNamespace(cost=100.0 + rises[frozenset(held)], held=dict(held))
@@ -27,7 +29,7 @@ def keep_start(rises, told=('heat_capacity',)):
         reach = (0.5 if name in told else 1.0) * 1.6449 * parameter.deviation
         intervals[name] = Interval(parameter.prior - reach, parameter.prior + reach)
     # The share of drivetrain heat begins at 0: its prior's interval is cut there, and its own is as wide.
-    held, found = _keep_start(SimpleNamespace(parameters=PARAMETERS, fit=fit), FULL, intervals)
+    held, found = keep_start(SimpleNamespace(parameters=PARAMETERS, fit=fit), FULL, intervals)
     assert found.held == held
     assert all(at == PARAMETERS[name].prior for name, at in held.items())
     return set(held)
@@ -39,18 +41,18 @@ BOTH, ONE, OTHER, NONE = (frozenset(names) for names in (
 
 def test_values_that_are_not_told_and_not_refuted_stay():
     # A chi-squared variable of two degrees of freedom is below 4.605 in 90 % of cases: -2 ln 0.1.
-    assert keep_start({BOTH: 2.29}) == BOTH
+    assert kept({BOTH: 2.29}) == BOTH
 
 
 def test_of_two_values_that_are_refuted_together_the_one_goes_whose_release_helps_most():
-    assert keep_start({BOTH: 2.32, ONE: 2.2, OTHER: 0.4}) == OTHER
+    assert kept({BOTH: 2.32, ONE: 2.2, OTHER: 0.4}) == OTHER
 
 
 def test_both_go_if_neither_can_stay():
     # Of one degree of freedom: below 1.645^2 = 2.706.
-    assert keep_start({BOTH: 30.0, ONE: 9.0, OTHER: 1.36, NONE: 0.0}) == NONE
-    assert keep_start({BOTH: 30.0, ONE: 9.0, OTHER: 1.34}) == OTHER
+    assert kept({BOTH: 30.0, ONE: 9.0, OTHER: 1.36, NONE: 0.0}) == NONE
+    assert kept({BOTH: 30.0, ONE: 9.0, OTHER: 1.34}) == OTHER
 
 
 def test_told_values_never_stay():
-    assert keep_start({NONE: 0.0}, told=('heat_capacity', 'leakage', 'drivetrain_heat')) == NONE
+    assert kept({NONE: 0.0}, told=('heat_capacity', 'leakage', 'drivetrain_heat')) == NONE

@@ -57,11 +57,12 @@ def test_it_plans_in_python(installed, vehicle, route):
 
 
 def test_it_drives_in_closed_loop(installed, vehicle):
-    route = bp.make_route({'duration_s': [300.0] * 5, 'speed_mps': 22.0, 'propulsion_power_w': 15e3,
+    route = bp.make_route({'duration_s': [300.0] * 3, 'speed_mps': 22.0, 'propulsion_power_w': 15e3,
                            'ambient_temperature_c': -7.0}, vehicle)
-    drive = bp.drive(vehicle, route, STATE, method='last_20_minutes', estimation=False)
+    drive = bp.drive(vehicle, route, STATE, method='last_10_minutes', estimation=False,
+                     sensors=bp.Sensors(period_s=4.0))
     heated_s = drive.time_s[drive.command_w > 0.0]
-    assert heated_s[0] == pytest.approx(route.total_duration_s - 1200.0, abs=2.0)
+    assert heated_s[0] == pytest.approx(route.total_duration_s - 600.0, abs=4.0)
     with pytest.raises(bp.InvalidInput, match="'last_25_minutes' is not one of merit_order, .*last_30_minutes"):
         bp.drive(vehicle, route, STATE, method='last_25_minutes')
 
@@ -90,6 +91,8 @@ def test_it_is_compared_with_the_optimum(installed, capsys):
     assert compared['gap_wh']['last_10_minutes'] is None and 'colder' in compared['difference']['last_10_minutes']
 
 
+# Closed loop and comparison above, daily, get the method from the same registry.
+@pytest.mark.deep
 @pytest.mark.needs('casadi')
 def test_it_takes_part_in_the_sweep_and_in_closed_loop(installed, capsys):
     assert main(['sweep', '--feasible', '1', '--jobs', '1', '--methods', 'last_20_minutes', '--json', '-']) == 0

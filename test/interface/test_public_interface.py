@@ -16,6 +16,8 @@ from bev_preheat.commands.main import main
 PAGE = Path(__file__).resolve().parents[2] / 'docs' / 'reference' / 'python.md'
 API = PAGE.with_name('api.md')
 STATE, WARMER = bp.BatteryState(-7.0, 0.9), bp.BatteryState(20.0, 0.9)
+# Of battery states on a drive [s], within all timeouts: each takes a plan.
+PERIOD_S = 4.0
 SITUATION = ['--vehicle', 'reference', '--route', 'reference', '--temperature', '-7', '--soc', '0.9']
 
 
@@ -38,7 +40,12 @@ def short_route(vehicle):
 
 @pytest.fixture(scope='module')
 def drive(vehicle, short_route):
-    return bp.drive(vehicle, short_route, WARMER)
+    return bp.drive(vehicle, short_route, WARMER, sensors=bp.Sensors(period_s=PERIOD_S))
+
+
+@pytest.fixture(scope='module')
+def worth(vehicle, route):
+    return bp.worth(vehicle, route, STATE, 150e3, 0.8)
 
 
 def json_of(capsys, *words):
@@ -139,8 +146,7 @@ def test_a_number_is_a_target(vehicle, route):
         vehicle, route, STATE, 18.0).heating_start_s
 
 
-def test_worth_is_that_of_the_command(vehicle, route, capsys):
-    worth = bp.worth(vehicle, route, STATE, 150e3, 0.8)
+def test_worth_is_that_of_the_command(worth, capsys):
     shown = json_of(capsys, 'worth', *SITUATION, '--charger-power', '150000', '--departure-soc', '0.8')
     assert (worth.best_target_c, worth.verdict) == (shown['best']['target_c'], shown['verdict'])
     assert worth.to_dict()['targets'] == shown['targets']
@@ -169,15 +175,15 @@ def test_all_methods_beside_the_optimum(vehicle, route):
 
 def test_a_drive_of_a_car_that_differs_from_its_file(vehicle, short_route):
     drive = bp.drive(vehicle, short_route, WARMER, mismatch=bp.Mismatch(heat_capacity=1.1),
-                     sensors=bp.Sensors(temperature_resolution_k=1.0))
+                     sensors=bp.Sensors(temperature_resolution_k=1.0, period_s=PERIOD_S))
     assert abs(drive.arrival_error_k) < 0.5 and drive.heater_verdict == 'answers'
-    assert drive.time_s[-1] == pytest.approx(short_route.total_duration_s, abs=2.0)
+    assert drive.time_s[-1] == pytest.approx(short_route.total_duration_s, abs=PERIOD_S)
     assert set(np.unique(drive.command_w > 0.0)) == {False, True}
 
 
 def test_a_dead_heater_is_found(vehicle, short_route):
     drive = bp.drive(vehicle, short_route, bp.BatteryState(5.0, 0.9),
-                     heater_faults=[bp.HeaterFault(0.0, share=0.0)])
+                     sensors=bp.Sensors(period_s=PERIOD_S), heater_faults=[bp.HeaterFault(0.0, share=0.0)])
     assert drive.heater_verdict == 'dead' and drive.arrival_error_k < -5.0
 
 
@@ -190,15 +196,17 @@ def test_a_route_of_numbers(vehicle):
                        'ambient_temperature_c': 0.0}, vehicle)
 
 
-def test_pictures(vehicle, route, drive, tmp_path):
-    pytest.importorskip('matplotlib')
-    for number, result in enumerate((
-            bp.plan(vehicle, route, STATE), bp.worth(vehicle, route, STATE, 150e3, 0.8),
-            bp.charging_session(vehicle, bp.BatteryState(5.0, 0.2), 150e3, 0.8, -7.0),
-            drive)):
-        path = tmp_path / f'{number}.png'
-        result.plot(path)
-        assert path.read_bytes().startswith(b'\x89PNG')
+# test/commands draws the same pictures of plan, worth and session daily.
+@pytest.mark.needs('matplotlib')
+@pytest.mark.parametrize('name', [
+    'drive', *(pytest.param(name, marks=pytest.mark.deep) for name in ('plan', 'worth', 'session'))])
+def test_pictures(vehicle, route, worth, drive, tmp_path, name):
+    result = {
+        'plan': lambda: bp.plan(vehicle, route, STATE), 'worth': lambda: worth, 'drive': lambda: drive,
+        'session': lambda: bp.charging_session(vehicle, bp.BatteryState(5.0, 0.2), 150e3, 0.8, -7.0)}[name]()
+    path = tmp_path / 'result.png'
+    result.plot(path)
+    assert path.read_bytes().startswith(b'\x89PNG')
 
 
 @pytest.mark.needs('pandas')
@@ -233,8 +241,7 @@ def test_the_frame_of_a_session_that_does_not_end(vehicle):
 
 
 @pytest.mark.needs('pandas')
-def test_the_frame_of_targets(vehicle, route):
-    worth = bp.worth(vehicle, route, STATE, 150e3, 0.8)
+def test_the_frame_of_targets(worth):
     frame = worth.to_frame()
     assert frame['cost'].idxmin() == worth.best_target_c
     assert len(frame) == len(worth.to_dict()['targets']) and frame.index.is_unique

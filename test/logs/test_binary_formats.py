@@ -8,7 +8,7 @@ import pytest
 from bev_preheat.errors import InvalidInput
 from bev_preheat.logs.reading import read_recording
 from bev_preheat.logs.remarks import Remarks
-from bev_preheat.logs.ros_bag import _types, RosBag
+from bev_preheat.logs.ros_bag import known_types, RosBag
 
 DBC = """VERSION ""
 NS_ :
@@ -140,7 +140,7 @@ def test_recorded_routes(tmp_path, storage):
     from bev_preheat_msgs.msg import RoutePlan
     ends = set()
     with Writer(tmp_path / 'bag', version=9, storage_plugin=StoragePlugin[storage]) as file:
-        store = _types()
+        store = known_types()
         topic = file.add_connection('/route_plan', 'bev_preheat_msgs/msg/RoutePlan', typestore=store)
         for number in range(24):
             message = RoutePlan(

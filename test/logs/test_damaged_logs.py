@@ -29,7 +29,8 @@ def files(folder):
     return [*(path.read_bytes() for path in written), CANDUMP]
 
 
-@pytest.mark.parametrize('seed', range(30))
+@pytest.mark.parametrize('seed', [
+    pytest.param(seed, marks=[pytest.mark.deep] * (seed >= 8)) for seed in range(30)])
 @pytest.mark.needs('pint')
 @pytest.mark.needs('can')
 @pytest.mark.needs('cantools')

@@ -70,10 +70,10 @@ def check(numbers):
 
 
 def test_careful_plans_are_the_same():
-    seen = check(range(400))
-    assert seen['in the core'] > 250
+    seen = check(range(150))
+    assert seen['in the core'] > 90
     assert min(seen[kind] for kind in (
-        'not heated', 'left out', 'not earlier', 'at once', 'earlier', 'until it is enough')) > 5
+        'not heated', 'left out', 'not earlier', 'at once', 'earlier', 'until it is enough')) > 1
 
 
 @pytest.mark.deep

@@ -14,6 +14,7 @@ import pytest
 from bev_preheat.native import library as library_module
 from bev_preheat.native import runs
 from bev_preheat.native.library import core, core_in_words, use_core, without_core
+from bev_preheat.native.runs import place
 from bev_preheat.native.structs import CurveStruct, NativeVehicle, NotDescribed
 from bev_preheat.numerics.arithmetic import FLOATS, SATURATING_FLOATS
 from bev_preheat.planning.charge_acceptance import no_acceptance_loss
@@ -69,17 +70,19 @@ def test_where_it_is_not_there_the_reason_is_said(tmp_path, monkeypatch, content
     if content is not None:
         (tmp_path / 'lib').mkdir()
         (tmp_path / 'lib' / library_module.FILE).write_bytes(content)
-    library, problem = library_module._loaded.__wrapped__()
+    library, problem = library_module.loaded_core.__wrapped__()
     assert library is None
     assert words in f'not used: {problem}'
 
 
 def test_a_library_of_another_version_is_not_used(monkeypatch):
-    path = core()._name
+    path = core_in_words().removeprefix('used: ')
     monkeypatch.setattr(library_module, 'INTERFACE', 0)
-    assert library_module._load(path) == (None, f'{path} is of another version')
+    assert library_module.load_core(path) == (None, f'{path} is of another version')
 
 
+# Leaf by leaf; test_same_plans.py compares whole plans daily.
+@pytest.mark.deep
 @pytest.mark.parametrize('curve', CURVES, ids=lambda curve: type(curve).__name__)
 @given(soc=SOC, temperature_c=TEMPERATURE_C, saturating=st.booleans())
 def test_curves_have_the_same_values(curve, soc, temperature_c, saturating):
@@ -101,6 +104,8 @@ def test_a_table_at_nan_is_nan_or_its_constant(curve):
     assert isnan(found) or found == 7.5
 
 
+# Leaf by leaf; test_same_plans.py compares whole plans daily.
+@pytest.mark.deep
 @pytest.mark.parametrize('vehicle', [FORMULAS, LOGARITHM, TABLES], ids=['formulas', 'logarithm', 'tables'])
 @pytest.mark.parametrize('make_integrator', runs.INTEGRATORS)
 @given(soc=SOC, temperature_c=TEMPERATURE_C, inputs=INPUTS)
@@ -121,6 +126,8 @@ def test_steps_are_the_same(vehicle, make_integrator, soc, temperature_c, inputs
             assert status == NOT_FINITE
 
 
+# Leaf by leaf; test_same_plans.py compares whole plans daily.
+@pytest.mark.deep
 @pytest.mark.parametrize('path', [HeatPath(), HeatPath(33.0), HeatPath(0.0, 15e3, 310.0),
                                   HeatPath(47.0, 12e3, 280.0)],
                          ids=['at once', 'lag', 'coolant', 'coolant and lag'])
@@ -213,20 +220,17 @@ def test_a_call_that_makes_no_sense_is_refused(arguments):
     vehicle = None if integrator is None else native_vehicle(trip.vehicle).address
     states = np.zeros((2, steps + 1))
     assert core().bev_run(vehicle, integrator or 0, trip.native.address, first if first < 13 else steps + 1,
-                          None, None, *runs._rows(states, 2)) == -1
+                          None, None, *map(place, states)) == -1
 
 
 @pytest.mark.parametrize('column', ['duration_s', 'idle_power_w', 'idle_heat_w', 'leakage_w_per_k'])
 def test_an_input_that_is_no_number_is_refused(column):
     trip = trip_of_situation()
     native = trip.native
-    block = np.array(native._block)
-    shift = getattr(native.struct, column) - native.struct.time_s
-    native._block[shift // 8] = nan
+    native.column(column)[0] = nan
     states = np.full((2, len(trip.route) + 1), 0.5)
     assert core().bev_run(native_vehicle(trip.vehicle).address, 2, native.address, 0, None, None,
-                          *runs._rows(states, 2)) == -3
-    assert np.isnan(block).sum() == 0
+                          *map(place, states)) == -3
     assert addressof(native.struct) == native.address
 
 
@@ -257,6 +261,8 @@ def test_arrays_of_any_layout_are_taken(make_integrator):
 
 
 # In the others up to the seventh the battery is beyond every threshold.
+# Leaf by leaf; test_same_plans.py compares whole plans daily.
+@pytest.mark.deep
 @pytest.mark.parametrize('number', [0, 1, 2, 4, 6, 7])
 def test_thresholds_are_the_same(number):
     vehicle, route, state, goal, *_ = drawn_situations.draw(number, 30)

@@ -8,7 +8,7 @@ import subprocess
 import numpy as np
 import pytest
 
-from bev_preheat.native.library import core
+from bev_preheat.native.library import core_in_words
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route.segments import make_route
@@ -80,7 +80,7 @@ def test_a_program_in_c_plans_what_the_planner_does(tmp_path):
     compiler = shutil.which('cc') or shutil.which('gcc') or shutil.which('clang')
     assert compiler, 'the core was built, so there is a compiler'
     subprocess.run([compiler, '-std=c99', '-Wall', '-Wextra', '-Wpedantic', '-Werror', f'-I{INCLUDE}', str(source),
-                    core()._name, '-o', str(program)], check=True)
+                    core_in_words().removeprefix('used: '), '-o', str(program)], check=True)
     checked, status, *figures = subprocess.run(
         [str(program)], check=True, capture_output=True, text=True).stdout.split()
     plan = same_plan_in_python()

@@ -27,7 +27,7 @@ SAME = {'rtol': 1e-9, 'atol': 1e-7}
 BAD_ARGUMENT, BAD_INPUT = -1, -3
 
 
-class Seen(uncertainty_margin_module._LastInterval):
+class Seen(uncertainty_margin_module.LastInterval):
     """Records the results of a Python search for the end of heating."""
 
     kinds = Counter()
@@ -49,7 +49,7 @@ class Seen(uncertainty_margin_module._LastInterval):
 @pytest.fixture
 def kinds(monkeypatch):
     """Count the kinds of results of plans after a Python search."""
-    monkeypatch.setattr(uncertainty_margin_module, '_LastInterval', Seen)
+    monkeypatch.setattr(uncertainty_margin_module, 'LastInterval', Seen)
     Seen.kinds.clear()
     return Seen.kinds
 
@@ -80,7 +80,7 @@ def assert_same(trip, found, expected, number):
 def check(numbers, most_steps, kinds):
     for number in numbers:
         trip, state, schedule, target_c, uncertainty_margin = planned(number, most_steps)
-        found = uncertainty_margin_module._found_by_core(trip, schedule, target_c, uncertainty_margin)
+        found = uncertainty_margin_module.found_by_core(trip, schedule, target_c, uncertainty_margin)
         with without_core():
             expected = heat_early(trip, state, schedule, target_c, uncertainty_margin)
         if found is None:
@@ -95,7 +95,8 @@ def check(numbers, most_steps, kinds):
     return kinds
 
 
-@pytest.mark.costly
+# Leaf by leaf; test_same_plans.py compares whole plans daily.
+@pytest.mark.deep
 def test_heating_begins_as_early_within_limits_and_with_heat_paths(kinds):
     check(range(800), 25, kinds)
     assert min(kinds[kind] for kind in ('left out', 'as planned', 'within limits', 'with a heat path')) > 20

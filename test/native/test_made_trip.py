@@ -11,7 +11,7 @@ import pytest
 from bev_preheat.native.library import core, without_core
 from bev_preheat.native.runs import place
 from bev_preheat.native.structs import TRIP_COLUMNS, TripTermsStruct
-from bev_preheat.planning.trip import _made_trip, LONGEST_STEP_S, make_trip, Trip
+from bev_preheat.planning.trip import LONGEST_STEP_S, make_trip, Trip, uncached_trip
 from bev_preheat.route.segments import make_route
 
 CAR = drawn_situations.car(drawn_situations.CARS[0])
@@ -33,13 +33,15 @@ def drawn(number):
     return vehicle, route, float(random.choice([1.0, 0.4])), float(random.choice([0.0, 47.0, 900.0]))
 
 
+# Leaf by leaf; test_same_plans.py compares whole plans daily.
+@pytest.mark.deep
 def test_columns_are_the_same_to_the_last_bit():
     for number in range(80):
         situation = drawn(number)
         assert core() is not None
-        found = _made_trip(*situation)
+        found = uncached_trip(*situation)
         with without_core():
-            expected = _made_trip(*situation)
+            expected = uncached_trip(*situation)
         for name in COLUMNS:
             assert getattr(found, name).tolist() == getattr(expected, name).tolist(), (number, name)
         for name, values in zip(TRIP_COLUMNS, found.native.columns, strict=True):
@@ -48,7 +50,7 @@ def test_columns_are_the_same_to_the_last_bit():
 
 
 def test_a_changed_trip_has_the_other_columns_of_the_old_one():
-    trip = _made_trip(*drawn(3))
+    trip = uncached_trip(*drawn(3))
     limit_w, ceiling_c = 0.3 * trip.heater_limit_w, np.full(len(trip.route), 17.0)
     bounded = trip.changed(surplus_ceiling_c=ceiling_c)
     changed = bounded.changed(heater_limit_w=limit_w)
@@ -73,7 +75,7 @@ def test_a_segment_that_is_too_long_is_divided(leakage_times):
         'ambient_temperature_c': [-3.0]}, CAR.defaults)
     trip = make_trip(leaky, route)
     with without_core():
-        expected = _made_trip(leaky, route, 1.0, 0.0)
+        expected = uncached_trip(leaky, route, 1.0, 0.0)
     assert len(trip.route) == len(expected.route) > 2
     assert trip.idle_heat_w.tolist() == expected.idle_heat_w.tolist()
 

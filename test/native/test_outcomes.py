@@ -40,6 +40,8 @@ def schedule_of(number):
     return trip, plan_merit_order(trip, state, goal, plan_without_heating(trip, state))
 
 
+# Leaf by leaf; test_same_plans.py compares whole plans daily.
+@pytest.mark.deep
 def test_energies_and_intervals_are_the_same():
     reasons = set()
     for number in range(24):
@@ -69,6 +71,8 @@ def test_where_the_charge_runs_out_the_outcome_is_the_same():
         astuple(expected.energy_wh), rel=1e-9, abs=1e-6)
 
 
+# Leaf by leaf; test_same_plans.py compares whole plans daily.
+@pytest.mark.deep
 @pytest.mark.parametrize('soc', [None, 0.12])
 def test_what_the_unheated_trip_lacks_is_the_same(soc):
     deficit, stranded = 0, 0

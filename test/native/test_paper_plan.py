@@ -51,7 +51,7 @@ def drawn(number):
 
 def test_plans_are_the_same_to_the_last_bit():
     seen, whole = set(), 0
-    situations = [*map(drawn, range(120)), *(drawn_situations.draw(number, 20)[:4] for number in range(60))]
+    situations = [*map(drawn, range(40)), *(drawn_situations.draw(number, 20)[:4] for number in range(20))]
     for number, (vehicle, *others) in enumerate(situations):
         situation = replace(vehicle, heat_path=HeatPath()), *others
         found = plan_preheating(*situation, 'paper').as_dictionary()
@@ -69,7 +69,7 @@ def test_plans_are_the_same_to_the_last_bit():
         whole += plan_unlimited_paper(make_trip(*situation[:2]), *situation[2:]) is not None
     assert {'NOT_NEEDED', 'WAITING', 'TARGET_UNREACHABLE', 'NOT_WORTH_IT'} <= seen
     # In the others something limits the plan, and Python makes it.
-    assert 50 < whole < 150
+    assert 15 < whole < 50
 
 
 def call(trip, soc=0.8, start_c=-4.0, target_c=15.0, null=None):
@@ -101,8 +101,7 @@ def test_a_state_or_target_that_is_no_number_is_refused(name, number):
                                     'ambient_temperature_c'])
 def test_a_trip_with_a_number_that_is_none_gives_no_plan(column):
     trip = replace(make_trip(FORMULAS, winter_route()))
-    struct = trip.native.struct
-    trip.native._block[(getattr(struct, column) - struct.time_s) // 8 + 37] = nan
+    trip.native.column(column)[37] = nan
     assert call(trip) < 0
 
 

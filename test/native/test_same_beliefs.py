@@ -58,7 +58,8 @@ def believed(vehicle, seed, is_in_core):
     return course
 
 
-@pytest.mark.parametrize('name', VEHICLES)
+@pytest.mark.parametrize('name', [
+    pytest.param(name, marks=[pytest.mark.deep] * (name != 'coolant')) for name in VEHICLES])
 def test_beliefs_are_the_same(name):
     assert core() is not None
     vehicle = VEHICLES[name]

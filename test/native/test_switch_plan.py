@@ -62,10 +62,10 @@ def in_both(make):
         return found, make()
 
 
-@pytest.mark.parametrize('part', range(2))
+@pytest.mark.parametrize('part', [0, pytest.param(1, marks=pytest.mark.deep)])
 def test_switching_instants_and_runs_are_the_same_to_the_last_bit(part):
     heated = 0
-    for number in range(60 * part, 60 * (part + 1)):
+    for number in range(40 * part, 40 * (part + 1)):
         vehicle, route, state, goal, *_ = drawn_situations.draw(number, 25)
         trip = make_trip(replace(vehicle, heat_path=HeatPath()), route)
         found, expected = in_both(lambda: plan_optimal_switch(trip, state, goal))
@@ -73,9 +73,11 @@ def test_switching_instants_and_runs_are_the_same_to_the_last_bit(part):
         for name in ('heater_power_w', 'brake_power_w', 'soc', 'temperature_c'):
             assert getattr(found, name).tolist() == getattr(expected, name).tolist(), (number, name)
         heated += found.heating_start_s is not None
-    assert heated > 30
+    assert heated > 15
 
 
+# Leaf by leaf; test_same_plans.py compares whole plans daily.
+@pytest.mark.deep
 @pytest.mark.parametrize('path', PATHS, ids=['lag', 'coolant', 'coolant and lag'])
 def test_instants_of_switching_on_and_off_are_the_same_to_the_last_bit(path):
     ends_early = 0
@@ -168,6 +170,8 @@ def runs_to_account_for():
     yield trip, hot
 
 
+# Leaf by leaf; test_same_plans.py compares whole plans daily.
+@pytest.mark.deep
 def test_accounts_are_the_same():
     kinds = set()
     for trip, schedule in runs_to_account_for():
@@ -222,9 +226,7 @@ def test_a_state_or_target_that_is_no_number_is_refused(name, number):
                                     'drivetrain_heat_w', 'ambient_temperature_c'])
 def test_a_trip_with_a_number_that_is_none_gives_no_plan(column):
     trip = replace(make_trip(FORMULAS, steady_route()))
-    native = trip.native
-    at = (getattr(native.struct, column) - native.struct.time_s) // 8 + 37
-    native._block[at] = nan
+    trip.native.column(column)[37] = nan
     status, plan = call_plan_switch(trip)
     # The propulsion power decides only whether a step regenerates, and NaN does not.
     assert status < 0 or (column == 'propulsion_power_w' and status == 0)
@@ -242,7 +244,8 @@ def test_a_margin_that_is_no_number_is_refused(at, number):
 
 def test_time_that_does_not_rise_is_refused():
     trip = replace(make_trip(FORMULAS, steady_route()))
-    trip.native._block[20] = trip.native._block[19]
+    time_s = trip.native.column('time_s')
+    time_s[20] = time_s[19]
     assert call_plan_switch(trip)[0] == BAD_INPUT
 
 

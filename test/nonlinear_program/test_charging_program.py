@@ -81,7 +81,10 @@ def test_a_program_that_may_heat_at_any_time_finds_the_best_switch_of_a_scan():
     # Without limits late heat is best: full power from some instant on, one step heated in part.
     costs, heating = [], ChargerHeating(vehicle, stop, prices)
     limit_w = vehicle.hvch.maximum_power_w - 1500.0
-    for heated_steps in np.arange(0.0, 25.0, 0.1):
+    # The coarse scan begins before the cheapest instant, the fine one is around it.
+    for heated_steps in (*np.arange(0.0, 25.0), *np.arange(-0.9, 1.0, 0.1)):
+        if len(costs) >= 25:
+            heated_steps += int(np.argmin(costs[:25]))
         soc, temperature_c = state.soc, state.temperature_c
         for k in range(25):
             heater_w = limit_w * min(max(heated_steps - (24 - k), 0.0), 1.0)
@@ -106,7 +109,7 @@ def own_step(vehicle, soc, temperature_c, heater_w, step_s):
             temperature_c + step_s * heat_w / battery.heat_capacity_j_per_k)
 
 
-@pytest.mark.costly
+@pytest.mark.deep
 def test_half_and_twice_the_steps_at_the_charger_change_hardly_anything():
     vehicle, route, state, charger_w, departure_soc, prices = CASES['usual']
     stop = stop_after(route, charger_w, departure_soc)

@@ -36,7 +36,7 @@ def situation(path, name='reference'):
     return replace(trip.vehicle, heat_path=path), trip.route, trip.state, trip.goal
 
 
-@pytest.mark.parametrize('name', ['reference', '2'])
+@pytest.mark.parametrize('name', ['reference', pytest.param('2', marks=pytest.mark.deep)])
 @pytest.mark.parametrize('path', [LAG, COOLANT, BOTH])
 def test_plans_without_limits_are_within_a_tenth_of_a_watt_hour(name, path):
     inputs = situation(path, name)
@@ -78,6 +78,7 @@ def test_corrections_give_the_optimum_of_the_corrected_car():
 
 def test_unreachable_target_is_heated_for_all_the_way():
     vehicle, route, state, _ = situation(BOTH)
+    route = route.resampled(120.0)
     optimum = solve_optimum(vehicle, route, state, Goal(45.0))
     plan = plan_preheating(vehicle, route, state, Goal(45.0))
     assert 'target temperature' in optimum.infeasible[0]

@@ -257,7 +257,12 @@ def test_power_limits_hold_at_both_ends_of_each_step(trip, end):
         assert power_w <= bilinear(battery.discharge_power_limit, soc, temperature_c) + 1e-3
 
 
-@pytest.mark.parametrize('name', UNLIMITED)
+# The search of the small car's commute is the shortest.
+SEARCHED = pytest.mark.parametrize('name', [
+    pytest.param(name, marks=[pytest.mark.deep] * (name != 'small_car')) for name in UNLIMITED])
+
+
+@SEARCHED
 def test_energy_is_that_of_the_best_switching_instant(name):
     _, energy_wh = cheapest_switch_of(name)
     vehicle, route, state, goal = TRIPS[name]
@@ -267,7 +272,7 @@ def test_energy_is_that_of_the_best_switching_instant(name):
     assert plan.energy_wh.battery_total == pytest.approx(energy_wh, abs=0.02)
 
 
-@pytest.mark.parametrize('name', UNLIMITED)
+@SEARCHED
 def test_heating_starts_at_the_best_switching_instant(name):
     instant_s, _ = cheapest_switch_of(name)
     # The step in which the heater is switched on has its mean, to a second.
@@ -394,16 +399,16 @@ def test_charge_comes_before_warmth():
 
 def test_state_of_charge_that_leaves_its_range_on_the_way_is_lacking():
     # Nearly empty over a hill: on the way down it recovers.
-    route = made_route(propulsion_power_w=[10e3] * 40 + [-20e3] * 20,
+    route = made_route(duration_s=[60.0], propulsion_power_w=[10e3] * 20 + [-20e3] * 10,
                        ambient_temperature_c=[14.0])
     state = BatteryState(16.0, 0.07)
-    run = Car(REFERENCE).drive(route, state, np.zeros(60))
+    run = Car(REFERENCE).drive(route, state, np.zeros(30))
     assert run[-1, 0] > 0.05
     optimum = solve_optimum(REFERENCE, route, state, Goal(-10.0))
     (deficit,) = optimum.deficit
     assert (deficit.constraint, deficit.unit) == (LOWEST_SOC, '%')
     # No heating could help; the worst instant is the top of the hill.
-    assert deficit.amount == pytest.approx(100.0 * (0.05 - run[40, 0]), abs=1e-3)
+    assert deficit.amount == pytest.approx(100.0 * (0.05 - run[20, 0]), abs=1e-3)
     assert deficit.text.endswith('% below its range at 1200 s')
 
 
@@ -422,16 +427,16 @@ def test_regeneration_into_a_full_battery_without_limits_is_lacking():
 def test_joule_heat_beyond_the_highest_temperature_is_lacking():
     vehicle = replace(REFERENCE, battery=replace(
         REFERENCE.battery, temperature_range_c=(-40.0, 40.0)))
-    route = made_route(propulsion_power_w=[16e3] * 10 + [170e3] * 20 + [16e3] * 20,
+    route = made_route(duration_s=[60.0], propulsion_power_w=[16e3] * 5 + [170e3] * 10 + [16e3] * 10,
                        ambient_temperature_c=[20.0])
     state = BatteryState(33.0, 0.95)
-    idle_c = Car(vehicle).drive(route, state, np.zeros(50))[:, 1]
+    idle_c = Car(vehicle).drive(route, state, np.zeros(25))[:, 1]
     optimum = solve_optimum(vehicle, route, state, Goal(20.0))
     (deficit,) = optimum.deficit
     assert (deficit.constraint, deficit.unit) == (HIGHEST_TEMPERATURE, 'K')
     assert deficit.amount == pytest.approx(idle_c.max() - 40.0, abs=1e-3)
     assert deficit.text.endswith(
-        f'K above its range at {30 * int(np.argmax(idle_c))} s')
+        f'K above its range at {60 * int(np.argmax(idle_c))} s')
 
 
 @pytest.mark.deep
@@ -500,7 +505,7 @@ def test_power_of_a_climb_comes_before_the_highest_temperature(number):
     most_j = (limit_w * trip.route.duration_s)[:climb]
     later_j = np.append(np.cumsum(most_j[::-1])[::-1][1:], 0.0)
     warmest = []
-    for heat_j in np.linspace(0.0, most_j.sum(), 41):
+    for heat_j in np.linspace(0.0, most_j.sum(), 15):
         heater_w = np.zeros(len(trip.route))
         heater_w[:climb] = np.clip(heat_j - later_j, 0.0, most_j) / trip.route.duration_s[:climb]
         deficit_w, warmest_c = driven(heater_w)
@@ -526,6 +531,8 @@ def test_a_trip_that_the_charge_does_not_carry_is_not_given_to_the_solver():
         f'battery will be empty at {optimum.plan.stranding.at_s:.0f} s',)
 
 
+# The precedence of the two limits is that of the climb above, daily.
+@pytest.mark.deep
 def test_highest_temperature_is_kept_where_the_battery_need_not_deliver_all():
     # A warmer battery could deliver more of this climb; its range takes precedence.
     trip = draw_limit_trip(REFERENCE, 1, 64)
@@ -534,6 +541,7 @@ def test_highest_temperature_is_kept_where_the_battery_need_not_deliver_all():
     assert optimum.plan.battery_temperature_c.max() <= 60.0 + 1e-6
 
 
+@pytest.mark.deep
 def test_a_barrier_whose_least_value_lies_at_a_corner_of_a_limit_does_not_keep_the_solver():
     # On a descent the battery is at 25 degC, a point of the table, at the boundary of two steps.
     trip = draw_limit_trip(REFERENCE, 1, 60)
@@ -543,12 +551,17 @@ def test_a_barrier_whose_least_value_lies_at_a_corner_of_a_limit_does_not_keep_t
     assert optimum.plan.energy_wh.battery_total <= plan.energy_wh.battery_total + 1e-3
 
 
+def short_trip():
+    """Return route, state and goal of a quarter of an hour."""
+    return made_route(duration_s=[60.0] * 15), BatteryState(-4.0, 0.8), Goal(2.0)
+
+
 def fresh_vehicle():
     """Programs are cached per vehicle; this one has none yet."""
     return replace(REFERENCE)
 
 
-@pytest.mark.parametrize('name', VEHICLES)
+@pytest.mark.parametrize('name', ['small_car', pytest.param('reference', marks=pytest.mark.deep)])
 def test_corrections_give_the_optimum_of_the_corrected_car_without_a_new_program(name):
     vehicle, route, state, goal = TRIPS[name]
     corrections = Corrections(heat_capacity=0.93, leakage=1.21, resistance=1.34,
@@ -566,12 +579,12 @@ def test_corrections_give_the_optimum_of_the_corrected_car_without_a_new_program
 
 
 def test_prepared_programs_are_used():
-    vehicle, (_, route, state, goal) = fresh_vehicle(), TRIPS['reference']
+    vehicle, (route, state, goal) = fresh_vehicle(), short_trip()
     prepare_programs(vehicle, route)
     built = program.programs_built()
     solve_optimum(vehicle, route, state, goal)
     assert program.programs_built() == built
-    solve_optimum(vehicle, route.after(45.0), state, goal)
+    solve_optimum(vehicle, route.after(75.0), state, goal)
     assert program.programs_built() == built + 1
 
 
@@ -579,7 +592,7 @@ def test_solver_that_may_not_iterate_is_a_failure(monkeypatch):
     monkeypatch.setitem(program_solvers.IPOPT_OPTIONS, 'ipopt.max_iter', 2)
     monkeypatch.setitem(program_solvers.FATROP_OPTIONS, 'fatrop.max_iter', 2)
     with pytest.raises(SolverFailure, match='Maximum_Iterations_Exceeded'):
-        solve_optimum(fresh_vehicle(), *TRIPS['reference'][1:])
+        solve_optimum(fresh_vehicle(), *short_trip())
 
 
 @pytest.fixture
@@ -602,7 +615,9 @@ def failing_runs(monkeypatch):
     return limit
 
 
-@pytest.mark.parametrize('runs, within_wh', [(2, 1e-3), (3, 0.02)], ids=['from there', 'with rounded corners'])
+@pytest.mark.parametrize('runs, within_wh', [
+    pytest.param(2, 1e-3, id='from there', marks=pytest.mark.deep),
+    pytest.param(3, 0.02, id='with rounded corners')])
 def test_failure_on_a_trip_that_can_be_kept_is_tried_again(failing_runs, runs, within_wh):
     failing_runs['runs'] = runs
     optimum = solve_optimum(*TRIPS['uneven'])

@@ -62,7 +62,7 @@ def test_without_fatrop_ipopt_finds_the_same(optimum, monkeypatch):
 
 @has_fatrop
 def test_where_an_answer_of_fatrop_is_not_sound_ipopt_is_asked(optimum, monkeypatch):
-    monkeypatch.setattr(attempts, '_is_sound', lambda *arguments: False)
+    monkeypatch.setattr(attempts, 'is_sound', lambda *arguments: False)
     other = solve_optimum(*SITUATION)
     assert (other.solver, other.solver_status) == (IPOPT, SUCCESS)
     # FATROP's unsuccessful effort counts, too.
@@ -75,14 +75,14 @@ def bounded(problem):
     point = program.variables.pack(attempts.driven_start(
         drive_as_planned(problem.trip, STATE, np.zeros(len(ROUTE)))))
     goal = replace(GOAL, target_temperature_c=-30.0)
-    return (program, attempts._parameters(replace(problem, goal=goal)), point,
+    return (program, attempts.parameters_of(replace(problem, goal=goal)), point,
             [point - 0.5, point + 0.5],
-            [program.constraints.pack(values) for values in attempts._constraint_bounds(problem)])
+            [program.constraints.pack(values) for values in attempts.constraint_bounds(problem)])
 
 
 def test_an_answer_that_keeps_everything_is_sound(problem):
     program, parameters, point, bounds, bounds_g = bounded(problem)
-    assert attempts._is_sound(program, parameters, point, point, bounds, bounds_g)
+    assert attempts.is_sound(program, parameters, point, point, bounds, bounds_g)
 
 
 @pytest.mark.parametrize('name, change', [
@@ -91,12 +91,12 @@ def test_an_answer_that_leaves_a_step_open_is_not_sound(problem, name, change):
     program, parameters, point, bounds, bounds_g = bounded(problem)
     found = point.copy()
     found[program.variables.places[name][4]] += change
-    assert not attempts._is_sound(program, parameters, point, found, bounds, bounds_g)
+    assert not attempts.is_sound(program, parameters, point, found, bounds, bounds_g)
 
 
 def test_an_answer_beyond_its_bounds_is_not_sound(problem):
     program, parameters, point, bounds, bounds_g = bounded(problem)
-    assert not attempts._is_sound(
+    assert not attempts.is_sound(
         program, parameters, point, point, [point + 1e-6, bounds[1]], bounds_g)
 
 
@@ -104,9 +104,9 @@ def test_an_answer_that_costs_more_than_its_start_is_not_sound(problem):
     program, parameters, point, bounds, bounds_g = bounded(problem)
     heated = program.variables.pack(attempts.heated_start(problem))
     wide = [np.minimum(point, heated) - 1.0, np.maximum(point, heated) + 1.0]
-    assert attempts._is_sound(program, parameters, heated, heated, wide, bounds_g)
-    assert attempts._is_sound(program, parameters, heated, point, wide, bounds_g)
-    assert not attempts._is_sound(program, parameters, point, heated, wide, bounds_g)
+    assert attempts.is_sound(program, parameters, heated, heated, wide, bounds_g)
+    assert attempts.is_sound(program, parameters, heated, point, wide, bounds_g)
+    assert not attempts.is_sound(program, parameters, point, heated, wide, bounds_g)
 
 
 def made_run(monkeypatch, outcomes):

@@ -62,7 +62,7 @@ def test_a_function_along_rows_is_the_function_of_each_column():
         assert found[1].full()[0, number] == pytest.approx(b * b, rel=1e-15)
 
 
-@pytest.fixture(params=PROGRAMS)
+@pytest.fixture
 def staged(request):
     vehicle, limited, give = PROGRAMS[request.param]
     return build_program(vehicle, STEPS, limited, give).staged
@@ -80,7 +80,11 @@ def random_point(staged):
     return variables, np.concatenate([route.ravel(order='F'), [20.0, 0.2, 1.1, 0.9, 0.85]])
 
 
-@pytest.mark.parametrize('triangular', [False, True])
+# Triangular for IPOPT, in full for FATROP.
+@pytest.mark.parametrize('staged, triangular', [
+    *((name, True) for name in PROGRAMS), ('heat path', False),
+    *(pytest.param(name, False, marks=pytest.mark.deep) for name in PROGRAMS if name != 'heat path')],
+    indirect=['staged'])
 def test_derivatives_are_those_that_casadi_takes_of_the_whole_program(staged, triangular):
     variables, parameters = random_point(staged)
     x, p = casadi.MX.sym('x', len(variables)), casadi.MX.sym('p', len(parameters))

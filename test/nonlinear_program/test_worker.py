@@ -265,7 +265,7 @@ def let_it_prepare(solver, route=None):
     assert not solver.is_busy
 
 
-@pytest.mark.parametrize('factors', [(), (0.93, 1.21, 1.34, 0.88, 1.07)])
+@pytest.mark.parametrize('factors', [pytest.param((), marks=pytest.mark.deep), (0.93, 1.21, 1.34, 0.88, 1.07)])
 def test_a_prepared_process_answers_its_first_question_without_building(new_solver, factors):
     let_it_prepare(new_solver, ROUTE)
     assert new_solver.prepared_steps == len(ROUTE)
@@ -310,6 +310,7 @@ def test_preparations_do_not_pile_up_before_a_process_that_hangs(new_solver):
     new_solver.close()
 
 
+@pytest.mark.deep
 def test_the_last_route_is_the_one_prepared(new_solver):
     for duration_s in (0.0, 100.0, 300.0):
         new_solver.prepare(ROUTE.after(duration_s))
@@ -318,6 +319,8 @@ def test_the_last_route_is_the_one_prepared(new_solver):
     assert new_solver.prepared_steps == len(ROUTE.after(300.0))
 
 
+# Another process is started for a question above, daily.
+@pytest.mark.deep
 def test_preparing_starts_another_process_where_the_last_has_ended(new_solver):
     let_it_prepare(new_solver)
     first = new_solver.process_id

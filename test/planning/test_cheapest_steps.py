@@ -70,7 +70,8 @@ def test_a_step_that_the_cabin_takes_is_in_no_order():
     assert 5 not in find_prices(trip.changed(heater_limit_w=limit_w), schedule).cheapest_first()
 
 
-@pytest.mark.parametrize('number', [0, 2, 9])
+@pytest.mark.parametrize('number', [
+    2, *(pytest.param(number, marks=pytest.mark.deep) for number in (0, 9))])
 def test_of_all_choices_of_steps_none_costs_less(number):
     trip, state, goal, schedule = planned(number, steps=8)
     best = heat_cheapest(trip, schedule, goal.target_temperature_c)
@@ -132,6 +133,8 @@ def test_merit_order_heats_where_it_is_cheapest_and_says_so():
     assert plan.arrival_temperature_c == pytest.approx(switch.arrival_temperature_c, abs=1e-5)
 
 
+# Leaf by leaf; test/native/test_same_plans.py compares whole plans daily.
+@pytest.mark.deep
 def test_core_and_python_agree_to_the_last_bit():
     changed = 0
     for number in range(150):

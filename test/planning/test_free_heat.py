@@ -52,7 +52,8 @@ def test_a_full_battery_that_is_warm_enough_is_not_heated(minutes, car, is_on):
 
 @pytest.mark.parametrize('is_on', [True, False])
 @pytest.mark.parametrize('car', [REFERENCE, LAGGING])
-@pytest.mark.parametrize('start_c, ambient_c', [(10.0, 25.0), (5.0, -10.0), (20.0, 10.0)])
+@pytest.mark.parametrize('start_c, ambient_c', [
+    (5.0, -10.0), *(pytest.param(*case, marks=pytest.mark.deep) for case in ((10.0, 25.0), (20.0, 10.0)))])
 def test_warmth_that_the_target_lacks_is_taken_for_nothing(start_c, ambient_c, car, is_on):
     with nullcontext() if is_on else without_core():
         plan = plan_preheating(car, descent(60, ambient_c), BatteryState(start_c, 1.0), Goal(25.0))
@@ -134,7 +135,8 @@ def test_useful_heat_is_kept_and_useless_heat_left(number):
     assert plan.soc_shortfall <= free.soc_shortfall + 1e-5 or saved_wh > 0.0
 
 
-@pytest.mark.costly
+# Leaf by leaf; the plans below are compared daily.
+@pytest.mark.deep
 @pytest.mark.parametrize('path', [HeatPath(), HeatPath(45.0, 15e3, 300.0)])
 @given(number=st.integers(0, 10**6))
 def test_ceilings_of_the_core_are_those_of_python(path, number):
@@ -150,7 +152,8 @@ def test_ceilings_of_the_core_are_those_of_python(path, number):
 
 @pytest.mark.costly
 @pytest.mark.parametrize('path', [HeatPath(), HeatPath(45.0, 15e3, 300.0)], ids=['direct', 'late'])
-@pytest.mark.parametrize('number', [0, 13, 14, 22, 25])
+@pytest.mark.parametrize('number', [
+    13, *(pytest.param(number, marks=pytest.mark.deep) for number in (0, 14, 22, 25))])
 def test_plans_of_the_core_are_those_of_python(number, path):
     # Without a ceiling free heat exceeds the target on each of these trips.
     drawn = draw_limit_trip(REFERENCE, 1, number)

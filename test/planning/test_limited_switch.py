@@ -95,10 +95,11 @@ def test_so_it_is_with_other_charge_other_steps_and_other_loads(car, auxiliary_w
 
 
 @pytest.mark.costly
-@pytest.mark.parametrize('path', [DIRECT, HeatPath(90.0), HeatPath(0.0, 15e3, 300.0)])
+@pytest.mark.parametrize('path', [
+    DIRECT, pytest.param(HeatPath(90.0), marks=pytest.mark.deep), HeatPath(0.0, 15e3, 300.0)])
 def test_so_it_is_on_drawn_trips_with_limits(path):
     compared = 0
-    for number in range(40):
+    for number in range(20):
         drawn = draw_limit_trip(replace(REFERENCE, heat_path=path), 5, number)
         goal = replace(drawn.goal, minimum_arrival_soc=0.0)
         plan = plan_preheating(drawn.vehicle, drawn.route, drawn.state, goal)
@@ -108,7 +109,7 @@ def test_so_it_is_on_drawn_trips_with_limits(path):
             continue
         compared += 1
         assert (once.soc[-1] - plan.arrival_soc) * whole_charge_wh(trip, once) < LEAST_SAVING_WH, number
-    assert compared >= 20
+    assert compared >= 8
 
 
 @BOTH_WAYS

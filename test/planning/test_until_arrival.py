@@ -102,7 +102,7 @@ def test_no_other_start_and_end_of_heating_costs_less_than_the_best_target():
             float(driven.heat.coolant_excess_k[-1]))).cost
 
     found = min(cost(on_s, off_s) for on_s, off_s in product(
-        np.arange(0.0, 2400.0, 60.0), (1920.0, 2160.0, 2280.0, 2340.0, 2370.0, 2400.0)) if on_s < off_s)
+        np.arange(0.0, 2400.0, 120.0), (1920.0, 2160.0, 2280.0, 2340.0, 2370.0, 2400.0)) if on_s < off_s)
     assert best.cost <= found * (1.0 + 1e-4)
     # With the heater off before arrival, the same search over targets would be dearer.
     usual = min(heating.choose(arrival_state(plan_preheating(

@@ -16,7 +16,7 @@ from bev_preheat.route.match import Cause, Fix
 from bev_preheat.route.matching import Matcher
 
 SPEED_MPS = 15.0
-COUNTRY = Road.winding(20e3, seed=3)
+COUNTRY = Road.winding(13e3, seed=3)
 CORNERS = Road.through([(0, 0), (3000, 0), (3000, 3000), (8000, 3000)])
 THERE_AND_BACK = Road.through([(0, 0), (6000, 0), (6000, 12), (0, 12)])
 
@@ -70,7 +70,7 @@ class Drive:
 
 # On the route
 
-@pytest.mark.parametrize('period_s', [0.1, 1.0, 10.0])
+@pytest.mark.parametrize('period_s', [pytest.param(0.1, marks=pytest.mark.deep), 1.0, 10.0])
 def test_the_place_is_as_accurate_as_the_fixes(period_s):
     drive = Drive(COUNTRY, period_s=period_s, seed=7, speed_mps=18.0)
     # Outliers of 40 ... 400 m, one in a hundred.
@@ -93,7 +93,7 @@ def test_the_deviation_is_an_honest_one():
         drive = Drive(COUNTRY, seed=seed, period_s=2.0, from_s=200.0).run()
         ratios += [(match.distance_m - true_m) / match.deviation_m for _, match, true_m in drive.told
                    if match.distance_m is not None]
-    assert len(ratios) > 1500
+    assert len(ratios) > 1000
     assert np.mean(np.abs(ratios) < 2.0) > 0.97
     assert np.max(np.abs(ratios)) < 4.0
 
@@ -106,7 +106,7 @@ def test_a_standing_vehicle_does_not_creep_along():
     assert -25.0 < errors_m.min() and errors_m.max() < 25.0
 
 
-@settings(deadline=None, max_examples=12)
+@settings(max_examples=settings.default.max_examples // 4)
 @given(seed=st.integers(0, 1000), speed_mps=st.floats(4.0, 40.0), period_s=st.sampled_from([0.5, 1.0, 5.0]))
 def test_it_never_falls_back_by_much_on_a_vehicle_that_drives_on(seed, speed_mps, period_s):
     drive = Drive(COUNTRY, seed=seed, speed_mps=speed_mps, period_s=period_s)
@@ -123,7 +123,7 @@ def turned(road, angle, east_m=0.0, north_m=0.0, origin=None):
                 sine * road.east_m + cosine * road.north_m + north_m, origin or road.origin)
 
 
-@settings(deadline=None, max_examples=8)
+@settings(max_examples=settings.default.max_examples // 8)
 @given(angle=st.floats(0.0, 6.28), latitude_deg=st.floats(-70.0, 70.0), longitude_deg=st.floats(-180.0, 180.0))
 def test_turned_and_elsewhere_on_earth_the_places_are_the_same(angle, latitude_deg, longitude_deg):
     short = Road(COUNTRY.east_m[:3000], COUNTRY.north_m[:3000])
@@ -190,7 +190,7 @@ def test_fixes_out_of_order_and_twice_have_no_effect():
         matcher.take(drive.fix(number))
     before = matcher.match
     for stamp in (0, 50, 99):
-        match = matcher.take(drive.fix(99)._replace(stamp_ns=START_NS + stamp * NS, latitude_deg=10.0))
+        match = matcher.take(Fix(START_NS + stamp * NS, 10.0, drive.fix(99).longitude_deg))
         assert (match.cause, match.distance_m) == (Cause.OVERTAKEN, None)
     assert matcher.match == before
     assert matcher.take(drive.fix(100)).distance_m == pytest.approx(drive.true_m[100], abs=25.0)
@@ -216,7 +216,7 @@ def test_beside_the_route_no_place_is_told():
     assert len(drive.errors(0.0, 195.0)) == 0
 
 
-@pytest.mark.parametrize('speed_mps', [4.0, 12.0, 25.0])
+@pytest.mark.parametrize('speed_mps', [pytest.param(4.0, marks=pytest.mark.deep), 12.0, 25.0])
 def test_a_vehicle_that_leaves_the_route_and_crosses_it_later_is_off_it(speed_mps):
     path = Road.through([(0, 0), (1000, 0), (1000, -1000), (4000, -1000), (4000, 4500)])
     drive = Drive(CORNERS, path, speed_mps=speed_mps, seed=6).run()
@@ -260,7 +260,7 @@ def test_beyond_the_end_the_vehicle_has_arrived():
 
 # Several passes
 
-@pytest.mark.parametrize('seed', range(3))
+@pytest.mark.parametrize('seed', [0, *(pytest.param(seed, marks=pytest.mark.deep) for seed in (1, 2))])
 @pytest.mark.parametrize('from_s', [0.0, 100.0, 600.0])
 def test_both_directions_of_one_road_are_told_apart(from_s, seed):
     drive = Drive(THERE_AND_BACK, seed=seed, from_s=from_s, stands_s=30.0, from_start=from_s == 0.0).run()
@@ -309,7 +309,6 @@ def test_a_jump_along_the_route_is_not_believed_at_once():
     assert np.abs(drive.errors()).max() < 10.0
 
 
-@settings(deadline=None, max_examples=30)
 @given(st.lists(st.tuples(st.integers(-5, 100), st.floats(-90.0, 90.0), st.floats(-180.0, 180.0),
                           st.one_of(st.none(), st.floats(0.0, 1e6))), max_size=20))
 def test_no_fix_on_earth_raises_or_gives_a_place_beyond_the_route(fixes):

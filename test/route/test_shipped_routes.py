@@ -16,6 +16,7 @@ from bev_preheat.vehicle import load_vehicle
 REFERENCE = load_vehicle('reference')
 FOLDER = configuration_folder('routes')
 NAMES = sorted(path.stem for path in FOLDER.glob('*.csv'))
+VEHICLES = sorted(path.stem for path in configuration_folder('vehicles').glob('*.yaml'))
 
 
 def shipped(name):
@@ -110,10 +111,11 @@ def test_the_motorway_lasts_three_hours():
     assert np.median(route.speed_mps) * 3.6 > 85.0
 
 
+# Daily one route for each vehicle.
 @pytest.mark.costly
-@pytest.mark.parametrize('vehicle', sorted(
-    path.stem for path in configuration_folder('vehicles').glob('*.yaml')))
-@pytest.mark.parametrize('name', NAMES)
+@pytest.mark.parametrize('name, vehicle', [
+    pytest.param(name, vehicle, marks=[pytest.mark.deep] * (at % len(NAMES) != number))
+    for at, vehicle in enumerate(VEHICLES) for number, name in enumerate(NAMES)])
 def test_every_shipped_vehicle_drives_the_same_road(name, vehicle):
     driven = route_for(f'legs/{name}', load_vehicle(vehicle)).route
     for field in ('duration_s', 'speed_mps', 'ambient_temperature_c'):

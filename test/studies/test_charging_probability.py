@@ -24,7 +24,9 @@ from bev_preheat_studies.optimality.charging_trips import draw_charging_trip
 
 
 @pytest.mark.costly
-@pytest.mark.parametrize('number', [2, 10, 43], ids=['with a heat path', 'even chance', 'nearly certain'])
+@pytest.mark.parametrize('number', [
+    pytest.param(10, id='even chance'), pytest.param(2, id='with a heat path', marks=pytest.mark.deep),
+    pytest.param(43, id='nearly certain', marks=pytest.mark.deep)])
 def test_the_best_target_costs_no_more_than_the_search_finds(number):
     gap = compare(1, number)
     assert gap.outcome == COMPARED

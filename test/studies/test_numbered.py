@@ -11,6 +11,7 @@ import time
 
 import psutil
 import pytest
+from run_here import Here
 
 from bev_preheat.console.program import WorkerLost
 from bev_preheat.errors import InvalidInput
@@ -24,19 +25,6 @@ from bev_preheat_studies.workers import Workers
 
 def cube(number):
     return number**3
-
-
-class Here(Executor):
-    """Runs each task at once, and notes its number."""
-
-    def __init__(self, cores=1):
-        self.cores, self.ran = cores, []
-
-    def submit(self, function, /, *arguments, **options):
-        self.ran += arguments
-        future = Future()
-        future.set_result(function(*arguments, **options))
-        return future
 
 
 class Backwards(Here):

@@ -69,7 +69,7 @@ def test_points_on_each_other_are_all_seen(study):
 def test_a_study_without_feasible_trips_can_be_drawn():
     figure = make_study_figure([], ['merit_order'])
     figure.draw_without_rendering()
-    assert ': 0 feasible trips' in figure._suptitle.get_text()
+    assert ': 0 feasible trips' in figure.texts[0].get_text()
 
 
 def drive(error_k, energy_wh, switch_ons):

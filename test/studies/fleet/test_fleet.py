@@ -1,13 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """A fleet: its sessions agree with `charge`, its ways with their definition, its blocks with every executor."""
 
-from concurrent.futures import Future
 from dataclasses import fields, replace
 import json
 
-from matplotlib.image import imread
 import numpy as np
 import pytest
+from run_here import Here
 
 from bev_preheat.charging.session import charge
 from bev_preheat.commands.main import main
@@ -158,22 +157,13 @@ def test_a_fleet_is_counted_trip_by_trip(quick_tables):
         assert tally.mean('merit_order', 'all', quantity) == pytest.approx(np.mean(values), abs=1e-3)
 
 
+# test/native compares plans of core and Python daily.
+@pytest.mark.deep
 def test_without_the_core_the_table_is_the_same(quick_tables):
     trips = draw_fleet(5, 0, 8)
     with without_core():
         slow = tally_of(trips)
     assert slow == tally_of(trips)
-
-
-class Here:
-    """Runs each task at once."""
-
-    cores = 2
-
-    def submit(self, function, number):
-        future = Future()
-        future.set_result(function(number))
-        return future
 
 
 @pytest.fixture
@@ -201,7 +191,7 @@ def made_blocks(monkeypatch):
 
 def test_each_trip_is_in_one_block(made_blocks):
     blocks = []
-    run_fleet(37, 1, Here(), blocks.append)
+    run_fleet(37, 1, Here(2), blocks.append)
     assert made_blocks == list(range(37))
     assert [(block.number, block.size) for block in blocks] == [(0, 10), (1, 10), (2, 10), (3, 7)]
 
@@ -211,7 +201,7 @@ def test_tables_of_a_fleet_are_made_once(made_blocks, monkeypatch, trips, made):
     """For all blocks; one alone makes those that it needs."""
     seen = []
     monkeypatch.setattr(fleet_study, 'tally_of', lambda numbers, tables: seen.append(tables) or Tally())
-    run_fleet(trips, 1, Here(), lambda block: None)
+    run_fleet(trips, 1, Here(2), lambda block: None)
     assert seen == [{plug: plug for plug in made}] * -(-trips // 10)
 
 
@@ -220,7 +210,7 @@ def run_kept(path, trips):
     with kept_fleet(path, {'study': 'made'}, trips) as kept:
         whole = kept.tally
         blocks = []
-        run_fleet(trips, 1, Here(), blocks.append, kept.finished, kept.keep)
+        run_fleet(trips, 1, Here(2), blocks.append, kept.finished, kept.keep)
         for block in blocks:
             whole = whole.with_other(block.tally)
     return whole
@@ -243,18 +233,8 @@ def test_a_larger_fleet_goes_on_from_a_smaller_one(made_blocks, tmp_path):
 
 @pytest.fixture
 def quick_command(made_blocks, monkeypatch):
-    monkeypatch.setattr('bev_preheat_studies.commands.sweep_fleet.study_executor', lambda arguments: HereOnce())
+    monkeypatch.setattr('bev_preheat_studies.commands.sweep_fleet.study_executor', lambda arguments: Here(2))
     return made_blocks
-
-
-class HereOnce(Here):
-    """The same as a context manager."""
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *exception):
-        pass
 
 
 def test_the_command_prints_writes_draws_and_goes_on(quick_command, tmp_path, capsys):
@@ -267,6 +247,7 @@ def test_the_command_prints_writes_draws_and_goes_on(quick_command, tmp_path, ca
     assert (written['fleet'], written['seed'], written['complete']) == (25, 4, True)
     figures = written['summary']['groups']['all']['ways']['merit_order']
     assert figures['saved_min']['mean'] == pytest.approx(12.0 / 60.0)
+    from matplotlib.image import imread
     assert imread(picture).std() > 0.02
     quick_command.clear()
     assert main(command) == 0

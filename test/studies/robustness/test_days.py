@@ -119,7 +119,7 @@ def test_faults_are_to_be_found_in_95_per_cent(found, is_met):
 
 @pytest.mark.costly
 def test_a_day_is_driven_to_its_end_and_kept():
-    short = replace(CONDITIONS, routes=(ROUTES[1].before(600.0),), goal=Goal(0.0))
+    short = replace(CONDITIONS, routes=(ROUTES[1].before(300.0),), goal=Goal(0.0), period_s=10.0)
     result = drive_day(short, 3, 1)
     day = draw_day(short, 3, 1)
     assert [each.position for each in result.trips] == list(range(len(day.paces)))

@@ -34,18 +34,22 @@ def test_other_seed_or_number_draws_another_car(other):
     assert np.ptp(powers_w[0] / powers_w[1]) > 0.01
 
 
+@pytest.fixture(scope='module')
+def mismatches():
+    return [draw_car(CONDITIONS, 1, number).mismatch for number in range(2000)]
+
+
 @pytest.mark.parametrize('name', SPREAD)
-def test_factors_are_drawn_evenly_within_their_spread(name):
-    factors = [getattr(draw_car(CONDITIONS, 1, number).mismatch, name) for number in range(2000)]
+def test_factors_are_drawn_evenly_within_their_spread(mismatches, name):
+    factors = [getattr(mismatch, name) for mismatch in mismatches]
     shares = np.sort((np.array(factors) - 1.0) / SPREAD[name] / 2.0 + 0.5)
     assert 0.0 <= shares[0] and shares[-1] <= 1.0
     # Kolmogorov-Smirnov: a uniform distribution is further off in 1 of 10 000 cases.
     assert np.abs(shares - (np.arange(2000) + 0.5) / 2000).max() < 2.23 / np.sqrt(2000)
 
 
-def test_factors_are_drawn_independently():
-    drawn = [draw_car(CONDITIONS, 1, number).mismatch for number in range(2000)]
-    correlations = np.corrcoef([[getattr(mismatch, name) for mismatch in drawn]
+def test_factors_are_drawn_independently(mismatches):
+    correlations = np.corrcoef([[getattr(mismatch, name) for mismatch in mismatches]
                                 for name in SPREAD])
     assert np.abs(correlations - np.eye(5)).max() < 4.5 / np.sqrt(2000)
 

@@ -173,7 +173,7 @@ def test_drive_ends_where_the_battery_is_empty():
 
 
 @pytest.mark.needs('casadi')
-@pytest.mark.parametrize('number', range(3))
+@pytest.mark.parametrize('number', [0, *(pytest.param(number, marks=pytest.mark.deep) for number in (1, 2))])
 def test_informed_drive_is_the_optimum_of_the_true_car(number):
     from bev_preheat.nonlinear_program.solve import solve_optimum
     trip = draw_car(CONDITIONS, 11, number)

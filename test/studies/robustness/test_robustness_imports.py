@@ -14,7 +14,8 @@ IMPORT_AND_LIST = ('import sys; from bev_preheat_studies.robustness import car_f
                    f'print(*set({UNWANTED}) & set(sys.modules))')
 
 
-@pytest.mark.costly
+# test/test_imports.py asks this of bev_preheat_studies.robustness daily.
+@pytest.mark.deep
 def test_study_needs_neither_ros_nor_solver_nor_plots():
     root = Path(__file__).parents[3]
     done = subprocess.run(
