@@ -70,10 +70,11 @@ def threshold_search(number):
     return ThresholdSearch(trip, state, watch, thresholds, trip.heater_limit_w), goal
 
 
-# Leaf by leaf; test_same_plans.py compares whole plans daily.
-@pytest.mark.deep
-@pytest.mark.parametrize('serves_climbs', [True, False])
-@pytest.mark.parametrize('number', [1, 4, 7, 8, 9, 11])
+# Leaf by leaf, of which one is daily, as no whole plan calls the core's search alone; test_same_plans.py compares whole
+# plans daily.
+@pytest.mark.parametrize('serves_climbs', [True, pytest.param(False, marks=pytest.mark.deep)])
+@pytest.mark.parametrize('number', [
+    4, *(pytest.param(number, marks=pytest.mark.deep) for number in (1, 7, 8, 9, 11))])
 def test_thresholds_are_moved_by_the_same(number, serves_climbs, monkeypatch):
     search, goal = threshold_search(number)
     with monkeypatch.context() as patched:
