@@ -70,8 +70,7 @@ def threshold_search(number):
     return ThresholdSearch(trip, state, watch, thresholds, trip.heater_limit_w), goal
 
 
-# Leaf by leaf, of which one is daily, as no whole plan calls the core's search alone; test_same_plans.py compares whole
-# plans daily.
+# One case daily, as no whole plan calls this search of the core alone.
 @pytest.mark.parametrize('serves_climbs', [True, pytest.param(False, marks=pytest.mark.deep)])
 @pytest.mark.parametrize('number', [
     4, *(pytest.param(number, marks=pytest.mark.deep) for number in (1, 7, 8, 9, 11))])
