@@ -28,6 +28,9 @@ ERROR_M, PLACE_M, CORRECTED_M = 30.0, 10.0, 100.0
 # A battery state is too old after this time; positions, too.
 SETTINGS = Settings(estimation=False, battery_state_timeout_s=12.0, minimum_on_time_s=0.0, minimum_off_time_s=0.0)
 
+# A route plan that begins now or later, or began less than a minute ago, begins a trip.
+JUST_BEGUN_NS = 60 * NS_PER_S
+
 SHORT, LONG = st.integers(1, 12), st.integers(12, 60)  # Steps: up to 1 min, up to 5 min.
 MINUTES = st.integers(3, 9)
 PACES = st.sampled_from((0.5, 0.8, 1.0, 1.25))
@@ -118,6 +121,9 @@ class World:
 
     def send_again(self):
         route_id, stamp_ns, length_m = self.route
+        if stamp_ns >= self.clock_ns - JUST_BEGUN_NS:
+            # After a clock was set back it is a simulation that was started again: another trip.
+            self.is_over, self.said_arrived, self.fixed_m = False, False, None
         whole, rest_s = divmod(length_m / SPEED_MPS, 60.0)
         durations_s = [60.0] * int(whole) + ([rest_s] if rest_s > 0.01 else [])
         self.give_route(route_id, stamp_ns, durations_s)

@@ -326,8 +326,9 @@ class Inbox:
             self._follow(Timetable.of(mission).ended(TripEnd(ended.ended_ns, ended.is_observed)), not is_update)
         else:
             self.choices = replace(self.choices, ended_trip=None)
-            # A route without a route_id is never an update.
-            continues = is_update and mission.route_id and timetable is not None and timetable.end is None
+            # A route without a route_id is never an update, unless it is the same message again.
+            continues = is_update and timetable is not None and timetable.end is None and (
+                mission.route_id != '' or mission.has_instants_of(timetable.planned))
             self._follow(timetable.updated(mission, now_ns) if timetable is not None and continues
                          else Timetable.of(mission), not is_update or (ended is not None and ended.is_observed))
         self._refusals.lift_by_route()

@@ -2,7 +2,7 @@
 """A trip that has ended stays ended; only a new route begins another: drawn days, and the contract of its end."""
 
 from drawn_days import CONSUMERS_W, DAYS, DRIVE_W, SPEED_MPS, violations_of, World
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 import pytest
 
 from bev_preheat.control.events import ProgressArrived, TripCancelled
@@ -10,6 +10,8 @@ from bev_preheat.control.inputs import NS_PER_S, Progress
 from bev_preheat.planning.status import Status
 
 
+@example([(None, 8, [('detour', 5), ('drive', 0.5, 1.25, True), ('again',)], (1.0, True), None, [], '')])
+@example([(17, 5, [('replan',)], (0.5, True), 26, [('clock', -801), ('restart',), ('home', 45, False)], 'home')])
 @given(DAYS)
 def test_no_watt_after_arrival_and_no_way_back(day):
     assert violations_of(day) == []

@@ -22,7 +22,7 @@ LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
 
 
 class WorldOverDds(World):
-    """The world of a process: its inputs are messages, its restart is one of the process."""
+    """A world whose planner is an installed process; its inputs are messages."""
 
     def __init__(self, bench, state_file):
         super().__init__()
