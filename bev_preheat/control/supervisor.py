@@ -232,9 +232,14 @@ class Supervisor:
         )._replace(heater_refusal=self._heater_refusal, inactive=self._inactive)
 
     def _pass_time(self, now_ns: int) -> None:
-        """End the trip if its time is over."""
-        timetable = self._inbox.timetable
-        if timetable is not None:
+        """
+        End the trip if its time is over.
+
+        A recent battery state must confirm the time: a clock that jumps ahead for a moment ends no trip.
+        """
+        timetable, measurement = self._inbox.timetable, self._inbox.measurement
+        timeout_ns = self._inbox.settings.battery_state_timeout_s * NS_PER_S
+        if timetable is not None and measurement is not None and now_ns - measurement.stamp_ns <= timeout_ns:
             self._inbox.keep(timetable.passed(now_ns))
 
     def _with_timetable(self, inputs: AdmittedInputs) -> AdmittedInputs:

@@ -189,7 +189,8 @@ def test_no_command_that_arrived_beside_another_node_is_in_force_later():
     heater.command(2500.0, lease_s=10.0)
     # The stranger is forgotten before the next step.
     heater.wait(0.2)
-    assert heater.answer() == (0.0, 0.0, Refusal.COMMAND_CONFLICT, '2 nodes command the heater')
+    assert heater.answer() == (0.0, 0.0, Refusal.NO_COMMAND,
+                               'no valid command has arrived since two nodes commanded')
     heater.command(2500.0)
     assert heater.power_w() == 2500.0
 
