@@ -71,10 +71,10 @@ class RecordedDrive:
         measurement = state.measurement
         if measurement is not None and measurement.stamp_ns != self._measured_ns:
             self._measured_ns = measurement.stamp_ns
-            plan = state.decision.plan
+            made = state.decision.plan
             board.see_battery(measurement.stamp_ns / NS_PER_S, measurement.state.temperature_c,
                               measurement.state.soc, at_s,
-                              math.nan if plan is None else float(plan.battery_temperature_c[0]))
+                              math.nan if made is None else float(made.battery_temperature_c[0]))
         status = None if board.plan is None else board.plan.status
         is_due = at_s - self._framed_s >= self._frame_s - CLOSE_S
         if not is_due and status == state.decision.status:
@@ -83,7 +83,9 @@ class RecordedDrive:
         decision = state.decision
         if decision.leg is not None:
             board.see_route(RouteSeen((), 0, decision.leg.minimum_arrival_soc))
-        board.see_plan(plan_seen(plan_message(decision, state.active_mission, played.now_ns)), at_s)
+        plan = plan_seen(plan_message(decision, state.active_mission, played.now_ns))
+        # A plan is stamped with its battery state; its event belongs to the step that shows it.
+        board.see_plan(plan._replace(at_s=at_s), at_s)
         board.see_diagnostics(
             at_s, entries_seen(planner_diagnostics(PLANNER, state, played.now_ns), PLANNER), at_s)
         instant_s = round(at_s, 3)

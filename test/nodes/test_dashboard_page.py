@@ -193,6 +193,8 @@ def assert_the_recording_plays(page, bench, recordings):
     assert page.text('status') == 'Heating'
     page.run('document.querySelector("#results button").click()')
     assert page.text('status') in ('Arrived', 'Charging')
+    page.run('document.getElementById("slider").focus()')
+    page.press('HOME')
     page.click('play')
     page.wait(lambda: page.text('status') == 'Heating', 'that the recorded drive heats')
     page.click('play')
