@@ -116,6 +116,9 @@ def trip(request, module_bench, tmp_path_factory):
     trip = Trip(module_bench, route, drive.temperature_c)
     trip.duration_s = drive.duration_s
     assert trip.simulator.wait(TRIP_LIMIT_S) == 0, trip.simulator.output()
+    # The last messages may still be on their way.
+    trip.states.wait_for(lambda state: on_the_way_s(state.header.stamp) >= trip.duration_s, 'the arrival')
+    trip.commands.wait_for(lambda command: command.reason == Status.ARRIVED, 'the end')
     yield trip
     trip.planner.end()
 

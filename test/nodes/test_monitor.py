@@ -101,6 +101,6 @@ def test_without_a_planner_it_says_what_is_missing(monitor):
 @pytest.mark.parametrize('arguments, problem', [
     (('--seconds', '-1'), '--seconds: -1 is not allowed'), (('--picture', 'x.png'), 'end in .svg'),
     (('--namespace', 'a b'), "--namespace: 'a b'")])
-def test_wrong_arguments_are_refused(domain_id, capsys, arguments, problem):
+def test_wrong_arguments_are_refused(ros, capsys, arguments, problem):
     assert main(['monitor', *arguments]) == 2
     assert problem in capsys.readouterr().err

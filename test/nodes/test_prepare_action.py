@@ -430,7 +430,7 @@ def test_a_planner_that_ends_says_so_and_its_successor_knows_no_goal(driver):
 # Without a planner
 
 
-def test_without_a_planner_it_is_one_line(domain_id, capsys, monkeypatch):
+def test_without_a_planner_it_is_one_line(ros, capsys, monkeypatch):
     monkeypatch.setattr(preparation, 'FOUND_WITHIN_S', 0.3)
     assert main(['prepare', '--namespace', '/nobody', '--in', '40']) == 2
     errors = capsys.readouterr().err
@@ -441,6 +441,6 @@ def test_without_a_planner_it_is_one_line(domain_id, capsys, monkeypatch):
     (('--at', '7.30'), "--at: '7.30' is not allowed; it must be HH:MM"), (('--in', '0'), '--in: 0 is not allowed'),
     (('--in', 'nan'), '--in: nan is not allowed'), (('--in', '1441'), 'at most 1440 min'),
     (('--namespace', 'a b'), "--namespace: 'a b'"), (('--node', 'a b'), "--node: 'a b'")])
-def test_arguments_that_mean_nothing_are_refused(domain_id, capsys, arguments, problem):
+def test_arguments_that_mean_nothing_are_refused(ros, capsys, arguments, problem):
     assert main(['prepare', *arguments]) == 2
     assert problem in capsys.readouterr().err
