@@ -29,6 +29,7 @@ from bev_preheat.control.events import (
 )
 from bev_preheat.control.heater_answer import HeaterAnswers
 from bev_preheat.control.inbox import Inbox
+from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.control.knowledge import Knowledge
 from bev_preheat.control.planner_state import PlannerState
 from bev_preheat.control.preparation import PreparationControl
