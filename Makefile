@@ -15,9 +15,9 @@ TESTS := test
 # The tests of a file stay together and share nodes; they spend much time waiting for the nodes, so there are more workers than
 # cores. Files with few tests are slow and must not run last, as they would with newer versions of xdist. Not every ROS
 # machine has xdist.
-several_files_at_once := $$(python3 -c 'import xdist; print("-n 5 --dist loadfile", "--no-loadscope-reorder" * (tuple(map(int, xdist.__version__.split(".")[:2])) >= (3, 7)))' 2>/dev/null || true)
+several_files_at_once := $$(python3 -c 'import xdist; print("-n 4 --dist loadfile", "--no-loadscope-reorder" * (tuple(map(int, xdist.__version__.split(".")[:2])) >= (3, 7)))' 2>/dev/null || true)
 
-several_without_nodes := $(subst -n 5,-n auto,$(several_files_at_once))
+several_without_nodes := $(subst -n 4,-n auto,$(several_files_at_once))
 
 # Groups of packages in addition to those that the program always needs; scripts/requirements-optional.txt lists them:
 # make setup WITH="bus logs"

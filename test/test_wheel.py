@@ -154,6 +154,7 @@ def test_the_public_interface_works(site):
     assert (done.stdout.strip(), done.stderr) == ('WAITING', '')
 
 
+@pytest.mark.deep
 def test_without_a_compiler_python_plans_alone(sources, tmp_path):
     shutil.rmtree(sources / 'build', ignore_errors=True)
     wheel = build(sources, tmp_path, '/nonexistent/compiler')

@@ -70,6 +70,7 @@ def test_a_bound_out_of_range_is_refused(logs, capsys, words, line):
     assert line in capsys.readouterr().err
 
 
+@pytest.mark.deep
 def test_identify_refuses_too_few_logs_and_an_existing_file(logs, tmp_path, capsys):
     output = tmp_path / 'my.yaml'
     words = ['--vehicle', 'small_car', '--output', str(output)]
@@ -109,6 +110,7 @@ def test_the_identified_file_is_a_vehicle_file_and_predicts_better(logs, tmp_pat
     assert worst[1] < worst[0]
 
 
+@pytest.mark.deep
 @pytest.mark.costly
 @pytest.mark.needs('casadi')
 @pytest.mark.needs('scipy')

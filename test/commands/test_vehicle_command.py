@@ -78,6 +78,7 @@ def test_any_name_survives(said, name):
     assert load_vehicle('./car.yaml').name == name
 
 
+@pytest.mark.deep
 @pytest.mark.costly
 def test_a_name_with_dollar_signs_is_drawn(said):
     assert said(*ID4, '--output', 'car.yaml', '--name', '$x_{ $')[0] == 0
@@ -161,6 +162,7 @@ def test_list_names_each_shipped_car(said):
         assert file.stem in output
 
 
+@pytest.mark.deep
 def test_published_prints_published_against_computed_figures(said, monkeypatch):
     monkeypatch.setenv('COLUMNS', '120')
     status, output, errors = said('vehicle', 'published', '--sources', '--json', 'published.json')

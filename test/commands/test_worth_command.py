@@ -76,6 +76,7 @@ ALONG = ['worth', '--vehicle', 'reference', '--route', 'reference', '--temperatu
          '--chargers', 'reference', '--end-soc', '0.5']
 
 
+@pytest.mark.deep
 @pytest.mark.costly
 def test_several_chargers_are_ranked_written_and_drawn(said, tmp_path):
     status, output, errors = said(*ALONG, '--value-of-time', '12', '--json', 'along.json', '--plot',

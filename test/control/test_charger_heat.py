@@ -144,6 +144,7 @@ def test_it_heats_at_the_charger_at_the_end_of_the_route(charged_with_w, chargin
     assert outcome(supervisor, measured(-3.0, charged_with_w)) == expected
 
 
+@pytest.mark.deep
 @pytest.mark.costly
 def test_a_whole_stop_is_heated_once_to_the_limit_and_no_heater_is_accused():
     """An independent plant: the charger supplies the battery's power, so the heater has no effect on it."""

@@ -124,6 +124,7 @@ def test_a_parked_car_is_not_heated_for_longer_than_stated():
     assert car.delay_s == pytest.approx(540.0, abs=8.0)
 
 
+@pytest.mark.deep
 def test_a_traffic_jam_with_its_consumers_on_is_heated_for_a_quarter_of_an_hour():
     # Too cold to reach the target: heat made while it stands is not lost.
     car = Car((leg(25),), temperature_c=-7.0, every_s=1)

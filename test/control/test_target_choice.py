@@ -215,6 +215,7 @@ def test_a_belief_that_has_really_changed_changes_the_target():
     assert before.heating_pays and not after.heating_pays
 
 
+@pytest.mark.deep
 @pytest.mark.costly
 def test_over_a_drive_the_target_changes_a_few_times_and_is_reached():
     route, state = drive(25), BatteryState(2.0, 0.6)

@@ -102,6 +102,7 @@ def test_a_drive_to_a_known_charger_tells_the_session(start_demo):
     assert 'NOT_WORTH_IT: ' in output and 'At the charger, as predicted on the way: ' in output
 
 
+@pytest.mark.deep
 def test_death_of_a_process_is_told_and_ends_the_others(start_demo):
     demo = start_demo('--speed-up', '5')
     wait_for_line(demo, 'battery')

@@ -116,6 +116,7 @@ def errors_k(left_out, estimation):
     return np.array([[drive.errors_k[lead_s] for drive in drives] for lead_s in LEADS_S])
 
 
+@pytest.mark.deep
 @pytest.mark.parametrize('left_out', [0, pytest.param(5, marks=pytest.mark.deep)])
 def test_estimation_predicts_no_worse_than_none_at_each_lead(left_out):
     with_it, without = (np.abs(errors_k(left_out=left_out, estimation=each)) for each in (True, False))

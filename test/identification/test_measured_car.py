@@ -51,6 +51,7 @@ def identified(names=()):
     return identify(START, [trip for trip in trips() if not names or trip.name.endswith(names)], 'my_car')
 
 
+@pytest.mark.deep
 def test_drives_left_out_are_predicted_well_and_better_than_without_a_model():
     result = identified()
     assert result.rmse_k <= 0.40

@@ -32,6 +32,7 @@ def car(tmp_path, monkeypatch):
         process.kill()
 
 
+@pytest.mark.deep
 def test_commands_as_printed_lead_to_the_first_command_of_the_heater(car, start_executable):
     assert COMMANDS[0] == ['python3', 'play_car.py']
     assert len(FILES['play_car.py'].splitlines()) == 40

@@ -62,6 +62,7 @@ def cabin():
     car.close()
 
 
+@pytest.mark.deep
 @pytest.mark.parametrize('is_killed', [False, pytest.param(True, marks=pytest.mark.deep)],
                          ids=['', 'planner killed'])
 def test_request_ends_in_a_warm_battery_and_is_reported_back(cabin, start_executable, record, tmp_path, is_killed):

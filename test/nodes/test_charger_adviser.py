@@ -98,6 +98,7 @@ def drive(rehearsal):
     return Drive(rehearsal)
 
 
+@pytest.mark.deep
 @pytest.mark.parametrize('driven', [0, 5])
 def test_they_are_ranked_as_the_function_ranks_them(drive, driven):
     answer = drive.answer(START_S + driven * int(SEGMENT_S))

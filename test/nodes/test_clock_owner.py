@@ -46,6 +46,7 @@ def test_the_simulator_that_comes_later_ends_and_says_why(rehearsal, errors):
     assert first.exit_status is None
 
 
+@pytest.mark.deep
 def test_an_installed_simulator_that_comes_later_ends_and_says_why(bench, call_main):
     clock = bench.record(Clock, '/clock', MANY)
     bench.start('vehicle_simulator')

@@ -5,6 +5,7 @@ from contextlib import contextmanager
 import signal
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import BatteryState
 from std_srvs.srv import SetBool
@@ -86,6 +87,7 @@ def in_conflict_until_one_is_gone(bench, end):
             for status in array.status))
 
 
+@pytest.mark.deep
 def test_two_installed_planners_stay_off_until_one_is_killed(bench):
     def kill(planner):
         planner.send_signal(signal.SIGKILL)

@@ -161,6 +161,7 @@ def test_a_planner_that_is_gone_answers_nothing_and_that_is_said(bench):
         'isAccepted': False, 'text': 'The planner was not found: nothing was asked.'}
 
 
+@pytest.mark.deep
 def test_a_clock_that_stands_is_named(bench):
     host = page_of(bench.start('dashboard', '-p', 'port:=0'))
     bench.start('planner', '-p', 'use_sim_time:=true')

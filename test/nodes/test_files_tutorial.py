@@ -27,6 +27,7 @@ def heating_wh(vehicle):
     return json.loads(Path('plan.json').read_text())['energy_wh']['hvch_electric']
 
 
+@pytest.mark.deep
 def test_commands_as_printed_lead_to_a_planner_with_the_identified_car(bench, tmp_path, monkeypatch, capfd):
     run_page(PAGE, tmp_path, monkeypatch, capfd)
     own_wh, data_sheet_wh = heating_wh('my_car.yaml'), heating_wh('data_sheet.yaml')

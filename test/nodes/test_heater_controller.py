@@ -156,6 +156,7 @@ def test_hanging_commander_ends_the_heat_before_a_long_lease(installed):
     assert any(word in status.explanation for word in ('deadline', 'alive'))
 
 
+@pytest.mark.deep
 def test_killed_and_restarted_heater_starts_cold_and_ends_with_0_w(installed):
     installed.heats()
     installed.process.send_signal(signal.SIGKILL)

@@ -91,6 +91,7 @@ def test_the_live_view_follows_the_planner_until_ctrl_c(heating):
         assert process.has_left_terminal_as_it_was and b'Traceback' not in process.tail
 
 
+@pytest.mark.deep
 def test_without_a_planner_it_says_what_is_missing(monitor):
     done = monitor('--once', '--seconds', '3')
     text, errors = done.communicate(timeout=LIMIT_S)

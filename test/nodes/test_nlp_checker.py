@@ -484,6 +484,7 @@ def test_a_refused_route_is_forgotten_where_the_one_before_it_comes_again(alone)
         alone.report(of_route('kept'))
 
 
+@pytest.mark.deep
 def test_checks_by_itself_but_not_more_often_than_the_period_in_simulated_time(own):
     own.start('nlp_checker', *SHARING, '-p', 'use_sim_time:=true', '-p',
                        'check_period:=10.0')
@@ -510,6 +511,7 @@ def test_checks_by_itself_but_not_more_often_than_the_period_in_simulated_time(o
     assert first.optimal and second.optimal
 
 
+@pytest.mark.deep
 def test_a_newer_route_cancels_the_check_under_way(alone):
     superseded = alone.count('superseded')
     with alone.feeding():
@@ -566,6 +568,7 @@ def test_compares_what_the_planner_says_where_its_situation_is_known(alone):
 
 # Faults
 
+@pytest.mark.deep
 def test_gives_up_at_the_time_limit_and_checks_again(alone):
     with alone.feeding():
         alone.hang_solver('endless')
@@ -586,6 +589,7 @@ def test_gives_up_at_the_time_limit_and_checks_again(alone):
         alone.diagnosis(lambda level, text, values: level == DiagnosticStatus.OK)
 
 
+@pytest.mark.deep
 def test_outlives_its_solver_and_says_so(alone):
     with alone.feeding():
         psutil.Process(alone.start_endless_check('fatal')).kill()

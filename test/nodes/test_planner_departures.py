@@ -132,6 +132,7 @@ def test_a_file_that_cannot_be_used_is_an_error_and_nothing_is_heated(car):
     assert not response.success and 'no file that can be used' in response.message
 
 
+@pytest.mark.deep
 def test_preheat_prepare_skips_the_next_departure_and_says_that_there_is_none(bench, tmp_path):
     car = Car(bench, tmp_path)
     planner = car.start()

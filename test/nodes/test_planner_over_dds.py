@@ -130,6 +130,7 @@ def test_its_commands_are_repeated_in_real_time(car):
     assert nanoseconds(last.header.stamp) - nanoseconds(first.header.stamp) >= 5 * 0.19e9
 
 
+@pytest.mark.deep
 def test_bytes_that_are_no_message_do_no_harm(car):
     car.states.publish(b'\x00\x01\x00\x00' + b'\xff' * 60)
     car.heat()

@@ -397,6 +397,7 @@ def test_a_goal_outlasts_its_client_and_anybody_can_cancel_it(driver, prepare):
     driver.commands.wait_for(lambda command: command.battery_heating_power == 0.0)
 
 
+@pytest.mark.deep
 def test_a_refused_goal_is_one_line_and_a_reached_one_ends_with_0(driver, prepare):
     refused = prepare('--in', '40', '--target', '99')
     reached = prepare('--in', '0.02', '--target', '0', '--ambient', '-5')
@@ -410,6 +411,7 @@ def test_a_refused_goal_is_one_line_and_a_reached_one_ends_with_0(driver, prepar
     assert re.search(r'The battery is warm: [23]\.\d degC, target 0\.0 degC\.\n$', text)
 
 
+@pytest.mark.deep
 def test_a_planner_that_ends_says_so_and_its_successor_knows_no_goal(driver):
     _, result = driver.send()
     driver.heats()

@@ -174,6 +174,7 @@ def kill(process):
     assert process.wait() == -signal.SIGKILL
 
 
+@pytest.mark.deep
 def test_an_opt_out_outlives_a_killed_process(bench, real_car, tmp_path):
     memory = tmp_path / 'state.json'
     first = real_car.start_planner('-p', f'state_file:={memory}')

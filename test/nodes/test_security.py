@@ -8,6 +8,7 @@ shows their endpoints.
 
 from contextlib import contextmanager
 from pathlib import Path
+import time
 from xml.etree import ElementTree
 
 from ament_index_python.packages import get_package_prefix
@@ -16,6 +17,7 @@ import pytest
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rehearsal import class_of, SilentNode
+from spinning import TIME_LIMIT_S
 
 from bev_preheat_msgs.msg import HvchCommand
 
@@ -82,11 +84,10 @@ def spun(context, executable, *arguments):
     executor.add_node(node)
 
     def wait_until(condition, what):
-        for _ in range(200):
-            if condition():
-                return
+        deadline_s = time.monotonic() + TIME_LIMIT_S
+        while not condition():
+            assert time.monotonic() < deadline_s, what
             executor.spin_once(0.05)
-        raise AssertionError(what)
 
     try:
         yield node, wait_until

@@ -137,6 +137,7 @@ class TestOnTheWay:
         assert 'out of range' in drive.set_number('speed_up', 0.5).reason
         assert not drive.set_number('initial_soc', 0.5).successful
 
+    @pytest.mark.deep
     def test_clock_runs_no_faster_than_asked_for_also_on_the_way(self, drive):
         faster_s = time.monotonic()
         assert drive.set_number('speed_up', 30.0).successful

@@ -157,6 +157,7 @@ SHORT = {'temperature_c': 17.5, 'seconds': 20, 'options': ('-p', 'estimation:=fa
 LONG = {'temperature_c': 8.0, 'seconds': 480, 'heat_capacity_j_per_k': 150e3, 'heat_lag_s': 15.0}
 
 
+@pytest.mark.deep
 @pytest.mark.parametrize('separate, drive', [
     (True, SHORT), pytest.param(False, SHORT, marks=pytest.mark.deep),
     pytest.param(True, LONG, marks=pytest.mark.deep), pytest.param(False, LONG, marks=pytest.mark.deep)],
@@ -181,6 +182,7 @@ def entries(name, text):
         for status in array.status)
 
 
+@pytest.mark.deep
 @pytest.mark.parametrize('separate', [True, pytest.param(False, marks=pytest.mark.deep)],
                          ids=['heater_controller', 'gateway alone'])
 def test_heater_that_refuses_gets_0_w_and_is_named(driving, module_bench, separate):

@@ -72,6 +72,7 @@ def test_the_best_target_costs_what_the_program_does(name):
     assert len(optimum.attempts) >= 2
 
 
+@pytest.mark.deep
 @pytest.mark.costly
 def test_a_program_that_may_heat_at_any_time_finds_the_best_switch_of_a_scan():
     vehicle, route, state, charger_w, departure_soc, prices = CASES['usual']

@@ -100,6 +100,7 @@ def test_only_the_period_is_compared(recorded, capsys):
     assert result['reproduced'] and result['commands'] == len(inside) == 122
 
 
+@pytest.mark.deep
 def test_a_changed_signal_changes_the_planner(recorded, capsys):
     _, folder = recorded
     assert main(['replay', str(folder), '--change', 'temperature=+2', '--json', '-']) == 0

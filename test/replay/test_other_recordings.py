@@ -91,6 +91,7 @@ def log_of(folder, path, columns):
     return path
 
 
+@pytest.mark.deep
 def test_a_log_has_the_heaters_power_instead_of_commands(recorded, tmp_path, capsys):
     drive, folder = recorded
     log = log_of(folder, tmp_path / 'log.csv', 6)

@@ -60,6 +60,7 @@ def test_a_changed_command_is_found(recorded):
     assert comparison.largest_w == pytest.approx(50.0)
 
 
+@pytest.mark.deep
 def test_what_if_agrees_with_a_drive_that_was_so(recorded, tmp_path):
     """With another target the replay must go where a simulated car goes that is given that target."""
     _, folder = recorded
@@ -110,6 +111,7 @@ def test_a_wrong_change_is_one_line_and_2(recorded, capsys, words, told):
     assert told in line
 
 
+@pytest.mark.deep
 def test_a_killed_planner_leaves_a_readable_file(recorded, tmp_path):
     """Whatever byte the file ends at, all whole steps before it are read."""
     _, folder = recorded

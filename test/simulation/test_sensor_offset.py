@@ -10,6 +10,7 @@ from bev_preheat.simulation.scenario import load_scenario
 from bev_preheat.simulation.scenario_drive import drive_scenario
 
 
+@pytest.mark.deep
 @pytest.mark.costly
 def test_the_car_arrives_nearer_to_its_target_where_it_is_known_how_long_it_stood():
     known = load_scenario('sensor_offset')

@@ -137,6 +137,7 @@ def measured(tmp_path_factory):
     return measure(Build(COMPUTER, '-O0', folder, 360, 32), path, situations(car, exported, 0, 4), (10, 20))
 
 
+@pytest.mark.deep
 @pytest.mark.costly
 @pytest.mark.needs('elftools')
 def test_each_plan_is_held_against_that_of_python(measured):
