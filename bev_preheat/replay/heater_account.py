@@ -105,7 +105,6 @@ class HeaterAccount:
         """The spans without a valid command, in order."""
         return united([*self._lapsed, *self._unserved])
 
-
     def latest_without_command(self, most: int) -> list[Span]:
         """Return some of the spans without a valid command: those among the latest ones, in order."""
         return united([*self._lapsed[-most:], *self._unserved[-most:]])[-most:]

@@ -236,7 +236,7 @@ def random_event(seeded, car, at_s):
 @pytest.mark.costly
 @pytest.mark.parametrize('share, seed', [
     (1.0, 2), *(pytest.param(share, seed, marks=pytest.mark.deep)
-                           for share in (0.02, 0.2, 1.0) for seed in (0, *range(3, 9)))])
+                for share in (0.02, 0.2, 1.0) for seed in (0, *range(3, 9)))])
 def test_attacks_never_switch_on_more_often_than_stated(share, seed):
     seeded, car, at_s = random.Random(seed), Car(), 0.0
     for _ in range(3000):

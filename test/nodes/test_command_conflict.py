@@ -108,7 +108,7 @@ def test_two_planners_of_one_name_stay_off_and_name_it(rehearsal):
         diagnostics.wait_for(errors_of('planner', 'another node named /planner'))
         # One detects the other slightly earlier; together they send 40 commands per second.
         rehearsal.wait_until(lambda: len(commands.messages) >= 40
-                         and all(map(is_in_conflict, commands.messages[-40:])), 'both in conflict')
+                             and all(map(is_in_conflict, commands.messages[-40:])), 'both in conflict')
         commands.clear()
         assert all(map(is_in_conflict, commands.wait_for_count(40)))
 

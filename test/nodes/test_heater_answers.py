@@ -37,7 +37,7 @@ def test_refusal_is_in_the_plan_and_in_one_entry(rehearsal, careful_car):
         rehearsal.start('planner', *QUICK)
         plans.wait_for(lambda plan: plan.status in (PreheatPlan.HEATING, PreheatPlan.TARGET_UNREACHABLE))
         rehearsal.start('heater_controller', *HEATER, '-p', f'vehicle:={careful_car}', '-p',
-                    'battery_state_timeout:=60.0')
+                        'battery_state_timeout:=60.0')
         plan = plans.wait_for(lambda plan: plan.explanation.startswith(
             'The heater does not heat (LOW_CHARGE): the state of charge is 80.0 %'))
         assert plan.status == PreheatPlan.TARGET_UNREACHABLE

@@ -307,10 +307,10 @@ def test_refuses_a_demand_that_nothing_can_come_of(alone):
     assert response.message == 'No valid route plan has arrived yet.'
     alone.send_route('over', 30, age_s=60)
     alone.bench.wait_until(lambda: alone.check().message == 'No valid battery state has arrived yet.',
-               'a refusal for want of a battery state')
+                           'a refusal for want of a battery state')
     with alone.feeding():
         alone.bench.wait_until(lambda: alone.check().message == 'The route has ended.',
-                   'a refusal because the route has ended')
+                               'a refusal because the route has ended')
     assert not alone.check().success
 
 
@@ -478,7 +478,7 @@ def test_a_refused_route_is_forgotten_where_the_one_before_it_comes_again(alone)
     alone.diagnosis(lambda level, text, values: 'speed: has 2 values' in text)
     with alone.feeding():
         alone.bench.wait_until(lambda: alone.check().message.startswith('route_plan refused: speed: has 2 '),
-                   'that nothing can be checked')
+                               'that nothing can be checked')
         alone.repeat_route(route)
         alone.diagnosis(lambda level, text, values: 'route_plan refused' not in text)
         alone.report(of_route('kept'))
@@ -487,7 +487,7 @@ def test_a_refused_route_is_forgotten_where_the_one_before_it_comes_again(alone)
 @pytest.mark.deep
 def test_checks_by_itself_but_not_more_often_than_the_period_in_simulated_time(own):
     own.start('nlp_checker', *SHARING, '-p', 'use_sim_time:=true', '-p',
-                       'check_period:=10.0')
+              'check_period:=10.0')
     clocks = own.bench.publisher(Clock, '/clock')
     clocks.wait_for_subscription()
     start_ns = now_ns = 1000 * NS_PER_S

@@ -678,7 +678,7 @@ PARAMETER_NAMES = ('vehicle', 'method', 'target_battery_temperature', 'battery_s
 
 def descriptors(car, names):
     return car.rehearsal.call(DescribeParameters, '/planner/describe_parameters',
-                          DescribeParameters.Request(names=names)).descriptors
+                              DescribeParameters.Request(names=names)).descriptors
 
 
 def test_every_parameter_is_described(car):
@@ -755,5 +755,3 @@ def test_a_clock_that_restarts_is_followed(car):
     assert not heats(car.commands.latest)
     car.heat()
     assert car.commands.latest.header.stamp.sec < 200
-
-
