@@ -13,11 +13,14 @@ import reaping
 # It starts a process that starts another one in a session of its own, and prints the mark of both.
 TEST_PROCESS = """
 import os
+import signal
 import subprocess
 import time
 
 import reaping
 
+# A background job of a shell inherits that SIGINT is ignored.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 guard = reaping.begin()
 subprocess.Popen(['bash', '-c', 'setsid sleep 600 & wait'])
 print(f'{reaping.VARIABLE}={os.environ[reaping.VARIABLE]}', flush=True)
