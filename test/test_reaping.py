@@ -39,10 +39,12 @@ def wait_until(condition):
 # A controller that starts the test process as its worker.
 CONTROLLER = """
 import os
+import signal
 import subprocess
 import sys
 import time
 
+signal.signal(signal.SIGINT, signal.default_int_handler)
 subprocess.Popen([sys.executable, '-c', sys.argv[1]], env={**os.environ, 'PYTEST_XDIST_WORKER': 'gw0'})
 time.sleep(600)
 """
