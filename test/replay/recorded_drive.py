@@ -27,7 +27,10 @@ from bev_preheat_msgs.msg import RoutePlan
 
 START_NS = 1_700_000_000 * NS_PER_S
 LIFE = '0123abcd'
-LENGTH_S = 900
+# So short that each of many tests can replay it, and warm enough to be heated, and no longer, before the end.
+LENGTH_S, TARGET_C = 300, 12.5
+# For deep tests.
+LONG_S, LONG_TARGET_C = 900, 20.0
 KINDS = {'/battery_state': _kind(BatteryState), '/route_plan': _kind(RoutePlan)}
 
 
@@ -43,10 +46,10 @@ def writer(folder, head=None, most_bytes=10**9, **options):
     return RecordingWriter(Recording(folder, most_bytes, LIFE, '20260101T000000'), KINDS, head, {}, **options)
 
 
-def a_car(target_c=20.0, **imperfections):
+def a_car(target_c=TARGET_C, length_s=LENGTH_S, **imperfections):
     vehicle = load_vehicle('reference')
     return ImperfectCar(
-        vehicle, load_route('reference', vehicle.defaults).before(LENGTH_S), Battery(10.0, 0.8),
+        vehicle, load_route('reference', vehicle.defaults).before(length_s), Battery(10.0, 0.8),
         Goal(target_c), Imperfections(sensors=Sensors(temperature_resolution_k=0.5), **imperfections), seed=3)
 
 

@@ -41,18 +41,18 @@ def test_a_number_replaces_and_a_sign_changes(signal):
 
 
 def result_of(capsys, folder, *words):
-    assert main(['replay', str(folder), '--to', '300', '--json', '-', *words]) == 0
+    assert main(['replay', str(folder), '--to', '150', '--json', '-', *words]) == 0
     return json.loads(capsys.readouterr().out)
 
 
 def test_a_target_replaces_that_of_the_route(recorded, capsys):
-    """The recorded route asks for 20 degC."""
+    """The recorded route asks for 12.5 degC."""
     folder = recorded[1]
-    by_value, by_difference = (result_of(capsys, folder, '--change', f'target={text}') for text in ('14', '-6'))
+    by_value, by_difference = (result_of(capsys, folder, '--change', f'target={text}') for text in ('10.5', '-2'))
     assert by_value['changed'] == by_difference['changed']
     assert by_value['changed']['hvch_commanded_wh'] < by_value['recorded']['hvch_commanded_wh']
-    assert 'target 14 degC' in by_value['verdict'][-1]
-    aliased = result_of(capsys, folder, '--change', 'target_temperature=14')
+    assert 'target 10.5 degC' in by_value['verdict'][-1]
+    aliased = result_of(capsys, folder, '--change', 'target_temperature=10.5')
     assert aliased['changed'] == by_value['changed']
 
 

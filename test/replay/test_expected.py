@@ -10,7 +10,7 @@ from bev_preheat.replay.expected import deviations
 
 pytestmark = [pytest.mark.needs('mcap'), pytest.mark.needs('rclpy')]
 # The first minutes of the drive are enough.
-PART = ('--to', '200')
+PART = ('--to', '120')
 VALUES = {'number': 24.81, 'none': None, 'flag': True, 'words': ['WAITING', 'HEATING'], 'series': [1.0, 2.0, 3.5]}
 
 
@@ -43,7 +43,7 @@ def expect(folder, path, contents, *words):
 def test_what_was_written_is_expected(written, tmp_path, capsys):
     folder, contents = written
     assert contents['expected']['reproduced'] == {'value': True}
-    assert len(contents['expected']['minute_command_w']['value']) == 4
+    assert len(contents['expected']['minute_command_w']['value']) == 3
     assert expect(folder, tmp_path / 'e.json', contents) == 0
     assert 'as expected: 18 figures' in capsys.readouterr().out
 
@@ -63,8 +63,8 @@ def test_a_change_deviates(written, tmp_path, capsys):
     folder, contents = written
     wanted = {'heating_begins_s': contents['expected']['heating_begins_s']}
     assert expect(folder, tmp_path / 'e.json', {'format': 1, 'expected': wanted}, '--set', 'estimation=false') == 1
-    # By the table of the replay, 1:31 min.
-    assert 'heating_begins_s: 91, expected 0, tolerance 30' in capsys.readouterr().out
+    # By the table of the replay, 1:01 min.
+    assert 'heating_begins_s: 61, expected 0, tolerance 30' in capsys.readouterr().out
 
 
 @pytest.mark.parametrize('contents, told', [
@@ -101,9 +101,8 @@ def test_only_the_period_is_compared(recorded, capsys):
 
 
 @pytest.mark.deep
-def test_a_changed_signal_changes_the_planner(recorded, capsys):
-    _, folder = recorded
-    assert main(['replay', str(folder), '--change', 'temperature=+2', '--json', '-']) == 0
+def test_a_changed_signal_changes_the_planner(long_folder, capsys):
+    assert main(['replay', str(long_folder), '--change', 'temperature=+2', '--json', '-']) == 0
     result = json.loads(capsys.readouterr().out)
     # 2 K are worth 2 K of heat: by the file, C dT / eta.
     from bev_preheat.vehicle import load_vehicle

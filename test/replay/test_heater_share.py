@@ -4,7 +4,7 @@
 from types import SimpleNamespace
 
 import pytest
-from recorded_drive import a_car, LENGTH_S, RecordedDrive
+from recorded_drive import a_car, LONG_S, LONG_TARGET_C, RecordedDrive
 
 from bev_preheat.control.heater_answer import HeaterAnswerReport, HeaterStatus
 from bev_preheat.control.inputs import NS_PER_S
@@ -22,7 +22,7 @@ pytestmark = [pytest.mark.needs('mcap'), pytest.mark.needs('rclpy')]
 HEALTHY = HeaterReport(Heater.ANSWERS, 1.0, 1.0)
 SUSPECTED = HeaterReport(Heater.ANSWERS, 1.0, 1.0, SuspectedFault(Heater.DERATED, 0.9, 2.0, 1.0, None))
 WEAK = HeaterReport(Heater.DERATED, 1.0, 0.4)
-COLDER = Changes(signals=(SignalChange('target', 1.0, -6.0),))
+COLDER = Changes(signals=(SignalChange('target', 1.0, -2.0),))
 
 
 def shares_of(*states, heated_from=1, seconds=1):
@@ -98,12 +98,12 @@ def test_a_heater_without_heat_makes_no_other_battery(recorded):
 def test_what_if_agrees_with_a_weak_heater_that_was_driven_so(tmp_path, target_c):
     """With the whole command counted, the changed drive would be too cold by most of the saved heat."""
     weak = {'heater_faults': (HeaterFault(0.0, share=0.25),)}
-    RecordedDrive(a_car(**weak), tmp_path / 'before').drive(LENGTH_S + 5)
-    RecordedDrive(a_car(target_c, **weak), tmp_path / 'after').drive(LENGTH_S + 5)
+    for folder, wanted_c in (('before', LONG_TARGET_C), ('after', target_c)):
+        RecordedDrive(a_car(wanted_c, LONG_S, **weak), tmp_path / folder).drive(LONG_S + 5)
     flight = read_flight(tmp_path / 'before')
     before, actual = replay(flight), replay(read_flight(tmp_path / 'after')).course
     assert 'only 25 % of its command' in before.heater.sentence
-    changes = Changes(signals=(SignalChange('target', 1.0, target_c - 20.0),))
+    changes = Changes(signals=(SignalChange('target', 1.0, target_c - LONG_TARGET_C),))
     changed = replay_changed(flight, changes, heater=before.heater)
     whole = replay_changed(flight, changes)
     assert changed.arrival.measured_c == pytest.approx(actual.arrival.measured_c, abs=0.5)

@@ -11,7 +11,7 @@ import subprocess
 import sys
 
 import pytest
-from recorded_drive import START_NS
+from recorded_drive import LENGTH_S, START_NS, TARGET_C
 
 from bev_preheat.commands.main import main
 from bev_preheat.control.inputs import NS_PER_S
@@ -64,7 +64,7 @@ def test_columns_are_those_of_the_drive(page):
     _, label, start_s, times_s, temperatures_c, *_ = contents['recorded']['plans'][0]
     assert label.startswith('HEATING: heating now') and start_s == START_NS / NS_PER_S
     # A plan leads from the battery as it is to its target at the end of the route.
-    assert numbers(times_s)[-1] == 900.0 and numbers(temperatures_c)[-1] == pytest.approx(20.0, abs=1.0)
+    assert numbers(times_s)[-1] == LENGTH_S and numbers(temperatures_c)[-1] == pytest.approx(TARGET_C, abs=1.0)
 
 
 def test_the_page_needs_no_network_and_escapes_what_recordings_say():
