@@ -32,6 +32,8 @@ from bev_preheat.vehicle.description import Drivetrain, Hvch, Leakage
 FOLDER = Path(os.environ.get('BEV_PREHEAT_DRIVE_LOGS') or (
     Path(__file__).resolve().parents[3] / 'shared' / 'data' / 'i3_winter_trips'))
 NAMES = tuple(sorted(path.stem for path in FOLDER.glob('Trip*.csv')))
+# Daily; make test-deep plays all.
+SHORTEST = tuple(name for name in NAMES if name == 'TripB32')
 pytestmark = [pytest.mark.costly, pytest.mark.skipif(not NAMES, reason=(
     'needs the measured winter drives of a BMW i3 (TU Munich, doi 10.21227/6jr9-5235) in the '
     'folder BEV_PREHEAT_DRIVE_LOGS'))]
@@ -126,8 +128,9 @@ def test_estimation_predicts_no_worse_than_none_at_each_lead(left_out):
 
 
 @pytest.mark.parametrize('names, with_power', [
-    (NAMES, True), (NAMES[::4], False), pytest.param(NAMES, False, marks=pytest.mark.deep)],
-    ids=['power seen', 'temperature only', 'temperature only, all'])
+    (SHORTEST, True), (SHORTEST, False), pytest.param(NAMES, True, marks=pytest.mark.deep),
+    pytest.param(NAMES, False, marks=pytest.mark.deep)],
+    ids=['power seen', 'temperature only', 'power seen, all', 'temperature only, all'])
 def test_nobody_accuses_a_heater_that_is_never_commanded(names, with_power):
     for drive in all_played(names, 0, True, with_power):
         assert drive.heaters == {Heater.ANSWERS}
@@ -135,14 +138,16 @@ def test_nobody_accuses_a_heater_that_is_never_commanded(names, with_power):
 
 @pytest.mark.parametrize('lasts_s, spike_k', [
     pytest.param(30, 2.0, marks=pytest.mark.deep), pytest.param(120, 1.0, marks=pytest.mark.deep), (120, 2.0)])
-def test_a_spike_accuses_nobody(lasts_s, spike_k):
-    for name in NAMES[1::4]:
+@pytest.mark.parametrize('names', [
+    pytest.param(SHORTEST, id='shortest'), pytest.param(NAMES[1::4], id='others', marks=pytest.mark.deep)])
+def test_a_spike_accuses_nobody(names, lasts_s, spike_k):
+    for name in names:
         drive = Played(name, with_power=False, spike=(len(logged(name)['time_s']) // 2, lasts_s, spike_k))
         assert drive.heaters == {Heater.ANSWERS}
 
 
 @pytest.mark.parametrize('order', [
-    pytest.param(NAMES[::3], id='every third'), pytest.param(NAMES, id='as driven', marks=pytest.mark.deep),
+    pytest.param(2 * SHORTEST, id='shortest'), pytest.param(NAMES, id='as driven', marks=pytest.mark.deep),
     pytest.param(NAMES[::-1], id='backwards', marks=pytest.mark.deep)])
 def test_a_state_file_over_the_drives_stays_where_nothing_was_told(order):
     learned, leakages = None, []

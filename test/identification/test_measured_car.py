@@ -37,6 +37,8 @@ START = replace(
         open_circuit_voltage=PolynomialVoltage((356.9, 40.2, 0.0, 0.0), 9.83),
         resistance=InverseTemperatureResistance(3.01, 11.1), temperature_range_c=(-10.0, 55.0),
         soc_range=(0.03, 1.0)))
+# The shortest ones; daily.
+FOUR = ('B25', 'B29', 'B30', 'B32')
 SIX = ('B17', 'B22', 'B25', 'B29', 'B31', 'B38')
 
 
@@ -93,8 +95,9 @@ def test_the_estimation_predicts_no_worse_from_the_deviations_of_the_file_than_f
     assert rms(own) <= rms(fixed)
 
 
-def test_what_drives_without_heater_and_nights_cannot_tell_keeps_its_value_and_is_named():
-    result = identified()
+@pytest.mark.parametrize('names', [FOUR, pytest.param((), marks=pytest.mark.deep)], ids=['four', 'all'])
+def test_what_drives_without_heater_and_nights_cannot_tell_keeps_its_value_and_is_named(names):
+    result = identified(names)
     by_name = {item.name: item for item in result.estimates}
     assert by_name['heater_efficiency'].estimate == 0.9
     assert result.vehicle.battery.leakage.gamma_0_w_per_k == pytest.approx(3.0)
@@ -105,14 +108,16 @@ def test_what_drives_without_heater_and_nights_cannot_tell_keeps_its_value_and_i
     assert any('night at stand' in item for item in result.record_next)
 
 
-def test_resistance_and_capacity_agree_with_fits_of_other_drives():
-    result = identified()
+@pytest.mark.parametrize('names', [FOUR, pytest.param((), marks=pytest.mark.deep)], ids=['four', 'all'])
+def test_resistance_and_capacity_agree_with_fits_of_other_drives(names):
+    result = identified(names)
     at = result.resistance.temperature_c.tolist().index(10.0)
     # 0.142 ohm at 10 degC by another definition (with slow relaxation), 61.84 Ah: README of the drives.
     assert result.resistance.estimate_ohm[at] == pytest.approx(0.142, rel=0.10)
     assert result.vehicle.battery.capacity_ah == pytest.approx(61.84, rel=0.01)
 
 
+@pytest.mark.deep
 def test_few_drives_say_that_the_cold_is_extrapolated_and_bear_the_cold_drive():
     result = identified(SIX)
     assert result.coverage.resistance_from_c >= 2.0

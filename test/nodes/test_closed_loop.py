@@ -2,11 +2,11 @@
 """
 The whole trip: the installed planner and the simulated vehicle, each closing the other's loop.
 
-A quarter of an hour in the cold in lockstep, so that it is the same drive on every computer; `make test-deep` also
-drives the paper's hour, and kills the planner at 100 times real time (daily in test_whole_car.py and
-test_heater_answers.py). There the planner's lease and clock tolerance are longer than usual: 1 s of simulated time
-is 10 ms, and a busy computer may take longer than that to deliver a command, or /clock after the state of that
-instant.
+Some minutes in the cold in lockstep, so that it is the same drive on every computer; `make test-deep` also drives
+a quarter of an hour and the paper's hour, and kills the planner at 100 times real time (daily in test_whole_car.py
+and test_heater_answers.py). There the planner's lease and clock tolerance are longer than usual: 1 s of simulated
+time is 10 ms, and a busy computer may take longer than that to deliver a command, or /clock after the state of
+that instant.
 """
 
 from dataclasses import dataclass
@@ -47,16 +47,16 @@ ACCELERATED = ('-p', 'wait_for_planner:=true', '-p', f'speed_up:={float(SPEED_UP
                '-p', 'battery_state_period:=5.0')
 # Error of a plan at the start, which is made in steps of 30 s.
 START_TOLERANCE_S = 90.0
-QUARTER = """duration_s,speed_mps,propulsion_power_w,propulsion_power_rms_w,ambient_temperature_c
-300,14,12000,16000,-7
-300,25,24000,27000,-7
-300,20,18000,20000,-7
+ROUTE = """duration_s,speed_mps,propulsion_power_w,propulsion_power_rms_w,ambient_temperature_c
+{third},14,12000,16000,-7
+{third},25,24000,27000,-7
+{third},20,18000,20000,-7
 """
 
 
 @dataclass(frozen=True)
 class Drive:
-    """A route by name, or none for QUARTER, that is driven from a battery temperature."""
+    """A route by name, or none for ROUTE, that is driven from a battery temperature."""
 
     route: str
     duration_s: float
@@ -64,7 +64,8 @@ class Drive:
 
 
 # Each leaves time to wait before it heats.
-DRIVES = {'quarter of an hour': Drive('', 900.0, 20.0),
+DRIVES = {'some minutes': Drive('', 450.0, 23.0),
+          'quarter of an hour': Drive('', 900.0, 20.0),
           'hour of the paper': Drive('reference', 3600.0, -7.0)}
 
 
@@ -73,10 +74,10 @@ def on_the_way_s(stamp):
     return (nanoseconds(stamp) - START_S * NS_PER_S) / NS_PER_S
 
 
-def write_quarter(folder):
-    """Write the route of a quarter of an hour; returns the file."""
-    path = folder / 'quarter.csv'
-    path.write_text(QUARTER)
+def write_route(folder, duration_s):
+    """Write a route without a name; returns the file."""
+    path = folder / 'short.csv'
+    path.write_text(ROUTE.format(third=duration_s / 3.0))
     return path
 
 
@@ -108,11 +109,11 @@ class Trip:
 
 
 @pytest.fixture(scope='module', params=[
-    'quarter of an hour', pytest.param('hour of the paper', marks=pytest.mark.deep)])
+    pytest.param(name, marks=[pytest.mark.deep] * (name != 'some minutes')) for name in DRIVES])
 def trip(request, module_bench, tmp_path_factory):
     """Return the trip once it is over."""
     drive = DRIVES[request.param]
-    route = drive.route or write_quarter(tmp_path_factory.mktemp('route'))
+    route = drive.route or write_route(tmp_path_factory.mktemp('route'), drive.duration_s)
     trip = Trip(module_bench, route, drive.temperature_c)
     trip.duration_s = drive.duration_s
     assert trip.simulator.wait(TRIP_LIMIT_S) == 0, trip.simulator.output()
@@ -157,7 +158,7 @@ def test_it_heats_for_a_reason_without_switching_on_and_off_and_is_off_after_arr
 @pytest.mark.deep
 def test_a_planner_killed_while_heating_leaves_no_heat_after_the_lease(bench, tmp_path):
     # So cold that it is heated at once.
-    trip = Trip(bench, write_quarter(tmp_path), -25.0, in_lockstep=False)
+    trip = Trip(bench, write_route(tmp_path, 900.0), -25.0, in_lockstep=False)
     first = trip.commands.wait_for(
         lambda command: command.battery_heating_power > 0.0, 'heating')
     heated_first_s = on_the_way_s(first.header.stamp)

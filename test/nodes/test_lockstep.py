@@ -19,16 +19,16 @@ from bev_preheat.nodes.recorded_scenario import drive_recorded
 from bev_preheat.simulation.scenario import load_scenario
 from bev_preheat_msgs.msg import HvchCommand, RoutePlan
 
-BUSY_LOOPS = 4
+BUSY_LOOPS = 2
 # Noise, losses and delays, so that a state more or less changes all that follow; states drop out until the
 # command is 0 W, and a new route arrives on the way.
 DRIVE = {
     'name': 'noisy', 'description': 'Noise, losses and delays.', 'seed': 7,
-    'drive': {'vehicle': 'reference', 'route': 'reference', 'ends_after_s': 60,
+    'drive': {'vehicle': 'reference', 'route': 'reference', 'ends_after_s': 30,
               'initial_battery_temperature_c': 18, 'initial_soc': 0.8},
     'sensors': {'period_s': 0.7, 'delay_s': 0.4, 'loss': 0.1, 'temperature_noise_k': 0.2,
-                'drop_outs': [[40, 55]]},
-    'traffic': [{'event': 'stop', 'at_s': 20, 'duration_s': 10, 'route_plan_after_s': 5}],
+                'drop_outs': [[15, 24]]},
+    'traffic': [{'event': 'stop', 'at_s': 8, 'duration_s': 4, 'route_plan_after_s': 2}],
     'expect': {'statuses': ['STALE_INPUT']},
 }
 LIMIT_S = 3.0
@@ -61,7 +61,7 @@ def test_a_drive_is_the_same_on_an_idle_and_on_a_busy_computer_and_without_ros(d
     seen = drive_with_nodes(scenario, str(file), recording=idle)
     with busy_computer():
         seen_when_busy = drive_with_nodes(scenario, str(file), recording=busy)
-    assert len(seen.commands) > 120
+    assert len(seen.commands) > 60
     assert seen.commands == seen_when_busy.commands
     for topic, message_type in (('/battery_state', BatteryState), ('/hvch_command', HvchCommand)):
         # NaN fields: not reported.
@@ -69,7 +69,7 @@ def test_a_drive_is_the_same_on_an_idle_and_on_a_busy_computer_and_without_ros(d
     # Without ROS the timers of an instant come after its battery state, not before; the heater gets the same.
     drive_recorded(scenario, without_ros, pytest.fail)
     states = recorded(idle, '/battery_state', BatteryState)
-    assert len(states) > 60
+    assert len(states) > 25
     assert repr(states) == repr(recorded(without_ros, '/battery_state', BatteryState)[:len(states)])
 
 
