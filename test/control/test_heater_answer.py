@@ -96,9 +96,9 @@ def test_refusal_that_ends_is_forgotten():
 
 def test_honest_answers_change_no_drive():
     # Heated for some minutes in the middle.
-    short = {'route': ROUTE.before(1200.0), 'goal': Goal(-1.0)}
-    *_, silent = driven(None, 1190.0, **short)
-    _, _, honest = driven(measured, 1190.0, **short)
+    short = {'route': ROUTE.before(600.0), 'goal': Goal(-4.0)}
+    *_, silent = driven(None, 590.0, **short)
+    _, _, honest = driven(measured, 590.0, **short)
     by_command = [[(time_s, command.battery_heating_power_w) for time_s, _, command in steps
                    if command is not None and command.battery_heating_power_w > 0.0] for steps in (silent, honest)]
     assert by_command[0][0][0] == pytest.approx(by_command[1][0][0], abs=40.0) and by_command[0][0][0] > 60.0

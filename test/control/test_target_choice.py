@@ -304,13 +304,13 @@ def test_with_a_lagging_sensor_the_target_moves_and_does_not_swing():
     # The first look at every fifth degree, and the first whole search.
     car.go(ENOUGH)
     first = len(car.targets)
-    car.go(240)
+    car.go(100)
     # Another route plan to the same charger, as after a detour; then as an update.
     for number, route_id in enumerate(('around', 'around')):
         minutes = 25 - car.at_s // 60 + 2 - number
         car.supervisor.accept_mission(a_mission(
             route_id=route_id, route=drive(minutes), start_ns=START_NS + car.at_s * 1_000_000_000))
-        car.go(240)
+        car.go(100)
     later = car.targets[first - 1:]
     assert None not in later
     moves = [after - before for before, after in zip(later, later[1:]) if after != before]
