@@ -43,10 +43,12 @@ def link_packages(folder, names):
 
 
 def build(sources, folder, compiler):
-    subprocess.run([sys.executable, '-m', 'pip', 'wheel', '-q', '--no-deps', '--no-build-isolation',
-                    '-w', str(folder), str(sources)], check=True, capture_output=True, text=True,
-                   env={**{key: value for key, value in os.environ.items()
-                           if key not in ('COLCON', 'PYTHONPATH', 'AMENT_PREFIX_PATH')}, 'CC': str(compiler)})
+    environment = {key: value for key, value in os.environ.items()
+                   if key not in ('COLCON', 'PYTHONPATH', 'AMENT_PREFIX_PATH')}
+    # As pip does it, without loading pip.
+    subprocess.run([sys.executable, '-c', 'import sys; from setuptools.build_meta import build_wheel; '
+                    'build_wheel(sys.argv[1])', str(folder)], check=True, capture_output=True, text=True,
+                   cwd=sources, env={**environment, 'CC': str(compiler)})
     wheel, = folder.glob('*.whl')
     return wheel
 

@@ -94,7 +94,7 @@ def test_no_stretches_of_heating_beat_the_choice(charger_w, prices):
     assert choice.cost_never == pytest.approx(never, rel=1e-3)
 
 
-@settings(max_examples=settings.default.max_examples // 2)
+@settings(max_examples=settings.default.max_examples // 4)
 @given(st.sampled_from([REFERENCE, LARGE, replace(REFERENCE, heat_path=HeatPath(30.0, 15e3, 300.0))]),
        st.sampled_from([7e3, 11e3, 22e3, 50e3, 150e3]), st.floats(-28.0, 10.0), st.floats(0.0, 30.0),
        st.floats(0.05, 0.5), st.floats(0.1, 0.4), st.floats(0.0, 1.0), st.floats(0.0, 80.0))

@@ -74,9 +74,9 @@ def on_the_way_s(stamp):
     return (nanoseconds(stamp) - START_S * NS_PER_S) / NS_PER_S
 
 
-def write_route(folder, duration_s):
-    """Write a route without a name; returns the file."""
-    path = folder / 'short.csv'
+def write_quarter(folder, duration_s=900.0):
+    """Write a route of a quarter of an hour, or of another duration; returns the file."""
+    path = folder / 'quarter.csv'
     path.write_text(ROUTE.format(third=duration_s / 3.0))
     return path
 
@@ -113,7 +113,7 @@ class Trip:
 def trip(request, module_bench, tmp_path_factory):
     """Return the trip once it is over."""
     drive = DRIVES[request.param]
-    route = drive.route or write_route(tmp_path_factory.mktemp('route'), drive.duration_s)
+    route = drive.route or write_quarter(tmp_path_factory.mktemp('route'), drive.duration_s)
     trip = Trip(module_bench, route, drive.temperature_c)
     trip.duration_s = drive.duration_s
     assert trip.simulator.wait(TRIP_LIMIT_S) == 0, trip.simulator.output()
@@ -158,7 +158,7 @@ def test_it_heats_for_a_reason_without_switching_on_and_off_and_is_off_after_arr
 @pytest.mark.deep
 def test_a_planner_killed_while_heating_leaves_no_heat_after_the_lease(bench, tmp_path):
     # So cold that it is heated at once.
-    trip = Trip(bench, write_route(tmp_path, 900.0), -25.0, in_lockstep=False)
+    trip = Trip(bench, write_quarter(tmp_path), -25.0, in_lockstep=False)
     first = trip.commands.wait_for(
         lambda command: command.battery_heating_power > 0.0, 'heating')
     heated_first_s = on_the_way_s(first.header.stamp)

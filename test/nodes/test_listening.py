@@ -46,7 +46,7 @@ def test_a_page_is_drawn_while_states_flood_in(flood, domain_id):
     heard = Heard()
     with listening('follower', domain_id) as follower:
         subscribe(follower.node, heard)
-        for _ in range(20):
+        for _ in range(8):
             before, end_s = list(heard.temperatures), time.monotonic() + LIMIT_S
             while len(heard.temperatures) < len(before) + 10:
                 assert time.monotonic() < end_s, f'{len(heard.temperatures)} states were heard'

@@ -424,7 +424,7 @@ def test_text_that_is_no_mapping(tmp_path, text, problem):
 
 
 @pytest.mark.parametrize('text', [
-    '[' * 2_000, '{a: ' * 2_000,
+    '[' * 1_200, '{a: ' * 1_200,
     'name: &itself [*itself]', 'battery: &itself {capacity_ah: *itself}'],
     ids=['brackets', 'braces', 'list in itself', 'mapping in itself'])
 def test_values_that_are_nested_too_deeply(tmp_path, text):
