@@ -104,6 +104,7 @@ def run(site, *words):
 
 
 SHOWN = {
+    'plan': (SITUATION, 'Heating starts in 32:02 min'),
     'worth': ([*SITUATION, *CHARGER], 'saves 2:17 min'),
     'charge': ([*SITUATION, *CHARGER], '4:50 min less than without preheating'),
     'vehicle': (['check', 'reference'], 'nothing is marked as assumed'),
@@ -121,12 +122,6 @@ def answers(site):
     done = run(site, '-c', COMMANDS, json.dumps([[name, *words] for name, (words, _) in commands.items()]))
     assert (done.returncode, done.stderr) == (0, '')
     return dict(zip(commands, json.loads(done.stdout), strict=True))
-
-
-def test_the_wheel_plans_without_ros(site):
-    done = run(site, '-m', 'bev_preheat', 'plan', *SITUATION)
-    assert (done.returncode, done.stderr) == (0, '')
-    assert 'Heating starts in 32:02 min' in re.sub(r'\s+', ' ', done.stdout)
 
 
 @pytest.mark.parametrize('command', SHOWN)
@@ -149,7 +144,7 @@ def test_the_native_core_is_in_the_wheel_and_used(site):
     assert done.stdout.strip() == f'used: {site}/bev_preheat/native/libbev_preheat_core.so'
 
 
-def test_the_public_interface_works(site):
+def test_the_public_interface_and_the_module_work(site):
     done = run(site, '-c', (
         'import bev_preheat as bp; v = bp.load_vehicle("reference"); r = bp.load_route("legs/reference", v); '
         'print(bp.plan(v, r, bp.BatteryState(-7.0, 0.9)).status)'))

@@ -22,7 +22,7 @@ def logs(tmp_path_factory):
     for recording in record_car(car, generator, heats=False)[:4]:
         path = folder / f'{recording.name.replace(" ", "_")}.csv'
         series = recording.signals
-        rows = np.column_stack([series['soc'].time_s, *(series[name].value for name in COLUMNS)])[:900]
+        rows = np.column_stack([series['soc'].time_s, *(series[name].value for name in COLUMNS)])[:600]
         np.savetxt(path, rows, '%.5g', ',', header=','.join(('time_s', *COLUMNS)), comments='')
         paths.append(str(path))
     return paths

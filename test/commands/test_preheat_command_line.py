@@ -162,7 +162,7 @@ def completions(line):
     ('preheat ', set(SUBCOMMANDS) | {'--version'}),
     pytest.param('preheat plan --ve', {'--vehicle'}, marks=pytest.mark.deep),
     pytest.param('preheat plan --vehicle ref', {'reference'}, marks=pytest.mark.deep),
-    ('preheat plan --route al', {'alpine_pass'}),
+    pytest.param('preheat plan --route al', {'alpine_pass'}, marks=pytest.mark.deep),
     pytest.param('preheat plan --method ', {'merit_order', 'optimal_switch', 'paper'}, marks=pytest.mark.deep),
     ('preheat scenario nominal heater_d', {'heater_dead', 'heater_derated'})])
 def test_the_shell_completes(line, expected):

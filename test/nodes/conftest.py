@@ -32,13 +32,13 @@ from spinning import spun_node
 
 from bev_preheat.nodes.installed_processes import reserved_domain_id
 
-# Files of 8 s of processor time and more, the longest first: no long file may begin last.
+# Files of 8 s and more, processor time or waiting, the longest first: no long file may begin last.
 LONGEST = [f'{name}.py' for name in (
-    'test_documentation', 'test_whole_car', 'test_dashboard_page', 'test_nlp_checker', 'test_scenarios',
-    'test_demo', 'test_wheel', 'test_replay_drive', 'test_files_tutorial', 'test_target_choice', 'test_optimum',
-    'test_footprint', 'test_heater_answer', 'test_worker', 'test_identify_command', 'test_expected',
-    'test_other_recordings', 'test_planner_fuzz', 'test_robustness_command', 'test_exported_planner',
-    'test_dashboard', 'test_cabin_request')]
+    'test_demo', 'test_whole_car', 'test_nlp_checker', 'test_scenarios', 'test_lockstep',
+    'test_dashboard_page', 'test_optimum', 'test_dashboard', 'test_target_choice', 'test_planner_over_dds',
+    'test_bus_gateway', 'test_wheel', 'test_managed', 'test_typed_by_hand', 'test_planner_node',
+    'test_vehicle_simulator', 'test_closed_loop', 'test_monitor', 'test_prepare_action',
+    'test_planning_commands', 'test_worker', 'test_exported_planner', 'test_footprint')]
 
 
 def pytest_collection_modifyitems(items):

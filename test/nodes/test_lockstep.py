@@ -53,24 +53,35 @@ def recorded(path, topic, message_type):
                 for _, _, message in make_reader(stream).iter_messages([topic], log_time_order=False)]
 
 
-def test_a_drive_is_the_same_on_an_idle_and_on_a_busy_computer_and_without_ros(dds, tmp_path):
+@pytest.fixture
+def noisy(tmp_path):
+    """Return the Scenario of DRIVE and its file."""
     file = tmp_path / 'noisy.yaml'
     file.write_text(yaml.safe_dump(DRIVE))
-    scenario = load_scenario(str(file))
-    idle, busy, without_ros = (tmp_path / f'{name}.mcap' for name in ('idle', 'busy', 'without_ros'))
-    seen = drive_with_nodes(scenario, str(file), recording=idle)
+    return load_scenario(str(file)), str(file)
+
+
+def test_a_drive_is_the_same_on_a_busy_computer_and_without_ros(dds, noisy, tmp_path):
+    busy, without_ros = (tmp_path / f'{name}.mcap' for name in ('busy', 'without_ros'))
     with busy_computer():
-        seen_when_busy = drive_with_nodes(scenario, str(file), recording=busy)
+        seen = drive_with_nodes(*noisy, recording=busy)
     assert len(seen.commands) > 60
-    assert seen.commands == seen_when_busy.commands
-    for topic, message_type in (('/battery_state', BatteryState), ('/hvch_command', HvchCommand)):
-        # NaN fields: not reported.
-        assert repr(recorded(idle, topic, message_type)) == repr(recorded(busy, topic, message_type))
     # Without ROS the timers of an instant come after its battery state, not before; the heater gets the same.
-    drive_recorded(scenario, without_ros, pytest.fail)
-    states = recorded(idle, '/battery_state', BatteryState)
+    drive_recorded(noisy[0], without_ros, pytest.fail)
+    states = recorded(busy, '/battery_state', BatteryState)
     assert len(states) > 25
+    # NaN fields: not reported.
     assert repr(states) == repr(recorded(without_ros, '/battery_state', BatteryState)[:len(states)])
+
+
+@pytest.mark.deep
+def test_a_drive_is_the_same_on_an_idle_and_on_a_busy_computer(dds, noisy, tmp_path):
+    idle, busy = (tmp_path / f'{name}.mcap' for name in ('idle', 'busy'))
+    seen = drive_with_nodes(*noisy, recording=idle)
+    with busy_computer():
+        assert drive_with_nodes(*noisy, recording=busy).commands == seen.commands
+    for topic, message_type in (('/battery_state', BatteryState), ('/hvch_command', HvchCommand)):
+        assert repr(recorded(idle, topic, message_type)) == repr(recorded(busy, topic, message_type))
 
 
 def test_a_planner_that_no_longer_answers_ends_the_drive_with_an_error(bench, wait_until):
