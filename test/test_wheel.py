@@ -144,7 +144,12 @@ def test_the_native_core_is_in_the_wheel_and_used(site):
     assert done.stdout.strip() == f'used: {site}/bev_preheat/native/libbev_preheat_core.so'
 
 
-def test_the_public_interface_and_the_module_work(site):
+def test_the_module_is_the_command(site):
+    done = run(site, '-m', 'bev_preheat', '--version')
+    assert (done.returncode, done.stdout, done.stderr) == (0, 'preheat 0.3.0\n', '')
+
+
+def test_the_public_interface_works(site):
     done = run(site, '-c', (
         'import bev_preheat as bp; v = bp.load_vehicle("reference"); r = bp.load_route("legs/reference", v); '
         'print(bp.plan(v, r, bp.BatteryState(-7.0, 0.9)).status)'))
