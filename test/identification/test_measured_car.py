@@ -39,6 +39,7 @@ START = replace(
         soc_range=(0.03, 1.0)))
 # The shortest ones; daily.
 THREE = ('B29', 'B30', 'B32')
+WITH_COLD = ('B29', 'B32', 'B38')
 SIX = ('B17', 'B22', 'B25', 'B29', 'B31', 'B38')
 
 
@@ -117,9 +118,9 @@ def test_resistance_and_capacity_agree_with_fits_of_other_drives(names):
     assert result.vehicle.battery.capacity_ah == pytest.approx(61.84, rel=0.01)
 
 
-@pytest.mark.deep
-def test_few_drives_say_that_the_cold_is_extrapolated_and_bear_the_cold_drive():
-    result = identified(SIX)
+@pytest.mark.parametrize('names', [WITH_COLD, pytest.param(SIX, marks=pytest.mark.deep)], ids=['three', 'six'])
+def test_few_drives_say_that_the_cold_is_extrapolated_and_bear_the_cold_drive(names):
+    result = identified(names)
     assert result.coverage.resistance_from_c >= 2.0
     assert result.coverage.coldest_trip == 'TripB38'
     assert any(sentence.startswith('Resistance below') and 'extrapolated' in sentence
