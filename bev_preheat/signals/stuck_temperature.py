@@ -53,7 +53,7 @@ class StuckTemperature:
             self.doubt = (f'temperature: {reading_c:.1f} degC is {ambient_c - reading_c:.1f} K below the ambient '
                           f'temperature of {ambient_c:.1f} degC; at most {BELOW_AMBIENT_K:g} K are possible; '
                           'the field may not be set')
-            self._reading_c = reading_c
+            self._begin(instant_s, reading_c)
             return self.doubt
         before_c, elapsed_s = self._reading_c, instant_s - self._latest_s
         self._latest_s = instant_s
@@ -62,9 +62,7 @@ class StuckTemperature:
                 before_c is not None and abs(reading_c - before_c) > MOVED_K)
             if before_c is None or abs(reading_c - before_c) > MOVED_K:
                 self.doubt = ''
-            self._reading_c, self._since_s = reading_c, instant_s
-            self._expected.clear()
-            self._expected.append((instant_s, 0.0))
+            self._begin(instant_s, reading_c)
             return self.doubt
         expected = self._expected
         expected.append((instant_s, expected[-1][1] + rate_k_per_s * elapsed_s))
@@ -79,3 +77,9 @@ class StuckTemperature:
             self.doubt = (f'temperature: has read {reading_c:.2f} degC {still}, while the battery must have '
                           f'{direction} by {abs(change_k):.1f} K; the field may not be set')
         return self.doubt
+
+    def _begin(self, instant_s: float, reading_c: float) -> None:
+        """Expect changes from this reading on."""
+        self._reading_c, self._since_s, self._latest_s = reading_c, instant_s, instant_s
+        self._expected.clear()
+        self._expected.append((instant_s, 0.0))

@@ -308,5 +308,5 @@ def test_no_message_ends_the_process_or_leaves_heat_on(fuzz, messages):
         assert fuzz.commands.messages or give == fuzz.give_parameters
     # The oracle was exercised: the heater was often on in between.
     assert fuzz.heated > messages // 50
-    # So rarely that only the deep test gets there; test_route_intake.py holds on to it.
-    assert fuzz.heated_after_refused_update >= messages // 5000
+    # A few times in 10 000 messages; test_route_intake.py has it daily.
+    assert messages < MESSAGES or fuzz.heated_after_refused_update > messages // 5000

@@ -67,3 +67,11 @@ def test_a_silence_starts_the_comparison_again():
     watch = StuckTemperature()
     for number in range(20):
         assert watch.see(number * 3600.0, 5.0, 1.0, 0.02, -7.0) == ''
+
+
+def test_a_first_reading_far_below_ambient_is_doubted_until_it_moves_even_if_the_ambient_is_no_longer_known():
+    watch = StuckTemperature()
+    assert '40.0 K below the ambient' in watch.see(0.0, -40.0, 0.5, 0.0, 0.0)
+    # Without heat that proves it, still the same reading.
+    assert watch.see(1.0, -40.0, 0.5, 0.0, None) == watch.doubt != ''
+    assert watch.see(2.0, -1.0, 0.5, 0.0, 0.0) == ''
