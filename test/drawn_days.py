@@ -73,8 +73,8 @@ class World:
         self.temperature_c, self.soc, self.command_w = 0.0, 0.8, 0.0
         self.route, self.here_m, self.fixed_m = None, 0.0, None
         self.trips, self.violations, self.heated_on_the_way_s = 0, [], 0
-        # The trip is known to be over; the status has said so.
-        self.is_over = self.said_arrived = False
+        # The trip is known to be over; the status has said so; its route was sent more than once.
+        self.is_over = self.said_arrived = self.was_sent_again = False
 
     @property
     def clock_ns(self):
@@ -118,15 +118,24 @@ class World:
         self.here_m, self.fixed_m = 0.0, None
         self.said_arrived = False
         self.send_again()
+        self.was_sent_again = False
 
     def send_again(self):
         route_id, stamp_ns, length_m = self.route
-        if stamp_ns >= self.clock_ns - JUST_BEGUN_NS:
-            # After a clock was set back it is a simulation that was started again: another trip.
-            self.is_over, self.said_arrived, self.fixed_m = False, False, None
+        self.was_sent_again = True
+        self.see_start()
         whole, rest_s = divmod(length_m / SPEED_MPS, 60.0)
         durations_s = [60.0] * int(whole) + ([rest_s] if rest_s > 0.01 else [])
         self.give_route(route_id, stamp_ns, durations_s)
+
+    def see_start(self):
+        """
+        See whether the trip of a route that was sent again has just begun.
+
+        Then the clock was set back: a simulation that was started again, another trip.
+        """
+        if self.route[1] >= self.clock_ns - JUST_BEGUN_NS:
+            self.is_over, self.said_arrived, self.fixed_m = False, False, None
 
     def send_position(self, distance_m):
         route_id, stamp_ns, length_m = self.route
@@ -142,8 +151,10 @@ class World:
         self.soc = min(max(self.soc - power_w * STEP_S / 425.0 / VEHICLE.battery.capacity_as, 0.2), 0.9)
         heat_w = 0.87 * self.command_w + 0.08 * propulsion_w - 48.0 * (self.temperature_c - AMBIENT_C)
         self.temperature_c += heat_w * STEP_S / 377376.0
-        # It never gets warm enough: the target is out of reach, so that each step of a trip wants heat.
-        self.temperature_c = min(self.temperature_c, 5.0)
+        # It never gets warm enough: the target is out of reach, so that each step of a trip wants heat. A reading
+        # that stood still would be doubted.
+        if self.temperature_c > 5.0:
+            self.temperature_c -= 0.5
         resistance_ohm = 4.3125 / (self.temperature_c + 45.0)
         volts = 365.0 + 75.0 * self.soc + 15.0 * self.soc**3 - resistance_ohm * power_w / 425.0
         self.give_battery_state(volts, power_w / volts)
@@ -220,6 +231,8 @@ class World:
         elif kind == 'clock':
             self.offset_s += how[0]
             self.command_w = 0.0
+            if self.was_sent_again:
+                self.see_start()
         elif kind == 'restart':
             self.restart()
             self.command_w = 0.0

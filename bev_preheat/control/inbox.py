@@ -81,11 +81,14 @@ class Inbox:
         self.is_cancelled = False  # By the latest route plan, or before a restart.
         # Of the latest valid route, even after it was dropped.
         self._route_id: str | None = None
+        # Whether the latest route plan arrived after the end of its trip.
+        self._is_after_end = False
         self._refusals = Refusals()
         self._percent_scale = PercentScale()
         # On a state of charge given in percent instead of 0 ... 1; None: no such doubt.
         self.scale_verdict: SignalVerdict | None = None
-        self._latest_ns = 0
+        # Of the latest battery state, or of an end before a restart: a clock before this instant was set back.
+        self._latest_ns = 0 if choices.ended_trip is None else choices.ended_trip.ended_ns
         self._changes = NO_CHANGES
 
     @property
@@ -211,6 +214,9 @@ class Inbox:
             self.measurement = None
             if self.timetable is not None:
                 self.timetable = self.timetable.without_instants()
+                if self._is_after_end:
+                    # It arrived before this clock did, and may begin a trip by it.
+                    self._begin_or_continue(self.timetable.planned, now_ns)
             self._changes = replace(self._changes, measurements=(), clock_restarted=True)
         self._latest_ns = now_ns
         try:
@@ -318,20 +324,26 @@ class Inbox:
             return
         self._cancelled_before = None
         self.choices = replace(self.choices, cancelled_trip=None)
+        self._begin_or_continue(mission, now_ns)
+        self._refusals.lift_by_route()
+
+    def _begin_or_continue(self, mission: Mission, now_ns: int) -> None:
+        """Follow a valid Mission: another trip, or an update of the current trip or of an ended one."""
         timetable, ended = self.timetable, self.choices.ended_trip
         is_update = mission.route_id == self._route_id
         self._route_id = mission.route_id
-        if ended is not None and ended.includes(
-                mission.route_id, mission.stamp_ns, mission.places.length_m, now_ns):
-            self._follow(Timetable.of(mission).ended(TripEnd(ended.ended_ns, ended.is_observed)), not is_update)
-        else:
-            self.choices = replace(self.choices, ended_trip=None)
-            # A route without a route_id is never an update, unless it is the same message again.
-            continues = is_update and timetable is not None and timetable.end is None and (
-                mission.route_id != '' or mission.has_instants_of(timetable.planned))
-            self._follow(timetable.updated(mission, now_ns) if timetable is not None and continues
-                         else Timetable.of(mission), not is_update or (ended is not None and ended.is_observed))
-        self._refusals.lift_by_route()
+        self._is_after_end = ended is not None and ended.includes(
+            mission.route_id, mission.stamp_ns, mission.places.length_m, now_ns)
+        if ended is not None and self._is_after_end:
+            self._follow(Timetable.of(mission).ended(TripEnd(
+                ended.ended_ns if ended.ended_ns <= now_ns else None, ended.is_observed)), not is_update)
+            return
+        self.choices = replace(self.choices, ended_trip=None)
+        # A route without a route_id is never an update, unless it is the same message again.
+        continues = is_update and timetable is not None and timetable.end is None and (
+            mission.route_id != '' or mission.has_instants_of(timetable.planned))
+        self._follow(timetable.updated(mission, now_ns) if timetable is not None and continues
+                     else Timetable.of(mission), not is_update or (ended is not None and ended.is_observed))
 
     def revise_mission(self, mission: Mission) -> None:
         """

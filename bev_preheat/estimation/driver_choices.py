@@ -52,19 +52,16 @@ class EndedTrip:
 
         That is the plan itself, received again; one with its route_id that is older than it, or than an end that
         was observed; and one with its route_id that leads no further than NOWHERE_M. If the end lies ahead, the
-        clock was set back: then only the plan itself belongs to it, unless it has just begun, as in a simulation
-        that was restarted.
+        clock was set back: then a plan that has just begun begins a trip, as in a simulation that was restarted.
         """
-        age_ns = now_ns - self.ended_ns
-        if route_id != self.route_id or age_ns > OLDEST_CHOICE_NS:
+        age_ns, is_same = now_ns - self.ended_ns, route_stamp_ns == self.route_stamp_ns
+        # A route without a route_id is never an update.
+        if route_id != self.route_id or age_ns > OLDEST_CHOICE_NS or not (is_same or route_id):
             return False
         if age_ns < 0:
-            return route_stamp_ns == self.route_stamp_ns and route_stamp_ns < now_ns - JUST_BEGUN_NS
-        if route_stamp_ns == self.route_stamp_ns:
-            return True
-        # A route without a route_id is never an update.
-        return route_id != '' and (length_m <= NOWHERE_M or route_stamp_ns < (
-            max(self.ended_ns, self.route_stamp_ns) if self.is_observed else self.route_stamp_ns))
+            return route_stamp_ns < now_ns - JUST_BEGUN_NS
+        return is_same or length_m <= NOWHERE_M or route_stamp_ns < (
+            max(self.ended_ns, self.route_stamp_ns) if self.is_observed else self.route_stamp_ns)
 
 
 @dataclass(frozen=True)

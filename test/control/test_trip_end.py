@@ -147,13 +147,35 @@ def test_a_clock_that_is_set_begins_nothing(set_by_s):
     assert words.startswith('The route has ended') and '-' not in words
 
 
-def test_a_simulation_that_starts_again_drives_the_same_route_again():
+@pytest.mark.parametrize('restarts', [False, True])
+@pytest.mark.parametrize('order', ['clock, state, route', 'clock, route, state', 'route, clock, state'])
+def test_a_simulation_that_starts_again_drives_the_same_route_again(order, restarts):
     trip = arrived_early()
-    trip.offset_s -= trip.now_s - trip.route[1] // NS_PER_S - 2
-    trip.step(0.0, CONSUMERS_W)
+    if restarts:
+        trip.restart()
     trip.here_m = 0.0
+    for message in order.split(', '):
+        if message == 'clock':
+            trip.offset_s -= trip.now_s - trip.route[1] // NS_PER_S - 2
+        elif message == 'state':
+            trip.step(0.0, CONSUMERS_W)
+        else:
+            trip.send_again()
+    # After a restart the heater waits for a moment.
+    assert trip.heats(30) >= (60 if restarts else 120)
+
+
+@pytest.mark.parametrize('set_to_s', [61, 120, 200])
+def test_a_route_received_again_begins_nothing_if_the_clock_is_set_to_the_way(set_to_s):
+    trip = arrived_early()
     trip.send_again()
-    assert trip.heats(20) >= 60
+    trip.offset_s -= trip.now_s - trip.route[1] // NS_PER_S - set_to_s
+    assert (trip.heats(), trip.status) == (0, Status.ARRIVED)
+    assert trip.planner.state.decision.explanation.startswith('The route has ended; only a new route plan')
+    # Once more, to the start: the same route plan begins a trip there.
+    trip.offset_s -= trip.clock_ns // NS_PER_S - trip.route[1] // NS_PER_S - 2
+    trip.here_m = 0.0
+    assert trip.heats() >= 170
 
 
 def test_a_car_that_parks_beside_the_end_has_arrived():
