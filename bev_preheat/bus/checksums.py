@@ -133,7 +133,7 @@ class Checksum:
 def _rule_problem(rule: ChecksumRule) -> str:
     """Return why the keys do not belong together; '' if they do."""
     if (rule.method is None) is (rule.e2e_profile is None):
-        return 'must have exactly one of the keys method and e2e_profile'
+        return 'must have either method or e2e_profile'
     others = {'data_id': rule.data_id, 'data_ids': rule.data_ids or None, 'data_id_mode': rule.data_id_mode,
               'data_id_nibble': rule.data_id_nibble} if rule.e2e_profile is None else {
         'prefix': rule.prefix or None, 'suffix': rule.suffix or None, 'initial': rule.initial,

@@ -126,7 +126,7 @@ class HeaterFrame:
         for name, value in rule.constants.items():
             if name not in others:
                 raise InvalidInput(f'{self._where}.constants: {name} is not among the other signals of '
-                                   f'{rule.message}: {", ".join(others) or "there are none"}')
+                                   f'{rule.message}: {", ".join(others) or "it has no others"}')
             others[name] = float(value)
         if self._checksum is not None and self._checksum.nibble is not None:
             name, value = self._checksum.nibble

@@ -182,7 +182,7 @@ def load_live_map(name_or_file: str | Path) -> LiveMap:
                            'live: {can: {interface: socketcan, channel: can0}}, or live: {vss: {}}')
     problems = []
     if sum(key in live for key in ('can', 'can_buses', 'vss')) != 1:
-        problems.append(f'{path}: live: must have exactly one of the keys can, can_buses and vss')
+        problems.append(f'{path}: live: must have exactly one key: can, can_buses or vss')
     required = tuple(live.get('required', REQUIRED))
     problems += [f'{path}: live.required: {name} is not among the signals of the map'
                  for name in required if name not in signal_map.sources]

@@ -155,7 +155,7 @@ class Board:
         return power_w if at_s - answered_s <= ANSWER_HOLDS_S else math.nan
 
     def _heat_w(self, at_s: float) -> float:
-        """Return the heater's power [W] as delivered, else the believed share of the command."""
+        """Return the heater's power [W] as delivered, else the estimated share of the command."""
         delivered_w = self._delivered_w(at_s)
         if not math.isnan(delivered_w):
             return delivered_w
@@ -202,7 +202,7 @@ class Board:
         return self._at_s
 
     def banner(self, now_s: float) -> Banner | None:
-        """Return the Banner on a planner that is gone, silent or frozen; None if all is well."""
+        """Return the Banner on a missing, silent or frozen planner; None if all is well."""
         return banner_of(self.around, self.pulses['command'], self.pulses['battery'], now_s)
 
     def view(self, now_s: float) -> dict[str, Any]:

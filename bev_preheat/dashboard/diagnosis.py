@@ -32,8 +32,8 @@ class Diagnosis(NamedTuple):
     The planner's entries as the page shows them.
 
     `is_enabled` is None if it is unknown, `goal` the goal of prepare_battery in words, '' for none; `departure` is
-    None without departures. `heater_share` (0 ... 1) is the share of the command that the heater is believed to
-    deliver.
+    None without departures. `heater_share` (0 ... 1) is the share of the command that the heater delivers by
+    the planner's estimate.
     """
 
     entries: tuple[EntrySeen, ...] = ()
@@ -74,7 +74,7 @@ def diagnose(entries: Iterable[EntrySeen]) -> Diagnosis:
 
 
 def _share(text: str) -> float:
-    """Return a share as a number; 1 for anything that is none."""
+    """Return a share as a number; 1 if the text has no number."""
     try:
         share = float(text)
     except ValueError:

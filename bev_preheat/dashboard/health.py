@@ -69,12 +69,12 @@ class Pulse:
 
 
 def banner_of(around: Surroundings, command: Pulse, battery: Pulse, now_s: float) -> Banner | None:
-    """Return the Banner on a planner that is gone, silent or frozen; None if all is well."""
+    """Return the Banner on a missing, silent or frozen planner; None if all is well."""
     age_s = command.age_s(now_s)
     if not around.is_there:
-        return Banner('error', 'The planner is gone. Its heater command has expired, so the heater is off. '
-                      'The values below are its last ones.'
-                      if age_s is not None else 'The planner is gone.', 'gone')
+        return Banner('error', 'The planner has disappeared. Its heater command has expired, so the heater is '
+                      'off. The values below are its last ones.'
+                      if age_s is not None else 'The planner has disappeared.', 'gone')
     if age_s is None:
         return Banner('warning', 'The planner is there; its first message has not arrived yet.', 'no message yet')
     if command.is_late(now_s):

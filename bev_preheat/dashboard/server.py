@@ -4,7 +4,9 @@
 from __future__ import annotations
 
 import asyncio
+from ipaddress import ip_address
 import os
+import socket
 from threading import Event, Thread
 from typing import TYPE_CHECKING
 
@@ -26,7 +28,6 @@ from bev_preheat.errors import InvalidInput
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from socket import socket
 
     from bev_preheat.dashboard.access import Access
     from bev_preheat.dashboard.source import Source
@@ -34,6 +35,8 @@ if TYPE_CHECKING:
 PERIOD_S = 0.5
 LARGEST_BODY_BYTES, LARGEST_HEADER_BYTES, LARGEST_MESSAGE_BYTES = 4096, 16384, 1024
 STOPPED_WITHIN_S = 3.0
+# Addresses reserved for documentation: they are routed like any other, and no host has them.
+ELSEWHERE = {4: (socket.AF_INET, '192.0.2.1'), 6: (socket.AF_INET6, '2001:db8::1')}
 
 
 class PageServer:
@@ -42,7 +45,7 @@ class PageServer:
     def __init__(self, access: Access, port: int, source: Source, log: Callable[[str], object]) -> None:
         """Bind; raises InvalidInput if address or port cannot be used."""
         try:
-            self._sockets: list[socket] = bind_sockets(port, access.address, reuse_port=False)
+            self._sockets: list[socket.socket] = bind_sockets(port, access.address, reuse_port=False)
         except OSError as error:
             reason = os.strerror(error.errno) if error.errno else str(error)
             raise InvalidInput(f'port: {access.address}:{port} cannot be used: {reason}; choose another with '
@@ -55,8 +58,8 @@ class PageServer:
 
     @property
     def url(self) -> str:
-        """The page's address for a browser on this computer."""
-        address = self._shared.access.address
+        """The page's address for a browser, on another device if the page is for other devices."""
+        address = own_address(self._shared.access.address)
         host = f'[{address}]' if ':' in address else address
         return f'http://{host}:{self.port}/'
 
@@ -105,3 +108,23 @@ class PageServer:
             for tab in list(self._shared.tabs):
                 tab.close(1001, 'the dashboard ends')
             await server.close_all_connections()
+
+
+def own_address(address: str) -> str:
+    """
+    Return an address at which a server bound to an IP address is reached.
+
+    For 0.0.0.0 and ::, which mean all addresses of this computer, that is the one from which it reaches others, or
+    its name if it has no network.
+    """
+    bound = ip_address(address)
+    if not bound.is_unspecified:
+        return address
+    family, elsewhere = ELSEWHERE[bound.version]
+    try:
+        with socket.socket(family, socket.SOCK_DGRAM) as probe:
+            # This chooses the own address; nothing is sent.
+            probe.connect((elsewhere, 9))
+            return str(probe.getsockname()[0])
+    except OSError:
+        return socket.gethostname()

@@ -40,7 +40,7 @@ class Source(Protocol):
         """Whether planners may be asked."""
 
     def planners(self, now_s: float) -> list[dict[str, Any]]:
-        """Return name and status of each planner, and a word on one that is gone or silent ('' for none)."""
+        """Return name, status and problem of each planner; the problem is '' for a running one."""
 
     def message(self, planner: str, cursor: Cursor, now_s: float) -> str | None:
         """Return the next message to a tab; None if there is no such planner."""
@@ -73,7 +73,7 @@ class LiveSource:
         return self.ask_planner is not None
 
     def planners(self, now_s: float) -> list[dict[str, Any]]:
-        """Return name and status of each planner, and a word on one that is gone or silent ('' for none)."""
+        """Return name, status and problem of each planner; the problem is '' for a running one."""
         with self.lock:
             return [{'name': name, 'problem': '' if (banner := board.banner(now_s)) is None else banner.word,
                      'status': None if board.plan is None else status_name(board.plan.status)}

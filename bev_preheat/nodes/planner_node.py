@@ -361,7 +361,7 @@ class PlannerNode(Node):
         return SetParametersResult(successful=True)
 
     def _check_lock(self, parameters: Iterable[RosParameter]) -> None:
-        """Raise InvalidInput if a parameter that is locked would change, also one that rclpy declared."""
+        """Raise InvalidInput if a locked parameter would change, including those that rclpy declares."""
         if self.get_parameter('locked').value:
             problems = [
                 f'{parameter.name}: is locked (locked:=true at the start); change the parameter file and restart'

@@ -73,7 +73,7 @@ class HeaterAccount:
         self._answer = now_ns, power_w, until_ns
 
     def answer(self, status: HeaterStatus) -> None:
-        """Take an answer of the heater's controller; one that was there already counts once."""
+        """Take an answer of the heater's controller; a repeated answer counts once."""
         now_ns, before = status.stamp_ns, self._answer
         if before is not None and before[0] == now_ns:
             return

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from bev_preheat.replay.player import Played
 
 OVER = (Status.ARRIVED, Status.CHARGING)
-# A deviation from the target of less than this is none [K]: sensors show whole and half degrees.
+# A smaller deviation from the target is not reported [K]: sensors show whole and half degrees.
 LEAST_DEVIATION_K = 0.5
 # Shorter obstacles explain no deficit [s]; a heater that gives this share of its command is a whole one.
 LEAST_OBSTACLE_S, FULL_FROM = 10.0, 0.9

@@ -369,7 +369,7 @@ MISFITS = {
     'checksum of 16 bits': ('  messages: {BMS: {checksum: {signal: Soc, method: crc16_ccitt}}}', {}, [
         'live.messages.BMS.checksum.signal: BMS.Soc has 8 bits from bit 16; this checksum must fill 2 bytes']),
     'method and profile': ('  messages: {BMS: {checksum: {signal: Soc, method: crc8, e2e_profile: 5}}}', {}, [
-        'live.messages.BMS.checksum: must have exactly one of the keys method and e2e_profile']),
+        'live.messages.BMS.checksum: must have either method or e2e_profile']),
     'profile without counter': ('  messages: {BMS: {checksum: {signal: Temp, e2e_profile: 5, data_id: 1}}}', {}, [
         'live.messages.BMS.checksum: e2e_profile 5 needs the counter of the message']),
     'counter of another profile': (
@@ -387,7 +387,7 @@ MISFITS = {
     'mode of another profile': (COMMAND.format(
         'power: Power, checksum: {signal: Plain, e2e_profile: 11, data_id: 1, data_id_mode: low}'), {}, [
         'live.heater_command.checksum: data_id_mode of e2e_profile 11 must be both or nibble']),
-    'two kinds of bus': ('  vss: {}', {}, ['live: must have exactly one of the keys can, can_buses and vss']),
+    'two kinds of bus': ('  vss: {}', {}, ['live: must have exactly one key: can, can_buses or vss']),
 }
 
 

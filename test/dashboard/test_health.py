@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The banner: a planner that is gone, silent or frozen."""
+"""The banner: a missing, silent or frozen planner."""
 
 import pytest
 
@@ -32,7 +32,7 @@ def test_all_is_well_while_messages_come():
     (THERE, 'error: The planner is silent: no message for 5 s'),
     (Surroundings(is_simulated=True, has_clock=True), 'error: The clock stands: /clock does not advance'),
     (Surroundings(is_simulated=True), 'error: The clock stands: nothing publishes /clock'),
-    (Surroundings(is_there=False), 'error: The planner is gone')])
+    (Surroundings(is_there=False), 'error: The planner has disappeared')])
 def test_silence_is_told_with_its_cause(around, told):
     assert text_of(around, beating(1.0, 60.0), beating(1.0, 60.0), 65.0).startswith(told)
 

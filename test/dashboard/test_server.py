@@ -9,8 +9,8 @@ import socket
 import struct
 import time
 from urllib.error import HTTPError
-from urllib.parse import urlencode
-from urllib.request import build_opener, HTTPRedirectHandler, Request
+from urllib.parse import urlencode, urlsplit
+from urllib.request import build_opener, HTTPCookieProcessor, HTTPRedirectHandler, Request
 
 import pytest
 from seen_examples import a_board, a_plan, START_S
@@ -286,6 +286,28 @@ def test_a_taken_port_is_one_line(page):
 def test_a_foreign_address_is_one_line():
     with pytest.raises(InvalidInput, match='port: 203.0.113.7:0 cannot be used'):
         PageServer(Access('203.0.113.7', TOKEN), 0, LiveSource(), print)
+
+
+@pytest.mark.parametrize('address', ['127.0.0.1', '0.0.0.0'])
+def test_the_address_that_is_logged_opens(address):
+    made = PageServer(Access(address, TOKEN), 0, LiveSource(), print)
+    made.start()
+    try:
+        assert (urlsplit(made.url).hostname == '127.0.0.1') == (address == '127.0.0.1')
+        assert urlsplit(made.url).hostname != '0.0.0.0'
+        opener = build_opener(HTTPCookieProcessor())
+        with opener.open(f'{made.url}?token={TOKEN}', timeout=LIMIT_S) as answer:
+            assert answer.status == 200 and 'figure-battery' in answer.read().decode()
+    finally:
+        made.stop()
+
+
+def test_without_a_network_the_address_is_this_computers_name(monkeypatch):
+    assert server.own_address('::') != '::'
+    # The kernel refuses to connect to it.
+    monkeypatch.setitem(server.ELSEWHERE, 4, (socket.AF_INET, '255.255.255.255'))
+    assert server.own_address('0.0.0.0') == socket.gethostname()
+    assert server.own_address('192.168.1.7') == '192.168.1.7'
 
 
 def _raw_tab(page):

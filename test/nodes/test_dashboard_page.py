@@ -43,6 +43,12 @@ UNNAMED = """
       && !e.getAttribute('aria-labelledby') && !(e.labels && e.labels.length)).map((e) => e.outerHTML)"""
 
 
+# Legends that are wider than their place, or higher than a line.
+CUT_LEGENDS = """
+    return [...document.querySelectorAll('.bev-legend')].filter((e) => e.scrollWidth > e.clientWidth
+      || new Set([...e.children].map((each) => each.offsetTop)).size > 1).map((e) => e.innerText)"""
+
+
 @pytest.fixture(scope='module')
 def chromium(tmp_path_factory):
     """Give a Browser; its console must have stayed silent."""
@@ -113,6 +119,7 @@ def test_it_shows_a_drive_asks_back_and_survives_a_planner_that_dies(bench, page
     page.picture('dashboard.png', 1180, 900)
     page.picture('dashboard_phone.png', *PHONE)
     assert_fits_and_is_labelled(page)
+    assert_legends_fit(page)
     set_speed(bench, 100.0)
     page.wait(lambda: page.text('status') in ('Arrived', 'Charging'), 'the arrival')
     simulator.end()
@@ -156,6 +163,13 @@ def assert_answers_are_shown(page):
     assert not page.is_visible('dialog')
     ask(page, 'do-cancel', 'Accepted: The preparation is cancelled.')
     page.wait(lambda: not page.is_visible('do-cancel'), 'that it is gone')
+
+
+def assert_legends_fit(page):
+    """On a phone each legend of the curves is one line, complete."""
+    page.size(*PHONE)
+    page.wait(lambda: page.run(CUT_LEGENDS) == [], 'that the legends fit', 10.0)
+    page.size(*DESKTOP)
 
 
 def assert_fits_and_is_labelled(page):
@@ -214,6 +228,7 @@ def assert_the_recording_plays(page, bench, recordings):
     assert page.text('status') == 'Heating'
     page.press('END')
     page.wait(lambda: page.overflow_px() <= 0, 'that it fits', 10.0)
+    assert_legends_fit(page)
     page.picture('dashboard_recording.png', 1180, 900)
 
 

@@ -272,7 +272,7 @@ BAD_STATES = {
                  'header.stamp: is 0; it must be set, as "header: auto" of ros2 topic pub does'),
     'late': (lambda car: car.state(age_s=60.0), 'header.stamp: the state is 60'),
     'from_the_future': (lambda car: car.state(age_s=-60.0), 's ahead of the clock; at most'),
-    # Of another battery: one of the same battery would have been overtaken.
+    # Another battery's state: of the same battery, it would have been overtaken.
     'out_of_order': (lambda car: car.state(age_s=0.9 * TIMEOUT_S, temperature=20.0),
                      'older than the previous one; stamps must not go back'),
 }

@@ -206,7 +206,7 @@ const bevView = (() => {
       {name: 'reserve', key: 'reserve', times: 'reserveTime', colour: 'vermillion', dash: 'dot', scale: 100,
         constant: true}]}];
   if (isRecording) {
-    ROWS[0].series.push({name: 'as it came', key: 'later', times: 'laterTime', colour: 'grey', width: 1.2});
+    ROWS[0].series.push({name: 'as it came', short: 'later', key: 'later', times: 'laterTime', colour: 'grey', width: 1.2});
   }
   let curves = null, shownNow = null;
 

@@ -134,8 +134,8 @@ def add_parser(subparsers: Subparsers) -> None:
     parser.add_argument('--fault', choices=tuple(FAULTS), default='none',
                         help='a real heater fault that starts during the drive (default: %(default)s)')
     parser.add_argument('--plant', choices=tuple(PLANTS), default='nominal',
-                        help='what the true car adds to the model: a heater that lags, coolant that must be '
-                        'heated, a sensor that lags, a current ripple that is not measured '
+                        help='effects of the true car that the model leaves out: a heater that lags, coolant that '
+                        'must be heated, a sensor that lags, a current ripple that is not measured '
                         '(default: %(default)s)')
     parser.add_argument('--temperature', type=float, default=-7.0, metavar='DEGC',
                         help='battery temperature at the start [degC] (default: %(default)s)')
