@@ -216,10 +216,12 @@ const bevView = (() => {
       : Math.max(view.tripFrom - BEFORE_TRIP_S, at - LONGEST_PAST_S);
     const begin = isRecording ? -Infinity : from;
     const past = sliced(history, 'time', ['measured', 'soc', 'unheated'], begin, at);
-    const powers = {...steps(history, 'power', begin, at, true),
-      ...steps(history, 'delivered', begin, at, isNumber(view.delivered))};
-    const ahead = plan || {planTime: [], planned: [], planUnheated: [], planSoc: [], planPower: []};
     const first = past.time.length ? past.time[0] : at;
+    // A command may be hours older than the first battery state.
+    const powersFrom = isRecording ? begin : first;
+    const powers = {...steps(history, 'power', powersFrom, at, true),
+      ...steps(history, 'delivered', powersFrom, at, isNumber(view.delivered))};
+    const ahead = plan || {planTime: [], planned: [], planUnheated: [], planSoc: [], planPower: []};
     const width = Math.max(arrival - first, 60) * 0.008;
     const hasSpread = isNumber(view.predicted) && arrival > at;
     const half = hasSpread && isNumber(view.deviation) ? view.deviation : 0;
@@ -278,7 +280,8 @@ const bevView = (() => {
   // Changes of a power, continued until now if it goes on.
   function steps(history, key, from, at, goesOn) {
     const times = `${key}Time`, end = lower(history[times], at + 1e-6);
-    const begin = Math.max(0, Math.min(lower(history[times], from), end - 1));
+    // The change before `from` holds there.
+    const begin = Math.max(0, lower(history[times], from + 1e-6) - 1);
     const instants = history[times].slice(begin, end), values = history[key].slice(begin, end);
     if (instants.length && instants[0] < from) instants[0] = from;
     if (goesOn && instants.length && instants[instants.length - 1] < at) {
