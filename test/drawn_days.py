@@ -132,7 +132,8 @@ class World:
         """
         See whether the trip of a route that was sent again has just begun.
 
-        Then the clock was set back: a simulation that was started again, another trip.
+        Then the clock was set back: a simulation that was started again, another trip ("How a trip ends" in
+        docs/reference/topics.md).
         """
         if self.route[1] >= self.clock_ns - JUST_BEGUN_NS:
             self.is_over, self.said_arrived, self.fixed_m = False, False, None
