@@ -28,6 +28,7 @@ from bev_preheat.planning import (
     paper,
     prices,
     schedule,
+    steps_ahead,
     strides,
     threshold_search,
     thresholds,
@@ -35,6 +36,7 @@ from bev_preheat.planning import (
     two_switches,
     uncertainty_margin,
     value_curve,
+    value_function,
 )
 
 # Names in each module; if another module has the same name, the name in C follows after a colon.
@@ -65,6 +67,7 @@ NAMES: Mapping[ModuleType, str] = {
     paper: 'LOST_ABOVE_TARGET_K',
     prices: 'SOC_DIFFERENCE TEMPERATURE_DIFFERENCE_K',
     schedule: 'HEATING_SHARE',
+    steps_ahead: 'LACK_TOLERANCE_W LEAST_HEATING_W SAME_END_W',
     strides: 'COARSE COLDER_MARGIN_K LEAST_WIDTH_K LONGEST_STRIDE_S NEAR_K NEAR_TARGET_K WARMER_MARGIN_K',
     threshold_search: ('ARRIVAL_OVERSHOOT_K CLIMB_OVERSHOOT_K LARGEST_SHIFT_K LARGE_SHIFT_K MOST_CLIMBS '
                        'MOST_RUNS:MOST_SEARCH_RUNS POWER_SURPLUS SMALL_SHIFT_K UNHEATED_SHIFT_K'),
@@ -73,7 +76,10 @@ NAMES: Mapping[ModuleType, str] = {
     two_switches: 'COMPARED_TOLERANCE_K DEFICIT_WH_PER_K MOST_LAGS OFF_RESOLUTION_S SURE_SHARE',
     uncertainty_margin: ('ARRIVAL_TOLERANCE_K:EARLY_TOLERANCE_K END_RESOLUTION_S:EARLY_RESOLUTION_S '
                          'MOST_RUNS:MOST_EARLY_RUNS'),
-    value_curve: 'CURVE_TOLERANCE_J INDIFFERENCE_J LEAST_FAN_K LEAST_GAIN_K MOST_POINTS SLOPE_K WIDEST_GAP_K'}
+    value_curve: 'CURVE_TOLERANCE_J INDIFFERENCE_J LEAST_FAN_K LEAST_GAIN_K MOST_POINTS SLOPE_K WIDEST_GAP_K',
+    value_function: ('ABOVE_K BELOW_K BEYOND_PRICE EDGE_SHARE EMPTY_J FIRST_STEP_K LACK_PRICE LAST_K LAST_STEP_K MIXTURE_HALVINGS '
+                     'MOST_LOOKS MOVED_K NARROW_K NARROW_STEP_K NEAR_RESERVE_K PRICED_SOC RESERVE_TOLERANCE SHORT_PRICE '
+                     'SWITCH_ON_WH WATCHED_BELOW_K WATCHED_SOC WIDE_K WIDE_STEP_K')}
 
 
 def constants() -> dict[str, int | float]:

@@ -44,6 +44,7 @@ from bev_preheat.native.structs import (
     TripStruct,
     TripTermsStruct,
     UncertaintyMarginStruct,
+    ValueGoalStruct,
     VehicleStruct,
 )
 
@@ -57,7 +58,7 @@ REASONS = {
 ANSWERS = {
     'bev_run': {SATURATED}, 'bev_run_heated': {SATURATED}, 'bev_find_switch': {SATURATED},
     'bev_find_crossing': {NO_CROSSING}, 'bev_run_within_limits': {EMPTY},
-    'bev_run_heated_within_limits': {EMPTY},
+    'bev_run_heated_within_limits': {EMPTY}, 'bev_plan_by_values': {EMPTY},
     'bev_plan_switch': {SATURATED, EMPTY, NO_CROSSING, LIMITED, CHEAPER_ELSEWHERE}}
 _NONE: set[int] = set()
 
@@ -130,6 +131,7 @@ _SIGNATURES = {
     'bev_arrival_variance': 'PPPPP',
     'bev_heat_along': 'PPPPPP',
     'bev_find_two_switches': 'PPDPPPPPP',
+    'bev_plan_by_values': 'PPPPPPP',
     'bev_plan_trips': 'PPIPPPPDDIPPP',
 }
 
@@ -211,7 +213,7 @@ def bindings() -> Interface:
         'bev_safe_goal': SafeGoalStruct, 'bev_safe_plan': SafePlanStruct, 'bev_settling': SettlingStruct,
         'bev_stranding': StrandingStruct, 'bev_strides': StridesStruct,
         'bev_switch_plan': SwitchPlanStruct, 'bev_trip': TripStruct, 'bev_trip_terms': TripTermsStruct,
-        'bev_vehicle': VehicleStruct}
+        'bev_value_goal': ValueGoalStruct, 'bev_vehicle': VehicleStruct}
     names = {struct: name for name, struct in structs.items()}
     return Interface(INTERFACE, {name: fields_of(struct, names) for name, struct in structs.items()},
                      _SIGNATURES, ROOMS)

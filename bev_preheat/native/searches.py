@@ -13,7 +13,7 @@ from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.native.library import core, OK
+from bev_preheat.native.library import core, EMPTY, OK
 from bev_preheat.native.runs import doubles_at
 from bev_preheat.native.structs import (
     address_of,
@@ -30,6 +30,7 @@ from bev_preheat.native.structs import (
     StrandingStruct,
     STRIDE_COLUMNS,
     StridesStruct,
+    ValueGoalStruct,
 )
 
 if TYPE_CHECKING:
@@ -137,6 +138,32 @@ def plan_merit_order(vehicle: NativeVehicle, trip: NativeTrip, goal: SettlingStr
     status = library.bev_plan_merit_order(
         vehicle.address, trip.address, byref(goal), *[address_of(array) for array in arrays], byref(plan))
     return _merit_plan(arrays.states, arrays.powers_w, plan) if status == OK else None
+
+
+class PlanByValues(NamedTuple):
+    """Heater commands [W] (N,) of a plan by values; None if the charge does not carry the trip."""
+
+    command_w: FloatArray | None
+
+
+def plan_by_values(vehicle: NativeVehicle, trip: NativeTrip, target_c: float, lowest_soc: float,
+                   is_heating: bool, start: Sequence[float]) -> PlanByValues | None:
+    """Return the plan by values from the four states `start` on; see `bev_plan_by_values` in core.h."""
+    library = core()
+    if library is None:
+        return None
+    steps = trip.steps
+    states, powers_w = np.zeros((4, steps + 1)), np.zeros((4, steps))
+    states[:, 0] = start
+    goal = ValueGoalStruct(is_heating, target_c, lowest_soc)
+    flags = np.zeros(room('BEV_VALUE_BYTES', steps), dtype=np.uint8)
+    memory = np.empty(room('BEV_VALUE_MEMORY', steps))
+    status = library.bev_plan_by_values(
+        vehicle.address, trip.address, byref(goal), address_of(states), address_of(powers_w), address_of(flags),
+        address_of(memory))
+    if status == EMPTY:
+        return PlanByValues(None)
+    return PlanByValues(powers_w[0]) if status == OK else None
 
 
 def heat_early(vehicle: NativeVehicle, trip: NativeTrip, target_c: float,

@@ -31,6 +31,7 @@ POLYNOMIAL, POLYNOMIAL_AND_LOGARITHM, INVERSE_TEMPERATURE, TABLE = range(4)
 DOUBLE_BYTES = 8
 BANDS = 2
 MOST_GRID = 512
+VALUE_POINTS = 256
 CURVE_MEMORY = 11 * 2048 + 5 * MOST_GRID
 # Memory of the functions of core.h, doubles (flags: bytes) for each step of a trip, and once.
 _SETTLE = 48, 20
@@ -51,7 +52,9 @@ ROOMS = {
     'BEV_TRIPS_FLAGS': (2, 0),
     'BEV_TRIPS_MEMORY': (12, 12),
     'BEV_TWO_SWITCHES_MEMORY': (1, 1),
-    'BEV_UNHEATED_MEMORY': (9, 4)}
+    'BEV_UNHEATED_MEMORY': (9, 4),
+    'BEV_VALUE_BYTES': (4, 0),
+    'BEV_VALUE_MEMORY': (2 * VALUE_POINTS + 17, 2 * VALUE_POINTS + 9)}
 
 
 def room(name: str, steps: int) -> int:
@@ -130,6 +133,12 @@ class SettlingStruct(Structure):
     """`bev_settling`: the requirements of a run."""
 
     _fields_ = [('serves_climbs', c_int32), ('target_c', c_double), ('lowest_soc', c_double)]
+
+
+class ValueGoalStruct(Structure):
+    """`bev_value_goal`: the requirements of a plan by values."""
+
+    _fields_ = [('is_heating', c_int32), ('target_c', c_double), ('lowest_soc', c_double)]
 
 
 class StrandingStruct(Structure):

@@ -109,7 +109,7 @@ def _drive_on(trip: Trip, watch: LimitedSteps, wanted: WantedHeat, take_surplus:
         first, states, powers_w)
     if driven is not None:
         return driven[0]
-    drive = _drive_within_limits(trip, watch, wanted.at_temperature(), take_surplus)
+    drive = drive_within_heated_limits(trip, watch, wanted.at_temperature(), take_surplus)
     most_c = hottest_c(trip.vehicle)
     here: States = tuple(states[:, first].tolist())
     for k in range(first, len(trip.route)):
@@ -179,7 +179,7 @@ class _Foresight:
                             - self._idle_power_w[j] for j in steps))
 
 
-def _drive_within_limits(trip: Trip, watch: LimitedSteps, wanted_w: WantedPower,
+def drive_within_heated_limits(trip: Trip, watch: LimitedSteps, wanted_w: WantedPower,
                          take_surplus: bool) -> HeatedDrive:
     """Return `drive(k, states)`, which drives step k within the limits; see `limits`."""
     vehicle, path = trip.vehicle, trip.vehicle.heat_path

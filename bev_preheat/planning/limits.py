@@ -26,10 +26,16 @@ from bev_preheat.planning.dynamics import (
     native_vehicle,
     step_of_floats,
 )
-from bev_preheat.planning.heated_limits import along_heated_limits, run_heated_within_limits
+from bev_preheat.planning.heated_limits import (
+    along_heated_limits,
+    drive_within_heated_limits,
+    Powers,
+    run_heated_within_limits,
+)
+from bev_preheat.planning.heat_run import States
 from bev_preheat.planning.schedule import Schedule, switched_on_s
 from bev_preheat.planning.wanted_heat import LimitedSteps, WantedHeat, WantedPower
-from bev_preheat.vehicle.heat_balance import heat_under_w
+from bev_preheat.vehicle.heat_balance import heat_under_w, heat_with_heater_w
 from bev_preheat.vehicle.model import make_runge_kutta_4
 from bev_preheat.vehicle.terminal_limits import make_terminal_limits, TerminalLimits
 
@@ -49,6 +55,8 @@ ACTIVE_W = 1e-3
 Course: TypeAlias = 'tuple[FloatArray, FloatArray, tuple[int, float] | None]'
 # `drive(step, soc, temperature_c)` -> state of charge, temperature, heater and brake power [W].
 StepWithinLimits = Callable[[int, float, float], tuple[float, float, float, float]]
+# `drive(step, states, wanted_w)` -> states at the end, powers; see `make_limited_drive`.
+LimitedDrive = Callable[[int, States, float], tuple[States, Powers]]
 
 
 def colder(vehicle: Vehicle, temperature_c: FloatArray) -> FloatArray:
@@ -249,6 +257,34 @@ def _step_within_limits(trip: Trip, watch: LimitedSteps, wanted_w: WantedPower,
         else:
             (soc_end, end_c), (heater_w, brake_w) = between(-math.inf, math.inf)
         return soc_end, end_c, heater_w, brake_w
+
+    return drive
+
+
+def make_limited_drive(trip: Trip, take_surplus: bool) -> LimitedDrive:
+    """
+    Return `drive(k, states, wanted_w)` -> states at the end of step k, powers [W].
+
+    States are charge, temperature [deg C], heater power [W] and coolant excess [K]; powers are command, friction
+    brake, heater power and heat into the battery. A state of charge of 0 or less means that it runs out in the step.
+    """
+    asked_w, watch, most_c = [0.0], watch_everywhere(trip), hottest_c(trip.vehicle)
+    if not trip.vehicle.heat_path.is_direct:
+        drive_heated = drive_within_heated_limits(trip, watch, lambda k, settled_c: asked_w[0], take_surplus)
+
+        def drive_with_heat_path(k: int, states: States, wanted_w: float) -> tuple[States, Powers]:
+            asked_w[0] = wanted_w
+            (soc, end_c, *heat), powers_w = drive_heated(k, states)
+            return (soc, min(end_c, most_c), *heat), powers_w
+
+        return drive_with_heat_path
+    step = _step_within_limits(trip, watch, lambda k, temperature_c: asked_w[0], take_surplus)
+
+    def drive(k: int, states: States, wanted_w: float) -> tuple[States, Powers]:
+        asked_w[0] = wanted_w
+        soc, end_c, heater_w, brake_w = step(k, states[0], states[1])
+        return ((soc, min(end_c, most_c), 0.0, 0.0),
+                (heater_w, brake_w, heater_w, heat_with_heater_w(trip.vehicle, 0.0, heater_w)))
 
     return drive
 

@@ -39,6 +39,7 @@ from bev_preheat.planning.trip import heated_throughout, make_trip, Trip
 from bev_preheat.planning.uncertainty_margin import heat_early, UncertaintyMargin
 from bev_preheat.planning.unlimited import plan_unlimited, plan_unlimited_paper
 from bev_preheat.planning.until_arrival import heat_until_arrival
+from bev_preheat.planning.value_function import plan_by_values
 from bev_preheat.vehicle.model import Integrator, make_runge_kutta_4
 
 if TYPE_CHECKING:
@@ -52,6 +53,7 @@ METHODS: dict[str, Method] = {
     'merit_order': plan_merit_order,
     'optimal_switch': plan_optimal_switch,
     'paper': plan_paper,
+    'value_function': plan_by_values,
 }
 # Proposals of each method, the most demanding first: if one would be worse than not heating, the next
 # one is tried (see `no_regret`).
@@ -59,6 +61,7 @@ PROPOSALS: dict[str, tuple[Method, ...]] = {
     'merit_order': (plan_merit_order, partial(plan_merit_order, serves_climbs=False)),
     'optimal_switch': (giving_way(plan_optimal_switch),),
     'paper': (giving_way(plan_paper),),
+    'value_function': (plan_by_values,),
 }
 DEFAULT_METHOD = 'merit_order'
 # Without an active limit each method usually heats from one instant on: one call of the native core.
@@ -66,6 +69,7 @@ UNLIMITED: dict[str, Callable[..., tuple[Schedule, ScheduleOutcome | None] | Non
     'merit_order': partial(plan_unlimited, in_one_interval=False),
     'optimal_switch': plan_unlimited,
     'paper': plan_unlimited_paper,
+    'value_function': partial(plan_unlimited, in_one_interval=False),
 }
 
 # Missing the target by less than this does not count: the paper's Euler steps are not more accurate.
@@ -173,6 +177,7 @@ class _Ways(NamedTuple):
     The parts of a method: the method itself, its proposals, and its plan without an active limit or None.
 
     `is_checked_by_core`: the core makes and checks its proposals; `is_installed`: it comes from another package.
+    `weighs_all_heat`: the method weighs the cost of surplus heat, too, so none of its heat is useless.
     """
 
     method: Method
@@ -180,11 +185,13 @@ class _Ways(NamedTuple):
     unlimited: Callable[..., tuple[Schedule, ScheduleOutcome | None] | None] | None
     is_checked_by_core: bool = False
     is_installed: bool = False
+    weighs_all_heat: bool = False
 
 
 def built_in_ways(method: str) -> _Ways:
     """Return how a method of METHODS plans."""
-    return _Ways(METHODS[method], PROPOSALS[method], UNLIMITED[method], method == 'merit_order')
+    return _Ways(METHODS[method], PROPOSALS[method], UNLIMITED[method], method == 'merit_order',
+                 weighs_all_heat=method == 'value_function')
 
 
 def _installed(installed: InstalledMethod, notes: dict[str, None]) -> _Ways:
@@ -249,6 +256,8 @@ def schedule_trip(trip: Trip, state: BatteryState, goal: Goal, ways: _Ways,
 
     if not no_regret:
         return proposal(trip, ways.method)(goal.target_temperature_c)
+    if ways.weighs_all_heat:
+        return serve(trip)
     return leave_useless_heat(
         trip, state, with_margin_c(goal.target_temperature_c), serve(trip), serve)
 

@@ -450,6 +450,32 @@ bev_status bev_drive_as_planned(const bev_vehicle *vehicle, const bev_trip *trip
                                 const double *command_w, double *states, double *powers_w,
                                 uint8_t *watched, bev_stranding *stranding);
 
+/*
+ * The requirements on a plan: the target on arrival [deg C], and the state of charge that heating does not cost.
+ * `is_heating` (not 0): the heater is on before the trip.
+ */
+typedef struct {
+  int32_t is_heating;
+  double target_c;
+  double lowest_soc;
+} bev_value_goal;
+
+/* Most temperatures of an instant. Memory of bev_plan_by_values: doubles, and bytes. */
+#define BEV_VALUE_POINTS 256
+#define BEV_VALUE_MEMORY(steps) (529 * (steps) + 521)
+#define BEV_VALUE_BYTES(steps) (4 * (steps))
+
+/*
+ * The run within limits with the least battery energy, from what a temperature is worth at each instant.
+ *
+ * `states` are four arrays of steps + 1 values (charge, temperature, heater power, coolant excess), whose first
+ * values are the start; `powers_w` are four of `steps` (command, friction brake, heater power, heat into the
+ * battery). `flags` has BEV_VALUE_BYTES bytes. BEV_EMPTY: the charge does not carry the trip without paid heat.
+ */
+bev_status bev_plan_by_values(const bev_vehicle *vehicle, const bev_trip *trip,
+                              const bev_value_goal *goal, double *states, double *powers_w,
+                              uint8_t *flags, double *memory);
+
 /* Memory of bev_settle [doubles]. */
 #define BEV_SETTLE_MEMORY(steps) (48 * (steps) + 20)
 

@@ -1,0 +1,200 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The ends of a step from many temperatures at once, within the limits: the steps of `value_function`, run backward.
+
+As `limits`, vectorised over temperatures, with limits at both ends found in a few rounds. Heat of the heater acts at
+once, as far as it arrives before the trip ends.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple, TYPE_CHECKING
+
+import numpy as np
+
+from bev_preheat.numerics.arithmetic import ARRAYS
+from bev_preheat.planning.dynamics import hottest_c
+from bev_preheat.planning.heat_run import heat_to_come_k, mean_share_left
+from bev_preheat.planning.heated_limits import LAGS_AHEAD, LASTING_LAGS
+from bev_preheat.vehicle.heat_balance import heat_under_w
+from bev_preheat.vehicle.model import make_rates, make_runge_kutta_4
+from bev_preheat.vehicle.terminal_limits import make_terminal_limits
+
+if TYPE_CHECKING:
+    from bev_preheat.numerics.arrays import BoolArray, FloatArray
+    from bev_preheat.planning.trip import Trip
+
+# Rounds in which limits at the end of a step, and the highest temperature, are found.
+ROUNDS = 4
+# Ends whose heater powers differ by less are the same [W]; and less is no heating.
+SAME_END_W = 1.0
+LEAST_HEATING_W = 50.0
+# Power beyond a limit by less does not count as lacking [W].
+LACK_TOLERANCE_W = 0.2
+
+
+class StepEnds(NamedTuple):
+    """
+    Ends (E) of a step from temperatures (P), in the order of their heat.
+
+    Battery energy with the price of lacking power [J], temperature with the heat under way [deg C], heater command
+    [W] and charge, each (E, P); the command that was asked for [W] (E,); whether the battery is empty then (P,).
+    """
+
+    cost_j: FloatArray
+    settled_c: FloatArray
+    command_w: FloatArray
+    soc: FloatArray
+    wanted_w: FloatArray
+    is_empty: BoolArray
+
+
+class StepsAhead:
+    """The steps of one trip."""
+
+    def __init__(self, trip: Trip) -> None:
+        """Take the Trip."""
+        vehicle, path = trip.vehicle, trip.vehicle.heat_path
+        self._trip, self._vehicle = trip, vehicle
+        self._step = make_runge_kutta_4(make_rates(vehicle, ARRAYS))
+        self._limits = make_terminal_limits(vehicle, ARRAYS)
+        self._voltage_v = vehicle.battery.open_circuit_voltage.function(ARRAYS)
+        self._highest_c, self._hottest_c = vehicle.battery.temperature_range_c[1], hottest_c(vehicle)
+        self._lag_s, self._coolant_lag_s, self._heater_lag_s = path.heat_lag_s, path.coolant_lag_s, path.heater_lag_s
+        battery_j_per_k = vehicle.battery.heat_capacity_j_per_k
+        both_j_per_k = battery_j_per_k + path.coolant_heat_capacity_j_per_k
+        self._battery_j_per_k = battery_j_per_k
+        self._joules_per_k = battery_j_per_k / vehicle.hvch.efficiency
+        duration_s = trip.route.duration_s
+        self._left_s = float(trip.time_s[-1]) - trip.time_s
+        # Of a step's heat in the battery, and of its heat from the heater, what is in the battery at the end.
+        self._kept_share, self._arriving_share = np.ones(len(duration_s)), np.ones(len(duration_s))
+        if self._coolant_lag_s > 0.0:
+            self._kept_share = 1.0 + heat_to_come_k(vehicle)[1] * np.expm1(
+                -(self._left_s[1:] + 0.5 * duration_s) / self._coolant_lag_s)
+        if self._lag_s > 0.0:
+            mean_left = -np.expm1(-duration_s / self._lag_s) * self._lag_s / duration_s
+            self._arriving_share = battery_j_per_k / both_j_per_k * (
+                1.0 - np.exp(-self._left_s[1:] / self._lag_s) * mean_left)
+        self._mean_left = mean_share_left(path, duration_s)
+
+    def limits_w(self, k: int, soc: FloatArray, temperature_c: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the least and most terminal power [W] of step k at states, each of their shape."""
+        return self._limits(soc, temperature_c, np.full(len(soc), self._trip.power_variance_w2[k]))
+
+    def arriving_by_the_end(self, k: int) -> tuple[float, float]:
+        """Return the shares of the heat in heater and coolant at instant k that reach the battery in time."""
+        left_s = float(self._left_s[k])
+        return (-math.expm1(-left_s / self._lag_s) if self._lag_s > 0.0 else 1.0,
+                -math.expm1(-left_s / self._coolant_lag_s) if self._coolant_lag_s > 0.0 else 0.0)
+
+    def ends(self, k: int, soc: FloatArray, settled_c: FloatArray, under_way_k: float,
+             watched: tuple[bool, bool], lack_price: float) -> StepEnds:
+        """
+        Return the StepEnds from charges and temperatures (P,): off, with the surplus, at full power.
+
+        `settled_c` includes the heat under way; `watched`: the charge and the discharge limit may matter;
+        `lack_price`: the cost of a joule that the battery cannot deliver.
+        """
+        full_w = float(self._trip.heater_limit_w[k])
+        kinds = [(0.0, False), *([(0.0, True)] if watched[0] else []),
+                 *([(full_w, True)] if full_w > LEAST_HEATING_W else [])]
+        found = [self.end(k, soc, settled_c, under_way_k, watched, lack_price, *kinds[0])]
+        for wanted_w, takes_surplus in kinds[1:]:
+            end = self.end(k, soc, settled_c, under_way_k, watched, lack_price, wanted_w, takes_surplus)
+            # A step that empties the battery, or is the same as the one before, is left out.
+            is_other = (end.command_w[0] > found[-1].command_w[0] + SAME_END_W) & ~end.is_empty
+            if is_other.any():
+                found.append(StepEnds(*(np.where(is_other, new, old) for new, old in zip(end[:4], found[-1][:4])),
+                                      end.wanted_w, found[0].is_empty))
+        columns = [np.concatenate(rows) for rows in zip(*(each[:5] for each in found))]
+        return StepEnds(*columns, is_empty=found[0].is_empty)
+
+    def end(self, k: int, soc: FloatArray, settled_c: FloatArray, under_way_k: float, watched: tuple[bool, bool],
+            lack_price: float, wanted_w: float, takes_surplus: bool) -> StepEnds:
+        """Return the one end (E = 1) under a wanted heater power [W], with surplus or without."""
+        trip, vehicle = self._trip, self._vehicle
+        (duration_s, idle_w, variance_w2, idle_heat_w, leakage_w_per_k, cap_w, propulsion_w) = (
+            float(column[k]) for column in (
+                trip.route.duration_s, trip.idle_power_w, trip.power_variance_w2, trip.idle_heat_w,
+                trip.leakage_w_per_k, trip.heater_limit_w, trip.route.propulsion_power_w))
+        start_c = settled_c - under_way_k
+        may_overcharge = watched[0]
+        is_cold = start_c < self._highest_c
+        asked_w, cap_w = np.where(is_cold, wanted_w, 0.0), np.where(is_cold, cap_w, 0.0)
+        in_time_w = self._off_in_time_w(k, soc, start_c) if self._heater_lag_s > 0.0 else None
+        lasting_w = (self._lasting_surplus_w(k, soc, start_c)
+                     if self._heater_lag_s > 0.0 and may_overcharge and takes_surplus else None)
+        all_w = np.zeros(len(soc))
+        least_w, most_w = self.limits_w(k, soc, start_c) if any(watched) else (all_w - np.inf, all_w + np.inf)
+        first_w, cut_w = (least_w, most_w), all_w
+        for n in range(ROUNDS):
+            command_w = np.clip(asked_w, 0.0, np.maximum(most_w - idle_w, 0.0)) if any(watched) else asked_w
+            paid_w = command_w
+            if may_overcharge and takes_surplus:
+                surplus_w = least_w - idle_w
+                if lasting_w is not None:
+                    surplus_w = np.where(surplus_w > 0.0, np.minimum(surplus_w, lasting_w), surplus_w)
+                free_w = np.minimum(cap_w, surplus_w)
+                is_free = command_w <= free_w
+                command_w, paid_w = np.where(is_free, free_w, command_w), np.where(is_free, 0.0, paid_w)
+            if in_time_w is not None:
+                command_w = np.clip(command_w, 0.0, np.maximum(in_time_w, 0.0))
+            command_w = np.maximum(command_w - cut_w, 0.0)
+            brake_w = (np.clip(least_w - idle_w - command_w, 0.0, max(-propulsion_w, 0.0))
+                       if may_overcharge else all_w)
+            terminal_w = idle_w + command_w + brake_w
+            end_soc, end_c, _, joule_w = self._step(
+                soc, start_c, duration_s, terminal_w, all_w + variance_w2,
+                heat_under_w(vehicle, idle_heat_w, command_w, brake_w), leakage_w_per_k)
+            beyond_k = np.where(command_w > 0.0, end_c - self._highest_c, 0.0)
+            is_settled = not (beyond_k > 0.0).any() and not any(watched)
+            if is_settled or n == ROUNDS - 1:
+                break
+            cut_w = np.maximum(cut_w + beyond_k * self._joules_per_k / duration_s, 0.0)
+            if any(watched):
+                end_least_w, end_most_w = self.limits_w(k, np.clip(end_soc, 0.0, 1.0), np.minimum(end_c, self._hottest_c))
+                least_w, most_w = np.maximum(first_w[0], end_least_w), np.minimum(first_w[1], end_most_w)
+        is_empty = ~(end_soc > 0.0)
+        end_soc, end_c = np.clip(end_soc, 0.0, 1.0), np.minimum(end_c, self._hottest_c)
+        cost_j = (terminal_w + joule_w) * duration_s
+        if any(watched):
+            voltage_v = 0.5 * (self._voltage_v(soc, start_c) + self._voltage_v(end_soc, end_c))
+            cost_j = vehicle.battery.capacity_as * voltage_v * (soc - end_soc)
+        if watched[1] and lack_price > 0.0:
+            _, end_most_w = self.limits_w(k, end_soc, end_c)
+            lacking_w = terminal_w - np.minimum(first_w[1], end_most_w)
+            cost_j = cost_j + lack_price * duration_s * np.where(lacking_w > LACK_TOLERANCE_W, lacking_w, 0.0)
+        heater_k = vehicle.hvch.efficiency * duration_s / self._battery_j_per_k * command_w
+        ahead_c = (settled_c + self._kept_share[k] * (end_c - start_c - heater_k)
+                   + self._arriving_share[k] * heater_k)
+        return StepEnds(cost_j[None], ahead_c[None], command_w[None], end_soc[None], np.array([wanted_w]), is_empty)
+
+    def _steps_after(self, k: int, duration_s: float) -> range:
+        """Return the steps that begin within this duration after the end of step k."""
+        starts_s = self._trip.time_s[k + 1:-1] - float(self._trip.time_s[k + 1])
+        return range(k + 1, k + 1 + int(np.searchsorted(starts_s, duration_s)))
+
+    def _off_in_time_w(self, k: int, soc: FloatArray, temperature_c: FloatArray) -> FloatArray:
+        """Return the highest command [W] that leaves the steps ahead their power; see `heated_limits`."""
+        lag_s, durations_s = self._heater_lag_s, self._trip.route.duration_s
+        allowed_w = np.full(len(soc), np.inf)
+        for j in reversed(self._steps_after(k, LAGS_AHEAD * lag_s)):
+            decay = math.exp(-float(durations_s[j]) / lag_s)
+            allowed_w = allowed_w / decay if decay > 0.0 else np.full(len(soc), np.inf)
+            _, most_w = self.limits_w(j, soc, temperature_c)
+            allowed_w = np.minimum(
+                allowed_w, np.maximum(most_w - self._trip.idle_power_w[j], 0.0) / self._mean_left[j])
+        return allowed_w / (1.0 - math.exp(-float(durations_s[k]) / lag_s))
+
+    def _lasting_surplus_w(self, k: int, soc: FloatArray, temperature_c: FloatArray) -> FloatArray:
+        """Return the part of the surplus [W] that lasts; see `heated_limits`."""
+        ahead_s = LASTING_LAGS * self._heater_lag_s - 0.5 * float(self._trip.route.duration_s[k])
+        steps = self._steps_after(k, ahead_s)
+        if not steps:
+            return np.full(len(soc), np.inf)
+        if sum(float(self._trip.route.duration_s[j]) for j in steps) < ahead_s:
+            return np.zeros(len(soc))
+        return np.maximum(np.min([self.limits_w(j, soc, temperature_c)[0] - self._trip.idle_power_w[j]
+                                  for j in steps], axis=0), 0.0)
