@@ -13,7 +13,13 @@ from bev_preheat.console.program import FAILED, say
 from bev_preheat.console.terminal import progress_console, result_console
 from bev_preheat.optional_packages import require
 from bev_preheat.planning.comparison import difference_of_plans, energy_gap_wh, SAME_SHORTFALL_K
-from bev_preheat.planning.planner import as_driven, DEFAULT_METHOD, method_names, plan_preheating, refused_methods
+from bev_preheat.planning.planner import (
+    as_driven,
+    compared_names,
+    DEFAULT_METHOD,
+    plan_preheating,
+    refused_methods,
+)
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -47,7 +53,7 @@ def run(arguments: Namespace) -> int:
     if arguments.methods is None:
         warn(*(f'method {problem}' for problem in refused_methods()))
     plans = [plan_preheating(*inputs, method, no_regret=method == DEFAULT_METHOD)
-             for method in dict.fromkeys(arguments.methods or method_names())]
+             for method in dict.fromkeys(arguments.methods or compared_names())]
     if not arguments.no_power_limits:
         plans = [as_driven(plan, *inputs) for plan in plans]
     try:

@@ -20,7 +20,14 @@ from bev_preheat.interface.results import (
 )
 from bev_preheat.optional_packages import require
 from bev_preheat.planning.comparison import difference_of_plans, energy_gap_wh
-from bev_preheat.planning.planner import as_driven, check_method, DEFAULT_METHOD, method_names, plan_preheating
+from bev_preheat.planning.planner import (
+    as_driven,
+    check_method,
+    compared_names,
+    DEFAULT_METHOD,
+    method_names,
+    plan_preheating,
+)
 from bev_preheat.planning.situation import BatteryState, Goal
 
 if TYPE_CHECKING:
@@ -81,7 +88,7 @@ def compare(vehicle: Vehicle, route: Route, state: BatteryState,
     `methods` are the names of those to compare, None for all. A plan that breaks a power limit is compared as it
     would be driven. Other arguments as in `plan`.
     """
-    names = method_names() if methods is None else tuple(dict.fromkeys(methods))
+    names = compared_names() if methods is None else tuple(dict.fromkeys(methods))
     for name in names:
         check_method(name)
     goal = _goal_of(vehicle, goal)

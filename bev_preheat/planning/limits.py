@@ -26,13 +26,13 @@ from bev_preheat.planning.dynamics import (
     native_vehicle,
     step_of_floats,
 )
+from bev_preheat.planning.heat_run import States
 from bev_preheat.planning.heated_limits import (
     along_heated_limits,
     drive_within_heated_limits,
     Powers,
     run_heated_within_limits,
 )
-from bev_preheat.planning.heat_run import States
 from bev_preheat.planning.schedule import Schedule, switched_on_s
 from bev_preheat.planning.wanted_heat import LimitedSteps, WantedHeat, WantedPower
 from bev_preheat.vehicle.heat_balance import heat_under_w, heat_with_heater_w
@@ -266,7 +266,7 @@ def make_limited_drive(trip: Trip, take_surplus: bool) -> LimitedDrive:
     Return `drive(k, states, wanted_w)` -> states at the end of step k, powers [W].
 
     States are charge, temperature [deg C], heater power [W] and coolant excess [K]; powers are command, friction
-    brake, heater power and heat into the battery. A state of charge of 0 or less means that it runs out in the step.
+    brake, heater power and heat into the battery. A state of charge of 0 or less: it runs out in the step.
     """
     asked_w, watch, most_c = [0.0], watch_everywhere(trip), hottest_c(trip.vehicle)
     if not trip.vehicle.heat_path.is_direct:
@@ -274,8 +274,8 @@ def make_limited_drive(trip: Trip, take_surplus: bool) -> LimitedDrive:
 
         def drive_with_heat_path(k: int, states: States, wanted_w: float) -> tuple[States, Powers]:
             asked_w[0] = wanted_w
-            (soc, end_c, *heat), powers_w = drive_heated(k, states)
-            return (soc, min(end_c, most_c), *heat), powers_w
+            (soc, end_c, heater_w, excess_k), powers_w = drive_heated(k, states)
+            return (soc, min(end_c, most_c), heater_w, excess_k), powers_w
 
         return drive_with_heat_path
     step = _step_within_limits(trip, watch, lambda k, temperature_c: asked_w[0], take_surplus)

@@ -64,6 +64,8 @@ PROPOSALS: dict[str, tuple[Method, ...]] = {
     'value_function': (plan_by_values,),
 }
 DEFAULT_METHOD = 'merit_order'
+# Methods that are compared if none is named. Without an active limit value_function plans as merit_order does.
+COMPARED = ('merit_order', 'optimal_switch', 'paper')
 # Without an active limit each method usually heats from one instant on: one call of the native core.
 UNLIMITED: dict[str, Callable[..., tuple[Schedule, ScheduleOutcome | None] | None]] = {
     'merit_order': partial(plan_unlimited, in_one_interval=False),
@@ -87,6 +89,11 @@ NOW_S = 1e-6
 def method_names() -> tuple[str, ...]:
     """Return the names of all planning methods: the built-in ones, then those of installed packages."""
     return (*METHODS, *installed_names())
+
+
+def compared_names() -> tuple[str, ...]:
+    """Return the names of COMPARED and of all methods of installed packages."""
+    return (*COMPARED, *installed_names())
 
 
 def installed_names() -> tuple[str, ...]:

@@ -2,8 +2,8 @@
 """
 The ends of a step from many temperatures at once, within the limits: the steps of `value_function`, run backward.
 
-As `limits`, vectorised over temperatures, with limits at both ends found in a few rounds. Heat of the heater acts at
-once, as far as it arrives before the trip ends.
+As `limits`, vectorised over temperatures, with limits at both ends found in a few rounds. Heat of the heater acts
+at once, as far as it arrives before the trip ends.
 """
 
 from __future__ import annotations
@@ -61,7 +61,8 @@ class StepsAhead:
         self._limits = make_terminal_limits(vehicle, ARRAYS)
         self._voltage_v = vehicle.battery.open_circuit_voltage.function(ARRAYS)
         self._highest_c, self._hottest_c = vehicle.battery.temperature_range_c[1], hottest_c(vehicle)
-        self._lag_s, self._coolant_lag_s, self._heater_lag_s = path.heat_lag_s, path.coolant_lag_s, path.heater_lag_s
+        self._lag_s, self._coolant_lag_s = path.heat_lag_s, path.coolant_lag_s
+        self._heater_lag_s = path.heater_lag_s
         battery_j_per_k = vehicle.battery.heat_capacity_j_per_k
         both_j_per_k = battery_j_per_k + path.coolant_heat_capacity_j_per_k
         self._battery_j_per_k = battery_j_per_k
@@ -106,23 +107,25 @@ class StepsAhead:
             # A step that empties the battery, or is the same as the one before, is left out.
             is_other = (end.command_w[0] > found[-1].command_w[0] + SAME_END_W) & ~end.is_empty
             if is_other.any():
-                found.append(StepEnds(*(np.where(is_other, new, old) for new, old in zip(end[:4], found[-1][:4])),
-                                      end.wanted_w, found[0].is_empty))
-        columns = [np.concatenate(rows) for rows in zip(*(each[:5] for each in found))]
-        return StepEnds(*columns, is_empty=found[0].is_empty)
+                cost_j, ahead_c, command_w, end_soc = (
+                    np.where(is_other, new, old) for new, old in zip(end[:4], found[-1][:4]))
+                found.append(StepEnds(cost_j, ahead_c, command_w, end_soc, end.wanted_w, found[0].is_empty))
+        cost_j, ahead_c, command_w, end_soc, asked_w = (
+            np.concatenate(rows) for rows in zip(*(each[:5] for each in found)))
+        return StepEnds(cost_j, ahead_c, command_w, end_soc, asked_w, found[0].is_empty)
 
     def end(self, k: int, soc: FloatArray, settled_c: FloatArray, under_way_k: float, watched: tuple[bool, bool],
             lack_price: float, wanted_w: float, takes_surplus: bool) -> StepEnds:
         """Return the one end (E = 1) under a wanted heater power [W], with surplus or without."""
         trip, vehicle = self._trip, self._vehicle
-        (duration_s, idle_w, variance_w2, idle_heat_w, leakage_w_per_k, cap_w, propulsion_w) = (
+        (duration_s, idle_w, variance_w2, idle_heat_w, leakage_w_per_k, full_w, propulsion_w) = (
             float(column[k]) for column in (
                 trip.route.duration_s, trip.idle_power_w, trip.power_variance_w2, trip.idle_heat_w,
                 trip.leakage_w_per_k, trip.heater_limit_w, trip.route.propulsion_power_w))
         start_c = settled_c - under_way_k
         may_overcharge = watched[0]
         is_cold = start_c < self._highest_c
-        asked_w, cap_w = np.where(is_cold, wanted_w, 0.0), np.where(is_cold, cap_w, 0.0)
+        asked_w, cap_w = np.where(is_cold, wanted_w, 0.0), np.where(is_cold, full_w, 0.0)
         in_time_w = self._off_in_time_w(k, soc, start_c) if self._heater_lag_s > 0.0 else None
         lasting_w = (self._lasting_surplus_w(k, soc, start_c)
                      if self._heater_lag_s > 0.0 and may_overcharge and takes_surplus else None)
@@ -146,15 +149,16 @@ class StepsAhead:
                        if may_overcharge else all_w)
             terminal_w = idle_w + command_w + brake_w
             end_soc, end_c, _, joule_w = self._step(
-                soc, start_c, duration_s, terminal_w, all_w + variance_w2,
-                heat_under_w(vehicle, idle_heat_w, command_w, brake_w), leakage_w_per_k)
+                soc, start_c, all_w + duration_s, terminal_w, all_w + variance_w2,
+                heat_under_w(vehicle, idle_heat_w, command_w, brake_w), all_w + leakage_w_per_k)
             beyond_k = np.where(command_w > 0.0, end_c - self._highest_c, 0.0)
             is_settled = not (beyond_k > 0.0).any() and not any(watched)
             if is_settled or n == ROUNDS - 1:
                 break
             cut_w = np.maximum(cut_w + beyond_k * self._joules_per_k / duration_s, 0.0)
             if any(watched):
-                end_least_w, end_most_w = self.limits_w(k, np.clip(end_soc, 0.0, 1.0), np.minimum(end_c, self._hottest_c))
+                end_least_w, end_most_w = self.limits_w(
+                    k, np.clip(end_soc, 0.0, 1.0), np.minimum(end_c, self._hottest_c))
                 least_w, most_w = np.maximum(first_w[0], end_least_w), np.minimum(first_w[1], end_most_w)
         is_empty = ~(end_soc > 0.0)
         end_soc, end_c = np.clip(end_soc, 0.0, 1.0), np.minimum(end_c, self._hottest_c)
@@ -169,7 +173,8 @@ class StepsAhead:
         heater_k = vehicle.hvch.efficiency * duration_s / self._battery_j_per_k * command_w
         ahead_c = (settled_c + self._kept_share[k] * (end_c - start_c - heater_k)
                    + self._arriving_share[k] * heater_k)
-        return StepEnds(cost_j[None], ahead_c[None], command_w[None], end_soc[None], np.array([wanted_w]), is_empty)
+        return StepEnds(cost_j[None], ahead_c[None], command_w[None], end_soc[None], np.array([wanted_w]),
+                        is_empty)
 
     def _steps_after(self, k: int, duration_s: float) -> range:
         """Return the steps that begin within this duration after the end of step k."""
@@ -186,7 +191,8 @@ class StepsAhead:
             _, most_w = self.limits_w(j, soc, temperature_c)
             allowed_w = np.minimum(
                 allowed_w, np.maximum(most_w - self._trip.idle_power_w[j], 0.0) / self._mean_left[j])
-        return allowed_w / (1.0 - math.exp(-float(durations_s[k]) / lag_s))
+        allowed_w = allowed_w / (1.0 - math.exp(-float(durations_s[k]) / lag_s))
+        return allowed_w
 
     def _lasting_surplus_w(self, k: int, soc: FloatArray, temperature_c: FloatArray) -> FloatArray:
         """Return the part of the surplus [W] that lasts; see `heated_limits`."""
@@ -196,5 +202,6 @@ class StepsAhead:
             return np.full(len(soc), np.inf)
         if sum(float(self._trip.route.duration_s[j]) for j in steps) < ahead_s:
             return np.zeros(len(soc))
-        return np.maximum(np.min([self.limits_w(j, soc, temperature_c)[0] - self._trip.idle_power_w[j]
-                                  for j in steps], axis=0), 0.0)
+        least_w: FloatArray = np.min([self.limits_w(j, soc, temperature_c)[0] - self._trip.idle_power_w[j]
+                                      for j in steps], axis=0)
+        return np.maximum(least_w, 0.0)

@@ -1,18 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Method `value_function`: what a kelvin is worth at each instant, and the plan that heats where that is more than it costs.
+Method `value_function`: heat where a kelvin is worth more than it costs.
 
-The two passes of the paper, for every temperature instead of one. Backward from arrival, each step takes the best of
-its ends: heater off, heated with the surplus of regeneration, at full power, or a mixture of two:
+The two passes of the paper, for every temperature instead of one. Backward from arrival, each step takes the best
+of its ends: heater off, heated with the surplus of regeneration, at full power, or a mixture of two:
 
     V_N(T)     = what arriving at T costs: nothing at the target, SHORT_PRICE for what is missing
     V_k(T, on) = min over the ends of: battery energy + price of switching on + V_(k+1)(T', heated)
 
-Forward from the battery as it is now, each step takes the end of least cost. Limits, cabin and friction brake enter
-with the ends (`limits`), so nothing is searched for afterwards. The passes are repeated along the path that they
-find, on narrower and finer temperatures. The state of charge is no axis: it is that of the path before, and what
-charge is worth beyond its energy enters as a price. Heat under way is no axis either: T is the temperature that the
-battery comes to from the heat already in heater and coolant, and heat of a step counts as far as it arrives in time.
+Forward from the battery as it is now, each step takes the end of least cost. Limits, cabin and friction brake
+enter with the ends (`limits`), so nothing is searched for afterwards. The passes are repeated along the path that
+they find, on narrower and finer temperatures; none makes the plan worse. The state of charge is no axis: it is
+that of the path before, and what charge is worth beyond its energy enters as a price. Heat under way is no axis
+either: T is the temperature that the battery comes to from the heat already in heater and coolant, and heat of a
+step counts as far as it arrives in time.
 
 The reserve of charge comes before the power of climbs, the power of climbs before the target, as docs/explanation/
 planning.md says. core/src/value_function.c is the same in C.
@@ -21,6 +22,7 @@ planning.md says. core/src/value_function.c is the same in C.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 import math
 from typing import NamedTuple, TYPE_CHECKING
 
@@ -32,11 +34,12 @@ from bev_preheat.planning.bracketing import ARRIVAL_TOLERANCE_K, MOST_TRIALS
 from bev_preheat.planning.dynamics import JOULES_PER_WH, limits_of_steps_w, native_vehicle
 from bev_preheat.planning.heat_run import heat_to_come_k, initial_states
 from bev_preheat.planning.limits import drive_as_planned, make_limited_drive, run_unheated
+from bev_preheat.planning.schedule import HeldBack
 from bev_preheat.planning.situation import reserve_soc
 from bev_preheat.planning.steps_ahead import LACK_TOLERANCE_W, LEAST_HEATING_W, StepEnds, StepsAhead
 
 if TYPE_CHECKING:
-    from bev_preheat.numerics.arrays import FloatArray, IntArray
+    from bev_preheat.numerics.arrays import BoolArray, FloatArray, IntArray
     from bev_preheat.planning.heat_run import States
     from bev_preheat.planning.schedule import Schedule
     from bev_preheat.planning.situation import BatteryState, Goal
@@ -76,8 +79,9 @@ WATCHED_BELOW_K = 1.0
 WATCHED_SOC = 0.02
 # The start of the last interval is moved for an exact arrival if the arrival is as close as this.
 MOVED_K = 0.1
-# Tolerance on the reserve.
+# Tolerance on the reserve; plans aim at this much more.
 RESERVE_TOLERANCE = 1e-5
+SPARE_SOC = 1e-7
 
 
 def plan_by_values(trip: Trip, state: BatteryState, goal: Goal,
@@ -89,14 +93,21 @@ def plan_by_values(trip: Trip, state: BatteryState, goal: Goal,
     heats.
     """
     reserve = reserve_soc(trip.vehicle, goal)
+    aimed_soc = reserve + SPARE_SOC if reserve > 0.0 else 0.0
     vehicle, start = native_vehicle(trip.vehicle), initial_states(state)
     if trip.vehicle.heat_path.is_direct:
         start = *start[:2], 0.0, 0.0
     found = None if vehicle is None else native_searches.plan_by_values(
-        vehicle, trip.native, goal.target_temperature_c, reserve, state.heater_power_w > LEAST_HEATING_W, start)
+        vehicle, trip.native, goal.target_temperature_c, aimed_soc, state.heater_power_w > LEAST_HEATING_W, start)
     if found is None:
-        found = _plan_in_python(trip, start, state.heater_power_w > LEAST_HEATING_W, goal.target_temperature_c, reserve)
-    return run_unheated(trip, state) if found.command_w is None else drive_as_planned(trip, state, found.command_w)
+        found = _plan_in_python(
+            trip, start, state.heater_power_w > LEAST_HEATING_W, goal.target_temperature_c, aimed_soc)
+    if found.command_w is None:
+        return run_unheated(trip, state)
+    schedule = drive_as_planned(trip, state, found.command_w)
+    arrival_c, arrival_soc = float(schedule.temperature_c[-1]), float(schedule.soc[-1])
+    is_held_back = arrival_c < goal.target_temperature_c and arrival_soc < reserve + RESERVE_TOLERANCE
+    return replace(schedule, held_back=HeldBack.RESERVE) if is_held_back else schedule
 
 
 def _plan_in_python(trip: Trip, start: States, is_heating: bool, target_c: float,
@@ -111,12 +122,12 @@ def _plan_in_python(trip: Trip, start: States, is_heating: bool, target_c: float
 
 
 class _Layer(NamedTuple):
-    """Values [J] at one instant: temperatures (P,) [deg C], a row each for a heater that was off and one that was on."""
+    """Values [J] at one instant: temperatures (P,) [deg C], rows for a heater that was off and that was on."""
 
     grid_c: FloatArray
     values_j: FloatArray
 
-    def worth_j(self, settled_c: FloatArray, is_on: FloatArray | bool, joules_per_k: float) -> FloatArray:
+    def worth_j(self, settled_c: FloatArray, is_on: BoolArray | bool, joules_per_k: float) -> FloatArray:
         """Return the value of temperatures; outside the layer the path must come back."""
         grid_c = self.grid_c
         place = (settled_c - grid_c[0]) / (grid_c[1] - grid_c[0])
@@ -124,8 +135,9 @@ class _Layer(NamedTuple):
         row_j = np.where(is_on, self.values_j[1, below], self.values_j[0, below])
         next_j = np.where(is_on, self.values_j[1, below + 1], self.values_j[0, below + 1])
         inside_j = row_j + np.clip(place - below, 0.0, 1.0) * (next_j - row_j)
-        return (inside_j + np.maximum(grid_c[0] - settled_c, 0.0) * 2.0 * SHORT_PRICE * joules_per_k
-                + np.maximum(settled_c - grid_c[-1], 0.0) * BEYOND_PRICE * joules_per_k)
+        below_k, above_k = np.maximum(grid_c[0] - settled_c, 0.0), np.maximum(settled_c - grid_c[-1], 0.0)
+        value_j: FloatArray = inside_j + (2.0 * SHORT_PRICE * below_k + BEYOND_PRICE * above_k) * joules_per_k
+        return value_j
 
 
 class _Mixtures(NamedTuple):
@@ -134,7 +146,7 @@ class _Mixtures(NamedTuple):
     value_j: FloatArray
     end: IntArray
     share: FloatArray
-    is_heating: FloatArray
+    is_heating: BoolArray
 
 
 class _Recursion:
@@ -187,13 +199,14 @@ class _Recursion:
             if is_found or looks >= MOST_LOOKS:
                 number, looks, is_priced = number + 1, 0, True
         self._arrive_exactly()
-        return self._powers_w[0]
+        command_w: FloatArray = self._powers_w[0]
+        return command_w
 
     # Backward.
 
     def _find_values(self, number: int, range_c: tuple[float, float], aim_c: float,
                      is_priced: bool) -> list[_Layer]:
-        """Return the layers of a pass, from that of the arrival at `aim_c` back; `is_priced`: with the price of charge."""
+        """Return the layers of a pass, from the arrival at `aim_c` back; `is_priced`: with the price of charge."""
         grids_c = [self._grid_c(k, number, range_c) for k in range(len(self._path_c))]
         short_j = np.maximum(aim_c - grids_c[-1], 0.0) * self._joules_per_k * SHORT_PRICE
         layers = [_Layer(grids_c[-1], np.array((short_j, short_j)))]
@@ -214,11 +227,13 @@ class _Recursion:
     def _grid_c(self, k: int, number: int, range_c: tuple[float, float]) -> FloatArray:
         """Return the temperatures of a layer [deg C]."""
         step_k, half_k = PASSES[number]
-        low_c, high_c = range_c if number == 0 else (self._path_c[k] - half_k, self._path_c[k] + half_k)
+        path_c = float(self._path_c[k])
+        low_c, high_c = range_c if number == 0 else (path_c - half_k, path_c + half_k)
         points = (high_c - low_c) / step_k + 2.0
         if points > VALUE_POINTS:
             points, step_k = VALUE_POINTS, (high_c - low_c) / (VALUE_POINTS - 1)
-        return low_c + step_k * np.arange(int(points))
+        grid_c: FloatArray = low_c + step_k * np.arange(int(points), dtype=float)
+        return grid_c
 
     def _ends_ahead(self, k: int, soc: FloatArray, settled_c: FloatArray, watched: tuple[bool, bool],
                     lack_price: float) -> StepEnds:
@@ -229,7 +244,8 @@ class _Recursion:
     def _best(self, ends: StepEnds, following: _Layer, was_on: bool, halvings: int) -> _Mixtures:
         """Return the best mixtures of two neighbouring ends."""
         count, points = ends.cost_j.shape
-        best = _Mixtures(np.full(points, np.inf), np.zeros(points, dtype=int), np.zeros(points), np.zeros(points))
+        best = _Mixtures(np.full(points, np.inf), np.zeros(points, dtype=int), np.zeros(points),
+                         np.zeros(points, dtype=bool))
         column = np.arange(points)
 
         def better(best: _Mixtures, end: IntArray, share: FloatArray) -> _Mixtures:
@@ -237,12 +253,13 @@ class _Recursion:
 
             def mixed(values: FloatArray) -> FloatArray:
                 low: FloatArray = values[end, column]
-                return low + share * (values[after, column] - low)
+                mixture: FloatArray = low + share * (values[after, column] - low)
+                return mixture
 
             is_heating = mixed(ends.command_w) > LEAST_HEATING_W
-            value_j = mixed(ends.cost_j) + following.worth_j(mixed(ends.settled_c), is_heating, self._joules_per_k)
-            if not was_on:
-                value_j = value_j + np.where(is_heating, SWITCH_ON_WH * JOULES_PER_WH, 0.0)
+            worth_j = following.worth_j(mixed(ends.settled_c), is_heating, self._joules_per_k)
+            switched_j = 0.0 if was_on else SWITCH_ON_WH * JOULES_PER_WH
+            value_j = mixed(ends.cost_j) + worth_j + switched_j * is_heating
             is_better = value_j < best.value_j
             return _Mixtures(*(np.where(is_better, new, old) for new, old in zip(
                 (value_j, end, share, is_heating), best)))
@@ -255,11 +272,12 @@ class _Recursion:
         apart = 0.25
         for _ in range(halvings):
             middle, last = best, count - 1
-            above = np.where((middle.end < last) & (middle.share + apart < 1.0), middle.share + apart, middle.share)
-            best = better(best, middle.end, above)
+            has_room = (middle.end < last) & (middle.share + apart < 1.0)
+            best = better(best, middle.end, np.where(has_room, middle.share + apart, middle.share))
             is_inside, is_below = middle.share - apart > 0.0, (middle.share == 0.0) & (middle.end > 0)
+            below = np.where(is_inside, middle.share - apart, middle.share)
             best = better(best, np.where(is_below, middle.end - 1, middle.end),
-                          np.where(is_below, 1.0 - apart, np.where(is_inside, middle.share - apart, middle.share)))
+                          np.where(is_below, 1.0 - apart, below))
             apart *= 0.5
         return best
 
@@ -338,7 +356,8 @@ class _Recursion:
             if found and not powers_w[0] > found[-1][2] + 1.0:
                 continue
             drawn_w = powers_w[2]
-            cost_j = self._energy_j(start[:2], end[:2]) + self._lack_price * duration_s * self._lacking_w(k, drawn_w)
+            cost_j = self._energy_j(start[:2], end[:2])
+            cost_j += self._lack_price * duration_s * self._lacking_w(k, drawn_w)
             # What the heater is going to draw is paid for with the command.
             cost_j += (powers_w[0] - drawn_w) * duration_s
             cost_j += self._price_j[k + 1] * (end[0] - self._soc[k + 1])
@@ -375,7 +394,8 @@ class _Recursion:
     def _to_come_k(self, k: int) -> float:
         """Return the warming by the end of the trip from the heat in heater and coolant at instant k [K]."""
         heater, coolant = self._ahead.arriving_by_the_end(k)
-        return float(heater * self._k_per_watt * self.states[2, k] + coolant * self._share_of_excess * self.states[3, k])
+        return float(heater * self._k_per_watt * self.states[2, k]
+                     + coolant * self._share_of_excess * self.states[3, k])
 
     def _keep_path(self) -> float:
         """Keep the run as the path for the next pass; return how far it lies from the path before [K]."""
@@ -391,12 +411,13 @@ class _Recursion:
                 min(max(float(self._path_c[0]), self._target_c) + ABOVE_K, highest_c + BELOW_K))
 
     def _beyond_k(self, states: FloatArray, is_short_of_charge: bool) -> float:
-        """Return how much warmer than needed the battery arrives [K]: than the target, or than the reserve allows."""
+        """Return how much too warm the battery arrives [K]: for the target, or for the reserve of charge."""
         soc, arrival_c = states[0, -1], states[1, -1]
         if not is_short_of_charge:
             return float(arrival_c - self._target_c)
         voltage_v = self._voltage_v(np.array([soc]), np.array([arrival_c]))[0]
-        return float((self._reserve - soc) * self._trip.vehicle.battery.capacity_as * voltage_v / self._joules_per_k)
+        energy_j = (self._reserve - soc) * self._trip.vehicle.battery.capacity_as * voltage_v
+        return float(energy_j / self._joules_per_k)
 
     def _cost_j(self, states: FloatArray, powers_w: FloatArray, aim_c: float) -> float:
         """Return what a run costs [J]: battery energy, power that lacks, switching on, and what it misses."""

@@ -12,7 +12,7 @@ import pytest
 
 from bev_preheat.commands.main import main
 from bev_preheat.console.output import write_json
-from bev_preheat.planning.planner import DEFAULT_METHOD, METHODS, plan_preheating
+from bev_preheat.planning.planner import COMPARED, DEFAULT_METHOD, METHODS, plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import load_route
 from bev_preheat.vehicle import load_vehicle
@@ -162,12 +162,12 @@ def test_no_charging_never_starts(tmp_path):
 @pytest.mark.needs('casadi')
 def test_comparison_has_every_method_and_the_optimum(written):
     comparison = written('compare')
-    assert set(comparison['plans']) == set(comparison['gap_wh']) == set(METHODS)
+    assert set(comparison['plans']) == set(comparison['gap_wh']) == set(COMPARED)
     assert set(comparison['optimum']) >= OPTIMUM_KEYS
 
 
 @pytest.mark.needs('casadi')
-@pytest.mark.parametrize('method', METHODS)
+@pytest.mark.parametrize('method', COMPARED)
 def test_gap_is_the_energy_above_the_optimum(written, method):
     comparison = written('compare')
     best_wh = comparison['optimum']['energy_wh']['battery_total']

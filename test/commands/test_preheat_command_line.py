@@ -163,7 +163,8 @@ def completions(line):
     pytest.param('preheat plan --ve', {'--vehicle'}, marks=pytest.mark.deep),
     pytest.param('preheat plan --vehicle ref', {'reference'}, marks=pytest.mark.deep),
     pytest.param('preheat plan --route al', {'alpine_pass'}, marks=pytest.mark.deep),
-    pytest.param('preheat plan --method ', {'merit_order', 'optimal_switch', 'paper'}, marks=pytest.mark.deep),
+    pytest.param('preheat plan --method ', {'merit_order', 'optimal_switch', 'paper', 'value_function'},
+                 marks=pytest.mark.deep),
     ('preheat scenario nominal heater_d', {'heater_dead', 'heater_derated'})])
 def test_the_shell_completes(line, expected):
     """Without the optional argcomplete there are no completions and no messages."""

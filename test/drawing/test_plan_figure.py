@@ -12,7 +12,7 @@ from bev_preheat.drawing.palette import CHARGE_LIMIT, DISCHARGE_LIMIT, look_of, 
 from bev_preheat.drawing.plan_figure import make_plan_figure
 from bev_preheat.drawing.route_figure import make_route_figure
 from bev_preheat.numerics.arithmetic import FLOATS
-from bev_preheat.planning.planner import METHODS, plan_preheating, plan_unheated, plan_without_heating
+from bev_preheat.planning.planner import COMPARED, plan_preheating, plan_unheated, plan_without_heating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route import load_route, make_route
@@ -63,7 +63,7 @@ def alpine():
 
 @pytest.fixture(scope='module')
 def compared():
-    return panels_of(constant_route(), methods=METHODS)
+    return panels_of(constant_route(), methods=COMPARED)
 
 
 def test_of_a_heat_path_command_and_what_comes_of_it_are_drawn():
@@ -176,7 +176,7 @@ def test_a_limit_that_matters_is_seen_and_a_far_one_is_told(alpine):
 
 def test_coinciding_methods_are_all_seen(compared):
     panels, _ = compared
-    lines = [curves(panels['heater'], look_of(method).colour)[0] for method in METHODS]
+    lines = [curves(panels['heater'], look_of(method).colour)[0] for method in COMPARED]
     merit, switch, paper = lines
     assert switch.get_ydata() == pytest.approx(merit.get_ydata(), abs=1e-3)
     assert merit.get_linewidth() > switch.get_linewidth() > paper.get_linewidth()

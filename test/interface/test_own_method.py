@@ -46,7 +46,7 @@ def route(vehicle):
 
 
 def test_it_plans_in_python(installed, vehicle, route):
-    assert bp.methods() == ('merit_order', 'optimal_switch', 'paper', *METHODS)
+    assert bp.methods() == ('merit_order', 'optimal_switch', 'paper', 'value_function', *METHODS)
     plan = bp.plan(vehicle, route, STATE, method='last_20_minutes')
     assert plan.heating_start_s == pytest.approx(route.total_duration_s - 1200.0)
     limit_w = vehicle.hvch.maximum_power_w - route.cabin_heating_power_w
@@ -79,7 +79,8 @@ def test_it_plans_in_a_process_of_its_own(folder):
 def test_without_the_package_there_is_no_such_method(capsys):
     with pytest.raises(SystemExit):
         main(['plan', *SITUATION, '--method', 'last_10_minutes'])
-    assert "'last_10_minutes' is not one of merit_order, optimal_switch, paper; see" in capsys.readouterr().err
+    assert ("'last_10_minutes' is not one of merit_order, optimal_switch, paper, value_function; see"
+            in capsys.readouterr().err)
 
 
 @pytest.mark.needs('casadi')

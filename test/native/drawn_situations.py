@@ -6,7 +6,6 @@ from functools import cache
 
 import numpy as np
 
-from bev_preheat.planning.planner import METHODS
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.uncertainty_margin import UncertaintyMargin
 from bev_preheat.route.segments import make_route
@@ -55,7 +54,7 @@ def draw(number, most_steps):
         float(random.uniform(0.03, 1.0)), float(random.uniform(0.0, 3e3)), float(random.uniform(0.0, 6.0)))
     goal = Goal(float(random.uniform(5.0, min(40.0, highest_c))), float(random.choice([0.0, 0.2, 0.6])),
                 heating_pays=bool(random.random() < 0.9))
-    method = tuple(METHODS)[int(random.choice(len(METHODS), p=[0.7, 0.2, 0.1]))]
+    method = ('merit_order', 'optimal_switch', 'paper')[int(random.choice(3, p=[0.7, 0.2, 0.1]))]
     uncertainty_margin = None if random.random() < 0.5 else UncertaintyMargin(
         float(random.uniform(0.0, 1.0)), float(random.uniform(0.0, 2.0)), bool(random.random() < 0.5),
         120.0, 20.0)

@@ -88,7 +88,8 @@ def test_an_unknown_name_lists_the_installed_ones(install):
     install({'half': 'own:half'})
     with pytest.raises(InvalidInput) as refused:
         plan_preheating(VEHICLE, ROUTE, STATE, GOAL, 'halve')
-    assert str(refused.value) == "method: 'halve' is not one of merit_order, optimal_switch, paper, half"
+    assert str(refused.value) == (
+        "method: 'halve' is not one of merit_order, optimal_switch, paper, value_function, half")
     assert not is_method('halve')
 
 

@@ -16,7 +16,7 @@ from bev_preheat.console.terminal import print_figures, progress_bar, result_con
 from bev_preheat.errors import InvalidInput
 from bev_preheat.optional_packages import require
 from bev_preheat.planning.comparison import SAME_SHORTFALL_K
-from bev_preheat.planning.planner import METHODS
+from bev_preheat.planning.planner import COMPARED
 from bev_preheat.vehicle import load_vehicle, vehicle_file
 from bev_preheat_studies.commands.study_arguments import add_study_arguments, check_study_arguments, study_executor
 from bev_preheat_studies.commands.sweep_fleet import run_fleet_sweep
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 # (low, high) that the options allow, and the defaults of the options that a fleet does not have.
 LIMITS = {'feasible': (1, 100_000), 'seed': (0, 2**31), 'fleet': (1, 100_000_000)}
-NOT_OF_FLEETS = {'feasible': 300, 'trips': 'free', 'vehicle': 'reference', 'methods': tuple(METHODS)}
+NOT_OF_FLEETS = {'feasible': 300, 'trips': 'free', 'vehicle': 'reference', 'methods': tuple(COMPARED)}
 # Most disagreements printed for a method; the JSON has all.
 MOST_LISTED = 10
 
@@ -92,7 +92,7 @@ def _run_gaps(arguments: Namespace) -> int:
     study = {'study': 'sweep', 'seed': arguments.seed, 'trips': arguments.trips,
              'vehicle': f'{vehicle.name} ({digest_of(vehicle)})'}
     methods = tuple(dict.fromkeys(arguments.methods))
-    if methods != tuple(METHODS):
+    if methods != tuple(COMPARED):
         study['methods'] = list(methods)
     results = []
     with (keeping_what_is_finished() as ending,

@@ -17,7 +17,7 @@ from bev_preheat.native.library import core
 from bev_preheat.native.runs import place
 from bev_preheat.native.structs import room, SwitchPlanStruct
 from bev_preheat.planning.dynamics import native_vehicle
-from bev_preheat.planning.planner import METHODS, plan_preheating
+from bev_preheat.planning.planner import COMPARED, plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route import load_route
@@ -55,7 +55,7 @@ def measure(log: Callable[[str], object]) -> list[Figure]:
     vehicle = load_vehicle('reference')
     route = load_route('reference', vehicle.defaults)
     figures = []
-    for method in METHODS:
+    for method in COMPARED:
         times_s = {}
         for count in SEGMENT_COUNTS:
             split = route.resampled(route.total_duration_s / count)

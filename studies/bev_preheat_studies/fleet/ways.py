@@ -11,7 +11,7 @@ import numpy as np
 from bev_preheat.errors import PlanningFailure
 from bev_preheat.planning.dynamics import JOULES_PER_WH, run_forward
 from bev_preheat.planning.limits import run_within_limits, watch_limits
-from bev_preheat.planning.planner import METHODS, plan_preheating
+from bev_preheat.planning.planner import COMPARED, plan_preheating
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.planning.wanted_heat import WantedHeat
 from bev_preheat.vehicle.model import make_runge_kutta_4
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from bev_preheat_studies.fleet.drawn_fleet import FleetTrip
 
 NONE, ALWAYS = 'no_heating', 'always_on'
-WAYS = (NONE, ALWAYS, *reversed(METHODS))
+WAYS = (NONE, ALWAYS, *reversed(COMPARED))
 # A smaller shortfall does not count as missing the target; see planning.planner.
 REACHED_K = 0.2
 
@@ -39,7 +39,7 @@ class Arrival:
 
 
 def arrivals_of(trip: FleetTrip, vehicle: Vehicle,
-                methods: Iterable[str] = tuple(METHODS)) -> dict[str, Arrival] | None:
+                methods: Iterable[str] = tuple(COMPARED)) -> dict[str, Arrival] | None:
     """
     Return the Arrival of each of WAYS; None if the car cannot drive the trip even without heating.
 

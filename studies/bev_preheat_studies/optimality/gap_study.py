@@ -12,7 +12,13 @@ import numpy as np
 
 from bev_preheat.numerics.arithmetic import ARRAYS
 from bev_preheat.planning.comparison import difference_of_plans, energy_gap_wh
-from bev_preheat.planning.planner import as_driven, DEFAULT_METHOD, METHODS, plan_preheating, SHORTFALL_TOLERANCE_K
+from bev_preheat.planning.planner import (
+    as_driven,
+    COMPARED,
+    DEFAULT_METHOD,
+    plan_preheating,
+    SHORTFALL_TOLERANCE_K,
+)
 from bev_preheat.planning.status import Status
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.vehicle.terminal_limits import make_terminal_limits
@@ -80,7 +86,7 @@ class GapResult:
 
 
 def solve_trip(vehicle: Vehicle, seed: int, number: int, trips: str = 'free',
-               methods: Sequence[str] = tuple(METHODS)) -> GapResult:
+               methods: Sequence[str] = tuple(COMPARED)) -> GapResult:
     """
     Return the GapResult of one drawn trip.
 
@@ -185,7 +191,7 @@ def run_study(vehicle: Vehicle, feasible: int, seed: int, executor: Executor,
               report: Callable[[GapResult], object], trips: str = 'free',
               finished: Mapping[int, GapResult] | None = None,
               keep: Callable[[int, GapResult], object] | None = None,
-              methods: Sequence[str] = tuple(METHODS)) -> list[GapResult]:
+              methods: Sequence[str] = tuple(COMPARED)) -> list[GapResult]:
     """
     Run trips 0, 1, 2 … until `feasible` of them are feasible; return their GapResults in order.
 
