@@ -30,7 +30,7 @@ ROUNDS = 4
 # Ends whose heater powers differ by less are the same [W]; and less is no heating.
 SAME_END_W = 1.0
 LEAST_HEATING_W = 50.0
-# Power beyond a limit by less does not count as lacking [W].
+# Power beyond a limit by less is no deficit [W].
 LACK_TOLERANCE_W = 0.2
 
 
@@ -38,7 +38,7 @@ class StepEnds(NamedTuple):
     """
     Ends (E) of a step from temperatures (P), in the order of their heat.
 
-    Battery energy with the price of lacking power [J], temperature with the heat under way [deg C], heater command
+    Battery energy with the price of a power deficit [J], temperature with the heat under way [deg C], heater command
     [W] and charge, each (E, P); the command that was asked for [W] (E,); whether the battery is empty then (P,).
     """
 
@@ -69,7 +69,7 @@ class StepsAhead:
         self._joules_per_k = battery_j_per_k / vehicle.hvch.efficiency
         duration_s = trip.route.duration_s
         self._left_s = float(trip.time_s[-1]) - trip.time_s
-        # Of a step's heat in the battery, and of its heat from the heater, what is in the battery at the end.
+        # The share of a step's heat in the battery, and of its heat from the heater, in the battery at the end.
         self._kept_share, self._arriving_share = np.ones(len(duration_s)), np.ones(len(duration_s))
         if self._coolant_lag_s > 0.0:
             self._kept_share = 1.0 + heat_to_come_k(vehicle)[1] * np.expm1(

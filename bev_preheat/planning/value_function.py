@@ -5,7 +5,7 @@ Method `value_function`: heat where a kelvin is worth more than it costs.
 The two passes of the paper, for every temperature instead of one. Backward from arrival, each step takes the best
 of its ends: heater off, heated with the surplus of regeneration, at full power, or a mixture of two:
 
-    V_N(T)     = what arriving at T costs: nothing at the target, SHORT_PRICE for what is missing
+    V_N(T)     = cost of arriving at T: nothing from the target on, SHORT_PRICE below it
     V_k(T, on) = min over the ends of: battery energy + price of switching on + V_(k+1)(T', heated)
 
 Forward from the battery as it is now, each step takes the end of least cost. Limits, cabin and friction brake
@@ -358,7 +358,7 @@ class _Recursion:
             drawn_w = powers_w[2]
             cost_j = self._energy_j(start[:2], end[:2])
             cost_j += self._lack_price * duration_s * self._lacking_w(k, drawn_w)
-            # What the heater is going to draw is paid for with the command.
+            # Power that the heater is going to draw is paid for with the command.
             cost_j += (powers_w[0] - drawn_w) * duration_s
             cost_j += self._price_j[k + 1] * (end[0] - self._soc[k + 1])
             found.append((cost_j, end[1] + self._to_come_k(k + 1), powers_w[0], end[0], wanted_w))
@@ -420,7 +420,7 @@ class _Recursion:
         return float(energy_j / self._joules_per_k)
 
     def _cost_j(self, states: FloatArray, powers_w: FloatArray, aim_c: float) -> float:
-        """Return what a run costs [J]: battery energy, power that lacks, switching on, and what it misses."""
+        """Return the cost of a run [J]: battery energy, power deficit, switching on, missed target and reserve."""
         trip, (soc, temperature_c) = self._trip, states[:2]
         voltage_v = self._voltage_v(soc, temperature_c)
         energy_j = trip.vehicle.battery.capacity_as * 0.5 * (voltage_v[1:] + voltage_v[:-1]) @ (soc[:-1] - soc[1:])

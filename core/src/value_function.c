@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * What a temperature is worth at each instant, backward, and the plan from it, forward:
+ * The value of a temperature at each instant, backward, and the plan from it, forward:
  * bev_preheat.planning.value_function.
  */
 #include <string.h>
@@ -239,7 +239,7 @@ static bev_status ends_of_step(const recursion *of, int32_t k, const double star
     } else {
       end->settled_c = end->states[1] + under_way_k(of, k + 1, end->states);
       if (of->driven[0].is_direct == 0) {
-        /* What the heater is going to draw is paid for with the command. */
+        /* Power that the heater is going to draw is paid for with the command. */
         end->cost_j += (end->powers_w[0] - end->powers_w[2]) * of->trip->duration_s[k];
       }
     }
@@ -556,7 +556,7 @@ static double keep_path(const recursion *of, const double *states) {
   return moved_k;
 }
 
-/* What a run costs [J]: battery energy, power that lacks, switching on, and what it misses. */
+/* The cost of a run [J]: battery energy, power deficit, switching on, missed target and reserve. */
 static double cost_of_run(const recursion *of, const double *states, const double *powers_w,
                           double aim_c) {
   const int32_t steps = of->trip->steps;

@@ -33,7 +33,7 @@ def planned(trip, method='value_function', **changes):
 
 
 def total_wh(plan):
-    """Energy with the heat that the target lacks, so that plans with different shortfalls compare."""
+    """Energy with the heat missing at the target, so that plans with different shortfalls compare."""
     per_k = VEHICLE.battery.heat_capacity_j_per_k / VEHICLE.hvch.efficiency / 3600.0
     return plan.energy_wh.battery_total + plan.shortfall_k * per_k
 

@@ -466,7 +466,7 @@ typedef struct {
 #define BEV_VALUE_BYTES(steps) (4 * (steps))
 
 /*
- * The run within limits with the least battery energy, from what a temperature is worth at each instant.
+ * The run within limits with the least battery energy, from the value of a temperature at each instant.
  *
  * `states` are four arrays of steps + 1 values (charge, temperature, heater power, coolant excess), whose first
  * values are the start; `powers_w` are four of `steps` (command, friction brake, heater power, heat into the
