@@ -39,7 +39,8 @@ class StepEnds(NamedTuple):
     Ends (E) of a step from temperatures (P), in the order of their heat.
 
     Battery energy with the price of a power deficit [J], temperature with the heat under way [deg C], heater
-    command [W] and charge, each (E, P); the command that was asked for [W] (E,); whether the battery is empty then (P,).
+    command [W] and charge, each (E, P); the command that was asked for [W] (E,); whether the battery is empty then
+    (P,).
     """
 
     cost_j: FloatArray
