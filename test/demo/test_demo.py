@@ -116,8 +116,9 @@ def test_death_of_a_process_is_told_and_ends_the_others(start_demo):
     assert psutil.wait_procs(processes, timeout=TIME_LIMIT_S)[1] == []
 
 
-@pytest.mark.parametrize('number', [
-    signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.deep)])
+# test/console and test/nodes/test_process.py interrupt programs daily.
+@pytest.mark.deep
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_interruption_ends_everything(start_demo, number):
     demo = start_demo('--speed-up', '5')
     wait_for_line(demo, 'battery')

@@ -3,10 +3,10 @@
 The whole trip: the installed planner and the simulated vehicle, each closing the other's loop.
 
 Some minutes in the cold in lockstep, so that it is the same drive on every computer; `make test-deep` also drives
-a quarter of an hour and the paper's hour, and kills the planner at 100 times real time (daily in test_whole_car.py
-and test_heater_answers.py). There the planner's lease and clock tolerance are longer than usual: 1 s of simulated
-time is 10 ms, and a busy computer may take longer than that to deliver a command, or /clock after the state of
-that instant.
+a quarter of an hour and the paper's hour, and kills the planner at 100 times real time (daily, in process, in
+test_heater_answers.py). There the planner's lease and clock tolerance are longer than usual: 1 s of simulated time
+is 10 ms, and a busy computer may take longer than that to deliver a command, or /clock after the state of that
+instant.
 """
 
 from dataclasses import dataclass

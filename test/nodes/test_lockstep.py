@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Drives in lockstep over DDS: the same on an idle and on a busy computer, or an error."""
 
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 import signal
 import subprocess
 import sys
@@ -61,14 +61,16 @@ def noisy(tmp_path):
     return load_scenario(str(file)), str(file)
 
 
-def test_a_drive_is_the_same_on_a_busy_computer_and_without_ros(dds, noisy, tmp_path):
-    busy, without_ros = (tmp_path / f'{name}.mcap' for name in ('busy', 'without_ros'))
-    with busy_computer():
-        seen = drive_with_nodes(*noisy, recording=busy)
+@pytest.mark.parametrize('load', [nullcontext, pytest.param(busy_computer, marks=pytest.mark.deep)],
+                         ids=['idle', 'busy'])
+def test_a_drive_is_the_same_over_dds_and_without_ros(dds, noisy, tmp_path, load):
+    over_dds, without_ros = (tmp_path / f'{name}.mcap' for name in ('over_dds', 'without_ros'))
+    with load():
+        seen = drive_with_nodes(*noisy, recording=over_dds)
     assert len(seen.commands) > 60
     # Without ROS the timers of an instant come after its battery state, not before; the heater gets the same.
     drive_recorded(noisy[0], without_ros, pytest.fail)
-    states = recorded(busy, '/battery_state', BatteryState)
+    states = recorded(over_dds, '/battery_state', BatteryState)
     assert len(states) > 25
     # NaN fields: not reported.
     assert repr(states) == repr(recorded(without_ros, '/battery_state', BatteryState)[:len(states)])

@@ -675,8 +675,9 @@ def test_planner_goes_on_while_the_checker_solves_hangs_and_dies(surroundings, w
     wait_until(lambda: all(map(is_gone, solvers)), 'the end of the solver without its node')
 
 
-@pytest.mark.parametrize('number', [
-    signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.deep)])
+# test/nonlinear_program/test_worker.py ends a solver while it solves, test_process.py a node, daily.
+@pytest.mark.deep
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_ends_cleanly_while_it_solves(surroundings, wait_until, number):
     checker = surroundings.start('nlp_checker', *ONLY_ASKED)
     with surroundings.feeding():

@@ -3,9 +3,9 @@
 Scenarios: failures are detected, and the drive meets its expectations.
 
 Scenarios with failures of inputs, clock or heater run with the installed executables over real DDS; scenarios
-for the estimation run with the planner's own Supervisor. `make test-deep` drives all shipped scenarios;
-`make test` drives shorter scenarios of the same kinds: one with the nodes together, and one each for car, heater,
-traffic and sensors.
+for the estimation run with the planner's own Supervisor. `make test-deep` drives all shipped scenarios, and a
+short one with the nodes together; `make test` drives short scenarios without ROS, one each for car, heater,
+traffic and sensors. Daily, test_lockstep.py drives the nodes as a scenario does, through a drop-out.
 """
 
 from concurrent.futures import ThreadPoolExecutor
@@ -126,6 +126,7 @@ def expect_reproduced(recording, capsys):
     assert (status, 'reproduced: ' in output) == (0, True), output
 
 
+@pytest.mark.deep
 def test_faults_on_a_short_drive_are_met_by_the_nodes(dds, tmp_path, capsys):
     path = write_short(tmp_path, 'heater_dead', SHORT_OVER_DDS)
     expect_good(*drive_over_dds(

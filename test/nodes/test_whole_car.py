@@ -4,6 +4,9 @@ A whole car without a message of ROS written by hand: CAN, bus_gateway, planner,
 
 The car plays itself in real time, on adapters at pseudo terminals; its battery is small, so that a drive takes a
 minute. Executables are the installed ones; the route is a file that route_publisher publishes.
+
+Daily, test_bus_gateway.py has CAN and its leases over DDS, test_heater_controller.py a commander that hangs, and
+test_heater_answers.py kills planner and heater in process.
 """
 
 from itertools import permutations
@@ -25,7 +28,7 @@ from bev_preheat.planning.status import Status
 from bev_preheat_msgs.msg import HvchCommand, PreheatPlan
 
 pytestmark = [pytest.mark.needs('cantools'), pytest.mark.needs('can'), pytest.mark.needs('crccheck'),
-              pytest.mark.needs('serial'), pytest.mark.needs('pint')]
+              pytest.mark.needs('serial'), pytest.mark.needs('pint'), pytest.mark.deep]
 SIGNALS = Path(__file__).resolve().parents[2] / 'config' / 'signals'
 TARGET_C, AMBIENT_C, LOAD_W = 20.0, -7.0, 12e3
 # The planner's parameters in these tests; no command holds longer than its lease, nor than its battery state.
@@ -157,10 +160,8 @@ SHORT = {'temperature_c': 17.5, 'seconds': 20, 'options': ('-p', 'estimation:=fa
 LONG = {'temperature_c': 8.0, 'seconds': 480, 'heat_capacity_j_per_k': 150e3, 'heat_lag_s': 15.0}
 
 
-@pytest.mark.deep
 @pytest.mark.parametrize('separate, drive', [
-    (True, SHORT), pytest.param(False, SHORT, marks=pytest.mark.deep),
-    pytest.param(True, LONG, marks=pytest.mark.deep), pytest.param(False, LONG, marks=pytest.mark.deep)],
+    (True, SHORT), (False, SHORT), (True, LONG), (False, LONG)],
     ids=['heater_controller', 'gateway alone', 'heater_controller, 8 min', 'gateway alone, 8 min'])
 def test_drive_arrives_with_a_warm_battery(driving, module_bench, separate, drive):
     driven = driving(**drive, separate=separate)
@@ -182,8 +183,7 @@ def entries(name, text):
         for status in array.status)
 
 
-@pytest.mark.deep
-@pytest.mark.parametrize('separate', [True, pytest.param(False, marks=pytest.mark.deep)],
+@pytest.mark.parametrize('separate', [True, False],
                          ids=['heater_controller', 'gateway alone'])
 def test_heater_that_refuses_gets_0_w_and_is_named(driving, module_bench, separate):
     drive = driving(**LARGE, separate=separate)
@@ -201,24 +201,18 @@ def test_heater_that_refuses_gets_0_w_and_is_named(driving, module_bench, separa
     poll_until(drive.is_heated, 'heat again')
 
 
-# All orders; the first one is daily, and does not wait for the heat after the last restart.
-ORDERS = [pytest.param(order, number > 0, id=' '.join(order), marks=[pytest.mark.deep] if number else [])
-          for number, order in enumerate([
-              ('heater_controller', 'planner', 'bus_gateway'),
-              *permutations(['heater_controller', 'planner', 'bus_gateway']),
-              ('planner', 'bus_gateway'), ('bus_gateway', 'planner')])]
+ORDERS = [*permutations(['heater_controller', 'planner', 'bus_gateway']), ('planner', 'bus_gateway'),
+          ('bus_gateway', 'planner')]
 
 
-@pytest.mark.parametrize('order, waits', ORDERS)
-def test_each_process_that_is_killed_ends_the_heat_within_its_lease(driving, order, waits):
+@pytest.mark.parametrize('order', ORDERS, ids=' '.join)
+def test_each_process_that_is_killed_ends_the_heat_within_its_lease(driving, order):
     drive = driving(**LARGE, separate='heater_controller' in order)
     for part in order:
         drive.kill_and_restart(part)
-    if waits:
-        poll_until(drive.is_heated, 'heat after all restarts')
+    poll_until(drive.is_heated, 'heat after all restarts')
 
 
-@pytest.mark.deep
 @pytest.mark.parametrize('attack, text', [
     ('stuck counter', 'has stayed at 7 for '),
     ('wrong checksum', 'but the checksum of the data is 0x'),
