@@ -128,8 +128,8 @@ def test_estimation_predicts_no_worse_than_none_at_each_lead(left_out):
 
 
 @pytest.mark.parametrize('names, with_power', [
-    (SHORTEST, True), (SHORTEST, False), pytest.param(NAMES, True, marks=pytest.mark.deep),
-    pytest.param(NAMES, False, marks=pytest.mark.deep)],
+    (SHORTEST, True), *(pytest.param(*case, marks=pytest.mark.deep) for case in (
+        (SHORTEST, False), (NAMES, True), (NAMES, False)))],
     ids=['power seen', 'temperature only', 'power seen, all', 'temperature only, all'])
 def test_nobody_accuses_a_heater_that_is_never_commanded(names, with_power):
     for drive in all_played(names, 0, True, with_power):
@@ -146,9 +146,11 @@ def test_a_spike_accuses_nobody(names, lasts_s, spike_k):
         assert drive.heaters == {Heater.ANSWERS}
 
 
+# test_memory.py and test_state_file.py keep what was learned, daily.
+@pytest.mark.deep
 @pytest.mark.parametrize('order', [
-    pytest.param(2 * SHORTEST, id='shortest'), pytest.param(NAMES, id='as driven', marks=pytest.mark.deep),
-    pytest.param(NAMES[::-1], id='backwards', marks=pytest.mark.deep)])
+    pytest.param(2 * SHORTEST, id='shortest'), pytest.param(NAMES, id='as driven'),
+    pytest.param(NAMES[::-1], id='backwards')])
 def test_a_state_file_over_the_drives_stays_where_nothing_was_told(order):
     learned, leakages = None, []
     for name in order:

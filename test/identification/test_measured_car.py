@@ -96,7 +96,7 @@ def test_the_estimation_predicts_no_worse_from_the_deviations_of_the_file_than_f
     assert rms(own) <= rms(fixed)
 
 
-@pytest.mark.parametrize('names', [THREE, pytest.param((), marks=pytest.mark.deep)], ids=['three', 'all'])
+@pytest.mark.parametrize('names', [WITH_COLD, pytest.param((), marks=pytest.mark.deep)], ids=['three', 'all'])
 def test_what_drives_without_heater_and_nights_cannot_tell_keeps_its_value_and_is_named(names):
     result = identified(names)
     by_name = {item.name: item for item in result.estimates}
@@ -109,7 +109,10 @@ def test_what_drives_without_heater_and_nights_cannot_tell_keeps_its_value_and_i
     assert any('night at stand' in item for item in result.record_next)
 
 
-@pytest.mark.parametrize('names', [THREE, pytest.param((), marks=pytest.mark.deep)], ids=['three', 'all'])
+# The three of the test above, with the cold drive, tell less at 10 degC. Daily, their fit and that of
+# test_identify_command.py run.
+@pytest.mark.deep
+@pytest.mark.parametrize('names', [THREE, ()], ids=['three', 'all'])
 def test_resistance_and_capacity_agree_with_fits_of_other_drives(names):
     result = identified(names)
     at = result.resistance.temperature_c.tolist().index(10.0)

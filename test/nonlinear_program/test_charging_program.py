@@ -122,8 +122,9 @@ def test_half_and_twice_the_steps_at_the_charger_change_hardly_anything():
     assert fine.driven.cost == pytest.approx(usual.driven.cost, rel=1e-5)
 
 
-@pytest.mark.parametrize('vehicle', [REFERENCE, COOLANT, UNHEATED_AT_CHARGER],
-                         ids=['direct', 'coolant', 'unheated'])
+@pytest.mark.parametrize('vehicle', [
+    COOLANT, *(pytest.param(vehicle, marks=pytest.mark.deep) for vehicle in (REFERENCE, UNHEATED_AT_CHARGER))],
+    ids=['coolant', 'direct', 'unheated'])
 def test_its_steps_lead_where_the_session_does(vehicle, monkeypatch):
     # With hardly rounded corners, only the session's own equations remain.
     monkeypatch.setattr(smooth_maps, 'TEMPERATURE_WIDTH_K', 0.01)

@@ -25,6 +25,8 @@ REFERENCE = load_vehicle('reference')
 LAG = HeatPath(heater_lag_s=60.0)
 COOLANT = HeatPath(coolant_heat_capacity_j_per_k=20e3, coolant_conductance_w_per_k=400.0)
 BOTH = HeatPath(45.0, 15e3, 300.0)
+EACH_PATH = pytest.mark.parametrize('path', [
+    pytest.param(LAG, marks=pytest.mark.deep), pytest.param(COOLANT, marks=pytest.mark.deep), BOTH])
 
 
 def situation(path, name='reference'):
@@ -37,7 +39,7 @@ def situation(path, name='reference'):
 
 
 @pytest.mark.parametrize('name', ['reference', pytest.param('2', marks=pytest.mark.deep)])
-@pytest.mark.parametrize('path', [LAG, COOLANT, BOTH])
+@EACH_PATH
 def test_plans_without_limits_are_within_a_tenth_of_a_watt_hour(name, path):
     inputs = situation(path, name)
     optimum = solve_optimum(*inputs, False)
@@ -49,7 +51,7 @@ def test_plans_without_limits_are_within_a_tenth_of_a_watt_hour(name, path):
     assert optimum.plan.heating_start_s == pytest.approx(plan.heating_start_s, abs=60.0)
 
 
-@pytest.mark.parametrize('path', [LAG, COOLANT, BOTH])
+@EACH_PATH
 def test_its_states_are_those_of_a_drive_under_its_commands(path):
     vehicle, route, state, goal = situation(path)
     state = replace(state, heater_power_w=2e3 if path.heater_lag_s else 0.0,
@@ -67,6 +69,8 @@ def test_its_states_are_those_of_a_drive_under_its_commands(path):
         assert plan.heat.heater_power_w == pytest.approx(heater_w, abs=1e-3)
 
 
+# Without a heat path, in test_optimum.py, daily.
+@pytest.mark.deep
 def test_corrections_give_the_optimum_of_the_corrected_car():
     vehicle, *others = situation(BOTH)
     corrections = Corrections(1.08, 0.9, 1.1, 0.96)
@@ -76,6 +80,8 @@ def test_corrections_give_the_optimum_of_the_corrected_car():
     assert together.battery_temperature_c == pytest.approx(alone.battery_temperature_c, abs=1e-4)
 
 
+# Without a heat path, in test_optimum.py, daily.
+@pytest.mark.deep
 def test_unreachable_target_is_heated_for_all_the_way():
     vehicle, route, state, _ = situation(BOTH)
     route = route.resampled(120.0)

@@ -257,12 +257,9 @@ def test_power_limits_hold_at_both_ends_of_each_step(trip, end):
         assert power_w <= bilinear(battery.discharge_power_limit, soc, temperature_c) + 1e-3
 
 
-# The search of the small car's commute is the shortest.
-SEARCHED = pytest.mark.parametrize('name', [
-    pytest.param(name, marks=[pytest.mark.deep] * (name != 'small_car')) for name in UNLIMITED])
-
-
-@SEARCHED
+# The gap to optimal_switch below is daily, and so are test/planning's searches for its switching instant.
+@pytest.mark.deep
+@pytest.mark.parametrize('name', UNLIMITED)
 def test_energy_is_that_of_the_best_switching_instant(name):
     _, energy_wh = cheapest_switch_of(name)
     vehicle, route, state, goal = TRIPS[name]
@@ -272,13 +269,16 @@ def test_energy_is_that_of_the_best_switching_instant(name):
     assert plan.energy_wh.battery_total == pytest.approx(energy_wh, abs=0.02)
 
 
-@SEARCHED
+@pytest.mark.deep
+@pytest.mark.parametrize('name', UNLIMITED)
 def test_heating_starts_at_the_best_switching_instant(name):
     instant_s, _ = cheapest_switch_of(name)
     # The step in which the heater is switched on has its mean, to a second.
     assert solution_of(name).plan.heating_start_s == pytest.approx(instant_s, abs=1.0)
 
 
+# The same equations as in the drives above, which are daily.
+@pytest.mark.deep
 def test_half_the_step_saves_no_more_than_a_smaller_partial_step_can():
     vehicle, route, state, goal = TRIPS['reference']
     coarse_wh = solution_of('reference').plan.energy_wh.battery_total
@@ -303,6 +303,8 @@ def test_merit_order_is_within_a_tenth_of_a_watt_hour_where_a_short_stretch_make
     assert -1e-3 < gap_wh < 0.1
 
 
+# The same equations as in the drives above, which are daily.
+@pytest.mark.deep
 def test_variation_of_power_within_steps_costs_what_it_costs_by_hand():
     def route_of(rms_w):
         return made_route(duration_s=[60.0] * 30, propulsion_power_rms_w=[rms_w])
@@ -378,6 +380,8 @@ def test_unreachable_target_is_no_optimum(unreachable):
     assert math.isnan(unreachable.marginal_cost_wh_per_k)
 
 
+# The deficit of an unreachable target, above, is daily.
+@pytest.mark.deep
 def test_reserve_that_driving_alone_breaks_lacks_what_driving_misses():
     vehicle, route, state, _ = TRIPS['reference']
     route = route.resampled(120.0)
@@ -388,6 +392,8 @@ def test_reserve_that_driving_alone_breaks_lacks_what_driving_misses():
     assert deficit.amount == pytest.approx(4.0, abs=1e-3)
 
 
+# The deficit of an unreachable target, above, is daily.
+@pytest.mark.deep
 def test_charge_comes_before_warmth():
     vehicle, route, state, goal = TRIPS['reference']
     car, route = Car(vehicle), route.resampled(120.0)
@@ -398,6 +404,8 @@ def test_charge_comes_before_warmth():
     assert optimum.plan.arrival_soc == pytest.approx(reserve, abs=1e-7)
 
 
+# The deficit of an unreachable target, above, is daily.
+@pytest.mark.deep
 def test_state_of_charge_that_leaves_its_range_on_the_way_is_lacking():
     # Nearly empty over a hill: on the way down it recovers.
     route = made_route(duration_s=[60.0], propulsion_power_w=[10e3] * 20 + [-20e3] * 10,
@@ -413,6 +421,8 @@ def test_state_of_charge_that_leaves_its_range_on_the_way_is_lacking():
     assert deficit.text.endswith('% below its range at 1200 s')
 
 
+# The deficit of an unreachable target, above, is daily.
+@pytest.mark.deep
 def test_regeneration_into_a_full_battery_without_limits_is_lacking():
     route = made_route(propulsion_power_w=[-30e3] * 40, ambient_temperature_c=[14.0])
     state = BatteryState(16.0, 0.99)
@@ -479,8 +489,9 @@ def test_an_optimum_at_a_corner_of_a_map_is_found(number):
             assert power_w <= bilinear(battery.discharge_power_limit, *state) + 15.0
 
 
-# test/studies/optimality/test_study.py drives the other trip daily.
-@pytest.mark.parametrize('number', [pytest.param(137, marks=pytest.mark.deep), 324])
+# The deficit alone is that of the test before, daily.
+@pytest.mark.deep
+@pytest.mark.parametrize('number', [137, 324])
 def test_power_of_a_climb_comes_before_the_highest_temperature(number):
     trip = draw_limit_trip(REFERENCE, 1, number)
     car, highest_c = Car(REFERENCE), REFERENCE.battery.temperature_range_c[1]

@@ -151,6 +151,7 @@ def test_names_what_cannot_be_kept(solver):
     assert 'target temperature' in solution.infeasible[0]
 
 
+@pytest.mark.deep
 def test_the_process_gives_way_to_all_others():
     solver = SolverProcess(VEHICLE)
     solver.prepare()
@@ -184,6 +185,7 @@ def test_gives_up_at_the_time_limit_and_goes_on(solver):
     assert isinstance(answer_of(solver), SolverAnswer)
 
 
+@pytest.mark.deep
 def test_a_newer_question_ends_the_solving_of_the_older(solver):
     let_it_solve(solver, LONG_QUESTION)
     older = solver.process_id
@@ -193,6 +195,7 @@ def test_a_newer_question_ends_the_solving_of_the_older(solver):
     wait_until(lambda: is_gone(older), 'the end of the older process')
 
 
+@pytest.mark.deep
 def test_a_newer_question_replaces_one_that_waits_for_the_start(new_solver):
     new_solver.ask(LONG_QUESTION, PATIENCE_S)
     starting = new_solver.process_id
@@ -210,6 +213,7 @@ def test_says_so_when_its_process_is_killed_and_starts_another(solver):
     assert isinstance(answer_of(solver), SolverAnswer)
 
 
+@pytest.mark.deep
 def test_says_so_when_its_process_is_killed_while_idle(solver):
     solver.ask(QUESTION, PATIENCE_S)
     answer_of(solver)
@@ -277,6 +281,7 @@ def test_a_prepared_process_answers_its_first_question_without_building(new_solv
     assert new_solver.process_id == prepared
 
 
+@pytest.mark.deep
 def test_what_was_not_prepared_is_built_once(new_solver):
     let_it_prepare(new_solver)
     assert new_solver.prepared_steps is None
@@ -285,6 +290,7 @@ def test_what_was_not_prepared_is_built_once(new_solver):
         assert answer_of(new_solver).programs_built == expected
 
 
+@pytest.mark.deep
 def test_a_question_does_not_wait_until_all_is_prepared(new_solver):
     new_solver.prepare(ROUTE)
     new_solver.ask(Question(ROUTE.after(200.0), STATE, GOAL), PATIENCE_S)
@@ -293,6 +299,7 @@ def test_a_question_does_not_wait_until_all_is_prepared(new_solver):
                'the preparation')
 
 
+@pytest.mark.deep
 def test_preparations_do_not_pile_up_before_a_process_that_hangs(new_solver):
     let_it_prepare(new_solver)
     hanging = psutil.Process(new_solver.process_id)
@@ -347,6 +354,7 @@ def test_refuses_what_the_model_does_not_describe(solver):
     assert isinstance(answer_of(solver), SolverAnswer)
 
 
+@pytest.mark.deep
 def test_says_so_where_casadi_is_not_installed(new_solver, tmp_path, monkeypatch):
     (tmp_path / 'casadi.py').write_text("raise ModuleNotFoundError(\"No module named 'casadi'\")")
     monkeypatch.syspath_prepend(tmp_path)
@@ -370,6 +378,7 @@ def test_the_process_ends_when_its_owner_is_killed_while_it_solves():
     wait_until(lambda: is_gone(process_id), 'the end of the orphan')
 
 
+@pytest.mark.deep
 def test_close_while_solving_leaves_nothing(solver):
     let_it_solve(solver, LONG_QUESTION)
     process_id = solver.process_id

@@ -139,6 +139,7 @@ def test_a_soak_test_shows_the_longest_gap_in_each_second():
 
 
 @pytest.mark.costly
-@pytest.mark.parametrize('commands, samples', [([], []), ([(3.0, 0.0, 0.1)], [(0.0, 80.0)])])
+@pytest.mark.parametrize('commands, samples', [
+    ([], []), pytest.param([(3.0, 0.0, 0.1)], [(0.0, 80.0)], marks=pytest.mark.deep)])
 def test_a_soak_test_that_ended_at_once_can_be_drawn(commands, samples):
     make_endurance_figure(commands, samples).draw_without_rendering()

@@ -79,6 +79,7 @@ def test_a_battery_at_rest_cools_as_an_exponential():
     assert plant.soc == 0.8
 
 
+@pytest.mark.deep
 def test_a_battery_too_small_for_a_drive_is_refused():
     plant = SyntheticPlant(CAR, -10.0, -10.0, 0.8)
     # U^2 / 4 R of about 370 V and 0.2 ohm is 170 kW.

@@ -22,7 +22,7 @@ from bev_preheat_studies.optimality.worth_gap import (
 )
 
 # The first has a heat path; trip 76 has none.
-TRIPS = (98, *(pytest.param(number, marks=pytest.mark.deep) for number in (0, 2, 76)))
+TRIPS = (98, 0, 2, 76)
 
 
 def test_same_seed_and_number_draw_the_same_trip():
@@ -33,6 +33,7 @@ def test_same_seed_and_number_draw_the_same_trip():
     assert one.stop != other.stop and one.state != other.state
 
 
+@pytest.mark.deep
 def test_all_kinds_of_trips_are_drawn():
     trips = [draw_charging_trip(1, number) for number in range(60)]
     assert len({trip.vehicle.name for trip in trips}) == 5
@@ -47,6 +48,8 @@ def test_all_kinds_of_trips_are_drawn():
         assert 0 < sum(map(is_of_a_kind, trips)) < 60
 
 
+# test/nonlinear_program/test_charging_program.py compares the two daily.
+@pytest.mark.deep
 @pytest.mark.costly
 @pytest.mark.needs('casadi')
 @pytest.mark.parametrize('number', TRIPS)

@@ -125,7 +125,7 @@ def test_route_is_planned_in_steps_of_the_settings(scripted):
 
 
 @pytest.mark.costly
-@pytest.mark.parametrize('settings', [MEASURED, Settings()])
+@pytest.mark.parametrize('settings', [pytest.param(MEASURED, marks=pytest.mark.deep), Settings()])
 def test_perfect_car_arrives_at_its_target_as_predicted(settings):
     drive, course = drive_with_planner(make_car(), CONDITIONS.goal, every_two_seconds(settings))
     # The estimating planner adds a margin for the uncertainty.
@@ -213,6 +213,8 @@ def test_informed_drive_knows_the_heat_path():
     assert informed.first_switch_on_s < at_once.first_switch_on_s
 
 
+# The informed drive below knows the heat path, daily; test/control drives with one.
+@pytest.mark.deep
 @pytest.mark.costly
 def test_planner_uses_the_heat_path_of_the_vehicle_file():
     """It plans with the heat under way, and switches off before arrival."""

@@ -193,7 +193,9 @@ def test_where_no_trip_arrives_as_warm_as_the_informed_one_its_energy_is_not_jud
     assert 'no trip to compare' in row and 'met' not in row
 
 
-@pytest.mark.parametrize('switch_ons', [0, *(pytest.param(number, marks=pytest.mark.deep) for number in (1, 400))])
+# test/studies/test_study_figures.py draws the figures daily.
+@pytest.mark.deep
+@pytest.mark.parametrize('switch_ons', [0, 1, 400])
 def test_trips_without_heating_can_be_shown(switch_ons, tmp_path):
     results = [made_result(
         number, made_drive(heating_energy_wh=0.0),

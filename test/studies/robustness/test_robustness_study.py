@@ -236,7 +236,8 @@ WARMER = {'goal': Goal(30.0), 'period_s': PERIOD_S}
 @pytest.mark.costly
 @pytest.mark.parametrize('number', [0, *(
     pytest.param(number, marks=pytest.mark.deep) for number in range(1, 4))])
-@pytest.mark.parametrize('plant', ['lag', pytest.param('sensor_lag', marks=pytest.mark.deep), 'all'])
+@pytest.mark.parametrize('plant', [
+    *(pytest.param(plant, marks=pytest.mark.deep) for plant in ('lag', 'sensor_lag')), 'all'])
 def test_a_slow_heater_is_not_accused(plant, number):
     conditions = short_conditions(plant=plant, **WARMER)
     drive = drive_car(conditions, 3, number, ['planner'])[0].methods['planner']
@@ -247,7 +248,7 @@ def test_a_slow_heater_is_not_accused(plant, number):
 @pytest.mark.costly
 # One heats on command, the other although no heat is needed.
 @pytest.mark.parametrize('fault, verdict, target_c, duration_s', [
-    ('dead', 'dead', 20.0, 1500.0), ('stuck_on', 'stuck on', -4.0, 1500.0)])
+    pytest.param('dead', 'dead', 20.0, 1500.0, marks=pytest.mark.deep), ('stuck_on', 'stuck on', -4.0, 1500.0)])
 def test_a_heater_that_fails_is_found_in_a_slow_car_too(fault, verdict, target_c, duration_s):
     route = load_route('reference', None).before(duration_s)
     conditions = short_conditions(
