@@ -70,8 +70,9 @@ def test_a_session_without_an_end_is_null_in_json_and_says_why(said):
 
 
 @pytest.mark.costly
-@pytest.mark.parametrize('arguments', [DRIVE, [*FROZEN, '20'], FROZEN],
-                         ids=['drive', 'one never ends', 'none begins'])
+@pytest.mark.parametrize('arguments', [
+    DRIVE, [*FROZEN, '20'], pytest.param(FROZEN, marks=pytest.mark.deep)],
+    ids=['drive', 'one never ends', 'none begins'])
 def test_sessions_are_drawn(said, tmp_path, arguments):
     assert said(*arguments, '--plot', 'charge.png')[0] == 0
     picture = imread(tmp_path / 'charge.png')

@@ -91,11 +91,17 @@ def test_what_is_no_file_is_refused_before_anything_is_computed(
         f'preheat: error: {option}: other{suffix}: is {kind}; only a regular file can be written')
 
 
-@pytest.mark.parametrize('name, path', [
-    (name, path) for name, paths in INPUTS.items() for path in paths])
-@pytest.mark.parametrize('spell', [
-    lambda path: path, os.path.abspath, lambda path: f'{os.path.basename(os.getcwd())}/../{path}',
-    lambda path: Path('link').symlink_to(path) or 'link'], ids=['same', 'absolute', 'up', 'link'])
+SPELLINGS = {
+    'same': lambda path: path, 'absolute': os.path.abspath,
+    'up': lambda path: f'{os.path.basename(os.getcwd())}/../{path}',
+    'link': lambda path: Path('link').symlink_to(path) or 'link'}
+
+
+# Daily, each input of each command as it is given, and each spelling of those of one.
+@pytest.mark.parametrize('name, path, spell', [
+    pytest.param(name, path, spell, id=f'{spelling}-{name}-{path}',
+                 marks=[pytest.mark.deep] * (spelling != 'same' and name != 'plan'))
+    for spelling, spell in SPELLINGS.items() for name, paths in INPUTS.items() for path in paths])
 def test_an_input_is_never_written_over(refusal, name, path, spell):
     Path(os.path.basename(os.getcwd())).mkdir()
     option = '--output' if name.startswith('route') else '--json'

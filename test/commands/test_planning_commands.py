@@ -208,8 +208,9 @@ def test_picture_has_its_size_and_is_not_blank(results, command):
     assert picture[..., :3].std() > 0.02
 
 
-@pytest.mark.parametrize('suffix, beginning', [
-    pytest.param('.svg', b'<?xml', marks=pytest.mark.deep), ('.pdf', b'%PDF')])
+# test_output_arguments.py draws SVG daily.
+@pytest.mark.deep
+@pytest.mark.parametrize('suffix, beginning', [('.svg', b'<?xml'), ('.pdf', b'%PDF')])
 def test_suffix_says_what_kind_of_picture(tmp_path, suffix, beginning):
     path = tmp_path / f'plan{suffix}'
     assert main(['plan', *SITUATION, '--plot', str(path)]) == 0
@@ -356,6 +357,8 @@ def test_a_temperature_below_zero_that_is_beyond_the_range_is_told_as_that(refus
     assert 'battery temperature: ' in lines[0] and ' is not allowed; it must be -40 ... 60 degC' in lines[0]
 
 
+# test/test_wheel.py runs the module daily.
+@pytest.mark.deep
 def test_python_module_is_the_same_command():
     ended = subprocess.run(
         [sys.executable, '-m', 'bev_preheat', 'plan', *SITUATION, '--soc', '7'],

@@ -49,7 +49,9 @@ def quick_studies(monkeypatch):
 
 @pytest.mark.costly
 @pytest.mark.parametrize('arguments', [
-    pytest.param(arguments, id=name, marks=[pytest.mark.needs('casadi')] * (name in NEED_CASADI))
+    # Without files the others are run by test_planning_commands.py and the studies' tests.
+    pytest.param(arguments, id=name, marks=[pytest.mark.deep] * (name not in ('plan', 'scenario')) + [
+        pytest.mark.needs('casadi')] * (name in NEED_CASADI))
     for name, arguments in COMMANDS.items()])
 def test_json_has_standard_output_for_itself(quick_studies, capsys, arguments):
     status = main([*arguments, '--json', '-'])
@@ -159,7 +161,7 @@ def completions(line):
 
 @pytest.mark.costly
 @pytest.mark.parametrize('line, expected', [
-    ('preheat ', set(SUBCOMMANDS) | {'--version'}),
+    pytest.param('preheat ', set(SUBCOMMANDS) | {'--version'}, marks=pytest.mark.deep),
     pytest.param('preheat plan --ve', {'--vehicle'}, marks=pytest.mark.deep),
     pytest.param('preheat plan --vehicle ref', {'reference'}, marks=pytest.mark.deep),
     pytest.param('preheat plan --route al', {'alpine_pass'}, marks=pytest.mark.deep),

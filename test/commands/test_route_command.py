@@ -127,7 +127,8 @@ def test_logs_are_joined(preheat_route, log):
 
 
 @pytest.mark.costly
-@pytest.mark.parametrize('name, start', [('route.png', b'\x89PNG'), ('route.svg', b'<?xml')])
+@pytest.mark.parametrize('name, start', [
+    ('route.png', b'\x89PNG'), pytest.param('route.svg', b'<?xml', marks=pytest.mark.deep)])
 def test_a_plot_is_drawn_where_it_is_asked_for(preheat_route, legs, tmp_path, name, start):
     plot = tmp_path / name
     status, out, _, _ = preheat_route('--legs', legs, '--vehicle', 'small_car', '--plot',

@@ -43,7 +43,7 @@ def test_nobody_reads_the_output():
     pytest.param([*PLAN, '--json', '-'], '', id='json'),
     pytest.param([*PLAN, '--json', '-'], '1', id='json, unbuffered', marks=pytest.mark.deep),
     pytest.param([*PLAN[:3], '--help'], '', id='help', marks=pytest.mark.deep),
-    pytest.param([*PLAN[:3], '--help'], '1', id='help, unbuffered'),
+    pytest.param([*PLAN[:3], '--help'], '1', id='help, unbuffered', marks=pytest.mark.deep),
     pytest.param([*PLAN[:3], '--version'], '', id='version', marks=pytest.mark.deep),
     pytest.param([*PLAN[:3], '--version'], '1', id='version, unbuffered', marks=pytest.mark.deep)])
 def test_the_output_is_full(tmp_path, command, unbuffered):

@@ -56,6 +56,8 @@ def test_it_plans_in_python(installed, vehicle, route):
     assert warm.heating_start_s is None
 
 
+# test_it_plans_in_python is daily, and test/nodes/test_planner_own_method.py heats by one.
+@pytest.mark.deep
 def test_it_drives_in_closed_loop(installed, vehicle):
     route = bp.make_route({'duration_s': [300.0] * 3, 'speed_mps': 22.0, 'propulsion_power_w': 15e3,
                            'ambient_temperature_c': -7.0}, vehicle)
@@ -83,6 +85,8 @@ def test_without_the_package_there_is_no_such_method(capsys):
             in capsys.readouterr().err)
 
 
+# test_it_plans_in_python is daily, and test/nodes/test_planner_own_method.py heats by one.
+@pytest.mark.deep
 @pytest.mark.needs('casadi')
 def test_it_is_compared_with_the_optimum(installed, capsys):
     assert main(['compare', *SITUATION, '--json', '-']) == 0

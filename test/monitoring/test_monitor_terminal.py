@@ -61,7 +61,7 @@ def test_it_fills_any_terminal_follows_its_size_and_gives_it_back_on_ctrl_c(term
     assert b'Traceback' not in process.tail
 
 
-@pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize('number', [signal.SIGTERM, pytest.param(signal.SIGHUP, marks=pytest.mark.deep)])
 def test_a_signal_ends_it_and_the_terminal_is_as_before(terminal, number):
     process = terminal(80, 24)
     wait_for_view(process, has_size(80, 24))

@@ -33,7 +33,7 @@ NODES = {'planner': planner_node, 'nlp_checker': nlp_checker_node,
          'vehicle_simulator': vehicle_simulator_node,
          'bus_gateway': bus_gateway_node,
          'dashboard': dashboard_node}
-LISTENING = ('planner', 'nlp_checker')
+EACH_LISTENER = pytest.mark.parametrize('name', ['planner', pytest.param('nlp_checker', marks=pytest.mark.deep)])
 
 
 def run_installed(name, *arguments):
@@ -58,7 +58,7 @@ def test_an_installed_executable_prints_its_help(domain_id):
     assert done.stdout.startswith('usage: planner [--help]')
 
 
-@pytest.mark.parametrize('option', ['--help', '-h'])
+@pytest.mark.parametrize('option', ['--help', pytest.param('-h', marks=pytest.mark.deep)])
 @pytest.mark.parametrize('name', NODES)
 def test_help_is_printed_and_the_process_ends(call_main, name, option):
     done = call_main(name, option)
@@ -93,8 +93,11 @@ PROBLEMS = {
 }
 
 
-@pytest.mark.parametrize('arguments, text', PROBLEMS.values(), ids=PROBLEMS)
-@pytest.mark.parametrize('name', NODES)
+# Daily, each problem with one node, and one problem with each: all nodes read their arguments in one place.
+@pytest.mark.parametrize('name, arguments, text', [
+    pytest.param(name, arguments, text, id=f'{name}-{problem}',
+                 marks=[pytest.mark.deep] * (name != 'planner' and problem != 'unknown argument'))
+    for name in NODES for problem, (arguments, text) in PROBLEMS.items()])
 def test_what_is_wrong_is_one_line_and_2(call_main, name, arguments, text):
     assert_one_line(call_main(name, *arguments), name, text)
 
@@ -171,14 +174,14 @@ OVERRIDES = {
 
 
 @pytest.mark.parametrize('override, text', OVERRIDES.values(), ids=OVERRIDES)
-@pytest.mark.parametrize('name', LISTENING)
+@EACH_LISTENER
 def test_a_bad_quality_of_service_is_one_line_and_2(call_main, name, override, text):
     assert_one_line(call_main(name, '--ros-args', '-p', override), name, text)
 
 
 @pytest.mark.parametrize('remapping, topic', [
     ('__ns:=/car1', '/car1/route_plan'), ('route_plan:=/trip/plan', '/trip/plan')])
-@pytest.mark.parametrize('name', LISTENING)
+@EACH_LISTENER
 def test_an_override_for_the_topic_of_another_namespace_is_one_line_and_2(
         call_main, name, remapping, topic):
     done = call_main(name, '--ros-args', '-r', remapping, '-p', f'{KEY}.durability:=volatile')

@@ -123,7 +123,8 @@ def test_a_process_is_found_before_its_node_is_made_and_only_as_that_node_afterw
     pytest.param('planner', '233', 'ROS_DOMAIN_ID: 233 is not allowed; it must be 0 ... 232',
                  marks=pytest.mark.deep),
     pytest.param('planner', '99999999999999999999', 'it must be 0 ... 232', marks=pytest.mark.deep),
-    ('charger_adviser', '233', 'ROS_DOMAIN_ID: 233 is not allowed; it must be 0 ... 232')])
+    pytest.param('charger_adviser', '233', 'ROS_DOMAIN_ID: 233 is not allowed; it must be 0 ... 232',
+                 marks=pytest.mark.deep)])
 def test_a_domain_that_no_participant_can_have_is_refused_in_one_line(name, value, text):
     executable = os.path.join(get_package_prefix('bev_preheat'), 'lib', 'bev_preheat', name)
     done = subprocess.run([executable], text=True, capture_output=True, timeout=60,

@@ -68,12 +68,14 @@ def test_a_change_deviates(written, tmp_path, capsys):
 
 
 @pytest.mark.parametrize('contents, told', [
-    ('{', 'is not JSON'), ('[]', "format 'None'"), ({'format': 2}, "format '2'"),
+    ('{', 'is not JSON'), ('[]', "format 'None'"),
+    pytest.param({'format': 2}, "format '2'", marks=pytest.mark.deep),
     ({'format': 1, 'expected': {}}, 'nothing would be checked'),
     ({'format': 1, 'expected': {'arival_s': {'value': 1.0}}}, 'is arrival_s meant?'),
     ({'format': 1, 'expected': {'arrival_s': 1.0}}, 'arrival_s: has no value'),
     ({'format': 1, 'expected': {'arrival_s': {'value': 1.0, 'tolerance': -1}}}, 'at least 0'),
-    ({'format': 1, 'expected': {'arrival_s': {'value': 1.0, 'tolerance': True}}}, 'at least 0')])
+    pytest.param({'format': 1, 'expected': {'arrival_s': {'value': 1.0, 'tolerance': True}}}, 'at least 0',
+                 marks=pytest.mark.deep)])
 def test_a_wrong_file_of_figures_is_one_line(recorded, tmp_path, capsys, contents, told):
     assert expect(recorded[1], tmp_path / 'e.json', contents) == 2
     [line] = capsys.readouterr().err.splitlines()

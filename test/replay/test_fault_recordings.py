@@ -45,12 +45,11 @@ NAMED = {
     'charger_taken': '% chance of charging',
     'cold_second_trip': 'derated: it gives only',
 }
-# A short one; test_inputs.py has the inputs' time, and the tutorial a heater.
-QUICK = {'temperature_minus_40'}
 
 
-@pytest.mark.parametrize('name', [
-    pytest.param(name, marks=[] if name in QUICK else pytest.mark.deep) for name in NAMED])
+# Daily, test_report.py has the report of a drive, test_inputs.py the inputs' time, and the tutorial a heater.
+@pytest.mark.deep
+@pytest.mark.parametrize('name', NAMED)
 def test_report_names_the_fault(name, tmp_path):
     # Whether the drive goes as expected is another test's question.
     main(['scenario', name, '--record', str(tmp_path)])

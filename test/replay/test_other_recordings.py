@@ -24,7 +24,7 @@ def replayed(capsys, *words):
     return status, json.loads(captured.out) if captured.out else captured.err
 
 
-@pytest.mark.parametrize('ahead_ns', [0, 10**17])
+@pytest.mark.parametrize('ahead_ns', [pytest.param(0, marks=pytest.mark.deep), 10**17])
 def test_a_bag_gives_the_commands_again(recorded, tmp_path, capsys, ahead_ns):
     """Also under simulated time, whose clock is far from the recorder's."""
     drive, folder = recorded
@@ -120,7 +120,8 @@ def test_a_log_without_charge_names_the_signal(recorded, tmp_path, capsys):
     assert replayed(capsys, log, '--route', 'reference')[0] == 2
 
 
-@pytest.mark.parametrize('share', [0.0, 0.0001, 0.3, 0.9])
+@pytest.mark.parametrize('share', [
+    0.0, 0.3, *(pytest.param(share, marks=pytest.mark.deep) for share in (0.0001, 0.9))])
 def test_a_cut_bag_is_read_or_one_line(recorded, tmp_path, capsys, share):
     bag = write_mcap(tmp_path / 'drive.mcap', topic_messages(recorded[1]))
     data = bag.read_bytes()
