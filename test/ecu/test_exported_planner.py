@@ -137,7 +137,9 @@ def test_the_example_prints_the_plan_of_its_situation(export):
             (answer.expected[0], answer.expected[6], answer.expected[7]), abs=6e-4)
 
 
-@pytest.mark.parametrize('name', [pytest.param('tables', marks=pytest.mark.deep), 'heat path'])
+# test/native plans with tables and heat paths in the same C code daily.
+@pytest.mark.deep
+@pytest.mark.parametrize('name', ['tables', 'heat path'])
 def test_tables_and_heat_paths_are_planned_as_in_python(export, tmp_path, name):
     vectors = draw_vectors(CARS[name], 24, 8)
     assert {OK, LIMITED} <= seen(vectors)

@@ -27,6 +27,8 @@ def test_the_truth_is_found_within_its_interval(seed):
     assert sum(covered) >= 0.7 * len(covered)
 
 
+# Daily, test_identify_command.py identifies a synthetic car without a heater.
+@pytest.mark.deep
 def test_nights_alone_beside_drives_tell_the_leakage_and_no_heater_says_so():
     import numpy as np
 

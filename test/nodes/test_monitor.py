@@ -79,6 +79,8 @@ def test_once_shows_temperature_plan_command_and_reserve_also_as_picture(
     assert picture.read_text().startswith('<svg')
 
 
+# test/monitoring/test_monitor_terminal.py has a live view and Ctrl-C daily.
+@pytest.mark.deep
 def test_the_live_view_follows_the_planner_until_ctrl_c(heating):
     command = [sys.executable, '-m', 'bev_preheat', 'monitor', '--namespace', '/car']
     with TerminalProcess(command, 100, 40) as process:

@@ -430,8 +430,6 @@ def test_says_what_cannot_be_kept(both):
         report.optimal_arrival_temperature, abs=1e-3)
 
 
-# A check of another car is that of another process; test/nonlinear_program solves for two cars daily.
-@pytest.mark.deep
 def test_another_vehicle_has_another_optimum(both):
     both.send_route('either')
     with both.feeding():

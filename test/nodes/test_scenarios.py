@@ -68,6 +68,8 @@ SHORT = {
                    'expect': {'off_during': [[10, 120]], 'regime_during': [
                        {'regime': 'charging', 'from_s': 10, 'until_s': 120}]}}]},
 }
+# test/control has these situations daily, and heater_dead and late_with_progress are of the same kinds.
+OTHER_OF_ITS_KIND = ('heater_stuck_on', 'late_without_a_word')
 # Battery states that drop out for 40 s. A lagging heater would respond just as late, so a dead one is not
 # recognised before eight minutes.
 SHORT_OVER_DDS = {
@@ -160,7 +162,9 @@ def findings_without_ros(name_or_file):
     return [(f'{item.what}: {item.expected}: {item.seen}', item.good) for item in findings]
 
 
-@pytest.mark.parametrize('base, changes', SHORT.items(), ids=SHORT)
+@pytest.mark.parametrize('base, changes', [
+    pytest.param(base, changes, id=base, marks=[pytest.mark.deep] * (base in OTHER_OF_ITS_KIND))
+    for base, changes in SHORT.items()])
 def test_a_short_drive_goes_as_expected(tmp_path, base, changes):
     findings = findings_without_ros(str(write_short(tmp_path, base, changes)))
     assert findings and [text for text, good in findings if not good] == []

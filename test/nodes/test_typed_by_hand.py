@@ -109,6 +109,8 @@ def by_hand(bench, tmp_path):
         process.communicate()
 
 
+# The same messages, published by a file of the tutorial.
+@pytest.mark.deep
 def test_the_walk_without_ros2_heats_cancels_and_says_no(shell, by_hand):
     by_hand('drive')
     shell.commands.wait_for(lambda command: command.battery_heating_power > 0.0, 'heating')

@@ -380,8 +380,6 @@ def test_unreachable_target_is_no_optimum(unreachable):
     assert math.isnan(unreachable.marginal_cost_wh_per_k)
 
 
-# The deficit of an unreachable target, above, is daily.
-@pytest.mark.deep
 def test_reserve_that_driving_alone_breaks_lacks_what_driving_misses():
     vehicle, route, state, _ = TRIPS['reference']
     route = route.resampled(120.0)
@@ -392,7 +390,7 @@ def test_reserve_that_driving_alone_breaks_lacks_what_driving_misses():
     assert deficit.amount == pytest.approx(4.0, abs=1e-3)
 
 
-# The deficit of an unreachable target, above, is daily.
+# The deficits of target and reserve, above, are daily.
 @pytest.mark.deep
 def test_charge_comes_before_warmth():
     vehicle, route, state, goal = TRIPS['reference']
@@ -404,8 +402,6 @@ def test_charge_comes_before_warmth():
     assert optimum.plan.arrival_soc == pytest.approx(reserve, abs=1e-7)
 
 
-# The deficit of an unreachable target, above, is daily.
-@pytest.mark.deep
 def test_state_of_charge_that_leaves_its_range_on_the_way_is_lacking():
     # Nearly empty over a hill: on the way down it recovers.
     route = made_route(duration_s=[60.0], propulsion_power_w=[10e3] * 20 + [-20e3] * 10,
@@ -421,8 +417,6 @@ def test_state_of_charge_that_leaves_its_range_on_the_way_is_lacking():
     assert deficit.text.endswith('% below its range at 1200 s')
 
 
-# The deficit of an unreachable target, above, is daily.
-@pytest.mark.deep
 def test_regeneration_into_a_full_battery_without_limits_is_lacking():
     route = made_route(propulsion_power_w=[-30e3] * 40, ambient_temperature_c=[14.0])
     state = BatteryState(16.0, 0.99)
@@ -435,6 +429,8 @@ def test_regeneration_into_a_full_battery_without_limits_is_lacking():
     assert deficit.amount == pytest.approx(100.0 * (full[-1, 0] - 1.0), abs=1e-3)
 
 
+# The deficit of the climb below is daily.
+@pytest.mark.deep
 def test_joule_heat_beyond_the_highest_temperature_is_lacking():
     vehicle = replace(REFERENCE, battery=replace(
         REFERENCE.battery, temperature_range_c=(-40.0, 40.0)))
@@ -489,9 +485,8 @@ def test_an_optimum_at_a_corner_of_a_map_is_found(number):
             assert power_w <= bilinear(battery.discharge_power_limit, *state) + 15.0
 
 
-# The deficit alone is that of the test before, daily.
-@pytest.mark.deep
-@pytest.mark.parametrize('number', [137, 324])
+# The gap study meets both trips, in make test-deep.
+@pytest.mark.parametrize('number', [pytest.param(137, marks=pytest.mark.deep), 324])
 def test_power_of_a_climb_comes_before_the_highest_temperature(number):
     trip = draw_limit_trip(REFERENCE, 1, number)
     car, highest_c = Car(REFERENCE), REFERENCE.battery.temperature_range_c[1]

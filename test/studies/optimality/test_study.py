@@ -435,6 +435,7 @@ def test_where_no_trip_can_be_compared_there_is_no_figure(capsys):
     assert '1 trips have no gap, as the method does not reach the same as the program (to 0.2 K)' in out
 
 
+# The plans of both methods, and their gap, are daily above.
 @pytest.mark.deep
 def test_on_trips_with_limits_only_like_is_compared_with_like():
     """Methods that ignore limits cannot drive this trip as planned, and would seem to save energy."""

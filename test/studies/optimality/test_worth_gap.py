@@ -22,7 +22,7 @@ from bev_preheat_studies.optimality.worth_gap import (
 )
 
 # The first has a heat path; trip 76 has none.
-TRIPS = (98, 0, 2, 76)
+TRIPS = (98, *(pytest.param(number, marks=pytest.mark.deep) for number in (0, 2, 76)))
 
 
 def test_same_seed_and_number_draw_the_same_trip():
@@ -48,8 +48,6 @@ def test_all_kinds_of_trips_are_drawn():
         assert 0 < sum(map(is_of_a_kind, trips)) < 60
 
 
-# test/nonlinear_program/test_charging_program.py compares the two daily.
-@pytest.mark.deep
 @pytest.mark.costly
 @pytest.mark.needs('casadi')
 @pytest.mark.parametrize('number', TRIPS)
