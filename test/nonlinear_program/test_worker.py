@@ -151,6 +151,7 @@ def test_names_what_cannot_be_kept(solver):
     assert 'target temperature' in solution.infeasible[0]
 
 
+# The processes of the tests above have the priority that is asked for, daily.
 @pytest.mark.deep
 def test_the_process_gives_way_to_all_others():
     solver = SolverProcess(VEHICLE)
@@ -185,6 +186,7 @@ def test_gives_up_at_the_time_limit_and_goes_on(solver):
     assert isinstance(answer_of(solver), SolverAnswer)
 
 
+# A process that is ended while it solves, and another one: at the time limit above, daily.
 @pytest.mark.deep
 def test_a_newer_question_ends_the_solving_of_the_older(solver):
     let_it_solve(solver, LONG_QUESTION)
@@ -195,6 +197,7 @@ def test_a_newer_question_ends_the_solving_of_the_older(solver):
     wait_until(lambda: is_gone(older), 'the end of the older process')
 
 
+# A question to a process that starts: above, daily.
 @pytest.mark.deep
 def test_a_newer_question_replaces_one_that_waits_for_the_start(new_solver):
     new_solver.ask(LONG_QUESTION, PATIENCE_S)
@@ -213,6 +216,7 @@ def test_says_so_when_its_process_is_killed_and_starts_another(solver):
     assert isinstance(answer_of(solver), SolverAnswer)
 
 
+# Daily, a process is killed while it solves.
 @pytest.mark.deep
 def test_says_so_when_its_process_is_killed_while_idle(solver):
     solver.ask(QUESTION, PATIENCE_S)
@@ -281,6 +285,7 @@ def test_a_prepared_process_answers_its_first_question_without_building(new_solv
     assert new_solver.process_id == prepared
 
 
+# What was prepared is not built: above, daily.
 @pytest.mark.deep
 def test_what_was_not_prepared_is_built_once(new_solver):
     let_it_prepare(new_solver)
@@ -290,6 +295,7 @@ def test_what_was_not_prepared_is_built_once(new_solver):
         assert answer_of(new_solver).programs_built == expected
 
 
+# A question after the preparation: above, daily.
 @pytest.mark.deep
 def test_a_question_does_not_wait_until_all_is_prepared(new_solver):
     new_solver.prepare(ROUTE)
@@ -299,6 +305,7 @@ def test_a_question_does_not_wait_until_all_is_prepared(new_solver):
                'the preparation')
 
 
+# A question to a process that hangs does not wait: above, daily.
 @pytest.mark.deep
 def test_preparations_do_not_pile_up_before_a_process_that_hangs(new_solver):
     let_it_prepare(new_solver)
@@ -354,6 +361,7 @@ def test_refuses_what_the_model_does_not_describe(solver):
     assert isinstance(answer_of(solver), SolverAnswer)
 
 
+# test/test_wheel.py has the commands without CasADi, daily.
 @pytest.mark.deep
 def test_says_so_where_casadi_is_not_installed(new_solver, tmp_path, monkeypatch):
     (tmp_path / 'casadi.py').write_text("raise ModuleNotFoundError(\"No module named 'casadi'\")")
@@ -378,6 +386,7 @@ def test_the_process_ends_when_its_owner_is_killed_while_it_solves():
     wait_until(lambda: is_gone(process_id), 'the end of the orphan')
 
 
+# At the time limit above a process is ended while it solves, daily.
 @pytest.mark.deep
 def test_close_while_solving_leaves_nothing(solver):
     let_it_solve(solver, LONG_QUESTION)

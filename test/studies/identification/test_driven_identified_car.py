@@ -79,6 +79,7 @@ def test_a_battery_at_rest_cools_as_an_exponential():
     assert plant.soc == 0.8
 
 
+# A drive that the battery carries: above, daily.
 @pytest.mark.deep
 def test_a_battery_too_small_for_a_drive_is_refused():
     plant = SyntheticPlant(CAR, -10.0, -10.0, 0.8)

@@ -33,6 +33,7 @@ def test_same_seed_and_number_draw_the_same_trip():
     assert one.stop != other.stop and one.state != other.state
 
 
+# One of them is driven below, daily.
 @pytest.mark.deep
 def test_all_kinds_of_trips_are_drawn():
     trips = [draw_charging_trip(1, number) for number in range(60)]
