@@ -285,7 +285,7 @@ def test_a_prepared_process_answers_its_first_question_without_building(new_solv
     assert new_solver.process_id == prepared
 
 
-# What was prepared is not built: above, daily.
+# Programs that were prepared are not built: above, daily.
 @pytest.mark.deep
 def test_what_was_not_prepared_is_built_once(new_solver):
     let_it_prepare(new_solver)

@@ -169,7 +169,7 @@ def kill_first(pids):
     os.kill(int(next(pids.iterdir()).name), signal.SIGKILL)
 
 
-# A lost worker is told, above, daily.
+# The message about a lost worker is tested above, daily.
 @pytest.mark.deep
 @pytest.mark.costly
 def test_a_killed_process_ends_the_study_and_the_others_with_it(tmp_path):
