@@ -146,7 +146,7 @@ def test_a_spike_accuses_nobody(names, lasts_s, spike_k):
         assert drive.heaters == {Heater.ANSWERS}
 
 
-# test_memory.py and test_state_file.py keep what was learned, daily.
+# test_memory.py and test_state_file.py store and restore learned values daily.
 @pytest.mark.deep
 @pytest.mark.parametrize('order', [
     pytest.param(2 * SHORTEST, id='shortest'), pytest.param(NAMES, id='as driven'),
