@@ -86,6 +86,8 @@ def ask(page, button, answer, prepare=lambda: None):
     assert not page.is_visible('dialog')
 
 
+# A minute; daily a browser logs in (test_login_in_browser.py) and draws curves (test_curves_in_browser.py).
+@pytest.mark.deep
 def test_it_shows_a_drive_asks_back_and_survives_a_planner_that_dies(bench, page, tmp_path):
     dashboard = bench.start('dashboard', '-p', 'port:=0', '-p', 'controls:=true')
     page.open(f'http://{page_of(dashboard)}/')
