@@ -180,7 +180,7 @@ class _Foresight:
 
 
 def drive_within_heated_limits(trip: Trip, watch: LimitedSteps, wanted_w: WantedPower,
-                         take_surplus: bool) -> HeatedDrive:
+                               take_surplus: bool) -> HeatedDrive:
     """Return `drive(k, states)`, which drives step k within the limits; see `limits`."""
     vehicle, path = trip.vehicle, trip.vehicle.heat_path
     step = heated_step_of_floats(vehicle, True)
