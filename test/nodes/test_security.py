@@ -15,6 +15,7 @@ from ament_index_python.packages import get_package_prefix
 from node_bench import poll_until
 import pytest
 import rclpy
+from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rehearsal import class_of, SilentNode
 from spinning import TIME_LIMIT_S
@@ -73,6 +74,19 @@ def used(node, executable):
              ('services', 'reply'): plain(services), ('services', 'request'): plain(clients),
              ('actions', 'execute'): actions, ('actions', 'call'): called}
     return {key: value for key, value in found.items() if value}
+
+
+@pytest.fixture(scope='module')
+def silent_context(ros):
+    """
+    Give a context without nodes of other tests.
+
+    A namesake that Python destroys later would take endpoints of the new node out of the graph.
+    """
+    context = Context()
+    context.init(args=[])
+    yield context
+    context.try_shutdown()
 
 
 @contextmanager
