@@ -37,7 +37,7 @@ def add_parser(subparsers: Subparsers) -> None:
         'a power limit is shown as executed: the friction brake absorbs the power that the battery cannot, '
         'and the heater power is reduced.')
     add_situation_arguments(parser)
-    add_methods_argument(parser, 'all')
+    add_methods_argument(parser, 'all but value_function')
     add_no_limits_argument(parser)
     add_output_arguments(parser)
     parser.set_defaults(run=run)

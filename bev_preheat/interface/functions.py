@@ -83,10 +83,10 @@ def optimum(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal | fl
 def compare(vehicle: Vehicle, route: Route, state: BatteryState,
             goal: Goal | float | None = None, methods: Sequence[str] | None = None) -> ComparisonResult:
     """
-    Return the plans of all methods beside the optimum, as `preheat compare` does; needs casadi (extra `nlp`).
+    Return the plans of several methods beside the optimum, as `preheat compare` does; needs casadi (extra `nlp`).
 
-    `methods` are the names of those to compare, None for all. A plan that breaks a power limit is compared as it
-    would be driven. Other arguments as in `plan`.
+    `methods` are the names of those to compare, None for all but value_function. A plan that breaks a power limit
+    is compared as it would be driven. Other arguments as in `plan`.
     """
     names = compared_names() if methods is None else tuple(dict.fromkeys(methods))
     for name in names:

@@ -124,7 +124,7 @@ def test_without_an_active_limit_it_is_one_switch():
     assert np.array_equal(plans[0].hvch_battery_power_w, plans[1].hvch_battery_power_w)
 
 
-# What comes first.
+# Order of sacrifices.
 
 def climb(power_w, cold_c, soc, reserve, target_c=5.0):
     route = make_route({

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 # (low, high) that the options allow, and the defaults of the options that a fleet does not have.
 LIMITS = {'feasible': (1, 100_000), 'seed': (0, 2**31), 'fleet': (1, 100_000_000)}
-NOT_OF_FLEETS = {'feasible': 300, 'trips': 'free', 'vehicle': 'reference', 'methods': tuple(COMPARED)}
+NOT_OF_FLEETS = {'feasible': 300, 'trips': 'free', 'vehicle': 'reference', 'methods': COMPARED}
 # Most disagreements printed for a method; the JSON has all.
 MOST_LISTED = 10
 
@@ -61,7 +61,7 @@ def add_parser(subparsers: Subparsers) -> None:
                         'fast chargers, and the savings of each method at the charger compared with '
                         'no heating')
     parser.add_argument('--seed', type=int, default=1, help='default: %(default)s')
-    add_methods_argument(parser, 'the built-in ones')
+    add_methods_argument(parser, ', '.join(COMPARED))
     add_study_arguments(parser)
     completed_by(VEHICLES, parser.add_argument(
         '--vehicle', metavar='NAME|FILE', help='vehicle to scale (default: reference)'))
@@ -92,7 +92,7 @@ def _run_gaps(arguments: Namespace) -> int:
     study = {'study': 'sweep', 'seed': arguments.seed, 'trips': arguments.trips,
              'vehicle': f'{vehicle.name} ({digest_of(vehicle)})'}
     methods = tuple(dict.fromkeys(arguments.methods))
-    if methods != tuple(COMPARED):
+    if methods != COMPARED:
         study['methods'] = list(methods)
     results = []
     with (keeping_what_is_finished() as ending,

@@ -39,7 +39,7 @@ class Arrival:
 
 
 def arrivals_of(trip: FleetTrip, vehicle: Vehicle,
-                methods: Iterable[str] = tuple(COMPARED)) -> dict[str, Arrival] | None:
+                methods: Iterable[str] = COMPARED) -> dict[str, Arrival] | None:
     """
     Return the Arrival of each of WAYS; None if the car cannot drive the trip even without heating.
 

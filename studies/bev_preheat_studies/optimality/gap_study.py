@@ -86,7 +86,7 @@ class GapResult:
 
 
 def solve_trip(vehicle: Vehicle, seed: int, number: int, trips: str = 'free',
-               methods: Sequence[str] = tuple(COMPARED)) -> GapResult:
+               methods: Sequence[str] = COMPARED) -> GapResult:
     """
     Return the GapResult of one drawn trip.
 
@@ -191,7 +191,7 @@ def run_study(vehicle: Vehicle, feasible: int, seed: int, executor: Executor,
               report: Callable[[GapResult], object], trips: str = 'free',
               finished: Mapping[int, GapResult] | None = None,
               keep: Callable[[int, GapResult], object] | None = None,
-              methods: Sequence[str] = tuple(COMPARED)) -> list[GapResult]:
+              methods: Sequence[str] = COMPARED) -> list[GapResult]:
     """
     Run trips 0, 1, 2 … until `feasible` of them are feasible; return their GapResults in order.
 
