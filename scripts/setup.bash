@@ -167,6 +167,12 @@ install_packages() {
         rm -f "$list".[01]
         awk -v list="$list" 'NF { print >(list "." NR % 2) }' "$list"
         parts=("$list".[01])
+        # First by itself: neither process may replace setuptools while the other builds a package with it.
+        if grep '^setuptools==' "$list" >"$list.setuptools"; then
+            in_background pip_install "$@" -r "$list.setuptools" >"$list.setuptools.log" 2>&1
+            # If it fails, the process whose part it is fails too, and is reported.
+            wait "${jobs_running[-1]}" || true
+        fi
     fi
     for part in "${parts[@]}"; do
         in_background "${installer}_install" "$@" -r "$part" >"$part.log" 2>&1
