@@ -389,7 +389,7 @@ class Rehearsal:
         """Start the node of an executable; return a RehearsedProcess. Raises the node's own errors."""
         rehearsed = type('Rehearsed', (class_of(name), RehearsedNode), {
             'rehearsal': self, 'arguments': tuple(map(str, ros_arguments))})
-        self._hold_time()
+        self.hold_time()
         with self._acting():
             self._processes.append(RehearsedProcess(self, rehearsed()))
         return self._processes[-1]
@@ -541,7 +541,7 @@ class Rehearsal:
         finally:
             self._is_acting = False
 
-    def _hold_time(self):
+    def hold_time(self):
         """Give the modules of the nodes the rehearsal's steady time instead of the computer's."""
         by_hand = _Time(self)
         for name, module in list(sys.modules.items()):

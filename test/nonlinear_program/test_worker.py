@@ -216,17 +216,6 @@ def test_says_so_when_its_process_is_killed_and_starts_another(solver):
     assert isinstance(answer_of(solver), SolverAnswer)
 
 
-# Daily, a process is killed while it solves.
-@pytest.mark.deep
-def test_says_so_when_its_process_is_killed_while_idle(solver):
-    solver.ask(QUESTION, PATIENCE_S)
-    answer_of(solver)
-    os.kill(solver.process_id, signal.SIGTERM)
-    failure = answer_of(solver)
-    assert failure.explanation == 'the solver process ended with SIGTERM'
-    assert solver.poll() is None
-
-
 def test_never_waits_for_a_process_that_hangs(solver):
     solver.ask(QUESTION, PATIENCE_S)
     answer_of(solver)
@@ -359,6 +348,16 @@ def test_refuses_what_the_model_does_not_describe(solver):
     assert failure.explanation == 'state of charge: 1.5 is not allowed; it must be 0 ... 1'
     solver.ask(QUESTION, PATIENCE_S)
     assert isinstance(answer_of(solver), SolverAnswer)
+
+
+# The last test with the shared process: its end by SIGTERM, which coverage records, costs no other start.
+def test_says_so_when_its_process_is_ended_while_idle(solver):
+    solver.ask(QUESTION, PATIENCE_S)
+    answer_of(solver)
+    os.kill(solver.process_id, signal.SIGTERM)
+    failure = answer_of(solver)
+    assert failure.explanation == 'the solver process ended with SIGTERM'
+    assert solver.poll() is None
 
 
 # test/test_wheel.py has the commands without CasADi, daily.
