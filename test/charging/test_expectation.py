@@ -10,8 +10,11 @@ import numpy as np
 from plain_car import plain_car
 import pytest
 
+from bev_preheat.charging.expectation import Expectation
+from bev_preheat.charging.heating_choice import ChargerHeating
 from bev_preheat.charging.prospect import ChargingProspect, HeldProspect
-from bev_preheat.charging.target_worth import Prices
+from bev_preheat.charging.stop import arrival_state, stop_after
+from bev_preheat.charging.target_worth import Prices, TargetWorth
 from bev_preheat.charging.worth import find_worth
 from bev_preheat.errors import InvalidInput
 from bev_preheat.nodes.chargers import charger_problems
@@ -110,3 +113,44 @@ def test_jitter_changes_nothing_but_certainty_does():
     assert held.follow(ChargingProspect(0.9)) and not held.follow(ChargingProspect(0.93))
     assert held.follow(ChargingProspect(1.0))
     assert held.follow(replace(ChargingProspect(1.0), arrival_deviation_s=1.0))
+
+
+@pytest.fixture(scope='module')
+def heated():
+    """Return the Plan to GOAL, and the TargetWorth of certain charging after it."""
+    plan = plan_preheating(REFERENCE, ROUTE, STATE, GOAL)
+    state, stop = arrival_state(plan), stop_after(ROUTE, 150e3, 0.8)
+    session = ChargerHeating(REFERENCE, stop, PRICES).choose(state).session
+    return plan, TargetWorth(
+        GOAL.target_temperature_c, plan.arrival_temperature_c, plan.arrival_soc, plan.energy_wh.hvch_electric,
+        session.charging_time_s, session.bought_energy_wh,
+        PRICES.cost(session.bought_energy_wh, session.charging_time_s))
+
+
+def expected(heated, *prospect):
+    plan, item = heated
+    return Expectation(REFERENCE, ROUTE, STATE, stop_after(ROUTE, 150e3, 0.8), ChargingProspect(*prospect), PRICES,
+                       plan_unheated(REFERENCE, ROUTE, STATE, GOAL)).of(item, plan)
+
+
+def test_an_arrival_that_hardly_varies_costs_as_an_exact_one(heated):
+    exact, nearly = expected(heated, 0.4), expected(heated, 0.4, 1.0)
+    # Sessions after uncertain arrivals are interpolated between simulated ones.
+    assert nearly.charged_cost == pytest.approx(exact.charged_cost, rel=0.01)
+    assert nearly.not_charged_cost == pytest.approx(exact.not_charged_cost, rel=0.01)
+    assert nearly.cost == pytest.approx(0.4 * nearly.charged_cost + 0.6 * nearly.not_charged_cost, rel=1e-12)
+
+
+@pytest.mark.parametrize('deviation_s', [0.0, 60.0])
+def test_the_earlier_it_is_known_that_the_car_does_not_charge_the_less_heat_is_lost(heated, deviation_s):
+    late, earlier, at_once = (expected(heated, 0.4, deviation_s, known_s).not_charged_cost
+                              for known_s in (0.0, 300.0, 2.0 * ROUTE.total_duration_s))
+    assert late > earlier > at_once
+    assert at_once == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_car_that_waits_for_the_charger_pays_the_wait_and_a_session_from_colder(heated):
+    charged, waited = expected(heated, 0.4), expected(heated, 0.4, 0.0, 0.0, 1800.0)
+    assert waited.charged_cost == charged.charged_cost
+    # Half an hour at 30 per hour.
+    assert waited.not_charged_cost - 15.0 > waited.charged_cost

@@ -162,7 +162,7 @@ def test_list_names_each_shipped_car(said):
         assert file.stem in output
 
 
-@pytest.mark.deep
+@pytest.mark.costly
 def test_published_prints_published_against_computed_figures(said, monkeypatch):
     monkeypatch.setenv('COLUMNS', '120')
     status, output, errors = said('vehicle', 'published', '--sources', '--json', 'published.json')

@@ -26,7 +26,7 @@ from bev_preheat_studies.identification.closed_loop import (
 from bev_preheat_studies.identification.synthetic_car import draw_car, draw_profile, DriveProfile, SyntheticPlant
 
 pytestmark = [pytest.mark.costly, pytest.mark.needs('casadi'), pytest.mark.needs('scipy')]
-SECONDS = 900
+SECONDS = 300
 CAR = draw_car(np.random.default_rng(2), load_vehicle('small_car'))
 
 
@@ -109,7 +109,6 @@ def test_the_figures_are_of_drives_with_all_files():
     assert (true.energy_50, true.energy_95, true.mean_switch_ons, true.most_switch_ons) == (0.0, 0.0, 1.5, 2)
 
 
-@pytest.mark.deep
 def test_the_command_drives_each_file_on_the_same_drive(short_drives, monkeypatch, tmp_path, capfd):
     monkeypatch.setattr(closed_loop, 'record_car', lambda *arguments: [])
     # The identified file is known: the data sheet's.

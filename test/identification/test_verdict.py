@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The verdict on an identified car and what to record next, for each situation that recordings may leave."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from bev_preheat.identification.coverage import Coverage
+from bev_preheat.identification.result import Estimated
+from bev_preheat.identification.structures import LeftOut, StructureResult
+from bev_preheat.identification.verdict import record_next, verdict_of
+
+WHOLE = Coverage(
+    trips=12, drives=9, nights=2, charging_sessions=1, heated_trips=4, unheated_drives=5, hours=20.0,
+    battery_c=(-14.0, 30.0), ambient_c=(-15.0, 20.0), soc=(0.2, 0.9), speed_mps=(0.0, 36.0),
+    resistance_from_c=-12.0, resistance_to_c=28.0, coldest_trip='', coldest_c=-12.0, telling_nights=1)
+MEASURED, UNMEASURED = SimpleNamespace(used=('a', 'b')), SimpleNamespace(used=())
+NAMES = ('heat_capacity', 'leakage', 'drivetrain_heat')
+
+
+def estimates(*unknown):
+    return [Estimated(name, name.replace('_', ' '), '', 1.0, 1.0, 0.9, 1.1, 0.5, 1.5, name not in unknown, 0.1, '',
+                      name) for name in NAMES]
+
+
+def structure(name, *errors_k, in_the_file=True):
+    return StructureResult(name, 0.0, 0.0, errors_k, in_the_file)
+
+
+def verdict(errors_k=(0.3, -0.4), deviation_k=1.0, baselines=(), others=(), coverage=WHOLE, electrical=MEASURED,
+            unknown=(), together=()):
+    left_out = [LeftOut(f'trip {number}', error_k, deviation_k) for number, error_k in enumerate(errors_k)]
+    own = structure('one mass', *errors_k)
+    return list(verdict_of(estimates(*unknown), left_out, {each.structure: each for each in baselines},
+                           [own, *others], 'one mass', coverage, together, electrical))
+
+
+def changed(**values):
+    return Coverage(**{**WHOLE.as_dictionary(), 'battery_c': WHOLE.battery_c, **values})
+
+
+@pytest.mark.parametrize('error_k, grade', [
+    (0.59, 'The file can be trusted for drives like the recorded ones'), (0.61, 'The file can be used with care'),
+    (1.49, 'The file can be used with care'), (1.51, 'The file should not be trusted yet')])
+def test_the_error_of_trips_left_out_grades_the_file(error_k, grade):
+    first, *_ = verdict((error_k, -error_k))
+    assert first.startswith(f'{grade}: ') and f'RMSE of {error_k:.2f} K' in first
+
+
+def test_the_worst_trip_and_those_outside_their_interval_are_named():
+    # The 90 % interval of a standard deviation of 0.2 K ends at 0.33 K.
+    first, second, *_ = verdict((0.3, -0.4, 0.1), 0.2)
+    assert 'worst -0.40 K, trip 1' in first
+    assert second == 'Outside its 90 % interval: trip 1 of 3 trips.'
+
+
+@pytest.mark.parametrize('error_k, consequence', [
+    (0.5, 'these trips are too alike to test the file for others'), (1.0, 'the fit has no value yet')])
+def test_a_baseline_that_does_better_is_told(error_k, consequence):
+    worse, better = structure('constant temperature', 2.0), structure('mean rise', 0.1)
+    found = verdict((error_k,), baselines=(worse, better))
+    assert f'A mean rise does better on these trips (0.10 K): {consequence}.' in found
+    assert not any('constant temperature' in sentence for sentence in found)
+
+
+@pytest.mark.parametrize('coverage, electrical, expected', [
+    (WHOLE, UNMEASURED, ["No log has voltage and current that change: resistance keeps START's value, and heat "
+                         'capacity is known only as far as that value is right.']),
+    (changed(resistance_from_c=None, resistance_to_c=None, coldest_trip='night'), MEASURED,
+     ['Resistance rests on one log only (night).']),
+    (changed(coldest_c=-14.0, coldest_trip='frost'), MEASURED,
+     ['Resistance below -12 degC is extrapolated: down to -14 degC it rests on one trip (frost), below that on '
+      'the prior alone.', 'Resistance above 28 degC is extrapolated.']),
+    (WHOLE, MEASURED, ['Resistance below -12 degC is extrapolated: it rests on the prior alone.',
+                       'Resistance above 28 degC is extrapolated.'])])
+def test_where_the_resistance_is_known(coverage, electrical, expected):
+    assert [sentence for sentence in verdict(coverage=coverage, electrical=electrical)
+            if 'esistance' in sentence] == expected
+
+
+def test_what_the_logs_do_not_tell_is_named():
+    found = verdict(coverage=changed(heated_trips=0), unknown=('leakage', 'drivetrain_heat'), together=[
+        ('heat_capacity', 'leakage', -0.97), ('heat_capacity', 'of another fit', 0.99)])
+    assert "Not told by these logs, so START's value stays: leakage, drivetrain heat." in found
+    assert 'Without any use of the battery heater its efficiency is unknown.' in found
+    assert [sentence for sentence in found if sentence.startswith('Known only together')] == [
+        'Known only together (correlation -0.97): heat capacity and leakage.']
+
+
+def test_a_structure_that_no_file_can_hold_is_named_if_it_is_clearly_better():
+    close = structure('two masses', 0.29, -0.39, in_the_file=False)
+    assert verdict(others=(close,))[-1].endswith('no other structure predicts unseen trips clearly better.')
+    better, best = structure('three', 0.1, in_the_file=False), structure('four', 0.05, in_the_file=False)
+    assert 'four predicts them with 0.05 K (worst 0.05 K)' in verdict(others=(close, better, best))[-1]
+    in_the_file = structure('lag', 0.01)
+    assert 'no other structure' in verdict(others=(in_the_file,))[-1]
+
+
+@pytest.mark.parametrize('coverage, electrical, unknown, advice', [
+    (WHOLE, MEASURED, (), []),
+    (WHOLE, UNMEASURED, (), ['Voltage and current of the battery']),
+    (changed(heated_trips=0), MEASURED, (), ['Two drives with the battery heater on']),
+    (changed(unheated_drives=0), MEASURED, (), ['Two drives without battery heating']),
+    (changed(telling_nights=0), MEASURED, (), []),
+    (changed(telling_nights=0), MEASURED, ('leakage',), ['A night at stand']),
+    (changed(battery_c=(-3.0, 30.0)), MEASURED, (), ['A drive with a battery below -10 degC']),
+    (changed(battery_c=(-8.0, 30.0)), MEASURED, (), ['A drive with a battery below -13 degC']),
+    (changed(coldest_c=-13.5), MEASURED, (), ['A second drive below -12 degC']),
+    (changed(drives=2), MEASURED, (), ['4 more drives of at least 20 min']),
+    (WHOLE, MEASURED, ('drivetrain_heat',), ['A drive on a motorway and one in a town'])])
+def test_each_recording_is_advised_that_is_lacking_and_no_other(coverage, electrical, unknown, advice):
+    found = list(record_next(estimates(*unknown), coverage, electrical))
+    assert len(found) == len(advice)
+    assert all(sentence.startswith(beginning) for sentence, beginning in zip(found, advice))

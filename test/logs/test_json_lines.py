@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Logs of JSON objects: an object a line or one array, whole or nested, by field or one reading an object."""
+
+import json
+
+import numpy as np
+import pytest
+
+from bev_preheat.errors import InvalidInput
+from bev_preheat.logs.json_lines import flat, JsonLines
+from bev_preheat.logs.reading import read_recording
+
+TIMES_S = [1_700_000_000.0 + second for second in range(0, 120, 2)]
+TEMPERATURES_C = [3.0 + 0.01 * at for at in range(60)]
+OBJECTS = [{'timestamp': time_s, 'battery_temperature_c': temperature_c, 'note': {'of': ['car', at]}}
+           for at, (time_s, temperature_c) in enumerate(zip(TIMES_S, TEMPERATURES_C))]
+
+
+def read(tmp_path, text):
+    path = tmp_path / 'log.json'
+    path.write_text(text)
+    return path, read_recording(path)
+
+
+@pytest.mark.parametrize('text', [
+    '\n'.join(map(json.dumps, OBJECTS)), '[\n' + ',\n'.join(map(json.dumps, OBJECTS)) + '\n]',
+    json.dumps(OBJECTS), json.dumps(OBJECTS, indent=1), json.dumps({'status': 'ok', 'data': OBJECTS}, indent=2)],
+    ids=['an object a line', 'array, an object a line', 'array in one line', 'array', 'answer of a server'])
+def test_each_form_has_the_same_readings(tmp_path, text):
+    _, recording = read(tmp_path, text)
+    assert recording.format == 'JSON lines'
+    temperature = recording.signals['battery_temperature_c']
+    np.testing.assert_allclose(temperature.value, TEMPERATURES_C)
+    np.testing.assert_allclose(temperature.time_s + recording.start_s, TIMES_S)
+
+
+def test_objects_with_one_reading_each_are_channels_by_name(tmp_path):
+    _, recording = read(tmp_path, '\n'.join(
+        json.dumps({'ts': time_s, 'name': 'battery_temperature_c', 'value': temperature_c, 'unit': 'degC'})
+        for time_s, temperature_c in zip(TIMES_S, TEMPERATURES_C)))
+    np.testing.assert_allclose(recording.signals['battery_temperature_c'].value, TEMPERATURES_C)
+
+
+def test_lines_that_are_no_object_or_have_no_time_are_dropped_with_one_remark_a_cause(tmp_path):
+    lines = list(map(json.dumps, OBJECTS))
+    lines[10:12] = ['{"timestamp": 17', '"text"']
+    lines[20] = json.dumps({**OBJECTS[20], 'timestamp': 'noon'})
+    path, recording = read(tmp_path, '\n'.join(lines))
+    assert len(recording.signals['battery_temperature_c'].value) == len(OBJECTS) - 3
+    remarks = ' '.join(recording.remarks)
+    dropped = "'{\"timestamp\": 17' is not a JSON object; the line is dropped (and 1 more line)"
+    assert f'{path}, line 11: {dropped}' in remarks
+    assert f"{path}, line 21: timestamp: 'noon' is not a time; the line is dropped" in remarks
+
+
+def test_nested_values_have_dotted_names_and_what_is_no_reading_is_empty():
+    assert flat({'a': {'b': 1, 'c': [True, None, 'x']}, 'far': 10**400, 'nan': float('nan'), 'd': {}}) == {
+        'a.b': '1.0', 'a.c.0': 'True', 'a.c.2': 'x', 'far': '', 'nan': ''}
+
+
+def test_an_object_without_end_has_the_fields_of_its_outer_levels():
+    deep = {'speed_mps': 1.0}
+    for _ in range(100):
+        deep = {'speed_mps': 1.0, 'inner': deep}
+    assert set(flat(deep).values()) == {'1.0'} and 10 < len(flat(deep)) < 30
+
+
+@pytest.mark.parametrize('text, problem', [
+    ('[\n1,\n2\n]', 'has no JSON object with fields'), ('[1, 2', 'is not JSON: ')])
+def test_a_file_without_objects_is_named(tmp_path, text, problem):
+    path = tmp_path / 'log.json'
+    path.write_text(text)
+    with pytest.raises(InvalidInput, match=problem) as refused:
+        JsonLines(path, 'utf-8')
+    assert str(path) in str(refused.value)
+
+
+def test_objects_without_a_time_are_refused_with_their_fields(tmp_path):
+    with pytest.raises(InvalidInput, match="no field holds the time; the fields are 'battery_temperature_c, soc'"):
+        read(tmp_path, json.dumps([{'battery_temperature_c': at, 'soc': 0.5} for at in range(3)], indent=1))
+
+
+def test_an_object_with_thousands_of_fields_is_no_log(tmp_path):
+    path = tmp_path / 'log.json'
+    path.write_text(json.dumps({f'field {at}': at for at in range(5001)}))
+    with pytest.raises(InvalidInput, match='more than 5000 fields; this is no log'):
+        JsonLines(path, 'utf-8')
