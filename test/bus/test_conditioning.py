@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Requests of BatteryConditioning of VSS: what is taken, what is refused, and what is reported back."""
+"""Requests of BatteryConditioning of VSS: goals, refusals and the values reported back."""
 
 from datetime import datetime, timedelta, timezone, UTC
 

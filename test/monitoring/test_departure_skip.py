@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`preheat prepare --skip-next` and `--skip-none`: what the planner is asked, and what its answers become."""
+"""`preheat prepare --skip-next` and `--skip-none`: the request to the planner, and its answers in words."""
 
 from contextlib import contextmanager
 from types import SimpleNamespace

@@ -116,7 +116,7 @@ class Cabin:
         self._commands.publish(message)
 
     def state(self):
-        """Return what the broker has: the mode, whether a goal is active, whether the heater heats."""
+        """Return three values of the broker: the mode, whether a goal is active, whether the heater heats."""
         return self.values[MODE], self.values[IS_ACTIVE], self.values[IS_ONGOING]
 
     def warning(self):
@@ -279,7 +279,7 @@ def test_a_planner_that_says_nothing_for_5_s_has_lost_the_goal(cabin):
     assert len(cabin.planner.goals) == 1
     cabin.pass_by(0.4)
     assert len(cabin.planner.goals) == 2
-    # What the one before says no longer counts.
+    # The lost goal no longer counts.
     goal.feed()
     goal.end(RESULT.MISSED, 'missed')
     assert cabin.values[MODE] == FAST_CHARGING and not cabin.warning()

@@ -62,9 +62,9 @@ def cabin():
     car.close()
 
 
+# The requests, goals and answers: test_bus_conditioning.py, daily.
 @pytest.mark.deep
-@pytest.mark.parametrize('is_killed', [False, pytest.param(True, marks=pytest.mark.deep)],
-                         ids=['', 'planner killed'])
+@pytest.mark.parametrize('is_killed', [False, True], ids=['', 'planner killed'])
 def test_request_ends_in_a_warm_battery_and_is_reported_back(cabin, start_executable, record, tmp_path, is_killed):
     car, broker = cabin.car, cabin.broker
     vehicle = small_battery(tmp_path, 25e3)
