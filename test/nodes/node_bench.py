@@ -154,14 +154,22 @@ class Sender:
 
     def wait_for_subscription(self, count=1, timeout_s=TIME_LIMIT_S):
         """Wait until at least `count` subscriptions are matched."""
-        def matched():
-            # During discovery the count of matches may include a subscription twice.
-            endpoints = self._node.get_subscriptions_info_by_topic(self._publisher.topic_name)
-            return min(self._publisher.get_subscription_count(),
-                       len({bytes(endpoint.endpoint_gid) for endpoint in endpoints}))
-
-        poll_until(lambda: matched() >= count,
+        # During discovery the count of matches may include a subscription twice.
+        poll_until(lambda: min(self._publisher.get_subscription_count(), len(self.subscriptions())) >= count,
                    f'{self._topic}: {count} subscriptions', timeout_s)
+
+    def subscriptions(self):
+        """Return the identifiers of the topic's subscriptions in the graph."""
+        return {bytes(endpoint.endpoint_gid) for endpoint
+                in self._node.get_subscriptions_info_by_topic(self._publisher.topic_name)}
+
+    def wait_for_other_subscriptions(self, former):
+        """Wait until others have replaced the former subscriptions and are matched."""
+        def are_matched():
+            now = self.subscriptions()
+            return now and now.isdisjoint(former) and self._publisher.get_subscription_count() == len(now)
+
+        poll_until(are_matched, f'{self._topic}: other subscriptions')
 
 
 class PatientProcess(NodeProcess):
