@@ -12,11 +12,11 @@ from bev_preheat.console.output import add_output_arguments, check_output_argume
 from bev_preheat.console.program import FAILED, say
 from bev_preheat.console.terminal import progress_console, result_console
 from bev_preheat.optional_packages import require
-from bev_preheat.planning.comparison import difference_of_plans, energy_gap_wh, SAME_SHORTFALL_K
+from bev_preheat.planning.comparison import difference, energy_gap_wh, SAME_SHORTFALL_K
 from bev_preheat.planning.planner import (
     as_driven,
-    compared_names,
     DEFAULT_METHOD,
+    method_names,
     plan_preheating,
     refused_methods,
 )
@@ -37,7 +37,7 @@ def add_parser(subparsers: Subparsers) -> None:
         'a power limit is shown as executed: the friction brake absorbs the power that the battery cannot, '
         'and the heater power is reduced.')
     add_situation_arguments(parser)
-    add_methods_argument(parser, 'all but value_function')
+    add_methods_argument(parser, 'all')
     add_no_limits_argument(parser)
     add_output_arguments(parser)
     parser.set_defaults(run=run)
@@ -53,7 +53,7 @@ def run(arguments: Namespace) -> int:
     if arguments.methods is None:
         warn(*(f'method {problem}' for problem in refused_methods()))
     plans = [plan_preheating(*inputs, method, no_regret=method == DEFAULT_METHOD)
-             for method in dict.fromkeys(arguments.methods or compared_names())]
+             for method in dict.fromkeys(arguments.methods or method_names())]
     if not arguments.no_power_limits:
         plans = [as_driven(plan, *inputs) for plan in plans]
     try:
@@ -65,7 +65,7 @@ def run(arguments: Namespace) -> int:
     title = f'vehicle {situation.vehicle.name}, route {arguments.route}'
     best = optimum.plan
     gaps_wh = {plan.method: energy_gap_wh(plan, best) for plan in plans}
-    differences = {plan.method: difference_of_plans(plan, best) for plan in plans}
+    differences = {plan.method: difference(plan, best) for plan in plans}
     if arguments.json:
         write_json(arguments.json, {
             'plans': {plan.method: plan.as_dictionary() for plan in plans},

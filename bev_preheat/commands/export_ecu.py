@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from bev_preheat.commands.arguments import Subparsers
 
-VECTORS, MOST_VECTORS = 300, 100_000
+VECTORS, MOST_VECTORS = 100, 100_000
 
 
 def add_parser(subparsers: Subparsers) -> None:
@@ -29,7 +29,7 @@ def add_parser(subparsers: Subparsers) -> None:
     parser = subparsers.add_parser(
         'export-ecu', help='write the planner for one vehicle as C sources',
         description='Write the planner for one vehicle as C99 sources for a control unit: the methods '
-        'optimal_switch, without active limits, and merit_order, the vehicle as constants, and situations with '
+        'optimal_switch, without active limits, and value_function, the vehicle as constants, and situations with '
         'reference plans of Python to test the compiled code.')
     completed_by(VEHICLES, parser.add_argument(
         '--vehicle', required=True, metavar='NAME|FILE', help='a name in config/vehicles or a YAML file'))

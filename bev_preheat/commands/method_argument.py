@@ -6,8 +6,16 @@ from __future__ import annotations
 from argparse import ArgumentTypeError
 from typing import TYPE_CHECKING
 
+from bev_preheat.console.program import say
 from bev_preheat.errors import InvalidInput
-from bev_preheat.planning.planner import check_method, DEFAULT_METHOD, method_names, METHODS
+from bev_preheat.planning.planner import (
+    check_method,
+    DEFAULT_METHOD,
+    method_names,
+    METHODS,
+    REPLACED,
+    replaced_in_words,
+)
 
 if TYPE_CHECKING:
     from argparse import ArgumentParser
@@ -30,7 +38,14 @@ class MethodNames:
         return iter((*self._more, *method_names()))
 
     def checked(self, name: str) -> str:
-        """Return an allowed name, as the `type` of an option; a method of a package is loaded."""
+        """
+        Return an allowed name, as the `type` of an option; a method of a package is loaded.
+
+        For a method of earlier versions, say what took its place, and return that.
+        """
+        if name in REPLACED:
+            say(f'preheat: {replaced_in_words(name)}')
+            return REPLACED[name]
         if name not in self._more:
             try:
                 check_method(name)

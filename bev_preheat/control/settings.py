@@ -10,7 +10,7 @@ from typing import Any, TYPE_CHECKING
 
 from bev_preheat.charging.target_worth import Prices
 from bev_preheat.charging.worth import ENERGY_PRICE_PER_KWH, VALUE_OF_TIME_PER_H
-from bev_preheat.planning.planner import DEFAULT_METHOD
+from bev_preheat.planning.planner import DEFAULT_METHOD, REPLACED
 
 if TYPE_CHECKING:
     from bev_preheat.vehicle.description import Defaults, Vehicle
@@ -97,10 +97,13 @@ def settings_of(parameters: Mapping[str, Any]) -> Settings:
     """
     Return the Settings of parameters by name; a missing parameter keeps its default.
 
-    A target of 0 or NaN means the vehicle's. Raises KeyError if a name is not in FIELD_OF_PARAMETER.
+    A target of 0 or NaN means the vehicle's, a method of earlier versions the one that took its place. Raises
+    KeyError if a name is not in FIELD_OF_PARAMETER.
     """
     values = {FIELD_OF_PARAMETER[name]: value for name, value in parameters.items()}
     target_c = values.get('target_temperature_c')
     if target_c is not None and (target_c == 0.0 or math.isnan(target_c)):
         values['target_temperature_c'] = None
+    if 'method' in values:
+        values['method'] = REPLACED.get(values['method'], values['method'])
     return Settings(**values)

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from bev_preheat.vehicle import Vehicle
 
 # In the order of the sessions.
-LOOKS = (look_of('merit_order'), look_of(WITHOUT_PREHEATING))
+LOOKS = (look_of('value_function'), look_of(WITHOUT_PREHEATING))
 HEATER_DASHES = (0, (1.0, 1.5))
 # Time shown if no session ends [s], and the margin after the first end.
 MOST_SHOWN_S = 2.0 * 3600.0

@@ -66,13 +66,12 @@ class Look:
                 'markeredgewidth': 0.9, 'zorder': LINES_ZORDER - 0.1 * self.width, 'label': label}
 
 
-# In drawing order. The planner uses merit_order, and replanned_paper is
+# In drawing order. The planner uses value_function, and replanned_paper is
 # the paper's method in closed loop: they share these colours.
 LOOKS = {
-    'merit_order': Look(BLUE, 'solid', 3.2, 'o'),
+    'value_function': Look(BLUE, 'solid', 3.2, 'o'),
     'planner': Look(BLUE, 'solid', 2.2, 'o'),
     'optimal_switch': Look(ORANGE, (0, (4.0, 2.0)), 2.2, 'x'),
-    'value_function': Look(PURPLE, (0, (3.0, 1.0)), 2.6, 'd'),
     'paper': Look(GREEN, (0, (7.0, 2.0, 1.5, 2.0)), 1.6, '+'),
     'replanned_paper': Look(GREEN, (0, (7.0, 2.0, 1.5, 2.0)), 1.6, '+'),
     'always_on': Look(VERMILLION, (0, (1.5, 1.5)), 1.8, 's'),
@@ -81,9 +80,8 @@ LOOKS = {
 }
 UNKNOWN = Look(PURPLE, 'solid', 1.5, 'D')
 NAMES = {
-    'merit_order': 'merit_order (default)',
+    'value_function': 'value_function (default)',
     'optimal_switch': 'optimal_switch (one switch)',
-    'value_function': 'value_function',
     'paper': 'paper (published heuristic)',
     'replanned_paper': 'published heuristic, re-planned',
     'always_on': 'heater always on',

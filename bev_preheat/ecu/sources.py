@@ -14,16 +14,14 @@ from bev_preheat.files.installed import installed_prefix
 _CHECKOUT = Path(__file__).resolve().parents[2]
 _OWN = Path(__file__).resolve().parent / 'c'
 CORE = 'bev_preheat_core'
-# Files for bev_plan_switch, bev_find_two_switches and bev_plan_merit_order; headers as they are included.
+# Files for bev_find_switch, bev_find_two_switches and bev_plan_by_values; headers as they are included.
 SOURCES = (
-    'accounts.c', 'cheapest_steps.c', 'checks.c', 'curves.c', 'early_start.c', 'exchange.c', 'foresight.c',
-    'limited_prices.c', 'limited_run.c', 'limited_step.c', 'limited_switch.c', 'limits.c', 'linear_program.c',
-    'merit_order.c', 'merit_plan.c', 'prices.c', 'runs.c', 'search_runs.c', 'stranding.c', 'strides.c',
-    'surplus_ceiling.c', 'switch_search.c', 'threshold_search.c', 'thresholds.c', 'trajectory.c',
-    'trip_strides.c', 'two_switches.c', 'uncertainty_margin.c', 'value_curve.c')
+    'accounts.c', 'checks.c', 'curves.c', 'early_start.c', 'foresight.c', 'limited_run.c', 'limited_step.c',
+    'limits.c', 'prices.c', 'runs.c', 'stranding.c', 'switch_search.c', 'two_switches.c', 'uncertainty_margin.c',
+    'value_function.c')
 INCLUDED = re.compile(r'^#include "([^/"]+)"', re.MULTILINE)
-OWN_FILES = ('MISRA.md', 'Makefile', 'README.md', 'bev_ecu.c', 'bev_ecu.h', 'bev_ecu_merit.c', 'bev_ecu_shared.h',
-             'bev_ecu_switch.c', 'check.c', 'main.c', 'vehicle.h')
+OWN_FILES = ('MISRA.md', 'Makefile', 'README.md', 'bev_ecu.c', 'bev_ecu.h', 'bev_ecu_shared.h', 'bev_ecu_switch.c',
+             'bev_ecu_values.c', 'check.c', 'main.c', 'vehicle.h')
 
 
 def core_sources() -> dict[str, str]:

@@ -16,15 +16,15 @@ import numpy as np
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.native.library import without_core
-from bev_preheat.planning.free_heat import leave_useless_heat
 from bev_preheat.planning.limits import limits_hold
-from bev_preheat.planning.merit_order import plan_merit_order
 from bev_preheat.planning.no_regret import NoRegretCheck
 from bev_preheat.planning.optimal_switch import plan_optimal_switch
 from bev_preheat.planning.outcome import find_outcome
 from bev_preheat.planning.planner import plan_without_heating
 from bev_preheat.planning.situation import BatteryState, Goal, reserve_soc
 from bev_preheat.planning.trip import make_trip
+from bev_preheat.planning.unlimited import switch_within_limits
+from bev_preheat.planning.value_function import plan_by_values
 from bev_preheat.route.segments import make_route
 
 if TYPE_CHECKING:
@@ -34,12 +34,13 @@ if TYPE_CHECKING:
 
 OK, LIMITED, BAD_INPUT = 0, 4, -3
 # The methods of an export, in the order of their answers in a vector.
-METHODS = ('optimal_switch', 'merit_order')
+METHODS = ('optimal_switch', 'value_function')
 # Maximum steps of an export. One trip in LONG_EVERY has that many steps, one in DAMAGED_EVERY a value that is not
-# finite; never the same trip.
+# finite, and one in EMPTY_EVERY starts with so little charge; never the same trip.
 MOST_STEPS = 360
-LONG_EVERY, LONG_AT = 50, 10
+LONG_EVERY, LONG_AT = 100, 10
 DAMAGED_EVERY, DAMAGED_AT = 25, 24
+EMPTY_EVERY, EMPTY_AT, EMPTY_SOC = 25, 7, (0.02, 0.1)
 USUAL_STEPS = 60
 # The share of trips with climbs and descents at the limits of a cold battery and beyond.
 LIMITED_SHARE = 0.5
@@ -53,11 +54,13 @@ class Answer(NamedTuple):
     The expected answer of one method: a status and, if it is OK, the values of the plan.
 
     `expected` are the instants of switching on and off [s], six energies [Wh], and temperature [deg C] and
-    charge on arrival; NaN: no value.
+    charge on arrival; NaN: no value. `is_exact`: the plan is made without the recursion of value_function, which
+    may end on another plan that is as good.
     """
 
     status: int
     expected: tuple[float, ...] = EXPECTED * (math.nan,)
+    is_exact: bool = True
 
     @property
     def heats(self) -> bool:
@@ -81,7 +84,7 @@ class Vector:
         """Return the vector as lines of vectors.txt."""
         yield f'vector {len(self.columns[1])} {_words(self.situation)}'
         for answer in self.answers:
-            yield f'{answer.status} {_words(answer.expected)}'
+            yield f'{answer.status} {int(answer.is_exact)} {_words(answer.expected)}'
         yield from map(_words, self.columns)
 
 
@@ -111,8 +114,10 @@ def draw_vector(vehicle: Vehicle, seed: int, number: int) -> Vector:
 def vector_of(trip: Trip, state: BatteryState, goal: Goal) -> Vector:
     """Return the Vector of a Trip; planned without the core if called without the core."""
     unheated = plan_without_heating(trip, state)
-    return Vector(_columns(trip), _situation(trip.vehicle, state, goal), tuple(
-        _answer(trip, plan(trip, state, goal, unheated)) for plan in (_switched, _by_merit)))
+    is_exact = switch_within_limits(trip, state, goal, unheated) is not None
+    return Vector(_columns(trip), _situation(trip.vehicle, state, goal), (
+        _answer(trip, _switched(trip, state, goal, unheated), True),
+        _answer(trip, _by_values(trip, state, goal, unheated), is_exact)))
 
 
 def _situation(vehicle: Vehicle, state: BatteryState, goal: Goal) -> tuple[float, ...]:
@@ -132,18 +137,16 @@ def _switched(trip: Trip, state: BatteryState, goal: Goal, unheated: Schedule) -
     return schedule
 
 
-def _by_merit(trip: Trip, state: BatteryState, goal: Goal, unheated: Schedule) -> Schedule | None:
-    """Return the plan of the method merit_order; None if the plan is worse than not heating."""
+def _by_values(trip: Trip, state: BatteryState, goal: Goal, unheated: Schedule) -> Schedule | None:
+    """Return the plan of the method value_function; None if the plan is worse than not heating."""
     guard = NoRegretCheck(trip, state, goal, unheated)
     if guard.unheated.empty_at_s is not None:
         return None
-    schedule = leave_useless_heat(
-        trip, state, goal.target_temperature_c, plan_merit_order(trip, state, goal, unheated),
-        lambda bounded: plan_merit_order(bounded, state, goal, unheated))
+    schedule = plan_by_values(trip, state, goal, unheated)
     return schedule if guard.allows(schedule) else None
 
 
-def _answer(trip: Trip, schedule: Schedule | None) -> Answer:
+def _answer(trip: Trip, schedule: Schedule | None, is_exact: bool) -> Answer:
     """Return the expected answer of the C code for a Schedule of Python, or for no Schedule."""
     if schedule is None:
         return Answer(LIMITED)
@@ -151,7 +154,7 @@ def _answer(trip: Trip, schedule: Schedule | None) -> Answer:
     return Answer(OK, (
         *_instants_s(trip, schedule), energy.joule, energy.drivetrain_heat, energy.hvch_heat, energy.leakage,
         energy.hvch_electric, energy.battery_total, float(schedule.temperature_c[-1]),
-        float(schedule.soc[-1])))
+        float(schedule.soc[-1])), is_exact)
 
 
 def _instants_s(trip: Trip, schedule: Schedule) -> tuple[float, float]:
@@ -212,8 +215,9 @@ def _drawn(vehicle: Vehicle, random: np.random.Generator,
         'auxiliary_power_w': [float(random.uniform(200.0, 900.0))]}, vehicle.defaults)
     start_c = float(random.uniform(coldest_c + 10.0, min(coldest_c + 27.0, highest_c)))
     late = not vehicle.heat_path.is_direct and random.random() < 0.5
+    socs = EMPTY_SOC if number % EMPTY_EVERY == EMPTY_AT else (0.75 if is_limited else 0.4, 0.98)
     state = BatteryState(
-        start_c, float(random.uniform(0.75 if is_limited else 0.4, 0.98)),
+        start_c, float(random.uniform(*socs)),
         float(random.uniform(0.0, 0.5)) * vehicle.hvch.maximum_power_w if late else 0.0,
         float(random.uniform(0.0, 6.0)) if late else 0.0)
     goal = Goal(float(random.uniform(start_c - 5.0, min(start_c + 15.0, highest_c))),

@@ -19,11 +19,10 @@ from bev_preheat.interface.results import (
     WorthResult,
 )
 from bev_preheat.optional_packages import require
-from bev_preheat.planning.comparison import difference_of_plans, energy_gap_wh
+from bev_preheat.planning.comparison import difference, energy_gap_wh
 from bev_preheat.planning.planner import (
     as_driven,
     check_method,
-    compared_names,
     DEFAULT_METHOD,
     method_names,
     plan_preheating,
@@ -53,7 +52,7 @@ def plan(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal | float
     Return when to heat on a route, as `preheat plan` does.
 
     `state` is the battery's at the start; `goal` a Goal, a target temperature on arrival [deg C], or None for
-    the vehicle's default. `method` is a name in `methods()`: `merit_order` keeps the paper's limits (9e)-(9i),
+    the vehicle's default. `method` is a name in `methods()`: `value_function` keeps the paper's limits (9e)-(9i),
     `optimal_switch` has one switching instant, `paper` is the heuristic of its Algorithms 1 and 2. Raises
     InvalidInput, which names field, value and allowed range, and PlanningFailure if the model yields no numbers.
     """
@@ -85,10 +84,10 @@ def compare(vehicle: Vehicle, route: Route, state: BatteryState,
     """
     Return the plans of several methods beside the optimum, as `preheat compare` does; needs casadi (extra `nlp`).
 
-    `methods` are the names of those to compare, None for all but value_function. A plan that breaks a power limit
+    `methods` are the names of those to compare, None for all. A plan that breaks a power limit
     is compared as it would be driven. Other arguments as in `plan`.
     """
-    names = compared_names() if methods is None else tuple(dict.fromkeys(methods))
+    names = method_names() if methods is None else tuple(dict.fromkeys(methods))
     for name in names:
         check_method(name)
     goal = _goal_of(vehicle, goal)
@@ -99,7 +98,7 @@ def compare(vehicle: Vehicle, route: Route, state: BatteryState,
     return ComparisonResult(
         {name: PlanResult(vehicle, route, goal, each) for name, each in plans.items()}, best,
         {name: energy_gap_wh(each, best.plan) for name, each in plans.items()},
-        {name: difference_of_plans(each, best.plan) for name, each in plans.items()})
+        {name: difference(each, best.plan) for name, each in plans.items()})
 
 
 def charging_session(vehicle: Vehicle, state: BatteryState, charger_power_w: float, departure_soc: float,

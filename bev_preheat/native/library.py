@@ -28,18 +28,12 @@ from bev_preheat.native.belief_structs import (
 from bev_preheat.native.interface import fields_of, Interface
 from bev_preheat.native.structs import (
     ArrivalStruct,
-    CurveRangeStruct,
     CurveStruct,
     EnergiesStruct,
     HeatingStruct,
-    MeritPlanStruct,
     ROOMS,
     RunOfPowersStruct,
-    SafeGoalStruct,
-    SafePlanStruct,
-    SettlingStruct,
     StrandingStruct,
-    StridesStruct,
     SwitchPlanStruct,
     TripStruct,
     TripTermsStruct,
@@ -88,7 +82,7 @@ DECLINES = Declines()
 
 FILE = 'libbev_preheat_core.so'
 # BEV_INTERFACE of core.h.
-INTERFACE = 6
+INTERFACE = 7
 
 # Arguments by type: P an address, D a double, I an integer.
 _TYPES = {'P': c_void_p, 'D': c_double, 'I': c_int32}
@@ -104,22 +98,12 @@ _SIGNATURES = {
     'bev_run_heated_within_limits': 'PPPIPPP',
     'bev_limits_along': 'PIPPPPP',
     'bev_limits_of_steps': 'PIPPPPP',
-    'bev_find_bands': 'PPPPP',
     'bev_stand': 'PPPPP',
-    'bev_settle': 'PPPPPPPP',
-    'bev_merit_order': 'PPPPPPPPPP',
     'bev_drive_as_planned': 'PPPPPPP',
-    'bev_plan_merit_order': 'PPPPPPPPPP',
-    'bev_heat_early': 'PPDPPPPPPP',
-    'bev_plan_no_regret': 'PPPPPPPPPPP',
-    'bev_unheated_deficit': 'PPPPPPP',
-    'bev_find_surplus_ceiling': 'PPPDPPPP',
     'bev_keep_accounts': 'PIPPPP',
     'bev_find_switch': 'PPDPPPPPP',
     'bev_plan_paper': 'PPDDDPPPPP',
     'bev_find_prices': 'PPPPPPP',
-    'bev_heat_cheapest': 'PPDPPPPPP',
-    'bev_exchange_heat': 'PPPPPPPP',
     'bev_plan_switch': 'PPDDDIPPPPPP',
     'bev_mix_belief': 'PP',
     'bev_move_belief': 'PPPPDPPD',
@@ -207,11 +191,10 @@ def bindings() -> Interface:
         'bev_arrival': ArrivalStruct, 'bev_belief': BeliefStruct, 'bev_belief_terms': BeliefTermsStruct,
         'bev_uncertainty_margin': UncertaintyMarginStruct, 'bev_expected_drive': ExpectedDriveStruct,
         'bev_curve': CurveStruct,
-        'bev_curve_range': CurveRangeStruct, 'bev_drive': DriveStruct, 'bev_energies': EnergiesStruct,
-        'bev_heating': HeatingStruct, 'bev_merit_plan': MeritPlanStruct, 'bev_passed': PassedStruct,
+        'bev_drive': DriveStruct, 'bev_energies': EnergiesStruct,
+        'bev_heating': HeatingStruct, 'bev_passed': PassedStruct,
         'bev_reading': ReadingStruct, 'bev_run_of_powers': RunOfPowersStruct,
-        'bev_safe_goal': SafeGoalStruct, 'bev_safe_plan': SafePlanStruct, 'bev_settling': SettlingStruct,
-        'bev_stranding': StrandingStruct, 'bev_strides': StridesStruct,
+        'bev_stranding': StrandingStruct,
         'bev_switch_plan': SwitchPlanStruct, 'bev_trip': TripStruct, 'bev_trip_terms': TripTermsStruct,
         'bev_value_goal': ValueGoalStruct, 'bev_vehicle': VehicleStruct}
     names = {struct: name for name, struct in structs.items()}

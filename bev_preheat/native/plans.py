@@ -7,7 +7,7 @@ As in `runs`, each function returns None if the core does not answer.
 
 from __future__ import annotations
 
-from ctypes import addressof, byref, c_double, c_int32
+from ctypes import addressof, byref, c_double
 import math
 from typing import NamedTuple, TYPE_CHECKING
 
@@ -25,7 +25,7 @@ from bev_preheat.native.structs import (
 )
 
 if TYPE_CHECKING:
-    from bev_preheat.native.structs import NativeTrip, NativeVehicle, SettlingStruct, UncertaintyMarginStruct
+    from bev_preheat.native.structs import NativeTrip, NativeVehicle, UncertaintyMarginStruct
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.vehicle.model import Integrator
 
@@ -113,55 +113,6 @@ def find_prices(vehicle: NativeVehicle, trip: NativeTrip, soc: FloatArray, tempe
         doubles_at(temperature_c, trip.steps + 1), doubles_at(heater_w, trip.steps), place(prices),
         place(prices, DOUBLE_BYTES * trip.steps))
     return prices if status == OK else None
-
-
-def heat_cheapest(
-        vehicle: NativeVehicle, trip: NativeTrip, target_c: float, soc: FloatArray,
-        temperature_c: FloatArray,
-        heater_w: FloatArray) -> tuple[tuple[FloatArray, FloatArray, FloatArray] | None] | None:
-    """
-    Return the run that arrives at the target [deg C] for the least charge, in a tuple.
-
-    The run is charge, temperature and heater power, as of the given run, (N + 1), (N + 1) and (N,);
-    (None,) if the given run is the cheapest.
-    """
-    library = core()
-    if library is None:
-        return None
-    run, places = _new_run(trip.steps)
-    for values, known in zip(run, (soc, temperature_c, heater_w)):
-        values[:] = known
-    memory, order = np.empty(room('BEV_CHEAPEST_MEMORY', trip.steps)), (c_int32 * trip.steps)()
-    orders = c_int32()
-    status = library.bev_heat_cheapest(
-        vehicle.address, trip.address, target_c, *places, place(memory), order, byref(orders))
-    if status != OK:
-        return None
-    return (run if orders.value else None,)
-
-
-def exchange_heat(
-        vehicle: NativeVehicle, trip: NativeTrip, goal: SettlingStruct, soc: FloatArray,
-        temperature_c: FloatArray, heater_w: FloatArray,
-        brake_w: FloatArray) -> tuple[tuple[FloatArray, FloatArray] | None] | None:
-    """
-    Return the run within limits after exchanges of heat, in a tuple; see core.h.
-
-    The run is states (2, N + 1), charge and temperature, and powers (2, N), heater and brake, as of the given
-    run; (None,) if no exchange improves the given run.
-    """
-    library = core()
-    if library is None:
-        return None
-    states, powers_w = np.array((soc, temperature_c)), np.array((heater_w, brake_w))
-    watched = np.empty((2, trip.steps), dtype=np.uint8)
-    memory, exchanges = np.empty(room('BEV_EXCHANGE_MEMORY', trip.steps)), c_int32()
-    status = library.bev_exchange_heat(
-        vehicle.address, trip.address, addressof(goal), place(states), place(powers_w),
-        address_of(watched), place(memory), byref(exchanges))
-    if status != OK:
-        return None
-    return ((states, powers_w) if exchanges.value else None,)
 
 
 class TwiceSwitchedRun(NamedTuple):

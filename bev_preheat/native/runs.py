@@ -14,11 +14,10 @@ from typing import Any, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.native.library import core, EMPTY, NO_CROSSING, OK, SATURATED
-from bev_preheat.native.structs import DOUBLE_BYTES, HeatingStruct
+from bev_preheat.native.structs import DOUBLE_BYTES, doubles, HeatingStruct
 from bev_preheat.vehicle.model import make_euler, make_midpoint, make_runge_kutta_4
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
 
     from bev_preheat.native.structs import NativeTrip, NativeVehicle
     from bev_preheat.numerics.arrays import BoolArray, FloatArray
@@ -88,17 +87,14 @@ def crossing(vehicle: NativeVehicle, make_integrator: Integrator, trip: NativeTr
 class Heating:
     """A `bev_heating`: when a run within limits heats; see core.h."""
 
-    def __init__(self, power_w: FloatArray, bands: Sequence[FloatArray] | None,
-                 may_overcharge: BoolArray, may_overdraw: BoolArray, takes_surplus: bool) -> None:
-        """`power_w` (N,) [W]; `bands` are floor, low and high (N, BANDS) [deg C], or None."""
-        columns = [power_w, *(bands or ())]
-        self._block = np.concatenate([column.ravel() for column in columns], dtype=float)
+    def __init__(self, power_w: FloatArray, below_c: float, may_overcharge: BoolArray, may_overdraw: BoolArray,
+                 takes_surplus: bool) -> None:
+        """`power_w` (N,) [W], in steps that begin colder than `below_c` [deg C]."""
+        self._power_w = doubles(power_w)
         self._flags = np.concatenate((may_overcharge, may_overdraw)).view(np.uint8)
-        steps, width = len(power_w), bands[0].shape[1] if bands else 0
-        at = self._block.ctypes.data
-        places = [at + DOUBLE_BYTES * steps * (1 + n * width) for n in range(3)] if bands else [None] * 3
         flags = self._flags.ctypes.data
-        self.struct = HeatingStruct(width, takes_surplus, at, *places, flags, flags + steps)
+        self.struct = HeatingStruct(
+            takes_surplus, below_c, self._power_w.ctypes.data, flags, flags + len(power_w))
 
 
 def run_within_limits(vehicle: NativeVehicle, trip: NativeTrip, heating: Heating, first: int,

@@ -29,32 +29,16 @@ MOST_FACTORS = 4
 PARAMETERS = 5
 POLYNOMIAL, POLYNOMIAL_AND_LOGARITHM, INVERSE_TEMPERATURE, TABLE = range(4)
 DOUBLE_BYTES = 8
-BANDS = 2
-MOST_GRID = 512
-VALUE_POINTS = 256
-CURVE_MEMORY = 11 * 2048 + 5 * MOST_GRID
+VALUE_POINTS = 128
 # Memory of the functions of core.h, doubles (flags: bytes) for each step of a trip, and once.
-_SETTLE = 48, 20
-_MERIT = _SETTLE[0] + 44, _SETTLE[1] + CURVE_MEMORY + MOST_GRID + 11
-_MERIT_PLAN = _MERIT[0] + 1, _MERIT[1]
 ROOMS = {
     'BEV_BELIEF_MEMORY': (1 + ELEMENTS + ELEMENTS * ELEMENTS, 0),
-    'BEV_CHEAPEST_MEMORY': (6, 2),
-    'BEV_EXCHANGE_MEMORY': (67, 2),
-    'BEV_HEAT_EARLY_MEMORY': (3, 0),
-    'BEV_MERIT_BYTES': (5, 0),
-    'BEV_MERIT_MEMORY': _MERIT,
-    'BEV_MERIT_PLAN_MEMORY': _MERIT_PLAN,
-    'BEV_NO_REGRET_MEMORY': (_MERIT_PLAN[0] + 8, _MERIT_PLAN[1] + 4),
-    'BEV_SETTLE_MEMORY': _SETTLE,
-    'BEV_SURPLUS_CEILING_MEMORY': (13, 8),
     'BEV_SWITCH_MEMORY': (8, 8),
     'BEV_TRIPS_FLAGS': (2, 0),
     'BEV_TRIPS_MEMORY': (12, 12),
     'BEV_TWO_SWITCHES_MEMORY': (1, 1),
-    'BEV_UNHEATED_MEMORY': (9, 4),
     'BEV_VALUE_BYTES': (4, 0),
-    'BEV_VALUE_MEMORY': (2 * VALUE_POINTS + 17, 2 * VALUE_POINTS + 9)}
+    'BEV_VALUE_MEMORY': (2 * VALUE_POINTS + 21, 2 * VALUE_POINTS + 11)}
 
 
 def room(name: str, steps: int) -> int:
@@ -91,7 +75,7 @@ TRIP_COLUMNS = ('time_s', 'duration_s', 'idle_power_w', 'power_variance_w2', 'id
 class TripStruct(Structure):
     """`bev_trip`."""
 
-    _fields_ = [('steps', c_int32), *((name, c_void_p) for name in (*TRIP_COLUMNS, 'surplus_ceiling_c'))]
+    _fields_ = [('steps', c_int32), *((name, c_void_p) for name in TRIP_COLUMNS)]
 
 
 class TripTermsStruct(Structure):
@@ -105,34 +89,8 @@ class TripTermsStruct(Structure):
 class HeatingStruct(Structure):
     """`bev_heating`."""
 
-    _fields_ = [('bands', c_int32), ('takes_surplus', c_int32), *((name, c_void_p) for name in (
-        'power_w', 'floor_c', 'low_c', 'high_c', 'may_overcharge', 'may_overdraw'))]
-
-
-# The last two have one value more than the others.
-STRIDE_COLUMNS = ('duration_s', 'idle_power_w', 'power_variance_w2', 'idle_heat_w', 'leakage_w_per_k',
-                  'heater_limit_w', 'propulsion_w', 'soc', 'end_c', 'loss_to_brake', 'loss_to_heater',
-                  'coldest_c', 'warmest_c')
-
-
-class StridesStruct(Structure):
-    """`bev_strides`."""
-
-    _fields_ = [('strides', c_int32), *((name, c_void_p) for name in (*STRIDE_COLUMNS, 'is_limited'))]
-
-
-class CurveRangeStruct(Structure):
-    """`bev_curve_range`."""
-
-    _fields_ = [('grid_points', c_int32), ('is_first_look', c_int32), ('grid_c', c_void_p),
-                *((name, c_double) for name in (
-                    'target_c', 'coldest_c', 'warmest_c', 'penalty', 'short_penalty'))]
-
-
-class SettlingStruct(Structure):
-    """`bev_settling`: the requirements of a run."""
-
-    _fields_ = [('serves_climbs', c_int32), ('target_c', c_double), ('lowest_soc', c_double)]
+    _fields_ = [('takes_surplus', c_int32), ('below_c', c_double), *((name, c_void_p) for name in (
+        'power_w', 'may_overcharge', 'may_overdraw'))]
 
 
 class ValueGoalStruct(Structure):
@@ -145,24 +103,6 @@ class StrandingStruct(Structure):
     """`bev_stranding`."""
 
     _fields_ = [('step', c_int32), ('driven_share', c_double)]
-
-
-class MeritPlanStruct(Structure):
-    """`bev_merit_plan`."""
-
-    _fields_ = [('start_s', c_double), ('end_s', c_double), ('stranding', StrandingStruct)]
-
-
-class SafeGoalStruct(Structure):
-    """`bev_safe_goal`: the goal of a plan, and the charge it must leave."""
-
-    _fields_ = [(name, c_double) for name in ('target_c', 'margin_k', 'reserve_soc', 'lowest_soc')]
-
-
-class SafePlanStruct(Structure):
-    """`bev_safe_plan`."""
-
-    _fields_ = [('plan', MeritPlanStruct), ('is_unheated', c_int32), ('held_back', c_int32)]
 
 
 class RunOfPowersStruct(Structure):
@@ -269,8 +209,6 @@ class NativeTrip:
     def __init__(self, steps: int, block: FloatArray) -> None:
         """`block` has the columns of TRIP_COLUMNS one after the other, the first (N + 1,), the others (N,)."""
         self.steps, self._block = steps, block
-        # How warm surplus may make the battery by the end of each step [deg C], (N,); None: no such bound.
-        self.surplus_ceiling_c: FloatArray | None = None
         first = address_of(block)
         after, width = first + DOUBLE_BYTES * (steps + 1), DOUBLE_BYTES * steps
         self.struct = TripStruct(
@@ -278,21 +216,15 @@ class NativeTrip:
         self.address = addressof(self.struct)
 
     @classmethod
-    def of_columns(cls, *columns: FloatArray, surplus_ceiling_c: FloatArray | None = None) -> Self:
-        """Return the trip with these columns, and how warm surplus may make the battery [deg C], (N,)."""
-        trip = cls(len(columns[1]), np.concatenate(columns, dtype=float))
-        if surplus_ceiling_c is not None:
-            trip.surplus_ceiling_c = doubles(surplus_ceiling_c)
-            trip.struct.surplus_ceiling_c = address_of(trip.surplus_ceiling_c)
-        return trip
+    def of_columns(cls, *columns: FloatArray) -> Self:
+        """Return the trip with these columns."""
+        return cls(len(columns[1]), np.concatenate(columns, dtype=float))
 
     def changed(self, **columns: FloatArray) -> Self:
-        """Return a trip with other columns, by name; also `surplus_ceiling_c`."""
-        ceiling_c = columns.pop('surplus_ceiling_c', self.surplus_ceiling_c)
+        """Return a trip with other columns, by name."""
         if unknown := columns.keys() - TRIP_COLUMNS:
             raise TypeError(f'{", ".join(sorted(unknown))}: not columns of a trip')
-        return self.of_columns(*({**dict(zip(TRIP_COLUMNS, self.columns)), **columns}.values()),
-                               surplus_ceiling_c=ceiling_c)
+        return self.of_columns(*{**dict(zip(TRIP_COLUMNS, self.columns)), **columns}.values())
 
     @property
     def columns(self) -> list[FloatArray]:

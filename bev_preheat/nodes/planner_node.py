@@ -49,7 +49,7 @@ from bev_preheat.nodes.route_progress import progress_event
 from bev_preheat.nodes.setup_watch import SetupWatch
 from bev_preheat.nodes.state_keeper import check_parameter, SAVE_PERIOD_S, StateKeeper
 from bev_preheat.planning.installed_methods import limit_answer_time
-from bev_preheat.planning.planner import check_method, installed_names, METHODS
+from bev_preheat.planning.planner import check_method, installed_names, METHODS, REPLACED, replaced_in_words
 from bev_preheat.vehicle import load_vehicle, vehicle_contents, vehicle_file
 from bev_preheat.vehicle.assumptions import assumption_warning
 from bev_preheat_msgs.msg import HvchStatus, PreheatPlan, RouteProgress
@@ -74,7 +74,8 @@ if TYPE_CHECKING:
 DEFAULTS = Settings()
 PARAMETERS = (
     Parameter('vehicle', 'reference', 'Vehicle: a name in config/vehicles or a YAML file.'),
-    Parameter('method', DEFAULTS.method, 'Planning method.', choices=tuple(METHODS), more_choices=installed_names,
+    Parameter('method', DEFAULTS.method, 'Planning method.', choices=tuple(METHODS),
+              more_choices=lambda: (*installed_names(), *REPLACED),
               more_in_words=', or a method of an installed package (planner --help lists them)'),
     Parameter('target_battery_temperature', 0.0,
               'Battery temperature on arrival if the route names none', 'degC', (-40.0, 60.0),
@@ -228,6 +229,7 @@ class PlannerNode(Node):
             f'Planning for vehicle {vehicle.name} with method {settings.method}; '
             f'native core {core_in_words()}.')
         self._tell_assumptions(values['vehicle'])
+        self._tell_replaced(values['method'])
         self._managed: ManagedStates | None = None
         if values['lifecycle']:
             self._on_activation(False)
@@ -405,6 +407,12 @@ class PlannerNode(Node):
             f'{parameter.name} = {parameter.value}' for parameter in parameters if parameter.name in _OWN) + '.')
         if is_new_car:
             self._tell_assumptions(values['vehicle'])
+        if any(parameter.name == 'method' for parameter in parameters):
+            self._tell_replaced(values['method'])
+
+    def _tell_replaced(self, method: str) -> None:
+        if sentence := replaced_in_words(method):
+            self.get_logger().warning(f'{sentence[0].upper()}{sentence[1:]}.')
 
     def _values_with(self, parameters: Iterable[RosParameter]) -> Values:
         values = {name: self.get_parameter(name).value for name in _OWN}

@@ -14,6 +14,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from bev_preheat.planning.bracketing import follow_slope, Trial
+from bev_preheat.planning.trip import BELOW_HIGHEST_K
 
 if TYPE_CHECKING:
     from bev_preheat.vehicle.terminal_limits import TerminalLimits
@@ -74,14 +75,13 @@ def drive_to_end(limits: TerminalLimits[float], state: tuple[float, float], vari
     return driven
 
 
-def warmth_beyond(heater_w: float, paid_w: float, end_c: float, ceiling_c: float,
-                  highest_c: float) -> tuple[float, float]:
+def warmth_beyond(heater_w: float, paid_w: float, end_c: float, highest_c: float) -> tuple[float, float]:
     """
     Return the least heater power [W] of a step that ends too warm [deg C], and its excess temperature [K].
 
-    Surplus (power beyond `paid_w`) goes to the brake above `ceiling_c`; paid heat ends at `highest_c`.
+    Paid heat ends at `highest_c`; surplus (power beyond `paid_w`) goes to the brake from BELOW_HIGHEST_K below.
     """
-    return (paid_w, end_c - ceiling_c) if heater_w > paid_w else (0.0, end_c - highest_c)
+    return (paid_w, end_c - (highest_c - BELOW_HIGHEST_K)) if heater_w > paid_w else (0.0, end_c - highest_c)
 
 
 def _as_much_as_needed(utmost_w: float, slope: float, first: Trial[Driven],

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from typing import Protocol, TYPE_CHECKING
 
-from bev_preheat.planning.free_heat import LEAST_GAIN
 from bev_preheat.planning.planner import SAME_SOC, SHORTFALL_TOLERANCE_K
 
 if TYPE_CHECKING:
@@ -57,26 +56,8 @@ def difference(plan: Reached, optimum: Reached) -> str:
     return ''
 
 
-def difference_of_plans(plan: Plan, optimum: Plan) -> str:
-    """
-    Return in words how a Plan's result differs from the optimum's; '' if both reach the same.
-
-    That includes free heat above the target that the plan leaves to the friction brake because it brings less than
-    LEAST_GAIN of itself. The nonlinear program takes it for any gain at all.
-    """
-    text = difference(plan, optimum)
-    if text or plan.shortfall_k > 0.0:
-        return text
-    colder_k = optimum.arrival_temperature_c - plan.arrival_temperature_c
-    saved_wh = optimum.energy_wh.hvch_electric - plan.energy_wh.hvch_electric
-    lost_wh = plan.energy_wh.battery_total - optimum.energy_wh.battery_total
-    if colder_k > SAME_SHORTFALL_K and 0.0 < lost_wh <= LEAST_GAIN * saved_wh:
-        return f'{saved_wh:.0f} Wh less heat above the target, for {lost_wh:.1f} Wh'
-    return ''
-
-
 def energy_gap_wh(plan: Plan, optimum: Plan) -> float | None:
     """Return the battery energy of a Plan above the optimum's [Wh]; None if their results differ."""
-    if difference_of_plans(plan, optimum):
+    if difference(plan, optimum):
         return None
     return plan.energy_wh.battery_total - optimum.energy_wh.battery_total

@@ -4,7 +4,7 @@ The forward run that keeps the battery's limits, for a vehicle with a heat path.
 
 The counterpart of `limits`, which is for heat that arrives at once. The power of a heater with lag cannot be
 changed at once: its command is chosen so that the mean of the step keeps the limits at both ends. Heat under way
-counts as arrived in comparisons with the battery's highest temperature and with thresholds of heating.
+counts as arrived in comparisons with the battery's highest temperature.
 """
 
 from __future__ import annotations
@@ -105,7 +105,7 @@ def _drive_on(trip: Trip, watch: LimitedSteps, wanted: WantedHeat, take_surplus:
     vehicle = native_vehicle(trip.vehicle)
     driven = None if vehicle is None else native_runs.run_heated_within_limits(
         vehicle, trip.native, native_runs.Heating(
-            wanted.power_w, wanted.bands, watch.charge, watch.discharge, take_surplus),
+            wanted.power_w, wanted.below_c, watch.charge, watch.discharge, take_surplus),
         first, states, powers_w)
     if driven is not None:
         return driven[0]
@@ -192,14 +192,13 @@ def drive_within_heated_limits(trip: Trip, watch: LimitedSteps, wanted_w: Wanted
     columns = list(zip(*(column.tolist() for column in (
         trip.route.duration_s, trip.idle_power_w, trip.power_variance_w2, trip.idle_heat_w,
         trip.leakage_w_per_k, trip.heater_limit_w, trip.route.propulsion_power_w, watch.charge,
-        watch.discharge, mean_share_left(vehicle.heat_path, trip.route.duration_s),
-        trip.surplus_ceilings_c))))
+        watch.discharge, mean_share_left(vehicle.heat_path, trip.route.duration_s)))))
 
     foresight = _Foresight(trip, watch, limits) if path.heater_lag_s > 0.0 else None
 
     def drive(k: int, states: States) -> tuple[States, Powers]:
         (duration_s, power_w, variance_w2, heat_w, leakage_w_per_k, cap_w, propulsion_w,
-         may_overcharge, may_overdraw, left, ceiling_c) = columns[k]
+         may_overcharge, may_overdraw, left) = columns[k]
         soc, temperature_c, heater_w, excess_k = states
 
         def end_of(command_w: float, brake_w: float) -> tuple[float, ...]:
@@ -243,7 +242,7 @@ def drive_within_heated_limits(trip: Trip, watch: LimitedSteps, wanted_w: Wanted
                 ends = end_of(command_w, brake_w)
                 settled_end_c = ends[1] + k_per_watt * ends[2] + share_of_excess * ends[3]
                 least_command_w, beyond_k = warmth_beyond(
-                    command_w, paid_w, settled_end_c, ceiling_c, highest_c)
+                    command_w, paid_w, settled_end_c, highest_c)
                 if command_w <= 0.0 or beyond_k <= HIGHEST_TOLERANCE_K:
                     break
                 command_w = max(least_command_w, command_w - beyond_k * joules_per_k / duration_s)

@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 
 GROUP = 'bev_preheat.methods'
 NAME = re.compile(r'[a-z][a-z0-9_]{0,39}')
-# Names of results beside those of methods.
-TAKEN = frozenset({'nlp', 'optimum', 'planner', 'replanned_paper', 'no_heating', 'always_on'})
+# Names of results beside those of methods, and of a method of earlier versions.
+TAKEN = frozenset({'merit_order', 'nlp', 'optimum', 'planner', 'replanned_paper', 'no_heating', 'always_on'})
 # After a late answer, a method is not asked again for this many times its duration, so that a slow method leaves
 # the processor to the rest of the planner.
 PAUSE_FACTOR = 10.0

@@ -48,8 +48,6 @@ if TYPE_CHECKING:
 # A step is watched if a limit is this near: the run used for the choice may be warmer than the final run, by the
 # drivetrain heat that the friction brake takes away.
 COLDER_BY_K = 5.0
-# A limit counts as active if it takes more than this [W].
-ACTIVE_W = 1e-3
 
 # States, powers and stranding: the arguments of `along_limits`.
 Course: TypeAlias = 'tuple[FloatArray, FloatArray, tuple[int, float] | None]'
@@ -98,9 +96,9 @@ def run_within_limits(trip: Trip, state: BatteryState, watch: LimitedSteps,
     Return the Schedule of a forward run that keeps the limits.
 
     `wanted` is the WantedHeat, cut if the battery cannot deliver it or would exceed its highest temperature. With
-    `take_surplus`, regeneration that the battery cannot accept goes to the heater first, as far as it is useful
-    (`free_heat`); the friction brake takes the rest. With `before`, a Schedule of the same trip, its steps before
-    `first` are reused.
+    `take_surplus`, regeneration that the battery cannot accept goes to the heater first, up to BELOW_HIGHEST_K
+    below that temperature; the friction brake takes the rest. With `before`, a Schedule of the same trip, its
+    steps before `first` are reused.
 
     The state of charge stays within 0 ... 1: the friction brake takes power that would overfill the battery, and
     when the charge runs out the vehicle stands for the rest of the trip.
@@ -174,7 +172,7 @@ def _drive_on(trip: Trip, watch: LimitedSteps, wanted: WantedHeat, take_surplus:
     vehicle = native_vehicle(trip.vehicle)
     driven = None if vehicle is None else native_runs.run_within_limits(
         vehicle, trip.native, native_runs.Heating(
-            wanted.power_w, wanted.bands, watch.charge, watch.discharge, take_surplus),
+            wanted.power_w, wanted.below_c, watch.charge, watch.discharge, take_surplus),
         first, states, powers_w)
     if driven is not None:
         return driven[0]
@@ -207,11 +205,11 @@ def _step_within_limits(trip: Trip, watch: LimitedSteps, wanted_w: WantedPower,
     columns = list(zip(*(column.tolist() for column in (
         trip.route.duration_s, trip.idle_power_w, trip.power_variance_w2, trip.idle_heat_w,
         trip.leakage_w_per_k, trip.heater_limit_w, trip.route.propulsion_power_w, watch.charge,
-        watch.discharge, trip.surplus_ceilings_c))))
+        watch.discharge))))
 
     def drive(k: int, soc: float, temperature_c: float) -> tuple[float, float, float, float]:
         (duration_s, power_w, variance_w2, heat_w, leakage_w_per_k, cap_w, propulsion_w,
-         may_overcharge, may_overdraw, ceiling_c) = columns[k]
+         may_overcharge, may_overdraw) = columns[k]
         is_watched = may_overcharge or may_overdraw
         if temperature_c >= highest_c:
             asked_w = cap_w = 0.0
@@ -238,7 +236,7 @@ def _step_within_limits(trip: Trip, watch: LimitedSteps, wanted_w: WantedPower,
                 if may_overcharge:
                     brake_w = min(max(0.0, least_w - power_w - heater_w), -propulsion_w)
                 soc_end, end_c, _, _ = end_of(heater_w, brake_w)
-                least_heat_w, beyond_k = warmth_beyond(heater_w, paid_w, end_c, ceiling_c, highest_c)
+                least_heat_w, beyond_k = warmth_beyond(heater_w, paid_w, end_c, highest_c)
                 if heater_w <= 0.0 or beyond_k <= HIGHEST_TOLERANCE_K:
                     break
                 heater_w = max(least_heat_w, heater_w - beyond_k * joules_per_k / duration_s)
@@ -352,15 +350,3 @@ def drive_as_planned(trip: Trip, state: BatteryState, heater_power_w: FloatArray
 def watch_everywhere(trip: Trip) -> LimitedSteps:
     """Return the LimitedSteps under which a limit may matter in each step of a trip."""
     return LimitedSteps(trip.route.propulsion_power_w < 0.0, np.ones(len(trip.route), dtype=bool))
-
-
-def within_limits(trip: Trip, state: BatteryState, schedule: Schedule) -> Schedule:
-    """Return the Schedule if it misses no limit that it can keep, else as executed."""
-    least_w, most_w = limits_along(trip, schedule)
-    terminal_w = trip.idle_power_w + schedule.drawn_power_w + schedule.brake_power_w
-    overcharged_w = np.minimum(
-        least_w - terminal_w, -trip.route.propulsion_power_w - schedule.brake_power_w)
-    overdrawn_w = np.minimum(terminal_w - most_w, schedule.drawn_power_w)
-    if max(overcharged_w.max(), overdrawn_w.max()) <= ACTIVE_W:
-        return schedule
-    return drive_as_planned(trip, state, schedule.heater_power_w, take_surplus=True)

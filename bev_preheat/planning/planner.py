@@ -14,20 +14,11 @@ import numpy as np
 from bev_preheat.errors import InvalidInput, PlanningFailure
 from bev_preheat.planning.dynamics import Energies, JOULES_PER_WH, run_forward
 from bev_preheat.planning.explanation import explain
-from bev_preheat.planning.free_heat import leave_useless_heat
 from bev_preheat.planning.gated_heat import notes_on_route, schedule_within_gates
 from bev_preheat.planning.heat_run import initial_states, run_heated
 from bev_preheat.planning.installed_methods import find_methods, installed_method, InstalledMethod, MethodFailure
 from bev_preheat.planning.limits import drive_as_planned
-from bev_preheat.planning.merit_order import plan_merit_order
-from bev_preheat.planning.no_regret import (
-    checked_by_core,
-    giving_way,
-    is_described,
-    NoRegretCheck,
-    Proposal,
-    unheated_within_limits,
-)
+from bev_preheat.planning.no_regret import giving_way, is_described, NoRegretCheck, unheated_within_limits
 from bev_preheat.planning.optimal_switch import plan_optimal_switch
 from bev_preheat.planning.outcome import find_outcome, ScheduleOutcome
 from bev_preheat.planning.paper import plan_paper
@@ -50,28 +41,18 @@ if TYPE_CHECKING:
     from bev_preheat.vehicle.description import Vehicle
 
 METHODS: dict[str, Method] = {
-    'merit_order': plan_merit_order,
+    'value_function': plan_by_values,
     'optimal_switch': plan_optimal_switch,
     'paper': plan_paper,
-    'value_function': plan_by_values,
 }
-# Proposals of each method, the most demanding first: if one would be worse than not heating, the next
-# one is tried (see `no_regret`).
-PROPOSALS: dict[str, tuple[Method, ...]] = {
-    'merit_order': (plan_merit_order, partial(plan_merit_order, serves_climbs=False)),
-    'optimal_switch': (giving_way(plan_optimal_switch),),
-    'paper': (giving_way(plan_paper),),
-    'value_function': (plan_by_values,),
-}
-DEFAULT_METHOD = 'merit_order'
-# Methods that are compared if none is named. Without an active limit value_function plans as merit_order does.
-COMPARED = ('merit_order', 'optimal_switch', 'paper')
+DEFAULT_METHOD = 'value_function'
+# Methods of earlier versions: {name: the method that took its place}.
+REPLACED = {'merit_order': 'value_function'}
 # Without an active limit each method usually heats from one instant on: one call of the native core.
 UNLIMITED: dict[str, Callable[..., tuple[Schedule, ScheduleOutcome | None] | None]] = {
-    'merit_order': partial(plan_unlimited, in_one_interval=False),
+    'value_function': partial(plan_unlimited, in_one_interval=False),
     'optimal_switch': plan_unlimited,
     'paper': plan_unlimited_paper,
-    'value_function': partial(plan_unlimited, in_one_interval=False),
 }
 
 # Missing the target by less than this does not count: the paper's Euler steps are not more accurate.
@@ -91,11 +72,6 @@ def method_names() -> tuple[str, ...]:
     return (*METHODS, *installed_names())
 
 
-def compared_names() -> tuple[str, ...]:
-    """Return the names of COMPARED and of all methods of installed packages."""
-    return (*COMPARED, *installed_names())
-
-
 def installed_names() -> tuple[str, ...]:
     """Return the names of the planning methods of installed packages."""
     return tuple(find_methods(METHODS).usable)
@@ -108,8 +84,13 @@ def refused_methods() -> tuple[str, ...]:
 
 def check_method(name: str) -> None:
     """Raise InvalidInput if a name is not that of a planning method, or if an installed one cannot be loaded."""
-    if name not in METHODS:
+    if name not in METHODS and name not in REPLACED:
         installed_method(name, METHODS)
+
+
+def replaced_in_words(name: str) -> str:
+    """Return a sentence on what took the place of a method of an earlier version; '' for any other name."""
+    return f'method {name} no longer exists; {REPLACED[name]} took its place' if name in REPLACED else ''
 
 
 def is_method(name: str) -> bool:
@@ -128,9 +109,9 @@ def plan_preheating(vehicle: Vehicle, route: Route, state: BatteryState, goal: G
     """
     Return the Plan for a vehicle with a battery state at the start of a route.
 
-    `method` is a name in `method_names()`; `options` are its own. An `uncertainty_margin` makes the plan heat a
-    little more and earlier. `heater_share` (0 ... 1) is the share of its power that the heater gives. With
-    `heats_throughout` the heater heats regardless of the plan; the energies include that. The heat arrives
+    `method` is a name in `method_names()` or REPLACED; `options` are its own. An `uncertainty_margin` makes the
+    plan heat a little more and earlier. `heater_share` (0 ... 1) is the share of its power that the heater gives.
+    With `heats_throughout` the heater heats regardless of the plan; the energies include that. The heat arrives
     `heat_lag_s` [s] late; heat that would come after the end is not planned. (This is for a vehicle without a
     heat path; a heat path is planned as such, and `state` gives the heat under way.) Without `no_regret` the
     method's plan is returned even if it is worse than not heating: for comparing methods, never for driving.
@@ -138,6 +119,7 @@ def plan_preheating(vehicle: Vehicle, route: Route, state: BatteryState, goal: G
     unknown; PlanningFailure if the model yields no numbers, or an installed method no valid powers.
     """
     notes: dict[str, None] = {}
+    method = REPLACED.get(method, method)
     ways = built_in_ways(method) if method in METHODS else _installed(installed_method(method, METHODS), notes)
     started = perf_counter()
     check_situation(vehicle, route, state, goal)
@@ -181,29 +163,24 @@ def plan_preheating(vehicle: Vehicle, route: Route, state: BatteryState, goal: G
 
 class _Ways(NamedTuple):
     """
-    The parts of a method: the method itself, its proposals, and its plan without an active limit or None.
+    The parts of a method: the method itself, and its plan without an active limit or None.
 
-    `is_checked_by_core`: the core makes and checks its proposals; `is_installed`: it comes from another package.
-    `weighs_all_heat`: the method weighs the cost of surplus heat, too, so none of its heat is useless.
+    `keeps_reserve`: the method itself keeps the reserve; `is_installed`: it comes from another package.
     """
 
     method: Method
-    proposals: tuple[Method, ...]
     unlimited: Callable[..., tuple[Schedule, ScheduleOutcome | None] | None] | None
-    is_checked_by_core: bool = False
+    keeps_reserve: bool = False
     is_installed: bool = False
-    weighs_all_heat: bool = False
 
 
 def built_in_ways(method: str) -> _Ways:
     """Return how a method of METHODS plans."""
-    return _Ways(METHODS[method], PROPOSALS[method], UNLIMITED[method], method == 'merit_order',
-                 weighs_all_heat=method == 'value_function')
+    return _Ways(METHODS[method], UNLIMITED[method], keeps_reserve=method == DEFAULT_METHOD)
 
 
 def _installed(installed: InstalledMethod, notes: dict[str, None]) -> _Ways:
-    method = installed.proposing(notes)
-    return _Ways(method, (method,), None, is_installed=True)
+    return _Ways(installed.proposing(notes), None, is_installed=True)
 
 
 @dataclass(frozen=True)
@@ -238,35 +215,27 @@ def schedule_trip(trip: Trip, state: BatteryState, goal: Goal, ways: _Ways,
             return unheated_within_limits(trip, state, unheated)
         goal = replace(goal, target_temperature_c=lowest_c)
     is_late = goal.heats_until_arrival and not trip.vehicle.heat_path.is_direct
+    # Other built-in methods do not know the battery's limits.
+    knows_limits = ways.keeps_reserve or ways.is_installed or not no_regret
+    method = ways.method if knows_limits else giving_way(ways.method)
 
-    def with_margin_c(target_c: float) -> float:
-        return target_c if uncertainty_margin is None else min(target_c + uncertainty_margin.margin_k, highest_c)
-
-    def proposal(trip: Trip, propose: Method) -> Proposal:
-        def schedule_for(target_c: float) -> Schedule:
-            target_c = with_margin_c(target_c)
-            schedule = propose(trip, state, replace(goal, target_temperature_c=target_c),
-                               unheated=unheated, **options)
-            if is_late:
-                schedule = heat_until_arrival(trip, state, schedule, target_c)
-            if uncertainty_margin is not None:
-                schedule = heat_early(trip, state, schedule, target_c, uncertainty_margin)
-            return as_described(trip, state, schedule)
-        return schedule_for
-
-    def serve(trip: Trip) -> Schedule:
-        found = None
-        if ways.is_checked_by_core and not options and not is_late:
-            found = checked_by_core(trip, state, goal, uncertainty_margin, unheated)
-        return found or NoRegretCheck(trip, state, goal, unheated).serve(
-            [proposal(trip, propose) for propose in ways.proposals])
+    def propose(target_c: float, heats_early: bool = True) -> Schedule:
+        if uncertainty_margin is not None:
+            target_c = min(target_c + uncertainty_margin.margin_k, highest_c)
+        schedule = method(trip, state, replace(goal, target_temperature_c=target_c), unheated=unheated, **options)
+        if is_late:
+            schedule = heat_until_arrival(trip, state, schedule, target_c)
+        if uncertainty_margin is not None and heats_early:
+            schedule = heat_early(trip, state, schedule, target_c, uncertainty_margin)
+        return as_described(trip, state, schedule)
 
     if not no_regret:
-        return proposal(trip, ways.method)(goal.target_temperature_c)
-    if ways.weighs_all_heat:
-        return serve(trip)
-    return leave_useless_heat(
-        trip, state, with_margin_c(goal.target_temperature_c), serve(trip), serve)
+        return propose(goal.target_temperature_c)
+    proposals = [propose]
+    if ways.keeps_reserve and uncertainty_margin is not None:
+        # A lead that costs the reserve is left out before the target is lowered.
+        proposals.append(partial(propose, heats_early=False))
+    return NoRegretCheck(trip, state, goal, unheated).serve(proposals)
 
 
 def as_described(trip: Trip, state: BatteryState, schedule: Schedule) -> Schedule:

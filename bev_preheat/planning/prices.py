@@ -10,32 +10,33 @@ a heater that turns only half of its power into heat, heating is cheaper then.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+import math
 from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
 from bev_preheat.native import plans as native_plans
-from bev_preheat.numerics.arithmetic import ARRAYS
-from bev_preheat.planning.dynamics import native_vehicle
-from bev_preheat.vehicle.heat_balance import heat_under_w
+from bev_preheat.numerics.arithmetic import ARRAYS, FLOATS
+from bev_preheat.planning.dynamics import JOULES_PER_WH, native_vehicle
+from bev_preheat.vehicle.heat_balance import heat_with_heater_w
 from bev_preheat.vehicle.model import make_rates
 
 if TYPE_CHECKING:
-    from bev_preheat.numerics.arrays import FloatArray, IntArray
+    from collections.abc import Callable
+
+    from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.planning.schedule import Schedule
     from bev_preheat.planning.trip import Trip
 
 # Differences for the slopes of the model's rates.
 SOC_DIFFERENCE = 1e-4
 TEMPERATURE_DIFFERENCE_K = 0.1
-# Units of worth on arrival.
-CHARGE, WARMTH = (1.0, 0.0), (0.0, 1.0)
+# For less [Wh], heating elsewhere is not worth another search.
+LEAST_SAVING_WH = 0.05
 # Charge and warmth: the change of each over a step, or its worth after a step.
 ChargeWarmth = tuple[float, float]
-# `rates_at(heater_w, brake_w, fuller, warmer_k)` -> rates of charge and temperature in each step (2, N).
-RatesAlong = Callable[..., 'FloatArray']
+# Units of worth on arrival.
+CHARGE, WARMTH = (1.0, 0.0), (0.0, 1.0)
 
 
 class HeatPrices(NamedTuple):
@@ -50,16 +51,8 @@ class HeatPrices(NamedTuple):
     warmth_k_per_w: FloatArray
     charge_per_w: FloatArray
 
-    def cheapest_first(self) -> IntArray:
-        """Return the steps in which heating warms, in the order of charge per kelvin, cheapest first."""
-        steps = np.flatnonzero(self.warmth_k_per_w > 0.0)
-        per_k = self.charge_per_w[steps] / self.warmth_k_per_w[steps]
-        # At the same cost, the later one first.
-        return steps[np.lexsort((-steps, per_k))]
 
-
-@dataclass(frozen=True)
-class Slopes:
+class _Slopes(NamedTuple):
     """
     Charge and warmth gained until the end of each step, N pairs each.
 
@@ -71,23 +64,19 @@ class Slopes:
     by_warmth: list[ChargeWarmth]
     by_power: list[ChargeWarmth]
 
-    def effect_until(self, instant: int, worth: ChargeWarmth) -> FloatArray:
+    def effect_on_arrival(self, worth: ChargeWarmth) -> FloatArray:
         """
-        Return the effect of a watt of the heater in each step (N,) until an instant.
+        Return the effect of a watt of the heater in each step (N,) on arrival.
 
-        `worth` is the worth of charge and warmth at that instant. Accurate to second order in the step.
+        `worth` is the worth of charge and warmth on arrival. Accurate to second order in the step.
         """
         per_w = np.zeros(len(self.by_power))
-        for k in range(instant - 1, -1, -1):
+        for k in range(len(per_w) - 1, -1, -1):
             earlier = _before(worth, (self.by_charge[k], self.by_warmth[k]))
             middle = 0.5 * (worth[0] + earlier[0]), 0.5 * (worth[1] + earlier[1])
             per_w[k] = middle[0] * self.by_power[k][0] + middle[1] * self.by_power[k][1]
-            worth = self.with_limits(k, earlier, middle)
+            worth = earlier
         return per_w
-
-    def with_limits(self, k: int, earlier: ChargeWarmth, middle: ChargeWarmth) -> ChargeWarmth:
-        """Return the worth of charge and warmth before step k, from their worth without limits."""
-        return earlier
 
 
 def find_prices(trip: Trip, schedule: Schedule) -> HeatPrices:
@@ -101,41 +90,53 @@ def find_prices(trip: Trip, schedule: Schedule) -> HeatPrices:
         vehicle, trip.native, schedule.soc, schedule.temperature_c, schedule.heater_power_w)
     if found is not None:
         return HeatPrices(*found)
-    slopes = Slopes(*(slope.T.tolist() for slope in model_slopes(
-        trip, rates_along(trip, schedule), schedule.heater_power_w, np.zeros(len(trip.route)))))
-    steps = len(trip.route)
-    return HeatPrices(slopes.effect_until(steps, WARMTH), -slopes.effect_until(steps, CHARGE))
+    slopes = _model_slopes(trip, schedule)
+    return HeatPrices(slopes.effect_on_arrival(WARMTH), -slopes.effect_on_arrival(CHARGE))
 
 
-def rates_along(trip: Trip, schedule: Schedule) -> RatesAlong:
-    """Return the model's rates in the middle of each step of a run, as a function of heater and brake [W]."""
+def is_cheaper_elsewhere(trip: Trip, schedule: Schedule) -> bool:
+    """
+    Return whether heating in other steps than a Schedule's may save LEAST_SAVING_WH, ignoring limits.
+
+    By an upper bound, as far as the prices do not change: each cheaper step is compared with the dearest step that
+    is heated after it.
+    """
+    prices = find_prices(trip, schedule)
+    dearest_per_k, saving = -math.inf, 0.0
+    columns = zip(prices.warmth_k_per_w.tolist(), prices.charge_per_w.tolist(), schedule.heater_power_w.tolist(),
+                  trip.heater_limit_w.tolist())
+    for warmth_k_per_w, charge_per_w, heater_w, limit_w in reversed(list(columns)):
+        if warmth_k_per_w > 0.0:
+            per_k = charge_per_w / warmth_k_per_w
+            if limit_w > heater_w and per_k < dearest_per_k:
+                saving += (dearest_per_k - per_k) * warmth_k_per_w * (limit_w - heater_w)
+            if heater_w > 0.0:
+                dearest_per_k = max(dearest_per_k, per_k)
+    battery = trip.vehicle.battery
+    whole_wh = battery.capacity_as * battery.open_circuit_voltage.function(FLOATS)(
+        float(schedule.soc[-1]), float(schedule.temperature_c[-1])) / JOULES_PER_WH
+    return saving >= LEAST_SAVING_WH / whole_wh
+
+
+def _model_slopes(trip: Trip, schedule: Schedule) -> _Slopes:
+    """Return the _Slopes in the middle of each step of a run, ignoring limits."""
     _, power_w, variance_w2, heat_w, leakage_w_per_k = trip.inputs()
     soc, temperature_c = (0.5 * (values[:-1] + values[1:])
                           for values in (schedule.soc, schedule.temperature_c))
-    rates = make_rates(trip.vehicle, ARRAYS)
+    rates: Callable[..., tuple[FloatArray, ...]] = make_rates(trip.vehicle, ARRAYS)
 
-    def rates_at(heater_w: FloatArray, brake_w: FloatArray, fuller: float = 0.0,
-                 warmer_k: float = 0.0) -> FloatArray:
+    def rates_at(heater_w: FloatArray | float, fuller: float = 0.0, warmer_k: float = 0.0) -> FloatArray:
         return np.array(rates(
-            soc + fuller, temperature_c + warmer_k, power_w + heater_w + brake_w, variance_w2,
-            heat_under_w(trip.vehicle, heat_w, heater_w, brake_w), leakage_w_per_k)[:2])
+            soc + fuller, temperature_c + warmer_k, power_w + heater_w, variance_w2,
+            heat_with_heater_w(trip.vehicle, heat_w, heater_w), leakage_w_per_k)[:2])
 
-    return rates_at
-
-
-def model_slopes(trip: Trip, rates_at: RatesAlong, heater_w: FloatArray,
-                 brake_w: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return Slopes as arrays (2, N), for steps whose heater and brake [W] do not depend on the state."""
-    limit_w, nothing_w = trip.heater_limit_w, np.zeros(len(trip.route))
-    here = rates_at(heater_w, brake_w)
-    by_charge, by_warmth, by_power = (
-        (there - before) / difference * trip.route.duration_s for there, before, difference in (
-            (rates_at(heater_w, brake_w, fuller=SOC_DIFFERENCE), here, SOC_DIFFERENCE),
-            (rates_at(heater_w, brake_w, warmer_k=TEMPERATURE_DIFFERENCE_K), here,
-             TEMPERATURE_DIFFERENCE_K),
-            (rates_at(limit_w, nothing_w), rates_at(nothing_w, nothing_w),
-             np.where(limit_w > 0.0, limit_w, 1.0))))
-    return by_charge, by_warmth, by_power
+    here, limit_w = rates_at(schedule.heater_power_w), trip.heater_limit_w
+    return _Slopes(*(
+        [*map(tuple, ((there - before) / difference * trip.route.duration_s).T.tolist())]
+        for there, before, difference in (
+            (rates_at(schedule.heater_power_w, fuller=SOC_DIFFERENCE), here, SOC_DIFFERENCE),
+            (rates_at(schedule.heater_power_w, warmer_k=TEMPERATURE_DIFFERENCE_K), here, TEMPERATURE_DIFFERENCE_K),
+            (rates_at(limit_w), rates_at(0.0), np.where(limit_w > 0.0, limit_w, 1.0)))))
 
 
 def _before(worth: ChargeWarmth, slopes: tuple[ChargeWarmth, ChargeWarmth]) -> ChargeWarmth:

@@ -72,6 +72,9 @@ class StepsAhead:
         self._left_s = float(trip.time_s[-1]) - trip.time_s
         # The share of a step's heat in the battery, and of its heat from the heater, in the battery at the end.
         self._kept_share, self._arriving_share = np.ones(len(duration_s)), np.ones(len(duration_s))
+        # Of its heat from the heater, the share that is still under way at its end and arrives; of the heater's
+        # energy, the share that it draws later.
+        self.late_share, self.due_share = np.zeros(len(duration_s)), mean_share_left(path, duration_s)
         if self._coolant_lag_s > 0.0:
             self._kept_share = 1.0 + heat_to_come_k(vehicle)[1] * np.expm1(
                 -(self._left_s[1:] + 0.5 * duration_s) / self._coolant_lag_s)
@@ -79,7 +82,8 @@ class StepsAhead:
             mean_left = -np.expm1(-duration_s / self._lag_s) * self._lag_s / duration_s
             self._arriving_share = battery_j_per_k / both_j_per_k * (
                 1.0 - np.exp(-self._left_s[1:] / self._lag_s) * mean_left)
-        self._mean_left = mean_share_left(path, duration_s)
+            self.late_share = battery_j_per_k / both_j_per_k * mean_left * -np.expm1(
+                -self._left_s[1:] / self._lag_s)
 
     def limits_w(self, k: int, soc: FloatArray, temperature_c: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the least and most terminal power [W] of step k at states, each of their shape."""
@@ -115,8 +119,8 @@ class StepsAhead:
             np.concatenate(rows) for rows in zip(*(each[:5] for each in found)))
         return StepEnds(cost_j, ahead_c, command_w, end_soc, asked_w, found[0].is_empty)
 
-    def end(self, k: int, soc: FloatArray, settled_c: FloatArray, under_way_k: float, watched: tuple[bool, bool],
-            lack_price: float, wanted_w: float, takes_surplus: bool) -> StepEnds:
+    def end(self, k: int, soc: FloatArray, settled_c: FloatArray, under_way_k: FloatArray | float,
+            watched: tuple[bool, bool], lack_price: float, wanted_w: float, takes_surplus: bool) -> StepEnds:
         """Return the one end (E = 1) under a wanted heater power [W], with surplus or without."""
         trip, vehicle = self._trip, self._vehicle
         (duration_s, idle_w, variance_w2, idle_heat_w, leakage_w_per_k, full_w, propulsion_w) = (
@@ -191,7 +195,7 @@ class StepsAhead:
             allowed_w = allowed_w / decay if decay > 0.0 else np.full(len(soc), np.inf)
             _, most_w = self.limits_w(j, soc, temperature_c)
             allowed_w = np.minimum(
-                allowed_w, np.maximum(most_w - self._trip.idle_power_w[j], 0.0) / self._mean_left[j])
+                allowed_w, np.maximum(most_w - self._trip.idle_power_w[j], 0.0) / self.due_share[j])
         allowed_w = allowed_w / (1.0 - math.exp(-float(durations_s[k]) / lag_s))
         return allowed_w
 

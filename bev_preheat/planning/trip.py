@@ -81,20 +81,8 @@ class Trip:
         """The HVCH power beyond the cabin's share (9g) [W]."""
         return self.native.column('heater_limit_w')
 
-    @property
-    def surplus_ceilings_c(self) -> FloatArray:
-        """The highest temperature that surplus may reach by the end of each step [deg C], (N,)."""
-        if self.native.surplus_ceiling_c is not None:
-            return self.native.surplus_ceiling_c
-        return np.full(len(self.route), self.vehicle.battery.temperature_range_c[1] - BELOW_HIGHEST_K)
-
     def changed(self, **columns: FloatArray) -> Trip:
-        """
-        Return the Trip with other columns, by name.
-
-        Also `surplus_ceiling_c` [deg C], the temperature to which surplus regeneration may heat the battery by the
-        end of each step; without it, BELOW_HIGHEST_K below the battery's highest temperature.
-        """
+        """Return the Trip with other columns, by name."""
         return replace(self, native=self.native.changed(**columns))
 
     def inputs(

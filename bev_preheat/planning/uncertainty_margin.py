@@ -16,13 +16,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.native import searches as native_searches
 from bev_preheat.native.structs import UncertaintyMarginStruct
 from bev_preheat.planning.bracketing import follow_slope, Trial
-from bev_preheat.planning.dynamics import native_vehicle, run_on
+from bev_preheat.planning.dynamics import run_on
 from bev_preheat.planning.heat_run import roll_heated, run_heated, states_at
 from bev_preheat.planning.limits import course_within_limits, drive_as_planned, limits_hold, watch_everywhere
-from bev_preheat.planning.rows import powers_of, schedule_of, states_of
 from bev_preheat.planning.schedule import HEATING_SHARE, Schedule, switched_on_s
 from bev_preheat.planning.wanted_heat import WantedHeat
 from bev_preheat.vehicle.model import make_runge_kutta_4
@@ -66,9 +64,6 @@ class UncertaintyMargin:
 def heat_early(trip: Trip, state: BatteryState, schedule: Schedule, target_c: float,
                uncertainty_margin: UncertaintyMargin) -> Schedule:
     """Return the Schedule with its last heating interval begun as early as the UncertaintyMargin asks."""
-    found = found_by_core(trip, schedule, target_c, uncertainty_margin)
-    if found is not None:
-        return found
     last = _last_interval(trip, schedule)
     if last is None:
         return schedule
@@ -91,20 +86,6 @@ def heat_early(trip: Trip, state: BatteryState, schedule: Schedule, target_c: fl
             return early
     return interval.until_within_limits(
         _needed_until_s(interval, interval.arrival_within_limits_c, target_c, guess_s))
-
-
-def found_by_core(trip: Trip, schedule: Schedule, target_c: float,
-                  uncertainty_margin: UncertaintyMargin) -> Schedule | None:
-    """Return the Schedule as the native core heats early; None if it does not answer."""
-    vehicle = native_vehicle(trip.vehicle)
-    if vehicle is None or (schedule.heat is None) != trip.vehicle.heat_path.is_direct:
-        return None
-    found = native_searches.heat_early(
-        vehicle, trip.native, target_c, uncertainty_margin.native, states_of(schedule), powers_of(schedule),
-        schedule.heating_end_s)
-    if found is None:
-        return None
-    return schedule if found[0] is None else schedule_of(trip, found[0])
 
 
 def _last_interval(trip: Trip, schedule: Schedule) -> tuple[int, float] | None:

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Plans a trip on which no limit is active with one call of the native core.
+Trips on which no limit is active: one switching instant is the optimum, found with one call of the native core.
 
-On most of these trips `merit_order` and `optimal_switch` find the same single switch-on. The reference is
-the plan without the core: `optimal_switch`, checked against the limits, then `uncertainty_margin`, `no_regret` and
+The reference is the plan without the core: `switch_within_limits`, then `uncertainty_margin`, `no_regret` and
 `outcome`; for the paper's heuristic it is `paper`.
 """
 
@@ -16,7 +15,10 @@ import numpy as np
 from bev_preheat.native import plans as native_plans
 from bev_preheat.planning.dynamics import energies_of, limits_along, native_vehicle
 from bev_preheat.planning.heating_intervals import heating_intervals, HeatingInterval, REASONS
+from bev_preheat.planning.limits import limits_hold
+from bev_preheat.planning.optimal_switch import plan_optimal_switch
 from bev_preheat.planning.outcome import ScheduleOutcome
+from bev_preheat.planning.prices import is_cheaper_elsewhere
 from bev_preheat.planning.schedule import Schedule
 from bev_preheat.planning.situation import reserve_soc
 from bev_preheat.vehicle.model import make_euler, make_runge_kutta_4
@@ -28,6 +30,22 @@ if TYPE_CHECKING:
     from bev_preheat.planning.uncertainty_margin import UncertaintyMargin
 
 
+def switch_within_limits(trip: Trip, state: BatteryState, goal: Goal,
+                         unheated: Schedule | None = None) -> Schedule | None:
+    """
+    Return the Schedule of `optimal_switch` if it is the optimum: it keeps all limits and the reserve.
+
+    None also if heating in other steps may be cheaper (`prices`). `unheated` is the Schedule without any heating,
+    ignoring limits, if known.
+    """
+    schedule = plan_optimal_switch(trip, state, goal, unheated)
+    if not limits_hold(trip, schedule) or not _leaves_enough(trip, goal, schedule, float(schedule.soc.min())):
+        return None
+    if trip.vehicle.heat_path.is_direct and is_cheaper_elsewhere(trip, schedule):
+        return None
+    return schedule
+
+
 def plan_unlimited(trip: Trip, state: BatteryState, goal: Goal,
                    uncertainty_margin: UncertaintyMargin | None = None,
                    in_one_interval: bool = True) -> tuple[Schedule, ScheduleOutcome | None] | None:
@@ -36,7 +54,7 @@ def plan_unlimited(trip: Trip, state: BatteryState, goal: Goal,
 
     Such limits are the battery's, with heating or without, and the reserve. None also if the heat arrives late, or
     the core does not answer. With an UncertaintyMargin the plan heats earlier. Without `in_one_interval`, None if
-    heating may be cheaper elsewhere (`cheapest_steps`). In that case, and for a limit of the battery, the result
+    heating may be cheaper elsewhere (`prices`). In that case, and for a limit of the battery, the result
     is the unheated Schedule, ignoring limits, and None.
     """
     vehicle = trip.vehicle

@@ -12,8 +12,9 @@ Forward from the battery as it is now, each step takes the end of least cost. Li
 enter with the ends (`limits`), so nothing is searched for afterwards. The passes are repeated along the path that
 they find, on narrower and finer temperatures; none makes the plan worse. The state of charge is no axis: it is
 that of the path before, and what charge is worth beyond its energy enters as a price. Heat under way is no axis
-either: T is the temperature that the battery comes to from the heat already in heater and coolant, and heat of a
-step counts as far as it arrives in time.
+either: T is the temperature that the battery comes to from the heat already in heater and coolant; the battery is
+colder by the heat under way on the path before. Heat that arrives late has a price for that, and so has power that
+the heater is still to draw.
 
 The reserve of charge comes before the power of climbs, the power of climbs before the target, as docs/explanation/
 planning.md says. core/src/value_function.c is the same in C.
@@ -34,9 +35,11 @@ from bev_preheat.planning.bracketing import ARRIVAL_TOLERANCE_K, MOST_TRIALS
 from bev_preheat.planning.dynamics import JOULES_PER_WH, limits_of_steps_w, native_vehicle
 from bev_preheat.planning.heat_run import heat_to_come_k, initial_states
 from bev_preheat.planning.limits import drive_as_planned, make_limited_drive, run_unheated
+from bev_preheat.planning.no_regret import NO_WORSE_W
 from bev_preheat.planning.schedule import HeldBack
 from bev_preheat.planning.situation import reserve_soc
 from bev_preheat.planning.steps_ahead import LACK_TOLERANCE_W, LEAST_HEATING_W, StepEnds, StepsAhead
+from bev_preheat.planning.unlimited import switch_within_limits
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import BoolArray, FloatArray, IntArray
@@ -47,6 +50,10 @@ if TYPE_CHECKING:
 
 # Each time that the heater is switched on costs this much, so that no plan switches for less.
 SWITCH_ON_WH = 0.5
+# A joule that the heater takes costs this much by itself [J]: surplus that brings less goes to the brake.
+HEATING_PRICE = 0.02
+# A mixture of two ends has at least this share of the next one's power: no heater is kept on with little power.
+LEAST_SHARE = 0.1
 # A kelvin below the target costs this many times the battery energy that heats by a kelvin, and a joule that the
 # battery cannot deliver this many times itself: a plan does not save there. Beyond the temperatures of a pass, a
 # kelvin costs this share of its energy.
@@ -57,28 +64,34 @@ BEYOND_PRICE = 0.5
 EMPTY_J = 1e12
 # The passes: temperatures this far apart, and this far around the path before. The first pass covers from below
 # the coldest temperature of the unheated run to above target and start.
-FIRST_STEP_K, BELOW_K, ABOVE_K = 0.3, 3.0, 25.0
-WIDE_STEP_K, WIDE_K = 0.03, 1.5
-NARROW_STEP_K, NARROW_K = 0.004, 0.25
-LAST_STEP_K, LAST_K = 0.001, 0.06
+FIRST_STEP_K, BELOW_K, ABOVE_K = 0.5, 3.0, 25.0
+WIDE_STEP_K, WIDE_K = 0.1, 1.5
+NARROW_STEP_K, NARROW_K = 0.01, 0.15
+LAST_STEP_K, LAST_K = 0.001, 0.015
 PASSES = ((FIRST_STEP_K, 0.0), (WIDE_STEP_K, WIDE_K), (WIDE_STEP_K, WIDE_K), (NARROW_STEP_K, NARROW_K),
           (LAST_STEP_K, LAST_K))
+# Temperatures of a ValueTable are this far apart.
+TABLE_STEP_K = 0.03
 # Most temperatures of an instant.
-VALUE_POINTS = 256
-# After the first pass, mixtures of two ends are refined this many times.
-MIXTURE_HALVINGS = 6
-# A pass is made again, at most so many times in all: the first one while the reserve of charge is missed or left
-# unused by more than so many kelvin of heating, the others while the path reaches this share of their width.
+VALUE_POINTS = 128
+# The core drives a step from three temperatures of a stretch of at most this width in which the same limits act,
+# and lays a parabola through their ends.
+STRETCH_K = 6.0
+# A pass is made again, at most so many times in all: the first one while the aim, lowered for the reserve of
+# charge, moves by more than so many kelvin, the others while the path reaches this share of their width and that
+# saves more than so much.
 MOST_LOOKS = 7
 NEAR_RESERVE_K = 0.1
 EDGE_SHARE = 0.9
+LOOK_WH = 0.25
 # Charge is priced by moving it by this.
 PRICED_SOC = 5e-4
+PRICED_K = 0.3
 # A limit may matter in a step if it does for a battery this much colder, or with this much more or less charge.
 WATCHED_BELOW_K = 1.0
 WATCHED_SOC = 0.02
 # The start of the last interval is moved for an exact arrival if the arrival is as close as this.
-MOVED_K = 0.1
+MOVED_K = 1.0
 # Tolerance on the reserve; plans aim at this much more.
 RESERVE_TOLERANCE = 1e-5
 SPARE_SOC = 1e-7
@@ -89,9 +102,12 @@ def plan_by_values(trip: Trip, state: BatteryState, goal: Goal,
     """
     Return the Schedule with the least battery energy that reaches the target within limits.
 
-    `unheated` is not needed; the methods have it in common. If the charge does not carry the trip, only surplus
-    heats.
+    Without an active limit that is the one of `optimal_switch`. `unheated` is the Schedule without any heating,
+    ignoring limits, if known. If the charge does not carry the trip, only surplus heats.
     """
+    switched = switch_within_limits(trip, state, goal, unheated)
+    if switched is not None:
+        return switched
     reserve = reserve_soc(trip.vehicle, goal)
     aimed_soc = reserve + SPARE_SOC if reserve > 0.0 else 0.0
     vehicle, start = native_vehicle(trip.vehicle), initial_states(state)
@@ -115,10 +131,35 @@ def _plan_in_python(trip: Trip, start: States, is_heating: bool, target_c: float
     for lack_price in (LACK_PRICE, 0.0):
         recursion = _Recursion(trip, start, is_heating, target_c, reserve, lack_price)
         command_w = recursion.plan()
-        # The reserve comes before the power of climbs.
-        if command_w is not None and recursion.states[0, -1] >= reserve - RESERVE_TOLERANCE:
+        # The reserve comes before the power of climbs, and heat for a climb may cost the charge that it needs.
+        if recursion.unheated_lack_w == 0.0 or (
+                command_w is not None and recursion.states[0, -1] >= reserve - RESERVE_TOLERANCE
+                and recursion.lack_w() <= recursion.unheated_lack_w + NO_WORSE_W):
             break
     return native_searches.PlanByValues(command_w)
+
+
+class ValueTable(NamedTuple):
+    """
+    What the rest of a trip costs, at each instant and temperature: `values_j` [J] (N + 1, P).
+
+    `temperature_c` (P,) [deg C] includes the heat under way; `joules_per_k` is the heater's energy for a kelvin.
+    """
+
+    temperature_c: FloatArray
+    values_j: FloatArray
+    joules_per_k: float
+
+
+def value_table(trip: Trip, state: BatteryState, goal: Goal) -> ValueTable | None:
+    """
+    Return the ValueTable over the whole range, with the charge of the plan: for pictures and for study.
+
+    The heater was off before each instant. None if the charge does not carry the trip.
+    """
+    recursion = _Recursion(trip, initial_states(state), state.heater_power_w > LEAST_HEATING_W,
+                           goal.target_temperature_c, reserve_soc(trip.vehicle, goal), LACK_PRICE)
+    return None if recursion.plan() is None else recursion.table()
 
 
 class _Layer(NamedTuple):
@@ -141,12 +182,39 @@ class _Layer(NamedTuple):
 
 
 class _Mixtures(NamedTuple):
-    """The best mixtures (P,): value [J], end, share of the next end, and whether they heat."""
+    """Mixtures of two neighbouring ends from temperatures (P,): value [J], end, and share of the next end."""
 
     value_j: FloatArray
     end: IntArray
     share: FloatArray
-    is_heating: BoolArray
+
+    def with_better(self, value_j: FloatArray, end: int, share: FloatArray | float) -> _Mixtures:
+        """Return the better of these and others from one end."""
+        is_better = value_j < self.value_j
+        return _Mixtures(np.where(is_better, value_j, self.value_j), np.where(is_better, end, self.end),
+                         np.where(is_better, share, self.share))
+
+
+class _Best(NamedTuple):
+    """The best mixtures that do not heat, and that do: without the price of switching on."""
+
+    unheated: _Mixtures
+    heated: _Mixtures
+
+    def value_j(self, was_on: bool) -> FloatArray:
+        """Return the value, of heater off or on before."""
+        value_j: FloatArray = np.minimum(self.unheated.value_j, self.heated.value_j + self._switch_j(was_on))
+        return value_j
+
+    def only(self, was_on: bool) -> tuple[int, float, bool]:
+        """Return end, share of the next end, and whether they heat, for the one temperature."""
+        is_heating = bool(self.unheated.value_j[0] > self.heated.value_j[0] + self._switch_j(was_on))
+        mixture = self.heated if is_heating else self.unheated
+        return int(mixture.end[0]), float(mixture.share[0]), is_heating
+
+    @staticmethod
+    def _switch_j(was_on: bool) -> float:
+        return 0.0 if was_on else SWITCH_ON_WH * JOULES_PER_WH
 
 
 class _Recursion:
@@ -158,6 +226,8 @@ class _Recursion:
         vehicle, steps = trip.vehicle, len(trip.route)
         self._trip, self._target_c, self._reserve, self._is_heating = trip, target_c, reserve, is_heating
         self._lack_price = lack_price
+        # The largest power deficit of the unheated run [W].
+        self.unheated_lack_w = 0.0
         self._joules_per_k = (vehicle.battery.heat_capacity_j_per_k
                               + vehicle.heat_path.coolant_heat_capacity_j_per_k) / vehicle.hvch.efficiency
         self._voltage_v = vehicle.battery.open_circuit_voltage.function(ARRAYS)
@@ -166,7 +236,9 @@ class _Recursion:
         self.states = np.zeros((4, steps + 1))
         self.states[:, 0] = start
         self._powers_w = np.zeros((4, steps))
-        self._price_j, self._path_c = np.zeros(steps + 1), np.zeros(steps + 1)
+        self._path_c, self._due_price = np.zeros(steps + 1), np.ones(steps + 1)
+        self._price_j, self._late_price_j = np.zeros(steps + 1), np.zeros(steps + 1)
+        self._watched_steps = [(True, True)] * steps
         self._k_per_watt, self._share_of_excess = heat_to_come_k(vehicle)
 
     def plan(self) -> FloatArray | None:
@@ -174,16 +246,24 @@ class _Recursion:
         if not self._drive_commands(None):
             return None
         self._keep_path()
+        self.unheated_lack_w = self.lack_w()
         range_c = self._range_c()
         aim_c, looks, number, is_priced = self._target_c, 0, 0, True
-        kept = self.states, self._powers_w
+        kept = self.states.copy(), self._powers_w.copy()
         while number < len(PASSES):
             layers = self._find_values(number, range_c, aim_c, is_priced and number > 0)
-            if not self._find_path(layers, 0 if number == 0 else MIXTURE_HALVINGS):
-                return None
-            if number > 0 and self._cost_j(self.states, self._powers_w, aim_c) > self._cost_j(*kept, aim_c):
+            saved_j = 0.0
+            if not self._find_path(layers):
+                saved_j = -math.inf
+            elif number > 0:
+                saved_j = self._cost_j(*kept, aim_c) - self._cost_j(self.states, self._powers_w, aim_c)
+            if saved_j < 0.0:
                 # No pass makes the plan worse: charge may be priced wrongly, as limits bend.
                 self.states, self._powers_w = (values.copy() for values in kept)
+                if number == 0 and looks < MOST_LOOKS:
+                    # The charge does not carry so much heat.
+                    aim_c, looks = 0.5 * (aim_c + float(self.states[1, -1])), looks + 1
+                    continue
                 number, looks, is_priced = (number, looks, False) if is_priced else (number + 1, 0, True)
                 continue
             kept = self.states.copy(), self._powers_w.copy()
@@ -191,37 +271,50 @@ class _Recursion:
             # The reserve of charge allows this temperature.
             spare_k = -self._beyond_k(self.states, is_short_of_charge=True)
             is_short = spare_k < 0.0 or aim_c < self._target_c
+            aimed_c = aim_c
             if is_short:
                 aim_c = min(self._target_c, float(self.states[1, -1]) + spare_k)
             looks += 1
-            is_found = (not is_short or abs(spare_k) < NEAR_RESERVE_K if number == 0
-                        else moved_k < EDGE_SHARE * PASSES[number][1])
+            is_found = (abs(aim_c - aimed_c) < NEAR_RESERVE_K if number == 0 else
+                        moved_k < EDGE_SHARE * PASSES[number][1] or saved_j < LOOK_WH * JOULES_PER_WH)
             if is_found or looks >= MOST_LOOKS:
                 number, looks, is_priced = number + 1, 0, True
         self._arrive_exactly()
         command_w: FloatArray = self._powers_w[0]
         return command_w
 
+    def lack_w(self) -> float:
+        """Return the largest power deficit of the run [W]."""
+        return float(self._lacking_along_w(self.states, self._powers_w).max())
+
     # Backward.
 
+    def table(self) -> ValueTable:
+        """Return the values over the whole range, with the charge of the last pass."""
+        range_c = self._range_c()
+        grids_c = [np.arange(*range_c, TABLE_STEP_K)] * len(self._path_c)
+        layers = self._find_values(1, range_c, self._target_c, True, grids_c)
+        return ValueTable(layers[0].grid_c, np.array([layer.values_j[0] for layer in layers]), self._joules_per_k)
+
     def _find_values(self, number: int, range_c: tuple[float, float], aim_c: float,
-                     is_priced: bool) -> list[_Layer]:
-        """Return the layers of a pass, from the arrival at `aim_c` back; `is_priced`: with the price of charge."""
-        grids_c = [self._grid_c(k, number, range_c) for k in range(len(self._path_c))]
+                     is_priced: bool, grids_c: Sequence[FloatArray] = ()) -> list[_Layer]:
+        """Return the layers of a pass, from the arrival at `aim_c` back; `is_priced`: charge and lateness are."""
+        grids_c = grids_c or [self._grid_c(k, number, range_c) for k in range(len(self._path_c))]
         short_j = np.maximum(aim_c - grids_c[-1], 0.0) * self._joules_per_k * SHORT_PRICE
         layers = [_Layer(grids_c[-1], np.array((short_j, short_j)))]
-        self._price_j[:] = 0.0
+        self._price_j[:], self._late_price_j[:] = 0.0, 0.0
         for k in reversed(range(len(self._trip.route))):
             following = layers[-1]
-            watched = self._watched(k, grids_c[k], following.grid_c)
-            soc = np.full(len(grids_c[k]), self._soc[k])
-            ends = self._ends_ahead(k, soc, grids_c[k], watched, self._lack_price)
-            halvings = 0 if number == 0 else MIXTURE_HALVINGS
-            values_j = np.array([self._best(ends, following, was_on, halvings).value_j
-                                 for was_on in (False, True)])
+            self._watched_steps[k] = self._watched(k, grids_c[k], following.grid_c)
+            ends = self._ends_ahead(
+                k, np.full(len(grids_c[k]), self._soc[k]), grids_c[k], self._under_way_k[k], self._lack_price)
+            best = self._best(ends, following)
+            values_j = np.array([best.value_j(was_on) for was_on in (False, True)])
             layers.append(_Layer(grids_c[k], np.where(ends.is_empty, EMPTY_J, values_j)))
             if is_priced:
-                self._price_j[k] = self._price_of_charge(k, following, watched)
+                self._price_j[k] = self._price_of_charge(k, following)
+                if self._trip.vehicle.heat_path.heat_lag_s > 0.0:
+                    self._late_price_j[k] = self._price_of_lateness(k, following)
         return layers[::-1]
 
     def _grid_c(self, k: int, number: int, range_c: tuple[float, float]) -> FloatArray:
@@ -235,75 +328,100 @@ class _Recursion:
         grid_c: FloatArray = low_c + step_k * np.arange(int(points), dtype=float)
         return grid_c
 
-    def _ends_ahead(self, k: int, soc: FloatArray, settled_c: FloatArray, watched: tuple[bool, bool],
+    def _ends_ahead(self, k: int, soc: FloatArray, settled_c: FloatArray, under_way_k: float,
                     lack_price: float) -> StepEnds:
-        """Return the ends of step k from charges and temperatures (P,), with the price of charge."""
-        ends = self._ahead.ends(k, soc, settled_c, self._under_way_k[k], watched, lack_price)
-        return ends._replace(cost_j=ends.cost_j + self._price_j[k + 1] * (ends.soc - self._soc[k + 1]))
+        """Return the ends of step k from charges and temperatures (P,), at their prices."""
+        ahead, vehicle = self._ahead, self._trip.vehicle
+        ends = ahead.ends(k, soc, settled_c, under_way_k, self._watched_steps[k], lack_price)
+        cost_j = ends.cost_j + self._price_j[k + 1] * (ends.soc - self._soc[k + 1])
+        # Power that the heater draws later is paid for later; and late heat costs where limits miss it.
+        heater_j = ends.command_w * float(self._trip.route.duration_s[k])
+        cost_j = cost_j + ahead.due_share[k] * (heater_j * self._due_price[k + 1] - (cost_j - cost_j[0]))
+        late_k = ahead.late_share[k] * heater_j * vehicle.hvch.efficiency / vehicle.battery.heat_capacity_j_per_k
+        return ends._replace(cost_j=cost_j + self._late_price_j[k + 1] * late_k + HEATING_PRICE * heater_j)
 
-    def _best(self, ends: StepEnds, following: _Layer, was_on: bool, halvings: int) -> _Mixtures:
-        """Return the best mixtures of two neighbouring ends."""
-        count, points = ends.cost_j.shape
-        best = _Mixtures(np.full(points, np.inf), np.zeros(points, dtype=int), np.zeros(points),
-                         np.zeros(points, dtype=bool))
-        column = np.arange(points)
+    def _best(self, ends: StepEnds, following: _Layer) -> _Best:
+        """
+        Return the best mixtures of an end and the next one.
 
-        def better(best: _Mixtures, end: IntArray, share: FloatArray) -> _Mixtures:
-            after = np.minimum(end + 1, count - 1)
+        Between the ends, the best lies at a temperature of the next layer, as values are straight in between.
+        """
+        points = ends.cost_j.shape[1]
+        none = _Mixtures(np.full(points, np.inf), np.zeros(points, dtype=int), np.zeros(points))
+        unheated, heated = none, none
+        rows = list(zip(*ends[:3]))
+        for end, (cost_j, settled_c, command_w) in enumerate(rows):
+            is_heating = command_w > LEAST_HEATING_W
+            value_j = cost_j + following.worth_j(settled_c, is_heating, self._joules_per_k)
+            heated = heated.with_better(np.where(is_heating, value_j, np.inf), end, 0.0)
+            unheated = unheated.with_better(np.where(is_heating, np.inf, value_j), end, 0.0)
+        for end, (low, high) in enumerate(zip(rows, rows[1:])):
+            cost_j, settled_c, command_w = (row[:, None] for row in low)
+            more_j, wide_k, more_w = (next_row[:, None] - row[:, None] for row, next_row in zip(low, high))
+            share = (following.grid_c - settled_c) / np.where(wide_k > 0.0, wide_k, np.nan)
+            least_w = np.maximum(LEAST_HEATING_W, LEAST_SHARE * (command_w + more_w))
+            is_between = (share > 0.0) & (share <= 1.0) & (command_w + share * more_w > least_w)
+            value_j = np.where(is_between, cost_j + share * more_j + following.values_j[1], np.inf)
+            found = value_j.argmin(axis=1)[:, None]
+            heated = heated.with_better(np.take_along_axis(value_j, found, 1)[:, 0], end,
+                                        np.take_along_axis(share, found, 1)[:, 0])
+        return _Best(unheated, heated)
 
-            def mixed(values: FloatArray) -> FloatArray:
-                low: FloatArray = values[end, column]
-                mixture: FloatArray = low + share * (values[after, column] - low)
-                return mixture
+    def _ends_beside(self, k: int, following: _Layer, soc: FloatArray, moved_k: FloatArray | float,
+                     lack_price: float) -> StepEnds | None:
+        """
+        Return the end of step k, heated as is best on the path, from two starts (2,) beside it.
 
-            is_heating = mixed(ends.command_w) > LEAST_HEATING_W
-            worth_j = following.worth_j(mixed(ends.settled_c), is_heating, self._joules_per_k)
-            switched_j = 0.0 if was_on else SWITCH_ON_WH * JOULES_PER_WH
-            value_j = mixed(ends.cost_j) + worth_j + switched_j * is_heating
-            is_better = value_j < best.value_j
-            return _Mixtures(*(np.where(is_better, new, old) for new, old in zip(
-                (value_j, end, share, is_heating), best)))
+        Their charges, and how much more heat has arrived in their battery [K]; None if the battery is empty then.
+        """
+        path_c = self._path_c[k:k + 1]
+        ends = self._ends_ahead(k, self._soc[k:k + 1], path_c, self._under_way_k[k], lack_price)
+        if ends.is_empty[0]:
+            return None
+        end, share, _ = self._best(ends, following).only(True)
+        wanted_w, takes_surplus = float(ends.wanted_w[end]), end > 0
+        if share > 0.0:
+            low_w, high_w = ends.command_w[end, 0], ends.command_w[end + 1, 0]
+            wanted_w, takes_surplus = float(low_w + share * (high_w - low_w)), True
+        beside = self._ahead.end(k, soc, np.repeat(path_c, 2), self._under_way_k[k] - moved_k,
+                                 self._watched_steps[k], lack_price, wanted_w, takes_surplus)
+        return None if beside.is_empty.any() else beside._replace(
+            cost_j=beside.cost_j + self._price_j[k + 1] * beside.soc)
 
-        for n in range(count):
-            end = np.full(points, n)
-            best = better(best, end, np.zeros(points))
-            if n + 1 < count:
-                best = better(best, end, np.full(points, 0.5))
-        apart = 0.25
-        for _ in range(halvings):
-            middle, last = best, count - 1
-            has_room = (middle.end < last) & (middle.share + apart < 1.0)
-            best = better(best, middle.end, np.where(has_room, middle.share + apart, middle.share))
-            is_inside, is_below = middle.share - apart > 0.0, (middle.share == 0.0) & (middle.end > 0)
-            below = np.where(is_inside, middle.share - apart, middle.share)
-            best = better(best, np.where(is_below, middle.end - 1, middle.end),
-                          np.where(is_below, 1.0 - apart, below))
-            apart *= 0.5
-        return best
-
-    def _price_of_charge(self, k: int, following: _Layer, watched: tuple[bool, bool]) -> float:
+    def _price_of_charge(self, k: int, following: _Layer) -> float:
         """
         Return what charge at instant k is worth beyond its energy [J]: how the cost on the path changes with it.
 
         Heated as is best there. That less charge delivers less is left out: heat repairs it, at the price of heat.
         """
         soc = np.array((max(self._soc[k] - PRICED_SOC, PRICED_SOC), min(self._soc[k] + PRICED_SOC, 1.0)))
-        path_c = self._path_c[k:k + 1]
-        ends = self._ends_ahead(k, self._soc[k:k + 1], path_c, watched, 0.0)
-        if not soc[1] > soc[0] or ends.is_empty[0]:
+        beside = self._ends_beside(k, following, soc, 0.0, 0.0) if soc[1] > soc[0] else None
+        if beside is None:
             return 0.0
-        best = self._best(ends, following, True, MIXTURE_HALVINGS)
-        end, share = int(best.end[0]), float(best.share[0])
-        wanted_w, takes_surplus = float(ends.wanted_w[end]), end > 0
-        if share > 0.0:
-            low_w, high_w = ends.command_w[end, 0], ends.command_w[end + 1, 0]
-            wanted_w, takes_surplus = low_w + share * (high_w - low_w), True
-        moved = self._ahead.end(k, soc, np.repeat(path_c, 2), self._under_way_k[k], watched, 0.0, wanted_w,
-                                takes_surplus)
-        most_j = self._joules_per_k * abs(moved.settled_c[0, 1] - moved.settled_c[0, 0])
-        warmth_j = np.diff(following.worth_j(moved.settled_c[0], True, self._joules_per_k))[0]
-        change_j = np.diff(moved.cost_j[0] + self._price_j[k + 1] * moved.soc[0])[0]
-        return float((change_j + np.clip(warmth_j, -most_j, most_j)) / (soc[1] - soc[0]))
+        return self._change_beside_j(following, beside) / float(soc[1] - soc[0])
+
+    def _change_beside_j(self, following: _Layer, beside: StepEnds) -> float:
+        """Return how much more the second end costs [J]; heat repairs a difference in warmth, at its price."""
+        ahead_c = beside.settled_c[0]
+        most_j = self._joules_per_k * abs(ahead_c[1] - ahead_c[0])
+        warmth_j = np.diff(following.worth_j(ahead_c, True, self._joules_per_k))[0]
+        return float(np.diff(beside.cost_j[0])[0] + np.clip(warmth_j, -most_j, most_j))
+
+    def _price_of_lateness(self, k: int, following: _Layer) -> float:
+        """
+        Return the cost of a kelvin that is still under way at instant k [J].
+
+        The battery is colder, and limits tighter. Another kelvin of heat repairs it.
+        """
+        beside = self._ends_beside(k, following, self._soc[[k, k]], np.array((-PRICED_K, PRICED_K)),
+                                   self._lack_price)
+        if beside is None:
+            return 0.0
+        change_j = -self._change_beside_j(following, beside)
+        lag_s = self._trip.vehicle.heat_path.heat_lag_s
+        left = math.exp(-float(self._trip.route.duration_s[k]) / lag_s)
+        return float(np.clip(0.5 * change_j / PRICED_K + left * self._late_price_j[k + 1],
+                             -self._joules_per_k, self._joules_per_k))
 
     def _watched(self, k: int, grid_c: FloatArray, next_grid_c: FloatArray) -> tuple[bool, bool]:
         """Return whether the charge limit, and the discharge limit, may matter within two layers."""
@@ -319,52 +437,23 @@ class _Recursion:
 
     # Forward.
 
-    def _find_path(self, layers: Sequence[_Layer], halvings: int) -> bool:
+    def _find_path(self, layers: Sequence[_Layer]) -> bool:
         """Take the best end of each step; return whether the charge carries the trip."""
         is_on = self._is_heating
         for k in range(len(self._trip.route)):
-            ends = self._ends_driven(k)
-            if ends is None:
+            to_come_k = self._to_come_k(k)
+            settled_c = self.states[1, k:k + 1] + to_come_k
+            ends = self._ends_ahead(k, self.states[0, k:k + 1], settled_c, to_come_k, self._lack_price)
+            if ends.is_empty[0]:
                 return False
-            best = self._best(ends, layers[k + 1], is_on, halvings)
-            end, share = int(best.end[0]), float(best.share[0])
+            end, share, is_on = self._best(ends, layers[k + 1]).only(is_on)
             wanted_w, takes_surplus = float(ends.wanted_w[end]), end > 0
             if share > 0.0:
                 low_w, high_w = ends.command_w[end, 0], ends.command_w[end + 1, 0]
                 wanted_w, takes_surplus = float(low_w + share * (high_w - low_w)), False
             if not self._drive(k, wanted_w, takes_surplus):
                 return False
-            is_on = bool(best.is_heating[0])
         return True
-
-    def _ends_driven(self, k: int) -> StepEnds | None:
-        """Return the ends of step k as the vehicle is driven; None if the battery is empty then."""
-        trip, start = self._trip, self.states[:, k]
-        duration_s, full_w = float(trip.route.duration_s[k]), float(trip.heater_limit_w[k])
-        found: list[tuple[float, ...]] = []
-        for takes_surplus, wanted_w in ((False, 0.0), (True, 0.0), (True, full_w)):
-            if wanted_w == 0.0 and takes_surplus and not (
-                    trip.route.propulsion_power_w[k] < 0.0 and self._powers_w[1, k] > 0.0):
-                continue
-            if takes_surplus and wanted_w > 0.0 and full_w <= LEAST_HEATING_W:
-                continue
-            if not self._drive(k, wanted_w, takes_surplus):
-                if found:
-                    break
-                return None
-            end, powers_w = self.states[:, k + 1], self._powers_w[:, k]
-            if found and not powers_w[0] > found[-1][2] + 1.0:
-                continue
-            drawn_w = powers_w[2]
-            cost_j = self._energy_j(start[:2], end[:2])
-            cost_j += self._lack_price * duration_s * self._lacking_w(k, drawn_w)
-            # Power that the heater is going to draw is paid for with the command.
-            cost_j += (powers_w[0] - drawn_w) * duration_s
-            cost_j += self._price_j[k + 1] * (end[0] - self._soc[k + 1])
-            found.append((cost_j, end[1] + self._to_come_k(k + 1), powers_w[0], end[0], wanted_w))
-        cost_j, settled_c, command_w, soc, asked_w = np.array(found).T
-        return StepEnds(cost_j[:, None], settled_c[:, None], command_w[:, None], soc[:, None], asked_w,
-                        np.zeros(1, dtype=bool))
 
     def _drive(self, k: int, wanted_w: float, takes_surplus: bool) -> bool:
         """Drive step k; return whether the charge carries it."""
@@ -372,17 +461,6 @@ class _Recursion:
         self._powers_w[:, k] = powers_w
         self.states[:, k + 1] = states
         return states[0] > 0.0
-
-    def _energy_j(self, start: FloatArray, end: FloatArray) -> float:
-        """Return the battery energy between two states: charge and temperature."""
-        voltage_v = self._voltage_v(np.array((start[0], end[0])), np.array((start[1], end[1]))).mean()
-        return float(self._trip.vehicle.battery.capacity_as * voltage_v * (start[0] - end[0]))
-
-    def _lacking_w(self, k: int, drawn_w: float) -> float:
-        """Return the power of the step beyond the discharge limit at either end [W]."""
-        _, most_w = self._ahead.limits_w(k, self.states[0, k:k + 2], self.states[1, k:k + 2])
-        beyond_w = float(self._trip.idle_power_w[k]) + drawn_w + self._powers_w[1, k] - float(most_w.min())
-        return float(beyond_w) if beyond_w > LACK_TOLERANCE_W else 0.0
 
     def _drive_commands(self, command_w: FloatArray | None, first: int = 0) -> bool:
         """Drive commands [W] (N,) from step `first` on; None: only surplus heats."""
@@ -403,7 +481,20 @@ class _Recursion:
         self._soc = self.states[0].copy()
         self._under_way_k = np.array([self._to_come_k(k) for k in range(len(self._soc))])
         self._path_c = self.states[1] + self._under_way_k
+        if self._trip.vehicle.heat_path.heater_lag_s > 0.0:
+            self._price_what_is_due()
         return float(np.abs(self._path_c - before_c).max())
+
+    def _price_what_is_due(self) -> None:
+        """Price a joule that the heater is still to draw: the battery pays what surplus does not cover."""
+        trip, lag_s = self._trip, self._trip.vehicle.heat_path.heater_lag_s
+        for k in reversed(range(len(trip.route))):
+            full_w, paid = float(trip.heater_limit_w[k]), 1.0
+            left = math.exp(-float(trip.route.duration_s[k]) / lag_s)
+            if trip.route.propulsion_power_w[k] < 0.0 and full_w > 0.0:
+                least_w, _ = self._ahead.limits_w(k, self._soc[[k]], self.states[1, [k]])
+                paid = 1.0 - min(max((float(least_w[0]) - float(trip.idle_power_w[k])) / full_w, 0.0), 1.0)
+            self._due_price[k] = (1.0 - left) * paid + left * self._due_price[k + 1]
 
     def _range_c(self) -> tuple[float, float]:
         highest_c = self._trip.vehicle.battery.temperature_range_c[1]
@@ -419,18 +510,25 @@ class _Recursion:
         energy_j = (self._reserve - soc) * self._trip.vehicle.battery.capacity_as * voltage_v
         return float(energy_j / self._joules_per_k)
 
+    def _lacking_along_w(self, states: FloatArray, powers_w: FloatArray) -> FloatArray:
+        """Return the power of each step of a run beyond the discharge limit [W]."""
+        trip = self._trip
+        _, most_w = limits_of_steps_w(trip.vehicle, states[0], states[1], trip.power_variance_w2)
+        lacking_w: FloatArray = trip.idle_power_w + powers_w[2] + powers_w[1] - most_w
+        return np.where(lacking_w > LACK_TOLERANCE_W, lacking_w, 0.0)
+
     def _cost_j(self, states: FloatArray, powers_w: FloatArray, aim_c: float) -> float:
-        """Return the cost of a run [J]: battery energy, power deficit, switching on, missed target and reserve."""
+        """Return the cost of a run [J]: battery, heater, power deficit, switching, missed target and reserve."""
         trip, (soc, temperature_c) = self._trip, states[:2]
         voltage_v = self._voltage_v(soc, temperature_c)
         energy_j = trip.vehicle.battery.capacity_as * 0.5 * (voltage_v[1:] + voltage_v[:-1]) @ (soc[:-1] - soc[1:])
-        _, most_w = limits_of_steps_w(trip.vehicle, soc, temperature_c, trip.power_variance_w2)
-        lacking_w = trip.idle_power_w + powers_w[2] + powers_w[1] - most_w
-        lacking_w = np.where(lacking_w > LACK_TOLERANCE_W, lacking_w, 0.0)
+        lacking_w = self._lacking_along_w(states, powers_w)
         is_on = np.append(self._is_heating, powers_w[0] > LEAST_HEATING_W)
         switched_j = SWITCH_ON_WH * JOULES_PER_WH * float((is_on[1:] & ~is_on[:-1]).sum())
         short_k = max(aim_c - float(temperature_c[-1]), 0.0) + max(self._beyond_k(states, True), 0.0)
-        return (float(energy_j) + self._lack_price * float(trip.route.duration_s @ lacking_w) + switched_j
+        heater_j = float(trip.route.duration_s @ powers_w[0])
+        lacking_j = float(trip.route.duration_s @ lacking_w)
+        return (float(energy_j) + HEATING_PRICE * heater_j + self._lack_price * lacking_j + switched_j
                 + SHORT_PRICE * self._joules_per_k * short_k)
 
     def _arrive_exactly(self) -> None:

@@ -18,7 +18,7 @@ SAME_START_S = 1.0
 
 
 def changes_in_words(changes: Changes) -> str:
-    """Return the changes in words: my_car.yaml, method=merit_order, temperature + 2."""
+    """Return the changes in words: my_car.yaml, method=paper, temperature + 2."""
     words = [] if changes.vehicle is None else [changes.vehicle]
     words += [f'{key}={value}' for key, value in changes.vehicle_keys.items()]
     words += [f'{name}={str(value).lower() if isinstance(value, bool) else value}'

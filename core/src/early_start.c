@@ -2,7 +2,6 @@
 /* Start of the last heating interval of a plan: bev_preheat.planning.uncertainty_margin. */
 #include "early_start.h"
 
-#include "instants.h"
 #include "limited_step.h"
 
 /* The first step of the heating that lasts until arrival; `steps` without. */
@@ -20,6 +19,13 @@ static int32_t first_of_last_interval(const bev_planned_heating *planned) {
     first = k;
   }
   return first;
+}
+
+/* The first instant of heating [s] from a heated step on: heated in part, it is off first, then at full power. */
+static double switched_on_s(const bev_planned_heating *planned, int32_t k) {
+  const bev_trip *trip = planned->trip;
+  const double share_on = bev_minimum(planned->command_w[k] / trip->heater_limit_w[k], 1.0);
+  return trip->time_s[k + 1] - share_on * trip->duration_s[k];
 }
 
 /* The planned heat from a step on, as time at full power [s]. */
@@ -109,7 +115,7 @@ bev_status bev_find_early_start(const bev_planned_heating *planned, const bev_un
   if (start->first == trip->steps) {
     return BEV_OK;
   }
-  const double start_s = bev_switched_on_s(trip, planned->command_w, start->first, trip->steps);
+  const double start_s = switched_on_s(planned, start->first);
   /* If heating starts less than the lag before arrival, most of its heat would still be under way on arrival. */
   const double left_s = trip->time_s[trip->steps] - start_s;
   if (margin->is_heating == 0

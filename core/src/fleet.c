@@ -81,12 +81,8 @@ static void always_on(const drive *of, bev_arrival *arrival) {
     arrive(arrival, status, NAN, NAN, NAN, NAN);
     return;
   }
-  for (int32_t k = 0; k < steps; k++) {
-    of->room[2][k] = -HUGE_VAL;
-    of->room[3][k] = of->target_c;
-  }
-  const bev_heating heating = {1, 0, trip->heater_limit_w, of->room[2], of->room[3], of->room[3],
-                               of->may_overcharge, of->may_overdraw};
+  const bev_heating heating = {0, of->target_c, trip->heater_limit_w, of->may_overcharge,
+                               of->may_overdraw};
   double *soc = of->room[4];
   double *temperature_c = of->room[5];
   int32_t empty_step = 0;
@@ -189,8 +185,7 @@ static bev_trip trip_at(const bev_trip *trips, int32_t first, int32_t steps, dou
                          &trips->heater_limit_w[first],
                          &trips->propulsion_power_w[first],
                          &trips->drivetrain_heat_w[first],
-                         &trips->ambient_temperature_c[first],
-                         NULL};
+                         &trips->ambient_temperature_c[first]};
   time_s[0] = 0.0;
   for (int32_t k = 0; k < steps; k++) {
     time_s[k + 1] = time_s[k] + trip.duration_s[k];

@@ -77,12 +77,10 @@ bev_status bev_run_heated_within_limits(const bev_vehicle *vehicle, const bev_tr
   return drive_on(&run, heating, first, 4, all_states, all_powers_w, empty_step);
 }
 
-/* As bev_drive_as_planned, from step `first` on; `takes_surplus` as in bev_heating. */
-static bev_status drive_commands(const bev_vehicle *vehicle, const bev_trip *trip,
-                                 const double *command_w, int32_t takes_surplus, int32_t first,
-                                 double *states, double *powers_w, uint8_t *watched,
-                                 bev_stranding *stranding) {
-  const bev_status checked = bev_checked(vehicle, trip, first);
+bev_status bev_drive_as_planned(const bev_vehicle *vehicle, const bev_trip *trip,
+                                const double *command_w, double *states, double *powers_w,
+                                uint8_t *watched, bev_stranding *stranding) {
+  const bev_status checked = bev_checked(vehicle, trip, 0);
   if (checked != BEV_OK) {
     return checked;
   }
@@ -91,18 +89,16 @@ static bev_status drive_commands(const bev_vehicle *vehicle, const bev_trip *tri
     return BEV_BAD_ARGUMENT;
   }
   const int32_t steps = trip->steps;
-  const bev_heating heating = {0,    takes_surplus, command_w, NULL,
-                               NULL, NULL,          watched,   &watched[steps]};
+  const bev_heating heating = {1, HUGE_VAL, command_w, watched, &watched[steps]};
   for (int32_t k = 0; k < steps; k++) {
     watched[k] = trip->propulsion_power_w[k] < 0.0 ? 1u : 0u;
     watched[steps + k] = 1u;
   }
   int32_t empty_step = -1;
   bev_status status = bev_is_direct(vehicle)
-      ? bev_run_within_limits(vehicle, trip, &heating, first, states, &states[steps + 1], powers_w,
+      ? bev_run_within_limits(vehicle, trip, &heating, 0, states, &states[steps + 1], powers_w,
                               &powers_w[steps], &empty_step)
-      : bev_run_heated_within_limits(vehicle, trip, &heating, first, states, powers_w,
-                                     &empty_step);
+      : bev_run_heated_within_limits(vehicle, trip, &heating, 0, states, powers_w, &empty_step);
   stranding->step = -1;
   stranding->driven_share = 1.0;
   if (status == BEV_EMPTY) {
@@ -110,23 +106,4 @@ static bev_status drive_commands(const bev_vehicle *vehicle, const bev_trip *tri
     status = bev_stand(vehicle, trip, states, powers_w, stranding);
   }
   return status;
-}
-
-bev_status bev_drive_as_planned(const bev_vehicle *vehicle, const bev_trip *trip,
-                                const double *command_w, double *states, double *powers_w,
-                                uint8_t *watched, bev_stranding *stranding) {
-  return drive_commands(vehicle, trip, command_w, 1, 0, states, powers_w, watched, stranding);
-}
-
-bev_status bev_drive_without_surplus(const bev_vehicle *vehicle, const bev_trip *trip,
-                                     const double *command_w, double *states, double *powers_w,
-                                     uint8_t *watched, bev_stranding *stranding) {
-  return drive_commands(vehicle, trip, command_w, 0, 0, states, powers_w, watched, stranding);
-}
-
-bev_status bev_drive_on_as_planned(const bev_vehicle *vehicle, const bev_trip *trip,
-                                   const double *command_w, int32_t first, double *states,
-                                   double *powers_w, uint8_t *watched,
-                                   bev_stranding *stranding) {
-  return drive_commands(vehicle, trip, command_w, 1, first, states, powers_w, watched, stranding);
 }

@@ -130,9 +130,6 @@ static bev_status drive_between(const bev_limited_run *run, const step_start *st
                                 double result[8]) {
   const double propulsion_w = run->trip->propulsion_power_w[start->k];
   const double highest_c = run->vehicle->highest_c;
-  const double *const ceiling_c = run->trip->surplus_ceiling_c;
-  const double surplus_ceiling_c =
-      ceiling_c == NULL ? highest_c - BEV_BELOW_HIGHEST_K : ceiling_c[start->k];
   const bool may_overcharge = run->may_overcharge[start->k] != 0u;
   double paid_w = 0.0;
   bev_status status = limited_command(run, start, limits_w, command_w, &paid_w);
@@ -145,10 +142,10 @@ static bev_status drive_between(const bev_limited_run *run, const step_start *st
           bev_maximum(0.0, limits_w[0] - start->idle.power_w - drawn_w), -propulsion_w);
     }
     status = end_of(run, start, *command_w, *brake_w, result);
-    /* Surplus that is not useful goes to the brake. */
+    /* Near the highest temperature surplus goes to the brake. */
     const bool has_surplus = *command_w > paid_w;
     const double beyond_k =
-        bev_settled_c(run, result) - (has_surplus ? surplus_ceiling_c : highest_c);
+        bev_settled_c(run, result) - (has_surplus ? highest_c - BEV_BELOW_HIGHEST_K : highest_c);
     if (*command_w <= 0.0 || beyond_k <= BEV_HIGHEST_TOLERANCE_K) {
       is_settled = 1;
     } else {

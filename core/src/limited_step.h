@@ -31,15 +31,4 @@ bev_status bev_strand(const bev_limited_run *run, int32_t rows, double *const st
                       double *const powers_w[4],
                       bev_stranding *stranding);
 
-/* As bev_drive_as_planned, but the heater takes no more than is commanded. */
-bev_status bev_drive_without_surplus(const bev_vehicle *vehicle, const bev_trip *trip,
-                                     const double *command_w, double *states, double *powers_w,
-                                     uint8_t *watched, bev_stranding *stranding);
-
-/* As bev_drive_as_planned, from step `first` on: `states` until there, and `powers_w` before it, are known. */
-bev_status bev_drive_on_as_planned(const bev_vehicle *vehicle, const bev_trip *trip,
-                                   const double *command_w, int32_t first, double *states,
-                                   double *powers_w, uint8_t *watched,
-                                   bev_stranding *stranding);
-
 #endif /* BEV_PREHEAT_CORE_LIMITED_STEP_H_ */

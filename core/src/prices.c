@@ -2,8 +2,15 @@
 /* Cost of a kelvin on arrival in each step: bev_preheat.planning.prices. */
 #include "prices.h"
 
+#include "bev_preheat_core_generated/constants.h"
 #include "checks.h"
 #include "slopes.h"
+
+/* Effect on arrival of a watt of the heater in a step: gain of warmth [K/W], loss of charge [1/W]. */
+typedef struct {
+  double warmth_k_per_w;
+  double charge_per_w;
+} price_on_arrival;
 
 /* Value on arrival of charge and warmth at the end of a step, in warmth and in charge. */
 typedef struct {
@@ -16,7 +23,7 @@ static const worths ON_ARRIVAL = {{0.0, 1.0}, {1.0, 0.0}};
 /* Effect on arrival of a watt in step k. `worth`: value of charge and warmth after the step, then before it. */
 static bev_status price_of_step(const bev_vehicle *vehicle, const bev_trip *trip, const double *soc,
                                 const double *temperature_c, double heater_w, int32_t k,
-                                worths *worth, bev_price *price) {
+                                worths *worth, price_on_arrival *price) {
   const bev_middle middle = bev_middle_of(vehicle, trip, soc, temperature_c, heater_w, 0.0, k);
   if (!bev_is_middle(&middle)) {
     return BEV_BAD_INPUT;
@@ -30,35 +37,18 @@ static bev_status price_of_step(const bev_vehicle *vehicle, const bev_trip *trip
   return BEV_OK;
 }
 
-bev_status bev_prices_along(const bev_vehicle *vehicle, const bev_trip *trip, const double *soc,
-                            const double *temperature_c, const double *heater_w,
-                            double *warmth_k_per_w, double *charge_per_w) {
-  worths worth = ON_ARRIVAL;
-  for (int32_t k = trip->steps - 1; k >= 0; k--) {
-    bev_price price;
-    const bev_status status =
-        price_of_step(vehicle, trip, soc, temperature_c, heater_w[k], k, &worth, &price);
-    if (status != BEV_OK) {
-      return status;
-    }
-    warmth_k_per_w[k] = price.warmth_k_per_w;
-    charge_per_w[k] = price.charge_per_w;
-  }
-  return BEV_OK;
-}
-
-double bev_whole_charge_wh(const bev_vehicle *vehicle, double soc, double temperature_c) {
-  return vehicle->capacity_ah
-      * bev_at(&vehicle->open_circuit_voltage, BEV_EXACT, soc, temperature_c);
-}
-
-bev_status bev_most_saving(const bev_vehicle *vehicle, const bev_trip *trip, const double *soc,
-                           const double *temperature_c, const double *heater_w, double *saving) {
+/*
+ * Upper bound of the charge that heating elsewhere can save, as far as the prices do not change. The run is heated
+ * from one instant on; each cheaper step is compared with the dearest heated step.
+ */
+static bev_status find_most_saving(const bev_vehicle *vehicle, const bev_trip *trip,
+                                   const double *soc, const double *temperature_c,
+                                   const double *heater_w, double *saving) {
   worths worth = ON_ARRIVAL;
   double dearest_per_k = -INFINITY;
   *saving = 0.0;
   for (int32_t k = trip->steps - 1; k >= 0; k--) {
-    bev_price price;
+    price_on_arrival price;
     const bev_status status =
         price_of_step(vehicle, trip, soc, temperature_c, heater_w[k], k, &worth, &price);
     if (status != BEV_OK) {
@@ -78,6 +68,20 @@ bev_status bev_most_saving(const bev_vehicle *vehicle, const bev_trip *trip, con
   return BEV_OK;
 }
 
+bev_status bev_costs_least(const bev_vehicle *vehicle, const bev_trip *trip, const double *soc,
+                           const double *temperature_c, const double *heater_w) {
+  const int32_t steps = trip->steps;
+  double saving = 0.0;
+  const bev_status status =
+      find_most_saving(vehicle, trip, soc, temperature_c, heater_w, &saving);
+  if (status != BEV_OK) {
+    return status;
+  }
+  const double whole_wh = vehicle->capacity_ah
+      * bev_at(&vehicle->open_circuit_voltage, BEV_EXACT, soc[steps], temperature_c[steps]);
+  return saving < BEV_LEAST_SAVING_WH / whole_wh ? BEV_OK : BEV_CHEAPER_ELSEWHERE;
+}
+
 bev_status bev_find_prices(const bev_vehicle *vehicle, const bev_trip *trip, const double *soc,
                            const double *temperature_c, const double *heater_w,
                            double *warmth_k_per_w, double *charge_per_w) {
@@ -89,6 +93,16 @@ bev_status bev_find_prices(const bev_vehicle *vehicle, const bev_trip *trip, con
       || charge_per_w == NULL) {
     return BEV_BAD_ARGUMENT;
   }
-  return bev_prices_along(vehicle, trip, soc, temperature_c, heater_w, warmth_k_per_w,
-                          charge_per_w);
+  worths worth = ON_ARRIVAL;
+  for (int32_t k = trip->steps - 1; k >= 0; k--) {
+    price_on_arrival price;
+    const bev_status priced =
+        price_of_step(vehicle, trip, soc, temperature_c, heater_w[k], k, &worth, &price);
+    if (priced != BEV_OK) {
+      return priced;
+    }
+    warmth_k_per_w[k] = price.warmth_k_per_w;
+    charge_per_w[k] = price.charge_per_w;
+  }
+  return BEV_OK;
 }

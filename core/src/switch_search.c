@@ -146,18 +146,18 @@ bev_status bev_find_switch(const bev_vehicle *vehicle, const bev_trip *trip, dou
 bev_status bev_keeps_limits(const bev_seen_run *run, int32_t first) {
   const bev_vehicle *vehicle = run->vehicle;
   const bev_trip *trip = run->trip;
-  const bev_status status = bev_limits_of_steps(
-      vehicle, trip->steps - first, &run->soc[first], &run->temperature_c[first],
-      &trip->power_variance_w2[first], &run->least_w[first], &run->most_w[first]);
-  if (status != BEV_OK) {
-    return status;
-  }
   for (int32_t k = first; k <= trip->steps; k++) {
     if (!(run->temperature_c[k] <= vehicle->highest_c
           && run->temperature_c[k] >= vehicle->lowest_c && run->soc[k] > 0.0
           && run->soc[k] <= 1.0)) {
       return BEV_LIMITED;
     }
+  }
+  const bev_status status = bev_limits_of_steps(
+      vehicle, trip->steps - first, &run->soc[first], &run->temperature_c[first],
+      &trip->power_variance_w2[first], &run->least_w[first], &run->most_w[first]);
+  if (status != BEV_OK) {
+    return status;
   }
   for (int32_t k = first; k < trip->steps; k++) {
     const double terminal_w = trip->idle_power_w[k] + run->heater_w[k];
@@ -253,20 +253,6 @@ static bev_status heat_early(const switch_search *of, const bev_seen_run *run, c
   return bev_keeps_limits(run, early.first);
 }
 
-/* BEV_OK, or BEV_CHEAPER_ELSEWHERE if heating in other steps than from one instant on may save charge. */
-static bev_status costs_least(const switch_search *of) {
-  const int32_t steps = of->trip->steps;
-  double saving = 0.0;
-  const bev_status status = bev_most_saving(of->vehicle, of->trip, of->soc, of->temperature_c,
-                                            of->heater_w, &saving);
-  if (status != BEV_OK) {
-    return status;
-  }
-  const double least = BEV_LEAST_SAVING_WH
-      / bev_whole_charge_wh(of->vehicle, of->soc[steps], of->temperature_c[steps]);
-  return saving < least ? BEV_OK : BEV_CHEAPER_ELSEWHERE;
-}
-
 /* Plan a run from the unheated run; the known limits are those of the unheated run. */
 static bev_status plan_run(switch_search *of, bev_seen_run *run, int32_t in_one_interval,
                            const bev_uncertainty_margin *margin, bev_switch_plan *plan) {
@@ -290,7 +276,7 @@ static bev_status plan_run(switch_search *of, bev_seen_run *run, int32_t in_one_
   run->temperature_c = of->temperature_c;
   status = bev_keeps_limits(run, bev_step_at(of->trip, plan->switching_instant_s));
   if (status == BEV_OK && in_one_interval == 0) {
-    status = costs_least(of);
+    status = bev_costs_least(of->vehicle, of->trip, of->soc, of->temperature_c, of->heater_w);
   }
   return status != BEV_OK || margin == NULL ? status : heat_early(of, run, margin, plan);
 }

@@ -13,6 +13,11 @@
 #define MOST_ENDS 3
 #define PASSES 5
 
+/* Limits that act in a step. */
+#define LIMITED_COMMAND 1u
+#define BRAKED 2u
+#define LACKING 4u
+
 /* How far the temperatures of a pass lie apart, and how far they reach to both sides of the path; 0: everywhere. */
 static const double STEPS_K[PASSES] = {BEV_FIRST_STEP_K, BEV_WIDE_STEP_K, BEV_WIDE_STEP_K,
                                        BEV_NARROW_STEP_K, BEV_LAST_STEP_K};
@@ -37,7 +42,15 @@ typedef struct {
   double settled_c;
   double wanted_w;
   int32_t takes_surplus;
+  /* The limits that act: command, brake, missing power. */
+  uint32_t regime;
 } step_end;
+
+/* The ends of a step from one temperature. */
+typedef struct {
+  step_end ends[MOST_ENDS];
+  int32_t count;
+} step_ends;
 
 /* A mixture of an end and the next one: `share` of the next one. */
 typedef struct {
@@ -46,6 +59,12 @@ typedef struct {
   int32_t end;
   int32_t is_heating;
 } mixture;
+
+/* The best mixtures that do not heat, and that do: without the price of switching on. */
+typedef struct {
+  mixture unheated;
+  mixture heated;
+} choice;
 
 typedef struct {
   const bev_vehicle *vehicle;
@@ -66,11 +85,18 @@ typedef struct {
   double *left_s;
   double *kept_share;
   double *arriving_share;
+  /* Of a step's heat from the heater, the share still under way at its end, and how that decays over a step. */
+  double *late_share;
   /* The path before: charge, settled temperature, heat under way [K]; the worth of charge beyond its energy [J]. */
   double *soc;
   double *path_c;
   double *under_way_k;
   double *price_j;
+  /* The cost of a kelvin that is still under way at an instant [J]. */
+  double *late_price_j;
+  /* Of a joule that the heater is still to draw at an instant, the battery's part; its share of a step's. */
+  double *due_share;
+  double *due_price;
   double *commands_w;
   double *tried_w;
   double *values_j;
@@ -78,8 +104,9 @@ typedef struct {
   double *kept;
   /* Cost of a joule that the battery cannot deliver. */
   double lack_price;
-  int32_t halvings;
   int32_t has_prices;
+  /* The largest power deficit of the unheated run [W]. */
+  double unheated_lack_w;
 } recursion;
 
 static double voltage_v(const recursion *of, double soc, double temperature_c) {
@@ -177,6 +204,7 @@ static bev_status drive_step(const recursion *of, int32_t k, const double start[
   end->states[2] = 0.0;
   end->states[3] = 0.0;
   end->powers_w[1] = 0.0;
+  end->regime = 0u;
   if (is_ahead != 0 && is_free_step(of, k, start, end) != 0) {
     return BEV_OK;
   }
@@ -192,9 +220,12 @@ static bev_status drive_step(const recursion *of, int32_t k, const double start[
   const double voltage = 0.5
       * (voltage_v(of, start[0], start[1]) + voltage_v(of, end->states[0], end->states[1]));
   end->cost_j = joules_of_charge(of, voltage) * (start[0] - end->states[0]);
+  end->regime |= end->powers_w[0] != end->wanted_w ? LIMITED_COMMAND : 0u;
+  end->regime |= end->powers_w[1] > 0.0 ? BRAKED : 0u;
   if (run->may_overdraw[k] != 0u && of->lack_price > 0.0) {
-    end->cost_j += of->lack_price * of->trip->duration_s[k]
-        * lacking_w(of, k, start, end, terminal_w);
+    const double lack_w = lacking_w(of, k, start, end, terminal_w);
+    end->cost_j += of->lack_price * of->trip->duration_s[k] * lack_w;
+    end->regime |= lack_w > 0.0 ? LACKING : 0u;
   }
   return BEV_OK;
 }
@@ -208,23 +239,24 @@ static double seen_ahead_c(const recursion *of, int32_t k, double settled_c,
       + of->arriving_share[k] * heater_k;
 }
 
-/* The ends of step k; `charge_j` is what charge is worth there. A step that empties the battery has none. */
+/*
+ * The ends of step k from charge and temperature, heat under way left out, as the recursion sees them. A step that
+ * empties the battery has none.
+ */
 static bev_status ends_of_step(const recursion *of, int32_t k, const double start[4],
-                               double settled_c, int32_t is_ahead, step_end ends[MOST_ENDS],
-                               int32_t *count) {
+                               double settled_c, step_end ends[MOST_ENDS], int32_t *count) {
   const double full_w = of->trip->heater_limit_w[k];
-  const uint8_t *overcharge = is_ahead != 0 ? of->layers_overcharge : of->overcharge;
   int32_t found = 0;
   *count = 0;
   for (int32_t kind = 0; kind < MOST_ENDS; kind++) {
     step_end *end = &ends[found];
-    if ((kind == 1 && (overcharge[k] == 0u || !(ends[0].powers_w[1] > 0.0)))
+    if ((kind == 1 && (of->layers_overcharge[k] == 0u || !(ends[0].powers_w[1] > 0.0)))
         || (kind == 2 && !(full_w > BEV_LEAST_HEATING_W))) {
       continue;
     }
     end->wanted_w = kind == 2 ? full_w : 0.0;
     end->takes_surplus = kind == 0 ? 0 : 1;
-    const bev_status status = drive_step(of, k, start, is_ahead, end);
+    const bev_status status = drive_step(of, k, start, 1, end);
     if (status == BEV_EMPTY && kind > 0) {
       break;
     }
@@ -234,68 +266,127 @@ static bev_status ends_of_step(const recursion *of, int32_t k, const double star
     if (kind > 0 && !(end->powers_w[0] > ends[found - 1].powers_w[0] + BEV_SAME_END_W)) {
       continue;
     }
-    if (is_ahead != 0) {
-      end->settled_c = seen_ahead_c(of, k, settled_c, start, end);
-    } else {
-      end->settled_c = end->states[1] + under_way_k(of, k + 1, end->states);
-      if (of->driven[0].is_direct == 0) {
-        /* Power that the heater is going to draw is paid for with the command. */
-        end->cost_j += (end->powers_w[0] - end->powers_w[2]) * of->trip->duration_s[k];
-      }
-    }
+    end->settled_c = seen_ahead_c(of, k, settled_c, start, end);
     end->cost_j += of->price_j[k + 1] * (end->states[0] - of->soc[k + 1]);
     found++;
   }
   *count = found;
+  for (int32_t n = found - 1; n >= 0; n--) {
+    /* Power that the heater draws later is paid for later; and late heat costs where limits miss it. */
+    const double heater_j = ends[n].powers_w[0] * of->trip->duration_s[k];
+    ends[n].cost_j += of->due_share[k]
+            * (heater_j * of->due_price[k + 1] - (ends[n].cost_j - ends[0].cost_j))
+        + of->late_price_j[k + 1] * of->late_share[k] * heater_j
+            * of->vehicle->heater_efficiency / of->vehicle->heat_capacity_j_per_k
+        + BEV_HEATING_PRICE * heater_j;
+  }
   return BEV_OK;
 }
 
-/* Compare a mixture with the best one. */
-static void try_mixture(const recursion *of, const step_end ends[MOST_ENDS], int32_t count,
-                        const layer *next, int32_t was_on, int32_t end, double share,
-                        mixture *best) {
-  const step_end *low = &ends[end];
-  const step_end *high = &ends[end + 1 < count ? end + 1 : end];
-  const double power_w = low->powers_w[0] + share * (high->powers_w[0] - low->powers_w[0]);
-  const double settled_c = low->settled_c + share * (high->settled_c - low->settled_c);
-  const int32_t is_heating = power_w > BEV_LEAST_HEATING_W ? 1 : 0;
-  const double value_j = low->cost_j + share * (high->cost_j - low->cost_j)
-      + worth_j(of, next, settled_c, is_heating)
-      + (is_heating != 0 && was_on == 0 ? BEV_SWITCH_ON_WH * BEV_JOULES_PER_WH : 0.0);
-  if (value_j < best->value_j) {
-    best->value_j = value_j;
-    best->share = share;
-    best->end = end;
-    best->is_heating = is_heating;
+/* Compare a mixture with the best of its kind: heated or not. */
+static void try_mixture(const recursion *of, const step_end ends[MOST_ENDS], const layer *next,
+                        int32_t end, choice *best) {
+  const int32_t is_heating = ends[end].powers_w[0] > BEV_LEAST_HEATING_W ? 1 : 0;
+  const double value_j = ends[end].cost_j + worth_j(of, next, ends[end].settled_c, is_heating);
+  mixture *const kind = is_heating != 0 ? &best->heated : &best->unheated;
+  if (value_j < kind->value_j) {
+    const mixture found = {value_j, 0.0, end, is_heating};
+    *kind = found;
   }
 }
 
-/* The best mixture of two neighbouring ends. */
-static mixture best_of(const recursion *of, const step_end ends[MOST_ENDS], int32_t count,
-                       const layer *next, int32_t was_on) {
-  mixture best = {INFINITY, 0.0, 0, 0};
+/*
+ * The best mixtures of an end and the next one, heated and not. Between the ends, the best lies at a temperature of
+ * the next layer, as values are straight in between.
+ */
+static choice best_of(const recursion *of, const step_end ends[MOST_ENDS], int32_t count,
+                      const layer *next) {
+  choice best = {{INFINITY, 0.0, 0, 0}, {INFINITY, 0.0, 0, 1}};
   for (int32_t end = 0; end < count; end++) {
-    try_mixture(of, ends, count, next, was_on, end, 0.0, &best);
-    if (end + 1 < count) {
-      try_mixture(of, ends, count, next, was_on, end, 0.5, &best);
-    }
+    try_mixture(of, ends, next, end, &best);
   }
-  double apart = 0.25;
-  for (int32_t n = 0; n < of->halvings; n++) {
-    const mixture middle = best;
-    if (middle.end + 1 < count && middle.share + apart < 1.0) {
-      try_mixture(of, ends, count, next, was_on, middle.end, middle.share + apart, &best);
+  for (int32_t end = 0; end + 1 < count; end++) {
+    const step_end *low = &ends[end];
+    const step_end *high = &ends[end + 1];
+    const double wide_k = high->settled_c - low->settled_c;
+    const double least_share =
+        (bev_maximum(BEV_LEAST_HEATING_W, BEV_LEAST_SHARE * high->powers_w[0]) - low->powers_w[0])
+        / (high->powers_w[0] - low->powers_w[0]);
+    const double from =
+        (low->settled_c + bev_maximum(least_share, 0.0) * wide_k - next->least_c) / next->step_k;
+    const double to = (high->settled_c - next->least_c) / next->step_k;
+    const double per_point_j = (high->cost_j - low->cost_j) / wide_k * next->step_k;
+    if (!(wide_k > 0.0) || !(to > 0.0) || !(from < (double)(next->points - 1))) {
+      continue;
     }
-    if (middle.share - apart > 0.0) {
-      try_mixture(of, ends, count, next, was_on, middle.end, middle.share - apart, &best);
-    } else if (middle.share == 0.0 && middle.end > 0) {
-      try_mixture(of, ends, count, next, was_on, middle.end - 1, 1.0 - apart, &best);
-    } else {
-      /* The neighbour is an end that has been tried. */
+    const int32_t first = from < 0.0 ? 0 : (int32_t)from + 1;
+    const int32_t last = to < (double)next->points ? (int32_t)to : next->points - 1;
+    double least_j = INFINITY;
+    int32_t found = first;
+    for (int32_t n = first; n <= last; n++) {
+      const double value_j = next->on_j[n] + (double)n * per_point_j;
+      found = value_j < least_j ? n : found;
+      least_j = bev_minimum(least_j, value_j);
     }
-    apart = 0.5 * apart;
+    const double low_place = (low->settled_c - next->least_c) / next->step_k;
+    const double value_j = low->cost_j + least_j - low_place * per_point_j;
+    if (value_j < best.heated.value_j) {
+      best.heated.value_j = value_j;
+      best.heated.share = ((double)found - low_place) / (to - low_place);
+      best.heated.end = end;
+    }
   }
   return best;
+}
+
+static double value_of(const choice *best, int32_t was_on) {
+  return bev_minimum(best->unheated.value_j,
+                     best->heated.value_j
+                         + (was_on != 0 ? 0.0 : BEV_SWITCH_ON_WH * BEV_JOULES_PER_WH));
+}
+
+static mixture better_of(const choice *best, int32_t was_on) {
+  return best->unheated.value_j > value_of(best, was_on) ? best->heated : best->unheated;
+}
+
+/* Drive step k, heated as it is best on the path, from two starts beside it; none is `found` if that empties. */
+static bev_status drive_beside(const recursion *of, int32_t k, const layer *next,
+                               const double starts[2][4], step_end beside[2], int32_t *found) {
+  const double start[4] = {of->soc[k], of->path_c[k] - of->under_way_k[k], 0.0, 0.0};
+  step_end ends[MOST_ENDS];
+  int32_t count = 0;
+  *found = 0;
+  bev_status status = ends_of_step(of, k, start, of->path_c[k], ends, &count);
+  if (status != BEV_OK || count == 0) {
+    return status == BEV_EMPTY ? BEV_OK : status;
+  }
+  const choice choices = best_of(of, ends, count, next);
+  const mixture best = better_of(&choices, 1);
+  for (int32_t n = 0; status == BEV_OK && n < 2; n++) {
+    beside[n] = ends[best.end];
+    if (best.share > 0.0) {
+      const step_end *high = &ends[best.end + 1];
+      beside[n].wanted_w = beside[n].powers_w[0]
+          + best.share * (high->powers_w[0] - beside[n].powers_w[0]);
+      beside[n].takes_surplus = 1;
+    }
+    status = drive_step(of, k, starts[n], 1, &beside[n]);
+    beside[n].settled_c = seen_ahead_c(of, k, of->path_c[k], starts[n], &beside[n]);
+    beside[n].cost_j += of->price_j[k + 1] * beside[n].states[0];
+  }
+  *found = status == BEV_OK ? 1 : 0;
+  return status == BEV_EMPTY ? BEV_OK : status;
+}
+
+static double between(double value, double most) {
+  return bev_maximum(bev_minimum(value, most), -most);
+}
+
+/* How much more the second end is worth than the first [J]; heat repairs a difference, at the price of heat. */
+static double warmth_between(const recursion *of, const layer *next, const step_end beside[2]) {
+  return between(
+      worth_j(of, next, beside[1].settled_c, 1) - worth_j(of, next, beside[0].settled_c, 1),
+      of->joules_per_k * fabs(beside[1].settled_c - beside[0].settled_c));
 }
 
 /*
@@ -306,51 +397,49 @@ static bev_status price_of_charge(recursion *of, int32_t k, const layer *next) {
   const double least_soc = bev_maximum(of->soc[k] - BEV_PRICED_SOC, BEV_PRICED_SOC);
   const double most_soc = bev_minimum(of->soc[k] + BEV_PRICED_SOC, 1.0);
   const double start_c = of->path_c[k] - of->under_way_k[k];
+  const double starts[2][4] = {{least_soc, start_c, 0.0, 0.0}, {most_soc, start_c, 0.0, 0.0}};
   const double lack_price = of->lack_price;
-  double start[4] = {of->soc[k], start_c, 0.0, 0.0};
-  step_end ends[MOST_ENDS];
-  step_end moved[2];
-  int32_t count = 0;
-  of->price_j[k] = 0.0;
+  step_end beside[2];
+  int32_t found = 0;
   if (!(most_soc > least_soc)) {
     return BEV_OK;
   }
   of->lack_price = 0.0;
-  bev_status status = ends_of_step(of, k, start, of->path_c[k], 1, ends, &count);
-  if (status == BEV_OK && count > 0) {
-    const mixture best = best_of(of, ends, count, next, 1);
-    for (int32_t n = 0; status == BEV_OK && n < 2; n++) {
-      moved[n] = ends[best.end];
-      if (best.share > 0.0) {
-        const step_end *high = &ends[best.end + 1];
-        moved[n].wanted_w = moved[n].powers_w[0]
-            + best.share * (high->powers_w[0] - moved[n].powers_w[0]);
-        moved[n].takes_surplus = 1;
-      }
-      start[0] = n == 0 ? least_soc : most_soc;
-      status = drive_step(of, k, start, 1, &moved[n]);
-      moved[n].settled_c = seen_ahead_c(of, k, of->path_c[k], start, &moved[n]);
-    }
-    if (status == BEV_OK) {
-      const double most_j =
-          of->joules_per_k * fabs(moved[1].settled_c - moved[0].settled_c);
-      const double warmth_j = worth_j(of, next, moved[1].settled_c, 1)
-          - worth_j(of, next, moved[0].settled_c, 1);
-      const double charge_j =
-          of->price_j[k + 1] * (moved[1].states[0] - moved[0].states[0]);
-      of->price_j[k] = ((moved[1].cost_j - moved[0].cost_j) + charge_j
-                        + bev_maximum(bev_minimum(warmth_j, most_j), -most_j))
-          / (most_soc - least_soc);
-    }
-  }
+  const bev_status status = drive_beside(of, k, next, starts, beside, &found);
   of->lack_price = lack_price;
-  return status == BEV_EMPTY ? BEV_OK : status;
+  if (found != 0) {
+    of->price_j[k] =
+        ((beside[1].cost_j - beside[0].cost_j) + warmth_between(of, next, beside))
+        / (most_soc - least_soc);
+  }
+  return status;
+}
+
+/* The cost of a kelvin that is still under way at instant k [J]: the battery is colder, and limits tighter. */
+static bev_status price_of_lateness(recursion *of, int32_t k, const layer *next) {
+  const double start_c = of->path_c[k] - of->under_way_k[k];
+  const double starts[2][4] = {{of->soc[k], start_c - BEV_PRICED_K, 0.0, 0.0},
+                               {of->soc[k], start_c + BEV_PRICED_K, 0.0, 0.0}};
+  step_end beside[2];
+  int32_t found = 0;
+  const bev_status status = drive_beside(of, k, next, starts, beside, &found);
+  if (found != 0) {
+    const double change_j = (beside[0].cost_j - beside[1].cost_j)
+        - warmth_between(of, next, beside);
+    const double left = exp(-of->trip->duration_s[k] / of->lag_s);
+    /* Another kelvin of heat repairs it. */
+    of->late_price_j[k] = between(
+        0.5 * change_j / BEV_PRICED_K + left * of->late_price_j[k + 1], of->joules_per_k);
+  }
+  return status;
 }
 
 /* Where a limit may matter within the layers of two neighbouring instants. */
 static void watch_step(const recursion *of, int32_t k, const layer layers[2]) {
   const bev_trip *trip = of->trip;
   const double idle_w = trip->idle_power_w[k];
+  const double variance_w2 = trip->power_variance_w2[k];
+  const int32_t may_charge = trip->propulsion_power_w[k] < 0.0 ? 1 : 0;
   uint8_t overcharge = 0u;
   uint8_t overdraw = 0u;
   for (int32_t n = 0; n < 4; n++) {
@@ -361,16 +450,113 @@ static void watch_step(const recursion *of, int32_t k, const layer layers[2]) {
                                    : at->least_c + (double)at->points * at->step_k;
     const double temperature_c = settled_c - of->under_way_k[k + end];
     double limits_w[2];
-    bev_terminal_limits(of->vehicle, 0, bev_maximum(soc - BEV_WATCHED_SOC, 0.0), temperature_c,
-                        trip->power_variance_w2[k], limits_w);
     /* Not a number: it may. */
-    overdraw = idle_w + trip->heater_limit_w[k] <= limits_w[1] ? overdraw : 1u;
-    bev_terminal_limits(of->vehicle, 0, bev_minimum(soc + BEV_WATCHED_SOC, 1.0), temperature_c,
-                        trip->power_variance_w2[k], limits_w);
-    overcharge = idle_w >= limits_w[0] ? overcharge : 1u;
+    if (overdraw == 0u) {
+      bev_terminal_limits(of->vehicle, 0, bev_maximum(soc - BEV_WATCHED_SOC, 0.0), temperature_c,
+                          variance_w2, limits_w);
+      overdraw = idle_w + trip->heater_limit_w[k] <= limits_w[1] ? overdraw : 1u;
+    }
+    if (may_charge != 0 && overcharge == 0u) {
+      bev_terminal_limits(of->vehicle, 0, bev_minimum(soc + BEV_WATCHED_SOC, 1.0), temperature_c,
+                          variance_w2, limits_w);
+      overcharge = idle_w >= limits_w[0] ? overcharge : 1u;
+    }
   }
-  of->layers_overcharge[k] = trip->propulsion_power_w[k] < 0.0 ? overcharge : 0u;
+  of->layers_overcharge[k] = overcharge;
   of->layers_overdraw[k] = overdraw;
+}
+
+/* The ends of step k from temperature n of a layer. */
+static bev_status ends_from(const recursion *of, int32_t k, const layer *at, int32_t n,
+                            step_ends *found) {
+  const double settled_c = at->least_c + (double)n * at->step_k;
+  const double start[4] = {of->soc[k], settled_c - of->under_way_k[k], 0.0, 0.0};
+  const bev_status status =
+      ends_of_step(of, k, start, settled_c, found->ends, &found->count);
+  return status == BEV_EMPTY ? BEV_OK : status;
+}
+
+/* Write the values of temperature n of a layer. */
+static void write_values(const recursion *of, const layer *at, int32_t n, const step_ends *from,
+                         const layer *next) {
+  const choice best = best_of(of, from->ends, from->count, next);
+  at->off_j[n] = from->count == 0 ? BEV_EMPTY_J : value_of(&best, 0);
+  at->on_j[n] = from->count == 0 ? BEV_EMPTY_J : value_of(&best, 1);
+}
+
+/* Whether the same limits act from three temperatures, so that the ends in between lie on a parabola. */
+static int are_alike(const step_ends nodes[3]) {
+  int alike = nodes[0].count == nodes[1].count && nodes[0].count == nodes[2].count
+      && nodes[0].count > 0;
+  for (int32_t n = 0; n < nodes[0].count && alike; n++) {
+    alike = nodes[0].ends[n].regime == nodes[1].ends[n].regime
+        && nodes[0].ends[n].regime == nodes[2].ends[n].regime
+        && nodes[0].ends[n].wanted_w == nodes[1].ends[n].wanted_w
+        && nodes[0].ends[n].wanted_w == nodes[2].ends[n].wanted_w;
+  }
+  return alike;
+}
+
+/* The ends between three temperatures, from those of these with weights. */
+static void ends_between(const step_ends nodes[3], const double weights[3], step_ends *found) {
+  found->count = nodes[0].count;
+  for (int32_t n = 0; n < found->count; n++) {
+    const step_end *low = &nodes[0].ends[n];
+    const step_end *middle = &nodes[1].ends[n];
+    const step_end *high = &nodes[2].ends[n];
+    step_end *end = &found->ends[n];
+    end->cost_j = weights[0] * low->cost_j + weights[1] * middle->cost_j
+        + weights[2] * high->cost_j;
+    end->settled_c = weights[0] * low->settled_c + weights[1] * middle->settled_c
+        + weights[2] * high->settled_c;
+    end->powers_w[0] = weights[0] * low->powers_w[0] + weights[1] * middle->powers_w[0]
+        + weights[2] * high->powers_w[0];
+  }
+}
+
+/* The values of the temperatures from `first` to before `last`, which nodes 0 and 2 have; node 1 has the middle. */
+static void write_between(const recursion *of, const layer *at, int32_t first, int32_t last,
+                          const step_ends nodes[3], const layer *next) {
+  const int32_t middle = (first + last) / 2;
+  const double below = (double)(middle - first);
+  const double above = (double)(last - middle);
+  write_values(of, at, first, &nodes[0], next);
+  for (int32_t n = first + 1; n < last; n++) {
+    const double place = (double)(n - middle);
+    const double weights[3] = {place * (place - above) / (below * (below + above)),
+                               (place + below) * (above - place) / (below * above),
+                               place * (place + below) / (above * (below + above))};
+    step_ends between;
+    ends_between(nodes, weights, &between);
+    write_values(of, at, n, &between, next);
+  }
+}
+
+/* The values of one layer. The step is driven from three temperatures of a stretch where the same limits act. */
+static bev_status values_of_layer(const recursion *of, int32_t k, const layer *at,
+                                  const layer *next) {
+  const double longest = bev_maximum(BEV_STRETCH_K / at->step_k, 1.0);
+  const int32_t end = at->points - 1;
+  step_ends nodes[3];
+  bev_status status = ends_from(of, k, at, 0, &nodes[0]);
+  for (int32_t first = 0; first < end && status == BEV_OK;) {
+    int32_t last = longest < (double)(end - first) ? first + (int32_t)longest : end;
+    status = ends_from(of, k, at, last, &nodes[2]);
+    while (status == BEV_OK && last - first > 1) {
+      const int32_t middle = (first + last) / 2;
+      status = ends_from(of, k, at, middle, &nodes[1]);
+      if (status != BEV_OK || are_alike(nodes)) {
+        break;
+      }
+      last = middle;
+      nodes[2] = nodes[1];
+    }
+    write_between(of, at, first, last, nodes, next);
+    nodes[0] = nodes[2];
+    first = last;
+  }
+  write_values(of, at, end, &nodes[0], next);
+  return status;
 }
 
 /* The backward pass: the values of all layers, from that of the arrival at `aim_c`. */
@@ -389,26 +575,17 @@ static bev_status find_values(recursion *of, int32_t number, const double range_
   for (int32_t k = steps - 1; k >= 0; k--) {
     layers[0] = layer_at(of, k, number, range_c);
     watch_step(of, k, layers);
-    for (int32_t n = 0; n < layers[0].points; n++) {
-      const double settled_c = layers[0].least_c + (double)n * layers[0].step_k;
-      const double start[4] = {of->soc[k], settled_c - of->under_way_k[k], 0.0, 0.0};
-      step_end ends[MOST_ENDS];
-      int32_t count = 0;
-      const bev_status status = ends_of_step(of, k, start, settled_c, 1, ends, &count);
-      if (status != BEV_OK && status != BEV_EMPTY) {
-        return status;
-      }
-      layers[0].off_j[n] =
-          count == 0 ? BEV_EMPTY_J : best_of(of, ends, count, &layers[1], 0).value_j;
-      layers[0].on_j[n] =
-          count == 0 ? BEV_EMPTY_J : best_of(of, ends, count, &layers[1], 1).value_j;
-    }
+    bev_status status = values_of_layer(of, k, &layers[0], &layers[1]);
     of->price_j[k] = 0.0;
-    if (of->has_prices != 0) {
-      const bev_status status = price_of_charge(of, k, &layers[1]);
-      if (status != BEV_OK) {
-        return status;
+    of->late_price_j[k] = 0.0;
+    if (status == BEV_OK && of->has_prices != 0) {
+      status = price_of_charge(of, k, &layers[1]);
+      if (status == BEV_OK && of->lag_s > 0.0) {
+        status = price_of_lateness(of, k, &layers[1]);
       }
+    }
+    if (status != BEV_OK) {
+      return status;
     }
     layers[1] = layers[0];
   }
@@ -436,20 +613,23 @@ static bev_status find_path(const recursion *of, int32_t number, const double ra
     const layer next = layer_at(of, k + 1, number, range_c);
     step_end ends[MOST_ENDS];
     int32_t count = 0;
-    bev_status status = ends_of_step(of, k, start, 0.0, 0, ends, &count);
+    const double at_once[4] = {start[0], start[1], 0.0, 0.0};
+    bev_status status =
+        ends_of_step(of, k, at_once, start[1] + under_way_k(of, k, start), ends, &count);
     if (status != BEV_OK) {
       return status;
     }
-    const mixture best = best_of(of, ends, count, &next, is_on);
+    const choice choices = best_of(of, ends, count, &next);
+    const mixture best = better_of(&choices, is_on);
     step_end *end = &ends[best.end];
     if (best.share > 0.0) {
       end->wanted_w =
           end->powers_w[0] + best.share * (ends[best.end + 1].powers_w[0] - end->powers_w[0]);
       end->takes_surplus = 0;
-      status = drive_step(of, k, start, 0, end);
-      if (status != BEV_OK) {
-        return status;
-      }
+    }
+    status = drive_step(of, k, start, 0, end);
+    if (status != BEV_OK) {
+      return status;
     }
     write_step(of, k, end, states, powers_w);
     is_on = best.is_heating;
@@ -540,6 +720,23 @@ static bev_status arrive_exactly(const recursion *of, double *states, double *po
   return BEV_OK;
 }
 
+/* Of a joule that the heater is still to draw, the battery's part: surplus on the path covers the rest. */
+static void price_what_is_due(const recursion *of) {
+  const bev_trip *trip = of->trip;
+  for (int32_t k = trip->steps - 1; k >= 0; k--) {
+    const double left = exp(-trip->duration_s[k] / of->vehicle->heater_lag_s);
+    double paid = 1.0;
+    if (trip->propulsion_power_w[k] < 0.0 && trip->heater_limit_w[k] > 0.0) {
+      double limits_w[2];
+      bev_terminal_limits(of->vehicle, 0, of->soc[k], of->path_c[k] - of->under_way_k[k],
+                          trip->power_variance_w2[k], limits_w);
+      paid = 1.0 - bev_minimum(bev_maximum((limits_w[0] - trip->idle_power_w[k])
+                                               / trip->heater_limit_w[k], 0.0), 1.0);
+    }
+    of->due_price[k] = (1.0 - left) * paid + left * of->due_price[k + 1];
+  }
+}
+
 /* Keep the run as the path for the next pass; how far it lies from the path before [K]. */
 static double keep_path(const recursion *of, const double *states) {
   const int32_t steps = of->trip->steps;
@@ -553,10 +750,29 @@ static double keep_path(const recursion *of, const double *states) {
     moved_k = bev_maximum(moved_k, fabs(path_c - of->path_c[k]));
     of->path_c[k] = path_c;
   }
+  if (of->vehicle->heater_lag_s > 0.0) {
+    price_what_is_due(of);
+  }
   return moved_k;
 }
 
-/* The cost of a run [J]: battery energy, power deficit, switching on, missed target and reserve. */
+/* The largest power deficit of a run [W]. */
+static double most_lack_w(const recursion *of, const double *states, const double *powers_w) {
+  double most_w = 0.0;
+  const int32_t steps = of->trip->steps;
+  const int32_t drawn = of->driven[0].is_direct != 0 ? 0 : 2;
+  for (int32_t k = 0; k < steps; k++) {
+    const double start[4] = {states[k], states[steps + 1 + k], 0.0, 0.0};
+    const step_end end = {
+        {states[k + 1], states[steps + 2 + k], 0.0, 0.0}, {0.0}, 0.0, 0.0, 0.0, 0, 0u};
+    const double terminal_w =
+        of->trip->idle_power_w[k] + powers_w[drawn * steps + k] + powers_w[steps + k];
+    most_w = bev_maximum(most_w, lacking_w(of, k, start, &end, terminal_w));
+  }
+  return most_w;
+}
+
+/* The cost of a run [J]: battery, heater, power deficit, switching on, missed target and reserve. */
 static double cost_of_run(const recursion *of, const double *states, const double *powers_w,
                           double aim_c) {
   const int32_t steps = of->trip->steps;
@@ -566,12 +782,14 @@ static double cost_of_run(const recursion *of, const double *states, const doubl
   double voltage = voltage_v(of, states[0], states[steps + 1]);
   for (int32_t k = 0; k < steps; k++) {
     const double start[4] = {states[k], states[steps + 1 + k], 0.0, 0.0};
-    const step_end end = {{states[k + 1], states[steps + 2 + k], 0.0, 0.0}, {0.0}, 0.0, 0.0, 0.0, 0};
+    const step_end end = {
+        {states[k + 1], states[steps + 2 + k], 0.0, 0.0}, {0.0}, 0.0, 0.0, 0.0, 0, 0u};
     const double next_voltage = voltage_v(of, end.states[0], end.states[1]);
     const double terminal_w =
         of->trip->idle_power_w[k] + powers_w[drawn * steps + k] + powers_w[steps + k];
     const int32_t is_on = powers_w[k] > BEV_LEAST_HEATING_W ? 1 : 0;
     cost_j += joules_of_charge(of, 0.5 * (voltage + next_voltage)) * (start[0] - end.states[0])
+        + BEV_HEATING_PRICE * of->trip->duration_s[k] * powers_w[k]
         + of->lack_price * of->trip->duration_s[k] * lacking_w(of, k, start, &end, terminal_w)
         + (is_on != 0 && was_on == 0 ? BEV_SWITCH_ON_WH * BEV_JOULES_PER_WH : 0.0);
     was_on = is_on;
@@ -608,22 +826,34 @@ static bev_status plan(recursion *of, double *states, double *powers_w) {
     return status;
   }
   (void)keep_path(of, states);
+  of->unheated_lack_w = most_lack_w(of, states, powers_w);
   range_of(of, range_c);
+  memcpy(of->kept, states, rows * sizeof(double));
+  memcpy(&of->kept[rows], powers_w, 4u * (size_t)steps * sizeof(double));
   for (int32_t number = 0; number < PASSES;) {
-    of->halvings = number == 0 ? 0 : BEV_MIXTURE_HALVINGS;
     of->has_prices = number == 0 ? 0 : is_priced;
     status = find_values(of, number, range_c, aim_c);
     if (status == BEV_OK) {
       status = find_path(of, number, range_c, states, powers_w);
     }
-    if (status != BEV_OK) {
+    if (status != BEV_OK && status != BEV_EMPTY) {
       return status;
     }
-    if (number > 0 && cost_of_run(of, states, powers_w, aim_c)
-                          > cost_of_run(of, of->kept, &of->kept[rows], aim_c)) {
+    double saved_j = status == BEV_EMPTY ? -INFINITY : 0.0;
+    if (status == BEV_OK && number > 0) {
+      saved_j = cost_of_run(of, of->kept, &of->kept[rows], aim_c)
+          - cost_of_run(of, states, powers_w, aim_c);
+    }
+    if (saved_j < 0.0) {
       /* No pass makes the plan worse: charge may be priced wrongly, as limits bend. */
       memcpy(states, of->kept, rows * sizeof(double));
       memcpy(powers_w, &of->kept[rows], 4u * (size_t)steps * sizeof(double));
+      if (number == 0 && looks < BEV_MOST_LOOKS) {
+        /* The charge does not carry so much heat. */
+        aim_c = 0.5 * (aim_c + states[steps + 1 + steps]);
+        looks++;
+        continue;
+      }
       looks = is_priced != 0 ? looks : 0;
       number += is_priced != 0 ? 0 : 1;
       is_priced = is_priced != 0 ? 0 : 1;
@@ -636,11 +866,13 @@ static bev_status plan(recursion *of, double *states, double *powers_w) {
     const double spare_k = -beyond_k(of, states, 1);
     const double reached_c = states[steps + 1 + steps] + spare_k;
     const int32_t is_short = spare_k < 0.0 || aim_c < target_c ? 1 : 0;
+    const double aimed_c = aim_c;
     aim_c = is_short != 0 ? bev_minimum(target_c, reached_c) : aim_c;
     looks++;
-    const int32_t is_found =
-        number == 0 ? is_short == 0 || fabs(spare_k) < BEV_NEAR_RESERVE_K
-                    : moved_k < BEV_EDGE_SHARE * HALF_WIDTHS_K[number];
+    const int32_t is_found = number == 0
+        ? fabs(aim_c - aimed_c) < BEV_NEAR_RESERVE_K
+        : moved_k < BEV_EDGE_SHARE * HALF_WIDTHS_K[number]
+            || saved_j < BEV_LOOK_WH * BEV_JOULES_PER_WH;
     if (is_found != 0 || looks >= BEV_MOST_LOOKS) {
       number++;
       looks = 0;
@@ -669,7 +901,11 @@ static void prepare(recursion *of, double *memory, uint8_t *flags) {
   of->price_j = &of->under_way_k[steps + 1u];
   of->kept_share = &of->price_j[steps + 1u];
   of->arriving_share = &of->kept_share[steps];
-  of->commands_w = &of->arriving_share[steps];
+  of->late_share = &of->arriving_share[steps];
+  of->late_price_j = &of->late_share[steps];
+  of->due_share = &of->late_price_j[steps + 1u];
+  of->due_price = &of->due_share[steps];
+  of->commands_w = &of->due_price[steps + 1u];
   of->tried_w = &of->commands_w[steps];
   of->kept = &of->tried_w[steps];
   of->values_j = &of->kept[8u * steps + 4u];
@@ -685,12 +921,18 @@ static void prepare(recursion *of, double *memory, uint8_t *flags) {
   }
   of->left_s[steps] = 0.0;
   of->price_j[steps] = 0.0;
+  of->late_price_j[steps] = 0.0;
+  of->due_price[steps] = 1.0;
   for (int32_t k = trip->steps - 1; k >= 0; k--) {
     const double duration_s = trip->duration_s[k];
     const double after_s = of->left_s[k + 1];
     of->overcharge[k] = trip->propulsion_power_w[k] < 0.0 ? 1u : 0u;
     of->overdraw[k] = 1u;
     of->price_j[k] = 0.0;
+    of->late_price_j[k] = 0.0;
+    of->due_price[k] = 1.0;
+    of->late_share[k] = 0.0;
+    of->due_share[k] = bev_mean_share_left(vehicle->heater_lag_s, duration_s);
     of->left_s[k] = after_s + duration_s;
     of->kept_share[k] = 1.0;
     of->arriving_share[k] = 1.0;
@@ -702,6 +944,8 @@ static void prepare(recursion *of, double *memory, uint8_t *flags) {
       const double mean_left = -expm1(-duration_s / of->lag_s) * of->lag_s / duration_s;
       of->arriving_share[k] =
           battery_j_per_k / both_j_per_k * (1.0 - exp(-after_s / of->lag_s) * mean_left);
+      of->late_share[k] =
+          battery_j_per_k / both_j_per_k * -expm1(-after_s / of->lag_s) * mean_left;
     }
   }
 }
@@ -729,9 +973,12 @@ bev_status bev_plan_by_values(const bev_vehicle *vehicle, const bev_trip *trip,
   prepare(&of, memory, flags);
   of.lack_price = BEV_LACK_PRICE;
   bev_status status = plan(&of, states, powers_w);
-  if (status == BEV_EMPTY
-      || (status == BEV_OK && states[steps] < goal->lowest_soc - BEV_RESERVE_TOLERANCE)) {
-    /* The reserve comes before the power of climbs. */
+  if (of.unheated_lack_w > 0.0
+      && (status == BEV_EMPTY
+          || (status == BEV_OK
+              && (states[steps] < goal->lowest_soc - BEV_RESERVE_TOLERANCE
+                  || most_lack_w(&of, states, powers_w) > of.unheated_lack_w + BEV_NO_WORSE_W)))) {
+    /* The reserve comes before the power of climbs, and heat for a climb may cost the charge that it needs. */
     of.lack_price = 0.0;
     status = plan(&of, states, powers_w);
   }

@@ -25,9 +25,9 @@ state = bp.BatteryState(temperature_c=-10.0, soc=0.9)
 # limits loses the power that the battery refuses.
 
 compared = bp.compare(vehicle, route, state)
-best, paper = compared.plans['merit_order'], compared.plans['paper']
+best, paper = compared.plans['value_function'], compared.plans['paper']
 print('               from the cells   heating    brakes   on arrival')
-for name, plan in (('merit_order', best), ('paper', paper), ('optimum', compared.optimum)):
+for name, plan in (('value_function', best), ('paper', paper), ('optimum', compared.optimum)):
     braked_wh = float(plan.friction_brake_power_w @ np.diff(plan.time_s)) / 3600.0
     print(f'{name:15}{plan.battery_energy_wh:11.0f} Wh{plan.heating_energy_wh:7.0f} Wh'
           f'{braked_wh:7.0f} Wh{plan.arrival_temperature_c:10.1f} °C')
@@ -45,13 +45,13 @@ for reason in ('DESCENT', 'SURPLUS', 'ARRIVAL'):
 # %%
 # The drive
 # ---------
-# Negative power charges the battery; the shaded region is not allowed. ``merit_order`` heats on the climb,
+# Negative power charges the battery; the shaded region is not allowed. ``value_function`` heats on the climb,
 # and the limit falls just far enough for the descent. The paper's plan begins the descent with a colder
 # battery: its power is cut off at the limit, and the friction brakes take the rest.
 
 figure, (temperature, heater, power, brake) = plt.subplots(
     4, 1, sharex=True, figsize=(8.0, 9.0), layout='constrained', height_ratios=(1.3, 0.8, 1.6, 0.8))
-for plan, name, colour in ((best, 'merit_order', '#0072B2'),
+for plan, name, colour in ((best, 'value_function', '#0072B2'),
                            (paper, "the paper's plan, driven", '#009E73')):
     minutes = plan.time_s / 60.0
     temperature.plot(minutes, plan.battery_temperature_c, color=colour, label=name)

@@ -32,12 +32,12 @@ def test_each_constant_is_used():
 def test_the_header_has_each_number_to_the_last_bit():
     lines = dict(re.findall(r'^#define (BEV_\w+) \(?([^()\n]+)\)?$', constants_header(), re.MULTILINE))
     assert {name: float(text) for name, text in lines.items()} == GENERATED
-    assert lines['BEV_UNHEATED_SHIFT_K'] == '-1000.0'
-    assert lines['BEV_MOST_PASSES'] == '3'
+    assert lines['BEV_LACK_PRICE'] == '2000.0'
+    assert lines['BEV_MOST_LOOKS'] == '7'
 
 
 def test_two_constants_of_one_name_are_refused(monkeypatch):
     monkeypatch.setattr(core_constants, 'NAMES', {
-        module: names.replace(':PIVOT_PENALTY', '') for module, names in NAMES.items()})
-    with pytest.raises(ValueError, match='BEV_PENALTY: two constants have this name'):
+        module: names.replace(':EARLY_TOLERANCE_K', '') for module, names in NAMES.items()})
+    with pytest.raises(ValueError, match='BEV_ARRIVAL_TOLERANCE_K: two constants have this name'):
         constants()

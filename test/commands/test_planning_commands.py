@@ -12,7 +12,7 @@ import pytest
 
 from bev_preheat.commands.main import main
 from bev_preheat.console.output import write_json
-from bev_preheat.planning.planner import COMPARED, DEFAULT_METHOD, METHODS, plan_preheating
+from bev_preheat.planning.planner import DEFAULT_METHOD, METHODS, plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import load_route
 from bev_preheat.vehicle import load_vehicle
@@ -139,6 +139,13 @@ def test_method_can_be_chosen(tmp_path, method):
     assert strict(path.read_text())['method'] == method
 
 
+def test_the_method_of_earlier_versions_is_the_one_that_took_its_place_and_this_is_said_once(said):
+    status, out, err = said('plan', *SITUATION, '--method', 'merit_order', '--json', '-')
+    assert status == 0 and strict(out)['method'] == 'value_function'
+    assert err.count('method merit_order no longer exists; value_function took its place') == 1
+    assert err.count('merit_order') == 1
+
+
 def test_target_not_given_is_that_of_the_vehicle(tmp_path):
     path = tmp_path / 'plan.json'
     assert main(['plan', '--vehicle', 'small_car', '--route', 'winter_commute',
@@ -162,12 +169,12 @@ def test_no_charging_never_starts(tmp_path):
 @pytest.mark.needs('casadi')
 def test_comparison_has_every_method_and_the_optimum(written):
     comparison = written('compare')
-    assert set(comparison['plans']) == set(comparison['gap_wh']) == set(COMPARED)
+    assert set(comparison['plans']) == set(comparison['gap_wh']) == set(METHODS)
     assert set(comparison['optimum']) >= OPTIMUM_KEYS
 
 
 @pytest.mark.needs('casadi')
-@pytest.mark.parametrize('method', COMPARED)
+@pytest.mark.parametrize('method', METHODS)
 def test_gap_is_the_energy_above_the_optimum(written, method):
     comparison = written('compare')
     best_wh = comparison['optimum']['energy_wh']['battery_total']

@@ -165,7 +165,7 @@ def completions(line):
     pytest.param('preheat plan --ve', {'--vehicle'}, marks=pytest.mark.deep),
     pytest.param('preheat plan --vehicle ref', {'reference'}, marks=pytest.mark.deep),
     pytest.param('preheat plan --route al', {'alpine_pass'}, marks=pytest.mark.deep),
-    pytest.param('preheat plan --method ', {'merit_order', 'optimal_switch', 'paper', 'value_function'},
+    pytest.param('preheat plan --method ', {'value_function', 'optimal_switch', 'paper'},
                  marks=pytest.mark.deep),
     ('preheat scenario nominal heater_d', {'heater_dead', 'heater_derated'})])
 def test_the_shell_completes(line, expected):

@@ -8,7 +8,7 @@ from rich.console import Console
 
 from bev_preheat.console.terminal import print_figures, print_records, progress_bar
 
-METHODS = ['merit_order', 'optimal_switch, driven', 'paper, driven', 'nlp']
+METHODS = ['value_function', 'optimal_switch, driven', 'paper, driven', 'nlp']
 STATUSES = ['TARGET_UNREACHABLE', 'NO_CHARGING_PLANNED', 'OUT_OF_CHARGE', 'WAITING']
 RECORDS = [
     ('battery_state_drop_out', 'statuses', 'TARGET_UNREACHABLE, SOC_LIMITED',

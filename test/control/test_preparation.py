@@ -219,7 +219,8 @@ def test_as_much_as_the_reserve_allows_is_heated_at_once(settings):
     # 1.6 % of about 75 kWh are 1.2 kWh, including the cabin's share; 19 K take 2.3 kWh.
     car = Car(settings, soc=lowest + 0.016)
     preparation_goal = car.want(target_c=20.0)
-    assert car.command == (pytest.approx(FULL_W), Status.SOC_LIMITED)
+    # In a step that is heated in part, its mean power.
+    assert 0.7 * FULL_W < car.command[0] <= FULL_W and car.command[1] is Status.SOC_LIMITED
     assert lowest - 1e-4 <= car.plan.soc[-1] < lowest + 5e-4
     # A charge that falls by 1.6 % at once is followed within two seconds.
     for second in (1.0, 2.0):

@@ -14,7 +14,7 @@ NAN = math.nan
 def a_plan(at_s=START_S, **changed):
     """Return a plan that waits 600 s, heats 1200 s and arrives after 1800 s."""
     values = {
-        'at_s': at_s, 'route_id': 'home', 'method': 'merit_order', 'status': int(Status.WAITING),
+        'at_s': at_s, 'route_id': 'home', 'method': 'value_function', 'status': int(Status.WAITING),
         'sentence': 'Heating starts in 10:00 min.', 'heating_start_s': START_S + 600.0,
         'heating_end_s': START_S + 1800.0, 'arrival_s': START_S + 1800.0, 'predicted_c': 24.5, 'deviation_k': 0.4,
         'target_c': 25.0, 'target_reason': '', 'arrival_soc': 0.61, 'charging_s': 1800.0,

@@ -116,7 +116,7 @@ def test_a_title_with_a_long_name_is_not_cut_at_the_sides():
 
 def test_two_legends_above_a_panel_do_not_meet():
     figure, (axis,) = stacked_figure(1, 'title')
-    left = axis.plot([0, 1], label='merit_order: 25.0 °C, 72.6 %, 15.072 kWh, drawn over nlp')
+    left = axis.plot([0, 1], label='value_function: 25.0 °C, 72.6 %, 15.072 kWh, drawn over nlp')
     right = axis.plot([0, 1], label='target 25.0 °C') + axis.plot([1, 0], label='ambient')
     legend_above(axis, left, columns=1)
     first = axis.get_legend()
@@ -129,7 +129,7 @@ def test_two_legends_above_a_panel_do_not_meet():
 
 
 # Curves in one figure must differ in colour, in dashes (black and white) and in markers.
-TOGETHER = (('merit_order', 'optimal_switch', 'paper', 'nlp', 'without preheating'),
+TOGETHER = (('value_function', 'optimal_switch', 'paper', 'nlp', 'without preheating'),
             ('planner', 'replanned_paper'), ('planner', 'without preheating'))
 
 
@@ -146,4 +146,4 @@ def test_a_narrower_line_lies_over_a_wider_one():
 
 
 def test_a_plan_as_driven_looks_like_its_method():
-    assert look_of('paper, driven') == look_of('paper') != look_of('merit_order')
+    assert look_of('paper, driven') == look_of('paper') != look_of('value_function')

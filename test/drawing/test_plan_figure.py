@@ -12,7 +12,7 @@ from bev_preheat.drawing.palette import CHARGE_LIMIT, DISCHARGE_LIMIT, look_of, 
 from bev_preheat.drawing.plan_figure import make_plan_figure
 from bev_preheat.drawing.route_figure import make_route_figure
 from bev_preheat.numerics.arithmetic import FLOATS
-from bev_preheat.planning.planner import COMPARED, plan_preheating, plan_unheated, plan_without_heating
+from bev_preheat.planning.planner import METHODS, plan_preheating, plan_unheated, plan_without_heating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route import load_route, make_route
@@ -33,7 +33,7 @@ def constant_route(steps=40, step_s=60.0, power_w=15e3, ambient_c=-7.0, **column
         VEHICLE.defaults)
 
 
-def panels_of(route, state=STATE, goal=Goal(25.0), methods=('merit_order',), vehicle=VEHICLE):
+def panels_of(route, state=STATE, goal=Goal(25.0), methods=('value_function',), vehicle=VEHICLE):
     """Return the panels of the plans of some methods by name, and the plans."""
     plans = [plan_preheating(vehicle, route, state, goal, method) for method in methods]
     figure = make_plan_figure(vehicle, route, goal, plans, 'title')
@@ -63,14 +63,14 @@ def alpine():
 
 @pytest.fixture(scope='module')
 def compared():
-    return panels_of(constant_route(), methods=COMPARED)
+    return panels_of(constant_route(), methods=METHODS)
 
 
 def test_of_a_heat_path_command_and_what_comes_of_it_are_drawn():
     vehicle = replace(VEHICLE, heat_path=HeatPath(60.0, 20e3, 400.0))
     warm = BatteryState(12.0, 0.9, 4000.0, 8.0)
     panels, (plan,) = panels_of(constant_route(), warm, vehicle=vehicle)
-    colour = look_of('merit_order').colour
+    colour = look_of('value_function').colour
     commanded, drawn = curves(panels['heater'], colour)
     for line, power_w in ((commanded, plan.hvch_battery_power_w), (drawn, plan.heat.drawn_power_w)):
         assert set(line.get_ydata()) == set(power_w / 1e3)
@@ -116,7 +116,7 @@ def test_the_legend_says_what_is_found_on_arrival(reference):
     assert texts(panels['temperature'])[:2] == [
         f'{name_of(name)}: {made.arrival_temperature_c:.1f} °C, {100 * made.arrival_soc:.1f} %, '
         f'{made.energy_wh.battery_total / 1000:.3f} kWh'
-        for name, made in (('merit_order', plan), ('without preheating', unheated))]
+        for name, made in (('value_function', plan), ('without preheating', unheated))]
 
 
 def test_the_title_of_one_plan_explains_it(reference):
@@ -127,7 +127,7 @@ def test_the_title_of_one_plan_explains_it(reference):
 
 def test_state_of_charge_is_drawn_over_the_trip(reference):
     panels, (plan,) = reference
-    line, = curves(panels['charge'], look_of('merit_order').colour)
+    line, = curves(panels['charge'], look_of('value_function').colour)
     assert line.get_ydata() == pytest.approx(100.0 * plan.soc)
     assert line.get_xdata() == pytest.approx(plan.time_s / 60.0)
 
@@ -170,25 +170,25 @@ def test_a_limit_that_matters_is_seen_and_a_far_one_is_told(alpine):
         f'discharge limit, {discharge.get_ydata().min():.0f} to '
         f'{discharge.get_ydata().max():.0f} kW (above this range)']
     # The power itself takes a good part of the panel.
-    power, = curves(axis, look_of('merit_order').colour)
+    power, = curves(axis, look_of('value_function').colour)
     assert np.ptp(power.get_ydata()) > 0.4 * (high - low)
 
 
 def test_coinciding_methods_are_all_seen(compared):
     panels, _ = compared
-    lines = [curves(panels['heater'], look_of(method).colour)[0] for method in COMPARED]
-    merit, switch, paper = lines
-    assert switch.get_ydata() == pytest.approx(merit.get_ydata(), abs=1e-3)
-    assert merit.get_linewidth() > switch.get_linewidth() > paper.get_linewidth()
-    assert merit.get_zorder() < switch.get_zorder() < paper.get_zorder()
-    assert merit.get_linestyle() == '-' and {line.get_linestyle() for line in lines[1:]} == {'--'}
+    lines = [curves(panels['heater'], look_of(method).colour)[0] for method in METHODS]
+    by_values, switch, paper = lines
+    assert switch.get_ydata() == pytest.approx(by_values.get_ydata(), abs=1e-3)
+    assert by_values.get_linewidth() > switch.get_linewidth() > paper.get_linewidth()
+    assert by_values.get_zorder() < switch.get_zorder() < paper.get_zorder()
+    assert by_values.get_linestyle() == '-' and {line.get_linestyle() for line in lines[1:]} == {'--'}
 
 
 def test_the_legend_names_what_is_hidden(compared):
     panels, _ = compared
-    merit, switch, paper, unheated = texts(panels['temperature'])[:4]
-    assert '≈' not in merit + unheated
-    assert switch.endswith(' (≈ merit_order)')
+    by_values, switch, paper, unheated = texts(panels['temperature'])[:4]
+    assert '≈' not in by_values + unheated
+    assert switch.endswith(' (≈ value_function)')
     # Its own course, 0.2 K above the others.
     assert '≈' not in paper
 
@@ -196,7 +196,7 @@ def test_the_legend_names_what_is_hidden(compared):
 def test_a_plan_that_does_not_heat_says_so_and_is_drawn_once():
     panels, _ = panels_of(constant_route(power_w=0.0, ambient_c=25.0, speed_mps=0.0),
                           BatteryState(25.0, 0.5), Goal(20.0))
-    assert texts(panels['temperature'])[0].startswith('merit_order (default), does not heat: 25')
+    assert texts(panels['temperature'])[0].startswith('value_function (default), does not heat: 25')
     assert not curves(panels['temperature'], look_of('without preheating').colour)
 
 
@@ -216,7 +216,7 @@ def test_an_empty_battery_ends_the_drive_in_every_panel():
     panels, (plan,) = panels_of(constant_route(power_w=40e3), BatteryState(-7.0, 0.1))
     at_min = plan.stranding.at_s / 60.0
     assert texts(panels['temperature'])[0] == (
-        f'merit_order (default), does not heat: battery empty after '
+        f'value_function (default), does not heat: battery empty after '
         f'{at_min // 1:.0f}:{at_min % 1 * 60:02.0f} min')
     assert 'battery empty' in texts(panels['charge'])
     for name in ('power', 'drive'):

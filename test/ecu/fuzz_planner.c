@@ -2,7 +2,7 @@
 /*
  * Plans with random numbers in vehicle, trip and situation, some of them NaN, infinite, huge or zero.
  *
- *     fuzz_planner METHOD COUNT SEED     METHOD: optimal_switch, merit_order
+ *     fuzz_planner METHOD COUNT SEED     METHOD: optimal_switch, value_function
  *
  * Exit status 0: each answer is a status, and a plan is made of possible numbers.
  *
@@ -53,7 +53,7 @@ static double odd_number(void) {
 
 /* The share of numbers that are odd, in this case. */
 static double odd_share;
-static int is_by_merit;
+static int is_by_values;
 
 static double mostly(double usual) { return uniform(0.0, 1.0) < odd_share ? odd_number() : usual; }
 
@@ -93,7 +93,7 @@ static double draw_power_w(int is_limited) {
 
 static void fill_columns(double *const columns[COLUMNS], int32_t steps) {
   const int time_may_be_odd = draw_below(3) == 0;
-  const int is_limited = is_by_merit && draw_below(2) == 0;
+  const int is_limited = is_by_values && draw_below(2) == 0;
   columns[0][0] = 0.0;
   for (int32_t k = 0; k < steps; k++) {
     columns[1][k] = uniform(20.0, 200.0);
@@ -139,12 +139,11 @@ static int plan_one(void) {
   const int32_t steps = 1 + draw_below(MOST_STEPS_DRAWN);
   double *columns[COLUMNS];
   double *memory = malloc(
-      sizeof(double) * (size_t)(is_by_merit ? BEV_ECU_MERIT_MEMORY(steps) : BEV_ECU_MEMORY(steps)));
-  uint8_t *flags = malloc((size_t)BEV_ECU_MERIT_FLAGS(steps));
-  int32_t *order = malloc(sizeof(int32_t) * (size_t)steps);
+      sizeof(double) * (size_t)(is_by_values ? BEV_ECU_VALUE_MEMORY(steps) : BEV_ECU_MEMORY(steps)));
+  uint8_t *flags = malloc((size_t)BEV_ECU_VALUE_BYTES(steps));
   for (int n = 0; n < COLUMNS; n++) {
     columns[n] = malloc(sizeof(double) * (size_t)(steps + (n == 0)));
-    if (columns[n] == NULL || memory == NULL || flags == NULL || order == NULL) {
+    if (columns[n] == NULL || memory == NULL || flags == NULL) {
       return 99;
     }
   }
@@ -152,8 +151,7 @@ static int plan_one(void) {
   change_vehicle(&vehicle);
   fill_columns(columns, steps);
   bev_trip trip = {steps,      columns[0], columns[1], columns[2], columns[3], columns[4],
-                   columns[5], columns[6], columns[7], columns[8], columns[9],
-                   NULL};
+                   columns[5], columns[6], columns[7], columns[8], columns[9]};
   const bev_ecu_situation situation = {
       mostly(uniform(0.3, 0.9)), mostly(uniform(0.0, 10.0)), mostly(0.0), mostly(0.0),
       mostly(uniform(0.0, 20.0)), mostly(0.1), mostly(0.05)};
@@ -161,8 +159,8 @@ static int plan_one(void) {
     trip.steps = draw_below(2) == 0 ? -steps : BEV_MOST_STEPS + 1;
   }
   bev_ecu_plan plan;
-  const bev_status status = is_by_merit
-      ? bev_ecu_plan_merit_order(&vehicle, &trip, &situation, memory, flags, order, &plan)
+  const bev_status status = is_by_values
+      ? bev_ecu_plan_by_values(&vehicle, &trip, &situation, memory, flags, &plan)
       : bev_ecu_plan_switch(&vehicle, &trip, &situation, memory, &plan);
   int answer = (int)status;
   if (status == BEV_OK ? !is_possible(&plan, &trip)
@@ -174,7 +172,6 @@ static int plan_one(void) {
   }
   free(memory);
   free(flags);
-  free(order);
   return answer;
 }
 
@@ -186,7 +183,7 @@ int main(int count, char **arguments) {
     return 2;
   }
   const long cases = strtol(arguments[2], NULL, 10);
-  is_by_merit = strcmp(arguments[1], "merit_order") == 0;
+  is_by_values = strcmp(arguments[1], "value_function") == 0;
   state ^= (uint64_t)strtol(arguments[3], NULL, 10) * 0x9E3779B97F4A7C15u;
   for (long n = 0; n < cases; n++) {
     odd_share = shares[n % 4];

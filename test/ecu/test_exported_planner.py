@@ -14,7 +14,6 @@ from bev_preheat.ecu.constants import vehicle_source
 from bev_preheat.ecu.export import Export
 from bev_preheat.ecu.sources import own_sources
 from bev_preheat.ecu.vectors import (
-    Answer,
     BAD_INPUT,
     draw_vector,
     draw_vectors,
@@ -36,7 +35,7 @@ pytestmark = pytest.mark.costly
 FORMULAS = corrected_vehicle(load_vehicle('reference'), Corrections(1.07, 0.9, 1.2, 0.97))
 CARS = {'formulas': FORMULAS, 'tables': load_vehicle('mid_size_lfp'),
         'heat path': replace(FORMULAS, heat_path=HeatPath(45.0, 16e3, 280.0))}
-VECTORS = 30
+VECTORS = 25
 FUZZ = Path(__file__).with_name('fuzz_planner.c')
 
 
@@ -56,7 +55,7 @@ class Exported:
 
 def exported(folder, vehicle, count, *targets):
     """Export a vehicle and make targets of the folder; without optimisation, which takes most of the time."""
-    found = Exported(folder, Export(vehicle, folder, []).write(count, 5, lambda: None))
+    found = Exported(folder, Export(vehicle, folder, []).write(count, 1, lambda: None))
     made = found.run('make', *(targets or ('all', 'build/check')), 'CFLAGS=-O0')
     assert made.returncode == 0, made.stdout + made.stderr
     return found
@@ -79,7 +78,7 @@ def with_vehicle(export, tmp_path, vehicle, vectors):
     return found
 
 
-SWITCH, MERIT = range(len(METHODS))
+SWITCH, BY_VALUES = range(len(METHODS))
 
 
 def seen(vectors, method=SWITCH):
@@ -89,8 +88,7 @@ def seen(vectors, method=SWITCH):
 def with_answer(vector, method, **changes):
     """Return a vector with another answer of one method."""
     answers = [*vector.answers]
-    old = answers[method]
-    answers[method] = Answer(**{'status': old.status, 'expected': old.expected, **changes})
+    answers[method] = answers[method]._replace(**changes)
     return replace(vector, answers=tuple(answers))
 
 
@@ -99,9 +97,9 @@ def heated(vectors, method=SWITCH):
 
 
 def heated_within_limits(vectors):
-    """Return those in which a limit is active, and which merit_order heats nevertheless."""
+    """Return those in which a limit is active, and which value_function heats nevertheless."""
     return [vector for vector in vectors
-            if vector.answers[SWITCH].status == LIMITED and vector.answers[MERIT].heats]
+            if vector.answers[SWITCH].status == LIMITED and vector.answers[BY_VALUES].heats]
 
 
 def test_it_compiles_without_a_warning_and_plans_what_python_plans(export):
@@ -109,7 +107,7 @@ def test_it_compiles_without_a_warning_and_plans_what_python_plans(export):
     done = export.check()
     assert (done.returncode, done.stderr) == (0, ''), done.stdout
     assert f'{VECTORS} vectors, ' in done.stdout and ': 0 differ; ' in done.stdout
-    assert seen(export.vectors) == seen(export.vectors, MERIT) == {OK, LIMITED, BAD_INPUT}
+    assert seen(export.vectors) == seen(export.vectors, BY_VALUES) == {OK, LIMITED, BAD_INPUT}
     assert len(heated(export.vectors)) > 5 and len(heated_within_limits(export.vectors)) > 3
     for method in range(len(METHODS)):
         assert max(len(vector.columns[1]) for vector in heated(export.vectors, method)) == 360
@@ -149,10 +147,6 @@ def test_tables_and_heat_paths_are_planned_as_in_python(export, tmp_path, name):
         with without_core():
             vectors += [draw_vector(CARS[name], 5, number) for number in (198, 442)]
         assert any(not math.isnan(vector.answers[SWITCH].expected[1]) for vector in vectors)
-    else:
-        # In this one there are 620 points on a value curve, where most have less than a hundred.
-        with without_core():
-            vectors.append(draw_vector(CARS[name], 5, 710))
     done = with_vehicle(export, tmp_path, CARS[name], vectors).check()
     assert done.returncode == 0, done.stdout
 
@@ -162,7 +156,8 @@ def test_tables_and_heat_paths_are_planned_as_in_python(export, tmp_path, name):
     (0, 2e-3, r'on \[s\] is'), (3, 2e-3, r'drivetrain heat \[Wh\] is'), (6, -2e-3, r'heater \[Wh\] is')])
 def test_a_wrong_vector_is_found(export, place, by, told, method):
     number, vector = next(
-        (number, vector) for number, vector in enumerate(export.vectors) if vector.answers[method].heats)
+        (number, vector) for number, vector in enumerate(export.vectors)
+        if vector.answers[method].heats and vector.answers[method].is_exact)
     expected = [value + by * (n == place) for n, value in enumerate(vector.answers[method].expected)]
     wrong = [*export.vectors]
     wrong[number] = with_answer(vector, method, expected=tuple(expected))
@@ -171,6 +166,34 @@ def test_a_wrong_vector_is_found(export, place, by, told, method):
     assert done.returncode == 1
     assert re.search(rf'^vector {number + 1}, {METHODS[method]}: {told}', done.stdout)
     assert ': 1 differ; ' in done.stdout
+
+
+def moved(export, numbers, wh=0.0, arrival_c=None):
+    """Return what check says if plans of value_function are expected to cost more [Wh], or with other arrivals."""
+    vectors = [*export.vectors]
+    for number in numbers:
+        expected = [*vectors[number].answers[BY_VALUES].expected]
+        expected[7] += wh
+        expected[8] = expected[8] if arrival_c is None else arrival_c
+        vectors[number] = with_answer(vectors[number], BY_VALUES, expected=tuple(expected))
+    (export.folder / 'moved.txt').write_text(vectors_text(vectors))
+    return export.check('moved.txt')
+
+
+def test_few_plans_that_are_searched_for_may_be_other_ones(export):
+    numbers = [number for number, vector in enumerate(export.vectors)
+               if vector.answers[BY_VALUES].status == OK and not vector.answers[BY_VALUES].is_exact]
+    assert len(numbers) > 4
+    reaching, target_c = next((number, vector.situation[4]) for number, vector in enumerate(export.vectors)
+                              if number in numbers and vector.answers[BY_VALUES].expected[8] > vector.situation[4])
+    # Warmth beyond the target is worth nothing.
+    assert moved(export, [reaching], arrival_c=target_c + 50.0).returncode == 0
+    for by, told in (({'wh': 90.0}, 'battery'), ({'arrival_c': target_c - 0.5}, 'arrival')):
+        done = moved(export, [reaching], **by)
+        assert done.returncode == 1 and ': 1 differ; ' in done.stdout
+        assert f'value_function: {told} [' in done.stdout
+    done = moved(export, numbers, wh=0.2)
+    assert done.returncode == 1 and ': 0 differ; ' in done.stdout and 'too many other plans' in done.stdout
 
 
 @pytest.mark.parametrize('method', range(len(METHODS)), ids=METHODS)
@@ -239,11 +262,11 @@ def test_a_million_random_inputs_read_and_write_nothing_beyond_their_arrays(tmp_
 
 @pytest.mark.deep
 @pytest.mark.parametrize('name', CARS)
-def test_thousands_of_situations_are_planned_as_in_python(tmp_path, name):
-    done = exported(tmp_path / 'ecu', CARS[name], 3400, 'sanitize')
+def test_hundreds_of_situations_are_planned_as_in_python(tmp_path, name):
+    done = exported(tmp_path / 'ecu', CARS[name], 400, 'sanitize')
     checked = done.run('build/sanitized/check', 'vectors.txt')
     assert checked.returncode == 0, checked.stdout + checked.stderr
-    assert len(heated_within_limits(done.vectors)) > 300
+    assert len(heated_within_limits(done.vectors)) > 60
 
 
 def listed_deviations(text):

@@ -46,7 +46,7 @@ def route(vehicle):
 
 
 def test_it_plans_in_python(installed, vehicle, route):
-    assert bp.methods() == ('merit_order', 'optimal_switch', 'paper', 'value_function', *METHODS)
+    assert bp.methods() == ('value_function', 'optimal_switch', 'paper', *METHODS)
     plan = bp.plan(vehicle, route, STATE, method='last_20_minutes')
     assert plan.heating_start_s == pytest.approx(route.total_duration_s - 1200.0)
     limit_w = vehicle.hvch.maximum_power_w - route.cabin_heating_power_w
@@ -65,7 +65,7 @@ def test_it_drives_in_closed_loop(installed, vehicle):
                      sensors=bp.Sensors(period_s=4.0))
     heated_s = drive.time_s[drive.command_w > 0.0]
     assert heated_s[0] == pytest.approx(route.total_duration_s - 600.0, abs=4.0)
-    with pytest.raises(bp.InvalidInput, match="'last_25_minutes' is not one of merit_order, .*last_30_minutes"):
+    with pytest.raises(bp.InvalidInput, match="'last_25_minutes' is not one of value_function, .*last_30_minutes"):
         bp.drive(vehicle, route, STATE, method='last_25_minutes')
 
 
@@ -81,7 +81,7 @@ def test_it_plans_in_a_process_of_its_own(folder):
 def test_without_the_package_there_is_no_such_method(capsys):
     with pytest.raises(SystemExit):
         main(['plan', *SITUATION, '--method', 'last_10_minutes'])
-    assert ("'last_10_minutes' is not one of merit_order, optimal_switch, paper, value_function; see"
+    assert ("'last_10_minutes' is not one of value_function, optimal_switch, paper; see"
             in capsys.readouterr().err)
 
 
@@ -91,7 +91,7 @@ def test_without_the_package_there_is_no_such_method(capsys):
 def test_it_is_compared_with_the_optimum(installed, capsys):
     assert main(['compare', *SITUATION, '--json', '-']) == 0
     compared = json.loads(capsys.readouterr().out)
-    assert set(compared['plans']) == {'merit_order', 'optimal_switch', 'paper', *METHODS}
+    assert set(compared['plans']) == {'value_function', 'optimal_switch', 'paper', *METHODS}
     assert compared['gap_wh']['last_30_minutes'] > 100.0
     assert compared['gap_wh']['last_10_minutes'] is None and 'colder' in compared['difference']['last_10_minutes']
 

@@ -167,8 +167,8 @@ def test_all_methods_beside_the_optimum(vehicle, route):
     # A module of the same room may have been imported before.
     import bev_preheat.nonlinear_program.solve  # noqa: F401
     compared = bp.compare(vehicle, route, STATE)
-    assert tuple(compared.plans) == ('merit_order', 'optimal_switch', 'paper')
-    assert compared.above_optimum_wh['merit_order'] == pytest.approx(0.0, abs=0.01)
+    assert tuple(compared.plans) == ('value_function', 'optimal_switch', 'paper')
+    assert compared.above_optimum_wh['value_function'] == pytest.approx(0.0, abs=0.01)
     assert compared.above_optimum_wh['paper'] > 1.0
     assert compared.optimum.marginal_cost_wh_per_k > 0.0 and compared.optimum.infeasible == ()
 

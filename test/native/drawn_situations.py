@@ -54,7 +54,7 @@ def draw(number, most_steps):
         float(random.uniform(0.03, 1.0)), float(random.uniform(0.0, 3e3)), float(random.uniform(0.0, 6.0)))
     goal = Goal(float(random.uniform(5.0, min(40.0, highest_c))), float(random.choice([0.0, 0.2, 0.6])),
                 heating_pays=bool(random.random() < 0.9))
-    method = ('merit_order', 'optimal_switch', 'paper')[int(random.choice(3, p=[0.7, 0.2, 0.1]))]
+    method = ('value_function', 'optimal_switch', 'paper')[int(random.choice(3, p=[0.7, 0.2, 0.1]))]
     uncertainty_margin = None if random.random() < 0.5 else UncertaintyMargin(
         float(random.uniform(0.0, 1.0)), float(random.uniform(0.0, 2.0)), bool(random.random() < 0.5),
         120.0, 20.0)

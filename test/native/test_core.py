@@ -17,12 +17,8 @@ from bev_preheat.native.library import core, core_in_words, use_core, without_co
 from bev_preheat.native.runs import place
 from bev_preheat.native.structs import CurveStruct, NativeVehicle, NotDescribed
 from bev_preheat.numerics.arithmetic import FLOATS, SATURATING_FLOATS
-from bev_preheat.planning.charge_acceptance import no_acceptance_loss
 from bev_preheat.planning.dynamics import native_vehicle, run_forward
-from bev_preheat.planning.limits import run_unheated
-from bev_preheat.planning.thresholds import find_thresholds
 from bev_preheat.planning.trip import make_trip
-from bev_preheat.planning.wanted_heat import LimitedSteps
 from bev_preheat.vehicle.corrections import ScaledCurve
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, Table
 from bev_preheat.vehicle.heat_path import HeatPath
@@ -258,26 +254,6 @@ def test_arrays_of_any_layout_are_taken(make_integrator):
     assert ends[0] == ends[1] == ends[2]
     assert (run_forward(trip, make_integrator, 0.8, -4.0, whole)[1].tolist()
             == run_forward(trip, make_integrator, 0.8, -4.0, whole.astype(float))[1].tolist())
-
-
-# In the others up to the seventh the battery is beyond every threshold.
-# Leaf by leaf; test_same_plans.py compares whole plans daily.
-@pytest.mark.deep
-@pytest.mark.parametrize('number', [0, 1, 2, 4, 6, 7])
-def test_thresholds_are_the_same(number):
-    vehicle, route, state, goal, *_ = drawn_situations.draw(number, 30)
-    trip = make_trip(replace(vehicle, heat_path=HeatPath()), route)
-    state = replace(state, soc=max(state.soc, 0.5))
-    run = run_unheated(trip, state)
-    everywhere = np.ones(len(trip.route), dtype=bool)
-    situation = (trip, LimitedSteps(everywhere, everywhere), run, goal.target_temperature_c,
-                 no_acceptance_loss(trip))
-    found = find_thresholds(*situation)
-    with without_core():
-        expected = find_thresholds(*situation)
-    assert np.isfinite(expected.high_c).any()
-    for name in ('floor_c', 'low_c', 'high_c'):
-        np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=1e-12, atol=1e-11)
 
 
 def test_structs_are_those_of_the_header():

@@ -25,9 +25,9 @@ def test_they_are_told_by_function_and_reason():
 
 
 @pytest.mark.skipif(core() is None, reason='bev_preheat_core is not built')
-def test_a_plan_over_limits_is_the_core_s_by_merit_order_and_python_s_by_the_paper():
+def test_a_plan_over_limits_is_the_core_s_by_value_function_and_python_s_by_the_paper():
     drawn = draw_limit_trip(drawn_situations.car('reference'), 11, 2)
-    for method, declined in (('merit_order', 0), ('paper', 1)):
+    for method, declined in (('value_function', 0), ('paper', 1)):
         before = DECLINES.counts.total()
         plan_preheating(drawn.vehicle, drawn.route, drawn.state, drawn.goal, method)
         assert DECLINES.counts.total() - before == declined

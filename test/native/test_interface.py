@@ -11,9 +11,9 @@ from bev_preheat.native.library import bindings, core
 
 HEADERS, BINDINGS = read_headers(), bindings()
 NUMBERS = {
-    'BEV_BANDS': structs.BANDS, 'BEV_MOST_AXIS': structs.MOST_AXIS, 'BEV_MOST_FACTORS': structs.MOST_FACTORS,
-    'BEV_CURVE_PARAMETERS': structs.PARAMETERS, 'BEV_CURVE_MEMORY': structs.CURVE_MEMORY,
-    'BEV_MOST_GRID': structs.MOST_GRID, 'BEV_MOST_STEPS': structs.MOST_STEPS,
+    'BEV_MOST_AXIS': structs.MOST_AXIS, 'BEV_MOST_FACTORS': structs.MOST_FACTORS,
+    'BEV_CURVE_PARAMETERS': structs.PARAMETERS, 'BEV_VALUE_POINTS': structs.VALUE_POINTS,
+    'BEV_MOST_STEPS': structs.MOST_STEPS,
     'BEV_ELEMENTS': belief_structs.ELEMENTS, 'BEV_BOUNDED': belief_structs.BOUNDED,
     'BEV_MOST_HEATERS': belief_structs.MOST_HEATERS, 'BEV_WAYS': trips.WAYS_OF_TRIP,
     'BEV_UNHEATED': trips.UNHEATED, 'BEV_ALWAYS_ON': trips.ALWAYS_ON, 'BEV_PAPER': trips.PAPER,

@@ -51,16 +51,13 @@ def test_columns_are_the_same_to_the_last_bit():
 
 def test_a_changed_trip_has_the_other_columns_of_the_old_one():
     trip = uncached_trip(*drawn(3))
-    limit_w, ceiling_c = 0.3 * trip.heater_limit_w, np.full(len(trip.route), 17.0)
-    bounded = trip.changed(surplus_ceiling_c=ceiling_c)
-    changed = bounded.changed(heater_limit_w=limit_w)
+    limit_w = 0.3 * trip.heater_limit_w
+    changed = trip.changed(heater_limit_w=limit_w)
     assert changed.heater_limit_w.tolist() == limit_w.tolist()
-    assert changed.surplus_ceilings_c.tolist() == ceiling_c.tolist()
     for name in {*COLUMNS} - {'heater_limit_w'}:
         assert getattr(changed, name).tolist() == getattr(trip, name).tolist(), name
-    # The old ones are as before.
-    assert bounded.heater_limit_w.tolist() == trip.heater_limit_w.tolist() != limit_w.tolist()
-    assert trip.native.surplus_ceiling_c is None
+    # The old one is as before.
+    assert trip.heater_limit_w.tolist() != limit_w.tolist()
     with pytest.raises(TypeError, match='idle_w: not columns of a trip'):
         trip.changed(idle_w=limit_w)
 

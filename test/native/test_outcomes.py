@@ -1,29 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """Outcomes of plans beyond limits, from the native core, compared with Python."""
 
-from ctypes import addressof, byref, c_double
 from dataclasses import astuple, replace
 
 import drawn_situations
-import numpy as np
 import pytest
 
-from bev_preheat.native import searches
-from bev_preheat.native.library import core, without_core
-from bev_preheat.native.runs import place
-from bev_preheat.native.structs import address_of, StrandingStruct
-from bev_preheat.planning.dynamics import native_vehicle
-from bev_preheat.planning.heat_run import initial_states
+from bev_preheat.native.library import without_core
 from bev_preheat.planning.heating_intervals import Reason
 from bev_preheat.planning.limits import run_unheated
-from bev_preheat.planning.merit_order import plan_merit_order
-from bev_preheat.planning.outcome import find_outcome, power_deficit
+from bev_preheat.planning.outcome import find_outcome
 from bev_preheat.planning.planner import plan_without_heating
 from bev_preheat.planning.trip import make_trip
+from bev_preheat.planning.value_function import plan_by_values
 from bev_preheat.vehicle.heat_path import HeatPath
 from bev_preheat_studies.optimality.drawn_trips import draw_limit_trip
 
-BAD_ARGUMENT = -1
 PATHS = HeatPath(), HeatPath(40.0), HeatPath(0.0, 15e3, 300.0), HeatPath(45.0, 16e3, 280.0)
 
 
@@ -37,7 +29,7 @@ def situation(number, soc=None):
 
 def schedule_of(number):
     trip, state, goal = situation(number)
-    return trip, plan_merit_order(trip, state, goal, plan_without_heating(trip, state))
+    return trip, plan_by_values(trip, state, goal, plan_without_heating(trip, state))
 
 
 # Leaf by leaf; test_same_plans.py compares whole plans daily.
@@ -69,33 +61,3 @@ def test_where_the_charge_runs_out_the_outcome_is_the_same():
         expected = find_outcome(trip, run)
     assert astuple(find_outcome(trip, run).energy_wh) == pytest.approx(
         astuple(expected.energy_wh), rel=1e-9, abs=1e-6)
-
-
-# Leaf by leaf; test_same_plans.py compares whole plans daily.
-@pytest.mark.deep
-@pytest.mark.parametrize('soc', [None, 0.12])
-def test_what_the_unheated_trip_lacks_is_the_same(soc):
-    deficit, stranded = 0, 0
-    for number in range(16):
-        trip, state, _ = situation(number, soc)
-        start = initial_states(state)[:2 if trip.vehicle.heat_path.is_direct else 4]
-        deficit_w, where = searches.unheated_deficit(native_vehicle(trip.vehicle), trip.native, start)
-        with without_core():
-            run = run_unheated(trip, state)
-            expected_w = power_deficit(trip, run).worst_w
-        assert deficit_w == pytest.approx(expected_w, rel=1e-9, abs=1e-6)
-        assert (where is None) == (run.empty_at_s is None)
-        deficit, stranded = deficit + (deficit_w > 0.0), stranded + (where is not None)
-    assert deficit > 0 if soc is None else stranded > 0
-
-
-def test_the_unheated_trip_without_an_argument_is_refused():
-    trip, state, _ = situation(0)
-    memory, flags = np.empty(9 * len(trip.route) + 4), np.empty(2 * len(trip.route), np.uint8)
-    start, deficit_w, stranding = (c_double * 2)(state.soc, state.temperature_c), c_double(), StrandingStruct()
-    arguments = [native_vehicle(trip.vehicle).address, trip.native.address, addressof(start),
-                 place(memory), address_of(flags), byref(deficit_w), byref(stranding)]
-    assert core().bev_unheated_deficit(*arguments) == 0
-    for missing in range(len(arguments)):
-        assert core().bev_unheated_deficit(*(
-            None if at == missing else each for at, each in enumerate(arguments))) == BAD_ARGUMENT

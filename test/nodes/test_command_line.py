@@ -74,7 +74,7 @@ def test_help_tells_units_ranges_and_choices(call_main):
     text = call_main('planner', '--help').stdout
     assert 'battery_state_timeout (default: 5.0)\n' in text
     assert '0.1 ... 60 s.' in text
-    assert 'one of merit_order, optimal_switch, paper, value_function.' in text
+    assert 'one of value_function, optimal_switch, paper' in text
 
 
 PROBLEMS = {

@@ -44,7 +44,7 @@ def hourly(prices):
 
 def planned(prices, start_c, ambient_c, target_c, **options):
     return plan_in_cheapest_hours(
-        GRID, standing(len(prices), ambient_c), BatteryState(start_c, SOC), Goal(target_c), 'merit_order',
+        GRID, standing(len(prices), ambient_c), BatteryState(start_c, SOC), Goal(target_c), 'value_function',
         hourly(prices), **options)
 
 

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from bev_preheat.planning.comparison import difference, difference_of_plans, energy_gap_wh
+from bev_preheat.planning.comparison import difference, energy_gap_wh
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import load_route
@@ -23,11 +23,10 @@ class Made:
     undeliverable_power_w: float = 0.0
     wh: float = 5000.0
     arrival_temperature_c: float = 25.0
-    heater_wh: float = 1000.0
 
     @property
     def energy_wh(self):
-        return SimpleNamespace(battery_total=self.wh, hvch_electric=self.heater_wh)
+        return SimpleNamespace(battery_total=self.wh)
 
 
 @pytest.mark.parametrize('plan, optimum, expected', [
@@ -51,21 +50,6 @@ def test_what_is_not_the_same_is_said(plan, optimum, expected):
     plan, optimum = Made(**plan, wh=5155.0), Made(**optimum)
     assert difference(plan, optimum) == expected
     assert energy_gap_wh(plan, optimum) == (None if expected else 155.0)
-
-
-@pytest.mark.parametrize('more_heat_wh, expected', [
-    # 40 Wh are a tenth of 400 Wh.
-    (401.0, '401 Wh less heat above the target, for 40.0 Wh'), (399.0, '')])
-def test_heat_above_the_target_that_brings_less_than_a_tenth_is_not_compared(more_heat_wh, expected):
-    plan = Made(wh=5040.0, arrival_temperature_c=26.0)
-    optimum = Made(arrival_temperature_c=28.5, heater_wh=1000.0 + more_heat_wh)
-    assert difference_of_plans(plan, optimum) == expected
-    assert energy_gap_wh(plan, optimum) == (None if expected else 40.0)
-
-
-def test_what_a_colder_plan_misses_of_the_target_is_no_useless_heat():
-    plan = Made(wh=5040.0, shortfall_k=0.1)
-    assert difference_of_plans(plan, Made(arrival_temperature_c=28.5, heater_wh=2000.0)) == ''
 
 
 def test_more_than_the_target_is_no_achievement():

@@ -19,10 +19,10 @@ from bev_preheat.vehicle.heating_gates import gate_problems, HeatingGates, NO_GA
 VEHICLE = load_vehicle('reference')
 ROUTE = load_route('reference', VEHICLE.defaults)
 STATE, GOAL = BatteryState(-7.0, 0.9), Goal(25.0, 0.0, True)
-METHODS = 'merit_order', 'optimal_switch', 'paper'
+METHODS = 'value_function', 'optimal_switch', 'paper'
 
 
-def planned(gates, state=STATE, goal=GOAL, method='merit_order', route=ROUTE):
+def planned(gates, state=STATE, goal=GOAL, method='value_function', route=ROUTE):
     return plan_preheating(replace(VEHICLE, heating_gates=gates), route, state, goal, method)
 
 

@@ -11,7 +11,6 @@ import pytest
 
 from bev_preheat.native.library import without_core
 from bev_preheat.numerics.arithmetic import ARRAYS, FLOATS
-from bev_preheat.planning import merit_order
 from bev_preheat.planning.limits import drive_as_planned
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
@@ -116,7 +115,7 @@ def test_climbs_that_heat_helps_with_are_delivered(path, number):
         for each in (HeatPath(), path))
     assert at_once.undeliverable_power_w == late.undeliverable_power_w == 0.0
     assert at_once.heating_start_s is not None
-    assert late.heating_start_s < at_once.heating_start_s
+    assert late.heating_start_s <= at_once.heating_start_s
 
 
 @pytest.mark.costly
@@ -187,11 +186,8 @@ def test_a_stranded_vehicle_only_loses_the_heat_of_battery_and_coolant():
 
 @pytest.mark.costly
 @pytest.mark.parametrize('lag_s', [1e-9, 0.02])
-def test_a_lag_that_is_nothing_beside_the_steps_changes_nothing(lag_s, monkeypatch):
-    # Over the pass, plans heat for climbs, and descents give surplus; the lag has decayed there. Exchanges of heat
-    # are only for heat that arrives at once.
-    monkeypatch.setattr(merit_order, 'exchange_heat', lambda trip, state, schedule, target_c: schedule)
-    monkeypatch.setattr(merit_order, '_is_exchanged', lambda *run: False)
+def test_a_lag_that_is_nothing_beside_the_steps_changes_nothing(lag_s):
+    # Over the pass, plans heat for climbs, and descents give surplus; the lag has decayed there.
     route = load_route('alpine_pass', REFERENCE.defaults)
     with without_core():
         direct, lagging = (

@@ -68,7 +68,7 @@ def test_heating_before_arrival_is_for_arrival():
 
 def test_heating_with_what_the_battery_may_not_take_is_surplus():
     # At -11 degC it accepts 18 kW of 28; paid heat is not worth it for 3 min. A kelvin takes 0.44 MJ and lets it
-    # accept 2 kW more for 30 s, or a seventh, in the last step; after that it is of no use.
+    # accept 2 kW more for 30 s, or a seventh, in the last step but one; in the last one still a little.
     plan = plan_of((10, 15e3), (6, -30e3), (10, 15e3))
     interval, = plan.intervals
     assert (interval.reason, interval.end_s) == (Reason.SURPLUS, 450.0)

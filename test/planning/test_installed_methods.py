@@ -27,6 +27,7 @@ from bev_preheat.planning.planner import (
     plan_preheating,
     plan_unheated,
     refused_methods,
+    REPLACED,
 )
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
@@ -89,7 +90,7 @@ def test_an_unknown_name_lists_the_installed_ones(install):
     with pytest.raises(InvalidInput) as refused:
         plan_preheating(VEHICLE, ROUTE, STATE, GOAL, 'halve')
     assert str(refused.value) == (
-        "method: 'halve' is not one of merit_order, optimal_switch, paper, value_function, half")
+        "method: 'halve' is not one of value_function, optimal_switch, paper, half")
     assert not is_method('halve')
 
 
@@ -107,13 +108,13 @@ def test_a_method_that_cannot_be_loaded_is_refused_with_its_package(install, ent
     assert problem in str(refused.value)
 
 
-@pytest.mark.parametrize('name', ['paper', 'merit_order', 'nlp', 'optimum', 'replanned_paper'])
+@pytest.mark.parametrize('name', ['paper', 'value_function', 'merit_order', 'nlp', 'optimum', 'replanned_paper'])
 def test_a_name_that_is_built_in_stays_built_in(install, name):
     install({name: 'own:evil'}, 'raise RuntimeError("must not be loaded")')
     assert method_names() == tuple(METHODS)
     assert refused_methods() == (f'{name} of package own-methods 1.0 is not used, because the name is built in',)
-    if name in METHODS:
-        assert plan_preheating(VEHICLE, ROUTE, STATE, GOAL, name).method == name
+    if name in (*METHODS, *REPLACED):
+        assert plan_preheating(VEHICLE, ROUTE, STATE, GOAL, name).method == REPLACED.get(name, name)
     else:
         with pytest.raises(InvalidInput, match=f'method: {name} of package own-methods 1.0 is not used'):
             check_method(name)

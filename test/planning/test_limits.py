@@ -12,10 +12,10 @@ from varying_power import magnitude_w
 from bev_preheat.numerics.arithmetic import ARRAYS, FLOATS
 from bev_preheat.planning.dynamics import keep_accounts, run_forward
 from bev_preheat.planning.limits import drive_as_planned, limits_hold, run_within_limits, watch_limits
-from bev_preheat.planning.merit_order import plan_merit_order
 from bev_preheat.planning.optimal_switch import plan_optimal_switch
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.trip import make_trip
+from bev_preheat.planning.value_function import plan_by_values
 from bev_preheat.planning.wanted_heat import LimitedSteps, WantedHeat
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
@@ -337,7 +337,7 @@ def test_no_step_in_which_a_limit_matters_goes_unwatched(segments, state, colder
 @given(segments=SEGMENTS, state=STATES, target_c=st.floats(-10.0, 40.0))
 def test_plan_is_what_is_driven_with_every_step_watched(segments, state, target_c):
     trip, _ = trip_of(segments)
-    plan = plan_merit_order(trip, state, Goal(target_c))
+    plan = plan_by_values(trip, state, Goal(target_c))
     driven = drive_as_planned(trip, state, plan.heater_power_w)
     # A milliwatt does not count as a limit; over an hour it changes the temperature by 1e-5 K.
     assert driven.temperature_c == pytest.approx(plan.temperature_c, rel=0.0, abs=1e-5)

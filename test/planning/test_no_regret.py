@@ -14,7 +14,6 @@ import pytest
 from bev_preheat.planning.dynamics import JOULES_PER_WH, limits_of_steps_w
 from bev_preheat.planning.heating_intervals import Reason
 from bev_preheat.planning.limits import limits_hold
-from bev_preheat.planning.no_regret import TARGET_TOLERANCE_OF_POWER_K
 from bev_preheat.planning.planner import as_driven, METHODS, plan_preheating, plan_unheated, plan_without_heating
 from bev_preheat.planning.schedule import HeldBack
 from bev_preheat.planning.situation import BatteryState, Goal
@@ -210,7 +209,8 @@ def test_heating_for_a_climb_that_cannot_be_delivered_does_not_make_it_worse(met
     assert cold.deficit_w == pytest.approx(asked_for.undeliverable_power_w, abs=100.0)
     assert cold.deficit_w > 13e3
     assert warm.deficit_w <= cold.deficit_w + 20.0
-    assert cold.soc > warm.soc >= PLANTS['small_car'].lowest_soc - SAME_SOC
+    # value_function leaves the battery cold: the power of the climb comes before the target.
+    assert cold.soc >= warm.soc >= PLANTS['small_car'].lowest_soc - SAME_SOC
     assert plan.status is Status.POWER_LIMITED
 
 
@@ -472,8 +472,8 @@ def test_less_charge_never_means_more_paid_heating(method, situation):
 
 # Charge of a situation beyond the least sufficient one.
 JUST_ENOUGH = st.sampled_from([0.002, 0.005, 0.01, 0.02, 0.03])
-# Tolerance of a target that power decides, and some rounding.
-TARGET_K = TARGET_TOLERANCE_OF_POWER_K + 0.02
+# The warmest target is found to 2^-14 of the range that is searched; and some rounding.
+TARGET_K = 0.02
 
 
 def hardly_carried(name, route, state, more_soc):
@@ -498,7 +498,7 @@ CLIMB_TO_AN_EMPTY_BATTERY = route_of((6, 2e3), (9, 12578.0), (30, 11927.5), spee
                                      cabin_w=2462.0, auxiliary_w=800.0)
 
 
-@pytest.mark.parametrize('method', ['merit_order', 'optimal_switch'])
+@pytest.mark.parametrize('method', ['value_function', 'optimal_switch'])
 @pytest.mark.parametrize('soc', [0.24, 0.241, 0.243])
 def test_power_that_lacks_in_the_end_leaves_the_heat_that_there_is_power_for(method, soc):
     state = BatteryState(-12.0, soc)
@@ -512,7 +512,7 @@ def test_power_that_lacks_in_the_end_leaves_the_heat_that_there_is_power_for(met
 
 
 @pytest.mark.costly
-@pytest.mark.parametrize('method', ['merit_order', 'optimal_switch'])
+@pytest.mark.parametrize('method', ['value_function', 'optimal_switch'])
 @DEAR
 @given(situation=situations(within_limits=True), more_soc=JUST_ENOUGH)
 def test_a_wish_that_is_held_back_is_as_warm_as_any_lower_target(method, situation, more_soc):

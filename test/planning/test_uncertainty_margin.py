@@ -204,7 +204,7 @@ def test_where_all_heating_is_not_enough_caution_cannot_help():
     assert careful.status is plain.status is Status.TARGET_UNREACHABLE
 
 
-@pytest.mark.parametrize('method', ['merit_order', 'optimal_switch', 'paper'])
+@pytest.mark.parametrize('method', ['value_function', 'optimal_switch', 'paper'])
 def test_every_method_can_be_careful(method):
     careful = plan_preheating(CAR, steady_route(), START, GOAL, method, UncertaintyMargin(lead_k=1.5))
     assert careful.arrival_temperature_c == pytest.approx(20.0, abs=2 * ARRIVAL_TOLERANCE_K)

@@ -8,13 +8,23 @@ If not everything can be had, it gives up first the target, then the power of cl
 from dataclasses import replace
 from itertools import product
 
+from hypothesis import given, settings
+from hypothesis import strategies as st
 import numpy as np
+from own_plant import OwnPlant
 import pytest
 
 from bev_preheat.native.library import without_core
 from bev_preheat.planning.limits import drive_as_planned, run_unheated
 from bev_preheat.planning.outcome import power_deficit
-from bev_preheat.planning.planner import plan_preheating
+from bev_preheat.planning.planner import (
+    as_driven,
+    check_method,
+    method_names,
+    plan_preheating,
+    plan_unheated,
+    replaced_in_words,
+)
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
 from bev_preheat.planning.trip import make_trip
@@ -24,7 +34,13 @@ from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.heat_path import HeatPath
 from bev_preheat_studies.optimality.drawn_trips import draw_limit_trip
 
-VEHICLE = load_vehicle('reference')
+VEHICLE, PLANT = load_vehicle('reference'), OwnPlant('reference')
+# Most that a plan lies above the optimum (docs/decisions/0014).
+ABOVE_OPTIMUM_WH = 1.5
+# The plant's steps are shorter, and of first order.
+SAME_SOC, SAME_POWER_W, SAME_POWER_SHARE = 3e-4, 150.0, 4e-3
+# Every example takes many plans of a whole trip: more examples only in `make test-deep`.
+DEAR = settings(max_examples=6 if settings.default.derandomize else settings.default.max_examples)
 
 
 def planned(trip, method='value_function', **changes):
@@ -38,20 +54,26 @@ def total_wh(plan):
     return plan.energy_wh.battery_total + plan.shortfall_k * per_k
 
 
-# Descents that pay for heat, climbs, free heat that opens the charge limit, a reserve: trips of seed 1.
+# Descents that pay for heat, climbs, free heat that opens the charge limit, a changing cabin; in the last ones the
+# target would cost the reserve.
 @pytest.mark.costly
 @pytest.mark.needs('casadi')
-@pytest.mark.parametrize('number', [79, pytest.param(0, marks=pytest.mark.deep), pytest.param(
-    37, marks=pytest.mark.deep), pytest.param(123, marks=pytest.mark.deep)])
-def test_it_costs_what_the_program_costs(number):
+@pytest.mark.parametrize('seed, number', [(1, 79), (11, 8), (11, 23), (11, 49), *(
+    pytest.param(*case, marks=pytest.mark.deep) for case in (
+        (1, 0), (1, 37), (1, 123), (11, 3), (11, 9), (11, 22), (11, 24), (11, 36), (11, 118), (11, 30),
+        (11, 56)))])
+def test_it_costs_what_the_program_costs(seed, number):
     from bev_preheat.nonlinear_program.solve import solve_optimum
-    trip = draw_limit_trip(VEHICLE, 1, number)
-    optimum = solve_optimum(trip.vehicle, trip.route, trip.state, trip.goal).plan
+    trip = draw_limit_trip(VEHICLE, seed, number)
+    optimum = solve_optimum(trip.vehicle, trip.route, trip.state, trip.goal)
     plan = planned(trip)
-    assert total_wh(plan) < total_wh(optimum) + 1.0
-    assert plan.shortfall_k < 1e-4
-    # There the default method is dearer, so this is no trip on which all methods agree.
-    assert total_wh(plan) < total_wh(planned(trip, 'merit_order')) - 5.0
+    # Not below the optimum by more than the solver's tolerance.
+    assert -0.05 < total_wh(plan) - total_wh(optimum.plan) < ABOVE_OPTIMUM_WH
+    # On the second of the deep ones the reserve is missed anyway.
+    assert plan.arrival_soc >= min(trip.goal.minimum_arrival_soc, optimum.plan.arrival_soc) * (1.0 - 1e-6)
+    missed = {item.constraint for item in optimum.deficit}
+    assert ('target temperature' in missed) == (plan.shortfall_k > 1e-3)
+    assert plan.undeliverable_power_w == 0.0
 
 
 @pytest.mark.deep
@@ -98,11 +120,13 @@ def test_on_a_short_descent_core_and_python_plan_the_same(heat_path):
     assert python.soc[-1] == pytest.approx(schedule.soc[-1], abs=1e-6)
 
 
+@pytest.mark.parametrize(('heat_path', 'shares'), [
+    (HeatPath(), (0.0, 0.5, 1.0)), (HeatPath(40.0), (0.0, 1.0)), (HeatPath(40.0, 15e3, 150.0), (0.0, 1.0))])
 @pytest.mark.parametrize('target_c', [2.0, 6.0])
-def test_nothing_else_that_can_be_switched_costs_less(target_c):
-    """Every pattern of off, half and full power is driven."""
+def test_nothing_else_that_can_be_switched_costs_less(target_c, heat_path, shares):
+    """Every pattern of off and full power, and of half power where heat arrives at once, is driven."""
     state, goal = BatteryState(-9.0, 0.8), Goal(target_c)
-    trip = make_trip(VEHICLE, short_descent())
+    trip = make_trip(replace(VEHICLE, heat_path=heat_path), short_descent())
     mine = plan_by_values(trip, state, goal)
 
     def cost_wh(schedule):
@@ -111,8 +135,8 @@ def test_nothing_else_that_can_be_switched_costs_less(target_c):
         per_k = VEHICLE.battery.heat_capacity_j_per_k / VEHICLE.hvch.efficiency / 3600.0
         return (state.soc - float(schedule.soc[-1])) * capacity_wh + 30.0 * short_k * per_k
 
-    tried = [drive_as_planned(trip, state, np.array(shares) * trip.heater_limit_w)
-             for shares in product((0.0, 0.5, 1.0), repeat=8)]
+    tried = [drive_as_planned(trip, state, np.array(pattern) * trip.heater_limit_w)
+             for pattern in product(shares, repeat=8)]
     # Switching on costs half a watt-hour, which this does not count.
     assert cost_wh(mine) < min(map(cost_wh, tried)) + 1.0
 
@@ -170,13 +194,288 @@ def test_a_trip_that_the_charge_does_not_carry_is_not_heated():
     assert plan.energy_wh.hvch_electric == 0.0
 
 
+# Drawn trips.
+
+def hottest_arrival_c(trip):
+    """Return the arrival temperature with all the heating that limits and cabin allow."""
+    steps = make_trip(trip.vehicle, trip.route)
+    return float(drive_as_planned(steps, trip.state, steps.heater_limit_w, take_surplus=True).temperature_c[-1])
+
+
+@pytest.mark.costly
+@DEAR
+@given(number=st.integers(0, 10**6), target_c=st.floats(-30.0, 60.0))
+def test_limits_hold_and_what_can_be_reached_is_reached(number, target_c):
+    trip = draw_limit_trip(VEHICLE, 17, number)
+    trip = replace(trip, goal=replace(trip.goal, target_temperature_c=target_c))
+    plan, without_reserve = planned(trip), planned(trip, minimum_arrival_soc=0.0)
+    left_w = np.maximum(VEHICLE.hvch.maximum_power_w - trip.route.cabin_heating_power_w, 0.0)
+    assert ((plan.hvch_battery_power_w >= 0.0) & (plan.hvch_battery_power_w <= left_w)).all()
+    # In a plant that shares no code with the model; within a step it brakes only as much as it must.
+    driven = PLANT.drive(trip.route, trip.state, plan.hvch_battery_power_w)
+    beyond_w = PLANT.beyond_limits_w(
+        trip.route, trip.state, plan.hvch_battery_power_w, plan.friction_brake_power_w).max(axis=0)
+    assert beyond_w[1] < SAME_POWER_W
+    if plan.stranding is None:
+        assert driven.soc > plan.arrival_soc - SAME_SOC
+        assert driven.deficit_w == pytest.approx(
+            plan.undeliverable_power_w, abs=SAME_POWER_W, rel=SAME_POWER_SHARE)
+        assert beyond_w[0] < SAME_POWER_W or plan.undeliverable_power_w > 0.0
+    # The reserve, as far as the drive alone keeps it; then the target.
+    cold = run_unheated(make_trip(trip.vehicle, trip.route), trip.state)
+    if cold.soc[-1] > trip.goal.minimum_arrival_soc:
+        assert plan.arrival_soc >= trip.goal.minimum_arrival_soc - 1e-5
+    if hottest_arrival_c(trip) > target_c + 0.01 and without_reserve.arrival_soc > 0.06:
+        assert without_reserve.shortfall_k <= 1e-3
+
+
+@pytest.mark.costly
+@DEAR
+@given(number=st.integers(0, 10**6), warmer_k=st.floats(0.1, 20.0),
+       shares=st.lists(st.floats(-0.1, 1.2), min_size=2, max_size=2))
+def test_more_that_is_asked_never_costs_less_and_one_switch_never_less_either(number, warmer_k, shares):
+    """As the optimum; a plan is at most ABOVE_OPTIMUM_WH above it."""
+    trip = draw_limit_trip(VEHICLE, 17, number)
+    trip = replace(trip, goal=replace(trip.goal, minimum_arrival_soc=0.0))
+    inputs = trip.vehicle, trip.route, trip.state, trip.goal
+    plan, hotter = planned(trip), planned(
+        trip, target_temperature_c=min(trip.goal.target_temperature_c + warmer_k, 60.0))
+    warm = planned(replace(trip, state=replace(
+        trip.state, temperature_c=trip.state.temperature_c + min(warmer_k, 10.0))))
+    switch = as_driven(plan_preheating(*inputs, 'optimal_switch'), *inputs)
+    # A plan minimises the power deficit first, then arrives, at any cost.
+    for cheaper, dearer in ((plan, hotter), (warm, plan), (plan, switch)):
+        if cheaper.undeliverable_power_w == dearer.undeliverable_power_w == 0.0 and (
+                max(cheaper.shortfall_k, dearer.shortfall_k) < 1e-3 or dearer is hotter):
+            assert cheaper.energy_wh.battery_total <= dearer.energy_wh.battery_total + ABOVE_OPTIMUM_WH
+    cold = run_unheated(make_trip(trip.vehicle, trip.route), trip.state)
+    # Heat before a descent may bring charge.
+    reserves = sorted(plan.arrival_soc + share * (float(cold.soc[-1]) - plan.arrival_soc) for share in shares)
+    less, more = (planned(trip, minimum_arrival_soc=min(max(reserve, 0.0), 1.0)) for reserve in reserves)
+    assert more.energy_wh.hvch_electric <= less.energy_wh.hvch_electric + ABOVE_OPTIMUM_WH
+
+
+@pytest.mark.costly
+@DEAR
+@given(number=st.integers(0, 10**6), start_c=st.floats(50.0, 60.0), target_c=st.floats(55.0, 60.0))
+def test_heating_never_leads_beyond_the_highest_temperature(number, start_c, target_c):
+    trip = replace(draw_limit_trip(VEHICLE, 17, number), state=BatteryState(start_c, 0.8))
+    plan = planned(trip, target_temperature_c=target_c, minimum_arrival_soc=0.0)
+    heated = plan.hvch_battery_power_w > 0.0
+    # Tolerance to which the heater is cut.
+    assert (plan.battery_temperature_c[1:][heated] <= 60.0 + 1e-6).all()
+
+
+# Climbs, descents, cabin.
+
+def drive(*parts, cabin_w=1500.0, ambient_c=-12.0, step_s=30.0):
+    """Return a Route of parts (number of steps, propulsion power [W])."""
+    power_w = np.concatenate([np.full(count, float(value)) for count, value in parts])
+    return make_route({
+        'duration_s': np.full(len(power_w), step_s), 'speed_mps': [20.0],
+        'propulsion_power_w': power_w, 'ambient_temperature_c': [ambient_c],
+        'cabin_heating_power_w': np.broadcast_to(cabin_w, len(power_w)),
+        'auxiliary_power_w': [400.0]}, VEHICLE.defaults)
+
+
+START = BatteryState(-12.0, 0.8)
+
+
+def plan_of(route, target_c=10.0, state=START, **goal):
+    return plan_preheating(VEHICLE, route, state, Goal(target_c, **goal))
+
+
+def test_a_climb_is_heated_for_as_much_as_it_needs():
+    route = drive((60, 15e3), (4, 160e3), (10, 15e3))
+    plan = plan_of(route, target_c=-12.0)
+    beyond_w = PLANT.beyond_limits_w(route, START, plan.hvch_battery_power_w, plan.friction_brake_power_w)[:, 0]
+    cold_w = PLANT.beyond_limits_w(route, START, np.zeros(74), np.zeros(74))[:, 0]
+    assert cold_w.max() > 5e3
+    # A kelvin, 5 W h/K of the heater, gives some kilowatts.
+    assert beyond_w.max() == pytest.approx(0.0, abs=SAME_POWER_W)
+    assert beyond_w.argmax() in range(60, 64)
+    assert not plan.hvch_battery_power_w[60:].any()
+
+
+@pytest.fixture(scope='module')
+def too_steep():
+    """Route and plan of a climb that no heating makes possible."""
+    route = drive((20, 15e3), (5, 190e3), (60, 20e3))
+    return route, plan_of(route, 20.0)
+
+
+def test_a_climb_that_no_heat_makes_possible_is_told_with_what_lacks_and_where(too_steep):
+    route, plan = too_steep
+    lacks_w = PLANT.drive(route, START, plan.hvch_battery_power_w).deficit_w
+    assert (plan.status, plan.undeliverable_at_s) == (Status.POWER_LIMITED, 600.0)
+    assert plan.undeliverable_power_w == pytest.approx(lacks_w, abs=SAME_POWER_W, rel=SAME_POWER_SHARE)
+    assert plan.explanation.startswith(
+        f'In 10:00 min the route needs {plan.undeliverable_power_w / 1000:.1f} kW more than the battery can '
+        'deliver;')
+
+
+def test_it_is_heated_for_with_all_there_is_and_the_rest_of_the_route_is_planned(too_steep):
+    _, plan = too_steep
+    assert plan.hvch_battery_power_w[:20] == pytest.approx(5500.0)
+    # Nothing is heated where the battery cannot give what is driven.
+    assert not plan.hvch_battery_power_w[20:25].any()
+    assert plan.arrival_temperature_c == pytest.approx(20.0, abs=1e-3)
+
+
+def test_surplus_of_a_descent_heats_although_the_target_is_met_anyway():
+    # All that a cold battery cannot accept of 40 kW is free; a kelvin lets it accept more.
+    plan = plan_of(drive((10, 5e3), (20, -40e3), (10, 15e3)), target_c=-12.0)
+    assert plan.hvch_battery_power_w[10:14] == pytest.approx(5500.0)
+
+
+def test_a_descent_saves_energy_against_heating_at_the_end():
+    route, goal = drive((10, 5e3), (40, -30e3), (60, 15e3)), Goal(14.0)
+    switch = plan_preheating(VEHICLE, route, START, goal, 'optimal_switch')
+    driven = as_driven(switch, VEHICLE, route, START, goal)
+    # The heater takes 5.5 kW that the brake would waste, for most of 20 min: about 1.5 kWh.
+    assert plan_of(route, 14.0).energy_wh.battery_total < driven.energy_wh.battery_total - 1000.0
+
+
+def test_the_battery_gets_what_a_changing_cabin_leaves():
+    cabin_w = np.repeat([0.0, 7500.0, 3000.0, 7000.0, 1200.0], 12)
+    plan = plan_of(drive((50, 15e3), (2, 180e3), (8, 15e3), cabin_w=cabin_w), target_c=30.0)
+    # The limit is active at the climb only; everywhere else full power is wanted.
+    assert np.delete(plan.hvch_battery_power_w, [50, 51]) == pytest.approx(np.delete(
+        np.repeat([7000.0, 0.0, 4000.0, 0.0, 5800.0], 12), [50, 51]))
+
+
+# Heat above the target.
+
+@pytest.mark.parametrize('path', [HeatPath(), HeatPath(45.0, 15e3, 300.0)], ids=['at once', 'late'])
+def test_a_full_battery_that_is_warm_enough_is_not_heated(path):
+    # It accepts none of the descent, warm or cold, so no heat brings anything.
+    route = drive((120, -15e3), cabin_w=0.0, ambient_c=25.0)
+    plan = plan_preheating(replace(VEHICLE, heat_path=path), route, BatteryState(30.0, 1.0), Goal(25.0))
+    assert (plan.status, plan.intervals) == (Status.NOT_NEEDED, ())
+    assert 25.0 < plan.arrival_temperature_c < 30.0
+
+
+@pytest.mark.costly
+@DEAR
+@given(number=st.integers(0, 10**6))
+def test_heat_above_the_target_brings_more_energy_than_it_costs(number):
+    trip = draw_limit_trip(VEHICLE, 23, number)
+    plan = planned(trip, target_temperature_c=-40.0, minimum_arrival_soc=0.0)
+    cold = plan_unheated(trip.vehicle, trip.route, trip.state, trip.goal)
+    if cold.undeliverable_power_w == 0.0:
+        assert plan.energy_wh.battery_total <= cold.energy_wh.battery_total + 1e-3
+        # Each switching on is to save half a watt-hour.
+        saved_wh = cold.energy_wh.battery_total - plan.energy_wh.battery_total
+        assert plan.energy_wh.hvch_electric == 0.0 or saved_wh > 0.4
+
+
+# Reserve.
+
+def test_the_reserve_is_used_up_to_be_warm_and_said_in_kelvin():
+    route = drive((60, 15e3))
+    reserve = plan_of(route).arrival_soc + 0.008
+    plan = plan_of(route, minimum_arrival_soc=reserve)
+    minutes, seconds = divmod(round(plan.heating_start_s), 60)
+    assert plan.arrival_soc == pytest.approx(reserve, abs=1.1e-5)
+    assert (plan.status, plan.explanation) == (
+        Status.SOC_LIMITED, f'To keep the {100 * reserve:.1f} % reserve, the target is missed '
+        f'by {10.0 - plan.arrival_temperature_c:.1f} K: heating starts in {minutes}:{seconds:02d} '
+        f'min; arrival in 30:00 min at {plan.arrival_temperature_c:.1f} degC, target 10.0 degC.')
+
+
+def test_a_reserve_that_is_missed_anyway_means_no_heating():
+    route = drive((60, 15e3))
+    reserve = plan_of(route, charging_planned=False).arrival_soc + 0.03
+    plan = plan_of(route, minimum_arrival_soc=reserve)
+    assert (plan.status, plan.heating_start_s, plan.hvch_battery_power_w.any()) == (
+        Status.SOC_LIMITED, None, False)
+    assert plan.soc_shortfall == pytest.approx(0.03, rel=1e-9)
+    assert plan.explanation == (
+        f'The battery arrives 3.0 % below the {100 * reserve:.1f} % reserve: the heater '
+        f'stays off; arrival in 30:00 min at {plan.arrival_temperature_c:.1f} degC, target 10.0 degC.')
+
+
+def test_the_lowest_state_of_charge_of_the_vehicle_is_a_reserve():
+    # Half an hour at 16.9 kW and its losses, not the heat as well.
+    state = BatteryState(-12.0, 0.05 + 0.5 * 16.9e3 / 80e3 + 0.02)
+    assert plan_of(drive((60, 15e3)), target_c=25.0, state=state).arrival_soc == pytest.approx(0.05, abs=1.1e-5)
+
+
+def test_no_charging_planned_means_no_heating_even_with_surplus():
+    plan = plan_of(drive((10, 5e3), (20, -40e3), (10, 15e3)), charging_planned=False)
+    assert (plan.status, plan.heating_start_s, plan.hvch_battery_power_w.any()) == (
+        Status.NO_CHARGING_PLANNED, None, False)
+
+
+# Extremes: a status and finite numbers, neither an exception nor a warning.
+
+EXTREMES = {
+    'one_segment': (drive((1, 90e3)), 10.0, START, Status.TARGET_UNREACHABLE),
+    'one_segment_of_regeneration': (drive((1, -90e3)), 10.0, START, Status.TARGET_UNREACHABLE),
+    'all_descent': (drive((40, -60e3)), 10.0, START, None),
+    'no_heater': (drive((20, 15e3), (5, -60e3), (5, 170e3), cabin_w=7000.0), 10.0, START, Status.POWER_LIMITED),
+    'cabin_takes_all_heat': (drive((40, 15e3), cabin_w=7500.0), 10.0, START, Status.TARGET_UNREACHABLE),
+    'no_heater_at_the_end': (drive(
+        (20, 15e3), (5, -60e3), cabin_w=np.repeat([0.0, 9e3], [15, 10])), 10.0, START, None),
+    'target_below_start': (drive((20, 15e3)), -30.0, START, Status.NOT_NEEDED),
+    # Free heat is used.
+    'descent_and_target_below_start': (drive((20, 15e3), (5, -60e3)), -30.0, START, Status.WAITING),
+    'full_with_regeneration': (drive((20, -60e3), (20, 15e3)), 10.0, BatteryState(-12.0, 1.0), None),
+    'lowest_charge': (drive((20, 15e3)), 10.0, BatteryState(-12.0, 0.05), Status.POWER_LIMITED),
+    'empty': (drive((20, 15e3)), 10.0, BatteryState(-12.0, 0.0), Status.OUT_OF_CHARGE),
+    'highest_temperatures': (drive((20, -60e3), (20, 50e3), ambient_c=60.0), 60.0, BatteryState(60.0, 0.8), None),
+    'lowest_temperatures': (drive((20, -60e3), (20, 50e3), ambient_c=-40.0), -40.0, BatteryState(-40.0, 0.8),
+                            None),
+    'coldest_to_hottest': (drive((20, -60e3), (20, 150e3), ambient_c=-40.0), 60.0, BatteryState(-40.0, 0.8),
+                           Status.POWER_LIMITED),
+    'stops_only': (drive((40, 0.0), cabin_w=0.0), 10.0, START, Status.TARGET_UNREACHABLE),
+    'far_too_much': (drive((20, 400e3), step_s=900.0), 10.0, BatteryState(-12.0, 0.9), Status.OUT_OF_CHARGE),
+    'many_steps': (drive((1200, 15e3), (300, -60e3), (300, 20e3), step_s=0.25), 10.0, START, None),
+    'long_steps': (drive((4, -60e3), (4, 30e3), step_s=3600.0), 10.0, START, None),
+    'quarter_seconds': (drive((9600, 15e3), (2400, -60e3), (2400, 20e3), step_s=0.25), 10.0, START, None)}
+
+
+@pytest.mark.costly
+@pytest.mark.filterwarnings('error')
+@pytest.mark.parametrize('name', [
+    pytest.param(name, marks=pytest.mark.deep if name == 'quarter_seconds' else ()) for name in EXTREMES])
+def test_an_extreme_trip_has_a_status_and_finite_numbers(name):
+    route, target_c, state, status = EXTREMES[name]
+    plan = plan_of(route, target_c, state)
+    assert np.isfinite([
+        *plan.battery_temperature_c, *plan.soc, *plan.hvch_battery_power_w,
+        *plan.friction_brake_power_w, *vars(plan.energy_wh).values()]).all()
+    assert status in (None, plan.status)
+
+
 @pytest.mark.deep
-def test_on_many_trips_it_is_no_dearer_than_the_default_method():
-    dearer_wh = []
-    for number in range(120):
-        trip = draw_limit_trip(VEHICLE, 5, number)
-        plans = [planned(trip, method) for method in ('value_function', 'merit_order')]
-        if plans[0].undeliverable_power_w == plans[1].undeliverable_power_w == 0.0:
-            dearer_wh.append(total_wh(plans[0]) - total_wh(plans[1]))
-    assert len(dearer_wh) > 80
-    assert max(dearer_wh) < 2.0 and np.mean(dearer_wh) < 0.0
+def test_steps_of_a_quarter_second_cost_what_steps_of_thirty_do():
+    short, long = (plan_of(drive((4800 // n, 15e3), (1200 // n, -60e3), (2400 // n, 20e3), step_s=0.25 * n))
+                   for n in (1, 120))
+    # Limits are kept at both ends of each step: half a minute's difference in regeneration, out of about 2.5 kWh.
+    assert short.energy_wh.battery_total == pytest.approx(long.energy_wh.battery_total, abs=40.0)
+
+
+# With an almost empty battery even 10 kW are near the limit, until the end of the route.
+@pytest.mark.parametrize('soc', [0.07, 0.0625, 0.06])
+def test_a_climb_that_needs_no_heat_does_not_lead_beyond_the_target(soc):
+    car = load_vehicle('small_car')
+    route = make_route({
+        'duration_s': [30.0] * 11, 'speed_mps': [0.0],
+        'propulsion_power_w': [2000.0] * 4 + [10058.0] * 7, 'ambient_temperature_c': [0.0],
+        'cabin_heating_power_w': [0.0], 'auxiliary_power_w': [364.0]}, car.defaults)
+    plan = plan_preheating(car, route, BatteryState(0.0, soc), Goal(1.0))
+    assert plan.arrival_temperature_c == pytest.approx(1.0, abs=1e-3)
+
+
+# The method of earlier versions.
+
+def test_the_name_of_the_earlier_method_is_accepted():
+    route = load_route('reference', VEHICLE.defaults)
+    check_method('merit_order')
+    plan = plan_preheating(VEHICLE, route, BatteryState(-7.0, 0.9), Goal(25.0), 'merit_order')
+    assert plan.method == 'value_function'
+    assert replaced_in_words('merit_order') == (
+        'method merit_order no longer exists; value_function took its place')
+    assert replaced_in_words('value_function') == replaced_in_words('no_such_method') == ''
+    assert 'merit_order' not in method_names()

@@ -36,38 +36,38 @@ def trip(minutes, outcome=FEASIBLE, **methods):
 def study():
     """Panels of an infeasible trip and three feasible trips; the paper's method reaches less on one."""
     return make_study_figure([
-        trip(30, merit_order=Made(1e-3), optimal_switch=Made(1e-3), paper=Made(4.0)),
-        trip(50, merit_order=Made(-0.5), optimal_switch=Made(80.0), paper=Made(None)),
-        trip(70, merit_order=Made(2.0), optimal_switch=Made(2.0), paper=Made(9.0)),
-        trip(90, UNREACHABLE, merit_order=Made(7.0), optimal_switch=Made(7.0), paper=Made(7.0)),
-    ], ['merit_order', 'optimal_switch', 'paper']).axes
+        trip(30, value_function=Made(1e-3), optimal_switch=Made(1e-3), paper=Made(4.0)),
+        trip(50, value_function=Made(-0.5), optimal_switch=Made(80.0), paper=Made(None)),
+        trip(70, value_function=Made(2.0), optimal_switch=Made(2.0), paper=Made(9.0)),
+        trip(90, UNREACHABLE, value_function=Made(7.0), optimal_switch=Made(7.0), paper=Made(7.0)),
+    ], ['value_function', 'optimal_switch', 'paper']).axes
 
 
 def test_a_study_compares_the_feasible_trips(study):
-    merit = study[0].get_lines()[0]
-    assert merit.get_xydata().tolist() == [
+    by_values = study[0].get_lines()[0]
+    assert by_values.get_xydata().tolist() == [
         [1e-3, 0.0], [1e-3, pytest.approx(100 / 3)], [0.5, pytest.approx(200 / 3)], [2.0, 100.0]]
 
 
 def test_a_plan_that_reaches_less_saves_nothing(study):
     assert texts(study[0]) == [
-        'merit_order (default)', 'optimal_switch (one switch)', 'paper, not comparable on 1']
+        'value_function (default)', 'optimal_switch (one switch)', 'paper, not comparable on 1']
     paper = study[0].get_lines()[2]
     assert paper.get_xdata().max() == 9.0
     assert paper.get_ydata().max() == pytest.approx(200 / 3)
 
 
 def test_points_on_each_other_are_all_seen(study):
-    merit, switch, paper = study[1].get_lines()
-    assert list(merit.get_xdata()) == list(switch.get_xdata()) == [30.0, 50.0, 70.0]
-    assert merit.get_markersize() > switch.get_markersize() > paper.get_markersize()
-    assert merit.get_markerfacecolor() == 'none'
-    assert len({line.get_marker() for line in (merit, switch, paper)}) == 3
+    by_values, switch, paper = study[1].get_lines()
+    assert list(by_values.get_xdata()) == list(switch.get_xdata()) == [30.0, 50.0, 70.0]
+    assert by_values.get_markersize() > switch.get_markersize() > paper.get_markersize()
+    assert by_values.get_markerfacecolor() == 'none'
+    assert len({line.get_marker() for line in (by_values, switch, paper)}) == 3
 
 
 @pytest.mark.costly
 def test_a_study_without_feasible_trips_can_be_drawn():
-    figure = make_study_figure([], ['merit_order'])
+    figure = make_study_figure([], ['value_function'])
     figure.draw_without_rendering()
     assert ': 0 feasible trips' in figure.texts[0].get_text()
 

@@ -226,7 +226,7 @@ def test_every_number_of_a_shipped_car_says_where_it_comes_from(name):
 def test_shipped_car_plans_and_arrives_at_its_target(name):
     vehicle = load_vehicle(name)
     route = load_route('reference', vehicle.defaults)
-    plan = plan_preheating(vehicle, route, BatteryState(-7.0, 0.9), Goal(12.0), 'merit_order')
+    plan = plan_preheating(vehicle, route, BatteryState(-7.0, 0.9), Goal(12.0), 'value_function')
     assert plan.arrival_temperature_c == pytest.approx(12.0, abs=0.01)
     assert plan.energy_wh.hvch_electric > 0.0
 
@@ -291,7 +291,7 @@ def check_made_car(tmp_path_factory, sheet):
     assert meaning.energy_kwh == pytest.approx(usable_kwh, rel=1e-3)
     assert meaning.most_charging_power_kw == pytest.approx(sheet.charging_power_kw, rel=1e-3)
     assert meaning.warnings == ()
-    plan = plan_preheating(vehicle, ROUTE, BatteryState(-7.0, 0.9), Goal(5.0), 'merit_order')
+    plan = plan_preheating(vehicle, ROUTE, BatteryState(-7.0, 0.9), Goal(5.0), 'value_function')
     assert math.isfinite(plan.arrival_temperature_c) and plan.arrival_temperature_c > -7.0
 
 

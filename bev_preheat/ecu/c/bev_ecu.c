@@ -5,6 +5,9 @@
 #include <math.h>
 #include <stddef.h>
 
+#include "bev_preheat_core_generated/constants.h"
+#include "limited_run.h"
+
 /* Instants and durations of a trip agree to this [s], for rounding. */
 #define TIME_TOLERANCE_S 1e-6
 
@@ -67,8 +70,11 @@ bev_status bev_ecu_check(const bev_vehicle *vehicle, const bev_trip *trip,
   return status;
 }
 
-int bev_ecu_arrives_late(const bev_vehicle *vehicle) {
-  return vehicle->heater_lag_s > 0.0 || vehicle->coolant_heat_capacity_j_per_k > 0.0;
+void bev_ecu_begin(bev_ecu_plan *plan) {
+  plan->on_s = NAN;
+  plan->off_s = NAN;
+  plan->deficit_w = 0.0;
+  plan->brake_w = NULL;
 }
 
 /* The last instant of heating before `off_s`: the battery is not heated while the cabin takes all power. */
@@ -81,31 +87,64 @@ static double heated_until_s(const bev_trip *trip, double off_s) {
   return off_s;
 }
 
-void bev_ecu_tell_instants(const bev_trip *trip, const double *command_w, double on_s,
-                           double off_s, bev_ecu_plan *plan) {
+void bev_ecu_tell_instants(const bev_vehicle *vehicle, const bev_trip *trip,
+                           const double *command_w, double on_s, double off_s,
+                           bev_ecu_plan *plan) {
   const double end_s = heated_until_s(trip, off_s);
   for (int32_t k = 0; k < trip->steps; k++) {
     if (command_w[k] != 0.0) {
       plan->on_s = on_s;
-      plan->off_s = end_s < trip->time_s[trip->steps] ? end_s : NAN;
+      if (bev_is_direct(vehicle) == 0 && end_s < trip->time_s[trip->steps]) {
+        plan->off_s = end_s;
+      }
       return;
     }
   }
 }
 
+bev_status bev_ecu_keep_accounts(const bev_vehicle *vehicle, const bev_trip *trip,
+                                 const double *heat_w, bev_ecu_plan *plan) {
+  const int32_t steps = trip->steps;
+  const int32_t is_direct = bev_is_direct(vehicle);
+  /* The circuit's own limit lies at the battery's or above it, so without a deficit all power is deliverable. */
+  const bev_run_of_powers made = {plan->deficit_w == 0.0 ? 1 : 0,
+                                  plan->soc,
+                                  plan->temperature_c,
+                                  is_direct != 0 ? plan->heater_w : heat_w,
+                                  is_direct != 0 ? NULL : &heat_w[steps],
+                                  plan->brake_w};
+  const bev_status status =
+      bev_keep_accounts(vehicle, BEV_RUNGE_KUTTA_4, trip, &made, NULL, &plan->energy_wh);
+  if (is_direct == 0) {
+    const double heater_w = plan->soc[2 * (steps + 1) + steps];
+    const double after_wh = vehicle->heater_lag_s * heater_w / BEV_JOULES_PER_WH;
+    plan->energy_wh.hvch_electric += after_wh;
+    plan->energy_wh.battery_total += after_wh;
+  }
+  return status;
+}
+
+static double least_value(const double *values, int32_t count) {
+  double least = values[0];
+  for (int32_t n = 1; n < count; n++) {
+    least = values[n] < least ? values[n] : least;
+  }
+  return least;
+}
+
+double bev_ecu_spare_soc(const bev_trip *trip, const bev_ecu_situation *situation,
+                         const double *soc) {
+  const double on_arrival = soc[trip->steps] - situation->reserve_soc;
+  const double on_the_way = least_value(soc, trip->steps + 1) - situation->least_soc;
+  return on_arrival < on_the_way ? on_arrival : on_the_way;
+}
+
 bev_status bev_ecu_conclude(const bev_trip *trip, const bev_ecu_situation *situation,
-                            bev_ecu_plan *plan) {
+                            double spare_soc, bev_ecu_plan *plan) {
   const double deficit_k = situation->target_c - plan->temperature_c[trip->steps];
   plan->arrival_c = plan->temperature_c[trip->steps];
   plan->arrival_soc = plan->soc[trip->steps];
   plan->shortfall_k = deficit_k > 0.0 ? deficit_k : 0.0;
-  plan->least_soc = plan->soc[0];
-  for (int32_t k = 1; k <= trip->steps; k++) {
-    if (plan->soc[k] < plan->least_soc) {
-      plan->least_soc = plan->soc[k];
-    }
-  }
-  return plan->arrival_soc >= situation->reserve_soc && plan->least_soc >= situation->least_soc
-      ? BEV_OK
-      : BEV_LIMITED;
+  plan->least_soc = least_value(plan->soc, trip->steps + 1);
+  return bev_ecu_spare_soc(trip, situation, plan->soc) >= spare_soc ? BEV_OK : BEV_LIMITED;
 }

@@ -6,8 +6,8 @@
  * bev_ecu_plan_switch, the method optimal_switch: one heating interval, for trips on which no limit of the
  * battery is active. It needs the least memory.
  *
- * bev_ecu_plan_merit_order, the method merit_order: heating in the steps in which a kelvin costs the least, and
- * within the limits if one is active.
+ * bev_ecu_plan_by_values, the method value_function: heating where a kelvin is worth more than it costs, within the
+ * limits if one is active.
  *
  * Both return BEV_LIMITED and no plan if no plan is better than not heating: the caller then keeps the heater off, or
  * follows its current plan.
@@ -23,19 +23,17 @@
 
 #include "bev_preheat_core/core.h"
 
-/*
- * Memory of bev_ecu_plan_switch for a trip of `steps` steps [doubles], without and with a heat path, and the greater
- * of both.
- */
-#define BEV_ECU_DIRECT_MEMORY(steps) (BEV_SWITCH_MEMORY(steps) + 3 * (steps) + 2)
-#define BEV_ECU_LATE_MEMORY(steps) (BEV_TWO_SWITCHES_MEMORY(steps) + 13 * (steps) + 8)
-#define BEV_ECU_MEMORY(steps)                                                                       \
-  (BEV_ECU_DIRECT_MEMORY(steps) > BEV_ECU_LATE_MEMORY(steps) ? BEV_ECU_DIRECT_MEMORY(steps)         \
-                                                             : BEV_ECU_LATE_MEMORY(steps))
+/* Memory of bev_ecu_plan_switch for a trip of `steps` steps [doubles]; the first is enough without a heat path. */
+#define BEV_ECU_DIRECT_MEMORY(steps) (7 * (steps) + 4)
+#define BEV_ECU_MEMORY(steps) (13 * (steps) + 8 + BEV_TWO_SWITCHES_MEMORY(steps))
 
-/* Memory of bev_ecu_plan_merit_order: doubles, and bytes. */
-#define BEV_ECU_MERIT_MEMORY(steps) (BEV_MERIT_PLAN_MEMORY(steps) + 22 * (steps) + 12)
-#define BEV_ECU_MERIT_FLAGS(steps) BEV_MERIT_BYTES(steps)
+/* Memory of bev_ecu_plan_by_values: doubles, and bytes. */
+#define BEV_ECU_VALUE_MEMORY(steps)                                                                 \
+  (9 * (steps) + 4                                                                                  \
+   + (BEV_VALUE_MEMORY(steps) > BEV_ECU_MEMORY(steps) ? BEV_VALUE_MEMORY(steps)                     \
+                                                      : BEV_ECU_MEMORY(steps)))
+#define BEV_ECU_VALUE_BYTES(steps)                                                                  \
+  (BEV_VALUE_BYTES(steps) > 2 * (steps) ? BEV_VALUE_BYTES(steps) : 2 * (steps))
 
 /* The state at the start of a trip, and the requirements on arrival. */
 typedef struct {
@@ -60,8 +58,8 @@ typedef struct {
    * start of the trip. `on_s` is NaN without heating, `off_s` if heating lasts until arrival: always without a heat
    * path. `off_s` is never within steps in which the cabin leaves no power, but before them.
    *
-   * merit_order: the first and, with a heat path, the last instant of heating; `heater_w` has the powers between
-   * them: there may be several intervals, and within limits any power.
+   * value_function: the first and, with a heat path, the last instant of heating; `heater_w` has the powers between
+   * them: there may be several intervals, and any power.
    */
   double on_s;
   double off_s;
@@ -111,12 +109,12 @@ bev_status bev_ecu_plan_switch(const bev_vehicle *vehicle, const bev_trip *trip,
                                bev_ecu_plan *plan);
 
 /*
- * BEV_LIMITED: the plan that reaches the target does not leave the required charge, or has a greater power deficit
- * than the trip without paid heating, or the charge does not last for the trip. `memory` has
- * BEV_ECU_MERIT_MEMORY(steps) doubles, `flags` has BEV_ECU_MERIT_FLAGS(steps) bytes, `order` `steps` numbers.
+ * BEV_LIMITED: the plan leaves less of the required charge than the trip without paid heating, or has a greater power
+ * deficit, or the charge does not last for the trip. `memory` has BEV_ECU_VALUE_MEMORY(steps) doubles, `flags` has
+ * BEV_ECU_VALUE_BYTES(steps) bytes.
  */
-bev_status bev_ecu_plan_merit_order(const bev_vehicle *vehicle, const bev_trip *trip,
-                                    const bev_ecu_situation *situation, double *memory,
-                                    uint8_t *flags, int32_t *order, bev_ecu_plan *plan);
+bev_status bev_ecu_plan_by_values(const bev_vehicle *vehicle, const bev_trip *trip,
+                                  const bev_ecu_situation *situation, double *memory,
+                                  uint8_t *flags, bev_ecu_plan *plan);
 
 #endif /* BEV_ECU_H_ */

@@ -5,8 +5,8 @@
  *     check FILE     exit status 0: all plans agree; 1: some differ; 2: the file cannot be read
  *
  * For each vector the file has the word "vector", steps, charge, battery temperature, heater power, coolant
- * excess, target, required charge on arrival and on the way; for optimal_switch, then for merit_order the
- * expected status, instants of switching on and off, six energies [Wh], temperature and charge on arrival; then
+ * excess, target, required charge on arrival and on the way; for optimal_switch, then for value_function the
+ * expected status, whether the plan must be exact (1) or was searched for (0), instants of switching on and off, six energies [Wh], temperature and charge on arrival; then
  * the columns of the trip in the order of bev_trip. The file ends with the word "end" and the number of vectors.
  */
 #include <math.h>
@@ -20,24 +20,36 @@
 #define ENERGY_TOLERANCE_WH 1e-3
 #define ARRIVAL_TOLERANCE_K 1e-4
 #define ARRIVAL_TOLERANCE_SOC 1e-7
+/*
+ * With an active limit C and Python make the same steps, but find limits at the end of a step in two ways. So these plans
+ * agree in battery energy [Wh] and in arrival up to the target [K]. A few, one in five at most, may be other plans,
+ * whose energy differs a little more [Wh, share of the energy].
+ */
+#define SEARCHED_WH 0.05
+#define SEARCHED_K 1e-3
+#define OTHER_WH 1.5
+#define OTHER_SHARE 1e-3
+#define OTHER_K 0.1
+#define ONE_OTHER_OF 5
 #define COLUMNS 10
 #define SITUATION_NUMBERS 7
 #define EXPECTED_NUMBERS 10
 #define MOST_TOLD 10
+#define TARGET_C 4
 
-enum { SWITCH, MERIT_ORDER, METHODS };
-static const char *const methods[METHODS] = {"optimal_switch", "merit_order"};
+enum { SWITCH, BY_VALUES, METHODS };
+static const char *const methods[METHODS] = {"optimal_switch", "value_function"};
 
-/* Merit order takes more. */
+/* The method value_function takes more. */
 static double columns[COLUMNS][BEV_MOST_STEPS + 1];
-static double memory[BEV_ECU_MERIT_MEMORY(BEV_MOST_STEPS)];
-static uint8_t flags[BEV_ECU_MERIT_FLAGS(BEV_MOST_STEPS)];
-static int32_t order[BEV_MOST_STEPS];
+static double memory[BEV_ECU_VALUE_MEMORY(BEV_MOST_STEPS)];
+static uint8_t flags[BEV_ECU_VALUE_BYTES(BEV_MOST_STEPS)];
 
 typedef struct {
   int32_t steps;
   double situation[SITUATION_NUMBERS];
   int32_t status[METHODS];
+  int is_exact[METHODS];
   double expected[METHODS][EXPECTED_NUMBERS];
 } vector;
 
@@ -80,11 +92,13 @@ static int read_numbers(FILE *file, double *numbers, int32_t count) {
 /* Read the expected answer of one method. */
 static int read_answer(FILE *file, vector *read, int method) {
   double status = 0.0;
-  if (!read_number(file, &status) || !(fabs(status) < 100.0)
+  double is_exact = 0.0;
+  if (!read_number(file, &status) || !(fabs(status) < 100.0) || !read_number(file, &is_exact)
       || !read_numbers(file, read->expected[method], EXPECTED_NUMBERS)) {
     return 0;
   }
   read->status[method] = (int32_t)status;
+  read->is_exact[method] = is_exact != 0.0;
   return 1;
 }
 
@@ -100,7 +114,7 @@ static int read_vector(FILE *file, vector *read) {
     return 0;
   }
   if (!read_numbers(file, read->situation, SITUATION_NUMBERS) || !read_answer(file, read, SWITCH)
-      || !read_answer(file, read, MERIT_ORDER)) {
+      || !read_answer(file, read, BY_VALUES)) {
     return 0;
   }
   read->steps = (int32_t)steps;
@@ -112,60 +126,73 @@ static int read_vector(FILE *file, vector *read) {
   return 1;
 }
 
-/* Number of differing values of a plan; records the greatest difference of each kind. */
+/* What a plan is, compared with the expected one. */
+enum { SAME, OTHER, WRONG };
+
+/* Compare a plan; records the greatest difference of each kind from a plan that is the same. */
 static int compare(const vector *from, int method, const bev_ecu_plan *plan, long number,
-                   int is_told, double worst[EXPECTED_NUMBERS]) {
+                   int is_told, double worst[EXPECTED_NUMBERS], double *worst_searched_wh) {
   const double found[EXPECTED_NUMBERS] = {
       plan->on_s, plan->off_s, plan->energy_wh.joule, plan->energy_wh.drivetrain_heat,
       plan->energy_wh.hvch_heat, plan->energy_wh.leakage, plan->energy_wh.hvch_electric,
       plan->energy_wh.battery_total, plan->arrival_c, plan->arrival_soc};
+  const double *expected = from->expected[method];
+  const double target_c = from->situation[TARGET_C];
+  const double colder_k = fabs(fmin(plan->arrival_c, target_c) - fmin(expected[8], target_c));
+  const double other_wh = fmax(OTHER_WH, OTHER_SHARE * fabs(expected[7]));
+  double difference[EXPECTED_NUMBERS];
   int wrong = 0;
   for (int n = 0; n < EXPECTED_NUMBERS; n++) {
-    const double expected = from->expected[method][n];
-    const double difference = fabs(found[n] - expected);
-    if (isnan(found[n]) && isnan(expected)) {
-      continue;
+    difference[n] = isnan(found[n]) && isnan(expected[n]) ? 0.0 : fabs(found[n] - expected[n]);
+    wrong += !(difference[n] <= tolerances[n]);
+  }
+  if (wrong == 0) {
+    for (int n = 0; n < EXPECTED_NUMBERS; n++) {
+      worst[n] = fmax(worst[n], difference[n]);
     }
-    if (!(difference <= tolerances[n])) {
-      wrong++;
-      if (is_told) {
-        printf("vector %ld, %s: %s is %.17g, expected %.17g\n", number, methods[method], names[n],
-               found[n], expected);
-      }
-    }
-    if (difference > worst[n]) {
-      worst[n] = difference;
+    return SAME;
+  }
+  if (!from->is_exact[method] && difference[7] <= other_wh && colder_k <= OTHER_K) {
+    *worst_searched_wh = fmax(*worst_searched_wh, difference[7]);
+    return difference[7] <= SEARCHED_WH && colder_k <= SEARCHED_K ? SAME : OTHER;
+  }
+  for (int n = 0; n < EXPECTED_NUMBERS && is_told; n++) {
+    if (!(difference[n] <= tolerances[n])) {
+      printf("vector %ld, %s: %s is %.17g, expected %.17g\n", number, methods[method], names[n],
+             found[n], expected[n]);
     }
   }
-  return wrong;
+  return WRONG;
 }
 
-static int is_as_expected(const vector *from, int method, long number, int is_told,
-                          double worst[EXPECTED_NUMBERS]) {
+static int plan_and_compare(const vector *from, int method, long number, int is_told,
+                            double worst[EXPECTED_NUMBERS], double *worst_searched_wh) {
   const bev_trip trip = {from->steps, columns[0], columns[1], columns[2], columns[3], columns[4],
-                         columns[5],  columns[6], columns[7], columns[8], columns[9],
-                         NULL};
+                         columns[5],  columns[6], columns[7], columns[8], columns[9]};
   const double *of = from->situation;
   const bev_ecu_situation situation = {of[0], of[1], of[2], of[3], of[4], of[5], of[6]};
   bev_ecu_plan plan;
   const bev_status status = method == SWITCH
       ? bev_ecu_plan_switch(&bev_ecu_vehicle, &trip, &situation, memory, &plan)
-      : bev_ecu_plan_merit_order(&bev_ecu_vehicle, &trip, &situation, memory, flags, order,
-                                 &plan);
+      : bev_ecu_plan_by_values(&bev_ecu_vehicle, &trip, &situation, memory, flags, &plan);
   if ((int32_t)status != from->status[method]) {
     if (is_told) {
       printf("vector %ld, %s: status is %d, expected %d\n", number, methods[method], (int)status,
              (int)from->status[method]);
     }
-    return 0;
+    return WRONG;
   }
-  return status != BEV_OK || compare(from, method, &plan, number, is_told, worst) == 0;
+  return status == BEV_OK ? compare(from, method, &plan, number, is_told, worst, worst_searched_wh)
+                          : SAME;
 }
 
 int main(int count, char **arguments) {
   double worst[EXPECTED_NUMBERS] = {0.0};
+  double worst_searched_wh = 0.0;
   long vectors = 0;
   long planned[METHODS] = {0};
+  long searched = 0;
+  long others = 0;
   long wrong = 0;
   char word[16];
   vector read;
@@ -181,12 +208,16 @@ int main(int count, char **arguments) {
       return 2;
     }
     vectors++;
-    int is_right = 1;
+    int worse = SAME;
     for (int method = 0; method < METHODS; method++) {
+      const int found = plan_and_compare(&read, method, vectors, wrong < MOST_TOLD, worst,
+                                         &worst_searched_wh);
       planned[method] += read.status[method] == BEV_OK;
-      is_right &= is_as_expected(&read, method, vectors, wrong < MOST_TOLD, worst);
+      worse = found > worse ? found : worse;
     }
-    wrong += !is_right;
+    searched += read.status[BY_VALUES] == BEV_OK && !read.is_exact[BY_VALUES];
+    others += worse == OTHER;
+    wrong += worse == WRONG;
   }
   double announced = -1.0;
   const int is_whole = strcmp(word, "end") == 0 && read_number(file, &announced)
@@ -201,8 +232,13 @@ int main(int count, char **arguments) {
   for (int n = 2; n < 8; n++) {
     energy_wh = fmax(energy_wh, worst[n]);
   }
-  printf("%ld vectors, %ld with a plan of %s, %ld of %s: %ld differ; most: %.2e ms, %.2e mWh, %.2e K\n",
-         vectors, planned[SWITCH], methods[SWITCH], planned[MERIT_ORDER], methods[MERIT_ORDER], wrong,
-         1e3 * instant_s, 1e3 * energy_wh, worst[8]);
-  return wrong == 0 ? 0 : 1;
+  printf("%ld vectors, %ld with a plan of %s, %ld of %s: %ld differ; most: %.2e ms, %.2e mWh, %.2e K\n"
+         "%ld searched for within limits: %ld are other plans; most: %.2f Wh\n",
+         vectors, planned[SWITCH], methods[SWITCH], planned[BY_VALUES], methods[BY_VALUES], wrong,
+         1e3 * instant_s, 1e3 * energy_wh, worst[8], searched, others, worst_searched_wh);
+  const int are_few = others <= 1 + searched / ONE_OTHER_OF;
+  if (!are_few) {
+    printf("too many other plans\n");
+  }
+  return wrong == 0 && are_few ? 0 : 1;
 }

@@ -6,9 +6,8 @@
 #include "vehicle.h"
 
 /* All memory of the planner: a control unit reserves it once, for optimal_switch alone BEV_ECU_MEMORY. */
-static double memory[BEV_ECU_MERIT_MEMORY(BEV_MOST_STEPS)];
-static uint8_t flags[BEV_ECU_MERIT_FLAGS(BEV_MOST_STEPS)];
-static int32_t order[BEV_MOST_STEPS];
+static double memory[BEV_ECU_VALUE_MEMORY(BEV_MOST_STEPS)];
+static uint8_t flags[BEV_ECU_VALUE_BYTES(BEV_MOST_STEPS)];
 
 static int tell(const char *method, bev_status status, const bev_ecu_plan *plan) {
   const double arrival_s = bev_ecu_example_trip.time_s[bev_ecu_example_trip.steps];
@@ -35,8 +34,8 @@ int main(void) {
   bev_status status = bev_ecu_plan_switch(&bev_ecu_vehicle, &bev_ecu_example_trip,
                                           &bev_ecu_example, memory, &plan);
   int failures = tell("optimal_switch", status, &plan);
-  status = bev_ecu_plan_merit_order(&bev_ecu_vehicle, &bev_ecu_example_trip, &bev_ecu_example,
-                                    memory, flags, order, &plan);
-  failures += tell("merit_order", status, &plan);
+  status = bev_ecu_plan_by_values(&bev_ecu_vehicle, &bev_ecu_example_trip, &bev_ecu_example,
+                                  memory, flags, &plan);
+  failures += tell("value_function", status, &plan);
   return failures == 0 ? 0 : 1;
 }

@@ -20,7 +20,7 @@ extern "C" {
 #endif
 
 /* Incremented when a struct or a function changes its meaning but not its form. */
-#define BEV_INTERFACE 6
+#define BEV_INTERFACE 7
 
 /* Maximum number of steps of a trip; if memory is fixed, compile with less: -DBEV_MOST_STEPS=360. */
 #ifndef BEV_MOST_STEPS
@@ -30,20 +30,10 @@ extern "C" {
 #ifndef BEV_BLOCK
 #define BEV_BLOCK 32
 #endif
-/* Maximum number of points on a table's axis, of factors on a curve, and of heating bands. */
+/* Maximum number of points on a table's axis, and of factors on a curve. */
 #define BEV_MOST_AXIS 1024
 #define BEV_MOST_FACTORS 4
 #define BEV_CURVE_PARAMETERS 5
-#define BEV_BANDS 2
-/*
- * Maximum number of points of a value curve (half as many after thinning) and of its grid, and its memory
- * [doubles].
- */
-#define BEV_CURVE_POINTS 2048
-#define BEV_MOST_GRID 512
-#define BEV_CURVE_MEMORY (11 * BEV_CURVE_POINTS + 5 * BEV_MOST_GRID)
-/* Maximum number of bands of one stride in which heating may pay; BEV_BANDS of them are returned. */
-#define BEV_MOST_LOWER_BANDS 32
 /* Memory of bev_plan_switch for a trip of `steps` steps [doubles]. */
 #define BEV_SWITCH_MEMORY(steps) (8 * ((steps) + 1))
 /* Memory of bev_find_two_switches [doubles]. */
@@ -149,26 +139,17 @@ typedef struct {
   /* The drivetrain's part of the idle heat [W]. */
   const double *drivetrain_heat_w;
   const double *ambient_temperature_c;
-  /*
-   * Temperature up to which surplus regeneration may heat the battery by the end of each step [deg C], from
-   * bev_find_surplus_ceiling; null: up to 5 K below the highest temperature.
-   */
-  const double *surplus_ceiling_c;
 } bev_trip;
 
 /*
- * Heating in a run within limits: arrays over the steps. If `bands` is 0, each step is heated with `power_w` [W].
- * Otherwise heating depends on the temperature: in each of `bands` bands (arrays of steps * bands) with `power_w`
- * from `floor_c` to `low_c`, not at all from `high_c`, and in proportion in between.
+ * Heating in a run within limits: each step that begins colder than `below_c` [deg C] is heated with its `power_w`
+ * [W]. Arrays over the steps.
  */
 typedef struct {
-  int32_t bands;
   /* Regeneration beyond the charge limit goes to the heater first, then to the brake. */
   int32_t takes_surplus;
+  double below_c;
   const double *power_w;
-  const double *floor_c;
-  const double *low_c;
-  const double *high_c;
   /* Steps in which the charge limit, and the discharge limit, may be active: not 0. */
   const uint8_t *may_overcharge;
   const uint8_t *may_overdraw;
@@ -365,67 +346,6 @@ bev_status bev_limits_of_steps(const bev_vehicle *vehicle, int32_t steps, const 
                                const double *temperature_c, const double *variance_w2,
                                double *least_w, double *most_w);
 
-/*
- * A trip in strides, arrays of `strides` values: means of power, variance, heat, leakage, heater limit and
- * propulsion power over each stride, the charge at its start, the temperature around which its end is needed, the
- * shares of a joule that a fuller battery leaves to brake and heater [J/J], and whether charge or discharge limit
- * may be active (not 0). `coldest_c` and `warmest_c` have one value more: they bound the battery's temperature at
- * the start of each stride, and on arrival.
- */
-typedef struct {
-  int32_t strides;
-  const double *duration_s;
-  const double *idle_power_w;
-  const double *power_variance_w2;
-  const double *idle_heat_w;
-  const double *leakage_w_per_k;
-  const double *heater_limit_w;
-  const double *propulsion_w;
-  const double *soc;
-  const double *end_c;
-  const double *loss_to_brake;
-  const double *loss_to_heater;
-  const double *coldest_c;
-  const double *warmest_c;
-  const uint8_t *is_limited;
-} bev_strides;
-
-/*
- * The range of the value curve: a grid of rising temperatures, the target on arrival, and the coldest and the
- * warmest temperature [deg C]. A watt of power deficit counts `penalty` times, and a kelvin below the target
- * `short_penalty` times the heater energy of a kelvin.
- */
-typedef struct {
-  int32_t grid_points;
-  /* Not 0: a part of the grid's points is enough in all strides, not only in strides without limits. */
-  int32_t is_first_look;
-  const double *grid_c;
-  double target_c;
-  double coldest_c;
-  double warmest_c;
-  double penalty;
-  double short_penalty;
-} bev_curve_range;
-
-/*
- * The temperatures below which heating pays in each stride, from the value curve, run backward over all strides.
- *
- * `memory` has BEV_CURVE_MEMORY doubles. `bands_c` are three arrays of strides * BEV_BANDS: floor, low and high of
- * each band [deg C], the warmest band first; if a band is absent, its floor is infinite.
- */
-bev_status bev_find_bands(const bev_vehicle *vehicle, const bev_strides *strides,
-                          const bev_curve_range *range, double *memory, double *bands_c);
-
-/*
- * The requirements on a run: the target on arrival [deg C] and, with `serves_climbs`, the power of each climb.
- * Exchanges of heat keep the state of charge at `lowest_soc` or above; thresholds ignore it.
- */
-typedef struct {
-  int32_t serves_climbs;
-  double target_c;
-  double lowest_soc;
-} bev_settling;
-
 /* The step in which a run's charge runs out (-1: it does not), and the share of this step that is driven. */
 typedef struct {
   int32_t step;
@@ -434,8 +354,9 @@ typedef struct {
 
 /*
  * The end of a run within limits whose charge runs out in the step of `stranding`. The share of the step that is
- * driven is written, and the states after it, at which the vehicle stands. `states` and `powers_w`, as in
- * bev_settle, are given up to this step, with the step's intended powers.
+ * driven is written, and the states after it, at which the vehicle stands. `states` are two arrays of steps + 1
+ * values, charge and temperature, `powers_w` two of `steps`, heater and friction brake; with a heat path both are as
+ * in bev_run_heated_within_limits. They are given up to this step, with the step's intended powers.
  */
 bev_status bev_stand(const bev_vehicle *vehicle, const bev_trip *trip, double *states,
                      double *powers_w, bev_stranding *stranding);
@@ -443,7 +364,7 @@ bev_status bev_stand(const bev_vehicle *vehicle, const bev_trip *trip, double *s
 /*
  * The run within limits under heater commands [W]. Surplus goes to the heater before it goes to the brake; if the
  * charge runs out, the vehicle stands. `states`, whose first values are the start, and `powers_w` are as in
- * bev_settle. `watched` has 2 * steps bytes: the first `steps` mark the steps in which the charge limit was
+ * bev_stand. `watched` has 2 * steps bytes: the first `steps` mark the steps in which the charge limit was
  * checked, the others those in which the discharge limit was checked.
  */
 bev_status bev_drive_as_planned(const bev_vehicle *vehicle, const bev_trip *trip,
@@ -461,8 +382,8 @@ typedef struct {
 } bev_value_goal;
 
 /* Most temperatures of an instant. Memory of bev_plan_by_values: doubles, and bytes. */
-#define BEV_VALUE_POINTS 256
-#define BEV_VALUE_MEMORY(steps) (529 * (steps) + 521)
+#define BEV_VALUE_POINTS 128
+#define BEV_VALUE_MEMORY(steps) (277 * (steps) + 267)
 #define BEV_VALUE_BYTES(steps) (4 * (steps))
 
 /*
@@ -475,167 +396,6 @@ typedef struct {
 bev_status bev_plan_by_values(const bev_vehicle *vehicle, const bev_trip *trip,
                               const bev_value_goal *goal, double *states, double *powers_w,
                               uint8_t *flags, double *memory);
-
-/* Memory of bev_settle [doubles]. */
-#define BEV_SETTLE_MEMORY(steps) (48 * (steps) + 20)
-
-/*
- * The run within limits under thresholds. The thresholds are shifted together, by as little as possible, until each
- * feasible climb is delivered and the target is met.
- *
- * `heating` has bands. `states` are two arrays of steps + 1 values, charge and temperature, whose first values are
- * the start; `powers_w` are two arrays of `steps`, heater and friction brake. For a vehicle with a heat path, both
- * are four arrays as in bev_run_heated_within_limits. If the charge runs out, the vehicle stands for the rest of
- * the trip.
- */
-bev_status bev_settle(const bev_vehicle *vehicle, const bev_trip *trip, const bev_heating *heating,
-                      const bev_settling *goal, double *states, double *powers_w,
-                      bev_stranding *stranding, double *memory);
-
-/* Memory of bev_merit_order: doubles, and bytes. */
-#define BEV_MERIT_MEMORY(steps) \
-  (BEV_SETTLE_MEMORY(steps) + BEV_CURVE_MEMORY + BEV_MOST_GRID + 44 * (steps) + 11)
-#define BEV_MERIT_BYTES(steps) (5 * (steps))
-
-/*
- * The run within limits that heats when a watt-hour of battery energy has the most effect.
- *
- * `states` and `powers_w`, as in bev_settle, are the run that ignores limits; the best run is written over it.
- * `lumped` is the vehicle whose heat arrives at once, in a battery whose heat capacity includes the coolant's;
- * without a heat path it is the vehicle itself. `paid_w` is the maximum heater power of each step that is not
- * surplus [W]. `watched` has BEV_MERIT_BYTES bytes: the first `steps` mark the steps in which the best run's charge
- * limit was checked, the next `steps` those in which its discharge limit was checked.
- */
-bev_status bev_merit_order(const bev_vehicle *vehicle, const bev_vehicle *lumped,
-                           const bev_trip *trip, const bev_settling *goal, const double *paid_w,
-                           double *states, double *powers_w, bev_stranding *stranding,
-                           uint8_t *watched, double *memory);
-
-/* Memory of bev_exchange_heat [doubles]. */
-#define BEV_EXCHANGE_MEMORY(steps) (67 * (steps) + 2)
-
-/*
- * The run within limits after heat was moved from expensive steps to cheap steps.
- *
- * `states` and `powers_w`, two arrays each as in bev_settle, are a run within limits that does not strand, of a
- * vehicle whose heat arrives at once. If another run saves energy, and misses neither the goal's target, the power
- * of the drive nor the goal's lowest charge by more, it is written over the given run. `exchanges` is the number of
- * steps in which it was found; 0: nothing is written. `watched` has 2 * steps bytes.
- */
-bev_status bev_exchange_heat(const bev_vehicle *vehicle, const bev_trip *trip,
-                             const bev_settling *goal, double *states, double *powers_w,
-                             uint8_t *watched, double *memory, int32_t *exchanges);
-
-/* Memory of bev_plan_merit_order [doubles]; its `watched` has BEV_MERIT_BYTES. */
-#define BEV_MERIT_PLAN_MEMORY(steps) (BEV_MERIT_MEMORY(steps) + (steps))
-
-/* A plan, beside its run. */
-typedef struct {
-  /* The first instant of heating [s]; NaN: no heating. */
-  double start_s;
-  /* If heat arrives late or heating begins early, the final switch-off instant [s]; NaN: on arrival. */
-  double end_s;
-  bev_stranding stranding;
-} bev_merit_plan;
-
-/*
- * The whole plan by merit order, from the unheated run on. First the run with one heating interval that ignores
- * limits, if it keeps them all, or that of bev_heat_cheapest. Otherwise the run of bev_merit_order, driven within
- * the limits; if heat arrives at once, with bev_exchange_heat; if heat arrives late, the run that is heated once, or
- * not at all, replaces it if, driven within the limits, it saves charge. Last, one heating interval that reaches the
- * target within the limits, if it saves charge, again with bev_exchange_heat.
- *
- * `idle_states` is the unheated run that ignores limits; `idle_states` and the outputs `states` and `powers_w` are
- * as in bev_settle. The charge that must remain is not checked. `order` has room for `steps` numbers.
- */
-bev_status bev_plan_merit_order(const bev_vehicle *vehicle, const bev_trip *trip,
-                                const bev_settling *goal, const double *idle_states,
-                                double *states, double *powers_w, uint8_t *watched,
-                                int32_t *order, double *memory, bev_merit_plan *plan);
-
-/* Memory of bev_heat_early [doubles]; its `watched` has 2 * steps bytes. */
-#define BEV_HEAT_EARLY_MEMORY(steps) (3 * (steps))
-
-/*
- * A plan whose last heating interval begins early, by `margin`, and ends as soon as the target [deg C] is ensured.
- *
- * `states` and `powers_w`, as in bev_settle, and the final switch-off instant in `plan` are a plan. If `is_changed`
- * is not 0, all of it is written over. The new run ignores limits if none is active in it; otherwise, and if an
- * interval is left out because it is too short or its heat would arrive too late, it is that of
- * bev_drive_as_planned.
- */
-bev_status bev_heat_early(const bev_vehicle *vehicle, const bev_trip *trip, double target_c,
-                          const bev_uncertainty_margin *margin, double *states, double *powers_w,
-                          uint8_t *watched, double *memory, bev_merit_plan *plan,
-                          int32_t *is_changed);
-
-/* Memory of bev_unheated_deficit [doubles]; its `flags` has 2 * steps bytes. */
-#define BEV_UNHEATED_MEMORY(steps) (9 * (steps) + 4)
-
-/*
- * The deficit of a trip that is heated with surplus only, driven within the limits from a start (two states, or
- * four, as in bev_settle): the highest power that the battery cannot deliver [W], and the point at which the charge
- * runs out.
- */
-bev_status bev_unheated_deficit(const bev_vehicle *vehicle, const bev_trip *trip,
-                              const double *start, double *memory, uint8_t *flags,
-                              double *deficit_w, bev_stranding *stranding);
-
-/* Memory of bev_find_surplus_ceiling [doubles]; its `flags` has 2 * steps bytes. */
-#define BEV_SURPLUS_CEILING_MEMORY(steps) (13 * (steps) + 8)
-
-/*
- * The temperature up to which surplus regeneration is useful by the end of each step [deg C]. It is the warmer of
- * two: the temperature from which the target is reached without further heating, and the temperature up to which
- * heating gains energy that the battery's limits would refuse at the states of charge `soc` (steps + 1 values). It
- * is never near the highest temperature. The start has two states, or four, as in bev_settle.
- */
-bev_status bev_find_surplus_ceiling(const bev_vehicle *vehicle, const bev_trip *trip,
-                                    const double *start, double target_c, const double *soc,
-                                    double *memory, uint8_t *flags, double *ceiling_c);
-
-/* The reason why a plan heats less than its target requires: the charge reserve, or a power deficit. */
-typedef enum {
-  BEV_NOT_HELD_BACK = 0,
-  BEV_BY_RESERVE = 1,
-  BEV_BY_POWER = 2
-} bev_held_back;
-
-/*
- * The goal of a plan and its bounds: the target on arrival [deg C], the additional temperature with an uncertainty
- * margin [K], and the lowest charge on arrival and on the way.
- */
-typedef struct {
-  double target_c;
-  double margin_k;
-  double reserve_soc;
-  double lowest_soc;
-} bev_safe_goal;
-
-/* The plan of bev_plan_no_regret, beside its run. */
-typedef struct {
-  bev_merit_plan plan;
-  /* Not 0: no paid heating is worthwhile, and the run is undefined. */
-  int32_t is_unheated;
-  /* A bev_held_back. */
-  int32_t held_back;
-} bev_safe_plan;
-
-/* Memory of bev_plan_no_regret [doubles]; its `watched` has BEV_MERIT_BYTES. */
-#define BEV_NO_REGRET_MEMORY(steps) (BEV_MERIT_PLAN_MEMORY(steps) + 8 * (steps) + 4)
-
-/*
- * The plan of bev_plan_merit_order, with `margin` (null: without) that of bev_heat_early, if it is no worse than
- * not heating. If it would cost the reserve or increase the power deficit, it is the plan for the warmest target
- * that does neither; if there is no such target, the same without heating for climbs.
- *
- * Arguments and outputs are those of bev_plan_merit_order.
- */
-bev_status bev_plan_no_regret(const bev_vehicle *vehicle, const bev_trip *trip,
-                                const bev_safe_goal *goal, const bev_uncertainty_margin *margin,
-                                const double *idle_states, double *states, double *powers_w,
-                                uint8_t *watched, int32_t *order, double *memory,
-                                bev_safe_plan *plan);
 
 /*
  * The energies of a run that was made with an integrator. If `columns` is not null, four arrays of `steps` values
@@ -663,7 +423,7 @@ bev_status bev_find_switch(const bev_vehicle *vehicle, const bev_trip *trip, dou
  * target, the switching instant, the run, and its energies. BEV_LIMITED if a limit is active in the unheated run or
  * in the plan. Heat must arrive at once; a vehicle with a heat path is a bad argument. With `margin` (null:
  * without) heating begins early and ends as soon as the target is ensured. Unless `in_one_interval` is not 0, the
- * status is BEV_CHEAPER_ELSEWHERE if bev_heat_cheapest may find a run that costs less.
+ * status is BEV_CHEAPER_ELSEWHERE if heating in other steps may cost less.
  *
  * `memory` has BEV_SWITCH_MEMORY(steps) doubles; unless the status is below BEV_OK, it begins with the unheated
  * run, charge and temperature at each instant. The plan's charge and temperature are written, and the heater's
@@ -682,21 +442,6 @@ bev_status bev_plan_switch(const bev_vehicle *vehicle, const bev_trip *trip, dou
 bev_status bev_find_prices(const bev_vehicle *vehicle, const bev_trip *trip, const double *soc,
                            const double *temperature_c, const double *heater_w,
                            double *warmth_k_per_w, double *charge_per_w);
-
-/* Memory of bev_heat_cheapest [doubles]. */
-#define BEV_CHEAPEST_MEMORY(steps) (6 * (steps) + 2)
-
-/*
- * The run that arrives at the target for the least charge: heated in the steps in which a kelvin on arrival costs
- * the least. Heat arrives at once, limits are ignored.
- *
- * `soc`, `temperature_c` and `heater_w` are a run that arrives at the target. If another run saves energy, it is
- * written over the given run, and `orders` is the number of orders of the steps in which it was found; 0: nothing
- * is written. `memory` has BEV_CHEAPEST_MEMORY(steps) doubles, `order` has room for `steps` numbers.
- */
-bev_status bev_heat_cheapest(const bev_vehicle *vehicle, const bev_trip *trip, double target_c,
-                             double *soc, double *temperature_c, double *heater_w, double *memory,
-                             int32_t *order, int32_t *orders);
 
 /*
  * The whole plan of the paper's heuristic, planned and run by Euler's method: otherwise as bev_plan_switch.

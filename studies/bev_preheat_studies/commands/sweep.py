@@ -16,7 +16,7 @@ from bev_preheat.console.terminal import print_figures, progress_bar, result_con
 from bev_preheat.errors import InvalidInput
 from bev_preheat.optional_packages import require
 from bev_preheat.planning.comparison import SAME_SHORTFALL_K
-from bev_preheat.planning.planner import COMPARED
+from bev_preheat.planning.planner import METHODS
 from bev_preheat.vehicle import load_vehicle, vehicle_file
 from bev_preheat_studies.commands.study_arguments import add_study_arguments, check_study_arguments, study_executor
 from bev_preheat_studies.commands.sweep_fleet import run_fleet_sweep
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 # (low, high) that the options allow, and the defaults of the options that a fleet does not have.
 LIMITS = {'feasible': (1, 100_000), 'seed': (0, 2**31), 'fleet': (1, 100_000_000)}
-NOT_OF_FLEETS = {'feasible': 300, 'trips': 'free', 'vehicle': 'reference', 'methods': COMPARED}
+NOT_OF_FLEETS = {'feasible': 300, 'trips': 'free', 'vehicle': 'reference', 'methods': tuple(METHODS)}
 # Most disagreements printed for a method; the JSON has all.
 MOST_LISTED = 10
 
@@ -61,7 +61,7 @@ def add_parser(subparsers: Subparsers) -> None:
                         'fast chargers, and the savings of each method at the charger compared with '
                         'no heating')
     parser.add_argument('--seed', type=int, default=1, help='default: %(default)s')
-    add_methods_argument(parser, ', '.join(COMPARED))
+    add_methods_argument(parser, ', '.join(METHODS))
     add_study_arguments(parser)
     completed_by(VEHICLES, parser.add_argument(
         '--vehicle', metavar='NAME|FILE', help='vehicle to scale (default: reference)'))
@@ -92,7 +92,7 @@ def _run_gaps(arguments: Namespace) -> int:
     study = {'study': 'sweep', 'seed': arguments.seed, 'trips': arguments.trips,
              'vehicle': f'{vehicle.name} ({digest_of(vehicle)})'}
     methods = tuple(dict.fromkeys(arguments.methods))
-    if methods != COMPARED:
+    if methods != tuple(METHODS):
         study['methods'] = list(methods)
     results = []
     with (keeping_what_is_finished() as ending,
@@ -155,7 +155,7 @@ def print_summary(console: Console, summary: Figures) -> None:
         console.print(
             f'{method}: worst gap in trip {figures["worst_trip"]}; ' +
             (f'{others} trips have no gap, as the method does not reach the same as the program '
-             f'(to {SAME_SHORTFALL_K:g} K) or leaves free heat above the target; ' if others else '') +
+             f'(to {SAME_SHORTFALL_K:g} K); ' if others else '') +
             f'{figures["plans_that_break_limits"]} plans break a limit and are shown as driven '
             f'within it; {len(figures["disagreements"])} trips in which its status contradicts '
             'the program', soft_wrap=True)

@@ -81,7 +81,7 @@ def _one_round(vehicle: Vehicle, route: Route) -> tuple[float, float, float, flo
 
 def _check_s(solver: SolverProcess, route: Route) -> float:
     started_s = monotonic()
-    solver.ask(Question(route, STATE, GOAL, 'merit_order', FACTORS), PATIENCE_S)
+    solver.ask(Question(route, STATE, GOAL, 'value_function', FACTORS), PATIENCE_S)
     while (answer := _poll(solver)) is None:
         pass
     if not isinstance(answer, SolverAnswer):

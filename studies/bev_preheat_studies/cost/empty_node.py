@@ -36,7 +36,7 @@ from bev_preheat_msgs.action import PrepareBattery
 from bev_preheat_msgs.msg import HvchCommand, HvchStatus, PreheatPlan, RoutePlan, RouteProgress
 
 PARAMETERS: dict[str, Any] = {
-    'vehicle': 'reference', 'method': 'merit_order', 'target_battery_temperature': 0.0,
+    'vehicle': 'reference', 'method': 'value_function', 'target_battery_temperature': 0.0,
     'battery_state_timeout': 5.0, 'clock_tolerance': 1.0, 'command_period': 1.0,
     'command_lease': 2.5, 'planning_step': 30.0, 'arrival_soc_margin': 0.0, 'estimation': True,
     'minimum_on_time': 20.0, 'minimum_off_time': 120.0, 'route_progress_timeout': 10.0,
@@ -125,7 +125,7 @@ def _ignore(*arguments: object) -> None:
 
 def plan_message() -> PreheatPlan:
     """Return a PreheatPlan of the size for the reference trip."""
-    message = PreheatPlan(route_id='benchmark', method='merit_order', explanation=CHARACTERS * '.')
+    message = PreheatPlan(route_id='benchmark', method='value_function', explanation=CHARACTERS * '.')
     edges, steps, intervals = (array('d', bytes(8 * count)) for count in (STEPS + 1, STEPS, STRETCHES))
     message.time = message.battery_temperature = message.soc = edges
     message.hvch_power = steps

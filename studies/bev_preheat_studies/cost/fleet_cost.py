@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.native.library import core
-from bev_preheat.planning.planner import COMPARED
+from bev_preheat.planning.planner import METHODS
 from bev_preheat_studies.cost.figures import Figure
 from bev_preheat_studies.fleet.arrivals import arrivals_of_all, planned_in_the_core
 from bev_preheat_studies.fleet.drawing import draw_fleet
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 # Plans per trip: one by each method; the runs without heating and always on are not counted.
-PLANS = len(COMPARED)
+PLANS = len(METHODS)
 LEAST_PLANS_PER_S = 20e3
 ROUNDS = 5
 # Number of trips planned one by one, and of trips planned with all ways.

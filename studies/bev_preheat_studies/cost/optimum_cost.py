@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from bev_preheat.planning.dynamics import keep_accounts
-from bev_preheat.planning.planner import COMPARED, plan_preheating
+from bev_preheat.planning.planner import METHODS, plan_preheating
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route import load_route
 from bev_preheat.vehicle import load_vehicle
@@ -99,7 +99,7 @@ def measure(log: Callable[[str], object]) -> list[Figure]:
         Figure('do-mpc, set-up and cold solve, median', 1e3 * peer_setup_s, 'ms'),
         Figure('set-up and cold solve, program / do-mpc', program_setup_s / peer_setup_s, '',
                MOST_OF_PEER['set-up'])]
-    for method in COMPARED:
+    for method in METHODS:
         def plans(method: str = method) -> None:
             for _ in range(PLANS_A_TURN):
                 plan_preheating(vehicle, route, STATE, GOAL, method)

@@ -16,7 +16,7 @@ import numpy as np
 from bev_preheat.native.library import OK
 from bev_preheat.native.trips import ALWAYS_ON, ONE_SWITCH, PAPER, plan_trips, UNHEATED
 from bev_preheat.planning.dynamics import native_vehicle
-from bev_preheat.planning.planner import COMPARED
+from bev_preheat.planning.planner import METHODS
 from bev_preheat.planning.situation import reserve_soc
 from bev_preheat.planning.trip import make_trip
 from bev_preheat_studies.fleet.drawn_fleet import goal_of, vehicle_of
@@ -28,9 +28,9 @@ if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import BoolArray, FloatArray
     from bev_preheat_studies.fleet.drawn_fleet import FleetTrips
 
-# On a trip without an active limit, `merit_order` is `optimal_switch`.
+# On a trip without an active limit, `value_function` is `optimal_switch`.
 IN_THE_CORE = {NONE: UNHEATED, ALWAYS: ALWAYS_ON, 'paper': PAPER, 'optimal_switch': ONE_SWITCH,
-               'merit_order': ONE_SWITCH}
+               'value_function': ONE_SWITCH}
 COLUMNS = [IN_THE_CORE[way] for way in WAYS]
 
 
@@ -85,7 +85,7 @@ def planned_in_the_core(trips: FleetTrips, car: str, places: slice) -> NDArray[n
 
 def _drive_one(trips: FleetTrips, car: str, place: int, are_there: BoolArray, arrivals: Arrivals) -> None:
     """Write the arrivals of one trip, in the ways that are still missing."""
-    methods = [way for way, is_there in zip(WAYS, are_there.tolist()) if way in COMPARED and not is_there]
+    methods = [way for way, is_there in zip(WAYS, are_there.tolist()) if way in METHODS and not is_there]
     driven = arrivals_of(trips.trip(place), vehicle_of(car), methods)
     if driven is None:
         arrivals.are_driven[place] = False

@@ -11,7 +11,7 @@ import numpy as np
 from bev_preheat.errors import PlanningFailure
 from bev_preheat.planning.dynamics import JOULES_PER_WH, run_forward
 from bev_preheat.planning.limits import run_within_limits, watch_limits
-from bev_preheat.planning.planner import COMPARED, plan_preheating
+from bev_preheat.planning.planner import METHODS, plan_preheating
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.planning.wanted_heat import WantedHeat
 from bev_preheat.vehicle.model import make_runge_kutta_4
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from bev_preheat_studies.fleet.drawn_fleet import FleetTrip
 
 NONE, ALWAYS = 'no_heating', 'always_on'
-WAYS = (NONE, ALWAYS, *reversed(COMPARED))
+WAYS = (NONE, ALWAYS, *reversed(METHODS))
 # A smaller shortfall does not count as missing the target; see planning.planner.
 REACHED_K = 0.2
 
@@ -39,7 +39,7 @@ class Arrival:
 
 
 def arrivals_of(trip: FleetTrip, vehicle: Vehicle,
-                methods: Iterable[str] = COMPARED) -> dict[str, Arrival] | None:
+                methods: Iterable[str] = tuple(METHODS)) -> dict[str, Arrival] | None:
     """
     Return the Arrival of each of WAYS; None if the car cannot drive the trip even without heating.
 
@@ -83,11 +83,9 @@ def _always_on(trip: FleetTrip, vehicle: Vehicle, unheated: Plan) -> Arrival:
     """
     driven = make_trip(vehicle, trip.route)
     watch = watch_limits(driven, unheated.soc, unheated.battery_temperature_c)
-    floor_c, target_c = (np.full((len(driven.route), 1), temperature_c)
-                         for temperature_c in (-np.inf, trip.goal.target_temperature_c))
     schedule = run_within_limits(
-        driven, trip.state, watch,
-        WantedHeat(driven.heater_limit_w, (floor_c, target_c, target_c)), take_surplus=False)
+        driven, trip.state, watch, WantedHeat(driven.heater_limit_w, trip.goal.target_temperature_c),
+        take_surplus=False)
     # Summed step by step, as in the native core.
     heater_wh = float(np.cumsum(driven.route.duration_s / JOULES_PER_WH * schedule.heater_power_w)[-1])
     return Arrival(heater_wh, float(schedule.temperature_c[-1]), float(np.maximum(schedule.soc[-1], 0.0)))

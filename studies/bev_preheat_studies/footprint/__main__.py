@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 # Lags of the heat: of the heater, and through coolant.
 LATE = HeatPath(heater_lag_s=45.0, coolant_heat_capacity_j_per_k=20e3, coolant_conductance_w_per_k=400.0)
 PATHS = (HeatPath(), LATE)
-DRAWN, LONG, SEED = 200, 30, 0
+DRAWN, LONG, SEED = 24, 2, 0
 # As in the export's Makefile.
 USUAL_BLOCK = 32
 M7_ADVICE = ('not measured: Cortex-M7, as arm-none-eabi-gcc is not installed (Debian, Ubuntu: sudo apt install '

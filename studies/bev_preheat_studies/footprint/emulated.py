@@ -25,7 +25,7 @@ ANSWER_AT, ANSWER = NUMBERS_AT + NUMBERS_BYTES - PAGE, struct.Struct('<10d')
 # The return address at which the emulator stops.
 END = 0x7800_0000
 CODE_AT = 0x0001_0000
-FUNCTIONS = ('take_situation', 'plan_switch', 'plan_merit_order', 'tell_plan')
+FUNCTIONS = ('take_situation', 'plan_switch', 'plan_by_values', 'tell_plan')
 # Enable access to the floating-point unit, and the unit itself.
 CPACR, FULL_ACCESS, FPEXC_ENABLED = (15, 0, 0, 1, 0, 0, 2), 0xF << 20, 1 << 30
 # The first five bits of a halfword that starts a 32-bit instruction.
@@ -66,7 +66,7 @@ class EmulatedCortexM7:
         self._call('take_situation', situation.steps, NUMBERS_AT)
         self._emulator.mem_write(STACK_AT, PAINT * STACK_BYTES)
         self._instructions = 0
-        status = self._call('plan_merit_order' if method else 'plan_switch')
+        status = self._call('plan_by_values' if method else 'plan_switch')
         instructions = self._instructions
         stack = bytes(self._emulator.mem_read(STACK_AT, STACK_BYTES))
         self._call('tell_plan', ANSWER_AT)

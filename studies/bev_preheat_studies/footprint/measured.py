@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from bev_preheat_studies.footprint.situations import FootprintCase, Planned
 
 # The functions that a caller of each of METHODS links.
-FUNCTIONS = dict(zip(METHODS, ('bev_ecu_plan_switch', 'bev_ecu_plan_merit_order')))
+FUNCTIONS = dict(zip(METHODS, ('bev_ecu_plan_switch', 'bev_ecu_plan_by_values')))
 VEHICLE = 'bev_ecu_vehicle'
 
 
@@ -46,7 +46,7 @@ class Measured:
     A Build of a vehicle with a HeatPath: its Plans by method, and the number of plans that differ from Python's.
 
     `memory_bytes` maps a number of steps to the caller's memory: optimal_switch without and with a heat path,
-    merit_order. It is the same for all processors; empty if not requested.
+    value_function. It is the same for all processors; empty if not requested.
     """
 
     build: Build

@@ -29,9 +29,9 @@ class PaintedStack:
         self._program: Path = build.link('painted_stack', 'painted_stack.c', '-Wl,-z,now')
 
     def memory_bytes(self, steps: int) -> tuple[int, int, int]:
-        """Return the memory for trips with this number of steps: optimal_switch, with a heat path, merit_order."""
-        direct, late, merit = map(int, self._run(b'', 'memory', str(steps)).split())
-        return direct, late, merit
+        """Return the memory for this many steps: optimal_switch, the same with a heat path, value_function."""
+        direct, late, values = map(int, self._run(b'', 'memory', str(steps)).split())
+        return direct, late, values
 
     def plan(self, asked: Sequence[tuple[int, FootprintCase]]) -> list[Planned]:
         """Return the results of (method number, FootprintCase) pairs."""

@@ -2,7 +2,7 @@
 /*
  * Plan situations on this computer, on a stack filled beforehand, and report the overwritten bytes.
  *
- *     painted_stack memory STEPS    bytes of memory: optimal_switch, the same with a heat path, merit_order
+ *     painted_stack memory STEPS    bytes of memory: optimal_switch, the same with a heat path, value_function
  *     painted_stack plans           situations on standard input, answers on standard output
  *
  * A situation is two int32 (method, 0: optimal_switch; number of steps) and the numbers of take_situation. An
@@ -70,7 +70,7 @@ static int plan_all(void) {
       return 2;
     }
     take_situation(steps, numbers);
-    const int32_t used = stack_of(asked[0] == 0 ? plan_switch : plan_merit_order) - frame;
+    const int32_t used = stack_of(asked[0] == 0 ? plan_switch : plan_by_values) - frame;
     const int32_t told[2] = {status, used};
     tell_plan(answer);
     if (fwrite(told, sizeof told, 1, stdout) != 1 || fwrite(answer, sizeof answer, 1, stdout) != 1) {
@@ -84,7 +84,7 @@ int main(int count, char **arguments) {
   if (count == 3 && strcmp(arguments[1], "memory") == 0) {
     const int32_t steps = (int32_t)strtol(arguments[2], NULL, 10);
     printf("%lld %lld %lld\n", (long long)switch_bytes(steps, 0), (long long)switch_bytes(steps, 1),
-           (long long)merit_order_bytes(steps));
+           (long long)values_bytes(steps));
     return 0;
   }
   return count == 2 && strcmp(arguments[1], "plans") == 0 ? plan_all() : 2;

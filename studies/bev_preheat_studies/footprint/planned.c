@@ -7,9 +7,8 @@
 static bev_trip trip;
 static bev_ecu_situation situation;
 static bev_ecu_plan plan;
-static double memory[BEV_ECU_MERIT_MEMORY(BEV_MOST_STEPS)];
-static uint8_t flags[BEV_ECU_MERIT_FLAGS(BEV_MOST_STEPS)];
-static int32_t order[BEV_MOST_STEPS];
+static double memory[BEV_ECU_VALUE_MEMORY(BEV_MOST_STEPS)];
+static uint8_t flags[BEV_ECU_VALUE_BYTES(BEV_MOST_STEPS)];
 
 void take_situation(int32_t steps, const double *numbers) {
   const double *const time_s = &numbers[SITUATION_NUMBERS];
@@ -24,8 +23,7 @@ void take_situation(int32_t steps, const double *numbers) {
                           &after[5 * steps],
                           &after[6 * steps],
                           &after[7 * steps],
-                          &after[8 * steps],
-                          NULL};
+                          &after[8 * steps]};
   const bev_ecu_situation of = {numbers[0], numbers[1], numbers[2], numbers[3],
                                 numbers[4], numbers[5], numbers[6]};
   trip = taken;
@@ -36,9 +34,8 @@ int32_t plan_switch(void) {
   return (int32_t)bev_ecu_plan_switch(&bev_ecu_vehicle, &trip, &situation, memory, &plan);
 }
 
-int32_t plan_merit_order(void) {
-  return (int32_t)bev_ecu_plan_merit_order(&bev_ecu_vehicle, &trip, &situation, memory, flags, order,
-                                           &plan);
+int32_t plan_by_values(void) {
+  return (int32_t)bev_ecu_plan_by_values(&bev_ecu_vehicle, &trip, &situation, memory, flags, &plan);
 }
 
 void tell_plan(double *answer) {
@@ -52,11 +49,11 @@ void tell_plan(double *answer) {
 }
 
 int64_t switch_bytes(int32_t steps, int32_t has_heat_path) {
-  const int64_t doubles = has_heat_path ? BEV_ECU_LATE_MEMORY(steps) : BEV_ECU_DIRECT_MEMORY(steps);
+  const int64_t doubles = has_heat_path ? BEV_ECU_MEMORY(steps) : BEV_ECU_DIRECT_MEMORY(steps);
   return doubles * (int64_t)sizeof(double);
 }
 
-int64_t merit_order_bytes(int32_t steps) {
-  return BEV_ECU_MERIT_MEMORY(steps) * (int64_t)sizeof(double)
-      + BEV_ECU_MERIT_FLAGS(steps) * (int64_t)sizeof(uint8_t) + steps * (int64_t)sizeof(int32_t);
+int64_t values_bytes(int32_t steps) {
+  return BEV_ECU_VALUE_MEMORY(steps) * (int64_t)sizeof(double)
+      + BEV_ECU_VALUE_BYTES(steps) * (int64_t)sizeof(uint8_t);
 }

@@ -13,15 +13,15 @@ enum { SITUATION_NUMBERS = 7, COLUMNS = 10, ANSWER_NUMBERS = 10 };
  */
 void take_situation(int32_t steps, const double *numbers);
 
-/* Plan the situation with optimal_switch or merit_order; return the status. These functions are measured. */
+/* Plan the situation with optimal_switch or value_function; return the status. These functions are measured. */
 int32_t plan_switch(void);
-int32_t plan_merit_order(void);
+int32_t plan_by_values(void);
 
 /* Write the plan's numbers, in the order of check.c. */
 void tell_plan(double *answer);
 
 /* Bytes of the caller's memory for a trip with `steps` steps. */
 int64_t switch_bytes(int32_t steps, int32_t has_heat_path);
-int64_t merit_order_bytes(int32_t steps);
+int64_t values_bytes(int32_t steps);
 
 #endif /* PLANNED_H_ */

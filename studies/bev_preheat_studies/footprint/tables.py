@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 Rows: TypeAlias = 'tuple[Sequence[str], Sequence[Sequence[str]], Sequence[str]]'
 # Lengths of usual drawn trips [steps].
 USUAL = range(40, 61)
-SWITCH, MERIT_ORDER = METHODS
+SWITCH, BY_VALUES = METHODS
 MEMORY_STEPS = (MOST_STEPS, 120)
 
 
@@ -41,9 +41,9 @@ def byte_rows(results: Sequence[Measured], method: str) -> Rows:
                         for build in builds)]
 
     def memory_of(by_way: tuple[int, int, int]) -> Callable[[Measured], int]:
-        direct, late, merit = by_way
-        if method == MERIT_ORDER:
-            return lambda each: merit
+        direct, late, values = by_way
+        if method == BY_VALUES:
+            return lambda each: values
         return lambda each: direct if each.path.is_direct else late
 
     both = slice(2)

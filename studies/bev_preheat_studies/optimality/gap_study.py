@@ -11,11 +11,11 @@ from typing import Any, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.numerics.arithmetic import ARRAYS
-from bev_preheat.planning.comparison import difference_of_plans, energy_gap_wh
+from bev_preheat.planning.comparison import difference, energy_gap_wh
 from bev_preheat.planning.planner import (
     as_driven,
-    COMPARED,
     DEFAULT_METHOD,
+    METHODS,
     plan_preheating,
     SHORTFALL_TOLERANCE_K,
 )
@@ -86,7 +86,7 @@ class GapResult:
 
 
 def solve_trip(vehicle: Vehicle, seed: int, number: int, trips: str = 'free',
-               methods: Sequence[str] = COMPARED) -> GapResult:
+               methods: Sequence[str] = tuple(METHODS)) -> GapResult:
     """
     Return the GapResult of one drawn trip.
 
@@ -123,7 +123,7 @@ def solve_trip(vehicle: Vehicle, seed: int, number: int, trips: str = 'free',
             arrival_temperature_c=plan.arrival_temperature_c,
             energy_wh=plan.energy_wh.battery_total,
             gap_wh=energy_gap_wh(plan, best) if best else None,
-            difference=difference_of_plans(plan, best) if best else '',
+            difference=difference(plan, best) if best else '',
             arrival_soc=plan.arrival_soc,
             violation=_violation(trip, plan) if limited else 0.0,
             keeps_limits=plan is plans[method],
@@ -191,7 +191,7 @@ def run_study(vehicle: Vehicle, feasible: int, seed: int, executor: Executor,
               report: Callable[[GapResult], object], trips: str = 'free',
               finished: Mapping[int, GapResult] | None = None,
               keep: Callable[[int, GapResult], object] | None = None,
-              methods: Sequence[str] = COMPARED) -> list[GapResult]:
+              methods: Sequence[str] = tuple(METHODS)) -> list[GapResult]:
     """
     Run trips 0, 1, 2 … until `feasible` of them are feasible; return their GapResults in order.
 

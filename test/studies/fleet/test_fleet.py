@@ -116,13 +116,13 @@ def test_always_on_holds_the_target_and_takes_most(cold_trip):
     assert arrivals[NONE].heater_wh == 0.0 and arrivals[NONE].temperature_c < target_c - 3.0
     # A step without heat cools it by less than a kelvin; the drive itself may warm it further.
     assert arrivals[ALWAYS].temperature_c > target_c - 1.0
-    assert arrivals[ALWAYS].heater_wh > 1.1 * arrivals['merit_order'].heater_wh > 0.0
+    assert arrivals[ALWAYS].heater_wh > 1.1 * arrivals['value_function'].heater_wh > 0.0
 
 
 def test_each_method_reaches_the_target_as_driven(cold_trip):
     trip, arrivals = cold_trip
     assert set(arrivals) == set(WAYS)
-    for method in ('optimal_switch', 'merit_order'):
+    for method in ('optimal_switch', 'value_function'):
         assert arrivals[method].temperature_c == pytest.approx(trip.goal.target_temperature_c, abs=0.01)
     assert arrivals['paper'].temperature_c == pytest.approx(trip.goal.target_temperature_c, abs=0.5)
 
@@ -147,14 +147,14 @@ def test_a_fleet_is_counted_trip_by_trip(quick_tables):
     expected = {quantity: [] for quantity in (HEATER_WH, SAVED_S, MORE_WH, REACHED)}
     for trip in map(trips.trip, range(12)):
         ends = arrivals_of(trip, vehicle_of(trip.car))
-        end, cold = ends['merit_order'], ends[NONE]
+        end, cold = ends['value_function'], ends[NONE]
         expected[HEATER_WH].append(end.heater_wh)
         expected[MORE_WH].append(50e3 * (cold.soc - end.soc))
         expected[SAVED_S].append(10.0 * (max(25.0 - cold.temperature_c, 0.0) - max(25.0 - end.temperature_c, 0.0))
                                  - 2000.0 * (cold.soc - end.soc))
         expected[REACHED].append(end.temperature_c > trip.goal.target_temperature_c - 0.2)
     for quantity, values in expected.items():
-        assert tally.mean('merit_order', 'all', quantity) == pytest.approx(np.mean(values), abs=1e-3)
+        assert tally.mean('value_function', 'all', quantity) == pytest.approx(np.mean(values), abs=1e-3)
 
 
 # test/native compares plans of core and Python daily.
@@ -245,7 +245,7 @@ def test_the_command_prints_writes_draws_and_goes_on(quick_command, tmp_path, ca
     assert '25 trips' in out and 'always_on' in out and 'By air temperature' in out
     written = json.loads(path.read_text())
     assert (written['fleet'], written['seed'], written['complete']) == (25, 4, True)
-    figures = written['summary']['groups']['all']['ways']['merit_order']
+    figures = written['summary']['groups']['all']['ways']['value_function']
     assert figures['saved_min']['mean'] == pytest.approx(12.0 / 60.0)
     from matplotlib.image import imread
     assert imread(picture).std() > 0.02

@@ -57,7 +57,7 @@ def test_the_instants_are_those_of_the_plans(trips):
         found = planned(trips, car, places)
         for row in range(0, len(found), 2):
             trip = trips.trip(places.start + row)
-            for method, way in (('optimal_switch', ONE_SWITCH), ('merit_order', ONE_SWITCH), ('paper', PAPER)):
+            for method, way in (('optimal_switch', ONE_SWITCH), ('value_function', ONE_SWITCH), ('paper', PAPER)):
                 plan = plan_preheating(vehicle_of(car), trip.route, trip.state, trip.goal, method)
                 if found['status'][row, way] != OK:
                     continue
@@ -87,8 +87,8 @@ def test_a_limited_trip_is_asked_for_one_by_one(trips, monkeypatch):
     monkeypatch.setattr(fleet_arrivals, 'arrivals_of', one)
     arrivals = arrivals_of_all(trips)
     first = next(iter(trips.cars()))[1].start
-    assert asked[:2] == [(trips.number[first + 1], ('optimal_switch', 'merit_order')),
-                         (trips.number[first + 2], ('paper', 'optimal_switch', 'merit_order'))]
+    assert asked[:2] == [(trips.number[first + 1], ('optimal_switch', 'value_function')),
+                         (trips.number[first + 2], ('paper', 'optimal_switch', 'value_function'))]
     assert arrivals.are_driven[first:first + 3].tolist() == [True, False, True]
     assert np.isnan(arrivals.soc[first + 1]).all() and (arrivals.soc[first + 2] == 3.0).all()
     assert (arrivals.soc[first] == 0.0).all()

@@ -19,7 +19,7 @@ from bev_preheat.nonlinear_program.deficits import (
     StepDeficit,
     TARGET,
 )
-from bev_preheat.planning.planner import COMPARED
+from bev_preheat.planning.planner import METHODS
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat_studies.commands.sweep import print_summary
 from bev_preheat_studies.optimality import gap_study as study_run
@@ -122,7 +122,7 @@ def test_the_trips_below_have_several_outcomes(free_trips):
     assert {result.outcome for result in free_trips} >= {FEASIBLE, NOT_NEEDED, UNREACHABLE}
 
 
-@pytest.mark.parametrize('method', COMPARED)
+@pytest.mark.parametrize('method', METHODS)
 def test_statuses_agree_with_the_outcomes(free_trips, method):
     assert disagreements(free_trips, method) == []
 
@@ -131,7 +131,7 @@ def test_statuses_agree_with_the_outcomes(free_trips, method):
 def test_statuses_agree_where_the_reserve_is_missed():
     result = solve_trip(VEHICLE, 1, 4)
     assert result.outcome == RESERVE_MISSED
-    assert [disagreements([result], method) for method in COMPARED] == [[]] * len(COMPARED)
+    assert [disagreements([result], method) for method in METHODS] == [[]] * len(METHODS)
 
 
 @pytest.mark.parametrize('deficit, outcome', [
@@ -157,7 +157,7 @@ def test_a_climb_that_overheats_the_battery_is_no_lack_of_power(number):
     result = solve_trip(VEHICLE, 1, number, 'limits')
     assert result.outcome == BEYOND_RANGE
     assert re.fullmatch(r'battery temperature: \d\.\d\d K above its range at \d+ s', result.detail)
-    assert disagreements([result], 'merit_order') == []
+    assert disagreements([result], 'value_function') == []
 
 
 def test_optimal_switch_is_the_optimum_of_feasible_trips(free_trips):
@@ -277,7 +277,7 @@ def test_solver_failure_is_an_outcome(failing_solver):
 
 def test_solver_failure_keeps_the_plans_of_the_methods(failing_solver):
     methods = solve_trip(VEHICLE, 7, 0).methods
-    assert {method: own.gap_wh for method, own in methods.items()} == dict.fromkeys(COMPARED)
+    assert {method: own.gap_wh for method, own in methods.items()} == dict.fromkeys(METHODS)
     assert min(own.energy_wh for own in methods.values()) > 0.0
 
 
@@ -351,9 +351,9 @@ def reporting(results, then=None):
 
 
 def test_sweep_lists_solver_failures(monkeypatch, tmp_path, capsys):
-    results = [made_result(0, **dict.fromkeys(COMPARED, made_method())),
+    results = [made_result(0, **dict.fromkeys(METHODS, made_method())),
                replace(failed_result(1), methods=dict.fromkeys(
-                   COMPARED, replace(made_method(), gap_wh=None)))]
+                   METHODS, replace(made_method(), gap_wh=None)))]
     monkeypatch.setattr(study_run, 'run_study', reporting(results))
     path = tmp_path / 'sweep.json'
     assert main(['sweep', '--feasible', '1', '--json', str(path)]) == 0
@@ -372,7 +372,7 @@ def test_sweep_refuses_in_one_line(arguments, message, capsys):
 
 
 def test_an_interrupted_sweep_keeps_what_is_finished(monkeypatch, tmp_path, capsys):
-    methods = dict.fromkeys(COMPARED, made_method())
+    methods = dict.fromkeys(METHODS, made_method())
     monkeypatch.setattr(study_run, 'run_study', reporting(
         [made_result(0, **methods), made_result(1, NOT_NEEDED, **methods),
          made_result(2, **methods)], Interrupted()))
@@ -391,7 +391,7 @@ def test_an_interrupted_sweep_keeps_what_is_finished(monkeypatch, tmp_path, caps
 
 def test_an_interrupted_sweep_without_a_file_says_so(monkeypatch, capsys):
     monkeypatch.setattr(study_run, 'run_study', reporting(
-        [made_result(0, **dict.fromkeys(COMPARED, made_method()))], Interrupted()))
+        [made_result(0, **dict.fromkeys(METHODS, made_method()))], Interrupted()))
     assert main(['sweep', '--feasible', '2']) == 130
     assert capsys.readouterr().err == ('preheat: interrupted after 1 of 2 feasible trips; the summary '
                                        'covers finished results only\n')
@@ -407,7 +407,7 @@ def test_a_sweep_that_is_interrupted_at_once_writes_nothing(monkeypatch, tmp_pat
 
 def test_a_lost_worker_costs_no_finished_trip(monkeypatch, tmp_path, capsys):
     monkeypatch.setattr(study_run, 'run_study', reporting(
-        [made_result(0, **dict.fromkeys(COMPARED, made_method()))], WorkerLost()))
+        [made_result(0, **dict.fromkeys(METHODS, made_method()))], WorkerLost()))
     path = tmp_path / 'sweep.json'
     assert main(['sweep', '--feasible', '2', '--json', str(path)]) == 1
     assert capsys.readouterr().err == (
@@ -440,7 +440,7 @@ def test_where_no_trip_can_be_compared_there_is_no_figure(capsys):
 def test_on_trips_with_limits_only_like_is_compared_with_like():
     """Methods that ignore limits cannot drive this trip as planned, and would seem to save energy."""
     result = solve_trip(VEHICLE, 1, 3, 'limits')
-    paper, merit_order = result.methods['paper'], result.methods['merit_order']
+    paper, by_values = result.methods['paper'], result.methods['value_function']
     assert paper.energy_wh < result.optimal_energy_wh - 100.0
     assert (paper.gap_wh, paper.difference.endswith(' kW larger')) == (None, True)
-    assert merit_order.gap_wh == pytest.approx(merit_order.energy_wh - result.optimal_energy_wh)
+    assert by_values.gap_wh == pytest.approx(by_values.energy_wh - result.optimal_energy_wh)
