@@ -97,7 +97,7 @@ def settings_of(parameters: Mapping[str, Any]) -> Settings:
     """
     Return the Settings of parameters by name; a missing parameter keeps its default.
 
-    A target of 0 or NaN means the vehicle's, a method of earlier versions the one that took its place. Raises
+    A target of 0 or NaN means the vehicle's; a method of earlier versions is replaced by its successor. Raises
     KeyError if a name is not in FIELD_OF_PARAMETER.
     """
     values = {FIELD_OF_PARAMETER[name]: value for name, value in parameters.items()}

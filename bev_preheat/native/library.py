@@ -96,7 +96,6 @@ _SIGNATURES = {
     'bev_find_crossing': 'PIPDDDPP',
     'bev_run_within_limits': 'PPPIPPPPP',
     'bev_run_heated_within_limits': 'PPPIPPP',
-    'bev_limits_along': 'PIPPPPP',
     'bev_limits_of_steps': 'PIPPPPP',
     'bev_stand': 'PPPPP',
     'bev_drive_as_planned': 'PPPPPPP',

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 
 INTEGRATORS: dict[Integrator, int] = {make_euler: 0, make_midpoint: 1, make_runge_kutta_4: 2}
 FLOAT = np.dtype(float)
-BYTE = np.dtype(np.uint8)
 
 
 def is_in_order(vehicle: NativeVehicle) -> bool:
@@ -135,20 +134,6 @@ def run_heated_within_limits(vehicle: NativeVehicle, trip: NativeTrip, heating: 
     if status == EMPTY:
         return (empty.value,)
     return (None,) if status == OK else None
-
-
-def limits_along(vehicle: NativeVehicle, soc: FloatArray, temperature_c: FloatArray,
-                 variance_w2: FloatArray) -> FloatArray | None:
-    """Return least and most terminal power [W], (2, K), along states and power variances, each (K,)."""
-    library = core()
-    if library is None:
-        return None
-    count = len(variance_w2)
-    limits_w = np.empty((2, count))
-    status = library.bev_limits_along(
-        vehicle.address, count, doubles_at(soc, count), doubles_at(temperature_c, count),
-        doubles_at(variance_w2, count), *_rows(limits_w, 2))
-    return limits_w if status == OK else None
 
 
 def limits_of_steps(vehicle: NativeVehicle, soc: FloatArray, temperature_c: FloatArray,

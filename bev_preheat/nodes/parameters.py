@@ -38,8 +38,8 @@ class Parameter:
     `limits` is (low, high) for numbers; `unset_means` explains 0 and NaN if they mean that the value is unset
     (0 as the default: a NaN does not survive `ros2 param dump` and `load`); `choices` lists the allowed texts.
     `more_choices` returns further ones; it is called for the help and for a text that `choices` does not list,
-    because it may take longer than a start allows, and `more_in_words` names them elsewhere. Messages never repeat
-    the value of a `secret` one.
+    because it may take longer than a start allows, and `more_in_words` names them elsewhere. `earlier_choices` are
+    accepted and not listed. Messages never repeat the value of a `secret` one.
     """
 
     name: str
@@ -52,6 +52,7 @@ class Parameter:
     read_only: bool = False
     more_choices: Callable[[], tuple[str, ...]] | None = None
     more_in_words: str = ''
+    earlier_choices: tuple[str, ...] = ()
     secret: bool = False
 
     def descriptor(self) -> ParameterDescriptor:
@@ -112,7 +113,8 @@ class Parameter:
     def problem_with(self, value: Any) -> str | None:
         """Return a sentence on the problem with a value, None if it is valid."""
         unit = f' {self.unit}' if self.unit else ''
-        if self.choices and value not in self.choices and value not in (choices := self._all_choices()):
+        if (self.choices and value not in (*self.choices, *self.earlier_choices)
+                and value not in (choices := self._all_choices())):
             return f'{self.name}: {quoted(str(value))} is not one of {", ".join(choices)}'
         if self.limits is None or (self.unset_means and (math.isnan(value) or value == 0.0)):
             return None

@@ -74,8 +74,8 @@ if TYPE_CHECKING:
 DEFAULTS = Settings()
 PARAMETERS = (
     Parameter('vehicle', 'reference', 'Vehicle: a name in config/vehicles or a YAML file.'),
-    Parameter('method', DEFAULTS.method, 'Planning method.', choices=tuple(METHODS),
-              more_choices=lambda: (*installed_names(), *REPLACED),
+    Parameter('method', DEFAULTS.method, 'Planning method.', choices=tuple(METHODS), more_choices=installed_names,
+              earlier_choices=tuple(REPLACED),
               more_in_words=', or a method of an installed package (planner --help lists them)'),
     Parameter('target_battery_temperature', 0.0,
               'Battery temperature on arrival if the route names none', 'degC', (-40.0, 60.0),

@@ -116,18 +116,6 @@ def _rolled(step: Step[float], soc: float, temperature_c: float,
     return socs, temperatures_c
 
 
-def terminal_limits_w(vehicle: Vehicle, soc: FloatArray, temperature_c: FloatArray,
-                      variance_w2: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return least and most terminal power [W] (K,) along states and power variances [W^2], each (K,)."""
-    native = native_vehicle(vehicle)
-    limits_w = None if native is None else native_runs.limits_along(
-        native, soc, temperature_c, variance_w2)
-    if limits_w is not None:
-        return limits_w[0], limits_w[1]
-    least_w, most_w = make_terminal_limits(vehicle, ARRAYS)(soc, temperature_c, variance_w2)
-    return least_w, most_w
-
-
 def limits_of_steps_w(vehicle: Vehicle, soc: FloatArray, temperature_c: FloatArray,
                       variance_w2: FloatArray) -> tuple[FloatArray, FloatArray]:
     """

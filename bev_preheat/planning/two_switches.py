@@ -187,8 +187,3 @@ class _Search:
     def _first_step(self, instant_s: float) -> int:
         return min(int(np.searchsorted(self._trip.time_s, instant_s, side='right')),
                    len(self._trip.route)) - 1
-
-
-def paid_until(trip: Trip, off_s: float | None) -> FloatArray:
-    """Return the highest heater power [W] of each step (N,) worth paying for: until `off_s` [s]."""
-    return maximum_between(trip, 0.0, float(trip.time_s[-1]) if off_s is None else off_s)

@@ -21,7 +21,7 @@ typedef struct {
   double joules_per_k;
 } bev_limited_run;
 
-/* The temperature that thresholds are meant for: when all heat that is under way has arrived [deg C]. */
+/* The temperature when all heat that is under way has arrived [deg C]. */
 static inline double bev_settled_c(const bev_limited_run *run, const double states[4]) {
   return run->is_direct ? states[1]
                         : states[1] + run->k_per_watt * states[2]

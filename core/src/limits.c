@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The battery's limits along a run: terminal_limits_w and limits_of_steps_w of bev_preheat.planning.dynamics. */
+/* The battery's limits along a run: limits_of_steps_w of bev_preheat.planning.dynamics. */
 #include <stdbool.h>
 
 #include "checks.h"
@@ -7,47 +7,22 @@
 #include "step_limits.h"
 #include "steps_of_model.h"
 
-bev_status bev_limits_along(const bev_vehicle *vehicle, int32_t count, const double *soc,
-                            const double *temperature_c, const double *variance_w2,
-                            double *least_w, double *most_w) {
-  if (vehicle == NULL || soc == NULL || temperature_c == NULL || variance_w2 == NULL
-      || least_w == NULL || most_w == NULL || count < 0 || count > BEV_MOST_STEPS) {
-    return BEV_BAD_ARGUMENT;
-  }
-  if (!bev_is_vehicle(vehicle)) {
-    return BEV_BAD_VEHICLE;
-  }
-  for (int32_t n = 0; n < count; n++) {
-    double limits_w[2];
-    bev_terminal_limits(vehicle, BEV_AS_ARRAYS, soc[n], temperature_c[n], variance_w2[n],
-                        limits_w);
-    if (!isfinite(limits_w[0]) || !isfinite(limits_w[1])) {
-      return BEV_NOT_FINITE;
-    }
-    least_w[n] = limits_w[0];
-    most_w[n] = limits_w[1];
-  }
-  return BEV_OK;
-}
-
-bev_status bev_limits_of_block(const bev_vehicle *vehicle, int32_t steps, const double *soc,
-                               const double *temperature_c, double colder_by_k,
-                               const double *variance_w2, double *least_w, double *most_w) {
-  double colder_c[BEV_LIMITS_BLOCK + 1];
+/*
+ * As bev_limits_of_steps, for up to BEV_LIMITS_BLOCK steps: the curves' values at the end of a step serve for the start
+ * of the next step.
+ */
+static bev_status limits_of_block(const bev_vehicle *vehicle, int32_t steps, const double *soc,
+                               const double *temperature_c, const double *variance_w2,
+                               double *least_w, double *most_w) {
   double voltage_v[BEV_LIMITS_BLOCK + 1];
   double resistance_ohm[BEV_LIMITS_BLOCK + 1];
   double charge_w[BEV_LIMITS_BLOCK + 1];
   double discharge_w[BEV_LIMITS_BLOCK + 1];
   const int32_t instants = steps + 1;
-  for (int32_t n = 0; n < instants; n++) {
-    colder_c[n] = colder_by_k > 0.0
-        ? bev_maximum(temperature_c[n] - colder_by_k, vehicle->lowest_c)
-        : temperature_c[n];
-  }
-  bev_curve_over(&vehicle->open_circuit_voltage, instants, soc, colder_c, voltage_v);
-  bev_curve_over(&vehicle->resistance, instants, soc, colder_c, resistance_ohm);
-  bev_curve_over(&vehicle->charge_power_limit, instants, soc, colder_c, charge_w);
-  bev_curve_over(&vehicle->discharge_power_limit, instants, soc, colder_c, discharge_w);
+  bev_curve_over(&vehicle->open_circuit_voltage, instants, soc, temperature_c, voltage_v);
+  bev_curve_over(&vehicle->resistance, instants, soc, temperature_c, resistance_ohm);
+  bev_curve_over(&vehicle->charge_power_limit, instants, soc, temperature_c, charge_w);
+  bev_curve_over(&vehicle->discharge_power_limit, instants, soc, temperature_c, discharge_w);
   bool are_numbers = true;
   for (int32_t n = 0; n < steps; n++) {
     double start_w[2];
@@ -78,7 +53,7 @@ bev_status bev_limits_of_steps(const bev_vehicle *vehicle, int32_t steps, const 
   bev_status status = BEV_OK;
   for (int32_t from = 0; from < steps && status == BEV_OK; from += BEV_LIMITS_BLOCK) {
     const int32_t count = steps - from < BEV_LIMITS_BLOCK ? steps - from : BEV_LIMITS_BLOCK;
-    status = bev_limits_of_block(vehicle, count, &soc[from], &temperature_c[from], 0.0,
+    status = limits_of_block(vehicle, count, &soc[from], &temperature_c[from],
                                  &variance_w2[from], &least_w[from], &most_w[from]);
   }
   return status;

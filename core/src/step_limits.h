@@ -35,13 +35,4 @@ static inline bev_status bev_limits_of_colder_step(const bev_vehicle *vehicle, c
 /* Number of steps computed side by side. */
 #define BEV_LIMITS_BLOCK BEV_BLOCK
 
-/*
- * The same, bit-identical, for up to BEV_LIMITS_BLOCK steps between the states of a run (one more state than steps):
- * the curves' values at the end of a step serve for the start of the next step. The battery is `colder_by_k` [K]
- * colder, but not below its range.
- */
-bev_status bev_limits_of_block(const bev_vehicle *vehicle, int32_t steps, const double *soc,
-                               const double *temperature_c, double colder_by_k,
-                               const double *variance_w2, double *least_w, double *most_w);
-
 #endif /* BEV_PREHEAT_CORE_STEP_LIMITS_H_ */

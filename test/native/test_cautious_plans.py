@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from bev_preheat.native.library import core_in_words, without_core
+from bev_preheat.numerics.arithmetic import ARRAYS
 from bev_preheat.planning import unlimited
-from bev_preheat.planning.dynamics import terminal_limits_w
 from bev_preheat.planning.heating_intervals import Reason
 from bev_preheat.planning.planner import plan_preheating, plan_unheated
 from bev_preheat.planning.situation import BatteryState, Goal
@@ -18,6 +18,7 @@ from bev_preheat.planning.trip import make_trip
 from bev_preheat.planning.uncertainty_margin import UncertaintyMargin
 from bev_preheat.planning.unlimited import plan_unlimited
 from bev_preheat.route.segments import make_route
+from bev_preheat.vehicle.terminal_limits import make_terminal_limits
 
 CAR = drawn_situations.car('reference')
 
@@ -98,8 +99,8 @@ def test_what_careful_heating_is_for_is_told_without_python(monkeypatch, limit, 
     # The battery can deliver the last seconds' power unheated, but not 5 K below the plan.
     state, uncertainty_margin = BatteryState(3.0, 0.8), UncertaintyMargin(0.1, 7.0)
     unheated = plan_unheated(CAR, steady_route(), state, Goal(10.0))
-    limits_w = terminal_limits_w(
-        CAR, unheated.soc[-1:], unheated.battery_temperature_c[-1:] - 1.5, np.zeros(1))
+    limits_w = make_terminal_limits(CAR, ARRAYS)(
+        unheated.soc[-1:], unheated.battery_temperature_c[-1:] - 1.5, np.zeros(1))
     route = steady_route() if limit is None else steady_route(float(limits_w[limit][0]) - 1800.0)
     goal = Goal(unheated.arrival_temperature_c + 2.0)
     careful = assert_same(lambda: plan_preheating(CAR, route, state, goal, uncertainty_margin=uncertainty_margin))

@@ -21,13 +21,13 @@ from bev_preheat.native.structs import (
     SwitchPlanStruct,
     UncertaintyMarginStruct,
 )
+from bev_preheat.numerics.arithmetic import ARRAYS
 from bev_preheat.planning.dynamics import (
     hottest_c,
     keep_accounts,
     limits_along,
     native_vehicle,
     run_forward,
-    terminal_limits_w,
 )
 from bev_preheat.planning.heat_run import initial_states, roll_heated, run_heated
 from bev_preheat.planning.limits import drive_as_planned
@@ -42,6 +42,7 @@ from bev_preheat.planning.unlimited import plan_unlimited
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle.heat_path import HeatPath
 from bev_preheat.vehicle.model import make_euler, make_midpoint, make_runge_kutta_4
+from bev_preheat.vehicle.terminal_limits import make_terminal_limits
 
 FORMULAS, TABLES = (drawn_situations.car(name) for name in drawn_situations.CARS)
 LIMITED, BAD_ARGUMENT, BAD_VEHICLE, BAD_INPUT = 4, -1, -2, -3
@@ -332,8 +333,8 @@ def test_limits_along_a_run_are_those_of_its_trip():
     other_vehicle = replace(trip, vehicle=TABLES)
     varied = trip.changed(power_variance_w2=np.full(40, 4e8))
     for other in (other_vehicle, varied, trip):
-        (start_w, end_w) = (np.array(terminal_limits_w(
-            other.vehicle, schedule.soc[ends], schedule.temperature_c[ends], other.power_variance_w2))
+        (start_w, end_w) = (np.array(make_terminal_limits(other.vehicle, ARRAYS)(
+            schedule.soc[ends], schedule.temperature_c[ends], other.power_variance_w2))
             for ends in (slice(-1), slice(1, None)))
         assert [each.tolist() for each in limits_along(other, schedule)] == [
             np.maximum(start_w[0], end_w[0]).tolist(), np.minimum(start_w[1], end_w[1]).tolist()]

@@ -87,7 +87,7 @@ def test_the_planner_heats_by_an_installed_method_and_refuses_a_broken_one(bench
         parameters=[string('method', 'last_25_minutes')])).results
     assert not refused.successful
     assert refused.reason == ("method: 'last_25_minutes' is not one of value_function, optimal_switch, paper, "
-                              'last_10_minutes, last_20_minutes, last_30_minutes, negative, merit_order')
+                              'last_10_minutes, last_20_minutes, last_30_minutes, negative')
     taken, = bench.call(SetParameters, '/planner/set_parameters', SetParameters.Request(
         parameters=[string('method', 'negative')])).results
     assert taken.successful, taken.reason

@@ -5,7 +5,7 @@
 
 #include "bev_ecu.h"
 
-/* Arrays for a plan with one heating interval, in the caller's memory; what follows `idle_states` follows it there. */
+/* Arrays for a plan with one heating interval, in the caller's memory; from `idle_states` on they lie there one after another. */
 typedef struct {
   double *states;
   double *command_w;

@@ -31,7 +31,7 @@ void bev_ecu_start(const bev_vehicle *vehicle, const bev_trip *trip,
   }
 }
 
-/* BEV_OK if a run under the commands of `room` keeps all limits; writes what the heat path makes of them. */
+/* BEV_OK if a run under the commands of `room` keeps all limits; writes heater power and arriving heat. */
 static bev_status keeps_limits(const bev_vehicle *vehicle, const bev_trip *trip,
                                const double *states, const bev_ecu_room *room) {
   const double *drawn_w = room->command_w;

@@ -23,7 +23,7 @@ typedef struct {
   uint8_t *flags;
 } values_room;
 
-/* What is asked of a plan, from the trip without paid heating: the least spare charge, the most power deficit [W]. */
+/* Bounds of a plan, from the trip without paid heating: the least spare charge, the largest power deficit [W]. */
 typedef struct {
   double spare_soc;
   double deficit_w;

@@ -126,7 +126,7 @@ static int read_vector(FILE *file, vector *read) {
   return 1;
 }
 
-/* What a plan is, compared with the expected one. */
+/* Results of the comparison of a plan with the expected plan. */
 enum { SAME, OTHER, WRONG };
 
 /* Compare a plan; records the greatest difference of each kind from a plan that is the same. */

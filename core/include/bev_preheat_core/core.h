@@ -331,15 +331,7 @@ bev_status bev_run_heated_within_limits(const bev_vehicle *vehicle, const bev_tr
                                         double *powers_w, int32_t *empty_step);
 
 /*
- * The least and the most terminal power [W] within the battery's limits, along `count` states and power
- * variances [W^2].
- */
-bev_status bev_limits_along(const bev_vehicle *vehicle, int32_t count, const double *soc,
-                            const double *temperature_c, const double *variance_w2,
-                            double *least_w, double *most_w);
-
-/*
- * The same for steps whose power keeps the limits at both ends: `soc` and `temperature_c` have one value more than
+ * The least and the most terminal power [W] of steps within the battery's limits at both ends: `soc` and `temperature_c` have one value more than
  * there are steps, the other arrays one for each step.
  */
 bev_status bev_limits_of_steps(const bev_vehicle *vehicle, int32_t steps, const double *soc,
