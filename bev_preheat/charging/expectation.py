@@ -160,14 +160,19 @@ class Expectation:
 
     def _not_charged(self, state: BatteryState, lost_soc: float) -> float:
         """Return the cost if the vehicle does not charge on arrival in a state, with `lost_soc` spent on heat."""
-        wait_s, battery = self.prospect.wait_s, self._vehicle.battery
+        wait_s = self.prospect.wait_s
         if wait_s is None:
-            voltage_v = battery.open_circuit_voltage.function(FLOATS)(
-                state.soc + 0.5 * lost_soc, state.temperature_c)
-            return self._prices.cost(lost_soc * battery.capacity_as * voltage_v / JOULES_PER_WH, 0.0)
+            return self._prices.cost(spent_wh(self._vehicle, state.soc, state.temperature_c, lost_soc), 0.0)
         cooled = replace(state, heater_power_w=0.0, coolant_excess_k=0.0, temperature_c=temperature_after(
             self._vehicle, state.temperature_c, self._stop.ambient_c, wait_s))
         return self._sessions.cost(cooled) + self._prices.cost(0.0, wait_s)
+
+
+def spent_wh(vehicle: Vehicle, soc: float, temperature_c: float, lost_soc: float) -> float:
+    """Return the battery energy of `lost_soc` (0 ... 1) that was spent before a state [deg C] was reached [Wh]."""
+    battery = vehicle.battery
+    voltage_v = battery.open_circuit_voltage.function(FLOATS)(soc + 0.5 * lost_soc, temperature_c)
+    return lost_soc * battery.capacity_as * voltage_v / JOULES_PER_WH
 
 
 class SessionCosts:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The least value of time, and the least probability of charging, from which on heating pays."""
+"""Value of time and probability of charging from which heating pays, and the energy price up to which it does."""
 
 from __future__ import annotations
 
@@ -33,6 +33,24 @@ def pays_from_per_h(item: TargetWorth, without: TargetWorth, price_per_kwh: floa
     if probability < 1.0:
         more += (1.0 - probability) / probability * lost
     return max(more, 0.0) / saved_h
+
+
+def pays_to_price_per_kwh(item: TargetWorth, without: TargetWorth, value_per_h: float,
+                          lost_wh: float = 0.0) -> float:
+    """
+    Return the price of energy [per kWh] up to which a target costs less than no heating; infinity: at any price.
+
+    0 if it pays at no price. `lost_wh` is the heat that is lost for each time that the vehicle charges [Wh].
+    """
+    if math.isinf(item.charging_time_s):
+        return 0.0
+    if math.isinf(without.charging_time_s):
+        return math.inf
+    saved_h = (without.charging_time_s - item.charging_time_s) / SECONDS_PER_H
+    if saved_h < LEAST_SAVED_S / SECONDS_PER_H:
+        return 0.0
+    more_kwh = (item.bought_energy_wh - without.bought_energy_wh + lost_wh) / WH_PER_KWH
+    return value_per_h * saved_h / more_kwh if more_kwh > 0.0 else math.inf
 
 
 def pays_from_probability(item: TargetWorth, without: TargetWorth) -> float:

@@ -17,14 +17,20 @@ from functools import partial
 import math
 from typing import Any, TYPE_CHECKING
 
-from bev_preheat.charging.expectation import Expectation
+from bev_preheat.charging.expectation import Expectation, spent_wh
 from bev_preheat.charging.heating_choice import ChargerHeating
-from bev_preheat.charging.pays_from import pays_from_per_h, pays_from_probability
+from bev_preheat.charging.pays_from import pays_from_per_h, pays_from_probability, pays_to_price_per_kwh
 from bev_preheat.charging.prospect import CERTAIN, check_prospect
 from bev_preheat.charging.stop import arrival_state, check_stop, refuse_stranded, stop_after
 from bev_preheat.charging.target_worth import Prices, TargetWorth
 from bev_preheat.charging.too_warm import derating_in, LEAST_TIME_S, too_warm
-from bev_preheat.charging.verdict import verdict_in_doubt, verdict_on, warmer_than
+from bev_preheat.charging.verdict import (
+    bounds_in_words,
+    unheated_at_charger,
+    verdict_in_doubt,
+    verdict_on,
+    warmer_than,
+)
 from bev_preheat.errors import figure, figure_beyond, InvalidInput
 from bev_preheat.planning.bracketing import least_of, Trial
 from bev_preheat.planning.planner import DEFAULT_METHOD, plan_preheating, plan_unheated
@@ -63,7 +69,8 @@ class Worth:
     `break_even_value_of_time_per_h` is the least value of time for which some heating pays, or None. `best_choice`
     and `choice_without` are the HeatingChoices at the charger after the best target and without heating.
     `pays_from_probability` is the least probability of charging for which some heating pays, above 1 if none does;
-    None if it is certain.
+    None if it is certain. `pays_from_chance` is the same, also if it is certain. `pays_to_price_per_kwh` is the
+    highest price of energy for which some heating pays, infinite if it pays at any price, 0 if at none.
     """
 
     targets: tuple[TargetWorth, ...]
@@ -75,6 +82,8 @@ class Worth:
     best_choice: HeatingChoice = field(compare=False)
     choice_without: HeatingChoice = field(compare=False)
     pays_from_probability: float | None = None
+    pays_from_chance: float = math.inf
+    pays_to_price_per_kwh: float = 0.0
 
     def as_dictionary(self) -> dict[str, Any]:
         """Return it as `preheat worth --json` writes it."""
@@ -86,8 +95,23 @@ class Worth:
                                     'without_heating': self.choice_without.as_dictionary(),
                                     'sentence': self.best_choice.sentence()},
                 'verdict': self.verdict,
+                'break_even_energy_price_per_kwh': self.pays_to_price_per_kwh,
+                'break_even_charging_probability': (
+                    self.pays_from_chance if self.pays_from_chance <= 1.0 else None),
+                'bounds': self.bounds_in_words(),
+                'unheated_longer_charging_s': self.without_heating.charging_time_s - self.best.charging_time_s,
+                'unheated_more_cost': self.without_heating.cost - self.best.cost,
                 **({} if self.pays_from_probability is None else {
                     'pays_from_probability': self.pays_from_probability})}
+
+    def bounds_in_words(self) -> str:
+        """Return the sentence on the energy price and the chance at which the verdict changes; '' for none."""
+        return bounds_in_words(
+            self.pays_to_price_per_kwh, self.pays_from_chance if self.pays_from_probability is None else math.inf)
+
+    def unheated_in_words(self) -> str:
+        """Return what not heating instead of the best target changes at the charger, as part of a sentence."""
+        return unheated_at_charger(self.best, self.without_heating)
 
 
 def check_prices(prices: Prices) -> None:
@@ -250,6 +274,32 @@ class WorthSearch:
         items = (self._found.values() if target_c is None else [self.look_at(target_c)])
         return min((pays_from_probability(item, self.without) for item in items), default=math.inf)
 
+    def pays_from_chance(self) -> float:
+        """Return `pays_from_probability`, also if the vehicle charges for certain."""
+        if self._expectation is not None:
+            return self.pays_from_probability()
+        without = replace(self.without, charged_cost=self.without.cost, not_charged_cost=0.0)
+        return min(pays_from_probability(replace(
+            item, charged_cost=item.cost, not_charged_cost=self._prices.cost(self._lost_wh(item), 0.0)), without)
+            for item in self._found.values())
+
+    def pays_to_price_per_kwh(self) -> float:
+        """Return the price of energy [per kWh] up to which an evaluated target pays, or infinity; 0: none."""
+        prospect = CERTAIN if self._expectation is None else self._expectation.prospect
+        # A vehicle that waits for the charger charges in any case.
+        per_charge = 0.0 if prospect.wait_s is not None else 1.0 / prospect.probability - 1.0
+        return max(pays_to_price_per_kwh(
+            item, self.without, self._prices.time_per_h, per_charge * self._lost_wh(item) if per_charge else 0.0)
+            for item in self._found.values())
+
+    def _lost_wh(self, item: TargetWorth) -> float:
+        """Return the heat of a target that is lost if the vehicle does not charge, as battery energy [Wh]."""
+        price_per_kwh = self._prices.energy_per_kwh
+        if self._expectation is not None and price_per_kwh > 0.0:
+            return WH_PER_KWH * (item.not_charged_cost - self.without.not_charged_cost) / price_per_kwh
+        return spent_wh(self._vehicle, item.arrival_soc, item.arrival_temperature_c,
+                        self.without.arrival_soc - item.arrival_soc)
+
     def best_if_charged(self) -> TargetWorth:
         """Return the TargetWorth with the lowest cost so far if the vehicle charges for certain."""
         return min(self._found.values(), key=lambda item: (item.charged_cost, item.target_c))
@@ -286,7 +336,8 @@ class WorthSearch:
             tuple(sorted(self._found.values(), key=lambda item: item.target_c)), best, self.without,
             self.look_at(self._usual_c), None if math.isinf(break_even) else break_even,
             self.verdict(best), self.choice_after(best), self.choice_after(self.without),
-            None if self._expectation is None else self.pays_from_probability())
+            None if self._expectation is None else self.pays_from_probability(),
+            self.pays_from_chance(), self.pays_to_price_per_kwh())
 
 
 def _check(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal, stop: ChargingStop,

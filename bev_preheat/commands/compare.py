@@ -20,6 +20,7 @@ from bev_preheat.planning.planner import (
     plan_preheating,
     refused_methods,
 )
+from bev_preheat.planning.sensitivity import find_sensitivity
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -62,6 +63,7 @@ def run(arguments: Namespace) -> int:
     except SolverFailure as error:
         say(f'preheat: {error}')
         return FAILED
+    sensitivity = find_sensitivity(*inputs, plan_preheating(*inputs))
     title = f'vehicle {situation.vehicle.name}, route {arguments.route}'
     best = optimum.plan
     gaps_wh = {plan.method: energy_gap_wh(plan, best) for plan in plans}
@@ -71,6 +73,7 @@ def run(arguments: Namespace) -> int:
             'plans': {plan.method: plan.as_dictionary() for plan in plans},
             'optimum': optimum.as_dictionary(), 'gap_wh': gaps_wh,
             'difference': {method: text or None for method, text in differences.items()},
+            'sensitivity': sensitivity and sensitivity.as_dictionary(),
             'route_made_for': situation.route_made_for,
             'vehicle_assumed': list(situation.vehicle.assumed)})
     if arguments.plot:
@@ -87,4 +90,6 @@ def run(arguments: Namespace) -> int:
     print_plans(console, [*plans, best], title, more_rows=rows)
     for line in optimum_lines(optimum):
         console.print(line, markup=False, soft_wrap=True)
+    if sensitivity is not None:
+        console.print(f'{DEFAULT_METHOD}: {sensitivity.in_words()}', markup=False, soft_wrap=True)
     return 0

@@ -11,6 +11,7 @@ from bev_preheat.commands.prospect import add_prospect_arguments, plan_in_doubt,
 from bev_preheat.commands.situation import add_situation_arguments, read_situation
 from bev_preheat.console.output import add_output_arguments, check_output_arguments, print_plans, write_json
 from bev_preheat.console.terminal import result_console
+from bev_preheat.planning.sensitivity import find_sensitivity
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -42,9 +43,12 @@ def run(arguments: Namespace) -> int:
     check_output_arguments(arguments, situation.files)
     plan, in_doubt = plan_in_doubt(situation.vehicle, situation.route, situation.state, situation.goal,
                                    prospect, arguments.method)
+    sensitivity = find_sensitivity(
+        situation.vehicle, situation.route, situation.state, situation.goal, plan)
     title = f'vehicle {situation.vehicle.name}, route {arguments.route}'
     if arguments.json:
         write_json(arguments.json, {**plan.as_dictionary(),
+                                    'sensitivity': sensitivity and sensitivity.as_dictionary(),
                                     'route_made_for': situation.route_made_for,
                                     'vehicle_assumed': list(situation.vehicle.assumed),
                                     **({'charging_probability': prospect.probability,
@@ -56,6 +60,7 @@ def run(arguments: Namespace) -> int:
     console = result_console(arguments.json)
     print_plans(console, [plan], title)
     console.print(f'{plan.status.name}: {plan.explanation}', markup=False, soft_wrap=True)
-    if in_doubt:
-        console.print(in_doubt, markup=False, soft_wrap=True)
+    for sentence in (in_doubt, sensitivity and sensitivity.in_words()):
+        if sentence:
+            console.print(sentence, markup=False, soft_wrap=True)
     return 0

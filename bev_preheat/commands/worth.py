@@ -18,6 +18,8 @@ from bev_preheat.commands.situation import add_drive_arguments, read_situation
 from bev_preheat.console.output import add_output_arguments, check_output_arguments, write_json
 from bev_preheat.console.terminal import print_records, result_console
 from bev_preheat.planning.explanation import duration_text
+from bev_preheat.planning.planner import plan_preheating
+from bev_preheat.planning.sensitivity import find_sensitivity
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -74,6 +76,11 @@ def run(arguments: Namespace) -> int:
     deviation = time_deviation(
         *inputs, replace(situation.goal, target_temperature_c=shown.target_c,
                          heats_until_arrival=prospect.heats_until_arrival), *charger, prices)
+    sensitivity = None
+    if worth.best is not worth.without_heating:
+        goal = replace(situation.goal, target_temperature_c=worth.best.target_c,
+                       heats_until_arrival=prospect.heats_until_arrival)
+        sensitivity = find_sensitivity(*inputs, goal, plan_preheating(*inputs, goal))
     title = (f'vehicle {situation.vehicle.name}, route {arguments.route}, charger '
              f'{arguments.charger_power / W_PER_KW:g} kW to {100.0 * arguments.departure_soc:g} %\n'
              f'{prices.energy_per_kwh:g} per kWh, {prices.time_per_h:g} per h{_prospect_text(prospect)}')
@@ -86,6 +93,7 @@ def run(arguments: Namespace) -> int:
                 'charging_probability': prospect.probability,
                 'arrival_deviation_s': prospect.arrival_deviation_s,
                 'charging_known_before_s': prospect.known_before_arrival_s}),
+            'sensitivity': sensitivity and sensitivity.as_dictionary(),
             'charging_time_deviation_s': {'target_c': shown.target_c, **deviation.as_dictionary()},
             'route_made_for': situation.route_made_for,
             'vehicle_assumed': list(situation.vehicle.assumed)})
@@ -97,7 +105,9 @@ def run(arguments: Namespace) -> int:
         console, title.replace('\n', ', '),
         ('target [degC]', 'arrival [degC]', 'SoC [%]', 'heater [Wh]', 'charging [min]', 'bought [kWh]',
          'cost', ''), [_row(worth, target) for target in _shown(worth)], (*('right',) * 7, 'left'))
-    for sentence in (worth.verdict, worth.best_choice.sentence(), _deviation_sentence(worth, shown, deviation)):
+    for sentence in (worth.verdict, worth.bounds_in_words(),
+                     sensitivity and sensitivity.in_words(worth.unheated_in_words()),
+                     worth.best_choice.sentence(), _deviation_sentence(worth, shown, deviation)):
         if sentence:
             console.print(sentence, markup=False, soft_wrap=True)
     return 0

@@ -159,7 +159,7 @@ class PlanResult:
         return np.broadcast_to(limit.function(ARRAYS)(self.soc, self.battery_temperature_c), self.soc.shape)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the JSON of `preheat plan`."""
+        """Return the JSON of `preheat plan`, without its `sensitivity`."""
         return self.plan.as_dictionary()
 
     def to_frame(self) -> DataFrame:
@@ -210,7 +210,7 @@ class ComparisonResult:
     difference: dict[str, str]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the JSON of `preheat compare`."""
+        """Return the JSON of `preheat compare`, without the sensitivity."""
         return {'plans': {name: plan.to_dict() for name, plan in self.plans.items()},
                 'optimum': self.optimum.to_dict(), 'gap_wh': self.above_optimum_wh,
                 'difference': {name: text or None for name, text in self.difference.items()}}
@@ -344,7 +344,7 @@ class WorthResult:
         return self.worth_of_targets.verdict
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the JSON of `preheat worth`, without the uncertainty of its times."""
+        """Return the JSON of `preheat worth`, without the uncertainty of its times and the sensitivity."""
         return self.worth_of_targets.as_dictionary()
 
     def to_frame(self) -> DataFrame:

@@ -10,6 +10,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
 from bev_preheat.control.departure_source import DepartureState
 from bev_preheat.control.inputs import NS_PER_S
+from bev_preheat.control.sensitivity_watch import SENSITIVITY
 from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.estimation.state import FACTOR_NAMES
 from bev_preheat.native.library import core_in_words, DECLINES
@@ -65,15 +66,16 @@ HELD_OFF_TOLD_S = 7200.0
 
 def planner_diagnostics(node_name: str, state: PlannerState, now_ns: int,
                         memory: StateFileReport | None = None,
-                        departures: DepartureFiles | None = None) -> DiagnosticArray:
+                        departures: DepartureFiles | None = None, sensitivity: str = '') -> DiagnosticArray:
     """
     Return the DiagnosticArray with status, reason and the figures behind them.
 
     `memory` is a state_keeper.StateFileReport, None without a state file; `departures` a
-    departure_keeper.DepartureFiles, None without a file of departures.
+    departure_keeper.DepartureFiles, None without a file of departures. `sensitivity` are the sentences of a
+    control.sensitivity_watch.SensitivityWatch, '' for none.
     """
     name, hardware = node_name.lstrip('/'), state.vehicle.name
-    message = DiagnosticArray(status=[_preheating(name, hardware, state, now_ns),
+    message = DiagnosticArray(status=[_preheating(name, hardware, state, now_ns, sensitivity),
                                       _signals(name, hardware, state, now_ns)])
     estimate = state.estimate
     if estimate is not None:
@@ -92,7 +94,8 @@ def planner_diagnostics(node_name: str, state: PlannerState, now_ns: int,
     return message
 
 
-def _preheating(name: str, hardware: str, state: PlannerState, now_ns: int) -> DiagnosticStatus:
+def _preheating(name: str, hardware: str, state: PlannerState, now_ns: int,
+                sensitivity: str) -> DiagnosticStatus:
     decision, mission = state.decision, state.active_mission
     values = {
         'vehicle': state.vehicle.name,
@@ -123,6 +126,8 @@ def _preheating(name: str, hardware: str, state: PlannerState, now_ns: int) -> D
         values['predicted arrival temperature [degC]'] = f'{plan.arrival_temperature_c:.2f}'
         values['predicted arrival state of charge [1]'] = f'{plan.arrival_soc:.4f}'
         values['planning time [ms]'] = f'{plan.planning_time_s * 1e3:.3f}'
+    if sensitivity:
+        values[SENSITIVITY] = sensitivity
     level, text = LEVELS.get(decision.status, DiagnosticStatus.OK), decision.explanation
     if state.unit_warnings:
         level = max(level, DiagnosticStatus.WARN)

@@ -25,6 +25,7 @@ from bev_preheat.control.events import (
 )
 from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.control.regime import Regime
+from bev_preheat.control.sensitivity_watch import SensitivityWatch
 from bev_preheat.control.settings import FIELD_OF_PARAMETER, Settings, settings_of
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.errors import InvalidInput, LONGEST_PROBLEM, shortened
@@ -184,6 +185,7 @@ class PlannerNode(Node):
         self._supervisor = Supervisor(
             vehicle, settings, recalled.learned, recalled.last_seen, choices)
         self._told, self._news = _Told(), RepetitionFilter()
+        self._sensitivity = SensitivityWatch()
         self._recorder = FlightRecorder(planner_of(self))
         self._record(values, recalled.learned, is_whole=True)
         # The latest step, or its outputs, raised an exception.
@@ -489,9 +491,12 @@ class PlannerNode(Node):
 
     def _publish_diagnostics(self, now_ns: int) -> None:
         state = self._supervisor.state
+        # For readers only.
+        sensitivity = (self._sensitivity.look(state, now_ns)
+                       if self._diagnostics_publisher.get_subscription_count() > 0 else '')
         message = planner_diagnostics(
             self.get_fully_qualified_name(), state, now_ns, self._state_keeper.report(),
-            self._departures.report())
+            self._departures.report(), sensitivity)
         message.status.append(self._setup.entry(
             state.vehicle.name,
             f'{state.rivals} also publishes hvch_command' if state.rivals else ''))

@@ -9,6 +9,7 @@ from plain_car import constant, plain_car
 import pytest
 
 from bev_preheat.charging.heating_choice import ChargerHeating
+from bev_preheat.charging.prospect import ChargingProspect
 from bev_preheat.charging.session import charge, STEP_S
 from bev_preheat.charging.spread import time_deviation
 from bev_preheat.charging.stop import arrival_state, ChargingStop, stop_after
@@ -331,3 +332,67 @@ def test_more_charge_than_is_asked_for_is_refused():
     with pytest.raises(InvalidInput) as error:
         find_worth(REFERENCE, drive(), BatteryState(-5.0, 0.7), GOAL, 150e3, 0.5, PRICES)
     assert str(error.value).startswith('departure state of charge: 0.5 is below the 0.6')
+
+
+# --- From which price and chance on the answer changes ---
+
+# Without heat at the charger, sessions do not depend on the prices.
+SIMPLE = replace(REFERENCE, charging=Charging(CORNERS, False))
+
+
+@pytest.fixture(scope='module')
+def simple():
+    return find_worth(SIMPLE, drive(), STATE, GOAL, 140e3, 0.8, PRICES)
+
+
+@pytest.mark.parametrize('share, pays', [(0.97, True), (1.03, False)])
+def test_heating_pays_up_to_the_energy_price_that_is_named(simple, share, pays):
+    prices = Prices(share * simple.pays_to_price_per_kwh, PRICES.time_per_h)
+    other = find_worth(SIMPLE, drive(), STATE, GOAL, 140e3, 0.8, prices)
+    assert (other.best is not other.without_heating) is pays
+    assert f'up to an energy price of {simple.pays_to_price_per_kwh:.2f} per kWh' in simple.bounds_in_words()
+
+
+@pytest.mark.parametrize('share, pays', [(0.97, False), (1.03, True)])
+def test_heating_pays_from_the_chance_that_is_named(simple, share, pays):
+    assert 0.0 < simple.pays_from_chance < 1.0 and simple.pays_from_probability is None
+    other = find_worth(SIMPLE, drive(), STATE, GOAL, 140e3, 0.8, PRICES,
+                       prospect=ChargingProspect(share * simple.pays_from_chance))
+    assert (other.best is not other.without_heating) is pays
+    assert other.pays_from_chance == other.pays_from_probability
+    assert other.pays_from_chance == pytest.approx(simple.pays_from_chance, rel=0.02)
+    # The verdict has named it already.
+    assert 'chance' in simple.bounds_in_words() and 'chance' not in other.bounds_in_words()
+
+
+@pytest.mark.parametrize('share, pays', [(0.97, True), (1.03, False)])
+def test_the_energy_price_in_doubt_counts_the_heat_that_is_lost(simple, share, pays):
+    prospect = ChargingProspect(0.5 * (1.0 + simple.pays_from_chance))
+    doubtful = find_worth(SIMPLE, drive(), STATE, GOAL, 140e3, 0.8, PRICES, prospect=prospect)
+    assert doubtful.pays_to_price_per_kwh < simple.pays_to_price_per_kwh
+    prices = Prices(share * doubtful.pays_to_price_per_kwh, PRICES.time_per_h)
+    other = find_worth(SIMPLE, drive(), STATE, GOAL, 140e3, 0.8, prices, prospect=prospect)
+    assert (other.best is not other.without_heating) is pays
+
+
+def test_not_heating_costs_the_time_and_money_of_both_sessions(usual):
+    cost = cost_of(REFERENCE, drive(), 150e3)
+    figures = usual.as_dictionary()
+    assert figures['unheated_more_cost'] == pytest.approx(cost(None) - cost(usual.best.target_c), rel=1e-6)
+    assert figures['unheated_more_cost'] > 0.0
+    assert figures['unheated_longer_charging_s'] == (
+        usual.without_heating.charging_time_s - usual.best.charging_time_s)
+    assert f'the stop would cost {figures["unheated_more_cost"]:.2f} more in all' in usual.unheated_in_words()
+
+
+def test_bounds_are_none_if_heating_never_or_always_pays():
+    never = find_worth(SIMPLE, drive(), BatteryState(40.0, 0.35), GOAL, 140e3, 0.8, PRICES)
+    assert (never.pays_to_price_per_kwh, never.bounds_in_words()) == (0.0, '')
+    assert never.as_dictionary()['break_even_charging_probability'] is None
+    # So cold that the battery is never charged without heat.
+    closed = Table((0.0,), (-20.0, 5.0, 6.0, 40.0), ((0.0, 0.0, -50e3, -100e3),))
+    always = find_worth(replace(REFERENCE, charging=Charging(closed, False)), drive(cabin_w=0.0),
+                        COLD, GOAL, 140e3, 0.8, PRICES)
+    assert (always.pays_to_price_per_kwh, always.pays_from_chance) == (math.inf, 0.0)
+    assert always.bounds_in_words() == 'Some heating pays at any energy price and at any chance of charging.'
+    assert always.unheated_in_words() == ''

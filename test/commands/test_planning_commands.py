@@ -12,7 +12,7 @@ import pytest
 
 from bev_preheat.commands.main import main
 from bev_preheat.console.output import write_json
-from bev_preheat.planning.planner import DEFAULT_METHOD, METHODS, plan_preheating
+from bev_preheat.planning.planner import DEFAULT_METHOD, METHODS, plan_preheating, plan_unheated
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import load_route
 from bev_preheat.vehicle import load_vehicle
@@ -113,7 +113,32 @@ def test_plan_is_that_of_the_arguments(written):
     expected['vehicle_assumed'] = []
     expected['planning_time_s'] = written('plan')['planning_time_s']
     expected['route_made_for'] = 'reference'
-    assert written('plan') == expected
+    plan = dict(written('plan'))
+    assert plan.pop('sensitivity')['kelvin_saves_wh'] > 0.0
+    assert plan == expected
+
+
+@pytest.mark.parametrize('command', ['plan', COMPARE])
+def test_what_stands_behind_the_plan_is_written_and_printed(written, command, capsys):
+    route = load_route('reference', VEHICLE.defaults)
+    plans = {kelvin: plan_preheating(VEHICLE, route, BatteryState(-6.5 + kelvin, 0.88), GOAL) for kelvin in (0, 1)}
+    never = plan_unheated(VEHICLE, route, STATE, GOAL)
+    sensitivity = written(command)['sensitivity']
+    assert sensitivity['kelvin_saves_wh'] == pytest.approx(
+        plans[0].energy_wh.battery_total - plans[1].energy_wh.battery_total)
+    assert sensitivity['unheated_colder_k'] == pytest.approx(17.0 - never.arrival_temperature_c, abs=1e-3)
+    assert sensitivity['unheated_saves_wh'] == pytest.approx(
+        plans[0].energy_wh.battery_total - never.energy_wh.battery_total)
+    # Full power suffices from any temperature of the range.
+    assert sensitivity['reached_from_c'] is None
+    assert main([command, *SITUATION]) == 0
+    assert sensitivity['sentence'] in capsys.readouterr().out
+
+
+@pytest.mark.parametrize('more', [['--no-charging'], ['--charging-probability', '0.01']])
+def test_without_a_target_nothing_stands_behind_the_plan(said, more):
+    status, out, err = said('plan', *SITUATION, *more, '--json', '-')
+    assert status == 0 and strict(out)['sensitivity'] is None and 'kelvin' not in err
 
 
 @pytest.mark.needs('casadi')
@@ -352,7 +377,7 @@ def test_wrong_use_ends_with_2_and_says_why(capsys, arguments, end):
 def test_a_temperature_below_zero_may_be_written_in_any_way(capsys, temperature):
     status = main(['plan', '--vehicle', 'reference', '--route', 'reference', '--soc', '0.9', '--temperature',
                    temperature])
-    assert (status, capsys.readouterr().out.splitlines()[-1]) == (
+    assert (status, capsys.readouterr().out.splitlines()[-2]) == (
         0, 'WAITING: Heating starts in 32:02 min: arrival in 1:00:00 h at 25.0 degC, target 25.0 degC.')
 
 
