@@ -64,7 +64,7 @@ def bounds_in_words(to_price_per_kwh: float, from_probability: float) -> str:
     """
     Return the sentence on the price of energy up to which, and the chance of charging from which on heating pays.
 
-    A price of 0 or a probability above 1 is left out: heating never pays, or the chance is told elsewhere.
+    A price of 0 or a probability above 1 is left out: heating never pays, or another sentence gives the chance.
     """
     if to_price_per_kwh == 0.0:
         return ''
@@ -77,7 +77,7 @@ def bounds_in_words(to_price_per_kwh: float, from_probability: float) -> str:
 
 
 def unheated_at_charger(best: TargetWorth, without: TargetWorth) -> str:
-    """Return what not heating instead of the `best` target changes at the charger, as part of a sentence."""
+    """Return the cost at the charger of not heating instead of the `best` target, as part of a sentence."""
     if math.isinf(without.charging_time_s) or math.isinf(best.charging_time_s):
         return ''
     longer_s, more = without.charging_time_s - best.charging_time_s, without.cost - best.cost

@@ -110,7 +110,7 @@ class Worth:
             self.pays_to_price_per_kwh, self.pays_from_chance if self.pays_from_probability is None else math.inf)
 
     def unheated_in_words(self) -> str:
-        """Return what not heating instead of the best target changes at the charger, as part of a sentence."""
+        """Return the cost at the charger of not heating instead of the best target, as part of a sentence."""
         return unheated_at_charger(self.best, self.without_heating)
 
 

@@ -34,7 +34,7 @@ class Diagnosis(NamedTuple):
 
     `is_enabled` is None if it is unknown, `goal` the goal of prepare_battery in words, '' for none; `departure` is
     None without departures. `heater_share` (0 ... 1) is the share of the command that the heater delivers by
-    the planner's estimate. `sensitivity` is what stands behind the plan, in words.
+    the planner's estimate. `sensitivity` is that of the plan, in words.
     """
 
     entries: tuple[EntrySeen, ...] = ()

@@ -29,23 +29,23 @@ WITHOUT_TARGET = Status.NO_CHARGING_PLANNED, Status.NOT_WORTH_IT
 KELVIN_K = 1.0
 # Temperatures at which the plan changes are found to this [K].
 RESOLUTION_K = 0.05
-# Smaller figures are not put into words: heat left on arrival [K], energy [Wh].
+# Smaller figures are not put into words: warmer arrival [K], energy [Wh].
 LEAST_TOLD_K, LEAST_TOLD_WH = 0.05, 0.05
 
 
 @dataclass(frozen=True)
 class Sensitivity:
     """
-    What stands behind a plan.
+    Sensitivity of a plan.
 
-    One more kelvin in the battery at the start saves `kelvin_saves_wh` of battery energy until arrival [Wh], and
-    `kelvin_arrives_k` of it is left on arrival [K]. Heating is needed from temperatures at the start below
-    `needed_below_c`, and the target is reached from `reached_from_c` on [deg C]; -inf: below the battery's
-    lowest temperature, inf: above its highest, which are `range_c`. Without heating the battery arrives
+    With one more kelvin in the battery at the start, the plan takes `kelvin_saves_wh` less battery energy until
+    arrival [Wh], and the battery arrives `kelvin_arrives_k` warmer [K]. Heating is needed from temperatures at the
+    start below `needed_below_c`, and the target is reached from `reached_from_c` on [deg C]; -inf: below the
+    battery's lowest temperature, inf: above its highest, which are `range_c`. Without heating the battery arrives
     `unheated_colder_k` colder [K], and the drive takes `unheated_saves_wh` less battery energy [Wh]. `is_heated`:
-    the plan heats.
+    the plan heats with more than surplus regeneration.
 
-    Energies and kelvins are NaN if the charge does not last for one of the drives.
+    Energies and kelvins are NaN if the compared drives are not both finished, because the charge does not last.
     """
 
     kelvin_saves_wh: float
@@ -58,7 +58,7 @@ class Sensitivity:
     is_heated: bool
 
     def in_words(self, at_charger: str = '') -> str:
-        """Return the sentences; `at_charger` is added to that on not heating: what it changes at the charger."""
+        """Return the sentences; `at_charger` is added to that on not heating: its cost at the charger."""
         return ' '.join(filter(None, (
             self._kelvin_sentence(), self._bounds_sentence(), self._unheated_sentence(at_charger))))
 
@@ -74,7 +74,7 @@ class Sensitivity:
         if math.isnan(self.kelvin_saves_wh):
             return ''
         left = ('' if self.kelvin_arrives_k < LEAST_TOLD_K else
-                f', and {self.kelvin_arrives_k:.2f} K of it would be left on arrival')
+                f', and the battery would arrive {self.kelvin_arrives_k:.2f} K warmer')
         verb = 'cost' if self.kelvin_saves_wh <= -LEAST_TOLD_WH else 'save'
         return (f'One more kelvin in the battery now would {verb} {abs(self.kelvin_saves_wh):.1f} Wh until '
                 f'arrival{left}.')

@@ -104,7 +104,7 @@ def test_a_kelvin_that_saves_no_heat_arrives(start_c, target_c):
     it = found(steady_car(20.0), steady_drive(60), BatteryState(start_c, 0.9), Goal(target_c))
     assert it.kelvin_saves_wh == pytest.approx(0.0, abs=0.01)
     assert it.kelvin_arrives_k == pytest.approx(kept(60, 20.0), rel=1e-4)
-    assert f'{kept(60, 20.0):.2f} K of it would be left on arrival.' in it.in_words()
+    assert f'and the battery would arrive {kept(60, 20.0):.2f} K warmer.' in it.in_words()
     assert ('Without heating' in it.in_words()) is (target_c == 58.0)
 
 
@@ -182,7 +182,7 @@ def sentence(**changes):
          'is below 22.0 degC now; below -34.1 degC the target is out of reach. Without heating the battery would '
          'arrive 19.8 K colder and the drive would take 2646 Wh less.'),
     ({'kelvin_saves_wh': -1.2, 'kelvin_arrives_k': 0.6},
-     'would cost 1.2 Wh until arrival, and 0.60 K of it would be left on arrival.'),
+     'would cost 1.2 Wh until arrival, and the battery would arrive 0.60 K warmer.'),
     ({'kelvin_saves_wh': -0.01}, 'would save 0.0 Wh'),
     ({'needed_below_c': math.inf}, 'Heating is needed even from 60 degC in the battery now; below -34.1 degC'),
     ({'reached_from_c': -math.inf}, 'below 22.0 degC now; even from -40 degC the target is reached.'),

@@ -135,7 +135,7 @@ const bevView = (() => {
     const count = (view.entries || []).filter(([, level]) => level !== 'OK').length;
     put('details-note', count ? `${count} of ${view.entries.length} parts report a problem` : '');
     const facts = [
-      ['Target', view.targetReason], ['Behind the plan', view.sensitivity], ['Regime', view.regime],
+      ['Target', view.targetReason], ['Sensitivity', view.sensitivity], ['Regime', view.regime],
       ['Signals in doubt', (view.doubts || []).join(', ')],
       ['Route', view.routeId], ['Method', view.method], ['Preparation', view.goal], ['Its end', view.outcome],
       ['Next departure', view.departure && view.departure.next_words], ['Departure', view.departure && view.departure.state],
