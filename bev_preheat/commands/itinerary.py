@@ -15,11 +15,13 @@ from bev_preheat.control.inputs import check_mission, Leg, NS_PER_S
 from bev_preheat.control.itinerary import load_itinerary
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.explanation import duration_text
+from bev_preheat.planning.sensitivity import find_sensitivity
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.vehicle import vehicle_file
 
 if TYPE_CHECKING:
     from argparse import Namespace
+    from typing import Any
 
     from bev_preheat.commands.arguments import Alternatives
     from bev_preheat.planning.plan import Plan
@@ -56,9 +58,9 @@ def run_itinerary(arguments: Namespace) -> int:
             'itinerary': itinerary.mission.route_id,
             'vehicle_assumed': list(vehicle.assumed),
             'plans': [{'route': name, 'route_made_for': made_for, 'departure_s': start_s,
-                       **plan.as_dictionary()}
-                      for name, made_for, start_s, plan in zip(
-                          itinerary.route_names, itinerary.routes_made_for, starts_s, plans)]})
+                       **plan.as_dictionary(), 'sensitivity': _sensitivity(vehicle, leg, target_c, plan)}
+                      for name, made_for, start_s, plan, leg in zip(
+                          itinerary.route_names, itinerary.routes_made_for, starts_s, plans, legs)]})
     if arguments.plot:
         from bev_preheat.drawing.itinerary_figure import draw_itinerary
         draw_itinerary(arguments.plot, vehicle, legs, plans, title)
@@ -75,6 +77,13 @@ def _plan(vehicle: Vehicle, leg: Leg, target_c: float, method: str) -> tuple[Pla
     """Return the Plan of a Leg from its departure on, and the sentence on its prospect of charging."""
     assert leg.departure is not None
     return plan_in_doubt(vehicle, leg.route, leg.departure, leg.goal(target_c), leg.prospect, method)
+
+
+def _sensitivity(vehicle: Vehicle, leg: Leg, target_c: float, plan: Plan) -> dict[str, Any] | None:
+    """Return the Sensitivity of a Leg's Plan to the temperature at its departure as in the JSON; None for none."""
+    assert leg.departure is not None
+    found = find_sensitivity(vehicle, leg.route, leg.departure, leg.goal(target_c), plan)
+    return None if found is None else found.as_dictionary()
 
 
 def _refuse_what_legs_say(arguments: Namespace) -> None:

@@ -142,9 +142,9 @@ def test_outputs_may_be_named_from_the_home_folder(monkeypatch):
 
 
 def test_an_old_result_is_written_over():
-    Path('plan.json').write_text('old')
+    Path('plan.json').write_text('of yesterday')
     assert main([*COMMANDS['plan'], '--json', 'plan.json']) == 0
-    assert 'old' not in Path('plan.json').read_text()
+    assert 'of yesterday' not in Path('plan.json').read_text()
 
 
 @pytest.mark.parametrize('log', ['drive.planner.log', 'drive.vehicle_simulator.log'])
