@@ -2,21 +2,25 @@
 """
 The ends of a step from many temperatures at once, within the limits: the steps of `value_function`, run backward.
 
-As `limits`, vectorised over temperatures, with limits at both ends found in a few rounds. Heat of the heater acts
-at once, as far as it arrives before the trip ends.
+As `limits`, vectorised over temperatures: the limits at the end are found in rounds, each under those to which the
+one before led. Heat of the heater acts at once, as far as it arrives before the trip ends.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 import math
 from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
 from bev_preheat.numerics.arithmetic import ARRAYS
+from bev_preheat.planning.both_ends import END_TOLERANCE_W, HIGHEST_TOLERANCE_K
+from bev_preheat.planning.bracketing import HALVINGS
 from bev_preheat.planning.dynamics import hottest_c
 from bev_preheat.planning.heat_run import heat_to_come_k, mean_share_left
 from bev_preheat.planning.heated_limits import LAGS_AHEAD, LASTING_LAGS
+from bev_preheat.planning.trip import BELOW_HIGHEST_K
 from bev_preheat.vehicle.heat_balance import heat_under_w
 from bev_preheat.vehicle.model import make_rates, make_runge_kutta_4
 from bev_preheat.vehicle.terminal_limits import make_terminal_limits
@@ -25,8 +29,8 @@ if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import BoolArray, FloatArray
     from bev_preheat.planning.trip import Trip
 
-# Rounds in which limits at the end of a step, and the highest temperature, are found.
-ROUNDS = 4
+# Most rounds in which limits at the end of a step, and the highest temperature, are found.
+MOST_ROUNDS = 60
 # Ends whose heater powers differ by less are the same [W]; and less is no heating.
 SAME_END_W = 1.0
 LEAST_HEATING_W = 50.0
@@ -136,8 +140,15 @@ class StepsAhead:
                      if self._heater_lag_s > 0.0 and may_overcharge and takes_surplus else None)
         all_w = np.zeros(len(soc))
         least_w, most_w = self.limits_w(k, soc, start_c) if any(watched) else (all_w - np.inf, all_w + np.inf)
-        first_w, cut_w = (least_w, most_w), all_w
-        for n in range(ROUNDS):
+        first_w, coolest_w = (least_w, most_w), all_w + np.inf
+
+        def driven(command_w: FloatArray, brake_w: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+            end_soc, end_c, _, joule_w = self._step(
+                soc, start_c, all_w + duration_s, idle_w + command_w + brake_w, all_w + variance_w2,
+                heat_under_w(vehicle, idle_heat_w, command_w, brake_w), all_w + leakage_w_per_k)
+            return end_soc, end_c, joule_w
+
+        for _ in range(MOST_ROUNDS):
             command_w = np.clip(asked_w, 0.0, np.maximum(most_w - idle_w, 0.0)) if any(watched) else asked_w
             paid_w = command_w
             if may_overcharge and takes_surplus:
@@ -149,22 +160,30 @@ class StepsAhead:
                 command_w, paid_w = np.where(is_free, free_w, command_w), np.where(is_free, 0.0, paid_w)
             if in_time_w is not None:
                 command_w = np.clip(command_w, 0.0, np.maximum(in_time_w, 0.0))
-            command_w = np.maximum(command_w - cut_w, 0.0)
+            command_w = np.minimum(command_w, coolest_w)
             brake_w = (np.clip(least_w - idle_w - command_w, 0.0, max(-propulsion_w, 0.0))
                        if may_overcharge else all_w)
-            terminal_w = idle_w + command_w + brake_w
-            end_soc, end_c, _, joule_w = self._step(
-                soc, start_c, all_w + duration_s, terminal_w, all_w + variance_w2,
-                heat_under_w(vehicle, idle_heat_w, command_w, brake_w), all_w + leakage_w_per_k)
-            beyond_k = np.where(command_w > 0.0, end_c - self._highest_c, 0.0)
-            is_settled = not (beyond_k > 0.0).any() and not any(watched)
-            if is_settled or n == ROUNDS - 1:
-                break
-            cut_w = np.maximum(cut_w + beyond_k * self._joules_per_k / duration_s, 0.0)
+            end_soc, end_c, joule_w = driven(command_w, brake_w)
+            # Near the highest temperature surplus goes to the brake.
+            beyond_k = end_c - np.where(
+                command_w > paid_w, self._highest_c - BELOW_HIGHEST_K, self._highest_c)
+            is_hot = (beyond_k > HIGHEST_TOLERANCE_K) & (command_w > 0.0)
+            coolest_w = np.where(is_hot, np.maximum(
+                command_w - beyond_k * self._joules_per_k / duration_s, 0.0), coolest_w)
+            is_settled = not is_hot.any()
             if any(watched):
+                before_w = least_w, most_w
                 end_least_w, end_most_w = self.limits_w(
                     k, np.clip(end_soc, 0.0, 1.0), np.minimum(end_c, self._hottest_c))
                 least_w, most_w = np.maximum(first_w[0], end_least_w), np.minimum(first_w[1], end_most_w)
+                is_settled &= np.allclose((least_w, most_w), before_w, rtol=0.0, atol=END_TOLERANCE_W)
+            if is_settled:
+                break
+        if (end_soc > 1.0).any():
+            brake_w = self._brake_when_full_w(brake_w, max(-propulsion_w, 0.0), end_soc > 1.0,
+                                              lambda braked_w: driven(command_w, braked_w)[0])
+            end_soc, end_c, joule_w = driven(command_w, brake_w)
+        terminal_w = idle_w + command_w + brake_w
         is_empty = ~(end_soc > 0.0)
         end_soc, end_c = np.clip(end_soc, 0.0, 1.0), np.minimum(end_c, self._hottest_c)
         cost_j = (terminal_w + joule_w) * duration_s
@@ -180,6 +199,18 @@ class StepsAhead:
                    + self._arriving_share[k] * heater_k)
         return StepEnds(cost_j[None], ahead_c[None], command_w[None], end_soc[None], np.array([wanted_w]),
                         is_empty)
+
+    @staticmethod
+    def _brake_when_full_w(brake_w: FloatArray, most_w: float, is_full: BoolArray,
+                           soc_under: Callable[[FloatArray], FloatArray]) -> FloatArray:
+        """Return the brake power [W]; of a full battery, with what would overfill it."""
+        enough_w, too_little_w = np.where(is_full, most_w, brake_w), brake_w
+        for _ in range(HALVINGS):
+            middle_w = 0.5 * (enough_w + too_little_w)
+            is_enough = soc_under(middle_w) <= 1.0
+            enough_w = np.where(is_enough & is_full, middle_w, enough_w)
+            too_little_w = np.where(is_enough, too_little_w, middle_w)
+        return enough_w
 
     def _steps_after(self, k: int, duration_s: float) -> range:
         """Return the steps that begin within this duration after the end of step k."""

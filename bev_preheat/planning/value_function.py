@@ -75,8 +75,9 @@ TABLE_STEP_K = 0.03
 # Most temperatures of an instant.
 VALUE_POINTS = 128
 # The core drives a step from three temperatures of a stretch of at most this width in which the same limits act,
-# and lays a parabola through their ends.
+# and lays a parabola through their ends; the end from a fourth one is as near to it as this, in cost and warmth.
 STRETCH_K = 6.0
+STRETCH_J = 10.0
 # A pass is made again, at most so many times in all: the first one while the aim, lowered for the reserve of
 # charge, moves by more than so many kelvin, the others while the path reaches this share of their width and that
 # saves more than so much.

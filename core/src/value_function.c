@@ -484,15 +484,12 @@ static void write_values(const recursion *of, const layer *at, int32_t n, const 
   at->on_j[n] = from->count == 0 ? BEV_EMPTY_J : value_of(&best, 1);
 }
 
-/* Whether the same limits act from three temperatures, so that the ends in between lie on a parabola. */
-static int are_alike(const step_ends nodes[3]) {
-  int alike = nodes[0].count == nodes[1].count && nodes[0].count == nodes[2].count
-      && nodes[0].count > 0;
-  for (int32_t n = 0; n < nodes[0].count && alike; n++) {
-    alike = nodes[0].ends[n].regime == nodes[1].ends[n].regime
-        && nodes[0].ends[n].regime == nodes[2].ends[n].regime
-        && nodes[0].ends[n].wanted_w == nodes[1].ends[n].wanted_w
-        && nodes[0].ends[n].wanted_w == nodes[2].ends[n].wanted_w;
+/* Whether the same limits act from two temperatures. */
+static int are_alike(const step_ends *one, const step_ends *other) {
+  int alike = one->count == other->count && one->count > 0;
+  for (int32_t n = 0; n < one->count && alike; n++) {
+    alike = one->ends[n].regime == other->ends[n].regime
+        && one->ends[n].wanted_w == other->ends[n].wanted_w;
   }
   return alike;
 }
@@ -514,44 +511,78 @@ static void ends_between(const step_ends nodes[3], const double weights[3], step
   }
 }
 
-/* The values of the temperatures from `first` to before `last`, which nodes 0 and 2 have; node 1 has the middle. */
-static void write_between(const recursion *of, const layer *at, int32_t first, int32_t last,
-                          const step_ends nodes[3], const layer *next) {
-  const int32_t middle = (first + last) / 2;
-  const double below = (double)(middle - first);
-  const double above = (double)(last - middle);
-  write_values(of, at, first, &nodes[0], next);
-  for (int32_t n = first + 1; n < last; n++) {
-    const double place = (double)(n - middle);
-    const double weights[3] = {place * (place - above) / (below * (below + above)),
-                               (place + below) * (above - place) / (below * above),
-                               place * (place + below) / (above * (below + above))};
-    step_ends between;
-    ends_between(nodes, weights, &between);
-    write_values(of, at, n, &between, next);
-  }
+/* The temperature in the middle of two, nearer to the second. */
+static int32_t middle_of(int32_t first, int32_t last) {
+  return first + (last - first + 1) / 2;
 }
 
-/* The values of one layer. The step is driven from three temperatures of a stretch where the same limits act. */
+/* The ends from temperature n on the parabola through those of `first`, their middle and `last`. */
+static void ends_on_parabola(int32_t first, int32_t last, int32_t n, const step_ends nodes[3],
+                             step_ends *found) {
+  const int32_t middle = middle_of(first, last);
+  const double below = (double)(middle - first);
+  const double above = (double)(last - middle);
+  const double place = (double)(n - middle);
+  const double weights[3] = {place * (place - above) / (below * (below + above)),
+                             (place + below) * (above - place) / (below * above),
+                             place * (place + below) / (above * (below + above))};
+  ends_between(nodes, weights, found);
+}
+
+/* Whether the ends from a fourth temperature are on the parabola: no limit bends in between. */
+static int is_on_parabola(const recursion *of, const step_ends *on, const step_ends *driven) {
+  double most_j = 0.0;
+  for (int32_t n = 0; n < driven->count; n++) {
+    most_j = bev_maximum(
+        most_j, fabs(driven->ends[n].cost_j - on->ends[n].cost_j)
+            + of->joules_per_k * fabs(driven->ends[n].settled_c - on->ends[n].settled_c));
+  }
+  return most_j <= BEV_STRETCH_J ? 1 : 0;
+}
+
+/*
+ * The values of one layer. The step is driven from three temperatures of a stretch, and from a fourth, which shows
+ * whether the ends in between lie on a parabola; else the stretch is halved.
+ */
 static bev_status values_of_layer(const recursion *of, int32_t k, const layer *at,
                                   const layer *next) {
   const double longest = bev_maximum(BEV_STRETCH_K / at->step_k, 1.0);
   const int32_t end = at->points - 1;
   step_ends nodes[3];
+  step_ends quarter;
+  step_ends between;
   bev_status status = ends_from(of, k, at, 0, &nodes[0]);
   for (int32_t first = 0; first < end && status == BEV_OK;) {
     int32_t last = longest < (double)(end - first) ? first + (int32_t)longest : end;
+    int32_t middle = middle_of(first, last);
     status = ends_from(of, k, at, last, &nodes[2]);
-    while (status == BEV_OK && last - first > 1) {
-      const int32_t middle = (first + last) / 2;
+    nodes[1] = nodes[2];
+    if (status == BEV_OK && middle < last) {
       status = ends_from(of, k, at, middle, &nodes[1]);
-      if (status != BEV_OK || are_alike(nodes)) {
-        break;
+    }
+    while (status == BEV_OK && last - first > 1) {
+      const int32_t fourth = middle_of(first, middle);
+      quarter = nodes[1];
+      if (fourth < middle) {
+        status = ends_from(of, k, at, fourth, &quarter);
+      }
+      if (status == BEV_OK && are_alike(&nodes[0], &nodes[1]) && are_alike(&nodes[0], &nodes[2])
+          && are_alike(&nodes[0], &quarter)) {
+        ends_on_parabola(first, last, fourth, nodes, &between);
+        if (is_on_parabola(of, &between, &quarter) != 0) {
+          break;
+        }
       }
       last = middle;
+      middle = fourth;
       nodes[2] = nodes[1];
+      nodes[1] = quarter;
     }
-    write_between(of, at, first, last, nodes, next);
+    write_values(of, at, first, &nodes[0], next);
+    for (int32_t n = first + 1; n < last && status == BEV_OK; n++) {
+      ends_on_parabola(first, last, n, nodes, &between);
+      write_values(of, at, n, &between, next);
+    }
     nodes[0] = nodes[2];
     first = last;
   }
