@@ -13,7 +13,7 @@ from bev_preheat.control.inputs import in_planning_steps, NS_PER_S
 from bev_preheat.control.preparation_goal import PreparationGoal
 from bev_preheat.control.preparation_plan import in_price_steps, plan_preparation, step_prices_of
 from bev_preheat.errors import InvalidInput
-from bev_preheat.planning.cheapest_hours import cost_of
+from bev_preheat.planning.plan_accounts import cost_of
 from bev_preheat.planning.planner import DEFAULT_METHOD
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route.segments import LIMITS

@@ -2,13 +2,12 @@
 """
 Plans from the estimate.
 
-A forecast plan uses the estimated state, the corrected model, a margin for the uncertainty, and the heater as
-it responds.
+A forecast plan uses the estimated state, the corrected model, the uncertainty of the rest of the drive, and the
+heater as it responds.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import partial
 import math
 from typing import Any, NamedTuple, TYPE_CHECKING
@@ -16,13 +15,11 @@ from typing import Any, NamedTuple, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.control.margins import (
-    LATER_DEVIATIONS,
-    LEAD_DEVIATIONS,
-    LEAST_HEATING_S,
-    LEAST_PAUSE_S,
-    MARGIN_DEVIATIONS,
-    MOST_LEAD_K,
-    MOST_MARGIN_K,
+    LATER_SHARE,
+    LATER_UNTIL_S,
+    LEAST_REVEALED_K,
+    MOST_REVEALED_K,
+    REVEALED_SHARE,
 )
 from bev_preheat.control.preparation_plan import accounted, fed, FullPower, step_prices_of
 from bev_preheat.estimation.forecast import DrivenRoute, Forecast
@@ -30,15 +27,13 @@ from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.estimation.prior import prior_factor_covariance
 from bev_preheat.estimation.state import FACTORS, PROPULSION
 from bev_preheat.numerics.arithmetic import array_exp
-from bev_preheat.planning.cheapest_hours import plan_in_cheapest_hours
 from bev_preheat.planning.explanation import explain
 from bev_preheat.planning.heat_run import state_with_heat_under_way
 from bev_preheat.planning.plan import Plan
 from bev_preheat.planning.planner import plan_preheating
-from bev_preheat.planning.situation import BatteryState, Goal, reserve_soc
+from bev_preheat.planning.situation import BatteryState, Goal, reserve_soc, Uncertainty
 from bev_preheat.planning.status import Status
 from bev_preheat.planning.trip import make_trip
-from bev_preheat.planning.uncertainty_margin import UncertaintyMargin
 from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
 
 if TYPE_CHECKING:
@@ -69,9 +64,6 @@ UNHEATED: dict[Heater, dict[str, Any]] = {
 }
 # … and if the heat of the command would mostly arrive too late.
 LATE: dict[str, Any] = {'too_cold_because': 'Most of the heat arrives too late'}
-# Remark on a plan that misses its target by so little that the heater is not switched on for it.
-LEFT_OUT = (f'The missing {{shortfall_k:.1f}} K take less than {LEAST_HEATING_S:.0f} s of heating, for which the '
-            'heater is not switched on.')
 
 
 class PlanningTask(NamedTuple):
@@ -181,8 +173,8 @@ class ForecastPlanner:
         planning = _Planning(task, estimate, fed(self.vehicle(estimate), task.preparation_goal))
         wanted = planning.wanted(self._forecast)
         if self._forecast is None:
-            # The lead depends on the arrival's standard deviation, which depends on a plan.
-            # With a first plan without a lead, a route that is replaced on the way can change the command.
+            # The uncertainty depends on the plan that it is for.
+            # With a first plan without it, a route that is replaced on the way can change the command.
             self._forecast = planning.forecast(wanted)
             wanted = planning.wanted(self._forecast)
         expected, commanded, words = planning.expected(wanted, self._forecast)
@@ -213,11 +205,7 @@ class _Planning:
                             if goal is not None and goal.is_soonest else None)
 
     def wanted(self, forecast: Forecast | None) -> Plan:
-        """Return the Plan to heat by, with the lead for a Forecast; None: without that lead."""
-        if self._step_prices is not None:
-            return plan_in_cheapest_hours(
-                self._vehicle, self._route, self._state, self._task.goal, self._task.settings.method,
-                self._step_prices, self._uncertainty_margin(forecast), self.share, self._lag_s)
+        """Return the Plan to heat by, with the Uncertainty of a Forecast; None: as if all was known."""
         if self._full_power is None:
             return self._plan(forecast, heater_share=self.share)
 
@@ -239,9 +227,6 @@ class _Planning:
             return self._plan(forecast, heater_share=0.0), wanted, UNHEATED[Heater.DEAD]
         if heater is Heater.STUCK_ON:
             return self._plan(forecast, heats_throughout=True), None, words
-        if wanted.status is Status.TARGET_UNREACHABLE and self._is_left_out(wanted, forecast):
-            note = LEFT_OUT.format(shortfall_k=wanted.shortfall_k)
-            return replace(wanted, status=Status.NOT_NEEDED, note=f'{wanted.note} {note}'.lstrip()), None, words
         if wanted.status is Status.TARGET_UNREACHABLE and self._lag_s > 0.0:
             # Most of the heat arrives too late, but some is better than none.
             commanded = self._plan(forecast, heat_lag_s=0.0, heater_share=self.share)
@@ -249,16 +234,6 @@ class _Planning:
             is_late = commanded.heating_start_s is not None or (has_power and not commanded.note)
             return wanted, commanded, LATE if is_late else words
         return wanted, None, words
-
-    def _is_left_out(self, wanted: Plan, forecast: Forecast) -> bool:
-        """Return whether a Plan misses its target only because the missing heating is too short."""
-        hvch, battery = self._vehicle.hvch, self._vehicle.battery
-        longest_k = LEAST_HEATING_S * hvch.efficiency * hvch.maximum_power_w / battery.heat_capacity_j_per_k
-        if (wanted.heating_start_s is not None or wanted.shortfall_k > longest_k or self._task.is_heating
-                or self._task.preparation_goal is not None):
-            return False
-        whole = self._plan(forecast, least_heating_s=0.0, heater_share=self.share)
-        return whole.status in (Status.WAITING, Status.HEATING)
 
     def forecast(self, plan: Plan) -> Forecast:
         """Return the Forecast of a Plan."""
@@ -277,27 +252,32 @@ class _Planning:
             reserve=reserve_soc(self._vehicle, task.goal), starts_in_s=task.starts_in_s,
             heated_s=task.heated_s)), task.preparation_goal, self._estimate.soc)
 
-    def _plan(self, forecast: Forecast | None, heat_lag_s: float | None = None,
-              least_heating_s: float = LEAST_HEATING_S, **heater_as: Any) -> Plan:
+    def _plan(self, forecast: Forecast | None, heat_lag_s: float | None = None, **heater_as: Any) -> Plan:
         task = self._task
         return plan_preheating(
-            self._vehicle, self._route, self._state, task.goal, task.settings.method,
-            replace(self._uncertainty_margin(forecast), least_heating_s=least_heating_s),
+            self._vehicle, self._route, self._state, task.goal, task.settings.method, self._uncertainty(forecast),
+            step_prices=self._step_prices,
             heat_lag_s=self._lag_s if heat_lag_s is None else heat_lag_s, **heater_as)
 
-    def _uncertainty_margin(self, forecast: Forecast | None) -> UncertaintyMargin:
-        settings, estimate, hvch = self._task.settings, self._estimate, self._vehicle.hvch
-        lead_k = 0.0 if forecast is None else LEAD_DEVIATIONS * forecast.as_planned_k
-        # Heat may arrive later than estimated.
-        lead_k += estimate.later_heat_s(LATER_DEVIATIONS) * (
+    def _uncertainty(self, forecast: Forecast | None) -> Uncertainty | None:
+        """
+        Return the Uncertainty of the rest of the drive; None: as if all was known.
+
+        It leaves out the uncertainty of the temperature now, because no plan can answer that.
+        """
+        if forecast is None:
+            return None
+        estimate, hvch = self._estimate, self._vehicle.hvch
+        revealed_k2 = forecast.as_planned_k ** 2 - estimate.settled_deviation_k ** 2
+        later_k = estimate.later_heat_s(1.0) * (
             hvch.efficiency * hvch.maximum_power_w / self._vehicle.battery.heat_capacity_j_per_k)
-        return UncertaintyMargin(
-            margin_k=min(MARGIN_DEVIATIONS * estimate.settled_deviation_k, MOST_MARGIN_K),
-            lead_k=min(lead_k, MOST_LEAD_K) if math.isfinite(lead_k) else MOST_LEAD_K,
-            # Heating as soon as possible is never too short or too late.
-            is_heating=self._task.is_heating or self._full_power is not None,
-            least_pause_s=max(settings.minimum_off_time_s, LEAST_PAUSE_S),
-            least_heating_s=LEAST_HEATING_S)
+        later_share = LATER_SHARE * max(1.0 - self._task.heated_s / LATER_UNTIL_S, 0.0)
+        deviation_k = math.hypot(REVEALED_SHARE * math.sqrt(max(revealed_k2, 0.0)), later_share * later_k)
+        return Uncertainty(
+            min(max(deviation_k, LEAST_REVEALED_K), MOST_REVEALED_K) if math.isfinite(deviation_k) else
+            MOST_REVEALED_K,
+            # Heating as soon as possible needs no reason to begin.
+            is_heating=self._task.is_heating or self._full_power is not None)
 
 
 def _in_words(plan: Plan, heater: HeaterReport, forecast: Forecast, refusal: str = '', **told: Any) -> str:

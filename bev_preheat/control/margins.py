@@ -14,24 +14,16 @@ __all__ = ['SHORTFALL_TOLERANCE_K', 'SOC_TOLERANCE']
 
 # Uncertainty
 
-# The battery is to arrive warmer than the target by this number of standard deviations of the error that heating
-# can no longer correct once it has ended, at most by MOST_MARGIN_K: more costs energy on each drive.
-MARGIN_DEVIATIONS = 1.3
-MOST_MARGIN_K = 0.1
-# The last heating interval starts early by this number of standard deviations of the arrival temperature, and by
-# the heat of a lag that is longer than estimated by LATER_DEVIATIONS of its own; together at most by
-# MOST_LEAD_K, because more is learned until it starts. Both numbers were chosen on `preheat robustness`.
-LEAD_DEVIATIONS = 2.0
-LATER_DEVIATIONS = 1.2
-MOST_LEAD_K = 7.0
+# A plan expects this share of the arrival's standard deviation, less that of the temperature now, to become known
+# on the way, evenly: errors persist, and the estimation learns most early. At least and at most so much
+# [K]. Heat that a longer lag than estimated would delay counts by its own share, less and less during the first
+# heating [s], which reveals the lag. All were chosen on `preheat robustness`.
+REVEALED_SHARE = 0.65
+LEAST_REVEALED_K, MOST_REVEALED_K = 0.02, 3.0
+LATER_SHARE, LATER_UNTIL_S = 1.0, 900.0
 
 # Hysteresis and least times
 
-# The lead is not taken back for a shorter pause [s], because the first minutes of heating may only warm the
-# sensor.
-LEAST_PAUSE_S = 600.0
-# A heater that is off is not switched on before arrival for less heating than this [s], some 120 Wh.
-LEAST_HEATING_S = 90.0
 # For its least time on, the heater heats no further above the target than the first number, and stops this far
 # below the highest temperature of the battery's range [K].
 HELD_ABOVE_TARGET_K = 1.0

@@ -19,7 +19,6 @@ from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.control.local_time import in_words
 from bev_preheat.control.target_choice import TargetChoice, TargetSource
 from bev_preheat.errors import InvalidInput, PlanningFailure
-from bev_preheat.planning.cheapest_hours import plan_in_cheapest_hours
 from bev_preheat.planning.explanation import OF_GOAL
 from bev_preheat.planning.limits import drive_as_planned
 from bev_preheat.planning.planner import plan_preheating, plan_unheated, SHORTFALL_TOLERANCE_K
@@ -39,8 +38,8 @@ if TYPE_CHECKING:
     from bev_preheat.control.preparation_goal import PreparationGoal
     from bev_preheat.control.settings import Settings
     from bev_preheat.numerics.arrays import FloatArray
-    from bev_preheat.planning.cheapest_hours import StepPrices
     from bev_preheat.planning.plan import Plan
+    from bev_preheat.planning.schedule import StepPrices
     from bev_preheat.planning.situation import BatteryState, Goal
     from bev_preheat.route.segments import Route
     from bev_preheat.vehicle.description import Vehicle
@@ -129,11 +128,9 @@ def plan_preparation(preparation_goal: PreparationGoal, vehicle: Vehicle, route:
                      state: BatteryState, goal: Goal, method: str) -> Plan:
     """Return the Plan for a goal on the route that was made for it; raises as plan_preheating does."""
     vehicle = fed(vehicle, preparation_goal)
-    prices = step_prices_of(preparation_goal, route)
-    if prices is not None:
-        plan = plan_in_cheapest_hours(vehicle, route, state, goal, method, prices)
-    elif not preparation_goal.is_soonest:
-        plan = plan_preheating(vehicle, route, state, goal, method)
+    if not preparation_goal.is_soonest:
+        plan = plan_preheating(
+            vehicle, route, state, goal, method, step_prices=step_prices_of(preparation_goal, route))
     else:
         plan = FullPower(vehicle, route, state).plan(vehicle, goal, lambda part: plan_preheating(
             vehicle, part, state, goal, method))

@@ -37,7 +37,6 @@ from bev_preheat.native.structs import (
     SwitchPlanStruct,
     TripStruct,
     TripTermsStruct,
-    UncertaintyMarginStruct,
     ValueGoalStruct,
     VehicleStruct,
 )
@@ -82,7 +81,7 @@ DECLINES = Declines()
 
 FILE = 'libbev_preheat_core.so'
 # BEV_INTERFACE of core.h.
-INTERFACE = 7
+INTERFACE = 8
 
 # Arguments by type: P an address, D a double, I an integer.
 _TYPES = {'P': c_void_p, 'D': c_double, 'I': c_int32}
@@ -103,7 +102,7 @@ _SIGNATURES = {
     'bev_find_switch': 'PPDPPPPPP',
     'bev_plan_paper': 'PPDDDPPPPP',
     'bev_find_prices': 'PPPPPPP',
-    'bev_plan_switch': 'PPDDDIPPPPPP',
+    'bev_plan_switch': 'PPDDDIPPPPP',
     'bev_mix_belief': 'PP',
     'bev_move_belief': 'PPPPDPPD',
     'bev_see_interval': 'PPIPDDIP',
@@ -114,7 +113,7 @@ _SIGNATURES = {
     'bev_arrival_variance': 'PPPPP',
     'bev_heat_along': 'PPPPPP',
     'bev_find_two_switches': 'PPDPPPPPP',
-    'bev_plan_by_values': 'PPPPPPP',
+    'bev_plan_by_values': 'PPPPPPPP',
     'bev_plan_trips': 'PPIPPPPDDIPPP',
 }
 
@@ -188,8 +187,7 @@ def bindings() -> Interface:
     """Return the Interface that these bindings are written for."""
     structs = {
         'bev_arrival': ArrivalStruct, 'bev_belief': BeliefStruct, 'bev_belief_terms': BeliefTermsStruct,
-        'bev_uncertainty_margin': UncertaintyMarginStruct, 'bev_expected_drive': ExpectedDriveStruct,
-        'bev_curve': CurveStruct,
+        'bev_expected_drive': ExpectedDriveStruct, 'bev_curve': CurveStruct,
         'bev_drive': DriveStruct, 'bev_energies': EnergiesStruct,
         'bev_heating': HeatingStruct, 'bev_passed': PassedStruct,
         'bev_reading': ReadingStruct, 'bev_run_of_powers': RunOfPowersStruct,

@@ -25,7 +25,7 @@ from bev_preheat.native.structs import (
 )
 
 if TYPE_CHECKING:
-    from bev_preheat.native.structs import NativeTrip, NativeVehicle, UncertaintyMarginStruct
+    from bev_preheat.native.structs import NativeTrip, NativeVehicle
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.vehicle.model import Integrator
 
@@ -54,8 +54,7 @@ def find_switch(vehicle: NativeVehicle, trip: NativeTrip, target_c: float, idle_
 
 
 def plan_switch(vehicle: NativeVehicle, trip: NativeTrip, soc: float, temperature_c: float,
-                target_c: float, in_one_interval: bool = True,
-                uncertainty_margin: UncertaintyMarginStruct | None = None
+                target_c: float, in_one_interval: bool = True
                 ) -> tuple[SwitchPlanStruct | None, SwitchedRun] | None:
     """
     Return the whole plan of a trip on which no limit is active; see core.h.
@@ -69,8 +68,7 @@ def plan_switch(vehicle: NativeVehicle, trip: NativeTrip, soc: float, temperatur
     memory, found = np.empty(room('BEV_SWITCH_MEMORY', trip.steps)), SwitchPlanStruct()
     status = library.bev_plan_switch(
         vehicle.address, trip.address, soc, temperature_c, target_c, in_one_interval,
-        None if uncertainty_margin is None else addressof(uncertainty_margin), place(memory), *places,
-        addressof(found))
+        place(memory), *places, addressof(found))
     if status > OK:
         # The memory begins with the unheated run.
         idle = memory[:2 * trip.steps + 2].reshape(2, -1).copy()

@@ -7,7 +7,7 @@ As in `runs`, each returns None if the core does not answer.
 
 from __future__ import annotations
 
-from ctypes import byref
+from ctypes import byref, c_int32
 from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
@@ -50,13 +50,19 @@ def stand(vehicle: NativeVehicle, trip: NativeTrip, empty: int, states: FloatArr
 
 
 class PlanByValues(NamedTuple):
-    """Heater commands [W] (N,) of a plan by values; None if the charge does not carry the trip."""
+    """
+    Heater commands [W] (N,) of a plan by values; None if the charge does not carry the trip.
+
+    `ends_in` is the step within which heating ends, or None.
+    """
 
     command_w: FloatArray | None
+    ends_in: int | None = None
 
 
-def plan_by_values(vehicle: NativeVehicle, trip: NativeTrip, target_c: float, lowest_soc: float,
-                   is_heating: bool, start: Sequence[float]) -> PlanByValues | None:
+def plan_by_values(vehicle: NativeVehicle, trip: NativeTrip, start: Sequence[float], target_c: float,
+                   lowest_soc: float, deviation_k: float, is_heating: bool,
+                   price: FloatArray | None = None) -> PlanByValues | None:
     """Return the plan by values from the four states `start` on; see `bev_plan_by_values` in core.h."""
     library = core()
     if library is None:
@@ -64,12 +70,13 @@ def plan_by_values(vehicle: NativeVehicle, trip: NativeTrip, target_c: float, lo
     steps = trip.steps
     states, powers_w = np.zeros((4, steps + 1)), np.zeros((4, steps))
     states[:, 0] = start
-    goal = ValueGoalStruct(is_heating, target_c, lowest_soc)
+    goal = ValueGoalStruct(is_heating, target_c, lowest_soc, deviation_k,
+                           None if price is None else address_of(price))
     flags = np.zeros(room('BEV_VALUE_BYTES', steps), dtype=np.uint8)
-    memory = np.empty(room('BEV_VALUE_MEMORY', steps))
+    memory, ends_in = np.empty(room('BEV_VALUE_MEMORY', steps)), c_int32()
     status = library.bev_plan_by_values(
         vehicle.address, trip.address, byref(goal), address_of(states), address_of(powers_w), address_of(flags),
-        address_of(memory))
+        address_of(memory), byref(ends_in))
     if status == EMPTY:
         return PlanByValues(None)
-    return PlanByValues(powers_w[0]) if status == OK else None
+    return PlanByValues(powers_w[0], None if ends_in.value < 0 else ends_in.value) if status == OK else None

@@ -96,7 +96,8 @@ class HeatingStruct(Structure):
 class ValueGoalStruct(Structure):
     """`bev_value_goal`: the requirements of a plan by values."""
 
-    _fields_ = [('is_heating', c_int32), ('target_c', c_double), ('lowest_soc', c_double)]
+    _fields_ = [('is_heating', c_int32), ('target_c', c_double), ('lowest_soc', c_double),
+                ('deviation_k', c_double), ('price', c_void_p)]
 
 
 class StrandingStruct(Structure):
@@ -125,18 +126,11 @@ class EnergiesStruct(Structure):
         return (c_double * len(ENERGIES)).from_buffer(self)[:]
 
 
-class UncertaintyMarginStruct(Structure):
-    """`bev_uncertainty_margin`."""
-
-    _fields_ = [*((name, c_double) for name in ('lead_k', 'least_pause_s', 'least_heating_s')),
-                ('is_heating', c_int32)]
-
-
 class SwitchPlanStruct(Structure):
     """`bev_switch_plan`."""
 
     _fields_ = [*((name, c_double) for name in (
-        'switching_instant_s', 'heating_end_s', 'least_soc', 'interval_wh')),
+        'switching_instant_s', 'least_soc', 'interval_wh')),
         ('energy_wh', EnergiesStruct),
         *((name, c_int32) for name in (
             'is_heated', 'first_heated', 'end_heated', 'is_one_interval', 'reason'))]

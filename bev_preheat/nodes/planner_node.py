@@ -94,7 +94,7 @@ PARAMETERS = (
     Parameter('arrival_soc_margin', DEFAULTS.arrival_soc_margin,
               'Margin on top of the state of charge that a route requires', '', (0.0, 0.5)),
     Parameter('estimation', DEFAULTS.estimation,
-              'Estimate temperature and model on line, and plan with a margin for the uncertainty.'),
+              'Estimate temperature and model on line, and plan for the uncertainty.'),
     Parameter('minimum_on_time', DEFAULTS.minimum_on_time_s,
               'The heater, once on, stays on at least this long', 's', (0.0, 600.0)),
     Parameter('minimum_off_time', DEFAULTS.minimum_off_time_s,

@@ -56,8 +56,7 @@ HeatedDrive = Callable[[int, States], tuple[States, Powers]]
 
 
 def run_heated_within_limits(
-        trip: Trip, state: BatteryState, watch: LimitedSteps, wanted: WantedHeat, take_surplus: bool,
-        first: int = 0, before: Schedule | None = None
+        trip: Trip, state: BatteryState, watch: LimitedSteps, wanted: WantedHeat, take_surplus: bool
         ) -> tuple[FloatArray, FloatArray, tuple[int, float] | None]:
     """
     Return the course of a forward run that keeps the limits; see `limits.run_within_limits`.
@@ -68,18 +67,8 @@ def run_heated_within_limits(
     """
     steps = len(trip.route)
     states, powers_w = np.empty((STATES, steps + 1)), np.empty((POWERS, steps))
-    if before is None or before.heat is None or before.empty_at_s is not None:
-        first = 0
-        states[:, 0] = initial_states(state)
-    else:
-        heat = before.heat
-        for kept, values in zip((*states, *powers_w), (
-                before.soc[:first + 1], before.temperature_c[:first + 1],
-                heat.heater_power_w[:first + 1], heat.coolant_excess_k[:first + 1],
-                before.heater_power_w[:first], before.brake_power_w[:first],
-                heat.drawn_power_w[:first], heat.arriving_heat_w[:first])):
-            kept[:len(values)] = values
-    empty = _drive_on(trip, watch, wanted, take_surplus, first, states, powers_w)
+    states[:, 0] = initial_states(state)
+    empty = _drive(trip, watch, wanted, take_surplus, states, powers_w)
     stranded = None if empty is None else (empty, _strand(trip, empty, states, powers_w))
     return states, powers_w, stranded
 
@@ -95,24 +84,24 @@ def along_heated_limits(trip: Trip, states: FloatArray, powers_w: FloatArray, st
         heat=make_heat_run(trip.vehicle.heat_path, heater_w, excess_k, drawn_w, arriving_w))
 
 
-def _drive_on(trip: Trip, watch: LimitedSteps, wanted: WantedHeat, take_surplus: bool, first: int,
-              states: FloatArray, powers_w: FloatArray) -> int | None:
+def _drive(trip: Trip, watch: LimitedSteps, wanted: WantedHeat, take_surplus: bool, states: FloatArray,
+           powers_w: FloatArray) -> int | None:
     """
-    Drive on from step `first`, within the limits; return the step in which the charge runs out, or None.
+    Drive within the limits; return the step in which the charge runs out, or None.
 
-    Writes the States (4, N + 1) after `first`, and the Powers (4, N) from it on, until the charge runs out.
+    Writes the States (4, N + 1) after the start, and the Powers (4, N), until the charge runs out.
     """
     vehicle = native_vehicle(trip.vehicle)
     driven = None if vehicle is None else native_runs.run_heated_within_limits(
         vehicle, trip.native, native_runs.Heating(
             wanted.power_w, wanted.below_c, watch.charge, watch.discharge, take_surplus),
-        first, states, powers_w)
+        0, states, powers_w)
     if driven is not None:
         return driven[0]
     drive = drive_within_heated_limits(trip, watch, wanted.at_temperature(), take_surplus)
     most_c = hottest_c(trip.vehicle)
-    here: States = tuple(states[:, first].tolist())
-    for k in range(first, len(trip.route)):
+    here: States = tuple(states[:, 0].tolist())
+    for k in range(len(trip.route)):
         (soc, end_c, heater_w, excess_k), powers_w[:, k] = drive(k, here)
         if soc <= 0.0:
             return k

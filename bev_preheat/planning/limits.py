@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 import math
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -49,8 +49,6 @@ if TYPE_CHECKING:
 # drivetrain heat that the friction brake takes away.
 COLDER_BY_K = 5.0
 
-# States, powers and stranding: the arguments of `along_limits`.
-Course: TypeAlias = 'tuple[FloatArray, FloatArray, tuple[int, float] | None]'
 # `drive(step, soc, temperature_c)` -> state of charge, temperature, heater and brake power [W].
 StepWithinLimits = Callable[[int, float, float], tuple[float, float, float, float]]
 # `drive(step, states, wanted_w)` -> states at the end, powers; see `make_limited_drive`.
@@ -90,41 +88,25 @@ def limits_hold(trip: Trip, schedule: Schedule, before: int | None = None) -> bo
 
 
 def run_within_limits(trip: Trip, state: BatteryState, watch: LimitedSteps,
-                      wanted: WantedHeat, take_surplus: bool,
-                      first: int = 0, before: Schedule | None = None) -> Schedule:
+                      wanted: WantedHeat, take_surplus: bool) -> Schedule:
     """
     Return the Schedule of a forward run that keeps the limits.
 
     `wanted` is the WantedHeat, cut if the battery cannot deliver it or would exceed its highest temperature. With
     `take_surplus`, regeneration that the battery cannot accept goes to the heater first, up to BELOW_HIGHEST_K
-    below that temperature; the friction brake takes the rest. With `before`, a Schedule of the same trip, its
-    steps before `first` are reused.
+    below that temperature; the friction brake takes the rest.
 
     The state of charge stays within 0 ... 1: the friction brake takes power that would overfill the battery, and
     when the charge runs out the vehicle stands for the rest of the trip.
     """
-    return along_limits(trip, watch, *course_within_limits(
-        trip, state, watch, wanted, take_surplus, first, before))
-
-
-def course_within_limits(trip: Trip, state: BatteryState, watch: LimitedSteps, wanted: WantedHeat,
-                         take_surplus: bool, first: int = 0, before: Schedule | None = None) -> Course:
-    """Return the Course of such a run, for callers that need no Schedule."""
     if not trip.vehicle.heat_path.is_direct:
-        return run_heated_within_limits(trip, state, watch, wanted, take_surplus, first, before)
+        return along_limits(trip, watch, *run_heated_within_limits(trip, state, watch, wanted, take_surplus))
     steps = len(trip.route)
     states, powers_w = np.empty((2, steps + 1)), np.empty((2, steps))
-    if before is None or before.empty_at_s is not None:
-        first = 0
-        states[:, 0] = state.soc, state.temperature_c
-    else:
-        for kept, values in zip((*states, *powers_w), (
-                before.soc[:first + 1], before.temperature_c[:first + 1],
-                before.heater_power_w[:first], before.brake_power_w[:first])):
-            kept[:len(values)] = values
-    empty = _drive_on(trip, watch, wanted, take_surplus, first, states, powers_w)
+    states[:, 0] = state.soc, state.temperature_c
+    empty = _drive(trip, watch, wanted, take_surplus, states, powers_w)
     stranded = None if empty is None else (empty, _strand(trip, empty, states, powers_w))
-    return states, powers_w, stranded
+    return along_limits(trip, watch, states, powers_w, stranded)
 
 
 def along_limits(trip: Trip, watch: LimitedSteps, states: FloatArray, powers_w: FloatArray,
@@ -161,25 +143,25 @@ def where_stranded(trip: Trip,
     return float(trip.time_s[empty] + share * trip.route.duration_s[empty]), driven_share
 
 
-def _drive_on(trip: Trip, watch: LimitedSteps, wanted: WantedHeat, take_surplus: bool, first: int,
-              states: FloatArray, powers_w: FloatArray) -> int | None:
+def _drive(trip: Trip, watch: LimitedSteps, wanted: WantedHeat, take_surplus: bool, states: FloatArray,
+           powers_w: FloatArray) -> int | None:
     """
-    Drive on from step `first`, within the limits; return the step in which the charge runs out, or None.
+    Drive within the limits; return the step in which the charge runs out, or None.
 
-    Writes the states (2, N + 1) after `first`, and the powers of heater and brake (2, N) from it on, until the
-    charge runs out.
+    Writes the states (2, N + 1) after the start, and the powers of heater and brake (2, N), until the charge runs
+    out.
     """
     vehicle = native_vehicle(trip.vehicle)
     driven = None if vehicle is None else native_runs.run_within_limits(
         vehicle, trip.native, native_runs.Heating(
             wanted.power_w, wanted.below_c, watch.charge, watch.discharge, take_surplus),
-        first, states, powers_w)
+        0, states, powers_w)
     if driven is not None:
         return driven[0]
     drive = _step_within_limits(trip, watch, wanted.at_temperature(), take_surplus)
     most_c = hottest_c(trip.vehicle)
-    soc, temperature_c = states[:, first].tolist()
-    for k in range(first, len(trip.route)):
+    soc, temperature_c = states[:, 0].tolist()
+    for k in range(len(trip.route)):
         soc, end_c, powers_w[0, k], powers_w[1, k] = drive(k, soc, temperature_c)
         if soc <= 0.0:
             return k
@@ -336,15 +318,9 @@ def run_unheated(trip: Trip, state: BatteryState) -> Schedule:
 
 
 def drive_as_planned(trip: Trip, state: BatteryState, heater_power_w: FloatArray,
-                     take_surplus: bool = False, first: int = 0,
-                     before: Schedule | None = None) -> Schedule:
-    """
-    Return the Schedule of a forward run that keeps the limits under heater powers [W] (N,).
-
-    With `before`, a run of the same kind, its steps before `first` are reused.
-    """
-    return run_within_limits(trip, state, watch_everywhere(trip), WantedHeat(heater_power_w),
-                             take_surplus, first, before)
+                     take_surplus: bool = False) -> Schedule:
+    """Return the Schedule of a forward run that keeps the limits under heater powers [W] (N,)."""
+    return run_within_limits(trip, state, watch_everywhere(trip), WantedHeat(heater_power_w), take_surplus)
 
 
 def watch_everywhere(trip: Trip) -> LimitedSteps:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The powers along a finished plan: those of the battery and of its heat balance."""
+"""Powers along a finished plan, of the battery and its heat balance, and the cost of energy from the grid."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.planning.dynamics import keep_accounts
+from bev_preheat.planning.dynamics import JOULES_PER_WH, keep_accounts
 from bev_preheat.planning.schedule import Schedule
 from bev_preheat.vehicle.model import make_runge_kutta_4
 
@@ -15,7 +15,16 @@ if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.planning.dynamics import Accounts
     from bev_preheat.planning.plan import Plan
+    from bev_preheat.planning.schedule import StepPrices
     from bev_preheat.planning.trip import Trip
+
+WH_PER_KWH = 1000.0
+
+
+def cost_of(plan: Plan, step_prices: StepPrices) -> float:
+    """Return the cost of the heater's energy in a Plan, in the currency of the prices."""
+    energy_wh = plan.drawn_power_w * np.diff(plan.time_s) / JOULES_PER_WH
+    return float(energy_wh @ step_prices(plan.time_s)) / WH_PER_KWH
 
 
 def accounts_of(trip: Trip, plan: Plan) -> Accounts:

@@ -23,11 +23,10 @@ from bev_preheat.planning.optimal_switch import plan_optimal_switch
 from bev_preheat.planning.outcome import find_outcome, ScheduleOutcome
 from bev_preheat.planning.paper import plan_paper
 from bev_preheat.planning.plan import Plan
-from bev_preheat.planning.schedule import Method, Schedule
-from bev_preheat.planning.situation import BatteryState, check_situation, Goal, reserve_soc
+from bev_preheat.planning.schedule import Method, Schedule, StepPrices
+from bev_preheat.planning.situation import BatteryState, check_situation, Goal, reserve_soc, Uncertainty
 from bev_preheat.planning.status import Status
-from bev_preheat.planning.trip import heated_throughout, make_trip, Trip
-from bev_preheat.planning.uncertainty_margin import heat_early, UncertaintyMargin
+from bev_preheat.planning.trip import BELOW_HIGHEST_K, heated_throughout, make_trip, Trip
 from bev_preheat.planning.unlimited import plan_unlimited, plan_unlimited_paper
 from bev_preheat.planning.until_arrival import heat_until_arrival
 from bev_preheat.planning.value_function import plan_by_values
@@ -61,6 +60,8 @@ SHORTFALL_TOLERANCE_K = 0.2
 SOC_TOLERANCE = 1e-5
 # Runs by Euler and by Runge-Kutta differ by less than this.
 SAME_SOC = 5e-4
+# Energy that costs nothing still counts as this share of the highest price: none is wasted.
+LEAST_PRICE_SHARE = 1e-3
 # A plan keeps the limits if heater and friction brake take the same powers within them, to this.
 SAME_POWER_W = 0.1
 # A switching instant this close is now.
@@ -103,26 +104,31 @@ def is_method(name: str) -> bool:
 
 
 def plan_preheating(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal,
-                    method: str = DEFAULT_METHOD, uncertainty_margin: UncertaintyMargin | None = None,
-                    heater_share: float = 1.0, heats_throughout: bool = False,
-                    heat_lag_s: float = 0.0, no_regret: bool = True, **options: Any) -> Plan:
+                    method: str = DEFAULT_METHOD, uncertainty: Uncertainty | None = None,
+                    step_prices: StepPrices | None = None, heater_share: float = 1.0,
+                    heats_throughout: bool = False, heat_lag_s: float = 0.0, no_regret: bool = True,
+                    **options: Any) -> Plan:
     """
     Return the Plan for a vehicle with a battery state at the start of a route.
 
-    `method` is a name in `method_names()` or REPLACED; `options` are its own. An `uncertainty_margin` makes the
-    plan heat a little more and earlier. `heater_share` (0 ... 1) is the share of its power that the heater gives.
-    With `heats_throughout` the heater heats regardless of the plan; the energies include that. The heat arrives
-    `heat_lag_s` [s] late; heat that would come after the end is not planned. (This is for a vehicle without a
-    heat path; a heat path is planned as such, and `state` gives the heat under way.) Without `no_regret` the
+    `method` is a name in `method_names()` or REPLACED; `options` are its own. With an `uncertainty`
+    `value_function` plans for the least expected energy; other methods do not know it. With `step_prices` the plan
+    is that of `value_function` in any case, and a negative price counts as 0. `heater_share` (0 ... 1) is the
+    share of its power that the heater gives. With `heats_throughout` the heater heats regardless of the plan; the
+    energies include that. The heat arrives `heat_lag_s` [s] late; heat that would come after the end is not
+    planned. (This is for a vehicle without a heat path; a heat path is planned as such, and `state` gives the heat
+    under way.) Without `no_regret` the
     method's plan is returned even if it is worse than not heating: for comparing methods, never for driving.
     Raises InvalidInput if state, goal or route are outside the range of the vehicle's model, or the method is
     unknown; PlanningFailure if the model yields no numbers, or an installed method no valid powers.
     """
     notes: dict[str, None] = {}
-    method = REPLACED.get(method, method)
+    method = DEFAULT_METHOD if step_prices is not None else REPLACED.get(method, method)
     ways = built_in_ways(method) if method in METHODS else _installed(installed_method(method, METHODS), notes)
     started = perf_counter()
     check_situation(vehicle, route, state, goal)
+    if step_prices is not None:
+        vehicle = _storing_no_hotter(vehicle, max(state.temperature_c, goal.target_temperature_c))
     trip = make_trip(vehicle, route, heater_share, heat_lag_s)
     uncommanded = None
     if heats_throughout:
@@ -130,22 +136,24 @@ def plan_preheating(vehicle: Vehicle, route: Route, state: BatteryState, goal: G
         trip = heated_throughout(trip, uncommanded.taken_w)
     outcome = None
     try:
-        found = (ways.unlimited(trip, state, goal, uncertainty_margin)
+        if uncertainty is not None and method == DEFAULT_METHOD:
+            options = {**options, 'uncertainty': uncertainty}
+        if step_prices is not None:
+            options = {**options, 'price': _as_shares(step_prices(trip.time_s))}
+        found = (ways.unlimited(trip, state, goal)
                  if ways.unlimited is not None and no_regret and not options else None)
         if found is not None and found[1] is not None:
             schedule, outcome = found
         else:
             unheated = plan_without_heating(trip, state) if found is None else found[0]
-            schedule = schedule_trip(
-                trip, state, goal, ways, uncertainty_margin, no_regret, options, unheated)
+            schedule = schedule_trip(trip, state, goal, ways, no_regret, options, unheated)
         gates = vehicle.heating_gates
         if gates.is_any and no_regret:
             first = schedule
 
             def plan_on(gated: Trip) -> Schedule:
                 return first if gated is trip else schedule_trip(
-                    gated, state, goal, ways, uncertainty_margin, no_regret, options,
-                    plan_without_heating(gated, state))
+                    gated, state, goal, ways, no_regret, options, plan_without_heating(gated, state))
 
             schedule = schedule_within_gates(trip, state, plan_on, notes)
             outcome = outcome if schedule is first else None
@@ -159,6 +167,19 @@ def plan_preheating(vehicle: Vehicle, route: Route, state: BatteryState, goal: G
     if uncommanded is None:
         return plan
     return replace(plan, energy_wh=uncommanded.told_as_heater(plan.energy_wh, schedule.driven_share))
+
+
+def _as_shares(price_per_kwh: FloatArray) -> FloatArray:
+    """Return prices (N,) as shares of the highest one; no price at all: 1 everywhere."""
+    highest = float(price_per_kwh.max())
+    return np.maximum(price_per_kwh / highest, LEAST_PRICE_SHARE) if highest > 0.0 else np.ones(len(price_per_kwh))
+
+
+def _storing_no_hotter(vehicle: Vehicle, needed_c: float) -> Vehicle:
+    """Return the Vehicle that stores cheap heat to BELOW_HIGHEST_K below its highest temperature, or as needed."""
+    low_c, high_c = vehicle.battery.temperature_range_c
+    return replace(vehicle, battery=replace(
+        vehicle.battery, temperature_range_c=(low_c, max(high_c - BELOW_HIGHEST_K, needed_c))))
 
 
 class _Ways(NamedTuple):
@@ -202,39 +223,33 @@ class _Uncommanded:
             hvch_electric=energy_wh.hvch_electric + float(hours @ self.taken_w))
 
 
-def schedule_trip(trip: Trip, state: BatteryState, goal: Goal, ways: _Ways,
-                  uncertainty_margin: UncertaintyMargin | None, no_regret: bool, options: dict[str, Any],
-                  unheated: Schedule) -> Schedule:
+def schedule_trip(trip: Trip, state: BatteryState, goal: Goal, ways: _Ways, no_regret: bool,
+                  options: dict[str, Any], unheated: Schedule) -> Schedule:
     """Return the Schedule of a method; `unheated` is the one without any heating, ignoring limits."""
     if not goal.charging_planned:
         return as_described(trip, state, unheated)
-    lowest_c, highest_c = trip.vehicle.battery.temperature_range_c
     if not goal.heating_pays:
         if ways.is_installed:
             # It may ignore the target, so it is not asked.
             return unheated_within_limits(trip, state, unheated)
-        goal = replace(goal, target_temperature_c=lowest_c)
+        goal = replace(goal, target_temperature_c=trip.vehicle.battery.temperature_range_c[0])
     is_late = goal.heats_until_arrival and not trip.vehicle.heat_path.is_direct
     # Other built-in methods do not know the battery's limits.
     knows_limits = ways.keeps_reserve or ways.is_installed or not no_regret
     method = ways.method if knows_limits else giving_way(ways.method)
 
-    def propose(target_c: float, heats_early: bool = True) -> Schedule:
-        if uncertainty_margin is not None:
-            target_c = min(target_c + uncertainty_margin.margin_k, highest_c)
-        schedule = method(trip, state, replace(goal, target_temperature_c=target_c), unheated=unheated, **options)
+    def propose(target_c: float, **how: Any) -> Schedule:
+        schedule = method(trip, state, replace(goal, target_temperature_c=target_c), unheated=unheated, **how)
         if is_late:
             schedule = heat_until_arrival(trip, state, schedule, target_c)
-        if uncertainty_margin is not None and heats_early:
-            schedule = heat_early(trip, state, schedule, target_c, uncertainty_margin)
         return as_described(trip, state, schedule)
 
     if not no_regret:
-        return propose(goal.target_temperature_c)
-    proposals = [propose]
-    if ways.keeps_reserve and uncertainty_margin is not None:
-        # A lead that costs the reserve is left out before the target is lowered.
-        proposals.append(partial(propose, heats_early=False))
+        return propose(goal.target_temperature_c, **options)
+    proposals = [partial(propose, **options)]
+    if 'uncertainty' in options:
+        # Heat for the uncertainty is left out before the target is lowered for the reserve.
+        proposals.append(partial(propose, **{**options, 'uncertainty': None}))
     return NoRegretCheck(trip, state, goal, unheated).serve(proposals)
 
 

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any, TYPE_CHECKING
 
@@ -95,6 +95,8 @@ class Schedule:
                 heat_w + self.heat.arriving_heat_w, leakage_w_per_k)
 
 
+# From instants [s] (N + 1,) of a plan to the mean price [per kWh] of each step (N,).
+StepPrices = Callable[['FloatArray'], 'FloatArray']
 # A method's `plan_NAME(trip, state, goal, unheated=None)`, with its own options.
 Method = Callable[..., Schedule]
 
@@ -124,3 +126,13 @@ def switched_on_s(trip: Trip, heater_power_w: FloatArray) -> float | None:
     first = heated[0]
     share_on = min(heater_power_w[first] / limit_w[first], 1.0)
     return float(trip.time_s[first + 1] - share_on * trip.route.duration_s[first])
+
+
+def ended_within(trip: Trip, schedule: Schedule, step: int) -> Schedule:
+    """Return the Schedule whose heating ends for good in a partly heated step, which is on first, then off."""
+    share_on = float(schedule.heater_power_w[step] / trip.heater_limit_w[step])
+    if schedule.heating_start_s is None or share_on >= 1.0:
+        return schedule
+    start_s = float(trip.time_s[step])
+    return replace(schedule, heating_start_s=min(schedule.heating_start_s, start_s),
+                   heating_end_s=start_s + share_on * float(trip.route.duration_s[step]))

@@ -49,6 +49,19 @@ class Goal:
     heats_until_arrival: bool = False
 
 
+@dataclass(frozen=True)
+class Uncertainty:
+    """
+    How much warmer or colder the rest of the drive may turn out than forecast; a plan with it is made again often.
+
+    `deviation_k`: standard deviation [K] of the arrival, of what becomes known on the way, evenly over the time
+    that is left. `is_heating`: the heater is on now.
+    """
+
+    deviation_k: float
+    is_heating: bool = False
+
+
 def reserve_soc(vehicle: Vehicle, goal: Goal) -> float:
     """Return the state of charge to keep until arrival: the goal's, at least the vehicle's lowest."""
     return max(goal.minimum_arrival_soc, vehicle.battery.soc_range[0])

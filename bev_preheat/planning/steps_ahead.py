@@ -58,10 +58,10 @@ class StepEnds(NamedTuple):
 class StepsAhead:
     """The steps of one trip."""
 
-    def __init__(self, trip: Trip) -> None:
-        """Take the Trip."""
+    def __init__(self, trip: Trip, price: FloatArray) -> None:
+        """Take the Trip, and factors of the battery energy of its steps (N,)."""
         vehicle, path = trip.vehicle, trip.vehicle.heat_path
-        self._trip, self._vehicle = trip, vehicle
+        self._trip, self._vehicle, self._price = trip, vehicle, price
         self._step = make_runge_kutta_4(make_rates(vehicle, ARRAYS))
         self._limits = make_terminal_limits(vehicle, ARRAYS)
         self._voltage_v = vehicle.battery.open_circuit_voltage.function(ARRAYS)
@@ -186,10 +186,11 @@ class StepsAhead:
         terminal_w = idle_w + command_w + brake_w
         is_empty = ~(end_soc > 0.0)
         end_soc, end_c = np.clip(end_soc, 0.0, 1.0), np.minimum(end_c, self._hottest_c)
-        cost_j = (terminal_w + joule_w) * duration_s
+        price = float(self._price[k])
+        cost_j = price * (terminal_w + joule_w) * duration_s
         if any(watched):
             voltage_v = 0.5 * (self._voltage_v(soc, start_c) + self._voltage_v(end_soc, end_c))
-            cost_j = vehicle.battery.capacity_as * voltage_v * (soc - end_soc)
+            cost_j = price * vehicle.battery.capacity_as * voltage_v * (soc - end_soc)
         if watched[1] and lack_price > 0.0:
             _, end_most_w = self.limits_w(k, end_soc, end_c)
             lacking_w = terminal_w - np.minimum(first_w[1], end_most_w)

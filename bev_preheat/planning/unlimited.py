@@ -2,8 +2,8 @@
 """
 Trips on which no limit is active: one switching instant is the optimum, found with one call of the native core.
 
-The reference is the plan without the core: `switch_within_limits`, then `uncertainty_margin`, `no_regret` and
-`outcome`; for the paper's heuristic it is `paper`.
+The reference is the plan without the core: `switch_within_limits`, then `no_regret` and `outcome`; for the paper's
+heuristic it is `paper`.
 """
 
 from __future__ import annotations
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from bev_preheat.native.structs import SwitchPlanStruct
     from bev_preheat.planning.situation import BatteryState, Goal
     from bev_preheat.planning.trip import Trip
-    from bev_preheat.planning.uncertainty_margin import UncertaintyMargin
 
 
 def switch_within_limits(trip: Trip, state: BatteryState, goal: Goal,
@@ -47,34 +46,28 @@ def switch_within_limits(trip: Trip, state: BatteryState, goal: Goal,
 
 
 def plan_unlimited(trip: Trip, state: BatteryState, goal: Goal,
-                   uncertainty_margin: UncertaintyMargin | None = None,
                    in_one_interval: bool = True) -> tuple[Schedule, ScheduleOutcome | None] | None:
     """
     Return the Schedule that arrives at the target, and its ScheduleOutcome; None if any limit interferes.
 
     Such limits are the battery's, with heating or without, and the reserve. None also if the heat arrives late, or
-    the core does not answer. With an UncertaintyMargin the plan heats earlier. Without `in_one_interval`, None if
-    heating may be cheaper elsewhere (`prices`). In that case, and for a limit of the battery, the result
-    is the unheated Schedule, ignoring limits, and None.
+    the core does not answer. Without `in_one_interval`, None if heating may be cheaper elsewhere (`prices`). In
+    that case, and for a limit of the battery, the result is the unheated Schedule, ignoring limits, and None.
     """
     vehicle = trip.vehicle
     native = native_vehicle(vehicle) if vehicle.heat_path.is_direct else None
     if native is None:
         return None
-    lowest_c, highest_c = vehicle.battery.temperature_range_c
+    lowest_c = vehicle.battery.temperature_range_c[0]
     target_c = goal.target_temperature_c if goal.charging_planned and goal.heating_pays else lowest_c
-    asked = None
-    if uncertainty_margin is not None and goal.charging_planned:
-        target_c = min(target_c + uncertainty_margin.margin_k, highest_c)
-        asked = uncertainty_margin.native
     found = native_plans.plan_switch(
-        native, trip.native, state.soc, state.temperature_c, target_c, in_one_interval, asked)
+        native, trip.native, state.soc, state.temperature_c, target_c, in_one_interval)
     if found is None:
         return None
     plan, (instant_s, soc, temperature_c, heater_power_w) = found
     schedule = Schedule(
         _known(instant_s), heater_power_w, np.zeros(len(heater_power_w)), soc, temperature_c,
-        make_runge_kutta_4, None if plan is None else _known(plan.heating_end_s))
+        make_runge_kutta_4)
     if plan is None:
         return schedule, None
     if goal.charging_planned and not _leaves_enough(trip, goal, schedule, plan.least_soc):
@@ -85,12 +78,11 @@ def plan_unlimited(trip: Trip, state: BatteryState, goal: Goal,
 
 
 def plan_unlimited_paper(
-        trip: Trip, state: BatteryState, goal: Goal,
-        uncertainty_margin: UncertaintyMargin | None = None) -> tuple[Schedule, ScheduleOutcome] | None:
+        trip: Trip, state: BatteryState, goal: Goal) -> tuple[Schedule, ScheduleOutcome] | None:
     """Return Schedule and ScheduleOutcome of the paper's heuristic; None in the cases of `plan_unlimited`."""
     vehicle = trip.vehicle
     native = native_vehicle(vehicle) if vehicle.heat_path.is_direct else None
-    if native is None or uncertainty_margin is not None or not goal.charging_planned:
+    if native is None or not goal.charging_planned:
         return None
     target_c = goal.target_temperature_c if goal.heating_pays else vehicle.battery.temperature_range_c[0]
     found = native_plans.plan_paper(

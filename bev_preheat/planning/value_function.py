@@ -16,6 +16,11 @@ either: T is the temperature that the battery comes to from the heat already in 
 colder by the heat under way on the path before. Heat that arrives late has a price for that, and so has power that
 the heater is still to draw.
 
+With an Uncertainty the passes take an expectation: the drive will turn out warmer or colder than forecast, and the
+values of an instant are averaged over that before the step that leads there. So the plan heats earlier where being
+late costs more than being early, and the lead shrinks as the rest of the drive does. Heating is then whole steps,
+and only its end is moved for an exact arrival: the plan is made again long before it has been driven.
+
 The reserve of charge comes before the power of climbs, the power of climbs before the target, as docs/explanation/
 planning.md says. core/src/value_function.c is the same in C.
 """
@@ -36,8 +41,8 @@ from bev_preheat.planning.dynamics import JOULES_PER_WH, limits_of_steps_w, nati
 from bev_preheat.planning.heat_run import heat_to_come_k, initial_states
 from bev_preheat.planning.limits import drive_as_planned, make_limited_drive, run_unheated
 from bev_preheat.planning.no_regret import NO_WORSE_W
-from bev_preheat.planning.schedule import HeldBack
-from bev_preheat.planning.situation import reserve_soc
+from bev_preheat.planning.schedule import ended_within, HeldBack
+from bev_preheat.planning.situation import reserve_soc, Uncertainty
 from bev_preheat.planning.steps_ahead import LACK_TOLERANCE_W, LEAST_HEATING_W, StepEnds, StepsAhead
 from bev_preheat.planning.unlimited import switch_within_limits
 
@@ -50,6 +55,8 @@ if TYPE_CHECKING:
 
 # Each time that the heater is switched on costs this much, so that no plan switches for less.
 SWITCH_ON_WH = 0.5
+# … and this much under an Uncertainty, in which each update may switch: chosen on `preheat robustness`.
+SWITCH_ON_EXPECTED_WH = 30.0
 # A joule that the heater takes costs this much by itself [J]: surplus that brings less goes to the brake.
 HEATING_PRICE = 0.02
 # A mixture of two ends has at least this share of the next one's power: no heater is kept on with little power.
@@ -58,6 +65,8 @@ LEAST_SHARE = 0.1
 # battery cannot deliver this many times itself: a plan does not save there. Beyond the temperatures of a pass, a
 # kelvin costs this share of its energy.
 SHORT_PRICE = 30.0
+# Under an Uncertainty the first part of a kelvin [K] costs less: no heater is switched on again for so little.
+NEAR_K, NEAR_PRICE = 0.2, 2.0
 LACK_PRICE = 2000.0
 BEYOND_PRICE = 0.5
 # A step that empties the battery [J].
@@ -70,6 +79,11 @@ NARROW_STEP_K, NARROW_K = 0.01, 0.15
 LAST_STEP_K, LAST_K = 0.001, 0.015
 PASSES = ((FIRST_STEP_K, 0.0), (WIDE_STEP_K, WIDE_K), (WIDE_STEP_K, WIDE_K), (NARROW_STEP_K, NARROW_K),
           (LAST_STEP_K, LAST_K))
+# Under an Uncertainty so many passes are made, wider by this many of its standard deviations. A pass spreads
+# values by at most this share of its temperatures' distance squared at once.
+EXPECTED_PASSES = 3
+WIDER_DEVIATIONS = 2.5
+MOST_SPREAD = 0.9
 # Temperatures of a ValueTable are this far apart.
 TABLE_STEP_K = 0.03
 # Most temperatures of an instant.
@@ -91,7 +105,8 @@ PRICED_K = 0.3
 # A limit may matter in a step if it does for a battery this much colder, or with this much more or less charge.
 WATCHED_BELOW_K = 1.0
 WATCHED_SOC = 0.02
-# The start of the last interval is moved for an exact arrival if the arrival is as close as this.
+# The start of the last interval is moved for an exact arrival if the arrival is as close as this; or its end,
+# under an Uncertainty, also by the heat of a whole step.
 MOVED_K = 1.0
 # Tolerance on the reserve; plans aim at this much more.
 RESERVE_TOLERANCE = 1e-5
@@ -99,45 +114,61 @@ SPARE_SOC = 1e-7
 
 
 def plan_by_values(trip: Trip, state: BatteryState, goal: Goal,
-                   unheated: Schedule | None = None) -> Schedule:
+                   unheated: Schedule | None = None, uncertainty: Uncertainty | None = None,
+                   price: FloatArray | None = None) -> Schedule:
     """
     Return the Schedule with the least battery energy that reaches the target within limits.
 
-    Without an active limit that is the one of `optimal_switch`. `unheated` is the Schedule without any heating,
-    ignoring limits, if known. If the charge does not carry the trip, only surplus heats.
+    Without an active limit it is the Schedule of `optimal_switch`. With an Uncertainty it has the least expected
+    energy, of a plan that is made again on the way. `price` (N,) are factors of the battery energy of the steps,
+    such as shares of the highest price. `unheated` is the Schedule without any heating, ignoring limits, if known.
+    If the charge does not carry the trip, only surplus heats.
     """
-    switched = switch_within_limits(trip, state, goal, unheated)
-    if switched is not None:
-        return switched
+    if uncertainty is None:
+        switched = switch_within_limits(trip, state, goal, unheated) if price is None else None
+        if switched is not None:
+            return switched
+        uncertainty = Uncertainty(0.0, is_heating=state.heater_power_w > LEAST_HEATING_W)
     reserve = reserve_soc(trip.vehicle, goal)
     aimed_soc = reserve + SPARE_SOC if reserve > 0.0 else 0.0
     vehicle, start = native_vehicle(trip.vehicle), initial_states(state)
     if trip.vehicle.heat_path.is_direct:
         start = *start[:2], 0.0, 0.0
+    wanted = _Wanted(goal.target_temperature_c, aimed_soc, uncertainty, price)
     found = None if vehicle is None else native_searches.plan_by_values(
-        vehicle, trip.native, goal.target_temperature_c, aimed_soc, state.heater_power_w > LEAST_HEATING_W, start)
+        vehicle, trip.native, start, wanted.target_c, wanted.reserve, uncertainty.deviation_k,
+        uncertainty.is_heating, price)
     if found is None:
-        found = _plan_in_python(
-            trip, start, state.heater_power_w > LEAST_HEATING_W, goal.target_temperature_c, aimed_soc)
+        found = _plan_in_python(trip, start, wanted)
     if found.command_w is None:
         return run_unheated(trip, state)
     schedule = drive_as_planned(trip, state, found.command_w)
+    if found.ends_in is not None:
+        schedule = ended_within(trip, schedule, found.ends_in)
     arrival_c, arrival_soc = float(schedule.temperature_c[-1]), float(schedule.soc[-1])
     is_held_back = arrival_c < goal.target_temperature_c and arrival_soc < reserve + RESERVE_TOLERANCE
     return replace(schedule, held_back=HeldBack.RESERVE) if is_held_back else schedule
 
 
-def _plan_in_python(trip: Trip, start: States, is_heating: bool, target_c: float,
-                    reserve: float) -> native_searches.PlanByValues:
+class _Wanted(NamedTuple):
+    """The target on arrival [deg C], the charge that heating must leave, the Uncertainty, and prices of steps."""
+
+    target_c: float
+    reserve: float
+    uncertainty: Uncertainty
+    price: FloatArray | None = None
+
+
+def _plan_in_python(trip: Trip, start: States, wanted: _Wanted) -> native_searches.PlanByValues:
     for lack_price in (LACK_PRICE, 0.0):
-        recursion = _Recursion(trip, start, is_heating, target_c, reserve, lack_price)
+        recursion = _Recursion(trip, start, wanted, lack_price)
         command_w = recursion.plan()
         # The reserve comes before the power of climbs, and heat for a climb may cost the charge that it needs.
         if recursion.unheated_lack_w == 0.0 or (
-                command_w is not None and recursion.states[0, -1] >= reserve - RESERVE_TOLERANCE
+                command_w is not None and recursion.states[0, -1] >= wanted.reserve - RESERVE_TOLERANCE
                 and recursion.lack_w() <= recursion.unheated_lack_w + NO_WORSE_W):
             break
-    return native_searches.PlanByValues(command_w)
+    return native_searches.PlanByValues(command_w, recursion.ends_in)
 
 
 class ValueTable(NamedTuple):
@@ -158,8 +189,9 @@ def value_table(trip: Trip, state: BatteryState, goal: Goal) -> ValueTable | Non
 
     The heater was off before each instant. None if the charge does not carry the trip.
     """
-    recursion = _Recursion(trip, initial_states(state), state.heater_power_w > LEAST_HEATING_W,
-                           goal.target_temperature_c, reserve_soc(trip.vehicle, goal), LACK_PRICE)
+    certain = Uncertainty(0.0, state.heater_power_w > LEAST_HEATING_W)
+    recursion = _Recursion(trip, initial_states(state), _Wanted(
+        goal.target_temperature_c, reserve_soc(trip.vehicle, goal), certain), LACK_PRICE)
     return None if recursion.plan() is None else recursion.table()
 
 
@@ -182,6 +214,16 @@ class _Layer(NamedTuple):
         return value_j
 
 
+    def spread(self, variance_k2: float) -> _Layer:
+        """Return the values averaged over a deviation in temperature, of this variance [K^2]."""
+        values_j, left = self.values_j.copy(), variance_k2 / (self.grid_c[1] - self.grid_c[0]) ** 2
+        while left > 0.0:
+            share = 0.5 * min(left, MOST_SPREAD)
+            values_j[:, 1:-1] += share * (values_j[:, :-2] - 2.0 * values_j[:, 1:-1] + values_j[:, 2:])
+            left -= MOST_SPREAD
+        return self._replace(values_j=values_j)
+
+
 class _Mixtures(NamedTuple):
     """Mixtures of two neighbouring ends from temperatures (P,): value [J], end, and share of the next end."""
 
@@ -201,38 +243,40 @@ class _Best(NamedTuple):
 
     unheated: _Mixtures
     heated: _Mixtures
+    switch_on_j: float
 
     def value_j(self, was_on: bool) -> FloatArray:
         """Return the value, of heater off or on before."""
-        value_j: FloatArray = np.minimum(self.unheated.value_j, self.heated.value_j + self._switch_j(was_on))
+        value_j: FloatArray = np.minimum(
+            self.unheated.value_j, self.heated.value_j + (0.0 if was_on else self.switch_on_j))
         return value_j
 
     def only(self, was_on: bool) -> tuple[int, float, bool]:
         """Return end, share of the next end, and whether they heat, for the one temperature."""
-        is_heating = bool(self.unheated.value_j[0] > self.heated.value_j[0] + self._switch_j(was_on))
+        is_heating = bool(
+            self.unheated.value_j[0] > self.heated.value_j[0] + (0.0 if was_on else self.switch_on_j))
         mixture = self.heated if is_heating else self.unheated
         return int(mixture.end[0]), float(mixture.share[0]), is_heating
-
-    @staticmethod
-    def _switch_j(was_on: bool) -> float:
-        return 0.0 if was_on else SWITCH_ON_WH * JOULES_PER_WH
 
 
 class _Recursion:
     """The passes for one trip."""
 
-    def __init__(self, trip: Trip, start: States, is_heating: bool, target_c: float, reserve: float,
-                 lack_price: float) -> None:
+    def __init__(self, trip: Trip, start: States, wanted: _Wanted, lack_price: float) -> None:
         """Take the States at the start; `lack_price` is the cost of a joule that the battery cannot deliver."""
         vehicle, steps = trip.vehicle, len(trip.route)
-        self._trip, self._target_c, self._reserve, self._is_heating = trip, target_c, reserve, is_heating
-        self._lack_price = lack_price
+        self._trip, self._lack_price = trip, lack_price
+        self._target_c, self._reserve, uncertainty, price = wanted
+        self._price = np.ones(steps) if price is None else price
+        self._deviation_k, self._is_heating = uncertainty.deviation_k, uncertainty.is_heating
+        self._is_certain = not uncertainty.deviation_k > 0.0
+        self._switch_on_j = JOULES_PER_WH * (SWITCH_ON_WH if self._is_certain else SWITCH_ON_EXPECTED_WH)
         # The largest power deficit of the unheated run [W].
         self.unheated_lack_w = 0.0
         self._joules_per_k = (vehicle.battery.heat_capacity_j_per_k
                               + vehicle.heat_path.coolant_heat_capacity_j_per_k) / vehicle.hvch.efficiency
         self._voltage_v = vehicle.battery.open_circuit_voltage.function(ARRAYS)
-        self._ahead = StepsAhead(trip)
+        self._ahead = StepsAhead(trip, self._price)
         self._drives = [make_limited_drive(trip, takes_surplus) for takes_surplus in (False, True)]
         self.states = np.zeros((4, steps + 1))
         self.states[:, 0] = start
@@ -240,6 +284,9 @@ class _Recursion:
         self._path_c, self._due_price = np.zeros(steps + 1), np.ones(steps + 1)
         self._price_j, self._late_price_j = np.zeros(steps + 1), np.zeros(steps + 1)
         self._watched_steps = [(True, True)] * steps
+        # The step to which an edge was moved at last; that in which heating ends, if that was moved there.
+        self._moved_in = 0
+        self.ends_in: int | None = None
         self._k_per_watt, self._share_of_excess = heat_to_come_k(vehicle)
 
     def plan(self) -> FloatArray | None:
@@ -251,12 +298,12 @@ class _Recursion:
         range_c = self._range_c()
         aim_c, looks, number, is_priced = self._target_c, 0, 0, True
         kept = self.states.copy(), self._powers_w.copy()
-        while number < len(PASSES):
+        while number < (len(PASSES) if self._is_certain else EXPECTED_PASSES):
             layers = self._find_values(number, range_c, aim_c, is_priced and number > 0)
             saved_j = 0.0
             if not self._find_path(layers):
                 saved_j = -math.inf
-            elif number > 0:
+            elif number > 0 and self._is_certain:
                 saved_j = self._cost_j(*kept, aim_c) - self._cost_j(self.states, self._powers_w, aim_c)
             if saved_j < 0.0:
                 # No pass makes the plan worse: charge may be priced wrongly, as limits bend.
@@ -301,11 +348,13 @@ class _Recursion:
                      is_priced: bool, grids_c: Sequence[FloatArray] = ()) -> list[_Layer]:
         """Return the layers of a pass, from the arrival at `aim_c` back; `is_priced`: charge and lateness are."""
         grids_c = grids_c or [self._grid_c(k, number, range_c) for k in range(len(self._path_c))]
-        short_j = np.maximum(aim_c - grids_c[-1], 0.0) * self._joules_per_k * SHORT_PRICE
+        short_k = np.maximum(aim_c - grids_c[-1], 0.0)
+        near_k = 0.0 if self._is_certain else np.minimum(short_k, NEAR_K)
+        short_j = (SHORT_PRICE * short_k - (SHORT_PRICE - NEAR_PRICE) * near_k) * self._joules_per_k
         layers = [_Layer(grids_c[-1], np.array((short_j, short_j)))]
         self._price_j[:], self._late_price_j[:] = 0.0, 0.0
         for k in reversed(range(len(self._trip.route))):
-            following = layers[-1]
+            following = layers[-1] = layers[-1].spread(self._variance_k2(k)) if number > 0 else layers[-1]
             self._watched_steps[k] = self._watched(k, grids_c[k], following.grid_c)
             ends = self._ends_ahead(
                 k, np.full(len(grids_c[k]), self._soc[k]), grids_c[k], self._under_way_k[k], self._lack_price)
@@ -318,9 +367,15 @@ class _Recursion:
                     self._late_price_j[k] = self._price_of_lateness(k, following)
         return layers[::-1]
 
+    def _variance_k2(self, k: int) -> float:
+        """Return how much less is uncertain about the arrival at the end of step k than at its start [K^2]."""
+        left_s = self._trip.time_s[-1] - self._trip.time_s[[0, k, k + 1]]
+        return float(self._deviation_k ** 2 * (left_s[1] ** 2 - left_s[2] ** 2) / left_s[0] ** 2)
+
     def _grid_c(self, k: int, number: int, range_c: tuple[float, float]) -> FloatArray:
         """Return the temperatures of a layer [deg C]."""
         step_k, half_k = PASSES[number]
+        half_k += WIDER_DEVIATIONS * self._deviation_k
         path_c = float(self._path_c[k])
         low_c, high_c = range_c if number == 0 else (path_c - half_k, path_c + half_k)
         points = (high_c - low_c) / step_k + 2.0
@@ -339,7 +394,8 @@ class _Recursion:
         heater_j = ends.command_w * float(self._trip.route.duration_s[k])
         cost_j = cost_j + ahead.due_share[k] * (heater_j * self._due_price[k + 1] - (cost_j - cost_j[0]))
         late_k = ahead.late_share[k] * heater_j * vehicle.hvch.efficiency / vehicle.battery.heat_capacity_j_per_k
-        return ends._replace(cost_j=cost_j + self._late_price_j[k + 1] * late_k + HEATING_PRICE * heater_j)
+        return ends._replace(cost_j=cost_j + self._late_price_j[k + 1] * late_k
+                             + HEATING_PRICE * self._price[k] * heater_j)
 
     def _best(self, ends: StepEnds, following: _Layer) -> _Best:
         """
@@ -356,7 +412,7 @@ class _Recursion:
             value_j = cost_j + following.worth_j(settled_c, is_heating, self._joules_per_k)
             heated = heated.with_better(np.where(is_heating, value_j, np.inf), end, 0.0)
             unheated = unheated.with_better(np.where(is_heating, np.inf, value_j), end, 0.0)
-        for end, (low, high) in enumerate(zip(rows, rows[1:])):
+        for end, (low, high) in enumerate(zip(rows, rows[1:]) if self._is_certain else ()):
             cost_j, settled_c, command_w = (row[:, None] for row in low)
             more_j, wide_k, more_w = (next_row[:, None] - row[:, None] for row, next_row in zip(low, high))
             share = (following.grid_c - settled_c) / np.where(wide_k > 0.0, wide_k, np.nan)
@@ -366,7 +422,7 @@ class _Recursion:
             found = value_j.argmin(axis=1)[:, None]
             heated = heated.with_better(np.take_along_axis(value_j, found, 1)[:, 0], end,
                                         np.take_along_axis(share, found, 1)[:, 0])
-        return _Best(unheated, heated)
+        return _Best(unheated, heated, self._switch_on_j)
 
     def _ends_beside(self, k: int, following: _Layer, soc: FloatArray, moved_k: FloatArray | float,
                      lack_price: float) -> StepEnds | None:
@@ -522,46 +578,59 @@ class _Recursion:
         """Return the cost of a run [J]: battery, heater, power deficit, switching, missed target and reserve."""
         trip, (soc, temperature_c) = self._trip, states[:2]
         voltage_v = self._voltage_v(soc, temperature_c)
-        energy_j = trip.vehicle.battery.capacity_as * 0.5 * (voltage_v[1:] + voltage_v[:-1]) @ (soc[:-1] - soc[1:])
+        charge_as = trip.vehicle.battery.capacity_as * (soc[:-1] - soc[1:])
+        energy_j = self._price @ (0.5 * (voltage_v[1:] + voltage_v[:-1]) * charge_as)
         lacking_w = self._lacking_along_w(states, powers_w)
         is_on = np.append(self._is_heating, powers_w[0] > LEAST_HEATING_W)
-        switched_j = SWITCH_ON_WH * JOULES_PER_WH * float((is_on[1:] & ~is_on[:-1]).sum())
+        switched_j = self._switch_on_j * float((is_on[1:] & ~is_on[:-1]).sum())
         short_k = max(aim_c - float(temperature_c[-1]), 0.0) + max(self._beyond_k(states, True), 0.0)
-        heater_j = float(trip.route.duration_s @ powers_w[0])
+        heater_j = float((self._price * trip.route.duration_s) @ powers_w[0])
         lacking_j = float(trip.route.duration_s @ lacking_w)
         return (float(energy_j) + HEATING_PRICE * heater_j + self._lack_price * lacking_j + switched_j
                 + SHORT_PRICE * self._joules_per_k * short_k)
 
     def _arrive_exactly(self) -> None:
-        """Move the start of the last interval, so that the arrival is exact."""
+        """Move the start of the last interval, or its end under an Uncertainty, so that the arrival is exact."""
         command_w = self._powers_w[0].copy()
         heated, braked = command_w > LEAST_HEATING_W, self._powers_w[1] > 1.0
-        starts = np.flatnonzero(heated & ~braked & ~np.append(False, heated[:-1]))
+        beside = np.append(False, heated[:-1]) if self._is_certain else np.append(heated[1:], False)
+        edges = np.flatnonzero(heated & ~braked & ~beside)
         to_target_k, to_reserve_k = (self._beyond_k(self.states, of_charge) for of_charge in (False, True))
         is_short = to_target_k < 0.0 and to_reserve_k > to_target_k
         excess_k = to_reserve_k if is_short else to_target_k
-        if not len(starts) or not abs(excess_k) <= MOVED_K:
+        if not len(edges) or not abs(excess_k) <= self._most_moved_k(int(edges[-1])):
             return
         moved_j, next_j = 0.0, -excess_k * self._joules_per_k
         for _ in range(MOST_TRIALS):
             if abs(excess_k) <= ARRIVAL_TOLERANCE_K:
                 break
-            self._drive_commands(self._with_start_moved(command_w, int(starts[-1]), next_j))
+            self._drive_commands(self._with_edge_moved(command_w, int(edges[-1]), next_j))
             found_k = self._beyond_k(self.states, is_short)
             slope = (found_k - excess_k) / (next_j - moved_j)
             moved_j, excess_k = next_j, found_k
             if not math.isfinite(slope) or slope == 0.0:
                 break
             next_j = moved_j - excess_k / slope
+        if moved_j != 0.0 and not self._is_certain and not self._powers_w[0, self._moved_in + 1:].any():
+            self.ends_in = self._moved_in
 
-    def _with_start_moved(self, command_w: FloatArray, start: int, more_j: float) -> FloatArray:
-        """Return commands with more energy just before `start`, or less from it on [J]."""
+    def _most_moved_k(self, edge: int) -> float:
+        """Return the largest error on arrival that moving an edge corrects [K]."""
+        step_j = float(self._trip.heater_limit_w[edge] * self._trip.route.duration_s[edge])
+        if self._is_certain:
+            return MOVED_K
+        return max(MOVED_K, step_j / self._joules_per_k)
+
+    def _with_edge_moved(self, command_w: FloatArray, edge: int, more_j: float) -> FloatArray:
+        """Return commands with more energy outside an interval that begins or ends at `edge`, or less [J]."""
         moved_w, left_j = command_w.copy(), abs(more_j)
-        steps = range(start, -1, -1) if more_j > 0.0 else range(start, len(command_w))
+        is_later = (more_j > 0.0) != self._is_certain
+        steps = range(edge, len(command_w)) if is_later else range(edge, -1, -1)
         for k in steps:
             duration_s = float(self._trip.route.duration_s[k])
             room_w = float(self._trip.heater_limit_w[k]) - moved_w[k] if more_j > 0.0 else moved_w[k]
             taken_j = min(max(room_w, 0.0) * duration_s, left_j)
+            self._moved_in = k if taken_j > 0.0 else self._moved_in
             moved_w[k] += math.copysign(taken_j / duration_s, more_j)
             left_j -= taken_j
             if left_j <= 0.0:

@@ -145,7 +145,7 @@ static void drive_each_way(drive *of, double start_soc, double start_c, bev_arri
   double *heater_w = of->room[SWITCH_ROOMS + 2];
   bev_switch_plan plan;
   bev_status planned = bev_plan_switch(of->vehicle, &of->trip, start_soc, start_c, of->target_c,
-                                       1, NULL, of->room[0], soc, temperature_c, heater_w, &plan);
+                                       1, of->room[0], soc, temperature_c, heater_w, &plan);
   bev_status unheated = planned;
   if (planned == BEV_LIMITED) {
     /* The plan, or only the unheated run, which alone is known to be complete. */

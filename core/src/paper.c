@@ -85,7 +85,6 @@ bev_status bev_plan_paper(const bev_vehicle *vehicle, const bev_trip *trip, doub
   }
   soc[0] = start_soc;
   temperature_c[0] = start_c;
-  plan->heating_end_s = NAN;
   status = bev_run_paper(vehicle, trip, target_c, soc, temperature_c, heater_w,
                          &plan->switching_instant_s);
   if (status == BEV_OK) {

@@ -5,7 +5,6 @@
  */
 #include "bev_preheat_core_generated/constants.h"
 #include "bracketing.h"
-#include "uncertainty_margin.h"
 #include "checks.h"
 #include "limits_of_run.h"
 #include "means.h"
@@ -238,24 +237,9 @@ bev_status bev_describe_run(const bev_seen_run *run, bev_switch_plan *plan) {
   return find_interval(run, plan);
 }
 
-/* The planned run with its last heating interval begun early; the known limits are those of this run. */
-static bev_status heat_early(const switch_search *of, const bev_seen_run *run, const bev_uncertainty_margin *margin,
-                             bev_switch_plan *plan) {
-  const bev_heated_run heated = {of->vehicle, of->trip,     of->target_c, of->soc,
-                                 of->temperature_c, of->heater_w, of->means};
-  bev_early_interval early;
-  const bev_status status = bev_switch_on_early(&heated, margin, &early);
-  if (status < BEV_OK || early.first == of->trip->steps) {
-    return status;
-  }
-  plan->switching_instant_s = early.start_s;
-  plan->heating_end_s = early.end_s;
-  return bev_keeps_limits(run, early.first);
-}
-
 /* Plan a run from the unheated run; the known limits are those of the unheated run. */
 static bev_status plan_run(switch_search *of, bev_seen_run *run, int32_t in_one_interval,
-                           const bev_uncertainty_margin *margin, bev_switch_plan *plan) {
+                           bev_switch_plan *plan) {
   const int32_t steps = of->trip->steps;
   for (int32_t k = 0; k < steps; k++) {
     of->heater_w[k] = 0.0;
@@ -278,13 +262,13 @@ static bev_status plan_run(switch_search *of, bev_seen_run *run, int32_t in_one_
   if (status == BEV_OK && in_one_interval == 0) {
     status = bev_costs_least(of->vehicle, of->trip, of->soc, of->temperature_c, of->heater_w);
   }
-  return status != BEV_OK || margin == NULL ? status : heat_early(of, run, margin, plan);
+  return status;
 }
 
 bev_status bev_plan_switch(const bev_vehicle *vehicle, const bev_trip *trip, double start_soc,
                            double start_c, double target_c, int32_t in_one_interval,
-                           const bev_uncertainty_margin *margin, double *memory, double *soc,
-                           double *temperature_c, double *heater_w, bev_switch_plan *plan) {
+                           double *memory, double *soc, double *temperature_c, double *heater_w,
+                           bev_switch_plan *plan) {
   bev_status status = bev_checked(vehicle, trip, 0);
   if (status != BEV_OK) {
     return status;
@@ -294,7 +278,7 @@ bev_status bev_plan_switch(const bev_vehicle *vehicle, const bev_trip *trip, dou
       || vehicle->coolant_heat_capacity_j_per_k > 0.0) {
     return BEV_BAD_ARGUMENT;
   }
-  if (!isfinite(target_c) || !bev_is_uncertainty_margin(margin)) {
+  if (!isfinite(target_c)) {
     return BEV_BAD_INPUT;
   }
   const int32_t steps = trip->steps;
@@ -324,8 +308,7 @@ bev_status bev_plan_switch(const bev_vehicle *vehicle, const bev_trip *trip, dou
     return status;
   }
   plan->switching_instant_s = NAN;
-  plan->heating_end_s = NAN;
-  status = plan_run(&of, &run, in_one_interval, margin, plan);
+  status = plan_run(&of, &run, in_one_interval, plan);
   if (status == BEV_OK) {
     status = bev_describe_run(&run, plan);
   }

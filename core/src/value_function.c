@@ -104,6 +104,8 @@ typedef struct {
   double *kept;
   /* Cost of a joule that the battery cannot deliver. */
   double lack_price;
+  double switch_on_j;
+  int32_t is_certain;
   int32_t has_prices;
   /* The largest power deficit of the unheated run [W]. */
   double unheated_lack_w;
@@ -113,13 +115,19 @@ static double voltage_v(const recursion *of, double soc, double temperature_c) {
   return bev_at(&of->vehicle->open_circuit_voltage, 0, soc, temperature_c);
 }
 
+/* The factor of battery energy in step k. */
+static double price_in(const recursion *of, int32_t k) {
+  return of->goal->price == NULL ? 1.0 : of->goal->price[k];
+}
+
 static double joules_of_charge(const recursion *of, double voltage) {
   return of->vehicle->capacity_ah * 3600.0 * voltage;
 }
 
 /* The layer at instant k around the path; in the first pass over all temperatures. */
 static layer layer_at(const recursion *of, int32_t k, int32_t number, const double range_c[2]) {
-  const double half_k = HALF_WIDTHS_K[number];
+  const double half_k =
+      HALF_WIDTHS_K[number] + BEV_WIDER_DEVIATIONS * of->goal->deviation_k;
   const double low_c = number == 0 ? range_c[0] : of->path_c[k] - half_k;
   const double high_c = number == 0 ? range_c[1] : of->path_c[k] + half_k;
   layer at = {low_c, STEPS_K[number], 0, &of->values_j[(size_t)k * 2u * BEV_VALUE_POINTS], NULL};
@@ -194,7 +202,7 @@ static int is_free_step(const recursion *of, int32_t k, const double start[4], s
   end->states[0] = result[0];
   end->states[1] = result[1];
   end->powers_w[0] = end->wanted_w;
-  end->cost_j = (inputs.power_w + result[3]) * inputs.duration_s;
+  end->cost_j = price_in(of, k) * (inputs.power_w + result[3]) * inputs.duration_s;
   return 1;
 }
 
@@ -219,7 +227,7 @@ static bev_status drive_step(const recursion *of, int32_t k, const double start[
   const double terminal_w = of->trip->idle_power_w[k] + drawn_w + end->powers_w[1];
   const double voltage = 0.5
       * (voltage_v(of, start[0], start[1]) + voltage_v(of, end->states[0], end->states[1]));
-  end->cost_j = joules_of_charge(of, voltage) * (start[0] - end->states[0]);
+  end->cost_j = price_in(of, k) * joules_of_charge(of, voltage) * (start[0] - end->states[0]);
   end->regime |= end->powers_w[0] != end->wanted_w ? LIMITED_COMMAND : 0u;
   end->regime |= end->powers_w[1] > 0.0 ? BRAKED : 0u;
   if (run->may_overdraw[k] != 0u && of->lack_price > 0.0) {
@@ -278,7 +286,7 @@ static bev_status ends_of_step(const recursion *of, int32_t k, const double star
             * (heater_j * of->due_price[k + 1] - (ends[n].cost_j - ends[0].cost_j))
         + of->late_price_j[k + 1] * of->late_share[k] * heater_j
             * of->vehicle->heater_efficiency / of->vehicle->heat_capacity_j_per_k
-        + BEV_HEATING_PRICE * heater_j;
+        + BEV_HEATING_PRICE * price_in(of, k) * heater_j;
   }
   return BEV_OK;
 }
@@ -305,7 +313,7 @@ static choice best_of(const recursion *of, const step_end ends[MOST_ENDS], int32
   for (int32_t end = 0; end < count; end++) {
     try_mixture(of, ends, next, end, &best);
   }
-  for (int32_t end = 0; end + 1 < count; end++) {
+  for (int32_t end = 0; of->is_certain != 0 && end + 1 < count; end++) {
     const step_end *low = &ends[end];
     const step_end *high = &ends[end + 1];
     const double wide_k = high->settled_c - low->settled_c;
@@ -339,14 +347,13 @@ static choice best_of(const recursion *of, const step_end ends[MOST_ENDS], int32
   return best;
 }
 
-static double value_of(const choice *best, int32_t was_on) {
+static double value_of(const recursion *of, const choice *best, int32_t was_on) {
   return bev_minimum(best->unheated.value_j,
-                     best->heated.value_j
-                         + (was_on != 0 ? 0.0 : BEV_SWITCH_ON_WH * BEV_JOULES_PER_WH));
+                     best->heated.value_j + (was_on != 0 ? 0.0 : of->switch_on_j));
 }
 
-static mixture better_of(const choice *best, int32_t was_on) {
-  return best->unheated.value_j > value_of(best, was_on) ? best->heated : best->unheated;
+static mixture better_of(const recursion *of, const choice *best, int32_t was_on) {
+  return best->unheated.value_j > value_of(of, best, was_on) ? best->heated : best->unheated;
 }
 
 /* Drive step k, heated as it is best on the path, from two starts beside it; none is `found` if that empties. */
@@ -361,7 +368,7 @@ static bev_status drive_beside(const recursion *of, int32_t k, const layer *next
     return status == BEV_EMPTY ? BEV_OK : status;
   }
   const choice choices = best_of(of, ends, count, next);
-  const mixture best = better_of(&choices, 1);
+  const mixture best = better_of(of, &choices, 1);
   for (int32_t n = 0; status == BEV_OK && n < 2; n++) {
     beside[n] = ends[best.end];
     if (best.share > 0.0) {
@@ -480,8 +487,8 @@ static bev_status ends_from(const recursion *of, int32_t k, const layer *at, int
 static void write_values(const recursion *of, const layer *at, int32_t n, const step_ends *from,
                          const layer *next) {
   const choice best = best_of(of, from->ends, from->count, next);
-  at->off_j[n] = from->count == 0 ? BEV_EMPTY_J : value_of(&best, 0);
-  at->on_j[n] = from->count == 0 ? BEV_EMPTY_J : value_of(&best, 1);
+  at->off_j[n] = from->count == 0 ? BEV_EMPTY_J : value_of(of, &best, 0);
+  at->on_j[n] = from->count == 0 ? BEV_EMPTY_J : value_of(of, &best, 1);
 }
 
 /* Whether the same limits act from two temperatures. */
@@ -590,6 +597,29 @@ static bev_status values_of_layer(const recursion *of, int32_t k, const layer *a
   return status;
 }
 
+/* The values averaged over a deviation in temperature of this variance, as a share of the layer's step squared. */
+static void spread(double *values_j, int32_t points, double share) {
+  for (double left = share; left > 0.0; left -= BEV_MOST_SPREAD) {
+    const double now = 0.5 * bev_minimum(left, BEV_MOST_SPREAD);
+    double before_j = values_j[0];
+    for (int32_t n = 1; n + 1 < points; n++) {
+      const double here_j = values_j[n];
+      values_j[n] = here_j + now * (before_j - 2.0 * here_j + values_j[n + 1]);
+      before_j = here_j;
+    }
+  }
+}
+
+/* The values as expected before step k, in which a share of the arrival's uncertainty becomes known. */
+static void expect_after(const recursion *of, int32_t k, const layer *next) {
+  const double deviation_k = of->goal->deviation_k;
+  const double *left_s = of->left_s;
+  const double variance_k2 = deviation_k * deviation_k
+      * (left_s[k] * left_s[k] - left_s[k + 1] * left_s[k + 1]) / (left_s[0] * left_s[0]);
+  spread(next->off_j, next->points, variance_k2 / (next->step_k * next->step_k));
+  spread(next->on_j, next->points, variance_k2 / (next->step_k * next->step_k));
+}
+
 /* The backward pass: the values of all layers, from that of the arrival at `aim_c`. */
 static bev_status find_values(recursion *of, int32_t number, const double range_c[2],
                               double aim_c) {
@@ -599,11 +629,16 @@ static bev_status find_values(recursion *of, int32_t number, const double range_
   for (int32_t n = 0; n < layers[1].points; n++) {
     const double short_k =
         bev_maximum(aim_c - (layers[1].least_c + (double)n * layers[1].step_k), 0.0);
-    layers[1].off_j[n] = short_k * of->joules_per_k * BEV_SHORT_PRICE;
+    const double near_k = of->is_certain != 0 ? 0.0 : bev_minimum(short_k, BEV_NEAR_K);
+    layers[1].off_j[n] =
+        (BEV_SHORT_PRICE * short_k - (BEV_SHORT_PRICE - BEV_NEAR_PRICE) * near_k) * of->joules_per_k;
     layers[1].on_j[n] = layers[1].off_j[n];
   }
   of->price_j[steps] = 0.0;
   for (int32_t k = steps - 1; k >= 0; k--) {
+    if (number > 0) {
+      expect_after(of, k, &layers[1]);
+    }
     layers[0] = layer_at(of, k, number, range_c);
     watch_step(of, k, layers);
     bev_status status = values_of_layer(of, k, &layers[0], &layers[1]);
@@ -651,7 +686,7 @@ static bev_status find_path(const recursion *of, int32_t number, const double ra
       return status;
     }
     const choice choices = best_of(of, ends, count, &next);
-    const mixture best = better_of(&choices, is_on);
+    const mixture best = better_of(of, &choices, is_on);
     step_end *end = &ends[best.end];
     if (best.share > 0.0) {
       end->wanted_w =
@@ -687,20 +722,25 @@ static bev_status drive_commands(const recursion *of, const double *commands_w, 
   return BEV_OK;
 }
 
-/* The commands with more energy just before `start`, or less from it on [J]; the first step that is changed. */
-static int32_t move_start(const recursion *of, int32_t start, double more_j) {
+/*
+ * The commands with more energy outside an interval that begins at `edge` (ends, if not certain), or less inside [J];
+ * the first step that is changed. `moved_in` becomes the last one, seen from the edge.
+ */
+static int32_t move_edge(const recursion *of, int32_t edge, double more_j, int32_t *moved_in) {
   const bev_trip *trip = of->trip;
+  const int32_t is_later = (more_j > 0.0 ? 1 : 0) != of->is_certain;
   double left_j = fabs(more_j);
-  int32_t k = start;
+  int32_t k = edge;
   memcpy(of->tried_w, of->commands_w, (size_t)trip->steps * sizeof(double));
-  for (; k >= 0 && k < trip->steps && left_j > 0.0; k += more_j > 0.0 ? -1 : 1) {
+  for (; k >= 0 && k < trip->steps && left_j > 0.0; k += is_later != 0 ? 1 : -1) {
     const double room_w =
         more_j > 0.0 ? trip->heater_limit_w[k] - of->tried_w[k] : of->tried_w[k];
     const double moved_j = bev_minimum(bev_maximum(room_w, 0.0) * trip->duration_s[k], left_j);
+    *moved_in = moved_j > 0.0 ? k : *moved_in;
     of->tried_w[k] += (more_j > 0.0 ? moved_j : -moved_j) / trip->duration_s[k];
     left_j -= moved_j;
   }
-  return more_j > 0.0 ? (k + 1 < start ? k + 1 : start) : start;
+  return is_later == 0 && k + 1 < edge ? k + 1 : edge;
 }
 
 /* How much warmer than needed the battery arrives [K]: than the target, or than the reserve of charge allows. */
@@ -713,28 +753,46 @@ static double beyond_k(const recursion *of, const double *states, int32_t is_sho
                                  : arrival_c - of->goal->target_c;
 }
 
-/* Move the start of the last interval, so that the arrival is exact. */
-static bev_status arrive_exactly(const recursion *of, double *states, double *powers_w) {
+static int is_heated(const recursion *of, const double *commands_w, int32_t k) {
+  return k >= 0 && k < of->trip->steps && commands_w[k] > BEV_LEAST_HEATING_W;
+}
+
+/* The largest error on arrival that moving an edge corrects [K]. */
+static double most_moved_k(const recursion *of, int32_t edge) {
+  const bev_trip *trip = of->trip;
+  const double step_j =
+      of->is_certain != 0 ? 0.0 : trip->heater_limit_w[edge] * trip->duration_s[edge];
+  return bev_maximum(BEV_MOVED_K, step_j / of->joules_per_k);
+}
+
+/*
+ * Move the start of the last interval, or its end if not certain, so that the arrival is exact; `ends_in` becomes the
+ * step in which it ends, if it was moved there.
+ */
+static bev_status arrive_exactly(const recursion *of, double *states, double *powers_w,
+                                 int32_t *ends_in) {
   const int32_t steps = of->trip->steps;
+  const int32_t outside = of->is_certain != 0 ? -1 : 1;
   const double *commands_w = powers_w;
-  int32_t start = steps - 1;
-  while (start >= 0
-         && !(commands_w[start] > BEV_LEAST_HEATING_W && powers_w[steps + start] <= 1.0
-              && (start == 0 || commands_w[start - 1] <= BEV_LEAST_HEATING_W))) {
-    start--;
+  int32_t edge = steps - 1;
+  while (edge >= 0
+         && !(is_heated(of, commands_w, edge) && powers_w[steps + edge] <= 1.0
+              && !is_heated(of, commands_w, edge + outside))) {
+    edge--;
   }
   const double to_target_k = beyond_k(of, states, 0);
   const double to_reserve_k = beyond_k(of, states, 1);
   const int32_t is_short_of_charge = to_target_k < 0.0 && to_reserve_k > to_target_k ? 1 : 0;
   double excess_k = is_short_of_charge != 0 ? to_reserve_k : to_target_k;
-  if (start < 0 || !(fabs(excess_k) <= BEV_MOVED_K)) {
+  if (edge < 0 || !(fabs(excess_k) <= most_moved_k(of, edge))) {
     return BEV_OK;
   }
   double moved_j = 0.0;
+  int32_t moved_in = edge;
   double next_j = -excess_k * of->joules_per_k;
   memcpy(of->commands_w, commands_w, (size_t)steps * sizeof(double));
   for (int32_t n = 0; n < BEV_MOST_TRIALS && fabs(excess_k) > BEV_ARRIVAL_TOLERANCE_K; n++) {
-    const int32_t first = move_start(of, start, next_j);
+    const int32_t first = move_edge(of, edge, next_j, &moved_in);
     const bev_status status = drive_commands(of, of->tried_w, first, states, powers_w);
     if (status != BEV_OK) {
       return status;
@@ -747,6 +805,13 @@ static bev_status arrive_exactly(const recursion *of, double *states, double *po
       break;
     }
     next_j = moved_j - excess_k / slope;
+  }
+  if (moved_j != 0.0 && of->is_certain == 0) {
+    int32_t last = steps - 1;
+    while (last > moved_in && !(commands_w[last] > 0.0)) {
+      last--;
+    }
+    *ends_in = last == moved_in ? last : -1;
   }
   return BEV_OK;
 }
@@ -819,10 +884,11 @@ static double cost_of_run(const recursion *of, const double *states, const doubl
     const double terminal_w =
         of->trip->idle_power_w[k] + powers_w[drawn * steps + k] + powers_w[steps + k];
     const int32_t is_on = powers_w[k] > BEV_LEAST_HEATING_W ? 1 : 0;
-    cost_j += joules_of_charge(of, 0.5 * (voltage + next_voltage)) * (start[0] - end.states[0])
-        + BEV_HEATING_PRICE * of->trip->duration_s[k] * powers_w[k]
+    cost_j += price_in(of, k) * joules_of_charge(of, 0.5 * (voltage + next_voltage))
+            * (start[0] - end.states[0])
+        + BEV_HEATING_PRICE * price_in(of, k) * of->trip->duration_s[k] * powers_w[k]
         + of->lack_price * of->trip->duration_s[k] * lacking_w(of, k, start, &end, terminal_w)
-        + (is_on != 0 && was_on == 0 ? BEV_SWITCH_ON_WH * BEV_JOULES_PER_WH : 0.0);
+        + (is_on != 0 && was_on == 0 ? of->switch_on_j : 0.0);
     was_on = is_on;
     voltage = next_voltage;
   }
@@ -844,7 +910,7 @@ static void range_of(const recursion *of, double range_c[2]) {
 }
 
 /* The run of all passes. */
-static bev_status plan(recursion *of, double *states, double *powers_w) {
+static bev_status plan(recursion *of, double *states, double *powers_w, int32_t *ends_in) {
   const int32_t steps = of->trip->steps;
   const double target_c = of->goal->target_c;
   double range_c[2];
@@ -861,7 +927,7 @@ static bev_status plan(recursion *of, double *states, double *powers_w) {
   range_of(of, range_c);
   memcpy(of->kept, states, rows * sizeof(double));
   memcpy(&of->kept[rows], powers_w, 4u * (size_t)steps * sizeof(double));
-  for (int32_t number = 0; number < PASSES;) {
+  for (int32_t number = 0; number < (of->is_certain != 0 ? PASSES : BEV_EXPECTED_PASSES);) {
     of->has_prices = number == 0 ? 0 : is_priced;
     status = find_values(of, number, range_c, aim_c);
     if (status == BEV_OK) {
@@ -871,7 +937,7 @@ static bev_status plan(recursion *of, double *states, double *powers_w) {
       return status;
     }
     double saved_j = status == BEV_EMPTY ? -INFINITY : 0.0;
-    if (status == BEV_OK && number > 0) {
+    if (status == BEV_OK && number > 0 && of->is_certain != 0) {
       saved_j = cost_of_run(of, of->kept, &of->kept[rows], aim_c)
           - cost_of_run(of, states, powers_w, aim_c);
     }
@@ -910,7 +976,7 @@ static bev_status plan(recursion *of, double *states, double *powers_w) {
       is_priced = 1;
     }
   }
-  return arrive_exactly(of, states, powers_w);
+  return arrive_exactly(of, states, powers_w, ends_in);
 }
 
 /* What does not depend on the pass. */
@@ -981,18 +1047,28 @@ static void prepare(recursion *of, double *memory, uint8_t *flags) {
   }
 }
 
+static int are_prices(const double *price, int32_t steps) {
+  int are = 1;
+  for (int32_t k = 0; k < steps; k++) {
+    are = are && isfinite(price[k]) && price[k] >= 0.0;
+  }
+  return are;
+}
+
 bev_status bev_plan_by_values(const bev_vehicle *vehicle, const bev_trip *trip,
                               const bev_value_goal *goal, double *states, double *powers_w,
-                              uint8_t *flags, double *memory) {
+                              uint8_t *flags, double *memory, int32_t *ends_in) {
   const bev_status checked = bev_checked(vehicle, trip, 0);
   if (checked != BEV_OK) {
     return checked;
   }
   if (goal == NULL || states == NULL || powers_w == NULL || flags == NULL || memory == NULL
-      || trip->steps < 1) {
+      || ends_in == NULL || trip->steps < 1) {
     return BEV_BAD_ARGUMENT;
   }
-  if (!isfinite(goal->target_c) || !isfinite(goal->lowest_soc) || !bev_is_time(trip)) {
+  if (!isfinite(goal->target_c) || !isfinite(goal->lowest_soc) || !isfinite(goal->deviation_k)
+      || goal->deviation_k < 0.0 || !bev_is_time(trip)
+      || (goal->price != NULL && !are_prices(goal->price, trip->steps))) {
     return BEV_BAD_INPUT;
   }
   const int32_t steps = trip->steps;
@@ -1001,9 +1077,13 @@ bev_status bev_plan_by_values(const bev_vehicle *vehicle, const bev_trip *trip,
   of.vehicle = vehicle;
   of.trip = trip;
   of.goal = goal;
+  of.is_certain = goal->deviation_k > 0.0 ? 0 : 1;
+  of.switch_on_j = BEV_JOULES_PER_WH
+      * (of.is_certain != 0 ? BEV_SWITCH_ON_WH : BEV_SWITCH_ON_EXPECTED_WH);
+  *ends_in = -1;
   prepare(&of, memory, flags);
   of.lack_price = BEV_LACK_PRICE;
-  bev_status status = plan(&of, states, powers_w);
+  bev_status status = plan(&of, states, powers_w, ends_in);
   if (of.unheated_lack_w > 0.0
       && (status == BEV_EMPTY
           || (status == BEV_OK
@@ -1011,7 +1091,7 @@ bev_status bev_plan_by_values(const bev_vehicle *vehicle, const bev_trip *trip,
                   || most_lack_w(&of, states, powers_w) > of.unheated_lack_w + BEV_NO_WORSE_W)))) {
     /* The reserve comes before the power of climbs, and heat for a climb may cost the charge that it needs. */
     of.lack_price = 0.0;
-    status = plan(&of, states, powers_w);
+    status = plan(&of, states, powers_w, ends_in);
   }
   return status;
 }

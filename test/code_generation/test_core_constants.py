@@ -9,6 +9,7 @@ import pytest
 from bev_preheat.code_generation import core_constants
 from bev_preheat.code_generation.c_source import constants as constants_header
 from bev_preheat.code_generation.core_constants import constants, NAMES
+from bev_preheat.planning import value_function
 
 CHECKOUT = Path(__file__).parents[2]
 SOURCES = sorted([*(CHECKOUT / 'core' / 'src').glob('*.[ch]'),
@@ -37,7 +38,6 @@ def test_the_header_has_each_number_to_the_last_bit():
 
 
 def test_two_constants_of_one_name_are_refused(monkeypatch):
-    monkeypatch.setattr(core_constants, 'NAMES', {
-        module: names.replace(':EARLY_TOLERANCE_K', '') for module, names in NAMES.items()})
-    with pytest.raises(ValueError, match='BEV_ARRIVAL_TOLERANCE_K: two constants have this name'):
+    monkeypatch.setattr(core_constants, 'NAMES', {**NAMES, value_function: NAMES[value_function] + ' MOST_TRIALS'})
+    with pytest.raises(ValueError, match='BEV_MOST_TRIALS: two constants have this name'):
         constants()

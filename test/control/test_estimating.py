@@ -9,7 +9,6 @@ import pytest
 from stepwise import Stepwise
 
 from bev_preheat.control.inputs import Leg, Measurement, Mission, NS_PER_S
-from bev_preheat.control.margins import MOST_MARGIN_K
 from bev_preheat.control.settings import Settings
 from bev_preheat.estimation.memory import as_entry, from_entry, learned_from
 from bev_preheat.estimation.prior import LAG_DEVIATION
@@ -89,8 +88,8 @@ def test_the_arrival_becomes_surer_on_the_way(healthy):
     first, middle, last = (deviations_k[at] for at in (3, 187, -2))
     assert first > middle > last > 0.0
     assert first < 3.0
-    # The sensor has its own location, which leaves an error of a quarter of a kelvin.
-    assert last < 0.25
+    # The sensor has its own location, and it heats until arrival, which leaves an error of a third of a kelvin.
+    assert last < 0.33
     # Later heating corrects deviations.
     assert healthy.seen[3][1].arrival_deviation_k < first
 
@@ -103,13 +102,13 @@ def test_the_arrival_is_within_what_was_unsure_of_it(healthy):
         assert abs(predicted_c - arrival_c) < 4.0 * decision.arrival_deviation_k + 0.1
 
 
-def test_the_plan_aims_a_margin_beyond_the_target_and_not_further(healthy):
+def test_the_plan_aims_at_the_target_and_no_further(healthy):
     # While it heats, and can still stop in time.
     aimed_k = [decision.plan.arrival_temperature_c - 25.0 for at_s, decision, _ in healthy.seen
                if 600.0 < at_s < 1300.0 and decision.status is Status.HEATING]
     assert len(aimed_k) > 100
-    assert min(aimed_k) > 0.0
-    assert max(aimed_k) < MOST_MARGIN_K + 0.01
+    assert min(aimed_k) > -0.01
+    assert max(aimed_k) < 0.1
 
 
 def test_the_model_that_was_planned_with_is_told(healthy):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Planner calls for an estimate: corrected vehicle, uncertainty margin, and a heater that does not obey."""
+"""Planner calls for an estimate: corrected vehicle, uncertainty, and a heater that does not obey."""
 
 from dataclasses import replace
 import math
@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from bev_preheat.control.forecast_plan import ForecastPlanner, PlanningTask, seen_from_now
+from bev_preheat.control.margins import LATER_SHARE, LEAST_REVEALED_K, MOST_REVEALED_K, REVEALED_SHARE
 from bev_preheat.control.settings import Settings
 from bev_preheat.estimation.estimate import Estimate
 from bev_preheat.estimation.hypotheses import Heater, HeaterReport
@@ -66,10 +67,10 @@ def asked(monkeypatch):
     """Return the list of the planner's calls, in order."""
     questions = []
 
-    def plan(vehicle, route, state, goal, method, uncertainty_margin, **how):
-        made = plan_preheating(vehicle, route, state, goal, method, uncertainty_margin, **how)
+    def plan(vehicle, route, state, goal, method, uncertainty, **how):
+        made = plan_preheating(vehicle, route, state, goal, method, uncertainty, **how)
         questions.append(SimpleNamespace(
-            vehicle=vehicle, route=route, state=state, uncertainty_margin=uncertainty_margin, plan=made, **how))
+            vehicle=vehicle, route=route, state=state, uncertainty=uncertainty, plan=made, **how))
         return made
 
     monkeypatch.setattr('bev_preheat.control.forecast_plan.plan_preheating', plan)
@@ -82,65 +83,58 @@ def make(estimate, maker=None, goal=GOAL, settings=Settings(), is_heating=False,
         route, goal, settings, is_heating, starts_in_s, heated_s), estimate)
 
 
-# Uncertainty margin
+# Uncertainty
 
-@pytest.mark.parametrize('deviation_k, margin_k', [(0.0, 0.0), (0.05, 0.065), (0.07, 0.091), (0.2, 0.1)])
-def test_the_margin_is_1_3_deviations_of_the_temperature_and_at_most_0_1_k(asked, deviation_k, margin_k):
-    make(make_estimate(deviations={TEMPERATURE: deviation_k}))
-    assert asked[-1].uncertainty_margin.margin_k == pytest.approx(margin_k)
-
-
-def test_the_lead_is_two_deviations_of_the_arrival_as_planned(asked):
-    maker, estimate = ForecastPlanner(VEHICLE), make_estimate(deviations={TEMPERATURE: 1.6})
+def test_a_share_of_what_the_arrival_may_deviate_beyond_the_temperature_now_becomes_known(asked):
+    maker, estimate = ForecastPlanner(VEHICLE), make_estimate(deviations={TEMPERATURE: 0.2, HEAT_CAPACITY: 0.05})
     before = make(estimate, maker)
     # The arrival's uncertainty is unknown before the first plan, so two plans are made.
-    assert [len(asked), asked[0].uncertainty_margin.lead_k] == [2, 0.0]
+    assert [len(asked), asked[0].uncertainty] == [2, None]
     make(estimate, maker)
     assert len(asked) == 3
-    assert 2.5 < 2.0 * before.forecast.as_planned_k < 7.0
-    assert asked[2].uncertainty_margin.lead_k == pytest.approx(2.0 * before.forecast.as_planned_k)
+    revealed_k = math.sqrt(before.forecast.as_planned_k**2 - 0.2**2)
+    assert asked[2].uncertainty.deviation_k == pytest.approx(REVEALED_SHARE * revealed_k)
 
 
-def test_the_lead_is_at_most_7_k(asked):
-    forecast_plan = make(make_estimate(deviations={TEMPERATURE: 5.0}))
-    assert forecast_plan.forecast.as_planned_k > 3.0
-    assert asked[-1].uncertainty_margin.lead_k == 7.0
+def test_what_is_unknown_now_and_stays_so_is_not_planned_for(asked):
+    make(make_estimate(deviations={TEMPERATURE: 1.6}))
+    # It leaks a little until arrival: less than its deviation now.
+    assert asked[-1].uncertainty.deviation_k == LEAST_REVEALED_K
 
 
-def test_an_uncertainty_that_is_not_a_number_asks_for_the_longest_lead(asked):
+def test_at_most_so_much_is_planned_for(asked):
+    make(make_estimate(deviations={HEAT_CAPACITY: 3.0}))
+    assert asked[-1].uncertainty.deviation_k == MOST_REVEALED_K
+
+
+def test_an_uncertainty_that_is_not_a_number_counts_as_the_most(asked):
     make(make_estimate(deviations={HEAT_LAG: math.nan}))
-    assert asked[-1].uncertainty_margin.lead_k == 7.0
+    assert asked[-1].uncertainty.deviation_k == MOST_REVEALED_K
 
 
-def test_heating_begins_earlier_by_the_heat_that_may_come_later_than_believed(asked):
-    # A lag of 40 s may be 40 s times e^(1.2 0.5). The heater warms the battery by
-    # 0.87 * 7000 W / 377376 J/K = 16.1 mK/s.
-    make(make_estimate(deviations={HEAT_LAG: 0.5}))
-    assert asked[0].uncertainty_margin.lead_k == pytest.approx(
-        40.0 * (math.exp(1.2 * 0.5) - 1.0) * 0.87 * 7000.0 / 377376.0)
+def test_heat_that_may_come_later_than_believed_is_part_of_it(asked):
+    # A lag of 40 s may be 40 s times e^0.5. The heater warms the battery by 0.87 * 7000 W / 377376 J/K.
+    maker, estimate = ForecastPlanner(VEHICLE), make_estimate(deviations={HEAT_LAG: 0.5})
+    before = make(estimate, maker)
+    make(estimate, maker)
+    later_k = 40.0 * (math.exp(0.5) - 1.0) * 0.87 * 7000.0 / 377376.0
+    assert asked[-1].uncertainty.deviation_k == pytest.approx(
+        math.hypot(REVEALED_SHARE * before.forecast.as_planned_k, LATER_SHARE * later_k))
 
 
 def test_a_new_route_is_planned_as_if_nothing_were_known_of_its_arrival(asked):
-    maker, estimate = ForecastPlanner(VEHICLE), make_estimate(deviations={TEMPERATURE: 1.0})
+    maker, estimate = ForecastPlanner(VEHICLE), make_estimate(deviations={HEAT_CAPACITY: 0.1})
     make(estimate, maker)
     maker.forget_deviation()
     make(estimate, maker)
     assert len(asked) == 4
-    assert [question.uncertainty_margin.lead_k == 0.0 for question in asked] == [True, False, True, False]
-
-
-@pytest.mark.parametrize('minimum_off_time_s, least_pause_s', [
-    (0.0, 600.0), (599.5, 600.0), (600.5, 600.5), (1200.0, 1200.0)])
-def test_a_pause_lasts_ten_minutes_or_the_least_time_off(asked, minimum_off_time_s, least_pause_s):
-    make(make_estimate(), settings=Settings(minimum_off_time_s=minimum_off_time_s))
-    assert asked[-1].uncertainty_margin.least_pause_s == least_pause_s
+    assert [question.uncertainty is None for question in asked] == [True, False, True, False]
 
 
 @pytest.mark.parametrize('is_heating', [False, True])
-def test_the_margin_knows_the_heater_and_its_least_heating(asked, is_heating):
+def test_the_plan_knows_whether_the_heater_is_on(asked, is_heating):
     make(make_estimate(), is_heating=is_heating)
-    margin = asked[-1].uncertainty_margin
-    assert (margin.is_heating, margin.least_heating_s) == (is_heating, 90.0)
+    assert asked[-1].uncertainty.is_heating is is_heating
 
 
 def test_a_long_least_time_on_does_not_leave_the_battery_cold():
@@ -148,20 +142,6 @@ def test_a_long_least_time_on_does_not_leave_the_battery_cold():
     plan = make(make_estimate(22.0), settings=Settings(minimum_on_time_s=600.0)).plan
     assert plan.status is Status.WAITING
     assert plan.arrival_temperature_c == pytest.approx(25.0, abs=0.2)
-
-
-@pytest.mark.parametrize('missing_k, status', [(0.1, Status.NOT_NEEDED), (0.5, Status.NOT_NEEDED),
-                                               (1.6, Status.WAITING)])
-def test_a_target_that_is_missed_by_less_than_the_least_heating_is_not_called_out_of_reach(missing_k, status):
-    # 90 s of heating warm the battery by 0.87 * (7000 - 1500) W * 90 s / 377376 J/K = 1.1 K.
-    unheated_c = make(make_estimate(22.0), goal=Goal(-30.0)).plan.arrival_temperature_c
-    plan = make(make_estimate(22.0), goal=Goal(unheated_c + missing_k), heated_s=600.0).plan
-    assert plan.status is status
-    remark = 'The missing 0.5 K take less than 90 s of heating, for which the heater is not switched on.'
-    assert (remark in plan.explanation) is (missing_k == 0.5)
-    if missing_k == 0.5:
-        assert plan.explanation.startswith('Heating finished after 10:00 min: arrival in 20:00 min at ')
-        assert plan.shortfall_k == pytest.approx(0.5, abs=0.01)
 
 
 # The state, and the corrected vehicle
@@ -290,16 +270,9 @@ def test_heat_that_is_mostly_late_is_commanded_where_the_target_is_too_far(asked
 
 def test_heat_that_is_commanded_though_all_of_it_is_late_is_told_as_that():
     # The lag is 40 s: in the last half minute the expected plan no longer heats, but the command does.
-    # A heater that is on stays on, because such a short pause is not worth switching.
-    forecast_plan = make(make_estimate(-10.0), route=ROUTE.after(1170.0), is_heating=True)
+    forecast_plan = make(make_estimate(-10.0), route=ROUTE.after(1170.0))
     assert (forecast_plan.plan.status, forecast_plan.plan.heating_start_s) == (Status.TARGET_UNREACHABLE, None)
     assert forecast_plan.commanded.heating_start_s == 0.0
-    assert forecast_plan.plan.explanation.startswith('Most of the heat arrives too late: arrival in 0:30 min at ')
-
-
-def test_heat_that_is_not_worth_a_start_shortly_before_arrival_is_not_blamed_on_the_cabin():
-    forecast_plan = make(make_estimate(-10.0), route=ROUTE.after(1170.0))
-    assert forecast_plan.commanded.heating_start_s is None
     assert forecast_plan.plan.explanation.startswith('Most of the heat arrives too late: arrival in 0:30 min at ')
 
 

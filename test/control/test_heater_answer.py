@@ -62,7 +62,7 @@ def driven(told_by_heater, until_s, gates=None, faults=(), settings=SETTINGS, st
 def test_what_the_car_refuses_is_not_promised(estimation):
     settings = replace(SETTINGS, estimation=estimation)
     supervisor, car, steps = driven(
-        as_it_is, 300.0 if estimation else 1000.0, HeatingGates(minimum_soc=0.95), settings=settings, state=COLD)
+        as_it_is, 500.0 if estimation else 1000.0, HeatingGates(minimum_soc=0.95), settings=settings, state=COLD)
     decision = supervisor.state.decision
     assert decision.status is Status.TARGET_UNREACHABLE
     assert decision.sentence is None or decision.explanation == decision.sentence
@@ -102,12 +102,13 @@ def test_honest_answers_change_no_drive():
     by_command = [[(time_s, command.battery_heating_power_w) for time_s, _, command in steps
                    if command is not None and command.battery_heating_power_w > 0.0] for steps in (silent, honest)]
     assert by_command[0][0][0] == pytest.approx(by_command[1][0][0], abs=40.0) and by_command[0][0][0] > 60.0
-    assert len(by_command[0]) == pytest.approx(len(by_command[1]), rel=0.05)
+    # A heater is on or off, and half a minute more or less is worth little.
+    assert len(by_command[0]) == pytest.approx(len(by_command[1]), abs=30.0)
 
 
 def test_dead_heater_whose_controller_measures_0_w_is_not_promised_within_seconds():
     supervisor, car, steps = driven(
-        measured, 60.0, faults=(HeaterFault(0.0, share=0.0),), state=COLD, period_s=1.0)
+        measured, 300.0, faults=(HeaterFault(0.0, share=0.0),), state=COLD, period_s=1.0)
     commanded_s = next(time_s for time_s, _, command in steps
                        if command is not None and command.battery_heating_power_w > 0.0)
     refused_s = next(time_s for time_s, decision, _ in steps if decision is not None
@@ -123,7 +124,7 @@ def test_dead_heater_whose_controller_measures_0_w_is_not_promised_within_second
      'battery temperature and power show more heat than it reports'),
 ], ids=['claims heat', 'denies heat'])
 def test_answers_that_battery_and_power_contradict_are_doubted(lie, fault, words):
-    supervisor, car, _ = driven(lie, 800.0, faults=() if fault is None else (fault,), state=COLD)
+    supervisor, car, _ = driven(lie, 1400.0, faults=() if fault is None else (fault,), state=COLD)
     answer = supervisor.state.heater_answer
     assert words in answer.doubt
     assert answer.doubt.startswith('hvch_status is in doubt: it reports ')

@@ -6,8 +6,7 @@ from functools import cache
 
 import numpy as np
 
-from bev_preheat.planning.situation import BatteryState, Goal
-from bev_preheat.planning.uncertainty_margin import UncertaintyMargin
+from bev_preheat.planning.situation import BatteryState, Goal, Uncertainty
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
@@ -25,7 +24,7 @@ def car(name):
 
 
 def draw(number, most_steps):
-    """Return (vehicle, route, state, goal, method, uncertainty margin) of situation `number`, some extreme."""
+    """Return (vehicle, route, state, goal, method, uncertainty) of situation `number`, some extreme."""
     random = np.random.default_rng([15, number])
     described = car(CARS[int(random.integers(2))])
     vehicle = replace(
@@ -55,10 +54,9 @@ def draw(number, most_steps):
     goal = Goal(float(random.uniform(5.0, min(40.0, highest_c))), float(random.choice([0.0, 0.2, 0.6])),
                 heating_pays=bool(random.random() < 0.9))
     method = ('value_function', 'optimal_switch', 'paper')[int(random.choice(3, p=[0.7, 0.2, 0.1]))]
-    uncertainty_margin = None if random.random() < 0.5 else UncertaintyMargin(
-        float(random.uniform(0.0, 1.0)), float(random.uniform(0.0, 2.0)), bool(random.random() < 0.5),
-        120.0, 20.0)
-    return vehicle, route, state, goal, method, uncertainty_margin
+    uncertainty = None if random.random() < 0.5 else Uncertainty(
+        float(random.uniform(0.02, 2.0)), bool(random.random() < 0.5))
+    return vehicle, route, state, goal, method, uncertainty
 
 
 def draw_without_limits(number):
@@ -77,11 +75,9 @@ def draw_without_limits(number):
     return vehicle, route, BatteryState(float(random.uniform(0.0, 10.0)), float(random.uniform(0.4, 0.95))), goal
 
 
-def draw_margin(number):
-    """Return a Caution, and the heater's share and lag [s], of situation `number`."""
+def draw_uncertainty(number):
+    """Return an Uncertainty, and the heater's share and lag [s], of situation `number`."""
     random = np.random.default_rng([30, number])
-    uncertainty_margin = UncertaintyMargin(
-        float(random.uniform(0.0, 0.5)), float(random.choice([0.0, 1e-4, 1.0, 7.0]) * random.uniform(0.2, 1.0)),
-        bool(random.random() < 0.3), float(random.choice([0.0, 300.0, 5000.0])),
-        float(random.choice([0.0, 30.0, 2000.0])))
-    return uncertainty_margin, float(random.choice([1.0, 1.0, 0.6])), float(random.choice([0.0, 40.0, 400.0]))
+    uncertainty = Uncertainty(
+        float(random.choice([1e-4, 0.1, 1.0, 4.0]) * random.uniform(0.2, 1.0)), bool(random.random() < 0.3))
+    return uncertainty, float(random.choice([1.0, 1.0, 0.6])), float(random.choice([0.0, 40.0, 400.0]))

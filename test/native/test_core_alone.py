@@ -51,7 +51,7 @@ int main(void) {
   const bev_trip trip = {STEPS, time_s, duration_s, power_w, variance_w2, heat_w, leakage, limit_w,
                          propulsion_w, drivetrain_w, ambient_c};
   const bev_status checked = bev_check_vehicle(&vehicle);
-  const bev_status status = bev_plan_switch(&vehicle, &trip, 0.83, -5.0, 16.0, 1, NULL, memory,
+  const bev_status status = bev_plan_switch(&vehicle, &trip, 0.83, -5.0, 16.0, 1, memory,
                                             soc, temperature_c, heater_w, &plan);
   printf("%d %d %.17g %.17g %.17g %.17g %.17g\n", (int)checked, (int)status,
          plan.switching_instant_s, temperature_c[STEPS], soc[STEPS], plan.energy_wh.hvch_electric,

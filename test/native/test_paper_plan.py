@@ -16,7 +16,6 @@ from bev_preheat.planning.dynamics import hottest_c
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.trip import make_trip
-from bev_preheat.planning.uncertainty_margin import UncertaintyMargin
 from bev_preheat.planning.unlimited import plan_unlimited_paper
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle.heat_path import HeatPath
@@ -127,5 +126,4 @@ def test_what_the_core_does_not_know_is_left_to_python():
     arrival_soc = float(schedule.soc[-1])
     assert plan_unlimited_paper(trip, START, Goal(15.0, arrival_soc)) is not None
     assert plan_unlimited_paper(trip, START, Goal(15.0, np.nextafter(arrival_soc, 1.0))) is None
-    assert plan_unlimited_paper(trip, START, Goal(15.0), UncertaintyMargin(0.1)) is None
     assert plan_unlimited_paper(trip, START, Goal(15.0, charging_planned=False)) is None

@@ -15,9 +15,9 @@ SAME_ENERGY_WH = 1e-3
 
 
 def plan_or_error(situation):
-    vehicle, route, state, goal, method, uncertainty_margin = situation
+    vehicle, route, state, goal, method, uncertainty = situation
     try:
-        return plan_preheating(vehicle, route, state, goal, method, uncertainty_margin)
+        return plan_preheating(vehicle, route, state, goal, method, uncertainty)
     except (InvalidInput, PlanningFailure) as error:
         return str(error)
 

@@ -100,15 +100,16 @@ def value_call(number):
     states[:2, 0] = state.soc, state.temperature_c
     flags = np.full(room('BEV_VALUE_BYTES', steps) + 64, 3, dtype=np.uint8)
     memory = np.full(room('BEV_VALUE_MEMORY', steps) + 64, 7.25)
+    ends_in = np.zeros(1, dtype=np.int32)
     return [native_vehicle(trip.vehicle).address, trip.native.address, addressof(asked),
-            *(array.ctypes.data for array in (states, powers_w, flags, memory))], (
-                trip, asked, states, powers_w, flags, memory)
+            *(array.ctypes.data for array in (states, powers_w, flags, memory, ends_in))], (
+                trip, asked, states, powers_w, flags, memory, ends_in)
 
 
 @pytest.mark.parametrize('number', [4, 7], ids=['at once', 'late'])
 def test_a_plan_by_values_needs_each_argument_and_no_more_memory_than_it_asks_for(number):
     arguments, kept = value_call(number)
-    *_, flags, memory = kept
+    *_, flags, memory, _ = kept
     for missing in range(len(arguments)):
         assert core().bev_plan_by_values(
             *arguments[:missing], None, *arguments[missing + 1:]) == BAD_ARGUMENT, missing
@@ -118,7 +119,7 @@ def test_a_plan_by_values_needs_each_argument_and_no_more_memory_than_it_asks_fo
 
 @pytest.mark.parametrize('value', [np.nan, np.inf])
 def test_a_plan_by_values_from_what_is_no_number_is_refused(value):
-    for name in ('target_c', 'lowest_soc'):
+    for name in ('target_c', 'lowest_soc', 'deviation_k'):
         arguments, kept = value_call(4)
         setattr(kept[1], name, value)
         assert core().bev_plan_by_values(*arguments) == BAD_INPUT, name

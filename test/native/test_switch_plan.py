@@ -19,7 +19,6 @@ from bev_preheat.native.structs import (
     room,
     RunOfPowersStruct,
     SwitchPlanStruct,
-    UncertaintyMarginStruct,
 )
 from bev_preheat.numerics.arithmetic import ARRAYS
 from bev_preheat.planning.dynamics import (
@@ -37,7 +36,6 @@ from bev_preheat.planning.schedule import Schedule
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.trip import heated_throughout, make_trip, MOST_KEPT_SEGMENTS
 from bev_preheat.planning.two_switches import plan_two_switches
-from bev_preheat.planning.uncertainty_margin import UncertaintyMargin
 from bev_preheat.planning.unlimited import plan_unlimited
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle.heat_path import HeatPath
@@ -128,15 +126,12 @@ def test_plans_without_active_limits_are_the_same():
     for number in range(80):
         *situation, goal = drawn_situations.draw_without_limits(number)
         method = ('value_function', 'optimal_switch')[number % 2]
-        uncertainty_margin = (None, None, UncertaintyMargin(0.4, 1.5, number % 2 == 0, 120.0, 300.0))[number % 3]
-        planned = plan_unlimited(
-            make_trip(*situation[:2]), situation[2], goal, uncertainty_margin, method == 'optimal_switch')
+        planned = plan_unlimited(make_trip(*situation[:2]), situation[2], goal, method == 'optimal_switch')
         if planned is None or planned[1] is None:
             # A limit is active: the charge that must be left, or the battery's; test_same_plans.py.
             continue
         whole += 1
-        found, expected = in_both(
-            lambda: plan_preheating(*situation, goal, method, uncertainty_margin).as_dictionary())
+        found, expected = in_both(lambda: plan_preheating(*situation, goal, method).as_dictionary())
         for plan in (found, expected):
             del plan['planning_time_s']
         energies_wh = [plan.pop('energy_wh') for plan in (found, expected)]
@@ -191,7 +186,7 @@ def test_accounts_are_the_same():
     assert kinds == {'brake', 'lacking', 'heat path', 'stranded'}
 
 
-def call_plan_switch(trip, vehicle=None, soc=0.8, start_c=-4.0, target_c=15.0, null=None, uncertainty_margin=None):
+def call_plan_switch(trip, vehicle=None, soc=0.8, start_c=-4.0, target_c=15.0, null=None):
     """Return (status, SwitchPlanStruct); `null` is the argument that is to be a null pointer."""
     steps = len(trip.route)
     kept = {'memory': np.empty(room('BEV_SWITCH_MEMORY', steps)), 'soc': np.empty(steps + 1),
@@ -200,7 +195,7 @@ def call_plan_switch(trip, vehicle=None, soc=0.8, start_c=-4.0, target_c=15.0, n
     vehicle = vehicle or NativeVehicle(trip.vehicle, hottest_c(trip.vehicle))
     status = core().bev_plan_switch(
         None if null == 'vehicle' else vehicle.address, None if null == 'trip' else trip.native.address,
-        soc, start_c, target_c, 1, None if uncertainty_margin is None else addressof(uncertainty_margin),
+        soc, start_c, target_c, 1,
         *(None if name == null else place(array) for name, array in kept.items()),
         None if null == 'plan' else addressof(plan))
     return status, plan
@@ -235,16 +230,6 @@ def test_a_trip_with_a_number_that_is_none_gives_no_plan(column):
     status, plan = call_plan_switch(trip)
     # The propulsion power decides only whether a step regenerates, and NaN does not.
     assert status < 0 or (column == 'propulsion_power_w' and status == 0)
-
-
-@pytest.mark.parametrize('number', [nan, inf, -inf])
-@pytest.mark.parametrize('at', range(3))
-def test_a_margin_that_is_no_number_is_refused(at, number):
-    numbers = [2.0, 300.0, 30.0]
-    trip = make_trip(FORMULAS, steady_route())
-    assert call_plan_switch(trip, uncertainty_margin=UncertaintyMarginStruct(*numbers, False))[0] == 0
-    numbers[at] = number
-    assert call_plan_switch(trip, uncertainty_margin=UncertaintyMarginStruct(*numbers, False))[0] == BAD_INPUT
 
 
 def test_time_that_does_not_rise_is_refused():

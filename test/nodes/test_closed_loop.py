@@ -36,7 +36,7 @@ MANY = QoSProfile(depth=1000, reliability=qos_profile_sensor_data.reliability)
 # On a busy computer simulated time slows down.
 TRIP_LIMIT_S = 240.0
 START_S = 1_700_000_000
-PLANNER = ('-p', 'use_sim_time:=true', '-p', 'method:=optimal_switch')
+PLANNER = ('-p', 'use_sim_time:=true')
 PATIENT = ('-p', f'command_lease:={LEASE_S}', '-p', 'command_period:=5.0', '-p', 'battery_state_timeout:=60.0',
            '-p', 'clock_tolerance:=10.0')
 SIMULATOR = ('-p', 'vehicle:=reference', '-p', 'initial_soc:=0.9', '-p', f'start_time:={START_S}.0',
@@ -148,8 +148,8 @@ def test_it_heats_for_a_reason_without_switching_on_and_off_and_is_off_after_arr
     assert {reason for _, power_w, reason in trip.powers() if power_w > 0.0} <= {
         Status.HEATING, Status.TARGET_UNREACHABLE}
     on = [power_w > 0.0 for instant_s, power_w, _ in trip.powers() if instant_s < trip.duration_s]
-    # On and off, and at most one further time close to the target.
-    assert 1 <= sum(before != after for before, after in zip(on, on[1:])) <= 3
+    # It may pause once, until it is known how much more heat is needed.
+    assert 1 <= sum(not before and after for before, after in zip(on, on[1:])) <= 2
     late = [(power_w, reason) for instant_s, power_w, reason in trip.powers()
             if instant_s >= trip.duration_s]
     assert late and set(late) == {(0.0, int(Status.ARRIVED))}

@@ -42,7 +42,6 @@ PATIENT = ('-p', 'battery_state_timeout:=60.0')
 SHARING = (*PATIENT, '-p', 'solver_niceness:=0', '-p', 'time_limit:=300.0')
 # No check by itself.
 ONLY_ASKED = (*SHARING, '-p', 'check_period:=0.0')
-SWITCH = (*PATIENT, '-p', 'method:=optimal_switch')
 QUICK_COMMANDS = ('-p', 'command_period:=0.1')
 REPORT_PATIENCE_S = 2400.0
 REAL_S_PER_S = 0.1
@@ -242,7 +241,7 @@ def own(graph):
 @pytest.fixture(scope='module')
 def planner_and_checker(graph):
     surroundings = Surroundings(graph)
-    surroundings.start('planner', *SWITCH)
+    surroundings.start('planner', *PATIENT)
     surroundings.start('nlp_checker', *ONLY_ASKED)
     return surroundings
 
@@ -254,7 +253,7 @@ def both(planner_and_checker):
     planner_and_checker.end_hanging()
     # Only if changed: setting the vehicle restarts the solver, even for the same vehicle.
     planner_and_checker.undo_set({
-        'planner': {'method': 'optimal_switch', 'planning_step': 30.0,
+        'planner': {'method': 'value_function', 'planning_step': 30.0,
                     'target_battery_temperature': nan, 'estimation': True, 'value_of_time': 10.0},
         'nlp_checker': {'vehicle': 'reference'}})
 
@@ -314,14 +313,14 @@ def test_refuses_a_demand_that_nothing_can_come_of(alone):
     assert not alone.check().success
 
 
-def test_reports_for_a_new_route_that_optimal_switch_is_the_optimum(both):
+def test_reports_for_a_new_route_that_its_plan_is_the_optimum(both):
     both.send_route('home')
     with both.feeding():
         report = both.report_on_plan('home')
     assert report.optimal
     assert report.solver_status == 'Solve_Succeeded'
     assert report.infeasible_constraint == ''
-    assert report.method == 'optimal_switch'
+    assert report.method == 'value_function'
     assert report.plan_arrival_temperature == pytest.approx(TARGET_C, abs=1e-3)
     assert report.optimal_arrival_temperature == pytest.approx(TARGET_C, abs=1e-3)
     assert abs(report.energy_gap) < 0.05
@@ -381,7 +380,7 @@ def test_a_plan_in_other_steps_is_made_again_for_the_goal_of_the_planner(both):
         report = both.report(of_route('to 11 degC'))
     assert report.optimal
     assert report.optimal_arrival_temperature == pytest.approx(target_c, abs=1e-3)
-    assert report.method == 'optimal_switch'
+    assert report.method == 'value_function'
     assert abs(report.energy_gap) < 0.05
 
 
@@ -652,7 +651,7 @@ def test_cannot_start_with_an_unknown_vehicle(call_main):
 # Beside other processes
 
 def test_planner_goes_on_while_the_checker_solves_hangs_and_dies(surroundings, wait_until):
-    surroundings.start('planner', *SWITCH, *QUICK_COMMANDS)
+    surroundings.start('planner', *PATIENT, *QUICK_COMMANDS)
     # The next check begins after the previous one.
     checker = surroundings.start('nlp_checker', *SHARING, '-p', 'check_period:=0.01')
     # Too cold to ever reach the target: it heats from the start.

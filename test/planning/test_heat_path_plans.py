@@ -18,10 +18,9 @@ from bev_preheat.planning.heat_run import state_with_heat_under_way
 from bev_preheat.planning.heating_intervals import Reason
 from bev_preheat.planning.limits import drive_as_planned
 from bev_preheat.planning.planner import METHODS, plan_preheating
-from bev_preheat.planning.situation import BatteryState, Goal
+from bev_preheat.planning.situation import BatteryState, Goal, Uncertainty
 from bev_preheat.planning.status import Status
 from bev_preheat.planning.trip import make_trip
-from bev_preheat.planning.uncertainty_margin import UncertaintyMargin
 from bev_preheat.route import load_route
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
@@ -306,38 +305,12 @@ def test_heat_under_way_is_shared_as_under_a_steady_command():
         REFERENCE.hvch.efficiency * state.heater_power_w)
 
 
-def test_caution_begins_early_and_ends_early():
-    plan, cautious = plan_of(BOTH, 'value_function'), plan_preheating(
-        slow(BOTH), ROUTE, STATE, GOAL, uncertainty_margin=UncertaintyMargin(margin_k=0.1, lead_k=1.0))
-    assert cautious.heating_start_s < plan.heating_start_s - 30.0
-    assert cautious.heating_end_s < plan.heating_end_s - 30.0
-    assert cautious.arrival_temperature_c == pytest.approx(25.1, abs=2e-3)
-    assert drive(BOTH, ROUTE, STATE, between(cautious.heating_start_s, cautious.heating_end_s))[
-        0] == pytest.approx(25.1, abs=0.02)
-
-
-def test_caution_leaves_out_heating_that_is_too_short():
-    unheated = plan_preheating(slow(BOTH), ROUTE, STATE, Goal(-30.0))
-    goal = Goal(unheated.arrival_temperature_c + 0.05)
-    assert plan_preheating(slow(BOTH), ROUTE, STATE, goal).heating_start_s is not None
-    assert plan_preheating(slow(BOTH), ROUTE, STATE, goal, uncertainty_margin=UncertaintyMargin(
-        least_heating_s=300.0)).heating_start_s is None
-
-
-def test_caution_does_not_switch_on_what_mostly_comes_too_late():
-    route, state = ROUTE.segments(117, 120), BatteryState(24.5, 0.6)
-    assert route.total_duration_s < BOTH.heat_lag_s + 1.0
-    goal = Goal(plan_preheating(slow(BOTH), route, state, Goal(-30.0)).arrival_temperature_c + 0.02)
-    assert plan_preheating(slow(BOTH), route, state, goal).heating_start_s is not None
-    for is_heating, heats in ((False, False), (True, True)):
-        plan = plan_preheating(
-            slow(BOTH),
-            route,
-            state,
-            goal,
-            uncertainty_margin=UncertaintyMargin(
-                is_heating=is_heating))
-        assert (plan.heating_start_s is not None) is heats
+@pytest.mark.parametrize('deviation_k', [1.0, 2.0])
+def test_what_is_uncertain_begins_earlier_and_arrives_at_the_target(deviation_k):
+    plan, careful = plan_of(BOTH, 'value_function'), plan_preheating(
+        slow(BOTH), ROUTE, STATE, GOAL, uncertainty=Uncertainty(deviation_k))
+    assert careful.heating_start_s < plan.heating_start_s - 30.0
+    assert careful.arrival_temperature_c == pytest.approx(25.0, abs=0.05)
 
 
 def test_json_holds_the_course_of_the_heat():

@@ -32,7 +32,6 @@ from bev_preheat.planning.planner import (
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
 from bev_preheat.planning.trip import make_trip
-from bev_preheat.planning.uncertainty_margin import UncertaintyMargin
 from bev_preheat.route import load_route
 from bev_preheat.vehicle import load_vehicle
 
@@ -167,17 +166,6 @@ def test_the_situation_is_the_trip_and_cannot_be_changed(powers):
         situation.goal = Goal(40.0)
 
 
-def test_the_target_has_the_margin_for_the_uncertainty(powers):
-    targets_c = []
-
-    def see(situation):
-        targets_c.append(situation.goal.target_temperature_c)
-        return situation.full_power(1800.0)
-
-    planned(powers, see, uncertainty_margin=UncertaintyMargin(margin_k=0.5))
-    assert set(targets_c) == {25.5}
-
-
 def test_full_power_between_two_instants(powers):
     trip = make_trip(VEHICLE, ROUTE)
     situation = MethodSituation.of_trip(trip, STATE, GOAL)
@@ -300,14 +288,6 @@ def test_heat_that_would_cost_the_reserve_is_left_out(powers):
 def test_a_method_is_not_asked_if_the_goal_needs_no_heat(powers, goal, status):
     plan = planned(powers, raising(AssertionError('asked')), goal=goal)
     assert plan.status is status and plan.heating_start_s is None
-
-
-def test_the_margin_begins_heating_earlier_and_ends_it_at_the_target(powers):
-    function = lambda situation: situation.full_power(1800.0)  # noqa: E731
-    plain = planned(powers, function)
-    cautious = planned(powers, function, uncertainty_margin=UncertaintyMargin(margin_k=0.3, lead_k=1.0))
-    assert cautious.heating_start_s < plain.heating_start_s - 30.0
-    assert cautious.arrival_temperature_c == pytest.approx(25.3, abs=0.01)
 
 
 PLANTS = {'reference': OwnPlant('reference'), 'mid_size_lfp': OwnPlant('mid_size_lfp')}

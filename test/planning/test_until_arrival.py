@@ -13,9 +13,8 @@ from bev_preheat.charging.target_worth import Prices
 from bev_preheat.charging.worth import find_worth
 from bev_preheat.planning.limits import drive_as_planned
 from bev_preheat.planning.planner import plan_preheating
-from bev_preheat.planning.situation import BatteryState, Goal
+from bev_preheat.planning.situation import BatteryState, Goal, Uncertainty
 from bev_preheat.planning.trip import make_trip
-from bev_preheat.planning.uncertainty_margin import UncertaintyMargin
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.heat_path import HeatPath
@@ -78,12 +77,12 @@ def test_the_heat_under_way_takes_no_charge_from_the_reserve():
 
 def test_a_heater_that_is_on_for_the_target_stays_on():
     """The planner plans again on every battery state; the later start must not switch the heater off."""
-    margin = UncertaintyMargin(0.1, 0.5, True, 120.0, 30.0)
     plan = plan_preheating(LATE, FLAT, STATE, COUNTED)
     step = int(np.searchsorted(plan.time_s, plan.heating_start_s)) + 2
     state = BatteryState(float(plan.battery_temperature_c[step]), float(plan.soc[step]),
                          float(plan.heat.heater_power_w[step]), float(plan.heat.coolant_excess_k[step]))
-    again = plan_preheating(LATE, FLAT.after(60.0 * step), state, COUNTED, uncertainty_margin=margin)
+    again = plan_preheating(
+        LATE, FLAT.after(60.0 * step), state, COUNTED, uncertainty=Uncertainty(0.3, is_heating=True))
     assert again.heating_start_s == pytest.approx(0.0, abs=1e-6)
 
 

@@ -16,6 +16,7 @@ from bev_preheat.nodes.convert import battery_event, route_plan_message, time_me
 from bev_preheat.nodes.flight_recording import _kind
 from bev_preheat.nodes.route_intake import RouteIntake
 from bev_preheat.nodes.simulator_messages import battery_state_message
+from bev_preheat.planning.planner import DEFAULT_METHOD
 from bev_preheat.planning.situation import BatteryState as Battery
 from bev_preheat.planning.situation import Goal
 from bev_preheat.route import load_route
@@ -36,7 +37,7 @@ KINDS = {'/battery_state': _kind(BatteryState), '/route_plan': _kind(RoutePlan)}
 
 def beginning(now_ns=START_NS, vehicle='reference', **changed):
     values = {'version': '0.3.0', 'node': '/planner', 'life': LIFE, 'part': 0, 'is_whole': True, 'now_ns': now_ns,
-              'uses_sim_time': True, 'parameters': {'method': 'optimal_switch'},
+              'uses_sim_time': True, 'parameters': {'method': DEFAULT_METHOD},
               'vehicle_file': vehicle_contents(vehicle).decode()}
     return Beginning(**{**values, **changed})
 

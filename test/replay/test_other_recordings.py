@@ -29,7 +29,7 @@ def test_a_bag_gives_the_commands_again(recorded, tmp_path, capsys, ahead_ns):
     """Also under simulated time, whose clock is far from the recorder's."""
     drive, folder = recorded
     bag = write_mcap(tmp_path / 'drive.mcap', topic_messages(folder, ahead_ns=ahead_ns))
-    status, result = replayed(capsys, bag, '--vehicle', 'reference', '--method', 'optimal_switch')
+    status, result = replayed(capsys, bag, '--vehicle', 'reference', '--method', 'value_function')
     assert (status, result['reproduced']) == (0, True)
     assert result['commands'] == sum(output.command is not None for _, output in drive.outputs[:STEPS])
     assert result['recorded']['hvch_commanded_wh'] > 200.0

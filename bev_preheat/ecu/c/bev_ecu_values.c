@@ -147,11 +147,13 @@ static bev_status plan_within_limits(const bev_vehicle *vehicle, const bev_trip 
   double *const states = room->interval.states;
   const double reserve = situation->reserve_soc;
   const bev_value_goal goal = {situation->heater_w > BEV_LEAST_HEATING_W ? 1 : 0,
-                               situation->target_c, reserve > 0.0 ? reserve + BEV_SPARE_SOC : 0.0};
+                               situation->target_c, reserve > 0.0 ? reserve + BEV_SPARE_SOC : 0.0,
+                               0.0, NULL};
+  int32_t ends_in = -1;
   bev_ecu_start(vehicle, trip, situation, states);
   /* The recursion works where the unheated run was. */
   bev_status status = bev_plan_by_values(vehicle, trip, &goal, states, room->powers_w,
-                                         room->flags, room->interval.idle_states);
+                                         room->flags, room->interval.idle_states, &ends_in);
   const int32_t is_empty = status == BEV_EMPTY ? 1 : 0;
   if (status != BEV_OK && is_empty == 0) {
     return status;

@@ -20,7 +20,7 @@ extern "C" {
 #endif
 
 /* Incremented when a struct or a function changes its meaning but not its form. */
-#define BEV_INTERFACE 7
+#define BEV_INTERFACE 8
 
 /* Maximum number of steps of a trip; if memory is fixed, compile with less: -DBEV_MOST_STEPS=360. */
 #ifndef BEV_MOST_STEPS
@@ -182,18 +182,6 @@ typedef struct {
   double battery_total;
 } bev_energies;
 
-/*
- * The uncertainty margin of a plan: the last heating interval begins early, by `lead_k` kelvin of heating. If
- * `is_heating` is not 0, the heater is on and pauses only for longer than `least_pause_s`. A heater that is off is
- * not switched on less than `least_heating_s` before arrival.
- */
-typedef struct {
-  double lead_k;
-  double least_pause_s;
-  double least_heating_s;
-  int32_t is_heating;
-} bev_uncertainty_margin;
-
 /* The reason for heating; the numbers are those of PreheatPlan.stretch_reason. */
 typedef enum {
   BEV_FOR_ARRIVAL = 0,
@@ -222,8 +210,6 @@ typedef struct {
 typedef struct {
   /* The switch-on instant [s]; NaN if the plan does not heat. */
   double switching_instant_s;
-  /* The final switch-off instant within a step [s]; NaN if heating ends on arrival or with a step. */
-  double heating_end_s;
   double least_soc;
   /* Energy of the heated steps [Wh, electrical]. */
   double interval_wh;
@@ -365,12 +351,16 @@ bev_status bev_drive_as_planned(const bev_vehicle *vehicle, const bev_trip *trip
 
 /*
  * The requirements on a plan: the target on arrival [deg C], and the state of charge that heating does not cost.
- * `is_heating` (not 0): the heater is on before the trip.
+ * `is_heating` (not 0): the heater is on before the trip. `deviation_k`: standard deviation of the arrival [K], of what
+ * becomes known on the way; 0: the drive goes as forecast. `price` (null: 1 everywhere) are `steps` factors of the
+ * battery energy, such as prices of energy from the grid as shares of the highest.
  */
 typedef struct {
   int32_t is_heating;
   double target_c;
   double lowest_soc;
+  double deviation_k;
+  const double *price;
 } bev_value_goal;
 
 /* Most temperatures of an instant. Memory of bev_plan_by_values: doubles, and bytes. */
@@ -383,11 +373,12 @@ typedef struct {
  *
  * `states` are four arrays of steps + 1 values (charge, temperature, heater power, coolant excess), whose first
  * values are the start; `powers_w` are four of `steps` (command, friction brake, heater power, heat into the
- * battery). `flags` has BEV_VALUE_BYTES bytes. BEV_EMPTY: the charge does not carry the trip without paid heat.
+ * battery). `flags` has BEV_VALUE_BYTES bytes. `ends_in` becomes the step within which heating ends (on, then off), or
+ * -1. BEV_EMPTY: the charge does not carry the trip without paid heat.
  */
 bev_status bev_plan_by_values(const bev_vehicle *vehicle, const bev_trip *trip,
                               const bev_value_goal *goal, double *states, double *powers_w,
-                              uint8_t *flags, double *memory);
+                              uint8_t *flags, double *memory, int32_t *ends_in);
 
 /*
  * The energies of a run that was made with an integrator. If `columns` is not null, four arrays of `steps` values
@@ -413,9 +404,8 @@ bev_status bev_find_switch(const bev_vehicle *vehicle, const bev_trip *trip, dou
 /*
  * The whole plan of a trip without an active limit, from a start: the unheated run and, if it arrives below the
  * target, the switching instant, the run, and its energies. BEV_LIMITED if a limit is active in the unheated run or
- * in the plan. Heat must arrive at once; a vehicle with a heat path is a bad argument. With `margin` (null:
- * without) heating begins early and ends as soon as the target is ensured. Unless `in_one_interval` is not 0, the
- * status is BEV_CHEAPER_ELSEWHERE if heating in other steps may cost less.
+ * in the plan. Heat must arrive at once; a vehicle with a heat path is a bad argument. Unless
+ * `in_one_interval` is not 0, the status is BEV_CHEAPER_ELSEWHERE if heating in other steps may cost less.
  *
  * `memory` has BEV_SWITCH_MEMORY(steps) doubles; unless the status is below BEV_OK, it begins with the unheated
  * run, charge and temperature at each instant. The plan's charge and temperature are written, and the heater's
@@ -423,8 +413,8 @@ bev_status bev_find_switch(const bev_vehicle *vehicle, const bev_trip *trip, dou
  */
 bev_status bev_plan_switch(const bev_vehicle *vehicle, const bev_trip *trip, double start_soc,
                            double start_c, double target_c, int32_t in_one_interval,
-                           const bev_uncertainty_margin *margin, double *memory, double *soc,
-                           double *temperature_c, double *heater_w, bev_switch_plan *plan);
+                           double *memory, double *soc, double *temperature_c, double *heater_w,
+                           bev_switch_plan *plan);
 
 /*
  * The effect of a watt of the heater in each step on the arrival, arrays of `steps` values: how much warmer the

@@ -13,7 +13,6 @@ from bev_preheat.control.command_history import CommandHistory
 from bev_preheat.control.events import BatteryStateArrived, RouteArrived
 from bev_preheat.control.expected_drive import intervals_between
 from bev_preheat.control.inputs import Leg, Measurement, Mission, NS_PER_S
-from bev_preheat.control.margins import LEAST_PAUSE_S, MOST_MARGIN_K
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.control.timetable import Timetable
@@ -21,8 +20,7 @@ from bev_preheat.estimation.estimator import Estimator
 from bev_preheat.estimation.state import NOMINAL_HEAT_LAG_S
 from bev_preheat.native.library import core
 from bev_preheat.planning.planner import plan_preheating, plan_unheated
-from bev_preheat.planning.situation import BatteryState
-from bev_preheat.planning.uncertainty_margin import UncertaintyMargin
+from bev_preheat.planning.situation import BatteryState, Uncertainty
 from bev_preheat.route import load_route
 from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
 from bev_preheat.simulation.sensors import Sensors
@@ -49,8 +47,8 @@ VOLTAGE_V = 400.0
 MEDIAN_MS, RARELY_MS = 0.4, 1.0
 # A whole drive over the pass, with active limits and a binding reserve.
 BINDING_MEDIAN_MS, BINDING_WORST_MS = 5.0, 20.0
-# Lead with which heating starts, at the certainty reached after some minutes [K].
-LEAD_K = 4.0
+# Uncertainty of the arrival after some minutes [K].
+DEVIATION_K = 1.0
 
 
 def measure(log: Callable[[str], object]) -> list[Figure]:
@@ -146,14 +144,13 @@ def _estimations_ms(vehicle: Vehicle, mission: Mission, measurements: list[Measu
 
 def _plans_ms(vehicle: Vehicle, mission: Mission, measurements: list[Measurement],
               settings: Settings) -> FloatArray:
-    """Return the time of a plan with the updates' uncertainty margin [ms of processor time]."""
+    """Return the time of a plan with the updates' uncertainty [ms of processor time]."""
     leg = mission.legs[0]
-    uncertainty_margin = UncertaintyMargin(MOST_MARGIN_K, LEAD_K, False, LEAST_PAUSE_S, settings.minimum_on_time_s)
 
     def plan(measurement: Measurement) -> object:
         route = leg.route_ahead(measurement.stamp_ns)
         assert route is not None
-        return plan_preheating(vehicle, route, measurement.state, GOAL, settings.method, uncertainty_margin,
+        return plan_preheating(vehicle, route, measurement.state, GOAL, settings.method, Uncertainty(DEVIATION_K),
                                heat_lag_s=NOMINAL_HEAT_LAG_S)
 
     return _times_ms(plan, measurements)

@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.planning.cheapest_hours import cost_of, fill_in_order, plan_in_cheapest_hours
+from bev_preheat.planning.plan_accounts import cost_of
 from bev_preheat.planning.planner import plan_preheating
-from bev_preheat.planning.situation import BatteryState, Goal
+from bev_preheat.planning.situation import BatteryState, Goal, Uncertainty
 from bev_preheat.planning.status import Status
 from bev_preheat.planning.trip import BELOW_HIGHEST_K
-from bev_preheat.planning.uncertainty_margin import UncertaintyMargin
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.grid import grid_fed
@@ -43,9 +42,9 @@ def hourly(prices):
 
 
 def planned(prices, start_c, ambient_c, target_c, **options):
-    return plan_in_cheapest_hours(
-        GRID, standing(len(prices), ambient_c), BatteryState(start_c, SOC), Goal(target_c), 'value_function',
-        hourly(prices), **options)
+    return plan_preheating(
+        GRID, standing(len(prices), ambient_c), BatteryState(start_c, SOC), Goal(target_c),
+        step_prices=hourly(prices), **options)
 
 
 def rises_k(steps):
@@ -85,8 +84,8 @@ def test_it_costs_as_little_as_the_linear_program(prices, start_c, ambient_c, ta
         return
     assert plan.arrival_temperature_c == pytest.approx(target_c, abs=1e-3)
     energy_kwh = np.abs(plan.hvch_battery_power_w).sum() * STEP_S / 3.6e6
-    # The planner integrates the leakage step by step, 0.02 % off the exact solution at most.
-    tolerance = 5e-4 * energy_kwh * max(counted) + 1e-6
+    # The recursion's temperatures lie apart, and what costs nothing counts as a thousandth of the highest price.
+    tolerance = 2e-3 * energy_kwh * max(counted) + 1e-6
     assert cost_of(plan, hourly(counted)) == pytest.approx(cost, abs=tolerance)
     assert plan.battery_temperature_c.max() <= max(CEILING_C, start_c) + 0.01
 
@@ -98,25 +97,26 @@ def test_it_never_costs_more_than_heating_as_late_as_possible(prices, start_c, t
     plan = planned(prices, start_c, ambient_c, target_c)
     latest = plan_preheating(GRID, standing(len(prices), ambient_c), BatteryState(start_c, SOC), Goal(target_c))
     counted = hourly(np.maximum(prices, 0.0))
-    assert cost_of(plan, counted) <= cost_of(latest, counted) + 1e-4
+    energy_kwh = latest.hvch_battery_power_w.sum() * STEP_S / 3.6e6
+    assert cost_of(plan, counted) <= cost_of(latest, counted) + 1e-3 * energy_kwh * max(0.0, *prices)
     assert plan.arrival_temperature_c == pytest.approx(latest.arrival_temperature_c, abs=2e-3)
 
 
 def test_at_one_price_it_heats_as_late_as_possible():
     plan = planned([0.3] * 4, -5.0, -8.0, 15.0)
     latest = plan_preheating(GRID, standing(4, -8.0), BatteryState(-5.0, SOC), Goal(15.0))
-    assert plan.heating_start_s == pytest.approx(latest.heating_start_s, abs=2.0)
-    np.testing.assert_allclose(plan.hvch_battery_power_w, latest.hvch_battery_power_w, atol=40.0)
+    # In the step before, a tenth of the power costs hardly more.
+    assert plan.heating_start_s == pytest.approx(latest.heating_start_s, abs=STEP_S)
+    assert plan.energy_wh.hvch_electric == pytest.approx(latest.energy_wh.hvch_electric, rel=5e-4)
 
 
 def test_heating_early_pays_from_the_ratio_of_prices_that_the_leakage_takes():
-    # A kelvin at the end costs exp(3600 s / tau) times as much if it is heated an hour earlier. Less than one step
-    # of heating is needed.
+    # A kelvin at the end costs more by the factor exp(3600 s / tau) if it is heated an hour earlier. Less than two
+    # steps of heating are needed.
     for factor, is_early in ((0.98, True), (1.02, False)):
         plan = planned([0.3 * factor * float(np.exp(-3600.0 / TAU_S)), 0.3], 5.0, -8.0, 0.0)
-        [heated] = np.flatnonzero(plan.hvch_battery_power_w)
-        # The last step of either hour.
-        assert heated == (11 if is_early else 23)
+        early_w, late_w = plan.hvch_battery_power_w.reshape(2, -1).sum(axis=1)
+        assert (early_w > 3.0 * late_w) if is_early else (late_w > 3.0 * early_w)
 
 
 def test_a_battery_that_is_warm_enough_is_not_heated_even_if_the_grid_pays():
@@ -130,43 +130,20 @@ def test_a_grid_that_pays_is_no_reason_to_heat_early_and_hot():
     latest = plan_preheating(GRID, standing(10, 0.0), BatteryState(0.0, SOC), Goal(35.0))
     assert plan.arrival_temperature_c == pytest.approx(35.0, abs=1e-3)
     assert plan.battery_temperature_c.max() <= 35.0 + 0.01
-    assert plan.heating_start_s == pytest.approx(latest.heating_start_s, abs=2.0)
+    assert plan.heating_start_s == pytest.approx(latest.heating_start_s, abs=STEP_S)
 
 
-def test_without_room_for_a_correction_it_begins_early_and_ends_early():
-    plain, careful = (planned([0.3] * 4, -5.0, -8.0, 15.0, uncertainty_margin=margin)
-                      for margin in (None, UncertaintyMargin(lead_k=2.0)))
-    per_s = VEHICLE.hvch.efficiency * FULL_W / VEHICLE.battery.heat_capacity_j_per_k
-    lead_s = plain.heating_start_s - careful.heating_start_s
-    # Some of the heat leaks, so 2 K at the end take a little longer.
-    assert 2.0 / per_s < lead_s < 1.4 * 2.0 / per_s
-    assert careful.arrival_temperature_c == pytest.approx(15.0, abs=1e-3)
-    assert careful.heating_end_s is not None and careful.heating_end_s < 4 * 3600.0 - 2.0 / per_s / 1.4
-
-
-def test_with_hours_left_for_a_correction_it_does_not_begin_early():
-    prices = [0.05] * 2 + [0.5] * 2
-    plain, careful = (planned(prices, -5.0, -8.0, 12.0, uncertainty_margin=margin)
-                      for margin in (None, UncertaintyMargin(lead_k=2.0)))
-    np.testing.assert_allclose(plain.hvch_battery_power_w, careful.hvch_battery_power_w)
-
-
-@given(st.integers(1, 12), st.data())
-@settings(max_examples=50)
-def test_filling_keeps_every_limit(steps, data):
-    def numbers(low, high):
-        return np.array(data.draw(st.lists(st.floats(low, high), min_size=steps, max_size=steps)))
-
-    most_k, room_k = numbers(0.0, 3.0), numbers(0.0, 10.0)
-    order = np.array(data.draw(st.permutations(range(steps))))
-    wanted_k = data.draw(st.floats(0.0, 20.0))
-    heat_k = fill_in_order(order, most_k, room_k, wanted_k)
-    assert (heat_k >= 0.0).all() and (heat_k <= most_k + 1e-12).all()
-    assert (np.cumsum(heat_k) <= room_k + 1e-9).all() and heat_k.sum() <= wanted_k + 1e-9
-    # Where some is left to fill, no step can take more.
-    if heat_k.sum() < wanted_k - 1e-6:
-        spare_k = np.minimum(most_k - heat_k, [min((room_k - np.cumsum(heat_k))[step:]) for step in range(steps)])
-        assert spare_k.max() < 1e-6
+@pytest.mark.parametrize('prices, insures', [([0.3] * 4, False), ([0.05] * 2 + [0.5] * 2, True)])
+def test_what_is_uncertain_is_answered_by_more_heat_only_where_that_is_cheap(prices, insures):
+    # At one price a later hour repairs what turns out colder; after cheap hours it is dear, so more is stored.
+    certain, careful = (planned(prices, -5.0, -8.0, 12.0, uncertainty=Uncertainty(deviation_k))
+                        for deviation_k in (0.1, 6.0))
+    assert careful.heating_start_s <= certain.heating_start_s
+    if insures:
+        assert careful.arrival_temperature_c > 13.0
+    else:
+        assert careful.arrival_temperature_c == pytest.approx(12.0, abs=1e-3)
+        assert certain.heating_start_s - careful.heating_start_s <= 3 * STEP_S
 
 
 def test_inputs_outside_the_model_are_refused():
