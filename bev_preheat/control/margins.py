@@ -18,7 +18,7 @@ __all__ = ['SHORTFALL_TOLERANCE_K', 'SOC_TOLERANCE']
 # on the way, evenly: errors persist, and the estimation learns most early. At least and at most so much
 # [K]. Heat that a longer lag than estimated would delay counts by its own share, less and less during the first
 # heating [s], which reveals the lag. All were chosen on `preheat robustness`.
-REVEALED_SHARE = 0.65
+REVEALED_SHARE = 0.6
 LEAST_REVEALED_K, MOST_REVEALED_K = 0.02, 3.0
 LATER_SHARE, LATER_UNTIL_S = 1.0, 900.0
 

@@ -328,6 +328,9 @@ class _Recursion:
             if is_found or looks >= MOST_LOOKS:
                 number, looks, is_priced = number + 1, 0, True
         self._arrive_exactly()
+        if self._cost_j(self.states, self._powers_w, aim_c) > self._cost_j(*kept, aim_c):
+            # The heat beyond the target was for limits on the way.
+            self.states, self._powers_w, self.ends_in = *kept, None
         command_w: FloatArray = self._powers_w[0]
         return command_w
 

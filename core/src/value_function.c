@@ -976,7 +976,15 @@ static bev_status plan(recursion *of, double *states, double *powers_w, int32_t 
       is_priced = 1;
     }
   }
-  return arrive_exactly(of, states, powers_w, ends_in);
+  status = arrive_exactly(of, states, powers_w, ends_in);
+  if (status == BEV_OK
+      && cost_of_run(of, states, powers_w, aim_c) > cost_of_run(of, of->kept, &of->kept[rows], aim_c)) {
+    /* The heat beyond the target was for limits on the way. */
+    memcpy(states, of->kept, rows * sizeof(double));
+    memcpy(powers_w, &of->kept[rows], 4u * (size_t)steps * sizeof(double));
+    *ends_in = -1;
+  }
+  return status;
 }
 
 /* What does not depend on the pass. */

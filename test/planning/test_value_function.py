@@ -344,6 +344,19 @@ def test_the_battery_gets_what_a_changing_cabin_leaves():
         np.repeat([7000.0, 0.0, 4000.0, 0.0, 5800.0], 12), [50, 51]))
 
 
+@pytest.mark.parametrize('target_c', [10.0, 13.0, 14.0, 15.0, 15.5])
+def test_heat_that_a_descent_pays_for_is_not_taken_back_for_an_exact_arrival(target_c):
+    # Found on a drawn trip: the arrival was made exact, and the brake took 300 Wh that the battery would have taken.
+    route = make_route({
+        'duration_s': [30.0] * 66, 'speed_mps': [22.0], 'propulsion_power_w': [14e3] * 23 + [-58e3] * 31 + [20e3] * 12,
+        'ambient_temperature_c': [-12.0], 'cabin_heating_power_w': [1300.0], 'auxiliary_power_w': [500.0]},
+        VEHICLE.defaults)
+    vehicle, state = replace(VEHICLE, heat_path=HeatPath(50.0, 30e3, 170.0)), BatteryState(-10.7, 0.676)
+    plan, warmer = (plan_preheating(vehicle, route, state, Goal(each_c)) for each_c in (target_c, target_c + 1.0))
+    assert warmer.arrival_temperature_c > target_c
+    assert plan.energy_wh.battery_total <= warmer.energy_wh.battery_total + ABOVE_OPTIMUM_WH
+
+
 # Heat above the target.
 
 @pytest.mark.parametrize('path', [HeatPath(), HeatPath(45.0, 15e3, 300.0)], ids=['at once', 'late'])
