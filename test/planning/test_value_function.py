@@ -346,9 +346,10 @@ def test_the_battery_gets_what_a_changing_cabin_leaves():
 
 @pytest.mark.parametrize('target_c', [10.0, 13.0, 14.0, 15.0, 15.5])
 def test_heat_that_a_descent_pays_for_is_not_taken_back_for_an_exact_arrival(target_c):
-    # Found on a drawn trip: the arrival was made exact, and the brake took 300 Wh that the battery would have taken.
+    # Found on a drawn trip: the arrival was made exact, and the brake took 300 Wh that the battery could have.
     route = make_route({
-        'duration_s': [30.0] * 66, 'speed_mps': [22.0], 'propulsion_power_w': [14e3] * 23 + [-58e3] * 31 + [20e3] * 12,
+        'duration_s': [30.0] * 66, 'speed_mps': [22.0],
+        'propulsion_power_w': [14e3] * 23 + [-58e3] * 31 + [20e3] * 12,
         'ambient_temperature_c': [-12.0], 'cabin_heating_power_w': [1300.0], 'auxiliary_power_w': [500.0]},
         VEHICLE.defaults)
     vehicle, state = replace(VEHICLE, heat_path=HeatPath(50.0, 30e3, 170.0)), BatteryState(-10.7, 0.676)
