@@ -213,7 +213,6 @@ class _Layer(NamedTuple):
         value_j: FloatArray = inside_j + (2.0 * SHORT_PRICE * below_k + BEYOND_PRICE * above_k) * joules_per_k
         return value_j
 
-
     def spread(self, variance_k2: float) -> _Layer:
         """Return the values averaged over a deviation in temperature, of this variance [K^2]."""
         values_j, left = self.values_j.copy(), variance_k2 / (self.grid_c[1] - self.grid_c[0]) ** 2

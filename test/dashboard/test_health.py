@@ -60,8 +60,9 @@ def test_before_the_first_message():
 
 def test_entries_are_read():
     found = diagnose([
-        EntrySeen('preheating', 0, 'WAITING', {'enabled': 'false', 'goal of prepare_battery': 'ready in 5 min',
-                                       'sensitivity of the plan': 'One more kelvin.'}),
+        EntrySeen('preheating', 0, 'WAITING', {
+            'enabled': 'false', 'goal of prepare_battery': 'ready in 5 min',
+            'sensitivity of the plan': 'One more kelvin.'}),
         EntrySeen('signals', 1, '', {'regime': 'charging', 'current in doubt since [s]': '12'}),
         EntrySeen('departures', 0, '', {'next departure': 'Mon 07:30', 'state': 'WAITS', 'skipped': ''})])
     assert (found.is_enabled, found.goal, found.regime, found.doubts) == (
