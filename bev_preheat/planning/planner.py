@@ -126,7 +126,7 @@ def plan_preheating(vehicle: Vehicle, route: Route, state: BatteryState, goal: G
     method = DEFAULT_METHOD if step_prices is not None else REPLACED.get(method, method)
     ways = built_in_ways(method) if method in METHODS else _installed(installed_method(method, METHODS), notes)
     started = perf_counter()
-    check_situation(vehicle, route, state, goal)
+    check_situation(vehicle, route, state, goal, uncertainty)
     if step_prices is not None:
         vehicle = _storing_no_hotter(vehicle, max(state.temperature_c, goal.target_temperature_c))
     trip = make_trip(vehicle, route, heater_share, heat_lag_s)
@@ -170,7 +170,9 @@ def plan_preheating(vehicle: Vehicle, route: Route, state: BatteryState, goal: G
 
 
 def _as_shares(price_per_kwh: FloatArray) -> FloatArray:
-    """Return prices (N,) as shares of the highest one; no price at all: 1 everywhere."""
+    """Return prices (N,) as shares of the highest one; no price at all: 1 everywhere. Raises InvalidInput."""
+    if not np.isfinite(price_per_kwh).all():
+        raise InvalidInput('price of energy: is not a number in every step; a finite price per kWh is needed')
     highest = float(price_per_kwh.max())
     return np.maximum(price_per_kwh / highest, LEAST_PRICE_SHARE) if highest > 0.0 else np.ones(len(price_per_kwh))
 

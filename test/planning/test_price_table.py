@@ -149,3 +149,9 @@ def test_what_is_uncertain_is_answered_by_more_heat_only_where_that_is_cheap(pri
 def test_inputs_outside_the_model_are_refused():
     with pytest.raises(InvalidInput, match='target battery temperature: 99 is not allowed'):
         planned([0.3], 0.0, 0.0, 99.0)
+
+
+@pytest.mark.parametrize('price', [np.nan, np.inf])
+def test_a_price_that_is_no_number_is_refused(price):
+    with pytest.raises(InvalidInput, match='price of energy: is not a number in every step'):
+        planned([0.3, price], 0.0, 0.0, 20.0)
