@@ -81,7 +81,7 @@ DECLINES = Declines()
 
 FILE = 'libbev_preheat_core.so'
 # BEV_INTERFACE of core.h.
-INTERFACE = 8
+INTERFACE = 9
 
 # Arguments by type: P an address, D a double, I an integer.
 _TYPES = {'P': c_void_p, 'D': c_double, 'I': c_int32}
@@ -113,7 +113,7 @@ _SIGNATURES = {
     'bev_arrival_variance': 'PPPPP',
     'bev_heat_along': 'PPPPPP',
     'bev_find_two_switches': 'PPDPPPPPP',
-    'bev_plan_by_values': 'PPPPPPPP',
+    'bev_plan_by_values': 'PPPPPPPPI',
     'bev_plan_trips': 'PPIPPPPDDIPPP',
 }
 

@@ -29,6 +29,9 @@ if TYPE_CHECKING:
     # The step in which the charge runs out, and its driven share.
     Stranded = tuple[int, float] | None
 
+# Here memory is cheaper than computing values twice.
+ALL_KEPT = 1
+
 
 def stand(vehicle: NativeVehicle, trip: NativeTrip, empty: int, states: FloatArray,
           powers_w: FloatArray) -> float | None:
@@ -76,7 +79,7 @@ def plan_by_values(vehicle: NativeVehicle, trip: NativeTrip, start: Sequence[flo
     memory, ends_in = np.empty(room('BEV_VALUE_MEMORY', steps)), c_int32()
     status = library.bev_plan_by_values(
         vehicle.address, trip.address, byref(goal), address_of(states), address_of(powers_w), address_of(flags),
-        address_of(memory), byref(ends_in))
+        address_of(memory), byref(ends_in), ALL_KEPT)
     if status == EMPTY:
         return PlanByValues(None)
     return PlanByValues(powers_w[0], None if ends_in.value < 0 else ends_in.value) if status == OK else None

@@ -30,6 +30,7 @@ PARAMETERS = 5
 POLYNOMIAL, POLYNOMIAL_AND_LOGARITHM, INVERSE_TEMPERATURE, TABLE = range(4)
 DOUBLE_BYTES = 8
 VALUE_POINTS = 128
+VALUE_KEPT_EVERY = 16
 # Memory of the functions of core.h, doubles (flags: bytes) for each step of a trip, and once.
 ROOMS = {
     'BEV_BELIEF_MEMORY': (1 + ELEMENTS + ELEMENTS * ELEMENTS, 0),
@@ -38,7 +39,9 @@ ROOMS = {
     'BEV_TRIPS_MEMORY': (12, 12),
     'BEV_TWO_SWITCHES_MEMORY': (1, 1),
     'BEV_VALUE_BYTES': (4, 0),
-    'BEV_VALUE_MEMORY': (2 * VALUE_POINTS + 21, 2 * VALUE_POINTS + 11)}
+    'BEV_VALUE_MEMORY': (2 * VALUE_POINTS + 21, 2 * VALUE_POINTS + 11),
+    'BEV_VALUE_SPARING_MEMORY': (
+        2 * VALUE_POINTS // VALUE_KEPT_EVERY + 21, 2 * VALUE_POINTS * VALUE_KEPT_EVERY + 11)}
 
 
 def room(name: str, steps: int) -> int:

@@ -99,6 +99,8 @@ typedef struct {
   double *due_price;
   double *commands_w;
   double *tried_w;
+  /* Every n-th layer is kept from the backward pass to the forward pass; the values of the layers. */
+  int32_t kept_every;
   double *values_j;
   /* The best run so far: states, powers. */
   double *kept;
@@ -124,13 +126,25 @@ static double joules_of_charge(const recursion *of, double voltage) {
   return of->vehicle->capacity_ah * 3600.0 * voltage;
 }
 
+/*
+ * Where the layer at instant k lies. Counted from the arrival, every `kept_every`-th has a place of its own; those in
+ * between have the places that all blocks share.
+ */
+static double *values_at(const recursion *of, int32_t k) {
+  const int32_t every = of->kept_every;
+  const int32_t left = of->trip->steps - k;
+  const int32_t place =
+      left % every == 0 ? left / every : of->trip->steps / every + left % every;
+  return &of->values_j[(size_t)place * 2u * BEV_VALUE_POINTS];
+}
+
 /* The layer at instant k around the path; in the first pass over all temperatures. */
 static layer layer_at(const recursion *of, int32_t k, int32_t number, const double range_c[2]) {
   const double half_k =
       HALF_WIDTHS_K[number] + BEV_WIDER_DEVIATIONS * of->goal->deviation_k;
   const double low_c = number == 0 ? range_c[0] : of->path_c[k] - half_k;
   const double high_c = number == 0 ? range_c[1] : of->path_c[k] + half_k;
-  layer at = {low_c, STEPS_K[number], 0, &of->values_j[(size_t)k * 2u * BEV_VALUE_POINTS], NULL};
+  layer at = {low_c, STEPS_K[number], 0, values_at(of, k), NULL};
   const double points = (high_c - low_c) / at.step_k + 2.0;
   if (points > (double)BEV_VALUE_POINTS) {
     at.points = BEV_VALUE_POINTS;
@@ -611,13 +625,24 @@ static void spread(double *values_j, int32_t points, double share) {
 }
 
 /* The values as expected before step k, in which a share of the arrival's uncertainty becomes known. */
-static void expect_after(const recursion *of, int32_t k, const layer *next) {
+static void expect_after(const recursion *of, int32_t k, int32_t number, const layer *next) {
+  if (number == 0 || k < 0) {
+    return;
+  }
   const double deviation_k = of->goal->deviation_k;
   const double *left_s = of->left_s;
   const double variance_k2 = deviation_k * deviation_k
       * (left_s[k] * left_s[k] - left_s[k + 1] * left_s[k + 1]) / (left_s[0] * left_s[0]);
   spread(next->off_j, next->points, variance_k2 / (next->step_k * next->step_k));
   spread(next->on_j, next->points, variance_k2 / (next->step_k * next->step_k));
+}
+
+/* The layer at instant k, from the next layer, as it is expected before step k - 1. */
+static bev_status find_layer(const recursion *of, int32_t k, int32_t number, const layer *at,
+                             const layer *next) {
+  const bev_status status = values_of_layer(of, k, at, next);
+  expect_after(of, k - 1, number, at);
+  return status;
 }
 
 /* The backward pass: the values of all layers, from that of the arrival at `aim_c`. */
@@ -634,14 +659,12 @@ static bev_status find_values(recursion *of, int32_t number, const double range_
         (BEV_SHORT_PRICE * short_k - (BEV_SHORT_PRICE - BEV_NEAR_PRICE) * near_k) * of->joules_per_k;
     layers[1].on_j[n] = layers[1].off_j[n];
   }
+  expect_after(of, steps - 1, number, &layers[1]);
   of->price_j[steps] = 0.0;
   for (int32_t k = steps - 1; k >= 0; k--) {
-    if (number > 0) {
-      expect_after(of, k, &layers[1]);
-    }
     layers[0] = layer_at(of, k, number, range_c);
     watch_step(of, k, layers);
-    bev_status status = values_of_layer(of, k, &layers[0], &layers[1]);
+    bev_status status = find_layer(of, k, number, &layers[0], &layers[1]);
     of->price_j[k] = 0.0;
     of->late_price_j[k] = 0.0;
     if (status == BEV_OK && of->has_prices != 0) {
@@ -656,6 +679,26 @@ static bev_status find_values(recursion *of, int32_t number, const double range_
     layers[1] = layers[0];
   }
   return BEV_OK;
+}
+
+/*
+ * If layer k has a place of its own, find again the layers between it and the next layer that has. Prices and limits of
+ * each step are those of the backward pass, so the values are too. The layers of the first block, with which the
+ * backward pass ended, are still there.
+ */
+static bev_status find_block_again(const recursion *of, int32_t k, int32_t number,
+                                   const double range_c[2]) {
+  bev_status status = BEV_OK;
+  if (k == 0 || (of->trip->steps - k) % of->kept_every != 0) {
+    return status;
+  }
+  layer next = layer_at(of, k + of->kept_every, number, range_c);
+  for (int32_t n = k + of->kept_every - 1; n > k && status == BEV_OK; n--) {
+    const layer at = layer_at(of, n, number, range_c);
+    status = find_layer(of, n, number, &at, &next);
+    next = at;
+  }
+  return status;
 }
 
 /* Write the end of step k into the run. */
@@ -680,8 +723,10 @@ static bev_status find_path(const recursion *of, int32_t number, const double ra
     step_end ends[MOST_ENDS];
     int32_t count = 0;
     const double at_once[4] = {start[0], start[1], 0.0, 0.0};
-    bev_status status =
-        ends_of_step(of, k, at_once, start[1] + under_way_k(of, k, start), ends, &count);
+    bev_status status = find_block_again(of, k, number, range_c);
+    if (status == BEV_OK) {
+      status = ends_of_step(of, k, at_once, start[1] + under_way_k(of, k, start), ends, &count);
+    }
     if (status != BEV_OK) {
       return status;
     }
@@ -1065,13 +1110,14 @@ static int are_prices(const double *price, int32_t steps) {
 
 bev_status bev_plan_by_values(const bev_vehicle *vehicle, const bev_trip *trip,
                               const bev_value_goal *goal, double *states, double *powers_w,
-                              uint8_t *flags, double *memory, int32_t *ends_in) {
+                              uint8_t *flags, double *memory, int32_t *ends_in,
+                              int32_t kept_every) {
   const bev_status checked = bev_checked(vehicle, trip, 0);
   if (checked != BEV_OK) {
     return checked;
   }
   if (goal == NULL || states == NULL || powers_w == NULL || flags == NULL || memory == NULL
-      || ends_in == NULL || trip->steps < 1) {
+      || ends_in == NULL || kept_every < 1 || trip->steps < 1) {
     return BEV_BAD_ARGUMENT;
   }
   if (!isfinite(goal->target_c) || !isfinite(goal->lowest_soc) || !isfinite(goal->deviation_k)
@@ -1088,6 +1134,7 @@ bev_status bev_plan_by_values(const bev_vehicle *vehicle, const bev_trip *trip,
   of.is_certain = goal->deviation_k > 0.0 ? 0 : 1;
   of.switch_on_j = BEV_JOULES_PER_WH
       * (of.is_certain != 0 ? BEV_SWITCH_ON_WH : BEV_SWITCH_ON_EXPECTED_WH);
+  of.kept_every = kept_every;
   *ends_in = -1;
   prepare(&of, memory, flags);
   of.lack_price = BEV_LACK_PRICE;

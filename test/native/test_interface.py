@@ -13,6 +13,7 @@ HEADERS, BINDINGS = read_headers(), bindings()
 NUMBERS = {
     'BEV_MOST_AXIS': structs.MOST_AXIS, 'BEV_MOST_FACTORS': structs.MOST_FACTORS,
     'BEV_CURVE_PARAMETERS': structs.PARAMETERS, 'BEV_VALUE_POINTS': structs.VALUE_POINTS,
+    'BEV_VALUE_KEPT_EVERY': structs.VALUE_KEPT_EVERY,
     'BEV_MOST_STEPS': structs.MOST_STEPS,
     'BEV_ELEMENTS': belief_structs.ELEMENTS, 'BEV_BOUNDED': belief_structs.BOUNDED,
     'BEV_MOST_HEATERS': belief_structs.MOST_HEATERS, 'BEV_WAYS': trips.WAYS_OF_TRIP,

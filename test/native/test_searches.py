@@ -10,7 +10,7 @@ import pytest
 
 from bev_preheat.native import library as library_module
 from bev_preheat.native.library import core, core_in_words, without_core
-from bev_preheat.native.structs import room, StrandingStruct, ValueGoalStruct
+from bev_preheat.native.structs import room, StrandingStruct, VALUE_KEPT_EVERY, ValueGoalStruct
 from bev_preheat.planning.dynamics import native_vehicle
 from bev_preheat.planning.limits import drive_as_planned, run_unheated
 from bev_preheat.planning.trip import make_trip
@@ -91,30 +91,48 @@ def test_commands_are_driven_as_in_python(number, soc):
             *arguments[:missing], None, *arguments[missing + 1:]) == BAD_ARGUMENT, missing
 
 
-def value_call(number):
+def value_call(number, kept_every=1, deviation_k=0.0, room_of='BEV_VALUE_MEMORY'):
     """Return the arguments of bev_plan_by_values for a situation, and the arrays behind them."""
     trip, state, goal = situation(number)
     steps = trip.native.steps
-    asked = ValueGoalStruct(False, goal.target_temperature_c, 0.0)
+    asked = ValueGoalStruct(False, goal.target_temperature_c, 0.0, deviation_k)
     states, powers_w = np.zeros((4, steps + 1)), np.zeros((4, steps))
     states[:2, 0] = state.soc, state.temperature_c
     flags = np.full(room('BEV_VALUE_BYTES', steps) + 64, 3, dtype=np.uint8)
-    memory = np.full(room('BEV_VALUE_MEMORY', steps) + 64, 7.25)
+    memory = np.full(room(room_of, steps) + 64, 7.25)
     ends_in = np.zeros(1, dtype=np.int32)
     return [native_vehicle(trip.vehicle).address, trip.native.address, addressof(asked),
-            *(array.ctypes.data for array in (states, powers_w, flags, memory, ends_in))], (
+            *(array.ctypes.data for array in (states, powers_w, flags, memory, ends_in)), kept_every], (
                 trip, asked, states, powers_w, flags, memory, ends_in)
 
 
 @pytest.mark.parametrize('number', [4, 7], ids=['at once', 'late'])
-def test_a_plan_by_values_needs_each_argument_and_no_more_memory_than_it_asks_for(number):
-    arguments, kept = value_call(number)
+@pytest.mark.parametrize('kept_every, room_of', [
+    (1, 'BEV_VALUE_MEMORY'), (2, 'BEV_VALUE_MEMORY'), (10**6, 'BEV_VALUE_MEMORY'),
+    (VALUE_KEPT_EVERY, 'BEV_VALUE_SPARING_MEMORY')])
+def test_a_plan_by_values_needs_each_argument_and_no_more_memory_than_it_asks_for(number, kept_every, room_of):
+    arguments, kept = value_call(number, kept_every, room_of=room_of)
     *_, flags, memory, _ = kept
     for missing in range(len(arguments)):
         assert core().bev_plan_by_values(
-            *arguments[:missing], None, *arguments[missing + 1:]) == BAD_ARGUMENT, missing
+            *arguments[:missing], 0, *arguments[missing + 1:]) == BAD_ARGUMENT, missing
     assert core().bev_plan_by_values(*arguments) == 0
     assert (flags[-64:] == 3).all() and (memory[-64:] == 7.25).all()
+
+
+@pytest.mark.parametrize('deviation_k', [0.0, 2.0])
+@pytest.mark.parametrize('number', [6, 3], ids=['at once', 'late'])
+def test_a_plan_by_values_is_the_same_however_few_values_are_kept(number, deviation_k):
+    steps = situation(number)[0].native.steps
+    plans = []
+    for kept_every in (1, 2, 3, VALUE_KEPT_EVERY, steps - 1, steps, steps + 1, 2**31 - 1):
+        arguments, kept = value_call(number, kept_every, deviation_k)
+        assert core().bev_plan_by_values(*arguments) == 0
+        _, _, states, powers_w, _, _, ends_in = kept
+        assert powers_w[0].any() and not powers_w[0].all()
+        plans.append((states.tobytes(), powers_w.tobytes(), int(ends_in[0])))
+    assert steps > 2 * VALUE_KEPT_EVERY
+    assert set(plans) == {plans[0]}
 
 
 @pytest.mark.parametrize('value', [np.nan, np.inf])

@@ -30,8 +30,8 @@
 /* Memory of bev_ecu_plan_by_values: doubles, and bytes. */
 #define BEV_ECU_VALUE_MEMORY(steps)                                                                 \
   (9 * (steps) + 4                                                                                  \
-   + (BEV_VALUE_MEMORY(steps) > BEV_ECU_MEMORY(steps) ? BEV_VALUE_MEMORY(steps)                     \
-                                                      : BEV_ECU_MEMORY(steps)))
+   + (BEV_VALUE_SPARING_MEMORY(steps) > BEV_ECU_MEMORY(steps) ? BEV_VALUE_SPARING_MEMORY(steps)     \
+                                                              : BEV_ECU_MEMORY(steps)))
 #define BEV_ECU_VALUE_BYTES(steps)                                                                  \
   (BEV_VALUE_BYTES(steps) > 2 * (steps) ? BEV_VALUE_BYTES(steps) : 2 * (steps))
 

@@ -153,7 +153,8 @@ static bev_status plan_within_limits(const bev_vehicle *vehicle, const bev_trip 
   bev_ecu_start(vehicle, trip, situation, states);
   /* The recursion works where the unheated run was. */
   bev_status status = bev_plan_by_values(vehicle, trip, &goal, states, room->powers_w,
-                                         room->flags, room->interval.idle_states, &ends_in);
+                                         room->flags, room->interval.idle_states, &ends_in,
+                                         BEV_VALUE_KEPT_EVERY);
   const int32_t is_empty = status == BEV_EMPTY ? 1 : 0;
   if (status != BEV_OK && is_empty == 0) {
     return status;

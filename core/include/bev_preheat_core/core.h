@@ -20,7 +20,7 @@ extern "C" {
 #endif
 
 /* Incremented when a struct or a function changes its meaning but not its form. */
-#define BEV_INTERFACE 8
+#define BEV_INTERFACE 9
 
 /* Maximum number of steps of a trip; if memory is fixed, compile with less: -DBEV_MOST_STEPS=360. */
 #ifndef BEV_MOST_STEPS
@@ -363,9 +363,14 @@ typedef struct {
   const double *price;
 } bev_value_goal;
 
-/* Most temperatures of an instant. Memory of bev_plan_by_values: doubles, and bytes. */
+/*
+ * Most temperatures of an instant. Memory of bev_plan_by_values: doubles if it keeps the values of all instants, doubles
+ * if it keeps those of every 16th, and bytes.
+ */
 #define BEV_VALUE_POINTS 128
+#define BEV_VALUE_KEPT_EVERY 16
 #define BEV_VALUE_MEMORY(steps) (277 * (steps) + 267)
+#define BEV_VALUE_SPARING_MEMORY(steps) (37 * (steps) + 4107)
 #define BEV_VALUE_BYTES(steps) (4 * (steps))
 
 /*
@@ -375,10 +380,15 @@ typedef struct {
  * values are the start; `powers_w` are four of `steps` (command, friction brake, heater power, heat into the
  * battery). `flags` has BEV_VALUE_BYTES bytes. `ends_in` becomes the step within which heating ends (on, then off), or
  * -1. BEV_EMPTY: the charge does not carry the trip without paid heat.
+ *
+ * `kept_every`: 1 keeps the values of all instants. A larger number keeps those of every such instant and computes the
+ * others twice; the plan is the same. `memory` has BEV_VALUE_MEMORY doubles; with BEV_VALUE_KEPT_EVERY
+ * BEV_VALUE_SPARING_MEMORY are enough.
  */
 bev_status bev_plan_by_values(const bev_vehicle *vehicle, const bev_trip *trip,
                               const bev_value_goal *goal, double *states, double *powers_w,
-                              uint8_t *flags, double *memory, int32_t *ends_in);
+                              uint8_t *flags, double *memory, int32_t *ends_in,
+                              int32_t kept_every);
 
 /*
  * The energies of a run that was made with an integrator. If `columns` is not null, four arrays of `steps` values
