@@ -173,7 +173,7 @@ def _plan_in_python(trip: Trip, start: States, wanted: _Wanted) -> native_search
 
 class ValueTable(NamedTuple):
     """
-    What the rest of a trip costs, at each instant and temperature: `values_j` [J] (N + 1, P).
+    Costs of the rest of a trip, for each instant and temperature: `values_j` [J] (N + 1, P).
 
     `temperature_c` (P,) [deg C] includes the heat under way; `joules_per_k` is the heater's energy for a kelvin.
     """
