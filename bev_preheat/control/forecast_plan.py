@@ -29,6 +29,7 @@ from bev_preheat.estimation.state import FACTORS, PROPULSION
 from bev_preheat.numerics.arithmetic import array_exp
 from bev_preheat.planning.explanation import explain
 from bev_preheat.planning.heat_run import state_with_heat_under_way
+from bev_preheat.planning.kept_values import KeptValues
 from bev_preheat.planning.plan import Plan
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal, reserve_soc, Uncertainty
@@ -137,7 +138,7 @@ def believed_share(heater: HeaterReport) -> float:
 
 
 class ForecastPlanner:
-    """Makes ForecastPlans for one vehicle; caches the corrected vehicle until its factors move."""
+    """Makes ForecastPlans for one vehicle; keeps the corrected vehicle and the values of plans while they hold."""
 
     def __init__(self, vehicle: Vehicle) -> None:
         """Take the vehicle as its file describes it."""
@@ -147,6 +148,7 @@ class ForecastPlanner:
         self._factors: tuple[float, ...] = ()
         self._corrected = vehicle
         self._forecast: Forecast | None = None
+        self._kept = KeptValues()
 
     def limit_to(self, vehicle: Vehicle) -> None:
         """Take the same vehicle with other power limits."""
@@ -170,7 +172,7 @@ class ForecastPlanner:
 
         Raises what plan_preheating raises.
         """
-        planning = _Planning(task, estimate, fed(self.vehicle(estimate), task.preparation_goal))
+        planning = _Planning(task, estimate, fed(self.vehicle(estimate), task.preparation_goal), self._kept)
         wanted = planning.wanted(self._forecast)
         if self._forecast is None:
             # The uncertainty depends on the plan that it is for.
@@ -193,8 +195,8 @@ class ForecastPlanner:
 class _Planning:
     """The plans for one task with one estimate and its corrected vehicle."""
 
-    def __init__(self, task: PlanningTask, estimate: Estimate, vehicle: Vehicle) -> None:
-        self._task, self._estimate, self._vehicle = task, estimate, vehicle
+    def __init__(self, task: PlanningTask, estimate: Estimate, vehicle: Vehicle, kept: KeptValues) -> None:
+        self._task, self._estimate, self._vehicle, self._kept = task, estimate, vehicle, kept
         self._state, self.share = believed_state(vehicle, estimate), believed_share(estimate.heater)
         # Lag after which heat arrives; a vehicle with a heat path has it in its model.
         self._lag_s = estimate.heat_lag_s if vehicle.heat_path.is_direct else 0.0
@@ -256,7 +258,7 @@ class _Planning:
         task = self._task
         return plan_preheating(
             self._vehicle, self._route, self._state, task.goal, task.settings.method, self._uncertainty(forecast),
-            step_prices=self._step_prices,
+            step_prices=self._step_prices, kept=self._kept,
             heat_lag_s=self._lag_s if heat_lag_s is None else heat_lag_s, **heater_as)
 
     def _uncertainty(self, forecast: Forecast | None) -> Uncertainty | None:

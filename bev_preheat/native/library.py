@@ -41,7 +41,7 @@ from bev_preheat.native.structs import (
     VehicleStruct,
 )
 
-OK, SATURATED, EMPTY, NO_CROSSING, LIMITED, CHEAPER_ELSEWHERE = range(6)
+OK, SATURATED, EMPTY, NO_CROSSING, LIMITED, CHEAPER_ELSEWHERE, LEFT = range(7)
 # Values of bev_status, then their names in the counter.
 REASONS = {
     SATURATED: 'the battery is short of power', EMPTY: 'the charge runs out', NO_CROSSING: 'no crossing',
@@ -81,7 +81,7 @@ DECLINES = Declines()
 
 FILE = 'libbev_preheat_core.so'
 # BEV_INTERFACE of core.h.
-INTERFACE = 9
+INTERFACE = 10
 
 # Arguments by type: P an address, D a double, I an integer.
 _TYPES = {'P': c_void_p, 'D': c_double, 'I': c_int32}
@@ -114,6 +114,7 @@ _SIGNATURES = {
     'bev_heat_along': 'PPPPPP',
     'bev_find_two_switches': 'PPDPPPPPP',
     'bev_plan_by_values': 'PPPPPPPPI',
+    'bev_follow_values': 'PPPIPPPPP',
     'bev_plan_trips': 'PPIPPPPDDIPPP',
 }
 

@@ -17,6 +17,7 @@ from bev_preheat.planning.explanation import explain
 from bev_preheat.planning.gated_heat import notes_on_route, schedule_within_gates
 from bev_preheat.planning.heat_run import initial_states, run_heated
 from bev_preheat.planning.installed_methods import find_methods, installed_method, InstalledMethod, MethodFailure
+from bev_preheat.planning.kept_values import KeptValues
 from bev_preheat.planning.limits import drive_as_planned
 from bev_preheat.planning.no_regret import giving_way, is_described, NoRegretCheck, unheated_within_limits
 from bev_preheat.planning.optimal_switch import plan_optimal_switch
@@ -107,13 +108,14 @@ def plan_preheating(vehicle: Vehicle, route: Route, state: BatteryState, goal: G
                     method: str = DEFAULT_METHOD, uncertainty: Uncertainty | None = None,
                     step_prices: StepPrices | None = None, heater_share: float = 1.0,
                     heats_throughout: bool = False, heat_lag_s: float = 0.0, no_regret: bool = True,
-                    **options: Any) -> Plan:
+                    kept: KeptValues | None = None, **options: Any) -> Plan:
     """
     Return the Plan for a vehicle with a battery state at the start of a route.
 
     `method` is a name in `method_names()` or REPLACED; `options` are its own. With an `uncertainty`
     `value_function` plans for the least expected energy; other methods do not know it. With `step_prices` the plan
-    is that of `value_function` in any case, and a negative price counts as 0. `heater_share` (0 ... 1) is the
+    is that of `value_function` in any case, and a negative price counts as 0. `kept` are the values of earlier plans
+    of the drive, which save time if they still hold. `heater_share` (0 ... 1) is the
     share of its power that the heater gives. With `heats_throughout` the heater heats regardless of the plan; the
     energies include that. The heat arrives `heat_lag_s` [s] late; heat that would come after the end is not
     planned. (This is for a vehicle without a heat path; a heat path is planned as such, and `state` gives the heat
@@ -137,7 +139,7 @@ def plan_preheating(vehicle: Vehicle, route: Route, state: BatteryState, goal: G
     outcome = None
     try:
         if uncertainty is not None and method == DEFAULT_METHOD:
-            options = {**options, 'uncertainty': uncertainty}
+            options = {**options, 'uncertainty': uncertainty, 'kept': kept}
         if step_prices is not None:
             options = {**options, 'price': _as_shares(step_prices(trip.time_s))}
         found = (ways.unlimited(trip, state, goal)
@@ -251,7 +253,7 @@ def schedule_trip(trip: Trip, state: BatteryState, goal: Goal, ways: _Ways, no_r
     proposals = [partial(propose, **options)]
     if 'uncertainty' in options:
         # Heat for the uncertainty is left out before the target is lowered for the reserve.
-        proposals.append(partial(propose, **{**options, 'uncertainty': None}))
+        proposals.append(partial(propose, **{**options, 'uncertainty': None, 'kept': None}))
     return NoRegretCheck(trip, state, goal, unheated).serve(proposals)
 
 

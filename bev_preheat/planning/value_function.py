@@ -39,6 +39,7 @@ from bev_preheat.numerics.arithmetic import ARRAYS
 from bev_preheat.planning.bracketing import ARRIVAL_TOLERANCE_K, MOST_TRIALS
 from bev_preheat.planning.dynamics import JOULES_PER_WH, limits_of_steps_w, native_vehicle
 from bev_preheat.planning.heat_run import heat_to_come_k, initial_states
+from bev_preheat.planning.kept_values import KeptValues, Requirements
 from bev_preheat.planning.limits import drive_as_planned, make_limited_drive, run_unheated
 from bev_preheat.planning.no_regret import NO_WORSE_W
 from bev_preheat.planning.schedule import ended_within, HeldBack
@@ -115,13 +116,14 @@ SPARE_SOC = 1e-7
 
 def plan_by_values(trip: Trip, state: BatteryState, goal: Goal,
                    unheated: Schedule | None = None, uncertainty: Uncertainty | None = None,
-                   price: FloatArray | None = None) -> Schedule:
+                   price: FloatArray | None = None, kept: KeptValues | None = None) -> Schedule:
     """
     Return the Schedule with the least battery energy that reaches the target within limits.
 
     Without an active limit it is the Schedule of `optimal_switch`. With an Uncertainty it has the least expected
     energy, of a plan that is made again on the way. `price` (N,) are factors of the battery energy of the steps,
     such as shares of the highest price. `unheated` is the Schedule without any heating, ignoring limits, if known.
+    `kept` has the values of an earlier plan of the drive, and takes those of this one.
     If the charge does not carry the trip, only surplus heats.
     """
     if uncertainty is None:
@@ -134,12 +136,17 @@ def plan_by_values(trip: Trip, state: BatteryState, goal: Goal,
     vehicle, start = native_vehicle(trip.vehicle), initial_states(state)
     if trip.vehicle.heat_path.is_direct:
         start = *start[:2], 0.0, 0.0
-    wanted = _Wanted(goal.target_temperature_c, aimed_soc, uncertainty, price)
-    found = None if vehicle is None else native_searches.plan_by_values(
-        vehicle, trip.native, start, wanted.target_c, wanted.reserve, uncertainty.deviation_k,
-        uncertainty.is_heating, price)
+    wanted = Requirements(goal.target_temperature_c, aimed_soc, uncertainty, price)
+    found, values = None, None if kept is None else kept.that_hold(trip, wanted)
+    if isinstance(values, native_searches.NativeValues) and vehicle is not None:
+        found = native_searches.plan_by_values(vehicle, trip.native, start, wanted, values)
+    elif isinstance(values, _Recursion):
+        found = _Recursion(trip, start, wanted, LACK_PRICE).followed(values)
     if found is None:
-        found = _plan_in_python(trip, start, wanted)
+        found = None if vehicle is None else native_searches.plan_by_values(vehicle, trip.native, start, wanted)
+        found = found or _plan_in_python(trip, start, wanted)
+        if kept is not None:
+            kept.keep(trip, wanted, found.values)
     if found.command_w is None:
         return run_unheated(trip, state)
     schedule = drive_as_planned(trip, state, found.command_w)
@@ -150,16 +157,7 @@ def plan_by_values(trip: Trip, state: BatteryState, goal: Goal,
     return replace(schedule, held_back=HeldBack.RESERVE) if is_held_back else schedule
 
 
-class _Wanted(NamedTuple):
-    """The target on arrival [deg C], the charge that heating must leave, the Uncertainty, and prices of steps."""
-
-    target_c: float
-    reserve: float
-    uncertainty: Uncertainty
-    price: FloatArray | None = None
-
-
-def _plan_in_python(trip: Trip, start: States, wanted: _Wanted) -> native_searches.PlanByValues:
+def _plan_in_python(trip: Trip, start: States, wanted: Requirements) -> native_searches.PlanByValues:
     for lack_price in (LACK_PRICE, 0.0):
         recursion = _Recursion(trip, start, wanted, lack_price)
         command_w = recursion.plan()
@@ -168,7 +166,7 @@ def _plan_in_python(trip: Trip, start: States, wanted: _Wanted) -> native_search
                 command_w is not None and recursion.states[0, -1] >= wanted.reserve - RESERVE_TOLERANCE
                 and recursion.lack_w() <= recursion.unheated_lack_w + NO_WORSE_W):
             break
-    return native_searches.PlanByValues(command_w, recursion.ends_in)
+    return native_searches.PlanByValues(command_w, recursion.ends_in, recursion)
 
 
 class ValueTable(NamedTuple):
@@ -190,7 +188,7 @@ def value_table(trip: Trip, state: BatteryState, goal: Goal) -> ValueTable | Non
     The heater was off before each instant. None if the charge does not carry the trip.
     """
     certain = Uncertainty(0.0, state.heater_power_w > LEAST_HEATING_W)
-    recursion = _Recursion(trip, initial_states(state), _Wanted(
+    recursion = _Recursion(trip, initial_states(state), Requirements(
         goal.target_temperature_c, reserve_soc(trip.vehicle, goal), certain), LACK_PRICE)
     return None if recursion.plan() is None else recursion.table()
 
@@ -261,12 +259,12 @@ class _Best(NamedTuple):
 class _Recursion:
     """The passes for one trip."""
 
-    def __init__(self, trip: Trip, start: States, wanted: _Wanted, lack_price: float) -> None:
+    def __init__(self, trip: Trip, start: States, wanted: Requirements, lack_price: float) -> None:
         """Take the States at the start; `lack_price` is the cost of a joule that the battery cannot deliver."""
         vehicle, steps = trip.vehicle, len(trip.route)
         self._trip, self._lack_price = trip, lack_price
-        self._target_c, self._reserve, uncertainty, price = wanted
-        self._price = np.ones(steps) if price is None else price
+        self._target_c, self._reserve, uncertainty = wanted.target_c, wanted.reserve, wanted.uncertainty
+        self._price = np.ones(steps) if wanted.price is None else wanted.price
         self._deviation_k, self._is_heating = uncertainty.deviation_k, uncertainty.is_heating
         self._is_certain = not uncertainty.deviation_k > 0.0
         self._switch_on_j = JOULES_PER_WH * (SWITCH_ON_WH if self._is_certain else SWITCH_ON_EXPECTED_WH)
@@ -283,6 +281,7 @@ class _Recursion:
         self._path_c, self._due_price = np.zeros(steps + 1), np.ones(steps + 1)
         self._price_j, self._late_price_j = np.zeros(steps + 1), np.zeros(steps + 1)
         self._watched_steps = [(True, True)] * steps
+        self._layers: list[_Layer] = []
         # The step to which an edge was moved at last; that in which heating ends, if that was moved there.
         self._moved_in = 0
         self.ends_in: int | None = None
@@ -298,9 +297,9 @@ class _Recursion:
         aim_c, looks, number, is_priced = self._target_c, 0, 0, True
         kept = self.states.copy(), self._powers_w.copy()
         while number < (len(PASSES) if self._is_certain else EXPECTED_PASSES):
-            layers = self._find_values(number, range_c, aim_c, is_priced and number > 0)
+            self._layers = self._find_values(number, range_c, aim_c, is_priced and number > 0)
             saved_j = 0.0
-            if not self._find_path(layers):
+            if not self._find_path():
                 saved_j = -math.inf
             elif number > 0 and self._is_certain:
                 saved_j = self._cost_j(*kept, aim_c) - self._cost_j(self.states, self._powers_w, aim_c)
@@ -326,12 +325,42 @@ class _Recursion:
                         moved_k < EDGE_SHARE * PASSES[number][1] or saved_j < LOOK_WH * JOULES_PER_WH)
             if is_found or looks >= MOST_LOOKS:
                 number, looks, is_priced = number + 1, 0, True
+        return self._finished(aim_c)
+
+    def _finished(self, aim_c: float) -> FloatArray:
+        """Return the commands of the run [W] (N,), which arrives exactly unless that costs more."""
+        kept = self.states.copy(), self._powers_w.copy()
         self._arrive_exactly()
         if self._cost_j(self.states, self._powers_w, aim_c) > self._cost_j(*kept, aim_c):
             # The heat beyond the target was for limits on the way.
             self.states, self._powers_w, self.ends_in = *kept, None
         command_w: FloatArray = self._powers_w[0]
         return command_w
+
+    def followed(self, kept: _Recursion) -> native_searches.PlanByValues | None:
+        """
+        Return the plan from the values of an earlier one, whose last steps are those of this trip: forward only.
+
+        None if they do not lead to a plan: charge or power is short, or it leaves the temperatures that have values.
+        """
+        steps = len(self._trip.route)
+        if self._is_certain or not kept.is_to_be_followed():
+            return None
+        self._layers, self._watched_steps = kept._layers[-steps - 1:], kept._watched_steps[-steps:]
+        self._soc, self._due_price = kept._soc[-steps - 1:], kept._due_price[-steps - 1:]
+        self._price_j, self._late_price_j = kept._price_j[-steps - 1:], kept._late_price_j[-steps - 1:]
+        if not self._find_path():
+            return None
+        middle_c = np.array([0.5 * (layer.grid_c[0] + layer.grid_c[-1]) for layer in self._layers])
+        settled_c = self.states[1] + np.array([self._to_come_k(k) for k in range(steps + 1)])
+        if np.abs(settled_c - middle_c).max() > WIDE_K:
+            return None
+        command_w = self._finished(self._target_c)
+        return native_searches.PlanByValues(command_w, self.ends_in) if self.is_to_be_followed() else None
+
+    def is_to_be_followed(self) -> bool:
+        """Return whether the values lead from other states, too: neither charge nor power is short."""
+        return self.unheated_lack_w == 0.0 and self._beyond_k(self.states, is_short_of_charge=True) <= 0.0
 
     def lack_w(self) -> float:
         """Return the largest power deficit of the run [W]."""
@@ -496,7 +525,7 @@ class _Recursion:
 
     # Forward.
 
-    def _find_path(self, layers: Sequence[_Layer]) -> bool:
+    def _find_path(self) -> bool:
         """Take the best end of each step; return whether the charge carries the trip."""
         is_on = self._is_heating
         for k in range(len(self._trip.route)):
@@ -505,7 +534,7 @@ class _Recursion:
             ends = self._ends_ahead(k, self.states[0, k:k + 1], settled_c, to_come_k, self._lack_price)
             if ends.is_empty[0]:
                 return False
-            end, share, is_on = self._best(ends, layers[k + 1]).only(is_on)
+            end, share, is_on = self._best(ends, self._layers[k + 1]).only(is_on)
             wanted_w, takes_surplus = float(ends.wanted_w[end]), end > 0
             if share > 0.0:
                 low_w, high_w = ends.command_w[end, 0], ends.command_w[end + 1, 0]

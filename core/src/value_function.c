@@ -99,6 +99,12 @@ typedef struct {
   double *due_price;
   double *commands_w;
   double *tried_w;
+  /* Where the layers lie: the first temperature of each, and what all have in common. */
+  double *least_c;
+  double step_k;
+  int32_t points;
+  /* Of what becomes known on the way, as far as the pass expects that. */
+  double deviation_k;
   /* Every n-th layer is kept from the backward pass to the forward pass; the values of the layers. */
   int32_t kept_every;
   double *values_j;
@@ -138,21 +144,24 @@ static double *values_at(const recursion *of, int32_t k) {
   return &of->values_j[(size_t)place * 2u * BEV_VALUE_POINTS];
 }
 
-/* The layer at instant k around the path; in the first pass over all temperatures. */
-static layer layer_at(const recursion *of, int32_t k, int32_t number, const double range_c[2]) {
+/* Place the layers of a pass around the path; those of the first pass at all temperatures of the range. */
+static void place_layers(recursion *of, int32_t number, const double range_c[2]) {
   const double half_k =
       HALF_WIDTHS_K[number] + BEV_WIDER_DEVIATIONS * of->goal->deviation_k;
-  const double low_c = number == 0 ? range_c[0] : of->path_c[k] - half_k;
-  const double high_c = number == 0 ? range_c[1] : of->path_c[k] + half_k;
-  layer at = {low_c, STEPS_K[number], 0, values_at(of, k), NULL};
-  const double points = (high_c - low_c) / at.step_k + 2.0;
-  if (points > (double)BEV_VALUE_POINTS) {
-    at.points = BEV_VALUE_POINTS;
-    at.step_k = (high_c - low_c) / (double)(BEV_VALUE_POINTS - 1);
-  } else {
-    at.points = (int32_t)points;
+  const double wide_k = number == 0 ? range_c[1] - range_c[0] : 2.0 * half_k;
+  const double points = wide_k / STEPS_K[number] + 2.0;
+  const int32_t fits = points > (double)BEV_VALUE_POINTS ? 0 : 1;
+  of->deviation_k = number == 0 ? 0.0 : of->goal->deviation_k;
+  of->points = fits != 0 ? (int32_t)points : BEV_VALUE_POINTS;
+  of->step_k = fits != 0 ? STEPS_K[number] : wide_k / (double)(BEV_VALUE_POINTS - 1);
+  for (int32_t k = 0; k <= of->trip->steps; k++) {
+    of->least_c[k] = number == 0 ? range_c[0] : of->path_c[k] - half_k;
   }
-  at.on_j = &at.off_j[BEV_VALUE_POINTS];
+}
+
+static layer layer_at(const recursion *of, int32_t k) {
+  double *const values_j = values_at(of, k);
+  const layer at = {of->least_c[k], of->step_k, of->points, values_j, &values_j[BEV_VALUE_POINTS]};
   return at;
 }
 
@@ -625,11 +634,11 @@ static void spread(double *values_j, int32_t points, double share) {
 }
 
 /* The values as expected before step k, in which a share of the arrival's uncertainty becomes known. */
-static void expect_after(const recursion *of, int32_t k, int32_t number, const layer *next) {
-  if (number == 0 || k < 0) {
+static void expect_after(const recursion *of, int32_t k, const layer *next) {
+  if (k < 0) {
     return;
   }
-  const double deviation_k = of->goal->deviation_k;
+  const double deviation_k = of->deviation_k;
   const double *left_s = of->left_s;
   const double variance_k2 = deviation_k * deviation_k
       * (left_s[k] * left_s[k] - left_s[k + 1] * left_s[k + 1]) / (left_s[0] * left_s[0]);
@@ -638,19 +647,17 @@ static void expect_after(const recursion *of, int32_t k, int32_t number, const l
 }
 
 /* The layer at instant k, from the next layer, as it is expected before step k - 1. */
-static bev_status find_layer(const recursion *of, int32_t k, int32_t number, const layer *at,
-                             const layer *next) {
+static bev_status find_layer(const recursion *of, int32_t k, const layer *at, const layer *next) {
   const bev_status status = values_of_layer(of, k, at, next);
-  expect_after(of, k - 1, number, at);
+  expect_after(of, k - 1, at);
   return status;
 }
 
 /* The backward pass: the values of all layers, from that of the arrival at `aim_c`. */
-static bev_status find_values(recursion *of, int32_t number, const double range_c[2],
-                              double aim_c) {
+static bev_status find_values(recursion *of, double aim_c) {
   const int32_t steps = of->trip->steps;
   layer layers[2];
-  layers[1] = layer_at(of, steps, number, range_c);
+  layers[1] = layer_at(of, steps);
   for (int32_t n = 0; n < layers[1].points; n++) {
     const double short_k =
         bev_maximum(aim_c - (layers[1].least_c + (double)n * layers[1].step_k), 0.0);
@@ -659,12 +666,12 @@ static bev_status find_values(recursion *of, int32_t number, const double range_
         (BEV_SHORT_PRICE * short_k - (BEV_SHORT_PRICE - BEV_NEAR_PRICE) * near_k) * of->joules_per_k;
     layers[1].on_j[n] = layers[1].off_j[n];
   }
-  expect_after(of, steps - 1, number, &layers[1]);
+  expect_after(of, steps - 1, &layers[1]);
   of->price_j[steps] = 0.0;
   for (int32_t k = steps - 1; k >= 0; k--) {
-    layers[0] = layer_at(of, k, number, range_c);
+    layers[0] = layer_at(of, k);
     watch_step(of, k, layers);
-    bev_status status = find_layer(of, k, number, &layers[0], &layers[1]);
+    bev_status status = find_layer(of, k, &layers[0], &layers[1]);
     of->price_j[k] = 0.0;
     of->late_price_j[k] = 0.0;
     if (status == BEV_OK && of->has_prices != 0) {
@@ -686,16 +693,15 @@ static bev_status find_values(recursion *of, int32_t number, const double range_
  * each step are those of the backward pass, so the values are too. The layers of the first block, with which the
  * backward pass ended, are still there.
  */
-static bev_status find_block_again(const recursion *of, int32_t k, int32_t number,
-                                   const double range_c[2]) {
+static bev_status find_block_again(const recursion *of, int32_t k) {
   bev_status status = BEV_OK;
   if (k == 0 || (of->trip->steps - k) % of->kept_every != 0) {
     return status;
   }
-  layer next = layer_at(of, k + of->kept_every, number, range_c);
+  layer next = layer_at(of, k + of->kept_every);
   for (int32_t n = k + of->kept_every - 1; n > k && status == BEV_OK; n--) {
-    const layer at = layer_at(of, n, number, range_c);
-    status = find_layer(of, n, number, &at, &next);
+    const layer at = layer_at(of, n);
+    status = find_layer(of, n, &at, &next);
     next = at;
   }
   return status;
@@ -712,18 +718,17 @@ static void write_step(const recursion *of, int32_t k, const step_end *end, doub
 }
 
 /* The forward pass: in each step the best end. */
-static bev_status find_path(const recursion *of, int32_t number, const double range_c[2],
-                            double *states, double *powers_w) {
+static bev_status find_path(const recursion *of, double *states, double *powers_w) {
   const int32_t steps = of->trip->steps;
   int32_t is_on = of->goal->is_heating;
   for (int32_t k = 0; k < steps; k++) {
     const double start[4] = {states[k], states[steps + 1 + k], states[2 * (steps + 1) + k],
                              states[3 * (steps + 1) + k]};
-    const layer next = layer_at(of, k + 1, number, range_c);
+    const layer next = layer_at(of, k + 1);
     step_end ends[MOST_ENDS];
     int32_t count = 0;
     const double at_once[4] = {start[0], start[1], 0.0, 0.0};
-    bev_status status = find_block_again(of, k, number, range_c);
+    bev_status status = find_block_again(of, k);
     if (status == BEV_OK) {
       status = ends_of_step(of, k, at_once, start[1] + under_way_k(of, k, start), ends, &count);
     }
@@ -954,6 +959,35 @@ static void range_of(const recursion *of, double range_c[2]) {
                            of->vehicle->highest_c + BEV_BELOW_K);
 }
 
+/* Keep a run as the best one so far. */
+static void keep_run(const recursion *of, const double *states, const double *powers_w) {
+  const size_t rows = 4u * ((size_t)of->trip->steps + 1u);
+  memcpy(of->kept, states, rows * sizeof(double));
+  memcpy(&of->kept[rows], powers_w, 4u * (size_t)of->trip->steps * sizeof(double));
+}
+
+/* Take the best run so far. */
+static void take_kept_run(const recursion *of, double *states, double *powers_w) {
+  const size_t rows = 4u * ((size_t)of->trip->steps + 1u);
+  memcpy(states, of->kept, rows * sizeof(double));
+  memcpy(powers_w, &of->kept[rows], 4u * (size_t)of->trip->steps * sizeof(double));
+}
+
+/* Let a run arrive exactly, unless that costs more. */
+static bev_status finish(const recursion *of, double aim_c, double *states, double *powers_w,
+                         int32_t *ends_in) {
+  const size_t rows = 4u * ((size_t)of->trip->steps + 1u);
+  keep_run(of, states, powers_w);
+  const bev_status status = arrive_exactly(of, states, powers_w, ends_in);
+  if (status == BEV_OK
+      && cost_of_run(of, states, powers_w, aim_c) > cost_of_run(of, of->kept, &of->kept[rows], aim_c)) {
+    /* The heat beyond the target was for limits on the way. */
+    take_kept_run(of, states, powers_w);
+    *ends_in = -1;
+  }
+  return status;
+}
+
 /* The run of all passes. */
 static bev_status plan(recursion *of, double *states, double *powers_w, int32_t *ends_in) {
   const int32_t steps = of->trip->steps;
@@ -970,13 +1004,13 @@ static bev_status plan(recursion *of, double *states, double *powers_w, int32_t 
   (void)keep_path(of, states);
   of->unheated_lack_w = most_lack_w(of, states, powers_w);
   range_of(of, range_c);
-  memcpy(of->kept, states, rows * sizeof(double));
-  memcpy(&of->kept[rows], powers_w, 4u * (size_t)steps * sizeof(double));
+  keep_run(of, states, powers_w);
   for (int32_t number = 0; number < (of->is_certain != 0 ? PASSES : BEV_EXPECTED_PASSES);) {
     of->has_prices = number == 0 ? 0 : is_priced;
-    status = find_values(of, number, range_c, aim_c);
+    place_layers(of, number, range_c);
+    status = find_values(of, aim_c);
     if (status == BEV_OK) {
-      status = find_path(of, number, range_c, states, powers_w);
+      status = find_path(of, states, powers_w);
     }
     if (status != BEV_OK && status != BEV_EMPTY) {
       return status;
@@ -988,8 +1022,7 @@ static bev_status plan(recursion *of, double *states, double *powers_w, int32_t 
     }
     if (saved_j < 0.0) {
       /* No pass makes the plan worse: charge may be priced wrongly, as limits bend. */
-      memcpy(states, of->kept, rows * sizeof(double));
-      memcpy(powers_w, &of->kept[rows], 4u * (size_t)steps * sizeof(double));
+      take_kept_run(of, states, powers_w);
       if (number == 0 && looks < BEV_MOST_LOOKS) {
         /* The charge does not carry so much heat. */
         aim_c = 0.5 * (aim_c + states[steps + 1 + steps]);
@@ -1001,8 +1034,7 @@ static bev_status plan(recursion *of, double *states, double *powers_w, int32_t 
       is_priced = is_priced != 0 ? 0 : 1;
       continue;
     }
-    memcpy(of->kept, states, rows * sizeof(double));
-    memcpy(&of->kept[rows], powers_w, 4u * (size_t)steps * sizeof(double));
+    keep_run(of, states, powers_w);
     const double moved_k = keep_path(of, states);
     /* The reserve of charge allows this temperature. */
     const double spare_k = -beyond_k(of, states, 1);
@@ -1021,44 +1053,64 @@ static bev_status plan(recursion *of, double *states, double *powers_w, int32_t 
       is_priced = 1;
     }
   }
-  status = arrive_exactly(of, states, powers_w, ends_in);
-  if (status == BEV_OK
-      && cost_of_run(of, states, powers_w, aim_c) > cost_of_run(of, of->kept, &of->kept[rows], aim_c)) {
-    /* The heat beyond the target was for limits on the way. */
-    memcpy(states, of->kept, rows * sizeof(double));
-    memcpy(powers_w, &of->kept[rows], 4u * (size_t)steps * sizeof(double));
-    *ends_in = -1;
-  }
-  return status;
+  return finish(of, aim_c, states, powers_w, ends_in);
 }
 
-/* What does not depend on the pass. */
-static void prepare(recursion *of, double *memory, uint8_t *flags) {
+/* Whether the layers lead from other states, too: neither charge nor power is short. */
+static int is_to_be_followed(const recursion *of, bev_status status, const double *states) {
+  return status == BEV_OK && of->unheated_lack_w == 0.0 && beyond_k(of, states, 1) <= 0.0;
+}
+
+/* Whether the run stays so far within the layers that what may become known on the way is in them, too. */
+static int is_within_layers(const recursion *of, const double *states) {
+  const int32_t steps = of->trip->steps;
+  const double half_k = 0.5 * (double)(of->points - 1) * of->step_k;
+  int is_within = 1;
+  for (int32_t k = 0; k <= steps && is_within != 0; k++) {
+    const double here[4] = {states[k], states[steps + 1 + k], states[2 * (steps + 1) + k],
+                            states[3 * (steps + 1) + k]};
+    const double settled_c = here[1] + under_way_k(of, k, here);
+    is_within = fabs(settled_c - (of->least_c[k] + half_k)) <= BEV_WIDE_K ? 1 : 0;
+  }
+  return is_within;
+}
+
+/*
+ * Divide the memory of a plan of `kept_steps` steps, of which the trip is the last part. It begins with what the layers
+ * have in common: step_k, points, and the price of a joule that lacks; negative: they are not to be followed.
+ */
+static void divide_memory(recursion *of, int32_t kept_steps, uint8_t *flags, double *memory) {
+  const size_t steps = (size_t)kept_steps;
+  const size_t passed = (size_t)(kept_steps - of->trip->steps);
+  of->overcharge = &flags[passed];
+  of->overdraw = &of->overcharge[steps];
+  of->layers_overcharge = &of->overdraw[steps];
+  of->layers_overdraw = &of->layers_overcharge[steps];
+  of->left_s = &memory[3u + passed];
+  of->soc = &of->left_s[steps + 1u];
+  of->path_c = &of->soc[steps + 1u];
+  of->least_c = &of->path_c[steps + 1u];
+  of->under_way_k = &of->least_c[steps + 1u];
+  of->price_j = &of->under_way_k[steps + 1u];
+  of->late_price_j = &of->price_j[steps + 1u];
+  of->due_price = &of->late_price_j[steps + 1u];
+  of->kept_share = &of->due_price[steps + 1u];
+  of->arriving_share = &of->kept_share[steps];
+  of->late_share = &of->arriving_share[steps];
+  of->due_share = &of->late_share[steps];
+  of->commands_w = &of->due_share[steps];
+  of->tried_w = &of->commands_w[steps];
+  of->kept = &of->tried_w[steps - passed];
+  of->values_j = &of->kept[8u * steps + 4u];
+}
+
+/* What neither the passes nor the layers change. */
+static void prepare(recursion *of) {
   const bev_vehicle *vehicle = of->vehicle;
   const bev_trip *trip = of->trip;
-  const size_t steps = (size_t)trip->steps;
   const int32_t is_direct = bev_is_direct(vehicle);
   const double battery_j_per_k = vehicle->heat_capacity_j_per_k;
   const double both_j_per_k = battery_j_per_k + vehicle->coolant_heat_capacity_j_per_k;
-  of->overcharge = flags;
-  of->overdraw = &flags[steps];
-  of->layers_overcharge = &flags[2u * steps];
-  of->layers_overdraw = &flags[3u * steps];
-  of->left_s = memory;
-  of->soc = &of->left_s[steps + 1u];
-  of->path_c = &of->soc[steps + 1u];
-  of->under_way_k = &of->path_c[steps + 1u];
-  of->price_j = &of->under_way_k[steps + 1u];
-  of->kept_share = &of->price_j[steps + 1u];
-  of->arriving_share = &of->kept_share[steps];
-  of->late_share = &of->arriving_share[steps];
-  of->late_price_j = &of->late_share[steps];
-  of->due_share = &of->late_price_j[steps + 1u];
-  of->due_price = &of->due_share[steps];
-  of->commands_w = &of->due_price[steps + 1u];
-  of->tried_w = &of->commands_w[steps];
-  of->kept = &of->tried_w[steps];
-  of->values_j = &of->kept[8u * steps + 4u];
   of->joules_per_k = both_j_per_k / vehicle->heater_efficiency;
   of->coolant_lag_s = bev_heat_lag_s(vehicle) - vehicle->heater_lag_s;
   of->lag_s = bev_heat_lag_s(vehicle);
@@ -1069,18 +1121,12 @@ static void prepare(recursion *of, double *memory, uint8_t *flags) {
     /* A heater with lag is switched off in time, and not on for a short surplus. */
     of->at_once[n].lag_s = vehicle->heater_lag_s;
   }
-  of->left_s[steps] = 0.0;
-  of->price_j[steps] = 0.0;
-  of->late_price_j[steps] = 0.0;
-  of->due_price[steps] = 1.0;
+  of->left_s[trip->steps] = 0.0;
   for (int32_t k = trip->steps - 1; k >= 0; k--) {
     const double duration_s = trip->duration_s[k];
     const double after_s = of->left_s[k + 1];
     of->overcharge[k] = trip->propulsion_power_w[k] < 0.0 ? 1u : 0u;
     of->overdraw[k] = 1u;
-    of->price_j[k] = 0.0;
-    of->late_price_j[k] = 0.0;
-    of->due_price[k] = 1.0;
     of->late_share[k] = 0.0;
     of->due_share[k] = bev_mean_share_left(vehicle->heater_lag_s, duration_s);
     of->left_s[k] = after_s + duration_s;
@@ -1100,6 +1146,15 @@ static void prepare(recursion *of, double *memory, uint8_t *flags) {
   }
 }
 
+/* No prices of charge and of heat under way before the first pass. */
+static void forget_prices(const recursion *of) {
+  for (int32_t k = 0; k <= of->trip->steps; k++) {
+    of->price_j[k] = 0.0;
+    of->late_price_j[k] = 0.0;
+    of->due_price[k] = 1.0;
+  }
+}
+
 static int are_prices(const double *price, int32_t steps) {
   int are = 1;
   for (int32_t k = 0; k < steps; k++) {
@@ -1108,16 +1163,14 @@ static int are_prices(const double *price, int32_t steps) {
   return are;
 }
 
-bev_status bev_plan_by_values(const bev_vehicle *vehicle, const bev_trip *trip,
-                              const bev_value_goal *goal, double *states, double *powers_w,
-                              uint8_t *flags, double *memory, int32_t *ends_in,
-                              int32_t kept_every) {
+/* Check what both plans take, and prepare the recursion. */
+static bev_status begin(recursion *of, const bev_vehicle *vehicle, const bev_trip *trip,
+                        const bev_value_goal *goal) {
   const bev_status checked = bev_checked(vehicle, trip, 0);
   if (checked != BEV_OK) {
     return checked;
   }
-  if (goal == NULL || states == NULL || powers_w == NULL || flags == NULL || memory == NULL
-      || ends_in == NULL || kept_every < 1 || trip->steps < 1) {
+  if (goal == NULL || trip->steps < 1) {
     return BEV_BAD_ARGUMENT;
   }
   if (!isfinite(goal->target_c) || !isfinite(goal->lowest_soc) || !isfinite(goal->deviation_k)
@@ -1125,28 +1178,78 @@ bev_status bev_plan_by_values(const bev_vehicle *vehicle, const bev_trip *trip,
       || (goal->price != NULL && !are_prices(goal->price, trip->steps))) {
     return BEV_BAD_INPUT;
   }
-  const int32_t steps = trip->steps;
+  memset(of, 0, sizeof(*of));
+  of->vehicle = vehicle;
+  of->trip = trip;
+  of->goal = goal;
+  of->kept_every = 1;
+  of->is_certain = goal->deviation_k > 0.0 ? 0 : 1;
+  of->switch_on_j = BEV_JOULES_PER_WH
+      * (of->is_certain != 0 ? BEV_SWITCH_ON_WH : BEV_SWITCH_ON_EXPECTED_WH);
+  return BEV_OK;
+}
+
+bev_status bev_plan_by_values(const bev_vehicle *vehicle, const bev_trip *trip,
+                              const bev_value_goal *goal, double *states, double *powers_w,
+                              uint8_t *flags, double *memory, int32_t *ends_in,
+                              int32_t kept_every) {
   recursion of;
-  memset(&of, 0, sizeof(of));
-  of.vehicle = vehicle;
-  of.trip = trip;
-  of.goal = goal;
-  of.is_certain = goal->deviation_k > 0.0 ? 0 : 1;
-  of.switch_on_j = BEV_JOULES_PER_WH
-      * (of.is_certain != 0 ? BEV_SWITCH_ON_WH : BEV_SWITCH_ON_EXPECTED_WH);
+  if (states == NULL || powers_w == NULL || flags == NULL || memory == NULL || ends_in == NULL
+      || kept_every < 1) {
+    return BEV_BAD_ARGUMENT;
+  }
+  bev_status status = begin(&of, vehicle, trip, goal);
+  if (status != BEV_OK) {
+    return status;
+  }
   of.kept_every = kept_every;
   *ends_in = -1;
-  prepare(&of, memory, flags);
+  divide_memory(&of, trip->steps, flags, memory);
+  prepare(&of);
   of.lack_price = BEV_LACK_PRICE;
-  bev_status status = plan(&of, states, powers_w, ends_in);
+  forget_prices(&of);
+  status = plan(&of, states, powers_w, ends_in);
   if (of.unheated_lack_w > 0.0
       && (status == BEV_EMPTY
           || (status == BEV_OK
-              && (states[steps] < goal->lowest_soc - BEV_RESERVE_TOLERANCE
+              && (states[trip->steps] < goal->lowest_soc - BEV_RESERVE_TOLERANCE
                   || most_lack_w(&of, states, powers_w) > of.unheated_lack_w + BEV_NO_WORSE_W)))) {
     /* The reserve comes before the power of climbs, and heat for a climb may cost the charge that it needs. */
     of.lack_price = 0.0;
+    forget_prices(&of);
     status = plan(&of, states, powers_w, ends_in);
   }
+  memory[0] = of.step_k;
+  memory[1] = (double)of.points;
+  memory[2] = is_to_be_followed(&of, status, states) != 0 ? of.lack_price : -1.0;
   return status;
+}
+
+bev_status bev_follow_values(const bev_vehicle *vehicle, const bev_trip *trip,
+                             const bev_value_goal *goal, int32_t kept_steps, double *states,
+                             double *powers_w, uint8_t *flags, double *memory,
+                             int32_t *ends_in) {
+  recursion of;
+  if (states == NULL || powers_w == NULL || flags == NULL || memory == NULL || ends_in == NULL) {
+    return BEV_BAD_ARGUMENT;
+  }
+  bev_status status = begin(&of, vehicle, trip, goal);
+  if (status != BEV_OK || kept_steps < trip->steps) {
+    return status != BEV_OK ? status : BEV_BAD_ARGUMENT;
+  }
+  of.step_k = memory[0];
+  of.points = (int32_t)memory[1];
+  of.lack_price = memory[2];
+  *ends_in = -1;
+  if (of.is_certain != 0 || of.lack_price < 0.0) {
+    return BEV_LEFT;
+  }
+  divide_memory(&of, kept_steps, flags, memory);
+  prepare(&of);
+  status = find_path(&of, states, powers_w);
+  if (status == BEV_OK && is_within_layers(&of, states) != 0) {
+    status = finish(&of, goal->target_c, states, powers_w, ends_in);
+    return status == BEV_OK && is_to_be_followed(&of, status, states) == 0 ? BEV_LEFT : status;
+  }
+  return status == BEV_OK || status == BEV_EMPTY ? BEV_LEFT : status;
 }

@@ -20,7 +20,7 @@ extern "C" {
 #endif
 
 /* Incremented when a struct or a function changes its meaning but not its form. */
-#define BEV_INTERFACE 9
+#define BEV_INTERFACE 10
 
 /* Maximum number of steps of a trip; if memory is fixed, compile with less: -DBEV_MOST_STEPS=360. */
 #ifndef BEV_MOST_STEPS
@@ -54,6 +54,8 @@ typedef enum {
   BEV_LIMITED = 4,
   /* Heating in other steps may cost less; the outputs are undefined. */
   BEV_CHEAPER_ELSEWHERE = 5,
+  /* The kept values do not lead to a plan; the outputs are undefined. */
+  BEV_LEFT = 6,
   /* A pointer is null, or a count is out of range. */
   BEV_BAD_ARGUMENT = -1,
   /* A number of the vehicle is not finite or impossible. */
@@ -369,8 +371,8 @@ typedef struct {
  */
 #define BEV_VALUE_POINTS 128
 #define BEV_VALUE_KEPT_EVERY 16
-#define BEV_VALUE_MEMORY(steps) (277 * (steps) + 267)
-#define BEV_VALUE_SPARING_MEMORY(steps) (37 * (steps) + 4107)
+#define BEV_VALUE_MEMORY(steps) (278 * (steps) + 271)
+#define BEV_VALUE_SPARING_MEMORY(steps) (38 * (steps) + 4111)
 #define BEV_VALUE_BYTES(steps) (4 * (steps))
 
 /*
@@ -389,6 +391,18 @@ bev_status bev_plan_by_values(const bev_vehicle *vehicle, const bev_trip *trip,
                               const bev_value_goal *goal, double *states, double *powers_w,
                               uint8_t *flags, double *memory, int32_t *ends_in,
                               int32_t kept_every);
+
+/*
+ * The plan for the rest of a trip, from the values of a plan that was made earlier: only the forward pass.
+ *
+ * `flags` and `memory` are those of bev_plan_by_values for a trip of `kept_steps` steps, with `kept_every` 1 and the
+ * same goal. Its last `trip->steps` steps are those of this trip, of which the first may be shorter. BEV_LEFT: there are
+ * no such values (they were made for a drive that is certain, or charge or power is short), or the run lies more than
+ * 1.5 K from the middle of the temperatures that have values. The other arguments are as above.
+ */
+bev_status bev_follow_values(const bev_vehicle *vehicle, const bev_trip *trip,
+                             const bev_value_goal *goal, int32_t kept_steps, double *states,
+                             double *powers_w, uint8_t *flags, double *memory, int32_t *ends_in);
 
 /*
  * The energies of a run that was made with an integrator. If `columns` is not null, four arrays of `steps` values

@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Values of a plan that are kept for the plans after it: an update is then the forward pass alone.
+
+The values of `value_function` say what each temperature is worth at each instant of a drive, so they serve wherever
+the battery is a moment later. They are found again once they no longer hold: for another route, heater, goal,
+uncertainty or price, or after MOST_PASSED_S of driving, because the corrected model has moved on.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple, TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.planning.situation import Uncertainty
+    from bev_preheat.planning.trip import Trip
+
+# Values hold for this much of the drive [s].
+MOST_PASSED_S = 60.0
+# … and while the drive's power differs by no more than this share of its largest, and the uncertainty by no more
+# than this share from what was expected to be left of it.
+MOST_CHANGED_SHARE = 0.05
+MOST_DEVIATION_SHARE = 0.25
+# An update makes plans for a heater as it is and as it should be.
+MOST_KEPT = 2
+
+
+@dataclass(frozen=True)
+class Requirements:
+    """The target on arrival [deg C], the charge that heating must leave, the Uncertainty, and prices of steps."""
+
+    target_c: float
+    reserve: float
+    uncertainty: Uncertainty
+    price: FloatArray | None = None
+
+
+class KeptValues:
+    """The values of the latest plans of a drive, with what they were made for."""
+
+    def __init__(self) -> None:
+        """Keep nothing yet."""
+        self._latest: tuple[_Kept, ...] = ()
+
+    def keep(self, trip: Trip, wanted: Requirements, values: Any) -> None:
+        """Keep the values of a plan."""
+        self._latest = (_Kept(trip, wanted, values), *self._latest)[:MOST_KEPT]
+
+    def that_hold(self, trip: Trip, wanted: Requirements) -> Any:
+        """Return the values that hold for a trip, which is the rest of the one that they were made for, or None."""
+        return next((kept.values for kept in self._latest if kept.holds_for(trip, wanted)), None)
+
+
+class _Kept(NamedTuple):
+    trip: Trip
+    wanted: Requirements
+    values: Any
+
+    def holds_for(self, trip: Trip, wanted: Requirements) -> bool:
+        """Return whether the values hold for the rest of their trip."""
+        if not _is_rest_of(self.trip, trip):
+            return False
+        made = self.wanted
+        passed = len(self.trip.route) - len(trip.route)
+        left_share = trip.route.total_duration_s / self.trip.route.total_duration_s
+        expected_k = made.uncertainty.deviation_k * left_share
+        return ((wanted.target_c, wanted.reserve) == (made.target_c, made.reserve)
+                and abs(wanted.uncertainty.deviation_k - expected_k) <= MOST_DEVIATION_SHARE * expected_k
+                and (wanted.price is None) == (made.price is None)
+                and (wanted.price is None or made.price is None
+                     or np.array_equal(wanted.price, made.price[passed:])))
+
+
+def _is_rest_of(whole: Trip, trip: Trip) -> bool:
+    """Return whether a trip is the rest of another, as far as the values of that depend on it."""
+    passed = len(whole.route) - len(trip.route)
+    passed_s = whole.route.total_duration_s - trip.route.total_duration_s
+    battery, battery_then = trip.vehicle.battery, whole.vehicle.battery
+    if not (passed >= 0 and 0.0 <= passed_s <= MOST_PASSED_S
+            and battery.discharge_power_limit is battery_then.discharge_power_limit
+            and battery.charge_power_limit is battery_then.charge_power_limit
+            and battery.temperature_range_c == battery_then.temperature_range_c):
+        return False
+    power_w = whole.idle_power_w[passed:]
+    return bool(
+        np.array_equal(trip.route.duration_s[1:], whole.route.duration_s[passed + 1:])
+        and np.array_equal(trip.heater_limit_w, whole.heater_limit_w[passed:])
+        and np.abs(trip.idle_power_w - power_w).max() <= MOST_CHANGED_SHARE * np.abs(power_w).max())
