@@ -14,13 +14,7 @@ from typing import Any, NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.control.margins import (
-    LATER_SHARE,
-    LATER_UNTIL_S,
-    LEAST_REVEALED_K,
-    MOST_REVEALED_K,
-    REVEALED_SHARE,
-)
+from bev_preheat.control.margins import LAG_REVEALED_S, LEAST_REVEALED_K, MOST_REVEALED_K
 from bev_preheat.control.preparation_plan import accounted, fed, FullPower, step_prices_of
 from bev_preheat.estimation.forecast import DrivenRoute, Forecast
 from bev_preheat.estimation.hypotheses import Heater
@@ -273,8 +267,8 @@ class _Planning:
         revealed_k2 = forecast.as_planned_k ** 2 - estimate.settled_deviation_k ** 2
         later_k = estimate.later_heat_s(1.0) * (
             hvch.efficiency * hvch.maximum_power_w / self._vehicle.battery.heat_capacity_j_per_k)
-        later_share = LATER_SHARE * max(1.0 - self._task.heated_s / LATER_UNTIL_S, 0.0)
-        deviation_k = math.hypot(REVEALED_SHARE * math.sqrt(max(revealed_k2, 0.0)), later_share * later_k)
+        later_share = max(1.0 - self._task.heated_s / LAG_REVEALED_S, 0.0)
+        deviation_k = math.hypot(math.sqrt(max(revealed_k2, 0.0)), later_share * later_k)
         return Uncertainty(
             min(max(deviation_k, LEAST_REVEALED_K), MOST_REVEALED_K) if math.isfinite(deviation_k) else
             MOST_REVEALED_K,

@@ -14,13 +14,11 @@ __all__ = ['SHORTFALL_TOLERANCE_K', 'SOC_TOLERANCE']
 
 # Uncertainty
 
-# A plan expects this share of the arrival's standard deviation, less that of the temperature now, to become known
-# on the way, evenly: errors persist, and the estimation learns most early. At least and at most so much
-# [K]. Heat that a longer lag than estimated would delay counts by its own share, less and less during the first
-# heating [s], which reveals the lag. All were chosen on `preheat robustness`.
-REVEALED_SHARE = 0.6
+# A plan expects that the arrival's standard deviation, less that of the temperature now, becomes known on the
+# way: at least and at most so much [K]. Heat that a longer lag than estimated would delay counts beside it, less
+# and less during the first heating of this time [s], which reveals the lag: chosen on `preheat robustness`.
 LEAST_REVEALED_K, MOST_REVEALED_K = 0.02, 3.0
-LATER_SHARE, LATER_UNTIL_S = 1.0, 900.0
+LAG_REVEALED_S = 300.0
 
 # Hysteresis and least times
 

@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 
     from bev_preheat.native.structs import NativeTrip, NativeVehicle
     from bev_preheat.numerics.arrays import FloatArray
-    from bev_preheat.planning.kept_values import Requirements
 
     # The step in which the charge runs out, and its driven share.
     Stranded = tuple[int, float] | None
@@ -75,7 +74,8 @@ class PlanByValues(NamedTuple):
     values: Any = None
 
 
-def plan_by_values(vehicle: NativeVehicle, trip: NativeTrip, start: Sequence[float], wanted: Requirements,
+def plan_by_values(vehicle: NativeVehicle, trip: NativeTrip, start: Sequence[float], target_c: float,
+                   lowest_soc: float, deviation_k: float, is_heating: bool, price: FloatArray | None = None,
                    kept: NativeValues | None = None) -> PlanByValues | None:
     """
     Return the plan by values from the four states `start` on; see `bev_plan_by_values` in core.h.
@@ -88,9 +88,8 @@ def plan_by_values(vehicle: NativeVehicle, trip: NativeTrip, start: Sequence[flo
     steps = trip.steps
     states, powers_w = np.zeros((4, steps + 1)), np.zeros((4, steps))
     states[:, 0] = start
-    goal = ValueGoalStruct(
-        wanted.uncertainty.is_heating, wanted.target_c, wanted.reserve, wanted.uncertainty.deviation_k,
-        None if wanted.price is None else address_of(wanted.price))
+    goal = ValueGoalStruct(is_heating, target_c, lowest_soc, deviation_k,
+                           None if price is None else address_of(price))
     values = kept or NativeValues(steps, np.zeros(room('BEV_VALUE_BYTES', steps), dtype=np.uint8),
                                   np.empty(room('BEV_VALUE_MEMORY', steps)))
     run = address_of(states), address_of(powers_w), address_of(values.flags), address_of(values.memory)

@@ -2,9 +2,9 @@
 """
 Values of a plan that are kept for the plans after it: an update is then the forward pass alone.
 
-The values of `value_function` say what each temperature is worth at each instant of a drive, so they serve wherever
-the battery is a moment later. They are found again once they no longer hold: for another route, heater, goal,
-uncertainty or price, or after MOST_PASSED_S of driving, because the corrected model has moved on.
+The values of `value_function` say what each temperature is worth at each instant of a drive, so they serve
+wherever the battery is a moment later. They are found again once they no longer hold: for another route, heater,
+goal, uncertainty or price, or after MOST_PASSED_S of driving, because the corrected model has moved on.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class KeptValues:
         self._latest = (_Kept(trip, wanted, values), *self._latest)[:MOST_KEPT]
 
     def that_hold(self, trip: Trip, wanted: Requirements) -> Any:
-        """Return the values that hold for a trip, which is the rest of the one that they were made for, or None."""
+        """Return the values that hold for a trip, the rest of the one that they were made for, or None."""
         return next((kept.values for kept in self._latest if kept.holds_for(trip, wanted)), None)
 
 

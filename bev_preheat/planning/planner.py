@@ -114,8 +114,8 @@ def plan_preheating(vehicle: Vehicle, route: Route, state: BatteryState, goal: G
 
     `method` is a name in `method_names()` or REPLACED; `options` are its own. With an `uncertainty`
     `value_function` plans for the least expected energy; other methods do not know it. With `step_prices` the plan
-    is that of `value_function` in any case, and a negative price counts as 0. `kept` are the values of earlier plans
-    of the drive, which save time if they still hold. `heater_share` (0 ... 1) is the
+    is that of `value_function` in any case, and a negative price counts as 0. `kept` has the values of earlier
+    plans of the drive, which save time while they hold. `heater_share` (0 ... 1) is the
     share of its power that the heater gives. With `heats_throughout` the heater heats regardless of the plan; the
     energies include that. The heat arrives `heat_lag_s` [s] late; heat that would come after the end is not
     planned. (This is for a vehicle without a heat path; a heat path is planned as such, and `state` gives the heat

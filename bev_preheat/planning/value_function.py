@@ -133,18 +133,17 @@ def plan_by_values(trip: Trip, state: BatteryState, goal: Goal,
         uncertainty = Uncertainty(0.0, is_heating=state.heater_power_w > LEAST_HEATING_W)
     reserve = reserve_soc(trip.vehicle, goal)
     aimed_soc = reserve + SPARE_SOC if reserve > 0.0 else 0.0
-    vehicle, start = native_vehicle(trip.vehicle), initial_states(state)
+    start = initial_states(state)
     if trip.vehicle.heat_path.is_direct:
         start = *start[:2], 0.0, 0.0
     wanted = Requirements(goal.target_temperature_c, aimed_soc, uncertainty, price)
     found, values = None, None if kept is None else kept.that_hold(trip, wanted)
-    if isinstance(values, native_searches.NativeValues) and vehicle is not None:
-        found = native_searches.plan_by_values(vehicle, trip.native, start, wanted, values)
+    if isinstance(values, native_searches.NativeValues):
+        found = _plan_in_core(trip, start, wanted, values)
     elif isinstance(values, _Recursion):
         found = _Recursion(trip, start, wanted, LACK_PRICE).followed(values)
     if found is None:
-        found = None if vehicle is None else native_searches.plan_by_values(vehicle, trip.native, start, wanted)
-        found = found or _plan_in_python(trip, start, wanted)
+        found = _plan_in_core(trip, start, wanted) or _plan_in_python(trip, start, wanted)
         if kept is not None:
             kept.keep(trip, wanted, found.values)
     if found.command_w is None:
@@ -155,6 +154,14 @@ def plan_by_values(trip: Trip, state: BatteryState, goal: Goal,
     arrival_c, arrival_soc = float(schedule.temperature_c[-1]), float(schedule.soc[-1])
     is_held_back = arrival_c < goal.target_temperature_c and arrival_soc < reserve + RESERVE_TOLERANCE
     return replace(schedule, held_back=HeldBack.RESERVE) if is_held_back else schedule
+
+
+def _plan_in_core(trip: Trip, start: States, wanted: Requirements,
+                  values: native_searches.NativeValues | None = None) -> native_searches.PlanByValues | None:
+    vehicle, uncertainty = native_vehicle(trip.vehicle), wanted.uncertainty
+    return None if vehicle is None else native_searches.plan_by_values(
+        vehicle, trip.native, start, wanted.target_c, wanted.reserve, uncertainty.deviation_k,
+        uncertainty.is_heating, wanted.price, values)
 
 
 def _plan_in_python(trip: Trip, start: States, wanted: Requirements) -> native_searches.PlanByValues:
@@ -278,7 +285,8 @@ class _Recursion:
         self.states = np.zeros((4, steps + 1))
         self.states[:, 0] = start
         self._powers_w = np.zeros((4, steps))
-        self._path_c, self._due_price = np.zeros(steps + 1), np.ones(steps + 1)
+        self._path_c, self._soc = np.zeros(steps + 1), np.zeros(steps + 1)
+        self._due_price = np.ones(steps + 1)
         self._price_j, self._late_price_j = np.zeros(steps + 1), np.zeros(steps + 1)
         self._watched_steps = [(True, True)] * steps
         self._layers: list[_Layer] = []
@@ -341,10 +349,10 @@ class _Recursion:
         """
         Return the plan from the values of an earlier one, whose last steps are those of this trip: forward only.
 
-        None if they do not lead to a plan: charge or power is short, or it leaves the temperatures that have values.
+        None if they do not lead to a plan: something is short, or it leaves the temperatures that have values.
         """
         steps = len(self._trip.route)
-        if self._is_certain or not kept.is_to_be_followed():
+        if not kept.is_to_be_followed():
             return None
         self._layers, self._watched_steps = kept._layers[-steps - 1:], kept._watched_steps[-steps:]
         self._soc, self._due_price = kept._soc[-steps - 1:], kept._due_price[-steps - 1:]
@@ -359,8 +367,9 @@ class _Recursion:
         return native_searches.PlanByValues(command_w, self.ends_in) if self.is_to_be_followed() else None
 
     def is_to_be_followed(self) -> bool:
-        """Return whether the values lead from other states, too: neither charge nor power is short."""
-        return self.unheated_lack_w == 0.0 and self._beyond_k(self.states, is_short_of_charge=True) <= 0.0
+        """Return whether the values lead from other states, too: they are wide, and nothing is short."""
+        return (not self._is_certain and self.unheated_lack_w == 0.0
+                and self._beyond_k(self.states, is_short_of_charge=True) <= 0.0)
 
     def lack_w(self) -> float:
         """Return the largest power deficit of the run [W]."""

@@ -1056,9 +1056,10 @@ static bev_status plan(recursion *of, double *states, double *powers_w, int32_t 
   return finish(of, aim_c, states, powers_w, ends_in);
 }
 
-/* Whether the layers lead from other states, too: neither charge nor power is short. */
+/* Whether the layers lead from other states, too: they are wide, and neither charge nor power is short. */
 static int is_to_be_followed(const recursion *of, bev_status status, const double *states) {
-  return status == BEV_OK && of->unheated_lack_w == 0.0 && beyond_k(of, states, 1) <= 0.0;
+  return status == BEV_OK && of->is_certain == 0 && of->unheated_lack_w == 0.0
+      && beyond_k(of, states, 1) <= 0.0;
 }
 
 /* Whether the run stays so far within the layers that what may become known on the way is in them, too. */

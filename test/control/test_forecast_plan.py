@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from bev_preheat.control.forecast_plan import ForecastPlanner, PlanningTask, seen_from_now
-from bev_preheat.control.margins import LATER_SHARE, LEAST_REVEALED_K, MOST_REVEALED_K, REVEALED_SHARE
+from bev_preheat.control.margins import LEAST_REVEALED_K, MOST_REVEALED_K
 from bev_preheat.control.settings import Settings
 from bev_preheat.estimation.estimate import Estimate
 from bev_preheat.estimation.hypotheses import Heater, HeaterReport
@@ -93,7 +93,7 @@ def test_a_share_of_what_the_arrival_may_deviate_beyond_the_temperature_now_beco
     make(estimate, maker)
     assert len(asked) == 3
     revealed_k = math.sqrt(before.forecast.as_planned_k**2 - 0.2**2)
-    assert asked[2].uncertainty.deviation_k == pytest.approx(REVEALED_SHARE * revealed_k)
+    assert asked[2].uncertainty.deviation_k == pytest.approx(revealed_k)
 
 
 def test_what_is_unknown_now_and_stays_so_is_not_planned_for(asked):
@@ -119,7 +119,7 @@ def test_heat_that_may_come_later_than_believed_is_part_of_it(asked):
     make(estimate, maker)
     later_k = 40.0 * (math.exp(0.5) - 1.0) * 0.87 * 7000.0 / 377376.0
     assert asked[-1].uncertainty.deviation_k == pytest.approx(
-        math.hypot(REVEALED_SHARE * before.forecast.as_planned_k, LATER_SHARE * later_k))
+        math.hypot(before.forecast.as_planned_k, later_k))
 
 
 def test_a_new_route_is_planned_as_if_nothing_were_known_of_its_arrival(asked):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from bev_preheat.native import library as library_module
-from bev_preheat.native.library import core, core_in_words, without_core
+from bev_preheat.native.library import core, core_in_words, LEFT, without_core
 from bev_preheat.native.structs import room, StrandingStruct, VALUE_KEPT_EVERY, ValueGoalStruct
 from bev_preheat.planning.dynamics import native_vehicle
 from bev_preheat.planning.limits import drive_as_planned, run_unheated
@@ -145,6 +145,34 @@ def test_a_plan_by_values_from_what_is_no_number_is_refused(value):
         arguments, kept = value_call(4)
         kept[2][row, 0] = value
         assert core().bev_plan_by_values(*arguments) < 0, row
+
+
+@pytest.mark.parametrize('number', [4, 7], ids=['at once', 'late'])
+def test_kept_values_are_followed_by_a_shorter_trip_and_by_no_longer_one(number):
+    arguments, kept = value_call(number, deviation_k=1.5)
+    _, _, states, powers_w, flags, memory, _ = kept
+    assert core().bev_plan_by_values(*arguments) == 0
+    steps, *first = states.shape[1] - 1, powers_w.tobytes()
+    following = [*arguments[:3], steps, *arguments[3:-1]]
+    powers_w[:] = np.nan
+    assert core().bev_follow_values(*following) == 0
+    assert powers_w.tobytes() == first[0]
+    for missing in range(len(following)):
+        assert core().bev_follow_values(
+            *following[:missing], 0, *following[missing + 1:]) == BAD_ARGUMENT, missing
+    assert core().bev_follow_values(*following[:3], steps - 1, *following[4:]) == BAD_ARGUMENT
+    states[1, 0] += 2.0
+    assert core().bev_follow_values(*following) == LEFT
+    assert (flags[-64:] == 3).all() and (memory[-64:] == 7.25).all()
+
+
+def test_values_of_a_certain_drive_are_not_followed():
+    arguments, kept = value_call(4)
+    assert core().bev_plan_by_values(*arguments) == 0
+    following = [*arguments[:3], kept[2].shape[1] - 1, *arguments[3:-1]]
+    assert core().bev_follow_values(*following) == LEFT
+    kept[1].deviation_k = 1.0
+    assert core().bev_follow_values(*following) == LEFT
 
 
 def test_a_library_with_other_structs_is_not_used(monkeypatch):

@@ -1,0 +1,160 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Plans from the values of an earlier plan.
+
+The rest of a plan that is best from now on is best from later on (Bellman's principle), so what is left of a
+plan is known without making one.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bev_preheat.native.library import core_in_words, without_core
+from bev_preheat.planning.kept_values import KeptValues, MOST_PASSED_S, Requirements
+from bev_preheat.planning.situation import BatteryState, Goal, Uncertainty
+from bev_preheat.planning.trip import make_trip
+from bev_preheat.planning.value_function import plan_by_values
+from bev_preheat.route import load_route
+from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.cell_spread import limited_by_coldest_cell
+from bev_preheat.vehicle.heat_path import HeatPath
+
+GOAL = Goal(25.0)
+DEVIATION_K = 1.5
+SITUATIONS = {
+    'at once': ('reference', -7.0, HeatPath()), 'over the pass': ('alpine_pass', -10.0, HeatPath()),
+    'late': ('city_stop_and_go', 5.0, HeatPath(45.0, 16e3, 280.0))}
+
+
+class Drive:
+    """A drive that is planned on the way, with values kept."""
+
+    def __init__(self, name='at once'):
+        route, temperature_c, heat_path = SITUATIONS[name]
+        self.vehicle = replace(load_vehicle('reference'), heat_path=heat_path)
+        self.route = load_route(route, self.vehicle.defaults)
+        self.state = BatteryState(temperature_c, 0.9)
+        self.kept = KeptValues()
+        self.first = self.plan(self.kept)
+
+    def plan(self, kept=None, passed_s=0.0, state=None, goal=GOAL, deviation_k=DEVIATION_K, is_on=False, **change):
+        """Return the Schedule of the rest of the drive."""
+        vehicle, route = change.pop('vehicle', self.vehicle), change.pop('route', self.route).after(passed_s)
+        trip = make_trip(vehicle, route, **change)
+        share = route.total_duration_s / self.route.total_duration_s
+        uncertainty = Uncertainty(share * deviation_k, is_on)
+        return plan_by_values(trip, state or self.state, goal, uncertainty=uncertainty, kept=kept)
+
+
+def state_at(schedule, step):
+    """Return the BatteryState of a Schedule at the start of a step."""
+    heat = schedule.heat
+    late = () if heat is None else (float(heat.heater_power_w[step]), float(heat.coolant_excess_k[step]))
+    return BatteryState(float(schedule.temperature_c[step]), float(schedule.soc[step]), *late)
+
+
+@pytest.fixture(params=['core', 'Python'])
+def engine(request):
+    if request.param == 'core':
+        assert core_in_words().startswith('used: ')
+        yield
+    else:
+        with without_core():
+            yield
+
+
+@pytest.mark.parametrize('name', SITUATIONS)
+@pytest.mark.usefixtures('engine')
+def test_the_rest_of_a_plan_is_the_plan_of_the_rest(name):
+    drive = Drive(name)
+    route, first = drive.route, drive.first
+    heated = first.heater_power_w > 1.0
+    assert heated.any()
+    step = int(np.flatnonzero(route.time_s <= MOST_PASSED_S)[-1])
+    assert step > 0
+    was_on = bool(heated[step - 1])
+    rest = drive.plan(drive.kept, float(route.time_s[step]), state_at(first, step), is_on=was_on)
+    ends = int(np.flatnonzero(heated)[-1])
+    np.testing.assert_allclose(
+        rest.heater_power_w[:ends - step], first.heater_power_w[step:ends], rtol=0.0, atol=1e-6)
+    assert rest.temperature_c[-1] == pytest.approx(first.temperature_c[-1], abs=0.01)
+
+
+@pytest.mark.parametrize('name', SITUATIONS)
+def test_core_and_python_follow_kept_values_alike(name):
+    passed_s, plans = 37.0, []
+    for is_on in (False, True):
+        drive = Drive(name)
+        colder = replace(drive.state, temperature_c=drive.state.temperature_c - 0.3)
+        plans.append(drive.plan(drive.kept, passed_s, colder, is_on=is_on))
+        with without_core():
+            other = Drive(name)
+            plans.append(other.plan(other.kept, passed_s, colder, is_on=is_on))
+        np.testing.assert_allclose(plans[-1].heater_power_w, plans[-2].heater_power_w, rtol=0.0, atol=1e-6)
+
+
+@pytest.mark.parametrize('name', SITUATIONS)
+def test_a_plan_from_kept_values_costs_no_more_than_a_new_one(name):
+    drive = Drive(name)
+    for number in range(8):
+        random = np.random.default_rng(number)
+        state = replace(drive.state, temperature_c=drive.state.temperature_c + random.uniform(-0.4, 0.4))
+        passed_s = random.uniform(0.0, MOST_PASSED_S)
+        kept, new = drive.plan(drive.kept, passed_s, state), drive.plan(None, passed_s, state)
+        assert kept.temperature_c[-1] == pytest.approx(new.temperature_c[-1], abs=0.05)
+        # A whole kelvin costs 100 Wh and more; 3 Wh are that of some seconds of heating.
+        capacity_wh = drive.vehicle.battery.capacity_ah * 400.0
+        assert (new.soc[-1] - kept.soc[-1]) * capacity_wh < 3.0
+
+
+def changes():
+    vehicle = load_vehicle('reference')
+    route = load_route('reference', vehicle.defaults)
+    return {
+        'another target': {'goal': Goal(22.0)},
+        'another reserve': {'goal': Goal(25.0, minimum_arrival_soc=0.3)},
+        'less uncertainty': {'deviation_k': 0.6 * DEVIATION_K},
+        'more uncertainty': {'deviation_k': 1.4 * DEVIATION_K},
+        'less heater': {'heater_share': 0.6},
+        'heat that comes late': {'heat_lag_s': 200.0},
+        'more power': {'route': route.with_propulsion(1.3)},
+        'a colder cell': {'vehicle': limited_by_coldest_cell(vehicle, 5.0)},
+        'another drive': {'route': load_route('winter_commute', vehicle.defaults)},
+        'a minute and more': {'passed_s': MOST_PASSED_S + 5.0},
+        'a battery that is much colder': {'state': BatteryState(-11.0, 0.9)},
+        'a battery that is much warmer': {'state': BatteryState(-3.0, 0.9)},
+    }
+
+
+@pytest.mark.parametrize('change', changes())
+@pytest.mark.usefixtures('engine')
+def test_values_that_no_longer_hold_are_not_used(change):
+    drive, changed = Drive(), changes()[change]
+    kept, new = drive.plan(drive.kept, **changed), drive.plan(None, **changed)
+    np.testing.assert_array_equal(kept.heater_power_w, new.heater_power_w)
+    np.testing.assert_array_equal(kept.temperature_c, new.temperature_c)
+
+
+def test_values_of_the_one_engine_are_not_used_by_the_other():
+    drive = Drive()
+    with without_core():
+        np.testing.assert_array_equal(drive.plan(drive.kept).heater_power_w, drive.plan(None).heater_power_w)
+        kept = KeptValues()
+        drive.plan(kept)
+    np.testing.assert_allclose(drive.plan(kept, 20.0).heater_power_w, drive.plan(drive.kept, 20.0).heater_power_w,
+                               rtol=0.0, atol=1e-6)
+
+
+def test_two_kinds_of_plans_in_turn_keep_their_values_each():
+    vehicle = load_vehicle('reference')
+    route = load_route('reference', vehicle.defaults)
+    kept, wanted = KeptValues(), Requirements(25.0, 0.1, Uncertainty(DEVIATION_K))
+    trips = [make_trip(vehicle, route, share) for share in (1.0, 0.7, 0.4)]
+    assert kept.that_hold(trips[0], wanted) is None
+    for number, trip in enumerate(trips):
+        kept.keep(trip, wanted, number)
+    later = [make_trip(vehicle, route.after(40.0), share) for share in (1.0, 0.7, 0.4)]
+    less = replace(wanted, uncertainty=Uncertainty(DEVIATION_K * 0.99))
+    assert [kept.that_hold(trip, less) for trip in later] == [None, 1, 2]
