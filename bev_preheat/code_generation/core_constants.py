@@ -25,6 +25,9 @@ from bev_preheat.planning import (
     trip,
     two_switches,
     value_function,
+    value_layers,
+    value_path,
+    value_run,
 )
 
 # Names in each module; if another module has the same name, the name in C follows after a colon.
@@ -46,11 +49,12 @@ NAMES: Mapping[ModuleType, str] = {
     steps_ahead: 'LACK_TOLERANCE_W LEAST_HEATING_W SAME_END_W',
     trip: 'BELOW_HIGHEST_K LONGEST_STEP_S',
     two_switches: 'COMPARED_TOLERANCE_K DEFICIT_WH_PER_K MOST_LAGS OFF_RESOLUTION_S SURE_SHARE',
-    value_function: ('ABOVE_K BELOW_K BEYOND_PRICE EDGE_SHARE EMPTY_J EXPECTED_PASSES FIRST_STEP_K '
-                     'HEATING_PRICE LACK_PRICE LAST_K LAST_STEP_K LEAST_SHARE LOOK_WH MOST_LOOKS MOST_SPREAD '
-                     'MOVED_K NARROW_K NARROW_STEP_K NEAR_K NEAR_PRICE NEAR_RESERVE_K PRICED_K PRICED_SOC '
-                     'RESERVE_TOLERANCE SHORT_PRICE SPARE_SOC STRETCH_J STRETCH_K SWITCH_ON_EXPECTED_WH '
-                     'SWITCH_ON_WH WATCHED_BELOW_K WATCHED_SOC WIDER_DEVIATIONS WIDE_K WIDE_STEP_K')}
+    value_function: ('ABOVE_K BELOW_K EDGE_SHARE EMPTY_J EXPECTED_PASSES FIRST_STEP_K LACK_PRICE LAST_K '
+                     'LAST_STEP_K LOOK_WH MOST_LOOKS NARROW_K NARROW_STEP_K NEAR_K NEAR_PRICE NEAR_RESERVE_K '
+                     'RESERVE_TOLERANCE SPARE_SOC STRETCH_J STRETCH_K WIDER_DEVIATIONS WIDE_K WIDE_STEP_K'),
+    value_layers: 'BEYOND_PRICE LEAST_SHARE MOST_SPREAD SHORT_PRICE',
+    value_path: 'PRICED_K PRICED_SOC WATCHED_BELOW_K WATCHED_SOC',
+    value_run: 'HEATING_PRICE MOVED_K SWITCH_ON_EXPECTED_WH SWITCH_ON_WH'}
 
 
 def constants() -> dict[str, int | float]:

@@ -9,7 +9,7 @@ import pytest
 from bev_preheat.code_generation import core_constants
 from bev_preheat.code_generation.c_source import constants as constants_header
 from bev_preheat.code_generation.core_constants import constants, NAMES
-from bev_preheat.planning import value_function
+from bev_preheat.planning import value_run
 
 CHECKOUT = Path(__file__).parents[2]
 SOURCES = sorted([*(CHECKOUT / 'core' / 'src').glob('*.[ch]'),
@@ -38,6 +38,6 @@ def test_the_header_has_each_number_to_the_last_bit():
 
 
 def test_two_constants_of_one_name_are_refused(monkeypatch):
-    monkeypatch.setattr(core_constants, 'NAMES', {**NAMES, value_function: NAMES[value_function] + ' MOST_TRIALS'})
+    monkeypatch.setattr(core_constants, 'NAMES', {**NAMES, value_run: NAMES[value_run] + ' MOST_TRIALS'})
     with pytest.raises(ValueError, match='BEV_MOST_TRIALS: two constants have this name'):
         constants()
