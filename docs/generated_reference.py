@@ -28,7 +28,7 @@ from bev_preheat.nodes import (
     route_publisher_node,
     vehicle_simulator_node,
 )
-from bev_preheat.nodes.diagnostics import HEATER_LEVELS, HEATER_SENTENCES, LEVELS
+from bev_preheat.nodes.diagnostics import HEATER_LEVELS, HEATER_SENTENCES
 from bev_preheat.planning.status import Status
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -256,7 +256,7 @@ def statuses():
     meanings = dict(re.findall(r'^uint8 (\w+)=\d+ +# (.*)$', text, re.MULTILINE))
     return table(('number', 'status', 'meaning', 'diagnostics'),
                  [(str(int(status)), code(status.name), plain(meanings[status.name]),
-                   LEVEL_NAMES[LEVELS.get(status, DiagnosticStatus.OK)]) for status in Status])
+                   status.meaning.level.name) for status in Status])
 
 
 def heater():

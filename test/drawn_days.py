@@ -10,9 +10,10 @@ has truly arrived.
 from hypothesis import strategies as st
 
 from bev_preheat.control.events import BatteryStateArrived, ProgressArrived, RouteArrived
-from bev_preheat.control.inputs import Leg, Measurement, Mission, NS_PER_S, Progress
+from bev_preheat.control.inputs import Leg, Measurement, Mission, Progress
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.status import Status
 from bev_preheat.route.segments import make_route

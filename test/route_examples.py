@@ -7,8 +7,9 @@ import math
 
 import numpy as np
 
+from bev_preheat.numerics.factors import EARTH_RADIUS_M
+
 POINTS, STEP_M, SPEED_MPS = 400, 50.0, 20.0
-EARTH_RADIUS_M = 6371008.8
 LENGTH_M = (POINTS - 1) * STEP_M
 START = datetime(2026, 1, 10, 7, tzinfo=UTC)
 

@@ -18,10 +18,10 @@ import math
 from typing import Any, TYPE_CHECKING
 
 from bev_preheat.charging.prospect import CERTAIN, ChargingProspect
-from bev_preheat.charging.stop import WH_PER_KWH
 from bev_preheat.charging.target_worth import Prices
-from bev_preheat.charging.worth import find_worth, SECONDS_PER_H
+from bev_preheat.charging.worth import find_worth
 from bev_preheat.errors import InvalidInput
+from bev_preheat.numerics.factors import S_PER_H, WH_PER_KWH
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.planner import plan_unheated
 from bev_preheat.planning.situation import BatteryState, check_situation, reserve_soc
@@ -166,7 +166,7 @@ class _Leg:
         assert worth is not None
         best = worth.best
         end_soc = self._end_of_rest(leaves_c, departure_soc).soc[-1] if self._rest else departure_soc
-        hour_s = SECONDS_PER_H
+        hour_s = S_PER_H
         return CandidateWorth(
             candidate, None, departure_soc, float(end_soc), worth,
             candidate.energy_price_per_kwh * best.bought_energy_wh / WH_PER_KWH,
@@ -177,7 +177,7 @@ class _Leg:
         """Return the mean cost of waiting: of its time, and of charging a battery that has cooled meanwhile."""
         taken = 1.0 - self._candidate.free_probability
         if taken == 0.0:
-            return time_per_h * self._candidate.expected_wait_s / SECONDS_PER_H
+            return time_per_h * self._candidate.expected_wait_s / S_PER_H
         return taken * (best.not_charged_cost - best.charged_cost)
 
     def _unreached(self, unheated: Plan) -> str | None:

@@ -14,6 +14,7 @@ from bev_preheat.charging.candidates import Candidate
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.files.checked_yaml import FileData, load_checked_yaml
 from bev_preheat.files.configuration import find_configuration
+from bev_preheat.numerics.factors import S_PER_MIN
 from bev_preheat.route.places import Places
 
 if TYPE_CHECKING:
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     from bev_preheat.route.segments import Route
 
 SCHEMA = Path(__file__).with_name('chargers_schema.yaml')
-S_PER_MIN, M_PER_KM = 60.0, 1000.0
+M_PER_KM = 1000.0
 # A place this close to the route's end [s] counts as its end: figures in files are rounded.
 END_S = 1.0
 

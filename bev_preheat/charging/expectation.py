@@ -29,7 +29,7 @@ from bev_preheat.charging.session import LONGEST_SESSION_S
 from bev_preheat.charging.stop import arrival_state
 from bev_preheat.estimation.soak import temperature_after
 from bev_preheat.numerics.arithmetic import FLOATS
-from bev_preheat.planning.dynamics import JOULES_PER_WH
+from bev_preheat.numerics.factors import JOULES_PER_WH
 from bev_preheat.planning.limits import drive_as_planned
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.trip import make_trip

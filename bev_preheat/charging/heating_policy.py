@@ -27,9 +27,10 @@ from bev_preheat.charging.equations import (
     supply_of,
 )
 from bev_preheat.charging.heating_limit import HeatingLimit
-from bev_preheat.charging.target_worth import Prices, SECONDS_PER_H, WH_PER_KWH
+from bev_preheat.charging.target_worth import Prices
 from bev_preheat.numerics.arithmetic import ARRAYS
-from bev_preheat.planning.dynamics import hottest_c, JOULES_PER_WH
+from bev_preheat.numerics.factors import JOULES_PER_WH, S_PER_H, WH_PER_KWH
+from bev_preheat.planning.dynamics import hottest_c
 from bev_preheat.vehicle.charging import charging_of, vehicle_at_charger
 from bev_preheat.vehicle.heat_path import DIRECT
 from bev_preheat.vehicle.model import make_rates
@@ -120,7 +121,7 @@ class _Table:
         self._side_w = stop.cabin_heating_power_w + stop.auxiliary_power_w
         self._supply_w, self._heater_w = supply_of(car, stop), heater_power_of(car, stop)
         self._per_j = prices.energy_per_kwh / (WH_PER_KWH * JOULES_PER_WH)
-        self._per_s = prices.time_per_h / SECONDS_PER_H
+        self._per_s = prices.time_per_h / S_PER_H
         self._rates = make_charging_rates(
             charging_of(car).power_limit.function(ARRAYS),
             make_cooling(charging_of(car).cooling, stop.ambient_c, ARRAYS), make_rates(car, ARRAYS), ARRAYS)

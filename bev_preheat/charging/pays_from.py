@@ -6,11 +6,11 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from bev_preheat.numerics.factors import S_PER_H, WH_PER_KWH
+
 if TYPE_CHECKING:
     from bev_preheat.charging.target_worth import TargetWorth
 
-WH_PER_KWH = 1000.0
-SECONDS_PER_H = 3600.0
 # A saving of less than this [s] is rounding.
 LEAST_SAVED_S = 0.1
 
@@ -27,8 +27,8 @@ def pays_from_per_h(item: TargetWorth, without: TargetWorth, price_per_kwh: floa
     if math.isinf(without.charging_time_s):
         return 0.0
     more = price_per_kwh * (item.bought_energy_wh - without.bought_energy_wh) / WH_PER_KWH
-    saved_h = (without.charging_time_s - item.charging_time_s) / SECONDS_PER_H
-    if saved_h < LEAST_SAVED_S / SECONDS_PER_H:
+    saved_h = (without.charging_time_s - item.charging_time_s) / S_PER_H
+    if saved_h < LEAST_SAVED_S / S_PER_H:
         return math.inf
     if probability < 1.0:
         more += (1.0 - probability) / probability * lost
@@ -46,8 +46,8 @@ def pays_to_price_per_kwh(item: TargetWorth, without: TargetWorth, value_per_h: 
         return 0.0
     if math.isinf(without.charging_time_s):
         return math.inf
-    saved_h = (without.charging_time_s - item.charging_time_s) / SECONDS_PER_H
-    if saved_h < LEAST_SAVED_S / SECONDS_PER_H:
+    saved_h = (without.charging_time_s - item.charging_time_s) / S_PER_H
+    if saved_h < LEAST_SAVED_S / S_PER_H:
         return 0.0
     more_kwh = (item.bought_energy_wh - without.bought_energy_wh + lost_wh) / WH_PER_KWH
     return value_per_h * saved_h / more_kwh if more_kwh > 0.0 else math.inf

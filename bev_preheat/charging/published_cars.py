@@ -14,14 +14,10 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
-from bev_preheat.charging.published_time import (
-    describe_timed_car,
-    PUBLISHED_SPAN,
-    S_PER_MIN,
-    warm_session,
-)
+from bev_preheat.charging.published_time import describe_timed_car, PUBLISHED_SPAN, warm_session
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.checked_yaml import load_checked_yaml
+from bev_preheat.numerics.factors import S_PER_MIN
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.charging_curve import checked_curve, PERCENT
 from bev_preheat.vehicle.data_sheet import DataSheet

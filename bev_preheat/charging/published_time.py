@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from bev_preheat.charging.session import charge, Session
 from bev_preheat.charging.stop import CHARGER_RANGE_W, ChargingStop
 from bev_preheat.errors import InvalidInput
+from bev_preheat.numerics.factors import S_PER_MIN
 from bev_preheat.planning.bracketing import halve
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.situation import BatteryState
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
     from bev_preheat.vehicle.data_sheet import DataSheet
     from bev_preheat.vehicle.data_sheet_import import Entry
 
-S_PER_MIN = 60.0
 WARM_C = 25.0
 AIR_C = 20.0
 PUBLISHED_SPAN = (0.1, 0.8)

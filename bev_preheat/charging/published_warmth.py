@@ -14,17 +14,17 @@ from typing import Any, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.charging.published_cars import described, FIGURES, naming, SCHEMA
-from bev_preheat.charging.published_time import S_PER_MIN
 from bev_preheat.charging.session import charge
 from bev_preheat.charging.stop import ChargingStop
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.checked_yaml import load_checked_yaml
+from bev_preheat.numerics.factors import S_PER_MIN, W_PER_KW
 from bev_preheat.planning.dynamics import run_forward
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle.charging import session_charging
-from bev_preheat.vehicle.charging_curve import PERCENT, W_PER_KW
+from bev_preheat.vehicle.charging_curve import PERCENT
 from bev_preheat.vehicle.data_sheet import DataSheet
 from bev_preheat.vehicle.model import make_runge_kutta_4
 

@@ -8,6 +8,7 @@ import math
 from typing import TYPE_CHECKING
 
 from bev_preheat.errors import figure, figure_beyond, InvalidInput
+from bev_preheat.numerics.factors import WH_PER_KWH
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.situation import BatteryState, check_situation
 from bev_preheat.vehicle.charging import charging_of
@@ -19,7 +20,6 @@ if TYPE_CHECKING:
 
 # The weakest charger gives more than this; a smaller value is in kilowatts by mistake.
 CHARGER_RANGE_W = (1000.0, 2e6)
-WH_PER_KWH = 1000.0
 MOST_SIDE_POWER_W = 50e3
 # Fast charging slows down from there, so most stops end there.
 USUAL_DEPARTURE_SOC = 0.8

@@ -7,8 +7,8 @@ from dataclasses import asdict, dataclass
 import math
 from typing import Any
 
-WH_PER_KWH = 1000.0
-SECONDS_PER_H = 3600.0
+from bev_preheat.numerics.factors import S_PER_H, WH_PER_KWH
+
 OF_UNCERTAINTY = 'charged_cost', 'not_charged_cost'
 
 
@@ -24,7 +24,7 @@ class Prices:
         if math.isinf(energy_wh) or math.isinf(time_s):
             return math.inf
         return (self.energy_per_kwh * energy_wh / WH_PER_KWH
-                + self.time_per_h * time_s / SECONDS_PER_H)
+                + self.time_per_h * time_s / S_PER_H)
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ import math
 from typing import TYPE_CHECKING
 
 from bev_preheat.charging.prospect import chance_text
+from bev_preheat.numerics.factors import WH_PER_KWH
 from bev_preheat.planning.explanation import duration_text
 
 if TYPE_CHECKING:
@@ -14,7 +15,6 @@ if TYPE_CHECKING:
     from bev_preheat.charging.target_worth import Prices, TargetWorth
     from bev_preheat.charging.too_warm import Derating
 
-WH_PER_KWH = 1000.0
 # Cost differences below this, in any currency, do not matter to a driver.
 LEAST_GAIN = 0.01
 

@@ -32,6 +32,7 @@ from bev_preheat.charging.verdict import (
     warmer_than,
 )
 from bev_preheat.errors import figure, figure_beyond, InvalidInput
+from bev_preheat.numerics.factors import WH_PER_KWH
 from bev_preheat.planning.bracketing import least_of, Trial
 from bev_preheat.planning.planner import DEFAULT_METHOD, plan_preheating, plan_unheated
 from bev_preheat.planning.situation import check_situation
@@ -48,8 +49,6 @@ if TYPE_CHECKING:
     from bev_preheat.route.segments import Route
     from bev_preheat.vehicle.description import Vehicle
 
-WH_PER_KWH = 1000.0
-SECONDS_PER_H = 3600.0
 # Targets are scanned in whole degrees, and the best is refined to this [K].
 GRID_K = 1.0
 TARGET_RESOLUTION_K = 0.05

@@ -7,11 +7,10 @@ from collections.abc import Iterator, Mapping
 from types import ModuleType
 
 from bev_preheat.estimation import truncated_normal
-from bev_preheat.numerics import folded_normal
+from bev_preheat.numerics import factors, folded_normal
 from bev_preheat.planning import (
     both_ends,
     bracketing,
-    dynamics,
     heated_limits,
     heating_intervals,
     limits,
@@ -34,9 +33,9 @@ from bev_preheat.planning import (
 NAMES: Mapping[ModuleType, str] = {
     truncated_normal: 'LOG_ROOT_2_PI ROOT_2 TAIL',
     folded_normal: 'CERTAIN_DEVIATIONS ROOT_2_OVER_PI',
+    factors: 'JOULES_PER_WH',
     both_ends: 'END_TOLERANCE_W HIGHEST_TOLERANCE_K',
     bracketing: 'ARRIVAL_TOLERANCE_K HALVINGS MOST_TRIALS',
-    dynamics: 'JOULES_PER_WH',
     heated_limits: 'LAGS_AHEAD LASTING_LAGS',
     heating_intervals: 'SURPLUS_TOLERANCE_W',
     limits: 'COLDER_BY_K',

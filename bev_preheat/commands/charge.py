@@ -15,6 +15,7 @@ from bev_preheat.commands.situation import add_drive_arguments, load_planned_veh
 from bev_preheat.console.output import add_output_arguments, check_output_arguments, write_json
 from bev_preheat.console.terminal import print_figures, result_console
 from bev_preheat.errors import InvalidInput
+from bev_preheat.numerics.factors import W_PER_KW, WH_PER_KWH
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.planner import plan_preheating, plan_unheated
 from bev_preheat.planning.situation import BatteryState
@@ -31,8 +32,6 @@ if TYPE_CHECKING:
     from bev_preheat.commands.arguments import Subparsers
     from bev_preheat.vehicle import Vehicle
 
-WH_PER_KWH = 1000.0
-W_PER_KW = 1000.0
 MOST_TEMPERATURES = 2
 PREHEATED, UNHEATED = 'preheated', 'without preheating'
 # Arguments for each of the two ways to give the state on arrival.

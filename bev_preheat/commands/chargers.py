@@ -14,6 +14,7 @@ from bev_preheat.commands.situation import read_situation
 from bev_preheat.console.output import check_output_arguments, write_json
 from bev_preheat.console.terminal import print_records, result_console
 from bev_preheat.errors import InvalidInput
+from bev_preheat.numerics.factors import S_PER_MIN, W_PER_KW, WH_PER_KWH
 from bev_preheat.planning.explanation import duration_text
 
 if TYPE_CHECKING:
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
 
     from bev_preheat.charging.candidates import CandidateWorth
 
-W_PER_KW, WH_PER_KWH, S_PER_MIN = 1000.0, 1000.0, 60.0
 # Arguments for one charger, and for several.
 OF_ONE = ('charger_power', 'departure_soc')
 OF_SEVERAL = ('end_soc', 'only')

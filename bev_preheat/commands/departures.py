@@ -15,6 +15,7 @@ from bev_preheat.control.departure_week import prepare_week
 from bev_preheat.control.departures_file import load_departures, load_grid_prices
 from bev_preheat.control.local_time import dated_time, in_words, instant_ns, local
 from bev_preheat.errors import InvalidInput
+from bev_preheat.numerics.factors import WH_PER_KWH
 from bev_preheat.optional_packages import require_ros
 
 if TYPE_CHECKING:
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
 
     from bev_preheat.control.departure_week import PreparedDeparture
 
-WH_PER_KWH = 1000.0
 # Options that only this part of the subcommand reads.
 OFFLINE = ('prices', 'vehicle', 'temperature', 'soc', 'since', 'json', 'plot')
 # Options of a goal for a running planner.

@@ -11,9 +11,10 @@ from bev_preheat.commands.prospect import given_prospect_options, plan_in_doubt
 from bev_preheat.commands.situation import in_steps, load_planned_vehicle, target_of, warn
 from bev_preheat.console.output import check_output_arguments, print_plans, write_json
 from bev_preheat.console.terminal import result_console
-from bev_preheat.control.inputs import check_mission, Leg, NS_PER_S
+from bev_preheat.control.inputs import check_mission, Leg
 from bev_preheat.control.itinerary import load_itinerary
 from bev_preheat.errors import InvalidInput
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.sensitivity import find_sensitivity
 from bev_preheat.planning.situation import BatteryState

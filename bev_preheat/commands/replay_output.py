@@ -7,6 +7,7 @@ import math
 from typing import Any, NamedTuple, TYPE_CHECKING
 
 from bev_preheat.console.terminal import print_figures
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.replay.cause import cause_of
 from bev_preheat.replay.flight_file import FLIGHT_RECORDER
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
     from bev_preheat.replay.report import ReportText
     from bev_preheat.replay.what_if import Replayed
 
-NS_PER_S = 1_000_000_000
 # The longest spans without a command are listed.
 MOST_SPANS = 10
 

@@ -17,6 +17,7 @@ from bev_preheat.commands.situation import add_route_options, in_steps, ROUTE_OP
 from bev_preheat.console.terminal import result_console
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.output_files import check_outputs, expanded, OutputFile, PICTURE_SUFFIXES
+from bev_preheat.numerics.factors import JOULES_PER_WH
 from bev_preheat.route import route_for
 from bev_preheat.route.averages import compare_averages
 from bev_preheat.route.csv_file import rounded, save_route
@@ -37,7 +38,6 @@ if TYPE_CHECKING:
     from bev_preheat.route.sources.journey import ChargingStop
     from bev_preheat.vehicle import Vehicle
 
-JOULES_PER_WH = 3600.0
 DEFAULT_STEP_S = 30.0
 
 

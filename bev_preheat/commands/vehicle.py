@@ -8,7 +8,7 @@ from pathlib import Path
 import shlex
 from typing import TYPE_CHECKING
 
-from bev_preheat.charging.published_time import describe_timed_car, S_PER_MIN, WARM_C, warm_session
+from bev_preheat.charging.published_time import describe_timed_car, WARM_C, warm_session
 from bev_preheat.commands.completion import completed_by, VEHICLES
 from bev_preheat.commands.vehicle_published import add_published
 from bev_preheat.console.output import add_output_arguments, check_output_arguments, write_json
@@ -16,6 +16,7 @@ from bev_preheat.console.terminal import print_figures, print_records, result_co
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.configuration import configuration_folder
 from bev_preheat.files.output_files import check_outputs, existing_file, OutputFile, write_whole
+from bev_preheat.numerics.factors import S_PER_MIN
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.vehicle import load_vehicle, vehicle_file
 from bev_preheat.vehicle.assumptions import key_in_words

@@ -17,6 +17,7 @@ from bev_preheat.commands.prospect import add_prospect_arguments, read_prospect
 from bev_preheat.commands.situation import add_drive_arguments, read_situation
 from bev_preheat.console.output import add_output_arguments, check_output_arguments, write_json
 from bev_preheat.console.terminal import print_records, result_console
+from bev_preheat.numerics.factors import S_PER_MIN, W_PER_KW, WH_PER_KWH
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.sensitivity import find_sensitivity
@@ -30,9 +31,6 @@ if TYPE_CHECKING:
     from bev_preheat.charging.worth import Worth
     from bev_preheat.commands.arguments import Subparsers
 
-WH_PER_KWH = 1000.0
-S_PER_MIN = 60.0
-W_PER_KW = 1000.0
 # The table shows targets at this spacing; the JSON has all.
 SHOWN_EACH_K = 5.0
 

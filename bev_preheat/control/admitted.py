@@ -6,8 +6,9 @@ from __future__ import annotations
 from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.control.decision import Decision, WITHOUT_ROUTE
-from bev_preheat.control.inputs import goal_of_leg, NS_PER_S
+from bev_preheat.control.inputs import goal_of_leg
 from bev_preheat.control.settings import defaults_of
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.status import Status
 
 if TYPE_CHECKING:

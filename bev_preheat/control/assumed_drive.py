@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.control.inputs import NS_PER_S
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.route.segments import LIMITS, make_route, Route
 
 if TYPE_CHECKING:

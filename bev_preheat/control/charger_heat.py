@@ -18,9 +18,9 @@ from typing import NamedTuple, TYPE_CHECKING
 from bev_preheat.charging.equations import heated_c
 from bev_preheat.charging.heating_choice import ChargerHeating, HeatingChoice, HeatingDecision
 from bev_preheat.charging.stop import CHARGER_RANGE_W, stop_after, USUAL_DEPARTURE_SOC
-from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.errors import InvalidInput
 from bev_preheat.numerics.arithmetic import FLOATS
+from bev_preheat.numerics.factors import NS_PER_S, W_PER_KW
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -40,7 +40,6 @@ CHANGED_POWER = 0.1
 LEAST_PERIOD_S = 20.0
 # A battery that takes this share of its limit is what limits the power; otherwise the charger does.
 LIMITING_SHARE = 0.9
-W_PER_KW = 1000.0
 
 
 class ChargerHeat(NamedTuple):

@@ -19,6 +19,7 @@ from bev_preheat.charging.prospect import chance_text
 from bev_preheat.charging.stop import Charger, CHARGER_RANGE_W, stop_after, USUAL_DEPARTURE_SOC
 from bev_preheat.charging.worth import WorthSearch
 from bev_preheat.errors import InvalidInput
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.planner import plan_unheated
 from bev_preheat.planning.status import Status
 from bev_preheat.vehicle.charging import charging_of
@@ -35,7 +36,6 @@ if TYPE_CHECKING:
 
 # A vehicle whose sessions are unknown is heated to its target from this probability on.
 USUAL_PAYS_FROM = 0.5
-NS_PER_S = 1_000_000_000
 
 
 class ChargingDoubt(NamedTuple):

@@ -14,10 +14,11 @@ from typing import TYPE_CHECKING
 from bev_preheat.control.command_history import CommandHistory
 from bev_preheat.control.decision import Command, Decision
 from bev_preheat.control.heater_switch import HeaterSwitch
-from bev_preheat.control.inputs import Leg, NS_PER_S
+from bev_preheat.control.inputs import Leg
 from bev_preheat.control.margins import HELD_ABOVE_TARGET_K, HELD_BELOW_HIGHEST_K, LEAST_STATUS_S
 from bev_preheat.control.refusals import BATTERY, ROUTE
 from bev_preheat.heater.controller import Refusal
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.gated_heat import STEP_TOLERANCE_W
 from bev_preheat.planning.status import Status
 
@@ -26,20 +27,6 @@ if TYPE_CHECKING:
     from bev_preheat.control.settings import Settings
     from bev_preheat.planning.plan import Plan
     from bev_preheat.vehicle.description import Vehicle
-
-# Doubt: the heater stays off until the input has been valid for a while.
-CAUSES = {
-    Status.STALE_INPUT: 'battery_state was too old, or ahead of the clock,',
-    Status.COMMAND_CONFLICT: 'Another node commanded the heater',
-    Status.INTERNAL_ERROR: 'Planning failed',
-    Status.NO_BATTERY_STATE: 'There was no valid battery state',
-}
-DOUBT = frozenset((*CAUSES, Status.INVALID_INPUT))
-# Decisions of the plan: the least time off holds as for any other switching.
-BY_PLAN = frozenset((Status.OUT_OF_CHARGE, Status.NOT_WORTH_IT, Status.WAITING))
-OF_PLAN = frozenset((
-    Status.NOT_NEEDED, Status.WAITING, Status.HEATING, Status.TARGET_UNREACHABLE, Status.SOC_LIMITED,
-    Status.POWER_LIMITED))
 
 
 class Commander:
@@ -69,10 +56,10 @@ class Commander:
 
     def off(self, now_ns: int, settings: Settings, reason: Status, sentence: str = '') -> Command:
         """Return a Command of 0 W for a reason, and the sentence on it; it counts as given."""
-        if reason in DOUBT:
+        if reason.meaning.is_doubt:
             self._switch.doubt(now_ns, _cause_in_words(reason, sentence), settings.minimum_off_time_s)
             self._doubt = reason
-        elif reason in BY_PLAN:
+        elif reason.meaning.ends_by_plan:
             self._switch.turn_off(now_ns)
         else:
             self._switch.force_off()
@@ -190,7 +177,7 @@ def _cause_in_words(reason: Status, sentence: str) -> str:
             if sentence.startswith(f'{source} refused'):
                 return f'{source} was refused'
         return 'A signal was in doubt' if sentence.startswith('Signal in doubt') else 'The input was refused'
-    return CAUSES[reason]
+    return reason.meaning.cause
 
 
 def _lease_end_ns(now_ns: int, inputs: AdmittedInputs) -> int:
@@ -254,7 +241,8 @@ class SteadyStatus:
         """Return the Status to show for a `status` of now; `is_on`: the heater is on."""
         shown, was_on = self._shown, self._was_on
         self._was_on = is_on
-        if shown is None or status is shown or is_on is not was_on or not {shown, status} <= OF_PLAN:
+        if (shown is None or status is shown or is_on is not was_on
+                or not (shown.meaning.is_of_plan and status.meaning.is_of_plan)):
             self._shown, self._differs_since_ns = status, None
             return status
         # After a clock that was set back the time begins again.

@@ -3,7 +3,7 @@
 
 from collections import deque
 
-from bev_preheat.control.inputs import NS_PER_S
+from bev_preheat.numerics.factors import NS_PER_S
 
 # No caller asks further back.
 KEPT_NS = 70_000_000_000

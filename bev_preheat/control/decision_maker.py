@@ -21,7 +21,7 @@ from bev_preheat.control.forecast_plan import (
     PlanningTask,
     seen_from_now,
 )
-from bev_preheat.control.inputs import Leg, NS_PER_S
+from bev_preheat.control.inputs import Leg
 from bev_preheat.control.margins import FORESEEN_S, MOST_COLDER_K, MOST_PARKED_S, MOST_STANDING_S
 from bev_preheat.control.preparation_plan import (
     in_words_of_preparation,
@@ -37,6 +37,7 @@ from bev_preheat.estimation.estimate import Estimate
 from bev_preheat.estimation.estimator import Estimator
 from bev_preheat.estimation.last_seen import LastSeen
 from bev_preheat.estimation.soak import temperature_after
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.status import Status
@@ -56,11 +57,6 @@ if TYPE_CHECKING:
     from bev_preheat.planning.situation import BatteryState, Goal
     from bev_preheat.route.segments import Route
     from bev_preheat.vehicle.description import Vehicle
-
-ALARMS = (Status.TARGET_UNREACHABLE, Status.SOC_LIMITED, Status.POWER_LIMITED, Status.OUT_OF_CHARGE)
-# A vehicle that stands too long waits instead of these, because they heat or are about to.
-WITHHELD = (Status.WAITING, Status.HEATING, Status.TARGET_UNREACHABLE, Status.SOC_LIMITED,
-            Status.POWER_LIMITED)
 
 
 class DecisionMaker:
@@ -163,10 +159,12 @@ class DecisionMaker:
                 decision = self._plan_current(inputs, leg, now_ns, is_heating, heated_s)
                 stood_s = timetable.stood_ns / NS_PER_S
                 limit_s = MOST_PARKED_S if regime.is_parked else MOST_STANDING_S
-                if stood_s > limit_s and decision.status in WITHHELD:
+                # A vehicle that stands too long waits instead of heating, or of being about to.
+                is_withheld = decision.status.meaning.is_of_plan and decision.status is not Status.NOT_NEEDED
+                if stood_s > limit_s and is_withheld:
                     decision = Decision(Status.WAITING, _standing_sentence(stood_s, regime))
                 starts_in_s = (leg.start_ns - now_ns) / NS_PER_S
-                if starts_in_s > FORESEEN_S and decision.status in ALARMS:
+                if starts_in_s > FORESEEN_S and decision.status.meaning.is_alarm:
                     decision = replace(decision, status=Status.WAITING, sentence=(
                         f'The route starts in {duration_text(starts_in_s)}; the heater waits until then. '
                         f'From the current state: {decision.explanation}'))

@@ -15,11 +15,11 @@ from typing import ClassVar, NamedTuple, TYPE_CHECKING
 
 from bev_preheat.control.assumed_drive import DriveMemory, drives_between
 from bev_preheat.control.events import DeparturesSkipped, PreparationEnded, PreparationWanted
-from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.control.margins import CHARGE_FALLS_BY
 from bev_preheat.control.preparation_goal import PreparationEnding, PreparationGoal
 from bev_preheat.control.regime import DRIVES_W, Regime
 from bev_preheat.control.settings import defaults_of
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
 
 if TYPE_CHECKING:

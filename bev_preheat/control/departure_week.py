@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING
 from bev_preheat.control.assumed_drive import steady_drive
 from bev_preheat.control.departure_source import BEGINS_S, BEGINS_WITH_PRICES_S
 from bev_preheat.control.departures import DAYS_A_WEEK
-from bev_preheat.control.inputs import in_planning_steps, NS_PER_S
+from bev_preheat.control.inputs import in_planning_steps
 from bev_preheat.control.preparation_goal import PreparationGoal
 from bev_preheat.control.preparation_plan import in_price_steps, plan_preparation, step_prices_of
 from bev_preheat.errors import InvalidInput
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.plan_accounts import cost_of
 from bev_preheat.planning.planner import DEFAULT_METHOD
 from bev_preheat.planning.situation import BatteryState, Goal

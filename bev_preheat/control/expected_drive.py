@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.control.regime import PlannedPower, STANDING_AFTER_LONG_S, STANDING_AFTER_S
 from bev_preheat.estimation.estimator import DrivenInterval
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.vehicle.uncertain_car import DriveInputs
 
 if TYPE_CHECKING:

@@ -10,8 +10,8 @@ from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.control.local_time import instant_ns, local
+from bev_preheat.numerics.factors import NS_PER_S
 
 if TYPE_CHECKING:
     from datetime import time, tzinfo

@@ -11,10 +11,10 @@ from __future__ import annotations
 from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.control.command_history import CommandHistory
-from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.errors import age_beyond, InvalidInput
 from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.heater.controller import Refusal
+from bev_preheat.numerics.factors import NS_PER_S
 
 if TYPE_CHECKING:
     from bev_preheat.control.settings import Settings

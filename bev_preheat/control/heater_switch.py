@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from collections import deque
 
-from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.control.margins import (
     COUNTED_OVER_S,
     FIRST_WAIT_S,
@@ -14,6 +13,7 @@ from bev_preheat.control.margins import (
     MOST_SWITCH_ONS,
     SPACING_S,
 )
+from bev_preheat.numerics.factors import NS_PER_S
 
 
 class HeatingPause:

@@ -24,13 +24,14 @@ from bev_preheat.control.events import (
     RouteUnreadable,
     TripCancelled,
 )
-from bev_preheat.control.inputs import check_mission, goal_of_leg, Leg, Measurement, Mission, NS_PER_S, Progress
+from bev_preheat.control.inputs import check_mission, goal_of_leg, Leg, Measurement, Mission, Progress
 from bev_preheat.control.margins import CLOCK_RESTART_S, MOST_OVERTAKEN_S
 from bev_preheat.control.refusals import PROGRESS, Refusals, RefusedRoute
 from bev_preheat.control.settings import defaults_of, Settings
 from bev_preheat.control.timetable import Timetable, TripEnd
 from bev_preheat.errors import age_beyond, InvalidInput
 from bev_preheat.estimation.driver_choices import CancelledTrip, DriverChoices, EndedTrip, NO_CHOICES
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.situation import check_situation, Goal
 from bev_preheat.route.plausibility import unit_warnings
 from bev_preheat.signals.electrical import ElectricalCheck, PercentScale

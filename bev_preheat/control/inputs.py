@@ -13,6 +13,7 @@ from bev_preheat.charging.prospect import CERTAIN, ChargingProspect
 from bev_preheat.control.margins import LEAST_HELD_S
 from bev_preheat.control.settings import defaults_of, MOST_PLANNED_STEPS, Settings
 from bev_preheat.errors import InvalidInput
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal
 from bev_preheat.route.places import Places
 from bev_preheat.route.segments import Route
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
     from bev_preheat.control.preparation_goal import PreparationGoal
     from bev_preheat.vehicle.description import Vehicle
 
-NS_PER_S = 1_000_000_000
 # Cells of a healthy battery differ by less, also while coolant heats them [K].
 WIDEST_CELL_SPREAD_K = 10.0
 

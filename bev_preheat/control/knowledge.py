@@ -12,10 +12,10 @@ import math
 from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.control.expected_drive import driven_at, planned_around
-from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.control.regime import Evidence, Regime, RegimeReport, RegimeWatch
 from bev_preheat.estimation.readings import Resolution, TEMPERATURE_STEPS_K
 from bev_preheat.numerics.arithmetic import SATURATING_FLOATS
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.numerics.folded_normal import mean_magnitude
 from bev_preheat.signals.current_scale import CurrentScale
 from bev_preheat.signals.current_sign import CurrentSign, Sign

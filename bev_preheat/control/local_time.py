@@ -12,8 +12,8 @@ from datetime import date, datetime, time, timedelta, tzinfo, UTC
 import re
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
-from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.errors import InvalidInput, quoted
+from bev_preheat.numerics.factors import NS_PER_S
 
 CLOCK = re.compile(r'([01]?\d|2[0-3]):([0-5]\d)')
 DATED = re.compile(r'(\d{4})-(\d\d)-(\d\d)[ T]([01]?\d|2[0-3]):([0-5]\d)')

@@ -14,13 +14,14 @@ from typing import TYPE_CHECKING
 
 from bev_preheat.control.admitted import find_obstacle
 from bev_preheat.control.assumed_drive import drive_of_route, DriveMemory, steady_drive
-from bev_preheat.control.inputs import Leg, Mission, NS_PER_S
+from bev_preheat.control.inputs import Leg, Mission
 from bev_preheat.control.margins import LONGEST_SOONEST_S
 from bev_preheat.control.preparation_goal import PreparationEnding, PreparationGoal, PreparationOutcome
 from bev_preheat.control.preparation_plan import in_price_steps, reserve_before
 from bev_preheat.control.preparation_progress import conclusion, contradiction, PreparationProgress
 from bev_preheat.control.timetable import Timetable
 from bev_preheat.errors import InvalidInput
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.situation import check_situation, Goal
 from bev_preheat.route.segments import LIMITS

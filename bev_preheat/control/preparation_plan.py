@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.control.local_time import in_words
 from bev_preheat.control.target_choice import TargetChoice, TargetSource
 from bev_preheat.errors import InvalidInput, PlanningFailure
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.explanation import OF_GOAL
 from bev_preheat.planning.limits import drive_as_planned
 from bev_preheat.planning.planner import plan_preheating, plan_unheated, SHORTFALL_TOLERANCE_K

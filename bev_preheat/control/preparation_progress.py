@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from bev_preheat.control.assumed_drive import drives_between
-from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.control.margins import (
     CHARGE_FALLS_BY,
     LONGEST_SOONEST_S,
@@ -15,6 +14,7 @@ from bev_preheat.control.margins import (
     SOONEST_WITHIN_K,
 )
 from bev_preheat.control.preparation_goal import PreparationEnding
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.planner import SHORTFALL_TOLERANCE_K
 

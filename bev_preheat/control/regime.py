@@ -16,7 +16,8 @@ from collections import deque
 from enum import Enum
 from typing import NamedTuple
 
-from bev_preheat.control.inputs import NS_PER_S, SupplyStatus
+from bev_preheat.control.inputs import SupplyStatus
+from bev_preheat.numerics.factors import NS_PER_S
 
 # Time [s] and number of battery states after which charging is recognised. Learning pauses earlier, until the
 # regime is clear.

@@ -9,8 +9,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bev_preheat.control.inputs import goal_of_leg, NS_PER_S
+from bev_preheat.control.inputs import goal_of_leg
 from bev_preheat.errors import InvalidInput, PlanningFailure
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.sensitivity import has_sensitivity, search_sensitivity
 from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections

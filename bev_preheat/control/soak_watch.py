@@ -6,8 +6,8 @@ from __future__ import annotations
 from collections import deque
 from typing import NamedTuple, TYPE_CHECKING
 
-from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.estimation.soak import after_soak, Soak
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
 
 if TYPE_CHECKING:

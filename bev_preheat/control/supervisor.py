@@ -29,13 +29,13 @@ from bev_preheat.control.events import (
 )
 from bev_preheat.control.heater_answer import HeaterAnswers
 from bev_preheat.control.inbox import Inbox
-from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.control.knowledge import Knowledge
 from bev_preheat.control.planner_state import PlannerState
 from bev_preheat.control.preparation import PreparationControl
 from bev_preheat.errors import InvalidInput, LONGEST_PROBLEM, shortened
 from bev_preheat.estimation.driver_choices import NO_CHOICES
 from bev_preheat.estimation.last_seen import LastSeen
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.status import Status
 
 if TYPE_CHECKING:

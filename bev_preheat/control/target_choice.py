@@ -28,9 +28,9 @@ from bev_preheat.charging.prospect import HeldProspect
 from bev_preheat.charging.stop import refuse_stranded, stop_after, USUAL_DEPARTURE_SOC
 from bev_preheat.charging.worth import targets_between, WorthSearch
 from bev_preheat.control.charging_doubt import ChargingDoubt, given_target_pays_from, USUAL_PAYS_FROM
-from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.errors import InvalidInput, PlanningFailure
 from bev_preheat.estimation.prior import prior_factor_covariance
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.planner import plan_preheating, plan_unheated
 from bev_preheat.vehicle.charging import charging_of
 

@@ -7,12 +7,12 @@ from collections import deque
 import math
 from typing import Any, NamedTuple, TYPE_CHECKING
 
-from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.dashboard.diagnosis import diagnose, Diagnosis
 from bev_preheat.dashboard.health import Banner, banner_of, Pulse, Surroundings
 from bev_preheat.dashboard.plain import instant, instants, number, numbers
 from bev_preheat.dashboard.trail import MOST_POINTS, Trail
 from bev_preheat.errors import shortened
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.status import Status
 from bev_preheat.replay.heater_account import ANSWER_HOLDS_NS, HeaterAccount

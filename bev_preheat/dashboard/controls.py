@@ -13,10 +13,10 @@ from rclpy.action import ActionClient
 from rclpy.clock import Clock, ClockType
 from std_srvs.srv import SetBool
 
-from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.control.preparation_goal import PreparationEnding
 from bev_preheat.dashboard.asked import Answer, CANCEL, DISABLE, ENABLE, PREPARE, SKIP
 from bev_preheat.monitoring.preparation import Wanted
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat_msgs.action import PrepareBattery
 
 if TYPE_CHECKING:

@@ -5,9 +5,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.dashboard.seen import EntrySeen, PlanSeen, RouteSeen
 from bev_preheat.nodes.convert import nanoseconds
+from bev_preheat.numerics.factors import NS_PER_S
 
 if TYPE_CHECKING:
     from builtin_interfaces.msg import Time

@@ -4,9 +4,11 @@
 from __future__ import annotations
 
 from html import escape
+import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from bev_preheat.planning.status import Status
 from bev_preheat.web_page.assets import asset
 
 if TYPE_CHECKING:
@@ -17,13 +19,16 @@ OWN_FILES = {'dashboard.css': 'text/css', 'dashboard.js': 'text/javascript', 'vi
              'controls.js': 'text/javascript', 'recording.js': 'text/javascript', 'icon.svg': 'image/svg+xml'}
 SHARED_FILES = {'uPlot.min.css': 'text/css', 'curves.css': 'text/css', 'uPlot.iife.min.js': 'text/javascript',
                 'curves.js': 'text/javascript'}
+# Word, and shape and colour, of each status.
+STATUSES = {status.name: (status.meaning.word, status.meaning.look) for status in Status}
 # Names in the folder /assets and their types.
 FILES = {**OWN_FILES, **SHARED_FILES}
 
 
 def file_of(name: str) -> str:
     """Return the text of a file of FILES."""
-    return asset(name) if name in SHARED_FILES else (FOLDER / name).read_text(encoding='utf-8')
+    text = asset(name) if name in SHARED_FILES else (FOLDER / name).read_text(encoding='utf-8')
+    return text.replace('{{statuses}}', json.dumps(STATUSES)) if name == 'view.js' else text
 
 
 def main_page(source: Source) -> str:

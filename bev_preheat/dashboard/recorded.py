@@ -8,7 +8,6 @@ from pathlib import Path
 from threading import Thread
 from typing import Any, TYPE_CHECKING
 
-from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.dashboard.board import BACK_S, Board
 from bev_preheat.dashboard.messages import entries_seen, plan_seen
 from bev_preheat.dashboard.plain import instant, written
@@ -18,6 +17,7 @@ from bev_preheat.errors import InvalidInput
 from bev_preheat.nodes.convert import plan_message
 from bev_preheat.nodes.diagnostics import planner_diagnostics
 from bev_preheat.nodes.news import without_figures
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.replay.flight_file import read_flight
 from bev_preheat.replay.player import Player
 from bev_preheat.replay.trip_result import lapses_in_words, TripResults

@@ -7,7 +7,7 @@ import copy
 import math
 from typing import TYPE_CHECKING
 
-from bev_preheat.control.inputs import NS_PER_S
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.replay.deviation import Deviation
 
 if TYPE_CHECKING:

@@ -28,7 +28,6 @@ from ament_index_python.packages import PackageNotFoundError
 from bev_preheat.charging.stop import CHARGER_RANGE_W, USUAL_DEPARTURE_SOC
 from bev_preheat.console.parser import OneLineParser
 from bev_preheat.console.terminal import print_figures, result_console
-from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.demo.display import charging_sentence, shown, summary_rows, verdict
 from bev_preheat.demo.observer import Observer
 from bev_preheat.drawing.demo_figure import draw_drive
@@ -37,6 +36,7 @@ from bev_preheat.files.output_files import check_outputs, expanded, OutputFile, 
 from bev_preheat.nodes.installed_processes import NodeProcess, reserved_domain_id
 from bev_preheat.nodes.kept_recording import KeptRecording, recording_beside
 from bev_preheat.nodes.listening import listening
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.route import route_for
 from bev_preheat.simulation.supervised_drive import START_NS
 from bev_preheat.vehicle import load_vehicle, vehicle_file

@@ -10,6 +10,7 @@ import numpy as np
 from bev_preheat.drawing.curves import draw_course, draw_steps, show_range, TimeAxis
 from bev_preheat.drawing.figure import legend_above, save_figure, stacked_figure
 from bev_preheat.drawing.palette import AMBIENT, look_of, TARGET, WITHOUT_PREHEATING
+from bev_preheat.numerics.factors import W_PER_KW
 from bev_preheat.vehicle.charging import charging_of
 
 if TYPE_CHECKING:
@@ -29,7 +30,6 @@ HEATER_DASHES = (0, (1.0, 1.5))
 MOST_SHOWN_S = 2.0 * 3600.0
 SHOWN_BEYOND = 1.3
 LEAST_SHOWN_S = 60.0
-W_PER_KW = 1000.0
 
 
 def draw_sessions(path: AnyPath, vehicle: Vehicle, stop: ChargingStop, sessions: Mapping[str, Session],

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 from matplotlib.dates import DateFormatter, DayLocator
 import numpy as np
 
-from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.drawing.figure import legend_above, save_figure, stacked_figure
 from bev_preheat.drawing.palette import BLACK, BLUE, GRAY, ORANGE
+from bev_preheat.numerics.factors import NS_PER_S, W_PER_KW
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from bev_preheat.files.output_files import AnyPath
     from bev_preheat.numerics.arrays import FloatArray
 
-W_PER_KW = 1000.0
 # Matplotlib counts days since 1970.
 S_PER_DAY = 86400.0
 

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 from matplotlib.figure import Figure
 import numpy as np
 
-from bev_preheat.charging.published_time import S_PER_MIN, WARM_C, warm_session
+from bev_preheat.charging.published_time import WARM_C, warm_session
 from bev_preheat.drawing.figure import save_figure
 from bev_preheat.numerics.arithmetic import ARRAYS
+from bev_preheat.numerics.factors import S_PER_MIN
 from bev_preheat.vehicle.charging import session_charging
 from bev_preheat.vehicle.plausibility import AMBIENT_C, CHARGING_TEMPERATURES_C, KMH_100_MPS, warmed_by_k
 

@@ -19,6 +19,7 @@ from bev_preheat.estimation.measured_power import PowerResponse, PowerSamples
 from bev_preheat.estimation.readings import MeasuredState, ReadingCheck, Verdict
 from bev_preheat.estimation.soak import expected_offset_k
 from bev_preheat.estimation.state import LOCAL, SENSOR, SOC, TEMPERATURE
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.vehicle.uncertain_car import DriveInputs
 
 if TYPE_CHECKING:
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.vehicle.description import Vehicle
 
-NS_PER_S = 1_000_000_000
 # Faster readings are correlated: at most one a second is used.
 LEAST_INTERVAL_S = 0.95
 # The belief advances in steps of at most this.

@@ -9,6 +9,8 @@ from enum import Enum
 import math
 from typing import Protocol, TYPE_CHECKING
 
+from bev_preheat.numerics.factors import NS_PER_S
+
 if TYPE_CHECKING:
     from bev_preheat.planning.situation import BatteryState
 
@@ -18,7 +20,6 @@ SOC_STEPS = (0.01, 0.005, 0.004, 0.0025, 0.002, 0.001)
 # Single precision, as in messages, preserves multiples to this share of the step.
 ROUNDING = 1e-3
 MOST_REMEMBERED = 50
-NS_PER_S = 1_000_000_000
 # A reading this many standard deviations off is rejected until a second one confirms it.
 IMPLAUSIBLE_DEVIATIONS = 6.0
 LEAST_DEVIATION_K = 0.3

@@ -9,6 +9,7 @@ from typing import Any, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.errors import InvalidInput
+from bev_preheat.numerics.factors import S_PER_H
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -19,7 +20,6 @@ if TYPE_CHECKING:
 LEAST_TRIPS, MOST_TRIPS = 3, 200
 # Least change of the battery temperature over any trip [K].
 LEAST_CHANGE_K = 2.0
-SECONDS_PER_H = 3600.0
 # A night that tells leakage: duration [h] and difference to the air [K].
 NIGHT_H, NIGHT_DIFFERENCE_K = 3.0, 5.0
 
@@ -90,9 +90,9 @@ def coverage_of(trips: Sequence[Trip], electrical: Electrical) -> Coverage:
     return Coverage(
         len(trips), len(drives), len(nights), sum(trip.kind == 'charging session' for trip in trips),
         sum(trip.heats for trip in trips), sum(not trip.heats for trip in drives),
-        sum(map(len, trips)) / SECONDS_PER_H, span('battery_temperature_c'), span('ambient_c'), span('soc'),
+        sum(map(len, trips)) / S_PER_H, span('battery_temperature_c'), span('ambient_c'), span('soc'),
         span('speed_mps'), lows[1][0] if len(lows) > 1 else None, highs[1] if len(highs) > 1 else None,
         lows[0][1] if lows else '', lows[0][0] if lows else float('nan'),
-        sum(len(trip) > NIGHT_H * SECONDS_PER_H
+        sum(len(trip) > NIGHT_H * S_PER_H
             and float(np.mean(np.abs(trip.battery_temperature_c - trip.ambient_c))) > NIGHT_DIFFERENCE_K
             for trip in nights))

@@ -12,6 +12,7 @@ import numpy as np
 from bev_preheat.errors import figure, InvalidInput
 from bev_preheat.logs.doubts import find_doubts, integral
 from bev_preheat.logs.recording import Series
+from bev_preheat.numerics.factors import S_PER_H
 
 if TYPE_CHECKING:
     from bev_preheat.logs.recording import Recording
@@ -29,7 +30,6 @@ POSSIBLE = {
     'aircon_w': (0.0, 50e3, 'W'),    'heater_w': (0.0, 50e3, 'W'), 'propulsion_power_w': (-2e6, 2e6, 'W')}
 # Steps of the current from here on [A] show the sign of the current in the voltage.
 LEAST_CURRENT_STEP_A = 5.0
-SECONDS_PER_H = 3600.0
 # A state of charge that stays the same while this share of the vehicle's capacity flows is stuck.
 LEAST_SHARE = 0.05
 # A current that stays the same while the speed changes by this [m/s] is stuck.
@@ -172,4 +172,4 @@ def _drawn_ah(current: Series, start_s: float = -math.inf, end_s: float = math.i
     """Return the charge drawn between two instants [Ah]; long intervals without samples count nothing."""
     inside = (current.time_s >= start_s) & (current.time_s <= end_s)
     part = Series(current.time_s[inside], current.value[inside])
-    return float(integral(part)[-1] / SECONDS_PER_H) if len(part.value) else 0.0
+    return float(integral(part)[-1] / S_PER_H) if len(part.value) else 0.0

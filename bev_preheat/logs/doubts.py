@@ -11,6 +11,7 @@ import numpy as np
 
 from bev_preheat.errors import figure
 from bev_preheat.logs.recording import Series
+from bev_preheat.numerics.factors import EARTH_RADIUS_M
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
@@ -28,7 +29,6 @@ CAPACITIES_AH, CAPACITIES_KWH = (8.0, 2000.0), (3.0, 1000.0)
 TYPICAL_AH, TYPICAL_KWH = 150.0, 60.0
 # Distance that tells a speed's unit [m], and the agreement that a unit must reach.
 LEAST_DISTANCE_M, AGREEMENT = 500.0, 0.08
-EARTH_RADIUS_M = 6371008.8
 # Mistaken units of a speed, by the factor that corrects the mistake.
 SPEED_FACTORS = {1.0 / 3.6: 'km/h taken as m/s', 3.6: 'm/s taken as km/h', 1.609344: 'mph taken as km/h',
                  1.0 / 1.609344: 'km/h taken as mph', 0.44704: 'mph taken as m/s', 1.0 / 0.44704: 'm/s taken as '

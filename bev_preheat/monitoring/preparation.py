@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 
 from rclpy.action import ActionClient
 
-from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.errors import InvalidInput
 from bev_preheat.nodes.convert import nanoseconds, time_message
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.status import Status
 from bev_preheat_msgs.action import PrepareBattery

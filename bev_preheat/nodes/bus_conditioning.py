@@ -15,12 +15,12 @@ from rclpy.clock import Clock, ClockType
 
 from bev_preheat.bus.bus_clock import steady_s
 from bev_preheat.bus.conditioning import ConditioningRequest, INACTIVE, IS_ACTIVE, IS_ONGOING, MODE
-from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.errors import InvalidInput
 from bev_preheat.heater.controller import HeaterController, HeaterLimits, Instant
 from bev_preheat.nodes.bus_messages import bus_entry
 from bev_preheat.nodes.convert import time_message
 from bev_preheat.nodes.heater_messages import heater_command
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat_msgs.action import PrepareBattery
 from bev_preheat_msgs.msg import HvchCommand
 

@@ -18,7 +18,6 @@ from bev_preheat.bus.can_source import CanSource
 from bev_preheat.bus.conditioning import ACTUATORS
 from bev_preheat.bus.live_map import AMBIENT, load_live_map, SPEED
 from bev_preheat.bus.vss_source import VssSource
-from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.errors import InvalidInput
 from bev_preheat.nodes.bus_conditioning import BusConditioning
 from bev_preheat.nodes.bus_messages import bus_entry, live_battery_message
@@ -29,6 +28,7 @@ from bev_preheat.nodes.news import RepetitionFilter
 from bev_preheat.nodes.parameters import declare, Parameter
 from bev_preheat.nodes.process import run_node
 from bev_preheat.nodes.setup_watch import SetupWatch
+from bev_preheat.numerics.factors import NS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -16,7 +16,7 @@ import numpy as np
 from sensor_msgs.msg import Temperature
 
 from bev_preheat.control.events import BatteryStateArrived, BatteryStateUnreadable
-from bev_preheat.control.inputs import Leg, Measurement, Mission, NS_PER_S, with_stops
+from bev_preheat.control.inputs import Leg, Measurement, Mission, with_stops
 from bev_preheat.errors import figure_beyond, InvalidInput, quoted
 from bev_preheat.nodes.battery_fields import (
     read_percentage,
@@ -34,6 +34,7 @@ from bev_preheat.nodes.chargers import (
 from bev_preheat.nodes.route_powers import GIVEN, powers_of_road_load, slope_problems, without_powers
 from bev_preheat.nodes.stops import STOP_FIELDS, stops_from_message, write_stops
 from bev_preheat.nodes.target_report import write_target
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.route.segments import make_route, MOST_SEGMENTS
 from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
 from bev_preheat.control.departure_source import DepartureState
-from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.control.sensitivity_watch import SENSITIVITY
 from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.estimation.state import FACTOR_NAMES
@@ -17,8 +16,9 @@ from bev_preheat.native.library import core_in_words, DECLINES
 from bev_preheat.nodes.convert import time_message
 from bev_preheat.nodes.heater_messages import heater_answer_entry
 from bev_preheat.nodes.route_progress import progress_diagnostics
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
-from bev_preheat.planning.status import Status
+from bev_preheat.planning.status import Level
 from bev_preheat.vehicle.assumptions import assumed_in_words
 
 if TYPE_CHECKING:
@@ -31,19 +31,7 @@ if TYPE_CHECKING:
     from bev_preheat.nodes.departure_keeper import DepartureFiles
     from bev_preheat.nodes.state_keeper import StateFileReport
 
-# WARN: works, with a finding to look at. ERROR: an input or the planner itself is at fault.
-LEVELS = {
-    Status.NO_ROUTE: DiagnosticStatus.WARN,
-    Status.NO_BATTERY_STATE: DiagnosticStatus.WARN,
-    Status.TARGET_UNREACHABLE: DiagnosticStatus.WARN,
-    Status.SOC_LIMITED: DiagnosticStatus.WARN,
-    Status.POWER_LIMITED: DiagnosticStatus.WARN,
-    Status.OUT_OF_CHARGE: DiagnosticStatus.WARN,
-    Status.STALE_INPUT: DiagnosticStatus.ERROR,
-    Status.INVALID_INPUT: DiagnosticStatus.ERROR,
-    Status.INTERNAL_ERROR: DiagnosticStatus.ERROR,
-    Status.COMMAND_CONFLICT: DiagnosticStatus.ERROR,
-}
+LEVELS = {Level.OK: DiagnosticStatus.OK, Level.WARN: DiagnosticStatus.WARN, Level.ERROR: DiagnosticStatus.ERROR}
 HEATER_LEVELS = {
     Heater.ANSWERS: DiagnosticStatus.OK,
     Heater.DERATED: DiagnosticStatus.WARN,
@@ -128,7 +116,7 @@ def _preheating(name: str, hardware: str, state: PlannerState, now_ns: int,
         values['planning time [ms]'] = f'{plan.planning_time_s * 1e3:.3f}'
     if sensitivity:
         values[SENSITIVITY] = sensitivity
-    level, text = LEVELS.get(decision.status, DiagnosticStatus.OK), decision.explanation
+    level, text = LEVELS[decision.status.meaning.level], decision.explanation
     if state.unit_warnings:
         level = max(level, DiagnosticStatus.WARN)
         text += f' route_plan: {"; ".join(state.unit_warnings)}.'

@@ -12,7 +12,6 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from sensor_msgs.msg import BatteryState, Temperature
 
 from bev_preheat.control.events import Reconfigured
-from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.errors import InvalidInput
 from bev_preheat.estimation.memory import learned_from
 from bev_preheat.files.version import version
@@ -39,6 +38,7 @@ from bev_preheat.flight_recorder.writer import (
 )
 from bev_preheat.nodes.message_definitions import definition
 from bev_preheat.nodes.recorded_bytes import command_encoder, serialized, state_encoder
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat_msgs.msg import HvchCommand, HvchStatus, PreheatPlan, RoutePlan, RouteProgress
 
 if TYPE_CHECKING:

@@ -13,8 +13,9 @@ from sensor_msgs.msg import BatteryState
 from std_msgs.msg import Float64
 
 from bev_preheat.errors import age_beyond, InvalidInput
-from bev_preheat.heater.controller import NS_PER_S, Refusal, Verdict
+from bev_preheat.heater.controller import Refusal, Verdict
 from bev_preheat.nodes.convert import measurement_from_message
+from bev_preheat.numerics.factors import NS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Callable

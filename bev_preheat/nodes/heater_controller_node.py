@@ -22,15 +22,7 @@ from rclpy.node import Node
 from rclpy.qos import LivelinessPolicy, QoSProfile
 
 from bev_preheat.errors import LONGEST_PROBLEM, shortened
-from bev_preheat.heater.controller import (
-    HeaterAnswer,
-    HeaterController,
-    HeaterLimits,
-    Instant,
-    NS_PER_S,
-    Refusal,
-    Verdict,
-)
+from bev_preheat.heater.controller import HeaterAnswer, HeaterController, HeaterLimits, Instant, Refusal, Verdict
 from bev_preheat.nodes.can_heater import CanHeater
 from bev_preheat.nodes.command_line import NodeProgram
 from bev_preheat.nodes.command_senders import CommandSenders, HEARD_DEPTH
@@ -46,6 +38,7 @@ from bev_preheat.nodes.news import RepetitionFilter
 from bev_preheat.nodes.parameters import declare, Parameter
 from bev_preheat.nodes.process import LAST_WORDS_TIME, run_node
 from bev_preheat.nodes.setup_watch import SetupWatch
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat_msgs.msg import HvchCommand, HvchStatus
 

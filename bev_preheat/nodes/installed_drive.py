@@ -15,7 +15,6 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 from sensor_msgs.msg import BatteryState
 
-from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.nodes.convert import nanoseconds
 from bev_preheat.nodes.installed_processes import NodeProcess, reserved_domain_id
 from bev_preheat.nodes.kept_recording import KeptRecording
@@ -26,6 +25,7 @@ from bev_preheat.nodes.simulator_messages import (
     outcome_from_diagnostics,
     phase_ends,
 )
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.status import Status
 from bev_preheat.simulation.evaluation import DriveRecord, fill_phases, PhaseEnd, SIGNALS
 from bev_preheat.simulation.supervised_drive import START_NS

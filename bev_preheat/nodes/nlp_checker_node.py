@@ -25,7 +25,6 @@ from bev_preheat.control.events import (
     TripCancelled,
 )
 from bev_preheat.control.inbox import Inbox
-from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.control.settings import Settings
 from bev_preheat.errors import InvalidInput, LONGEST_PROBLEM, shortened
 from bev_preheat.nodes.command_line import NodeProgram
@@ -48,6 +47,7 @@ from bev_preheat.nodes.route_listener import RouteListener
 from bev_preheat.nodes.setup_watch import SetupWatch
 from bev_preheat.nonlinear_program.protocol import Failure, SolverAnswer
 from bev_preheat.nonlinear_program.solver_process import MOST_NICE, SolverProcess
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.optional_packages import require
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat_msgs.msg import OptimalityReport, PreheatPlan

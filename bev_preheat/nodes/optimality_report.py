@@ -16,11 +16,11 @@ from typing import TYPE_CHECKING
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 import numpy as np
 
-from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.errors import LONGEST_QUOTE, shortened
 from bev_preheat.estimation.state import FACTOR_NAMES
 from bev_preheat.nodes.convert import nanoseconds, time_message
 from bev_preheat.nonlinear_program.protocol import Question, SolverAnswer
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.comparison import difference
 from bev_preheat.planning.planner import is_method
 from bev_preheat.planning.situation import BatteryState

@@ -23,7 +23,6 @@ from bev_preheat.control.events import (
     RivalsChanged,
     RouteUnreadable,
 )
-from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.control.regime import Regime
 from bev_preheat.control.sensitivity_watch import SensitivityWatch
 from bev_preheat.control.settings import FIELD_OF_PARAMETER, Settings, settings_of
@@ -49,6 +48,7 @@ from bev_preheat.nodes.route_listener import RouteListener
 from bev_preheat.nodes.route_progress import progress_event
 from bev_preheat.nodes.setup_watch import SetupWatch
 from bev_preheat.nodes.state_keeper import check_parameter, SAVE_PERIOD_S, StateKeeper
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.installed_methods import limit_answer_time
 from bev_preheat.planning.planner import check_method, installed_names, METHODS, REPLACED, replaced_in_words
 from bev_preheat.vehicle import load_vehicle, vehicle_contents, vehicle_file

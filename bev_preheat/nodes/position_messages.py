@@ -12,8 +12,8 @@ from sensor_msgs.msg import NavSatFix, NavSatStatus
 
 from bev_preheat.errors import age_beyond, InvalidInput
 from bev_preheat.nodes.convert import nanoseconds, stamp_problems
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.route.match import Cause, Fix
-from bev_preheat.route.odometer import NS_PER_S
 
 if TYPE_CHECKING:
     from rclpy.impl.rcutils_logger import RcutilsLogger

@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING
 from rclpy.action import ActionServer, CancelResponse
 
 from bev_preheat.control.events import PreparationEnded, PreparationWanted
-from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.control.preparation_goal import PreparationEnding, PreparationGoal, PreparationOutcome
 from bev_preheat.errors import InvalidInput
 from bev_preheat.nodes.convert import nanoseconds
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat_msgs.action import PrepareBattery
 
 if TYPE_CHECKING:

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.control.events import RouteArrived, RouteUnreadable, TripCancelled
-from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.control.refusals import RefusedRoute
 from bev_preheat.control.settings import defaults_of, MOST_STOPS
 from bev_preheat.errors import InvalidInput
@@ -20,6 +19,7 @@ from bev_preheat.nodes.convert import (
     ROUTE_FIELDS,
 )
 from bev_preheat.nodes.stops import order_problems, value_problems
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.route.segments import LIMITS, MOST_SEGMENTS
 
 if TYPE_CHECKING:

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
 from bev_preheat.control.events import ProgressArrived, ProgressUnreadable
-from bev_preheat.control.inputs import NS_PER_S, Progress
+from bev_preheat.control.inputs import Progress
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.nodes.convert import LONGEST_ROUTE_ID, nanoseconds, stamp_problems, time_message
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat_msgs.msg import RouteProgress
 

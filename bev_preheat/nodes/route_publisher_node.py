@@ -16,7 +16,7 @@ from sensor_msgs.msg import NavSatFix
 from std_msgs.msg import Float64
 
 from bev_preheat.charging.stop import CHARGER_RANGE_W
-from bev_preheat.control.inputs import NS_PER_S, Progress
+from bev_preheat.control.inputs import Progress
 from bev_preheat.errors import InvalidInput
 from bev_preheat.nodes.command_line import NodeProgram
 from bev_preheat.nodes.convert import LATEST_S, time_message
@@ -27,6 +27,7 @@ from bev_preheat.nodes.process import run_node
 from bev_preheat.nodes.route_offer import in_words, load_offer, NO_AMBIENT_C, WITH_AUXILIARIES
 from bev_preheat.nodes.route_progress import progress_message
 from bev_preheat.nodes.setup_watch import SetupWatch
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.route.match import Cause, Match
 from bev_preheat.route.matching import Matcher, USUAL_FROZEN_AFTER_S
 from bev_preheat.route.reckoning import OdometerPlace

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.clock import Clock, ClockType
 
-from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.nodes.convert import nanoseconds
 from bev_preheat.nodes.news import RepetitionFilter
 from bev_preheat.nodes.surroundings import Surroundings
+from bev_preheat.numerics.factors import NS_PER_DAY
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -30,7 +30,6 @@ CLOCK_STANDS = 'use_sim_time is set and no /clock has arrived: time stands at 0'
 CLOCK_PATIENCE_LOOKS = 4
 LOG_PERIOD_S = 10.0
 # Beyond any delay or drift: the two computers run on different clocks.
-NS_PER_DAY = 86400 * NS_PER_S
 FAR_NS = NS_PER_DAY
 
 

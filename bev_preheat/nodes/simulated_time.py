@@ -15,9 +15,9 @@ from rclpy.clock import ClockType
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 
-from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.errors import InvalidInput
 from bev_preheat.nodes.listening_publisher import ListeningPublisher
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.simulation.pace import Pace
 
 if TYPE_CHECKING:

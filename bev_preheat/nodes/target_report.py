@@ -6,13 +6,13 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from bev_preheat.numerics.factors import WH_PER_KWH
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat_msgs.msg import PreheatPlan
 
 if TYPE_CHECKING:
     from bev_preheat.control.target_choice import TargetChoice
 
-WH_PER_KWH = 1000.0
 # A session beyond these limits [s, Wh] is treated as unset.
 LONGEST_S, MOST_WH = 1e7, 1e9
 # Fields of PreheatPlan and of TargetChoice.

@@ -21,7 +21,6 @@ from rclpy.task import Future, Task
 from sensor_msgs.msg import BatteryState as BatteryStateMessage
 
 from bev_preheat.charging.stop import CHARGER_RANGE_W
-from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.errors import InvalidInput
 from bev_preheat.heater.controller import Refusal
 from bev_preheat.nodes.command_line import NodeProgram, print_error
@@ -38,6 +37,7 @@ from bev_preheat.nodes.simulated_time import NodeTime, OwnTime
 from bev_preheat.nodes.simulator_messages import battery_state_message, trip_diagnostics
 from bev_preheat.nodes.stops import charger_of
 from bev_preheat.nodes.surroundings import endpoint_name
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal
 from bev_preheat.route import route_for

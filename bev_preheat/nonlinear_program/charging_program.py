@@ -26,12 +26,12 @@ from bev_preheat.charging.heating_choice import ChargerHeating
 from bev_preheat.charging.heating_limit import HeatingLimit
 from bev_preheat.charging.session import charge
 from bev_preheat.charging.stop import arrival_state
-from bev_preheat.charging.worth import SECONDS_PER_H, WH_PER_KWH
 from bev_preheat.nonlinear_program.blocks import Blocks
 from bev_preheat.nonlinear_program.charging_steps import add_charging_steps, can_heat
 from bev_preheat.nonlinear_program.drive_step import RESERVES
 from bev_preheat.nonlinear_program.drive_steps import add_drive_steps
-from bev_preheat.planning.dynamics import hottest_c, JOULES_PER_WH
+from bev_preheat.numerics.factors import JOULES_PER_WH, S_PER_H, WH_PER_KWH
+from bev_preheat.planning.dynamics import hottest_c
 from bev_preheat.planning.limits import drive_as_planned, watch_limits
 from bev_preheat.planning.planner import finish_plan, plan_preheating, plan_unheated, plan_without_heating
 from bev_preheat.planning.situation import check_situation, reserve_soc
@@ -133,7 +133,7 @@ class ChargingProgram:
             vehicle, len(self._trip.route), self._limited, variables, constraints)
         session = add_charging_steps(drive, stop, charging_steps, variables, constraints)
         cost = (prices.energy_per_kwh * session.bought_j / (JOULES_PER_WH * WH_PER_KWH)
-                + prices.time_per_h * session.duration_s / SECONDS_PER_H)
+                + prices.time_per_h * session.duration_s / S_PER_H)
         # Scales the cost to about 1 in any currency.
         self._cost_scale = max(prices.energy_per_kwh * 30.0 + prices.time_per_h * 0.5, 1e-6)
         self._variables: Layout = variables.layout()

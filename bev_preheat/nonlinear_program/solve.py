@@ -23,7 +23,8 @@ from bev_preheat.nonlinear_program.deficits import CHARGE, find_deficits, SOC_TO
 from bev_preheat.nonlinear_program.drive_step import ENERGY_SCALE_J
 from bev_preheat.nonlinear_program.program import build_program, Give
 from bev_preheat.nonlinear_program.smooth_maps import smoothed_a_little
-from bev_preheat.planning.dynamics import HOTTEST_BEYOND_RANGE_K, JOULES_PER_WH
+from bev_preheat.numerics.factors import JOULES_PER_WH
+from bev_preheat.planning.dynamics import HOTTEST_BEYOND_RANGE_K
 from bev_preheat.planning.heat_run import along_states
 from bev_preheat.planning.limits import limits_hold, run_unheated
 from bev_preheat.planning.no_regret import is_described

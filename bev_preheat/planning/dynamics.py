@@ -15,6 +15,7 @@ from bev_preheat.native import runs as native_runs
 from bev_preheat.native.library import core
 from bev_preheat.native.structs import NativeVehicle, NotDescribed
 from bev_preheat.numerics.arithmetic import AnyNumber, ARRAYS, CurveFunction, FLOATS, SATURATING_FLOATS
+from bev_preheat.numerics.factors import JOULES_PER_WH
 from bev_preheat.vehicle.heat_balance import deliverable_w, heat_with_brake_w, leaked_w
 from bev_preheat.vehicle.model import Integrator, make_rates, Step
 from bev_preheat.vehicle.terminal_limits import make_terminal_limits
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
     from bev_preheat.planning.trip import Trip
     from bev_preheat.vehicle.description import Vehicle
 
-JOULES_PER_WH = 3600.0
 # A hard drive may heat the battery this far beyond its range before the car's own cooling, which the model does
 # not describe, is assumed to hold it.
 HOTTEST_BEYOND_RANGE_K = 20.0

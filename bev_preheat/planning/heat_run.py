@@ -19,7 +19,8 @@ import numpy as np
 from bev_preheat.native import plans as native_plans
 from bev_preheat.native import runs as native_runs
 from bev_preheat.numerics.arithmetic import ARRAYS, FLOATS, SATURATING_FLOATS
-from bev_preheat.planning.dynamics import JOULES_PER_WH, KEPT_VEHICLES, native_vehicle
+from bev_preheat.numerics.factors import JOULES_PER_WH
+from bev_preheat.planning.dynamics import KEPT_VEHICLES, native_vehicle
 from bev_preheat.planning.schedule import HEATING_SHARE, HeatRun, Schedule
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections

@@ -8,7 +8,8 @@ from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.planning.dynamics import JOULES_PER_WH, keep_accounts, limits_along
+from bev_preheat.numerics.factors import JOULES_PER_WH
+from bev_preheat.planning.dynamics import keep_accounts, limits_along
 from bev_preheat.planning.heating_intervals import heating_intervals
 
 if TYPE_CHECKING:

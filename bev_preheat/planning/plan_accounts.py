@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.planning.dynamics import JOULES_PER_WH, keep_accounts
+from bev_preheat.numerics.factors import JOULES_PER_WH, WH_PER_KWH
+from bev_preheat.planning.dynamics import keep_accounts
 from bev_preheat.planning.schedule import Schedule
 from bev_preheat.vehicle.model import make_runge_kutta_4
 
@@ -17,8 +18,6 @@ if TYPE_CHECKING:
     from bev_preheat.planning.plan import Plan
     from bev_preheat.planning.schedule import StepPrices
     from bev_preheat.planning.trip import Trip
-
-WH_PER_KWH = 1000.0
 
 
 def cost_of(plan: Plan, step_prices: StepPrices) -> float:

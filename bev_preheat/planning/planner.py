@@ -12,7 +12,8 @@ from typing import Any, NamedTuple, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.errors import InvalidInput, PlanningFailure
-from bev_preheat.planning.dynamics import Energies, JOULES_PER_WH, run_forward
+from bev_preheat.numerics.factors import JOULES_PER_WH
+from bev_preheat.planning.dynamics import Energies, run_forward
 from bev_preheat.planning.explanation import explain
 from bev_preheat.planning.gated_heat import notes_on_route, schedule_within_gates
 from bev_preheat.planning.heat_run import initial_states, run_heated

@@ -17,7 +17,8 @@ import numpy as np
 
 from bev_preheat.native import plans as native_plans
 from bev_preheat.numerics.arithmetic import ARRAYS, FLOATS
-from bev_preheat.planning.dynamics import JOULES_PER_WH, native_vehicle
+from bev_preheat.numerics.factors import JOULES_PER_WH
+from bev_preheat.planning.dynamics import native_vehicle
 from bev_preheat.vehicle.heat_balance import heat_with_heater_w
 from bev_preheat.vehicle.model import make_rates
 

@@ -17,8 +17,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.native import plans as native_plans
+from bev_preheat.numerics.factors import JOULES_PER_WH
 from bev_preheat.planning.bracketing import ARRIVAL_TOLERANCE_K, follow_slope, least_of, Trial
-from bev_preheat.planning.dynamics import JOULES_PER_WH, keep_accounts, native_vehicle
+from bev_preheat.planning.dynamics import keep_accounts, native_vehicle
 from bev_preheat.planning.heat_run import along_states, initial_states, roll_heated, run_heated, states_at
 from bev_preheat.planning.schedule import Schedule
 

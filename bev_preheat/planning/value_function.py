@@ -34,7 +34,8 @@ from typing import NamedTuple, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.native import searches as native_searches
-from bev_preheat.planning.dynamics import JOULES_PER_WH, native_vehicle
+from bev_preheat.numerics.factors import JOULES_PER_WH
+from bev_preheat.planning.dynamics import native_vehicle
 from bev_preheat.planning.heat_run import initial_states
 from bev_preheat.planning.kept_values import KeptValues, Requirements
 from bev_preheat.planning.limits import drive_as_planned, run_unheated

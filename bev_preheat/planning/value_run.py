@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.numerics.arithmetic import ARRAYS
+from bev_preheat.numerics.factors import JOULES_PER_WH
 from bev_preheat.planning.bracketing import ARRIVAL_TOLERANCE_K, MOST_TRIALS
-from bev_preheat.planning.dynamics import JOULES_PER_WH, limits_of_steps_w
+from bev_preheat.planning.dynamics import limits_of_steps_w
 from bev_preheat.planning.limits import make_limited_drive
 from bev_preheat.planning.steps_ahead import LACK_TOLERANCE_W, LEAST_HEATING_W
 from bev_preheat.planning.value_layers import SHORT_PRICE

@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 import math
 from typing import Any, NamedTuple, TYPE_CHECKING
 
-from bev_preheat.control.inputs import NS_PER_S
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.status import Status
 from bev_preheat.replay.heater_account import RECORDED_HOLD_NS
-from bev_preheat.replay.trip_result import OVER, span_values, TripResults
+from bev_preheat.replay.trip_result import span_values, TripResults
 
 if TYPE_CHECKING:
     from bev_preheat.replay.player import Played
@@ -96,7 +96,7 @@ class Course:
         if plan is not None:
             self._predicted = instant
         self._had_plan |= decision.plan is not None
-        if self._arrived is None and decision.status in OVER and self._had_plan:
+        if self._arrived is None and decision.status.meaning.is_over and self._had_plan:
             self._arrived = instant
         for known, value in ((self.signals, ', '.join(verdict.signal for verdict in state.signal_verdicts)),
                              (self.regimes, state.regime.regime.value)):

@@ -5,9 +5,9 @@ from __future__ import annotations
 
 from typing import NamedTuple, TYPE_CHECKING
 
-from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.errors import InvalidInput
 from bev_preheat.nodes.diagnostics import planner_diagnostics
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.status import Status
 from bev_preheat.replay.player import Player
@@ -17,24 +17,6 @@ if TYPE_CHECKING:
     from bev_preheat.replay.flight_file import Flight
 
 NODE = 'planner'
-# The change that would lead to another answer, by status. Statuses with a plan have a sentence of their own.
-OTHERWISE = {
-    Status.NO_ROUTE: 'A route_plan with charging planned at its end would be planned for.',
-    Status.NO_BATTERY_STATE: 'A valid battery_state would let the planner plan.',
-    Status.NO_CHARGING_PLANNED: 'A route_plan with charging_planned would be heated for.',
-    Status.DISABLED: 'Preheating is off until ~/enable is called with true.',
-    Status.STALE_INPUT: 'A battery_state younger than battery_state_timeout would let the planner plan.',
-    Status.INVALID_INPUT: 'Valid values in the named fields would let the planner plan.',
-    Status.COMMAND_CONFLICT: 'The heater stays off until no other node publishes hvch_command.',
-    Status.INTERNAL_ERROR: 'The next step without an exception ends it.',
-    Status.ARRIVED: 'A new route_plan would be planned for.',
-    Status.CHARGING: 'The vehicle must drive on, or its route go on, before it is heated for a route.',
-    Status.NOT_WORTH_IT: 'A lower energy_price or a higher value_of_time would make heating pay.',
-    Status.TARGET_UNREACHABLE: 'More time, more heater power or a warmer start would reach the target.',
-    Status.SOC_LIMITED: 'More charge on arrival, or a lower minimum_arrival_soc, would leave energy for heat.',
-    Status.POWER_LIMITED: 'Less propulsion power, or a warmer battery, would leave power for the heater.',
-    Status.OUT_OF_CHARGE: 'More charge, or a shorter way, would let the vehicle arrive.'}
-
 
 class Section(NamedTuple):
     """A heading, and pairs of a name and a value."""
@@ -135,7 +117,8 @@ def _begins_s(state: PlannerState, now_ns: int) -> float | None:
 
 def _otherwise(state: PlannerState, now_ns: int) -> Section:
     decision, begins_s = state.decision, _begins_s(state, now_ns)
-    sentences = [('for another answer', OTHERWISE[decision.status])] if decision.status in OTHERWISE else []
+    otherwise = decision.status.meaning.otherwise
+    sentences = [('for another answer', otherwise)] if otherwise else []
     if decision.status is Status.WAITING and begins_s is not None:
         sentences.append(('for another answer', f'The heater starts by itself in {duration_text(begins_s)}; a '
                           'colder battery, an earlier arrival or a higher target would start it sooner.'))

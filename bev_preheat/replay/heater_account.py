@@ -5,8 +5,8 @@ from __future__ import annotations
 
 from typing import NamedTuple, TYPE_CHECKING
 
-from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.heater.controller import Refusal
+from bev_preheat.numerics.factors import NS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

@@ -7,9 +7,9 @@ from bisect import bisect_right
 from typing import TYPE_CHECKING
 
 from bev_preheat.control.heater_answer import HOLD_AT_ONCE
-from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.estimation.hypotheses import FAILURE_S, FAULTY, Heater
 from bev_preheat.heater.controller import Refusal
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.replay.period import moment
 
 if TYPE_CHECKING:

@@ -9,8 +9,8 @@ import math
 import re
 from typing import Any, NamedTuple, TYPE_CHECKING
 
-from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.nodes.diagnostics import planner_diagnostics
+from bev_preheat.numerics.factors import NS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -8,8 +8,8 @@ from statistics import median
 import struct
 from typing import TYPE_CHECKING
 
-from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.flight_recorder.steps import BATTERY_STATE
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.replay.period import moment
 

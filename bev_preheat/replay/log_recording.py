@@ -12,12 +12,12 @@ import numpy as np
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import BatteryState
 
-from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.errors import InvalidInput
 from bev_preheat.flight_recorder.steps import BATTERY_STATE, RecordedStep, ROUTE_PLAN
 from bev_preheat.logs.reading import read_recording
 from bev_preheat.nodes.route_offer import load_offer
 from bev_preheat.nodes.route_publisher_node import ROUTE_PARAMETERS
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.status import Status
 from bev_preheat.replay.flight_file import Flight, Given, LOG
 from bev_preheat.replay.topic_recording import _begun, _with_repeats, TYPES

@@ -6,14 +6,13 @@ from __future__ import annotations
 from datetime import datetime, time, UTC
 from typing import NamedTuple, TYPE_CHECKING
 
-from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.errors import InvalidInput, quoted
+from bev_preheat.numerics.factors import NS_PER_DAY, NS_PER_S
 from bev_preheat.planning.explanation import duration_text
 
 if TYPE_CHECKING:
     from bev_preheat.replay.flight_file import Flight
 
-NS_PER_DAY = 86400 * NS_PER_S
 # Longer pauses between two steps are no drive [ns].
 LONGEST_PAUSE_NS = 60 * NS_PER_S
 

@@ -13,6 +13,7 @@ from typing import Any, TYPE_CHECKING
 
 from jinja2 import Environment, StrictUndefined
 
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.web_page.assets import asset
 
 if TYPE_CHECKING:
@@ -24,7 +25,6 @@ FOLDER = Path(__file__).parent
 TEMPLATE, SCRIPT, STYLE = FOLDER / 'report.html', FOLDER / 'report.js', FOLDER / 'report.css'
 SCRIPTS, STYLES = ('uPlot.iife.min.js', 'curves.js'), ('uPlot.min.css', 'curves.css')
 LEVELS = ('OK', 'WARN', 'ERROR', 'STALE')
-NS_PER_S = 1e9
 
 
 @dataclass(frozen=True)

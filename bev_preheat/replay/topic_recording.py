@@ -8,10 +8,10 @@ from itertools import groupby, zip_longest
 from pathlib import Path
 from typing import NamedTuple, TYPE_CHECKING
 
-from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.flight_recorder.steps import BATTERY_STATE, HVCH_STATUS, RecordedStep, ROUTE_PLAN, ROUTE_PROGRESS
 from bev_preheat.nodes.convert import nanoseconds
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.status import Status
 from bev_preheat.replay.bag_files import bag_messages
 from bev_preheat.replay.flight_file import Flight, Given, ROS2_BAG

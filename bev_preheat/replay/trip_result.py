@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 import math
 from typing import Any, TYPE_CHECKING
 
-from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.nodes.diagnostics import heater_sentence
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.status import Status
 from bev_preheat.replay.heater_account import HeaterAccount, RECORDED_HOLD_NS, Span
@@ -17,21 +17,11 @@ from bev_preheat.replay.heater_account import HeaterAccount, RECORDED_HOLD_NS, S
 if TYPE_CHECKING:
     from bev_preheat.replay.player import Played
 
-OVER = (Status.ARRIVED, Status.CHARGING)
 # A smaller deviation from the target is not reported [K]: sensors show whole and half degrees.
 LEAST_DEVIATION_K = 0.5
 # Shorter obstacles explain no deficit [s]; a heater that gives this share of its command is a whole one.
 LEAST_OBSTACLE_S, FULL_FROM = 10.0, 0.9
 LONGEST_STEP_NS = 600 * NS_PER_S
-# Statuses without heat, or with less than wanted, in words.
-OBSTACLES = {
-    Status.TARGET_UNREACHABLE: 'the target was out of reach',
-    Status.SOC_LIMITED: 'the charge left no energy for heat',
-    Status.POWER_LIMITED: 'the battery left no power for heat', Status.NOT_WORTH_IT: 'heating did not pay',
-    Status.OUT_OF_CHARGE: 'the charge did not last', Status.DISABLED: 'preheating was switched off',
-    Status.NO_BATTERY_STATE: 'there was no battery state', Status.STALE_INPUT: 'the battery state was too old',
-    Status.INVALID_INPUT: 'inputs were refused', Status.COMMAND_CONFLICT: 'another node commanded the heater',
-    Status.INTERNAL_ERROR: 'planning failed', Status.NO_CHARGING_PLANNED: 'no charging was planned'}
 
 
 @dataclass
@@ -39,7 +29,7 @@ class TripResult:
     """
     A trip from its first plan to its arrival, or to the end of the recording.
 
-    Instants in ns, temperatures in deg C (NaN: unknown). `obstacles` has the time [s] in each status of OBSTACLES,
+    Instants in ns, temperatures in deg C (NaN: unknown). `obstacles` has the time [s] in each status that is one,
     `heater` the sentence on a heater that does not obey ('' for none).
     """
 
@@ -81,7 +71,7 @@ class TripResult:
         return '' if math.isnan(self.target_c) else f', target {self.target_c:.1f} degC'
 
     def _reason(self) -> str:
-        reasons = [f'{OBSTACLES[status]} for {duration_text(lasted_s)}'
+        reasons = [f'{status.meaning.obstacle} for {duration_text(lasted_s)}'
                    for status, lasted_s in sorted(self.obstacles.items(), key=lambda item: -item[1])
                    if lasted_s >= LEAST_OBSTACLE_S]
         commanded_wh, delivered_wh = self.account.commanded_wh, self.account.delivered_wh
@@ -138,7 +128,7 @@ class TripResults:
     def _trip_of(self, played: Played) -> TripResult | None:
         decision = played.state.decision
         current = self.trips[-1] if self.trips and not self.trips[-1].is_over else None
-        if current is None and decision.plan is not None and decision.status not in OVER:
+        if current is None and decision.plan is not None and not decision.status.meaning.is_over:
             current = TripResult(played.now_ns, played.now_ns)
             self.trips.append(current)
             # An obstacle until now belongs to no trip.
@@ -149,16 +139,16 @@ class TripResults:
         state, decision = played.state, played.state.decision
         status, plan = decision.status, decision.plan
         trip.ended_ns = played.now_ns
-        if status in OBSTACLES:
+        if status.meaning.obstacle:
             lasted_ns = min(max(played.now_ns - self._latest_ns, 0), LONGEST_STEP_NS)
             trip.obstacles[status] = trip.obstacles.get(status, 0.0) + lasted_ns / NS_PER_S
         if state.measurement is not None:
             trip.temperature_c = state.measurement.state.temperature_c
-        if plan is not None and status not in OVER:
+        if plan is not None and not status.meaning.is_over:
             trip.target_c, trip.predicted_c = plan.target_temperature_c, plan.arrival_temperature_c
         if state.estimate is not None and state.estimate.heater.heater is not Heater.ANSWERS:
             trip.heater = f'heater {heater_sentence(state.estimate.heater).partition(";")[0]}'
-        trip.has_arrived = status in OVER
+        trip.has_arrived = status.meaning.is_over
         trip.is_over = trip.has_arrived or status is Status.NO_ROUTE
 
 

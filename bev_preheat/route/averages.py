@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.errors import InvalidInput
+from bev_preheat.numerics.factors import JOULES_PER_WH
 from bev_preheat.route.motion import Motion, propulsion_columns, road_vehicle
 from bev_preheat.route.road_load import battery_power_w, wheel_power_w
 from bev_preheat.route.speed_changes import FULLY_SAMPLED_S
@@ -16,8 +17,6 @@ from bev_preheat.route.speed_changes import FULLY_SAMPLED_S
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.vehicle.description import Vehicle
-
-JOULES_PER_WH = 3600.0
 
 
 @dataclass(frozen=True)

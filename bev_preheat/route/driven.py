@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.errors import InvalidInput
+from bev_preheat.numerics.factors import JOULES_PER_WH
 from bev_preheat.route.motion import propulsion_columns, road_vehicle
 from bev_preheat.route.segments import make_route, Route
 
@@ -18,7 +19,6 @@ if TYPE_CHECKING:
     from bev_preheat.route.sources.journey import Journey, RouteOptions
     from bev_preheat.vehicle.description import Vehicle
 
-JOULES_PER_WH = 3600.0
 # Duration [s] of the segments that samples are joined to.
 SEGMENT_S = 30.0
 LEAST_DISTANCE_M = 10.0

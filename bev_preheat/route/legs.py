@@ -20,6 +20,7 @@ import numpy as np
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.checked_yaml import FileData, load_checked_yaml
 from bev_preheat.files.configuration import find_configuration
+from bev_preheat.numerics.factors import JOULES_PER_WH
 from bev_preheat.route.kinematics import drive_along, lay_track, leg_starts_m, RoadDrive, RoadLeg
 from bev_preheat.route.motion import no_road_load
 from bev_preheat.route.road_load import battery_power_w, loaded, RoadForces, wheel_power_w
@@ -41,7 +42,6 @@ POWER_SCALE_RANGE = (0.5, 2.0)
 # Comfortable accelerations [m/s^2], used if the description gives none.
 DEFAULT_ACCELERATION_MPS2 = 1.0
 ELEVATION_RANGE_M = (-500.0, 9000.0)
-JOULES_PER_WH = 3600.0
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,9 @@ from collections import deque
 import math
 from typing import NamedTuple
 
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.route.place_belief import FASTEST_MPS
 
-NS_PER_S = 1_000_000_000
 # A reading is valid for an instant this much before or after it [s]: two readings a second at 60 m/s apart.
 VALID_S = 2.0
 # Readings kept; at 100 Hz, twice VALID_S.

@@ -5,7 +5,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bev_preheat.heater.controller import HeaterController, HeaterLimits, Instant, NS_PER_S
+from bev_preheat.heater.controller import HeaterController, HeaterLimits, Instant
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.simulation.heater_lease import HeaterLease
 
 if TYPE_CHECKING:

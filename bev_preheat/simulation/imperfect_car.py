@@ -12,7 +12,8 @@ from typing import NamedTuple, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.charging.prospect import CERTAIN, ChargingProspect
-from bev_preheat.control.inputs import Leg, Mission, NS_PER_S, Progress
+from bev_preheat.control.inputs import Leg, Mission, Progress
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.simulation.heater_faults import fault_at, HeaterFault, next_change_s
 from bev_preheat.simulation.heater_lease import HeaterLease
 from bev_preheat.simulation.mismatch import Mismatch, true_route, true_vehicle

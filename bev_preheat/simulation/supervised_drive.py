@@ -21,9 +21,10 @@ from bev_preheat.control.events import (
     ProgressArrived,
     RouteArrived,
 )
-from bev_preheat.control.inputs import Measurement, NS_PER_S
+from bev_preheat.control.inputs import Measurement
 from bev_preheat.errors import InvalidInput
 from bev_preheat.heater.controller import HeaterCommand
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.simulation.heater_side import HeaterSide
 

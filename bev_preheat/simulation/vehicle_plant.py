@@ -7,13 +7,8 @@ from math import ceil, inf, isfinite
 from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.numerics.arithmetic import FLOATS, SATURATING_FLOATS
-from bev_preheat.planning.dynamics import (
-    deliverable_power_w,
-    Energies,
-    hottest_c,
-    JOULES_PER_WH,
-    step_of_floats,
-)
+from bev_preheat.numerics.factors import JOULES_PER_WH
+from bev_preheat.planning.dynamics import deliverable_power_w, Energies, hottest_c, step_of_floats
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.vehicle.heat_balance import heat_under_w, heat_with_brake_w

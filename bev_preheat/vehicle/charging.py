@@ -14,6 +14,7 @@ from math import inf
 from typing import TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput
+from bev_preheat.numerics.factors import W_PER_KW
 from bev_preheat.vehicle.corrections import ScaledCurve
 from bev_preheat.vehicle.curves import Table
 from bev_preheat.vehicle.description import Charging
@@ -21,8 +22,6 @@ from bev_preheat.vehicle.hot_derating import FALL_K, falls_from_c, with_assumed_
 
 if TYPE_CHECKING:
     from bev_preheat.vehicle.description import Battery, Vehicle
-
-W_PER_KW = 1000.0
 
 
 def charging_of(vehicle: Vehicle) -> Charging:

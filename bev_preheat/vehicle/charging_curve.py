@@ -23,13 +23,13 @@ import numpy as np
 
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.files.input_files import read_text
+from bev_preheat.numerics.factors import W_PER_KW
 from bev_preheat.vehicle.chemistry import Chemistry
 from bev_preheat.vehicle.curves import Table
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
 
-W_PER_KW = 1000.0
 PERCENT = 100.0
 HEADER = ('state_of_charge_percent', 'power_kw')
 MOST_POINTS = 1000

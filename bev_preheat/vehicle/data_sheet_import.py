@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bev_preheat.numerics.factors import W_PER_KW, WH_PER_KWH
 from bev_preheat.vehicle.charging_curve import charging_map, ChargingCurve, class_curve, HIGH_VOLTAGE_V
 from bev_preheat.vehicle.chemistry import Chemistry, load_chemistry, Shares
 from bev_preheat.vehicle.data_sheet import check_data_sheet, DataSheet, energy_of
@@ -21,8 +22,6 @@ if TYPE_CHECKING:
     from bev_preheat.files.checked_yaml import FileData
     from bev_preheat.numerics.arrays import FloatArray
 
-WH_PER_KWH = 1000.0
-W_PER_KW = 1000.0
 
 # A pack is cells, housing, wiring and coolant; the rest is mostly aluminium.
 CELL_SHARE_OF_PACK_MASS = 0.7

@@ -11,6 +11,7 @@ from typing import Any, TYPE_CHECKING, TypeVar
 import numpy as np
 
 from bev_preheat.numerics.arithmetic import ARRAYS, FLOATS
+from bev_preheat.numerics.factors import S_PER_H, W_PER_KW, WH_PER_KWH
 from bev_preheat.vehicle.charging import charging_in_words, session_charging
 
 if TYPE_CHECKING:
@@ -18,12 +19,9 @@ if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.vehicle.description import Battery, Vehicle
 
-WH_PER_KWH = 1000.0
-W_PER_KW = 1000.0
 JOULES_PER_KJ = 1000.0
 KMH_100_MPS = 100.0 / 3.6
 TEN_MINUTES_S = 600.0
-SECONDS_PER_H = 3600.0
 HALF = 0.5
 COLD_C, WARM_C = -20.0, 25.0
 RESISTANCE_TEMPERATURES_C = (COLD_C, 0.0, WARM_C)
@@ -170,7 +168,7 @@ def heat_path_in_words(vehicle: Vehicle) -> str:
             f'{heat_w / path.coolant_conductance_w_per_k:.0f} K warmer than the battery at full '
             'heater power')
     if not path.is_direct:
-        late_wh = path.heat_lag_s * vehicle.hvch.maximum_power_w / SECONDS_PER_H
+        late_wh = path.heat_lag_s * vehicle.hvch.maximum_power_w / S_PER_H
         parts.append(f'{late_wh:.0f} Wh are still under way when the heater is switched off at full '
                      'power; heat that arrives after the drive is lost')
     if path.sensor_lag_s > 0.0:
@@ -212,7 +210,7 @@ def _time_constant_h(battery: Battery, speed_mps: float) -> float:
     """Return the thermal time constant [h]; infinite without leakage."""
     leakage = battery.leakage.coefficient_w_per_k(speed_mps)
     return math.inf if leakage == 0.0 else (
-        battery.heat_capacity_j_per_k / leakage / SECONDS_PER_H)
+        battery.heat_capacity_j_per_k / leakage / S_PER_H)
 
 
 def _most_charging_kw(battery: Battery, limit: Curve) -> float:

@@ -26,6 +26,7 @@ from bev_preheat.console.program import run_program
 from bev_preheat.console.terminal import print_records, progress_bar, result_console
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.output_files import check_outputs
+from bev_preheat.numerics.factors import W_PER_KW
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.charging import charging_of
@@ -50,7 +51,7 @@ CHARGERS_W = (11e3, 22e3, 50e3, 150e3)
 # Above the air on arrival [K]; for cars whose file names no limit of heating [deg C].
 WARMER_K, LIMIT_C = (0.0, 25.0), 25.0
 CABIN_W, AUXILIARY_W = (500.0, 3000.0), (200.0, 800.0)
-W_PER_KW, PERCENT = 1000.0, 100.0
+PERCENT = 100.0
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ from bev_preheat.charging.worth import ENERGY_PRICE_PER_KWH, find_worth, VALUE_O
 from bev_preheat.console.parser import OneLineParser
 from bev_preheat.console.program import run_program
 from bev_preheat.console.terminal import print_records, progress_bar, result_console
+from bev_preheat.numerics.factors import S_PER_MIN, W_PER_KW, WH_PER_KWH
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.planner import plan_unheated
 from bev_preheat.planning.situation import BatteryState, Goal
@@ -42,7 +43,6 @@ PRICES = Prices(ENERGY_PRICE_PER_KWH, VALUE_OF_TIME_PER_H)
 WINTER_CHARGERS_W = (50e3, 100e3, 150e3, 250e3)
 WINTER_AMBIENT_C = (-20.0, -15.0, -10.0, -5.0, 0.0)
 WINTER_ARRIVAL_SOC = 0.1
-W_PER_KW, WH_PER_KWH, S_PER_MIN = 1000.0, 1000.0, 60.0
 # The drive's consumption hardly depends on the initial charge.
 MOST_TRIALS, SOC_TOLERANCE = 20, 1e-6
 

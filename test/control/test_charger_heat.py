@@ -7,9 +7,10 @@ import pytest
 from stepwise import Stepwise
 
 from bev_preheat.control.charger_heat import ChargerHeater, ChargerSituation
-from bev_preheat.control.inputs import Leg, Measurement, Mission, NS_PER_S, with_stops
+from bev_preheat.control.inputs import Leg, Measurement, Mission, with_stops
 from bev_preheat.control.settings import Settings
 from bev_preheat.estimation.hypotheses import Heater
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.status import Status
 from bev_preheat.route.segments import make_route

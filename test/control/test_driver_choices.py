@@ -4,10 +4,11 @@
 import pytest
 from stepwise import Stepwise
 
-from bev_preheat.control.inputs import Leg, Measurement, Mission, NS_PER_S
+from bev_preheat.control.inputs import Leg, Measurement, Mission
 from bev_preheat.control.settings import Settings
 from bev_preheat.estimation.driver_choices import CancelledTrip, DriverChoices, NO_CHOICES
 from bev_preheat.estimation.last_seen import LastSeen
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.status import Status
 from bev_preheat.route.segments import make_route

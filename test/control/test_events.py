@@ -20,9 +20,10 @@ from bev_preheat.control.events import (
 )
 from bev_preheat.control.forecast_plan import ForecastPlan
 from bev_preheat.control.inbox import Inbox
-from bev_preheat.control.inputs import Leg, Measurement, Mission, NS_PER_S
+from bev_preheat.control.inputs import Leg, Measurement, Mission
 from bev_preheat.control.settings import Settings
 from bev_preheat.errors import InvalidInput
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle

@@ -5,9 +5,10 @@ import pytest
 
 from bev_preheat.control.command_history import CommandHistory
 from bev_preheat.control.expected_drive import intervals_between, shown_command_w
-from bev_preheat.control.inputs import Leg, Mission, NS_PER_S, Progress
+from bev_preheat.control.inputs import Leg, Mission, Progress
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.timetable import Timetable
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
 

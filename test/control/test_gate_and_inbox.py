@@ -11,9 +11,10 @@ from bev_preheat.control.decision import Decision
 from bev_preheat.control.events import BatteryStateArrived
 from bev_preheat.control.heater_switch import HeaterSwitch
 from bev_preheat.control.inbox import Inbox
-from bev_preheat.control.inputs import check_mission, Leg, Measurement, Mission, NS_PER_S
+from bev_preheat.control.inputs import check_mission, Leg, Measurement, Mission
 from bev_preheat.control.settings import Settings
 from bev_preheat.errors import InvalidInput
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status

@@ -8,13 +8,13 @@ import pytest
 from bev_preheat.control.command_history import CommandHistory
 from bev_preheat.control.events import HeaterStatusArrived, HeaterStatusUnreadable
 from bev_preheat.control.heater_answer import CONFIRMED_WITHIN_S, HeaterAnswers, HeaterStatus
-from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.control.margins import LEAST_STATUS_S
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.errors import InvalidInput
 from bev_preheat.estimation.hypotheses import Heater, HeaterReport
 from bev_preheat.heater.controller import Refusal
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.planner import plan_unheated
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status

@@ -10,9 +10,10 @@ from stepwise import Stepwise
 
 from bev_preheat.control import decision_maker as decision_maker_module
 from bev_preheat.control.events import BatteryStateArrived
-from bev_preheat.control.inputs import Leg, Measurement, Mission, NS_PER_S, with_stops
+from bev_preheat.control.inputs import Leg, Measurement, Mission, with_stops
 from bev_preheat.control.settings import Settings
 from bev_preheat.errors import InvalidInput, PlanningFailure
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status

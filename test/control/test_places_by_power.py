@@ -6,10 +6,11 @@ from dataclasses import replace
 import pytest
 
 from bev_preheat.control.events import BatteryStateArrived, ProgressArrived, RouteArrived
-from bev_preheat.control.inputs import Leg, Measurement, Mission, NS_PER_S, Progress, SupplyStatus, with_stops
+from bev_preheat.control.inputs import Leg, Measurement, Mission, Progress, SupplyStatus, with_stops
 from bev_preheat.control.regime import Regime
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.status import Status
 from bev_preheat.route.segments import make_route

@@ -19,12 +19,13 @@ from bev_preheat.control.events import (
     RouteArrived,
     TripCancelled,
 )
-from bev_preheat.control.inputs import Leg, Measurement, Mission, NS_PER_S, with_stops
+from bev_preheat.control.inputs import Leg, Measurement, Mission, with_stops
 from bev_preheat.control.preparation import ROUTE_ID
 from bev_preheat.control.preparation_goal import PreparationEnding, PreparationGoal
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.errors import InvalidInput
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.planner import plan_unheated
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status

@@ -15,10 +15,11 @@ from bev_preheat.control.events import (
     Reconfigured,
     RouteUnreadable,
 )
-from bev_preheat.control.inputs import Leg, Measurement, Mission, NS_PER_S, Progress, with_stops
+from bev_preheat.control.inputs import Leg, Measurement, Mission, Progress, with_stops
 from bev_preheat.control.refusals import RefusedRoute
 from bev_preheat.control.settings import Settings
 from bev_preheat.errors import InvalidInput
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.status import Status
 from bev_preheat.route.segments import make_route

@@ -7,9 +7,10 @@ import pytest
 from stepwise import Stepwise
 
 from bev_preheat.control.events import PreheatingSwitched
-from bev_preheat.control.inputs import Leg, Measurement, Mission, NS_PER_S
+from bev_preheat.control.inputs import Leg, Measurement, Mission
 from bev_preheat.control.sensitivity_watch import SensitivityWatch
 from bev_preheat.control.settings import Settings
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning import sensitivity as module
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.sensitivity import find_sensitivity

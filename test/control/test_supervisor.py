@@ -11,9 +11,10 @@ from stepwise import Stepwise
 from bev_preheat.control.decision import Command
 from bev_preheat.control.events import BatteryStateArrived
 from bev_preheat.control.inbox import Inbox
-from bev_preheat.control.inputs import Leg, Measurement, Mission, NS_PER_S
+from bev_preheat.control.inputs import Leg, Measurement, Mission
 from bev_preheat.control.settings import Settings
 from bev_preheat.errors import InvalidInput, PlanningFailure
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.planner import METHODS
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.status import Status

@@ -27,9 +27,10 @@ from stepwise import Stepwise
 from bev_preheat.charging.stop import Charger
 from bev_preheat.charging.target_worth import Prices, TargetWorth
 from bev_preheat.charging.worth import find_worth
-from bev_preheat.control.inputs import Leg, Mission, NS_PER_S
+from bev_preheat.control.inputs import Leg, Mission
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.target_choice import LEAST_GAIN_SHARE, TargetChooser, TargetSource
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
 from bev_preheat.vehicle import load_vehicle

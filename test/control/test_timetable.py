@@ -8,10 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 
-from bev_preheat.control.inputs import Leg, Mission, NS_PER_S, Progress, with_stops
+from bev_preheat.control.inputs import Leg, Mission, Progress, with_stops
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.timetable import KNOWN_TO_M, Timetable
 from bev_preheat.errors import InvalidInput
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.route.segments import make_route
 
 START_NS = 1_700_000_000 * NS_PER_S

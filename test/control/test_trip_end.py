@@ -6,7 +6,8 @@ from hypothesis import example, given, settings
 import pytest
 
 from bev_preheat.control.events import ProgressArrived, TripCancelled
-from bev_preheat.control.inputs import NS_PER_S, Progress
+from bev_preheat.control.inputs import Progress
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.status import Status
 
 

@@ -10,7 +10,6 @@ from driven_car import Commands, Course, DrivenCar, LIMIT_W, observed, START_NS,
 import numpy as np
 import pytest
 
-from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.estimation.belief import LOCAL_DEVIATION_K
 from bev_preheat.estimation.estimator import Estimator
 from bev_preheat.estimation.hypotheses import Heater
@@ -23,6 +22,7 @@ from bev_preheat.estimation.state import (
     NOMINAL_SENSOR_LAG_S,
     TEMPERATURE,
 )
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.vehicle.corrections import Corrections
 

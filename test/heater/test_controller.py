@@ -13,10 +13,10 @@ from bev_preheat.heater.controller import (
     HeaterController,
     HeaterLimits,
     Instant,
-    NS_PER_S,
     Refusal,
     Verdict,
 )
+from bev_preheat.numerics.factors import NS_PER_S
 
 START_S = 1_000_000.0
 LIMITS = HeaterLimits(7000.0, longest_lease_s=20.0, clock_tolerance_s=0.5)

@@ -12,7 +12,7 @@ from stepwise import Stepwise
 from bev_preheat.charging.stop import Charger
 from bev_preheat.control.decision import Decision
 from bev_preheat.control.inbox import Inbox
-from bev_preheat.control.inputs import Measurement, NS_PER_S
+from bev_preheat.control.inputs import Measurement
 from bev_preheat.control.settings import FIELD_OF_PARAMETER, Settings
 from bev_preheat.errors import figure, InvalidInput
 from bev_preheat.nodes.convert import (
@@ -25,6 +25,7 @@ from bev_preheat.nodes.diagnostics import planner_diagnostics
 from bev_preheat.nodes.optimality_report import case_of_plan, case_of_state
 from bev_preheat.nodes.planner_node import PARAMETERS
 from bev_preheat.nodes.target_report import charging_text, session_texts
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.status import Status
 from bev_preheat.vehicle import load_vehicle

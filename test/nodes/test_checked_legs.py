@@ -8,7 +8,7 @@ from builtin_interfaces.msg import Time
 import pytest
 from stepwise import Stepwise
 
-from bev_preheat.control.inputs import Measurement, NS_PER_S
+from bev_preheat.control.inputs import Measurement
 from bev_preheat.control.settings import Settings
 from bev_preheat.nodes.convert import mission_from_message, plan_message
 from bev_preheat.nodes.optimality_report import (
@@ -17,6 +17,7 @@ from bev_preheat.nodes.optimality_report import (
     case_of_state,
     says_the_same,
 )
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.heat_path import HeatPath

@@ -18,7 +18,7 @@ from sensor_msgs.msg import BatteryState as BatteryStateMessage
 from varying_power import magnitude_w
 
 from bev_preheat.control.decision import Command, Decision
-from bev_preheat.control.inputs import Leg, Mission, NS_PER_S, SupplyStatus, with_stops
+from bev_preheat.control.inputs import Leg, Mission, SupplyStatus, with_stops
 from bev_preheat.control.target_choice import TargetSource
 from bev_preheat.errors import InvalidInput
 from bev_preheat.nodes.convert import (
@@ -34,6 +34,7 @@ from bev_preheat.nodes.convert import (
     temperature_message,
     time_message,
 )
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.heating_intervals import HeatingInterval, Reason
 from bev_preheat.planning.outcome import Stranding
 from bev_preheat.planning.planner import plan_preheating

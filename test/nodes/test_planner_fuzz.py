@@ -18,12 +18,12 @@ from rehearsed_planner import RehearsedPlanner
 from sensor_msgs.msg import BatteryState
 
 from bev_preheat.nodes.convert import nanoseconds
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.status import Status
 from bev_preheat_msgs.msg import RoutePlan
 
 SEED = 20261121
 MESSAGES = 100_000
-NS_PER_S = 1_000_000_000
 START_NS = 1_700_000_000 * NS_PER_S
 # The planner's defaults, and the reference vehicle's heater.
 TIMEOUT_S, TOLERANCE_S, LEASE_S, HVCH_W = 5.0, 1.0, 2.5, 7000.0

@@ -29,7 +29,7 @@ from bev_preheat.commands.main import main
 from bev_preheat.commands.prepare import seconds_until
 from bev_preheat.control.events import BatteryStateArrived, PreparationWanted, RouteArrived
 from bev_preheat.control.inbox import Inbox
-from bev_preheat.control.inputs import Leg, Measurement, Mission, NS_PER_S
+from bev_preheat.control.inputs import Leg, Measurement, Mission
 from bev_preheat.control.preparation_goal import PreparationEnding, PreparationGoal
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
@@ -41,6 +41,7 @@ from bev_preheat.monitoring.view import line, page
 from bev_preheat.nodes.convert import plan_message, time_message
 from bev_preheat.nodes.optimality_report import case_of_plan
 from bev_preheat.nodes.prepare_action import preparation_goal_of
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.situation import BatteryState as BatteryInput
 from bev_preheat.planning.status import Status
 from bev_preheat.route.segments import make_route

@@ -19,7 +19,6 @@ from sensor_msgs.msg import BatteryState
 from std_srvs.srv import SetBool
 
 from bev_preheat.control.events import PreheatingSwitched, Reconfigured
-from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.nodes.convert import (
@@ -32,6 +31,7 @@ from bev_preheat.nodes.convert import (
 )
 from bev_preheat.nodes.route_intake import RouteIntake
 from bev_preheat.nodes.simulator_messages import battery_state_message
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.situation import BatteryState as State
 from bev_preheat.planning.situation import Goal
 from bev_preheat.planning.status import Status

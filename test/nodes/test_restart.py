@@ -11,10 +11,10 @@ from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 from sensor_msgs.msg import BatteryState
 from std_srvs.srv import SetBool
 
-from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.errors import InvalidInput
 from bev_preheat.flight_recorder.ring import recordings_in
 from bev_preheat.nodes.convert import nanoseconds, time_message
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.replay.flight_file import read_flight
 from bev_preheat.replay.recordings import open_recording, Planner, Sources
 from bev_preheat.replay.what_if import replay

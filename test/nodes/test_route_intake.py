@@ -9,10 +9,11 @@ import pytest
 from stepwise import Stepwise
 
 from bev_preheat.control.events import Reconfigured
-from bev_preheat.control.inputs import Measurement, NS_PER_S
+from bev_preheat.control.inputs import Measurement
 from bev_preheat.control.settings import Settings
 from bev_preheat.errors import InvalidInput
 from bev_preheat.nodes.route_intake import refused_route_of, RouteIntake
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.status import Status
 from bev_preheat.vehicle import load_vehicle

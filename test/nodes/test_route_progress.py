@@ -6,7 +6,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 import pytest
 
 from bev_preheat.control.events import ProgressArrived, ProgressUnreadable, RouteArrived
-from bev_preheat.control.inputs import Leg, Mission, NS_PER_S, Progress
+from bev_preheat.control.inputs import Leg, Mission, Progress
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.errors import InvalidInput
@@ -16,6 +16,7 @@ from bev_preheat.nodes.route_progress import (
     progress_from_message,
     progress_message,
 )
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat_msgs.msg import RouteProgress

@@ -6,11 +6,11 @@ import pytest
 from rehearsed_planner import RehearsedPlanner
 from sensor_msgs.msg import BatteryState
 
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning import sensitivity
 from bev_preheat_msgs.msg import RoutePlan
 
 START_S = 1_700_000_000
-NS_PER_S = 1_000_000_000
 
 
 def drive(planner, seconds):

@@ -6,7 +6,6 @@ from contextlib import suppress
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import BatteryState
 
-from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.flight_recorder.beginning import Beginning
@@ -16,6 +15,7 @@ from bev_preheat.nodes.convert import battery_event, route_plan_message, time_me
 from bev_preheat.nodes.flight_recording import _kind
 from bev_preheat.nodes.route_intake import RouteIntake
 from bev_preheat.nodes.simulator_messages import battery_state_message
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.planner import DEFAULT_METHOD
 from bev_preheat.planning.situation import BatteryState as Battery
 from bev_preheat.planning.situation import Goal

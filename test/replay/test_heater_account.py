@@ -6,9 +6,9 @@ from types import SimpleNamespace
 import pytest
 
 from bev_preheat.control.heater_answer import HeaterStatus
-from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.estimation.hypotheses import Heater, HeaterReport
 from bev_preheat.heater.controller import Refusal
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.status import Status
 from bev_preheat.replay.heater_account import HeaterAccount, Span
 from bev_preheat.replay.player import Played

@@ -7,9 +7,9 @@ import pytest
 from recorded_drive import a_car, LONG_S, LONG_TARGET_C, RecordedDrive
 
 from bev_preheat.control.heater_answer import HeaterAnswerReport, HeaterStatus
-from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.estimation.hypotheses import Heater, HeaterReport, SuspectedFault
 from bev_preheat.heater.controller import Refusal
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.replay.flight_file import read_flight
 from bev_preheat.replay.heater_share import alter_status, HeaterShares
 from bev_preheat.replay.player import Changes

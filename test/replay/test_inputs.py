@@ -9,10 +9,10 @@ from sensor_msgs.msg import BatteryState
 
 from bev_preheat.flight_recorder.steps import RecordedStep
 from bev_preheat.nodes.convert import time_message
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.replay.flight_file import Given
 from bev_preheat.replay.inputs import InputRemarks
 
-NS_PER_S = 1_000_000_000
 START_NS = 1_768_197_600 * NS_PER_S
 
 

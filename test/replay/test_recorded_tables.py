@@ -7,10 +7,10 @@ import time
 import pytest
 from recorded_drive import LENGTH_S, START_NS
 
-from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.dashboard.plain import written
 from bev_preheat.dashboard.recorded import lengths_of, MOST_PLAN_POINTS, RecordedSource, tables_of
 from bev_preheat.errors import InvalidInput
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.replay.flight_file import read_flight
 
 START_S = START_NS / NS_PER_S

@@ -17,11 +17,11 @@ from recorded_drive import (
 )
 
 from bev_preheat.commands.main import main
-from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.control.settings import Settings
 from bev_preheat.errors import InvalidInput
 from bev_preheat.flight_recorder.writer import BEGINNING_CHANNEL, Entry
 from bev_preheat.logs.reading import read_recording
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.replay.explanation import explain
 from bev_preheat.replay.flight_file import read_flight
 from bev_preheat.replay.period import Period

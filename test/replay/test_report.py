@@ -14,7 +14,7 @@ import pytest
 from recorded_drive import LENGTH_S, START_NS, TARGET_C
 
 from bev_preheat.commands.main import main
-from bev_preheat.control.inputs import NS_PER_S
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.replay.flight_file import read_flight
 from bev_preheat.replay.history import History, MOST_ROWS
 from bev_preheat.replay.player import Played, Player

@@ -7,6 +7,7 @@ from math import isnan
 import numpy as np
 import pytest
 
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import load_route
 from bev_preheat.simulation.heater_faults import HeaterFault
@@ -25,7 +26,6 @@ MISMATCH = Mismatch(heat_capacity=0.93, leakage=1.17, resistance=0.86, heater=1.
 LEASE = HeaterLease(3000.0, 10_000.0)
 CABIN_W = float(ROUTE.cabin_heating_power_w[0])
 LIMIT_W = VEHICLE.hvch.maximum_power_w - CABIN_W
-NS_PER_S = 1_000_000_000
 
 
 def make_car(seed=5, **imperfections):

@@ -8,6 +8,7 @@ import pytest
 
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route.segments import make_route
 from bev_preheat.simulation.heater_faults import HeaterFault
@@ -23,7 +24,6 @@ from bev_preheat.vehicle.curves import Table
 from bev_preheat.vehicle.description import Leakage
 
 HEAT_CAPACITY_J_PER_K, CAPACITY_AH, VOLTAGE_V, RESISTANCE_OHM = 361e3, 170.0, 390.0, 0.17
-NS_PER_S = 1_000_000_000
 
 
 def level(value):

@@ -6,9 +6,9 @@ import re
 import pytest
 import yaml
 
-from bev_preheat.control.inputs import NS_PER_S
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.configuration import configuration_folder
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.situation import Goal
 from bev_preheat.simulation.evaluation import evaluate
 from bev_preheat.simulation.phases import Charge, Park

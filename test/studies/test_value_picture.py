@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from bev_preheat.planning.dynamics import JOULES_PER_WH
+from bev_preheat.numerics.factors import JOULES_PER_WH
 from bev_preheat.planning.planner import plan_preheating, plan_unheated
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.trip import make_trip

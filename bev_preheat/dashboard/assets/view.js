@@ -5,18 +5,8 @@ const bevView = (() => {
   const byId = (id) => document.getElementById(id);
   const isRecording = document.body.dataset.mode === 'recording';
   const NO_BREAK = '\u00a0', MINUS = '\u2212';
-  // Word, shape and colour of each status.
-  const STATUSES = {
-    NO_ROUTE: ['No route', 'off'], NO_BATTERY_STATE: ['No battery state', 'warn'],
-    NO_CHARGING_PLANNED: ['No charging planned', 'off'], NOT_NEEDED: ['Warm enough', 'good'],
-    WAITING: ['Waiting to heat', 'wait'], HEATING: ['Heating', 'heat'],
-    TARGET_UNREACHABLE: ['Target out of reach', 'warn'], SOC_LIMITED: ['Limited by the charge', 'warn'],
-    POWER_LIMITED: ['Limited by the power', 'warn'], DISABLED: ['Switched off', 'off'],
-    STALE_INPUT: ['Battery state too old', 'warn'], INVALID_INPUT: ['Input refused', 'warn'],
-    ARRIVED: ['Arrived', 'good'], SHUTTING_DOWN: ['Planner shuts down', 'off'],
-    INTERNAL_ERROR: ['Planner failed', 'warn'], CHARGING: ['Charging', 'good'],
-    OUT_OF_CHARGE: ['Charge does not last', 'warn'], COMMAND_CONFLICT: ['Two nodes command the heater', 'warn'],
-    NOT_WORTH_IT: ['Heating does not pay', 'off']};
+  // Word, and shape and colour, of each status.
+  const STATUSES = {{statuses}};
   // Drives that began longer ago are shown from here on [s].
   const LONGEST_PAST_S = 4 * 3600, BEFORE_TRIP_S = 300;
 

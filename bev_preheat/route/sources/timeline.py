@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.errors import figure, InvalidInput
+from bev_preheat.numerics.factors import EARTH_RADIUS_M
 from bev_preheat.route.line import RouteLine
 from bev_preheat.route.motion import Motion
 from bev_preheat.route.segments import LIMITS, LONGEST_ROUTE_S
@@ -26,8 +27,6 @@ SEGMENT_S = 30.0
 LEAST_SEGMENT_S = 1.0
 # Slower than this [m/s] over a whole segment is a standstill: position errors also move a parked car.
 STANDSTILL_MPS = 0.3
-# Mean radius of the earth [m], WGS 84.
-EARTH_RADIUS_M = 6371008.8
 
 
 @dataclass(frozen=True)

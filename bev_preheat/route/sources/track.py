@@ -8,14 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.errors import figure, InvalidInput
+from bev_preheat.numerics.factors import EARTH_RADIUS_M
 from bev_preheat.route.kinematics import drive_along, Track
-from bev_preheat.route.sources.timeline import (
-    check_coordinates,
-    distances_m,
-    EARTH_RADIUS_M,
-    journey_of,
-    Timeline,
-)
+from bev_preheat.route.sources.timeline import check_coordinates, distances_m, journey_of, Timeline
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

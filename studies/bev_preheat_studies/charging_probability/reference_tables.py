@@ -9,6 +9,7 @@ from bev_preheat.charging.prospect import chance_text, ChargingProspect
 from bev_preheat.charging.target_worth import Prices
 from bev_preheat.charging.worth import find_worth
 from bev_preheat.console.terminal import print_records
+from bev_preheat.numerics.factors import S_PER_MIN
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import load_route
@@ -27,7 +28,6 @@ PRICES = Prices(0.60, 30.0)
 PROBABILITIES = (1.0, 0.9, 0.7, 0.5, 0.4, 0.3, 0.25, 0.2, 0.1)
 DEVIATIONS_S = (0.0, 60.0, 180.0, 300.0, 600.0)
 SPREADS_K = (0.0, 2.0, 5.0, 8.0)
-S_PER_MIN = 60.0
 
 
 def print_tables(console: Console) -> None:

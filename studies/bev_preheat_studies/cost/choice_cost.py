@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING
 
 from bev_preheat.charging.stop import Charger
 from bev_preheat.control.events import BatteryStateArrived, RouteArrived
-from bev_preheat.control.inputs import Leg, Measurement, Mission, NS_PER_S
+from bev_preheat.control.inputs import Leg, Measurement, Mission
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.route import load_route
 from bev_preheat.vehicle import load_vehicle

@@ -12,13 +12,14 @@ import numpy as np
 from bev_preheat.control.command_history import CommandHistory
 from bev_preheat.control.events import BatteryStateArrived, RouteArrived
 from bev_preheat.control.expected_drive import intervals_between
-from bev_preheat.control.inputs import Leg, Measurement, Mission, NS_PER_S
+from bev_preheat.control.inputs import Leg, Measurement, Mission
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.control.timetable import Timetable
 from bev_preheat.estimation.estimator import Estimator
 from bev_preheat.estimation.state import NOMINAL_HEAT_LAG_S
 from bev_preheat.native.library import core
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.planner import plan_preheating, plan_unheated
 from bev_preheat.planning.situation import BatteryState, Uncertainty
 from bev_preheat.route import load_route

@@ -11,6 +11,7 @@ import numpy as np
 from bev_preheat.drawing.curves import draw_course, draw_steps, show_range, TimeAxis
 from bev_preheat.drawing.figure import grid_figure, legend_above, save_figure
 from bev_preheat.drawing.palette import look_of, name_of, POWER, TARGET, WITHOUT_PREHEATING
+from bev_preheat.numerics.factors import W_PER_KW
 from bev_preheat.planning.dynamics import limits_of_steps_w
 
 if TYPE_CHECKING:
@@ -29,7 +30,6 @@ MAP_ALPHA = 0.6
 # Panels: temperature, heater, power of the drive.
 HEIGHT_IN, HEIGHTS = 8.0, (3.6, 1.0, 1.0)
 ROOM_K = 4.0
-W_PER_KW = 1e3
 
 
 def draw_values(path: AnyPath, trip: Trip, table: ValueTable, plan: Plan, unheated: Plan, title: str) -> None:

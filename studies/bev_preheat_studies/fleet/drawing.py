@@ -9,6 +9,7 @@ from typing import Any, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.numerics.arithmetic import FLOATS
+from bev_preheat.numerics.factors import S_PER_H, S_PER_MIN
 from bev_preheat.numerics.folded_normal import mean_magnitude
 from bev_preheat.route.road_load import (
     air_density_kg_per_m3,
@@ -41,8 +42,6 @@ from bev_preheat_studies.fleet.drawn_fleet import (
     POWER_VARIABILITY,
     RMS,
     ROADS,
-    S_PER_H,
-    S_PER_MIN,
     SOAK_K,
     SPEEDS_MPS,
     STEP_S,

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bev_preheat.numerics.factors import S_PER_MIN
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route.segments import Route
 from bev_preheat.vehicle import load_vehicle, Vehicle
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
     IntArray = NDArray[np.int64]
 
 STEP_S = 60.0
-S_PER_MIN, S_PER_H = 60.0, 3600.0
 MPS_PER_KMH = 1.0 / 3.6
 
 # The cars of the package and their shares; assumed: equal.

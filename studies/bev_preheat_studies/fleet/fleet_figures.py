@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from bev_preheat.numerics.factors import S_PER_MIN, WH_PER_KWH
 from bev_preheat_studies.fleet import drawn_fleet
 from bev_preheat_studies.fleet.tally import (
     ALL,
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
     # Plain values, as in JSON.
     Figures = dict[str, Any]
 
-S_PER_MIN, WH_PER_KWH = 60.0, 1000.0
 # Name of a figure: (quantity, how many of its units make one of the figure's).
 MEANS = {'heater_kwh': (HEATER_WH, WH_PER_KWH), 'bought_kwh': (BOUGHT_WH, WH_PER_KWH),
          'charging_min': (CHARGING_S, S_PER_MIN), 'arrival_c': (ARRIVAL_C, 1.0), 'reached': (REACHED, 1.0)}

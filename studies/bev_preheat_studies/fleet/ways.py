@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.errors import PlanningFailure
-from bev_preheat.planning.dynamics import JOULES_PER_WH, run_forward
+from bev_preheat.numerics.factors import JOULES_PER_WH
+from bev_preheat.planning.dynamics import run_forward
 from bev_preheat.planning.limits import run_within_limits, watch_limits
 from bev_preheat.planning.planner import METHODS, plan_preheating
 from bev_preheat.planning.trip import make_trip

@@ -18,6 +18,7 @@ from sensor_msgs.msg import BatteryState
 from std_srvs.srv import SetBool
 
 from bev_preheat.nodes.convert import nanoseconds, time_message
+from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat_msgs.msg import HvchCommand, RoutePlan
 
 if TYPE_CHECKING:
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
     from rclpy.node import Node
     from rclpy.timer import Timer
 
-NS_PER_S = 1_000_000_000
 CABIN_W = 1700.0
 # One battery state in BAD_STATE_EVERY is garbage, and a share BAD_ROUTES of the routes; period of the routes [s];
 # one route in HEATING_ROUTES needs heat.
