@@ -1,0 +1,178 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The ends of a step, and the best mixture of them: bev_preheat.planning.steps_ahead and value_layers. */
+#include "values.h"
+
+double bev_lacking_w(const recursion *of, int32_t k, const double start[4],
+                        const step_end *end, double terminal_w) {
+  const double variance_w2 = of->trip->power_variance_w2[k];
+  double at_start_w[2];
+  double at_end_w[2];
+  bev_terminal_limits(of->vehicle, 0, start[0], start[1], variance_w2, at_start_w);
+  bev_terminal_limits(of->vehicle, 0, end->states[0], end->states[1], variance_w2, at_end_w);
+  const double beyond_w = terminal_w - bev_minimum(at_start_w[1], at_end_w[1]);
+  return beyond_w > BEV_LACK_TOLERANCE_W ? beyond_w : 0.0;
+}
+
+/* A step without an active limit, heated as wanted. */
+static int is_free_step(const recursion *of, int32_t k, const double start[4], step_end *end) {
+  if (of->layers_overcharge[k] != 0u || of->layers_overdraw[k] != 0u
+      || start[1] >= of->vehicle->highest_c
+      || (end->wanted_w > 0.0 && of->vehicle->heater_lag_s > 0.0)) {
+    /* A heater with lag is switched off in time before other steps. */
+    return 0;
+  }
+  double result[4];
+  bev_inputs inputs = bev_inputs_of(of->vehicle, of->trip, k, NULL, NULL);
+  inputs.power_w = inputs.power_w + end->wanted_w;
+  inputs.heat_w = bev_heat_with_heater_w(of->vehicle, inputs.heat_w, end->wanted_w);
+  bev_integrate(of->vehicle, BEV_RUNGE_KUTTA_4, 1, start[0], start[1], &inputs, result);
+  if (!(result[0] > 0.0 && result[0] <= 1.0)
+      || (end->wanted_w > 0.0 && !(result[1] <= of->vehicle->highest_c))) {
+    return 0;
+  }
+  end->states[0] = result[0];
+  end->states[1] = result[1];
+  end->powers_w[0] = end->wanted_w;
+  end->cost_j = price_in(of, k) * (inputs.power_w + result[3]) * inputs.duration_s;
+  return 1;
+}
+
+bev_status bev_drive_step(const recursion *of, int32_t k, const double start[4],
+                             int32_t is_ahead, step_end *end) {
+  end->states[2] = 0.0;
+  end->states[3] = 0.0;
+  end->powers_w[1] = 0.0;
+  end->regime = 0u;
+  if (is_ahead != 0 && is_free_step(of, k, start, end) != 0) {
+    return BEV_OK;
+  }
+  const bev_limited_run *runs = is_ahead != 0 ? of->at_once : of->driven;
+  const bev_limited_run *run = &runs[end->takes_surplus];
+  const bev_status status =
+      bev_drive_within_limits(run, k, start, end->wanted_w, end->states, end->powers_w);
+  if (status != BEV_OK) {
+    return status;
+  }
+  const double drawn_w = end->powers_w[run->is_direct != 0 ? 0 : 2];
+  const double terminal_w = of->trip->idle_power_w[k] + drawn_w + end->powers_w[1];
+  const double voltage = 0.5
+      * (voltage_v(of, start[0], start[1]) + voltage_v(of, end->states[0], end->states[1]));
+  end->cost_j = price_in(of, k) * joules_of_charge(of, voltage) * (start[0] - end->states[0]);
+  end->regime |= end->powers_w[0] != end->wanted_w ? LIMITED_COMMAND : 0u;
+  end->regime |= end->powers_w[1] > 0.0 ? BRAKED : 0u;
+  if (run->may_overdraw[k] != 0u && of->lack_price > 0.0) {
+    const double lack_w = bev_lacking_w(of, k, start, end, terminal_w);
+    end->cost_j += of->lack_price * of->trip->duration_s[k] * lack_w;
+    end->regime |= lack_w > 0.0 ? LACKING : 0u;
+  }
+  return BEV_OK;
+}
+
+double bev_seen_ahead_c(const recursion *of, int32_t k, double settled_c,
+                           const double start[4], const step_end *end) {
+  const double heater_k = of->vehicle->heater_efficiency * of->trip->duration_s[k]
+      / of->vehicle->heat_capacity_j_per_k * end->powers_w[0];
+  return settled_c + of->kept_share[k] * ((end->states[1] - start[1]) - heater_k)
+      + of->arriving_share[k] * heater_k;
+}
+
+bev_status bev_ends_of_step(const recursion *of, int32_t k, const double start[4],
+                               double settled_c, step_end ends[MOST_ENDS], int32_t *count) {
+  const double full_w = of->trip->heater_limit_w[k];
+  int32_t found = 0;
+  *count = 0;
+  for (int32_t kind = 0; kind < MOST_ENDS; kind++) {
+    step_end *end = &ends[found];
+    if ((kind == 1 && (of->layers_overcharge[k] == 0u || !(ends[0].powers_w[1] > 0.0)))
+        || (kind == 2 && !(full_w > BEV_LEAST_HEATING_W))) {
+      continue;
+    }
+    end->wanted_w = kind == 2 ? full_w : 0.0;
+    end->takes_surplus = kind == 0 ? 0 : 1;
+    const bev_status status = bev_drive_step(of, k, start, 1, end);
+    if (status == BEV_EMPTY && kind > 0) {
+      break;
+    }
+    if (status != BEV_OK) {
+      return status;
+    }
+    if (kind > 0 && !(end->powers_w[0] > ends[found - 1].powers_w[0] + BEV_SAME_END_W)) {
+      continue;
+    }
+    end->settled_c = bev_seen_ahead_c(of, k, settled_c, start, end);
+    end->cost_j += of->price_j[k + 1] * (end->states[0] - of->soc[k + 1]);
+    found++;
+  }
+  *count = found;
+  for (int32_t n = found - 1; n >= 0; n--) {
+    /* Power that the heater draws later is paid for later; and late heat costs where limits miss it. */
+    const double heater_j = ends[n].powers_w[0] * of->trip->duration_s[k];
+    ends[n].cost_j += of->due_share[k]
+            * (heater_j * of->due_price[k + 1] - (ends[n].cost_j - ends[0].cost_j))
+        + of->late_price_j[k + 1] * of->late_share[k] * heater_j
+            * of->vehicle->heater_efficiency / of->vehicle->heat_capacity_j_per_k
+        + BEV_HEATING_PRICE * price_in(of, k) * heater_j;
+  }
+  return BEV_OK;
+}
+
+/* Compare a mixture with the best of its kind: heated or not. */
+static void try_mixture(const recursion *of, const step_end ends[MOST_ENDS], const layer *next,
+                        int32_t end, choice *best) {
+  const int32_t is_heating = ends[end].powers_w[0] > BEV_LEAST_HEATING_W ? 1 : 0;
+  const double value_j = ends[end].cost_j + worth_j(of, next, ends[end].settled_c, is_heating);
+  mixture *const kind = is_heating != 0 ? &best->heated : &best->unheated;
+  if (value_j < kind->value_j) {
+    const mixture found = {value_j, 0.0, end, is_heating};
+    *kind = found;
+  }
+}
+
+choice bev_best_of(const recursion *of, const step_end ends[MOST_ENDS], int32_t count,
+                      const layer *next) {
+  choice best = {{INFINITY, 0.0, 0, 0}, {INFINITY, 0.0, 0, 1}};
+  for (int32_t end = 0; end < count; end++) {
+    try_mixture(of, ends, next, end, &best);
+  }
+  for (int32_t end = 0; of->is_certain != 0 && end + 1 < count; end++) {
+    const step_end *low = &ends[end];
+    const step_end *high = &ends[end + 1];
+    const double wide_k = high->settled_c - low->settled_c;
+    const double least_share =
+        (bev_maximum(BEV_LEAST_HEATING_W, BEV_LEAST_SHARE * high->powers_w[0]) - low->powers_w[0])
+        / (high->powers_w[0] - low->powers_w[0]);
+    const double from =
+        (low->settled_c + bev_maximum(least_share, 0.0) * wide_k - next->least_c) / next->step_k;
+    const double to = (high->settled_c - next->least_c) / next->step_k;
+    const double per_point_j = (high->cost_j - low->cost_j) / wide_k * next->step_k;
+    if (!(wide_k > 0.0) || !(to > 0.0) || !(from < (double)(next->points - 1))) {
+      continue;
+    }
+    const int32_t first = from < 0.0 ? 0 : (int32_t)from + 1;
+    const int32_t last = to < (double)next->points ? (int32_t)to : next->points - 1;
+    double least_j = INFINITY;
+    int32_t found = first;
+    for (int32_t n = first; n <= last; n++) {
+      const double value_j = next->on_j[n] + (double)n * per_point_j;
+      found = value_j < least_j ? n : found;
+      least_j = bev_minimum(least_j, value_j);
+    }
+    const double low_place = (low->settled_c - next->least_c) / next->step_k;
+    const double value_j = low->cost_j + least_j - low_place * per_point_j;
+    if (value_j < best.heated.value_j) {
+      best.heated.value_j = value_j;
+      best.heated.share = ((double)found - low_place) / (to - low_place);
+      best.heated.end = end;
+    }
+  }
+  return best;
+}
+
+double bev_value_of(const recursion *of, const choice *best, int32_t was_on) {
+  return bev_minimum(best->unheated.value_j,
+                     best->heated.value_j + (was_on != 0 ? 0.0 : of->switch_on_j));
+}
+
+mixture bev_better_of(const recursion *of, const choice *best, int32_t was_on) {
+  return best->unheated.value_j > bev_value_of(of, best, was_on) ? best->heated : best->unheated;
+}
