@@ -131,9 +131,19 @@ def plan_by_values(trip: Trip, state: BatteryState, goal: Goal,
     schedule = drive_as_planned(trip, state, found.command_w)
     if found.ends_in is not None:
         schedule = ended_within(trip, schedule, found.ends_in)
-    arrival_c, arrival_soc = float(schedule.temperature_c[-1]), float(schedule.soc[-1])
-    is_held_back = arrival_c < goal.target_temperature_c and arrival_soc < reserve + RESERVE_TOLERANCE
-    return replace(schedule, held_back=HeldBack.RESERVE) if is_held_back else schedule
+    return replace(schedule, held_back=_what_holds_back(trip, state, goal.target_temperature_c, reserve, schedule))
+
+
+def _what_holds_back(trip: Trip, state: BatteryState, target_c: float, reserve: float,
+                     schedule: Schedule) -> HeldBack | None:
+    """Return what keeps a Schedule from its target [deg C] although more could be heated; None: nothing does."""
+    arrival_c = float(schedule.temperature_c[-1])
+    if arrival_c < target_c and float(schedule.soc[-1]) < reserve + RESERVE_TOLERANCE:
+        return HeldBack.RESERVE
+    if arrival_c > target_c - NEAR_K:
+        return None
+    warmest = drive_as_planned(trip, state, trip.heater_limit_w)
+    return HeldBack.POWER if float(warmest.temperature_c[-1]) > arrival_c + NEAR_K else None
 
 
 def _plan_in_core(trip: Trip, start: States, wanted: Requirements,

@@ -49,6 +49,8 @@ class ValuePath:
         self.price_j, self.late_price_j = np.zeros((2, steps + 1))
         self._due_price = np.ones(steps + 1)
         self._watched = [(True, True)] * steps
+        # The most that charge is worth for the power of a step from the latest instant on [J], in a backward pass.
+        self._for_power_j = 0.0
         self._k_per_watt, self._share_of_excess = heat_to_come_k(trip.vehicle)
 
     def take_last(self, other: ValuePath) -> None:
@@ -94,11 +96,16 @@ class ValuePath:
 
     def forget_prices(self) -> None:
         """Price neither charge nor heat under way."""
-        self.price_j[:], self.late_price_j[:] = 0.0, 0.0
+        self.price_j[:], self.late_price_j[:], self._for_power_j = 0.0, 0.0, 0.0
 
     def price(self, k: int, following: Layer) -> None:
         """Price charge and heat under way at instant k."""
         self.price_j[k] = self._price_of_charge(k, following)
+        if self._watched[k][1] and self._lack_price > 0.0:
+            # Charge that is worth so much for a later step is there for this one, too.
+            for_power_j = self._worth_for_power_j(k)
+            self.price_j[k] -= max(for_power_j - self._for_power_j, 0.0)
+            self._for_power_j = max(for_power_j, self._for_power_j)
         if self._trip.vehicle.heat_path.heat_lag_s > 0.0:
             self.late_price_j[k] = self._price_of_lateness(k, following)
 
@@ -143,6 +150,32 @@ class ValuePath:
         if beside is None:
             return 0.0
         return self._change_beside_j(following, beside) / float(soc[1] - soc[0])
+
+    def _worth_for_power_j(self, k: int) -> float:
+        """
+        Return what charge is worth for the power of step k [J].
+
+        That is as much as the power that lacks without it, and no more than the heat that would make up for it, if
+        heat does: it costs charge.
+        """
+        idle_w = float(self._trip.idle_power_w[k])
+        less_w, more_w = (self._most_beside_w(k, more_soc, 0.0) for more_soc in (-PRICED_SOC, PRICED_SOC))
+        if not idle_w > less_w or not more_w > less_w:
+            return 0.0
+        lacking_j = self._lack_price * float(self._trip.route.duration_s[k]) * (
+            idle_w - less_w - max(idle_w - more_w, 0.0))
+        voltage_v = self._run.voltage_v(self.soc[k:k + 1], self.settled_c[k:k + 1])[0]
+        soc_per_k = self._run.joules_per_k / (self._trip.vehicle.battery.capacity_as * voltage_v)
+        per_k_w = (self._most_beside_w(k, 0.0, PRICED_K) - self._most_beside_w(k, 0.0, -PRICED_K)
+                   ) / (2.0 * PRICED_K) - soc_per_k * (more_w - less_w) / (2.0 * PRICED_SOC)
+        repaired_j = self._run.joules_per_k * (more_w - less_w) / per_k_w if per_k_w > 0.0 else math.inf
+        return min(lacking_j, repaired_j) / (2.0 * PRICED_SOC)
+
+    def _most_beside_w(self, k: int, more_soc: float, more_k: float) -> float:
+        """Return the most power of step k at both ends of the path, with more charge or warmth there [W]."""
+        soc = np.clip(self.soc[k:k + 2] + more_soc, PRICED_SOC, 1.0)
+        temperature_c = self.settled_c[k:k + 2] - self.under_way_k[k:k + 2] + more_k
+        return float(self._ahead.limits_w(k, soc, temperature_c)[1].min())
 
     def _price_of_lateness(self, k: int, following: Layer) -> float:
         """

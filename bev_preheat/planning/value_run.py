@@ -49,7 +49,7 @@ class ValueRun:
         self.switch_on_j = JOULES_PER_WH * (SWITCH_ON_WH if self.is_certain else SWITCH_ON_EXPECTED_WH)
         self.joules_per_k = (vehicle.battery.heat_capacity_j_per_k
                              + vehicle.heat_path.coolant_heat_capacity_j_per_k) / vehicle.hvch.efficiency
-        self._voltage_v = vehicle.battery.open_circuit_voltage.function(ARRAYS)
+        self.voltage_v = vehicle.battery.open_circuit_voltage.function(ARRAYS)
         self._drives = [make_limited_drive(trip, takes_surplus) for takes_surplus in (False, True)]
         self.states, self.powers_w = np.zeros((4, steps + 1)), np.zeros((4, steps))
         self.states[:, 0] = start
@@ -90,7 +90,7 @@ class ValueRun:
         soc, arrival_c = states[0, -1], states[1, -1]
         if not is_short_of_charge:
             return float(arrival_c - self._wanted.target_c)
-        voltage_v = self._voltage_v(np.array([soc]), np.array([arrival_c]))[0]
+        voltage_v = self.voltage_v(np.array([soc]), np.array([arrival_c]))[0]
         energy_j = (self._wanted.reserve - soc) * self._trip.vehicle.battery.capacity_as * voltage_v
         return float(energy_j / self.joules_per_k)
 
@@ -109,7 +109,7 @@ class ValueRun:
         """Return the cost [J]: battery, heater, power deficit, switching, missed aim [deg C] and reserve."""
         states, powers_w = kept or (self.states, self.powers_w)
         trip, (soc, temperature_c) = self._trip, states[:2]
-        voltage_v = self._voltage_v(soc, temperature_c)
+        voltage_v = self.voltage_v(soc, temperature_c)
         charge_as = trip.vehicle.battery.capacity_as * (soc[:-1] - soc[1:])
         energy_j = self.price @ (0.5 * (voltage_v[1:] + voltage_v[:-1]) * charge_as)
         lacking_w = self._lacking_along_w(states, powers_w)

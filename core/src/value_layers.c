@@ -173,6 +173,7 @@ bev_status bev_find_values(recursion *of, double aim_c) {
   }
   expect_after(of, steps - 1, &layers[1]);
   of->price_j[steps] = 0.0;
+  of->for_power_j = 0.0;
   for (int32_t k = steps - 1; k >= 0; k--) {
     layers[0] = layer_at(of, k);
     bev_watch_step(of, k, layers);

@@ -42,6 +42,42 @@ static double warmth_between(const recursion *of, const layer *next, const step_
       of->joules_per_k * fabs(beside[1].settled_c - beside[0].settled_c));
 }
 
+/* The highest power of step k that keeps the limit at both ends of the path, with more charge or warmth there [W]. */
+static double most_beside_w(const recursion *of, int32_t k, double more_soc, double more_k) {
+  const double variance_w2 = of->trip->power_variance_w2[k];
+  double most_w = INFINITY;
+  for (int32_t n = k; n <= k + 1; n++) {
+    double limits_w[2];
+    const double soc = bev_maximum(bev_minimum(of->soc[n] + more_soc, 1.0), BEV_PRICED_SOC);
+    bev_terminal_limits(of->vehicle, 0, soc, of->path_c[n] - of->under_way_k[n] + more_k,
+                        variance_w2, limits_w);
+    most_w = bev_minimum(most_w, limits_w[1]);
+  }
+  return most_w;
+}
+
+/*
+ * What charge is worth for the power of step k [J]: as much as the power that lacks without it, and no more than the
+ * heat that would make up for it, if heat does: it costs charge.
+ */
+static double worth_for_power(const recursion *of, int32_t k) {
+  const double idle_w = of->trip->idle_power_w[k];
+  const double less_w = most_beside_w(of, k, -BEV_PRICED_SOC, 0.0);
+  const double more_w = most_beside_w(of, k, BEV_PRICED_SOC, 0.0);
+  if (!(idle_w > less_w) || !(more_w > less_w)) {
+    return 0.0;
+  }
+  const double lacking_j = of->lack_price * of->trip->duration_s[k]
+      * (idle_w - less_w - bev_maximum(idle_w - more_w, 0.0));
+  const double soc_per_k = of->joules_per_k / joules_of_charge(of, voltage_v(of, of->soc[k], of->path_c[k]));
+  const double per_k_w = (most_beside_w(of, k, 0.0, BEV_PRICED_K)
+                          - most_beside_w(of, k, 0.0, -BEV_PRICED_K)) / (2.0 * BEV_PRICED_K)
+      - soc_per_k * (more_w - less_w) / (2.0 * BEV_PRICED_SOC);
+  const double repaired_j =
+      per_k_w > 0.0 ? of->joules_per_k * (more_w - less_w) / per_k_w : INFINITY;
+  return bev_minimum(lacking_j, repaired_j) / (2.0 * BEV_PRICED_SOC);
+}
+
 bev_status bev_price_of_charge(recursion *of, int32_t k, const layer *next) {
   const double least_soc = bev_maximum(of->soc[k] - BEV_PRICED_SOC, BEV_PRICED_SOC);
   const double most_soc = bev_minimum(of->soc[k] + BEV_PRICED_SOC, 1.0);
@@ -60,6 +96,12 @@ bev_status bev_price_of_charge(recursion *of, int32_t k, const layer *next) {
     of->price_j[k] =
         ((beside[1].cost_j - beside[0].cost_j) + warmth_between(of, next, beside))
         / (most_soc - least_soc);
+  }
+  if (of->layers_overdraw[k] != 0u && of->lack_price > 0.0) {
+    /* Charge that is worth so much for a later step is there for this one, too. */
+    const double for_power_j = worth_for_power(of, k);
+    of->price_j[k] -= bev_maximum(for_power_j - of->for_power_j, 0.0);
+    of->for_power_j = bev_maximum(for_power_j, of->for_power_j);
   }
   return status;
 }

@@ -87,6 +87,8 @@ typedef struct {
   double *path_c;
   double *under_way_k;
   double *price_j;
+  /* Of this, the most that charge is worth for the power of a step from the instant on, in a backward pass. */
+  double for_power_j;
   /* The cost of a kelvin that is still under way at an instant [J]. */
   double *late_price_j;
   /* Of a joule that the heater is still to draw at an instant, the battery's part; its share of a step's. */
