@@ -39,6 +39,7 @@ from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.numerics.factors import JOULES_PER_WH
 from bev_preheat.planning.bracketing import close_in, follow_slope, halve, Trial
 from bev_preheat.planning.dynamics import hottest_c
+from bev_preheat.planning.trip import TIME_CONSTANT_SHARE
 from bev_preheat.vehicle.charging import charging_of, vehicle_at_charger
 from bev_preheat.vehicle.heated_step import make_heat_step
 from bev_preheat.vehicle.model import make_rates
@@ -55,8 +56,6 @@ STEP_S = 20.0
 STEP_SOC = 0.005
 # While the temperature is held only the state of charge changes: steps may be longer by this factor.
 HELD_STEPS = 3.0
-# … and at most this share of the battery's thermal time constant, as explicit methods require.
-TIME_CONSTANT_SHARE = 0.5
 # Longest session [s].
 LONGEST_SESSION_S = 24.0 * 3600.0
 # Less than this [W] into the battery does not count as charging.

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bev_preheat.charging.expectation import FASTEST_PACE
 from bev_preheat.control.regime import PlannedPower, STANDING_AFTER_LONG_S, STANDING_AFTER_S
 from bev_preheat.estimation.estimator import DrivenInterval
 from bev_preheat.numerics.factors import NS_PER_S
@@ -27,8 +28,6 @@ if TYPE_CHECKING:
     from bev_preheat.route.segments import Route
     from bev_preheat.vehicle.description import Defaults, Vehicle
 
-# Progress faster than this multiple of the planned pace is a corrected position.
-FASTEST_PACE = 2.0
 # The place on the route is uncertain: power within this time before and after an instant counts.
 # It grows by a share of the time since departure, because traffic is faster or slower.
 AROUND_NS = 60 * NS_PER_S

@@ -14,6 +14,7 @@ from bisect import bisect_right
 from dataclasses import dataclass, replace
 from typing import NamedTuple, Self, TYPE_CHECKING
 
+from bev_preheat.control.command_history import KEPT_NS
 from bev_preheat.errors import age_beyond, figure_beyond, InvalidInput, quoted
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.route.segments import LIMITS
@@ -32,8 +33,7 @@ CORRECTED_BY_M = 100.0
 FASTEST_MPS = LIMITS['speed_mps'][1]
 # The end of the route is known to this share of its length, and to CORRECTED_BY_M at least.
 END_KNOWN_TO = 0.01
-# Fixes older than KEPT_NS are dropped, because no caller asks further back; fixes are SPACED_NS apart or more.
-KEPT_NS = 70 * NS_PER_S
+# Fixes are this far apart or more.
 SPACED_NS = NS_PER_S
 # The pace along the route is averaged over this time.
 PACE_OVER_NS = 5 * NS_PER_S

@@ -12,6 +12,7 @@ import numpy as np
 from bev_preheat.drawing.figure import grid_figure
 from bev_preheat.drawing.palette import BLACK, BLUE, GRAY, ORANGE, SKY_BLUE, VERMILLION
 from bev_preheat.drawing.trips_figure import check_figure
+from bev_preheat.identification.uncertainty import QUANTILE
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
     from bev_preheat.identification.trips import Trip
 
 PANEL_HEIGHT_IN = 3.4
-QUANTILE = 1.6449
 # One residual a minute is enough for a picture.
 RESIDUAL_STEP_S = 60.0
 

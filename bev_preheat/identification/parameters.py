@@ -11,10 +11,11 @@ from dataclasses import dataclass
 import math
 from typing import TYPE_CHECKING
 
+from bev_preheat.estimation.state import NOMINAL_HEAT_LAG_S, NOMINAL_SENSOR_LAG_S
+
 if TYPE_CHECKING:
     from bev_preheat.vehicle.description import Vehicle
 
-NOMINAL_HEAT_LAG_S, NOMINAL_SENSOR_LAG_S = 40.0, 20.0
 # A lag that is left out of a structure [s].
 NO_LAG_S = 0.01
 

@@ -27,7 +27,7 @@ from bev_preheat.nodes.heater_output import HeaterOutput
 from bev_preheat.nodes.news import RepetitionFilter
 from bev_preheat.nodes.parameters import declare, Parameter
 from bev_preheat.nodes.process import run_node
-from bev_preheat.nodes.setup_watch import SetupWatch
+from bev_preheat.nodes.setup_watch import DIAGNOSTICS_PERIOD_S, RESTART_S, SetupWatch
 from bev_preheat.numerics.factors import NS_PER_S
 
 if TYPE_CHECKING:
@@ -59,9 +59,6 @@ PROGRAM = NodeProgram(
                ('/diagnostics', 'diagnostic_msgs/DiagnosticArray')),
     actions=(('planner/prepare_battery',
               'bev_preheat_msgs/PrepareBattery (client): for BatteryConditioning of VSS'),))
-DIAGNOSTICS_PERIOD_S = 1.0
-# A simulated clock that falls back by more has been restarted [s].
-RESTART_S = 1.0
 # Stamps of one reading differ by less than this unless the clock was set [s].
 SAME_STAMP_S = 0.05
 

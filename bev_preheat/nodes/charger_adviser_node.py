@@ -29,7 +29,7 @@ from bev_preheat.nodes.parameters import check, declare, Parameter
 from bev_preheat.nodes.process import run_node
 from bev_preheat.nodes.route_intake import RouteIntake
 from bev_preheat.nodes.route_listener import RouteListener
-from bev_preheat.nodes.setup_watch import SetupWatch
+from bev_preheat.nodes.setup_watch import DIAGNOSTICS_PERIOD_S, SetupWatch
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat_msgs.srv import RankChargers
 
@@ -66,7 +66,6 @@ PROGRAM = NodeProgram(
                 ('route_plan', 'bev_preheat_msgs/RoutePlan')),
     publishes=(('/diagnostics', 'diagnostic_msgs/DiagnosticArray'),),
     services=(('~/rank_chargers', 'bev_preheat_msgs/RankChargers: which charger costs least'),))
-DIAGNOSTICS_PERIOD_S = 1.0
 _OWN = frozenset(parameter.name for parameter in PARAMETERS)
 
 

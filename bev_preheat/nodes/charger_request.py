@@ -8,6 +8,7 @@ import math
 from typing import TYPE_CHECKING
 
 from bev_preheat.charging.candidates import Candidate, ranking_verdict
+from bev_preheat.charging.chargers_file import END_S
 from bev_preheat.charging.stop import CHARGER_RANGE_W
 from bev_preheat.charging.worth import MOST_PRICE_PER_KWH
 from bev_preheat.errors import figure, figure_beyond, InvalidInput, quoted
@@ -26,8 +27,6 @@ LONGEST_ASIDE_S = 14400.0
 OPTIONAL = {'energy_price': ((0.0, MOST_PRICE_PER_KWH), math.nan),
             'detour': ((0.0, LONGEST_ASIDE_S), 0.0), 'expected_wait': ((0.0, LONGEST_ASIDE_S), 0.0)}
 UNITS = {'distance': 'm', 'charger_power': 'W', 'energy_price': 'per kWh', 'detour': 's', 'expected_wait': 's'}
-# A charger closer to the end of the route than this [s] is at its end.
-END_S = 1.0
 
 
 def candidates_of(request: RankChargers.Request, ahead: Route, driven_m: float,

@@ -32,12 +32,13 @@ from bev_preheat.nodes.heater_messages import (
     heater_diagnostics,
     RefusalNews,
     status_message,
+    STATUS_PERIOD_S,
 )
 from bev_preheat.nodes.managed import LIFECYCLE, ManagedStates, NOT_ACTIVE
 from bev_preheat.nodes.news import RepetitionFilter
 from bev_preheat.nodes.parameters import declare, Parameter
 from bev_preheat.nodes.process import LAST_WORDS_TIME, run_node
-from bev_preheat.nodes.setup_watch import SetupWatch
+from bev_preheat.nodes.setup_watch import DIAGNOSTICS_PERIOD_S, SetupWatch
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat_msgs.msg import HvchCommand, HvchStatus
@@ -74,8 +75,6 @@ PROGRAM = NodeProgram(
                 ('vehicle_speed', 'std_msgs/Float64 [m/s], if the vehicle heats only while it stands')),
     publishes=(('hvch_status', 'bev_preheat_msgs/HvchStatus'),
                ('/diagnostics', 'diagnostic_msgs/DiagnosticArray')))
-STATUS_PERIOD_S = 0.5
-DIAGNOSTICS_PERIOD_S = 1.0
 
 
 class HeaterControllerNode(Node):

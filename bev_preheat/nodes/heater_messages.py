@@ -26,6 +26,8 @@ REFUSALS = frozenset(map(int, Refusal))
 ROUNDING = 0.1
 LONGEST_EXPLANATION = 200
 # Others are OK: the heater follows the command within its limits.
+# The heater's status is published so often [s].
+STATUS_PERIOD_S = 0.5
 LEVELS = {
     Refusal.NO_COMMAND: DiagnosticStatus.WARN,
     Refusal.LOW_CHARGE: DiagnosticStatus.WARN,

@@ -24,8 +24,9 @@ from bev_preheat.heater.controller import (
     Verdict,
 )
 from bev_preheat.nodes.bus_messages import bus_entry
+from bev_preheat.nodes.can_heater import LAST_FRAMES
 from bev_preheat.nodes.command_senders import CommandSenders, HEARD_DEPTH
-from bev_preheat.nodes.heater_messages import heater_command, LEVELS, RefusalNews, status_message
+from bev_preheat.nodes.heater_messages import heater_command, LEVELS, RefusalNews, status_message, STATUS_PERIOD_S
 from bev_preheat.nodes.process import LAST_WORDS_TIME
 from bev_preheat_msgs.msg import HvchCommand, HvchStatus
 
@@ -37,8 +38,6 @@ if TYPE_CHECKING:
     from bev_preheat.bus.can_source import CanSource
 
 COMMAND, STATUS = 'hvch_command', 'hvch_status'
-STATUS_PERIOD_S = 0.5
-LAST_FRAMES = 3
 
 
 class HeaterOutput:

@@ -44,7 +44,7 @@ from bev_preheat.nodes.parameters import check, declare, Parameter
 from bev_preheat.nodes.process import run_node
 from bev_preheat.nodes.route_intake import RouteIntake
 from bev_preheat.nodes.route_listener import RouteListener
-from bev_preheat.nodes.setup_watch import SetupWatch
+from bev_preheat.nodes.setup_watch import DIAGNOSTICS_PERIOD_S, SetupWatch
 from bev_preheat.nonlinear_program.protocol import Failure, SolverAnswer
 from bev_preheat.nonlinear_program.solver_process import MOST_NICE, SolverProcess
 from bev_preheat.numerics.factors import NS_PER_S
@@ -100,7 +100,6 @@ _OWN = frozenset(parameter.name for parameter in PARAMETERS)
 
 # Period of polling a busy solver process, in real time.
 POLL_PERIOD_S = 0.05
-DIAGNOSTICS_PERIOD_S = 1.0
 # The planner plans in milliseconds; without its plan by then, the checker plans with the planner's method.
 PLAN_WAIT_S = 1.0
 # The planner may lag by some battery states.

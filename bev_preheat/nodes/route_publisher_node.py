@@ -26,7 +26,7 @@ from bev_preheat.nodes.position_messages import fix_from_message, log_place, pos
 from bev_preheat.nodes.process import run_node
 from bev_preheat.nodes.route_offer import in_words, load_offer, NO_AMBIENT_C, WITH_AUXILIARIES
 from bev_preheat.nodes.route_progress import progress_message
-from bev_preheat.nodes.setup_watch import SetupWatch
+from bev_preheat.nodes.setup_watch import DIAGNOSTICS_PERIOD_S, RESTART_S, SetupWatch
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.route.match import Cause, Match
 from bev_preheat.route.matching import Matcher, USUAL_FROZEN_AFTER_S
@@ -88,11 +88,8 @@ PROGRAM = NodeProgram(
     publishes=(('route_plan', 'bev_preheat_msgs/RoutePlan'),
                ('route_progress', 'bev_preheat_msgs/RouteProgress'),
                ('/diagnostics', 'diagnostic_msgs/DiagnosticArray')))
-DIAGNOSTICS_PERIOD_S = 1.0
 # In real time, because simulated time may stand.
 LOOK_PERIOD_S = 0.1
-# A clock that falls back by more has been restarted [s].
-RESTART_S = 1.0
 # A place this close to the start is the start [m]; a route plan that is younger on departure is good enough [s].
 START_M, YOUNG_S = 50.0, 10.0
 # The odometer gives the place this long after the last one by a fix, and this often [s].

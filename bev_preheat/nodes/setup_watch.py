@@ -28,6 +28,10 @@ NOT_OURS = ('use_sim_time', 'start_type_description_service', 'qos_overrides./pa
             'qos_overrides./rosout', 'qos_overrides./clock')
 CLOCK_STANDS = 'use_sim_time is set and no /clock has arrived: time stands at 0'
 CLOCK_PATIENCE_LOOKS = 4
+# Every node reports its diagnostics so often [s].
+DIAGNOSTICS_PERIOD_S = 1.0
+# A clock that falls back by more has been restarted [s].
+RESTART_S = 1.0
 LOG_PERIOD_S = 10.0
 # Beyond any delay or drift: the two computers run on different clocks.
 FAR_NS = NS_PER_DAY

@@ -17,6 +17,7 @@ from rosgraph_msgs.msg import Clock
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.nodes.listening_publisher import ListeningPublisher
+from bev_preheat.nodes.setup_watch import RESTART_S
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.simulation.pace import Pace
 
@@ -40,8 +41,6 @@ SILENCE_S = 1.0
 YOUNG_S = 4.0
 PATIENCE_OF_YOUNG_S = 0.5
 PATIENCE_S = 5.0
-# A clock that falls back by more than this was restarted.
-RESTART_S = 1.0
 
 
 class OwnTime:

@@ -32,7 +32,7 @@ from bev_preheat.nodes.news import RepetitionFilter
 from bev_preheat.nodes.parameters import check, declare, Parameter
 from bev_preheat.nodes.process import LAST_WORDS_TIME, run_node
 from bev_preheat.nodes.route_progress import progress_message
-from bev_preheat.nodes.setup_watch import SetupWatch
+from bev_preheat.nodes.setup_watch import DIAGNOSTICS_PERIOD_S, SetupWatch
 from bev_preheat.nodes.simulated_time import NodeTime, OwnTime
 from bev_preheat.nodes.simulator_messages import battery_state_message, trip_diagnostics
 from bev_preheat.nodes.stops import charger_of
@@ -130,7 +130,6 @@ LINGER_SIMULATED_S = 5.0
 LINGER_REAL_S = 1.0
 # Real-time period of repeated battery states while the clock is held.
 HOLD_PERIOD_S = 0.2
-DIAGNOSTICS_PERIOD_S = 1.0
 # Simulated time may be slower than requested by this share before a warning.
 TOLERATED_LOSS = 0.2
 # A restarted planner sends several commands at one instant, and each must be seen in lockstep.

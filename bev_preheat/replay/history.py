@@ -11,6 +11,7 @@ from typing import Any, NamedTuple, TYPE_CHECKING
 
 from bev_preheat.nodes.diagnostics import planner_diagnostics
 from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.replay.course import LEAST_HEAT_W
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -27,7 +28,6 @@ LEAST_PERIOD_NS = NS_PER_S
 PLAN_SHIFT_S, PLAN_SHIFT_K = 60.0, 0.5
 MOST_PLANS, MOST_POINTS = 400, 120
 MOST_CHANGES = 3000
-LEAST_HEAT_W = 1.0
 # The clock has jumped if it went back, or on by more [ns].
 LONGEST_PAUSE_NS = 86400 * NS_PER_S
 COLUMNS = ('time', 'measured', 'estimated', 'estimated_low', 'estimated_high', 'predicted', 'predicted_low',

@@ -19,6 +19,7 @@ from bev_preheat.nodes.route_offer import load_offer
 from bev_preheat.nodes.route_publisher_node import ROUTE_PARAMETERS
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.status import Status
+from bev_preheat.replay.course import LEAST_HEAT_W
 from bev_preheat.replay.flight_file import Flight, Given, LOG
 from bev_preheat.replay.topic_recording import _begun, _with_repeats, TYPES
 
@@ -32,7 +33,6 @@ NO_DATE_S = 1_700_000_000.0
 # The planner gets at most this many battery states a second, and a signal's value for this long [s].
 LEAST_STEP_S, HOLD_S = 1.0, 60.0
 NEEDED = {'battery_temperature_c': 'the battery temperature', 'soc': 'the state of charge'}
-LEAST_HEAT_W = 1.0
 
 
 def read_log(path: Path, beginning: Beginning, route: str, signals: str | None) -> Flight:

@@ -13,6 +13,7 @@ from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.status import Status
 from bev_preheat.replay.heater_account import HeaterAccount, RECORDED_HOLD_NS, Span
+from bev_preheat.replay.heater_share import FULL_FROM
 
 if TYPE_CHECKING:
     from bev_preheat.replay.player import Played
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 # A smaller deviation from the target is not reported [K]: sensors show whole and half degrees.
 LEAST_DEVIATION_K = 0.5
 # Shorter obstacles explain no deficit [s]; a heater that gives this share of its command is a whole one.
-LEAST_OBSTACLE_S, FULL_FROM = 10.0, 0.9
+LEAST_OBSTACLE_S = 10.0
 LONGEST_STEP_NS = 600 * NS_PER_S
 
 
