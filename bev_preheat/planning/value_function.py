@@ -318,9 +318,9 @@ class Recursion:
         """Return the temperatures of all layers of a pass [deg C]."""
         step_k, half_k = PASSES[number]
         half_k += WIDER_DEVIATIONS * self._deviation_k
-        ranges_c = [range_c if number == 0 else (path_c - half_k, path_c + half_k)
-                    for path_c in self.path.settled_c.tolist()]
-        return [_grid_c(low_c, high_c, step_k) for low_c, high_c in ranges_c]
+        wide_k = range_c[1] - range_c[0] if number == 0 else 2.0 * half_k
+        return [_grid_c(range_c[0] if number == 0 else path_c - half_k, wide_k, step_k)
+                for path_c in self.path.settled_c.tolist()]
 
     # Forward.
 
@@ -340,10 +340,10 @@ class Recursion:
         return True
 
 
-def _grid_c(low_c: float, high_c: float, step_k: float) -> FloatArray:
-    """Return temperatures from `low_c` to `high_c` and beyond, `step_k` apart, or more if they were too many."""
-    points = (high_c - low_c) / step_k + 2.0
+def _grid_c(low_c: float, wide_k: float, step_k: float) -> FloatArray:
+    """Return temperatures from `low_c` on, `wide_k` and more, `step_k` apart, or more if they were too many."""
+    points = wide_k / step_k + 2.0
     if points > VALUE_POINTS:
-        points, step_k = VALUE_POINTS, (high_c - low_c) / (VALUE_POINTS - 1)
+        points, step_k = VALUE_POINTS, wide_k / (VALUE_POINTS - 1)
     grid_c: FloatArray = low_c + step_k * np.arange(int(points), dtype=float)
     return grid_c

@@ -171,10 +171,11 @@ class ValueRun:
         is_later = (more_j > 0.0) != self.is_certain
         for k in range(edge, len(command_w)) if is_later else range(edge, -1, -1):
             duration_s = float(self._trip.route.duration_s[k])
-            room_w = float(self._trip.heater_limit_w[k]) - moved_w[k] if more_j > 0.0 else moved_w[k]
+            limit_w = float(self._trip.heater_limit_w[k])
+            room_w = limit_w - moved_w[k] if more_j > 0.0 else moved_w[k]
             taken_j = min(max(room_w, 0.0) * duration_s, left_j)
             self._moved_in = k if taken_j > 0.0 else self._moved_in
-            moved_w[k] += math.copysign(taken_j / duration_s, more_j)
+            moved_w[k] = max(min(moved_w[k] + math.copysign(taken_j / duration_s, more_j), limit_w), 0.0)
             left_j -= taken_j
             if left_j <= 0.0:
                 break

@@ -16,18 +16,21 @@ static const double HALF_WIDTHS_K[PASSES] = {0.0, BEV_WIDE_K, BEV_WIDE_K, BEV_NA
                                              BEV_LAST_K};
 
 /* Place the layers of a pass around the path; those of the first pass at all temperatures of the range. */
-static void place_layers(recursion *of, int32_t number, const double range_c[2]) {
+static bev_status place_layers(recursion *of, int32_t number, const double range_c[2]) {
   const double half_k =
       HALF_WIDTHS_K[number] + BEV_WIDER_DEVIATIONS * of->goal->deviation_k;
-  const double wide_k = number == 0 ? range_c[1] - range_c[0] : 2.0 * half_k;
+  const double wide_k = number == 0 ? bev_maximum(range_c[1] - range_c[0], 0.0) : 2.0 * half_k;
   const double points = wide_k / STEPS_K[number] + 2.0;
-  const int32_t fits = points > (double)BEV_VALUE_POINTS ? 0 : 1;
+  int are_finite = isfinite(wide_k);
+  const int32_t fits = points <= (double)BEV_VALUE_POINTS ? 1 : 0;
   of->deviation_k = number == 0 ? 0.0 : of->goal->deviation_k;
   of->points = fits != 0 ? (int32_t)points : BEV_VALUE_POINTS;
   of->step_k = fits != 0 ? STEPS_K[number] : wide_k / (double)(BEV_VALUE_POINTS - 1);
   for (int32_t k = 0; k <= of->trip->steps; k++) {
     of->least_c[k] = number == 0 ? range_c[0] : of->path_c[k] - half_k;
+    are_finite = are_finite && isfinite(of->least_c[k]);
   }
+  return are_finite ? BEV_OK : BEV_NOT_FINITE;
 }
 
 /* The forward pass: in each step the best end. */
@@ -97,8 +100,10 @@ static bev_status plan(recursion *of, double *states, double *powers_w, int32_t 
   bev_keep_run(of, states, powers_w);
   for (int32_t number = 0; number < (of->is_certain != 0 ? PASSES : BEV_EXPECTED_PASSES);) {
     of->has_prices = number == 0 ? 0 : is_priced;
-    place_layers(of, number, range_c);
-    status = bev_find_values(of, aim_c);
+    status = place_layers(of, number, range_c);
+    if (status == BEV_OK) {
+      status = bev_find_values(of, aim_c);
+    }
     if (status == BEV_OK) {
       status = find_path(of, states, powers_w);
     }

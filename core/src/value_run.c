@@ -47,6 +47,7 @@ static int32_t move_edge(const recursion *of, int32_t edge, double more_j, int32
     const double moved_j = bev_minimum(bev_maximum(room_w, 0.0) * trip->duration_s[k], left_j);
     *moved_in = moved_j > 0.0 ? k : *moved_in;
     of->tried_w[k] += (more_j > 0.0 ? moved_j : -moved_j) / trip->duration_s[k];
+    of->tried_w[k] = bev_maximum(bev_minimum(of->tried_w[k], trip->heater_limit_w[k]), 0.0);
     left_j -= moved_j;
   }
   return is_later == 0 && k + 1 < edge ? k + 1 : edge;
