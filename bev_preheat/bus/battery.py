@@ -107,7 +107,7 @@ class _View:
                 self.missing[signal] += f'; {len(used)} of {len(found)} channels are valid'
             if len(used) >= (source.at_least or len(found)):
                 self.oldest_s = min([self.oldest_s, *(self._held_s(reading) for reading in used)])
-                return float(COMBINED[source.combine]([reading.value for reading in used]))
+                return float(COMBINED[source.combine or 'mean']([reading.value for reading in used]))
             if source.at_least:
                 self.missing[signal] += f', at least {source.at_least} are needed'
         return None

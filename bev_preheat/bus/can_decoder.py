@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-import re
 from typing import Any, TYPE_CHECKING
 
 from bev_preheat.bus.frame_checks import FrameChecks
@@ -12,7 +11,7 @@ from bev_preheat.bus.heater_frame import SHARES
 from bev_preheat.bus.live_map import CHARGING
 from bev_preheat.bus.readings import live_channels, LiveChannel
 from bev_preheat.errors import figure, InvalidInput, quoted
-from bev_preheat.logs.can_frames import load_dbc
+from bev_preheat.logs.dbc import load_dbc, values_of_nothing
 from bev_preheat.logs.signal_map import PLAUSIBLE, Source
 from bev_preheat.logs.units import pint_unit
 from bev_preheat.optional_packages import require
@@ -25,10 +24,6 @@ if TYPE_CHECKING:
 HEATER_POWER, HEATER_FAULT = 'battery_heater_w', 'heater_fault'
 # Name of the readings of the temperature that a coolant set-point follows.
 FOLLOWED = 'coolant_c'
-# Values that the DBC gives such a name are no readings.
-NO_READING = re.compile(r'(^|[^a-z])(sna|n\W?a|nan|init\w*|invalid|fault\w*|error|err|unknown|undefined|'
-                        r'not ?(available|defined|valid|used)|no ?(signal|data|value)|reserved)([^a-z]|$)',
-                        re.IGNORECASE)
 
 
 class BusMessages:
@@ -105,7 +100,7 @@ class CanDecoder:
             for message in messages.values() if message.name in used}
         self._signals = signals
         self._limits = {name: _limits(signals[name]) for name in self._wanted}
-        self._nothing = {name: _names_of_nothing(signals[name]) for name in self._wanted}
+        self._nothing = {name: values_of_nothing(signals[name]) for name in self._wanted}
         self.identifiers = tuple(
             tuple((identifier, is_extended) for bus, identifier, is_extended in self._checks if bus == number)
             for number in range(len(live_map.can)))
@@ -187,8 +182,3 @@ def _limits(signal: Any) -> tuple[float, float]:
         return -1e300, 1e300
     rounding = 1e-9 * max(abs(low), abs(high))
     return float(low) - rounding, float(high) + rounding
-
-
-def _names_of_nothing(signal: Any) -> dict[float, str]:
-    return {value: str(name) for value, name in (signal.choices or {}).items()
-            if NO_READING.search(str(name).replace('_', ' '))}

@@ -190,6 +190,8 @@ def load_live_map(name_or_file: str | Path) -> LiveMap:
     problems += [f'{path}: signals.{name}.scale: a live signal needs one scale, not {len(source.scales)}'
                  for name, source in signal_map.sources.items()
                  if name in LIVE_SIGNALS and len(source.scales) > 1]
+    problems += [f'{path}: signals.{name}.unit: a live signal needs one unit, not {1 + len(source.other_units)}'
+                 for name, source in signal_map.sources.items() if name in LIVE_SIGNALS and source.other_units]
     if 'cells_c' in live:
         problems += [f'{path}: live.cells_c: {problem}'
                      for problem in source_problems('battery_temperature_c', live['cells_c'])]

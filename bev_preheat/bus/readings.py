@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 import math
 from threading import Lock
@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from bev_preheat.bus.live_map import CELLS
 from bev_preheat.errors import figure, InvalidInput
+from bev_preheat.logs.choice import candidates
 from bev_preheat.logs.units import check_unit, conversion, own_unit
 
 if TYPE_CHECKING:
@@ -120,7 +121,7 @@ def live_channels(sources: Mapping[str, Source], units: Mapping[str, str],
     found, problems = {}, []
     for signal, source in sources.items():
         groups, key = [], f'{where}: live.{signal}' if signal == CELLS else f'{where}: signals.{signal}'
-        for names in _groups(source, list(units)):
+        for names in _groups(source, units):
             try:
                 groups.append(tuple(LiveChannel(name, source, units[name]) for name in names))
             except InvalidInput as error:
@@ -134,10 +135,9 @@ def live_channels(sources: Mapping[str, Source], units: Mapping[str, str],
     return found
 
 
-def _groups(source: Source, names: Sequence[str]) -> list[tuple[str, ...]]:
+def _groups(source: Source, units: Mapping[str, str]) -> list[tuple[str, ...]]:
     """Return the channels of each entry that matches any, in the map's order of preference."""
-    if source.at_least:
-        groups = [source.chosen(names)]
-    else:
-        groups = [source.only(entry).chosen(names) for entry in source.channels]
-    return [group for group in groups if group]
+    parts = [source] if source.at_least else [source.only(entry) for entry in source.channels]
+    found = [candidates(part, units) for part in parts]
+    # Of an entry that means nothing but wrong channels, the error names them.
+    return [group for each in found for group in each.groups[:1] or filter(None, [each.excluded])]

@@ -12,9 +12,9 @@ import numpy as np
 from bev_preheat.commands.completion import completed_by, NameCompleter
 from bev_preheat.console.output import add_output_arguments, check_output_arguments, write_json
 from bev_preheat.console.terminal import print_records, result_console
-from bev_preheat.errors import figure
+from bev_preheat.errors import figure, shortened
 from bev_preheat.files.output_files import expanded
-from bev_preheat.logs.reading import read_recording
+from bev_preheat.logs.reading import LONGEST_LIST, read_recording
 from bev_preheat.logs.sampling import Sampling, sampling
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ def add_parser(subparsers: Subparsers) -> None:
                     'gaps, and doubts about sign, unit and scale.')
     parser.add_argument('file', metavar='FILE',
                         help='log: CSV (one column a signal, or one reading a line), LeafSpy, JSON lines, MDF4, '
-                        'candump, ASC or BLF with a DBC, MCAP, rosbag2')
+                        'CAN frames (candump, ASC, BLF, TRC, GVRET, CRTD) with a DBC, MCAP, rosbag2')
     add_signal_arguments(parser)
     add_output_arguments(parser)
     parser.set_defaults(run=run)
@@ -69,6 +69,9 @@ def run(arguments: Namespace) -> int:
                   markup=False, soft_wrap=True)
     for signal, names in recording.sources.items():
         console.print(f'{signal}: from {", ".join(names)}', markup=False, soft_wrap=True)
+    if recording.unused:
+        console.print(f'not used: {shortened(", ".join(recording.unused), LONGEST_LIST)}', markup=False,
+                      soft_wrap=True)
     for remark in recording.remarks:
         console.print(f'note: {remark}', markup=False, soft_wrap=True)
     for option, done in (('plot', 'drawn'), ('json', 'written')):
@@ -92,6 +95,7 @@ def as_dictionary(recording: Recording, samplings: dict[str, Sampling]) -> dict[
         'signals': {signal: {'min': float(series.value.min()), 'max': float(series.value.max()),
                              'samples': len(series.value)} for signal, series in recording.signals.items()},
         'sources': {signal: list(names) for signal, names in recording.sources.items()},
+        'unused': list(recording.unused),
         'sampling': {signal: {
             'interval_s': None if np.isnan(found.interval_s) else found.interval_s, 'gaps': found.gaps,
             'longest_gap_s': found.longest_gap_s} for signal, found in samplings.items()},

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Recordings of CAN frames (candump, ASC, BLF), decoded by a DBC."""
+"""Recordings of CAN frames (a frame a line, ASC, BLF, PCAN TRC), decoded by a DBC."""
 
 from __future__ import annotations
 
@@ -8,14 +8,15 @@ from contextlib import closing
 import logging
 from pathlib import Path
 import re
-from typing import Any, cast, TextIO, TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.errors import InvalidInput, quoted
-from bev_preheat.files.input_files import check_input
+from bev_preheat.errors import figure, InvalidInput, quoted
 from bev_preheat.logs.channels import Channel, Piece
-from bev_preheat.logs.text_lines import encoding_of, line_blocks, read_head
+from bev_preheat.logs.dbc import all_bits_set, load_dbc, scaled, values_of_nothing
+from bev_preheat.logs.text_frames import LINES, text_frames, text_kind
+from bev_preheat.logs.text_lines import encoding_of, read_head
 from bev_preheat.logs.times import EARLIEST_S, LATEST_S
 from bev_preheat.logs.units import pint_unit
 from bev_preheat.optional_packages import require
@@ -24,11 +25,13 @@ if TYPE_CHECKING:
     from bev_preheat.logs.remarks import Remarks
     from bev_preheat.logs.signal_map import SignalMap
 
-CANDUMP = re.compile(r'\(\d{1,12}(?:\.\d+)?\)\s+\S+\s+[0-9A-Fa-f]{3,8}#(?:#[0-9A-Fa-f])?'
-                     r'(?:(?:[0-9A-Fa-f]{2}){0,64}|[Rr]\d?)(?:\s+[RTrt])?')
+# A trace of PCAN-View without a version names its columns first.
+PCAN = re.compile(r';\s*Message Number|;-+\s*$|;\s*Start time:', re.IGNORECASE)
 ASC = re.compile(r'^(date .*|base\s+(hex|dec)\s+timestamps\s+(absolute|relative).*)$',
                  re.MULTILINE | re.IGNORECASE)
 BATCH = 20_000
+# Of BLF: signature, lengths of header and object, type.
+OBJECT_HEADER_BYTES = 16
 
 
 class CanFrames:
@@ -36,6 +39,7 @@ class CanFrames:
 
     place = 'frame'
     decimal = '.'
+    times: tuple[str, ...] = ()
 
     def __init__(self, path: str | Path, kind: str, encoding: str, databases: Collection[str | Path]) -> None:
         """Take the DBC files; raises InvalidInput if none is given, or if one cannot be read."""
@@ -45,8 +49,11 @@ class CanFrames:
         self.absolute = True
         self._messages = _messages(path, kind, databases)
         self.channels = tuple(
-            Channel(f'{message.name}.{signal.name}', pint_unit(signal.unit or ''))
+            Channel(f'{message.name}.{signal.name}', pint_unit(signal.unit or ''), all_bits_set(signal))
             for message in self._messages.values() for signal in message.signals)
+        self._nothing = {f'{message.name}.{signal.name}': {
+            scaled(signal, raw): word for raw, word in values_of_nothing(signal).items()}
+            for message in self._messages.values() for signal in message.signals}
 
     def use(self, signal_map: SignalMap) -> None:
         """Tell by the first frame whether the times are those of a clock."""
@@ -72,7 +79,13 @@ class CanFrames:
                 continue
             for signal, value in values.items():
                 name = f'{message.name}.{signal}'
-                if name in wanted and isinstance(value, int | float):
+                if name not in wanted or not isinstance(value, int | float):
+                    continue
+                if value in self._nothing[name]:
+                    word = self._nothing[name][value]
+                    remarks.add(f'{name} {word}', f'{self._path}, frame {number}: {name}: {figure(value)} means '
+                                f'{quoted(word)}; it is dropped')
+                else:
                     readings.setdefault(name, []).append((float(frame.timestamp), float(value), number))
             if number % BATCH == 0:
                 yield from _pieces(readings)
@@ -84,18 +97,19 @@ class CanFrames:
 
 
 def frames_of(path: str | Path, kind: str, encoding: str, remarks: Remarks | None) -> Iterator[Any]:
-    """Yield the frames (can.Message) of a recording; remark on a damaged one, which ends an ASC or BLF file."""
+    """Yield the frames (can.Message, or alike) of a recording; remark on damage, which ends a binary file."""
     import can
     # It logs each object that it does not know.
     logging.getLogger('can').setLevel(logging.CRITICAL)
     try:
-        if kind == 'candump':
-            yield from can.CanutilsLogReader(cast(TextIO, _Lines(_sound_lines(path, encoding, remarks))))
+        if kind in LINES:
+            yield from text_frames(path, kind, encoding, remarks)
             return
-        reader = (can.ASCReader(path, relative_timestamp=False) if kind == 'ASC' else can.BLFReader(path))
+        reader = (can.ASCReader(path, relative_timestamp=False) if kind == 'ASC' else can.TRCReader(path)
+                  if kind == 'PCAN TRC' else _blf_reader(path))
         with closing(_Stopping(reader)):
             yield from reader
-    except GeneratorExit:
+    except (GeneratorExit, InvalidInput):
         raise
     except Exception as error:
         # python-can raises errors of several kinds for damaged files.
@@ -103,30 +117,29 @@ def frames_of(path: str | Path, kind: str, encoding: str, remarks: Remarks | Non
             remarks.add('frames', f'{path}: is damaged ({quoted(str(error))}); the frames before are used')
 
 
-def _sound_lines(path: str | Path, encoding: str, remarks: Remarks | None) -> Iterator[str]:
-    for first, lines in line_blocks(path, encoding):
-        for number, line in enumerate(lines, start=first):
-            if CANDUMP.fullmatch(line.strip()):
-                yield line
-            elif line.strip() and remarks is not None:
-                remarks.add('line', f'{path}, line {number}: {quoted(line.strip())} is no frame; it is dropped',
-                            noun='line')
+def _blf_reader(path: str | Path) -> Any:
+    """Return python-can's reader of BLF, with an end at an object that is shorter than its header."""
+    import can
+
+    class BlfReader(can.BLFReader):
+        def _parse_data(self, data: bytes) -> Iterator[Any]:
+            sound = _sound_length(data)
+            yield from super()._parse_data(data if sound is None else data[:sound])
+            if sound is not None:
+                raise can.io.blf.BLFParseError('an object is shorter than its header')
+
+    return BlfReader(path)
 
 
-class _Lines:
-    """Sound lines in the shape of a file, for python-can."""
-
-    def __init__(self, lines: Iterator[str]) -> None:
-        self._lines = lines
-
-    def __iter__(self) -> Iterator[str]:
-        return self._lines
-
-    def read(self, size: int = -1) -> str:
-        return ''
-
-    def close(self) -> None:
-        """Leave the file to the iterator that reads it."""
+def _sound_length(data: bytes) -> int | None:
+    """Return the length of the objects of BLF before one that is shorter than its header, None without such."""
+    at = 0
+    while (at := data.find(b'LOBJ', at, at + 8)) >= 0 and at + OBJECT_HEADER_BYTES <= len(data):
+        length = int.from_bytes(data[at + 8:at + 12], 'little')
+        if length < OBJECT_HEADER_BYTES:
+            return at
+        at += length
+    return None
 
 
 class _Stopping:
@@ -153,34 +166,23 @@ def _messages(path: str | Path, kind: str, databases: Collection[str | Path]) ->
     return {message.frame_id: message for file in files for message in load_dbc(file).messages}
 
 
-def load_dbc(file: str | Path) -> Any:
-    """Return the cantools Database of a DBC file; raises InvalidInput if it cannot be read."""
-    require('cantools')
-    import cantools
-    check_input(file)
-    try:
-        return cantools.database.load_file(str(file), strict=False)
-    except Exception as error:
-        # cantools raises errors of its parser, of files and of encodings.
-        raise InvalidInput(f'{file}: cannot be read as a DBC: {quoted(" ".join(str(error).split()))}') from error
-
-
 def open_can_frames(path: str | Path, head: bytes, databases: Collection[str | Path]) -> CanFrames | None:
-    """Return the open recording if a file begins as candump, ASC or BLF do, else None."""
+    """Return the open recording if a file begins as one of CAN frames does, else None."""
     kind, encoding = _kind_of(head)
     return CanFrames(path, kind, encoding, databases) if kind else None
 
 
 def recorded_frames(path: str | Path) -> Iterator[Any]:
     """
-    Yield the frames (can.Message) of a candump, ASC or BLF file, without a DBC.
+    Yield the frames (can.Message, or alike) of a recording, without a DBC.
 
     Raises InvalidInput if the file cannot be read or is none of these.
     """
     require('can')
     kind, encoding = _kind_of(read_head(path))
     if not kind:
-        raise InvalidInput(f'{path}: is no recording of CAN frames; candump, ASC and BLF files are')
+        raise InvalidInput(f'{path}: is no recording of CAN frames; candump, ASC, BLF, PCAN TRC, GVRET and CRTD '
+                           'files are')
     return frames_of(path, kind, encoding, None)
 
 
@@ -192,8 +194,10 @@ def _kind_of(head: bytes) -> tuple[str, str]:
     if encoding is None:
         return '', ''
     lines = [line.strip() for line in head.decode(encoding, 'replace').splitlines()[:50] if line.strip()]
-    if sum(bool(CANDUMP.fullmatch(line)) for line in lines) > len(lines) // 2:
-        return 'candump', encoding
+    if kind := text_kind(lines):
+        return kind, encoding
+    if any(line.startswith(';$FILEVERSION=') or PCAN.match(line) for line in lines[:5]):
+        return 'PCAN TRC', encoding
     if ASC.search('\n'.join(lines[:5])) and re.search(r'^base\s', '\n'.join(lines), re.IGNORECASE | re.MULTILINE):
         return 'ASC', encoding
     return '', ''

@@ -15,10 +15,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Channel:
-    """A channel (column, PID, CAN signal, field of a topic) and its unit (pint's name, '' if not given)."""
+    """
+    A channel (column, PID, CAN signal, field of a topic) and its unit (pint's name, '' if not given).
+
+    `full` has the value of a raw one with all bits set, if the log tells how it is coded.
+    """
 
     name: str
     unit: str = ''
+    full: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -46,6 +51,8 @@ class RawLog(Protocol):
     decimal: str
     absolute: bool
     channels: tuple[Channel, ...]
+    # Names of the channels that hold the time, known after `use`.
+    times: tuple[str, ...]
 
     def use(self, signal_map: SignalMap) -> None:
         """Take the map's choices that concern reading, such as the channel of the time, before `pieces`."""

@@ -14,7 +14,7 @@ from bev_preheat.logs.recording import Series
 from bev_preheat.numerics.factors import EARTH_RADIUS_M
 
 if TYPE_CHECKING:
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics.arrays import BoolArray, FloatArray
 
 Signals = Mapping[str, Series]
 SECONDS_PER_HOUR, J_PER_KWH = 3600.0, 3.6e6
@@ -29,6 +29,8 @@ CAPACITIES_AH, CAPACITIES_KWH = (8.0, 2000.0), (3.0, 1000.0)
 TYPICAL_AH, TYPICAL_KWH = 150.0, 60.0
 # Distance that tells a speed's unit [m], and the agreement that a unit must reach.
 LEAST_DISTANCE_M, AGREEMENT = 500.0, 0.08
+# A car that moves draws so much in the mean, unless the road falls by this grade.
+MOVING_MPS, LEAST_DRIVING_W, LEAST_DRIVING_A, REGENERATING_GRADE = 3.0, 500.0, 2.0, 0.01
 # Mistaken units of a speed, by the factor that corrects the mistake.
 SPEED_FACTORS = {1.0 / 3.6: 'km/h taken as m/s', 3.6: 'm/s taken as km/h', 1.609344: 'mph taken as km/h',
                  1.0 / 1.609344: 'km/h taken as mph', 0.44704: 'mph taken as m/s', 1.0 / 0.44704: 'm/s taken as '
@@ -133,6 +135,51 @@ def _size_of_power(signals: Signals) -> Iterator[Doubt]:
                 yield Doubt(signal, f'{signal}: is at most {figure(largest, 3)} W while the car drives; is it '
                                     'in kW?',
                             1000.0)
+
+
+def _sign_of_drive(signals: Signals) -> Iterator[Doubt]:
+    """
+    Doubt a power or current that a moving car delivers in the mean, if the state of charge does not tell.
+
+    Not if the car descends enough for it, or if the power rises with the acceleration, as on an unknown descent.
+    """
+    if 'speed_mps' not in signals or ('soc' in signals and np.ptp(signals['soc'].value) >= LEAST_SOC_CHANGE):
+        return
+    speed = signals['speed_mps']
+    for signal, least in (('power_w', LEAST_DRIVING_W), ('current_a', LEAST_DRIVING_A),
+                          ('propulsion_power_w', LEAST_DRIVING_W)):
+        if signal not in signals:
+            continue
+        series = signals[signal]
+        speed_mps = _at(series.time_s, speed)
+        moving = speed_mps > MOVING_MPS
+        if moving.sum() < 10 or not len(series.time_s) or np.mean(series.value[moving]) > -least:
+            continue
+        step_s = np.gradient(series.time_s)
+        distance_m = float(np.sum(np.where(moving & (step_s <= LONGEST_HOLD_S), speed_mps * step_s, 0.0)))
+        if distance_m < LEAST_DISTANCE_M or _descends(signals, distance_m) or _drives_harder(
+                series, speed_mps, moving):
+            continue
+        yield Doubt(signal, f'{signal}: is {figure(float(np.mean(series.value[moving])), 3)} '
+                            f'{"A" if signal == "current_a" else "W"} in the mean while the car drives; positive '
+                            'must mean discharging', -1.0)
+
+
+def _descends(signals: Signals, distance_m: float) -> bool:
+    """Return whether a car's elevation falls so much that its battery may be charged over the drive."""
+    elevation = signals.get('elevation_m')
+    return elevation is not None and elevation.value[0] - elevation.value[-1] > REGENERATING_GRADE * distance_m
+
+
+def _drives_harder(series: Series, speed_mps: FloatArray, moving: BoolArray) -> bool:
+    """Return whether a power or current clearly rises with the power of acceleration."""
+    if len(series.time_s) < 3:
+        return False
+    accelerating = speed_mps * np.gradient(speed_mps, series.time_s)
+    good = moving & np.isfinite(accelerating)
+    if good.sum() < 10 or np.ptp(accelerating[good]) == 0.0 or np.ptp(series.value[good]) == 0.0:
+        return False
+    return bool(np.corrcoef(accelerating[good], series.value[good])[0, 1] > LEAST_CORRELATION)
 
 
 def _distance(signals: Signals) -> Iterator[Doubt]:
@@ -243,4 +290,4 @@ def _at(time_s: FloatArray, series: Series) -> FloatArray:
 
 
 CHECKS: tuple[Callable[[Signals], Iterator[Doubt]], ...] = (
-    _charge, _balance, _power, _size_of_power, _distance, _motion, _temperature, _heaters)
+    _charge, _balance, _power, _sign_of_drive, _size_of_power, _distance, _motion, _temperature, _heaters)

@@ -1,19 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-"""JSON lines: an object a line, nested, with any of the fields; or one array of such objects."""
+"""JSON lines: an object a line, nested, with any of the fields; or one value with a list of such objects."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
 import json
-import math
 from pathlib import Path
 import re
-from typing import Any, TYPE_CHECKING
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.logs.channels import Channel, Piece
+from bev_preheat.logs.json_records import records
 from bev_preheat.logs.long_csv import NAME, UNIT, VALUE
 from bev_preheat.logs.text_lines import encoding_of, line_blocks
 from bev_preheat.logs.time_column import find_time_column
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 # Objects that are searched for channels, and those that tell how time is written.
 MOST_SEARCHED, SAMPLE = 200_000, 400
-DEEPEST, MOST_CHANNELS = 20, 5000
+MOST_CHANNELS = 5000
 # Largest file that is one array [bytes]; it is read as a whole.
 LARGEST_ARRAY = 1 << 28
 # First line of an object that wraps an array.
@@ -40,6 +40,7 @@ class JsonLines:
     format = 'JSON lines'
     place = 'line'
     decimal = '.'
+    times: tuple[str, ...] = ()
 
     def __init__(self, path: str | Path, encoding: str) -> None:
         """Read the fields of the first objects; raises InvalidInput if the file has no object."""
@@ -80,6 +81,7 @@ class JsonLines:
             raise InvalidInput(f'{self._path}: no field holds the time; the fields are {quoted(", ".join(keys))}; '
                                'give a signal map with time')
         self._clock, self._time, self.absolute = found.clock, keys[found.columns[0]], found.clock.absolute
+        self.times = (self._time,)
 
     def pieces(self, wanted: Collection[str], remarks: Remarks) -> Iterator[Piece]:
         """Yield the Pieces of the wanted fields; see RawLog."""
@@ -138,7 +140,8 @@ class JsonLines:
                 except (ValueError, RecursionError):
                     value = None
                 if isinstance(value, dict):
-                    yield number, flat(value)
+                    for record in records(value):
+                        yield number, record
                 elif remarks is not None:
                     remarks.add('json', f'{self._path}, line {number}: {quoted(text)} is not a JSON object; the '
                                         'line '
@@ -153,29 +156,7 @@ class JsonLines:
             values = json.loads(Path(self._path).read_text(encoding=self._encoding))
         except (ValueError, RecursionError) as error:
             raise InvalidInput(f'{self._path}: is not JSON: {error}') from error
-        # An answer of a server often wraps the list.
-        if isinstance(values, dict):
-            values = next((value for value in values.values() if isinstance(value, list)), [values])
-        for number, value in enumerate(values, start=1):
-            if isinstance(value, dict):
-                yield number, flat(value)
-
-
-def flat(value: Mapping[str, Any], prefix: str = '', depth: int = 0) -> dict[str, str]:
-    """Return the numbers and texts of a nested object by dotted path; items of lists have their number."""
-    found: dict[str, str] = {}
-    for key, item in value.items():
-        name = f'{prefix}{key}'
-        if isinstance(item, dict | list) and depth < DEEPEST:
-            inner = item if isinstance(item, dict) else {str(at): each for at, each in enumerate(item[:1000])}
-            found.update(flat(inner, f'{name}.', depth + 1))
-        elif isinstance(item, str):
-            found[name] = item
-        elif isinstance(item, bool):
-            found[name] = str(item)
-        elif isinstance(item, int | float):
-            found[name] = repr(float(item)) if abs(item) < 1e300 and math.isfinite(item) else ''
-    return found
+        yield from enumerate(records(values), start=1)
 
 
 def _is_array(path: str | Path, encoding: str) -> bool:

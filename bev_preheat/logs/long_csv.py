@@ -24,11 +24,14 @@ if TYPE_CHECKING:
 # Headings of the columns with names, values and units.
 NAME = re.compile(r'^(pid|name|parameter( ?name)?|sensor( ?name)?|signal( ?name)?|channel|kanal|metric|key|topic|'
                   r'path|item|variable|entity_id|messgröße|параметр|датчик|参数|名称)$', re.IGNORECASE)
-VALUE = re.compile(r'^(value|val|wert|messwert|reading|state|data|payload|значение|valor|valeur|数值|值)$',
+# InfluxDB's own columns; Home Assistant writes the unit as the measurement.
+INFLUX_NAME, MEASUREMENT = re.compile('_field'), re.compile('_measurement')
+VALUE = re.compile(r'^(_?value|val|wert|messwert|reading|state|data|payload|значение|valor|valeur|数值|值)$',
                    re.IGNORECASE)
 UNIT = re.compile(r'^(units?|einheit(en)?|uom|unidad(es)?|unités?|единицы|единица|单位|unit_of_measurement)$',
                   re.IGNORECASE)
-PLACE = re.compile(r'^(lat(itude)?|lon(g|gt?itude)?)$', re.IGNORECASE)
+OWN = re.compile(r'^(lat(itude)?|lon(g|gt?itude)?|vin|(car|veh(icle)?)[ _]?(id|no|nr|num(ber)?|name)?)$',
+                 re.IGNORECASE)
 # More channels are texts, not names.
 MOST_CHANNELS = 5000
 
@@ -38,14 +41,15 @@ class LongCsv:
 
     format = 'CSV, one reading a line'
     place = 'line'
+    times: tuple[str, ...] = ()
 
     def __init__(self, rows: CsvRows, name: int, value: int, unit: int | None) -> None:
         """Take the numbers of the columns with name, value and unit; reads the file once for the channels."""
         self._rows, self._name, self._value = rows, name, value
         self.decimal, self.absolute = rows.layout.decimal, False
         self._time: TimeColumn | None = None
-        # Coordinates have columns of their own.
-        self._own = {at: heading for at, heading in enumerate(rows.layout.header) if PLACE.match(heading)}
+        # Coordinates and the car have columns of their own.
+        self._own = {at: heading for at, heading in enumerate(rows.layout.header) if OWN.match(heading)}
         found: dict[str, str] = {}
         for _, cells in rows.cells():
             units: Sequence[str] = cells[unit] if unit is not None else ('',) * len(cells[name])
@@ -95,7 +99,9 @@ def open_long_csv(path: str | Path, head: bytes) -> LongCsv | None:
     def column(pattern: re.Pattern[str]) -> int | None:
         return next((at for at, heading in enumerate(header) if pattern.match(heading)), None)
 
-    name, value = column(NAME), column(VALUE)
-    if name is None or value is None:
-        return None
-    return LongCsv(rows, name, value, column(UNIT))
+    name, value, unit = column(NAME), column(VALUE), column(UNIT)
+    if name is None:
+        name = column(INFLUX_NAME)
+    elif unit is None:
+        unit = column(MEASUREMENT)
+    return None if name is None or value is None else LongCsv(rows, name, value, unit)

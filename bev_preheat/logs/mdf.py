@@ -30,6 +30,7 @@ class Mdf:
 
     format = 'MDF'
     place = 'record'
+    times: tuple[str, ...] = ()
     decimal = '.'
 
     def __init__(self, path: str | Path, databases: Collection[str | Path]) -> None:

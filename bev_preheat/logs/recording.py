@@ -31,7 +31,8 @@ class Recording:
     `signals` maps names of SIGNALS to their Series; a signal that was not recorded is absent. `start_s` is the
     start in seconds since the epoch, None if the log has relative times only. `signal_map` names the signal map
     that was used. `remarks` are sentences on doubts and on everything that was dropped or bridged, one a cause.
-    `format` is the file's format; `sources` has the channels that a signal was read from, with their units.
+    `format` is the file's format; `sources` has the channels that a signal was read from, with their units;
+    `unused` names the other channels of the log.
     """
 
     name: str
@@ -41,6 +42,7 @@ class Recording:
     remarks: tuple[str, ...] = ()
     format: str = ''
     sources: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    unused: tuple[str, ...] = ()
 
     @property
     def duration_s(self) -> float:

@@ -34,6 +34,11 @@ class Remarks:
         else:
             self.add(cause, first, count, noun)
 
+    def extend(self, other: Remarks) -> None:
+        """Add the causes of others."""
+        for cause, found in other._causes.items():
+            self.add(cause, found.first, found.count, found.noun)
+
     def sentences(self) -> tuple[str, ...]:
         """Return a sentence for each cause."""
         return tuple(cause.first if cause.count == 1 else

@@ -34,6 +34,7 @@ class RosBag:
 
     format = 'ROS 2 topics'
     place = 'message'
+    times: tuple[str, ...] = ()
     decimal = '.'
     absolute = True
 

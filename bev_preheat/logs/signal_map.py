@@ -47,7 +47,9 @@ class Source:
     Where a signal comes from, and how its readings are converted.
 
     `channels` are names, or patterns between slashes, in order of preference; all channels of the first entry
-    that matches any are combined (`combine`: mean, min, max, first). `unit` is empty if the log names it.
+    that matches any are combined (`combine`: mean, min, max, first; empty: the mean of alike ones). `unit` is
+    empty if the log names it;
+    `other_units` are used if the readings have them rather than that.
     `scales`: factors on the reading, the first that makes the signal plausible counts; then `offset` is added, and
     the unit converted. `at_least`, if above 0, is how many channels must be valid; then the channels of all
     entries are combined. `no_reading` are readings that mean none; `plausible` is the range in the signal's unit.
@@ -55,8 +57,9 @@ class Source:
 
     signal: str
     channels: tuple[str, ...]
-    combine: str = 'mean'
+    combine: str = ''
     unit: str = ''
+    other_units: tuple[str, ...] = ()
     scales: tuple[float, ...] = (1.0,)
     offset: float = 0.0
     charging_is_positive: bool = False
@@ -72,16 +75,6 @@ class Source:
     def only(self, entry: str) -> Source:
         """Return this Source with one of its entries alone."""
         return replace(self, channels=(entry,))
-
-    def chosen(self, names: Sequence[str]) -> tuple[str, ...]:
-        """Return the channels among `names` that make up the signal, () without such channels."""
-        if self.at_least:
-            return tuple(name for name in names if any(matches(entry, name) for entry in self.channels))
-        for entry in self.channels:
-            found = tuple(name for name in names if matches(entry, name))
-            if found:
-                return found[:1] if self.combine == 'first' else found
-        return ()
 
 
 @dataclass(frozen=True)
@@ -108,13 +101,24 @@ class SignalMap:
             any(matches(entry, name) for name in names) for entry in self.recognised_by)
 
 
-def matches(entry: str, name: str) -> bool:
-    """Return whether an entry of a map, a name or a pattern between slashes, means a channel."""
+def is_expression(entry: str) -> bool:
+    """Return whether an entry of a map is a regular expression between slashes."""
+    return len(entry) > 2 and entry[0] == entry[-1] == '/'
+
+
+def matches(entry: str, name: str, touches_last: bool = False) -> bool:
+    """
+    Return whether an entry of a map, a name or a pattern between slashes, means a channel.
+
+    With `touches_last` a pattern must match something of the last part of a dotted name: a channel is not a
+    temperature because its message has some.
+    """
     if len(name) > LONGEST_NAME:
         return False
-    if len(entry) > 2 and entry[0] == entry[-1] == '/':
-        return re.search(entry[1:-1], name, re.IGNORECASE) is not None
     last = name.rpartition('.')[2]
+    if is_expression(entry):
+        found = re.finditer(entry[1:-1], name, re.IGNORECASE)
+        return any(not touches_last or match.end() > len(name) - len(last) for match in found)
     return plain(entry) in (plain(name), plain(split_unit(name).name)) or (
         plain(entry) == plain(last) and plain(last) not in NOT_ALONE)
 
@@ -183,8 +187,9 @@ def read_source(signal: str, entry: FileData, everywhere: tuple[float, ...]) -> 
     if isinstance(entry, str | list):
         entry = {'channels': entry}
     scale = entry.get('scale', 1.0)
+    unit, *others = _texts(entry.get('unit', ''))
     return Source(
-        signal, _texts(entry['channels']), entry.get('combine', 'mean'), entry.get('unit', ''),
+        signal, _texts(entry['channels']), entry.get('combine', ''), unit, tuple(others),
         tuple(map(float, scale if isinstance(scale, list) else [scale])), float(entry.get('offset', 0.0)),
         entry.get('positive') == 'charging', everywhere + tuple(map(float, entry.get('no_reading', ()))),
         tuple(map(float, entry.get('range', PLAUSIBLE[signal]))),  # type: ignore[arg-type]
@@ -197,7 +202,8 @@ def source_problems(signal: str, entry: FileData) -> Iterable[str]:
         entry = {'channels': entry}
     yield from _bad_patterns(entry['channels'])
     try:
-        check_unit(entry.get('unit', own_unit(signal)), signal)
+        for unit in _texts(entry.get('unit', own_unit(signal))):
+            check_unit(unit, signal)
     except InvalidInput as error:
         yield from (f'unit: {problem}' for problem in error.problems)
     low, high = entry.get('range', PLAUSIBLE[signal])
@@ -211,7 +217,7 @@ def source_problems(signal: str, entry: FileData) -> Iterable[str]:
 
 def _bad_patterns(entries: FileData) -> Iterable[str]:
     for entry in _texts(entries):
-        if len(entry) > 2 and entry[0] == entry[-1] == '/':
+        if is_expression(entry):
             try:
                 re.compile(entry[1:-1])
             except (re.error, RecursionError, OverflowError) as error:

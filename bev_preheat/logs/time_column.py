@@ -9,14 +9,16 @@ from typing import NamedTuple
 
 import numpy as np
 
+from bev_preheat.logs.choice import candidates
 from bev_preheat.logs.signal_map import matches, SignalMap
-from bev_preheat.logs.times import Clock, find_clock
+from bev_preheat.logs.times import Clock, find_clock, TIME_UNITS
 from bev_preheat.logs.units import pint_unit, split_unit
 
 # Names of times, the best first.
 NAMES = (
     r'^(epoch|unix|posix)', r'^(time_?stamp|utc|date[ _/-]?time|zeitstempel|datum[ _/-]?(uhr)?zeit|ts)\b',
-    r'^(device|log|local)[ _]?time', r'^(time|zeit)_',
+    r'^(device|log|local)[ _]?time', r'^last[ _]?(changed|updated|reported|seen)$',
+    r'^(created|recorded|logged|received)[ _]?(at|on)$', r'^(time|zeit)_',
     r'^(time|zeit|tiempo|temps|tempo|время|时间|aika|tid|tijd|czas)\b',
     r'^(elapsed|seconds|secs?|sekunden|running|relative|uptime|rel)\b', r'gps[ _]?time',
     r'^(date|datum)$', r'^t([ _]|$)', r'time|zeit|timestamp|date')
@@ -54,8 +56,12 @@ def find_time_column(header: Sequence[str], units: Sequence[str], rows: Sequence
             return TimeColumn((dates[0], times[0]), joined)
     ranked += [at for pattern in NAMES for at, name in enumerate(header)
                if re.search(pattern, name.rpartition('.')[2].strip(), re.IGNORECASE) and not DURATION.search(name)]
-    taken = {channel for source in signal_map.sources.values() for channel in source.chosen(header)}
-    ranked = [at for at in ranked if header[at] not in taken] or ranked
+    stated = {name: pint_unit(unit) or split_unit(name).unit for name, unit in zip(header, units)}
+    taken = {name for source in signal_map.sources.values() for group in candidates(source, stated).groups[:1]
+             for name in group}
+    # A t_env_c is a temperature.
+    ranked = [at for at in ranked if header[at] not in taken and (
+        not stated[header[at]] or stated[header[at]] in TIME_UNITS)] or ranked
     fallback = None
     for at in dict.fromkeys(ranked):
         clock = clock_of(at)

@@ -22,6 +22,9 @@ EPOCH_SCALES = (1.0, 1e-3, 1e-6, 1e-9)
 # Without a unit, relative times with such steps count milliseconds: no log samples this slowly.
 LEAST_STEP_MS = 100.0
 DAY_S = 86400.0
+# Years of logs whose samples are minutes apart, and the values of a counter of 32 bits.
+RECENT_S, COUNTER = (1.0e9, 2.2e9), 2.0**32
+TIME_UNITS = ('second', 'millisecond', 'microsecond', 'nanosecond', 'minute', 'hour')
 MONTHS = ('jan', 'feb', 'mar', 'apr', 'may', 'jun', 'jul', 'aug', 'sep', 'oct', 'nov', 'dec')
 OTHER_MONTHS = {'mai': 5, 'okt': 10, 'dez': 12, 'mär': 3, 'mrz': 3}
 DATE_TIME = re.compile(
@@ -73,49 +76,51 @@ def _number_clock(numbers: FloatArray, unit: str, decimal: str) -> Clock | None:
     scale, remark = _scale_of(unit), ''
     absolute = False
     middle = float(np.median(numbers))
-    for each in EPOCH_SCALES:
+    steps = np.diff(numbers)
+    step = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
+    for each in EPOCH_SCALES if scale is None else [scale]:
+        # Milliseconds since a control unit was started look like a time in seconds after some days.
+        if each == 1.0 and scale is None and step >= LEAST_STEP_MS and not RECENT_S[0] <= middle <= RECENT_S[1]:
+            continue
         if EARLIEST_S <= middle * each <= LATEST_S:
             scale, absolute = each, True
             break
     if scale is None:
         scale = 1.0
-        steps = np.diff(numbers)
-        steps = steps[steps > 0.0]
-        if steps.size and np.median(steps) >= LEAST_STEP_MS:
+        if step >= LEAST_STEP_MS:
             scale = 1e-3
-            remark = (f'times have no unit; steps of {np.median(steps):g} are taken as milliseconds')
-
-    days = _Days() if not absolute and scale == 1.0 and numbers.max() < DAY_S else None
+            remark = f'times have no unit; steps of {step:g} are taken as milliseconds'
+    period_s = 0.0 if absolute else DAY_S if scale == 1.0 else COUNTER * scale
+    rounds = Rounds(period_s) if numbers.max() * scale < period_s else None
 
     def read(texts: Sequence[str]) -> FloatArray:
         seconds = read_numbers(texts, decimal)[0] * scale
-        return seconds if days is None else days.continued(seconds)
+        return seconds if rounds is None else rounds.continued(seconds)
 
     return Clock(read, absolute, remark)
 
 
-class _Days:
-    """Continues seconds since midnight after the next midnight."""
+class Rounds:
+    """Continues seconds that begin again: after midnight, or after the last value of a counter of 32 bits."""
 
-    def __init__(self) -> None:
-        self._days, self._last_s = 0, np.nan
+    def __init__(self, period_s: float) -> None:
+        self._period_s, self._rounds, self._last_s = period_s, 0, np.nan
 
     def continued(self, seconds: FloatArray) -> FloatArray:
-        """Return seconds that go on where the day ends, shape (N,)."""
+        """Return seconds that go on where a round ends, shape (N,)."""
         known = seconds[np.isfinite(seconds)]
         if not known.size:
             return seconds
         steps = np.diff(known, prepend=known[0] if np.isnan(self._last_s) else self._last_s)
-        days = self._days + np.cumsum((steps < -0.9 * DAY_S) & (known <= DAY_S))
-        self._days, self._last_s = int(days[-1]), float(known[-1])
+        rounds = self._rounds + np.cumsum((steps < -0.9 * self._period_s) & (known <= self._period_s))
+        self._rounds, self._last_s = int(rounds[-1]), float(known[-1])
         later = seconds.copy()
-        later[np.isfinite(seconds)] = known + DAY_S * days
+        later[np.isfinite(seconds)] = known + self._period_s * rounds
         return later
 
 
 def _scale_of(unit: str) -> float | None:
-    return conversion(unit, 's').factor if unit in (
-        'second', 'millisecond', 'microsecond', 'nanosecond', 'minute', 'hour') else None
+    return conversion(unit, 's').factor if unit in TIME_UNITS else None
 
 
 def _iso_seconds(text: str) -> float:

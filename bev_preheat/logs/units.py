@@ -31,7 +31,13 @@ SPELLINGS = {
     's': 'second', 'sec': 'second', 'secs': 'second', 'seconds': 'second', 'second': 'second',
     'ms': 'millisecond', 'msec': 'millisecond', 'milliseconds': 'millisecond',
     'us': 'microsecond', 'µs': 'microsecond', 'ns': 'nanosecond', 'min': 'minute', 'minutes': 'minute',
-    'h': 'hour'}
+    'h': 'hour',
+    'watthour': 'watt_hour', 'wh': 'watt_hour', 'kwh': 'kilowatt_hour', 'ah': 'ampere_hour', 'ohm': 'ohm',
+    'mohm': 'milliohm', 'rpm': 'rpm', '1/min': 'rpm', 'nm': 'newton_meter', 'bar': 'bar', 'kpa': 'kilopascal',
+    'hz': 'hertz', 'g/s': 'gram/second', 'l/h': 'liter/hour', 'l/hr': 'liter/hour', 'l/min': 'liter/minute',
+    # Written out, as DBC files of some makers have them behind Unit_.
+    'degrecelsi': 'degC', 'amper': 'ampere', 'kilowatt': 'kilowatt', 'kilometer': 'kilometer', 'minut': 'minute',
+    'kilometerperhour': 'kilometer/hour', 'kilomperhour': 'kilometer/hour', 'secon': 'second'}
 # Units of the signals by the ending of their names.
 OWN_UNITS = {'c': 'degC', 'v': 'volt', 'a': 'ampere', 'w': 'watt', 'mps': 'meter/second', 'm': 'meter',
              'deg': 'degree', 's': 'second', 'soc': '1'}
@@ -62,7 +68,7 @@ class NamedUnit(NamedTuple):
 
 def pint_unit(text: str) -> str:
     """Return pint's name of a unit as logs write it, '' if it is unknown."""
-    return SPELLINGS.get(''.join(text.split()).lower(), '')
+    return SPELLINGS.get(''.join(text.split()).lower().removeprefix('unit_'), '')
 
 
 def own_unit(signal: str) -> str:
@@ -77,6 +83,27 @@ def split_unit(header: str) -> NamedUnit:
         if match and pint_unit(match[2]):
             return NamedUnit(match[1].strip(' ,:'), pint_unit(match[2]))
     return NamedUnit(header.strip(), '')
+
+
+def is_stated(name: str, unit: str) -> bool:
+    """Return whether the unit of a channel was given as one, not read from the last word of its name."""
+    # battery_temp_min is no duration in minutes.
+    return bool(unit) and (split_unit(name).unit != unit or IN_BRACKETS.match(name) is not None)
+
+
+def measures(unit: str, signal: str) -> bool:
+    """Return whether a unit (pint's name) measures a signal's quantity."""
+    own = own_unit(signal)
+    if unit in ALIKE[own] or (own, unit) == ('degC', 'degree'):
+        # Many write deg for degrees Celsius.
+        return True
+    if any(unit in units for units in ALIKE.values()):
+        return False
+    try:
+        conversion(unit, own)
+    except InvalidInput:
+        return False
+    return True
 
 
 def check_unit(unit: str, signal: str) -> None:

@@ -23,6 +23,7 @@ class WideCsv:
 
     format = 'CSV'
     place = 'line'
+    times: tuple[str, ...] = ()
 
     def __init__(self, rows: CsvRows) -> None:
         """Take the rows of the file."""
@@ -37,6 +38,7 @@ class WideCsv:
         """Choose the column of the time; raises InvalidInput if no column is a time."""
         self._time = time_of(self._rows, signal_map)
         self.absolute = self._time.clock.absolute
+        self.times = tuple(self._rows.layout.header[at] for at in self._time.columns)
 
     def pieces(self, wanted: Collection[str], remarks: Remarks) -> Iterator[Piece]:
         """Yield the Pieces of the wanted columns; see RawLog."""

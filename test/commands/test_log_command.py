@@ -11,12 +11,12 @@ LOG = 'time_s;v;T;SOC;U;I;out\n' + ''.join(
     f'{17 * at};{36 + at};{4 + at / 8};{800_000 - 4000 * at};370;-{20 + at % 5};-3\n' for at in range(40))
 MAP = """
 signals:
-  battery_temperature_c: T
+  battery_temperature_c: {channels: T, unit: degC}
   soc: {channels: SOC, unit: percent, scale: 0.0001}
   voltage_v: U
   current_a: {channels: I, positive: charging}
   speed_mps: {channels: v, unit: km/h}
-  ambient_c: out
+  ambient_c: {channels: out, unit: degC}
 """
 
 

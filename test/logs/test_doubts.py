@@ -77,6 +77,30 @@ def test_a_drive_is_not_doubted():
     assert find_doubts(signals) == ()
 
 
+def test_a_moving_car_without_a_state_of_charge_tells_the_sign(tmp_path):
+    log = drive(900.0)
+    log = {name: log[name] for name in ('time_s', 'battery_temperature_c', 'speed_mps', 'ambient_c')}
+    for signal, values in (('power_w', 9e3 + 4e3 * np.sin(log['time_s'] / 23.0)),
+                           ('current_a', 25.0 + 0.0 * log['time_s'])):
+        assert read_recording(write_wide(tmp_path / 'a.csv', {**log, signal: values})).remarks == ()
+        path = write_wide(tmp_path / 'a.csv', {**log, signal: -values})
+        remark, = read_recording(path).remarks
+        assert f'{signal}: is -' in remark and 'in the mean while the car drives' in remark
+        np.testing.assert_allclose(read_recording(path, repair=True).signals[signal].value, values, rtol=1e-5)
+        # Down a mountain, of 300 m over 14 km, the battery is charged.
+        log_down = {**log, signal: -values, 'elevation_m': 900.0 - log['time_s'] / 3.0}
+        assert read_recording(write_wide(tmp_path / 'a.csv', log_down)).remarks == ()
+
+
+def test_a_power_that_rises_with_the_acceleration_has_its_sign(tmp_path):
+    # Recuperation down an unknown slope: 1500 kg, 8 kW of the slope.
+    log = drive(900.0)
+    acceleration = 7.0 / 31.0 * np.cos(log['time_s'] / 31.0)
+    power_w = -8e3 + 1500.0 * acceleration * log['speed_mps']
+    log = {'time_s': log['time_s'], 'speed_mps': log['speed_mps'], 'power_w': power_w}
+    assert read_recording(write_wide(tmp_path / 'a.csv', log)).remarks == ()
+
+
 @pytest.mark.skipif(not MEASURED, reason='needs the measured winter drives of a BMW i3 (TU Munich, doi '
                     '10.21227/6jr9-5235) in the folder BEV_PREHEAT_DRIVE_LOGS')
 def test_measured_drives_are_not_doubted():

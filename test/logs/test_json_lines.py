@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.logs.json_lines import flat, JsonLines
+from bev_preheat.logs.json_lines import JsonLines
+from bev_preheat.logs.json_records import flat
 from bev_preheat.logs.reading import read_recording
 
 TIMES_S = [1_700_000_000.0 + second for second in range(0, 120, 2)]
@@ -24,8 +25,18 @@ def read(tmp_path, text):
 
 @pytest.mark.parametrize('text', [
     '\n'.join(map(json.dumps, OBJECTS)), '[\n' + ',\n'.join(map(json.dumps, OBJECTS)) + '\n]',
-    json.dumps(OBJECTS), json.dumps(OBJECTS, indent=1), json.dumps({'status': 'ok', 'data': OBJECTS}, indent=2)],
-    ids=['an object a line', 'array, an object a line', 'array in one line', 'array', 'answer of a server'])
+    json.dumps(OBJECTS), json.dumps(OBJECTS, indent=1), json.dumps({'status': 'ok', 'data': OBJECTS}, indent=2),
+    json.dumps({'data': {'drive': {'id': 7, 'details': OBJECTS}, 'car': {'id': 1}}}),
+    json.dumps({'drives': [{'start_date': TIMES_S[0], 'details': OBJECTS[:30]},
+                           {'start_date': TIMES_S[30], 'details': OBJECTS[30:]}]}),
+    '\n'.join(json.dumps({'batch': OBJECTS[first:first + 20]}) for first in (0, 20, 40)),
+    json.dumps({'data': {'timestamp': TIMES_S, 'battery_temperature_c': TEMPERATURES_C}}),
+    '\n'.join(json.dumps({'createdAt': time_s, 'data': [
+        {'key': 'battery_temperature_c', 'value': {'doubleValue': temperature_c}},
+        {'key': 'Gear', 'value': {'stringValue': 'D'}}]})
+              for time_s, temperature_c in zip(TIMES_S, TEMPERATURES_C))],
+    ids=['an object a line', 'array, an object a line', 'array in one line', 'array', 'answer of a server',
+         'array under keys', 'several drives', 'an array a line', 'an array a channel', 'names and values'])
 def test_each_form_has_the_same_readings(tmp_path, text):
     _, recording = read(tmp_path, text)
     assert recording.format == 'JSON lines'

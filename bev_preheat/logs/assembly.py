@@ -1,0 +1,176 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Assembles signals from the samples of channels: in order, alike, in the unit that explains them best."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bev_preheat.errors import figure, InvalidInput
+from bev_preheat.logs.hypotheses import jumps, likely, MOST_JUMPS, OTHER, plausible
+from bev_preheat.logs.recording import Series
+from bev_preheat.logs.samples import combined
+
+if TYPE_CHECKING:
+    from bev_preheat.logs.channels import RawLog
+    from bev_preheat.logs.decoding import Decoder
+    from bev_preheat.logs.remarks import Remarks
+    from bev_preheat.logs.samples import Samples
+    from bev_preheat.logs.signal_map import Source
+    from bev_preheat.numerics.arrays import FloatArray, IntArray
+
+# A channel is combined with others at an instant if it has a reading this near [s].
+HOLD_S = 60.0
+# Share of the readings that may be out of order before the log counts as several logs in one.
+MOST_OUT_OF_ORDER = 0.02
+LONGEST_LOG_S = 60.0 * 86400.0
+# The largest difference between sensors of a battery [K].
+MOST_SPREAD_K = 15.0
+# Fewer samples do not tell that a channel jumps.
+LEAST_OF_JUMPS = 20
+
+
+class Assembly:
+    """Makes the Series of signals of the samples of channels."""
+
+    def __init__(self, path: str | Path, log: RawLog, decoders: dict[tuple[str, str], Decoder],
+                 samples: dict[tuple[str, str], Samples], said: dict[tuple[str, str], Remarks], remarks: Remarks,
+                 repair: bool) -> None:
+        """Take the samples of channels by (signal, channel), with their decoders and the remarks on them."""
+        self._path, self._log, self._remarks, self._repair = path, log, remarks, repair
+        self._decoders, self._samples, self._said = decoders, samples, said
+        self._series: dict[str, Series] = {}
+
+    def series(self, chosen: dict[str, tuple[tuple[str, ...], ...]]) -> tuple[dict[str, Series],
+                                                                              dict[str, tuple[str, ...]]]:
+        """Return the Series of each signal that has a sample, times as in the log, and the channels used."""
+        used = {}
+        # Signals with an open unit are compared with the others.
+        is_open = {signal: any(self._decoders[signal, channel].hypotheses for group in groups for channel in group)
+                   for signal, groups in chosen.items()}
+        for signal in sorted(chosen, key=is_open.__getitem__):
+            for group in chosen[signal]:
+                for channel in group:
+                    self._remarks.extend(self._said[signal, channel])
+                parts = {channel: self._part(signal, channel) for channel in group}
+                parts = self._alike(signal, {channel: part for channel, part in parts.items() if len(part.time_s)})
+                whole = self._combined(self._decoders[signal, group[0]].source, parts)
+                if whole is not None:
+                    self._series[signal], used[signal] = whole, tuple(parts)
+                    break
+        return ({signal: self._series[signal] for signal in chosen if signal in self._series},
+                {signal: used[signal] for signal in chosen if signal in used})
+
+    def _alike(self, signal: str, parts: dict[str, Series]) -> dict[str, Series]:
+        """Return the parts of a temperature, or the first alone if they differ as no sensors of a battery do."""
+        if signal not in OTHER or len(parts) < 2 or self._decoders[signal, next(iter(parts))].source.combine:
+            return parts
+        medians = {channel: float(np.median(part.value)) for channel, part in parts.items()}
+        if np.ptp(list(medians.values())) <= MOST_SPREAD_K:
+            return parts
+        first = next(iter(parts))
+        other = max(medians, key=lambda channel: abs(medians[channel] - medians[first]))
+        self._remarks.add(f'spread {signal}', f'{self._path}: {signal}: {first} ({figure(medians[first], 3)} in '
+                          f'the middle) and {other} ({figure(medians[other], 3)}) are not alike; the first counts')
+        return {first: parts[first]}
+
+    def _part(self, signal: str, channel: str) -> Series:
+        """Return the Series of a channel."""
+        kept = self._samples[signal, channel]
+        if kept.averaged > 1:
+            self._remarks.add('averaged', f'{self._path}: the log is long ({channel}: {kept.readings} readings); '
+                              f'a sample is the mean of {kept.averaged} readings', noun='channel')
+        time_s, values, places = kept.arrays()
+        decoder = self._decoders[signal, channel]
+        if decoder.hypotheses and len(time_s):
+            values = self._settled(signal, decoder, Series(time_s, values), places)
+            good = np.isfinite(values)
+            time_s, values, places = time_s[good], values[good], places[good]
+        part = _in_order(self._path, self._log, channel, time_s, values, places, self._remarks)
+        if signal in OTHER and len(part.time_s) > LEAST_OF_JUMPS and np.mean(jumps(part)) > MOST_JUMPS:
+            self._remarks.add(f'jumps {channel}', f'{self._path}: {channel}: jumps as no temperature does, so it '
+                              f'is not taken for {signal}')
+            return Series(part.time_s[:0], part.value[:0])
+        return part
+
+    def _settled(self, signal: str, decoder: Decoder, own: Series, places: IntArray) -> FloatArray:
+        """Return the readings of a channel with an open unit in the signal's unit, NaN for implausible ones."""
+        source, is_choice = decoder.source, bool(decoder.source.other_units)
+        raw = Series(own.time_s, decoder.raw(own.value))
+        left = likely(decoder.hypotheses, raw, source, self._series)
+        name = f'{self._path}: {decoder.channel}: '
+        words = ', or '.join(each.words(decoder.given) for each in left)
+        middle = f'its readings, {figure(float(np.median(raw.value)))} in the middle, '
+        if len(left) == 1 and (self._repair or is_choice):
+            if not is_choice:
+                self._remarks.add(f'mixed {decoder.channel}', f'{name}{middle}are implausible as {signal}; '
+                                  f'{words} they are plausible; repaired')
+            decoder.given = left[0]
+        elif is_choice:
+            self._remarks.add(f'mixed {decoder.channel}', f'{name}{middle}may be in '
+                              f'{" or ".join(each.unit for each in decoder.hypotheses)}; taken as '
+                              f'{decoder.given.unit}; name the unit in a signal map')
+        elif left:
+            how = 'read the log with repair (--repair) or name it' if len(left) == 1 else 'name it'
+            self._remarks.add(f'mixed {decoder.channel}', f'{name}{middle}are implausible as {signal}; {words} '
+                              f'they are plausible; {how} in a signal map')
+        values = decoder.given.own(raw.value, source)
+        bad = ~plausible(values, source)
+        if bad.any():
+            at = int(np.argmax(bad))
+            self._remarks.add(f'{decoder.channel} {signal} range', f'{self._path}, {self._log.place} '
+                              f'{places[at]}: {decoder.channel}: {decoder.why_dropped(raw.value[at])}; it is '
+                              'dropped', int(bad.sum()))
+        return np.where(bad, np.nan, values)
+
+    def _combined(self, source: Source, parts: dict[str, Series]) -> Series | None:
+        """Return the Series of the parts of a signal, None if too few are valid."""
+        if len(parts) < source.at_least:
+            self._remarks.add(f'few {source.signal}', f'{self._path}: {source.signal}: {len(parts)} of its '
+                              f'channels have valid readings; at least {source.at_least} are needed; the signal '
+                              'is left out')
+        if len(parts) < max(source.at_least, 1):
+            return None
+        whole = next(iter(parts.values())) if len(parts) == 1 else combined(
+            list(parts.values()), source.combine or 'mean', HOLD_S, source.at_least)
+        return whole if len(whole.time_s) else None
+
+
+def _in_order(path: str | Path, log: RawLog, channel: str, time_s: FloatArray, values: FloatArray,
+              places: IntArray, remarks: Remarks) -> Series:
+    """Return the samples with strictly increasing times; remark on those that were sorted or left out."""
+    if len(time_s):
+        # Clocks that were not yet set, or a digit that was lost.
+        far = np.abs(time_s - np.median(time_s)) > LONGEST_LOG_S
+        if far.any():
+            first = places[int(np.argmax(far))]
+            remarks.add_shared('far', f'{path}, {log.place} {first}: the time is more than '
+                               f'{LONGEST_LOG_S / 86400.0:g} days from the others; the reading is dropped',
+                               int(far.sum()), 'reading')
+            time_s, values, places = time_s[~far], values[~far], places[~far]
+    steps_s = np.diff(time_s)
+    back = np.flatnonzero(steps_s < 0.0)
+    if back.size:
+        at = back[0] + 1
+        where = (f'{path}, {log.place} {places[at]}: the time goes back by {-steps_s[back[0]]:g} s')
+        late = time_s < np.maximum.accumulate(time_s)
+        if late.sum() > max(2.0, MOST_OUT_OF_ORDER * len(time_s)):
+            raise InvalidInput(f'{where}, and {int(late.sum())} of {len(time_s)} readings lie before one above '
+                               'them; a log must be one drive: split it, or name the channel of the time in a '
+                               'signal map')
+        remarks.add_shared('order', f'{where}; the readings are sorted', int(back.size), 'place')
+        order = np.argsort(time_s, kind='stable')
+        time_s, values, places = time_s[order], values[order], places[order]
+        steps_s = np.diff(time_s)
+    same = np.flatnonzero(steps_s == 0.0)
+    if same.size:
+        # A clock of whole seconds, and faster readings: their mean counts.
+        remarks.add_shared('same', f'{path}, {log.place} {places[same[0] + 1]}: has the time of the reading '
+                                   'before; '
+                           'their mean counts', int(same.size), 'reading')
+        starts = np.flatnonzero(np.concatenate([[True], steps_s > 0.0]))
+        values = np.add.reduceat(values, starts) / np.diff(starts, append=len(values))
+        time_s = time_s[starts]
+    return Series(time_s, values)

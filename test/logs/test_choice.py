@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Channels of a log that become a signal: by quantity and kind, never a counter or current as a temperature."""
+
+import numpy as np
+import pytest
+
+from bev_preheat.errors import InvalidInput
+from bev_preheat.logs.choice import candidates
+from bev_preheat.logs.reading import read_recording
+from bev_preheat.logs.signal_map import load_signal_map
+
+COMMON = load_signal_map('common').sources
+
+
+def chosen(signal, **units):
+    groups = candidates(COMMON[signal], {name.replace('__', '.'): unit for name, unit in units.items()}).groups
+    return groups[0] if groups else ()
+
+
+@pytest.mark.parametrize('signal, units, expected', [
+    ('battery_temperature_c', {'Bat__BatTemp': 'degC', 'Bat__BatTempAlive': '', 'Bat__BatTempCrc': ''},
+     ('Bat.BatTemp',)),
+    ('battery_temperature_c', {'Bat__BatTemp': '', 'Bat__BatTempRollingCounter': '', 'Bat__BatTempQBit': ''},
+     ('Bat.BatTemp',)),
+    ('battery_temperature_c', {'PackTemps__Fan': '', 'PackTemps__PackTemp': ''}, ('PackTemps.PackTemp',)),
+    ('battery_temperature_c', {'Bus__BattCurrent12': 'ampere', 'Bus__BattTemp': 'degC'}, ('Bus.BattTemp',)),
+    ('battery_temperature_c', {'Batt_T1': '', 'Batt_T2': '', 'Batt_T10': ''}, ('Batt_T1', 'Batt_T2', 'Batt_T10')),
+    ('battery_temperature_c', {'BattTempMin': 'degC', 'BattTempMax': 'degC'}, ('BattTempMin', 'BattTempMax')),
+    ('battery_temperature_c', {'car1_battery_temp': '', 'car2_battery_temp': ''}, ('car1_battery_temp',)),
+    # A name that ends like a unit has none.
+    ('battery_temperature_c', {'battery_temp_min': 'minute', 'battery_temp_max': ''},
+     ('battery_temp_min', 'battery_temp_max')),
+    ('soc', {'A__BatSOC_cold': 'percent', 'A__BatSOC': 'percent'}, ('A.BatSOC',)),
+    ('soc', {'Pack_SOC__Mean292': 'percent'}, ('Pack_SOC.Mean292',)),
+    ('voltage_v', {'B__BattVoltLink': 'volt', 'B__BattVolt': 'volt'}, ('B.BattVolt',)),
+    ('power_w', {'HVCH_S__HVCH_Power': 'watt'}, ()),
+    ('heater_w', {'HVCH_S__HVCH_PowerRequest': 'watt', 'HVCH_S__HVCH_Power': 'watt'}, ('HVCH_S.HVCH_Power',)),
+    ('ambient_c', {'t_env_c': 'degC'}, ('t_env_c',)), ('ambient_c', {'T_amb_C': 'degC'}, ('T_amb_C',)),
+    ('ambient_c', {'OAT[DegC]': 'degC'}, ('OAT[DegC]',)), ('odometer_m', {'s_km': 'kilometer'}, ('s_km',)),
+])
+def test_only_alike_readings_of_the_quantity_make_up_a_signal(signal, units, expected):
+    assert chosen(signal, **units) == expected
+
+
+def write(path, header, rows):
+    path.write_text('\n'.join([header, *(','.join(map(str, row)) for row in rows)]) + '\n')
+    return path
+
+
+def test_a_column_with_the_unit_of_another_quantity_is_named_and_not_used(tmp_path):
+    path = write(tmp_path / 'a.csv', 'time_s,Battery temp [V],SOC [%],Speed [km/h]',
+                 [(at, 3.6 + 0.001 * at, 80, 50) for at in range(30)])
+    recording = read_recording(path)
+    assert 'battery_temperature_c' not in recording.signals
+    assert recording.unused == ('Battery temp [V]',)
+    assert any('Battery temp [V]: has the unit volt' in remark for remark in recording.remarks)
+
+
+def test_a_channel_that_jumps_as_no_temperature_gives_way_to_the_next(tmp_path):
+    # A count of 16 without a name that tells it, before the temperature in alphabet and length.
+    path = write(tmp_path / 'a.csv', 'time_s,batt temp x,battery pack temp [degC]',
+                 [(at, at % 16, 7 + 0.01 * at) for at in range(200)])
+    recording = read_recording(path)
+    np.testing.assert_allclose(recording.signals['battery_temperature_c'].value, 7 + 0.01 * np.arange(200))
+    path = write(tmp_path / 'a.csv', 'time_s,batt temp x,speed_kmh', [(at, at % 16, 50) for at in range(200)])
+    recording = read_recording(path)
+    assert 'battery_temperature_c' not in recording.signals
+    assert any('batt temp x: jumps as no temperature does' in remark for remark in recording.remarks)
+
+
+def test_sensors_that_are_far_apart_are_not_averaged(tmp_path):
+    path = write(tmp_path / 'a.csv', 'time_s,batt temp 1,batt temp 2', [(at, 5, 60) for at in range(30)])
+    recording = read_recording(path)
+    assert set(recording.signals['battery_temperature_c'].value) == {5.0}
+    assert any('are not alike; the first counts' in remark for remark in recording.remarks)
+
+
+def test_channels_that_are_not_used_are_listed_those_like_a_signal_first(tmp_path):
+    recording = read_recording(write(tmp_path / 'a.csv', 'time_s,foo,battery temp,battery temp target',
+                                     [(at, 1, 2, 3) for at in range(9)]))
+    assert recording.sources == {'battery_temperature_c': ('battery temp',)}
+    assert recording.unused == ('battery temp target', 'foo')
+    assert any('battery temp: has no unit; its readings are taken as degC' in each for each in recording.remarks)
+
+
+@pytest.mark.parametrize('header', ['time_s,VehId,speed_kmh', 'time_s,vin,speed_kmh', 'time_s,car_name,speed_kmh'])
+def test_two_cars_in_one_log_are_refused(tmp_path, header):
+    path = write(tmp_path / 'a.csv', header, [(at, f'7{at % 2}', 50 + at) for at in range(40)])
+    with pytest.raises(InvalidInput, match="is '70' and '71'; a log must be of one car: split it"):
+        read_recording(path)
+
+
+def test_trips_whose_clock_begins_anew_are_refused(tmp_path):
+    path = write(tmp_path / 'a.csv', 'Trip,time_s,speed_kmh',
+                 [(trip, at, 30 * trip) for trip in (1, 2) for at in range(100)])
+    with pytest.raises(InvalidInput, match='line 102: the time goes back by 99 s, and 99 of 200 readings'):
+        read_recording(path)
+    # A reading that came late is no other trip.
+    rows = [(1, at, 30) for at in range(100)]
+    rows[50], rows[51] = rows[51], rows[50]
+    assert len(read_recording(write(path, 'Trip,time_s,speed_kmh', rows)).signals['speed_mps'].value) == 100

@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: Apache-2.0
+"""CAN frames as tools print them, a line each, and DBC files with parts missing."""
+
+import base64
+
+import numpy as np
+import pytest
+
+from bev_preheat.errors import InvalidInput
+from bev_preheat.logs.reading import read_recording
+
+DBC = """VERSION ""
+NS_ :
+BS_:
+BU_: BMS
+BO_ 341 BMS_State: 8 BMS
+ SG_ PackVoltage : 0|16@1+ (0.01,0) [0|655.35] "V" BMS
+ SG_ BattTempAvg : 16|8@1+ (0.5,-40) [-40|87.5] "degC" BMS
+ SG_ SOC : 24|8@1+ (0.5,0) [0|100] "%" BMS
+
+VAL_ 341 BattTempAvg 254 "SNA" 255 "invalid";
+"""
+TIMES_S = 0.5 * np.arange(60)
+START_S = 1_700_000_000.0
+
+
+def payload(at):
+    """Return 360 V, -10 + at / 2 degC, 80 %; every tenth frame has no voltage, the second no temperature."""
+    volts = 65535 if at % 10 == 9 else 36000
+    return bytes([volts & 255, volts >> 8, 254 if at == 1 else 60 + at, 160])
+
+
+def hexes(at, mark):
+    return mark.join(f'{each:02X}' for each in payload(at))
+
+
+FORMS = {
+    'candump': (lambda at, s: f'({START_S + s:.6f}) can0 155#{hexes(at, "")}', '', 'candump'),
+    'printed': (lambda at, s: f' ({START_S + s:.6f})  can0  155   [4]  {hexes(at, " ")}', '',
+                'candump on a screen'),
+    'with letters': (lambda at, s: f" ({s:010.6f})  can0  RX - -  155   [4]  {hexes(at, ' ')}   '....'", '',
+                     'candump on a screen'),
+    'gvret': (lambda at, s: f'{1e6 * s:.0f},00000155,false,Rx,0,4,{hexes(at, ",")},',
+              'Time Stamp,ID,Extended,Dir,Bus,LEN,D1,D2,D3,D4,D5,D6,D7,D8\n', 'SavvyCAN GVRET'),
+    # Its clock of 32 bits begins anew after 71 min.
+    'old gvret': (lambda at, s: f'{(4294960000 + int(1e6 * s)) % 2**32},155,false,0,4,{hexes(at, ",")}',
+                  'Time Stamp,ID,Extended,Bus,LEN,D1,D2,D3,D4,D5,D6,D7,D8\n', 'SavvyCAN GVRET'),
+    'crtd': (lambda at, s: f'{START_S + s:.6f} 1R11 155 {hexes(at, " ")}', '1700000000.0 CXX a comment\n', 'CRTD'),
+    'csv': (lambda at, s: f'{START_S + s},0x155,0,0,0,4,{base64.b64encode(payload(at)).decode()}',
+            'timestamp,arbitration_id,extended,remote,error,dlc,data\n', 'python-can CSV'),
+    'trc': (lambda at, s: f'{at + 1:7d} {1e3 * s:13.3f} DT     0155 Rx 4  {hexes(at, " ")}',
+            ';$FILEVERSION=2.0\n;$STARTTIME=45000.0\n;$COLUMNS=N,O,T,I,d,l,D\n;\n', 'PCAN TRC')}
+
+
+@pytest.mark.parametrize('line, head, kind', FORMS.values(), ids=FORMS)
+@pytest.mark.needs('can')
+@pytest.mark.needs('cantools')
+@pytest.mark.needs('pint')
+def test_each_form_has_the_same_readings(tmp_path, line, head, kind):
+    path = tmp_path / 'frames.txt'
+    path.write_text(head + '\n'.join(line(at, second) for at, second in enumerate(TIMES_S)) + '\n')
+    path.with_suffix('.dbc').write_text(DBC)
+    recording = read_recording(path)
+    assert recording.format == f'CAN frames ({kind})'
+    temperature = recording.signals['battery_temperature_c']
+    good = np.arange(60) != 1
+    np.testing.assert_allclose(temperature.value, (-10.0 + 0.5 * np.arange(60))[good])
+    np.testing.assert_allclose(temperature.time_s, TIMES_S[good], atol=1e-5)
+    assert set(recording.signals['voltage_v'].value) == {360.0} and len(recording.signals['voltage_v'].value) == 54
+    said = ' '.join(recording.remarks)
+    assert "BattTempAvg: 87 means 'SNA'; it is dropped" in said
+    assert 'PackVoltage: 655.4 has all bits set' in said or 'PackVoltage: 655.35 has all bits set' in said
+
+
+@pytest.mark.needs('can')
+@pytest.mark.needs('cantools')
+def test_frames_without_times_are_refused_with_advice(tmp_path):
+    path = tmp_path / 'frames.txt'
+    path.write_text('\n'.join(f'  can0  155   [4]  {hexes(at, " ")}' for at in range(9)))
+    path.with_suffix('.dbc').write_text(DBC)
+    with pytest.raises(InvalidInput, match='frames.txt, line 1: the frame has no time; record with candump -L'):
+        read_recording(path)
+
+
+@pytest.mark.parametrize('missing', [('BS_:\n',), ('BU_: BMS\n',), ('BS_:\n', 'BU_: BMS\n')])
+@pytest.mark.needs('can')
+@pytest.mark.needs('cantools')
+@pytest.mark.needs('pint')
+def test_a_dbc_without_nodes_is_read(tmp_path, missing):
+    line, _, _ = FORMS['candump']
+    path = tmp_path / 'frames.log'
+    path.write_text('\n'.join(line(at, second) for at, second in enumerate(TIMES_S)))
+    text = DBC
+    for each in missing:
+        text = text.replace(each, '')
+    path.with_suffix('.dbc').write_text(text)
+    assert read_recording(path).signals['soc'].value == pytest.approx(0.8)
