@@ -31,6 +31,8 @@ TYPICAL_AH, TYPICAL_KWH = 150.0, 60.0
 LEAST_DISTANCE_M, AGREEMENT = 500.0, 0.08
 # A car that moves draws so much in the mean, unless the road falls by this grade.
 MOVING_MPS, LEAST_DRIVING_W, LEAST_DRIVING_A, REGENERATING_GRADE = 3.0, 500.0, 2.0, 0.01
+# Correlation of power and acceleration that shows the sign of the power.
+LEAST_RESPONSE = 0.3
 # Mistaken units of a speed, by the factor that corrects the mistake.
 SPEED_FACTORS = {1.0 / 3.6: 'km/h taken as m/s', 3.6: 'm/s taken as km/h', 1.609344: 'mph taken as km/h',
                  1.0 / 1.609344: 'km/h taken as mph', 0.44704: 'mph taken as m/s', 1.0 / 0.44704: 'm/s taken as '
@@ -179,7 +181,7 @@ def _drives_harder(series: Series, speed_mps: FloatArray, moving: BoolArray) -> 
     good = moving & np.isfinite(accelerating)
     if good.sum() < 10 or np.ptp(accelerating[good]) == 0.0 or np.ptp(series.value[good]) == 0.0:
         return False
-    return bool(np.corrcoef(accelerating[good], series.value[good])[0, 1] > LEAST_CORRELATION)
+    return bool(np.corrcoef(accelerating[good], series.value[good])[0, 1] > LEAST_RESPONSE)
 
 
 def _distance(signals: Signals) -> Iterator[Doubt]:

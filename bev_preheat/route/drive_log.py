@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.errors import figure, InvalidInput
+from bev_preheat.logs.doubts import find_doubts
 from bev_preheat.logs.reading import read_recording
 from bev_preheat.logs.recording import Recording, Series
 from bev_preheat.logs.sampling import gaps, LEAST_GAP_S
@@ -57,7 +58,8 @@ def load_drive_logs(paths: Iterable[str | Path], defaults: Defaults, step_s: flo
     next one; gaps up to LONGEST_GAP_S or LONGEST_GAP_INTERVALS are bridged by linear interpolation. `signals` and
     `repair` as for `read_recording`.
 
-    Raises InvalidInput naming file, place and limit: missing signals, gaps too long or too many.
+    Raises InvalidInput naming file, place and limit: missing signals, a doubt about the sign of power or current,
+    gaps too long or too many.
     """
     if not 1.0 <= step_s <= 3600.0:
         raise InvalidInput(f'step: {step_s:g} s is not allowed; it must be 1 ... 3600 s')
@@ -66,6 +68,7 @@ def load_drive_logs(paths: Iterable[str | Path], defaults: Defaults, step_s: flo
     for path in paths:
         recording = read_recording(path, signals, repair, USED)
         remarks += recording.remarks
+        _refuse_turned(path, recording)
         pieces.append(_segments(path, recording, defaults, remarks))
     columns = {name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]}
     described = ', '.join(map(str, paths))
@@ -77,6 +80,15 @@ def load_drive_logs(paths: Iterable[str | Path], defaults: Defaults, step_s: flo
         remarks.append(f'{described}: net regeneration over the log; is the current really '
                        'positive when the battery is discharged?')
     return LoggedRoute(route, tuple(remarks))
+
+
+def _refuse_turned(path: str | Path, recording: Recording) -> None:
+    """Raise InvalidInput if power or current seem to have the opposite sign: the route would gain energy."""
+    turned = {doubt.signal: doubt.sentence for doubt in find_doubts(recording.signals) if doubt.factor < 0.0}
+    # The power is often computed from the current.
+    sentence = turned.get('current_a') or turned.get('power_w')
+    if sentence:
+        raise InvalidInput(f'{path}: {sentence}; read the log with repair (--repair) or a signal map')
 
 
 def _segments(path: str | Path, recording: Recording, defaults: Defaults,

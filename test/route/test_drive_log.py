@@ -189,7 +189,7 @@ def test_gaps_are_counted_in_one_remark(write):
 @pytest.mark.parametrize('name, value, plausible', [
     ('speed_mps', -0.5, '0 ... 350'), ('speed_mps', 430.0, '0 ... 350'),
     ('voltage_v', 0.0, '20 ... 1500'), ('voltage_v', -370.0, '20 ... 1500'),
-    ('current_a', 65535.0, '-3000 ... 3000'), ('current_a', -3200.0, '-3000 ... 3000'),
+    ('current_a', 65000.0, '-3000 ... 3000'), ('current_a', -3200.0, '-3000 ... 3000'),
     ('ambient_c', 271.0, '-60 ... 60'), ('ambient_c', -99.0, '-60 ... 60'),
     ('cabin_heater_w', -1.0, '0 ... 50000'), ('cabin_heater_w', 1e6, '0 ... 50000'),
     ('aircon_w', -9.0, '0 ... 50000')])
@@ -275,9 +275,8 @@ def test_a_log_that_runs_backwards_is_refused(write):
     log = samples()
     log['time_s'] = log['time_s'][::-1]
     problem, = problems_with(write(log))
-    assert problem == (', line 3: the time goes back by 1 s, in 59 places; a log must be one drive: split it, '
-                       'or name '
-                       'the channel of the time in a signal map')
+    assert problem == (', line 3: the time goes back by 1 s, and 59 of 60 readings lie before one above them; a log '
+                       'must be one drive: split it, or name the channel of the time in a signal map')
 
 
 def test_a_line_without_time_is_dropped(write):
@@ -383,13 +382,16 @@ def test_steps_that_make_no_sense_are_refused(write, step_s):
         load_drive_logs([write(samples())], DEFAULTS, step_s=step_s)
 
 
-def test_current_of_the_wrong_sign_is_noticed(write):
+def test_current_of_the_wrong_sign_is_refused_until_it_is_repaired(write):
     log = samples()
+    right = load_drive_logs([write(log)], DEFAULTS).route
     log['current_a'] = -log['current_a']
     path = write(log)
-    assert load_drive_logs([path], DEFAULTS).remarks == (
-        f'{path}: net regeneration over the log; is the current really positive when the '
-        'battery is discharged?',)
+    with pytest.raises(InvalidInput, match='current_a: is -.* A in the mean while the car drives; positive must mean '
+                       r'discharging; read the log with repair \(--repair\)') as refused:
+        load_drive_logs([path], DEFAULTS)
+    assert len(refused.value.problems) == 1
+    assert_same_route(load_drive_logs([path], DEFAULTS, repair=True).route, right, rtol=1e-9)
 
 
 # Measured drives --------------------------------------------------------------------------------
