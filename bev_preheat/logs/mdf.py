@@ -13,6 +13,7 @@ import numpy as np
 
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.logs.channels import Channel, Piece
+from bev_preheat.logs.child_process import in_child, ReaderLost
 from bev_preheat.logs.units import pint_unit, split_unit
 from bev_preheat.optional_packages import require
 
@@ -30,67 +31,86 @@ class Mdf:
 
     format = 'MDF'
     place = 'record'
-    times: tuple[str, ...] = ()
     decimal = '.'
+    times: tuple[str, ...] = ()
 
     def __init__(self, path: str | Path, databases: Collection[str | Path]) -> None:
         """Read the list of channels; raises InvalidInput if the file is damaged."""
         require('asammdf')
-        import asammdf
-        logging.getLogger('asammdf').setLevel(logging.CRITICAL)
-        for version in (asammdf.blocks.mdf_v3.MDF3, asammdf.blocks.mdf_v4.MDF4):
-            _quieten(version)
-        self._path = path
+        self._path, self._databases = path, tuple(map(str, databases))
         try:
-            file: Any = asammdf.MDF(path)
-            if databases:
-                file = file.extract_bus_logging({'CAN': [(str(each), 0) for each in databases]})
-            self._file = file
-            self._start_s = float(file.header.start_time.timestamp())
-            self._at: dict[str, tuple[int, int]] = {}
-            channels = []
-            for number, group in enumerate(file.groups):
-                for index, channel in enumerate(group.channels):
-                    # The time's own channel.
-                    if file.masters_db.get(number) == index:
-                        continue
-                    name = channel.name if channel.name not in self._at else f'{channel.name} #{number}'
-                    self._at[name] = (number, index)
-                    unit = getattr(channel, 'unit', '') or getattr(
-                        getattr(channel, 'conversion', None), 'unit', '')
-                    channels.append(Channel(name, pint_unit(unit or '') or split_unit(name).unit))
+            start_s, found = next(in_child(_described, path, self._databases))
         except Exception as error:
-            # asammdf raises errors of many kinds for damaged files.
+            # asammdf raises errors of many kinds for damaged files, and crashes on some.
             raise InvalidInput(f'{path}: cannot be read as MDF: '
                                f'{quoted(str(error) or type(error).__name__)}') from error
+        self._at: dict[str, tuple[int, int]] = {}
+        channels = []
+        for group, index, own_name, unit in found:
+            name = own_name if own_name not in self._at else f'{own_name} #{group}'
+            self._at[name] = (group, index)
+            channels.append(Channel(name, pint_unit(unit) or split_unit(name).unit))
         self.channels = tuple(channels)
-        self.absolute = self._start_s > 0.0
+        self._start_s = start_s
+        self.absolute = start_s > 0.0
 
     def use(self, signal_map: SignalMap) -> None:
         """Do nothing: each group of channels has its own time."""
 
     def pieces(self, wanted: Collection[str], remarks: Remarks) -> Iterator[Piece]:
         """Yield the Pieces of the wanted channels; see RawLog."""
-        for name in wanted:
-            group, index = self._at[name]
-            count = int(self._file.groups[group].channel_group.cycles_nr)
-            for first in range(0, count, BATCH):
-                try:
-                    signal = self._file.get(group=group, index=index, record_offset=first,
-                                            record_count=min(BATCH, count - first), ignore_invalidation_bits=False)
-                    values, time_s = np.asarray(signal.samples), np.asarray(signal.timestamps, dtype=float)
-                except Exception as error:
+        places = {name: self._at[name] for name in wanted}
+        try:
+            for name, first, time_s, values, problem in in_child(_readings, self._path, self._databases, places):
+                if problem:
                     remarks.add(f'mdf {name}', f'{self._path}: {name}: cannot be read from record {first} on '
-                                f'({quoted(str(error) or type(error).__name__)})')
-                    break
-                if values.ndim != 1 or values.dtype.kind not in 'biuf':
-                    if values.ndim != 1:
-                        break
-                    yield Piece(name, time_s + self._start_s, [_text(value) for value in values],
-                                first + np.arange(1, len(values) + 1))
+                                f'({quoted(problem)})')
                 else:
-                    yield Piece(name, time_s + self._start_s, values.astype(float),
-                                first + np.arange(1, len(values) + 1))
+                    yield Piece(name, time_s + self._start_s, values, first + np.arange(1, len(values) + 1))
+        except ReaderLost as error:
+            remarks.add('mdf', f'{self._path}: is damaged ({error}); the records before are used')
+
+
+def _open(path: str | Path, databases: Collection[str]) -> Any:
+    import asammdf
+    logging.getLogger('asammdf').setLevel(logging.CRITICAL)
+    for version in (asammdf.blocks.mdf_v3.MDF3, asammdf.blocks.mdf_v4.MDF4):
+        _quieten(version)
+    file = asammdf.MDF(path)
+    return file.extract_bus_logging({'CAN': [(each, 0) for each in databases]}) if databases else file
+
+
+def _described(path: str | Path,
+               databases: Collection[str]) -> Iterator[tuple[float, list[tuple[int, int, str, str]]]]:
+    """Yield the start [s] of a file, and group, index, name and unit of each channel but those of the time."""
+    file = _open(path, databases)
+    found = []
+    for number, group in enumerate(file.groups):
+        for index, channel in enumerate(group.channels):
+            if file.masters_db.get(number) != index:
+                unit = getattr(channel, 'unit', '') or getattr(getattr(channel, 'conversion', None), 'unit', '')
+                found.append((number, index, str(channel.name), str(unit or '')))
+    yield float(file.header.start_time.timestamp()), found
+
+
+def _readings(path: str | Path, databases: Collection[str],
+              places: dict[str, tuple[int, int]]) -> Iterator[tuple[str, int, Any, Any, str]]:
+    """Yield name, number of the first record, times [s] and values of channels; or the problem with them."""
+    file = _open(path, databases)
+    for name, (group, index) in places.items():
+        count = int(file.groups[group].channel_group.cycles_nr)
+        for first in range(0, count, BATCH):
+            try:
+                signal = file.get(group=group, index=index, record_offset=first,
+                                  record_count=min(BATCH, count - first), ignore_invalidation_bits=False)
+                values, time_s = np.asarray(signal.samples), np.asarray(signal.timestamps, dtype=float)
+            except Exception as error:
+                yield name, first, None, None, str(error) or type(error).__name__
+                break
+            if values.ndim != 1:
+                break
+            yield name, first, time_s, (values.astype(float) if values.dtype.kind in 'biuf' else
+                                        [_text(value) for value in values]), ''
 
 
 def _quieten(version: Any) -> None:

@@ -1,7 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Damaged logs are read or refused, never a traceback; memory stays bounded."""
 
+import os
 from random import Random
+import signal
+import time
+import zlib
 
 from logs_written import drive, write_json_lines, write_leafspy, write_long, write_wide
 from mutations import mutated
@@ -9,7 +13,9 @@ import numpy as np
 import pytest
 
 from bev_preheat.errors import InvalidInput
+from bev_preheat.logs import child_process
 from bev_preheat.logs import samples as samples_module
+from bev_preheat.logs.child_process import in_child, ReaderLost
 from bev_preheat.logs.reading import read_recording
 from bev_preheat.logs.samples import Samples
 
@@ -71,3 +77,97 @@ def test_a_line_without_end_is_refused(tmp_path, monkeypatch):
     path.write_text('time_s,speed_mps\n0,1\n1,2\n' + '3,' * (1 << 21), encoding='utf-8')
     with pytest.raises(InvalidInput, match='line 4: has more than 1048576 characters'):
         read_recording(path)
+
+
+def reader_that(does):
+    yield 1
+    if does == 'crashes':
+        os.kill(os.getpid(), signal.SIGKILL)
+    while does == 'waits':
+        time.sleep(0.1)
+    if does == 'fails':
+        raise InvalidInput('no')
+    yield 2
+
+
+@pytest.mark.parametrize('does, error, words', [
+    ('crashes', ReaderLost, 'its reader crashed'), ('waits', ReaderLost, 'nothing could be read for 0.5 s'),
+    ('fails', InvalidInput, 'no')])
+def test_a_reader_that_crashes_waits_or_fails_ends_and_has_yielded_before(monkeypatch, does, error, words):
+    monkeypatch.setattr(child_process, 'LONGEST_WAIT_S', 0.5)
+    read = []
+    with pytest.raises(error, match=words):
+        read.extend(in_child(reader_that, does))
+    read.append(next(in_child(reader_that, does)))
+    assert list(in_child(reader_that, 'ends')) == [1, 2]
+
+
+@pytest.mark.parametrize('level', [0, -1])
+@pytest.mark.needs('can')
+@pytest.mark.needs('cantools')
+@pytest.mark.needs('pint')
+def test_blf_objects_without_length_end_the_log_and_are_named(tmp_path, level):
+    import can
+    path = tmp_path / 'a.blf'
+    with can.BLFWriter(path, compression_level=level) as file:
+        for at in range(200):
+            file.on_message_received(can.Message(timestamp=1.7e9 + at, arbitration_id=341, is_extended_id=False,
+                                                 data=bytes([16, 14, 160, 0, 0, 0, 0, 0])))
+    (tmp_path / 'a.dbc').write_text(DBC, encoding='utf-8')
+    assert len(read_recording(path).signals['soc'].value) == 200
+    contents = bytearray(path.read_bytes())
+    # The container behind the head of the file: its own head, that of the compression, then objects.
+    start = 144 + 32
+    objects = bytearray(contents[start:] if level == 0 else zlib.decompress(contents[start:]))
+    # Of the 50th object.
+    length = int.from_bytes(objects[8:12], 'little')
+    objects[50 * length + 8:50 * length + 12] = bytes(4)
+    contents[start:] = objects if level == 0 else zlib.compress(objects)
+    contents[144 + 8:144 + 12] = (len(contents) - 144).to_bytes(4, 'little')
+    path.write_bytes(contents)
+    recording = read_recording(path)
+    assert len(recording.signals['soc'].value) == 50
+    assert any('is damaged' in remark and 'shorter than its header' in remark for remark in recording.remarks)
+
+
+@pytest.mark.parametrize('seed', range(3))
+@pytest.mark.needs('can')
+@pytest.mark.needs('cantools')
+@pytest.mark.needs('pint')
+@pytest.mark.needs('asammdf')
+@pytest.mark.needs('mcap')
+@pytest.mark.needs('rosbags')
+def test_binary_files_with_lengths_of_zero_or_all_ones_end_within_seconds(tmp_path, seed):
+    import asammdf
+    import can
+    import mcap.writer
+    (tmp_path / 'a.dbc').write_text(DBC, encoding='utf-8')
+    with can.BLFWriter(tmp_path / 'a.blf', compression_level=0) as file:
+        for at in range(50):
+            file.on_message_received(can.Message(timestamp=1.7e9 + at, arbitration_id=341, data=bytes(8)))
+    mdf = asammdf.MDF(version='4.10')
+    mdf.append(asammdf.Signal(np.arange(50.0), np.arange(50.0), name='speed', unit='km/h'))
+    mdf.save(tmp_path / 'a.mf4')
+    mdf.close()
+    with open(tmp_path / 'a.mcap', 'wb') as file:
+        writer = mcap.writer.Writer(file, compression=mcap.writer.CompressionType.NONE)
+        writer.start()
+        schema = writer.register_schema('std_msgs/msg/Float64', 'ros2msg', b'float64 data')
+        channel = writer.register_channel('/speed', 'cdr', schema)
+        for at in range(50):
+            writer.add_message(channel, at * 10**9, bytes([0, 1, 0, 0]) + bytes(8), at * 10**9)
+        writer.finish()
+    random = Random(seed)
+    for path in sorted(tmp_path.glob('a.[bm]*')):
+        contents = path.read_bytes()
+        for _ in range(12):
+            damaged, width = bytearray(contents), random.choice((2, 4, 8))
+            at = random.randrange(len(damaged) - width)
+            damaged[at:at + width] = random.choice((b'\0', b'\xff')) * width
+            path.write_bytes(damaged)
+            started_s = time.monotonic()
+            try:
+                read_recording(path)
+            except InvalidInput as error:
+                assert path.name in str(error)
+            assert time.monotonic() - started_s < 30.0

@@ -275,8 +275,8 @@ def test_a_log_that_runs_backwards_is_refused(write):
     log = samples()
     log['time_s'] = log['time_s'][::-1]
     problem, = problems_with(write(log))
-    assert problem == (', line 3: the time goes back by 1 s, and 59 of 60 readings lie before one above them; a log '
-                       'must be one drive: split it, or name the channel of the time in a signal map')
+    assert problem == (', line 3: the time goes back by 1 s, and 59 of 60 readings lie before one above them; a '
+                       'log must be one drive: split it, or name the channel of the time in a signal map')
 
 
 def test_a_line_without_time_is_dropped(write):
@@ -387,8 +387,8 @@ def test_current_of_the_wrong_sign_is_refused_until_it_is_repaired(write):
     right = load_drive_logs([write(log)], DEFAULTS).route
     log['current_a'] = -log['current_a']
     path = write(log)
-    with pytest.raises(InvalidInput, match='current_a: is -.* A in the mean while the car drives; positive must mean '
-                       r'discharging; read the log with repair \(--repair\)') as refused:
+    with pytest.raises(InvalidInput, match='current_a: is -.* A in the mean while the car drives; positive must '
+                       r'mean discharging; read the log with repair \(--repair\)') as refused:
         load_drive_logs([path], DEFAULTS)
     assert len(refused.value.problems) == 1
     assert_same_route(load_drive_logs([path], DEFAULTS, repair=True).route, right, rtol=1e-9)
