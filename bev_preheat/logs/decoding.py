@@ -110,8 +110,8 @@ class Decoder:
             shown = unit or own_unit(signal)
             # A signal's own name says its unit.
             if (unit or signal.endswith('_c')) and split_unit(self.channel).unit != shown:
-                remarks.add(f'unit {self.channel}', f'{path}: {self.channel}: has no unit; its readings are taken '
-                                                    f'as {shown}')
+                remarks.add(f'unit {signal}', f'{path}: {self.channel}: has no unit; its readings are taken as '
+                            f'{shown}', noun='channel')
         if self.source.other_units:
             self.hypotheses = (self.given, *(self.given._replace(unit=pint_unit(unit) or unit)
                                              for unit in self.source.other_units))

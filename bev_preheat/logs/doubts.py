@@ -10,6 +10,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.errors import figure
+from bev_preheat.logs.distances import (
+    AGREEMENT,
+    by_position,
+    by_speed,
+    distances,
+    integral,
+    LEAST_DISTANCE_M,
+    LONGEST_HOLD_S,
+)
 from bev_preheat.logs.recording import Series
 from bev_preheat.numerics.factors import EARTH_RADIUS_M
 
@@ -18,8 +27,6 @@ if TYPE_CHECKING:
 
 Signals = Mapping[str, Series]
 SECONDS_PER_HOUR, J_PER_KWH = 3600.0, 3.6e6
-# Intervals longer than this [s] have no known charge, energy or distance.
-LONGEST_HOLD_S = 120.0
 # A change of the state of charge that is clearly more than its resolution, and a clear correlation with the
 # charge.
 LEAST_SOC_CHANGE, LEAST_CORRELATION = 0.015, 0.7
@@ -27,8 +34,6 @@ LEAST_SOC_CHANGE, LEAST_CORRELATION = 0.015, 0.7
 CAPACITIES_AH, CAPACITIES_KWH = (8.0, 2000.0), (3.0, 1000.0)
 # Typical ones, nearest to which a scale is guessed.
 TYPICAL_AH, TYPICAL_KWH = 150.0, 60.0
-# Distance that tells a speed's unit [m], and the agreement that a unit must reach.
-LEAST_DISTANCE_M, AGREEMENT = 500.0, 0.08
 # A car that moves draws so much in the mean, unless the road falls by this grade.
 MOVING_MPS, LEAST_DRIVING_W, LEAST_DRIVING_A, REGENERATING_GRADE = 3.0, 500.0, 2.0, 0.01
 # Correlation of power and acceleration that shows the sign of the power.
@@ -37,6 +42,7 @@ LEAST_RESPONSE = 0.3
 SPEED_FACTORS = {1.0 / 3.6: 'km/h taken as m/s', 3.6: 'm/s taken as km/h', 1.609344: 'mph taken as km/h',
                  1.0 / 1.609344: 'km/h taken as mph', 0.44704: 'mph taken as m/s', 1.0 / 0.44704: 'm/s taken as '
                                                                                                   'mph'}
+ODOMETER_FACTORS = {1.609344: 'miles taken as km', 1.0 / 1.609344: 'km taken as miles'}
 # Hardest changes of speed on the road [m/s2], and the fastest usual travel [m/s].
 HARDEST_MPS2, FASTEST_MPS = 6.0, 62.0
 # A temperature that exceeds the other by more than FAR_K, and differs by less than NEAR_K if it is in degF.
@@ -48,12 +54,17 @@ LEAST_HEATER_W = 25.0
 
 @dataclass(frozen=True)
 class Doubt:
-    """A doubt about a signal: its sentence, and the linear correction (factor, offset) that removes it."""
+    """
+    A doubt about a signal: its sentence, and the linear correction (factor, offset) that removes it.
+
+    It is not clear if another correction of another signal would remove it too.
+    """
 
     signal: str
     sentence: str
     factor: float = 1.0
     offset: float = 0.0
+    is_clear: bool = True
 
     def repaired(self, series: Series) -> Series:
         """Return the corrected Series."""
@@ -67,13 +78,6 @@ def find_doubts(signals: Signals) -> tuple[Doubt, ...]:
         for doubt in check(signals):
             found.setdefault(doubt.signal, doubt)
     return tuple(found.values())
-
-
-def integral(series: Series) -> FloatArray:
-    """Return the integral of a signal up to each sample, shape (N,); long intervals count nothing."""
-    step_s = np.diff(series.time_s)
-    means = 0.5 * (series.value[1:] + series.value[:-1])
-    return np.concatenate([[0.0], np.cumsum(np.where(step_s <= LONGEST_HOLD_S, step_s, 0.0) * means)])
 
 
 def _balance(signals: Signals) -> Iterator[Doubt]:
@@ -185,51 +189,40 @@ def _drives_harder(series: Series, speed_mps: FloatArray, moving: BoolArray) -> 
 
 
 def _distance(signals: Signals) -> Iterator[Doubt]:
-    """Compare the integral of the speed with the distance by odometer or position."""
-    if 'speed_mps' not in signals:
+    """Compare speed and odometer with the distance by position, else with each other."""
+    speed, odometer, position = by_speed(signals), _by_odometer(signals), by_position(signals)
+    known = {signal: driven for signal, driven in (('speed_mps', speed), ('odometer_m', odometer))
+             if driven is not None and position is not None and distances(driven, position) is not None}
+    for signal, driven in known.items():
+        assert position is not None
+        yield from _mixed(signal, driven, position, 'position')
+    if 'speed_mps' not in known and speed is not None and odometer is not None:
+        yield from _mixed('speed_mps', speed, odometer, 'odometer')
+
+
+def _mixed(signal: str, driven: Series, other: Series, words: str) -> Iterator[Doubt]:
+    """Doubt the unit of a speed or an odometer by the distance that it gives and another one."""
+    found = distances(driven, other)
+    if found is None:
         return
-    speed = signals['speed_mps']
-    for driven, words in ((_by_odometer(signals), 'odometer'), (_by_position(signals), 'position')):
-        if driven is None:
-            continue
-        inside = (driven.time_s >= speed.time_s[0]) & (driven.time_s <= speed.time_s[-1])
-        if inside.sum() < 2:
-            continue
-        ends = driven.time_s[inside][[0, -1]]
-        length_m = float(np.ptp(driven.value[inside]))
-        integrated_m = float(np.diff(np.interp(ends, speed.time_s, integral(speed)))[0])
-        if length_m < LEAST_DISTANCE_M or integrated_m <= 0.0:
-            continue
-        ratio = length_m / integrated_m
-        for factor, mixed in SPEED_FACTORS.items():
-            if abs(ratio / factor - 1.0) < AGREEMENT:
-                yield Doubt('speed_mps', f'speed_mps: its integral is {integrated_m / 1000.0:.2f} km, the '
-                                         'distance by '
-                            f'{words} {length_m / 1000.0:.2f} km; {mixed}?', factor)
-                return
-        if abs(ratio - 1.0) < 2.0 * AGREEMENT:
+    own_m, other_m = found
+    is_speed = signal == 'speed_mps'
+    for factor, mixed in (SPEED_FACTORS if is_speed else ODOMETER_FACTORS).items():
+        if abs(other_m / own_m / factor - 1.0) < AGREEMENT:
+            # An odometer in miles looks as if the speed were too high.
+            both = words == 'odometer' and mixed == 'km/h taken as mph'
+            own = 'integral' if is_speed else 'change'
+            yield Doubt(signal, f'{signal}: its {own} is {own_m / 1000.0:.2f} km, the '
+                                f'distance by {words} {other_m / 1000.0:.2f} km; {mixed}'
+                                f'{", or an odometer in miles" if both else ""}?', factor, is_clear=not both)
             return
 
 
 def _by_odometer(signals: Signals) -> Series | None:
+    """Return the odometer, None if it is too coarse for the distance."""
     if 'odometer_m' not in signals or np.ptp(signals['odometer_m'].value) < 10.0 * LEAST_DISTANCE_M:
-        # Whole kilometres are too coarse for a short distance.
         return None
     return signals['odometer_m']
-
-
-def _by_position(signals: Signals) -> Series | None:
-    if not {'latitude_deg', 'longitude_deg'} <= signals.keys():
-        return None
-    latitude, longitude = signals['latitude_deg'], signals['longitude_deg']
-    north = np.radians(latitude.value)
-    east = np.radians(_at(latitude.time_s, longitude))
-    step_s = np.diff(latitude.time_s)
-    steps_m = EARTH_RADIUS_M * np.hypot(np.diff(north), np.diff(east) * np.cos(0.5 * (north[1:] + north[:-1])))
-    # Jumps of the receiver are no drives.
-    steps_m = np.where(np.isfinite(steps_m) & (steps_m <= 70.0 * np.maximum(step_s, 1.0))
-                       & (step_s <= LONGEST_HOLD_S), steps_m, 0.0)
-    return Series(latitude.time_s, np.concatenate([[0.0], np.cumsum(steps_m)]))
 
 
 def _motion(signals: Signals) -> Iterator[Doubt]:

@@ -8,6 +8,7 @@ from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
+from bev_preheat.logs.distances import AGREEMENT, by_position, distances, integral
 from bev_preheat.logs.recording import Series
 from bev_preheat.logs.units import ALIKE, conversion, own_unit
 
@@ -129,6 +130,9 @@ def likely(found: tuple[Hypothesis, ...], raw: Series, source: Source,
     if source.signal in USUAL:
         low, high = USUAL[source.signal]
         kept = [each for each in kept if low <= np.median(own[each]) <= high] or kept
+    position = by_position(signals) if source.signal in ('speed_mps', 'odometer_m') and len(kept) > 1 else None
+    if position is not None:
+        kept = [each for each in kept if _agrees(source.signal, Series(raw.time_s, own[each]), position)] or kept
     other = signals.get(OTHER.get(source.signal, ''))
     if other is not None and len(kept) > 1:
         far_k = {each: abs(float(np.median(own[each][:20]) - np.median(other.value[:20]))) for each in kept}
@@ -136,6 +140,15 @@ def likely(found: tuple[Hypothesis, ...], raw: Series, source: Source,
         if far_k[best] <= NEAR_K and far_k[second] - far_k[best] >= APART_K:
             return (best,)
     return tuple(kept)
+
+
+def _agrees(signal: str, series: Series, position: Series) -> bool:
+    """Return whether a speed or an odometer gives the distance by position."""
+    order = np.argsort(series.time_s, kind='stable')
+    series = Series(series.time_s[order], series.value[order])
+    driven = Series(series.time_s, integral(series)) if signal == 'speed_mps' else series
+    found = distances(driven, position)
+    return found is not None and abs(found[0] / found[1] - 1.0) < AGREEMENT
 
 
 def _leaps(values: FloatArray) -> int:

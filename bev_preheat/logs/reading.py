@@ -129,13 +129,15 @@ def _judge(path: str | Path, series: dict[str, Series], remarks: Remarks, repair
     # A corrected speed or current may settle the doubt about another signal.
     for _ in range(len(series)):
         doubts = find_doubts(series)
-        for doubt in doubts[:1] if repair else doubts:
-            done = 'repaired' if repair else 'to correct it, read the log with repair (--repair) or a signal map'
+        clear = [doubt for doubt in doubts if doubt.is_clear]
+        for doubt in clear[:1] if repair and clear else doubts:
+            done = 'name the unit in a signal map' if not doubt.is_clear else 'repaired' if repair else (
+                'to correct it, read the log with repair (--repair) or a signal map')
             remarks.add(f'doubt {doubt.signal} {doubt.factor:g}', f'{path}: {doubt.sentence} {done}'
                         if doubt.sentence.endswith('?') else f'{path}: {doubt.sentence}; {done}')
-            if repair:
+            if repair and doubt.is_clear:
                 series[doubt.signal] = doubt.repaired(series[doubt.signal])
-        if not doubts or not repair:
+        if not clear or not repair:
             return
 
 

@@ -77,6 +77,48 @@ def test_a_drive_is_not_doubted():
     assert find_doubts(signals) == ()
 
 
+def in_miles(folder, names, left_out=()):
+    """Write a drive whose speed and odometer are in miles, with these names."""
+    log = {name: values for name, values in drive(900.0).items() if name not in left_out}
+    driven_m = np.concatenate([[0.0], np.cumsum(0.5 * (log['speed_mps'][1:] + log['speed_mps'][:-1]))])
+    log |= {'speed_mps': log['speed_mps'] / 0.44704, 'odometer_m': (2e7 + driven_m) / 1609.344,
+            'soc': 100.0 * log['soc']}
+    return log, write_wide(folder / 'a.csv', log, names={name: names.get(name, name) for name in log})
+
+
+@pytest.mark.needs('pint')
+def test_miles_are_told_by_the_position(tmp_path):
+    # Names that tell no unit.
+    log, path = in_miles(tmp_path, {'speed_mps': 'speed', 'odometer_m': 'odo'})
+    said = ' '.join(read_recording(path).remarks)
+    assert 'mph taken as km/h?' in said and 'odometer_m: its change' in said and 'miles taken as km?' in said
+    repaired = read_recording(path, repair=True).signals
+    np.testing.assert_allclose(repaired['speed_mps'].value, 0.44704 * log['speed_mps'], rtol=1e-4)
+    np.testing.assert_allclose(repaired['odometer_m'].value, 1609.344 * log['odometer_m'], rtol=1e-4)
+    # Names of an export whose unit is open.
+    names = {'speed_mps': 'speed', 'odometer_m': 'odometer', 'soc': 'battery_level', 'ambient_c': 'outside_temp',
+             'latitude_deg': 'latitude', 'longitude_deg': 'longitude'}
+    recording = read_recording(in_miles(tmp_path, names)[1])
+    assert recording.signal_map == 'teslamate' and recording.sources['speed_mps'] == ('speed [mile/hour]',)
+    np.testing.assert_allclose(recording.signals['speed_mps'].value, 0.44704 * log['speed_mps'], rtol=1e-4)
+    # Without a position it stays a doubt.
+    recording = read_recording(in_miles(tmp_path, names, ('latitude_deg', 'longitude_deg'))[1])
+    assert any('speed: its readings' in each and 'may be in km/h or mile/hour; taken as km/h' in each
+               for each in recording.remarks)
+
+
+@pytest.mark.needs('pint')
+def test_an_odometer_in_miles_and_a_speed_in_other_units_explain_each_other(tmp_path):
+    log, path = in_miles(tmp_path, {'odometer_m': 'odo'}, ('latitude_deg', 'longitude_deg'))
+    written = {**log, 'speed_mps': 0.44704 * log['speed_mps'], 'soc': 0.01 * log['soc']}
+    path = write_wide(path, written, names={**{name: name for name in log}, 'odometer_m': 'odo'})
+    for repair in (False, True):
+        recording = read_recording(path, repair=repair)
+        assert any('km/h taken as mph, or an odometer in miles? name the unit in a signal map' in each
+                   for each in recording.remarks)
+        np.testing.assert_allclose(recording.signals['speed_mps'].value, 0.44704 * log['speed_mps'], rtol=1e-4)
+
+
 def test_a_moving_car_without_a_state_of_charge_tells_the_sign(tmp_path):
     log = drive(900.0)
     log = {name: log[name] for name in ('time_s', 'battery_temperature_c', 'speed_mps', 'ambient_c')}
