@@ -53,7 +53,7 @@ class LongCsv:
         found: dict[str, str] = {}
         for _, cells in rows.cells():
             units: Sequence[str] = cells[unit] if unit is not None else ('',) * len(cells[name])
-            for channel, text in set(zip(cells[name], units)):
+            for channel, text in dict.fromkeys(zip(cells[name], units)):
                 if channel and not found.get(channel):
                     found[channel] = pint_unit(text) or split_unit(channel).unit
             if len(found) > MOST_CHANNELS:

@@ -20,7 +20,7 @@ from bev_preheat.logs.recording import Recording, Series
 from bev_preheat.logs.remarks import Remarks
 from bev_preheat.logs.samples import Samples
 from bev_preheat.logs.signal_map import load_signal_map, plain, recognised_map, SignalMap
-from bev_preheat.logs.units import is_stated, measures, split_unit
+from bev_preheat.logs.units import is_stated, measures, pint_unit, split_unit
 
 LONGEST_LIST = 400
 FASTEST_MPS = 100.0
@@ -91,7 +91,8 @@ def read_recording(path: str | Path, signals: str | Path | SignalMap | None = No
 
 
 def _described(decoder: Decoder) -> str:
-    named = decoder.given.unit and not split_unit(decoder.channel).unit
+    unit = pint_unit(decoder.given.unit) or decoder.given.unit
+    named = unit and split_unit(decoder.channel).unit != unit
     return f'{decoder.channel} [{decoder.given.unit}]' if named else decoder.channel
 
 

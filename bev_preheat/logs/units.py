@@ -87,8 +87,8 @@ def split_unit(header: str) -> NamedUnit:
 
 def is_stated(name: str, unit: str) -> bool:
     """Return whether the unit of a channel was given as one, not read from the last word of its name."""
-    # battery_temp_min is no duration in minutes.
-    return bool(unit) and (split_unit(name).unit != unit or IN_BRACKETS.match(name) is not None)
+    # battery_temp_min and Temperature (min) are no durations in minutes.
+    return unit not in ('', 'minute') and (split_unit(name).unit != unit or IN_BRACKETS.match(name) is not None)
 
 
 def measures(unit: str, signal: str) -> bool:

@@ -142,6 +142,77 @@ def test_json_lines_with_nested_fields_that_arrive_singly(tmp_path):
     assert_is(recording, log, list(names), rtol=1e-4, atol=1e-4)
 
 
+def iso_times(log):
+    return moments(log, '%Y-%m-%dT%H:%M:%SZ')
+
+
+@pytest.mark.needs('pint')
+def test_a_history_of_home_assistant(tmp_path):
+    log = drive(600.0, 5.0)
+    names = {'battery_temperature_c': ('sensor.my_car_battery_temperature', 1.0),
+             'soc': ('sensor.my_car_soc', 100.0),
+             'speed_mps': ('sensor.my_car_speed', 3.6), 'ambient_c': ('sensor.my_car_outside_temperature', 1.0)}
+    lines = ['entity_id,state,last_changed']
+    for signal, (entity, factor) in names.items():
+        for at, moment in enumerate(iso_times(log)):
+            lines.append(f'{entity},{factor * log[signal][at]:.5f},{moment}')
+            lines += [f'{entity},{word},{moment}' for word in ('unavailable', 'unknown') if at == 7]
+    path = tmp_path / 'history.csv'
+    path.write_text('\n'.join(lines) + '\n')
+    recording = read_recording(path)
+    assert recording.format == 'CSV, one reading a line' and recording.start_s == START_S
+    assert_is(recording, log, list(names), rtol=1e-4, atol=1e-4)
+    assert all('has no unit' in remark for remark in recording.remarks)
+
+
+@pytest.mark.parametrize('is_home_assistant', [False, True])
+@pytest.mark.needs('pint')
+def test_an_annotated_csv_of_influxdb(tmp_path, is_home_assistant):
+    log = drive(600.0, 5.0)
+    names = {'battery_temperature_c': ('battery_temp', '°F'), 'speed_mps': ('speed', 'm/s'),
+             'ambient_c': ('outside_temp', '°C')}
+    times = '2023-01-01T00:00:00Z,2024-01-01T00:00:00Z'
+    lines = ['#group,false,false,true,true,false,false,true,true,true', '#default,_result,,,,,,,,',
+             ',result,table,_start,_stop,_time,_value,_field,_measurement,'
+             + ('entity_id' if is_home_assistant else 'host')]
+    for signal, (name, unit) in names.items():
+        for at, moment in enumerate(iso_times(log)):
+            value = log[signal][at]
+            if is_home_assistant:
+                value = 1.8 * value + 32.0 if unit == '°F' else value
+                lines.append(f',,0,{times},{moment},{value:.5f},value,{unit},{name}')
+            else:
+                value = 3.6 * value if signal == 'speed_mps' else value
+                lines.append(f',,0,{times},{moment},{value:.5f},{name},car,h')
+    path = tmp_path / 'influx.csv'
+    path.write_text('\n'.join(lines) + '\n', encoding='utf-8')
+    assert_is(read_recording(path), log, list(names), rtol=1e-4, atol=1e-4)
+
+
+@pytest.mark.parametrize('heading, first_ms', [
+    ('time_ms', 2**32 + 5e6), ('Timestamp(ms)', 3e9), ('time', 2**32 + 5e6), ('time', 3e9),
+    ('time_ms', 2**32 - 60e3)])
+@pytest.mark.needs('pint')
+def test_milliseconds_of_a_counter_of_32_bits_and_of_more(tmp_path, heading, first_ms):
+    log = drive(120.0)
+    end = 2**32 if first_ms < 2**32 else 2**60
+    times = [f'{(first_ms + 1e3 * second) % end:.0f}' for second in log['time_s']]
+    recording = read_recording(write_wide(
+        tmp_path / 'a.csv', log, names={**{name: name for name in log}, 'time_s': heading}, times=times))
+    assert recording.duration_s == pytest.approx(120.0)
+    assert recording.start_s is None
+    assert_is(recording, log)
+
+
+def test_a_table_with_t_env_c_has_no_time_called_env(tmp_path):
+    log = drive(60.0)
+    names = {'time_s': 't_s', 'ambient_c': 't_env_c', 'battery_temperature_c': 'T_batt_C', 'speed_mps': 'v_mps',
+             'odometer_m': 's_m'}
+    log['odometer_m'] = 16.0 * log['time_s']
+    recording = read_recording(write_wide(tmp_path / 'a.csv', {name: log[name] for name in names}, names=names))
+    assert_is(recording, log, list(names)[1:])
+
+
 def test_damaged_lines_are_one_remark_a_cause(tmp_path):
     log = drive(200.0)
     path = write_wide(tmp_path / 'a.csv', log)
