@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Readings whose raw value has all bits set, by which control units say that they have none."""
+"""Readings whose raw value has all bits set (but the sign), by which control units say that they have none."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ import numpy as np
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import BoolArray, FloatArray
 
-# The largest values of one and two bytes, and the usual resolutions and offset of a signal.
+# The largest values of one byte and of two, and the usual resolutions and offset of a signal.
 BYTES = tuple(255.0 * step + offset for step in (1.0, 0.5, 0.1) for offset in (0.0, -40.0))
-WORDS = tuple(65535.0 * step for step in (1.0, 0.1, 0.01, 0.001))
+WORDS = tuple(full * step for step in (1.0, 0.1, 0.01, 0.001) for full in (65535.0, 32767.0, -32768.0))
 # A reading stands apart if no other is nearer than this share of it; for one byte, a tenth of a degree is a
 # reading, so there a distance [K] that no temperature jumps is needed too.
 APART, BYTE_APART_K = 0.1, 15.0

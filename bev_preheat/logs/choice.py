@@ -30,7 +30,7 @@ MEAN = re.compile(r'mean|av(era)?g|mittel|mittler|durchschn|сред|平均', re
 
 
 class Candidates(NamedTuple):
-    """Groups of channels that may be a signal, the best first; names that match but are no readings of it."""
+    """Groups of channels that may be a signal, the best first; names that match but are no readings."""
 
     groups: tuple[tuple[str, ...], ...]
     excluded: tuple[str, ...]

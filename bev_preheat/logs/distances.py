@@ -49,7 +49,7 @@ def by_position(signals: Mapping[str, Series]) -> Series | None:
 
 
 def distances(driven: Series, other: Series) -> tuple[float, float] | None:
-    """Return the distances [m] that two courses of it have in the time that both cover, None if they are short."""
+    """Return two distances [m] in the time that both series cover, None if they are short."""
     inside = (other.time_s >= driven.time_s[0]) & (other.time_s <= driven.time_s[-1])
     if inside.sum() < 2:
         return None

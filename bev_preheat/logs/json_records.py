@@ -54,7 +54,7 @@ def _has_time(item: Mapping[str, Any]) -> bool:
 
 
 def _columns(value: Any, depth: int = 0) -> list[dict[str, Any]] | None:
-    """Return records of an object with a list for each channel, one of which is the time; None for another."""
+    """Return records of an object with a list for each channel, the time among them; None for another."""
     if not isinstance(value, dict) or depth > DEEPEST:
         return None
     lists = {key: each for key, each in value.items() if isinstance(each, list) and len(each) > 1}

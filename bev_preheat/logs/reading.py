@@ -24,6 +24,10 @@ from bev_preheat.logs.units import is_stated, measures, pint_unit, split_unit
 
 LONGEST_LIST = 400
 FASTEST_MPS = 100.0
+# Jumps of the state of charge and of the odometer [m] within a time [s] that no car makes to and fro; with two cars
+# in a log they turn at least so often, and at such a share of the steps.
+LEAST_SOC_JUMP, LEAST_ODOMETER_JUMP_M, LONGEST_JUMP_S = 0.03, 2000.0, 120.0
+LEAST_TURNS, SHARE_OF_TURNS = 5, 0.05
 # Names of channels that tell the car.
 CAR = re.compile(r'(.*\.)?((car|veh(icle)?)( ?(id|no|nr|num(ber)?|name))?|vin)')
 
@@ -77,6 +81,7 @@ def read_recording(path: str | Path, signals: str | Path | SignalMap | None = No
         raise InvalidInput([f'{path}: no signal has a valid reading', *remarks.sentences()])
     sources = {signal: tuple(_described(decoders[signal, channel]) for channel in channels)
                for signal, channels in used.items()}
+    _refuse_to_and_fro(path, series)
     _judge(path, series, remarks, repair)
     _drop_too_fast(path, series, remarks)
     _add_power(series, sources)
@@ -114,6 +119,20 @@ def _refuse_several(path: str | Path, channel: str, cars: set[str]) -> None:
     if len(cars) > 1:
         raise InvalidInput(f'{path}: {channel} is {" and ".join(map(quoted, sorted(cars)[:2]))}; a log must be of '
                            'one car: split it')
+
+
+def _refuse_to_and_fro(path: str | Path, series: dict[str, Series]) -> None:
+    """Refuse a log whose state of charge or odometer alternates, as those of two cars in one log do."""
+    for signal, least in (('soc', LEAST_SOC_JUMP), ('odometer_m', LEAST_ODOMETER_JUMP_M)):
+        if signal not in series:
+            continue
+        each = series[signal]
+        steps = np.diff(each.value)
+        large = np.flatnonzero((np.abs(steps) > least) & (np.diff(each.time_s) <= LONGEST_JUMP_S))
+        turns = int((np.diff(np.sign(steps[large])) != 0.0).sum())
+        if turns >= LEAST_TURNS and turns > SHARE_OF_TURNS * len(steps):
+            raise InvalidInput(f'{path}: {signal} jumps to and fro between {figure(each.value[large[0]])} and '
+                               f'{figure(each.value[large[0] + 1])}; a log must be of one car: split it')
 
 
 def _unused(log: RawLog, used: dict[str, tuple[str, ...]], found: dict[str, Candidates]) -> tuple[str, ...]:

@@ -63,7 +63,7 @@ def text_kind(lines: list[str]) -> str:
 
 
 def text_frames(path: str | Path, kind: str, encoding: str, remarks: Remarks | None) -> Iterator[Frame]:
-    """Yield the frames of a text of a kind; remark on lines that are none."""
+    """Yield the frames of a text of a kind; remark on other lines."""
     scale, rounds = SCALES.get(kind, 1.0), Rounds(COUNTER * SCALES[kind]) if kind in SCALES else None
     for first, lines in line_blocks(path, encoding):
         for number, line in enumerate(map(str.strip, lines), start=first):

@@ -92,6 +92,18 @@ def test_two_cars_in_one_log_are_refused(tmp_path, header):
         read_recording(path)
 
 
+@pytest.mark.parametrize('column, low, high', [('soc', 0.5, 0.8), ('odometer_m', 1e7, 3e7)])
+def test_two_cars_without_a_name_are_told_by_what_alternates(tmp_path, column, low, high):
+    path = write(tmp_path / 'a.csv', f'time_s,{column},speed_mps',
+                 [(at, (low, high)[at % 2], 9) for at in range(40)])
+    with pytest.raises(InvalidInput, match=f'{column} jumps to and fro between .*; a log must be of one car'):
+        read_recording(path)
+    # A single wild reading is not another car.
+    path = write(tmp_path / 'a.csv', f'time_s,{column},speed_mps', [(at, high if at == 9 else low, 9)
+                                                                    for at in range(40)])
+    assert len(read_recording(path).signals[column].value) == 40
+
+
 def test_trips_whose_clock_begins_anew_are_refused(tmp_path):
     path = write(tmp_path / 'a.csv', 'Trip,time_s,speed_kmh',
                  [(trip, at, 30 * trip) for trip in (1, 2) for at in range(100)])

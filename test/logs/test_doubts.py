@@ -88,7 +88,7 @@ def in_miles(folder, names, left_out=()):
 
 @pytest.mark.needs('pint')
 def test_miles_are_told_by_the_position(tmp_path):
-    # Names that tell no unit.
+    # Names without a unit.
     log, path = in_miles(tmp_path, {'speed_mps': 'speed', 'odometer_m': 'odo'})
     said = ' '.join(read_recording(path).remarks)
     assert 'mph taken as km/h?' in said and 'odometer_m: its change' in said and 'miles taken as km?' in said

@@ -56,7 +56,7 @@ def test_a_single_wild_reading_is_dropped_and_explained_by_nothing(tmp_path):
     assert '250 is implausible' in said and 'plausible;' not in said
 
 
-@pytest.mark.parametrize('nothing', [65.535, 655.35, 6553.5, 65535.0, 255.0, 127.5, 215.0])
+@pytest.mark.parametrize('nothing', [65.535, 655.35, 6553.5, 65535.0, 255.0, 127.5, 215.0, 32.767])
 @pytest.mark.needs('pint')
 def test_all_bits_set_is_no_reading(tmp_path, nothing):
     readings = np.where(np.arange(301) < 100, nothing, 2.0)

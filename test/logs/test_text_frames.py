@@ -42,7 +42,7 @@ FORMS = {
                      'candump on a screen'),
     'gvret': (lambda at, s: f'{1e6 * s:.0f},00000155,false,Rx,0,4,{hexes(at, ",")},',
               'Time Stamp,ID,Extended,Dir,Bus,LEN,D1,D2,D3,D4,D5,D6,D7,D8\n', 'SavvyCAN GVRET'),
-    # Its clock of 32 bits begins anew after 71 min.
+    # Its clock of 32 bits begins again after 71 min.
     'old gvret': (lambda at, s: f'{(4294960000 + int(1e6 * s)) % 2**32},155,false,0,4,{hexes(at, ",")}',
                   'Time Stamp,ID,Extended,Bus,LEN,D1,D2,D3,D4,D5,D6,D7,D8\n', 'SavvyCAN GVRET'),
     'crtd': (lambda at, s: f'{START_S + s:.6f} 1R11 155 {hexes(at, " ")}', '1700000000.0 CXX a comment\n', 'CRTD'),
