@@ -24,8 +24,8 @@ from bev_preheat.logs.units import is_stated, measures, pint_unit, split_unit
 
 LONGEST_LIST = 400
 FASTEST_MPS = 100.0
-# Jumps of the state of charge and of the odometer [m] within a time [s] that no car makes to and fro; with two cars
-# in a log they turn at least so often, and at such a share of the steps.
+# Jumps of the state of charge and of the odometer [m] within a time [s] that no car makes to and fro; with two
+# cars in a log they turn at least so often, and at such a share of the steps.
 LEAST_SOC_JUMP, LEAST_ODOMETER_JUMP_M, LONGEST_JUMP_S = 0.03, 2000.0, 120.0
 LEAST_TURNS, SHARE_OF_TURNS = 5, 0.05
 # Names of channels that tell the car.
