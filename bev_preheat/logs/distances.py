@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.logs.recording import Series
+from bev_preheat.numerics.factors import EARTH_RADIUS_M
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
@@ -17,7 +18,6 @@ if TYPE_CHECKING:
 LONGEST_HOLD_S = 120.0
 # Distance that tells a speed's unit [m], and the agreement that a unit must reach.
 LEAST_DISTANCE_M, AGREEMENT = 500.0, 0.08
-EARTH_RADIUS_M = 6371008.8
 
 
 def integral(series: Series) -> FloatArray:

@@ -20,7 +20,6 @@ from bev_preheat.logs.distances import (
     LONGEST_HOLD_S,
 )
 from bev_preheat.logs.recording import Series
-from bev_preheat.numerics.factors import EARTH_RADIUS_M
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import BoolArray, FloatArray
