@@ -15,11 +15,13 @@ if TYPE_CHECKING:
 
 
 def add_log_arguments(parser: ArgumentParser, needs_logs: bool = True) -> None:
-    """Add the logs, at least one if the command `needs_logs`, and `--signals`."""
+    """Add the logs, at least one if the command `needs_logs`, `--signals` and `--repair`."""
     parser.add_argument('logs', nargs='+' if needs_logs else '*', metavar='LOG',
                         help='recorded drives, charging sessions, nights at stand')
     parser.add_argument('--signals', metavar='NAME|FILE',
                         help="signal map of the logs (default: found from the logs' names of signals)")
+    parser.add_argument('--repair', action='store_true',
+                        help='correct mix-ups of sign, unit and scale that physics reveals')
 
 
 def read_trips(arguments: Namespace, vehicle: Vehicle, is_fit: bool = False) -> list[Trip]:
@@ -34,7 +36,7 @@ def read_trips(arguments: Namespace, vehicle: Vehicle, is_fit: bool = False) -> 
     from bev_preheat.logs.reading import read_recording
 
     def trip(path: str) -> Trip:
-        recording = read_recording(Path(path), arguments.signals)
+        recording = read_recording(Path(path), arguments.signals, arguments.repair)
         if is_fit:
             refuse_doubted(recording)
         return trip_of(recording, vehicle)

@@ -79,7 +79,7 @@ def refuse_doubted(recording: Recording) -> None:
         doubts.pop('power_w', None)
     if doubts:
         raise InvalidInput([f'{recording.name}: {doubt}{"" if doubt.endswith("?") else ";"} correct it in the '
-                            'log, or with a signal map' for doubt in doubts.values()])
+                            'log, with repair (--repair) or with a signal map' for doubt in doubts.values()])
 
 
 def _implausible(name: str, signals: Signals) -> list[str]:
