@@ -16,6 +16,8 @@ WORDS = tuple(full * step for step in (1.0, 0.1, 0.01, 0.001) for full in (65535
 # A reading stands apart if no other is nearer than this share of it; for one byte, a tenth of a degree is a
 # reading, so there a distance [K] that no temperature jumps is needed too.
 APART, BYTE_APART_K = 0.1, 15.0
+# A sensor may stay at a lower value.
+LEAST_CONSTANT = 60.0
 
 
 def all_ones(numbers: FloatArray, is_temperature: bool, full: tuple[float, ...] = ()) -> BoolArray:
@@ -30,7 +32,7 @@ def all_ones(numbers: FloatArray, is_temperature: bool, full: tuple[float, ...] 
     for value in full or (WORDS + BYTES if is_temperature else WORDS):
         same = np.abs(finite - value) <= 1e-6 * max(abs(value), 1.0)
         others = finite[~same]
-        if not same.any() or (not others.size and value in BYTES and not full):
+        if not same.any() or (not others.size and value < LEAST_CONSTANT and not full):
             continue
         least = max(APART * abs(value), BYTE_APART_K if value in BYTES and not full else 0.0)
         if not others.size or np.abs(others - value).min() >= least:

@@ -86,9 +86,11 @@ def split_unit(header: str) -> NamedUnit:
 
 
 def is_stated(name: str, unit: str) -> bool:
-    """Return whether the unit of a channel was given as one, not read from the last word of its name."""
-    # battery_temp_min and Temperature (min) are no durations in minutes.
-    return unit not in ('', 'minute') and (split_unit(name).unit != unit or IN_BRACKETS.match(name) is not None)
+    """Return whether the unit of a channel was given as one, not read from a letter at the end of its name."""
+    end = AT_END.match(name.strip()) if len(name) <= LONGEST_NAME else None
+    # battery_temp_min and Temperature (min) are no durations in minutes, sensor_A and sensor_1 have no unit.
+    is_word = end is not None and IN_BRACKETS.match(name) is None and len(end[2]) == 1 and end[2] != '%'
+    return unit not in ('', 'minute') and not (is_word and split_unit(name).unit == unit)
 
 
 def measures(unit: str, signal: str) -> bool:

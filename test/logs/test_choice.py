@@ -32,6 +32,7 @@ def chosen(signal, **units):
      ('battery_temp_min', 'battery_temp_max')),
     ('battery_temperature_c', {'Battery temp (min)': 'minute', 'Battery temp (max)': ''},
      ('Battery temp (min)', 'Battery temp (max)')),
+    ('battery_temperature_c', {'battery temp %': 'percent', 'battery temp': ''}, ('battery temp',)),
     ('soc', {'A__BatSOC_cold': 'percent', 'A__BatSOC': 'percent'}, ('A.BatSOC',)),
     ('soc', {'Pack_SOC__Mean292': 'percent'}, ('Pack_SOC.Mean292',)),
     ('voltage_v', {'B__BattVoltLink': 'volt', 'B__BattVolt': 'volt'}, ('B.BattVolt',)),
