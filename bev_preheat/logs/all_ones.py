@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 # The largest values of one byte and of two, and the usual resolutions and offset of a signal.
 BYTES = tuple(255.0 * step + offset for step in (1.0, 0.5, 0.1) for offset in (0.0, -40.0))
 WORDS = tuple(full * step for step in (1.0, 0.1, 0.01, 0.001) for full in (65535.0, 32767.0, -32768.0))
-# A reading stands apart if no other is nearer than this share of it; for one byte, a tenth of a degree is a
+# A reading stands apart if no other is nearer than this share of its value; for one byte, a tenth of a degree is a
 # reading, so there a distance [K] that no temperature jumps is needed too.
 APART, BYTE_APART_K = 0.1, 15.0
 # A sensor may stay at a lower value.

@@ -132,7 +132,7 @@ def _blf_reader(path: str | Path) -> Any:
 
 
 def _sound_length(data: bytes) -> int | None:
-    """Return the length of the objects of BLF before one that is shorter than its header, None without such."""
+    """Return the length of the BLF objects before an object shorter than its header, None without such."""
     at = 0
     while (at := data.find(b'LOBJ', at, at + 8)) >= 0 and at + OBJECT_HEADER_BYTES <= len(data):
         length = int.from_bytes(data[at + 8:at + 12], 'little')
@@ -167,7 +167,7 @@ def _messages(path: str | Path, kind: str, databases: Collection[str | Path]) ->
 
 
 def open_can_frames(path: str | Path, head: bytes, databases: Collection[str | Path]) -> CanFrames | None:
-    """Return the open recording if a file begins as one of CAN frames does, else None."""
+    """Return the open recording if a file begins as recordings of CAN frames do, else None."""
     kind, encoding = _kind_of(head)
     return CanFrames(path, kind, encoding, databases) if kind else None
 

@@ -8,7 +8,7 @@ from contextlib import suppress
 import multiprocessing
 from typing import Any
 
-# A reader that yields nothing for so long [s] has lost its way in the file.
+# Without a reading in this time [s] the reader has lost its way in the file.
 LONGEST_WAIT_S = 60.0
 MOST_MEMORY_BYTES = 8 << 30
 
@@ -19,7 +19,7 @@ class ReaderLost(Exception):
 
 def in_child(reader: Callable[..., Iterator[Any]], *arguments: Any) -> Iterator[Any]:
     """
-    Yield what a generator function yields, from a process of its own.
+    Yield the values of a generator function that runs in a process of its own.
 
     Raises its exceptions; ReaderLost if it crashes or yields nothing for LONGEST_WAIT_S. Where processes cannot be
     forked it runs in this one.

@@ -22,7 +22,7 @@ NO_READING = frozenset((
     'limit', 'lim', 'threshold', 'setpoint', 'target', 'soll', 'request', 'req', 'cmd', 'enable', 'mode',
     'derating'))
 NO_READING_AT_END = frozenset(('id', 'no', 'nr', 'num', 'number', 'state', 'sel', 'bit', 'sna', 'active'))
-# Sensors of one kind differ in these words, a number or a letter; the number of a car is none of these.
+# Sensors of one kind differ in these words, a number or a letter; not in the number of a car.
 OF_A_KIND = re.compile(r'(?P<car>(car|veh(icle)?|auto)[ _]?\d+|^[^.]*/)|\d+|min(imum|imal)?|max(imum|imal)?|'
                        r'low(est)?|high(est)?|hot(test)?|cold(est)?|front|rear|'
                        r'left|right|links|rechts|(?<![^\W_])[a-z](?![^\W_])')

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 import re
 from typing import Any, TYPE_CHECKING
@@ -14,7 +14,7 @@ from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.files.checked_yaml import load_checked_yaml
 from bev_preheat.files.configuration import configuration_folder, find_configuration
 from bev_preheat.logs.recording import SIGNALS
-from bev_preheat.logs.units import check_unit, LONGEST_NAME, own_unit, split_unit
+from bev_preheat.logs.units import check_unit, LONGEST_NAME, MOST_NAMES, own_unit, split_unit
 
 if TYPE_CHECKING:
     from bev_preheat.files.checked_yaml import FileData
@@ -123,6 +123,7 @@ def matches(entry: str, name: str, touches_last: bool = False) -> bool:
         plain(entry) == plain(last) and plain(last) not in NOT_ALONE)
 
 
+@lru_cache(MOST_NAMES)
 def plain(name: str) -> str:
     """Return a name in the form in which names are compared."""
     return ' '.join(re.sub(r'[\s_\-]+', ' ', name).split()).casefold()

@@ -57,7 +57,8 @@ def find_time_column(header: Sequence[str], units: Sequence[str], rows: Sequence
     ranked += [at for pattern in NAMES for at, name in enumerate(header)
                if re.search(pattern, name.rpartition('.')[2].strip(), re.IGNORECASE) and not DURATION.search(name)]
     stated = {name: pint_unit(unit) or split_unit(name).unit for name, unit in zip(header, units)}
-    taken = {name for source in signal_map.sources.values() for group in candidates(source, stated).groups[:1]
+    may_be = {header[at]: stated[header[at]] for at in ranked}
+    taken = {name for source in signal_map.sources.values() for group in candidates(source, may_be).groups[:1]
              for name in group}
     # A t_env_c is a temperature.
     ranked = [at for at in ranked if header[at] not in taken and (

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, lru_cache
 import re
 from typing import NamedTuple
 
@@ -48,6 +48,8 @@ ALIKE = {'degC': ('degC', 'degF', 'kelvin'), '1': ('1', 'percent'), 'volt': ('vo
          'meter/second': ('meter/second', 'kilometer/hour', 'mile/hour'), 'degree': ('degree',)}
 # Longer texts are no names of channels; regular expressions would take minutes for some texts.
 LONGEST_NAME = 200
+# Names whose parts are remembered.
+MOST_NAMES = 20_000
 IN_BRACKETS = re.compile(r'^(.*?)\s*[\[(]\s*([^\])]*?)\s*[\])]\s*$')
 AT_END = re.compile(r'^(.+?)[ _/]+([^ _]+)$')
 
@@ -76,6 +78,7 @@ def own_unit(signal: str) -> str:
     return OWN_UNITS[signal.rpartition('_')[2]]
 
 
+@lru_cache(MOST_NAMES)
 def split_unit(header: str) -> NamedUnit:
     """Return the NamedUnit of a header such as `Speed [km/h]`, `speed_kmh`, `Pack T1 C`; unit '' if unknown."""
     for pattern in (IN_BRACKETS, AT_END) if len(header) <= LONGEST_NAME else ():
@@ -85,6 +88,7 @@ def split_unit(header: str) -> NamedUnit:
     return NamedUnit(header.strip(), '')
 
 
+@lru_cache(MOST_NAMES)
 def is_stated(name: str, unit: str) -> bool:
     """Return whether the unit of a channel was given as one, not read from a letter at the end of its name."""
     end = AT_END.match(name.strip()) if len(name) <= LONGEST_NAME else None
