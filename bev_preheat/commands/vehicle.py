@@ -20,13 +20,7 @@ from bev_preheat.numerics.factors import S_PER_MIN
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.vehicle import load_vehicle, vehicle_file
 from bev_preheat.vehicle.assumptions import key_in_words
-from bev_preheat.vehicle.charging_curve import (
-    HEADER,
-    is_charging_limit,
-    LIMIT_HEADER,
-    read_charging_curve,
-    read_charging_limit,
-)
+from bev_preheat.vehicle.charging_curve import HEADER, read_charging_curve
 from bev_preheat.vehicle.chemistry import CHEMISTRIES
 from bev_preheat.vehicle.data_sheet import DataSheet, QUANTITIES
 from bev_preheat.vehicle.plausibility import meaning_of
@@ -42,7 +36,7 @@ if TYPE_CHECKING:
     from bev_preheat.commands.arguments import Subparsers
     from bev_preheat.files.output_files import AnyPath
     from bev_preheat.vehicle import Vehicle
-    from bev_preheat.vehicle.charging_curve import ChargingCurve, ChargingLimit
+    from bev_preheat.vehicle.charging_curve import ChargingCurve
     from bev_preheat.vehicle.plausibility import Meaning
 
 SUFFIXES = ('.yaml',)
@@ -113,9 +107,9 @@ def _add_new(actions: Subparsers) -> None:
                             required=name == 'charging_power_kw')
     parser.add_argument('--charging-curve', metavar='FILE',
                         help='published power of a warm battery over its state of charge (CSV: '
-                             f'{",".join(HEADER)}), or a limit over its temperature ({",".join(LIMIT_HEADER)})')
+                             f'{",".join(HEADER)})')
     parser.add_argument('--charging-curve-temperature-c', type=float, metavar='degC',
-                        help='battery temperature of the curve [degC], needed with a curve; magazines '
+                        help='battery temperature of the curve [degC], needed with --charging-curve; magazines '
                              'mostly measure with a battery of 25 ... 35 degC')
     parser.add_argument('--source', action='append', default=[], metavar='OPTION=TEXT',
                         help='source of a given figure, for its comment: '
@@ -132,8 +126,7 @@ def run_new(arguments: Namespace) -> int:
         raise InvalidInput(f'--output: {output}: exists; --force replaces it')
     name = Path(output).stem if arguments.name is None else arguments.name
     sources = _sources(arguments.source)
-    curve, limit = _curve(arguments, dict(sources))
-    sheet = DataSheet(name, arguments.chemistry.lower(), charging_curve=curve, charging_limit=limit,
+    sheet = DataSheet(name, arguments.chemistry.lower(), charging_curve=_curve(arguments, dict(sources)),
                       sources=tuple((figure, text) for figure, text in sources if figure != CURVE),
                       **{quantity: getattr(arguments, quantity) for quantity in HELP})
     entries = describe_timed_car(sheet)
@@ -151,21 +144,18 @@ def run_new(arguments: Namespace) -> int:
     return 0
 
 
-def _curve(arguments: Namespace, sources: dict[str, str]) -> tuple[ChargingCurve | None, ChargingLimit | None]:
-    """Return the given charging curve, or the given limit over the battery temperature."""
+def _curve(arguments: Namespace, sources: dict[str, str]) -> ChargingCurve | None:
+    """Return the given charging curve, or None."""
     path, temperature_c = arguments.charging_curve, arguments.charging_curve_temperature_c
-    text = sources.get(CURVE, 'given')
-    note = text if text == 'given' else f'source: {text}'
-    if path is not None and temperature_c is None and is_charging_limit(path):
-        return None, read_charging_limit(path, note)
     if (path is None) != (temperature_c is None):
         raise InvalidInput('--charging-curve and --charging-curve-temperature-c belong together: the file, and '
                            'the battery temperature at which it was recorded')
     if path is None:
         if CURVE in sources:
             raise InvalidInput('--source: --charging-curve is not given')
-        return None, None
-    return read_charging_curve(path, temperature_c, note), None
+        return None
+    text = sources.get(CURVE, 'given')
+    return read_charging_curve(path, temperature_c, text if text == 'given' else f'source: {text}')
 
 
 def run_check(arguments: Namespace) -> int:
@@ -244,9 +234,8 @@ def _command(arguments: Namespace) -> str:
         if field.name in HELP and value is not None:
             words += [f'--{field.name.replace("_", "-")}', f'{value:.10g}']
     if arguments.charging_curve is not None:
-        words += ['--charging-curve', arguments.charging_curve]
-    if arguments.charging_curve_temperature_c is not None:
-        words += ['--charging-curve-temperature-c', f'{arguments.charging_curve_temperature_c:.10g}']
+        words += ['--charging-curve', arguments.charging_curve, '--charging-curve-temperature-c',
+                  f'{arguments.charging_curve_temperature_c:.10g}']
     return shlex.join(words)
 
 

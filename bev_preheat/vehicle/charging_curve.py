@@ -7,8 +7,7 @@ A charging curve is published for a warm battery. The map of a vehicle file is
     P(s, T) = share_hot(T) min(P_max, P_curve(s) share(T) / share(T_curve))
 
 with the chemistry's shares of the power over the battery temperature (chemistry.yaml). Without a published curve,
-its shape is that of the car's class, which is read off published curves. A given limit over the battery
-temperature replaces the chemistry's share in the cold: P(s, T) = share_hot(T) min(P_max, P_curve(s), P_limit(T)).
+its shape is that of the car's class, which is read off published curves.
 """
 
 from __future__ import annotations
@@ -33,15 +32,12 @@ if TYPE_CHECKING:
 
 PERCENT = 100.0
 HEADER = ('state_of_charge_percent', 'power_kw')
-LIMIT_HEADER = ('battery_temperature_c', 'max_power_kw')
 MOST_POINTS = 1000
 # A curve must cover the span for which charging times are published.
 NEEDED_PERCENT = (10.0, 80.0)
 MOST_POWER_KW = 2000.0
 # Battery temperatures [deg C] of a published curve; colder, its conversion to a warm battery is a guess.
 CURVE_TEMPERATURES_C = (10.0, 45.0)
-# Battery temperatures [deg C] of a map, to which those of a limit are cut.
-MAP_TEMPERATURES_C = (-40.0, 60.0)
 # Packs with a higher nominal voltage belong to the 800 V class.
 HIGH_VOLTAGE_V = 550.0
 # Range of `fit`: from far steeper than published curves to a maximum held up to a high state of charge.
@@ -71,37 +67,6 @@ class ChargingCurve:
         return replace(self, power_kw=tuple(factor * power_kw for power_kw in self.power_kw))
 
 
-@dataclass(frozen=True)
-class ChargingLimit:
-    """Largest charging power [kW] over battery temperature [deg C], linear in between; `note` is its source."""
-
-    temperature_c: tuple[float, ...]
-    power_kw: tuple[float, ...]
-    note: str = 'given'
-
-
-def is_charging_limit(path: str | Path) -> bool:
-    """Return whether a CSV file has the columns LIMIT_HEADER."""
-    rows = _rows(path) if Path(path).is_file() else []
-    return bool(rows) and tuple(rows[0][1]) == LIMIT_HEADER
-
-
-def read_charging_limit(path: str | Path, note: str = 'given') -> ChargingLimit:
-    """Return the ChargingLimit of a CSV file with the columns LIMIT_HEADER; raises InvalidInput."""
-    points = _points(path, LIMIT_HEADER)
-    problems = [f'{before:g} degC must be below the {after:g} degC after it'
-                for (before, _), (after, _) in zip(points, points[1:]) if not before < after]
-    problems += [f'{power_kw:g} kW at {temperature_c:g} degC is not allowed; it must be above 0, at most '
-                 f'{MOST_POWER_KW:g} kW'
-                 for temperature_c, power_kw in points if not 0.0 < power_kw <= MOST_POWER_KW]
-    if not 2 <= len(points) <= MOST_POINTS:
-        problems = [f'{len(points)} points; it must be 2 ... {MOST_POINTS}']
-    if problems:
-        raise InvalidInput([f'--charging-curve: {path}: {problem}' for problem in problems])
-    return ChargingLimit(tuple(temperature_c for temperature_c, _ in points),
-                         tuple(power_kw for _, power_kw in points), note)
-
-
 def read_charging_curve(path: str | Path, temperature_c: float, note: str = 'given') -> ChargingCurve:
     """
     Return the ChargingCurve of a CSV file with the columns HEADER, of a battery at `temperature_c` [deg C].
@@ -114,38 +79,27 @@ def read_charging_curve(path: str | Path, temperature_c: float, note: str = 'giv
             f'--charging-curve-temperature-c: {temperature_c:g} degC is not allowed; it must be {low_c:g} ... '
             f'{high_c:g} degC, the battery temperature at which the curve was recorded')
     try:
-        return checked_curve(_points(path, HEADER), temperature_c, note)
-    except InvalidInput as error:
-        start = f'--charging-curve: {path}: '
-        raise InvalidInput([f'{start}{problem.removeprefix(start)}' for problem in error.problems]) from error
-
-
-def _rows(path: str | Path) -> list[tuple[int, list[str]]]:
-    """Return numbers and cells of the lines of a CSV file that are no comments."""
-    try:
         lines = read_text(path, 'utf-8-sig').splitlines()
     except InvalidInput as error:
         raise InvalidInput([f'--charging-curve: {problem}' for problem in error.problems]) from error
-    return [(number, [cell.strip() for cell in row]) for number, line in enumerate(lines, 1)
+    rows = [(number, [cell.strip() for cell in row]) for number, line in enumerate(lines, 1)
             if line.strip() and not line.lstrip().startswith('#') for row in csv.reader([line])]
-
-
-def _points(path: str | Path, header: tuple[str, str]) -> list[tuple[float, float]]:
-    """Return the pairs of numbers below a header."""
-    rows = _rows(path)
-    if not rows or tuple(rows[0][1]) != header:
-        raise InvalidInput(f'--charging-curve: {path}: the first line must be {",".join(header)}')
+    if not rows or tuple(rows[0][1]) != HEADER:
+        raise InvalidInput(f'--charging-curve: {path}: the first line must be {",".join(HEADER)}')
     problems, points = [], []
     for number, cells in rows[1:]:
         try:
-            first, second = map(float, cells)
+            percent, power_kw = map(float, cells)
         except ValueError:
             problems.append(f'line {number}: {quoted(",".join(cells))} is not two numbers')
         else:
-            points.append((first, second))
-    if problems:
-        raise InvalidInput([f'--charging-curve: {path}: {problem}' for problem in problems])
-    return points
+            points.append((percent, power_kw))
+    try:
+        if problems:
+            raise InvalidInput(problems)
+        return checked_curve(points, temperature_c, note)
+    except InvalidInput as error:
+        raise InvalidInput([f'--charging-curve: {path}: {problem}' for problem in error.problems]) from error
 
 
 def checked_curve(points: Sequence[tuple[float, float]], temperature_c: float, note: str) -> ChargingCurve:
@@ -216,23 +170,14 @@ def _corners(x: FloatArray, y: FloatArray) -> list[int]:
     return [*kept, len(x) - 1]
 
 
-def charging_map(curve: ChargingCurve, chemistry: Chemistry, most_kw: float,
-                 limit: ChargingLimit | None = None) -> Table:
-    """
-    Return the charging power [W, negative] of a curve over charge and temperature, at most `most_kw` [kW].
-
-    A `limit` replaces the chemistry's share in the cold.
-    """
+def charging_map(curve: ChargingCurve, chemistry: Chemistry, most_kw: float) -> Table:
+    """Return the charging power [W, negative] of a curve over charge and temperature, at most `most_kw` [kW]."""
     cold, hot = chemistry.charge_share, chemistry.hot_share
-    own_c = cold.temperature_c if limit is None else np.clip(limit.temperature_c, *MAP_TEMPERATURES_C)
-    temperatures_c = sorted({*map(float, own_c), *map(float, hot.temperature_c)})
+    temperatures_c = sorted({*map(float, cold.temperature_c), *map(float, hot.temperature_c)})
     hot_share: FloatArray = np.interp(temperatures_c, hot.temperature_c, hot.share)
-    if limit is None:
-        at_curve = float(np.interp(curve.temperature_c, cold.temperature_c, cold.temperature_share))
-        rows_kw = np.outer(curve.power_kw, np.interp(
-            temperatures_c, cold.temperature_c, cold.temperature_share) / at_curve)
-    else:
-        rows_kw = np.minimum.outer(curve.power_kw, np.interp(temperatures_c, own_c, limit.power_kw))
+    at_curve = float(np.interp(curve.temperature_c, cold.temperature_c, cold.temperature_share))
+    rows_kw = np.outer(curve.power_kw, np.interp(
+        temperatures_c, cold.temperature_c, cold.temperature_share) / at_curve)
     # A hot battery takes a share of the power that the car would give it. + 0.0 avoids -0 in files.
     values_w = -np.round(W_PER_KW * hot_share * np.minimum(rows_kw, most_kw)) + 0.0
     return Table(tuple(round(soc, DECIMALS) for soc in curve.soc), tuple(temperatures_c),

@@ -305,9 +305,7 @@ def _charging(sheet: DataSheet, curve_fit: float) -> dict[str, Entry]:
     pack, _ = _pack(sheet, chemistry)
     polarization = chemistry.polarization(
         pack.cells_in_series * chemistry.nominal_cell_voltage_v >= HIGH_VOLTAGE_V)
-    limit = sheet.charging_limit
-    table = charging_map(curve, chemistry, sheet.charging_power_kw, limit)
-    cold = chemistry.charge_share.source if limit is None else limit.note
+    table = charging_map(curve, chemistry, sheet.charging_power_kw)
     time_note = ''
     if sheet.charging_time_10_80_min is not None:
         how = f'its power times {curve_fit:.3f}' if sheet.charging_curve is not None else 'made fuller or steeper'
@@ -326,7 +324,7 @@ def _charging(sheet: DataSheet, curve_fit: float) -> dict[str, Entry]:
             {'soc': list(table.soc), 'temperature_c': list(table.temperature_c),
              'values': [list(row) for row in table.values]},
             f'W, curve at {curve.temperature_c:g} degC: {curve.note}{time_note}. In the cold: '
-            f'{cold}. Hot: {chemistry.hot_share.source}', assumed=True),
+            f'{chemistry.charge_share.source}. Hot: {chemistry.hot_share.source}', assumed=True),
         'charging.polarization_factor': Entry(
             polarization.factor, polarization.source, assumed=True),
     }

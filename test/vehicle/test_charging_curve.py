@@ -13,9 +13,7 @@ from bev_preheat.vehicle.charging_curve import (
     ChargingCurve,
     class_curve,
     FIT_RANGE,
-    is_charging_limit,
     read_charging_curve,
-    read_charging_limit,
 )
 from bev_preheat.vehicle.chemistry import CHEMISTRIES, load_chemistry
 
@@ -124,35 +122,3 @@ def test_a_pack_that_charges_slowly_holds_its_maximum_longer():
     # Twice the rate: the shape squared.
     fast = class_curve(NMC, 350.0, 62.0, 2.0 * 1.61 * 62.0)
     assert np.interp(0.6, fast.soc, fast.power_kw) == pytest.approx(0.625**2 * 2.0 * 1.61 * 62.0, rel=1e-9)
-
-
-def limit_file(tmp_path, *rows):
-    path = tmp_path / 'limit.csv'
-    path.write_text('# a comment\nbattery_temperature_c,max_power_kw\n' + '\n'.join(rows) + '\n')
-    return path
-
-
-def test_a_limit_over_temperature_replaces_the_share_in_the_cold(tmp_path):
-    path = limit_file(tmp_path, '-1000,20', '0,60', '20,100', '25,150', '50,150')
-    assert is_charging_limit(path)
-    limit = read_charging_limit(path)
-    curve = ChargingCurve((0.0, 0.5, 1.0), (120.0, 140.0, 30.0), 25.0)
-    table = charging_map(curve, NMC, 150.0, limit)
-    power_kw = -np.array(table.values) / 1000.0
-    warm = [at for at, temperature_c in enumerate(table.temperature_c) if 0.0 <= temperature_c <= 25.0]
-    expected = np.minimum.outer(curve.power_kw, np.interp(np.array(table.temperature_c)[warm], [0.0, 20.0, 25.0],
-                                                          [60.0, 100.0, 150.0]))
-    assert {0.0, 20.0, 25.0} <= set(table.temperature_c)
-    np.testing.assert_allclose(power_kw[:, warm], expected)
-    # The first row holds for the coldest battery of a map.
-    assert table.temperature_c[0] == -40.0 and power_kw[1, 0] == 20.0
-
-
-@pytest.mark.parametrize('rows, problem', [
-    (('0,60',), '1 points; it must be 2 ... 1000'), (('0,60', '0,70'), '0 degC must be below the 0 degC after it'),
-    (('nan,60', '0,70'), 'nan degC must be below'),
-    (('0,60', '10,-3'), '-3 kW at 10 degC is not allowed'), (('0,60', '10,much'), "line 4: '10,much' is not two")])
-def test_a_faulty_limit_is_refused(tmp_path, rows, problem):
-    with pytest.raises(InvalidInput, match='--charging-curve: .*limit.csv: ') as refused:
-        read_charging_limit(limit_file(tmp_path, *rows))
-    assert problem in str(refused.value)
