@@ -13,7 +13,7 @@ from bev_preheat.console.program import FAILED
 from bev_preheat.console.terminal import print_records, result_console
 from bev_preheat.control.departure_week import prepare_week
 from bev_preheat.control.departures_file import load_departures, load_grid_prices
-from bev_preheat.control.local_time import dated_time, in_words, instant_ns, local
+from bev_preheat.control.local_time import dated_instant_ns, in_words, local
 from bev_preheat.errors import InvalidInput
 from bev_preheat.numerics.factors import WH_PER_KWH
 from bev_preheat.optional_packages import require_ros
@@ -45,8 +45,8 @@ def add_departure_arguments(parser: ArgumentParser) -> None:
     week.add_argument('--temperature', type=float, metavar='DEGC', help='battery temperature when a preparation '
                       'may begin [degC] (default: the ambient temperature)')
     week.add_argument('--soc', type=float, metavar='0..1', help='state of charge then (default: 0.8)')
-    week.add_argument('--from', dest='since', metavar='DATE', help='begin at this local time, "YYYY-MM-DD HH:MM" '
-                      '(default: now)')
+    week.add_argument('--from', dest='since', metavar='DATE', help='begin at this time, "YYYY-MM-DD HH:MM", local or '
+                      'with an offset (default: now)')
     week.add_argument('--json', metavar='FILE', help='write the result as JSON; - is standard output, and tables '
                       'then go to standard error')
     week.add_argument('--plot', metavar='FILE', help='draw the week (PNG, SVG, PDF)')
@@ -105,10 +105,9 @@ def _from_ns(arguments: Namespace, zone: tzinfo) -> int:
     if arguments.since is None:
         return time.time_ns()
     try:
-        moment = dated_time(arguments.since)
+        return dated_instant_ns(arguments.since, zone)
     except InvalidInput as error:
         raise InvalidInput(f'--from: {error}') from error
-    return instant_ns(moment.date(), moment.time(), zone)
 
 
 def _row(one: PreparedDeparture, zone: tzinfo) -> tuple[str, ...]:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from bev_preheat.control.departures import Departure, Departures
 from bev_preheat.control.grid_prices import DailyPrice, GridPrices, PricePeriod
-from bev_preheat.control.local_time import clock_time, dated_time, DAYS, in_words, instant_ns, zone_of
+from bev_preheat.control.local_time import clock_time, dated_instant_ns, DAYS, in_words, zone_of
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.files.checked_yaml import FileData, load_checked_yaml
 
@@ -133,5 +133,4 @@ class _Reading:
         return tuple(periods)
 
     def _instant(self, key: str, text: str) -> int | None:
-        moment = self._read(key, lambda: dated_time(text))
-        return None if moment is None else instant_ns(moment.date(), moment.time(), self.zone)
+        return self._read(key, lambda: dated_instant_ns(text, self.zone))

@@ -208,6 +208,28 @@ def test_a_file_of_prices_is_read(file):
          PricePeriod(ns(datetime(2026, 11, 26, 2)), ns(datetime(2026, 11, 26, 3)), -0.02)), 'EUR')
 
 
+@pytest.mark.parametrize('zone', ['Europe/Berlin', 'America/New_York', 'UTC'])
+def test_times_with_an_offset_name_their_instants_in_any_zone(file, zone):
+    """The hour from 02:00 to 03:00 of 2026-10-25 occurs twice in Berlin; both have their prices."""
+    prices = load_grid_prices(file(f"""
+time_zone: {zone}
+dated:
+  - {{from: '2026-10-25T02:00:00+02:00', price_per_kwh: 1}}
+  - {{from: '2026-10-25T02:00+0100', price_per_kwh: 2}}
+  - {{from: '2026-10-25 02:00:00.000Z', until: '2026-10-24T23:00:00 -04:00', price_per_kwh: 3}}
+"""))
+    hours = [datetime(2026, 10, 25, hour) for hour in range(4)]
+    assert prices.dated == tuple(
+        PricePeriod(ns(begin), ns(end), price) for begin, end, price in zip(hours, hours[1:], (1.0, 2.0, 3.0)))
+
+
+@pytest.mark.parametrize('text', ['2026-10-25 02:00+25:00', '2026-10-25 02:00+2', '2026-10-25 02:00 CET',
+                                  '0001-01-01 00:00+23:59', '2026-10-25 02:00:61'])
+def test_times_that_are_none_are_refused_with_what_is_allowed(file, text):
+    with pytest.raises(InvalidInput, match='it must be YYYY-MM-DD HH:MM, if need be with an offset'):
+        load_grid_prices(file(PRICES.replace('2026-11-26 01:00', text)))
+
+
 @pytest.mark.parametrize('old, new, problem', [
     ('Europe/Berlin', 'Europe/Atlantis', "time_zone: 'Europe/Atlantis' is unknown on this computer"),
     ('Europe/Berlin', '../etc/passwd', "time_zone: '../etc/passwd' is unknown"),
