@@ -45,20 +45,36 @@ def gpx(times=True, element='trkpt', noise_m=0.0, stop_s=0.0, speed_mps=SPEED_MP
     return '\n'.join(lines)
 
 
-def polyline(places):
-    """Return the road as an encoded polyline."""
-    signs, before = [], (0, 0)
-    for point in zip(LATITUDE, LONGITUDE):
-        now = tuple(round(value * 10**places) for value in point)
+def polyline(places, with_elevation=False):
+    """Return the road as an encoded polyline; GraphHopper's elevations have two places."""
+    points = zip(LATITUDE, LONGITUDE, *([ELEVATION] if with_elevation else []))
+    return ''.join(chr(code + 63) for value in zigzags(points, (places, places, 2)) for code in groups(value))
+
+
+def flexible_polyline():
+    """Return the road in HERE's format: five places, elevations in metres as the third dimension."""
+    signs = 'ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789-_'
+    values = [1, 5 | 3 << 4, *zigzags(zip(LATITUDE, LONGITUDE, ELEVATION), (5, 5, 0))]
+    return ''.join(signs[code] for value in values for code in groups(value))
+
+
+def zigzags(points, places):
+    """Yield the differences of points as unsigned numbers whose lowest bit is the sign."""
+    before = (0, 0, 0)
+    for point in points:
+        now = tuple(round(value * 10**digits) for value, digits in zip(point, places))
         for new, old in zip(now, before):
             value = (new - old) << 1
-            value = ~value if new < old else value
-            while value >= 0x20:
-                signs.append(chr((0x20 | (value & 0x1f)) + 63))
-                value >>= 5
-            signs.append(chr(value + 63))
+            yield ~value if new < old else value
         before = now
-    return ''.join(signs)
+
+
+def groups(value):
+    """Yield the groups of five bits of a number, the lowest first; 32 is added to all but the last."""
+    while value >= 0x20:
+        yield 0x20 | (value & 0x1f)
+        value >>= 5
+    yield value
 
 
 GEOMETRIES = {'polyline': lambda: polyline(5), 'polyline6': lambda: polyline(6), 'none': lambda: None,
@@ -89,6 +105,79 @@ def valhalla(units='kilometers'):
                  for share in (0.25, 0.35, 0.4, 0.0)]
     return json.dumps({'trip': {'status': 0, 'units': units, 'legs': [
         {'maneuvers': maneuvers, 'shape': polyline(6), 'summary': {'length': LENGTH_M / metres}}]}})
+
+
+def halves():
+    """Return the points of the first and of the second half of the road, as (latitude, longitude)."""
+    points = list(zip(LATITUDE.tolist(), LONGITUDE.tolist()))
+    return points[:POINTS // 2 + 1], points[POINTS // 2:]
+
+
+HALF_M = (POINTS // 2 * STEP_M, LENGTH_M - POINTS // 2 * STEP_M)
+
+
+def tomtom(charging_s=None, progress=False):
+    """Return an answer of TomTom with two legs, between them a charging stop of `charging_s`."""
+    legs = [{'summary': {'lengthInMeters': length_m, 'travelTimeInSeconds': length_m / SPEED_MPS},
+             'points': [{'latitude': latitude, 'longitude': longitude} for latitude, longitude in points]}
+            for length_m, points in zip(HALF_M, halves())]
+    if charging_s is not None:
+        legs[0]['summary']['chargingInformationAtEndOfLeg'] = {'chargingTimeInSeconds': charging_s}
+    route = {'summary': {'lengthInMeters': LENGTH_M}, 'legs': legs}
+    if progress:
+        # The first quarter of the way is driven more than twice as fast as the second.
+        route['progress'] = [
+            {'distanceInMeters': share_m * LENGTH_M, 'travelTimeInSeconds': share_s * LENGTH_M / SPEED_MPS}
+            for share_m, share_s in ((0.0, 0.0), (0.25, 0.15), (0.5, 0.5), (1.0, 1.0))]
+    return json.dumps({'formatVersion': '0.0.12', 'routes': [route]})
+
+
+def here(charging_s=None, of_travel=True):
+    """Return an answer of HERE; its `summary` includes charging and 120 s of preparing to charge."""
+    section = {'type': 'vehicle', 'polyline': flexible_polyline()}
+    drive_s = LENGTH_M / SPEED_MPS
+    if of_travel:
+        section['travelSummary'] = {'length': LENGTH_M, 'duration': drive_s}
+    waits = [] if charging_s is None else [{'action': 'chargingSetup', 'duration': 120},
+                                           {'action': 'charging', 'duration': charging_s}]
+    section['summary'] = {'length': LENGTH_M, 'duration': drive_s + sum(wait['duration'] for wait in waits)}
+    section['postActions'] = waits
+    after = {'type': 'vehicle', 'summary': {'length': 2000.0, 'duration': 200.0}}
+    return json.dumps({'routes': [{'id': 'a', 'sections': [section] if charging_s is None else [section, after]}]})
+
+
+def google(legacy=False):
+    """Return an answer of Google's Routes or, `legacy`, Directions; with traffic 1.25 times the steps' times."""
+    shares, drive_s = (0.25, 0.35, 0.4), LENGTH_M / SPEED_MPS
+    if legacy:
+        steps = [{'distance': {'text': '', 'value': share * LENGTH_M}, 'duration': {
+            'text': '', 'value': share * drive_s / 1.25}} for share in shares]
+        return json.dumps({'status': 'OK', 'geocoded_waypoints': [], 'routes': [{
+            'overview_polyline': {'points': polyline(5)}, 'legs': [{
+                'distance': {'value': LENGTH_M}, 'duration': {'value': drive_s / 1.25},
+                'duration_in_traffic': {'value': drive_s}, 'steps': steps}]}]})
+    steps = [{'distanceMeters': share * LENGTH_M, 'staticDuration': f'{share * drive_s / 1.25}s'}
+             for share in shares]
+    return json.dumps({'routes': [{'distanceMeters': LENGTH_M, 'duration': f'{drive_s}s', 'polyline': {
+        'encodedPolyline': polyline(5)}, 'legs': [
+            {'distanceMeters': LENGTH_M, 'duration': f'{drive_s}s', 'steps': steps}]}]})
+
+
+def graphhopper(points='encoded'):
+    """Return an answer of GraphHopper; times in milliseconds."""
+    forms = {'encoded': lambda: polyline(5), 'elevation': lambda: polyline(5, True),
+             'plain': lambda: json.loads(geojson('LineString', times=False))}
+    milliseconds = 1e3 * LENGTH_M / SPEED_MPS
+    return json.dumps({'info': {}, 'paths': [{
+        'distance': LENGTH_M, 'time': milliseconds, 'points_encoded': points != 'plain', 'points': forms[points](),
+        'instructions': [{'distance': share * LENGTH_M, 'time': share * milliseconds, 'interval': [0, 1]}
+                         for share in (0.25, 0.35, 0.4, 0.0)]}]})
+
+
+def routingpy():
+    """Return a route as the Python package of this name holds it."""
+    return json.dumps({'distance': LENGTH_M, 'duration': LENGTH_M / SPEED_MPS,
+                       'geometry': [[longitude, latitude] for half in halves() for latitude, longitude in half]})
 
 
 def geojson(kind='Feature', times=True):

@@ -46,7 +46,7 @@ def add_parser(subparsers: Subparsers) -> None:
     parser = subparsers.add_parser(
         'route', help='make a route file from navigation, a drive cycle, a description of a trip or drive logs',
         description='Make a route file from any file with a route (drive cycle, list of segments, GPX, GeoJSON, '
-                    'answer of OSRM or Valhalla, SUMO), from a description of a trip (legs of road with '
+                    'answer of a navigation service, SUMO), from a description of a trip (legs of road with '
                     'limits, slopes and stops) or from drive logs of any known format.')
     source = parser.add_mutually_exclusive_group(required=True)
     completed_by(NameCompleter('routes/legs'), source.add_argument(

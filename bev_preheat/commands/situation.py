@@ -67,7 +67,7 @@ def add_drive_arguments(parser: ArgumentParser, route_group: Alternatives | None
     completed_by(ROUTES, (route_group or parser).add_argument(
         '--route', required=route_group is None, metavar='NAME|FILE',
         help='route: a name in config/routes or a file of any format of the manual (CSV, drive cycle, GPX, '
-        'GeoJSON, answer of OSRM or Valhalla, ...); or a description of its legs: legs/NAME or a YAML file'))
+        'GeoJSON, answer of a navigation service, ...); or a description of its legs: legs/NAME or a YAML file'))
     add_route_options(parser, ambient_help)
     parser.add_argument('--temperature', required=needs_state, type=float, metavar='DEGC',
                         help='battery temperature at the start [degC]')

@@ -5,10 +5,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from difflib import get_close_matches
+import math
 import re
 from typing import TYPE_CHECKING
 
 from bev_preheat.errors import quoted
+from bev_preheat.route.sources.headers import Header, read_header
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
@@ -81,7 +83,16 @@ def advice(name: str, known: dict[str, Column]) -> str:
     stems: dict[str, list[str]] = {}
     for known_name in known:
         stems.setdefault(known_name.rpartition('_')[0], []).append(known_name)
-    if not ending and stem not in stems and stem.rpartition('_')[0]:
+    header = read_header(name)
+    if isinstance(header, Header) and not header.may_be_cumulated and header.quantity in stems:
+        same = [known_name for known_name in stems[header.quantity]
+                if math.isclose(known[known_name].times / known[known_name].over, header.factor)]
+        stem, ending = header.quantity, header.unit
+        if same:
+            return f'{column}: rename it to {same[0]}'
+    elif isinstance(header, Header):
+        stem = 'time' if header.quantity == 'time' else 'distance'
+    elif not ending and stem not in stems and stem.rpartition('_')[0]:
         first, _, last = stem.rpartition('_')
         if any(first in words for words in (stems, RUNNING, SYNONYMS)):
             stem, ending = first, last

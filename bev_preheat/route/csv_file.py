@@ -18,6 +18,7 @@ from bev_preheat.files.configuration import find_configuration
 from bev_preheat.files.output_files import AnyPath, write_whole
 from bev_preheat.route.columns import advice, alternatives, Column, doubled, power_columns, speed_columns
 from bev_preheat.route.segments import LIMITS, make_route, problem_with_values, Route
+from bev_preheat.route.sources.headers import is_column
 from bev_preheat.route.sources.journey import ChargingStop
 from bev_preheat.route.text_table import read_text_table, TextTable
 
@@ -84,7 +85,7 @@ def load_route(name_or_file: str | Path, defaults: Defaults | None) -> Route:
 def load_file_route(name_or_file: str | Path, defaults: Defaults | None) -> FileRoute:
     """Return the FileRoute of a name or a CSV file; see `load_route`."""
     path = route_file(name_or_file)
-    table = read_text_table(path, LIMITS)
+    table = read_text_table(path, LIMITS, is_column)
     made_for = _vehicle_of(table)
     stops = _stops_of(table)
     columns, names = _columns(table)

@@ -3,13 +3,13 @@
 Reads tables of numbers from programs and spreadsheets: a header, then one line per row.
 
 Commas, semicolons or tabs separate the columns; commas that do not may be decimal commas.
-`#` starts a comment. Ambiguous numbers are refused, because an error by a
-factor of a thousand gives a wrong trip.
+`#` starts a comment, and lines above the header are comments, too. Ambiguous numbers are refused, because an
+error by a factor of a thousand gives a wrong trip.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Callable, Collection, Iterable
 import csv
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,6 +25,9 @@ if TYPE_CHECKING:
 
 SEPARATORS = {',': 'commas', ';': 'semicolons', '\t': 'tabs'}
 NUMBER = re.compile(r'[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?')
+# The first line of numbers, and how many lines may lie above it.
+BEGINS_WITH_NUMBER = re.compile('["\\s]*[+-]?[.,]?[0-9]')
+MOST_TITLE_LINES = 20
 NOT_FINITE = re.compile(r'[+-]?(nan|inf|infinity)', re.IGNORECASE)
 # A spreadsheet's line that names the separator; the header shows it too.
 SEPARATOR_LINE = re.compile('"?sep=.?"?', re.IGNORECASE)
@@ -132,30 +135,36 @@ class TextTable:
         return '.'
 
 
-def read_text_table(path: str | Path, columns: Iterable[str]) -> TextTable:
+def read_text_table(path: str | Path, columns: Iterable[str],
+                    is_column: Callable[[str], bool] | None = None) -> TextTable:
     """
     Return the TextTable of a file.
 
-    `columns` (texts) are the valid names in the header, for the message about an empty file. Raises
-    InvalidInput naming file, line and problem.
+    `columns` (texts) are the valid names in the header, for the message about an empty file. The header is the
+    line above the first numbers in which `is_column` knows the most names; without such a line, the first one.
+    Raises InvalidInput naming file, line and problem.
     """
-    header, rows, lines, comments = None, [], [], []
-    separator, header_line, problems = ',', 0, []
+    contents: list[tuple[int, str]] = []
+    comments: list[tuple[int, str]] = []
     for number, line in enumerate(_lines(path), start=1):
         text, mark, comment = line.partition('#')
         text = text.strip(' \r\n')
-        if mark and header is None:
+        if mark and not contents:
             comments.append((number, comment.strip()))
-        if not text.strip('"\t ,;'):
-            continue
-        if header is None:
-            if SEPARATOR_LINE.fullmatch(text):
-                continue
-            separator, header_line = _separator(path, number, text, columns), number
-            header = _cells(path, number, text, separator)
-            while not header[-1]:
-                header.pop()
-            continue
+        if text.strip('"\t ,;') and (contents or not SEPARATOR_LINE.fullmatch(text)):
+            contents.append((number, text))
+    if not contents:
+        raise InvalidInput(f'{path}: is empty; its first line must name the columns: '
+                           f'{", ".join(columns)}')
+    at = _header_at([text for _, text in contents], is_column)
+    comments += contents[:at]
+    header_line, text = contents[at]
+    separator = _separator(path, header_line, text, columns, contents[at + 1][1] if contents[at + 1:] else '')
+    header = _cells(path, header_line, text, separator)
+    while not header[-1]:
+        header.pop()
+    rows, lines, problems = [], [], []
+    for number, text in contents[at + 1:]:
         cells = _cells(path, number, text, separator)
         while len(cells) > len(header) and not cells[-1]:
             cells.pop()
@@ -164,12 +173,19 @@ def read_text_table(path: str | Path, columns: Iterable[str]) -> TextTable:
                             f'{_why_another_length(text, separator, cells, header)}')
         rows.append(cells)
         lines.append(number)
-    if header is None:
-        raise InvalidInput(f'{path}: is empty; its first line must name the columns: '
-                           f'{", ".join(columns)}')
     if problems:
         raise InvalidInput(problems)
     return TextTable(path, separator, header, header_line, rows, lines, comments)
+
+
+def _header_at(texts: list[str], is_column: Callable[[str], bool] | None) -> int:
+    """Return the index of the header in the lines of a table."""
+    before = next((at for at, text in enumerate(texts[:MOST_TITLE_LINES]) if BEGINS_WITH_NUMBER.match(text)), 1)
+    if is_column is None or before < 2:
+        return 0
+    known = [max(sum(map(is_column, _split(text, separator))) for separator in SEPARATORS)
+             for text in texts[:before]]
+    return known.index(max(known))
 
 
 def _lines(path: str | Path) -> list[str]:
@@ -182,21 +198,29 @@ def _lines(path: str | Path) -> list[str]:
         raise InvalidInput(f'{path}: cannot be read: {reason}') from error
 
 
-def _separator(path: str | Path, number: int, text: str, columns: Iterable[str]) -> str:
-    """Return the column separator, from the header, whose names contain none."""
-    if re.match('["\\s]*[+-]?[.,]?[0-9]', text):
+def _separator(path: str | Path, number: int, text: str, columns: Iterable[str], row: str) -> str:
+    """Return the separator in the header; of several, the one that gives the row below as many cells."""
+    if BEGINS_WITH_NUMBER.match(text):
         raise InvalidInput(f'{path}, line {number}: holds numbers; the line above them must name '
                            f'the columns: {", ".join(columns)}')
-    found = [separator for separator in SEPARATORS
-             if separator in re.sub('"[^"]*"', '', text).strip()]
-    if len(found) > 1:
+    found = [separator for separator in SEPARATORS if len(_split(text.strip(), separator)) > 1]
+    alike = [separator for separator in found if len(_split(text, separator)) == len(_split(row, separator))]
+    if len(found) > 1 and len(alike) != 1:
         raise InvalidInput(
             f'{path}, line {number}: the columns are separated by '
             f'{" and ".join(SEPARATORS[separator] for separator in found)}; use only one')
     if not found and re.search(r'[\s|]', text):
         raise InvalidInput(f'{path}, line {number}: {quoted(text)} has no separator; the columns '
                            'must be separated by commas, semicolons or tabs')
-    return found[0] if found else ','
+    return (alike if len(found) > 1 else found)[0] if found else ','
+
+
+def _split(text: str, separator: str) -> list[str]:
+    """Return the cells of a line as far as they can be told, without a refusal."""
+    try:
+        return next(csv.reader([text], delimiter=separator, skipinitialspace=True))
+    except csv.Error:
+        return text.split(separator)
 
 
 def _cells(path: str | Path, number: int, text: str, separator: str) -> list[str]:

@@ -25,6 +25,9 @@ FORMATS = {
     'geojson': (examples.geojson(), COLD), 'line': (examples.geojson('LineString', times=False), FREE),
     'openrouteservice': (examples.openrouteservice(), COLD),
     'osrm': (examples.osrm(2), COLD), 'osrm steps': (examples.osrm(1, False, 'geojson'), COLD),
+    'tomtom': (examples.tomtom(900.0, True), COLD), 'here': (examples.here(900.0), COLD),
+    'google': (examples.google(), COLD), 'directions': (examples.google(legacy=True), COLD),
+    'graphhopper': (examples.graphhopper(), COLD), 'routingpy': (examples.routingpy(), COLD),
     'valhalla': (examples.valhalla(), COLD), 'segments json': (examples.segments_json(), CONSUMED),
     'segments csv': (examples.segments_csv(), COLD), 'cycle': (examples.speed_table(), COLD),
     'fastsim': (examples.fastsim(), COLD), 'sumo': (examples.sumo(), CONSUMED)}
@@ -109,8 +112,18 @@ def test_changed_values_give_a_route_or_a_refusal(tmp_path, name):
     ('{', 'line 1: is not JSON: '), ('[]', 'is not a list of segments: a list'),
     ('[1]', 'segment 1: must be an object'),
     ('{"a": [1], "b": [1, 2]}', 'its lists have different lengths: 1, 2'),
-    ('{"a": 1}', 'is not a route: it has no routes (OSRM), no trip (Valhalla), no type (GeoJSON) and no '
-     'segments; its keys are: a'),
+    ('{"a": 1}', 'is not a route: it has no routes (OSRM, TomTom, HERE, Google), no paths (GraphHopper), no trip '
+     '(Valhalla), no type (GeoJSON) and no segments; its keys are: a'),
+    ('[{"a": []}]', 'segment 1: has no figures; its keys are: a'),
+    ('{"message": "Point 0 is out of bounds", "hints": []}',
+     "the service found no route: 'Point 0 is out of bounds'"),
+    ('{"error": {"code": 403, "message": "no key"}}', "the service found no route: 'no key'"),
+    ('{"routes": [{"legs": [{"distanceMeters": 5000, "duration": "soon"}]}]}',
+     "routes[0].legs[0].duration: must be a number, not 'soon'"),
+    ('{"routes": [{"sections": [{"summary": {"length": 9, "duration": 9}, "polyline": "BF*"}]}]}',
+     "routes[0].sections[0].polyline: character 3, '*', does not belong to an encoded polyline"),
+    ('{"paths": [{"distance": 5000, "time": 300000, "points": {"coordinates": [[11, 48]]}}]}',
+     'paths[0].points.coordinates: has 1 points; at least 2 are needed'),
     ('{"code": "NoRoute", "message": "Impossible"}', "the service found no route: code 'NoRoute', 'Impossible'"),
     ('{"code": "Ok", "routes": []}', 'routes: is empty; the service found no route'),
     ('{"trip": {"status": 442, "status_message": "No path"}}', "the service found no route: 'No path'"),
@@ -133,6 +146,10 @@ def test_changed_values_give_a_route_or_a_refusal(tmp_path, name):
     ('time_s,speed_kmh,slope\n0,0,3\n1,1,3\n', 'line 2: slope: 3 rise over run is not allowed; it must be -0.4 '
      '... 0.4 rise over run; is it in percent? then name it slope_percent'),
     ('duration_s,speed_kmh\n0,50\n', 'line 2: duration_s: 0 s is not allowed'),
+    ('s_km,v_kmh\n2,30\n5,60\n8,80\n9,70\n', 'line 2: s_km: rises from row to row, as a distance from the start '
+     'of the trip does, which is not accepted; if it is the length of each segment, name it length_km'),
+    ('time_s,speed_kmh,t_env\n0,0,3\n', 'has 1 sample; at least 2 are needed'),
+    ('speed_kmh,t_env_c\n0,0\n', 'line 1: a route needs time_s and speed_kmh (a drive cycle), or two of'),
     ('length_km,speed_kmh\n1,0\n', 'line 2: speed_kmh: a segment in which the car stands has no length'),
     ('duration_min,length_km,speed_kmh\n10,12,20\n', 'line 2: speed_kmh times duration_min is 3333.33 m, but '
      'length_km is 12000 m; check the units')])
@@ -146,7 +163,12 @@ def test_mistakes_are_named(tmp_path, contents, problem):
 @pytest.mark.parametrize('change, problem', [
     (('lat="47.0000000"', 'lat="97"'), 'trkpt 1: latitude: 97 is not allowed; it must be -90 ... 90 degrees'),
     (('lat="47.0000000"', 'lat="x"'), 'is not GPX: '), (('lat="47.0000000"', ''), 'is not GPX: '),
-    (('T07:00:02.500000Z', 'T06:00:02.500000Z'), 'trkpt 2: time: is 3597.5 s before that of the previous trkpt'),
+    # A drive that was recorded before, and a track without times.
+    (('</trk>', '</trk>' + examples.gpx().partition('<gpx')[2].partition('>')[2].partition('</gpx>')[0].replace(
+        'T07:', 'T06:')), 'trkpt 401: time: is 4597.5 s before that of the previous trkpt, and 400 of 800 do not '
+     'fit the others'),
+    (('<trk>', examples.gpx(times=False).partition('<gpx')[2].partition('>')[2].partition('</gpx>')[0] + '<trk>'),
+     '400 of 800 trkpts have no time, from trkpt 1 on, and with them 19.9 km of 39.9 km would be lost'),
     (('<ele>600.00</ele>', '<ele>60000</ele>'),
      'point 1: elevation: 60000 m is not allowed; it must be -500 ... 9000 m'),
     (('</trkseg>', ''), 'line 404: is not XML: mismatched tag; is the file complete?'),

@@ -142,6 +142,11 @@ def test_rows_of_another_length_are_refused(tmp_path):
      'length_km; values cumulated from the start of the trip are not accepted'),
     ('time_s', "column 'time_s': if it holds values per segment, rename it to duration_s or "
      'duration_min; values cumulated from the start of the trip are not accepted'),
+    ('s_km', "column 's_km': if it holds values per segment, rename it to length_m or "
+     'length_km; values cumulated from the start of the trip are not accepted'),
+    ('v_kmh', "column 'v_kmh': rename it to speed_kmh"),
+    ('P_drive [kW],speed_mps', "column 'P_drive [kW]': rename it to propulsion_power_kw"),
+    ('t_env_c', "column 't_env_c': rename it to ambient_temperature_c"),
     ('auxilary_power_w', "column 'auxilary_power_w' is unknown; did you mean 'auxiliary_power_w'? "
      'known: duration_s, duration_min, length_m, length_km, speed_mps, speed_kmh, '
      'propulsion_power_w, propulsion_power_kw, propulsion_power_rms_w, propulsion_power_rms_kw, '

@@ -12,6 +12,7 @@ from bev_preheat.errors import InvalidInput
 from bev_preheat.route import route_for
 from bev_preheat.route.sources.elevation import smooth_elevation
 from bev_preheat.route.sources.journey import RouteOptions
+from bev_preheat.route.sources.polyline import decode_flexible
 from bev_preheat.vehicle import load_vehicle
 
 CAR = load_vehicle('small_car')
@@ -25,6 +26,11 @@ TIMED = {
     'valhalla': examples.valhalla, 'miles': lambda: examples.valhalla('miles'),
     'feature': examples.geojson, 'collection': lambda: examples.geojson('FeatureCollection'),
     'openrouteservice': examples.openrouteservice,
+    'tomtom': examples.tomtom, 'tomtom progress': lambda: examples.tomtom(progress=True),
+    'here': examples.here, 'here with summary alone': lambda: examples.here(of_travel=False),
+    'google': examples.google, 'google directions': lambda: examples.google(legacy=True),
+    'graphhopper': examples.graphhopper, 'graphhopper plain': lambda: examples.graphhopper('plain'),
+    'graphhopper elevation': lambda: examples.graphhopper('elevation'), 'routingpy': examples.routingpy,
 }
 
 
@@ -57,6 +63,50 @@ def test_one_road_has_one_length_duration_and_line_in_every_format(tmp_path, tex
     at = np.searchsorted(examples.LATITUDE, line.latitude_deg[middle])
     assert line.longitude_deg[middle] == pytest.approx(examples.LONGITUDE[at], abs=1e-3)
     assert abs(at - examples.POINTS / 2) <= 2
+
+
+@pytest.mark.parametrize('text, at_s, length_m', [
+    (lambda: examples.tomtom(charging_s=900.0), examples.HALF_M[0] / examples.SPEED_MPS, examples.LENGTH_M),
+    (lambda: examples.here(charging_s=900.0), examples.LENGTH_M / examples.SPEED_MPS, examples.LENGTH_M + 2000.0),
+    (lambda: examples.here(charging_s=900.0, of_travel=False), examples.LENGTH_M / examples.SPEED_MPS,
+     examples.LENGTH_M + 2000.0)])
+def test_charging_stops_of_navigation_are_kept_and_no_part_of_the_drive(tmp_path, text, at_s, length_m):
+    found = loaded(tmp_path, text())
+    [stop] = found.stops
+    assert found.route.duration_s[:stop.after_segment + 1].sum() == pytest.approx(at_s)
+    assert found.route.distance_m == pytest.approx(length_m, rel=2e-3)
+    waits_s = stop.duration_s
+    assert waits_s == (900.0 if 'lengthInMeters' in text() else 1020.0)
+    assert not any('waypoint' in remark for remark in found.remarks)
+
+
+def test_times_along_the_way_count_more_than_the_mean_speed_of_a_leg(tmp_path):
+    """The first quarter of the way takes 0.15 of the time, the second 0.35."""
+    found = loaded(tmp_path, examples.tomtom(progress=True)).route
+    driven_m = np.concatenate(([0.0], np.cumsum(found.duration_s * found.speed_mps)))
+    at_s = np.interp(np.array((0.25, 0.5)) * examples.LENGTH_M, driven_m, found.time_s)
+    # A segment of 30 s is 3 % of the drive.
+    assert at_s / found.total_duration_s == pytest.approx([0.15, 0.5], abs=0.02)
+
+
+def test_elevations_in_lines_of_navigation_are_used(tmp_path):
+    """The energy of the net rise, against the same way without elevation."""
+    level, *hilly = (loaded(tmp_path, text).route for text in (
+        examples.graphhopper(), examples.graphhopper('elevation'), examples.graphhopper('plain'),
+        examples.here()))
+    rise_j = CAR.road_load.mass_kg * 9.80665 * (examples.ELEVATION[-1] - examples.ELEVATION[0])
+    for route in hilly:
+        gained_j = (route.propulsion_power_w - level.propulsion_power_w[0]) @ route.duration_s
+        assert gained_j == pytest.approx(rise_j, rel=0.5)
+
+
+@pytest.mark.parametrize('text, points', [
+    ('BFoz5xJ67i1B1B7PzIhaxL7Y', [(50.10228, 8.69821, np.nan), (50.10201, 8.69567, np.nan),
+                                  (50.10063, 8.69150, np.nan), (50.09878, 8.68752, np.nan)]),
+    ('BlBoz5xJ67i1BU1B7PUzIhaUxL7YU', [(50.10228, 8.69821, 10.0), (50.10201, 8.69567, 20.0),
+                                       (50.10063, 8.69150, 30.0), (50.09878, 8.68752, 40.0)])])
+def test_flexible_polylines_are_those_of_their_specification(text, points):
+    assert decode_flexible(text) == pytest.approx(np.array(points), nan_ok=True, abs=1e-9)
 
 
 def level_power_w(car, speed_mps, density):
@@ -125,6 +175,50 @@ def test_a_stop_stays_a_stop(tmp_path):
     assert route.duration_s[stands].sum() == pytest.approx(240.0, abs=1.0)
     assert (route.propulsion_power_w[stands] == 0.0).all()
     assert route.total_duration_s == pytest.approx(examples.LENGTH_M / examples.SPEED_MPS + 240.0)
+
+
+@GPX
+@pytest.mark.parametrize('wild', ['2026-01-10T06:00:02Z', '1970-01-01T00:00:00Z', '2106-02-07T06:28:15Z'])
+def test_a_wild_time_costs_one_point_and_is_counted(tmp_path, wild):
+    text = examples.gpx()
+    time = text.split('<time>')[200].split('</time>')[0]
+    found = loaded(tmp_path, text.replace(f'<time>{time}<', f'<time>{wild}<'))
+    assert '1 trkpts dropped, from trkpt 200 on: the time does not fit those of the others' in found.remarks
+    assert found.route.distance_m == pytest.approx(examples.LENGTH_M, rel=2e-3)
+    assert found.route.total_duration_s == pytest.approx(examples.LENGTH_M / examples.SPEED_MPS)
+
+
+@GPX
+def test_single_points_without_a_time_are_left_out(tmp_path):
+    text = examples.gpx()
+    time = text.split('<time>')[200].split('</time>')[0]
+    found = loaded(tmp_path, text.replace(f'<time>{time}</time>', ''))
+    assert '1 trkpts without a time are left out, 0 m of 19.9 km' in found.remarks
+    assert found.route.distance_m == pytest.approx(examples.LENGTH_M, rel=2e-3)
+
+
+EPA_ROWS = '0\t0\n1\t0.2\n2\t4\n3\t9\n4\t12\n5\t16\n'
+
+
+@pytest.mark.parametrize('text', [
+    f'US06COL.TXT\tUS06 or Supplemental FTP\nTest Time, secs\tTarget Speed, mph\n{EPA_ROWS}',
+    f'UDDSCOL.TXT\tLA4 or FTP-72, First 1372 seconds of FTP\nTest Time, secs\tTarget Speed, mph\n{EPA_ROWS}',
+    f'Test Time, secs\tTarget Speed, mph\n{EPA_ROWS}', f'A schedule\n\ntime,speed\n[s],[mph]\n{EPA_ROWS}'.replace(
+        '\t', ','),
+    'Zeit, s;Speed, mph\n' + EPA_ROWS.replace('\t', ';').replace('.', ','),
+    'Speed trace of a drive, with a title\n"Time, s","Speed, mph"\n' + EPA_ROWS.replace('\t', ',')])
+def test_titles_and_separators_within_names_do_not_hide_the_header(tmp_path, text):
+    route = loaded(tmp_path, text).route
+    # The trapezoidal rule by hand, in mph s.
+    assert route.distance_m == pytest.approx(0.44704 * (0.1 + 2.1 + 6.5 + 10.5 + 14.0), rel=1e-6)
+    assert route.total_duration_s == 5.0
+
+
+@pytest.mark.parametrize('name', ['t_env_c', 'T_amb_C', 'Tamb [°C]', 'OAT[DegC]', 'Outside Air Temperature (degC)',
+                                  'temp_out_c', 'Umgebungstemperatur in °C'])
+def test_temperatures_of_the_air_are_known_by_their_names(tmp_path, name):
+    route = loaded(tmp_path, f'time_s,speed_kmh,{name}\n0,30,-8\n10,30,-9\n20,30,-9\n', RouteOptions()).route
+    assert route.ambient_temperature_c @ route.duration_s / 20.0 == pytest.approx(-8.75)
 
 
 @GPX

@@ -10,14 +10,16 @@ import numpy as np
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.optional_packages import require
+from bev_preheat.route.sources.timeline import distances_m
 from bev_preheat.route.sources.track import journey_of_points
 from bev_preheat.route.sources.xml_text import check_xml
 
 if TYPE_CHECKING:
     from bev_preheat.route.sources.journey import Journey, RouteOptions
 
-# Largest share of points without the time that the others have.
+# Largest share of points without the time that the others have, and of the way that is lost with them.
 MOST_WITHOUT_TIME = 0.5
+MOST_LOST = 0.02
 
 
 def read_gpx(text: bytes, options: RouteOptions) -> Journey:
@@ -37,8 +39,18 @@ def read_gpx(text: bytes, options: RouteOptions) -> Journey:
     without = sum(time is None for time in times)
     has_times = without <= MOST_WITHOUT_TIME * len(points)
     if has_times and without:
-        points = [point for point in points if point.time is not None]
-        remarks.append(f'{without} points without a time are left out')
+        kept = [at for at, time in enumerate(times) if time is not None]
+        # Between points with times the way is at least bridged by a line.
+        inner, timed = points[kept[0]:kept[-1] + 1], [points[at] for at in kept]
+        lost_m = (_length_m(points[:kept[0]]) + _length_m(points[kept[-1] + 1:])
+                  + _length_m(inner) - _length_m(timed))
+        points, all_m = timed, _length_m(timed) + lost_m
+        if lost_m > MOST_LOST * all_m:
+            raise InvalidInput(f'{without} of {without + len(points)} {element}s have no time, from {element} '
+                               f'{times.index(None) + 1} on, and with them {lost_m / 1e3:.1f} km of '
+                               f'{all_m / 1e3:.1f} km would be lost; take out the part without times, or take out '
+                               'all times and give --free-speed')
+        remarks.append(f'{without} {element}s without a time are left out, {lost_m:.0f} m of {all_m / 1e3:.1f} km')
     if not has_times and without < len(points):
         remarks.append(f'only {len(points) - without} of {len(points)} points have a time: times are not used')
     try:
@@ -67,6 +79,12 @@ def _points(contents: Any, remarks: list[str]) -> tuple[str, str, list[Any]]:
             return kind, element, [point for points in lines for point in points]
     more = f'; it has {len(contents.waypoints)} waypoints (wpt), which are no route' if contents.waypoints else ''
     raise InvalidInput(f'has no track (trk) and no route (rte) with points{more}')
+
+
+def _length_m(points: list[Any]) -> float:
+    latitude_deg, longitude_deg = (np.array([float(getattr(point, name)) for point in points])
+                                   for name in ('latitude', 'longitude'))
+    return float(distances_m(latitude_deg, longitude_deg).sum())
 
 
 def _seconds(time: Any) -> float:

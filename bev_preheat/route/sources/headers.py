@@ -39,7 +39,7 @@ NAMES = {
     'distance': ('cumulative_distance', 'total_distance', 'odometer', 'distance_from_start', 'cumulated_distance',
                  'kilometer'),
     'length': ('length', 'segment_length', 'distance', 'dist', 'segment_distance', 'leg_distance', 'strecke',
-               'laenge', 'länge', 'ds'),
+               'laenge', 'länge', 'ds', 's'),
     'speed': ('speed', 'v', 'velocity', 'vehicle_speed', 'mean_speed', 'average_speed', 'avg_speed', 'cycle_speed',
               'speed_average', 'speed_avg', 'geschwindigkeit', 'target_speed', 'driving_speed', 'gps_speed', 'cyc',
               'wltc_speed', 'wltp_speed', 'speed_kmh_average'),
@@ -56,8 +56,15 @@ NAMES = {
     'auxiliary_power': ('auxiliary_power', 'auxiliaries', 'aux_power'),
     'latitude': ('latitude', 'lat'), 'longitude': ('longitude', 'lon', 'lng', 'long'),
     'charging_time': ('charging_time', 'charging_duration', 'charge_time', 'charge_duration', 'ladezeit'),
-    'propulsion_power': ('propulsion_power',),
+    'propulsion_power': ('propulsion_power', 'p_drive', 'p_prop', 'p_traction', 'drive_power', 'traction_power',
+                         'p_propulsion', 'p_mot', 'p_motor', 'motor_power'),
 }
+# A temperature of the air: a word for it, and for the place, in either order.
+_WORD = '(?:t|temp|temperature|temperatur)'
+_PLACE = '(?:amb|ambient|env|environment|out|outside|outdoor|air|ext|external|exterior|aussen|außen|umgebungs?)'
+AMBIENT = re.compile(f'{_WORD}(?:_?{_PLACE})+|(?:{_PLACE}_?)+{_WORD}|oat')
+# Lengths that may also be distances from the start, which rise from row to row.
+AMBIGUOUS_LENGTHS = ('distance', 'dist', 'strecke', 's')
 # Words in longer names.
 KEYWORDS = {'time': re.compile(r'time$|^elapsed'),
             'speed': re.compile(r'(speed|velocity)$|^(wltc|wltp|nedc|udds|hwfet|us06|artemis)')}
@@ -69,12 +76,18 @@ for _quantity, _names in NAMES.items():
 
 @dataclass(frozen=True)
 class Header:
-    """A column: quantity, its `name` in the file, its unit (lower case), and the factor to SI units."""
+    """A column: quantity, `name` in the file, its `stem` and `unit` in lower case, and the factor to SI units."""
 
     quantity: str
     name: str
+    stem: str
     unit: str
     factor: float
+
+    @property
+    def may_be_cumulated(self) -> bool:
+        """Whether the name also is one of values from the start of the trip."""
+        return self.quantity in ('time', 'distance') or self.stem in AMBIGUOUS_LENGTHS
 
     def si(self, values: FloatArray) -> FloatArray:
         """Return values of the column in SI units; degrees of slope become rise over run."""
@@ -92,22 +105,32 @@ def read_header(name: str) -> Header | str | None:
     A quantity with a missing or unknown unit gives a sentence of advice.
     """
     for stem, unit in _splits(name):
-        for quantity in _QUANTITY_OF.get(stem, ()):
+        for quantity in _quantities(stem):
             if unit in UNITS[quantity]:
-                return Header(quantity, name, unit, UNITS[quantity][unit])
+                return Header(quantity, name, stem, unit, UNITS[quantity][unit])
     for stem, unit in _splits(name):
         # Longer names, such as the name of the cycle before the quantity, need their unit.
         for quantity, words in KEYWORDS.items():
             if unit and unit in UNITS[quantity] and words.search(stem):
-                return Header(quantity, name, unit, UNITS[quantity][unit])
-    for stem, unit in _splits(name):
-        for quantity in _QUANTITY_OF.get(stem, ()):
+                return Header(quantity, name, stem, unit, UNITS[quantity][unit])
+    # The longest stem: t_env is no time in the unit env.
+    for stem, unit in reversed(_splits(name)):
+        for quantity in _quantities(stem):
             if unit:
                 return (f'column {name!r}: the unit {unit!r} is not known; known for {quantity}: '
                         f'{", ".join(filter(None, UNITS[quantity]))}')
             units = ' or '.join(f'{stem}_{known}' for known in list(UNITS[quantity])[:1] + _second(quantity))
             return f'column {name!r} has no unit: rename it to {units}'
     return None
+
+
+def is_column(name: str) -> bool:
+    """Return whether quantity and unit of a column's name are known."""
+    return isinstance(read_header(name), Header)
+
+
+def _quantities(stem: str) -> list[str]:
+    return _QUANTITY_OF.get(stem) or ['ambient_temperature'] * bool(AMBIENT.fullmatch(stem))
 
 
 def _second(quantity: str) -> list[str]:

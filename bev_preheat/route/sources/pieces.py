@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,15 +23,20 @@ MOST_MISFIT = 0.2
 
 @dataclass(frozen=True)
 class Pieces:
-    """A leg between two waypoints: lengths [m] and durations [s] of its N pieces, shapes (N,)."""
+    """
+    A leg between two waypoints: lengths [m] and durations [s] of its N pieces, shapes (N,).
+
+    `stop_s` is the time of charging at its end [s]; 0: none, or not known.
+    """
 
     length_m: FloatArray
     duration_s: FloatArray
+    stop_s: float = field(default=0.0, kw_only=True)
 
     def scaled_to(self, total_s: float) -> Pieces:
         """Return the leg with the durations scaled to a total [s]."""
         sum_s = float(self.duration_s.sum())
-        return self if sum_s <= 0.0 else Pieces(self.length_m, self.duration_s * (total_s / sum_s))
+        return self if sum_s <= 0.0 else replace(self, duration_s=self.duration_s * (total_s / sum_s))
 
 
 def journey_of_pieces(kind: str, legs: Sequence[Pieces], options: RouteOptions, remarks: Sequence[str] = (),
@@ -41,8 +46,7 @@ def journey_of_pieces(kind: str, legs: Sequence[Pieces], options: RouteOptions, 
     Return the Journey of legs in driving order.
 
     `line`: latitudes and longitudes [deg] of the whole way; `elevation`: distances [m] and elevations [m] of
-    points
-    along it. Waypoints between legs are charging stops if the options give a duration.
+    points along it. Waypoints between legs are charging stops if the leg or the options give a duration.
     """
     remarks = list(remarks)
     legs = [leg for leg in legs if leg.length_m.sum() > 0.0 or leg.duration_s.sum() > 0.0]
@@ -51,12 +55,12 @@ def journey_of_pieces(kind: str, legs: Sequence[Pieces], options: RouteOptions, 
     distance_m = np.concatenate(([0.0], np.cumsum(np.concatenate([leg.length_m for leg in legs]))))
     elapsed_s = np.concatenate(([0.0], np.cumsum(np.concatenate([leg.duration_s for leg in legs]))))
     ends = np.cumsum([len(leg.length_m) for leg in legs])[:-1]
-    stops: tuple[tuple[float, float], ...] = ()
-    if len(ends) and options.stop_duration_s is not None:
-        stops = tuple((float(elapsed_s[end]), float(options.stop_duration_s)) for end in ends)
-    elif len(ends):
-        remarks.append(f'{len(ends)} waypoints are passed without a stop; if they are charging stops, give their '
-                       'duration [min], such as: --stop-duration 20')
+    stops = tuple((float(elapsed_s[end]), duration_s) for end, duration_s in zip(
+        ends, (leg.stop_s or options.stop_duration_s or 0.0 for leg in legs)) if duration_s > 0.0)
+    passed = len(ends) - len(stops)
+    if passed:
+        remarks.append(f'{passed} waypoint{" is" if passed == 1 else "s are"} passed without a stop; for charging '
+                       'stops give their duration [min], such as: --stop-duration 20')
     latitude_deg = longitude_deg = elevation_m = None
     if line is not None:
         latitude_deg, longitude_deg = line

@@ -37,8 +37,7 @@ def read_records(contents: Any) -> Journey:
         elif contents and all(isinstance(column, list) for column in contents.values()):
             records = _rows(contents)
         else:
-            raise InvalidInput('is not a route: it has no routes (OSRM), no trip (Valhalla), no type (GeoJSON) '
-                               f'and no segments; its keys are: {", ".join(map(str, list(contents)[:8]))}')
+            raise InvalidInput(_why_no_route(contents))
     if not isinstance(records, list) or not records:
         raise InvalidInput(f'is not a list of segments: {in_words(records)}')
     header: dict[str, None] = {}
@@ -49,10 +48,25 @@ def read_records(contents: Any) -> Journey:
             if isinstance(value, int | float | str) and not isinstance(value, bool):
                 header[key] = None
     if not header:
-        raise InvalidInput('segment 1: has no figures')
+        raise InvalidInput(f'segment 1: has no figures; its keys are: {_keys(records[0])}')
     # Texts, so that numbers are checked as in tables; a missing one is reported if its column is used.
     rows = [[_text(record.get(name)) for name in header] for record in records]
     return journey_of_table(RecordTable('segments', ',', list(header), 0, rows, list(range(1, len(rows) + 1)), []))
+
+
+def _why_no_route(contents: dict[str, Any]) -> str:
+    """Return why an object is not a route: what the service says, or else its keys."""
+    error = next((contents[name] for name in ('error', 'detailedError') if isinstance(contents.get(name), dict)),
+                 contents)
+    for name in ('message', 'description', 'error_message', 'title'):
+        if isinstance(error.get(name), str):
+            return f'the service found no route: {in_words(error[name])}'
+    return ('is not a route: it has no routes (OSRM, TomTom, HERE, Google), no paths (GraphHopper), no trip '
+            f'(Valhalla), no type (GeoJSON) and no segments; its keys are: {_keys(contents)}')
+
+
+def _keys(node: dict[str, Any]) -> str:
+    return ', '.join(map(str, list(node)[:8])) or 'none'
 
 
 def _rows(columns: dict[str, list[Any]]) -> list[dict[str, Any]]:

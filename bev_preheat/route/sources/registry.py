@@ -7,7 +7,7 @@ import re
 from typing import Any, TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.route.sources.headers import Header, read_header
+from bev_preheat.route.sources.headers import Header, is_column, read_header
 from bev_preheat.route.text_table import read_text_table
 
 if TYPE_CHECKING:
@@ -76,10 +76,10 @@ def has_powers(path: Path) -> bool:
     """Return whether a table is a route file: with powers, or without any column that a table reader knows."""
     if kind_of(path) != 'table':
         return False
-    header = read_text_table(path, ()).header
-    if any(name.startswith('propulsion_power') for name in header):
-        return True
+    header = read_text_table(path, (), is_column).header
     known = {column.quantity for column in map(read_header, header) if isinstance(column, Header)}
+    if 'propulsion_power' in known or any(name.startswith('propulsion_power') for name in header):
+        return True
     return not known & {'time', 'speed', 'duration', 'length'}
 
 
@@ -110,7 +110,12 @@ def _read_xml(text: bytes, options: RouteOptions) -> Journey:
 
 def _read_json(text: bytes, options: RouteOptions) -> Journey:
     from bev_preheat.route.sources.json_text import parse_json
+    from bev_preheat.route.sources.navigation import read_navigation, service_of
     contents: Any = parse_json(text)
+    service = service_of(contents)
+    if service is not None:
+        _refuse_unused(options, ('stop_duration_s',))
+        return read_navigation(contents, service, options)
     if isinstance(contents, dict):
         if contents.get('type') in GEOJSON_TYPES:
             from bev_preheat.route.sources.geojson import read_geojson

@@ -17,7 +17,7 @@ from bev_preheat.errors import figure, InvalidInput, quoted
 from bev_preheat.route.motion import elevation_of_slope, Motion
 from bev_preheat.route.segments import LIMITS, LONGEST_ROUTE_S
 from bev_preheat.route.sources.elevation import smooth_elevation
-from bev_preheat.route.sources.headers import Header, read_header
+from bev_preheat.route.sources.headers import Header, is_column, read_header
 from bev_preheat.route.sources.journey import ChargingStop, Journey, SLOPE_RANGE
 from bev_preheat.route.text_table import read_text_table, TextTable
 
@@ -40,11 +40,13 @@ RANGES = {
 # Longest time between two samples of a cycle [s], and the strongest acceleration [m/s^2] of a car.
 LONGEST_INTERVAL_S = 60.0
 MOST_ACCELERATION_MPS2 = 12.0
+# So many lengths seldom rise by chance.
+LEAST_RISING = 4
 
 
 def read_table(path: str | Path) -> Journey:
     """Return the Journey of a table (CSV); raise InvalidInput naming file, line, column and value."""
-    return journey_of_table(_with_units_from_second_line(read_text_table(path, ACCEPTED)))
+    return journey_of_table(_with_units_from_second_line(read_text_table(path, ACCEPTED, is_column)))
 
 
 def journey_of_table(table: TextTable) -> Journey:
@@ -63,7 +65,7 @@ def _with_units_from_second_line(table: TextTable) -> TextTable:
         return table
     units = [cell.strip().strip('[]()') for cell in table.rows[0]]
     joined = [f'{name} [{unit}]' if unit else name for name, unit in zip(table.header, units)]
-    if not any(isinstance(read_header(name), Header) for name in joined):
+    if not any(map(is_column, joined)):
         return table
     return TextTable(table.path, table.separator, joined, table.header_line, table.rows[1:], table.lines[1:],
                      table.comments)
@@ -202,6 +204,11 @@ def _segments(table: TextTable, headers: dict[str, Header]) -> Journey:
     """Return the Journey of a list of segments."""
     columns = {name: _column(table, headers[name]) for name in RANGES if name in headers}
     length_m = columns.get('length')
+    if length_m is not None and len(length_m) >= LEAST_RISING and headers['length'].may_be_cumulated and not (
+            {'duration', 'speed'} <= columns.keys()) and (np.diff(length_m) > 0.0).all():
+        raise InvalidInput(f'{table.where(0)}: {headers["length"].name}: rises from row to row, as a distance '
+                           'from the start of the trip does, which is not accepted; if it is the length of each '
+                           f'segment, name it length_{headers["length"].unit}')
     if 'duration' in columns:
         duration_s = columns['duration']
         bad = ~(duration_s >= LIMITS['duration_s'][0])

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,6 +11,7 @@ import numpy as np
 from bev_preheat.errors import figure, InvalidInput
 from bev_preheat.numerics.factors import EARTH_RADIUS_M
 from bev_preheat.route.kinematics import drive_along, Track
+from bev_preheat.route.segments import LONGEST_ROUTE_S
 from bev_preheat.route.sources.timeline import check_coordinates, distances_m, journey_of, Timeline
 
 if TYPE_CHECKING:
@@ -54,11 +56,17 @@ def journey_of_points(kind: str, latitude_deg: FloatArray, longitude_deg: FloatA
         return _free(kind, latitude_deg, longitude_deg, elevation_m, options, remarks)
     if options.free_speed_kmh is not None:
         raise InvalidInput(f'the {kind} has times; leave out --free-speed')
-    falls = np.flatnonzero(np.diff(time_s) < 0.0)
-    if falls.size:
-        at = int(falls[0]) + 1
+    timely = _in_order(time_s)
+    wild = int((~timely).sum())
+    if wild > MOST_DROPPED * len(timely):
+        at = int(np.argmax(np.diff(time_s) < 0.0)) + 1
         raise InvalidInput(f'{element} {at + 1}: time: is {figure(float(time_s[at - 1] - time_s[at]))} s before '
-                           f'that of the previous {element}')
+                           f'that of the previous {element}, and {wild} of {len(timely)} do not fit the others')
+    if wild:
+        remarks.append(f'{wild} {element}s dropped, from {element} {int(np.argmin(timely)) + 1} on: the time does '
+                       'not fit those of the others')
+        latitude_deg, longitude_deg, time_s = latitude_deg[timely], longitude_deg[timely], time_s[timely]
+        elevation_m = None if elevation_m is None else elevation_m[timely]
     keep = _plausible(latitude_deg, longitude_deg, time_s)
     dropped = int((~keep).sum())
     if dropped > MOST_DROPPED * len(keep) or keep.sum() < 2:
@@ -80,6 +88,27 @@ def journey_of_points(kind: str, latitude_deg: FloatArray, longitude_deg: FloatA
     distance_m = np.concatenate(([0.0], np.cumsum(step_m)))
     return journey_of(kind, Timeline(distance_m, elapsed_s, latitude_deg, longitude_deg, elevation_m,
                                      breaks_s=tuple(breaks_s)), remarks)
+
+
+def _in_order(time_s: FloatArray) -> BoolArray:
+    """Return the most times that never fall, none of them a whole route from the others, shape (M,)."""
+    keep = np.abs(time_s - np.median(time_s)) <= LONGEST_ROUTE_S
+    if keep.all() and (np.diff(time_s) >= 0.0).all():
+        return keep
+    # The longest subsequence that never falls: for each length the one with the earliest end.
+    ends_s: list[float] = []
+    ends: list[int] = []
+    before = np.full(len(time_s), -1)
+    for at in np.flatnonzero(keep).tolist():
+        length = bisect_right(ends_s, time_s[at])
+        before[at] = ends[length - 1] if length else -1
+        ends_s[length:length + 1], ends[length:length + 1] = [time_s[at]], [at]
+    keep[:] = False
+    at = ends[-1] if ends else -1
+    while at >= 0:
+        keep[at] = True
+        at = int(before[at])
+    return keep
 
 
 def _plausible(latitude_deg: FloatArray, longitude_deg: FloatArray, time_s: FloatArray) -> BoolArray:

@@ -1,0 +1,246 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Reads answers of navigation services whose legs have a length and a duration: a table of keys, one row a service.
+
+The parts of a leg (steps, instructions, spans) are used if their lengths add up to the leg's; their durations are
+scaled to the leg's, which includes traffic. Charging stops of the answer are kept with their durations.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import re
+from typing import Any, TYPE_CHECKING
+
+import numpy as np
+
+from bev_preheat.errors import InvalidInput
+from bev_preheat.route.sources.json_text import checked, in_words, items
+from bev_preheat.route.sources.pieces import journey_of_pieces, Pieces
+from bev_preheat.route.sources.polyline import decode_flexible, decode_points_by_length
+from bev_preheat.route.sources.timeline import distances_m
+
+if TYPE_CHECKING:
+    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.route.sources.journey import Journey, RouteOptions
+
+# Durations as a text, and the longest one of a leg or of a charging stop [s].
+SECONDS = re.compile(r'([0-9]+(?:\.[0-9]*)?)s')
+LONGEST_LEG_S, LONGEST_STOP_S, LONGEST_LEG_M = 1e6, 86400.0, 1e7
+# Parts of a leg may add up to this share more or less than the leg, because they are rounded.
+MOST_MISFIT = 0.02
+# Names of coordinates: a latitude and its longitude.
+COORDINATES = (('latitude', 'longitude'), ('lat', 'lng'), ('lat', 'lon'))
+ELEVATION_RANGE_M = (-500.0, 9000.0)
+
+
+@dataclass(frozen=True)
+class Service:
+    """
+    The keys of a service; of several paths (keys with a dot between them) the first one that is there counts.
+
+    `routes` is the list of routes ('': the answer is one), `legs` that of the legs in a route ('': the route is
+    one). A unit of time is `second` [s].
+    """
+
+    kind: str
+    routes: str
+    legs: str
+    length: tuple[str, ...]
+    duration: tuple[str, ...]
+    line: tuple[str, ...]
+    parts: str = ''
+    part_duration: tuple[str, ...] = ()
+    second: float = 1.0
+    # Lists of instants along the route: distance and time from its start.
+    progress: tuple[tuple[str, str], ...] = ()
+
+
+SERVICES = (
+    Service('TomTom answer', 'routes', 'legs', ('summary.lengthInMeters',), ('summary.travelTimeInSeconds',),
+            ('points', 'encodedPolyline'),
+            progress=(('progress', 'distanceInMeters'), ('guidance.instructions', 'routeOffsetInMeters'))),
+    Service('HERE answer', 'routes', 'sections', ('travelSummary.length', 'summary.length'),
+            ('travelSummary.duration', 'summary.duration'), ('polyline',), 'spans', ('duration',)),
+    Service('Google answer', 'routes', 'legs', ('distanceMeters', 'distance.value'),
+            ('duration_in_traffic.value', 'duration.value', 'duration'),
+            ('polyline', 'overview_polyline'), 'steps', ('staticDuration', 'duration.value')),
+    Service('GraphHopper answer', 'paths', '', ('distance',), ('time',), ('points',), 'instructions', ('time',),
+            1e-3),
+    Service('routingpy route', '', '', ('distance',), ('duration',), ('geometry',)),
+)
+PART_LENGTH = ('distanceMeters', 'distance.value', 'distance', 'length')
+
+
+def service_of(contents: Any) -> Service | None:
+    """Return the Service whose keys an answer has, None without one."""
+    for service in SERVICES:
+        route = _first_route(contents, service)
+        leg = _first(route.get(service.legs)) if service.legs and isinstance(route, dict) else route
+        if all(_found(leg, paths) is not None for paths in (service.length, service.duration)) and (
+                service.routes or _found(leg, service.line) is not None):
+            return service
+    return None
+
+
+def read_navigation(contents: Any, service: Service, options: RouteOptions) -> Journey:
+    """Return the Journey of the first route of an answer; raise InvalidInput naming the key."""
+    route = _first_route(contents, service)
+    place = f'{service.routes}[0]' if service.routes else 'route'
+    remarks: list[str] = []
+    count = len(contents[service.routes]) if service.routes else 1
+    if count > 1:
+        remarks.append(f'{count} routes in the answer: the first one is used')
+    nodes = [(leg, f'{place}.{service.legs}[{at}]') for at, leg in enumerate(items(route, service.legs, place))] \
+        if service.legs else [(route, place)]
+    legs = [_leg(leg, where, service) for leg, where in nodes]
+    legs = _with_progress(legs, route, service, place)
+    if any(len(leg.length_m) == 1 for leg in legs):
+        remarks.append('the mean speed of each leg is used; the answer has no steps that fit' if service.legs else
+                       'the mean speed of the whole way is used; the answer has no steps that fit')
+    points = _line(route, legs, nodes, service, place)
+    if points is None:
+        return journey_of_pieces(service.kind, legs, options, remarks)
+    latitude_deg, longitude_deg, elevation_m = points
+    elevation = None
+    if np.isfinite(elevation_m).all():
+        along_m = np.concatenate(([0.0], np.cumsum(distances_m(latitude_deg, longitude_deg))))
+        total_m = sum(float(leg.length_m.sum()) for leg in legs)
+        elevation = along_m * (total_m / max(float(along_m[-1]), 1e-9)), elevation_m
+    return journey_of_pieces(service.kind, legs, options, remarks, (latitude_deg, longitude_deg), elevation)
+
+
+def _first(values: Any) -> Any:
+    return values[0] if isinstance(values, list) and values else None
+
+
+def _first_route(contents: Any, service: Service) -> Any:
+    """Return the first route of an answer, None without one."""
+    if not service.routes:
+        # A list of several is one of segments.
+        return _first(contents) if isinstance(contents, list) and len(contents) == 1 else contents
+    return _first(contents.get(service.routes)) if isinstance(contents, dict) else None
+
+
+def _found(node: Any, paths: tuple[str, ...]) -> tuple[str, Any] | None:
+    """Return the first path that is there, and its value."""
+    for path in paths:
+        value = node
+        for key in path.split('.'):
+            value = value.get(key) if isinstance(value, dict) else None
+        if value is not None:
+            return path, value
+    return None
+
+
+def _figure(node: Any, paths: tuple[str, ...], place: str, most: float) -> float:
+    """Return a number, or the number of a text such as 750s; raise InvalidInput naming the key."""
+    found = _found(node, paths)
+    if found is None:
+        raise InvalidInput(f'{place}: missing {" or ".join(paths)}' if isinstance(node, dict) else
+                           f'{place}: must be an object, not {in_words(node)}')
+    path, value = found
+    text = SECONDS.fullmatch(value) if isinstance(value, str) else None
+    return checked(float(text[1]) if text else value, f'{place}.{path}', 0.0, most)
+
+
+def _leg(leg: Any, place: str, service: Service) -> Pieces:
+    length_m = _figure(leg, service.length, place, LONGEST_LEG_M)
+    duration_s = _figure(leg, service.duration, place, LONGEST_LEG_S / service.second) * service.second
+    stop_s, actions_s = _stops_s(leg, place)
+    found = _found(leg, service.duration)
+    if found is not None and found[0] == 'summary.duration':
+        # HERE's summary includes what is done before and after the drive.
+        duration_s = max(duration_s - actions_s, 0.0)
+    whole = Pieces(np.array([length_m]), np.array([duration_s]), stop_s=stop_s)
+    parts = leg.get(service.parts)
+    if not isinstance(parts, list) or not parts or any(
+            _found(part, paths) is None for part in parts for paths in (PART_LENGTH, service.part_duration)):
+        return whole
+    figures = np.array([(_figure(part, PART_LENGTH, f'{place}.{service.parts}[{at}]', LONGEST_LEG_M),
+                         _figure(part, service.part_duration, f'{place}.{service.parts}[{at}]',
+                                 LONGEST_LEG_S / service.second)) for at, part in enumerate(parts)])
+    sums = figures.sum(axis=0)
+    if abs(sums[0] - length_m) > MOST_MISFIT * length_m or sums[1] <= 0.0:
+        return whole
+    return Pieces(figures[:, 0], figures[:, 1], stop_s=stop_s).scaled_to(duration_s)
+
+
+def _stops_s(leg: dict[str, Any], place: str) -> tuple[float, float]:
+    """Return the time of charging at the end of a leg, and of all that is done before and after its drive [s]."""
+    tomtom = ('summary.chargingInformationAtEndOfLeg.chargingTimeInSeconds',)
+    if _found(leg, tomtom) is not None:
+        return (_figure(leg, tomtom, place, LONGEST_STOP_S),) * 2
+    charging_s = total_s = 0.0
+    for name in ('preActions', 'postActions'):
+        for at, action in enumerate(items(leg, name, place) if name in leg else ()):
+            if _found(action, ('duration',)) is None:
+                continue
+            duration_s = _figure(action, ('duration',), f'{place}.{name}[{at}]', LONGEST_STOP_S)
+            total_s += duration_s
+            charging_s += duration_s if str(action.get('action')).startswith('charging') else 0.0
+    return charging_s, total_s
+
+
+def _with_progress(legs: list[Pieces], route: Any, service: Service, place: str) -> list[Pieces]:
+    """Return the legs with the times along the route, if the answer has some that end with the legs."""
+    ends_m = np.cumsum([leg.length_m.sum() for leg in legs])
+    ends_s = np.cumsum([leg.duration_s.sum() for leg in legs])
+    for path, distance in service.progress:
+        found = _found(route, (path,))
+        if found is None or not isinstance(found[1], list) or len(found[1]) < 3:
+            continue
+        at_m, at_s = np.array([[_figure(node, (key,), f'{place}.{path}[{at}]', LONGEST_LEG_M)
+                                for key in (distance, 'travelTimeInSeconds')]
+                               for at, node in enumerate(found[1])]).T
+        if (np.diff(at_m) < 0.0).any() or (np.diff(at_s) < 0.0).any() or at_s[-1] <= 0.0 or max(
+                abs(at_m[-1] / ends_m[-1] - 1.0), abs(at_s[-1] / ends_s[-1] - 1.0)) > MOST_MISFIT:
+            continue
+        edges_m = [np.unique(np.concatenate(([begin_m], at_m[(at_m > begin_m) & (at_m < end_m)], [end_m])))
+                   for begin_m, end_m in zip(np.concatenate(([0.0], ends_m)), ends_m)]
+        return [Pieces(np.diff(edges), np.diff(np.interp(edges, at_m, at_s)), stop_s=leg.stop_s).scaled_to(
+            float(leg.duration_s.sum())) for edges, leg in zip(edges_m, legs)]
+    return legs
+
+
+def _line(route: Any, legs: list[Pieces], nodes: list[tuple[Any, str]], service: Service,
+          place: str) -> FloatArray | None:
+    """Return latitudes, longitudes [deg] and elevations [m] (NaN: none) of the way, shape (3, M); None without."""
+    lengths_m = [float(leg.length_m.sum()) for leg in legs]
+    whole = _found(route, service.line)
+    parts = [(whole, place, sum(lengths_m))] if whole is not None else [
+        (_found(leg, service.line), where, length_m) for (leg, where), length_m in zip(nodes, lengths_m)]
+    lines = [_points(found[1], f'{where}.{found[0]}', length_m, service)
+             for found, where, length_m in parts if found is not None]
+    return np.concatenate(lines).T if lines and len(lines) == len(parts) else None
+
+
+def _points(value: Any, place: str, length_m: float, service: Service) -> FloatArray:
+    """Return latitude, longitude and elevation of the points of a line in any of the forms, shape (M, 3)."""
+    inner = _found(value, ('coordinates', 'points', 'encodedPolyline', 'geoJsonLinestring'))
+    if inner is not None:
+        return _points(inner[1], f'{place}.{inner[0]}', length_m, service)
+    if isinstance(value, list):
+        points = np.array([_point(point, f'{place}[{at}]') for at, point in enumerate(value)])
+        if len(points) < 2:
+            raise InvalidInput(f'{place}: has {len(points)} points; at least 2 are needed')
+        return points
+    try:
+        return decode_flexible(value) if service.routes and service.legs == 'sections' else \
+            decode_points_by_length(value, length_m)
+    except InvalidInput as error:
+        raise InvalidInput([f'{place}: {problem}' for problem in error.problems]) from error
+
+
+def _point(point: Any, place: str) -> list[float]:
+    """Return latitude, longitude, elevation (NaN: none) of an object, or of [longitude, latitude, elevation]."""
+    if isinstance(point, dict):
+        for names in COORDINATES:
+            if all(name in point for name in names):
+                return [checked(point[name], f'{place}.{name}', -180.0, 180.0) for name in names] + [np.nan]
+    if not isinstance(point, list) or len(point) < 2:
+        raise InvalidInput(f'{place}: must be [longitude, latitude], or an object with latitude and longitude, '
+                           f'not {in_words(point)}')
+    longitude, latitude = (checked(number, place, -180.0, 180.0) for number in point[:2])
+    return [latitude, longitude,
+            checked(point[2], place, *ELEVATION_RANGE_M) if len(point) > 2 and point[2] is not None else np.nan]
