@@ -7,6 +7,7 @@ and may change. A name is loaded when it is first used, to keep the nodes small.
 """
 
 from importlib import import_module
+from importlib.util import find_spec
 import os
 from typing import Any, TYPE_CHECKING
 
@@ -20,6 +21,10 @@ __all__ = [
     'PlanningFailure', 'Prediction', 'Recording', 'Route', 'Sensors', 'SessionResult', 'Vehicle', 'WorthResult',
     'charging_session', 'check', 'compare', 'drive', 'identify', 'load_recording', 'load_route', 'load_vehicle',
     'make_route', 'make_vehicle', 'methods', 'optimum', 'plan', 'routes', 'vehicles', 'worth']
+# The studies are a package of their own, which may be left out.
+_OF_STUDIES = ('ReproductionResult', 'RobustnessResult', 'SweepResult', 'reproduce', 'robustness', 'sweep')
+if find_spec('bev_preheat_studies') is not None:
+    __all__.extend(_OF_STUDIES)
 
 if TYPE_CHECKING:
     from bev_preheat.errors import InvalidInput, PlanningFailure
@@ -58,6 +63,12 @@ if TYPE_CHECKING:
     from bev_preheat.simulation.mismatch import Mismatch
     from bev_preheat.simulation.sensors import Sensors
     from bev_preheat.vehicle import Vehicle
+    reproduce: Any
+    robustness: Any
+    sweep: Any
+    ReproductionResult: Any
+    RobustnessResult: Any
+    SweepResult: Any
 else:
     _MODULES = {
         **dict.fromkeys(('InvalidInput', 'PlanningFailure'), 'errors'),
@@ -75,6 +86,8 @@ else:
 
     def __getattr__(name: str) -> Any:
         """Return a name of `__all__` out of its module."""
+        if name in _OF_STUDIES and name in __all__:
+            return getattr(import_module('bev_preheat_studies.interface'), name)
         if name not in _MODULES:
             raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
         return getattr(import_module(f'{__name__}.{_MODULES[name]}'), name)

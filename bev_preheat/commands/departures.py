@@ -45,8 +45,8 @@ def add_departure_arguments(parser: ArgumentParser) -> None:
     week.add_argument('--temperature', type=float, metavar='DEGC', help='battery temperature when a preparation '
                       'may begin [degC] (default: the ambient temperature)')
     week.add_argument('--soc', type=float, metavar='0..1', help='state of charge then (default: 0.8)')
-    week.add_argument('--from', dest='since', metavar='DATE', help='begin at this time, "YYYY-MM-DD HH:MM", local or '
-                      'with an offset (default: now)')
+    week.add_argument('--from', dest='since', metavar='DATE', help='begin at this time, "YYYY-MM-DD HH:MM", local '
+                      'or with an offset (default: now)')
     week.add_argument('--json', metavar='FILE', help='write the result as JSON; - is standard output, and tables '
                       'then go to standard error')
     week.add_argument('--plot', metavar='FILE', help='draw the week (PNG, SVG, PDF)')

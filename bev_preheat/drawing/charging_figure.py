@@ -16,6 +16,7 @@ from bev_preheat.vehicle.charging import charging_of
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from bev_preheat.charging.session import Session
@@ -36,6 +37,14 @@ def draw_sessions(path: AnyPath, vehicle: Vehicle, stop: ChargingStop, sessions:
                   title: str) -> None:
     """Draw sessions into a file; its suffix gives the format."""
     save_figure(make_session_figure(vehicle, stop, sessions, title), path)
+
+
+def draw_charging_power(axis: Axes, session: Session) -> None:
+    """Draw the charging power of a Session over time on an axis of any figure."""
+    time = TimeAxis(max(float(session.time_s[-1]), LEAST_SHOWN_S))
+    draw_steps(axis, time(session.time_s), session.charging_power_w / W_PER_KW, **LOOKS[0].line())
+    axis.set_ylabel('charging power [kW]')
+    time.finish(axis, 0.0, max(float(session.time_s[-1]), LEAST_SHOWN_S), 'time at the charger')
 
 
 def make_session_figure(vehicle: Vehicle, stop: ChargingStop, sessions: Mapping[str, Session],

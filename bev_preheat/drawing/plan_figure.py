@@ -127,6 +127,19 @@ def make_plan_figure(vehicle: Vehicle, route: Route, goal: Goal, plans: Sequence
     return figure
 
 
+def draw_battery_temperatures(axis: Axes, plans: Sequence[Plan], goal: Goal) -> None:
+    """Draw the battery's temperature along plans for one route, and the target, on an axis of any figure."""
+    time = TimeAxis(plans[0].arrival_time_s)
+    for plan in plans:
+        draw_course(axis, time(plan.time_s), plan.battery_temperature_c,
+                    **look_of(plan.method).line(label=name_of(plan.method)))
+    if goal.charging_planned:
+        axis.axhline(goal.target_temperature_c, **TARGET, label='target')
+    axis.set_ylabel('battery temperature [°C]')
+    axis.legend(fontsize='small')
+    time.finish(axis, 0.0, plans[0].arrival_time_s)
+
+
 def _on_arrival(method: str, plan: Plan, earlier: Iterable[Plan]) -> str:
     """Describe the arrival, and name the earlier plan with the same course."""
     name = name_of(method)

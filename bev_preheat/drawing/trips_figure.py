@@ -44,6 +44,13 @@ def check_figure(check: Check) -> Figure:
     return figure
 
 
+def draw_arrival_errors(axis: Axes, check: Check) -> None:
+    """Draw the error on arrival of each trip of a Check on an axis of any figure."""
+    axis.barh([trip.trip.name for trip in check.trips], [trip.arrival_error_k for trip in check.trips], color=BLUE)
+    axis.invert_yaxis()
+    axis.set_xlabel('predicted minus measured temperature on arrival [K]')
+
+
 def draw_trip(temperature: Axes, charge: Axes, check: TripCheck) -> None:
     """Draw a TripCheck: readings as intervals of the sensor's step, prediction as a line."""
     trip, predicted = check.trip, check.prediction

@@ -35,13 +35,18 @@ def draw_worth(path: AnyPath, worth: Worth, title: str) -> None:
 def make_worth_figure(worth: Worth, title: str) -> Figure:
     """Return the figure of a Worth; targets whose session never ends are omitted."""
     figure, ((cost, minutes),) = grid_figure(1, 2, title, height_in=4.8)
-    _draw(cost, worth, lambda target: (target.target_c, target.cost))
-    cost.set(xlabel='target [°C]', ylabel='cost of energy and time at the charger')
+    draw_costs(cost, worth)
     _draw(minutes, worth, lambda target: (
         target.bought_energy_wh / 1000.0, target.charging_time_s / 60.0))
     minutes.set(xlabel='energy bought [kWh]', ylabel='time at the charger [min]')
     legend_above(cost, columns=3)
     return figure
+
+
+def draw_costs(axis: Axes, worth: Worth) -> None:
+    """Draw the cost over the target on an axis of any figure."""
+    _draw(axis, worth, lambda target: (target.target_c, target.cost))
+    axis.set(xlabel='target [°C]', ylabel='cost of energy and time at the charger')
 
 
 def _draw(axis: Axes, worth: Worth, place: Place) -> None:

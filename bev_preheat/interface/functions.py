@@ -10,6 +10,8 @@ from bev_preheat.charging.heating_choice import ChargerHeating
 from bev_preheat.charging.stop import ChargingStop
 from bev_preheat.charging.target_worth import Prices
 from bev_preheat.charging.worth import check_prices, ENERGY_PRICE_PER_KWH, find_worth, VALUE_OF_TIME_PER_H
+from bev_preheat.errors import InvalidInput
+from bev_preheat.interface.checked import checked
 from bev_preheat.interface.results import (
     ComparisonResult,
     DriveResult,
@@ -20,6 +22,7 @@ from bev_preheat.interface.results import (
 )
 from bev_preheat.optional_packages import require
 from bev_preheat.planning.comparison import difference, energy_gap_wh
+from bev_preheat.planning.installed_methods import use_function
 from bev_preheat.planning.planner import (
     as_driven,
     check_method,
@@ -30,34 +33,58 @@ from bev_preheat.planning.planner import (
 from bev_preheat.planning.situation import BatteryState, Goal
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
+    from numpy.typing import ArrayLike
+
+    from bev_preheat.planning.method_situation import MethodSituation
     from bev_preheat.route import Route
     from bev_preheat.simulation.heater_faults import HeaterFault
     from bev_preheat.simulation.mismatch import Mismatch
     from bev_preheat.simulation.sensors import Sensors
     from bev_preheat.vehicle import Vehicle
 
+    # The name of a method, or a function that returns the heater's power in each step [W], (N,).
+    AnyMethod = str | Callable[[MethodSituation], ArrayLike]
 
-def _goal_of(vehicle: Vehicle, goal: Goal | float | None) -> Goal:
+
+def goal_of(vehicle: Vehicle, goal: Goal | float | None) -> Goal:
     """Return a Goal; a number is its target [deg C], None the vehicle's default."""
     if goal is None:
         return Goal(vehicle.defaults.target_battery_temperature_c)
     return goal if isinstance(goal, Goal) else Goal(float(goal))
 
 
+def _named(method: AnyMethod) -> str:
+    """Return the name of a method; a function gets one in this process."""
+    name = method if isinstance(method, str) else use_function(method)
+    check_method(name)
+    return name
+
+
+def named_methods(methods: Sequence[AnyMethod]) -> tuple[str, ...]:
+    """Return the names of methods, each once; raises InvalidInput if two functions have the same name."""
+    different = tuple(dict.fromkeys(methods))
+    names = tuple(dict.fromkeys(map(_named, different)))
+    if len(names) < len(different):
+        raise InvalidInput('methods: two functions have the same name; rename one')
+    return names
+
+
+@checked
 def plan(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal | float | None = None,
-         method: str = DEFAULT_METHOD) -> PlanResult:
+         method: AnyMethod = DEFAULT_METHOD) -> PlanResult:
     """
     Return when to heat on a route, as `preheat plan` does.
 
     `state` is the battery's at the start; `goal` a Goal, a target temperature on arrival [deg C], or None for
     the vehicle's default. `method` is a name in `methods()`: `value_function` keeps the paper's limits (9e)-(9i),
-    `optimal_switch` has one switching instant, `paper` is the heuristic of its Algorithms 1 and 2. Raises
-    InvalidInput, which names field, value and allowed range, and PlanningFailure if the model yields no numbers.
+    `optimal_switch` has one switching instant, `paper` is the heuristic of its Algorithms 1 and 2; or a function
+    of a MethodSituation that returns the heater's power in each step [W], (N,). Raises InvalidInput, which names
+    field, value and allowed range, and PlanningFailure if the model yields no numbers, or the function no powers.
     """
-    goal = _goal_of(vehicle, goal)
-    return PlanResult(vehicle, route, goal, plan_preheating(vehicle, route, state, goal, method))
+    goal = goal_of(vehicle, goal)
+    return PlanResult(vehicle, route, goal, plan_preheating(vehicle, route, state, goal, _named(method)))
 
 
 def methods() -> tuple[str, ...]:
@@ -65,6 +92,7 @@ def methods() -> tuple[str, ...]:
     return method_names()
 
 
+@checked
 def optimum(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal | float | None = None,
             keeps_power_limits: bool = True) -> OptimumResult:
     """
@@ -74,23 +102,22 @@ def optimum(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal | fl
     """
     require('casadi')
     from bev_preheat.nonlinear_program.solve import solve_optimum
-    goal = _goal_of(vehicle, goal)
+    goal = goal_of(vehicle, goal)
     solved = solve_optimum(vehicle, route, state, goal, keeps_power_limits)
     return OptimumResult(vehicle, route, goal, solved.plan, solved)
 
 
+@checked
 def compare(vehicle: Vehicle, route: Route, state: BatteryState,
-            goal: Goal | float | None = None, methods: Sequence[str] | None = None) -> ComparisonResult:
+            goal: Goal | float | None = None, methods: Sequence[AnyMethod] | None = None) -> ComparisonResult:
     """
     Return the plans of several methods beside the optimum, as `preheat compare` does; needs casadi (extra `nlp`).
 
-    `methods` are the names of those to compare, None for all. A plan that breaks a power limit
-    is compared as it would be driven. Other arguments as in `plan`.
+    `methods` are the names of those to compare, or functions as in `plan`; None for all. A plan that breaks a
+    power limit is compared as it would be driven. Other arguments as in `plan`.
     """
-    names = method_names() if methods is None else tuple(dict.fromkeys(methods))
-    for name in names:
-        check_method(name)
-    goal = _goal_of(vehicle, goal)
+    names = method_names() if methods is None else named_methods(methods)
+    goal = goal_of(vehicle, goal)
     best = optimum(vehicle, route, state, goal)
     plans = {name: as_driven(plan_preheating(
         vehicle, route, state, goal, name, no_regret=name == DEFAULT_METHOD), vehicle, route, state, goal)
@@ -101,6 +128,7 @@ def compare(vehicle: Vehicle, route: Route, state: BatteryState,
         {name: difference(each, best.plan) for name, each in plans.items()})
 
 
+@checked
 def charging_session(vehicle: Vehicle, state: BatteryState, charger_power_w: float, departure_soc: float,
                      ambient_c: float, cabin_heating_power_w: float | None = None,
                      auxiliary_power_w: float | None = None, *,
@@ -125,6 +153,7 @@ def charging_session(vehicle: Vehicle, state: BatteryState, charger_power_w: flo
     return SessionResult(vehicle, stop, choice.session, choice)
 
 
+@checked
 def worth(vehicle: Vehicle, route: Route, state: BatteryState, charger_power_w: float, departure_soc: float,
           goal: Goal | float | None = None, energy_price_per_kwh: float = ENERGY_PRICE_PER_KWH,
           value_of_time_per_h: float = VALUE_OF_TIME_PER_H) -> WorthResult:
@@ -134,22 +163,23 @@ def worth(vehicle: Vehicle, route: Route, state: BatteryState, charger_power_w: 
     `charger_power_w` [W], `departure_soc` (0 ... 1); prices in one currency. Raises InvalidInput.
     """
     return WorthResult(vehicle, find_worth(
-        vehicle, route, state, _goal_of(vehicle, goal), charger_power_w, departure_soc,
+        vehicle, route, state, goal_of(vehicle, goal), charger_power_w, departure_soc,
         Prices(energy_price_per_kwh, value_of_time_per_h)))
 
 
+@checked
 def drive(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal | float | None = None, *,
           mismatch: Mismatch | None = None, sensors: Sensors | None = None,
-          heater_faults: Sequence[HeaterFault] = (), estimation: bool = True, method: str = DEFAULT_METHOD,
+          heater_faults: Sequence[HeaterFault] = (), estimation: bool = True, method: AnyMethod = DEFAULT_METHOD,
           seed: int = 0) -> DriveResult:
     """
     Drive a simulated car along a route under the planner's own step, without ROS.
 
     The planner knows `vehicle` and `route`; the true car and drive differ from them by a Mismatch and by
     `heater_faults`, and are seen through Sensors (None: as described, and perfect). Without `estimation` it plans
-    from measured values. The same arguments give the same drive. Raises InvalidInput.
+    from measured values; `method` is as in `plan`. The same arguments give the same drive. Raises InvalidInput.
     """
-    check_method(method)
+    method = _named(method)
     import numpy as np
 
     from bev_preheat.control.settings import Settings
@@ -158,7 +188,7 @@ def drive(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal | floa
     from bev_preheat.simulation.mismatch import Mismatch
     from bev_preheat.simulation.sensors import Sensors
     from bev_preheat.simulation.supervised_drive import moments
-    goal = _goal_of(vehicle, goal)
+    goal = goal_of(vehicle, goal)
     car = ImperfectCar(vehicle, route, state, goal, Imperfections(
         Mismatch() if mismatch is None else mismatch, sensors=Sensors() if sensors is None else sensors,
         heater_faults=tuple(heater_faults)), seed)

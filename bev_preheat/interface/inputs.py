@@ -12,9 +12,11 @@ import numpy as np
 
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.files.configuration import configuration_folder
+from bev_preheat.interface.checked import checked
 from bev_preheat.logs.reading import read_recording
 from bev_preheat.route import make_route as make_route_of_columns
 from bev_preheat.route import route_for
+from bev_preheat.route.sources.journey import RouteOptions
 from bev_preheat.vehicle import load_vehicle as load_vehicle_file
 
 if TYPE_CHECKING:
@@ -40,6 +42,7 @@ def routes() -> list[str]:
         f'legs/{path.stem}' for path in (folder / 'legs').glob('*.yaml'))
 
 
+@checked
 def load_vehicle(name_or_file: str | Path) -> Vehicle:
     """Return the Vehicle of a name in `vehicles()` or of a YAML file; raises InvalidInput."""
     return load_vehicle_file(name_or_file)
@@ -67,9 +70,19 @@ def make_vehicle(name: str, *, chemistry: str, charging_power_kw: float, **figur
         entries = describe_car(DataSheet(name, chemistry.lower(), **given))  # type: ignore[arg-type]
         return vehicle_of_text(vehicle_text(name, entries, 'bev_preheat.make_vehicle'), f'vehicle {name}')
     except InvalidInput as error:
-        # The data sheet speaks of the options of `preheat vehicle new`.
-        raise InvalidInput([re.sub('--([a-z][a-z0-9-]*)', lambda option: option[1].replace('-', '_'), problem)
-                            for problem in error.problems]) from error
+        raise _of_arguments(error, {}) from error
+
+
+def _of_arguments(error: InvalidInput, names: Mapping[str, str]) -> InvalidInput:
+    """Return a refusal that speaks of a command's options with the arguments here; `names` those that differ."""
+    def named(option: re.Match[str]) -> str:
+        name, value = names.get(option[1], option[1].replace('-', '_')), option[2]
+        if value is None:
+            return name
+        return f'{name}={value}' if value[-1].isdigit() else f'{name}={value!r}'
+
+    return InvalidInput([re.sub('--([a-z][a-z0-9-]*)(?: (-?[0-9]+|total|drivetrain))?', named, problem)
+                         for problem in error.problems])
 
 
 def _check_figures(name: object, chemistry: object, figures: Mapping[str, object]) -> None:
@@ -92,15 +105,39 @@ def _check_figures(name: object, chemistry: object, figures: Mapping[str, object
         raise InvalidInput(problems)
 
 
-def load_route(name_or_file: str | Path, vehicle: Vehicle) -> Route:
+@checked
+def load_route(name_or_file: str | Path, vehicle: Vehicle, *, ambient_c: float | None = None,
+               free_speed_kmh: float | None = None, stop_duration_s: float | None = None,
+               consumption: str | None = None, vehicle_id: str | None = None, leg: int | None = 0) -> Route:
     """
-    Return the Route of a name in `routes()`, a CSV file or a YAML description of legs, driven by a vehicle.
+    Return the Route of a name in `routes()` or of a file of any format, driven by a vehicle, as `--route` does.
 
-    Raises InvalidInput, which names file, place, value and allowed range.
+    For a file that lacks them: `ambient_c` [deg C], `free_speed_kmh` for a line without times; `stop_duration_s`,
+    the waypoints of navigation are charging stops of this duration [s]; `consumption` ('total' or 'drivetrain'),
+    what a consumption in the file includes; `vehicle_id`, the car in a file of several. Of a way with
+    charging stops the `leg` to the first one is returned (0), a later one, or the whole way (None). Raises
+    InvalidInput, which names file, place, value and allowed range.
     """
-    return route_for(name_or_file, vehicle).route
+    if consumption not in (None, 'total', 'drivetrain'):
+        raise InvalidInput(f"consumption: must be 'total' or 'drivetrain', not {quoted(str(consumption))}")
+    if stop_duration_s is not None and not 60.0 <= stop_duration_s <= 86400.0:
+        raise InvalidInput(f'stop_duration_s: {stop_duration_s:g} is not allowed; it must be 60 ... 86400 s')
+    try:
+        loaded = route_for(name_or_file, vehicle, options=RouteOptions(
+            ambient_c, None if consumption is None else consumption == 'total', free_speed_kmh, stop_duration_s,
+            vehicle_id))
+    except InvalidInput as error:
+        raise _of_arguments(error, {'ambient': 'ambient_c', 'free-speed': 'free_speed_kmh',
+                                    'stop-duration': 'stop_duration_s'}) from error
+    if leg is None:
+        return loaded.route
+    edges = [0, *(stop.after_segment + 1 for stop in loaded.stops), len(loaded.route)]
+    if not 0 <= leg < len(edges) - 1:
+        raise InvalidInput(f'leg: {leg} is not allowed; it must be 0 ... {len(edges) - 2}')
+    return loaded.route.segments(edges[leg], edges[leg + 1])
 
 
+@checked
 def load_recording(file: str | Path, signals: str | Path | None = None, repair: bool = False) -> Recording:
     """
     Return the Recording of a drive log of any known format; `signals` is a signal map (None: found).
@@ -111,6 +148,7 @@ def load_recording(file: str | Path, signals: str | Path | None = None, repair: 
     return read_recording(file, signals, repair)
 
 
+@checked
 def make_route(columns: Mapping[str, ArrayLike], vehicle: Vehicle) -> Route:
     """
     Return a Route of columns by name, each of shape (N,) or one number for all segments.
@@ -118,6 +156,10 @@ def make_route(columns: Mapping[str, ArrayLike], vehicle: Vehicle) -> Route:
     `duration_s`, `speed_mps`, `propulsion_power_w` and `ambient_temperature_c` are needed;
     `propulsion_power_rms_w`, `cabin_heating_power_w` and `auxiliary_power_w` have defaults. Raises InvalidInput.
     """
-    return make_route_of_columns(
-        {name: np.atleast_1d(np.asarray(values, dtype=float)) for name, values in columns.items()},
-        vehicle.defaults)
+    arrays = {}
+    for name, values in columns.items():
+        try:
+            arrays[name] = np.atleast_1d(np.asarray(values, dtype=float))
+        except (TypeError, ValueError) as error:
+            raise InvalidInput(f'{name}: must be numbers: {error}') from error
+    return make_route_of_columns(arrays, vehicle.defaults)

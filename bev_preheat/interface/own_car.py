@@ -6,12 +6,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, TYPE_CHECKING
 
+from bev_preheat.interface.checked import checked
+from bev_preheat.interface.result import Result
 from bev_preheat.optional_packages import require
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-    from pathlib import Path
 
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
     from pandas import DataFrame
 
     from bev_preheat.identification.check import Check
@@ -20,8 +23,8 @@ if TYPE_CHECKING:
     from bev_preheat.vehicle import Vehicle
 
 
-@dataclass(frozen=True, eq=False)
-class CheckResult:
+@dataclass(frozen=True, eq=False, repr=False)
+class CheckResult(Result):
     """How well a vehicle predicts recorded drives: predicted minus measured temperature on arrival."""
 
     vehicle: Vehicle
@@ -52,15 +55,22 @@ class CheckResult:
         import pandas
         return pandas.DataFrame(self.to_dict()['trips']).set_index('name')
 
-    def plot(self, file: str | Path) -> None:
-        """Draw measured and predicted temperature and charge of each recording into a file; needs matplotlib."""
-        require('matplotlib')
-        from bev_preheat.drawing.trips_figure import draw_check
-        draw_check(file, self.checked)
+    def in_words(self) -> str:
+        """Return the errors on arrival as one line."""
+        return (f'vehicle {self.vehicle.name}: RMSE {self.rmse_k:.2f} K, worst {self.worst_k:.2f} K on arrival of '
+                f'{len(self.checked.trips)} recordings')
+
+    def _figure(self) -> Figure:
+        from bev_preheat.drawing.trips_figure import check_figure
+        return check_figure(self.checked)
+
+    def _draw(self, axis: Axes) -> None:
+        from bev_preheat.drawing.trips_figure import draw_arrival_errors
+        draw_arrival_errors(axis, self.checked)
 
 
-@dataclass(frozen=True, eq=False)
-class IdentificationResult:
+@dataclass(frozen=True, eq=False, repr=False)
+class IdentificationResult(Result):
     """An identified car: its Vehicle, and how far it can be trusted."""
 
     vehicle: Vehicle
@@ -96,11 +106,23 @@ class IdentificationResult:
         import pandas
         return pandas.DataFrame(self.to_dict()['parameters']).set_index('name')
 
-    def plot(self, file: str | Path) -> None:
-        """Draw the identified vehicle's predictions of the recordings into a file; needs matplotlib."""
-        CheckResult(self.vehicle, self.identified.check).plot(file)
+    def in_words(self) -> str:
+        """Return the errors on arrival and the verdict's first sentence as one line."""
+        return (f'vehicle {self.vehicle.name}: RMSE {self.rmse_k:.2f} K, worst {self.worst_k:.2f} K on arrival'
+                + ''.join(f'; {sentence}' for sentence in self.verdict[:1]))
+
+    def _figure(self) -> Figure:
+        return self._check._figure()
+
+    def _draw(self, axis: Axes) -> None:
+        self._check._draw(axis)
+
+    @property
+    def _check(self) -> CheckResult:
+        return CheckResult(self.vehicle, self.identified.check)
 
 
+@checked
 def check(vehicle: Vehicle, recordings: Sequence[Recording], replays: bool = True) -> CheckResult:
     """
     Return how well a vehicle predicts recorded drives, as `preheat check` does.
@@ -113,6 +135,7 @@ def check(vehicle: Vehicle, recordings: Sequence[Recording], replays: bool = Tru
     return CheckResult(vehicle, check_trips(vehicle, trips_of(recordings, vehicle), replays))
 
 
+@checked
 def identify(vehicle: Vehicle, recordings: Sequence[Recording], name: str = 'identified') -> IdentificationResult:
     """
     Return the car that drove the recordings, as `preheat identify` does.

@@ -2,8 +2,8 @@
 """
 The results of the public interface.
 
-Each has `to_dict()`, the JSON of the command of the same name; `to_frame()`, a pandas.DataFrame over time; and
-`plot(file)`, the picture of that command (PNG, SVG, PDF by suffix).
+Each has `to_dict()`, the JSON of the command of the same name; `to_frame()`, a pandas.DataFrame over time;
+`plot()`, the picture of that command; and one line as its text.
 """
 
 from __future__ import annotations
@@ -11,11 +11,12 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any, TYPE_CHECKING
 
+from bev_preheat.interface.result import Result
 from bev_preheat.optional_packages import require
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
     from pandas import DataFrame
 
     from bev_preheat.charging.heating_choice import HeatingChoice
@@ -42,8 +43,8 @@ def _frame(columns: dict[str, FloatArray]) -> DataFrame:
                              for name, values in columns.items()}).set_index('time_s')
 
 
-@dataclass(frozen=True, eq=False)
-class PlanResult:
+@dataclass(frozen=True, eq=False, repr=False)
+class PlanResult(Result):
     """
     A plan with its vehicle, route and goal; times in seconds after the start of the route.
 
@@ -167,14 +168,25 @@ class PlanResult:
         return _frame({name: getattr(self, name) for name in (
             'time_s', 'battery_temperature_c', 'soc', 'hvch_battery_power_w')})
 
-    def plot(self, file: str | Path) -> None:
-        """Draw the plan into a file; needs matplotlib."""
-        require('matplotlib')
-        from bev_preheat.drawing.plan_figure import draw_plans
-        draw_plans(file, self.vehicle, self.route, self.goal, [self.plan], f'vehicle {self.vehicle.name}')
+    def in_words(self) -> str:
+        """Return status, heating and arrival as one line."""
+        start_s, end_s = self.heating_start_s, self.heating_end_s
+        heats = 'does not heat' if start_s is None else (
+            f'heats from min {start_s / 60.0:.1f} to '
+            + ('arrival' if end_s is None else f'min {end_s / 60.0:.1f}'))
+        return (f'{self.status}, {heats}, arrives at {self.arrival_temperature_c:.1f} degC and '
+                f'{100.0 * self.arrival_soc:.1f} %; heater {self.heating_energy_wh / 1e3:.2f} kWh')
+
+    def _figure(self) -> Figure:
+        from bev_preheat.drawing.plan_figure import make_plan_figure
+        return make_plan_figure(self.vehicle, self.route, self.goal, [self.plan], f'vehicle {self.vehicle.name}')
+
+    def _draw(self, axis: Axes) -> None:
+        from bev_preheat.drawing.plan_figure import draw_battery_temperatures
+        draw_battery_temperatures(axis, [self.plan], self.goal)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class OptimumResult(PlanResult):
     """The optimum of the nonlinear program; `solved` is the nonlinear_program.solve.Optimum."""
 
@@ -195,8 +207,8 @@ class OptimumResult(PlanResult):
         return self.solved.as_dictionary()
 
 
-@dataclass(frozen=True, eq=False)
-class ComparisonResult:
+@dataclass(frozen=True, eq=False, repr=False)
+class ComparisonResult(Result):
     """
     The plans of all methods by name, and the optimum.
 
@@ -225,17 +237,28 @@ class ComparisonResult:
              'battery_energy_wh': each.battery_energy_wh, 'above_optimum_wh': self.above_optimum_wh.get(name, 0.0)}
             for name, each in (*self.plans.items(), ('optimum', self.optimum))]).set_index('method')
 
-    def plot(self, file: str | Path) -> None:
-        """Draw all plans into a file; needs matplotlib."""
-        require('matplotlib')
-        from bev_preheat.drawing.plan_figure import draw_plans
+    def in_words(self) -> str:
+        """Return the energy of each method above the optimum as one line."""
+        above = (f'{name} {difference or "–"}' if gap_wh is None else f'{name} {gap_wh:+.1f} Wh'
+                 for (name, gap_wh), difference in zip(self.above_optimum_wh.items(), self.difference.values()))
+        return f'above the optimum of {self.optimum.battery_energy_wh / 1e3:.2f} kWh: {", ".join(above)}'
+
+    def _figure(self) -> Figure:
+        from bev_preheat.drawing.plan_figure import make_plan_figure
         best = self.optimum
-        draw_plans(file, best.vehicle, best.route, best.goal,
-                   [*(each.plan for each in self.plans.values()), best.plan], f'vehicle {best.vehicle.name}')
+        return make_plan_figure(best.vehicle, best.route, best.goal, self._plans, f'vehicle {best.vehicle.name}')
+
+    def _draw(self, axis: Axes) -> None:
+        from bev_preheat.drawing.plan_figure import draw_battery_temperatures
+        draw_battery_temperatures(axis, self._plans, self.optimum.goal)
+
+    @property
+    def _plans(self) -> list[Plan]:
+        return [*(each.plan for each in self.plans.values()), self.optimum.plan]
 
 
-@dataclass(frozen=True, eq=False)
-class SessionResult:
+@dataclass(frozen=True, eq=False, repr=False)
+class SessionResult(Result):
     """
     A charging session; times in seconds after plugging in.
 
@@ -307,15 +330,25 @@ class SessionResult:
         return _frame({name: getattr(self, name) for name in (
             'time_s', 'battery_temperature_c', 'soc', 'charging_power_w', 'hvch_battery_power_w')})
 
-    def plot(self, file: str | Path) -> None:
-        """Draw the session into a file; needs matplotlib."""
-        require('matplotlib')
-        from bev_preheat.drawing.charging_figure import draw_sessions
-        draw_sessions(file, self.vehicle, self.stop, {'session': self.session}, f'vehicle {self.vehicle.name}')
+    def in_words(self) -> str:
+        """Return duration, charge and temperatures as one line."""
+        return (self.problem or f'{self.charging_time_s / 60.0:.1f} min') + (
+            f' from {100.0 * self.soc[0]:.0f} to {100.0 * self.soc[-1]:.0f} %, '
+            f'{self.battery_temperature_c[0]:.1f} to {self.battery_temperature_c[-1]:.1f} degC') + (
+            '' if self.problem else f'; bought {self.bought_energy_wh / 1e3:.2f} kWh')
+
+    def _figure(self) -> Figure:
+        from bev_preheat.drawing.charging_figure import make_session_figure
+        return make_session_figure(self.vehicle, self.stop, {'session': self.session},
+                                   f'vehicle {self.vehicle.name}')
+
+    def _draw(self, axis: Axes) -> None:
+        from bev_preheat.drawing.charging_figure import draw_charging_power
+        draw_charging_power(axis, self.session)
 
 
-@dataclass(frozen=True, eq=False)
-class WorthResult:
+@dataclass(frozen=True, eq=False, repr=False)
+class WorthResult(Result):
     """The cost of each target, and the best one."""
 
     vehicle: Vehicle
@@ -353,15 +386,24 @@ class WorthResult:
         import pandas
         return pandas.DataFrame(self.to_dict()['targets']).set_index('target_c')
 
-    def plot(self, file: str | Path) -> None:
-        """Draw the cost over the target into a file; needs matplotlib."""
-        require('matplotlib')
-        from bev_preheat.drawing.worth_figure import draw_worth
-        draw_worth(file, self.worth_of_targets, f'vehicle {self.vehicle.name}')
+    def in_words(self) -> str:
+        """Return the best target and what it saves as one line."""
+        if self.best_target_c is None:
+            return 'heating does not pay'
+        return (f'best target {self.best_target_c:.1f} degC, saves {self.saved_charging_time_s / 60.0:.1f} min at '
+                'the charger')
+
+    def _figure(self) -> Figure:
+        from bev_preheat.drawing.worth_figure import make_worth_figure
+        return make_worth_figure(self.worth_of_targets, f'vehicle {self.vehicle.name}')
+
+    def _draw(self, axis: Axes) -> None:
+        from bev_preheat.drawing.worth_figure import draw_costs
+        draw_costs(axis, self.worth_of_targets)
 
 
-@dataclass(frozen=True, eq=False)
-class DriveResult:
+@dataclass(frozen=True, eq=False, repr=False)
+class DriveResult(Result):
     """
     A drive of a simulated car under the planner; arrays with one entry for each of its steps, (N,).
 
@@ -397,11 +439,22 @@ class DriveResult:
         return _frame({name: value for name, value in vars(self).items()
                        if not isinstance(value, (float, str))})
 
-    def plot(self, file: str | Path) -> None:
-        """Draw temperatures and command over time into a file; needs matplotlib."""
-        require('matplotlib')
-        from bev_preheat.drawing.drive_figure import draw_drive, ESTIMATED, MEASURED, PREDICTED, TRUE
-        draw_drive(file, self.time_s, {
-            MEASURED: self.measured_temperature_c, TRUE: self.true_temperature_c,
-            ESTIMATED: self.estimated_temperature_c, PREDICTED: self.predicted_arrival_temperature_c},
-            self.command_w, self.target_temperature_c)
+    def in_words(self) -> str:
+        """Return arrival, error and heat as one line."""
+        return (f'arrives at {self.arrival_temperature_c:.1f} degC ({self.arrival_error_k:+.2f} K) and '
+                f'{100.0 * self.arrival_soc:.1f} %; heater {self.heating_energy_wh / 1e3:.2f} kWh, '
+                f'{self.heater_verdict}')
+
+    def _figure(self) -> Figure:
+        from bev_preheat.drawing.drive_figure import make_drive_figure
+        return make_drive_figure(self.time_s, self._temperatures_c, self.command_w, self.target_temperature_c)
+
+    def _draw(self, axis: Axes) -> None:
+        from bev_preheat.drawing.drive_figure import draw_temperatures
+        draw_temperatures(axis, self.time_s, self._temperatures_c, self.target_temperature_c)
+
+    @property
+    def _temperatures_c(self) -> dict[str, FloatArray]:
+        from bev_preheat.drawing.drive_figure import ESTIMATED, MEASURED, PREDICTED, TRUE
+        return {MEASURED: self.measured_temperature_c, TRUE: self.true_temperature_c,
+                ESTIMATED: self.estimated_temperature_c, PREDICTED: self.predicted_arrival_temperature_c}

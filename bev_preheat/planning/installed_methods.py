@@ -144,6 +144,14 @@ class InstalledMethod:
 _loaded: dict[str, InstalledMethod] = {}
 
 
+def use_function(function: Callable[[MethodSituation], ArrayLike]) -> str:
+    """Let a function be a method in this process; return its name, which no installed method can have."""
+    called = getattr(function, '__name__', type(function).__name__)
+    name = f'function {called}'
+    _loaded[name] = InstalledMethod(called, 'this program', function)
+    return name
+
+
 def installed_method(name: str, built_in: Collection[str]) -> InstalledMethod:
     """Return the method of a name that is not built in, loaded once; raises InvalidInput."""
     if name in _loaded:

@@ -41,7 +41,7 @@ MOST_SEGMENTS = 200_000
 POWER_ROUNDING = 1e-6
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Route:
     """
     N segments in driving order; each field is a float array of shape (N,).
@@ -60,6 +60,12 @@ class Route:
     cabin_heating_power_w: FloatArray
     auxiliary_power_w: FloatArray
     propulsion_power_magnitude_w: FloatArray
+
+    def __repr__(self) -> str:
+        """Return number of segments, duration, distance and ambient temperatures as one line."""
+        coldest_c, warmest_c = self.ambient_temperature_c.min(), self.ambient_temperature_c.max()
+        return (f'<Route: {len(self)} segments, {self.total_duration_s / 60.0:.1f} min, '
+                f'{self.distance_m / 1e3:.1f} km, {coldest_c:.1f} ... {warmest_c:.1f} degC>')
 
     def __len__(self) -> int:
         """Return the number of segments."""

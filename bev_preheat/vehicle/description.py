@@ -182,7 +182,7 @@ class Uncertainty:
 UNKNOWN_UNCERTAINTY = Uncertainty()
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Vehicle:
     """
     One car; compared by identity, so that derived objects can be cached per vehicle.
@@ -206,3 +206,8 @@ class Vehicle:
     charging: Charging | None = None
     uncertainty: Uncertainty = UNKNOWN_UNCERTAINTY
     heating_gates: HeatingGates = NO_GATES
+
+    def __repr__(self) -> str:
+        """Return name, heater and the number of assumed values as one line."""
+        assumed = f', {len(self.assumed)} values assumed' if self.assumed else ''
+        return f'<Vehicle {self.name}: heater {self.hvch.maximum_power_w / 1e3:g} kW{assumed}>'
