@@ -14,6 +14,8 @@ DETAILS = re.compile(r"'[^']*'|[0-9]+")
 LONGEST_QUOTE = 60
 # Numbers from here on have an exponent.
 MOST_WRITTEN_OUT = 1e12
+# A share from this value on is probably in per cent.
+LEAST_PERCENT = 5.0
 
 
 class InvalidInput(ValueError):
@@ -72,6 +74,11 @@ def figure_beyond(value: float, low: float, high: float) -> str:
         if not low <= float(text) <= high:
             return text
     return repr(value)
+
+
+def share_hint(value: float) -> str:
+    """Return a question on a share of 0 ... 1 that seems to be in per cent, '' for any other value."""
+    return f'; {value / 100.0:g}?' if LEAST_PERCENT <= value <= 100.0 else ''
 
 
 def age_beyond(age_s: float, ahead_s: float, oldest_s: float) -> str:

@@ -17,7 +17,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 import yaml
 
 from bev_preheat.commands.arguments import make_parser
-from bev_preheat.commands.main import SUBCOMMANDS
+from bev_preheat.commands.main import GROUPS, SUBCOMMANDS
 from bev_preheat.dashboard import dashboard_node
 from bev_preheat.nodes import (
     bus_gateway_node,
@@ -415,7 +415,7 @@ def key_comments(text):
 
 def command_line():
     """Return all subcommands of `preheat` with their options."""
-    return page(*command_parts(make_parser(SUBCOMMANDS)))
+    return page(*command_parts(make_parser(SUBCOMMANDS, GROUPS)))
 
 
 def command_parts(parser):
@@ -433,7 +433,9 @@ def command_parts(parser):
 def option_rows(parser):
     """Yield a row for each option and argument of a parser."""
     formatter = parser._get_formatter()
-    for action in parser._actions:
+    # In the order of the help: the common ones, then those of groups.
+    shown = dict.fromkeys(action for group in parser._action_groups for action in group._group_actions)
+    for action in shown:
         if isinstance(action, (argparse._HelpAction, argparse._SubParsersAction)):
             continue
         value = '' if action.nargs == 0 else (

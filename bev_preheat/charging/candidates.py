@@ -20,7 +20,7 @@ from typing import Any, TYPE_CHECKING
 from bev_preheat.charging.prospect import CERTAIN, ChargingProspect
 from bev_preheat.charging.target_worth import Prices
 from bev_preheat.charging.worth import find_worth
-from bev_preheat.errors import InvalidInput
+from bev_preheat.errors import InvalidInput, share_hint
 from bev_preheat.numerics.factors import S_PER_H, WH_PER_KWH
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.planner import plan_unheated
@@ -116,7 +116,8 @@ def rank_chargers(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goa
     reserve, highest = reserve_soc(vehicle, goal), vehicle.battery.soc_range[1]
     if not reserve <= end_soc <= highest:
         raise InvalidInput(f'end state of charge: {end_soc:g} is not allowed; it must be {reserve:g} ... '
-                           f"{highest:g}, from the reserve to the top of the vehicle's soc_range")
+                           f"{highest:g}, from the reserve to the top of the vehicle's soc_range"
+                           f'{share_hint(end_soc)}')
     found = [_Leg(vehicle, route, state, goal, candidate, end_soc).worth(time_per_h)
              for candidate in candidates]
     return sorted(found, key=lambda item: item.total_cost)

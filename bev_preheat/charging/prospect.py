@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from bev_preheat.errors import figure, figure_beyond, InvalidInput
+from bev_preheat.errors import figure, figure_beyond, InvalidInput, share_hint
 
 # Longest deviation of the arrival time, and longest time before the arrival [s]: a day.
 MOST_S = 86400.0
@@ -75,7 +75,8 @@ def check_prospect(prospect: ChargingProspect) -> None:
     is_possible = prospect.probability > 0.0 or (prospect.wait_s is not None and prospect.probability == 0.0)
     if not (is_possible and prospect.probability <= 1.0):
         problems.append(f'charging probability: {figure_beyond(prospect.probability, 0.0, 1.0)} is not allowed; '
-                        'it must be above 0 ... 1; without any charging there is nothing to plan')
+                        'it must be above 0 ... 1; without any charging there is nothing to plan'
+                        f'{share_hint(prospect.probability)}')
     for name, value in (('arrival deviation', prospect.arrival_deviation_s),
                         ('time before arrival', prospect.known_before_arrival_s)):
         if not 0.0 <= value <= MOST_S:

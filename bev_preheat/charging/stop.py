@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import math
 from typing import TYPE_CHECKING
 
-from bev_preheat.errors import figure, figure_beyond, InvalidInput
+from bev_preheat.errors import figure, figure_beyond, InvalidInput, share_hint
 from bev_preheat.numerics.factors import WH_PER_KWH
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.situation import BatteryState, check_situation
@@ -88,7 +88,7 @@ def check_stop(vehicle: Vehicle, stop: ChargingStop, state: BatteryState | None 
     battery = vehicle.battery
     problems = [
         f'{name}: {figure_beyond(value, low, high)} is not allowed; it must be {figure(low)} ... '
-        f'{figure(high)} {unit}'.rstrip()
+        f'{figure(high)} {unit}'.rstrip() + (share_hint(value) if high <= 1.0 else '')
         for name, value, (low, high), unit in (
             ('charger power', stop.charger_power_w, CHARGER_RANGE_W, 'W'),
             ('departure state of charge', stop.departure_soc, battery.soc_range,

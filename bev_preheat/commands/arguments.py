@@ -4,16 +4,17 @@
 from __future__ import annotations
 
 import argparse
+from functools import partial
 from importlib import import_module
 from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
 from bev_preheat.commands.completion import complete
-from bev_preheat.console.parser import OneLineParser, VersionAction
+from bev_preheat.console.parser import GroupedHelp, OneLineParser, VersionAction
 from bev_preheat.errors import InvalidInput
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterable, Mapping
 
     Subparsers = argparse._SubParsersAction[argparse.ArgumentParser]
     # A group that requires exactly one argument.
@@ -23,13 +24,18 @@ NOT_INSTALLED = ('the studies, which measure the planner, are not installed; bui
                  'BEV_PREHEAT_WITHOUT_STUDIES')
 
 
-def make_parser(subcommands: Mapping[str, str]) -> OneLineParser:
-    """Return the parser of subcommands {name: module}; a module has add_parser(subparsers)."""
+def make_parser(subcommands: Mapping[str, str], groups: Mapping[str, Iterable[str]]) -> OneLineParser:
+    """
+    Return the parser of subcommands {name: module}; a module has add_parser(subparsers).
+
+    `groups` are the headings in the help, with the names below each.
+    """
     parser = OneLineParser(
-        prog='preheat',
+        prog='preheat', formatter_class=partial(GroupedHelp, groups=groups),
         description='When to warm the battery of an electric vehicle before fast charging.')
     parser.add_argument('--version', action=VersionAction, nargs=0, help='print the version and exit')
-    subparsers = parser.add_subparsers(required=True, metavar='COMMAND')
+    subparsers = parser.add_subparsers(required=True, metavar='COMMAND', title='commands',
+                                       parser_class=OneLineParser)
     for name, module in subcommands.items():
         if find_spec(module.partition('.')[0]) is None:
             _add_missing(subparsers, name)

@@ -7,12 +7,19 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from bev_preheat.charging.heating_choice import ChargerHeating
-from bev_preheat.charging.stop import arrival_state, ChargingStop, refuse_stranded, stop_after
+from bev_preheat.charging.stop import (
+    arrival_state,
+    ChargingStop,
+    refuse_stranded,
+    stop_after,
+    USUAL_DEPARTURE_SOC,
+)
 from bev_preheat.charging.target_worth import Prices
 from bev_preheat.charging.too_warm import too_warm
 from bev_preheat.charging.worth import check_prices, ENERGY_PRICE_PER_KWH, VALUE_OF_TIME_PER_H
 from bev_preheat.commands.situation import add_drive_arguments, load_planned_vehicle, read_situation
 from bev_preheat.console.output import add_output_arguments, check_output_arguments, write_json
+from bev_preheat.console.parser import option_group
 from bev_preheat.console.terminal import print_figures, result_console
 from bev_preheat.errors import InvalidInput
 from bev_preheat.numerics.factors import W_PER_KW, WH_PER_KWH
@@ -52,14 +59,14 @@ def add_parser(subparsers: Subparsers) -> None:
         'segments if the file of the route has none'))
     group.add_argument('--arrival-temperature', type=float, nargs='+', metavar='DEGC',
                        help='no drive: one or two battery temperatures on arrival [degC]')
-    parser.add_argument('--arrival-soc', type=float, metavar='0..1',
-                        help='no drive: state of charge on arrival')
-    parser.add_argument('--cabin-heating-power', type=float, metavar='W',
-                        help='no drive: heater power for the cabin [W]; after a drive as in '
-                        "its last segment (default: the vehicle's)")
-    parser.add_argument('--auxiliary-power', type=float, metavar='W',
-                        help='no drive: lights, pumps, computers [W]; after a drive as in its last '
-                        "segment (default: the vehicle's)")
+    more = option_group(parser, 'an arrival without a drive')
+    more.add_argument('--arrival-soc', type=float, metavar='0..1', help='no drive: state of charge on arrival')
+    more.add_argument('--cabin-heating-power', type=float, metavar='W',
+                      help='no drive: heater power for the cabin [W]; after a drive as in '
+                      "its last segment (default: the vehicle's)")
+    more.add_argument('--auxiliary-power', type=float, metavar='W',
+                      help='no drive: lights, pumps, computers [W]; after a drive as in its last '
+                      "segment (default: the vehicle's)")
     add_charger_arguments(parser)
     add_price_arguments(parser)
     add_output_arguments(parser)
@@ -67,11 +74,12 @@ def add_parser(subparsers: Subparsers) -> None:
 
 
 def add_charger_arguments(parser: ArgumentParser, required: bool = True) -> None:
-    """Add `--charger-power` and `--departure-soc`."""
+    """Add `--charger-power` and `--departure-soc`; without `required` the default of the latter is None."""
     parser.add_argument('--charger-power', required=required, type=float, metavar='W',
                         help="maximum power of the charger, at the vehicle's inlet [W]")
-    parser.add_argument('--departure-soc', required=required, type=float, metavar='0..1',
-                        help='state of charge to leave with')
+    parser.add_argument('--departure-soc', type=float, metavar='0..1',
+                        default=USUAL_DEPARTURE_SOC if required else None,
+                        help=f"state of charge to leave with (default: the planner's, {USUAL_DEPARTURE_SOC:g})")
 
 
 def add_price_arguments(parser: ArgumentParser, of_energy: str = '') -> None:

@@ -30,7 +30,7 @@ OF_SEVERAL = ('end_soc', 'only')
 def check_charger_arguments(arguments: Namespace) -> None:
     """Raise InvalidInput if an argument belongs to the other way, or one is missing."""
     several = arguments.chargers is not None
-    others, needed = ((*OF_ONE, *OPTIONS), ('end_soc',)) if several else (OF_SEVERAL, OF_ONE)
+    others, needed = ((*OF_ONE, *OPTIONS), ('end_soc',)) if several else (OF_SEVERAL, OF_ONE[:1])
     problems = [f'{_option(name)}: {"not allowed with" if several else "only with"} --chargers'
                 for name in others if getattr(arguments, name) is not None]
     problems += [f'{_option(name)}: needed with{"" if several else "out"} --chargers' for name in needed

@@ -13,25 +13,32 @@ if TYPE_CHECKING:
 
 # Each module has add_parser(subparsers), which sets `run`, a function of the parsed arguments that returns the
 # exit status. The studies are a separate, optional package.
-SUBCOMMANDS = {
-    'plan': 'bev_preheat.commands.plan',
-    'charge': 'bev_preheat.commands.charge',
-    'worth': 'bev_preheat.commands.worth',
-    'optimum': 'bev_preheat.commands.optimum',
-    'compare': 'bev_preheat.commands.compare',
-    'reproduce': 'bev_preheat_studies.commands.reproduce',
-    'sweep': 'bev_preheat_studies.commands.sweep',
-    'robustness': 'bev_preheat_studies.commands.robustness',
-    'scenario': 'bev_preheat.commands.scenario',
-    'route': 'bev_preheat.commands.route',
-    'log': 'bev_preheat.commands.log',
-    'vehicle': 'bev_preheat.commands.vehicle',
-    'check': 'bev_preheat.commands.check',
-    'replay': 'bev_preheat.commands.replay',
-    'identify': 'bev_preheat.commands.identify',
-    'export-ecu': 'bev_preheat.commands.export_ecu',
-    'monitor': 'bev_preheat.commands.monitor',
-    'prepare': 'bev_preheat.commands.prepare'}
+# They are grouped by what people do.
+GROUPS = {
+    'plan a drive': {
+        'plan': 'bev_preheat.commands.plan',
+        'worth': 'bev_preheat.commands.worth',
+        'charge': 'bev_preheat.commands.charge',
+        'route': 'bev_preheat.commands.route',
+        'compare': 'bev_preheat.commands.compare',
+        'optimum': 'bev_preheat.commands.optimum'},
+    'your car': {
+        'vehicle': 'bev_preheat.commands.vehicle',
+        'identify': 'bev_preheat.commands.identify',
+        'export-ecu': 'bev_preheat.commands.export_ecu'},
+    'your drives': {
+        'log': 'bev_preheat.commands.log',
+        'check': 'bev_preheat.commands.check'},
+    'a running planner': {
+        'prepare': 'bev_preheat.commands.prepare',
+        'monitor': 'bev_preheat.commands.monitor',
+        'replay': 'bev_preheat.commands.replay'},
+    'studies': {
+        'scenario': 'bev_preheat.commands.scenario',
+        'sweep': 'bev_preheat_studies.commands.sweep',
+        'robustness': 'bev_preheat_studies.commands.robustness',
+        'reproduce': 'bev_preheat_studies.commands.reproduce'}}
+SUBCOMMANDS = {name: module for commands in GROUPS.values() for name, module in commands.items()}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -51,5 +58,5 @@ def _load(arguments: Sequence[str] | None) -> Callable[[], int]:
     first = (sys.argv[1:] if arguments is None else arguments)[:1]
     # A known command imports only its own module; the help, completion and an unknown command import all.
     wanted = {name: SUBCOMMANDS[name] for name in first if name in SUBCOMMANDS} or SUBCOMMANDS
-    parsed = make_parser(wanted).parse_args(arguments)
+    parsed = make_parser(wanted, GROUPS).parse_args(arguments)
     return lambda: parsed.run(parsed)

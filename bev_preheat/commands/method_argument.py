@@ -6,6 +6,8 @@ from __future__ import annotations
 from argparse import ArgumentTypeError
 from typing import TYPE_CHECKING
 
+from bev_preheat.commands.situation import LESS_COMMON
+from bev_preheat.console.parser import option_group
 from bev_preheat.console.program import say
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.planner import (
@@ -58,8 +60,9 @@ class MethodNames:
 def add_method_argument(parser: ArgumentParser) -> None:
     """Add `--method`."""
     names = MethodNames()
-    parser.add_argument('--method', choices=names, type=names.checked, default=DEFAULT_METHOD, metavar='NAME',
-                        help='planning method: %(choices)s (default: %(default)s)')
+    option_group(parser, LESS_COMMON).add_argument(
+        '--method', choices=names, type=names.checked, default=DEFAULT_METHOD, metavar='NAME',
+        help='planning method: %(choices)s (default: %(default)s)')
 
 
 def add_methods_argument(parser: ArgumentParser, default: str) -> None:

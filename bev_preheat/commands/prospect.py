@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from bev_preheat.charging.prospect import chance_text, ChargingProspect, check_prospect
 from bev_preheat.charging.target_worth import Prices
 from bev_preheat.charging.worth import ENERGY_PRICE_PER_KWH, VALUE_OF_TIME_PER_H
+from bev_preheat.console.parser import option_group
 from bev_preheat.control.charging_doubt import given_target_pays_from
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.planner import plan_preheating
@@ -26,13 +27,14 @@ OPTIONS = 'charging_probability', 'arrival_deviation', 'charging_known_before'
 
 def add_prospect_arguments(parser: ArgumentParser) -> None:
     """Add the arguments that `read_prospect` reads."""
-    parser.add_argument('--charging-probability', type=float, metavar='0..1',
-                        help='probability that the vehicle charges on arrival, above 0 (default: it does)')
-    parser.add_argument('--arrival-deviation', type=float, metavar='S',
-                        help='standard deviation of the arrival time [s] (default: exact)')
-    parser.add_argument('--charging-known-before', type=float, metavar='S',
-                        help='for how long before the arrival the driver knows whether the vehicle charges [s] '
-                        '(default: on arrival)')
+    group = option_group(parser, 'charging or arrival in doubt')
+    group.add_argument('--charging-probability', type=float, metavar='0..1',
+                       help='probability that the vehicle charges on arrival, above 0 (default: it does)')
+    group.add_argument('--arrival-deviation', type=float, metavar='S',
+                       help='standard deviation of the arrival time [s] (default: exact)')
+    group.add_argument('--charging-known-before', type=float, metavar='S',
+                       help='for how long before the arrival the driver knows whether the vehicle charges [s] '
+                       '(default: on arrival)')
 
 
 def read_prospect(arguments: Namespace) -> ChargingProspect:

@@ -8,6 +8,7 @@ import sys
 from typing import TYPE_CHECKING
 
 from bev_preheat.commands.completion import completed_by, ROUTES, VEHICLES
+from bev_preheat.console.parser import option_group
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import Route, route_for
@@ -24,6 +25,8 @@ if TYPE_CHECKING:
 
 # Options of `add_route_options`.
 ROUTE_OPTIONS = ('ambient', 'free-speed', 'stop-duration', 'vehicle-id', 'consumption')
+# The title of options that few need.
+LESS_COMMON = 'less common options'
 AMBIENT_HELP = 'ambient temperature [degC] of a route whose file has none'
 
 
@@ -51,8 +54,8 @@ def add_situation_arguments(parser: ArgumentParser,
     `route_group` is a group that requires exactly one argument, if `--route` has alternatives.
     """
     add_drive_arguments(parser, route_group)
-    parser.add_argument('--no-charging', action='store_true',
-                        help='no fast charging at the end of the route')
+    option_group(parser, LESS_COMMON).add_argument(
+        '--no-charging', action='store_true', help='no fast charging at the end of the route')
 
 
 def add_drive_arguments(parser: ArgumentParser, route_group: Alternatives | None = None,
@@ -68,31 +71,33 @@ def add_drive_arguments(parser: ArgumentParser, route_group: Alternatives | None
         '--route', required=route_group is None, metavar='NAME|FILE',
         help='route: a name in config/routes or a file of any format of the manual (CSV, drive cycle, GPX, '
         'GeoJSON, answer of a navigation service, ...); or a description of its legs: legs/NAME or a YAML file'))
-    add_route_options(parser, ambient_help)
     parser.add_argument('--temperature', required=needs_state, type=float, metavar='DEGC',
                         help='battery temperature at the start [degC]')
     parser.add_argument('--soc', required=needs_state, type=float, metavar='0..1',
                         help='state of charge at the start')
     parser.add_argument('--target', type=float, metavar='DEGC',
                         help="target battery temperature on arrival [degC] (default: the vehicle's)")
-    parser.add_argument('--min-soc', type=float, default=0.0, metavar='0..1',
-                        help='least state of charge on arrival (default: 0)')
-    parser.add_argument('--step', type=float, metavar='S',
-                        help='plan in steps of this length [s] (default: the rows of the route)')
+    add_route_options(parser, ambient_help)
+    more = option_group(parser, LESS_COMMON)
+    more.add_argument('--min-soc', type=float, default=0.0, metavar='0..1',
+                      help='least state of charge on arrival (default: 0)')
+    more.add_argument('--step', type=float, metavar='S',
+                      help='plan in steps of this length [s] (default: the rows of the route)')
     parser.set_defaults(no_charging=False)
 
 
 def add_route_options(parser: ArgumentParser, ambient_help: str = AMBIENT_HELP) -> None:
     """Add the options that `route_options` reads."""
     parser.add_argument('--ambient', type=float, metavar='DEGC', help=ambient_help)
-    parser.add_argument('--free-speed', type=float, metavar='KMH',
-                        help='speed on free road [km/h] of a line on the map without times')
-    parser.add_argument('--stop-duration', type=float, metavar='MIN',
-                        help='the waypoints of navigation are charging stops of this duration [min] '
-                        '(default: they are passed)')
-    parser.add_argument('--vehicle-id', metavar='ID', help='the vehicle in a SUMO file with several')
-    parser.add_argument('--consumption', choices=('total', 'drivetrain'),
-                        help='whether the consumption in a list of segments includes heating and auxiliaries')
+    of_file = option_group(parser, 'files of routes without some figures')
+    of_file.add_argument('--free-speed', type=float, metavar='KMH',
+                         help='speed on free road [km/h] of a line on the map without times')
+    of_file.add_argument('--stop-duration', type=float, metavar='MIN',
+                         help='the waypoints of navigation are charging stops of this duration [min] '
+                         '(default: they are passed)')
+    of_file.add_argument('--vehicle-id', metavar='ID', help='the vehicle in a SUMO file with several')
+    of_file.add_argument('--consumption', choices=('total', 'drivetrain'),
+                         help='whether the consumption in a list of segments includes heating and auxiliaries')
 
 
 def route_options(arguments: Namespace) -> RouteOptions:

@@ -10,8 +10,10 @@ from typing import TYPE_CHECKING
 
 from bev_preheat.charging.published_time import describe_timed_car, WARM_C, warm_session
 from bev_preheat.commands.completion import completed_by, VEHICLES
+from bev_preheat.commands.situation import LESS_COMMON
 from bev_preheat.commands.vehicle_published import add_published
 from bev_preheat.console.output import add_output_arguments, check_output_arguments, write_json
+from bev_preheat.console.parser import option_group
 from bev_preheat.console.terminal import print_figures, print_records, result_console
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.configuration import configuration_folder
@@ -66,6 +68,16 @@ HELP = {
     'rolling_resistance': 'rolling resistance over weight (default: assumed 0.010)',
 }
 
+# The figures below the headings of the help; those that most data sheets have first.
+FIGURES = {
+    '': ('charging_power_kw', 'usable_energy_kwh', 'gross_energy_kwh', 'nominal_voltage_v', 'cells_in_series',
+         'battery_mass_kg'),
+    'published charging': ('charging_time_10_80_min',),
+    'heater, drivetrain, cabin': ('heater_power_kw', 'drive_power_kw', 'regeneration_power_kw',
+                                  'cabin_heating_power_kw', 'auxiliary_power_kw', 'target_temperature_c'),
+    'road load, for routes without powers': ('vehicle_mass_kg', 'drag_coefficient', 'frontal_area_m2',
+                                             'rolling_resistance')}
+
 
 def add_parser(subparsers: Subparsers) -> None:
     """Add the subcommand to those of `preheat`."""
@@ -96,25 +108,28 @@ def _add_new(actions: Subparsers) -> None:
                     'sheet. Required: an energy, a voltage or a number of cells, chemistry and '
                     'charging power; other missing values are assumed, and marked so.')
     parser.add_argument('--output', required=True, metavar='FILE', help='file to write (YAML)')
-    parser.add_argument('--force', action='store_true', help='replace an existing file')
-    parser.add_argument('--name', help="name of the car (default: the file's)")
     parser.add_argument('--chemistry', required=True, metavar='|'.join(CHEMISTRIES),
                         help='cathode of the cells: nmc (also for NCA) or lfp')
-    for name, text in HELP.items():
-        parser.add_argument(f'--{name.replace("_", "-")}', help=text,
-                            type=int if name == 'cells_in_series' else float,
-                            metavar=QUANTITIES[name].unit or 'NUMBER',
-                            required=name == 'charging_power_kw')
-    parser.add_argument('--charging-curve', metavar='FILE',
-                        help='published power of a warm battery over its state of charge (CSV: '
-                             f'{",".join(HEADER)})')
-    parser.add_argument('--charging-curve-temperature-c', type=float, metavar='degC',
-                        help='battery temperature of the curve [degC], needed with --charging-curve; magazines '
-                             'mostly measure with a battery of 25 ... 35 degC')
-    parser.add_argument('--source', action='append', default=[], metavar='OPTION=TEXT',
-                        help='source of a given figure, for its comment: '
-                             '--source battery-mass-kg="press kit 2021"; a text that begins with '
-                             '"assumed" marks it as assumed')
+    groups = {title: parser if not title else option_group(parser, title) for title in FIGURES}
+    for title, names in FIGURES.items():
+        for name in names:
+            groups[title].add_argument(f'--{name.replace("_", "-")}', help=HELP[name],
+                                       type=int if name == 'cells_in_series' else float,
+                                       metavar=QUANTITIES[name].unit or 'NUMBER',
+                                       required=name == 'charging_power_kw')
+    parser.add_argument('--name', help="name of the car (default: the file's)")
+    parser.add_argument('--force', action='store_true', help='replace an existing file')
+    curve = groups['published charging']
+    curve.add_argument('--charging-curve', metavar='FILE',
+                       help='published power of a warm battery over its state of charge (CSV: '
+                            f'{",".join(HEADER)})')
+    curve.add_argument('--charging-curve-temperature-c', type=float, metavar='degC',
+                       help='battery temperature of the curve [degC], needed with --charging-curve; magazines '
+                            'mostly measure with a battery of 25 ... 35 degC')
+    option_group(parser, LESS_COMMON).add_argument(
+        '--source', action='append', default=[], metavar='OPTION=TEXT',
+        help='source of a given figure, for its comment: --source battery-mass-kg="press kit 2021"; a text that '
+             'begins with "assumed" marks it as assumed')
     parser.set_defaults(run=run_new)
 
 

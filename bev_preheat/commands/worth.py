@@ -8,6 +8,7 @@ import math
 from typing import TYPE_CHECKING
 
 from bev_preheat.charging.spread import time_deviation
+from bev_preheat.charging.stop import USUAL_DEPARTURE_SOC
 from bev_preheat.charging.target_worth import Prices
 from bev_preheat.charging.worth import find_worth
 from bev_preheat.commands.charge import add_charger_arguments, add_price_arguments
@@ -16,6 +17,7 @@ from bev_preheat.commands.completion import completed_by, NameCompleter
 from bev_preheat.commands.prospect import add_prospect_arguments, read_prospect
 from bev_preheat.commands.situation import add_drive_arguments, read_situation
 from bev_preheat.console.output import add_output_arguments, check_output_arguments, write_json
+from bev_preheat.console.parser import option_group
 from bev_preheat.console.terminal import print_records, result_console
 from bev_preheat.numerics.factors import S_PER_MIN, W_PER_KW, WH_PER_KWH
 from bev_preheat.planning.explanation import duration_text
@@ -44,14 +46,15 @@ def add_parser(subparsers: Subparsers) -> None:
         'the route with the least cost, each with its best target.')
     add_drive_arguments(parser)
     add_charger_arguments(parser, required=False)
-    completed_by(NameCompleter('chargers'), parser.add_argument(
+    several = option_group(parser, 'several chargers')
+    completed_by(NameCompleter('chargers'), several.add_argument(
         '--chargers', metavar='NAME|FILE',
         help='compare several chargers: a name in config/chargers or a YAML file; replaces '
         '--charger-power and --departure-soc'))
-    parser.add_argument('--end-soc', type=float, metavar='0..1',
-                        help='with --chargers: state of charge at the end of the route')
-    parser.add_argument('--only', nargs='+', metavar='CHARGER',
-                        help='with --chargers: compare only these, by name')
+    several.add_argument('--end-soc', type=float, metavar='0..1',
+                         help='with --chargers: state of charge at the end of the route')
+    several.add_argument('--only', nargs='+', metavar='CHARGER',
+                         help='with --chargers: compare only these, by name')
     add_price_arguments(parser, '; with --chargers for chargers without their own price')
     add_prospect_arguments(parser)
     add_output_arguments(parser)
@@ -63,6 +66,8 @@ def run(arguments: Namespace) -> int:
     check_charger_arguments(arguments)
     if arguments.chargers is not None:
         return run_chargers(arguments)
+    if arguments.departure_soc is None:
+        arguments.departure_soc = USUAL_DEPARTURE_SOC
     prospect = read_prospect(arguments)
     situation = read_situation(arguments)
     check_output_arguments(arguments, situation.files)

@@ -1,18 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A command line parser with one-line errors, and the option --version."""
+"""A command line parser with one-line errors, suggestions, grouped commands, and the option --version."""
 
 from __future__ import annotations
 
 import argparse
 from difflib import get_close_matches
 import re
+import sys
 from typing import TYPE_CHECKING
 
 from bev_preheat.console.program import REFUSED, say, write_output
 from bev_preheat.errors import quoted
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Mapping, Sequence
     from typing import Any, NoReturn
 
 
@@ -21,8 +22,47 @@ if TYPE_CHECKING:
 NEGATIVE_NUMBER = re.compile(r'-(\.?\d|inf|nan)', re.IGNORECASE)
 
 
+# Options by other words that people try.
+OTHER_WORDS = {
+    '--car': '--vehicle', '--model': '--vehicle', '--battery': '--temperature',
+    '--battery-temperature': '--temperature', '--start-temperature': '--temperature',
+    '--state-of-charge': '--soc', '--charge': '--soc', '--start-soc': '--soc',
+    '--track': '--route', '--gpx': '--route', '--trip': '--route', '--file': '--route', '--csv': '--route',
+    '--outside-temperature': '--ambient', '--outside': '--ambient', '--weather': '--ambient',
+    '--target-temperature': '--target', '--power': '--charger-power', '--price': '--energy-price',
+    '--out': '--output', '--save': '--output', '--picture': '--plot', '--figure': '--plot', '--image': '--plot',
+    '--map': '--signals', '--fix': '--repair', '--target-soc': '--departure-soc', '--until': '--departure-soc'}
+
+
+def option_group(parser: argparse.ArgumentParser, title: str) -> argparse._ArgumentGroup:
+    """Return the group of options with a title, which the help shows below the common ones."""
+    return next((group for group in parser._action_groups if group.title == title),
+                None) or parser.add_argument_group(title)
+
+
+class GroupedHelp(argparse.HelpFormatter):
+    """Shows subcommands below headings; `groups` maps each heading to the names below it."""
+
+    def __init__(self, prog: str, groups: Mapping[str, Iterable[str]]) -> None:
+        """Format the help of a program."""
+        super().__init__(prog, max_help_position=16)
+        self._groups = groups
+
+    def _format_action(self, action: argparse.Action) -> str:
+        if not isinstance(action, argparse._SubParsersAction):
+            return super()._format_action(action)
+        below = {each.dest: each for each in action._get_subactions()}
+        lines = []
+        for title, names in self._groups.items():
+            lines.append(f'{" " * self._current_indent}{title}:\n')
+            self._indent()
+            lines += [super(GroupedHelp, self)._format_action(below[name]) for name in names if name in below]
+            self._dedent()
+        return ''.join(lines)
+
+
 class OneLineParser(argparse.ArgumentParser):
-    """A parser whose errors are one line, with a suggestion for a mistyped option."""
+    """A parser whose errors are one line, with a suggestion for a mistyped option or command."""
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         """Take the same arguments as argparse; invalid numbers are refused with the allowed form."""
@@ -35,6 +75,9 @@ class OneLineParser(argparse.ArgumentParser):
             self, args: Sequence[str] | None = None,
             namespace: Any = None) -> tuple[Any, list[str]]:
         """Parse as argparse does, but report a mistyped option before missing arguments."""
+        given = sys.argv[1:] if args is None else args
+        if self._subparsers is not None:
+            self._check_command(given)
         known = [option for action in self._actions for option in action.option_strings]
         if known and args is not None and self._subparsers is None:
             for argument in args:
@@ -47,7 +90,8 @@ class OneLineParser(argparse.ArgumentParser):
                 # A unique prefix of an option is enough.
                 if option.startswith('--') and not any(
                         name.startswith(option) for name in known):
-                    near = get_close_matches(option, known, n=1)
+                    near = [word for word in (OTHER_WORDS.get(option),) if word in known] or get_close_matches(
+                        option, known, n=1)
                     if near:
                         self.error(f'unrecognized arguments: {option}; did you mean {near[0]}?')
         parsed, beyond = super().parse_known_args(args, namespace)
@@ -55,6 +99,19 @@ class OneLineParser(argparse.ArgumentParser):
             # argparse leaves that to the main parser, whose help does not list a subcommand's options.
             self.error(f'unrecognized arguments: {" ".join(beyond)}')
         return parsed, beyond
+
+    def _check_command(self, given: Sequence[str]) -> None:
+        """Print the help without any command, and refuse one that does not exist, with the nearest."""
+        if not given:
+            self.print_help()
+            self.exit()
+        commands = next(action.choices for action in self._actions if isinstance(
+            action, argparse._SubParsersAction))
+        name = next((argument for argument in given if not argument.startswith('-')), None)
+        if name is not None and name not in commands:
+            near = get_close_matches(name, commands, n=1)
+            hint = f'did you mean {self.prog} {near[0]}? ' if near else ''
+            self.error(f'{quoted(name)} is no command; {hint}there are: {", ".join(commands)}')
 
     def print_help(self, file: Any = None) -> None:
         """Print the help; unlike argparse, report a full output."""

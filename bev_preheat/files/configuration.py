@@ -22,6 +22,15 @@ def configuration_folder(kind: str) -> Path:
     return (in_package if in_package.is_dir() else share_folder() / 'config') / kind
 
 
+def _files_beside(text: str) -> list[str]:
+    """Return the files of the working folder with this name, whatever their suffix, as they must be given."""
+    try:
+        found = sorted(path.name for path in Path().iterdir() if path.stem == Path(text).stem and path.is_file())
+    except OSError:
+        return []
+    return [f'./{name}' for name in found]
+
+
 def find_configuration(kind: str, name_or_file: str | Path, suffix: str) -> Path:
     """
     Return the path of a file named on a command line or by a parameter.
@@ -37,7 +46,7 @@ def find_configuration(kind: str, name_or_file: str | Path, suffix: str) -> Path
     names = sorted(item.stem for item in folder.glob(f'*{suffix}'))
     if text in names:
         return folder / f'{text}{suffix}'
-    near = get_close_matches(text[:LONGEST_QUOTE], names, n=1)
+    near = [*_files_beside(text), *get_close_matches(text[:LONGEST_QUOTE], names, n=1)]
     hint = f'; did you mean {near[0]!r}?' if near else ''
     singular = 'signal map' if kind == 'signals' else (
         f'{kind[:-3]}y' if kind.endswith('ies') else kind.rpartition('/')[2][:-1])

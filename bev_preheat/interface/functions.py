@@ -7,7 +7,7 @@ import math
 from typing import TYPE_CHECKING
 
 from bev_preheat.charging.heating_choice import ChargerHeating
-from bev_preheat.charging.stop import ChargingStop
+from bev_preheat.charging.stop import ChargingStop, USUAL_DEPARTURE_SOC
 from bev_preheat.charging.target_worth import Prices
 from bev_preheat.charging.worth import check_prices, ENERGY_PRICE_PER_KWH, find_worth, VALUE_OF_TIME_PER_H
 from bev_preheat.errors import InvalidInput
@@ -154,7 +154,8 @@ def charging_session(vehicle: Vehicle, state: BatteryState, charger_power_w: flo
 
 
 @checked
-def worth(vehicle: Vehicle, route: Route, state: BatteryState, charger_power_w: float, departure_soc: float,
+def worth(vehicle: Vehicle, route: Route, state: BatteryState, charger_power_w: float,
+          departure_soc: float = USUAL_DEPARTURE_SOC,
           goal: Goal | float | None = None, energy_price_per_kwh: float = ENERGY_PRICE_PER_KWH,
           value_of_time_per_h: float = VALUE_OF_TIME_PER_H) -> WorthResult:
     """

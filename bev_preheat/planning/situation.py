@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import math
 from typing import TYPE_CHECKING
 
-from bev_preheat.errors import figure_beyond, InvalidInput
+from bev_preheat.errors import figure_beyond, InvalidInput, share_hint
 
 if TYPE_CHECKING:
     from bev_preheat.route.segments import Route
@@ -100,7 +100,7 @@ def check_situation(vehicle: Vehicle, route: Route | None = None,
     problems = [
         f'{name}: {figure_beyond(value, low, high)} is not allowed; it must be '
         + (f'at least {low:g} {what}' if high == math.inf else
-           f'{low:g} ... {high:g} {what}').rstrip()
+           f'{low:g} ... {high:g} {what}').rstrip() + (share_hint(value) if high == 1.0 else '')
         for value, low, high, name, what in checks if not low <= value <= high]
     if problems:
         raise InvalidInput(problems)

@@ -77,6 +77,8 @@ QUANTITIES = {
     'rolling_resistance': DataSheetQuantity('--rolling-resistance', '', (0.004, 0.03),
                                             ((1e-2, '%'), (1e-3, 'kg/t'))),
 }
+# Other words for a cathode.
+ALIKE = {'nca': 'nmc', 'ncm': 'nmc', 'ncma': 'nmc', 'lifepo4': 'lfp', 'lfmp': 'lfp', 'lmfp': 'lfp'}
 ROAD_LOAD = ('vehicle_mass_kg', 'drag_coefficient', 'frontal_area_m2', 'rolling_resistance')
 
 
@@ -129,8 +131,10 @@ def check_data_sheet(sheet: DataSheet) -> None:
     """
     problems = _problems_with_name(sheet.name)
     if sheet.chemistry not in CHEMISTRIES:
+        hint = f'; {sheet.chemistry.upper()} is given as {ALIKE[sheet.chemistry.lower()]}' \
+            if sheet.chemistry.lower() in ALIKE else ''
         raise InvalidInput([*problems, f'--chemistry: {sheet.chemistry!r} is not one of '
-                            f'{", ".join(CHEMISTRIES)}'])
+                            f'{", ".join(CHEMISTRIES)}{hint}'])
     problems += [*_missing(sheet), *_sources_of_nothing(sheet)]
     for field in fields(sheet):
         value = getattr(sheet, field.name)

@@ -192,7 +192,7 @@ def test_a_leg_outside_the_vehicles_model_is_refused_by_its_number(preheat_plan)
 def test_a_bad_state_at_the_start_is_refused(preheat_plan):
     status, _, errors = preheat_plan(FIRST, LAST, arguments=('--temperature', '-6', '--soc', '75'))
     assert (status, errors) == (
-        2, 'preheat: error: leg 1: state of charge: 75 is not allowed; it must be 0 ... 1\n')
+        2, 'preheat: error: leg 1: state of charge: 75 is not allowed; it must be 0 ... 1; 0.75?\n')
 
 
 @pytest.mark.parametrize('arguments', [('--min-soc', '0.2'), ('--no-charging',)])

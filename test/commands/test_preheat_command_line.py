@@ -4,6 +4,7 @@
 import importlib.util
 import json
 import os
+import re
 import subprocess
 import sys
 from xml.etree import ElementTree
@@ -130,12 +131,90 @@ def test_other_commands_do_without_the_studies(without_studies, capsys):
     assert capsys.readouterr().out.count('a study; not installed') == 3
 
 
-def test_an_unknown_command_is_refused_with_all_that_there_are(capsys):
+@pytest.mark.parametrize('arguments, hint', [
+    (['plna'], "preheat: error: 'plna' is no command; did you mean preheat plan? there are: "),
+    (['plans', '--vehicle', 'reference'], "'plans' is no command; did you mean preheat plan? there are: "),
+    (['--verbose', 'wroth'], "'wroth' is no command; did you mean preheat worth? there are: "),
+    (['xyz'], "preheat: error: 'xyz' is no command; there are: ")])
+def test_an_unknown_command_is_refused_with_the_nearest_and_all_that_there_are(capsys, arguments, hint):
     with pytest.raises(SystemExit) as ended:
-        main(['plna'])
+        main(arguments)
     assert ended.value.code == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert all(name in line for name in SUBCOMMANDS)
+    assert hint in line and all(name in line for name in SUBCOMMANDS)
+
+
+@pytest.mark.parametrize('arguments, usage', [
+    ([], 'usage: preheat [-h] '), (['vehicle'], 'usage: preheat vehicle ')])
+def test_a_command_alone_prints_its_help(capsys, arguments, usage):
+    with pytest.raises(SystemExit) as ended:
+        main(arguments)
+    out, err = capsys.readouterr()
+    assert (ended.value.code, err) == (0, '') and out.startswith(usage)
+    with pytest.raises(SystemExit):
+        main([*arguments, '--help'])
+    assert capsys.readouterr().out == out
+
+
+def test_the_help_has_the_commands_below_what_people_do(capsys):
+    with pytest.raises(SystemExit):
+        main(['--help'])
+    lines = capsys.readouterr().out.splitlines()
+    first = lines.index('commands:')
+    headings = {line.strip(' :'): at for at, line in enumerate(lines) if at > first and re.fullmatch(
+        r'  \w[\w ]+:', line)}
+    assert list(headings) == ['plan a drive', 'your car', 'your drives', 'a running planner', 'studies']
+    below = {word: max((at, name) for name, at in headings.items() if at < number)[1]
+             for number, line in enumerate(lines) if number > first
+             for word in line.split()[:1] if word in SUBCOMMANDS and line.startswith(f'    {word}')}
+    assert below.keys() == SUBCOMMANDS.keys()
+    assert [below[name] for name in ('plan', 'vehicle', 'log', 'prepare', 'sweep')] == list(headings)
+
+
+@pytest.mark.parametrize('command', [['plan'], ['worth'], ['charge'], ['vehicle', 'new']])
+def test_options_that_are_needed_stand_above_all_that_are_not_common(capsys, command):
+    with pytest.raises(SystemExit):
+        main([*command, '--help'])
+    text = capsys.readouterr().out
+    common, _, rest = text.partition('\noptions:\n')[2].partition('\n\n')
+    shown = {part: set(re.findall(r'^  (--[a-z0-9-]+)', part, re.MULTILINE)) for part in (common, rest)}
+    usage = ' '.join(text.partition('\n\n')[0].split())
+    needed = set(re.findall(r'(--[a-z-]+)', re.sub(r'\[[^]]*\]', '', usage)))
+    assert needed and needed <= shown[common]
+    assert len(shown[common]) <= 13 and len(shown[rest]) >= 5
+
+
+@pytest.mark.parametrize('arguments, problem', [
+    (['--car', 'reference'], 'unrecognized arguments: --car; did you mean --vehicle?'),
+    (['--outside-temperature', '3'], 'unrecognized arguments: --outside-temperature; did you mean --ambient?')])
+def test_other_words_for_an_option_are_known(capsys, arguments, problem):
+    with pytest.raises(SystemExit):
+        main(['plan', *SITUATION, *arguments])
+    assert problem in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('option, name, problem', [
+    ('--vehicle', 'mein', "vehicle 'mein' is unknown; did you mean './mein.yaml'?; known: "),
+    ('--vehicle', 'mein.yml', "vehicle 'mein.yml' is unknown; did you mean './mein.yaml'?; known: "),
+    ('--route', 'way', "route 'way' is unknown; did you mean './way.gpx'?; known: ")])
+def test_a_name_beside_its_file_is_named(tmp_path, monkeypatch, capsys, option, name, problem):
+    monkeypatch.chdir(tmp_path)
+    for file in ('mein.yaml', 'way.gpx', 'meins.yaml'):
+        (tmp_path / file).touch()
+    assert main(['plan', *SITUATION, option, name]) == 2
+    assert problem in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('columns, is_log', [
+    ('time_s,battery_temperature_c,soc,power_w', True), ('time_s,length_m,height_m,power_w', False)])
+def test_a_drive_log_given_as_a_route_is_named(tmp_path, capsys, columns, is_log):
+    path = tmp_path / 'drive.csv'
+    path.write_text('\n'.join([columns, *(f'{second},-3.5,0.8,8000' for second in range(200))]))
+    assert main(['plan', *SITUATION, '--route', str(path)]) == 2
+    lines = capsys.readouterr().err.splitlines()
+    hint = f'{path}: is a drive log, no route; preheat route --log {path} --vehicle NAME --output ROUTE.csv makes'
+    assert any(hint in line for line in lines) == is_log
+    assert any('a route needs ' in line for line in lines)
 
 
 @pytest.mark.parametrize('option', ['--vehicle', '--route', '--json', '--plot'])

@@ -60,6 +60,8 @@ def test_a_charger_that_cannot_is_null_in_json_and_is_drawn(said, tmp_path):
     (['--charger-power', '0'], 'charger power: 0 is not allowed; it must be 1000 ... 2000000 W'),
     (['--charger-power', '150'], 'charger power: 150 is not allowed; it must be 1000 ... 2000000 W'),
     (['--charger-power', 'nan'], 'charger power: nan is not allowed; it must be 1000 ... 2000000 W'),
+    (['--departure-soc', '80'], 'departure state of charge: 80 is not allowed; it must be 0.05 ... 1 '
+     "(the vehicle's soc_range); 0.8?"),
     (['--departure-soc', '0.1'], 'departure state of charge: 0.1 is below the 0.2'),
     (['--departure-soc', 'nan'], 'departure state of charge: nan is not allowed; it must be 0.05 ... 1 '),
     (['--temperature', 'nan'], 'battery temperature: nan is not allowed; it must be -40 ... 60 degC'),
@@ -115,6 +117,7 @@ def test_a_charger_that_does_not_serve_is_listed_with_the_reason(said):
 
 @pytest.mark.parametrize('arguments, problem', [
     (['--only', 'moll'], "--only: charger 'moll' is unknown; "),
+    (['--end-soc', '30'], "the top of the vehicle's soc_range; 0.3?"),
     (['--end-soc', 'nan'], 'end state of charge: nan is not allowed; it must be 0.05 ... 1'),
     (['--departure-soc', '0.8'], '--departure-soc: not allowed with --chargers'),
     (['--charger-power', '50000'], '--charger-power: not allowed with --chargers'),
@@ -137,3 +140,14 @@ def test_several_chargers_refused_in_lines(said, arguments, problem):
 def test_what_belongs_to_one_charger_and_what_to_several(said, arguments, problem):
     status, _, errors = said(*arguments)
     assert status == 2 and errors.splitlines()[0] == f'preheat: error: {problem}'
+
+
+def test_without_a_charge_to_leave_with_it_is_80_percent_as_in_the_planner(said):
+    *words, option, _ = DRIVE
+    written = []
+    for more in ((), (option, '0.8')):
+        status, output, _ = said(*words, *more, '--json', '-')
+        assert status == 0
+        written.append(json.loads(output))
+    assert written[0]['departure_soc'] == 0.8
+    assert written[0]['best'] == written[1]['best']

@@ -332,7 +332,7 @@ def check_made_car(tmp_path_factory, sheet):
     ({'usable_energy_kwh': None, 'gross_energy_kwh': None}, '--usable-energy-kwh or '
      '--gross-energy-kwh is needed: the energy for driving, or that of all cells (both, if the '
      'data sheet has both)'),
-    ({'chemistry': 'nca'}, "--chemistry: 'nca' is not one of nmc, lfp"),
+    ({'chemistry': 'nca'}, "--chemistry: 'nca' is not one of nmc, lfp; NCA is given as nmc"),
     ({'name': 'a\nb'}, "--name: 'a\\nb' is not allowed; it must have 1 ... 100 printable characters "
      'and no space at its ends'),
     ({'sources': (('battery_mas_kg', 'x'),)}, "--source: 'battery-mas-kg' is not a figure; did you mean "
