@@ -69,7 +69,7 @@ def curve_fit(sheet: DataSheet) -> float:
     wanted_s = S_PER_MIN * sheet.charging_time_10_80_min
 
     def time_s(fit: float) -> float:
-        table = charging_map(warm_curve(sheet, fit), chemistry, sheet.charging_power_kw)
+        table = charging_map(warm_curve(sheet, fit), chemistry, sheet.charging_power_kw, sheet.charging_limit)
         charging = session_charging(vehicle)
         return warm_session(replace(vehicle, charging=replace(
             charging, power_limit=table))).charging_time_s

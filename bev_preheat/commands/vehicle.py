@@ -22,7 +22,13 @@ from bev_preheat.numerics.factors import S_PER_MIN
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.vehicle import load_vehicle, vehicle_file
 from bev_preheat.vehicle.assumptions import key_in_words
-from bev_preheat.vehicle.charging_curve import HEADER, read_charging_curve
+from bev_preheat.vehicle.charging_curve import (
+    ChargingCurve,
+    ChargingLimit,
+    HEADER,
+    LIMIT_HEADER,
+    read_charging_curve,
+)
 from bev_preheat.vehicle.chemistry import CHEMISTRIES
 from bev_preheat.vehicle.data_sheet import DataSheet, QUANTITIES
 from bev_preheat.vehicle.plausibility import meaning_of
@@ -38,7 +44,6 @@ if TYPE_CHECKING:
     from bev_preheat.commands.arguments import Subparsers
     from bev_preheat.files.output_files import AnyPath
     from bev_preheat.vehicle import Vehicle
-    from bev_preheat.vehicle.charging_curve import ChargingCurve
     from bev_preheat.vehicle.plausibility import Meaning
 
 SUFFIXES = ('.yaml',)
@@ -120,12 +125,13 @@ def _add_new(actions: Subparsers) -> None:
     parser.add_argument('--name', help="name of the car (default: the file's)")
     parser.add_argument('--force', action='store_true', help='replace an existing file')
     curve = groups['published charging']
-    curve.add_argument('--charging-curve', metavar='FILE',
+    curve.add_argument('--charging-curve', metavar='FILE', nargs='+',
                        help='published power of a warm battery over its state of charge (CSV: '
-                            f'{",".join(HEADER)})')
+                            f'{",".join(HEADER)}), and the most power over the battery temperature (CSV: '
+                            f'{",".join(LIMIT_HEADER)}); one or both')
     curve.add_argument('--charging-curve-temperature-c', type=float, metavar='degC',
-                       help='battery temperature of the curve [degC], needed with --charging-curve; magazines '
-                            'mostly measure with a battery of 25 ... 35 degC')
+                       help='battery temperature of a curve over the state of charge [degC], needed with it; '
+                            'magazines mostly measure with a battery of 25 ... 35 degC')
     option_group(parser, LESS_COMMON).add_argument(
         '--source', action='append', default=[], metavar='OPTION=TEXT',
         help='source of a given figure, for its comment: --source battery-mass-kg="press kit 2021"; a text that '
@@ -141,7 +147,8 @@ def run_new(arguments: Namespace) -> int:
         raise InvalidInput(f'--output: {output}: exists; --force replaces it')
     name = Path(output).stem if arguments.name is None else arguments.name
     sources = _sources(arguments.source)
-    sheet = DataSheet(name, arguments.chemistry.lower(), charging_curve=_curve(arguments, dict(sources)),
+    curve, limit = _charging(arguments, dict(sources))
+    sheet = DataSheet(name, arguments.chemistry.lower(), charging_curve=curve, charging_limit=limit,
                       sources=tuple((figure, text) for figure, text in sources if figure != CURVE),
                       **{quantity: getattr(arguments, quantity) for quantity in HELP})
     entries = describe_timed_car(sheet)
@@ -159,18 +166,23 @@ def run_new(arguments: Namespace) -> int:
     return 0
 
 
-def _curve(arguments: Namespace, sources: dict[str, str]) -> ChargingCurve | None:
-    """Return the given charging curve, or None."""
-    path, temperature_c = arguments.charging_curve, arguments.charging_curve_temperature_c
-    if (path is None) != (temperature_c is None):
-        raise InvalidInput('--charging-curve and --charging-curve-temperature-c belong together: the file, and '
-                           'the battery temperature at which it was recorded')
-    if path is None:
-        if CURVE in sources:
-            raise InvalidInput('--source: --charging-curve is not given')
-        return None
+def _charging(arguments: Namespace,
+              sources: dict[str, str]) -> tuple[ChargingCurve | None, ChargingLimit | None]:
+    """Return the given charging curve, and the given limit over the battery temperature."""
+    paths, temperature_c = arguments.charging_curve or (), arguments.charging_curve_temperature_c
+    if not paths and CURVE in sources:
+        raise InvalidInput('--source: --charging-curve is not given')
     text = sources.get(CURVE, 'given')
-    return read_charging_curve(path, temperature_c, text if text == 'given' else f'source: {text}')
+    read = [read_charging_curve(path, temperature_c, text if text == 'given' else f'source: {text}')
+            for path in paths]
+    curves = [each for each in read if isinstance(each, ChargingCurve)]
+    limits = [each for each in read if isinstance(each, ChargingLimit)]
+    if max(len(curves), len(limits)) > 1:
+        raise InvalidInput(f'--charging-curve: give one file with {HEADER[0]} and one with {LIMIT_HEADER[0]} at '
+                           'most')
+    if temperature_c is not None and not curves:
+        raise InvalidInput('--charging-curve-temperature-c: only with a --charging-curve over the state of charge')
+    return next(iter(curves), None), next(iter(limits), None)
 
 
 def run_check(arguments: Namespace) -> int:
@@ -249,8 +261,9 @@ def _command(arguments: Namespace) -> str:
         if field.name in HELP and value is not None:
             words += [f'--{field.name.replace("_", "-")}', f'{value:.10g}']
     if arguments.charging_curve is not None:
-        words += ['--charging-curve', arguments.charging_curve, '--charging-curve-temperature-c',
-                  f'{arguments.charging_curve_temperature_c:.10g}']
+        words += ['--charging-curve', *arguments.charging_curve]
+    if arguments.charging_curve_temperature_c is not None:
+        words += ['--charging-curve-temperature-c', f'{arguments.charging_curve_temperature_c:.10g}']
     return shlex.join(words)
 
 

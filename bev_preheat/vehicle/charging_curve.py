@@ -7,7 +7,8 @@ A charging curve is published for a warm battery. The map of a vehicle file is
     P(s, T) = share_hot(T) min(P_max, P_curve(s) share(T) / share(T_curve))
 
 with the chemistry's shares of the power over the battery temperature (chemistry.yaml). Without a published curve,
-its shape is that of the car's class, which is read off published curves.
+its shape is that of the car's class, which is read off published curves. A known limit over the battery
+temperature replaces the shares: P(s, T) = min(P_max, P_curve(s), P_limit(T)).
 """
 
 from __future__ import annotations
@@ -32,6 +33,9 @@ if TYPE_CHECKING:
 
 PERCENT = 100.0
 HEADER = ('state_of_charge_percent', 'power_kw')
+LIMIT_HEADER = ('battery_temperature_c', 'max_power_kw')
+# Temperatures of a limit [deg C] are cut off here, which no battery of a vehicle file exceeds.
+LIMIT_TEMPERATURES_C = (-60.0, 100.0)
 MOST_POINTS = 1000
 # A curve must cover the span for which charging times are published.
 NEEDED_PERCENT = (10.0, 80.0)
@@ -67,25 +71,68 @@ class ChargingCurve:
         return replace(self, power_kw=tuple(factor * power_kw for power_kw in self.power_kw))
 
 
-def read_charging_curve(path: str | Path, temperature_c: float, note: str = 'given') -> ChargingCurve:
+@dataclass(frozen=True)
+class ChargingLimit:
     """
-    Return the ChargingCurve of a CSV file with the columns HEADER, of a battery at `temperature_c` [deg C].
+    Most charging power [kW] over the battery temperature [deg C], whatever the state of charge.
 
-    Lines that begin with # are comments. Raises InvalidInput naming file, line, value and the allowed values.
+    Linear in between, constant beyond the ends. `note` is its source.
+    """
+
+    temperature_c: tuple[float, ...]
+    power_kw: tuple[float, ...]
+    note: str = 'given'
+
+    def power_kw_at(self, temperature_c: Sequence[float]) -> FloatArray:
+        """Return the limit [kW] at battery temperatures [deg C], shape (M,)."""
+        power_kw: FloatArray = np.interp(temperature_c, self.temperature_c, self.power_kw)
+        return power_kw
+
+    def warm_c(self, most_kw: float) -> float:
+        """Return the lowest temperature [deg C] with the most power, at most `most_kw` [kW]."""
+        highest_kw = min(most_kw, max(self.power_kw))
+        at = next(index for index, power_kw in enumerate(self.power_kw) if power_kw >= highest_kw)
+        if at == 0:
+            return self.temperature_c[0]
+        return float(np.interp(highest_kw, self.power_kw[at - 1:at + 1], self.temperature_c[at - 1:at + 1]))
+
+
+def read_charging_curve(path: str | Path, temperature_c: float | None = None,
+                        note: str = 'given') -> ChargingCurve | ChargingLimit:
+    """
+    Return the ChargingCurve or the ChargingLimit of a CSV file, by its first line (HEADER, LIMIT_HEADER).
+
+    `temperature_c` [deg C] is the battery's while the curve was recorded; a limit has none. Lines that begin with
+    # are comments. Raises InvalidInput naming file, line, value and the allowed values.
     """
     low_c, high_c = CURVE_TEMPERATURES_C
-    if not low_c <= temperature_c <= high_c:
+    if temperature_c is not None and not low_c <= temperature_c <= high_c:
         raise InvalidInput(
             f'--charging-curve-temperature-c: {temperature_c:g} degC is not allowed; it must be {low_c:g} ... '
             f'{high_c:g} degC, the battery temperature at which the curve was recorded')
+    header, points = _points(path)
+    try:
+        if header == LIMIT_HEADER:
+            return checked_limit(points, note)
+        if temperature_c is None:
+            raise InvalidInput('needs --charging-curve-temperature-c, the battery temperature at which it was '
+                               'recorded')
+        return checked_curve(points, temperature_c, note)
+    except InvalidInput as error:
+        raise InvalidInput([f'--charging-curve: {path}: {problem}' for problem in error.problems]) from error
+
+
+def _points(path: str | Path) -> tuple[tuple[str, ...], list[tuple[float, float]]]:
+    """Return the first line of a CSV file and the pairs of numbers below it."""
     try:
         lines = read_text(path, 'utf-8-sig').splitlines()
     except InvalidInput as error:
         raise InvalidInput([f'--charging-curve: {problem}' for problem in error.problems]) from error
     rows = [(number, [cell.strip() for cell in row]) for number, line in enumerate(lines, 1)
             if line.strip() and not line.lstrip().startswith('#') for row in csv.reader([line])]
-    if not rows or tuple(rows[0][1]) != HEADER:
-        raise InvalidInput(f'--charging-curve: {path}: the first line must be {",".join(HEADER)}')
+    if not rows or tuple(rows[0][1]) not in (HEADER, LIMIT_HEADER):
+        raise InvalidInput(f'--charging-curve: {path}: the first line must be {",".join(HEADER)} or, for a limit, '
+                           f'{",".join(LIMIT_HEADER)}')
     problems, points = [], []
     for number, cells in rows[1:]:
         try:
@@ -94,12 +141,29 @@ def read_charging_curve(path: str | Path, temperature_c: float, note: str = 'giv
             problems.append(f'line {number}: {quoted(",".join(cells))} is not two numbers')
         else:
             points.append((percent, power_kw))
-    try:
-        if problems:
-            raise InvalidInput(problems)
-        return checked_curve(points, temperature_c, note)
-    except InvalidInput as error:
-        raise InvalidInput([f'--charging-curve: {path}: {problem}' for problem in error.problems]) from error
+    if problems:
+        raise InvalidInput([f'--charging-curve: {path}: {problem}' for problem in problems])
+    return tuple(rows[0][1]), points
+
+
+def checked_limit(points: Sequence[tuple[float, float]], note: str) -> ChargingLimit:
+    """Return the ChargingLimit of points (temperature [deg C], power [kW]); raise InvalidInput if implausible."""
+    problems, before = [], -math.inf
+    for temperature_c, power_kw in points:
+        if not 0.0 <= power_kw <= MOST_POWER_KW:
+            problems.append(f'{power_kw:g} kW at {temperature_c:g} degC is not allowed; it must be 0 ... '
+                            f'{MOST_POWER_KW:g} kW')
+        elif not before < temperature_c < math.inf:
+            problems.append(f'{temperature_c:g} degC must be above the {before:g} degC before it')
+        before = temperature_c
+    if not problems and not 2 <= len(points) <= MOST_POINTS:
+        problems.append(f'{len(points)} points; 2 ... {MOST_POINTS} are allowed')
+    if not problems and max(power_kw for _, power_kw in points) <= 0.0:
+        problems.append('the power must be above 0 kW at some temperature')
+    if problems:
+        raise InvalidInput(problems)
+    return ChargingLimit(tuple(temperature_c for temperature_c, _ in points),
+                         tuple(power_kw for _, power_kw in points), note)
 
 
 def checked_curve(points: Sequence[tuple[float, float]], temperature_c: float, note: str) -> ChargingCurve:
@@ -170,8 +234,18 @@ def _corners(x: FloatArray, y: FloatArray) -> list[int]:
     return [*kept, len(x) - 1]
 
 
-def charging_map(curve: ChargingCurve, chemistry: Chemistry, most_kw: float) -> Table:
-    """Return the charging power [W, negative] of a curve over charge and temperature, at most `most_kw` [kW]."""
+def charging_map(curve: ChargingCurve, chemistry: Chemistry, most_kw: float,
+                 limit: ChargingLimit | None = None) -> Table:
+    """
+    Return the charging power [W, negative] of a curve over charge and temperature, at most `most_kw` [kW].
+
+    With a `limit` over the temperature it is the least of the three; else the chemistry tells cold and heat.
+    """
+    if limit is not None:
+        grid_c = sorted(set(np.clip(limit.temperature_c, *LIMIT_TEMPERATURES_C).tolist()))
+        limited_kw = np.minimum(np.minimum.outer(curve.power_kw, limit.power_kw_at(grid_c)), most_kw)
+        return Table(tuple(round(soc, DECIMALS) for soc in curve.soc), tuple(grid_c),
+                     tuple(map(tuple, (-np.round(W_PER_KW * limited_kw) + 0.0).tolist())))
     cold, hot = chemistry.charge_share, chemistry.hot_share
     temperatures_c = sorted({*map(float, cold.temperature_c), *map(float, hot.temperature_c)})
     hot_share: FloatArray = np.interp(temperatures_c, hot.temperature_c, hot.share)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, fields
 from difflib import get_close_matches
 
 from bev_preheat.errors import InvalidInput, quoted
-from bev_preheat.vehicle.charging_curve import ChargingCurve
+from bev_preheat.vehicle.charging_curve import ChargingCurve, ChargingLimit
 from bev_preheat.vehicle.chemistry import CHEMISTRIES, load_chemistry
 
 # Least usable energy as a share of the gross energy; below it the two belong to different batteries.
@@ -90,7 +90,8 @@ class DataSheet:
     Usable energy is the driver's energy between 100 and 0 %, gross energy that of all cells. At
     least one of the two is needed, and nominal voltage or number of cells in series, and the
     most charging power at a fast charger; the rest can be assumed. `charging_time_10_80_min` is the published time
-    from 10 to 80 % with a warm battery, `charging_curve` the published curve.
+    from 10 to 80 % with a warm battery, `charging_curve` the published curve, `charging_limit` the most power over
+    the battery temperature.
     """
 
     name: str
@@ -113,6 +114,7 @@ class DataSheet:
     frontal_area_m2: float | None = None
     rolling_resistance: float | None = None
     charging_curve: ChargingCurve | None = None
+    charging_limit: ChargingLimit | None = None
     # (name of a figure, source); a text that begins with "assumed" marks the figure as assumed.
     sources: tuple[tuple[str, str], ...] = ()
 

@@ -14,7 +14,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.numerics.factors import W_PER_KW, WH_PER_KWH
-from bev_preheat.vehicle.charging_curve import charging_map, ChargingCurve, class_curve, HIGH_VOLTAGE_V
+from bev_preheat.vehicle.charging_curve import (
+    charging_map,
+    ChargingCurve,
+    class_curve,
+    CURVE_TEMPERATURES_C,
+    HIGH_VOLTAGE_V,
+)
 from bev_preheat.vehicle.chemistry import Chemistry, load_chemistry, Shares
 from bev_preheat.vehicle.data_sheet import check_data_sheet, DataSheet, energy_of
 
@@ -292,11 +298,19 @@ def _heater(sheet: DataSheet) -> dict[str, Entry]:
             sheet, 'auxiliary_power_kw', AUXILIARY_KW, 'lights, pumps, computers', W_PER_KW),
         # A setting, not a measured value.
         'defaults.target_battery_temperature_c': Entry(
-            TARGET_C if sheet.target_temperature_c is None else sheet.target_temperature_c,
+            _warm_c(sheet) if sheet.target_temperature_c is None else sheet.target_temperature_c,
             _origin(sheet, 'target_temperature_c')
             if sheet.target_temperature_c is not None else
             'chosen: from here on the charging power above is at its most'),
     }
+
+
+def _warm_c(sheet: DataSheet) -> float:
+    """Return the battery temperature [deg C] from which the charging power is at its most."""
+    if sheet.charging_limit is None:
+        return TARGET_C
+    low_c, high_c = CURVE_TEMPERATURES_C
+    return round(min(max(sheet.charging_limit.warm_c(sheet.charging_power_kw), low_c), high_c), 1)
 
 
 def _charging(sheet: DataSheet, curve_fit: float) -> dict[str, Entry]:
@@ -305,7 +319,7 @@ def _charging(sheet: DataSheet, curve_fit: float) -> dict[str, Entry]:
     pack, _ = _pack(sheet, chemistry)
     polarization = chemistry.polarization(
         pack.cells_in_series * chemistry.nominal_cell_voltage_v >= HIGH_VOLTAGE_V)
-    table = charging_map(curve, chemistry, sheet.charging_power_kw)
+    table = charging_map(curve, chemistry, sheet.charging_power_kw, sheet.charging_limit)
     time_note = ''
     if sheet.charging_time_10_80_min is not None:
         how = f'its power times {curve_fit:.3f}' if sheet.charging_curve is not None else 'made fuller or steeper'
@@ -316,15 +330,16 @@ def _charging(sheet: DataSheet, curve_fit: float) -> dict[str, Entry]:
             True, 'assumed: cars that can heat their battery mostly do so at a fast charger as well',
             assumed=True),
         'charging.heating_limit_c': Entry(
-            TARGET_C, 'assumed: from here on the charging power is at its most', assumed=True),
+            _warm_c(sheet), 'assumed: from here on the charging power is at its most', assumed=True),
         'charging.maximum_inlet_power_w': Entry(
             _plain(W_PER_KW * sheet.charging_power_kw), _origin(sheet, 'charging_power_kw'),
             _is_guessed(sheet, 'charging_power_kw')),
         'charging.power_limit': Entry(
             {'soc': list(table.soc), 'temperature_c': list(table.temperature_c),
              'values': [list(row) for row in table.values]},
-            f'W, curve at {curve.temperature_c:g} degC: {curve.note}{time_note}. In the cold: '
-            f'{chemistry.charge_share.source}. Hot: {chemistry.hot_share.source}', assumed=True),
+            f'W, curve at {curve.temperature_c:g} degC: {curve.note}{time_note}. '
+            + (f'Limit over the temperature: {sheet.charging_limit.note}' if sheet.charging_limit is not None else
+               f'In the cold: {chemistry.charge_share.source}. Hot: {chemistry.hot_share.source}'), assumed=True),
         'charging.polarization_factor': Entry(
             polarization.factor, polarization.source, assumed=True),
     }

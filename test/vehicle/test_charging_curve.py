@@ -11,6 +11,7 @@ from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.vehicle.charging_curve import (
     charging_map,
     ChargingCurve,
+    ChargingLimit,
     class_curve,
     FIT_RANGE,
     read_charging_curve,
@@ -36,9 +37,49 @@ def test_a_file_as_a_magazine_publishes_it(curve_of):
     assert curve == ChargingCurve((0.0, 0.1, 0.8, 1.0), (90.5, 100.0, 40.0, 8.0), 25.0)
 
 
+NO_HEADER = ('the first line must be state_of_charge_percent,power_kw or, for a limit, '
+             'battery_temperature_c,max_power_kw')
+LIMIT = 'battery_temperature_c,max_power_kw\n'
+
+
+def test_a_limit_over_the_temperature_is_told_by_its_first_line(curve_of):
+    limit = curve_of(f'# as read from a car\n{LIMIT}-1000,20\n0,60\n15,75\n25,233\n', None)
+    assert limit == ChargingLimit((-1000.0, 0.0, 15.0, 25.0), (20.0, 60.0, 75.0, 233.0))
+    # Halfway from 75 to 233 kW.
+    assert (limit.warm_c(1000.0), limit.warm_c(154.0), limit.warm_c(10.0)) == (25.0, pytest.approx(20.0), -1000.0)
+
+
 @pytest.mark.parametrize('text, problem', [
-    ('', 'the first line must be state_of_charge_percent,power_kw'),
-    ('soc,kW\n10,100\n80,50\n', 'the first line must be state_of_charge_percent,power_kw'),
+    (f'{LIMIT}0,60\n', '1 points; 2 ... 1000 are allowed'),
+    (f'{LIMIT}0,60\n0,70\n', '0 degC must be above the 0 degC before it'),
+    (f'{LIMIT}0,60\nnan,70\n', 'nan degC must be above the 0 degC before it'),
+    (f'{LIMIT}0,60000\n9,70\n', '60000 kW at 0 degC is not allowed; it must be 0 ... 2000 kW'),
+    (f'{LIMIT}0,0\n9,0\n', 'the power must be above 0 kW at some temperature'),
+    (f'{HEADER}10,100\n80,50\n', 'needs --charging-curve-temperature-c, ')])
+def test_a_limit_that_cannot_be_is_refused_in_words(curve_of, text, problem):
+    with pytest.raises(InvalidInput) as refused:
+        curve_of(text, None)
+    assert f'curve.csv: {problem}' in str(refused.value)
+
+
+@pytest.mark.parametrize('soc', [0.0, 0.35, 0.5, 0.9])
+@pytest.mark.parametrize('temperature_c', [-40.0, 0.0, 7.5, 20.0, 25.0, 60.0])
+def test_with_a_limit_the_map_is_the_least_of_curve_limit_and_maximum(soc, temperature_c):
+    curve = ChargingCurve((0.0, 0.5, 1.0), (160.0, 160.0, 20.0), 30.0)
+    limit = ChargingLimit((-1000.0, 0.0, 15.0, 25.0), (60.0, 60.0, 75.0, 233.0))
+    power_w = charging_map(curve, NMC, 120.0, limit).function(FLOATS)(soc, temperature_c)
+    # At the points of the map, and between them where nothing bends.
+    curve_kw = 160.0 if soc <= 0.5 else 160.0 - 280.0 * (soc - 0.5)
+    limit_kw = (60.0 if temperature_c <= 0.0 else 60.0 + temperature_c if temperature_c <= 15.0 else
+                min(75.0 + 15.8 * (temperature_c - 15.0), 233.0))
+    if soc <= 0.5 and temperature_c != 20.0:
+        assert -power_w == pytest.approx(1e3 * min(120.0, curve_kw, limit_kw))
+    assert -power_w <= 1e3 * min(120.0, curve_kw, limit_kw) + 1e-6
+
+
+@pytest.mark.parametrize('text, problem', [
+    ('', NO_HEADER),
+    ('soc,kW\n10,100\n80,50\n', NO_HEADER),
     (HEADER, 'it covers nothing; it must cover at least 10 ... 80 %'),
     (HEADER + '0.1,100\n0.8,50\n', 'the last state of charge is 0.8 %; states of charge are in percent'),
     (HEADER + '20,100\n80,50\n', 'it covers 20 ... 80 %; it must cover at least 10 ... 80 %'),
