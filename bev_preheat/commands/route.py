@@ -17,8 +17,8 @@ from bev_preheat.commands.situation import add_route_options, in_steps, ROUTE_OP
 from bev_preheat.console.terminal import result_console
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.output_files import check_outputs, expanded, OutputFile, PICTURE_SUFFIXES
+from bev_preheat.interface.route_or_log import route_or_log
 from bev_preheat.numerics.factors import JOULES_PER_WH
-from bev_preheat.route import route_for
 from bev_preheat.route.averages import compare_averages
 from bev_preheat.route.csv_file import rounded, save_route
 from bev_preheat.route.drive_log import load_drive_logs
@@ -133,7 +133,7 @@ def _refuse_route_options(arguments: Namespace) -> None:
 def _driven(arguments: Namespace,
             vehicle: Vehicle) -> tuple[str, Route, Sequence[str], Sequence[AnyPath], Sequence[ChargingStop]]:
     path = expanded(arguments.source)
-    loaded = route_for(path if '/' in path else f'./{path}', vehicle, options=route_options(arguments))
+    loaded = route_or_log(path if '/' in path else f'./{path}', vehicle, route_options(arguments))
     if has_powers(loaded.file):
         raise InvalidInput(f'--from {arguments.source}: is a route file with powers already; use it as it is: '
                            f'--route {arguments.source}')

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 from bev_preheat.commands.completion import completed_by, ROUTES, VEHICLES
 from bev_preheat.console.parser import option_group
 from bev_preheat.errors import InvalidInput
+from bev_preheat.interface.route_or_log import route_or_log
 from bev_preheat.planning.situation import BatteryState, Goal
-from bev_preheat.route import Route, route_for
+from bev_preheat.route import Route
 from bev_preheat.route.plausibility import unit_warnings
 from bev_preheat.route.sources.journey import RouteOptions
 from bev_preheat.vehicle import load_vehicle, Vehicle, vehicle_file
@@ -120,7 +121,7 @@ def add_vehicle_argument(parser: ArgumentParser) -> None:
 def read_situation(arguments: Namespace) -> PlanningArguments:
     """Return the PlanningArguments of parsed arguments; raise InvalidInput if they are invalid."""
     vehicle = load_planned_vehicle(arguments.vehicle)
-    loaded = route_for(arguments.route, vehicle, options=route_options(arguments))
+    loaded = route_or_log(arguments.route, vehicle, route_options(arguments))
     note(*loaded.remarks)
     route = loaded.route
     if loaded.stops:

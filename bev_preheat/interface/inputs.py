@@ -13,9 +13,9 @@ import numpy as np
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.files.configuration import configuration_folder
 from bev_preheat.interface.checked import checked
+from bev_preheat.interface.route_or_log import route_or_log
 from bev_preheat.logs.reading import read_recording
 from bev_preheat.route import make_route as make_route_of_columns
-from bev_preheat.route import route_for
 from bev_preheat.route.sources.journey import RouteOptions
 from bev_preheat.vehicle import load_vehicle as load_vehicle_file
 
@@ -123,7 +123,7 @@ def load_route(name_or_file: str | Path, vehicle: Vehicle, *, ambient_c: float |
     if stop_duration_s is not None and not 60.0 <= stop_duration_s <= 86400.0:
         raise InvalidInput(f'stop_duration_s: {stop_duration_s:g} is not allowed; it must be 60 ... 86400 s')
     try:
-        loaded = route_for(name_or_file, vehicle, options=RouteOptions(
+        loaded = route_or_log(name_or_file, vehicle, RouteOptions(
             ambient_c, None if consumption is None else consumption == 'total', free_speed_kmh, stop_duration_s,
             vehicle_id))
     except InvalidInput as error:

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.logs.reading import read_recording
 from bev_preheat.route.csv_file import in_one_line, load_file_route, rounded, route_file
 from bev_preheat.route.driven import drive_journey
 from bev_preheat.route.legs import legs_file, load_legs
@@ -26,8 +25,6 @@ from bev_preheat.route.sources.registry import read_journey
 if TYPE_CHECKING:
     from bev_preheat.vehicle.description import Vehicle
 
-# Larger files [bytes] that are no routes are not read a second time.
-LARGEST_LOG = 32_000_000
 LEGS_PREFIX = 'legs/'
 LEGS_SUFFIXES = ('.yaml', '.yml')
 
@@ -71,17 +68,7 @@ def route_for(name_or_file: str | Path, vehicle: Vehicle,
         return RouteForVehicle(rounded(load_legs(source, vehicle).route), name, legs_file(source),
                                None)
     file = route_file(source)
-    try:
-        return _of_file(file, source, vehicle, options)
-    except InvalidInput as error:
-        if not _is_drive_log(file):
-            raise
-        raise type(error)([f'{file}: is a drive log, no route; preheat route --log {file} --vehicle NAME --output '
-                           'ROUTE.csv makes a route of it', *error.problems]) from error
-
-
-def _of_file(file: Path, source: str, vehicle: Vehicle, options: RouteOptions) -> RouteForVehicle:
-    journey, name = read_journey(file, options), in_one_line(vehicle.name)
+    journey = read_journey(file, options)
     if journey is not None:
         route, remarks = drive_journey(journey, vehicle, options, file)
         # Rounded, as from legs.
@@ -90,17 +77,6 @@ def _of_file(file: Path, source: str, vehicle: Vehicle, options: RouteOptions) -
     _refuse_options(file, options)
     return RouteForVehicle(loaded.route, loaded.made_for, file,
                            _warning(file, loaded.made_for, vehicle), stops=loaded.stops)
-
-
-def _is_drive_log(file: Path) -> bool:
-    """Return whether a file that is no route has readings of a battery."""
-    if file.stat().st_size > LARGEST_LOG:
-        return False
-    try:
-        signals = read_recording(file).signals
-    except InvalidInput:
-        return False
-    return bool({'battery_temperature_c', 'soc'} & signals.keys())
 
 
 def route_source(name_or_file: str | Path) -> Path:
