@@ -126,7 +126,8 @@ def read_situation(arguments: Namespace) -> PlanningArguments:
     route = loaded.route
     if loaded.stops:
         route = route.segments(0, loaded.stops[0].after_segment + 1)
-        note(f'planned up to the first of {len(loaded.stops)} charging stops, after '
+        first = 'charging stop' if len(loaded.stops) == 1 else f'first of {len(loaded.stops)} charging stops'
+        note(f'planned up to the {first}, after '
              f'{route.total_duration_s / 60.0:.0f} min')
     warn(loaded.warning, *(f'route {arguments.route}: {sentence}'
                            for sentence in unit_warnings([loaded.route], vehicle, with_units=True)))

@@ -387,7 +387,7 @@ class WorthResult(Result):
         return pandas.DataFrame(self.to_dict()['targets']).set_index('target_c')
 
     def in_words(self) -> str:
-        """Return the best target and what it saves as one line."""
+        """Return the best target and its saving as one line."""
         if self.best_target_c is None:
             return 'heating does not pay'
         return (f'best target {self.best_target_c:.1f} degC, saves {self.saved_charging_time_s / 60.0:.1f} min at '

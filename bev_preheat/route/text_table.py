@@ -199,7 +199,7 @@ def _lines(path: str | Path) -> list[str]:
 
 
 def _separator(path: str | Path, number: int, text: str, columns: Iterable[str], row: str) -> str:
-    """Return the separator in the header; of several, the one that gives the row below as many cells."""
+    """Return the separator in the header; of several, that which gives the row below as many cells."""
     if BEGINS_WITH_NUMBER.match(text):
         raise InvalidInput(f'{path}, line {number}: holds numbers; the line above them must name '
                            f'the columns: {", ".join(columns)}')
@@ -216,7 +216,7 @@ def _separator(path: str | Path, number: int, text: str, columns: Iterable[str],
 
 
 def _split(text: str, separator: str) -> list[str]:
-    """Return the cells of a line as far as they can be told, without a refusal."""
+    """Return the cells of a line; unlike `_cells`, never refuse it."""
     try:
         return next(csv.reader([text], delimiter=separator, skipinitialspace=True))
     except csv.Error:

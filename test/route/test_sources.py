@@ -30,8 +30,16 @@ TIMED = {
     'here': examples.here, 'here with summary alone': lambda: examples.here(of_travel=False),
     'google': examples.google, 'google directions': lambda: examples.google(legacy=True),
     'graphhopper': examples.graphhopper, 'graphhopper plain': lambda: examples.graphhopper('plain'),
+    'google without legs': lambda: without_legs(examples.google()),
     'graphhopper elevation': lambda: examples.graphhopper('elevation'), 'routingpy': examples.routingpy,
 }
+
+
+def without_legs(text):
+    """Return an answer of Google to a request for length, duration and line alone."""
+    contents = json.loads(text)
+    del contents['routes'][0]['legs']
+    return json.dumps(contents)
 
 
 def loaded(folder, text, options=COLD, car=CAR):
@@ -78,6 +86,20 @@ def test_charging_stops_of_navigation_are_kept_and_no_part_of_the_drive(tmp_path
     waits_s = stop.duration_s
     assert waits_s == (900.0 if 'lengthInMeters' in text() else 1020.0)
     assert not any('waypoint' in remark for remark in found.remarks)
+
+
+def test_waypoints_of_graphhopper_may_be_charging_stops(tmp_path):
+    contents = json.loads(examples.graphhopper())
+    contents['paths'][0]['instructions'][1]['sign'] = 5
+    passed = loaded(tmp_path, json.dumps(contents))
+    assert any(remark.startswith('1 waypoint is passed without a stop') for remark in passed.remarks)
+    found = loaded(tmp_path, json.dumps(contents), replace(COLD, stop_duration_s=1200.0))
+    [stop] = found.stops
+    assert stop.duration_s == 1200.0
+    # The first two of the instructions are 0.25 and 0.35 of the way.
+    assert found.route.duration_s[:stop.after_segment + 1].sum() == pytest.approx(
+        0.6 * examples.LENGTH_M / examples.SPEED_MPS)
+    assert found.line is not None
 
 
 def test_times_along_the_way_count_more_than_the_mean_speed_of_a_leg(tmp_path):

@@ -86,7 +86,7 @@ class Header:
 
     @property
     def may_be_cumulated(self) -> bool:
-        """Whether the name also is one of values from the start of the trip."""
+        """Whether the name is also used for values from the start of the trip."""
         return self.quantity in ('time', 'distance') or self.stem in AMBIGUOUS_LENGTHS
 
     def si(self, values: FloatArray) -> FloatArray:

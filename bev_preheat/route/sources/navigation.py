@@ -8,7 +8,7 @@ scaled to the leg's, which includes traffic. Charging stops of the answer are ke
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import re
 from typing import Any, TYPE_CHECKING
 
@@ -24,11 +24,13 @@ if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.route.sources.journey import Journey, RouteOptions
 
-# Durations as a text, and the longest one of a leg or of a charging stop [s].
+# Durations as a text; the longest leg and charging stop [s], and the longest leg [m].
 SECONDS = re.compile(r'([0-9]+(?:\.[0-9]*)?)s')
 LONGEST_LEG_S, LONGEST_STOP_S, LONGEST_LEG_M = 1e6, 86400.0, 1e7
 # Parts of a leg may add up to this share more or less than the leg, because they are rounded.
 MOST_MISFIT = 0.02
+# GraphHopper's sign of an instruction at a waypoint.
+WAYPOINT_REACHED = 5
 # Names of coordinates: a latitude and its longitude.
 COORDINATES = (('latitude', 'longitude'), ('lat', 'lng'), ('lat', 'lon'))
 ELEVATION_RANGE_M = (-500.0, 9000.0)
@@ -37,7 +39,7 @@ ELEVATION_RANGE_M = (-500.0, 9000.0)
 @dataclass(frozen=True)
 class Service:
     """
-    The keys of a service; of several paths (keys with a dot between them) the first one that is there counts.
+    The keys of a service; of several paths (keys with a dot between them) the first that exists counts.
 
     `routes` is the list of routes ('': the answer is one), `legs` that of the legs in a route ('': the route is
     one). A unit of time is `second` [s].
@@ -65,6 +67,7 @@ SERVICES = (
     Service('Google answer', 'routes', 'legs', ('distanceMeters', 'distance.value'),
             ('duration_in_traffic.value', 'duration.value', 'duration'),
             ('polyline', 'overview_polyline'), 'steps', ('staticDuration', 'duration.value')),
+    Service('Google answer', 'routes', '', ('distanceMeters',), ('duration',), ('polyline',)),
     Service('GraphHopper answer', 'paths', '', ('distance',), ('time',), ('points',), 'instructions', ('time',),
             1e-3),
     Service('routingpy route', '', '', ('distance',), ('duration',), ('geometry',)),
@@ -93,7 +96,7 @@ def read_navigation(contents: Any, service: Service, options: RouteOptions) -> J
         remarks.append(f'{count} routes in the answer: the first one is used')
     nodes = [(leg, f'{place}.{service.legs}[{at}]') for at, leg in enumerate(items(route, service.legs, place))] \
         if service.legs else [(route, place)]
-    legs = [_leg(leg, where, service) for leg, where in nodes]
+    legs = [part for leg, where in nodes for part in _leg(leg, where, service)]
     legs = _with_progress(legs, route, service, place)
     if any(len(leg.length_m) == 1 for leg in legs):
         remarks.append('the mean speed of each leg is used; the answer has no steps that fit' if service.legs else
@@ -117,7 +120,7 @@ def _first(values: Any) -> Any:
 def _first_route(contents: Any, service: Service) -> Any:
     """Return the first route of an answer, None without one."""
     if not service.routes:
-        # A list of several is one of segments.
+        # Several objects are a list of segments.
         return _first(contents) if isinstance(contents, list) and len(contents) == 1 else contents
     return _first(contents.get(service.routes)) if isinstance(contents, dict) else None
 
@@ -144,30 +147,34 @@ def _figure(node: Any, paths: tuple[str, ...], place: str, most: float) -> float
     return checked(float(text[1]) if text else value, f'{place}.{path}', 0.0, most)
 
 
-def _leg(leg: Any, place: str, service: Service) -> Pieces:
+def _leg(leg: Any, place: str, service: Service) -> list[Pieces]:
+    """Return a leg; in several parts if an instruction within says that a waypoint is reached."""
     length_m = _figure(leg, service.length, place, LONGEST_LEG_M)
     duration_s = _figure(leg, service.duration, place, LONGEST_LEG_S / service.second) * service.second
     stop_s, actions_s = _stops_s(leg, place)
     found = _found(leg, service.duration)
     if found is not None and found[0] == 'summary.duration':
-        # HERE's summary includes what is done before and after the drive.
+        # HERE's summary includes the actions before and after the drive.
         duration_s = max(duration_s - actions_s, 0.0)
     whole = Pieces(np.array([length_m]), np.array([duration_s]), stop_s=stop_s)
     parts = leg.get(service.parts)
     if not isinstance(parts, list) or not parts or any(
             _found(part, paths) is None for part in parts for paths in (PART_LENGTH, service.part_duration)):
-        return whole
+        return [whole]
     figures = np.array([(_figure(part, PART_LENGTH, f'{place}.{service.parts}[{at}]', LONGEST_LEG_M),
                          _figure(part, service.part_duration, f'{place}.{service.parts}[{at}]',
                                  LONGEST_LEG_S / service.second)) for at, part in enumerate(parts)])
     sums = figures.sum(axis=0)
     if abs(sums[0] - length_m) > MOST_MISFIT * length_m or sums[1] <= 0.0:
-        return whole
-    return Pieces(figures[:, 0], figures[:, 1], stop_s=stop_s).scaled_to(duration_s)
+        return [whole]
+    fine = Pieces(figures[:, 0], figures[:, 1], stop_s=stop_s).scaled_to(duration_s)
+    ends = [at + 1 for at, part in enumerate(parts[:-1]) if part.get('sign') == WAYPOINT_REACHED]
+    return [replace(fine, length_m=length_m, duration_s=duration_s) for length_m, duration_s in zip(
+        np.split(fine.length_m, ends), np.split(fine.duration_s, ends))]
 
 
 def _stops_s(leg: dict[str, Any], place: str) -> tuple[float, float]:
-    """Return the time of charging at the end of a leg, and of all that is done before and after its drive [s]."""
+    """Return the time of charging at the end of a leg, and of all actions before and after its drive [s]."""
     tomtom = ('summary.chargingInformationAtEndOfLeg.chargingTimeInSeconds',)
     if _found(leg, tomtom) is not None:
         return (_figure(leg, tomtom, place, LONGEST_STOP_S),) * 2
@@ -208,7 +215,7 @@ def _line(route: Any, legs: list[Pieces], nodes: list[tuple[Any, str]], service:
     """Return latitudes, longitudes [deg] and elevations [m] (NaN: none) of the way, shape (3, M); None without."""
     lengths_m = [float(leg.length_m.sum()) for leg in legs]
     whole = _found(route, service.line)
-    parts = [(whole, place, sum(lengths_m))] if whole is not None else [
+    parts = [(whole, place, float(sum(lengths_m)))] if whole is not None else [
         (_found(leg, service.line), where, length_m) for (leg, where), length_m in zip(nodes, lengths_m)]
     lines = [_points(found[1], f'{where}.{found[0]}', length_m, service)
              for found, where, length_m in parts if found is not None]

@@ -55,7 +55,7 @@ def read_records(contents: Any) -> Journey:
 
 
 def _why_no_route(contents: dict[str, Any]) -> str:
-    """Return why an object is not a route: what the service says, or else its keys."""
+    """Return why an object is not a route: the message of the service, or else its keys."""
     error = next((contents[name] for name in ('error', 'detailedError') if isinstance(contents.get(name), dict)),
                  contents)
     for name in ('message', 'description', 'error_message', 'title'):

@@ -91,7 +91,7 @@ def journey_of_points(kind: str, latitude_deg: FloatArray, longitude_deg: FloatA
 
 
 def _in_order(time_s: FloatArray) -> BoolArray:
-    """Return the most times that never fall, none of them a whole route from the others, shape (M,)."""
+    """Return which times to keep, shape (M,): the most that never fall, none far from the others."""
     keep = np.abs(time_s - np.median(time_s)) <= LONGEST_ROUTE_S
     if keep.all() and (np.diff(time_s) >= 0.0).all():
         return keep
