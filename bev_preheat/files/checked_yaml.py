@@ -44,10 +44,10 @@ def check_yaml(text: str, path: str | Path, schema_path: Path) -> dict[str, File
         # Thousands of brackets, or an alias within its own value.
         raise InvalidInput(f'{path}: cannot be read: its values are nested too deeply') from error
     except (yaml.YAMLError, ValueError) as error:
-        # ValueError: invalid values in the form of a date or number, such as 2024-13-45.
+        # ValueError: invalid values in the form of a number.
         raise InvalidInput(f'{path}: is not YAML: {" ".join(str(error).split())}') from error
     except (ArithmeticError, AttributeError, LookupError, TypeError) as error:
-        # PyYAML gives no details for `!!int ""`, `!!bool maybe` and `!!timestamp soon`.
+        # PyYAML gives no details for `!!int ""` and `!!bool maybe`.
         raise InvalidInput(f'{path}: is not YAML: a value does not fit its tag (!!…)') from error
     if multiplies:
         raise InvalidInput(f'{path}: cannot be read: its aliases (*) make more than {MOST_VALUES} values')
@@ -97,6 +97,15 @@ class _Loader(_UniqueKeys, yaml.SafeLoader):
 class _FastLoaderOfUniqueKeys(_UniqueKeys, _FastLoader):
     pass
 
+
+def _as_text(loader: Any, node: Any) -> str:
+    """Return a date as its text: schemas say where a date is allowed, and readers know the zone."""
+    text: str = loader.construct_scalar(node)
+    return text
+
+
+for _each in (_Loader, _FastLoaderOfUniqueKeys):
+    _each.add_constructor('tag:yaml.org,2002:timestamp', _as_text)
 
 # LibYAML crashes if values are nested about twenty thousand deep. Each level starts with such a character.
 _NESTING, _HARMLESS_NESTING = '[{-?:', 5000

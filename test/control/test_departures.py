@@ -209,7 +209,8 @@ def test_a_file_of_prices_is_read(file):
 
 
 @pytest.mark.parametrize('zone', ['Europe/Berlin', 'America/New_York', 'UTC'])
-def test_times_with_an_offset_name_their_instants_in_any_zone(file, zone):
+@pytest.mark.parametrize('quote', ["'", ''])
+def test_times_with_an_offset_name_their_instants_in_any_zone(file, zone, quote):
     """The hour from 02:00 to 03:00 of 2026-10-25 occurs twice in Berlin; both have their prices."""
     prices = load_grid_prices(file(f"""
 time_zone: {zone}
@@ -217,7 +218,7 @@ dated:
   - {{from: '2026-10-25T02:00:00+02:00', price_per_kwh: 1}}
   - {{from: '2026-10-25T02:00+0100', price_per_kwh: 2}}
   - {{from: '2026-10-25 02:00:00.000Z', until: '2026-10-24T23:00:00 -04:00', price_per_kwh: 3}}
-"""))
+""".replace("'", quote)))
     hours = [datetime(2026, 10, 25, hour) for hour in range(4)]
     assert prices.dated == tuple(
         PricePeriod(ns(begin), ns(end), price) for begin, end, price in zip(hours, hours[1:], (1.0, 2.0, 3.0)))
