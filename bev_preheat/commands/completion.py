@@ -11,12 +11,11 @@ from __future__ import annotations
 import os
 from typing import TYPE_CHECKING
 
+from bev_preheat.console.parser import COMPLETING
 from bev_preheat.files.configuration import configuration_folder
 
 if TYPE_CHECKING:
     from argparse import Action, ArgumentParser
-
-ASKED = '_ARGCOMPLETE'
 
 
 class NameCompleter:
@@ -49,7 +48,7 @@ def completed_by(completer: NameCompleter, argument: Action) -> None:
 
 def complete(parser: ArgumentParser) -> None:
     """Answer a completion request of the shell and exit; otherwise return."""
-    if ASKED not in os.environ:
+    if COMPLETING not in os.environ:
         return
     try:
         import argcomplete

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import argparse
 from difflib import get_close_matches
+import os
 import re
 import sys
 from typing import TYPE_CHECKING
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
 NEGATIVE_NUMBER = re.compile(r'-(\.?\d|inf|nan)', re.IGNORECASE)
 
 
+# Set while the shell asks for completions; argcomplete then parses what has been typed so far.
+COMPLETING = '_ARGCOMPLETE'
 # Options by other words that people try.
 OTHER_WORDS = {
     '--car': '--vehicle', '--model': '--vehicle', '--battery': '--temperature',
@@ -76,7 +79,7 @@ class OneLineParser(argparse.ArgumentParser):
             namespace: Any = None) -> tuple[Any, list[str]]:
         """Parse as argparse does, but report a mistyped option before missing arguments."""
         given = sys.argv[1:] if args is None else args
-        if self._subparsers is not None:
+        if self._subparsers is not None and COMPLETING not in os.environ:
             self._check_command(given)
         known = [option for action in self._actions for option in action.option_strings]
         if known and args is not None and self._subparsers is None:

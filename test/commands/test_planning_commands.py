@@ -395,4 +395,4 @@ def test_python_module_is_the_same_command():
         [sys.executable, '-m', 'bev_preheat', 'plan', *SITUATION, '--soc', '7'],
         capture_output=True, text=True, check=False)
     assert (ended.returncode, ended.stdout, ended.stderr) == (
-        2, '', 'preheat: error: state of charge: 7 is not allowed; it must be 0 ... 1\n')
+        2, '', 'preheat: error: state of charge: 7 is not allowed; it must be 0 ... 1; 0.07?\n')
