@@ -112,7 +112,7 @@ def load_route(name_or_file: str | Path, vehicle: Vehicle, *, ambient_c: float |
     """
     Return the Route of a name in `routes()` or of a file of any format, driven by a vehicle, as `--route` does.
 
-    For a file that lacks them: `ambient_c` [deg C], `free_speed_kmh` for a line without times; `stop_duration_s`,
+    For a file without them: `ambient_c` [deg C], `free_speed_kmh` for a line without times; `stop_duration_s`,
     the waypoints of navigation are charging stops of this duration [s]; `consumption` ('total' or 'drivetrain'),
     what a consumption in the file includes; `vehicle_id`, the car in a file of several. Of a way with
     charging stops the `leg` to the first one is returned (0), a later one, or the whole way (None). Raises

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Values of a plan that are kept for the plans after it: an update is then the forward pass alone.
+Values of a plan, stored for the plans after it: an update is then the forward pass alone.
 
-The values of `value_function` say what each temperature is worth at each instant of a drive, so they serve
+The values of `value_function` are the worth of each temperature at each instant of a drive, so they serve
 wherever the battery is a moment later. They are found again once they no longer hold: for another route, heater,
 goal, uncertainty or price, or after MOST_PASSED_S of driving, because the corrected model has moved on.
 """
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 # Values hold for this much of the drive [s].
 MOST_PASSED_S = 60.0
 # … and while the drive's power differs by no more than this share of its largest, and the uncertainty by no more
-# than this share from what was expected to be left of it.
+# than this share from the expected rest.
 MOST_CHANGED_SHARE = 0.05
 MOST_DEVIATION_SHARE = 0.25
 # An update makes plans for a heater as it is and as it should be.
@@ -40,7 +40,7 @@ class Requirements:
 
 
 class KeptValues:
-    """The values of the latest plans of a drive, with what they were made for."""
+    """The values of the latest plans of a drive, with their trips and requirements."""
 
     def __init__(self) -> None:
         """Keep nothing yet."""
@@ -51,7 +51,7 @@ class KeptValues:
         self._latest = (_Kept(trip, wanted, values), *self._latest)[:MOST_KEPT]
 
     def that_hold(self, trip: Trip, wanted: Requirements) -> Any:
-        """Return the values that hold for a trip, the rest of the one that they were made for, or None."""
+        """Return the values that hold for the rest of their trip, or None."""
         return next((kept.values for kept in self._latest if kept.holds_for(trip, wanted)), None)
 
 

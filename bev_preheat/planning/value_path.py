@@ -2,8 +2,8 @@
 """
 The path of the pass before, and prices of what departs from it: `value_function` has axes for neither.
 
-Charge and heat under way are those of the path. What charge is worth beyond its energy, what heat costs that
-arrives late, and what a heater is still to draw are prices beside it.
+Charge and heat under way are those of the path. The worth of charge beyond its energy, the cost of heat that
+arrives late, and the power that a heater is still to draw are prices beside it.
 """
 
 from __future__ import annotations
@@ -153,10 +153,10 @@ class ValuePath:
 
     def _worth_for_power_j(self, k: int) -> float:
         """
-        Return what charge is worth for the power of step k [J].
+        Return the worth of charge for the power of step k [J].
 
-        That is as much as the power that lacks without it, and no more than the heat that would make up for it, if
-        heat does: it costs charge.
+        That is the cost of the missing power without it, at most the heat that would replace it: if heat can,
+        because it costs charge.
         """
         idle_w = float(self._trip.idle_power_w[k])
         less_w, more_w = (self._most_beside_w(k, more_soc, 0.0) for more_soc in (-PRICED_SOC, PRICED_SOC))

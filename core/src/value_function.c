@@ -157,7 +157,7 @@ static int is_to_be_followed(const recursion *of, bev_status status, const doubl
       && bev_beyond_k(of, states, 1) <= 0.0;
 }
 
-/* Whether the run stays so far within the layers that what may become known on the way is in them, too. */
+/* Whether the run stays so far within the layers that the deviations on the way are in them, too. */
 static int is_within_layers(const recursion *of, const double *states) {
   const int32_t steps = of->trip->steps;
   const double half_k = 0.5 * (double)(of->points - 1) * of->step_k;
@@ -172,8 +172,8 @@ static int is_within_layers(const recursion *of, const double *states) {
 }
 
 /*
- * Divide the memory of a plan of `kept_steps` steps, of which the trip is the last part. It begins with what the layers
- * have in common: step_k, points, and the price of a joule that lacks; negative: they are not to be followed.
+ * Divide the memory of a plan of `kept_steps` steps, whose last part is the trip. It begins with the numbers that all
+ * layers share: step_k, points, and the price of a missing joule; negative: they are not to be followed.
  */
 static void divide_memory(recursion *of, int32_t kept_steps, uint8_t *flags, double *memory) {
   const size_t steps = (size_t)kept_steps;

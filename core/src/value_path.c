@@ -57,8 +57,8 @@ static double most_beside_w(const recursion *of, int32_t k, double more_soc, dou
 }
 
 /*
- * What charge is worth for the power of step k [J]: as much as the power that lacks without it, and no more than the
- * heat that would make up for it, if heat does: it costs charge.
+ * The worth of charge for the power of step k [J]: the cost of the missing power without it, at most the heat that
+ * would replace it: if heat can, because it costs charge.
  */
 static double worth_for_power(const recursion *of, int32_t k) {
   const double idle_w = of->trip->idle_power_w[k];

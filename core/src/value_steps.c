@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The ends of a step, and the best mixture of them: bev_preheat.planning.steps_ahead and value_layers. */
+/* The ends of a step, and their best mixture: bev_preheat.planning.steps_ahead and value_layers. */
 #include "values.h"
 
 double bev_lacking_w(const recursion *of, int32_t k, const double start[4],

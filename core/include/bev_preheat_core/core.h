@@ -396,7 +396,7 @@ bev_status bev_plan_by_values(const bev_vehicle *vehicle, const bev_trip *trip,
  * The plan for the rest of a trip, from the values of a plan that was made earlier: only the forward pass.
  *
  * `flags` and `memory` are those of bev_plan_by_values for a trip of `kept_steps` steps, with `kept_every` 1 and the
- * same goal. Its last `trip->steps` steps are those of this trip, of which the first may be shorter. BEV_LEFT: there are
+ * same goal. Its last `trip->steps` steps are those of this trip, whose first step may be shorter. BEV_LEFT: there are
  * no such values (they were made for a drive that is certain, or charge or power is short), or the run lies more than
  * 1.5 K from the middle of the temperatures that have values. The other arguments are as above.
  */
