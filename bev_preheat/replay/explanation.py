@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 NODE = 'planner'
 
+
 class Section(NamedTuple):
     """A heading, and pairs of a name and a value."""
 
