@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 NEGATIVE_NUMBER = re.compile(r'-(\.?\d|inf|nan)', re.IGNORECASE)
 
 
-# Set while the shell asks for completions; argcomplete then parses what has been typed so far.
+# Set while the shell asks for completions; argcomplete then parses the typed words.
 COMPLETING = '_ARGCOMPLETE'
 # Options by other words that people try.
 OTHER_WORDS = {
@@ -104,7 +104,7 @@ class OneLineParser(argparse.ArgumentParser):
         return parsed, beyond
 
     def _check_command(self, given: Sequence[str]) -> None:
-        """Print the help without any command, and refuse one that does not exist, with the nearest."""
+        """Print the help without any command, and refuse an unknown command, with the nearest."""
         if not given:
             self.print_help()
             self.exit()

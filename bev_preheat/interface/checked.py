@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Types of the arguments of the public functions, by name: a wrong one is refused with what is allowed."""
+"""Types of the arguments of the public functions, by name: a wrong type is refused with the allowed ones."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ LONGEST_VALUE = 60
 
 
 class _Kind(NamedTuple):
-    """What an argument must be, as a function and in words."""
+    """The allowed values of an argument, as a function and in words."""
 
     is_allowed: Callable[[Any], bool]
     words: str

@@ -13,7 +13,7 @@ PICTURE = '<svg width="1400" height="200" viewBox="0 0 1400 200"><rect width="14
 
 
 def a_result():
-    """Return what the page shows of an Identification, with long words in each table and sentence."""
+    """Return the page of an Identification, with long words in each table and sentence."""
     estimate = SimpleNamespace(label=WIDE, unit='kJ/K', start=1.0, estimate=2.0, low=1.5, high=2.5, prior_low=0.5,
                                prior_high=5.0, arrival_k=0.3, prior=WIDE, is_identified=True)
     structure = SimpleNamespace(structure=WIDE, rmse_k=1.0, worst_k=2.0, cost=3.0, in_the_file=True)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Results as people see them in Python, functions as methods, wrong arguments, routes that lack figures."""
+"""Results as people see them in Python, functions as methods, wrong arguments, routes without some figures."""
 
 import base64
 import json

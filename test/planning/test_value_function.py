@@ -29,7 +29,6 @@ from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.planning.value_function import plan_by_values
-from bev_preheat.planning.value_run import HEATING_PRICE
 from bev_preheat.route import load_route, make_route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.heat_path import HeatPath
@@ -55,11 +54,6 @@ def total_wh(plan):
     return plan.energy_wh.battery_total + plan.shortfall_k * per_k
 
 
-def cost_wh(plan):
-    """`total_wh` with the price of heat: surplus that brings less than that goes to the brake."""
-    return total_wh(plan) + HEATING_PRICE * plan.energy_wh.hvch_electric
-
-
 # Descents that pay for heat, climbs, free heat that opens the charge limit, a changing cabin; heat for a climb
 # that takes the charge of the next one; in the last ones the target would cost the reserve.
 @pytest.mark.costly
@@ -74,13 +68,9 @@ def test_it_costs_what_the_program_costs(seed, number):
     optimum = solve_optimum(trip.vehicle, trip.route, trip.state, trip.goal)
     plan = planned(trip)
     # Not below the optimum by more than the solver's tolerance.
-    assert total_wh(plan) - total_wh(optimum.plan) > -0.05
-    assert cost_wh(plan) - cost_wh(optimum.plan) < ABOVE_OPTIMUM_WH
-    # On the second of the deep ones the reserve is missed anyway, and surplus heat is left to the brake.
-    least_soc = min(trip.goal.minimum_arrival_soc, optimum.plan.arrival_soc)
-    left_wh = max(optimum.plan.energy_wh.hvch_electric - plan.energy_wh.hvch_electric, 0.0)
-    whole_wh = 340.0 * trip.vehicle.battery.capacity_ah
-    assert plan.arrival_soc >= least_soc * (1.0 - 1e-6) - HEATING_PRICE * left_wh / whole_wh
+    assert -0.05 < total_wh(plan) - total_wh(optimum.plan) < ABOVE_OPTIMUM_WH
+    # On the second of the deep ones the reserve is missed anyway.
+    assert plan.arrival_soc >= min(trip.goal.minimum_arrival_soc, optimum.plan.arrival_soc) * (1.0 - 1e-6)
     missed = {item.constraint for item in optimum.deficit}
     assert ('target temperature' in missed) == (plan.shortfall_k > 1e-3)
     assert plan.undeliverable_power_w == 0.0
