@@ -114,7 +114,7 @@ def load_route(name_or_file: str | Path, vehicle: Vehicle, *, ambient_c: float |
 
     For a file without them: `ambient_c` [deg C], `free_speed_kmh` for a line without times; `stop_duration_s`,
     the waypoints of navigation are charging stops of this duration [s]; `consumption` ('total' or 'drivetrain'),
-    what a consumption in the file includes; `vehicle_id`, the car in a file of several. Of a way with
+    the meaning of a consumption in the file; `vehicle_id`, the car in a file of several. Of a way with
     charging stops the `leg` to the first one is returned (0), a later one, or the whole way (None). Raises
     InvalidInput, which names file, place, value and allowed range.
     """

@@ -22,23 +22,6 @@ SITUATION = ['--vehicle', 'reference', '--route', 'reference', '--temperature', 
 
 
 @pytest.fixture(scope='module')
-def vehicle():
-    return bp.load_vehicle('reference')
-
-
-@pytest.fixture(scope='module')
-def route(vehicle):
-    return bp.load_route('reference', vehicle)
-
-
-@pytest.fixture(scope='module')
-def short_route(vehicle):
-    """A quarter of an hour, because a drive takes time for each simulated second."""
-    return bp.make_route({'duration_s': [300.0] * 3, 'speed_mps': 22.0, 'propulsion_power_w': [14e3, 22e3, 18e3],
-                          'ambient_temperature_c': -7.0}, vehicle)
-
-
-@pytest.fixture(scope='module')
 def drive(vehicle, short_route):
     return bp.drive(vehicle, short_route, WARMER, sensors=bp.Sensors(period_s=PERIOD_S))
 

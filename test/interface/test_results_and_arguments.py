@@ -18,22 +18,6 @@ STATE = bp.BatteryState(-7.0, 0.9)
 MOST_CHARACTERS = 160
 
 
-@pytest.fixture(scope='module')
-def vehicle():
-    return bp.load_vehicle('reference')
-
-
-@pytest.fixture(scope='module')
-def route(vehicle):
-    return bp.load_route('reference', vehicle)
-
-
-@pytest.fixture(scope='module')
-def short_route(vehicle):
-    return bp.make_route({'duration_s': [300.0] * 3, 'speed_mps': 22.0, 'propulsion_power_w': [14e3, 22e3, 18e3],
-                          'ambient_temperature_c': -7.0}, vehicle)
-
-
 def last_20_minutes(situation):
     """Heat for the last 20 minutes."""
     return situation.full_power(situation.time_s[-1] - 1200.0)
