@@ -17,6 +17,7 @@ warmer target, whose heating starts earlier, makes up for both.
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cached_property
 import math
 from typing import NamedTuple, TYPE_CHECKING
 
@@ -84,16 +85,19 @@ class Expectation:
     def __init__(self, vehicle: Vehicle, route: Route, state: BatteryState, stop: ChargingStop,
                  prospect: ChargingProspect, prices: Prices, unheated: Plan,
                  heater_share: float = 1.0) -> None:
-        """Drive the unheated vehicle to each arrival time."""
+        """Take the inputs; nothing is driven yet."""
         self.prospect = prospect
         self._vehicle, self._state, self._prices, self._stop = vehicle, state, prices, stop
         self._heater_share = heater_share
         self._unheated, self._route = unheated, route
         self._sessions = SessionCosts(vehicle, stop, prices)
-        self._arrivals = self._arrival_times() if prospect.arrival_deviation_s > 0.0 else []
 
-    def _arrival_times(self) -> list[_Arrival]:
-        arrivals = []
+    @cached_property
+    def _arrivals(self) -> list[_Arrival]:
+        """The arrival times, with the unheated drive to each."""
+        arrivals: list[_Arrival] = []
+        if self.prospect.arrival_deviation_s <= 0.0:
+            return arrivals
         for abscissa, weight in zip(ABSCISSAS.tolist(), WEIGHTS.tolist()):
             trip = make_trip(self._vehicle, at_arrival(
                 self._route, abscissa * self.prospect.arrival_deviation_s), self._heater_share)

@@ -15,7 +15,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from functools import partial
 import math
-from typing import Any, TYPE_CHECKING
+from typing import Any, NamedTuple, TYPE_CHECKING
 
 from bev_preheat.charging.expectation import Expectation, spent_wh
 from bev_preheat.charging.heating_choice import ChargerHeating
@@ -155,6 +155,13 @@ class _Paused(Exception):
     """The search has used up its plans for now."""
 
 
+class Evaluated(NamedTuple):
+    """A TargetWorth, and the BatteryState on arrival behind it."""
+
+    worth: TargetWorth
+    arrival: BatteryState
+
+
 class WorthSearch:
     """
     The search of `find_worth`, which may be done in parts: a number of plans now, the others later.
@@ -165,29 +172,42 @@ class WorthSearch:
     """
 
     def __init__(self, vehicle: Vehicle, stop: ChargingStop, unheated: Plan, usual_c: float, prices: Prices,
-                 plan_to: Callable[[float], Plan], expectation: Expectation | None = None) -> None:
+                 plan_to: Callable[[float], Plan], expectation: Expectation | None = None,
+                 found: Sequence[Evaluated] = ()) -> None:
         """
         Simulate the session without heating; raises what `session.charge` raises.
 
-        An `expectation` makes all costs expected ones.
+        An `expectation` makes all costs expected ones. `found` are the targets Evaluated by the same search
+        so far, the one without heating first: it goes on from there.
         """
         self._expectation = expectation
         self._vehicle, self._stop, self._usual_c, self._prices = vehicle, stop, usual_c, prices
         self._plan_to = plan_to
-        self._session_of: dict[float, Session] = {}
         self._heating = ChargerHeating(vehicle, stop, prices)
-        self._arrivals: dict[float, BatteryState] = {}
+        self._arrivals: dict[float, BatteryState] = {item.target_c: arrival for item, arrival in found}
+        # In any case, because the policy at the charger is found from the first arrival.
         self.without = self._worth_of(unheated, unheated.arrival_temperature_c)
+        if found:
+            self.without = found[0].worth
         self._problem = self._heating.choose(arrival_state(unheated)).session.problem
-        self._found = {self.without.target_c: self.without}
+        self._found = {item.target_c: item for item, _ in found} or {self.without.target_c: self.without}
         self._plans_left = 0.0
         self._grid_c = [self.without.target_c, *targets_between(
             self.without.target_c, vehicle.battery.temperature_range_c[1])]
 
+    @property
+    def found(self) -> tuple[Evaluated, ...]:
+        """The targets Evaluated so far, the one without heating first."""
+        return tuple(Evaluated(item, self._arrivals[target_c]) for target_c, item in self._found.items())
+
+    def _session(self, target_c: float) -> Session:
+        """Return the Session after an evaluated target [deg C]."""
+        return self._heating.choose(self._arrivals[target_c]).session
+
     def _worth_of(self, plan: Plan, target_c: float) -> TargetWorth:
         arrival = self._arrivals[target_c] = arrival_state(plan)
         choice = self._heating.choose(arrival)
-        session = self._session_of[target_c] = choice.session
+        session = choice.session
         item = TargetWorth(
             target_c, plan.arrival_temperature_c, plan.arrival_soc, plan.energy_wh.hvch_electric,
             session.charging_time_s, session.bought_energy_wh, choice.cost, choice.decision.value,
@@ -314,7 +334,7 @@ class WorthSearch:
     def _too_warm(self, item: TargetWorth) -> str:
         """Return the sentence on heat that lowers the charging power, '' without any."""
         if item is self.without:
-            found = too_warm(self._vehicle, self._stop, self._session_of[item.target_c])
+            found = too_warm(self._vehicle, self._stop, self._session(item.target_c))
             if found is not None and found.slower_s > 0.0:
                 return found.sentence
         able = [each for each in self._found.values() if math.isfinite(each.charging_time_s)]
@@ -323,7 +343,7 @@ class WorthSearch:
         fastest = min(able, key=lambda each: each.charging_time_s)
         hottest = max(self._found.values(), key=lambda each: each.arrival_temperature_c)
         slower_s = hottest.charging_time_s - fastest.charging_time_s
-        derating = derating_in(self._vehicle, self._stop, self._session_of[hottest.target_c])
+        derating = derating_in(self._vehicle, self._stop, self._session(hottest.target_c))
         if derating is None or slower_s < LEAST_TIME_S:
             return ''
         return warmer_than(fastest, hottest, slower_s, derating)

@@ -8,10 +8,9 @@ Instants are integers, in nanoseconds of the node's clock.
 
 from __future__ import annotations
 
-from collections import deque
 from functools import reduce
 import math
-from typing import TYPE_CHECKING
+from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
@@ -29,23 +28,23 @@ SPACED_NS = NS_PER_S
 STANDING_W = 500.0
 
 
-class DriveMemory:
-    """Power that drivetrain and other consumers took from the battery in the last 5 minutes."""
+class DriveMemory(NamedTuple):
+    """
+    Power that drivetrain and other consumers took from the battery in the last 5 minutes; a value.
 
-    def __init__(self) -> None:
-        """Start without samples: the vehicle stands."""
-        self._samples: deque[tuple[int, float]] = deque()
+    `samples` are (instant [ns], power [W]), oldest first; (): the vehicle stands.
+    """
 
-    def see(self, stamp_ns: int, power_w: float | None, heater_w: float) -> None:
-        """Take in the battery's power [W], None: unknown, which includes the heater's `heater_w` [W]."""
-        samples = self._samples
-        if samples and stamp_ns < samples[-1][0]:
-            samples.clear()
+    samples: tuple[tuple[int, float], ...] = ()
+
+    def seen(self, stamp_ns: int, power_w: float | None, heater_w: float) -> DriveMemory:
+        """Return the memory with the battery's power [W], None: unknown, which includes the heater's [W]."""
+        samples = () if self.samples and stamp_ns < self.samples[-1][0] else self.samples
         if power_w is None or (samples and stamp_ns - samples[-1][0] < SPACED_NS):
-            return
-        samples.append((stamp_ns, power_w - heater_w))
-        while samples[0][0] < stamp_ns - REMEMBERED_NS:
-            samples.popleft()
+            return self if samples is self.samples else DriveMemory(samples)
+        first = next((at for at, sample in enumerate(samples) if sample[0] >= stamp_ns - REMEMBERED_NS),
+                     len(samples))
+        return DriveMemory((*samples[first:], (stamp_ns, power_w - heater_w)))
 
     def propulsion_w(self, now_ns: int, others_w: float) -> tuple[float, float]:
         """
@@ -53,7 +52,7 @@ class DriveMemory:
 
         `others_w` [W] is the power of cabin and auxiliaries.
         """
-        powers_w = np.array([power_w - others_w for stamp_ns, power_w in self._samples
+        powers_w = np.array([power_w - others_w for stamp_ns, power_w in self.samples
                              if 0 <= now_ns - stamp_ns <= REMEMBERED_NS])
         if not len(powers_w):
             return 0.0, 0.0

@@ -23,8 +23,6 @@ from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.numerics.factors import NS_PER_S, W_PER_KW
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from bev_preheat.charging.stop import Charger
     from bev_preheat.charging.target_worth import Prices
     from bev_preheat.control.inputs import Leg, Measurement
@@ -84,19 +82,23 @@ class ChargerSituation:
         return USUAL_DEPARTURE_SOC if known is None else known
 
 
+@dataclass(frozen=True, eq=False)
 class ChargerHeater:
-    """Decides on the heating at one charger after another."""
+    """
+    Decides on the heating at one charger after another; a value.
 
-    def __init__(self) -> None:
-        """Start without a choice."""
-        self._key: tuple[object, ...] = ()
-        self._made_ns, self._power_w = 0, 0.0
-        self._choice: HeatingChoice | None = None
-        self._limit_c: Callable[[float], float] = lambda soc: -math.inf
+    `choice` is the HeatingChoice that holds, made at `made_ns` [ns] for what `key` says and a charger's power of
+    `power_w` [W]; None before the first.
+    """
 
-    def heat(self, now: ChargerSituation) -> ChargerHeat:
+    key: tuple[object, ...] = ()
+    choice: HeatingChoice | None = None
+    made_ns: int = 0
+    power_w: float = 0.0
+
+    def heat(self, now: ChargerSituation) -> tuple[ChargerHeater, ChargerHeat]:
         """
-        Return the ChargerHeat in a ChargerSituation.
+        Return the ChargerHeat in a ChargerSituation, and the ChargerHeater that has decided on it.
 
         The heater gets all the power that the cabin leaves, up to the temperature up to which heating pays. It is
         switched on if the battery is charged with more power than the heater will take, and off once the battery
@@ -104,37 +106,36 @@ class ChargerHeater:
         """
         obstacle = _obstacle(now)
         if obstacle:
-            return ChargerHeat(0.0, f'No heating: {obstacle}.')
+            return self, ChargerHeat(0.0, f'No heating: {obstacle}.')
         try:
-            choice = self._chosen(now)
+            heater, choice = self._chosen(now)
         except (InvalidInput, ArithmeticError) as error:
-            self._key = ()
-            return ChargerHeat(0.0, f'No heating: its worth is unknown: {str(error).rstrip(".")}.')
-        limit_c, temperature_c = self._limit_c(now.state.soc), now.heated_c
+            return replace(self, key=()), ChargerHeat(
+                0.0, f'No heating: its worth is unknown: {str(error).rstrip(".")}.')
+        heated_below_c = now.vehicle.charging.heated_below_c if now.vehicle.charging else -math.inf
+        limit_c, temperature_c = choice.limit.function(heated_below_c)(now.state.soc), now.heated_c
         if temperature_c >= limit_c - (0.0 if now.is_heating else BEGINS_BELOW_K):
-            return ChargerHeat(0.0, f'No heating: {self._why_not(choice, limit_c, temperature_c)}.')
-        return ChargerHeat(now.heater_w, f'Heating with {now.heater_w:.0f} W up to {limit_c:.1f} degC'
-                           f'{_why(choice)}.')
+            return heater, ChargerHeat(0.0, f'No heating: {heater._why_not(choice, limit_c, temperature_c)}.')
+        return heater, ChargerHeat(now.heater_w, f'Heating with {now.heater_w:.0f} W up to {limit_c:.1f} degC'
+                                   f'{_why(choice)}.')
 
-    def _chosen(self, now: ChargerSituation) -> HeatingChoice:
+    def _chosen(self, now: ChargerSituation) -> tuple[ChargerHeater, HeatingChoice]:
         """Return the HeatingChoice that holds, a new one if that is due."""
         power_w = _charger_power_w(now)
         stop = stop_after(now.leg.route, power_w, now.departure_soc)
         key = replace(stop, charger_power_w=0.0), now.charger, now.prices
-        elapsed_s = abs(now.measurement.stamp_ns - self._made_ns) / NS_PER_S
-        is_due = key != self._key or elapsed_s >= SEARCH_PERIOD_S or (
-            elapsed_s >= LEAST_PERIOD_S and abs(power_w - self._power_w) > CHANGED_POWER * self._power_w)
-        if is_due or self._choice is None:
-            self._choice = ChargerHeating(now.vehicle, stop, now.prices).compare(now.state)
-            self._limit_c = self._choice.limit.function(
-                now.vehicle.charging.heated_below_c if now.vehicle.charging else -math.inf)
-            self._key, self._made_ns, self._power_w = key, now.measurement.stamp_ns, power_w
-        return self._choice
+        elapsed_s = abs(now.measurement.stamp_ns - self.made_ns) / NS_PER_S
+        is_due = key != self.key or elapsed_s >= SEARCH_PERIOD_S or (
+            elapsed_s >= LEAST_PERIOD_S and abs(power_w - self.power_w) > CHANGED_POWER * self.power_w)
+        if self.choice is not None and not is_due:
+            return self, self.choice
+        choice = ChargerHeating(now.vehicle, stop, now.prices).compare(now.state)
+        return ChargerHeater(key, choice, now.measurement.stamp_ns, power_w), choice
 
     def _why_not(self, choice: HeatingChoice, limit_c: float, temperature_c: float) -> str:
         if choice.decision is HeatingDecision.NEVER:
             more = choice.cost_always - choice.cost
-            return (f'with {self._power_w / W_PER_KW:.0f} kW here it would cost '
+            return (f'with {self.power_w / W_PER_KW:.0f} kW here it would cost '
                     + (f'{more:.2f} more than it saves' if math.isfinite(more) else 'more than it saves'))
         return f'at {temperature_c:.1f} degC the battery is warm enough' + (
             '' if choice.decision is HeatingDecision.ALWAYS or temperature_c < limit_c

@@ -3,13 +3,14 @@
 The one gate between plans and the heater: 0 W unless every condition for heating holds.
 
 `Commander` turns a decision into a command with a lease; an obstacle (`admitted.find_obstacle`) outranks it.
+It is a value: each command makes another one.
 Nothing is planned here.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
+from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.control.command_history import CommandHistory
 from bev_preheat.control.decision import Command, Decision
@@ -29,84 +30,126 @@ if TYPE_CHECKING:
     from bev_preheat.vehicle.description import Vehicle
 
 
-class Commander:
-    """Gives the heater's commands and remembers them; instants in nanoseconds."""
+class SteadyStatus(NamedTuple):
+    """
+    The status that is shown; instants in nanoseconds.
 
-    def __init__(self) -> None:
-        """Start with the heater off."""
-        self.history = CommandHistory()
-        self._switch = HeaterSwitch()
-        # The reason for the latest pause, and whether requested heat waits for its end.
-        self._doubt = Status.WAITING
-        self._is_paused = False
-        self._steady = SteadyStatus()
-        # The reason of the latest command that a plan gave, and its words; None: it was off for another reason.
-        self._reason: Status | None = None
-        self._words = ''
+    Doubt, the driver and the heater's switching show at once. Another status than `shown` has been wanted since
+    `differs_since_ns`, None: none is. `was_on`: the heater was on.
+    """
+
+    shown: Status | None = None
+    differs_since_ns: int | None = None
+    was_on: bool = False
+
+    def forgotten(self) -> SteadyStatus:
+        """Return the state in which the next status is shown at once."""
+        return SteadyStatus(was_on=self.was_on)
+
+    def settled(self, now_ns: int, status: Status, is_on: bool) -> SteadyStatus:
+        """Return the state with the status to show for a `status` of now; `is_on`: the heater is on."""
+        shown = self.shown
+        if (shown is None or status is shown or is_on is not self.was_on
+                or not (shown.meaning.is_of_plan and status.meaning.is_of_plan)):
+            return SteadyStatus(status, None, is_on)
+        # After a clock that was set back the time begins again.
+        since_ns = now_ns if self.differs_since_ns is None else min(now_ns, self.differs_since_ns)
+        if now_ns - since_ns >= LEAST_STATUS_S * NS_PER_S:
+            return SteadyStatus(status, None, is_on)
+        return SteadyStatus(shown, since_ns, is_on)
+
+
+@dataclass(frozen=True)
+class Commander:
+    """
+    Gives the heater's commands and remembers them; instants in nanoseconds.
+
+    `history` are the commands, `switch` has the least times on and off. `doubt` is the reason for the latest
+    pause; `is_paused`: requested heat waits for its end. `reason` is that of the latest command that a plan gave,
+    with its `words`; None: the heater was off for another reason.
+    """
+
+    history: CommandHistory = CommandHistory()
+    switch: HeaterSwitch = HeaterSwitch()
+    doubt: Status = Status.WAITING
+    is_paused: bool = False
+    steady: SteadyStatus = SteadyStatus()
+    reason: Status | None = None
+    words: str = ''
 
     @property
     def is_heating(self) -> bool:
         """Whether the heater is switched on."""
-        return self._switch.is_on
+        return self.switch.is_on
 
-    def allow_switching(self) -> None:
-        """Let the heater be switched at once: the reason for its waiting time no longer holds."""
-        self._switch.allow()
-        self._steady.forget()
+    def free_to_switch(self) -> Commander:
+        """Return the Commander that may switch at once: the reason for its waiting time no longer holds."""
+        return replace(self, switch=self.switch.allowed(), steady=self.steady.forgotten())
 
-    def off(self, now_ns: int, settings: Settings, reason: Status, sentence: str = '') -> Command:
-        """Return a Command of 0 W for a reason, and the sentence on it; it counts as given."""
+    def off(self, now_ns: int, settings: Settings, reason: Status,
+            sentence: str = '') -> tuple[Commander, Command]:
+        """Return the Commander with a Command of 0 W for a reason, and the sentence on it, and that Command."""
+        switch, doubt = self.switch, self.doubt
         if reason.meaning.is_doubt:
-            self._switch.doubt(now_ns, _cause_in_words(reason, sentence), settings.minimum_off_time_s)
-            self._doubt = reason
+            switch, doubt = switch.doubted(
+                now_ns, _cause_in_words(reason, sentence), settings.minimum_off_time_s), reason
         elif reason.meaning.ends_by_plan:
-            self._switch.turn_off(now_ns)
+            switch = switch.turned_off(now_ns)
         else:
-            self._switch.force_off()
-        self._steady.forget()
-        self._reason = None
-        self.history.note(now_ns, 0.0)
-        return Command(0.0, now_ns + round(settings.lease_s * NS_PER_S), reason)
+            switch = switch.forced_off()
+        return replace(
+            self, switch=switch, doubt=doubt, steady=self.steady.forgotten(), reason=None,
+            history=self.history.noted(now_ns, 0.0)), Command(
+                0.0, now_ns + round(settings.lease_s * NS_PER_S), reason)
 
-    def in_words(self, now_ns: int, inputs: AdmittedInputs, decision: Decision) -> Decision:
+    def in_words(self, now_ns: int, inputs: AdmittedInputs, decision: Decision) -> tuple[Commander, Decision]:
         """
         Return a Decision with the status and the sentence of the command that was given for it at an instant [ns].
 
         They are its own unless a pause keeps the heater off, its least time keeps it on or off, or another
-        status has held for a moment only.
+        status has held for a moment only. The Commander that is returned with it remembers the sentence.
         """
         plan = decision.commanded or decision.plan
-        if plan is None or self._reason is None:
-            return decision
-        settings = inputs.settings
-        left_s = self._switch.held_for_s(now_ns, settings.minimum_on_time_s, settings.minimum_off_time_s)
+        if plan is None or self.reason is None:
+            return self, decision
+        settings, switch = inputs.settings, self.switch
+        left_s = switch.held_for_s(now_ns, settings.minimum_on_time_s, settings.minimum_off_time_s)
         own = decision.explanation
-        status, words = self._reason, own
-        if self._is_paused:
-            words = f'{self._switch.pause.sentence} {words}'
+        status, words = self.reason, own
+        if self.is_paused:
+            words = f'{switch.pause.sentence} {words}'
             status = Status.WAITING if decision.status is Status.HEATING else decision.status
-        elif self._switch.is_held:
+        elif switch.is_held:
             words = (f'The heater stays on for its minimum time, {left_s:.0f} s more: arrival at '
                      f'{plan.arrival_temperature_c:.1f} degC, target {plan.target_temperature_c:.1f} degC.')
-        elif decision.status is Status.HEATING and not self._switch.is_on:
+        elif decision.status is Status.HEATING and not switch.is_on:
             words = f'The heater stays off for its minimum time, {left_s:.0f} s more. {words}'
         elif status is not decision.status:
-            words = self._words or words
-        self._words = words
+            words = self.words or words
+        commander = self if words == self.words else replace(self, words=words)
         if (status, words) == (decision.status, own):
-            return decision
-        return replace(decision, status=status, sentence=words)
+            return commander, decision
+        return commander, replace(decision, status=status, sentence=words)
 
-    def give(self, now_ns: int, inputs: AdmittedInputs, decision: Decision, obstacle: Decision | None) -> Command:
-        """Return the Command that a Decision allows at an instant if there is no obstacle; it counts as given."""
-        settings = inputs.settings
-        self._is_paused = False
+    def give(self, now_ns: int, inputs: AdmittedInputs, decision: Decision,
+             obstacle: Decision | None) -> tuple[Commander, Command]:
+        """
+        Return the Command that a Decision allows at an instant if there is no obstacle.
+
+        With it, the Commander that has given it.
+        """
+        commander = replace(self, is_paused=False)
         decision = obstacle or decision
         if decision.charger_heat_w > 0.0 and not _has_departed(decision, now_ns):
-            return self._heat_at_charger(now_ns, inputs, decision)
+            return commander._heat_at_charger(now_ns, inputs, decision)
         reason = self._reason_for_off(now_ns, decision)
         if reason is not None:
-            return self.off(now_ns, settings, reason, decision.explanation)
+            return commander.off(now_ns, inputs.settings, reason, decision.explanation)
+        return commander._follow_plan(now_ns, inputs, decision)
+
+    def _follow_plan(self, now_ns: int, inputs: AdmittedInputs, decision: Decision) -> tuple[Commander, Command]:
+        """Return the Command of a Decision with a plan that may heat, and the Commander after it."""
+        settings, switch = inputs.settings, self.switch
         plan = decision.commanded or decision.plan
         assert plan is not None and decision.leg is not None
         # A partial step's power is computed and may round to slightly more than the limit.
@@ -118,33 +161,35 @@ class Commander:
             # Not even for the heater's minimum time on: each watt-hour is needed to get further.
             return self.off(now_ns, settings, decision.status)
         if wanted_w == 0.0 and not _may_be_held_on(inputs, plan):
-            self._switch.turn_off(now_ns)
-        power_w = self._switch.power_w(
+            switch = switch.turned_off(now_ns)
+        switch = switch.asked(
             now_ns, wanted_w, limit_w, settings.minimum_on_time_s, settings.minimum_off_time_s)
-        self.history.note(now_ns, power_w)
-        reason = decision.status
-        self._is_paused = wanted_w > 0.0 and power_w == 0.0 and self._switch.pause.left_s > 0.0
-        if self._is_paused:
-            reason = self._doubt if self._switch.pause.is_for_doubt else Status.WAITING
+        power_w, reason = switch.power_w, decision.status
+        is_paused = wanted_w > 0.0 and power_w == 0.0 and switch.pause.left_s > 0.0
+        if is_paused:
+            reason = self.doubt if switch.pause.is_for_doubt else Status.WAITING
         elif power_w > 0.0 and reason in (Status.WAITING, Status.NOT_NEEDED):
             reason = Status.HEATING
         elif power_w == 0.0 and reason is Status.HEATING:
             reason = Status.WAITING
-        if self._switch.is_held:
-            self._steady.forget()
-        self._reason = self._steady.settle(now_ns, reason, power_w > 0.0)
-        return Command(power_w, _lease_end_ns(now_ns, inputs), self._reason)
+        steady = self.steady.forgotten() if switch.is_held else self.steady
+        steady = steady.settled(now_ns, reason, power_w > 0.0)
+        assert steady.shown is not None
+        return replace(
+            self, history=self.history.noted(now_ns, power_w), switch=switch, is_paused=is_paused, steady=steady,
+            reason=steady.shown), Command(power_w, _lease_end_ns(now_ns, inputs), steady.shown)
 
-    def _heat_at_charger(self, now_ns: int, inputs: AdmittedInputs, decision: Decision) -> Command:
-        """Return the Command of a Decision that heats while the vehicle charges."""
+    def _heat_at_charger(self, now_ns: int, inputs: AdmittedInputs,
+                         decision: Decision) -> tuple[Commander, Command]:
+        """Return the Command of a Decision that heats while the vehicle charges, and the Commander after it."""
         settings = inputs.settings
         wanted_w = 0.0 if _is_gated(inputs, 0.0) else inputs.vehicle.heating_gates.step_below_w(
             decision.charger_heat_w)
-        self._reason = None
-        power_w = self._switch.power_w(
+        switch = self.switch.asked(
             now_ns, wanted_w, wanted_w, settings.minimum_on_time_s, settings.minimum_off_time_s)
-        self.history.note(now_ns, power_w)
-        return Command(power_w, _lease_end_ns(now_ns, inputs), decision.status)
+        return replace(
+            self, history=self.history.noted(now_ns, switch.power_w), switch=switch, reason=None), Command(
+                switch.power_w, _lease_end_ns(now_ns, inputs), decision.status)
 
     @staticmethod
     def _reason_for_off(now_ns: int, decision: Decision) -> Status | None:
@@ -218,37 +263,3 @@ def _is_gated(inputs: AdmittedInputs, speed_mps: float) -> bool:
     assert measurement is not None
     verdict = gates.verdict(measurement.state.soc, measurement.state.temperature_c, speed_mps)
     return verdict.refusal is not Refusal.NOT_REFUSED
-
-
-class SteadyStatus:
-    """
-    The status that is shown; instants in nanoseconds.
-
-    Doubt, the driver and the heater's switching show at once.
-    """
-
-    def __init__(self) -> None:
-        """Begin without any status."""
-        self._shown: Status | None = None
-        self._differs_since_ns: int | None = None
-        self._was_on = False
-
-    def forget(self) -> None:
-        """Let the next status be shown at once."""
-        self._shown = self._differs_since_ns = None
-
-    def settle(self, now_ns: int, status: Status, is_on: bool) -> Status:
-        """Return the Status to show for a `status` of now; `is_on`: the heater is on."""
-        shown, was_on = self._shown, self._was_on
-        self._was_on = is_on
-        if (shown is None or status is shown or is_on is not was_on
-                or not (shown.meaning.is_of_plan and status.meaning.is_of_plan)):
-            self._shown, self._differs_since_ns = status, None
-            return status
-        # After a clock that was set back the time begins again.
-        if self._differs_since_ns is None or now_ns < self._differs_since_ns:
-            self._differs_since_ns = now_ns
-        if now_ns - self._differs_since_ns >= LEAST_STATUS_S * NS_PER_S:
-            self._shown, self._differs_since_ns = status, None
-            return status
-        return shown

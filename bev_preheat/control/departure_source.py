@@ -222,8 +222,9 @@ class DepartureSource:
         measurement, command = state.measurement, state.latest_command
         if measurement is None:
             return
-        self._memory.see(measurement.stamp_ns, measurement.power_w,
-                         0.0 if command is None else command.battery_heating_power_w)
+        self._memory = self._memory.seen(
+            measurement.stamp_ns, measurement.power_w,
+            0.0 if command is None else command.battery_heating_power_w)
         if self._unplugged_soc is None:
             return
         soc = measurement.state.soc

@@ -8,7 +8,8 @@ heater as it responds.
 
 from __future__ import annotations
 
-from functools import partial
+from dataclasses import dataclass, field, replace
+from functools import lru_cache, partial
 import math
 from typing import Any, NamedTuple, TYPE_CHECKING
 
@@ -131,59 +132,71 @@ def believed_share(heater: HeaterReport) -> float:
     return heater.share if heater.heater is Heater.DERATED else 1.0
 
 
+@lru_cache(maxsize=8)
+def _corrected(vehicle: Vehicle, factors: tuple[float, ...]) -> Vehicle:
+    return corrected_vehicle(vehicle, Corrections(*factors))
+
+
+@dataclass(frozen=True, eq=False)
 class ForecastPlanner:
-    """Makes ForecastPlans for one vehicle; keeps the corrected vehicle and the values of plans while they hold."""
+    """
+    Makes ForecastPlans for one vehicle; a value.
 
-    def __init__(self, vehicle: Vehicle) -> None:
-        """Take the vehicle as its file describes it."""
-        self._vehicle = vehicle
-        # Factors of the corrected vehicle and their logarithms; None before the first estimate.
-        self._logs: FloatArray | None = None
-        self._factors: tuple[float, ...] = ()
-        self._corrected = vehicle
-        self._forecast: Forecast | None = None
-        self._kept = KeptValues()
+    `factors` are those of the corrected vehicle, `logs` their logarithms; None before the first estimate.
+    `forecast` is that of the latest plan, None: unknown. `kept` has the values of plans while they hold.
+    """
 
-    def limit_to(self, vehicle: Vehicle) -> None:
-        """Take the same vehicle with other power limits."""
-        self._vehicle, self._logs = vehicle, None
+    logs: FloatArray | None = None
+    factors: tuple[float, ...] = ()
+    forecast: Forecast | None = None
+    kept: KeptValues = field(default_factory=KeptValues)
 
-    def forget_deviation(self) -> None:
-        """Forget the arrival's uncertainty: the route has changed."""
-        self._forecast = None
+    def for_other_limits(self) -> ForecastPlanner:
+        """Return the planner for the same vehicle with other power limits."""
+        return replace(self, logs=None)
 
-    def vehicle(self, estimate: Estimate) -> Vehicle:
-        """Return the corrected vehicle of an Estimate; the cached one unless a factor has moved."""
+    def for_new_mission(self) -> ForecastPlanner:
+        """Return the planner without the arrival's uncertainty: the route has changed."""
+        return replace(self, forecast=None)
+
+    def following(self, estimate: Estimate) -> ForecastPlanner:
+        """Return the planner with the factors of an Estimate, if one has moved."""
         logs = estimate.mean[FACTORS.start:PROPULSION]
-        if self._logs is None or (np.abs(logs - self._logs) > FACTOR_STEPS).any():
-            self._logs, self._factors = logs, tuple(array_exp(logs).tolist())
-            self._corrected = corrected_vehicle(self._vehicle, Corrections(*self._factors))
-        return self._corrected
+        if self.logs is None or (np.abs(logs - self.logs) > FACTOR_STEPS).any():
+            return replace(self, logs=logs, factors=tuple(array_exp(logs).tolist()))
+        return self
 
-    def make(self, task: PlanningTask, estimate: Estimate) -> ForecastPlan:
-        """
-        Return the ForecastPlan for a PlanningTask from an Estimate's instant on.
+    def vehicle(self, described: Vehicle) -> Vehicle:
+        """Return a Vehicle corrected by the factors."""
+        return _corrected(described, self.factors) if self.factors else described
 
-        Raises what plan_preheating raises.
+    def make(self, described: Vehicle, task: PlanningTask,
+             estimate: Estimate) -> tuple[ForecastPlanner, ForecastPlan]:
         """
-        planning = _Planning(task, estimate, fed(self.vehicle(estimate), task.preparation_goal), self._kept)
-        wanted = planning.wanted(self._forecast)
-        if self._forecast is None:
+        Return the ForecastPlan for a PlanningTask from an Estimate's instant on, and the planner after it.
+
+        `described` is the Vehicle as its file describes it. Raises what plan_preheating raises.
+        """
+        planner = self.following(estimate)
+        planning = _Planning(task, estimate, fed(planner.vehicle(described), task.preparation_goal), self.kept)
+        forecast = self.forecast
+        wanted = planning.wanted(forecast)
+        if forecast is None:
             # The uncertainty depends on the plan that it is for.
             # With a first plan without it, a route that is replaced on the way can change the command.
-            self._forecast = planning.forecast(wanted)
-            wanted = planning.wanted(self._forecast)
-        expected, commanded, words = planning.expected(wanted, self._forecast)
-        self._forecast = planning.forecast(expected)
-        return ForecastPlan(
-            planning.in_words(expected, self._forecast, words), self._forecast, commanded, planning.share,
-            self._model_factors(estimate))
+            forecast = planning.forecast(wanted)
+            wanted = planning.wanted(forecast)
+        expected, commanded, words = planning.expected(wanted, forecast)
+        forecast = planning.forecast(expected)
+        return replace(planner, forecast=forecast), ForecastPlan(
+            planning.in_words(expected, forecast, words), forecast, commanded, planning.share,
+            planner.model_factors(estimate))
 
-    def _model_factors(self, estimate: Estimate) -> tuple[float, ...]:
+    def model_factors(self, estimate: Estimate) -> tuple[float, ...]:
         """Return the factors of the corrected vehicle; () if the heater does not obey."""
         if estimate.heater.heater is not Heater.ANSWERS:
             return ()
-        return (*self._factors, estimate.propulsion_factor)
+        return (*self.factors, estimate.propulsion_factor)
 
 
 class _Planning:

@@ -8,6 +8,7 @@ doubted. Instants are integers, in nanoseconds of the node's clock.
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.control.command_history import CommandHistory
@@ -70,52 +71,57 @@ class HeaterAnswerReport(NamedTuple):
     problem: str = ''
 
 
+@dataclass(frozen=True)
 class HeaterAnswers:
     """
-    Keeps the latest HeaterStatus and the history of the heater's power.
+    The latest HeaterStatus and the history of the heater's power; a value: each answer makes another one.
 
-    `history` has the confirmed power while the answers are used, otherwise the commanded one.
+    `history` has the confirmed power while the answers are used, otherwise the commanded one. `doubt` is the
+    sentence on answers that are contradicted, `problem` that on the latest unreadable one; '' for none. `status`
+    None: no answer yet, commands count as served.
     """
 
-    def __init__(self) -> None:
-        """No answer yet: commands count as served."""
-        self.history = CommandHistory()
-        self._status: HeaterStatus | None = None
-        self._doubt = self._problem = ''
+    history: CommandHistory = CommandHistory()
+    status: HeaterStatus | None = None
+    doubt: str = ''
+    problem: str = ''
 
-    def accept(self, status: HeaterStatus, now_ns: int, settings: Settings) -> None:
-        """Take a HeaterStatus in; raise InvalidInput if its stamp is implausible, and keep the one before."""
+    def with_answer(self, status: HeaterStatus, now_ns: int, settings: Settings) -> HeaterAnswers:
+        """Return the answers with a HeaterStatus; raise InvalidInput if its stamp is implausible."""
         age_s = (now_ns - status.stamp_ns) / NS_PER_S
         oldest_s, ahead_s = settings.battery_state_timeout_s, settings.clock_tolerance_s
         if not -ahead_s <= age_s <= oldest_s:
             raise InvalidInput(f'header.stamp: the status is {age_beyond(age_s, ahead_s, oldest_s)}')
-        if self._status is not None and status.stamp_ns < self._status.stamp_ns <= now_ns + ahead_s * NS_PER_S:
+        if self.status is not None and status.stamp_ns < self.status.stamp_ns <= now_ns + ahead_s * NS_PER_S:
             # Overtaken.
-            return
-        self._status, self._problem = status, ''
-        if not self._doubt:
-            self.history.note(now_ns, status.confirmed_w)
+            return self
+        return replace(self, status=status, problem='', history=self.history if self.doubt else
+                       self.history.noted(now_ns, status.confirmed_w))
 
-    def refuse(self, error: InvalidInput) -> None:
-        """Note that a status could not be used."""
-        self._problem = f'{HEATER_STATUS} refused: {error}'
+    def with_problem(self, error: InvalidInput) -> HeaterAnswers:
+        """Return the answers after a status that could not be used."""
+        return replace(self, problem=f'{HEATER_STATUS} refused: {error}')
 
-    def note_command(self, now_ns: int, power_w: float, settings: Settings) -> None:
-        """Note a command [W]; it counts as served while no answer is used."""
-        if not self.are_used(now_ns, settings):
-            self.history.note(now_ns, power_w)
+    def with_command(self, now_ns: int, power_w: float, settings: Settings) -> HeaterAnswers:
+        """Return the answers after a command [W]; it counts as served while no answer is used."""
+        return self if self.are_used(now_ns, settings) else replace(
+            self, history=self.history.noted(now_ns, power_w))
+
+    def without_heating(self, now_ns: int) -> HeaterAnswers:
+        """Return the answers that count the time of heating from 0 again, because another drive begins."""
+        return replace(self, history=self.history.without_heating(now_ns))
 
     def are_used(self, now_ns: int, settings: Settings) -> bool:
         """Return whether the latest answer is recent and not doubted."""
-        return not self._doubt and self._is_recent(now_ns, settings)
+        return not self.doubt and self._is_recent(now_ns, settings)
 
     def _is_recent(self, now_ns: int, settings: Settings) -> bool:
-        return self._status is not None and abs(
-            now_ns - self._status.stamp_ns) <= settings.battery_state_timeout_s * NS_PER_S
+        return self.status is not None and abs(
+            now_ns - self.status.stamp_ns) <= settings.battery_state_timeout_s * NS_PER_S
 
     def refusal(self, now_ns: int, settings: Settings, commands: CommandHistory) -> str:
         """Return the sentence on heat that the heater refuses at an instant; '' if it does not."""
-        status = self._status
+        status = self.status
         if status is None or not self.are_used(now_ns, settings) or status.confirmed_w > 0.0:
             return ''
         if status.refusal not in HOLD_AT_ONCE and commands.heating_for_s(now_ns) < CONFIRMED_WITHIN_S:
@@ -125,34 +131,36 @@ class HeaterAnswers:
             reason = f'it reports {status.confirmed_w:.0f} W'
         return f'The heater does not heat ({status.refusal.name}): {reason.rstrip(".")}.'
 
-    def judge(self, report: HeaterReport, now_ns: int, settings: Settings, commands: CommandHistory) -> bool:
+    def judged(self, report: HeaterReport, now_ns: int, settings: Settings,
+               commands: CommandHistory) -> tuple[HeaterAnswers, bool]:
         """
-        Doubt the answers for the rest of the trip if a HeaterReport contradicts them.
+        Return the answers in doubt for the rest of the trip if a HeaterReport contradicts them.
 
-        Returns whether the report then falls with them: it rests on powers that were not commanded.
+        Also whether the report then falls with them: it rests on powers that were not commanded.
         """
-        if self._status is None or report.heater is Heater.ANSWERS or not self.are_used(now_ns, settings):
-            return False
-        self._doubt = (f'{HEATER_STATUS} is in doubt: it reports {self._status.confirmed_w:.0f} W, but '
-                       f'{IN_WORDS[report.heater]} (probability {100.0 * report.probability:.1f} %); the planner '
-                       'goes by battery temperature and power')
+        if self.status is None or report.heater is Heater.ANSWERS or not self.are_used(now_ns, settings):
+            return self, False
+        doubt = (f'{HEATER_STATUS} is in doubt: it reports {self.status.confirmed_w:.0f} W, but '
+                 f'{IN_WORDS[report.heater]} (probability {100.0 * report.probability:.1f} %); the planner '
+                 'goes by battery temperature and power')
         from_ns = now_ns - COMPARED_OVER_NS
-        return abs(commands.mean_w(from_ns, now_ns) - self.history.mean_w(from_ns, now_ns)) > LEAST_DIFFERENCE_W
+        return replace(self, doubt=doubt), abs(commands.mean_w(from_ns, now_ns) - self.history.mean_w(
+            from_ns, now_ns)) > LEAST_DIFFERENCE_W
 
-    def begin_trip(self) -> None:
-        """Trust the answers again."""
-        self._doubt = ''
+    def on_new_trip(self, now_ns: int) -> HeaterAnswers:
+        """Return the answers at the beginning of a trip: they are trusted again, and nothing has been heated."""
+        return replace(self, doubt='').without_heating(now_ns)
 
-    def lose_time(self) -> None:
-        """Forget the latest answer, because the clock was restarted."""
-        self._status = None
+    def without_instants(self) -> HeaterAnswers:
+        """Return the answers without the latest one, because the clock was restarted."""
+        return replace(self, status=None)
 
     def report(self, now_ns: int, settings: Settings, refusal: str) -> HeaterAnswerReport | None:
         """Return the HeaterAnswerReport of an instant; None before the first answer."""
-        if self._status is None and not self._problem:
+        if self.status is None and not self.problem:
             return None
         silence = ''
-        if self._status is not None and not self._is_recent(now_ns, settings):
-            silence = (f'{HEATER_STATUS} is {(now_ns - self._status.stamp_ns) / NS_PER_S:.0f} s old; commands '
+        if self.status is not None and not self._is_recent(now_ns, settings):
+            silence = (f'{HEATER_STATUS} is {(now_ns - self.status.stamp_ns) / NS_PER_S:.0f} s old; commands '
                        'count as served')
-        return HeaterAnswerReport(self._status, refusal, self._doubt, silence, self._problem)
+        return HeaterAnswerReport(self.status, refusal, self.doubt, silence, self.problem)

@@ -1,9 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Keeps the heater from being switched too often, and off for a while after doubt."""
+"""
+Keeps the heater from being switched too often, and off for a while after doubt.
+
+Pause and switch are values: each change makes another one.
+"""
 
 from __future__ import annotations
 
-from collections import deque
+from dataclasses import dataclass, replace
 
 from bev_preheat.control.margins import (
     COUNTED_OVER_S,
@@ -16,56 +20,57 @@ from bev_preheat.control.margins import (
 from bev_preheat.numerics.factors import NS_PER_S
 
 
+@dataclass(frozen=True)
 class HeatingPause:
     """
     The pause after doubt, and the switch-ons of the last hour; instants in nanoseconds.
 
-    Only time that passes forward counts: a clock that falls back neither ends a pause nor prolongs it.
+    Only time that passes forward counts, as `elapsed_ns` [ns]: a clock that falls back neither ends a pause nor
+    prolongs it. `interruptions`, `switch_ons` and `doubted_ns` (None: no pause) are instants of that time;
+    the pause lasts `wait_ns` [ns], for a `cause` in words.
     """
 
-    def __init__(self) -> None:
-        """Begin without any pause."""
-        self._now_ns: int | None = None
-        self._elapsed_ns = 0
-        self._interruptions: deque[int] = deque()
-        self._switch_ons: deque[int] = deque()
-        self._doubted_ns: int | None = None
-        self._wait_ns = 0
-        self._cause = ''
+    now_ns: int | None = None
+    elapsed_ns: int = 0
+    interruptions: tuple[int, ...] = ()
+    switch_ons: tuple[int, ...] = ()
+    doubted_ns: int | None = None
+    wait_ns: int = 0
+    cause: str = ''
 
-    def let_time_pass(self, now_ns: int) -> None:
-        """Note the time; a pause that is over is forgotten."""
-        if self._now_ns is not None:
-            self._elapsed_ns += max(0, now_ns - self._now_ns)
-        self._now_ns = now_ns
-        if self._doubt_left_ns() <= 0:
-            self._doubted_ns = None
-        for instants, kept_s in ((self._interruptions, COUNTED_OVER_S), (self._switch_ons, HOUR_S)):
-            while instants and self._elapsed_ns - instants[0] >= kept_s * NS_PER_S:
-                instants.popleft()
+    def at(self, now_ns: int) -> HeatingPause:
+        """Return the pause at an instant; a pause that is over is forgotten."""
+        elapsed_ns = self.elapsed_ns + (0 if self.now_ns is None else max(0, now_ns - self.now_ns))
+        is_over = self.doubted_ns is None or self.doubted_ns + self.wait_ns <= elapsed_ns
+        return replace(
+            self, now_ns=now_ns, elapsed_ns=elapsed_ns, doubted_ns=None if is_over else self.doubted_ns,
+            interruptions=_within(self.interruptions, elapsed_ns, COUNTED_OVER_S),
+            switch_ons=_within(self.switch_ons, elapsed_ns, HOUR_S))
 
-    def doubt(self, cause: str, was_on: bool, minimum_off_time_s: float) -> None:
+    def doubted(self, cause: str, was_on: bool, minimum_off_time_s: float) -> HeatingPause:
         """
-        Begin or restart a pause, for a cause in words.
+        Return the pause begun or begun again, for a cause in words.
 
         It gets longer with each interruption of heating within COUNTED_OVER_S.
         """
+        interruptions, wait_ns = self.interruptions, self.wait_ns
         if was_on:
-            self._interruptions.append(self._elapsed_ns)
+            interruptions = (*interruptions, self.elapsed_ns)
             longest_s = max(minimum_off_time_s, LEAST_LONGEST_WAIT_S)
-            doublings = min(len(self._interruptions) - 1, 10)
-            self._wait_ns = round(min(FIRST_WAIT_S * 2.0 ** doublings, longest_s) * NS_PER_S)
-        if was_on or self._doubted_ns is not None:
-            self._doubted_ns, self._cause = self._elapsed_ns, cause
+            doublings = min(len(interruptions) - 1, 10)
+            wait_ns = round(min(FIRST_WAIT_S * 2.0 ** doublings, longest_s) * NS_PER_S)
+        elif self.doubted_ns is None:
+            return self
+        return replace(self, interruptions=interruptions, wait_ns=wait_ns, doubted_ns=self.elapsed_ns, cause=cause)
 
-    def note_switch_on(self) -> None:
-        """Count that the heater was switched on."""
-        self._switch_ons.append(self._elapsed_ns)
+    def switched_on(self) -> HeatingPause:
+        """Return the pause with one more switch-on of the heater."""
+        return replace(self, switch_ons=(*self.switch_ons, self.elapsed_ns))
 
     @property
     def spacing_s(self) -> float:
         """The least time on, and off, that the switch-ons of the last hour ask for [s]."""
-        return SPACING_S if len(self._switch_ons) >= MOST_SWITCH_ONS // 2 else 0.0
+        return SPACING_S if len(self.switch_ons) >= MOST_SWITCH_ONS // 2 else 0.0
 
     @property
     def left_s(self) -> float:
@@ -80,11 +85,11 @@ class HeatingPause:
     @property
     def sentence(self) -> str:
         """Why the heater stays off, and until when; '' if it may be switched on."""
-        if self._doubted_ns is not None and self._doubt_left_ns() > 0:
-            ago_s = (self._elapsed_ns - self._doubted_ns) / NS_PER_S
-            number = len(self._interruptions)
+        if self.doubted_ns is not None and self._doubt_left_ns() > 0:
+            ago_s = (self.elapsed_ns - self.doubted_ns) / NS_PER_S
+            number = len(self.interruptions)
             again = f' (interruption {number} in {COUNTED_OVER_S / 60.0:g} min)' if number > 1 else ''
-            return (f'{self._cause} {ago_s:.0f} s ago; heating resumes after {self._wait_ns / NS_PER_S:g} s of '
+            return (f'{self.cause} {ago_s:.0f} s ago; heating resumes after {self.wait_ns / NS_PER_S:g} s of '
                     f'valid input{again}.')
         if self._hour_left_ns() > 0:
             return (f'The heater was switched on {MOST_SWITCH_ONS} times within an hour; the next time is '
@@ -92,89 +97,80 @@ class HeatingPause:
         return ''
 
     def _doubt_left_ns(self) -> int:
-        if self._doubted_ns is None:
+        if self.doubted_ns is None:
             return 0
-        return self._doubted_ns + self._wait_ns - self._elapsed_ns
+        return self.doubted_ns + self.wait_ns - self.elapsed_ns
 
     def _hour_left_ns(self) -> int:
-        if len(self._switch_ons) < MOST_SWITCH_ONS:
+        if len(self.switch_ons) < MOST_SWITCH_ONS:
             return 0
-        return self._switch_ons[0] + round(HOUR_S * NS_PER_S) - self._elapsed_ns
+        return self.switch_ons[0] + round(HOUR_S * NS_PER_S) - self.elapsed_ns
 
 
+def _within(instants_ns: tuple[int, ...], now_ns: int, kept_s: float) -> tuple[int, ...]:
+    """Return the instants of the last `kept_s` [s]."""
+    while instants_ns and now_ns - instants_ns[0] >= kept_s * NS_PER_S:
+        instants_ns = instants_ns[1:]
+    return instants_ns
+
+
+@dataclass(frozen=True)
 class HeaterSwitch:
     """
     Least times on and off between a plan's request and the command; instants in nanoseconds.
 
-    They delay requests, never a forced shutdown: `force_off` and `doubt` take effect at once. After a
-    `doubt` the heater stays off for a while, whatever is requested.
+    They delay requests, never a forced shutdown: `forced_off` and `doubted` take effect at once. After a doubt the
+    heater stays off for a while, whatever is requested. `is_held`: it is on only because of the least time.
+    `since_ns` is the instant of the latest switching; None: it may be switched at once. `power_w` is the
+    command [W].
     """
 
-    def __init__(self) -> None:
-        """Start with the heater off."""
-        self.is_on = False
-        # On only because of the least time.
-        self.is_held = False
-        self.pause = HeatingPause()
-        self._since_ns: int | None = None
-        self._power_w = 0.0
+    is_on: bool = False
+    is_held: bool = False
+    pause: HeatingPause = HeatingPause()
+    since_ns: int | None = None
+    power_w: float = 0.0
 
-    def force_off(self) -> None:
-        """Switch off because no heating is needed, or the driver does not want it."""
-        self.is_on = self.is_held = False
-        self._since_ns, self._power_w = None, 0.0
+    def forced_off(self) -> HeaterSwitch:
+        """Return the switch off because no heating is needed, or the driver does not want it."""
+        return HeaterSwitch(pause=self.pause)
 
-    def turn_off(self, now_ns: int) -> None:
-        """Switch off at once because the plan has no more use for heat; the least time off begins."""
-        was_on = self.is_on
-        since_ns = self._since_ns
-        self.force_off()
-        self._since_ns = now_ns if was_on else since_ns
+    def turned_off(self, now_ns: int) -> HeaterSwitch:
+        """Return the switch off at once because the plan has no more use for heat; the least time off begins."""
+        return HeaterSwitch(pause=self.pause, since_ns=now_ns if self.is_on else self.since_ns)
 
-    def doubt(self, now_ns: int, cause: str, minimum_off_time_s: float) -> None:
-        """Switch off because something is in doubt, for a cause in words; a pause begins."""
-        self.pause.let_time_pass(now_ns)
-        self.pause.doubt(cause, self.is_on, minimum_off_time_s)
-        self.force_off()
+    def doubted(self, now_ns: int, cause: str, minimum_off_time_s: float) -> HeaterSwitch:
+        """Return the switch off because something is in doubt, for a cause in words; a pause begins."""
+        return HeaterSwitch(pause=self.pause.at(now_ns).doubted(cause, self.is_on, minimum_off_time_s))
 
-    def allow(self) -> None:
-        """Let the heater be switched at once: the reason to wait no longer holds; a pause continues."""
-        self._since_ns = None
+    def allowed(self) -> HeaterSwitch:
+        """Return the switch free to move at once: the reason to wait no longer holds; a pause continues."""
+        return self if self.since_ns is None else replace(self, since_ns=None)
 
-    def power_w(self, now_ns: int, wanted_w: float, limit_w: float, minimum_on_time_s: float,
-                minimum_off_time_s: float) -> float:
+    def asked(self, now_ns: int, wanted_w: float, limit_w: float, minimum_on_time_s: float,
+              minimum_off_time_s: float) -> HeaterSwitch:
         """
-        Return the power [W] to command: `wanted_w`, unless the latest switching was too recent.
+        Return the switch with the command for `wanted_w` [W], unless the latest switching was too recent.
 
         A heater held on keeps its power, up to `limit_w` [W].
         """
-        self.pause.let_time_pass(now_ns)
+        pause, is_on, since_ns = self.pause.at(now_ns), self.is_on, self.since_ns
         wants_on = wanted_w > 0.0
-        if wants_on != self.is_on and not self._must_wait(
-                now_ns, self._least_s(minimum_on_time_s if self.is_on else minimum_off_time_s)) and not (
-                wants_on and self.pause.left_s > 0.0):
-            self.is_on, self._since_ns = wants_on, now_ns
+        least_s = max(minimum_on_time_s if is_on else minimum_off_time_s, pause.spacing_s)
+        if wants_on != is_on and not self._must_wait(now_ns, least_s) and not (wants_on and pause.left_s > 0.0):
+            is_on, since_ns = wants_on, now_ns
             if wants_on:
-                self.pause.note_switch_on()
-        self.is_held = self.is_on and not wants_on
-        if not self.is_on:
-            return 0.0
-        if wants_on:
-            self._power_w = wanted_w
-        self._power_w = min(self._power_w, limit_w)
-        return self._power_w
+                pause = pause.switched_on()
+        power_w = 0.0 if not is_on else min(wanted_w if wants_on else self.power_w, limit_w)
+        return HeaterSwitch(is_on, is_on and not wants_on, pause, since_ns, power_w)
 
     def held_for_s(self, now_ns: int, minimum_on_time_s: float, minimum_off_time_s: float) -> float:
         """Return the time [s] until the heater may be switched again."""
-        if self._since_ns is None:
+        if self.since_ns is None:
             return 0.0
-        least_s = self._least_s(minimum_on_time_s if self.is_on else minimum_off_time_s)
-        return max(0.0, least_s - (now_ns - self._since_ns) / NS_PER_S)
-
-    def _least_s(self, minimum_s: float) -> float:
-        return max(minimum_s, self.pause.spacing_s)
+        least_s = max(minimum_on_time_s if self.is_on else minimum_off_time_s, self.pause.spacing_s)
+        return max(0.0, least_s - (now_ns - self.since_ns) / NS_PER_S)
 
     def _must_wait(self, now_ns: int, least_s: float) -> bool:
         # After the clock was set back the time since the last switching is unknown.
-        return (self._since_ns is not None
-                and 0 <= now_ns - self._since_ns < round(least_s * NS_PER_S))
+        return self.since_ns is not None and 0 <= now_ns - self.since_ns < round(least_s * NS_PER_S)

@@ -2,12 +2,14 @@
 """
 The inbox: checks every input on arrival, stores the last valid one, and remembers refusals.
 
-A refused input raises InvalidInput, and keeps the heater off as docs/explanation/safety.md describes. Instants are
-integers, in nanoseconds of the node's clock.
+It is a value: each event makes another one. A refused input comes back as InvalidInput, and keeps the heater off
+as docs/explanation/safety.md describes. Instants are integers, in nanoseconds of the node's clock.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
-import math
+from typing import Any
 
 from bev_preheat.control.admitted import AdmittedInputs
 from bev_preheat.control.events import (
@@ -43,7 +45,7 @@ from bev_preheat.vehicle.description import Vehicle
 @dataclass(frozen=True)
 class InputChanges:
     """
-    Changes since the last `Inbox.take_changes`.
+    Changes since the last `Inbox.without_changes`.
 
     `measurements` are the valid battery states, oldest first. `has_new_mission`: the route was
     replaced or dropped. `has_new_trip`: another trip began, or the trip was cancelled.
@@ -59,76 +61,70 @@ class InputChanges:
 NO_CHANGES = InputChanges()
 
 
+@dataclass(frozen=True, eq=False)
 class Inbox:
-    """Keeps the last valid inputs; `vehicle`, `settings` and `rivals` may be set."""
+    """
+    The last valid inputs.
 
-    def __init__(self, vehicle: Vehicle, settings: Settings, choices: DriverChoices = NO_CHOICES) -> None:
-        """Start without input, but with the DriverChoices from before a restart."""
-        self.vehicle, self.settings, self.choices = vehicle, settings, choices
-        # Cancelled before a restart: another node cancelled it, so its publisher may still latch it.
-        self._cancelled_before = choices.cancelled_trip
-        self.rivals = ''  # Names of other nodes that command the same heater.
-        # Of the current route; None without one.
-        self.timetable: Timetable | None = None
-        # The sentence of the latest refused route progress; None after a valid one, or a route.
-        self.refused_progress: str | None = None
-        # The latest mission, including one dropped because it does not fit the parameters.
-        self.latest_mission: Mission | None = None
-        self.measurement: Measurement | None = None
-        # Number of battery states dropped because a later one had arrived before them.
-        self.overtaken_states = 0
-        # Sentences on fields of the current route that look like wrong units.
-        self.unit_warnings: tuple[str, ...] = ()
-        self.is_cancelled = False  # By the latest route plan, or before a restart.
-        # Of the latest valid route, even after it was dropped.
-        self._route_id: str | None = None
-        # Whether the latest route plan arrived after the end of its trip.
-        self._is_after_end = False
-        self._refusals = Refusals()
-        self._percent_scale = PercentScale()
-        # On a state of charge given in percent instead of 0 ... 1; None: no such doubt.
-        self.scale_verdict: SignalVerdict | None = None
-        # Of the latest battery state, or of an end before a restart: a clock before this instant was set back.
-        self._latest_ns = 0 if choices.ended_trip is None else choices.ended_trip.ended_ns
-        self._changes = NO_CHANGES
+    `rivals` are the names of other nodes that command the same heater. `timetable` is that of the current route,
+    None without one; `latest_mission` may have been dropped because it does not fit the parameters.
+    `overtaken_states` is the number of battery states dropped because a later one had arrived before them.
+    `refused_progress` is the sentence of the latest refused route progress, None after a valid one, or a route.
+    `unit_warnings` are sentences on fields of the current route that look like wrong units, `scale_verdict` is
+    that on a state of charge given in percent instead of 0 ... 1; None: no such doubt. `is_cancelled`: by the
+    latest route plan, or before a restart. `changes` are those since they were last taken.
+
+    `cancelled_before` was cancelled before a restart: another node cancelled it, so its publisher may still latch
+    it. `route_id` is that of the latest valid route, even after it was dropped; `is_after_end`: it arrived after
+    the end of its trip. `latest_ns` is the instant of the latest battery state, or of an end before a restart: a
+    clock before it was set back.
+    """
+
+    vehicle: Vehicle
+    settings: Settings
+    choices: DriverChoices = NO_CHOICES
+    rivals: str = ''
+    timetable: Timetable | None = None
+    measurement: Measurement | None = None
+    latest_mission: Mission | None = None
+    overtaken_states: int = 0
+    refused_progress: str | None = None
+    unit_warnings: tuple[str, ...] = ()
+    scale_verdict: SignalVerdict | None = None
+    is_cancelled: bool = False
+    changes: InputChanges = NO_CHANGES
+    refusals: Refusals = Refusals()
+    percent_scale: PercentScale = PercentScale()
+    cancelled_before: CancelledTrip | None = None
+    route_id: str | None = None
+    is_after_end: bool = False
+    latest_ns: int = 0
+
+    @classmethod
+    def empty(cls, vehicle: Vehicle, settings: Settings, choices: DriverChoices = NO_CHOICES) -> Inbox:
+        """Return an Inbox without input, but with the DriverChoices from before a restart."""
+        return cls(vehicle, settings, choices, cancelled_before=choices.cancelled_trip,
+                   latest_ns=0 if choices.ended_trip is None else choices.ended_trip.ended_ns)
 
     @property
     def is_enabled(self) -> bool:
         """Whether the driver allows preheating."""
         return self.choices.switched_off_ns is None
 
-    def switch(self, is_enabled: bool, now_ns: int) -> None:
-        """Note that the driver allows preheating, or does not, at an instant [ns]."""
-        self.choices = replace(self.choices, switched_off_ns=None if is_enabled else now_ns)
-
     @property
     def mission(self) -> Mission | None:
         """The current Mission with its delay (see timetable.Timetable); None without a route."""
         return None if self.timetable is None else self.timetable.mission
 
-    def keep(self, timetable: Timetable | None) -> None:
-        """Follow the route by a later value of its Timetable (None without one); remember the end of the trip."""
-        before, self.timetable = self.timetable, timetable
-        if timetable is None or timetable.end is None or (before is not None and before.end is not None):
-            return
-        planned, end = timetable.planned, timetable.end
-        assert end.at_ns is not None
-        self.choices = replace(self.choices, ended_trip=EndedTrip(
-            planned.route_id, planned.stamp_ns, end.at_ns, end.is_observed))
-
-    def note_other_goal(self) -> None:
-        """Note that a preparation goal began or ended: heating so far does not count for the next trip."""
-        self._changes = replace(self._changes, has_new_mission=True, has_new_trip=True)
-
-    @property
-    def refusal(self) -> str | None:
-        """The sentence of the latest refusal that holds the heater off; None if none does."""
-        return self._refusals.obstacle
-
     @property
     def refused_route(self) -> str | None:
         """The sentence of the latest route plan's refusal; None after a valid one."""
-        return self._refusals.route
+        return self.refusals.route
+
+    @property
+    def is_cancelled_before_restart(self) -> bool:
+        """Whether the latest route plan was cancelled before a restart."""
+        return self.is_cancelled and self.cancelled_before is not None
 
     def goal_of(self, leg: Leg) -> Goal:
         """Return the Goal of a leg; settings and vehicle complete it."""
@@ -143,98 +139,99 @@ class Inbox:
         with the signals that hold, `doubt` the sentence on those that do not.
         """
         return AdmittedInputs(
-            self.vehicle, self.settings, self.is_enabled, self.rivals, self.refusal, self.is_cancelled,
+            self.vehicle, self.settings, self.is_enabled, self.rivals, self.refusals.obstacle, self.is_cancelled,
             self.is_cancelled_before_restart, self.timetable, preparation or self.timetable,
             measurement, doubt)
 
-    def take_changes(self) -> InputChanges:
-        """Return the InputChanges since the last call."""
-        changes, self._changes = self._changes, NO_CHANGES
-        return changes
+    def without_changes(self) -> Inbox:
+        """Return the Inbox whose changes have been taken."""
+        return self if self.changes is NO_CHANGES else replace(self, changes=NO_CHANGES)
 
-    def admit(self, event: Event, now_ns: int) -> None:
-        """Take an event in at an instant [ns]; raise InvalidInput if it is refused."""
+    def with_timetable(self, timetable: Timetable | None) -> Inbox:
+        """Return the Inbox with a later value of the route's Timetable; it remembers the end of the trip."""
+        if timetable is self.timetable:
+            return self
+        before = self.timetable
+        if timetable is None or timetable.end is None or (before is not None and before.end is not None):
+            return replace(self, timetable=timetable)
+        planned, end = timetable.planned, timetable.end
+        assert end.at_ns is not None
+        return replace(self, timetable=timetable, choices=replace(self.choices, ended_trip=EndedTrip(
+            planned.route_id, planned.stamp_ns, end.at_ns, end.is_observed)))
+
+    def with_other_goal(self) -> Inbox:
+        """Return the Inbox after a preparation goal began or ended: another trip, as far as heating counts."""
+        return replace(self, changes=replace(self.changes, has_new_mission=True, has_new_trip=True))
+
+    def taken(self, event: Event, now_ns: int) -> tuple[Inbox, InvalidInput | None]:
+        """Return the Inbox with an event of an instant [ns], and the InvalidInput if it is refused."""
         match event:
             case BatteryStateArrived(measurement, hint):
-                self._admit_battery(measurement, hint, now_ns)
+                return self._with_battery(measurement, hint, now_ns)
             case BatteryStateUnreadable(error, percentage):
-                self.refuse_battery(error, percentage, now_ns)
-                raise error
+                return self._with_refused_battery(error, percentage, now_ns), error
             case RouteArrived(mission):
-                self.accept_mission(mission, now_ns)
+                return self._with_mission(mission, now_ns)
             case RouteUnreadable(error, refused):
-                self.refuse_route(error, refused)
-                raise error
+                return self._with_refused_route(error, refused), error
             case TripCancelled():
-                self.cancel(now_ns)
+                return self._cancelled(now_ns), None
             case ProgressArrived(progress, hint):
-                self._admit_progress(progress, hint, now_ns)
+                return self._with_progress(progress, hint, now_ns)
             case ProgressUnreadable(error):
-                self.refuse_progress(error)
-                raise error
+                return self._with_refused_progress(error), error
             case PreheatingSwitched(is_enabled):
-                self.switch(is_enabled, now_ns)
+                return self._with_choices(switched_off_ns=None if is_enabled else now_ns), None
             case DeparturesSkipped(until_ns):
-                self.choices = replace(self.choices, skipped_until_ns=until_ns)
+                return self._with_choices(skipped_until_ns=until_ns), None
             case RivalsChanged(names):
-                self.rivals = names
+                return replace(self, rivals=names), None
             case Reconfigured():
-                self._reconfigure(event)
+                return self._reconfigured(event)
+        return self, None
 
-    def _admit_battery(self, measurement: Measurement, hint: str, now_ns: int) -> None:
-        try:
-            self.accept_battery(measurement, now_ns)
-        except InvalidInput as error:
-            if not hint:
-                raise
-            hinted = InvalidInput([*error.problems, hint])
-            self.refuse_battery(hinted, measurement.state.soc, now_ns)
-            raise hinted from error
+    def _with_choices(self, **choices: Any) -> Inbox:
+        return replace(self, choices=replace(self.choices, **choices))
 
-    def _admit_progress(self, progress: Progress, hint: str, now_ns: int) -> None:
-        try:
-            self.accept_progress(progress, now_ns)
-        except InvalidInput as error:
-            hinted = InvalidInput([*error.problems, *([hint] if hint else [])])
-            self.refuse_progress(hinted)
-            raise hinted from error
-
-    def _reconfigure(self, event: Reconfigured) -> None:
-        self.vehicle, self.settings = event.vehicle, event.settings
+    def _reconfigured(self, event: Reconfigured) -> tuple[Inbox, InvalidInput | None]:
+        inbox = replace(self, vehicle=event.vehicle, settings=event.settings)
         if isinstance(event.mission, InvalidInput):
-            self.drop_misfit(event.mission)
-            raise event.mission
-        if event.mission is not None:
-            self.revise_mission(event.mission)
+            return inbox._without_misfit(event.mission, self.latest_mission), event.mission
+        return (inbox, None) if event.mission is None else inbox._with_revised(event.mission)
 
     # Battery states
 
-    def accept_battery(self, measurement: Measurement, now_ns: int) -> None:
-        """Store a Measurement, or refuse it and keep the previous one."""
-        if now_ns < self._latest_ns - CLOCK_RESTART_S * NS_PER_S:
-            self.measurement = None
-            if self.timetable is not None:
-                self.timetable = self.timetable.without_instants()
-                if self._is_after_end:
-                    # It arrived before this clock did, and may begin a trip by it.
-                    self._begin_or_continue(self.timetable.planned, now_ns)
-            self._changes = replace(self._changes, measurements=(), clock_restarted=True)
-        self._latest_ns = now_ns
+    def _with_battery(self, measurement: Measurement, hint: str, now_ns: int) -> tuple[Inbox, InvalidInput | None]:
+        """Store a Measurement, or refuse it and keep the previous one; `hint` is added to a refusal."""
+        inbox = self
+        if now_ns < self.latest_ns - CLOCK_RESTART_S * NS_PER_S:
+            inbox = self._with_restarted_clock(now_ns)
+        inbox = replace(inbox, latest_ns=now_ns)
         try:
-            self._check_content(measurement, now_ns)
-            if self._is_overtaken(measurement, now_ns):
-                self.overtaken_states += 1
-                return
-            self._check_stamp(measurement, now_ns)
-            self._check_scale(measurement, now_ns)
+            inbox._check_content(measurement, now_ns)
+            if inbox._is_overtaken(measurement, now_ns):
+                return replace(inbox, overtaken_states=inbox.overtaken_states + 1), None
+            inbox._check_stamp(measurement, now_ns)
         except InvalidInput as error:
-            self.refuse_battery(error, measurement.state.soc, now_ns)
-            raise
-        measurement = self.measurement = replace(measurement, arrived_ns=now_ns)
-        changes = self._changes
-        self._changes = InputChanges((*changes.measurements, measurement), changes.has_new_mission,
-                                     changes.has_new_trip, changes.clock_restarted)
-        self._refusals.lift_by_battery()
+            return inbox._with_hinted_refusal(error, hint, measurement, now_ns)
+        inbox, scale_doubt = inbox._with_scale(measurement, now_ns)
+        if scale_doubt:
+            return inbox._with_hinted_refusal(InvalidInput(scale_doubt), hint, measurement, now_ns)
+        arrived = replace(measurement, arrived_ns=now_ns)
+        return replace(
+            inbox, measurement=arrived, refusals=inbox.refusals.after_battery(),
+            changes=replace(inbox.changes, measurements=(*inbox.changes.measurements, arrived))), None
+
+    def _with_restarted_clock(self, now_ns: int) -> Inbox:
+        """Return the Inbox without the instants of a clock that was set back."""
+        inbox, timetable = replace(self, measurement=None), self.timetable
+        if timetable is not None:
+            timetable = timetable.without_instants()
+            inbox = replace(inbox, timetable=timetable)
+            if inbox.is_after_end:
+                # It arrived before this clock did, and may begin a trip by it.
+                inbox = inbox._beginning_or_going_on(timetable.planned, now_ns)
+        return replace(inbox, changes=replace(inbox.changes, measurements=(), clock_restarted=True))
 
     def _is_overtaken(self, measurement: Measurement, now_ns: int) -> bool:
         """
@@ -251,14 +248,19 @@ class Inbox:
             0.0 < late_s and now_ns - measurement.stamp_ns <= timeout_s * NS_PER_S
             and is_one_battery(_seen(latest), _seen(measurement)))
 
-    def refuse_battery(self, error: InvalidInput, percentage: float = math.nan, now_ns: int = 0) -> None:
+    def _with_hinted_refusal(self, error: InvalidInput, hint: str, measurement: Measurement,
+                             now_ns: int) -> tuple[Inbox, InvalidInput]:
+        hinted = InvalidInput([*error.problems, hint]) if hint else error
+        return self._with_refused_battery(hinted, measurement.state.soc, now_ns), hinted
+
+    def _with_refused_battery(self, error: InvalidInput, percentage: float, now_ns: int) -> Inbox:
         """
-        Note that a battery state was refused: 0 W until a valid one arrives.
+        Return the Inbox after a battery state was refused: 0 W until a valid one arrives.
 
         `percentage` is that of the message, NaN: unknown, at `now_ns` [ns].
         """
-        self._percent_scale.note_refused(now_ns / NS_PER_S, percentage)
-        self._refusals.note_battery(error)
+        return replace(self, percent_scale=self.percent_scale.refused(now_ns / NS_PER_S, percentage),
+                       refusals=self.refusals.of_battery(error))
 
     def _check_content(self, measurement: Measurement, now_ns: int) -> None:
         if now_ns == 0:
@@ -279,14 +281,15 @@ class Inbox:
             raise InvalidInput(f'header.stamp: the state is {late_s:.3f} s older than the previous one; '
                                'stamps must not go back')
 
-    def _check_scale(self, measurement: Measurement, now_ns: int) -> None:
-        scale_doubt = self._percent_scale.doubt(
+    def _with_scale(self, measurement: Measurement, now_ns: int) -> tuple[Inbox, str]:
+        """Return the Inbox with the scale of a percentage, and the sentence on one that is not 0 ... 1."""
+        percent_scale, doubt = self.percent_scale.seen(
             now_ns / NS_PER_S, measurement.state.soc, lambda: self._voltage_vouches_for(measurement))
-        if scale_doubt:
+        verdict = None
+        if doubt:
             since_ns = now_ns if self.scale_verdict is None else self.scale_verdict.since_ns
-            self.scale_verdict = SignalVerdict(STATE_OF_CHARGE, scale_doubt, since_ns)
-            raise InvalidInput(scale_doubt)
-        self.scale_verdict = None
+            verdict = SignalVerdict(STATE_OF_CHARGE, doubt, since_ns)
+        return replace(self, percent_scale=percent_scale, scale_verdict=verdict), doubt
 
     def _voltage_vouches_for(self, measurement: Measurement) -> bool:
         """Return whether the voltage fits the state of charge better than a hundredth of the reading."""
@@ -296,57 +299,58 @@ class Inbox:
 
     # Route progress: optional, so a refusal does not affect the heater
 
-    def accept_progress(self, progress: Progress, now_ns: int) -> None:
+    def _with_progress(self, progress: Progress, hint: str, now_ns: int) -> tuple[Inbox, InvalidInput | None]:
         """Take a route progress in, or refuse it; it is ignored without a route."""
-        if self.timetable is not None:
-            self.timetable = self.timetable.at_progress(progress, now_ns, self.settings)
-            self.refused_progress = None
+        if self.timetable is None:
+            return self, None
+        try:
+            timetable = self.timetable.at_progress(progress, now_ns, self.settings)
+        except InvalidInput as error:
+            hinted = InvalidInput([*error.problems, hint]) if hint else error
+            return self._with_refused_progress(hinted), hinted
+        return replace(self, timetable=timetable, refused_progress=None), None
 
-    def refuse_progress(self, error: InvalidInput) -> None:
-        """Note that a route progress was refused: the previous one holds until it is too old."""
-        self.refused_progress = f'{PROGRESS} refused: {error}'
+    def _with_refused_progress(self, error: InvalidInput) -> Inbox:
+        """Return the Inbox after a route progress was refused: the previous one holds until it is too old."""
+        return replace(self, refused_progress=f'{PROGRESS} refused: {error}')
 
     # Routes
 
-    def accept_mission(self, mission: Mission, now_ns: int = 0) -> None:
+    def _with_mission(self, mission: Mission, now_ns: int) -> tuple[Inbox, InvalidInput | None]:
         """
-        Replace the route by a Mission received at an instant [ns], or refuse it as `refuse_route` does.
+        Replace the route by a Mission received at an instant [ns], or refuse it.
 
         A route plan of a trip that has ended leaves it ended (see `estimation.driver_choices.EndedTrip`).
         """
         try:
             self._check_mission(mission)
         except InvalidInput as error:
-            self.refuse_route(error, RefusedRoute.of_mission(mission))
-            raise
-        before = self._cancelled_before
+            return self._with_refused_route(error, RefusedRoute.of_mission(mission)), error
+        before = self.cancelled_before
         if before is not None and before.is_of(mission.route_id, mission.stamp_ns):
-            self._drop_cancelled()
-            return
-        self._cancelled_before = None
-        self.choices = replace(self.choices, cancelled_trip=None)
-        self._begin_or_continue(mission, now_ns)
-        self._refusals.lift_by_route()
+            return self._dropped(), None
+        inbox = replace(self, cancelled_before=None)._with_choices(cancelled_trip=None)
+        inbox = inbox._beginning_or_going_on(mission, now_ns)
+        return replace(inbox, refusals=inbox.refusals.after_route()), None
 
-    def _begin_or_continue(self, mission: Mission, now_ns: int) -> None:
+    def _beginning_or_going_on(self, mission: Mission, now_ns: int) -> Inbox:
         """Follow a valid Mission: another trip, or an update of the current trip or of an ended one."""
         timetable, ended = self.timetable, self.choices.ended_trip
-        is_update = mission.route_id == self._route_id
-        self._route_id = mission.route_id
-        self._is_after_end = ended is not None and ended.includes(
+        is_update = mission.route_id == self.route_id
+        is_after_end = ended is not None and ended.includes(
             mission.route_id, mission.stamp_ns, mission.places.length_m, now_ns)
-        if ended is not None and self._is_after_end:
-            self._follow(Timetable.of(mission).ended(TripEnd(
+        inbox = replace(self, route_id=mission.route_id, is_after_end=is_after_end)
+        if ended is not None and is_after_end:
+            return inbox._following(Timetable.of(mission).ended(TripEnd(
                 ended.ended_ns if ended.ended_ns <= now_ns else None, ended.is_observed)), not is_update)
-            return
-        self.choices = replace(self.choices, ended_trip=None)
         # A route without a route_id is never an update, unless it is the same message again.
         continues = is_update and timetable is not None and timetable.end is None and (
             mission.route_id != '' or mission.has_instants_of(timetable.planned))
-        self._follow(timetable.updated(mission, now_ns) if timetable is not None and continues
-                     else Timetable.of(mission), not is_update or (ended is not None and ended.is_observed))
+        return inbox._with_choices(ended_trip=None)._following(
+            timetable.updated(mission, now_ns) if timetable is not None and continues else Timetable.of(mission),
+            not is_update or (ended is not None and ended.is_observed))
 
-    def revise_mission(self, mission: Mission) -> None:
+    def _with_revised(self, mission: Mission) -> tuple[Inbox, InvalidInput | None]:
         """
         Replace the current route by the same one under other parameters.
 
@@ -355,63 +359,49 @@ class Inbox:
         try:
             self._check_mission(mission)
         except InvalidInput as error:
-            self.drop_misfit(error)
-            self.latest_mission = mission
-            raise
-        timetable, refused_progress, ended = self.timetable, self.refused_progress, self.choices.ended_trip
+            return self._without_misfit(error, mission), error
+        timetable, ended = self.timetable, self.choices.ended_trip
         if timetable is not None:
-            self._follow(timetable.revised(mission))
-            self.refused_progress = refused_progress
+            inbox = replace(self._following(timetable.revised(mission)), refused_progress=self.refused_progress)
         else:
             # It was dropped, and with it its place.
             timetable = Timetable.of(mission)
-            self._follow(timetable if ended is None else timetable.ended(
+            inbox = self._following(timetable if ended is None else timetable.ended(
                 TripEnd(ended.ended_ns, ended.is_observed)))
-        self._refusals.lift_misfit()
+        return replace(inbox, refusals=inbox.refusals.after_fit()), None
 
-    def drop_misfit(self, error: InvalidInput) -> None:
+    def _without_misfit(self, error: InvalidInput, latest_mission: Mission | None) -> Inbox:
         """Drop the current route, which does not fit the parameters, but remember it as the latest."""
-        latest_mission = self.latest_mission
-        self._follow(None)
-        self.latest_mission = latest_mission
-        self._refusals.note_misfit(error)
+        return replace(self._following(None), latest_mission=latest_mission,
+                       refusals=self.refusals.of_misfit(error))
 
-    def cancel(self, now_ns: int) -> None:
+    def _cancelled(self, now_ns: int) -> Inbox:
         """Drop the route at an instant [ns]: no heating until a new one arrives."""
         mission = self.latest_mission
-        if mission is not None:
-            self.choices = replace(self.choices, cancelled_trip=CancelledTrip(
-                mission.route_id, mission.stamp_ns, now_ns))
-        self._drop_cancelled()
+        inbox = self if mission is None else self._with_choices(cancelled_trip=CancelledTrip(
+            mission.route_id, mission.stamp_ns, now_ns))
+        return inbox._dropped()
 
-    @property
-    def is_cancelled_before_restart(self) -> bool:
-        """Whether the latest route plan was cancelled before a restart."""
-        return self.is_cancelled and self._cancelled_before is not None
+    def _dropped(self) -> Inbox:
+        inbox = self._following(None, is_new_trip=True)
+        return replace(inbox, is_cancelled=True, refusals=inbox.refusals.after_route())
 
-    def _drop_cancelled(self) -> None:
-        self._follow(None, is_new_trip=True)
-        self.is_cancelled = True
-        self._refusals.lift_by_route()
-
-    def refuse_route(self, error: InvalidInput, refused: RefusedRoute = RefusedRoute()) -> None:
-        """Note that a route was refused: 0 W, for a time that depends on its RefusedRoute."""
-        if not self._refusals.note_route(error, refused, self.mission, self._latest_ns):
-            self._follow(None)
+    def _with_refused_route(self, error: InvalidInput, refused: RefusedRoute) -> Inbox:
+        """Return the Inbox after a route was refused: 0 W, for a time that depends on its RefusedRoute."""
+        refusals, may_continue = self.refusals.of_route(error, refused, self.mission, self.latest_ns)
+        return replace(self if may_continue else self._following(None), refusals=refusals)
 
     def _check_mission(self, mission: Mission) -> None:
         check_mission(self.vehicle, mission, defaults_of(self.vehicle, self.settings).target_battery_temperature_c)
 
-    def _follow(self, timetable: Timetable | None, is_new_trip: bool = False) -> None:
-        self.latest_mission = mission = None if timetable is None else timetable.planned
-        self.unit_warnings = () if mission is None else tuple(unit_warnings(
-            (leg.route for leg in mission.legs), self.vehicle))
-        self.timetable = timetable
-        self.refused_progress = None
-        self.is_cancelled = False
-        self._changes = replace(
-            self._changes, has_new_mission=True,
-            has_new_trip=self._changes.has_new_trip or is_new_trip)
+    def _following(self, timetable: Timetable | None, is_new_trip: bool = False) -> Inbox:
+        mission = None if timetable is None else timetable.planned
+        return replace(
+            self, timetable=timetable, latest_mission=mission, refused_progress=None, is_cancelled=False,
+            unit_warnings=() if mission is None else tuple(unit_warnings(
+                (leg.route for leg in mission.legs), self.vehicle)),
+            changes=replace(self.changes, has_new_mission=True,
+                            has_new_trip=self.changes.has_new_trip or is_new_trip))
 
 
 def _seen(measurement: Measurement) -> SeenState:

@@ -129,12 +129,13 @@ class Knowledge:
         """Note that the latest battery state is too old, and no other has arrived."""
         self._feed.note_expired()
 
-    def lose_time(self) -> None:
+    def without_instants(self) -> Knowledge:
         """Forget all instants, because the clock was restarted; the sign of the current is still known."""
         for watch in (self._regime, self._sign, self._scale, self._source, self._stuck, self._feed):
             watch.lose_time()
         self._stamp_ns = self._charged_ns = None
         self._shown_until_ns.clear()
+        return self
 
     def see(self, measurement: Measurement, inputs: AdmittedInputs, commands: CommandHistory) -> Known:
         """

@@ -8,7 +8,7 @@ every input. Instants are integers, in nanoseconds of the node's clock.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 import math
 from typing import TYPE_CHECKING
 
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from bev_preheat.control.admitted import AdmittedInputs
     from bev_preheat.control.decision import Decision
     from bev_preheat.control.inputs import Measurement
-    from bev_preheat.control.preparation_progress import Conclusion
     from bev_preheat.route.segments import Route
 
 # The route_id of plans for a goal; no route plan typed by hand has it.
@@ -41,73 +40,72 @@ LONGEST_S = 24 * 3600.0
 AMBIENT_KNOWN_S = 6 * 3600.0
 
 
-class PreparationControl:
+@dataclass(frozen=True, eq=False)
+class Preparation:
     """
-    Holds at most one PreparationGoal and builds its `timetable`; None without a goal.
+    At most one PreparationGoal and its `timetable`; None without a goal. A value: each change makes another one.
 
-    It also remembers the drive's power and the ambient temperature, which are assumed if no route gives them.
+    It also remembers the drive's power and the latest known ambient temperature as (instant [ns], [deg C]), which
+    are assumed if no route gives them. `outcomes` are those of goals that have ended since they were last taken.
+    `has_lost_time`: the clock was restarted, so the goal ends.
     """
 
-    def __init__(self) -> None:
-        """Start without a goal."""
-        self.timetable: Timetable | None = None
-        self._progress: PreparationProgress | None = None
-        self._outcomes: list[PreparationOutcome] = []
-        self._memory = DriveMemory()
-        # Latest known ambient temperature: (instant [ns], temperature [deg C]).
-        self._ambient: tuple[int, float] | None = None
-        self._has_lost_time = False
+    timetable: Timetable | None = None
+    progress: PreparationProgress | None = None
+    outcomes: tuple[PreparationOutcome, ...] = ()
+    memory: DriveMemory = DriveMemory()
+    ambient: tuple[int, float] | None = None
+    has_lost_time: bool = False
 
     @property
     def goal(self) -> PreparationGoal | None:
         """The current PreparationGoal; None without one."""
-        return None if self._progress is None else self._progress.goal
+        return None if self.progress is None else self.progress.goal
 
-    def take_outcomes(self) -> tuple[PreparationOutcome, ...]:
-        """Return the PreparationOutcomes since the last call, including those of refused goals."""
-        if not self._outcomes:
-            return ()
-        outcomes, self._outcomes = tuple(self._outcomes), []
-        return outcomes
+    def without_outcomes(self) -> Preparation:
+        """Return the Preparation whose outcomes, including those of refused goals, have been taken."""
+        return replace(self, outcomes=()) if self.outcomes else self
 
-    def see(self, measurement: Measurement, heater_w: float, inputs: AdmittedInputs) -> None:
+    def seen(self, measurement: Measurement, heater_w: float, inputs: AdmittedInputs) -> Preparation:
         """Remember power and ambient temperature for a drive without a route; the heater takes `heater_w` [W]."""
-        if self.goal is None or not self.goal.is_plugged_in:
-            self._memory.see(measurement.stamp_ns, measurement.power_w, heater_w)
-        self._note_ambient(inputs.mission, measurement.stamp_ns)
+        memory = self.memory if self.goal is not None and self.goal.is_plugged_in else self.memory.seen(
+            measurement.stamp_ns, measurement.power_w, heater_w)
+        return replace(self, memory=memory)._with_ambient(inputs.mission, measurement.stamp_ns)
 
-    def _note_ambient(self, mission: Mission | None, now_ns: int) -> None:
-        if mission is not None:
-            leg = mission.legs[mission.leg_number(now_ns)]
-            at = leg.route.segment_at((now_ns - leg.start_ns) / NS_PER_S)
-            self._ambient = (min(now_ns, mission.arrival_ns),
-                             float(leg.route.ambient_temperature_c[at]))
+    def _with_ambient(self, mission: Mission | None, now_ns: int) -> Preparation:
+        if mission is None:
+            return self
+        leg = mission.legs[mission.leg_number(now_ns)]
+        at = leg.route.segment_at((now_ns - leg.start_ns) / NS_PER_S)
+        return replace(self, ambient=(
+            min(now_ns, mission.arrival_ns), float(leg.route.ambient_temperature_c[at])))
 
-    def lose_time(self) -> None:
-        """Mark the goal to end, because the clock was restarted and its instants are void."""
-        self._has_lost_time = True
-        self._memory, self._ambient = DriveMemory(), None
+    def without_instants(self) -> Preparation:
+        """Return the Preparation whose goal is to end, because the clock was restarted: its instants are void."""
+        return replace(self, has_lost_time=True, memory=DriveMemory(), ambient=None)
 
     # Beginning and end
 
-    def begin(self, goal: PreparationGoal, inputs: AdmittedInputs, now_ns: int) -> None:
-        """Replace the current goal by this one; raise InvalidInput and keep the current one if it is refused."""
-        before = self._progress, self.timetable
-        try:
-            self._begin(goal, inputs, now_ns)
-        except InvalidInput as error:
-            self._progress, self.timetable = before
-            self._note(goal, PreparationEnding.REFUSED, f'The goal was refused: {error}.', inputs)
-            raise
-        except Exception:
-            self._progress, self.timetable = before
-            self._note(goal, PreparationEnding.REFUSED, 'The goal was refused: it could not be planned.', inputs)
-            raise
-        if before[0] is not None:
-            self._note(before[0].goal, PreparationEnding.REPLACED, 'A later goal has replaced this one.', inputs,
-                       before[0].target_c)
+    def begun(self, goal: PreparationGoal, inputs: AdmittedInputs,
+              now_ns: int) -> tuple[Preparation, Exception | None]:
+        """
+        Return the Preparation with this goal instead of the current one.
 
-    def _begin(self, goal: PreparationGoal, inputs: AdmittedInputs, now_ns: int) -> None:
+        If it is refused, or cannot be planned, the current one stays, and the exception comes with it.
+        """
+        try:
+            after = self._begun(goal, inputs, now_ns)
+        except InvalidInput as error:
+            return self._noting(goal, PreparationEnding.REFUSED, f'The goal was refused: {error}.', inputs), error
+        except Exception as error:
+            return self._noting(goal, PreparationEnding.REFUSED, (
+                'The goal was refused: it could not be planned.'), inputs), error
+        before = self.progress
+        return after if before is None else after._noting(
+            before.goal, PreparationEnding.REPLACED, 'A later goal has replaced this one.', inputs,
+            before.target_c), None
+
+    def _begun(self, goal: PreparationGoal, inputs: AdmittedInputs, now_ns: int) -> Preparation:
         target_c = inputs.defaults.target_battery_temperature_c if goal.target_c is None else goal.target_c
         problems = _problems(goal, now_ns)
         try:
@@ -122,90 +120,87 @@ class PreparationControl:
         if problems:
             raise InvalidInput(problems)
         measurement = inputs.measurement
-        self._note_ambient(inputs.mission, now_ns)
-        self._progress = PreparationProgress(
-            goal, target_c, now_ns, measurement.state.soc if measurement else 0.0)
-        self._has_lost_time = False
+        progress = PreparationProgress(goal, target_c, now_ns, measurement.state.soc if measurement else 0.0)
+        after = replace(self, progress=progress, has_lost_time=False)._with_ambient(inputs.mission, now_ns)
         needs_ambient = goal.is_plugged_in or not _has_route(inputs, now_ns)
-        if needs_ambient and self._ambient_c(goal, now_ns) is None:
+        if needs_ambient and after._ambient_c(goal, now_ns) is None:
             raise InvalidInput('ambient_temperature: is not given, and no route has reported one in the '
                                'last 6 h; give it in the goal')
-        objection = contradiction(self._progress, inputs, now_ns)
+        objection = contradiction(progress, inputs, now_ns)
         if objection:
             raise InvalidInput(f'plugged_in: {objection}')
         # A placeholder trip: without any, find_obstacle would report a missing route.
-        self.timetable = Timetable.of(Mission(ROUTE_ID, (Leg(steady_drive(1.0, 0.0, inputs.defaults)),)))
-        obstacle = find_obstacle(inputs._replace(active_timetable=self.timetable), now_ns)
+        placeholder = Timetable.of(Mission(ROUTE_ID, (Leg(steady_drive(1.0, 0.0, inputs.defaults)),)))
+        obstacle = find_obstacle(inputs._replace(active_timetable=placeholder), now_ns)
         if obstacle is not None:
             raise InvalidInput(obstacle.explanation.removesuffix('.'))
-        self.revise(inputs, now_ns, 1.0)
+        return replace(after, timetable=placeholder).revised(inputs, now_ns, 1.0)
 
-    def end(self, goal: PreparationGoal | None, ending: PreparationEnding, explanation: str,
-            inputs: AdmittedInputs) -> bool:
-        """End the current goal if it is `goal` (None: any goal); return whether it was ended."""
-        if self._progress is None or goal not in (None, self._progress.goal):
-            return False
-        self._note(self._progress.goal, ending, explanation, inputs, self._progress.target_c)
-        self._progress = self.timetable = None
-        return True
+    def ended(self, goal: PreparationGoal | None, ending: PreparationEnding, explanation: str,
+              inputs: AdmittedInputs) -> Preparation:
+        """Return the Preparation without the current goal if that is `goal` (None: any goal)."""
+        if self.progress is None or goal not in (None, self.progress.goal):
+            return self
+        return replace(self._noting(
+            self.progress.goal, ending, explanation, inputs, self.progress.target_c),
+            progress=None, timetable=None)
 
-    def conclude(self, inputs: AdmittedInputs, now_ns: int, decision: Decision, obstacle: Decision | None,
-                 temperature_c: float | None) -> bool:
+    def concluded(self, inputs: AdmittedInputs, now_ns: int, decision: Decision, obstacle: Decision | None,
+                  temperature_c: float | None) -> Preparation:
         """
-        End the goal if its time has come; return whether it has.
+        Return the Preparation without its goal if the time of that has come.
 
         `decision` is the current one, `obstacle` the reason that keeps the heater off (None: no obstacle),
         `temperature_c` the battery's temperature [deg C].
         """
-        progress = self._progress
-        if progress is None:
-            return False
-        if self._has_lost_time:
-            over: Conclusion = (PreparationEnding.INPUT_LOST,
-                                "The clock was set back: the goal's instant is no longer valid.")
-        else:
-            over = conclusion(progress, inputs, now_ns, decision, obstacle, temperature_c)
+        if self.progress is None:
+            return self
+        progress, over = conclusion(self.progress, inputs, now_ns, decision, obstacle, temperature_c)
+        if self.has_lost_time:
+            progress, over = self.progress, (
+                PreparationEnding.INPUT_LOST, "The clock was set back: the goal's instant is no longer valid.")
         if over is None:
-            return False
+            return replace(self, progress=progress)
         ending, explanation = over
-        self._note(progress.goal, ending, explanation,
-                   inputs, progress.target_c, temperature_c)
-        self._progress = self.timetable = None
-        return True
+        return replace(self._noting(
+            progress.goal, ending, explanation, inputs, progress.target_c, temperature_c),
+            progress=None, timetable=None)
 
-    def _note(self, goal: PreparationGoal, ending: PreparationEnding, explanation: str, inputs: AdmittedInputs,
-              target_c: float = math.nan, temperature_c: float | None = None) -> None:
+    def _noting(self, goal: PreparationGoal, ending: PreparationEnding, explanation: str, inputs: AdmittedInputs,
+                target_c: float = math.nan, temperature_c: float | None = None) -> Preparation:
         if temperature_c is None:
             measurement = inputs.measurement
             temperature_c = measurement.state.temperature_c if measurement else math.nan
-        self._outcomes.append(PreparationOutcome(
+        return replace(self, outcomes=(*self.outcomes, PreparationOutcome(
             goal, ending, explanation, max(0.0, target_c - temperature_c)
-            if math.isfinite(target_c - temperature_c) else math.nan, temperature_c))
+            if math.isfinite(target_c - temperature_c) else math.nan, temperature_c)))
 
     # The trip that is planned for
 
-    def revise(self, inputs: AdmittedInputs, now_ns: int, propulsion_factor: float) -> None:
+    def revised(self, inputs: AdmittedInputs, now_ns: int, propulsion_factor: float) -> Preparation:
         """
-        Rebuild the trip from the current inputs; do nothing without a goal.
+        Return the Preparation with the trip from the current inputs; without a goal there is none.
 
         An assumed drive uses measured power. It is divided by the `propulsion_factor` that the estimator
         found for routes, because planning multiplies by it.
         """
-        progress = self._progress
-        if progress is None or self._has_lost_time:
-            return
+        progress = self.progress
+        if progress is None or self.has_lost_time:
+            return self
         until_ns = progress.goal.ready_at_ns or now_ns + \
             round(LONGEST_SOONEST_S * NS_PER_S)
         if until_ns <= now_ns:
-            return
+            return self
+        ambient_c = self._ambient_c(progress.goal, now_ns)
+        progress = progress if ambient_c is None else replace(progress, ambient_c=ambient_c)
         leg = Leg(self._drive(progress, inputs, now_ns, until_ns, propulsion_factor), progress.started_ns,
                   target_temperature_c=progress.target_c,
                   minimum_arrival_soc=reserve_before(
                       inputs, now_ns, progress.goal.ready_at_ns or progress.expected_ns or now_ns)
                   if not progress.goal.is_plugged_in else 0.0,
                   made_for=progress.goal).in_planning_steps(inputs.settings.planning_step_s)
-        self.timetable = Timetable.of(Mission(ROUTE_ID, (replace(
-            leg, route=in_price_steps(leg.route, progress.goal)),)))
+        return replace(self, progress=progress, timetable=Timetable.of(Mission(ROUTE_ID, (replace(
+            leg, route=in_price_steps(leg.route, progress.goal)),))))
 
     def _drive(self, progress: PreparationProgress, inputs: AdmittedInputs, now_ns: int, until_ns: int,
                propulsion_factor: float) -> Route:
@@ -215,12 +210,9 @@ class PreparationControl:
             route = drive_of_route(mission, from_ns, until_ns, defaults)
             return route if goal.ambient_c is None else replace(
                 route, ambient_temperature_c=0.0 * route.duration_s + goal.ambient_c)
-        ambient_c = self._ambient_c(goal, now_ns)
-        if ambient_c is not None:
-            progress.ambient_c = ambient_c
         # It was known when the goal began, or a route has reported it since.
         assert progress.ambient_c is not None
-        propulsion_w = (0.0, 0.0) if goal.is_plugged_in else self._memory.propulsion_w(
+        propulsion_w = (0.0, 0.0) if goal.is_plugged_in else self.memory.propulsion_w(
             now_ns, defaults.cabin_heating_power_w + defaults.auxiliary_power_w)
         return steady_drive((until_ns - from_ns) / NS_PER_S, progress.ambient_c, defaults, (
             propulsion_w[0] / propulsion_factor, propulsion_w[1] / propulsion_factor))
@@ -229,8 +221,8 @@ class PreparationControl:
         """Return the ambient temperature [deg C] of a goal, the last known, or the assumed one; None: unknown."""
         if goal.ambient_c is not None:
             return goal.ambient_c
-        if self._ambient is not None and now_ns - self._ambient[0] <= AMBIENT_KNOWN_S * NS_PER_S:
-            return self._ambient[1]
+        if self.ambient is not None and now_ns - self.ambient[0] <= AMBIENT_KNOWN_S * NS_PER_S:
+            return self.ambient[1]
         return goal.assumed_ambient_c
 
 

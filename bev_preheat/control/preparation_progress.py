@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from bev_preheat.control.assumed_drive import drives_between
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     Conclusion = tuple[PreparationEnding, str] | None
 
 
-@dataclass
+@dataclass(frozen=True)
 class PreparationProgress:
     """
     Progress of the current PreparationGoal: target and ambient temperature [deg C], and start [ns].
@@ -46,25 +46,36 @@ class PreparationProgress:
     expected_ns: int | None = None
     held_off_ns: int | None = None
 
+    def after(self, inputs: AdmittedInputs) -> PreparationProgress:
+        """Return the progress after the AdmittedInputs' battery state."""
+        soc = self.highest_soc if inputs.measurement is None else inputs.measurement.state.soc
+        return replace(self, highest_soc=soc) if soc > self.highest_soc else self
+
 
 def conclusion(progress: PreparationProgress, inputs: AdmittedInputs, now_ns: int, decision: Decision,
-               obstacle: Decision | None, temperature_c: float | None) -> Conclusion:
+               obstacle: Decision | None, temperature_c: float | None) -> tuple[PreparationProgress, Conclusion]:
     """
-    Return (PreparationEnding, sentence) if the preparation is over at an instant [ns]; None if it continues.
+    Return the progress, and (PreparationEnding, sentence) if it is over at an instant [ns]; None if it continues.
 
     `decision` is the current one, `obstacle` the reason that keeps the heater off (None: no obstacle),
-    `temperature_c` the battery's temperature [deg C]. `progress` is updated.
+    `temperature_c` the battery's temperature [deg C].
     """
     if not inputs.is_enabled:
-        return PreparationEnding.DISABLED, 'Preheating was switched off through ~/enable.'
+        return progress, (PreparationEnding.DISABLED, 'Preheating was switched off through ~/enable.')
+    progress = progress.after(inputs)
     objection = contradiction(progress, inputs, now_ns)
     if objection:
-        return PreparationEnding.UNPLUGGED, f'The vehicle is no longer plugged in: {objection}.'
+        return progress, (PreparationEnding.UNPLUGGED, f'The vehicle is no longer plugged in: {objection}.')
     if decision.plan is not None:
-        progress.held_off_ns = None
-        progress.expected_ns = decision.plan_start_ns + round(decision.plan.arrival_time_s * NS_PER_S)
+        progress = replace(progress, held_off_ns=None, expected_ns=decision.plan_start_ns + round(
+            decision.plan.arrival_time_s * NS_PER_S))
     elif progress.held_off_ns is None:
-        progress.held_off_ns = now_ns
+        progress = replace(progress, held_off_ns=now_ns)
+    return progress, _conclusion(progress, now_ns, decision, obstacle, temperature_c)
+
+
+def _conclusion(progress: PreparationProgress, now_ns: int, decision: Decision, obstacle: Decision | None,
+                temperature_c: float | None) -> Conclusion:
     is_time = 0 < progress.goal.ready_at_ns <= now_ns
     if obstacle is not None or temperature_c is None or (
             decision.plan is None and not is_time):
@@ -114,7 +125,6 @@ def contradiction(progress: PreparationProgress, inputs: AdmittedInputs, now_ns:
     if measurement is None:
         return ''
     soc = measurement.state.soc
-    progress.highest_soc = max(progress.highest_soc, soc)
     if progress.highest_soc - soc > CHARGE_FALLS_BY:
         return (f'the state of charge has fallen from {100 * progress.highest_soc:.1f} % to '
                 f'{100 * soc:.1f} %')

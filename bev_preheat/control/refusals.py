@@ -9,9 +9,9 @@ route rules that out (docs/explanation/safety.md has the reasons).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import Enum
-from typing import Self, TYPE_CHECKING
+from typing import NamedTuple, Self, TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput, quoted
 
@@ -80,47 +80,41 @@ class RefusedRoute:
         return instant_ns < other_ns - ROUNDING_NS
 
 
-@dataclass(frozen=True)
-class _Refusal:
+class _Refusal(NamedTuple):
+    source: str
     sentence: str
     until: Until
     holds: bool = True
 
 
-class Refusals:
+class Refusals(NamedTuple):
     """
-    Refusals not yet cleared, the latest last: at most one per source.
+    Refusals not yet cleared, the latest last: at most one per source; a value.
 
     Each holds the heater off until its `Until` arrives. The refusal of a route is remembered after that, until a
     valid route arrives.
     """
 
-    def __init__(self) -> None:
-        """Start without refusals."""
-        self._by_source: dict[str, _Refusal] = {}
+    in_order: tuple[_Refusal, ...] = ()
 
     @property
     def obstacle(self) -> str | None:
         """The sentence of the latest refusal that holds the heater off; None if none does."""
-        if not self._by_source:
-            return None
-        holding = [refusal.sentence for refusal in self._by_source.values() if refusal.holds]
-        return holding[-1] if holding else None
+        return next((refusal.sentence for refusal in reversed(self.in_order) if refusal.holds), None)
 
     @property
     def route(self) -> str | None:
         """The sentence of the refused route, until a valid one arrives; None without a refused route."""
-        refusal = self._by_source.get(ROUTE)
-        return refusal.sentence if refusal else None
+        return next((refusal.sentence for refusal in self.in_order if refusal.source == ROUTE), None)
 
-    def note_battery(self, error: InvalidInput) -> None:
-        """Note that a battery state was refused."""
-        self._note(BATTERY, f'{BATTERY} refused: {error}', Until.VALID_STATE)
+    def of_battery(self, error: InvalidInput) -> Refusals:
+        """Return the Refusals with that of a battery state."""
+        return self._with(_Refusal(BATTERY, f'{BATTERY} refused: {error}', Until.VALID_STATE))
 
-    def note_route(self, error: InvalidInput, refused: RefusedRoute, mission: Mission | None,
-                   now_ns: int) -> bool:
+    def of_route(self, error: InvalidInput, refused: RefusedRoute, mission: Mission | None,
+                 now_ns: int) -> tuple[Refusals, bool]:
         """
-        Note that a route was refused; return whether the previous route may continue.
+        Return the Refusals with that of a route, and whether the previous route may continue.
 
         `refused` is the RefusedRoute of the refused route, `mission` the previous route; None without one.
         """
@@ -132,31 +126,29 @@ class Refusals:
             consequence = f'The previous route holds again from {until.value} on.'
         elif mission is not None:
             consequence = f'The previous route was dropped because {objection}. {consequence}'
-        self._note(ROUTE, f'{ROUTE} refused: {error}. {consequence}', until)
-        return not objection
+        return self._with(_Refusal(ROUTE, f'{ROUTE} refused: {error}. {consequence}', until)), not objection
 
-    def note_misfit(self, error: InvalidInput) -> None:
-        """Note that the current route does not fit a new vehicle or new settings."""
-        self._note(VEHICLE, f'{ROUTE} refused: {error}', Until.VALID_ROUTE)
+    def of_misfit(self, error: InvalidInput) -> Refusals:
+        """Return the Refusals with that of a current route that does not fit a new vehicle or new settings."""
+        return self._with(_Refusal(VEHICLE, f'{ROUTE} refused: {error}', Until.VALID_ROUTE))
 
-    def lift_by_battery(self) -> None:
-        """Clear the refusals that a valid battery state ends."""
-        if not self._by_source:
-            return
-        self._by_source.pop(BATTERY, None)
-        self._by_source = {
-            source: replace(refusal, holds=refusal.until is Until.VALID_ROUTE)
-            for source, refusal in self._by_source.items()}
+    def after_battery(self) -> Refusals:
+        """Return the Refusals that a valid battery state leaves."""
+        if not self.in_order:
+            return self
+        return Refusals(tuple(refusal._replace(holds=refusal.until is Until.VALID_ROUTE)
+                              for refusal in self._without(BATTERY).in_order))
 
-    def lift_by_route(self) -> None:
-        """Clear the refusals that a valid route, or a cancellation, ends."""
-        self._by_source.pop(ROUTE, None)
-        self.lift_misfit()
+    def after_route(self) -> Refusals:
+        """Return the Refusals that a valid route, or a cancellation, leaves."""
+        return self._without(ROUTE, VEHICLE)
 
-    def lift_misfit(self) -> None:
-        """Clear the misfit, because the route fits the vehicle."""
-        self._by_source.pop(VEHICLE, None)
+    def after_fit(self) -> Refusals:
+        """Return the Refusals without a misfit, because the route fits the vehicle."""
+        return self._without(VEHICLE)
 
-    def _note(self, source: str, sentence: str, until: Until) -> None:
-        self._by_source.pop(source, None)
-        self._by_source[source] = _Refusal(sentence, until)
+    def _with(self, refusal: _Refusal) -> Refusals:
+        return Refusals((*self._without(refusal.source).in_order, refusal))
+
+    def _without(self, *sources: str) -> Refusals:
+        return Refusals(tuple(refusal for refusal in self.in_order if refusal.source not in sources))

@@ -20,11 +20,12 @@ from dataclasses import dataclass, replace
 from enum import IntEnum
 import math
 from typing import Any, TYPE_CHECKING
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from bev_preheat.charging.expectation import Expectation
-from bev_preheat.charging.prospect import HeldProspect
+from bev_preheat.charging.prospect import CERTAIN, held_prospect
 from bev_preheat.charging.stop import refuse_stranded, stop_after, USUAL_DEPARTURE_SOC
 from bev_preheat.charging.worth import targets_between, WorthSearch
 from bev_preheat.control.charging_doubt import ChargingDoubt, given_target_pays_from, USUAL_PAYS_FROM
@@ -35,8 +36,10 @@ from bev_preheat.planning.planner import plan_preheating, plan_unheated
 from bev_preheat.vehicle.charging import charging_of
 
 if TYPE_CHECKING:
-    from bev_preheat.charging.stop import Charger
+    from bev_preheat.charging.prospect import ChargingProspect
+    from bev_preheat.charging.stop import Charger, ChargingStop
     from bev_preheat.charging.target_worth import TargetWorth
+    from bev_preheat.charging.worth import Evaluated
     from bev_preheat.control.inputs import Leg
     from bev_preheat.control.settings import Settings
     from bev_preheat.planning.plan import Plan
@@ -154,122 +157,178 @@ class TargetSearchInput:
             self.settings.method, heater_share=self.heater_share)
 
 
+@dataclass(frozen=True, eq=False)
+class TargetSearch:
+    """
+    A search for the cheapest target, as far as it has come; a value.
+
+    It is made of its input, its ChargingStop, the Plan without heating, the prospect that it counts with, and
+    what it has Evaluated so far.
+    """
+
+    begun: TargetSearchInput
+    stop: ChargingStop
+    unheated: Plan
+    prospect: ChargingProspect
+    found: tuple[Evaluated, ...] = ()
+
+    def worker(self) -> WorthSearch:
+        """Return the WorthSearch that goes on from here; raises what `session.charge` raises."""
+        return _WORKERS.pop(self, None) or self._made_worker()
+
+    def _made_worker(self) -> WorthSearch:
+        begun, prices = self.begun, self.begun.settings.prices
+        return WorthSearch(
+            begun.vehicle, self.stop, self.unheated, begun.goal.target_temperature_c, prices, begun.plan_to,
+            None if self.prospect.is_certain else Expectation(
+                begun.vehicle, begun.route, begun.state, self.stop, self.prospect, prices, self.unheated,
+                begun.heater_share), self.found)
+
+    def after(self, worker: WorthSearch) -> TargetSearch:
+        """Return the search with what its worker has found."""
+        search = replace(self, found=worker.found)
+        _WORKERS[search] = worker
+        return search
+
+    def revised(self, probability: float) -> TargetSearch:
+        """Return the search that counts with another probability of charging (0 ... 1), without any plan."""
+        worker = self.worker()
+        worker.revise(probability)
+        return replace(self, prospect=replace(self.prospect, probability=probability)).after(worker)
+
+
+# The worker that has just brought a search so far: the next part of the search needs no other one.
+_WORKERS: WeakKeyDictionary[TargetSearch, WorthSearch] = WeakKeyDictionary()
+
+
+@dataclass(frozen=True, eq=False)
 class TargetChooser:
-    """Chooses the target of one leg after another."""
+    """
+    Chooses the target of one leg after another; a value.
 
-    def __init__(self) -> None:
-        """Start without a choice."""
-        self._is_outdated = False
-        self._forget()
+    `key` identifies the leg and what is asked of it, `choice` is its TargetChoice. `search` is the TargetSearch
+    under way, `searched` the input of the latest one, `weighed` the search behind the choice, finished or not;
+    `held` is the prospect that it counts with. `is_searched`: a whole search has been completed for this leg; the
+    first look at it is coarse. `is_outdated`: the search is to be repeated.
+    """
 
-    def _forget(self) -> None:
-        self._key: tuple[Any, ...] = ()
-        self._choice: TargetChoice | None = None
-        self._search: WorthSearch | None = None
-        self._searched: TargetSearchInput | None = None
-        # The search behind the choice, finished or not, and the prospect that it counts with.
-        self._weighed: WorthSearch | None = None
-        self._held = HeldProspect()
-        # Whether a whole search has been completed for this leg; the first look at it is coarse.
-        self._is_searched = False
+    is_outdated: bool = False
+    key: tuple[Any, ...] = ()
+    choice: TargetChoice | None = None
+    search: TargetSearch | None = None
+    searched: TargetSearchInput | None = None
+    weighed: TargetSearch | None = None
+    held: ChargingProspect = CERTAIN
+    is_searched: bool = False
 
-    def follow_new_mission(self) -> None:
-        """Search again for the same leg of another route plan."""
-        self._is_outdated = True
+    def for_new_mission(self) -> TargetChooser:
+        """Return the chooser that searches again for the same leg of another route plan."""
+        return replace(self, is_outdated=True)
 
-    def without_charger(self, leg: Leg, settings: Settings) -> TargetChoice:
+    def without_charger(self, leg: Leg, settings: Settings) -> tuple[TargetChooser, TargetChoice]:
         """Return the TargetChoice of a leg whose charger is unknown, and that charges for certain."""
-        self._forget()
-        return _unchosen(leg, settings, NO_CHARGER)
+        return TargetChooser(self.is_outdated), _unchosen(leg, settings, NO_CHARGER)
 
-    def choose(self, now: TargetSearchInput) -> TargetChoice:
-        """Return the TargetChoice for a TargetSearchInput; start or continue a search if one is due."""
+    def choose(self, now: TargetSearchInput) -> tuple[TargetChooser, TargetChoice]:
+        """
+        Return the TargetChoice for a TargetSearchInput, and the chooser after it.
+
+        A search is started or continued if one is due.
+        """
         charger = now.leg.charger
         obstacle = _obstacle(now)
         if charger is None or obstacle:
             return self._without_session(now, obstacle or NO_CHARGER)
         key = (now.route_id, now.legs_after, charger, now.leg.target_temperature_c, now.goal,
                now.settings.prices, now.settings.method)
-        if key != self._key:
+        chooser = self
+        if key != self.key:
             # Another route plan to the same destination: the target moves from the present one, as in an update.
-            before = self._choice if key[1:] == self._key[1:] and self._is_same_arrival(now) else None
-            self._forget()
-            self._key, self._choice, self._is_searched = key, before, before is not None
-        is_revised = self._held.follow(now.leg.prospect.seen_from(now.remaining_s))
+            before = self.choice if key[1:] == self.key[1:] and self._is_same_arrival(now) else None
+            chooser = TargetChooser(self.is_outdated, key, before, is_searched=before is not None)
+        held = held_prospect(chooser.held, now.leg.prospect.seen_from(now.remaining_s))
+        is_revised, chooser = held is not chooser.held, replace(chooser, held=held)
         try:
-            if is_revised and self._choice is not None:
-                self._revise(now)
-            self._go_on(now, charger)
+            if is_revised and chooser.choice is not None:
+                chooser = chooser._revised(now)
+            chooser = chooser._gone_on(now, charger)
         except (InvalidInput, PlanningFailure, ArithmeticError) as error:
-            self._search = self._weighed = None
-            self._choice = _unchosen(now.leg, now.settings, f'no target can be chosen: {error}')
-        assert self._choice is not None
-        return self._choice
+            chooser = replace(chooser, search=None, weighed=None, choice=_unchosen(
+                now.leg, now.settings, f'no target can be chosen: {error}'))
+        assert chooser.choice is not None
+        return chooser, chooser.choice
 
-    def _without_session(self, now: TargetSearchInput, why: str) -> TargetChoice:
+    def _without_session(self, now: TargetSearchInput, why: str) -> tuple[TargetChooser, TargetChoice]:
         """Return the TargetChoice of a leg whose session is unknown, for the reason `why`."""
         key, prospect = (now.route_id, now.legs_after, now.goal, why), now.leg.prospect
-        if key != self._key:
-            self._forget()
-            self._key = key
-        is_revised = self._held.follow(prospect.seen_from(now.remaining_s))
+        chooser = self if key == self.key else TargetChooser(self.is_outdated, key)
+        held, choice = held_prospect(chooser.held, prospect.seen_from(now.remaining_s)), chooser.choice
         if prospect.probability == 1.0:
-            self._choice = _unchosen(now.leg, now.settings, why)
-        elif self._choice is None or is_revised or self._is_due(now):
-            self._is_outdated, self._searched = False, now
-            held = self._held.prospect
+            choice = _unchosen(now.leg, now.settings, why)
+        elif choice is None or held is not chooser.held or chooser._is_due(now):
+            chooser = replace(chooser, is_outdated=False, searched=now, held=held)
             pays_from = given_target_pays_from(
                 now.vehicle, now.route, now.state, now.goal, held, now.settings.prices, now.plan_to)
-            self._choice = replace(
+            choice = replace(
                 _unchosen(now.leg, now.settings, why),
-                heating_pays=self._goes_on() or held.probability >= pays_from,
-                doubt=ChargingDoubt(held.probability, pays_from, self._starts_by_ns(
+                heating_pays=chooser._goes_on() or held.probability >= pays_from,
+                doubt=ChargingDoubt(held.probability, pays_from, chooser._starts_by_ns(
                     now, now.goal.target_temperature_c)))
-        return self._choice
+        return replace(chooser, held=held, choice=choice), choice
 
-    def _revise(self, now: TargetSearchInput) -> None:
+    def _revised(self, now: TargetSearchInput) -> TargetChooser:
         """Count with another prospect from now on, at once if only the probability differs."""
-        held, weighed = self._held.prospect, self._weighed
-        self._is_outdated = True
-        if weighed is not None and weighed.takes(held):
-            for search in (weighed, self._search):
-                if search is not None:
-                    search.revise(held.probability)
-            self._choice = self._weigh(weighed, now)
-        else:
+        held, weighed = self.held, self.weighed
+        chooser = replace(self, is_outdated=True)
+        if weighed is None or not weighed.worker().takes(held):
             # As for a new leg, but the target found so far is still preferred.
-            self._search = self._searched = None
+            return replace(chooser, search=None, searched=None)
+        search = self.search
+        revised = weighed.revised(held.probability)
+        if search is not None:
+            search = revised if search is weighed else search.revised(held.probability)
+        return replace(chooser, search=search)._weighing(revised, revised.worker(), now)
 
-    def _go_on(self, now: TargetSearchInput, charger: Charger) -> None:
-        if self._search is None:
-            if not self._is_due(now):
-                return
-            is_first = self._searched is None
-            self._is_outdated, self._searched = False, now
-            self._begin(now, charger)
-            if self._search is None:
-                return
-            if now.given:
-                self._choice = self._weigh(self._search, now)
-                self._search = None
-                return
-            if not is_first:
-                return
-            for target_c in _first_look_c(self._search, now.goal):
-                self._search.look_at(target_c)
-            self._choice = self._weigh(self._search, now)
-            return
-        if self._search.advance(PLANS_EACH_UPDATE):
-            self._choice, self._search = self._weigh(self._search, now), None
-            self._is_searched = True
+    def _gone_on(self, now: TargetSearchInput, charger: Charger) -> TargetChooser:
+        if self.search is None:
+            return self._begun(now, charger) if self._is_due(now) else self
+        worker = self.search.worker()
+        is_finished = worker.advance(PLANS_EACH_UPDATE)
+        search = self.search.after(worker)
+        if not is_finished:
+            # The search behind the choice is this one until it is finished.
+            return replace(self, search=search, weighed=search if self.weighed is self.search else self.weighed)
+        return replace(replace(self, search=None)._weighing(search, worker, now), is_searched=True)
+
+    def _begun(self, now: TargetSearchInput, charger: Charger) -> TargetChooser:
+        """Begin a search; if nothing is left to charge, set the choice without one."""
+        is_first = self.searched is None
+        chooser = replace(self, is_outdated=False, searched=now)
+        unheated = plan_unheated(now.vehicle, now.route, now.state, now.goal)
+        refuse_stranded(unheated)
+        wanted_soc = charger.departure_soc
+        departure_soc = USUAL_DEPARTURE_SOC if wanted_soc is None else wanted_soc
+        if unheated.arrival_soc >= departure_soc:
+            return replace(chooser, weighed=None, choice=chooser._by_usual_share(
+                now, _nothing_to_charge(now, unheated.arrival_soc, wanted_soc)))
+        search = TargetSearch(now, stop_after(now.route, charger.power_w, departure_soc), unheated, self.held)
+        worker = search.worker()
+        if now.given:
+            return chooser._weighing(search, worker, now)
+        if not is_first:
+            return replace(chooser, search=search.after(worker))
+        for target_c in _first_look_c(worker, now.goal):
+            worker.look_at(target_c)
+        chooser = chooser._weighing(search, worker, now)
+        return replace(chooser, search=chooser.weighed)
 
     def _is_same_arrival(self, now: TargetSearchInput) -> bool:
-        before = self._searched
+        before = self.searched
         return before is not None and not now.given and (
             abs(now.leg.arrival_ns - before.leg.arrival_ns) <= SAME_ARRIVAL_S * NS_PER_S)
 
     def _is_due(self, now: TargetSearchInput) -> bool:
-        before = self._searched
+        before = self.searched
         if before is None:
             return True
         elapsed_s = abs(now.stamp_ns - before.stamp_ns) / NS_PER_S
@@ -279,46 +338,27 @@ class TargetChooser:
             now.log_factors is not None and bool((np.abs(
                 now.log_factors - before.log_factors) > FACTOR_CHANGE * _FACTOR_DEVIATIONS).any()))
         later_s = abs(now.leg.arrival_ns - before.leg.arrival_ns) / NS_PER_S
-        return (self._is_outdated or elapsed_s >= SEARCH_PERIOD_S or has_learned
+        return (self.is_outdated or elapsed_s >= SEARCH_PERIOD_S or has_learned
                 or later_s > ARRIVAL_CHANGE_S or now.heater_share != before.heater_share)
 
-    def _begin(self, now: TargetSearchInput, charger: Charger) -> None:
-        """Begin a search; if nothing is left to charge, set the choice without one."""
-        unheated = plan_unheated(now.vehicle, now.route, now.state, now.goal)
-        refuse_stranded(unheated)
-        wanted_soc = charger.departure_soc
-        departure_soc = USUAL_DEPARTURE_SOC if wanted_soc is None else wanted_soc
-        if unheated.arrival_soc >= departure_soc:
-            self._weighed = None
-            self._choice = self._by_usual_share(now, _nothing_to_charge(now, unheated.arrival_soc, wanted_soc))
-            return
-
-        stop, prospect = stop_after(now.route, charger.power_w, departure_soc), self._held.prospect
-        self._search = WorthSearch(
-            now.vehicle, stop, unheated, now.goal.target_temperature_c, now.settings.prices, now.plan_to,
-            None if prospect.is_certain else Expectation(
-                now.vehicle, now.route, now.state, stop, prospect, now.settings.prices, unheated,
-                now.heater_share))
-
-    def _weigh(self, search: WorthSearch, now: TargetSearchInput) -> TargetChoice:
-        """Return the TargetChoice by the targets that a search has found so far."""
-        self._weighed = search
-        choice = self._given_one(search, now) if now.given else self.best_of(search, now)
-        probability = self._held.prospect.probability
-        if probability == 1.0:
-            return choice
-        if now.given:
-            target_c = now.goal.target_temperature_c
-            pays_from = search.pays_from_probability(target_c)
-            choice = replace(choice, heating_pays=self._goes_on() or probability >= pays_from)
-        else:
-            target_c, pays_from = search.best_if_charged().target_c, search.pays_from_probability()
-        return replace(choice, doubt=ChargingDoubt(
-            probability, pays_from, self._starts_by_ns(now, target_c)))
+    def _weighing(self, search: TargetSearch, worker: WorthSearch, now: TargetSearchInput) -> TargetChooser:
+        """Return the chooser with the TargetChoice by the targets that a search's worker has found so far."""
+        chooser, choice = (self, _given_one(worker, now)) if now.given else self.best_of(worker, now)
+        probability = self.held.probability
+        if probability < 1.0:
+            if now.given:
+                target_c = now.goal.target_temperature_c
+                pays_from = worker.pays_from_probability(target_c)
+                choice = replace(choice, heating_pays=self._goes_on() or probability >= pays_from)
+            else:
+                target_c, pays_from = worker.best_if_charged().target_c, worker.pays_from_probability()
+            choice = replace(choice, doubt=ChargingDoubt(
+                probability, pays_from, self._starts_by_ns(now, target_c)))
+        return replace(chooser, weighed=search.after(worker), choice=choice)
 
     def _by_usual_share(self, now: TargetSearchInput, choice: TargetChoice) -> TargetChoice:
         """Return a TargetChoice without a session; in doubt it is heated for from the usual probability on."""
-        probability = self._held.prospect.probability
+        probability = self.held.probability
         if probability == 1.0 or not choice.heating_pays:
             return choice
         return replace(choice, heating_pays=probability >= USUAL_PAYS_FROM, doubt=ChargingDoubt(
@@ -332,37 +372,41 @@ class TargetChooser:
 
     def _goes_on(self) -> bool:
         """Return whether heating to a given target is decided for the present probability: it then stays so."""
-        before = self._choice
+        before = self.choice
         return (before is not None and before.doubt is not None and before.heating_pays
-                and before.doubt.probability == self._held.prospect.probability)
+                and before.doubt.probability == self.held.probability)
 
-    @staticmethod
-    def _given_one(search: WorthSearch, now: TargetSearchInput) -> TargetChoice:
-        return _with_figures(
-            TargetChoice(TargetSource.GIVEN, now.given), search.look_at(now.goal.target_temperature_c),
-            search.without)
+    def best_of(self, search: WorthSearch, now: TargetSearchInput) -> tuple[TargetChooser, TargetChoice]:
+        """
+        Return the choice from a search's best target: heat to it if that gains enough, otherwise none.
 
-    def best_of(self, search: WorthSearch, now: TargetSearchInput) -> TargetChoice:
-        """Return the choice from a search's best target: heat to it if that gains enough, otherwise none."""
-        best, without, before = search.best(), search.without, self._choice
+        With it, the chooser, which searches again if the best target is further away.
+        """
+        best, without, before = search.best(), search.without, self.choice
         if math.isinf(best.cost):
-            return _with_figures(_unchosen(now.leg, now.settings, search.verdict(best)), without, without)
-        kept, kept_c = without, None
+            return self, _with_figures(_unchosen(now.leg, now.settings, search.verdict(best)), without, without)
+        kept, kept_c, chooser = without, None, self
         if before is not None and before.heating_pays and before.target_c is not None:
             kept_c = before.target_c
             kept = search.look_at(kept_c)
         if best.cost < (1.0 - LEAST_GAIN_SHARE) * kept.cost:
-            if kept_c is None or best is without or not self._is_searched or (
+            if kept_c is None or best is without or not self.is_searched or (
                     abs(best.target_c - kept_c) <= MOST_MOVE_K):
                 kept, kept_c = best, None if best is without else best.target_c
             else:
                 step_c = kept_c + math.copysign(MOST_MOVE_K, best.target_c - kept_c)
                 step = search.look_at(step_c)
                 if step.cost < kept.cost:
-                    kept, kept_c, self._is_outdated = step, step_c, True
-        return _with_figures(TargetChoice(
+                    kept, kept_c, chooser = step, step_c, replace(self, is_outdated=True)
+        return chooser, _with_figures(TargetChoice(
             TargetSource.CHOSEN, _reason(search, kept, best), kept_c, kept_c is not None,
             heats_until_arrival=now.heats_until_arrival), kept, without)
+
+
+def _given_one(search: WorthSearch, now: TargetSearchInput) -> TargetChoice:
+    return _with_figures(
+        TargetChoice(TargetSource.GIVEN, now.given), search.look_at(now.goal.target_temperature_c),
+        search.without)
 
 
 def _obstacle(now: TargetSearchInput) -> str:

@@ -83,7 +83,7 @@ class ChargerAdviserNode(Node):
         self._values = declare(self, PARAMETERS)
         vehicle = load_vehicle(self._values['vehicle'])
         # Refuses the same inputs as the planner.
-        self._inbox = Inbox(vehicle, self._settings())
+        self._inbox = Inbox.empty(vehicle, self._settings())
         self._routes = RouteIntake()
         state_qos = QoSProfile(depth=1, reliability=qos_profile_sensor_data.reliability)
         self.create_subscription(BatteryState, 'battery_state', self._on_battery_state, state_qos)
@@ -110,7 +110,9 @@ class ChargerAdviserNode(Node):
     def _deliver(self, source: str, make_event: Callable[[], Event]) -> None:
         """Deliver an event of a topic to the inbox; log each refusal once."""
         try:
-            self._inbox.admit(make_event(), self._now_ns())
+            self._inbox, refusal = self._inbox.taken(make_event(), self._now_ns())
+            if refusal is not None:
+                raise refusal
         except Exception as error:
             sentence = f'{source} refused: {error}'
             if self._news.has(sentence):
@@ -162,7 +164,7 @@ class ChargerAdviserNode(Node):
 
     def _apply_parameters(self, parameters: Sequence[RosParameter]) -> None:
         self._values = {**self._values, **_own_values(parameters)}
-        self._inbox.settings = self._settings()
+        self._inbox = replace(self._inbox, settings=self._settings())
 
     def _settings(self) -> Settings:
         values = self._values

@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     from bev_preheat.control.decision import Command
     from bev_preheat.control.events import Event
     from bev_preheat.control.planner_state import PlannerState
-    from bev_preheat.control.supervisor import StepOutput
+    from bev_preheat.control.step import StepOutput
     from bev_preheat.estimation.prior import Learned
     from bev_preheat.planning.status import Status
 

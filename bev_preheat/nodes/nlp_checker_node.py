@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections import deque
+from dataclasses import replace
 from functools import wraps
 import sys
 from time import monotonic
@@ -137,7 +138,7 @@ class NlpCheckerNode(Node):
         self._values = declare(self, PARAMETERS)
         vehicle = load_vehicle(self._values['vehicle'])
         # Refuses the same inputs as the planner.
-        self._inbox = Inbox(vehicle, _settings(self._values))
+        self._inbox = Inbox.empty(vehicle, _settings(self._values))
         self._solver = self._solver_of(vehicle)
         # Loading the solver takes longer than solving; the first check must not wait for it.
         self._solver.prepare()
@@ -211,10 +212,9 @@ class NlpCheckerNode(Node):
 
     def _is_accepted(self, event: Event) -> bool:
         """Deliver an event to the inbox; return whether it was accepted."""
-        try:
-            self._inbox.admit(event, self._now_ns())
-        except InvalidInput as error:
-            self._refuse(event.source, error)
+        self._inbox, refusal = self._inbox.taken(event, self._now_ns())
+        if refusal is not None:
+            self._refuse(event.source, refusal)
             return False
         self._problems.pop(event.source, None)
         return True
@@ -412,9 +412,9 @@ class NlpCheckerNode(Node):
             return
         vehicle = load_vehicle(values['vehicle']) if 'vehicle' in values else None
         self._values = {**self._values, **values}
-        self._inbox.settings = _settings(self._values)
+        self._inbox = replace(
+            self._inbox, settings=_settings(self._values), vehicle=vehicle or self._inbox.vehicle)
         if vehicle is not None:
-            self._inbox.vehicle = vehicle
             self._solver.close()
             self._solver = self._solver_of(vehicle)
             self._solver.prepare()

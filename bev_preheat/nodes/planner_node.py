@@ -62,7 +62,7 @@ if TYPE_CHECKING:
     from rclpy.parameter import Parameter as RosParameter
 
     from bev_preheat.control.events import Event
-    from bev_preheat.control.supervisor import StepOutput
+    from bev_preheat.control.step import StepOutput
     from bev_preheat.estimation.prior import Learned
     from bev_preheat.vehicle import Vehicle
     from bev_preheat_msgs.msg import RoutePlan

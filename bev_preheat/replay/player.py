@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from bev_preheat.control.events import Event
     from bev_preheat.control.planner_state import PlannerState
     from bev_preheat.control.settings import Settings
-    from bev_preheat.control.supervisor import StepOutput
+    from bev_preheat.control.step import StepOutput
     from bev_preheat.estimation.prior import Learned
     from bev_preheat.flight_recorder.beginning import Beginning
     from bev_preheat.replay.flight_file import Given

@@ -41,7 +41,7 @@ MOST_SEGMENTS = 200_000
 POWER_ROUNDING = 1e-6
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Route:
     """
     N segments in driving order; each field is a float array of shape (N,).

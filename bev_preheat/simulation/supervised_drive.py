@@ -34,7 +34,8 @@ if TYPE_CHECKING:
     from bev_preheat.control.events import Event
     from bev_preheat.control.heater_answer import HeaterStatus
     from bev_preheat.control.inputs import Mission, Progress
-    from bev_preheat.control.supervisor import StepOutput, Supervisor
+    from bev_preheat.control.step import StepOutput
+    from bev_preheat.control.supervisor import Supervisor
     from bev_preheat.heater.controller import HeaterAnswer
     from bev_preheat.simulation.imperfect_car import ImperfectCar
     from bev_preheat.simulation.sensors import Reading

@@ -12,7 +12,7 @@ import pytest
 
 from bev_preheat.charging.expectation import Expectation
 from bev_preheat.charging.heating_choice import ChargerHeating
-from bev_preheat.charging.prospect import ChargingProspect, HeldProspect
+from bev_preheat.charging.prospect import ChargingProspect, held_prospect
 from bev_preheat.charging.stop import arrival_state, stop_after
 from bev_preheat.charging.target_worth import Prices, TargetWorth
 from bev_preheat.charging.worth import find_worth
@@ -109,10 +109,12 @@ def test_a_probability_above_one_is_refused():
 
 
 def test_jitter_changes_nothing_but_certainty_does():
-    held = HeldProspect()
-    assert held.follow(ChargingProspect(0.9)) and not held.follow(ChargingProspect(0.93))
-    assert held.follow(ChargingProspect(1.0))
-    assert held.follow(replace(ChargingProspect(1.0), arrival_deviation_s=1.0))
+    unlikely, certain = ChargingProspect(0.9), ChargingProspect(1.0)
+    assert held_prospect(certain, unlikely) is unlikely
+    assert held_prospect(unlikely, ChargingProspect(0.93)) is unlikely
+    assert held_prospect(unlikely, certain) is certain
+    late = replace(certain, arrival_deviation_s=1.0)
+    assert held_prospect(certain, late) is late
 
 
 @pytest.fixture(scope='module')

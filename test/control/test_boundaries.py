@@ -10,7 +10,8 @@ from bev_preheat.control.heater_switch import HeaterSwitch
 from bev_preheat.control.inbox import Inbox
 from bev_preheat.control.inputs import check_mission, in_planning_steps, Leg, Measurement, Mission
 from bev_preheat.control.settings import Settings
-from bev_preheat.control.supervisor import StepOutput, Supervisor
+from bev_preheat.control.step import StepOutput
+from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.errors import InvalidInput
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.planner import plan_preheating
@@ -34,42 +35,37 @@ def leg(**changes):
     (0, False), (NS_PER_S // 2, False), (NS_PER_S, False), (NS_PER_S + 1, True),
     (40 * NS_PER_S, True)])
 def test_a_clock_that_falls_back_by_more_than_a_second_was_restarted(back_ns, restarted):
-    inbox = Inbox(VEHICLE, Settings())
-    inbox.accept_battery(Measurement(STATE, NOW_NS), NOW_NS)
-    inbox.take_changes()
+    inbox, _ = Inbox(VEHICLE, Settings()).taken(BatteryStateArrived(Measurement(STATE, NOW_NS)), NOW_NS)
     # With the previous stamp, because stamps must not go back unless the clock does.
     measurement = Measurement(STATE, NOW_NS - back_ns if restarted else NOW_NS)
-    inbox.accept_battery(measurement, NOW_NS - back_ns)
-    assert inbox.take_changes().clock_restarted is restarted
+    inbox, _ = inbox.without_changes().taken(BatteryStateArrived(measurement), NOW_NS - back_ns)
+    assert inbox.changes.clock_restarted is restarted
     assert inbox.measurement == measurement
 
 
 def test_the_least_power_switches_the_heater_on_and_none_does_not():
-    switch = HeaterSwitch()
-    assert switch.power_w(NOW_NS, 0.5, 5e3, 0.0, 0.0) == 0.5
-    assert switch.is_on
-    assert switch.power_w(NOW_NS + 1, 0.0, 5e3, 0.0, 0.0) == 0.0
-    assert not switch.is_on
+    switch = HeaterSwitch().asked(NOW_NS, 0.5, 5e3, 0.0, 0.0)
+    assert (switch.is_on, switch.power_w) == (True, 0.5)
+    switch = switch.asked(NOW_NS + 1, 0.0, 5e3, 0.0, 0.0)
+    assert (switch.is_on, switch.power_w) == (False, 0.0)
     # A goal below 0 means no heating.
-    assert switch.power_w(NOW_NS + 2, -1.0, 5e3, 0.0, 0.0) == 0.0
-    assert not switch.is_on
+    switch = switch.asked(NOW_NS + 2, -1.0, 5e3, 0.0, 0.0)
+    assert (switch.is_on, switch.power_w) == (False, 0.0)
 
 
 @pytest.mark.parametrize('later_ns, power_w', [
     (0, 3e3), (1, 3e3), (20 * NS_PER_S - 1, 3e3), (20 * NS_PER_S, 0.0), (-1, 0.0)])
 def test_the_least_time_on_lasts_from_the_very_instant_to_its_end(later_ns, power_w):
-    switch = HeaterSwitch()
-    switch.power_w(NOW_NS, 3e3, 5e3, 20.0, 120.0)
-    assert switch.power_w(NOW_NS + later_ns, 0.0, 5e3, 20.0, 120.0) == power_w
+    switch = HeaterSwitch().asked(NOW_NS, 3e3, 5e3, 20.0, 120.0)
+    assert switch.asked(NOW_NS + later_ns, 0.0, 5e3, 20.0, 120.0).power_w == power_w
 
 
 def test_what_is_forced_off_keeps_no_power():
-    switch = HeaterSwitch()
-    switch.power_w(NOW_NS, 3e3, 5e3, 20.0, 120.0)
-    switch.force_off()
-    assert (switch.is_on, switch.power_w(NOW_NS, 0.0, 5e3, 20.0, 120.0)) == (False, 0.0)
+    switch = HeaterSwitch().asked(NOW_NS, 3e3, 5e3, 20.0, 120.0).forced_off()
+    assert not switch.is_on
+    assert switch.asked(NOW_NS, 0.0, 5e3, 20.0, 120.0).power_w == 0.0
     # It leaves no waiting time either.
-    assert switch.power_w(NOW_NS, 2e3, 5e3, 20.0, 120.0) == 2e3
+    assert switch.asked(NOW_NS, 2e3, 5e3, 20.0, 120.0).power_w == 2e3
 
 
 @pytest.mark.parametrize('voltage_v, current_a, power_w', [

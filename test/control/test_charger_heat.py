@@ -110,7 +110,7 @@ def test_a_cabin_that_takes_the_whole_heater_leaves_nothing():
     leg = replace(leg, route=replace(
         leg.route, cabin_heating_power_w=leg.route.cabin_heating_power_w + 10e3))
     measurement = measured(-3.0, 50e3)
-    heat = ChargerHeater().heat(ChargerSituation(
+    _, heat = ChargerHeater().heat(ChargerSituation(
         VEHICLE, leg, measurement, measurement.state, ASKED.prices))
     assert heat == (0.0, 'No heating: the cabin takes the whole heater power.')
 

@@ -18,7 +18,7 @@ def test_mean_is_that_of_every_millisecond(commands, start_ms, length_ms):
     history, now_ms, noted = CommandHistory(), 0, []
     for later_ms, power_w in commands:
         now_ms += later_ms
-        history.note(now_ms * MS, power_w)
+        history = history.noted(now_ms * MS, power_w)
         noted.append((now_ms, power_w))
 
     def at(instant_ms):
@@ -36,13 +36,13 @@ def test_time_of_heating_is_that_of_every_millisecond(commands, forgotten_ms, la
     for after_ms, power_w in commands:
         now_ms += after_ms
         if now_ms > forgotten_ms and not forgotten:
-            history.forget_heating(forgotten_ms * MS)
+            history = history.without_heating(forgotten_ms * MS)
             forgotten = True
-        history.note(now_ms * MS, power_w)
+        history = history.noted(now_ms * MS, power_w)
         noted.append((now_ms, power_w))
     if not forgotten:
         forgotten_ms = now_ms
-        history.forget_heating(now_ms * MS)
+        history = history.without_heating(now_ms * MS)
     end_ms = now_ms + later_ms
     ends_ms = [since_ms for since_ms, _ in noted[1:]] + [end_ms]
     heated_ms = sum(max(0, until_ms - max(since_ms, forgotten_ms))
@@ -52,22 +52,22 @@ def test_time_of_heating_is_that_of_every_millisecond(commands, forgotten_ms, la
 
 def test_the_last_of_two_commands_at_one_instant_holds():
     history = CommandHistory()
-    history.note(5 * MS, 7000.0)
-    history.note(5 * MS, 0.0)
+    history = history.noted(5 * MS, 7000.0)
+    history = history.noted(5 * MS, 0.0)
     assert history.mean_w(0, 10 * MS) == 0.0
     assert history.mean_w(5 * MS, 5 * MS) == 0.0
 
 
 def test_before_the_first_command_nothing_was_commanded():
     history = CommandHistory()
-    history.note(10**18, 7000.0)
+    history = history.noted(10**18, 7000.0)
     assert history.mean_w(10**18 - 1000 * MS, 10**18) == 0.0
 
 
 def test_a_clock_that_was_set_back_forgets_what_now_lies_ahead():
     history = CommandHistory()
-    history.note(1000 * MS, 7000.0)
-    history.note(400 * MS, 900.0)
+    history = history.noted(1000 * MS, 7000.0)
+    history = history.noted(400 * MS, 900.0)
     assert history.mean_w(0, 400 * MS) == 0.0
     assert history.mean_w(400 * MS, 2000 * MS) == 900.0
 
@@ -75,7 +75,7 @@ def test_a_clock_that_was_set_back_forgets_what_now_lies_ahead():
 def test_what_is_kept_reaches_back_far_enough_and_no_further():
     history = CommandHistory()
     for second in range(100_000):
-        history.note(second * 1000 * MS, float(second % 2))
+        history = history.noted(second * 1000 * MS, float(second % 2))
     now_ns = 99_999 * 1000 * MS
     assert history.mean_w(now_ns - KEPT_NS, now_ns) == pytest.approx(0.5)
     # Every odd second heated; of the earlier ones nothing is known.
@@ -86,7 +86,7 @@ def test_what_is_kept_reaches_back_far_enough_and_no_further():
 
 def test_a_command_that_lasts_is_kept_however_old():
     history = CommandHistory()
-    history.note(0, 5300.0)
+    history = history.noted(0, 5300.0)
     later_ns = 100 * KEPT_NS
-    history.note(later_ns, 5300.0)
+    history = history.noted(later_ns, 5300.0)
     assert history.mean_w(later_ns - KEPT_NS, later_ns) == pytest.approx(5300.0)

@@ -46,17 +46,22 @@ def make_mission(route_id='home', target_c=25.0):
 
 @pytest.fixture
 def inbox():
-    inbox = Inbox(VEHICLE, Settings())
-    inbox.accept_mission(make_mission())
-    inbox.accept_battery(GOOD, NOW_NS)
-    inbox.take_changes()
+    inbox, _ = Inbox(VEHICLE, Settings()).taken(RouteArrived(make_mission()), NOW_NS)
+    inbox, _ = inbox.taken(BatteryStateArrived(GOOD), NOW_NS)
+    return inbox.without_changes()
+
+
+def taken(inbox, event, now_ns=NOW_NS):
+    """Return the inbox with an event that must not be refused."""
+    inbox, refusal = inbox.taken(event, now_ns)
+    assert refusal is None
     return inbox
 
 
 def refused(inbox, event):
-    with pytest.raises(InvalidInput) as refusal:
-        inbox.admit(event, NOW_NS)
-    return list(refusal.value.problems)
+    """Return the inbox after an event that must be refused, and the problems."""
+    inbox, refusal = inbox.taken(event, NOW_NS)
+    return inbox, list(refusal.problems)
 
 
 @pytest.mark.parametrize('kind', [*get_args(Event), Command, Decision,
@@ -74,58 +79,61 @@ def test_what_was_handed_over_cannot_be_changed(kind):
 
 @pytest.mark.parametrize('hint, problems', [('', [PROBLEM]), (HINT, [PROBLEM, HINT])])
 def test_a_refused_battery_state_is_told_with_its_hint(inbox, hint, problems):
-    assert refused(inbox, BatteryStateArrived(BAD, hint)) == problems
-    assert inbox.refusal == f'battery_state refused: {"; ".join(problems)}'
+    inbox, problems_told = refused(inbox, BatteryStateArrived(BAD, hint))
+    assert problems_told == problems
+    assert inbox.refusals.obstacle == f'battery_state refused: {"; ".join(problems)}'
     assert inbox.measurement == GOOD
 
 
 def test_a_valid_battery_state_needs_no_hint(inbox):
     later = replace(GOOD, stamp_ns=NOW_NS + 1)
-    inbox.admit(BatteryStateArrived(later, HINT), NOW_NS + 1)
-    assert (inbox.measurement, inbox.refusal) == (later, None)
+    inbox = taken(inbox, BatteryStateArrived(later, HINT), NOW_NS + 1)
+    assert (inbox.measurement, inbox.refusals.obstacle) == (later, None)
 
 
 def test_an_unreadable_battery_state_holds_the_heater_off(inbox):
-    assert refused(inbox, BatteryStateUnreadable(ERROR)) == list(ERROR.problems)
-    assert inbox.refusal == 'battery_state refused: speed[0]: -1 is not allowed'
+    inbox, problems_told = refused(inbox, BatteryStateUnreadable(ERROR))
+    assert problems_told == list(ERROR.problems)
+    assert inbox.refusals.obstacle == 'battery_state refused: speed[0]: -1 is not allowed'
 
 
 def test_an_unreadable_route_of_which_nothing_is_known_drops_the_one_before(inbox):
-    assert refused(inbox, RouteUnreadable(ERROR)) == list(ERROR.problems)
+    inbox, problems_told = refused(inbox, RouteUnreadable(ERROR))
+    assert problems_told == list(ERROR.problems)
     assert inbox.mission is None
     assert inbox.refused_route.startswith('route_plan refused: speed[0]: -1 is not allowed')
 
 
 def test_route_and_cancellation(inbox):
     other = make_mission('work')
-    inbox.admit(RouteArrived(other), NOW_NS)
+    inbox = taken(inbox, RouteArrived(other))
     assert (inbox.mission, inbox.is_cancelled) == (other, False)
-    inbox.admit(TripCancelled(), NOW_NS)
+    inbox = taken(inbox, TripCancelled())
     assert (inbox.mission, inbox.is_cancelled) == (None, True)
 
 
 @pytest.mark.parametrize('is_enabled', [False, True])
 def test_the_drivers_switch_is_noted(inbox, is_enabled):
-    inbox.admit(PreheatingSwitched(is_enabled), NOW_NS)
+    inbox = taken(inbox, PreheatingSwitched(is_enabled))
     assert inbox.is_enabled is is_enabled
 
 
 def test_rivals_are_noted(inbox):
-    inbox.admit(RivalsChanged('other_planner'), NOW_NS)
+    inbox = taken(inbox, RivalsChanged('other_planner'))
     assert inbox.rivals == 'other_planner'
 
 
 def test_parameters_without_a_route_leave_it(inbox):
     mission, vehicle, settings = inbox.mission, load_vehicle('small_car'), Settings(lease_s=1.0)
-    inbox.admit(Reconfigured(vehicle, settings), NOW_NS)
+    inbox = taken(inbox, Reconfigured(vehicle, settings))
     assert (inbox.vehicle, inbox.settings, inbox.mission) == (vehicle, settings, mission)
-    assert not inbox.take_changes().has_new_mission
+    assert not inbox.changes.has_new_mission
 
 
 def test_parameters_with_a_route_replace_it_and_go_on_with_the_trip(inbox):
     revised = make_mission()
-    inbox.admit(Reconfigured(VEHICLE, Settings(), revised), NOW_NS)
-    changes = inbox.take_changes()
+    inbox = taken(inbox, Reconfigured(VEHICLE, Settings(), revised))
+    changes = inbox.changes
     assert (inbox.mission, changes.has_new_mission, changes.has_new_trip) == (revised, True, False)
 
 
@@ -136,8 +144,9 @@ def test_parameters_with_a_route_replace_it_and_go_on_with_the_trip(inbox):
 def test_a_route_that_does_not_fit_new_parameters_is_dropped_but_not_forgotten(inbox, misfit, problem):
     before = inbox.mission
     settings = Settings(lease_s=1.0)
-    assert refused(inbox, Reconfigured(VEHICLE, settings, misfit))[0].startswith(problem)
+    inbox, problems = refused(inbox, Reconfigured(VEHICLE, settings, misfit))
+    assert problems[0].startswith(problem)
     assert (inbox.mission, inbox.settings) == (None, settings)
     # It may fit the next parameters.
     assert inbox.latest_mission is (before if misfit is ERROR else misfit)
-    assert problem in inbox.refusal
+    assert problem in inbox.refusals.obstacle

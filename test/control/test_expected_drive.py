@@ -115,8 +115,8 @@ def test_without_a_route_nothing_is_known():
 
 def test_each_step_has_its_mean_command():
     commands = CommandHistory()
-    commands.note(START_S * NS_PER_S, 1000.0)
-    commands.note((START_S + 15) * NS_PER_S, 4000.0)
+    commands = commands.noted(START_S * NS_PER_S, 1000.0)
+    commands = commands.noted((START_S + 15) * NS_PER_S, 4000.0)
     edges_ns = [(START_S + at_s) * NS_PER_S for at_s in (0, 10, 20)]
     intervals = intervals_between(edges_ns, VEHICLE, Timetable.of(MISSION), commands)
     assert [(interval.duration_s, interval.command_w) for interval in intervals] == [
@@ -180,7 +180,7 @@ def test_a_position_that_was_corrected_is_no_burst_of_speed():
     (180.0, 0.0), (579.9, 0.0), (580.0, 3e3), (639.9, 3e3), (640.0, 0.0), (900.0, 0.0)])
 def test_the_battery_answers_for_the_heater_on_the_way_only(at_s, shown_w):
     commands = CommandHistory()
-    commands.note(0, 3e3)
+    commands = commands.noted(0, 3e3)
     instant_ns = round((START_S + at_s) * NS_PER_S)
     assert shown_command_w(Timetable.of(MISSION), instant_ns, commands) == shown_w
     assert shown_command_w(None, instant_ns, commands) == 3e3

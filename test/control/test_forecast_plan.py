@@ -79,15 +79,22 @@ def asked(monkeypatch):
 
 def make(estimate, maker=None, goal=GOAL, settings=Settings(), is_heating=False, route=ROUTE,
          starts_in_s=0.0, heated_s=0.0):
-    return (maker or ForecastPlanner(VEHICLE)).make(PlanningTask(
+    return make_after(
+        maker or ForecastPlanner(), estimate, goal, settings, is_heating, route, starts_in_s, heated_s)[1]
+
+
+def make_after(maker, estimate, goal=GOAL, settings=Settings(), is_heating=False, route=ROUTE, starts_in_s=0.0,
+               heated_s=0.0):
+    """Return the planner after a ForecastPlan, and the ForecastPlan."""
+    return maker.make(VEHICLE, PlanningTask(
         route, goal, settings, is_heating, starts_in_s, heated_s), estimate)
 
 
 # Uncertainty
 
 def test_a_share_of_what_the_arrival_may_deviate_beyond_the_temperature_now_becomes_known(asked):
-    maker, estimate = ForecastPlanner(VEHICLE), make_estimate(deviations={TEMPERATURE: 0.2, HEAT_CAPACITY: 0.05})
-    before = make(estimate, maker)
+    maker, estimate = ForecastPlanner(), make_estimate(deviations={TEMPERATURE: 0.2, HEAT_CAPACITY: 0.05})
+    maker, before = make_after(maker, estimate)
     # The arrival's uncertainty is unknown before the first plan, so two plans are made.
     assert [len(asked), asked[0].uncertainty] == [2, None]
     make(estimate, maker)
@@ -114,8 +121,8 @@ def test_an_uncertainty_that_is_not_a_number_counts_as_the_most(asked):
 
 def test_heat_that_may_come_later_than_believed_is_part_of_it(asked):
     # A lag of 40 s may be 40 s times e^0.5. The heater warms the battery by 0.87 * 7000 W / 377376 J/K.
-    maker, estimate = ForecastPlanner(VEHICLE), make_estimate(deviations={HEAT_LAG: 0.5})
-    before = make(estimate, maker)
+    maker, estimate = ForecastPlanner(), make_estimate(deviations={HEAT_LAG: 0.5})
+    maker, before = make_after(maker, estimate)
     make(estimate, maker)
     later_k = 40.0 * (math.exp(0.5) - 1.0) * 0.87 * 7000.0 / 377376.0
     assert asked[-1].uncertainty.deviation_k == pytest.approx(
@@ -123,10 +130,9 @@ def test_heat_that_may_come_later_than_believed_is_part_of_it(asked):
 
 
 def test_a_new_route_is_planned_as_if_nothing_were_known_of_its_arrival(asked):
-    maker, estimate = ForecastPlanner(VEHICLE), make_estimate(deviations={HEAT_CAPACITY: 0.1})
-    make(estimate, maker)
-    maker.forget_deviation()
-    make(estimate, maker)
+    maker, estimate = ForecastPlanner(), make_estimate(deviations={HEAT_CAPACITY: 0.1})
+    maker, _ = make_after(maker, estimate)
+    make(estimate, maker.for_new_mission())
     assert len(asked) == 4
     assert [question.uncertainty is None for question in asked] == [True, False, True, False]
 
@@ -169,8 +175,8 @@ def with_factors(estimate, **by_element):
 
 
 def test_the_corrected_vehicle_is_the_files_times_the_factors():
-    car = ForecastPlanner(VEHICLE).vehicle(with_factors(
-        make_estimate(), capacity=math.log(1.1), leakage=math.log(1.5), heater=math.log(0.9)))
+    car = ForecastPlanner().following(with_factors(
+        make_estimate(), capacity=math.log(1.1), leakage=math.log(1.5), heater=math.log(0.9))).vehicle(VEHICLE)
     assert car.battery.heat_capacity_j_per_k == pytest.approx(1.1 * 377376.0)
     assert car.battery.leakage.gamma_0_w_per_k == pytest.approx(1.5 * 34.8868)
     assert car.hvch.efficiency == pytest.approx(0.9 * 0.87)
@@ -182,26 +188,29 @@ def test_the_corrected_vehicle_is_the_files_times_the_factors():
 def test_the_corrected_vehicle_is_kept_until_a_factor_moves_by_a_twentieth_of_its_spread(
         element, share, is_new):
     # From factors that differ from the file's.
-    maker, at_first = ForecastPlanner(VEHICLE), make_estimate()
+    maker, at_first = ForecastPlanner(), make_estimate()
     at_first.mean[FACTORS] = 0.03, -0.07, 0.05, -0.01, 0.02
-    kept = maker.vehicle(at_first)
+    maker = maker.following(at_first)
+    kept = maker.vehicle(VEHICLE)
     moved = replace(at_first, mean=at_first.mean.copy())
     moved.mean[element] += share * FILE_DEVIATIONS[element]
-    assert (maker.vehicle(moved) is not kept) is is_new
+    assert (maker.following(moved).vehicle(VEHICLE) is not kept) is is_new
 
 
 def test_small_moves_of_a_factor_add_up():
-    maker, estimate = ForecastPlanner(VEHICLE), make_estimate()
-    cars = [maker.vehicle(with_factors(estimate, capacity=0.04 * 0.058 * step)) for step in range(4)]
+    maker, estimate = ForecastPlanner(), make_estimate()
+    cars = []
+    for step in range(4):
+        maker = maker.following(with_factors(estimate, capacity=0.04 * 0.058 * step))
+        cars.append(maker.vehicle(VEHICLE))
     # After a change of 4 % the cached vehicle is used, after 8 % a new one; 12 % is within 5 % of 8 %.
     assert [car is cars[0] for car in cars] == [True, True, False, False]
     assert cars[2] is cars[3]
 
 
 def test_consumption_is_the_routes_and_leaves_the_vehicle():
-    maker = ForecastPlanner(VEHICLE)
-    kept = maker.vehicle(make_estimate())
-    assert maker.vehicle(make_estimate(propulsion=0.4)) is kept
+    maker = ForecastPlanner().following(make_estimate())
+    assert maker.following(make_estimate(propulsion=0.4)).vehicle(VEHICLE) is maker.vehicle(VEHICLE)
 
 
 def test_the_factors_of_the_corrected_car_are_told():

@@ -8,7 +8,7 @@ import pytest
 from bev_preheat.control.admitted import find_obstacle
 from bev_preheat.control.command import Commander
 from bev_preheat.control.decision import Decision
-from bev_preheat.control.events import BatteryStateArrived
+from bev_preheat.control.events import BatteryStateArrived, RouteArrived
 from bev_preheat.control.heater_switch import HeaterSwitch
 from bev_preheat.control.inbox import Inbox
 from bev_preheat.control.inputs import check_mission, Leg, Measurement, Mission
@@ -37,9 +37,8 @@ def a_leg():
 
 
 def inbox_with(second, state):
-    inbox = Inbox(VEHICLE, Settings())
-    inbox.accept_mission(Mission('home', (a_leg(),)))
-    inbox.accept_battery(Measurement(state, at(second)), at(second))
+    inbox, _ = Inbox(VEHICLE, Settings()).taken(RouteArrived(Mission('home', (a_leg(),))), NOW_NS)
+    inbox, _ = inbox.taken(BatteryStateArrived(Measurement(state, at(second))), at(second))
     return inbox
 
 
@@ -49,17 +48,19 @@ def inbox_with(second, state):
 def test_after_twenty_switch_ons_the_next_one_comes_an_hour_after_the_first():
     switch = HeaterSwitch()
     for number in range(20):
-        assert switch.power_w(at(180.0 * number), 5e3, 5e3, 0.0, 0.0) == 5e3
-        assert switch.power_w(at(180.0 * number + 90.0), 0.0, 5e3, 0.0, 0.0) == 0.0
-    assert switch.power_w(at(3599.999), 5e3, 5e3, 0.0, 0.0) == 0.0
+        switch = switch.asked(at(180.0 * number), 5e3, 5e3, 0.0, 0.0)
+        assert switch.power_w == 5e3
+        switch = switch.asked(at(180.0 * number + 90.0), 0.0, 5e3, 0.0, 0.0)
+        assert switch.power_w == 0.0
+    switch = switch.asked(at(3599.999), 5e3, 5e3, 0.0, 0.0)
+    assert switch.power_w == 0.0
     assert switch.pause.left_s == pytest.approx(0.001)
-    assert switch.power_w(at(3600.0), 5e3, 5e3, 0.0, 0.0) == 5e3
+    assert switch.asked(at(3600.0), 5e3, 5e3, 0.0, 0.0).power_w == 5e3
 
 
 @pytest.mark.parametrize('later_s, left_s', [(0.0, 20.0), (19.5, 0.5), (20.0, 0.0), (500.0, 0.0)])
 def test_no_time_is_left_once_the_least_time_has_passed(later_s, left_s):
-    switch = HeaterSwitch()
-    switch.power_w(NOW_NS, 5e3, 5e3, 20.0, 120.0)
+    switch = HeaterSwitch().asked(NOW_NS, 5e3, 5e3, 20.0, 120.0)
     assert switch.held_for_s(at(later_s), 20.0, 120.0) == left_s
 
 
@@ -78,8 +79,8 @@ def test_a_status_that_is_still_shown_keeps_its_sentence():
     not_needed = replace(waiting, status=Status.NOT_NEEDED, sentence='No heating is needed.')
     commander, shown = Commander(), []
     for second, decision in ((0.0, waiting), (1.0, not_needed), (2.0, not_needed), (11.5, not_needed)):
-        command = commander.give(at(second), inputs, decision, None)
-        said = commander.in_words(at(second), inputs, decision)
+        commander, command = commander.give(at(second), inputs, decision, None)
+        commander, said = commander.in_words(at(second), inputs, decision)
         assert command.reason is said.status
         shown.append((said.status, said.explanation))
     assert shown == [(Status.WAITING, 'Heating starts later.')] * 3 + [
@@ -90,24 +91,26 @@ def test_a_status_that_is_still_shown_keeps_its_sentence():
 
 
 def refused(inbox, second, soc, hint=''):
-    with pytest.raises(InvalidInput) as refusal:
-        inbox.admit(BatteryStateArrived(Measurement(BatteryState(-7.0, soc), at(second)), hint), at(second))
-    return str(refusal.value)
+    """Return the inbox after a battery state that must be refused, and the sentence."""
+    inbox, refusal = inbox.taken(BatteryStateArrived(
+        Measurement(BatteryState(-7.0, soc), at(second)), hint), at(second))
+    return inbox, str(refusal)
 
 
 @pytest.mark.parametrize('hint', ['', 'percentage must be 0 ... 1, not 0 ... 100'])
 def test_a_value_that_follows_a_refused_one_in_percent_is_refused_too(hint):
-    inbox = Inbox(VEHICLE, Settings())
-    assert hint in refused(inbox, 0.0, 1.2, hint)
-    assert 'percentage: 0.8 follows 1.2, which is on a scale of 100' in refused(inbox, 8.0, 0.8, hint)
-    refused(inbox, 9.0, 0.7, hint)
+    inbox, sentence = refused(Inbox(VEHICLE, Settings()), 0.0, 1.2, hint)
+    assert hint in sentence
+    inbox, sentence = refused(inbox, 8.0, 0.8, hint)
+    assert 'percentage: 0.8 follows 1.2, which is on a scale of 100' in sentence
+    inbox, _ = refused(inbox, 9.0, 0.7, hint)
     assert inbox.scale_verdict.since_ns == at(8.0)
 
 
 def test_each_overtaken_state_counts():
     inbox = inbox_with(0.0, COLD)
     for late_s in (0.3, 0.2, 0.1):
-        inbox.accept_battery(Measurement(COLD, at(-late_s)), NOW_NS)
+        inbox, _ = inbox.taken(BatteryStateArrived(Measurement(COLD, at(-late_s))), NOW_NS)
     assert inbox.overtaken_states == 3
 
 

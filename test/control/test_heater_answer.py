@@ -150,16 +150,12 @@ def test_a_measured_power_that_is_wrong_accuses_no_healthy_heater(from_c, measur
 
 
 def answers_with(**fields):
-    answers = HeaterAnswers()
-    answers.accept(HeaterStatus(**{'stamp_ns': NOW_NS, 'requested_w': 5000.0, 'active_w': 0.0, **fields}), NOW_NS,
-                   SETTINGS)
-    return answers
+    return HeaterAnswers().with_answer(HeaterStatus(
+        **{'stamp_ns': NOW_NS, 'requested_w': 5000.0, 'active_w': 0.0, **fields}), NOW_NS, SETTINGS)
 
 
 def commanded_since(seconds):
-    history = CommandHistory()
-    history.note(NOW_NS - round(seconds * NS_PER_S), 5000.0)
-    return history
+    return CommandHistory().noted(NOW_NS - round(seconds * NS_PER_S), 5000.0)
 
 
 @pytest.mark.parametrize('refusal, heated_s, words', [
@@ -184,7 +180,7 @@ def test_silent_heater_refuses_nothing_and_is_reported():
     assert answers.refusal(later_ns, SETTINGS, commanded_since(60.0)) == ''
     assert 'hvch_status is 6 s old' in answers.report(later_ns, SETTINGS, '').silence
     # Commands count as served again.
-    answers.note_command(later_ns, 4000.0, SETTINGS)
+    answers = answers.with_command(later_ns, 4000.0, SETTINGS)
     assert answers.history.power_w(later_ns) == 4000.0
 
 
@@ -192,24 +188,24 @@ def test_silent_heater_refuses_nothing_and_is_reported():
 def test_status_of_another_time_is_refused(age_s, words):
     answers = HeaterAnswers()
     with pytest.raises(InvalidInput, match=words):
-        answers.accept(HeaterStatus(NOW_NS - round(age_s * NS_PER_S), 0.0, 0.0), NOW_NS, SETTINGS)
+        answers.with_answer(HeaterStatus(NOW_NS - round(age_s * NS_PER_S), 0.0, 0.0), NOW_NS, SETTINGS)
 
 
 def test_confirmed_power_is_the_measured_one_if_there_is_one():
     answers = answers_with(active_w=5000.0, measured_w=4200.0)
     assert answers.history.power_w(NOW_NS) == 4200.0
     # The command does not outrank it.
-    answers.note_command(NOW_NS + 1, 7000.0, SETTINGS)
+    answers = answers.with_command(NOW_NS + 1, 7000.0, SETTINGS)
     assert answers.history.power_w(NOW_NS + 1) == 4200.0
 
 
 def test_doubt_ends_with_the_trip():
     answers = answers_with(active_w=5000.0)
-    assert not answers.judge(HeaterReport(Heater.DEAD, 0.997, 0.0), NOW_NS, SETTINGS, answers.history)
+    answers, is_refuted = answers.judged(HeaterReport(Heater.DEAD, 0.997, 0.0), NOW_NS, SETTINGS, answers.history)
+    assert not is_refuted
     assert 'probability 99.7 %' in answers.report(NOW_NS, SETTINGS, '').doubt
     assert not answers.are_used(NOW_NS, SETTINGS)
-    answers.begin_trip()
-    assert answers.are_used(NOW_NS, SETTINGS)
+    assert answers.on_new_trip(NOW_NS).are_used(NOW_NS, SETTINGS)
 
 
 def test_statuses_alone_give_no_command_and_bad_ones_are_reported():

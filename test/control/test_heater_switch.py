@@ -12,11 +12,22 @@ FULL_W, LIMIT_W = 5000.0, 5300.0
 ON_S, OFF_S = 20.0, 120.0
 
 
-class Watched(HeaterSwitch):
+class Watched:
     """A HeaterSwitch with the times of this test."""
 
+    def __init__(self):
+        self.switch = HeaterSwitch()
+
+    @property
+    def is_on(self):
+        return self.switch.is_on
+
     def at(self, now_s, wanted_w, limit_w=LIMIT_W):
-        return self.power_w(round(now_s * S), wanted_w, limit_w, ON_S, OFF_S)
+        self.switch = self.switch.asked(round(now_s * S), wanted_w, limit_w, ON_S, OFF_S)
+        return self.switch.power_w
+
+    def become(self, change, *given):
+        self.switch = getattr(self.switch, change)(*given)
 
 
 @pytest.fixture
@@ -58,21 +69,21 @@ def test_a_request_withdrawn_in_time_is_no_switching(heating):
 
 
 def test_an_off_by_plan_starts_the_least_time_off(heating):
-    heating.turn_off(1005 * S)
-    heating.turn_off(1006 * S)
+    heating.become('turned_off', 1005 * S)
+    heating.become('turned_off', 1006 * S)
     assert heating.at(1124.999, FULL_W) == 0.0
     assert heating.at(1125.0, FULL_W) == FULL_W
 
 
 def test_force_off_does_not_wait_and_leaves_no_wait_behind(heating):
-    heating.force_off()
+    heating.become('forced_off')
     assert not heating.is_on
     assert heating.at(1001.0, FULL_W) == FULL_W
 
 
 def test_allow_lets_the_next_request_through(heating):
     heating.at(1030.0, 0.0)
-    heating.allow()
+    heating.become('allowed')
     assert heating.at(1031.0, FULL_W) == FULL_W
 
 
@@ -96,10 +107,10 @@ def test_requested_switchings_are_never_closer_than_allowed(preparation_goals):
     for later_s, wanted_w, kind in preparation_goals:
         now_s += later_s
         if kind == 'force':
-            switch.force_off()
+            switch.become('forced_off')
             was_on, since_s = False, None
         elif kind == 'allow':
-            switch.allow()
+            switch.become('allowed')
             since_s = None
         power_w = switch.at(now_s, wanted_w)
         assert 0.0 <= power_w <= LIMIT_W

@@ -25,9 +25,9 @@ class Driven:
         self.tenths += 1
         was_on, now_ns = self.switch.is_on, self.tenths * S // 10
         if is_wrong:
-            self.switch.doubt(now_ns, 'battery_state was refused', self.minimum_off_s)
+            self.switch = self.switch.doubted(now_ns, 'battery_state was refused', self.minimum_off_s)
         else:
-            self.switch.power_w(now_ns, FULL_W, FULL_W, 20.0, self.minimum_off_s)
+            self.switch = self.switch.asked(now_ns, FULL_W, FULL_W, 20.0, self.minimum_off_s)
         if self.switch.is_on and not was_on:
             self.switch_ons_s.append(self.tenths / 10.0)
         return self.switch.is_on
@@ -100,8 +100,7 @@ def test_a_new_route_does_not_end_the_pause():
     driven = Driven()
     driven.step()
     driven.step(is_wrong=True)
-    driven.switch.allow()
-    driven.switch.force_off()
+    driven.switch = driven.switch.allowed().forced_off()
     assert not driven.step()
 
 
@@ -122,15 +121,11 @@ def test_the_sentence_says_why_and_until_when():
 
 @pytest.mark.parametrize('back_s', [0.5, 30.0, 1e6])
 def test_a_clock_that_falls_back_does_not_lock_the_heater(back_s):
-    pause = HeatingPause()
-    pause.let_time_pass(2_000_000 * S)
-    pause.doubt('Planning failed', True, MINIMUM_OFF_S)
-    pause.let_time_pass(2_000_004 * S)
     begin_ns = round((2_000_004 - back_s) * S)
-    pause.let_time_pass(begin_ns)
+    pause = HeatingPause().at(2_000_000 * S).doubted('Planning failed', True, MINIMUM_OFF_S).at(2_000_004 * S)
+    pause = pause.at(begin_ns)
     assert pause.left_s == pytest.approx(6.0)
-    pause.let_time_pass(begin_ns + 6 * S)
-    assert pause.left_s == 0.0
+    assert pause.at(begin_ns + 6 * S).left_s == 0.0
 
 
 STEPS = st.lists(st.tuples(
@@ -139,9 +134,11 @@ STEPS = st.lists(st.tuples(
 
 
 def test_a_plan_that_changes_its_mind_each_second_heats_half_of_the_time_to_the_end():
-    switch = HeaterSwitch()
-    on_s = [at_s for at_s in range(3600)
-            if switch.power_w(at_s * S, FULL_W * (at_s % 2 == 0), FULL_W, 0.0, 0.0) > 0.0]
+    switch, on_s = HeaterSwitch(), []
+    for at_s in range(3600):
+        switch = switch.asked(at_s * S, FULL_W * (at_s % 2 == 0), FULL_W, 0.0, 0.0)
+        if switch.power_w > 0.0:
+            on_s.append(at_s)
     # Half of the hour's switchings take 20 s. Then it is 90 s on and 90 s off, or a second longer.
     assert sum(second - first > 1 for first, second in zip([-2, *on_s], on_s)) <= MOST_SWITCH_ONS
     for minute in range(1, 29):
@@ -160,21 +157,21 @@ def test_whatever_comes_in_switch_ons_are_bounded_and_the_heater_is_never_locked
             passed_s += scale * later_s
         now_ns, was_on = round(now_s * S), switch.is_on
         if kind == 'doubt':
-            switch.doubt(now_ns, 'Planning failed', minimum_off_s)
+            switch = switch.doubted(now_ns, 'Planning failed', minimum_off_s)
         elif kind == 'force':
-            switch.force_off()
+            switch = switch.forced_off()
         elif kind == 'by plan':
-            switch.turn_off(now_ns)
+            switch = switch.turned_off(now_ns)
         elif kind == 'allow':
-            switch.allow()
-        power_w = switch.power_w(now_ns, 0.0 if kind in ('off', 'doubt', 'force') else FULL_W, FULL_W, 0.0,
-                                 minimum_off_s)
+            switch = switch.allowed()
+        switch = switch.asked(now_ns, 0.0 if kind in ('off', 'doubt', 'force') else FULL_W, FULL_W, 0.0,
+                              minimum_off_s)
         if kind == 'doubt':
-            assert power_w == 0.0
+            assert switch.power_w == 0.0
         if switch.is_on and (not was_on or kind in ('force', 'by plan')):
             switch_ons_s.append(passed_s)
     for first_s, beyond_s in zip(switch_ons_s, switch_ons_s[MOST_SWITCH_ONS:]):
         assert beyond_s - first_s >= 3600.0 - 1e-3
     # After an hour without faults it heats.
-    switch.power_w(round((now_s + 3600.0) * S), FULL_W, FULL_W, 0.0, minimum_off_s)
-    assert switch.power_w(round((now_s + 7300.0) * S), FULL_W, FULL_W, 0.0, minimum_off_s) == FULL_W
+    switch = switch.asked(round((now_s + 3600.0) * S), FULL_W, FULL_W, 0.0, minimum_off_s)
+    assert switch.asked(round((now_s + 7300.0) * S), FULL_W, FULL_W, 0.0, minimum_off_s).power_w == FULL_W

@@ -16,8 +16,11 @@ AT_ONCE = [status for status in Status if not status.meaning.is_of_plan]
 
 def shown(*rows):
     """Return the status that is shown after each (second, status, is_on)."""
-    steady = SteadyStatus()
-    return [steady.settle(round(at_s * S), status, is_on) for at_s, status, is_on in rows]
+    steady, seen = SteadyStatus(), []
+    for at_s, status, is_on in rows:
+        steady = steady.settled(round(at_s * S), status, is_on)
+        seen.append(steady.shown)
+    return seen
 
 
 def test_another_status_of_a_plan_shows_when_it_has_held_for_ten_seconds():
@@ -49,10 +52,9 @@ def test_a_clock_that_is_set_back_begins_the_time_again():
 
 
 def test_after_something_new_was_asked_for_it_shows_at_once():
-    steady = SteadyStatus()
-    assert steady.settle(0, Status.WAITING, False) is Status.WAITING
-    steady.forget()
-    assert steady.settle(S, Status.NOT_NEEDED, False) is Status.NOT_NEEDED
+    steady = SteadyStatus().settled(0, Status.WAITING, False)
+    assert steady.shown is Status.WAITING
+    assert steady.forgotten().settled(S, Status.NOT_NEEDED, False).shown is Status.NOT_NEEDED
 
 
 @given(st.lists(st.tuples(st.floats(0.01, 8.0), st.sampled_from(OF_PLAN)), min_size=2, max_size=60))
@@ -60,7 +62,8 @@ def test_no_status_of_a_plan_is_shown_for_less_than_ten_seconds_while_the_heater
     steady, now_s, changes_s, before = SteadyStatus(), 0.0, [], None
     for later_s, status in steps:
         now_s += later_s
-        now = steady.settle(round(now_s * S), status, False)
+        steady = steady.settled(round(now_s * S), status, False)
+        now = steady.shown
         if now is not before:
             changes_s.append(now_s)
         before = now

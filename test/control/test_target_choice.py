@@ -178,22 +178,23 @@ def test_other_prices_are_answered_at_once():
 
 
 def chosen_after(chooser, at_s, *belief):
-    """Return the TargetChoice at the end of a search that begins at `at_s` [s]."""
+    """Return the chooser and its TargetChoice at the end of a search that begins at `at_s` [s]."""
     for plans in range(ENOUGH):
-        choice = chooser.choose(search_input(at_s + 0.01 * plans, *belief))
-    return choice
+        chooser, choice = chooser.choose(search_input(at_s + 0.01 * plans, *belief))
+    return chooser, choice
 
 
 # Over the drive below the target changes a few times at most, daily.
 @pytest.mark.deep
 def test_an_estimate_that_jitters_does_not_make_the_target_hunt():
-    chooser, random = TargetChooser(), np.random.default_rng(5)
-    chosen_after(chooser, 0.0)
+    random = np.random.default_rng(5)
+    chooser, _ = chosen_after(TargetChooser(), 0.0)
     targets, best = [], []
     for number in range(1, 5):
         # Three tenths of a new car's uncertainty: each change starts a search.
         factors = random.choice((-1.0, 1.0), 5) * (0.017, 0.035, 0.035, 0.009, 0.024)
-        targets.append(chosen_after(chooser, 100.0 * number, factors).target_c)
+        chooser, choice = chosen_after(chooser, 100.0 * number, factors)
+        targets.append(choice.target_c)
         searched = search_input(0.0, factors)
         best.append(find_worth(searched.vehicle, searched.route, STATE, Goal(25.0), 150e3, 0.8, PRICES).best)
         kept = cost(searched.vehicle, searched.route, STATE, targets[-1], FAST)
@@ -205,12 +206,12 @@ def test_an_estimate_that_jitters_does_not_make_the_target_hunt():
 
 @pytest.mark.costly
 def test_a_belief_that_has_really_changed_changes_the_target():
-    chooser = TargetChooser()
-    before = chosen_after(chooser, 0.0)
+    chooser, before = chosen_after(TargetChooser(), 0.0)
     # A charge that turns out to be almost enough; a repeated state changes nothing.
-    assert chosen_after(chooser, 700.0).target_c == before.target_c
+    chooser, repeated = chosen_after(chooser, 700.0)
+    assert repeated.target_c == before.target_c
     nearly_full = BatteryState(6.0, 0.82)
-    after = chosen_after(chooser, 1400.0, np.zeros(5), nearly_full)
+    _, after = chosen_after(chooser, 1400.0, np.zeros(5), nearly_full)
     worth = find_worth(VEHICLE, drive(), nearly_full, Goal(25.0), 150e3, 0.8, PRICES)
     assert worth.best is worth.without_heating
     assert before.heating_pays and not after.heating_pays

@@ -140,7 +140,7 @@ def test_a_gain_that_is_too_small_is_none():
 
     search = Search()
     search.without = without
-    choice = TargetChooser().best_of(search, search_input(0.0))
+    _, choice = TargetChooser().best_of(search, search_input(0.0))
     assert not choice.heating_pays and choice.target_c is None
     assert choice.reason == (
         'Not worth it: heating the battery to 8.0 degC before arrival would save less than 0.05 % of the '

@@ -11,7 +11,8 @@ from short_drives import short_conditions
 from bev_preheat.control.decision import Command, Decision
 from bev_preheat.control.events import RouteArrived
 from bev_preheat.control.settings import Settings
-from bev_preheat.control.supervisor import StepOutput, Supervisor
+from bev_preheat.control.step import StepOutput
+from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.status import Status
 from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections

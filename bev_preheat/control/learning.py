@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the planner learns about the car from battery states: the estimate, and how long the battery has stood."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from bev_preheat.control.expected_drive import intervals_between, shown_command_w
+from bev_preheat.control.preparation_plan import is_from_grid
+from bev_preheat.control.soak_watch import StandWatch
+from bev_preheat.estimation.estimator import Estimator
+from bev_preheat.estimation.last_seen import LastSeen
+
+if TYPE_CHECKING:
+    from bev_preheat.control.command_history import CommandHistory
+    from bev_preheat.control.inputs import Mission
+    from bev_preheat.control.knowledge import Known
+    from bev_preheat.control.timetable import Timetable
+    from bev_preheat.estimation.prior import Learned
+    from bev_preheat.vehicle.description import Vehicle
+
+
+@dataclass(frozen=True, eq=False)
+class Learning:
+    """The Estimator of a vehicle, and the watch over the first battery state of each trip; a value."""
+
+    estimator: Estimator
+    stand_watch: StandWatch
+
+    @classmethod
+    def begun(cls, vehicle: Vehicle, learned: Learned | None = None,
+              last_seen: LastSeen | None = None) -> Learning:
+        """Return what is known from the vehicle file, or from the Learned of earlier drives, and the LastSeen."""
+        return cls(Estimator(vehicle, learned), StandWatch(vehicle, last_seen))
+
+    def learned(self, vehicle: Vehicle, known: Known, timetable: Timetable | None, commands: CommandHistory,
+                trip: Mission | None) -> Learning:
+        """
+        Return what is known after a Known measurement, on a Timetable's mission and under a CommandHistory.
+
+        `trip` is the Mission of the route plan, before which the vehicle may have stood.
+        """
+        measurement = known.measurement
+        stamp_ns = measurement.stamp_ns
+        standing = self.stand_watch.look(trip, measurement) if known.trusts_temperature else None
+        if timetable is not None and is_from_grid(timetable.mission.legs[0]):
+            # Then the battery's power does not show the heater's.
+            measurement = replace(measurement, voltage_v=None, current_a=None)
+        if standing is not None:
+            self.estimator.rely_on(standing)
+        if known.is_open:
+            # The next state that is clear is compared with the latest one before this.
+            return self
+        if known.is_described:
+            self.estimator.observe(
+                measurement, shown_command_w(timetable, stamp_ns, commands),
+                intervals_between(
+                    self.estimator.edges_ns(stamp_ns), vehicle, timetable, commands))
+        else:
+            self.estimator.hold(measurement, known.trusts_temperature, known.trusts_soc)
+        estimate = self.estimator.estimate
+        if estimate is not None:
+            self.stand_watch.note(LastSeen(estimate.temperature_c, estimate.soc, estimate.stamp_ns))
+        return self
+
+    def on_new_trip(self) -> Learning:
+        """Forget the consumption of the route before: another trip begins."""
+        self.estimator.begin_route()
+        return self
+
+    def with_acquitted_heater(self) -> Learning:
+        """Take the heater for healthy, because the power with which it was compared is refuted."""
+        self.estimator.acquit_heater()
+        return self
+
+    def without_instants(self) -> Learning:
+        """Take the temperature from the next reading alone, because the clock was restarted."""
+        self.estimator.lose_time()
+        return self
