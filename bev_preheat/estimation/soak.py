@@ -12,6 +12,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple, TYPE_CHECKING
 
+import numpy as np
+
 from bev_preheat.estimation.prior import factor_deviations
 from bev_preheat.estimation.state import HEAT_CAPACITY, LEAKAGE
 
@@ -35,8 +37,14 @@ ELSEWHERE_WITHIN_K = 40.0
 # Standard deviation of the logarithm of the time constant of a battery parked much warmer than ambient, as after
 # charging: wind, a garage and the state of the coolant dominate. Assumed.
 KNOWN_TIME_CONSTANT_DEVIATION = 0.3
+# The same for a leakage that the vehicle file lists as assumed and nobody measured: packs of one size lie between
+# nearly insulated and bare.
+UNMEASURED_LEAKAGE_DEVIATION = 0.8
 # After this many time constants the temperature at parking no longer matters.
 MOST_TIME_CONSTANTS = 100.0
+# Points and weights of a standard normal distribution: the share left is far from linear in the time constant.
+POINTS, WEIGHTS = np.polynomial.hermite_e.hermegauss(15)
+WEIGHTS = WEIGHTS / WEIGHTS.sum()
 
 
 class Soak(NamedTuple):
@@ -64,14 +72,16 @@ def after_soak(vehicle: Vehicle, ambient_c: float, standing_s: float,
 
     `parked_c` is the battery temperature [deg C] at parking; None: unknown.
     """
+    own = _time_constant_deviation(vehicle)
     warmer_k, deviation_k, time_constant_deviation = (
-        (PARKED_WARMER_K, PARKED_DEVIATION_K, _time_constant_deviation(vehicle)) if parked_c is None
-        else (parked_c - ambient_c, KNOWN_PARKED_DEVIATION_K, KNOWN_TIME_CONSTANT_DEVIATION))
+        (PARKED_WARMER_K, PARKED_DEVIATION_K, own) if parked_c is None
+        else (parked_c - ambient_c, KNOWN_PARKED_DEVIATION_K, max(own, KNOWN_TIME_CONSTANT_DEVIATION)))
     time_constants = _time_constants(vehicle, standing_s)
     left = math.exp(-time_constants)
+    lefts = np.exp(-np.minimum(time_constants * np.exp(time_constant_deviation * POINTS), MOST_TIME_CONSTANTS))
     return Soak(
         ambient_c + warmer_k * left,
-        left * math.hypot(deviation_k, warmer_k * time_constants * time_constant_deviation),
+        math.sqrt(float(WEIGHTS @ (warmer_k**2 * (lefts - left)**2 + deviation_k**2 * lefts**2))),
         # A battery seen a moment ago has not reached ambient temperature.
         AMBIENT_DEVIATION_K * (1.0 if parked_c is None else 1.0 - left))
 
@@ -84,7 +94,9 @@ def temperature_after(vehicle: Vehicle, parked_c: float, ambient_c: float, stand
 def _time_constant_deviation(vehicle: Vehicle) -> float:
     """Return the standard deviation of the time constant's logarithm, from those of the vehicle file."""
     deviations = factor_deviations(vehicle.uncertainty)
-    return math.hypot(deviations[HEAT_CAPACITY], deviations[LEAKAGE])
+    is_assumed = 'battery.leakage' in vehicle.assumed and vehicle.uncertainty.leakage is None
+    return math.hypot(deviations[HEAT_CAPACITY],
+                      UNMEASURED_LEAKAGE_DEVIATION if is_assumed else deviations[LEAKAGE])
 
 
 def _time_constants(vehicle: Vehicle, standing_s: float) -> float:

@@ -45,7 +45,7 @@ def test_nothing_is_learned_less_than_the_prior():
 def test_a_mean_that_is_rounded_beyond_a_bound_can_be_remembered():
     estimate = an_estimate()
     bounds = [FACTOR_BOUNDS[FACTORS.start + index] for index in range(5)]
-    estimate.mean[FACTORS] = np.nextafter(bounds, 1.0)
+    estimate.mean[FACTORS] = np.nextafter(bounds, np.inf)
     assert from_entry(as_entry(learned_from(estimate))).factors[:4].tolist() == bounds[:4]
 
 

@@ -78,6 +78,28 @@ def test_how_far_it_spreads_is_that_of_drawn_cars(share, uncertainty):
     assert standing.left_deviation_k == pytest.approx(left_k.std(), rel=0.1)
 
 
+def test_residual_warmth_is_no_offset_where_nobody_measured_the_leakage():
+    """
+    A battery 6 K warmer than the air after 10 h lost a third of the assumed heat, which a sensor does not explain.
+
+    Drawn cars say how far the temperature spreads, by a leakage of a factor e^0.8.
+    """
+    random = np.random.default_rng(4)
+    assumed = replace(VEHICLE, assumed=('battery.leakage',))
+    standing_s = 10.0 * HOUR_S
+    standing = after_soak(assumed, 8.0, standing_s)
+    rate = VEHICLE.battery.leakage.coefficient_w_per_k(0.0) / VEHICLE.battery.heat_capacity_j_per_k * np.exp(
+        random.normal(0.0, math.hypot(0.8, 0.058), 200_000))
+    left_k = random.normal(PARKED_WARMER_K, PARKED_DEVIATION_K, len(rate)) * np.exp(-rate * standing_s)
+    assert standing.left_deviation_k == pytest.approx(
+        math.sqrt(np.mean((left_k + 8.0 - standing.temperature_c)**2)), rel=0.02)
+    measured, unmeasured = (expected_offset_k(after_soak(car, 8.0, standing_s), 14.0, NOISE)
+                            for car in (VEHICLE, assumed))
+    assert unmeasured < 0.65 * measured
+    told = replace(assumed, uncertainty=Uncertainty(leakage=0.1))
+    assert expected_offset_k(after_soak(told, 8.0, standing_s), 14.0, NOISE) == pytest.approx(measured, rel=0.01)
+
+
 @pytest.mark.parametrize('difference_k', [0.5, 2.0, 3.0])
 def test_a_difference_is_shared_between_sensor_and_forecast(difference_k):
     warm = expected_offset_k(NIGHT, -7.0 + difference_k, NOISE)

@@ -24,7 +24,7 @@ from bev_preheat.planning.trip import make_trip
 from bev_preheat.route import load_route
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
-from bev_preheat.vehicle.description import Hvch
+from bev_preheat.vehicle.description import Hvch, Leakage
 from bev_preheat.vehicle.heat_path import HeatPath
 
 REFERENCE = load_vehicle('reference')
@@ -368,7 +368,7 @@ def test_coolant_that_takes_more_heat_than_it_gives_leaves_a_plan(is_on):
     # without it.
     car = load_vehicle('mid_size_lfp')
     car = replace(car, heat_path=HeatPath(0.0, 20e3, 1000.0),
-                  battery=replace(car.battery, heat_capacity_j_per_k=22280.0))
+                  battery=replace(car.battery, heat_capacity_j_per_k=22280.0, leakage=Leakage(37.0, 0.581)))
     route = load_route('alpine_pass', car.defaults)
     with nullcontext() if is_on else without_core():
         plan = plan_preheating(car, route, BatteryState(-20.0, 0.9), Goal(50.0))
