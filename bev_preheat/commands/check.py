@@ -84,6 +84,9 @@ def print_check(console: Console, check: Check) -> None:
           f'{trip.arrival_energy_error_wh:+.0f}') for trip in check.trips], ('left', 'left', *['right'] * 6))
     console.print(f'arrival temperature: RMSE {check.rmse_k:.2f} K, worst {check.worst_k:.2f} K; a battery that '
                   f'keeps its temperature: RMSE {check.constant_rmse_k:.2f} K', markup=False, soft_wrap=True)
+    for name, (measured, predicted) in check.heated_minutes.items():
+        console.print(f'{name}: heated for {measured:.1f} min, predicted {predicted:.1f} min '
+                      f'({100.0 * (predicted / measured - 1.0):+.1f} %)', markup=False, soft_wrap=True)
     if check.leads:
         print_records(
             console, 'Running planner, by time before arrival', (

@@ -86,10 +86,15 @@ def run(arguments: Namespace) -> int:
     if arguments.json:
         write_json(arguments.json, result.as_dictionary())
     if not result.is_useful:
-        worst = max(result.left_out, key=lambda trip: abs(trip.error_k))
+        which, rmse_k, errors_k = (
+            ('trips that the fit has not seen', result.rmse_k, {
+                trip.name: trip.error_k for trip in result.left_out})
+            if result.left_out else ('the logs of the fit', result.check.rmse_k, {
+                trip.trip.name: trip.arrival_error_k for trip in result.check.trips}))
+        worst = max(errors_k, key=lambda name: abs(errors_k[name]))
         raise InvalidInput(
-            f'{arguments.output}: not written: trips that the fit has not seen are predicted with an RMSE of '
-            f'{result.rmse_k:.1f} K, {worst.name} with {worst.error_k:+.1f} K; at most {POOR_RMSE_K:g} K are '
+            f'{arguments.output}: not written: {which} are predicted with an RMSE of '
+            f'{rmse_k:.1f} K, {worst} with {errors_k[worst]:+.1f} K; at most {POOR_RMSE_K:g} K are '
             'allowed; check that battery_temperature_c and the powers of all logs are those of one car')
     _write_vehicle(arguments, result, start_file)
     _print_result(result_console(arguments.json), result, arguments)
@@ -140,18 +145,23 @@ def _write_vehicle(arguments: Namespace, result: Identification, start_file: Pat
     from bev_preheat.identification.notes import identified_keys, notes_of
     from bev_preheat.identification.vehicle_file import file_text
     words = ['preheat', 'identify', *arguments.logs, '--vehicle', arguments.vehicle, '--output', arguments.output]
-    head = (f'Vehicle {result.vehicle.name}, identified from {result.coverage.trips} logs by\n'
-            f'    {shlex.join(words)}\nArrival temperature of trips that the fit has not seen: RMSE '
-            f'{result.rmse_k:.2f} K, worst {result.worst_k:.2f} K.')
+    tested = (f'Arrival temperature of trips that the fit has not seen: RMSE {result.rmse_k:.2f} K, worst '
+              f'{result.worst_k:.2f} K.' if result.left_out else 'No trip that the fit has not seen tests it.')
+    head = (f'Vehicle {result.vehicle.name}, identified from {_logs(result)} by\n'
+            f'    {shlex.join(words)}\n{tested}')
     text = file_text(load_checked_yaml(start_file, SCHEMA), result.vehicle, result.vehicle.name, notes_of(result),
                      identified_keys(result), _printable(head))
     write_whole(arguments.output, text)
     load_vehicle(Path(arguments.output).resolve())
 
 
+def _logs(result: Identification) -> str:
+    return '1 log' if result.coverage.trips == 1 else f'{result.coverage.trips} logs'
+
+
 def _print_result(console: Console, result: Identification, arguments: Namespace) -> None:
     print_records(
-        console, f'Vehicle {result.vehicle.name}, identified from {result.coverage.trips} logs',
+        console, f'Vehicle {result.vehicle.name}, identified from {_logs(result)}',
         ('parameter', 'START', 'estimate', '90 % interval', 'worth K'),
         [(f'{item.label} [{item.unit}]' if item.unit else item.label, figure(item.start, DIGITS),
           figure(item.estimate, DIGITS) if item.is_identified else 'not told',
@@ -160,9 +170,10 @@ def _print_result(console: Console, result: Identification, arguments: Namespace
          for item in result.estimates], ('left', *['right'] * 4))
     rows = [(row.structure + (' (chosen)' if row.structure == result.structure else ''), f'{row.rmse_k:.2f}',
              f'{row.worst_k:.2f}') for row in (*result.structures, *result.baselines.values())]
-    print_records(console, 'Each trip left out', ('structure', 'RMSE K', 'worst K'), [
-        ('identified file, as plans predict', f'{result.rmse_k:.2f}', f'{result.worst_k:.2f}'), *rows],
-        ('left', 'right', 'right'))
+    if result.left_out:
+        print_records(console, 'Each trip left out', ('structure', 'RMSE K', 'worst K'), [
+            ('identified file, as plans predict', f'{result.rmse_k:.2f}', f'{result.worst_k:.2f}'), *rows],
+            ('left', 'right', 'right'))
     for sentence in (*result.verdict, *(f'Record next: {item}' for item in result.record_next), *result.remarks):
         console.print(sentence, markup=False, soft_wrap=True)
     console.print(f'written: {arguments.output}' + (f', {arguments.report}' if arguments.report else ''),

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+import math
 from typing import Any, TYPE_CHECKING
 
 import numpy as np
@@ -11,6 +12,7 @@ import numpy as np
 from bev_preheat.identification.prediction import predict
 from bev_preheat.identification.replay import can_be_replayed, LEADS_S, replay_errors_k
 from bev_preheat.numerics.arithmetic import FLOATS
+from bev_preheat.numerics.factors import S_PER_MIN
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -63,6 +65,13 @@ class Check:
     trips: tuple[TripCheck, ...]
 
     @property
+    def heated_minutes(self) -> dict[str, tuple[float, float]]:
+        """Minutes in which batteries heated at stand got that warm: measured and predicted, by trip."""
+        return {check.trip.name: ((len(check.trip) - 1) / S_PER_MIN, _reached_s(check) / S_PER_MIN)
+                for check in self.trips if check.trip.kind == 'heated at stand'
+                and check.prediction.reading_c[-1] > check.trip.start_c}
+
+    @property
     def errors_k(self) -> list[float]:
         """Return the arrival errors [K] of all trips."""
         return [trip.arrival_error_k for trip in self.trips]
@@ -105,6 +114,8 @@ class Check:
         return {
             'vehicle': self.vehicle.name, 'trips': [trip.as_dictionary() for trip in self.trips],
             'rmse_k': self.rmse_k, 'worst_k': self.worst_k, 'constant_temperature_rmse_k': self.constant_rmse_k,
+            'heated_minutes': {name: {'measured': measured, 'predicted': predicted}
+                               for name, (measured, predicted) in self.heated_minutes.items()},
             'estimation': {str(lead_s): dict(zip(
                 ('without_rmse_k', 'without_worst_k', 'with_rmse_k', 'with_worst_k'), figures))
                 for lead_s, figures in self.leads.items()},
@@ -133,9 +144,18 @@ def _check_trip(vehicle: Vehicle, trip: Trip, replays: bool) -> TripCheck:
                      soc_error * vehicle.battery.capacity_ah * voltage_v, without, with_it)
 
 
+def _reached_s(check: TripCheck) -> float:
+    """Return when the predicted reading is the measured one of the end [s]; later it rises as in its last step."""
+    time_s, reading_c, end_c = check.prediction.time_s, check.prediction.reading_c, check.trip.arrival_c
+    above = np.flatnonzero(reading_c >= end_c)
+    at = max(int(above[0]) if len(above) else len(reading_c) - 1, 1)
+    slope = (reading_c[at] - reading_c[at - 1]) / (time_s[at] - time_s[at - 1])
+    return float(time_s[at] + (end_c - reading_c[at]) / slope) if slope > 0.0 else math.inf
+
+
 def rms(values: Sequence[float]) -> float:
-    """Return the root mean square of values."""
-    return float(np.sqrt(np.mean(np.square(values))))
+    """Return the root mean square of values, NaN without any."""
+    return float(np.sqrt(np.mean(np.square(values)))) if len(values) else math.nan
 
 
 def _text_keys(values: dict[int, float]) -> dict[str, float]:

@@ -59,10 +59,10 @@ class Coverage:
 def refuse_poor(trips: Sequence[Trip]) -> None:
     """Raise InvalidInput with a sentence for each reason why no car can be identified from Trips."""
     problems = []
-    if len(trips) < LEAST_TRIPS:
+    has_drive = any(trip.kind == 'drive' for trip in trips)
+    if not trips or (has_drive and len(trips) < LEAST_TRIPS):
         problems.append(f'{len(trips)} usable log{"" if len(trips) == 1 else "s"}; at least {LEAST_TRIPS} are '
-                        f'needed, '
-                        'because each is predicted from the others; record more drives')
+                        'needed with drives, because each is predicted from the others; record more drives')
     if len(trips) > MOST_TRIPS:
         problems.append(f'{len(trips)} logs; at most {MOST_TRIPS} are fitted; leave out the shortest')
     changes_k = [float(np.ptp(trip.battery_temperature_c)) for trip in trips]
@@ -70,8 +70,9 @@ def refuse_poor(trips: Sequence[Trip]) -> None:
         problems.append(f'battery_temperature_c changes by at most {max(changes_k):.1f} K within a log; at least '
                         f'{LEAST_CHANGE_K:g} K are needed; record drives of 20 min or more with a cold battery, '
                         'or a night at stand after a drive')
-    if trips and not any(trip.kind == 'drive' for trip in trips):
-        problems.append('none of the logs is a drive; record at least one drive of 20 min')
+    if trips and all(trip.kind == 'charging session' for trip in trips):
+        problems.append('none of the logs is a drive, a night or heated at stand; record at least one drive of '
+                        '20 min')
     if problems:
         raise InvalidInput(problems)
 

@@ -26,6 +26,9 @@ if TYPE_CHECKING:
 
 # Readings that count as one independent observation against the priors: at least, at most (a quarter of an hour).
 LEAST_DISPERSION, MOST_DISPERSION = 1.0, 900.0
+# Fewer trips do not tell how far readings of one trip hang together: those of nine drives of an i3 do by this
+# factor (docs/explanation/identification.md).
+LEAST_TRIPS, USUAL_DISPERSION = 3, 40.0
 # The start temperature lies in the interval of the first reading; a lagging sensor widens it [K].
 START_NOISE_K = 0.2
 # A reading is the sensor's: with a coarse step the cell may be anywhere in it.
@@ -74,10 +77,15 @@ class ThermalFit:
         Each trip counts as one observation ("sandwich" estimate), because errors within a trip hang together.
         """
         inverse = np.linalg.inv(self.information)
+        if len(self.terms) < LEAST_TRIPS:
+            return self._whole(np.asarray(inverse, dtype=float))
         gradients = np.array([term.gradient for term in self.terms])
         count = len(gradients)
         spread = gradients.T @ gradients * (count / max(count - 1.0, 1.0))
-        own = inverse @ (spread + self.prior_precision) @ inverse
+        return self._whole(inverse @ (spread + self.prior_precision) @ inverse)
+
+    def _whole(self, own: FloatArray) -> FloatArray:
+        """Return the covariance of all parameters from that of the free ones."""
         whole = np.zeros((PARAMETERS, PARAMETERS))
         whole[np.ix_(self.free, self.free)] = own
         return whole
@@ -115,6 +123,9 @@ class Fitter:
         sensors_c = [self.sensor_c(model, course, fit.theta, start_c - course.trip.start_c, electrical)[0]
                      for course, start_c in zip(self.courses, fit.starts_c)]
         self._set_noise(likely_noise_k([course.readings for course in self.courses], sensors_c))
+        if len(self.trips) < LEAST_TRIPS:
+            self.dispersion = USUAL_DISPERSION
+            return self.fit(structure, None, electrical, fit)
         fit = self.fit(structure, None, electrical, fit)
         inverse = np.linalg.inv(fit.information)
         gradients = np.array([term.gradient for term in fit.terms])
@@ -198,7 +209,7 @@ class Fitter:
         residuals, slopes = evaluate(found.x)
         terms, at = [], 0
         for number, course in enumerate(courses):
-            rows = slice(at, at + course.inputs.shape[1])
+            rows = slice(at, at + len(course.read))
             at = rows.stop
             terms.append(_terms(residuals[rows], slopes[rows, :count], slopes[rows, count + number],
                                 found.x[count + number], start_deviations_k[number]))

@@ -62,7 +62,8 @@ def identify(vehicle: Vehicle, trips: Sequence[Trip], name: str,
     """
     began_s = time.perf_counter()
     refuse_poor(trips)
-    fitter = Fitter(vehicle, trips)
+    settled = [trip.settled for trip in trips]
+    fitter = Fitter(vehicle, settled)
     tell('voltage and current')
     electrical, electricals = fitter.electrical(), left_out_electricals(fitter)
     fitter.find_dispersion(electrical)
@@ -82,7 +83,7 @@ def identify(vehicle: Vehicle, trips: Sequence[Trip], name: str,
         vehicle.uncertainty, estimates, resistance if electrical.used else None, _mean_speed_mps(trips)))
     coverage = coverage_of(trips, electrical)
     tell('checking the file')
-    check = check_trips(car, trips, replays=False)
+    check = check_trips(car, settled, replays=False)
     known_without, together = baselines(fitter), tuple(
         pair for pair in correlations(full) if pair[0] not in held and pair[1] not in held)
     return Identification(

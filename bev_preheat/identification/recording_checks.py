@@ -49,17 +49,18 @@ def problems_of(recording: Recording, signals: Signals, vehicle: Vehicle) -> lis
     `signals` are those of the recording, without the noise of power sensors.
     """
     name = recording.name
-    impossible = _missing(recording) + _implausible(name, signals)
+    impossible = _missing(recording, signals) + _implausible(name, signals)
     return impossible or _contradictions(name, signals) or _stuck(name, signals, vehicle)
 
 
-def _missing(recording: Recording) -> list[str]:
+def _missing(recording: Recording, signals: Signals) -> list[str]:
     """Return one sentence for each signal that a trip needs and a Recording has not, with what to record."""
-    has_power = 'power_w' in recording.signals or {'voltage_v', 'current_a'} <= recording.signals.keys()
+    has_power = 'power_w' in signals or {'voltage_v', 'current_a'} <= signals.keys()
     needed: list[tuple[str, str, tuple[str, ...]]] = [(key, advice, (key,)) for key, advice in (
-        ('battery_temperature_c', "record the battery's temperature"),
+        ('battery_temperature_c', "record the battery's temperature, or write down what is known at the begin and "
+         'the end, as a log of two rows'),
         ('soc', 'record the state of charge'),
-        ('ambient_c', 'record the outside temperature')) if key not in recording.signals]
+        ('ambient_c', 'record the outside temperature')) if key not in signals]
     if not has_power:
         needed.append(('power', 'record voltage_v and current_a, or power_w', POWER))
     return [f'{recording.name}: no {what}; {advice}{reason_of(recording, *keys)}' for what, advice, keys in needed]

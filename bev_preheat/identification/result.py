@@ -83,18 +83,18 @@ class Identification:
 
     @property
     def rmse_k(self) -> float:
-        """Root mean square error on trips left out [K]."""
+        """Root mean square error on trips left out [K]; NaN of few trips, of which none is left out."""
         return rms([trip.error_k for trip in self.left_out])
 
     @property
     def worst_k(self) -> float:
-        """Largest error on a trip left out [K]."""
-        return max(abs(trip.error_k) for trip in self.left_out)
+        """Largest error on a trip left out [K]; NaN without."""
+        return max((abs(trip.error_k) for trip in self.left_out), default=math.nan)
 
     @property
     def is_useful(self) -> bool:
-        """Whether unseen trips are predicted well enough for a vehicle file."""
-        return self.rmse_k <= POOR_RMSE_K
+        """Whether unseen trips, or else the few trips themselves, are predicted well enough for a vehicle file."""
+        return (self.rmse_k if self.left_out else self.check.rmse_k) <= POOR_RMSE_K
 
     @property
     def unidentified(self) -> list[str]:
@@ -114,7 +114,7 @@ class Identification:
                 'polarisation_s': electrical.polarisation_s, 'residual_v': electrical.residual_v,
                 'voltage_correction_v': electrical.voltage_v.tolist(), 'trips': list(electrical.used)},
             'leave_one_out': {
-                'rmse_k': self.rmse_k, 'worst_k': self.worst_k,
+                'rmse_k': _or_none(self.rmse_k), 'worst_k': _or_none(self.worst_k),
                 'trips': [{'name': trip.name, 'arrival_error_k': trip.error_k, 'deviation_k': trip.deviation_k,
                            'is_within_interval': trip.is_within} for trip in self.left_out]},
             'structures': [_row(result) for result in self.structures],
@@ -128,8 +128,11 @@ class Identification:
 
 
 def _row(result: StructureResult) -> dict[str, Any]:
-    return {'structure': result.structure, 'rmse_k': result.rmse_k, 'worst_k': result.worst_k,
-            'cost': None if math.isnan(result.cost) else result.cost,
-            'misfit': None if math.isnan(result.misfit) else result.misfit,
+    return {'structure': result.structure, 'rmse_k': _or_none(result.rmse_k), 'worst_k': _or_none(result.worst_k),
+            'cost': _or_none(result.cost), 'misfit': _or_none(result.misfit),
             'errors_k': list(map(float, result.errors_k)),
             'in_the_file': result.in_the_file}
+
+
+def _or_none(value: float) -> float | None:
+    return None if math.isnan(value) else value

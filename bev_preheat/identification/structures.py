@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.identification.check import rms
+from bev_preheat.identification.fit import LEAST_TRIPS
 from bev_preheat.identification.parameters import IN_THE_FILE
 from bev_preheat.identification.prediction import predict
 from bev_preheat.identification.uncertainty import QUANTILE
@@ -49,8 +50,8 @@ class StructureResult:
 
     @property
     def worst_k(self) -> float:
-        """Largest error [K]."""
-        return max(map(abs, self.errors_k))
+        """Largest error [K]; NaN without any."""
+        return max(map(abs, self.errors_k), default=math.nan)
 
 
 @dataclass(frozen=True)
@@ -80,6 +81,8 @@ def try_structures(fitter: Fitter, structures: Iterable[str], whole: Electrical,
                    tell: Callable[[str], None]) -> tuple[list[StructureResult], dict[str, ThermalFit]]:
     """Return the StructureResult of each of `structures`, and its fit to all trips; `tell` hears each name."""
     results, fits = [], {}
+    if len(fitter.trips) < LEAST_TRIPS:
+        electricals = ()
     for structure in structures:
         tell(f'structure: {structure}')
         fit = fits[structure] = fitter.fit(structure, None, whole)
@@ -106,8 +109,10 @@ def chosen_structure(results: Sequence[StructureResult]) -> str:
 
 def leave_each_out(fitter: Fitter, fit: ThermalFit, electricals: Sequence[Electrical],
                    held: Mapping[str, float]) -> list[LeftOut]:
-    """Return the LeftOut of each trip, predicted by the vehicle file that the other trips would give."""
-    found = []
+    """Return the LeftOut of each trip, predicted by the file that the others would give; none of few trips."""
+    found: list[LeftOut] = []
+    if len(fitter.trips) < LEAST_TRIPS:
+        return found
     for at, electrical in enumerate(electricals):
         trip, course = fitter.trips[at], fitter.courses[at]
         without = fitter.fit(fit.structure, _others(fitter, at), electrical, fit, held)
@@ -130,6 +135,8 @@ def with_model_error(found: Sequence[LeftOut]) -> list[LeftOut]:
 
 def baselines(fitter: Fitter) -> dict[str, StructureResult]:
     """Return the leave-one-out errors of a constant temperature and of a regression on the integral of I^2."""
+    if len(fitter.trips) < LEAST_TRIPS:
+        return {}
     warmed_k = np.array([trip.arrival_c - trip.start_c for trip in fitter.trips])
     squares = np.array([float(np.sum((trip.power_w + trip.heater_w)**2)) if trip.current_a is None
                         else float(np.sum(trip.current_a**2)) for trip in fitter.trips])

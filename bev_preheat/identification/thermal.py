@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from bev_preheat.identification.electrical import Electrical
     from bev_preheat.identification.trips import Trip
     from bev_preheat.numerics.arithmetic import AnyNumber
-    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.numerics.arrays import FloatArray, IntArray
     from bev_preheat.vehicle.description import Vehicle
 
 STATES = 6
@@ -53,21 +53,22 @@ LEAST_RESOLUTION_K = 0.2
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """A Trip in steps for the model: inputs (INPUTS, M), and the Readings of each step."""
+    """A Trip in steps for the model: inputs (INPUTS, M), the Readings of K of them, and their indices (K,)."""
 
     trip: Trip
     inputs: FloatArray
     readings: Readings
+    read: IntArray
 
     def within_steps(self, start: FloatArray | float, after_steps: FloatArray) -> FloatArray:
         """
-        Return values (M, ...) when the mean reading of each step was taken, from those after each step (M, ...).
+        Return values (K, ...) when the mean readings were taken, from those after each step (M, ...).
 
         `start` is the value before the first step. A reading is that at the begin of its second.
         """
         before = np.concatenate((np.broadcast_to(start, (1, *after_steps.shape[1:])), after_steps[:-1]))
         share = (HALF - HALF / self.inputs[0]).reshape(-1, *[1] * (after_steps.ndim - 1))
-        return np.asarray((1.0 - share) * before + share * after_steps)
+        return np.asarray(((1.0 - share) * before + share * after_steps)[self.read])
 
 
 def course_of(trip: Trip, vehicle: Vehicle) -> Course:
@@ -97,7 +98,7 @@ def course_of(trip: Trip, vehicle: Vehicle) -> Course:
         np.diff(at), power_w, trip.means(_current_a(trip, vehicle)**2, at),
         trip.means(np.abs(trip.propulsion_power_w), at), trip.means(trip.heater_w, at),
         trip.means(trip.speed_mps, at), trip.means(trip.ambient_c, at), soc])
-    return Course(trip, inputs, _readings(trip, at))
+    return Course(trip, inputs, *_readings(trip, at))
 
 
 def _current_a(trip: Trip, vehicle: Vehicle) -> FloatArray:
@@ -110,19 +111,27 @@ def _current_a(trip: Trip, vehicle: Vehicle) -> FloatArray:
     return np.asarray(-soc_rate * vehicle.battery.capacity_as)
 
 
-def _readings(trip: Trip, edges: FloatArray) -> Readings:
-    """Return a Trip's Readings between whole seconds `edges`."""
-    seconds = np.diff(edges)
-    counts = seconds / trip.temperature_period_s
+def _readings(trip: Trip, edges: FloatArray) -> tuple[Readings, IntArray]:
+    """Return a Trip's Readings between whole seconds `edges`, and the indices of the steps that have any."""
+    seconds, end = np.diff(edges), int(edges[-1])
+    weights, temperature_c = trip.weights, trip.battery_temperature_c
+    if trip.reading_weight is not None:
+        # Steps are whole; the reading of the end counts in the last one.
+        weights, temperature_c = weights[:end].copy(), temperature_c[:end].copy()
+        weights[-1] += trip.weights[end:].sum()
+        temperature_c[-1] = trip.battery_temperature_c[-1]
+    counts = seconds * trip.means(weights, edges)
+    read = np.flatnonzero(counts > 0.0)
     if trip.resolution_k < LEAST_RESOLUTION_K:
-        return Readings(trip.means(trip.battery_temperature_c, edges)[:, np.newaxis], counts[:, np.newaxis], 0.0)
-    values_c, index = np.unique(trip.battery_temperature_c[:int(edges[-1])], return_inverse=True)
+        means_c = seconds * trip.means(weights * temperature_c, edges)
+        return Readings((means_c[read] / counts[read])[:, np.newaxis], counts[read, np.newaxis], 0.0), read
+    values_c, index = np.unique(temperature_c[:end], return_inverse=True)
     times = np.zeros((len(seconds), len(values_c)))
-    np.add.at(times, (np.repeat(np.arange(len(seconds)), seconds.astype(int)), index), 1.0)
+    np.add.at(times, (np.repeat(np.arange(len(seconds)), seconds.astype(int)), index), weights[:end])
+    times = times[read]
     # The values of each window first, then unused places.
     order = np.argsort(-times, axis=1)[:, :int((times > 0.0).sum(axis=1).max())]
-    return Readings(values_c[order], np.take_along_axis(times, order, 1) * (counts / seconds)[:, np.newaxis],
-                    trip.resolution_k)
+    return Readings(values_c[order], np.take_along_axis(times, order, 1), trip.resolution_k), read
 
 
 class ThermalModel:

@@ -26,6 +26,26 @@ def verdict_of(estimates: Sequence[Estimated], left_out: Sequence[LeftOut], base
                structures: Sequence[StructureResult], structure: str, coverage: Coverage,
                together: Sequence[tuple[str, str, float]], electrical: Electrical) -> Iterator[str]:
     """Yield the verdict's sentences, the most important first."""
+    if left_out:
+        yield from _on_trips_left_out(left_out, baselines)
+    else:
+        yield (f'Only {coverage.trips} log{"" if coverage.trips == 1 else "s"}: nothing tests the file; the '
+               'intervals say how far it can be trusted. Record more, and each log is predicted from the others.')
+    yield from _resistance(coverage, electrical)
+    unknown = [item.label for item in estimates if not item.is_identified]
+    if unknown:
+        yield f"Not told by these logs, so START's value stays: {', '.join(unknown)}."
+    if coverage.heated_trips == 0:
+        yield 'Without any use of the battery heater its efficiency is unknown.'
+    labels = {item.name: item.label for item in estimates}
+    for one, other, ratio in together:
+        if one in labels and other in labels:
+            yield f'Known only together (correlation {ratio:+.2f}): {labels[one]} and {labels[other]}.'
+    if left_out:
+        yield from _structures(structures, structure)
+
+
+def _on_trips_left_out(left_out: Sequence[LeftOut], baselines: dict[str, StructureResult]) -> Iterator[str]:
     rmse_k = rms([trip.error_k for trip in left_out])
     worst = max(left_out, key=lambda trip: abs(trip.error_k))
     grade = ('The file can be trusted for drives like the recorded ones' if rmse_k < GOOD_RMSE_K else
@@ -40,17 +60,6 @@ def verdict_of(estimates: Sequence[Estimated], left_out: Sequence[LeftOut], base
     outside = [trip.name for trip in left_out if not trip.is_within]
     if outside:
         yield f'Outside its 90 % interval: {", ".join(outside)} of {len(left_out)} trips.'
-    yield from _resistance(coverage, electrical)
-    unknown = [item.label for item in estimates if not item.is_identified]
-    if unknown:
-        yield f"Not told by these logs, so START's value stays: {', '.join(unknown)}."
-    if coverage.heated_trips == 0:
-        yield 'Without any use of the battery heater its efficiency is unknown.'
-    labels = {item.name: item.label for item in estimates}
-    for one, other, ratio in together:
-        if one in labels and other in labels:
-            yield f'Known only together (correlation {ratio:+.2f}): {labels[one]} and {labels[other]}.'
-    yield from _structures(structures, structure)
 
 
 def _resistance(coverage: Coverage, electrical: Electrical) -> Iterator[str]:

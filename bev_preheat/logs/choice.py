@@ -24,7 +24,7 @@ NO_READING = frozenset((
 NO_READING_AT_END = frozenset(('id', 'no', 'nr', 'num', 'number', 'state', 'sel', 'bit', 'sna', 'active'))
 # Sensors of one kind differ in these words, a number or a letter; not in the number of a car.
 OF_A_KIND = re.compile(r'(?P<car>(car|veh(icle)?|auto)[ _]?\d+|^[^.]*/)|\d+|min(imum|imal)?|max(imum|imal)?|'
-                       r'low(est)?|high(est)?|hot(test)?|cold(est)?|front|rear|'
+                       r'low(est)?|high(est)?|hot(test)?|warm(est)?|cold(est)?|front|rear|'
                        r'left|right|links|rechts|(?<![^\W_])[a-z](?![^\W_])')
 MEAN = re.compile(r'mean|av(era)?g|mittel|mittler|durchschn|сред|平均', re.IGNORECASE)
 

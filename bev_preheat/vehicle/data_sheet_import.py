@@ -40,8 +40,8 @@ LEAKAGE_PER_SPEED_W_PER_M2_K_PER_MPS = 0.33
 LEAKAGE_SOURCE = (
     'parked packs keep warm: a compact car over a night 1.4 to 2.6 W/(m2 K), a large saloon below 1 (both '
     'measured; docs/reference/vehicles.md), a saloon 12 K above the air after 10 h at -32 degC, about 2 '
-    '(insideevs.com, "A Tesla Model 3 Sat Overnight At -33F"); while driving, owners heat their batteries as much as '
-    'with 9 W/(m2 K) at 80 km/h (preheat vehicle published)')
+    '(insideevs.com, "A Tesla Model 3 Sat Overnight At -33F"); while driving, owners heat their batteries as '
+    'much as with 9 W/(m2 K) at 80 km/h (preheat vehicle published)')
 DRIVE_KW_PER_KWH = 2.0
 REGENERATION_SHARE = 0.6
 # Battery power over drivetrain power; heater and auxiliaries are added.
@@ -166,7 +166,8 @@ def _battery(sheet: DataSheet) -> dict[str, Entry]:
              'gamma_v_w_per_k_per_mps': round(
                  LEAKAGE_PER_SPEED_W_PER_M2_K_PER_MPS * surface_m2, 3)},
             f'assumed: {LEAKAGE_AT_REST_W_PER_M2_K:g} W/(m2 K) at rest and '
-            f'{LEAKAGE_PER_SPEED_W_PER_M2_K_PER_MPS:g} W/(m2 K) more for each m/s, over {surface_m2:.1f} m2 (area in proportion to the mass: 6.2 m2 at 493 kg, '
+            f'{LEAKAGE_PER_SPEED_W_PER_M2_K_PER_MPS:g} W/(m2 K) more for each m/s, over '
+            f'{surface_m2:.1f} m2 (area in proportion to the mass: 6.2 m2 at 493 kg, '
             'source: 182 cm x 145 cm x 14 cm, topauto.co.za, "The impressive batteries in VW '
             f'electric cars"). source: {LEAKAGE_SOURCE}', assumed=True),
         'battery.soc_range': Entry([0.0, 1.0], '0 and 100 % as the car displays them'),

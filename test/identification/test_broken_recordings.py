@@ -121,7 +121,9 @@ def test_charge_against_current_is_refused_although_the_current_is_steady():
     ([recording('A')], '1 usable log; at least 3 are needed'),
     ([recording(str(number), 1200 + number, battery_temperature_c=lambda c: 0.0 * c + 7.0) for number in range(3)],
      'battery_temperature_c changes by at most 0.0 K within a log'),
-    ([night(str(number), 7.0 + number) for number in range(3)], 'none of the logs is a drive')])
+    ([recording(name, current_a=lambda a: np.full_like(a, -40.0), speed_mps=lambda v: 0.0 * v,
+                soc=lambda s: 0.5 + TIME_S / 1e4, voltage_v=lambda v: 0.0 * v + 384.0) for name in 'A'],
+     'none of the logs is a drive')])
 def test_trips_that_tell_too_little_are_refused_with_what_to_record(recordings, line):
     with pytest.raises(InvalidInput) as caught:
         refuse_poor(trips_of(recordings, VEHICLE))

@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Nights and batteries heated at stand, alone and without charge or power, against closed forms."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+import yaml
+
+from bev_preheat.commands.main import main
+from bev_preheat.errors import InvalidInput
+from bev_preheat.identification.trips import trip_of
+from bev_preheat.logs.recording import Recording, Series
+from bev_preheat.vehicle import load_vehicle
+
+VEHICLE = load_vehicle('small_hatchback')
+CAPACITY_J_PER_K, EFFICIENCY = VEHICLE.battery.heat_capacity_j_per_k, VEHICLE.hvch.efficiency
+AMBIENT_C, PARKED_C = 2.0, 24.0
+
+
+def put_night(path, leakage_w_per_k, hours=9.0):
+    """Write a night of a battery that only loses heat: temperatures alone, every 30 s, in tenths of a degree."""
+    time_s = np.arange(0.0, hours * 3600.0, 30.0)
+    cells_c = AMBIENT_C + (PARKED_C - AMBIENT_C) * np.exp(-leakage_w_per_k / CAPACITY_J_PER_K * time_s)
+    np.savetxt(path, np.column_stack((time_s, np.round(cells_c - 1.0, 1), np.round(cells_c + 1.0, 1),
+                                      np.full(len(time_s), AMBIENT_C))), '%.5g', ',',
+               header='time_s,coldest_cell_c,warmest_cell_c,ambient_c', comments='')
+
+
+def put_heated(path, ambient_c, end_c, heater_w, capacity_j_per_k, leakage_w_per_k):
+    """Write what is known of a heated battery at begin and end as a log of two rows; return its minutes."""
+    settled_k = EFFICIENCY * heater_w / leakage_w_per_k
+    duration_s = -capacity_j_per_k / leakage_w_per_k * math.log(1.0 - (end_c - ambient_c) / settled_k)
+    path.write_text('time_s,battery_temperature_c,ambient_c,battery_heater_w\n'
+                    f'0,{ambient_c},{ambient_c},{heater_w}\n{duration_s:.0f},{end_c},{ambient_c},{heater_w}\n')
+    return duration_s / 60.0
+
+
+@pytest.mark.parametrize('leakage_w_per_k', [5.0, 9.0, 20.0])
+def test_a_night_alone_tells_the_leakage_and_nothing_else(tmp_path, capsys, leakage_w_per_k):
+    pytest.importorskip('casadi')
+    put_night(tmp_path / 'night.csv', leakage_w_per_k)
+    words = ['identify', str(tmp_path / 'night.csv'), '--vehicle', 'small_hatchback', '--output',
+             str(tmp_path / 'my.yaml'), '--json', str(tmp_path / 'my.json')]
+    assert main(words) == 0
+    printed = ' '.join(capsys.readouterr().out.split())
+    assert 'Only 1 log: nothing tests the file' in printed
+    car, start = load_vehicle(tmp_path / 'my.yaml'), VEHICLE
+    assert car.battery.leakage.gamma_0_w_per_k == pytest.approx(leakage_w_per_k, rel=0.05)
+    assert car.battery.heat_capacity_j_per_k == start.battery.heat_capacity_j_per_k
+    assert car.hvch.efficiency == start.hvch.efficiency
+    found = json.loads((tmp_path / 'my.json').read_text())
+    leakage = next(item for item in found['parameters'] if item['name'] == 'leakage')
+    assert leakage['low'] < leakage_w_per_k < leakage['high'] and leakage['is_identified']
+    assert found['leave_one_out'] == {'rmse_k': None, 'worst_k': None, 'trips': []}
+    assert 'battery.leakage' not in yaml.safe_load((tmp_path / 'my.yaml').read_text())['assumed']
+
+
+@pytest.mark.parametrize('scale, leakage_w_per_k', [(0.8, 3.0), (1.15, 10.0)])
+def test_a_third_heating_run_is_predicted_from_two_within_3_percent(tmp_path, capsys, scale, leakage_w_per_k):
+    pytest.importorskip('casadi')
+    minutes = {ambient_c: put_heated(tmp_path / f'heated{ambient_c}.csv', ambient_c, 20.0, 5000.0,
+                                     scale * CAPACITY_J_PER_K, leakage_w_per_k) for ambient_c in (0, -10, -20)}
+    logs = [str(tmp_path / f'heated{ambient_c}.csv') for ambient_c in (0, -10)]
+    assert main(['identify', *logs, '--vehicle', 'small_hatchback', '--output', str(tmp_path / 'my.yaml')]) == 0
+    assert 'heated from a charger' in ' '.join(capsys.readouterr().out.split())
+    assert main(['check', str(tmp_path / 'heated-20.csv'), '--vehicle', str(tmp_path / 'my.yaml'), '--json',
+                 str(tmp_path / 'check.json')]) == 0
+    found = json.loads((tmp_path / 'check.json').read_text())['heated_minutes']['heated-20']
+    assert found['measured'] == pytest.approx(minutes[-20], abs=0.02)
+    assert found['predicted'] == pytest.approx(minutes[-20], rel=0.03)
+    line = f'heated for {found["measured"]:.1f} min, predicted {found["predicted"]:.1f} min'
+    assert line in capsys.readouterr().out
+
+
+def test_the_minutes_of_a_heated_battery_are_those_of_its_equation(tmp_path, capsys):
+    gamma = VEHICLE.battery.leakage.gamma_0_w_per_k
+    minutes = put_heated(tmp_path / 'heated.csv', -20, 15.0, 4000.0, CAPACITY_J_PER_K, gamma)
+    for name, end_c in (('early', 10.0), ('late', 17.0)):
+        # A car that was colder or warmer after these minutes took longer or less.
+        (tmp_path / f'{name}.csv').write_text((tmp_path / 'heated.csv').read_text().replace('15.0', f'{end_c}'))
+        expected = -CAPACITY_J_PER_K / gamma * math.log(1.0 - (end_c + 20.0) * gamma / EFFICIENCY / 4000.0) / 60.0
+        assert main(['check', str(tmp_path / f'{name}.csv'), '--vehicle', 'small_hatchback', '--json',
+                     str(tmp_path / 'check.json')]) == 0
+        found = json.loads((tmp_path / 'check.json').read_text())['heated_minutes'][name]
+        assert found['measured'] == pytest.approx(minutes, abs=0.02)
+        assert found['predicted'] == pytest.approx(expected, rel=5e-3)
+
+
+def series(times_s, values):
+    return Series(np.array(times_s, dtype=float), np.array(values, dtype=float))
+
+
+@pytest.mark.parametrize('changes, line', [
+    ({'speed_mps': series((0, 600), (0, 20))}, 'no soc'),
+    ({'battery_heater_w': None}, 'no power'),
+    ({'soc': series((0, 600), (0.8, 0.7))}, 'no power'),
+    ({'power_w': series((0, 600), (15e3, 15e3))}, 'no soc'),
+    ({'battery_temperature_c': None}, 'as a log of two rows')])
+def test_only_a_log_at_stand_may_lack_charge_and_power(changes, line):
+    signals = {'battery_temperature_c': series((0, 600), (0, 6)), 'ambient_c': series((0, 600), (0, 0)),
+               'battery_heater_w': series((0, 600), (5e3, 5e3))}
+    assert trip_of(Recording('heated', signals), VEHICLE).kind == 'heated at stand'
+    changed = {name: value for name, value in {**signals, **changes}.items() if value is not None}
+    with pytest.raises(InvalidInput, match=line):
+        trip_of(Recording('heated', changed), VEHICLE)
+
+
+def test_between_distant_samples_nothing_is_read():
+    signals = {'battery_temperature_c': series((0, 60, 1800, 1860), (0.0, 0.0, 20.0, 20.0)),
+               'ambient_c': series((0, 1860), (0, 0)), 'battery_heater_w': series((0, 1860), (5e3, 5e3))}
+    trip = trip_of(Recording('heated', signals), VEHICLE)
+    assert (trip.weights[61:1800] == 0.0).all() and (trip.weights[:60] > 0.0).all()
+    assert (trip.weights[1800:] > 0.0).all()
+    assert trip.battery_temperature_c[930] == pytest.approx(10.0)
+    # A signal that is sent on a change says that it did not change by more than a step.
+    steady = {**signals, 'battery_temperature_c': series((0, 900, 1860), (4.0, 5.0, 6.0))}
+    assert (trip_of(Recording('heated', steady), VEHICLE).weights > 0.0).all()
