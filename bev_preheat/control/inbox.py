@@ -36,7 +36,7 @@ from bev_preheat.estimation.driver_choices import CancelledTrip, DriverChoices, 
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.situation import check_situation, Goal
 from bev_preheat.route.plausibility import unit_warnings
-from bev_preheat.signals.electrical import ElectricalCheck, PercentScale
+from bev_preheat.signals.electrical import electrical_check, PercentScale
 from bev_preheat.signals.source import is_one_battery, SeenState
 from bev_preheat.signals.verdict import SignalVerdict, STATE_OF_CHARGE
 from bev_preheat.vehicle.description import Vehicle
@@ -294,7 +294,7 @@ class Inbox:
     def _voltage_vouches_for(self, measurement: Measurement) -> bool:
         """Return whether the voltage fits the state of charge better than a hundredth of the reading."""
         state, voltage_v, current_a = measurement.state, measurement.voltage_v, measurement.current_a
-        return voltage_v is not None and current_a is not None and ElectricalCheck(self.vehicle).is_nearer(
+        return voltage_v is not None and current_a is not None and electrical_check(self.vehicle).is_nearer(
             voltage_v, current_a, state.temperature_c, state.soc, state.soc / 100.0)
 
     # Route progress: optional, so a refusal does not affect the heater

@@ -32,7 +32,7 @@ class Learning:
     def begun(cls, vehicle: Vehicle, learned: Learned | None = None,
               last_seen: LastSeen | None = None) -> Learning:
         """Return what is known from the vehicle file, or from the Learned of earlier drives, and the LastSeen."""
-        return cls(Estimator(vehicle, learned), StandWatch(vehicle, last_seen))
+        return cls(Estimator(vehicle, learned), StandWatch(() if last_seen is None else (last_seen,)))
 
     def learned(self, vehicle: Vehicle, known: Known, timetable: Timetable | None, commands: CommandHistory,
                 trip: Mission | None) -> Learning:
@@ -43,7 +43,8 @@ class Learning:
         """
         measurement = known.measurement
         stamp_ns = measurement.stamp_ns
-        standing = self.stand_watch.look(trip, measurement) if known.trusts_temperature else None
+        stand_watch, standing = self.stand_watch.compared(trip, measurement, vehicle) if (
+            known.trusts_temperature) else (self.stand_watch, None)
         if timetable is not None and is_from_grid(timetable.mission.legs[0]):
             # Then the battery's power does not show the heater's.
             measurement = replace(measurement, voltage_v=None, current_a=None)
@@ -51,7 +52,7 @@ class Learning:
             self.estimator.rely_on(standing)
         if known.is_open:
             # The next state that is clear is compared with the latest one before this.
-            return self
+            return replace(self, stand_watch=stand_watch)
         if known.is_described:
             self.estimator.observe(
                 measurement, shown_command_w(timetable, stamp_ns, commands),
@@ -61,8 +62,8 @@ class Learning:
             self.estimator.hold(measurement, known.trusts_temperature, known.trusts_soc)
         estimate = self.estimator.estimate
         if estimate is not None:
-            self.stand_watch.note(LastSeen(estimate.temperature_c, estimate.soc, estimate.stamp_ns))
-        return self
+            stand_watch = stand_watch.noted(LastSeen(estimate.temperature_c, estimate.soc, estimate.stamp_ns))
+        return replace(self, stand_watch=stand_watch)
 
     def on_new_trip(self) -> Learning:
         """Forget the consumption of the route before: another trip begins."""

@@ -12,8 +12,8 @@ discharged. Limits were chosen on nine measured winter drives (10 300 s): regene
 
 from __future__ import annotations
 
-from collections import deque
 from enum import Enum
+from itertools import dropwhile
 from typing import NamedTuple
 
 from bev_preheat.control.inputs import SupplyStatus
@@ -82,6 +82,12 @@ class RegimeReport(NamedTuple):
     is_parked: bool = False
     is_doubtful: bool = False
 
+    def entered(self, regime: Regime, now_ns: int, evidence: str, since_ns: int | None = None) -> RegimeReport:
+        """Return the RegimeReport of an instant [ns] on a regime since another, None: since then."""
+        if regime is not self.regime:
+            return RegimeReport(regime, now_ns if since_ns is None else since_ns, evidence, now_ns)
+        return self._replace(evidence=evidence) if evidence else self
+
 
 class PlannedPower(NamedTuple):
     """
@@ -128,37 +134,31 @@ class _PowerSample(NamedTuple):
     supply: SupplyStatus
 
 
-class RegimeWatch:
-    """Keeps the RegimeReport `report`; `see` takes the Evidence of a battery state."""
+class RegimeWatch(NamedTuple):
+    """
+    The RegimeReport `report`, and the memory for the next one.
 
-    def __init__(self) -> None:
-        """Know nothing yet."""
-        self.report = RegimeReport(Regime.UNKNOWN)
-        self._samples: deque[_PowerSample] = deque()
-        # Since when the power has been that of a vehicle that stands [ns]; None: it is not.
-        self._low_since_ns: int | None = None
+    `samples` are those of the latest battery states. `low_since_ns` [ns] is the instant since which the power has
+    been that of a vehicle that stands; None: it is not.
+    """
 
-    def lose_time(self) -> None:
-        """Forget all instants, because the clock was restarted."""
-        self.report = RegimeReport(Regime.UNKNOWN)
-        self._samples.clear()
-        self._low_since_ns = None
+    report: RegimeReport = RegimeReport(Regime.UNKNOWN)
+    samples: tuple[_PowerSample, ...] = ()
+    low_since_ns: int | None = None
 
-    def see(self, evidence: Evidence) -> RegimeReport:
-        """Take the Evidence of a battery state, the latest so far, and return the RegimeReport."""
-        samples = self._samples
-        if samples and not 0 <= evidence.stamp_ns - samples[-1].stamp_ns <= TOGETHER_S * NS_PER_S:
-            samples.clear()
-            self._low_since_ns = None
-            self.report = RegimeReport(Regime.UNKNOWN, evidence.stamp_ns)
-        samples.append(_PowerSample(evidence.stamp_ns, evidence.power_w, evidence.command_w, evidence.supply))
-        while samples[0].stamp_ns < evidence.stamp_ns - HEATER_FOLLOWS_S * NS_PER_S:
-            samples.popleft()
-        self._judge(evidence)
-        return self.report
+    def seen(self, evidence: Evidence) -> RegimeWatch:
+        """Return the RegimeWatch after the Evidence of a battery state, the latest so far."""
+        report, samples, low_since_ns, now_ns = self.report, self.samples, self.low_since_ns, evidence.stamp_ns
+        if samples and not 0 <= now_ns - samples[-1].stamp_ns <= TOGETHER_S * NS_PER_S:
+            report, samples, low_since_ns = RegimeReport(Regime.UNKNOWN, now_ns), (), None
+        oldest_ns = now_ns - HEATER_FOLLOWS_S * NS_PER_S
+        return RegimeWatch(report, (
+            *dropwhile(lambda sample: sample.stamp_ns < oldest_ns, samples),
+            _PowerSample(now_ns, evidence.power_w, evidence.command_w, evidence.supply)),
+            low_since_ns)._judged(evidence)
 
-    def _judge(self, evidence: Evidence) -> None:
-        before = self.report.regime
+    def _judged(self, evidence: Evidence) -> RegimeWatch:
+        """Return the RegimeWatch whose latest sample is that of the Evidence."""
         charging, suspicion = self._charging(evidence), ''
         if not evidence.is_sign_proven:
             suspicion = self.report.suspicion if self._may_be_reversed() else ''
@@ -166,45 +166,48 @@ class RegimeWatch:
                 suspicion = (f'{charging}, no more than the route takes from it, so the sign of '
                              'battery_state.current may be reversed')
             charging = '' if suspicion else charging
+        report, low_since_ns = self._entered(evidence, charging, suspicion != '')
+        is_doubtful = (report.regime is not Regime.CHARGING and not evidence.has_moved
+                       and self._charging(evidence, DOUBTED_AFTER_S) != '')
+        return RegimeWatch(
+            report._replace(suspicion=suspicion, is_doubtful=is_doubtful), self.samples, low_since_ns)
+
+    def _entered(self, evidence: Evidence, charging: str, is_suspected: bool) -> tuple[RegimeReport, int | None]:
+        """Return the RegimeReport, and since when the power has been low; `charging`: evidence."""
+        report, now_ns, before = self.report, evidence.stamp_ns, self.report.regime
         if evidence.has_moved:
-            self._enter(Regime.DRIVING, evidence.stamp_ns, evidence.stamp_ns, 'the position moves')
-        elif charging:
-            self._enter(Regime.CHARGING, self._window(CHARGING_AFTER_S)[0].stamp_ns, evidence.stamp_ns, charging)
-        elif before is Regime.CHARGING and self._is_still_charged():
-            pass
-        elif before is not Regime.DRIVING and not suspicion and self._drives(evidence):
-            self._enter(Regime.DRIVING, evidence.stamp_ns, evidence.stamp_ns,
-                        f'the battery gives {evidence.power_w or 0.0:.0f} W')
-        elif standing := self._standing(evidence):
-            is_parked = self._is_parked(evidence)
-            since_ns = evidence.stamp_ns - round(max(evidence.stood_s, STANDING_AFTER_S) * NS_PER_S)
-            if self._low_since_ns is not None:
-                since_ns = min(since_ns, self._low_since_ns)
+            return report.entered(Regime.DRIVING, now_ns, 'the position moves'), self.low_since_ns
+        if charging:
+            return report.entered(Regime.CHARGING, now_ns, charging, self._window(CHARGING_AFTER_S)[0].stamp_ns
+                                  ), self.low_since_ns
+        if before is Regime.CHARGING and self._is_still_charged():
+            return report, self.low_since_ns
+        if before is not Regime.DRIVING and not is_suspected and self._drives(evidence):
+            return report.entered(Regime.DRIVING, now_ns, f'the battery gives {evidence.power_w or 0.0:.0f} W'
+                                  ), self.low_since_ns
+        standing, low_since_ns = self._standing(evidence)
+        if standing:
+            since_ns = now_ns - round(max(evidence.stood_s, STANDING_AFTER_S) * NS_PER_S)
+            if low_since_ns is not None:
+                since_ns = min(since_ns, low_since_ns)
             # A stop of a minute is part of the route.
-            self._enter(Regime.STANDING, since_ns, since_ns + round(STANDING_AFTER_S * NS_PER_S), standing)
-            self.report = self.report._replace(is_parked=is_parked)
+            recognised_ns = since_ns + round(STANDING_AFTER_S * NS_PER_S)
+            report = report.entered(Regime.STANDING, recognised_ns, standing, since_ns)._replace(
+                is_parked=self._is_parked(evidence))
         elif before is Regime.CHARGING:
-            self._enter(Regime.STANDING, evidence.stamp_ns, evidence.stamp_ns, 'it is no longer charged')
+            report = report.entered(Regime.STANDING, now_ns, 'it is no longer charged')
         elif before is Regime.STANDING and (evidence.power_w is not None or evidence.has_moved is not None):
             pass
-        elif evidence.power_w is not None and not suspicion:
-            self._enter(Regime.DRIVING if evidence.planned.is_driving or before is Regime.DRIVING
-                        else Regime.UNKNOWN, evidence.stamp_ns, evidence.stamp_ns, '')
+        elif evidence.power_w is not None and not is_suspected and (
+                evidence.planned.is_driving or before is Regime.DRIVING):
+            report = report.entered(Regime.DRIVING, now_ns, '')
         else:
-            self._enter(Regime.UNKNOWN, evidence.stamp_ns, evidence.stamp_ns, '')
-        is_doubtful = (self.report.regime is not Regime.CHARGING and not evidence.has_moved
-                       and self._charging(evidence, DOUBTED_AFTER_S) != '')
-        self.report = self.report._replace(suspicion=suspicion, is_doubtful=is_doubtful)
-
-    def _enter(self, regime: Regime, since_ns: int, now_ns: int, evidence: str) -> None:
-        if regime is not self.report.regime:
-            self.report = RegimeReport(regime, since_ns, evidence, now_ns)
-        elif evidence:
-            self.report = self.report._replace(evidence=evidence)
+            report = report.entered(Regime.UNKNOWN, now_ns, '')
+        return report, low_since_ns
 
     def _window(self, duration_s: float) -> list[_PowerSample]:
         """Return the samples of the last `duration_s` [s] and the one before; [] if they cover less."""
-        samples, from_ns = self._samples, self._samples[-1].stamp_ns - round(duration_s * NS_PER_S)
+        samples, from_ns = self.samples, self.samples[-1].stamp_ns - round(duration_s * NS_PER_S)
         if samples[0].stamp_ns > from_ns:
             return []
         window = [sample for sample in samples if sample.stamp_ns > from_ns]
@@ -243,13 +246,13 @@ class RegimeWatch:
 
     def _is_still_charged(self) -> bool:
         """Whether any of the last samples still shows charging."""
-        window = self._window(DRIVING_AFTER_S) or list(self._samples)
+        window = self._window(DRIVING_AFTER_S) or list(self.samples)
         return any(sample.supply is SupplyStatus.CHARGING if sample.power_w is None
                    else sample.power_w < STANDS_ABOVE_W for sample in window)
 
     def _may_be_reversed(self) -> bool:
         """Whether a current that was suspected of the wrong sign has not flowed out since."""
-        power_w = self._samples[-1].power_w
+        power_w = self.samples[-1].power_w
         return power_w is not None and power_w < CHARGES_W
 
     def _drives(self, evidence: Evidence) -> bool:
@@ -258,31 +261,29 @@ class RegimeWatch:
         powers_w = [sample.power_w for sample in window if sample.power_w is not None]
         if len(powers_w) < 2:
             return False
-        heater_w = max(sample.command_w for sample in self._samples)
+        heater_w = max(sample.command_w for sample in self.samples)
         return min(powers_w) > evidence.planned.others_w + heater_w + DRIVES_W
 
-    def _standing(self, evidence: Evidence) -> str:
-        """Return the evidence of standing; '' for none."""
+    def _standing(self, evidence: Evidence) -> tuple[str, int | None]:
+        """Return the evidence of standing, '' for none, and since when the power has been low [ns]."""
         if evidence.has_moved is False and evidence.stood_s >= STANDING_AFTER_S:
-            return f'the position has not moved for {evidence.stood_s:.0f} s'
+            return f'the position has not moved for {evidence.stood_s:.0f} s', self.low_since_ns
         if evidence.has_moved is not None:
-            return ''
+            return '', self.low_since_ns
         power_w = self._low_power_w(evidence)
         if power_w is None:
-            self._low_since_ns = None
-            return ''
-        if self._low_since_ns is None:
-            self._low_since_ns = self._window(STANDING_AFTER_S)[0].stamp_ns
-        planned, low_s = evidence.planned, (evidence.stamp_ns - self._low_since_ns) / NS_PER_S
+            return '', None
+        since_ns = self._window(STANDING_AFTER_S)[0].stamp_ns if self.low_since_ns is None else self.low_since_ns
+        planned, low_s = evidence.planned, (evidence.stamp_ns - since_ns) / NS_PER_S
         if planned.is_driving and not (
                 planned.least_in_60_s_w > DRIVES_W
                 or (low_s >= STANDING_AFTER_LONG_S and planned.least_in_300_s_w > DRIVES_W)
                 or (low_s >= PARKED_AFTER_S and self._is_parked(evidence))):
-            return ''
+            return '', since_ns
         if not planned.is_driving:
-            return f'the battery gives {power_w:.0f} W'
+            return f'the battery gives {power_w:.0f} W', since_ns
         return (f'the battery gives {power_w:.0f} W, and the route plans '
-                f'{planned.propulsion_w + planned.others_w + evidence.command_w:.0f} W')
+                f'{planned.propulsion_w + planned.others_w + evidence.command_w:.0f} W'), since_ns
 
     def _low_power_w(self, evidence: Evidence) -> float | None:
         """Return the mean power of the last minute [W] if it is that of a vehicle that stands; None if not."""
@@ -311,7 +312,7 @@ class RegimeWatch:
         others_w = evidence.planned.others_w
         if self.report.regime is Regime.STANDING and self.report.is_parked:
             # The power of a heater that has been switched off falls slowly.
-            heater_w = max(sample.command_w for sample in self._samples)
+            heater_w = max(sample.command_w for sample in self.samples)
             return min(powers_w) - heater_w < NOT_PARKED_SHARE * others_w
         consumers_w = sum(powers_w) - sum(sample.command_w for sample in window)
         return consumers_w < PARKED_SHARE * others_w * len(powers_w)

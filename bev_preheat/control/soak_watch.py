@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.estimation.soak import after_soak, Soak
@@ -50,59 +49,61 @@ class StandReport(NamedTuple):
                 f'{allowed_k:.1f} K are allowed; check the sensor, and standing_time of route_plan')
 
 
-class StandWatch:
-    """Checks the first battery state of each trip; `report` is the StandReport of the current trip."""
+class StandWatch(NamedTuple):
+    """
+    Temperatures before each trip; `report` is the StandReport of the current trip.
 
-    def __init__(self, vehicle: Vehicle, last_seen: LastSeen | None = None) -> None:
-        """Start without a trip; `last_seen` is the battery's LastSeen before a restart, None: unknown."""
-        self._vehicle = vehicle
-        self._history: deque[LastSeen] = deque(() if last_seen is None else (last_seen,), maxlen=MOST_NOTED)
-        self._latest: LastSeen | None = None
-        self._route_id: str | None = None
-        self._is_done = False
-        self.report: StandReport | None = None
+    `history` are LastSeens of the last days, in order, and `latest` is the latest one; `history` may begin with
+    the one before a restart. `is_done`: the first battery state of the trip with `route_id` was compared.
+    """
 
-    def note(self, seen: LastSeen) -> None:
-        """Note a LastSeen, later than those before: the vehicle may be parked then."""
-        history, latest = self._history, self._latest
+    history: tuple[LastSeen, ...] = ()
+    latest: LastSeen | None = None
+    route_id: str | None = None
+    is_done: bool = False
+    report: StandReport | None = None
+
+    def noted(self, seen: LastSeen) -> StandWatch:
+        """Return the watch after a LastSeen, later than those before: the vehicle may be parked then."""
+        history, latest = self.history, self.latest
         if latest is not None and (
                 seen.stamp_ns < latest.stamp_ns or seen.stamp_ns - latest.stamp_ns > SILENCE_S * NS_PER_S):
-            history.append(latest)
+            history = (*history, latest)
         if history and seen.stamp_ns < history[-1].stamp_ns:
             # The clock was set back.
-            history.clear()
+            history = ()
         if not history or seen.stamp_ns - history[-1].stamp_ns >= NOTED_EVERY_S * NS_PER_S:
-            history.append(seen)
-        self._latest = seen
+            history = (*history, seen)
+        return self._replace(history=history[-MOST_NOTED:], latest=seen)
 
     def _parked(self, parked_ns: int) -> LastSeen | None:
         """Return the latest LastSeen of about the instant [ns] at which the vehicle was parked; None: unknown."""
-        return next((seen for seen in reversed(self._history)
+        return next((seen for seen in reversed(self.history)
                      if -SEEN_BEFORE_S * NS_PER_S <= seen.stamp_ns - parked_ns <= SEEN_AFTER_S * NS_PER_S), None)
 
-    def look(self, mission: Mission | None, measurement: Measurement) -> Soak | None:
+    def compared(self, mission: Mission | None, measurement: Measurement,
+                 vehicle: Vehicle) -> tuple[StandWatch, Soak | None]:
         """
-        Return the Soak before a Measurement; None if the Measurement does not follow a soak.
+        Return the watch after a Measurement, and the Soak before it; None if it does not follow a soak.
 
         It is returned at most once per trip, because an update of the route adds no information.
         """
         route_id = None if mission is None else mission.route_id
-        if route_id != self._route_id:
-            self._route_id, self._is_done, self.report = route_id, False, None
-        if mission is None or self._is_done:
-            return None
+        watch = self if route_id == self.route_id else self._replace(
+            route_id=route_id, is_done=False, report=None)
+        if mission is None or watch.is_done:
+            return watch, None
         since_start_s = (measurement.stamp_ns - mission.start_ns) / NS_PER_S
-        self._is_done = since_start_s > FIRST_STATE_WITHIN_S
+        if since_start_s > FIRST_STATE_WITHIN_S:
+            return watch._replace(is_done=True), None
         stood_s = mission.standing_time_s + min(since_start_s, 0.0)
-        if self._is_done or mission.standing_time_s == 0.0 or stood_s <= 0.0:
-            return None
-        self._is_done = True
+        if mission.standing_time_s == 0.0 or stood_s <= 0.0:
+            return watch, None
         ambient_c = float(mission.legs[0].route.ambient_temperature_c[0])
         parked = self._parked(measurement.stamp_ns - round(stood_s * NS_PER_S))
         parked_c = None
         if parked is not None:
             stood_s, parked_c = (measurement.stamp_ns - parked.stamp_ns) / NS_PER_S, parked.temperature_c
-        standing = after_soak(self._vehicle, ambient_c, stood_s, parked_c)
-        self.report = StandReport(
-            measurement.state.temperature_c, stood_s, ambient_c, standing)
-        return standing
+        standing = after_soak(vehicle, ambient_c, stood_s, parked_c)
+        return watch._replace(is_done=True, report=StandReport(
+            measurement.state.temperature_c, stood_s, ambient_c, standing)), standing

@@ -88,7 +88,7 @@ class State:
         From before a restart: the Learned (None: start from the vehicle file), the battery's
         LastSeen (None: unknown), and the DriverChoices that still count.
         """
-        return cls(vehicle, Inbox.empty(vehicle, settings, choices), Knowledge(vehicle),
+        return cls(vehicle, Inbox.empty(vehicle, settings, choices), Knowledge(),
                    Learning.begun(vehicle, learned, last_seen), last_seen)
 
     @property

@@ -191,10 +191,10 @@ def know(state: State, events: tuple[Event, ...]) -> State:
 def learn(state: State, measurement: Measurement) -> State:
     """Return the State with a valid Measurement: its signals are checked, and it is learned from."""
     history, vehicle = state.answers.history, state.inbox.vehicle
-    known = state.knowledge.see(measurement, state.inputs, history)
+    knowledge, known = state.knowledge.seen(measurement, state.inputs, history)
     state = replace(
-        state, inbox=state.inbox.with_timetable(known.timetable),
-        screened=Screened(measurement, known.measurement, state.knowledge.obstacle))
+        state, knowledge=knowledge, inbox=state.inbox.with_timetable(known.timetable),
+        screened=Screened(measurement, known.measurement, knowledge.obstacle))
     inputs = state.inputs
     state = replace(state, preparation=state.preparation.seen(known.measurement, known.command_w, inputs))
     if not inputs.settings.estimation:
@@ -234,7 +234,7 @@ def decide(state: State, is_due: bool) -> tuple[State, Decision | None]:
     obstacle = find_obstacle(inputs, now_ns)
     if obstacle is not None:
         if obstacle.status is Status.STALE_INPUT:
-            state.knowledge.note_expired_state()
+            state = replace(state, knowledge=state.knowledge.state_expired())
         return replace(state, decision=obstacle), obstacle
     if not is_due:
         return state, None
@@ -293,7 +293,7 @@ def _reconfigured(state: State, event: Reconfigured) -> State:
         state = replace(state, learning=Learning.begun(event.vehicle, event.learned),
                         decision_maker=DecisionMaker())
     if event.vehicle is not state.vehicle:
-        state = replace(state, vehicle=event.vehicle, knowledge=Knowledge(event.vehicle))
+        state = replace(state, vehicle=event.vehicle, knowledge=Knowledge())
     return state
 
 

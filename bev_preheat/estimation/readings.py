@@ -4,10 +4,10 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
 from enum import Enum
+from itertools import dropwhile
 import math
-from typing import Protocol, TYPE_CHECKING
+from typing import NamedTuple, Protocol, TYPE_CHECKING
 
 from bev_preheat.numerics.factors import NS_PER_S
 
@@ -38,29 +38,34 @@ Look = tuple[float, float, float]
 Expected = tuple[float, float]
 
 
-class Resolution:
+class Resolution(NamedTuple):
     """
     The coarsest step that divides all values so far; 0 if no step does.
 
-    A signal counts as coarse until a value shows that it is finer.
+    A signal counts as coarse until a value shows that it is finer. `steps` are those that are left, in descending
+    order; `values` are values so far.
     """
 
-    def __init__(self, steps: Sequence[float]) -> None:
-        """Start without values; `steps` are in descending order."""
-        self._steps = steps
-        self._seen: set[float] = set()
-        self.step = steps[0]
+    steps: tuple[float, ...]
+    values: tuple[float, ...] = ()
 
-    def see(self, value: float) -> None:
-        """Update with a value."""
-        if self.step == 0.0 or value in self._seen:
-            return
-        if len(self._seen) < MOST_REMEMBERED:
-            self._seen.add(value)
+    @property
+    def step(self) -> float:
+        """The step; 0 for none."""
+        return self.steps[0] if self.steps else 0.0
+
+    def seen(self, value: float) -> Resolution:
+        """Return the Resolution with another value."""
+        steps, values = self.steps, self.values
+        if not steps or value in values:
+            return self
+        if len(values) < MOST_REMEMBERED:
+            values = (*values, value)
         # All earlier values are multiples of the current step.
-        if not _is_multiple(value, self.step):
-            self.step = next((step for step in self._steps if step < self.step and all(
-                _is_multiple(seen, step) for seen in (value, *self._seen))), 0.0)
+        if not _is_multiple(value, steps[0]):
+            steps = tuple(dropwhile(lambda step: not all(
+                _is_multiple(seen, step) for seen in (value, *values)), steps[1:]))
+        return Resolution(steps, values)
 
 
 def _is_multiple(value: float, step: float) -> bool:
@@ -123,8 +128,8 @@ class ReadingCheck:
 
     def see(self, state: BatteryState) -> None:
         """Update the steps with a reading; call it for every reading, before `judge`."""
-        self._temperature_steps.see(state.temperature_c)
-        self._soc_steps.see(state.soc)
+        self._temperature_steps = self._temperature_steps.seen(state.temperature_c)
+        self._soc_steps = self._soc_steps.seen(state.soc)
 
     def judge(self, measurement: MeasuredState, expected: tuple[Expected, Expected]) -> Verdict:
         """Return the Verdict on a MeasuredState; `expected` are temperature [deg C] and charge, with variances."""

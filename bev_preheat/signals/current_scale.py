@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from bev_preheat.estimation.readings import Resolution, SOC_STEPS
+from bev_preheat.signals.current_sample import CurrentSample
 
 # The two changes of the charge differ by at most this factor.
 FACTOR = 3.0
@@ -27,57 +27,42 @@ APART_S, LONGEST_S = 60.0, 3600.0
 LOWEST_SOC, HIGHEST_SOC = 0.01, 0.99
 
 
-class _ScaleSample(NamedTuple):
-    instant_s: float
-    current_a: float
-    soc: float
+class CurrentScale(NamedTuple):
+    """
+    Current and state of charge, compared; `doubt` is the sentence, '' while they agree.
 
+    `before` is the latest sample, None if the next one does not follow it. The comparison began with the sample
+    `first`, and the current has drawn the share `drawn` of the charge since.
+    """
 
-class CurrentScale:
-    """Compares current and state of charge; `doubt` is the sentence, '' while they agree."""
+    doubt: str = ''
+    before: CurrentSample | None = None
+    first: CurrentSample | None = None
+    drawn: float = 0.0
 
-    def __init__(self, capacity_as: float) -> None:
-        """Start without evidence; `capacity_as` [As] is that of the battery."""
-        self.doubt = ''
-        self._capacity_as = capacity_as
-        self._steps = Resolution(SOC_STEPS)
-        self._before: _ScaleSample | None = None
-        self._first: _ScaleSample | None = None
-        self._drawn = 0.0
+    def without_instants(self) -> CurrentScale:
+        """Return the CurrentScale whose next sample does not follow the latest one."""
+        return self._replace(before=None)
 
-    def lose_time(self) -> None:
-        """Forget the latest state, because the next one does not follow it."""
-        self._before = None
-
-    def see(self, instant_s: float, current_a: float, soc: float) -> str:
-        """Update with instant [s], current [A] and state of charge (0 ... 1); return `doubt`."""
-        sample = _ScaleSample(instant_s, current_a, soc)
-        before, self._before = self._before, sample
-        self._steps.see(soc)
-        if before is None or self._first is None or not self._follows(before, sample):
-            self._begin(sample)
-            return self.doubt
-        self._drawn += 0.5 * (current_a + before.current_a) * (instant_s - before.instant_s) / self._capacity_as
-        self._judge(abs(self._first.soc - soc), abs(self._drawn), sample)
-        return self.doubt
-
-    def _begin(self, sample: _ScaleSample) -> None:
-        self._first, self._drawn = sample, 0.0
-
-    def _follows(self, before: _ScaleSample, sample: _ScaleSample) -> bool:
-        assert self._first is not None
-        elapsed_s = sample.instant_s - before.instant_s
-        return (0.0 < elapsed_s <= APART_S and sample.instant_s - self._first.instant_s <= LONGEST_S
-                and LOWEST_SOC < sample.soc < HIGHEST_SOC and abs(sample.soc - before.soc)
-                <= JUMP + JUMP_STEPS * self._steps.step + JUMP_PER_S * elapsed_s)
-
-    def _judge(self, changed: float, drawn: float, sample: _ScaleSample) -> None:
-        least = max(LEAST_CHANGE, LEAST_STEPS * self._steps.step)
-        is_too_much = drawn >= FACTOR * max(least, changed + ERROR + ERROR_STEPS * self._steps.step)
+    def seen(self, sample: CurrentSample, soc_step: float, capacity_as: float) -> CurrentScale:
+        """Return the CurrentScale after a sample; the battery's capacity [As], and `soc_step` of the charge."""
+        before, first = self.before, self.first
+        if before is None or first is None or not _follows(before, first, sample, soc_step):
+            return CurrentScale(self.doubt, sample, sample)
+        drawn = self.drawn + sample.drawn_since(before, capacity_as)
+        least = max(LEAST_CHANGE, LEAST_STEPS * soc_step)
+        changed, moved = abs(first.soc - sample.soc), abs(drawn)
+        is_too_much = moved >= FACTOR * max(least, changed + ERROR + ERROR_STEPS * soc_step)
         if not is_too_much and changed < least:
-            return
-        self.doubt = '' if not is_too_much and FACTOR * drawn >= changed else (
-            f'current: it moved {100.0 * drawn:.1f} % of the charge while percentage changed by '
+            return CurrentScale(self.doubt, sample, first, drawn)
+        return CurrentScale('' if not is_too_much and FACTOR * moved >= changed else (
+            f'current: it moved {100.0 * moved:.1f} % of the charge while percentage changed by '
             f'{100.0 * changed:.1f} %; the unit or scale of either is wrong; voltage and current are not '
-            'used')
-        self._begin(sample)
+            'used'), sample, sample)
+
+
+def _follows(before: CurrentSample, first: CurrentSample, sample: CurrentSample, soc_step: float) -> bool:
+    elapsed_s = sample.instant_s - before.instant_s
+    return (0.0 < elapsed_s <= APART_S and sample.instant_s - first.instant_s <= LONGEST_S
+            and LOWEST_SOC < sample.soc < HIGHEST_SOC and abs(sample.soc - before.soc)
+            <= JUMP + JUMP_STEPS * soc_step + JUMP_PER_S * elapsed_s)

@@ -9,12 +9,11 @@ discharges. The latest proof counts.
 
 from __future__ import annotations
 
-from collections import deque
 from enum import Enum
 import math
 from typing import NamedTuple
 
-from bev_preheat.estimation.readings import Resolution, SOC_STEPS
+from bev_preheat.signals.current_sample import CurrentSample
 
 # Number of latest changes of voltage and current that are correlated, and the least number for a proof.
 # The states of a change are at most APART_S [s] apart. The standard deviation of the current's changes [A]
@@ -33,6 +32,8 @@ LEAST_DEVIATIONS = 5.0
 NOISE_OVER, MOST_NOISE = 30.0, 0.01
 # Least share of this change that the current accounts for.
 LEAST_SHARE = 0.25
+# States of charge further apart than this are not compared [s].
+TOGETHER_S = 60.0
 CONFIRMED_EVERY_S = 10.0
 # A change of the charge from one state to the next that exceeds this number of its steps and this multiple of the
 # charge moved by the current, beside LEAST_MOVED and the noise, is a jump: a correction of the battery management.
@@ -49,103 +50,84 @@ class Sign(Enum):
     REVERSED = 'reversed'
 
 
-class _SignSample(NamedTuple):
-    instant_s: float
-    voltage_v: float
-    current_a: float
+class CurrentSign(NamedTuple):
+    """
+    The Sign of the current, with the evidence as a sentence.
 
+    `before` is the latest sample, None if the next one does not follow it; `changes` are the latest changes of
+    voltage and current. The charge is compared since it was `first_soc`; the current has drawn the share
+    `discharged` of the capacity since. `latest_soc` is the latest charge that was compared, and `noise` the
+    variance of its change from one state to the next. The voltage was looked at last at `confirmed_s` [s].
+    """
 
-class CurrentSign:
-    """Watches voltage, current and state of charge; `sign` is the Sign, `evidence` a sentence."""
+    sign: Sign = Sign.UNKNOWN
+    evidence: str = ''
+    before: CurrentSample | None = None
+    changes: tuple[tuple[float, float], ...] = ()
+    first_soc: float = 0.0
+    discharged: float = 0.0
+    latest_soc: float | None = None
+    noise: float = 0.0
+    confirmed_s: float = -math.inf
 
-    def __init__(self, capacity_as: float) -> None:
-        """Start without evidence; `capacity_as` [As] is that of the battery."""
-        self._capacity_as = capacity_as
-        self.sign, self.evidence = Sign.UNKNOWN, ''
-        self._changes: deque[tuple[float, float]] = deque(maxlen=CHANGES)
-        self._before: _SignSample | None = None
-        self._soc_steps = Resolution(SOC_STEPS)
-        self._first_soc: float | None = None
-        self._discharged = 0.0
-        # Variance of the change of the state of charge from one state to the next.
-        self._latest_soc: float | None = None
-        self._noise = 0.0
-        self._confirmed_s = -math.inf
+    def without_instants(self) -> CurrentSign:
+        """Return the CurrentSign whose next sample does not follow the latest one."""
+        return self._replace(before=None, confirmed_s=-math.inf)
 
-    def lose_time(self) -> None:
-        """Forget the latest state, because the next one does not follow it."""
-        self._before = self._first_soc = None
-        self._confirmed_s = -math.inf
-        self._discharged = 0.0
-
-    def see(self, instant_s: float, voltage_v: float, current_a: float, soc: float) -> Sign:
-        """Update with instant [s], voltage [V], current [A], state of charge (0 ... 1); return the Sign."""
-        before, self._before = self._before, _SignSample(instant_s, voltage_v, current_a)
-        self._soc_steps.see(soc)
-        if before is None or not 0.0 < instant_s - before.instant_s <= 60.0:
-            self._first_soc, self._discharged = soc, 0.0
-            return self.sign
-        elapsed_s = instant_s - before.instant_s
+    def seen(self, sample: CurrentSample, soc_step: float, capacity_as: float) -> CurrentSign:
+        """Return the CurrentSign after a sample; the battery's capacity [As], and `soc_step` of the charge."""
+        before, soc = self.before, sample.soc
+        elapsed_s = 0.0 if before is None else sample.instant_s - before.instant_s
+        if before is None or not 0.0 < elapsed_s <= TOGETHER_S:
+            return self._replace(before=sample, first_soc=soc, discharged=0.0)
+        changes, noise = self.changes, self.noise
         if elapsed_s <= APART_S:
-            self._changes.append((voltage_v - before.voltage_v, current_a - before.current_a))
-        moved = 0.5 * (current_a + before.current_a) * elapsed_s / self._capacity_as
-        has_jumped = self._has_jumped(soc, moved)
-        if self._latest_soc is not None and self._soc_steps.step == 0.0:
-            self._noise += (min(abs(soc - self._latest_soc), MOST_NOISE)**2 - self._noise) / NOISE_OVER
-        self._latest_soc = soc
-        self._discharged += moved
-        if has_jumped:
-            # It tells nothing about the current.
-            self._first_soc, self._discharged = soc, 0.0
+            changes = (*changes, (
+                sample.voltage_v - before.voltage_v, sample.current_a - before.current_a))[-CHANGES:]
+        moved = sample.drawn_since(before, capacity_as)
+        # A jump tells nothing about the current.
+        since = (soc, 0.0) if self._jumps(soc, moved, soc_step) else (self.first_soc, self.discharged + moved)
+        if self.latest_soc is not None and soc_step == 0.0:
+            noise += (min(abs(soc - self.latest_soc), MOST_NOISE)**2 - noise) / NOISE_OVER
         # A sign proved right is confirmed from time to time.
-        if self.sign is not Sign.RIGHT or instant_s >= self._confirmed_s + CONFIRMED_EVERY_S:
-            self._confirmed_s = instant_s
-            self._judge_voltage()
-        self._judge_charge(soc)
-        return self.sign
+        is_due = self.sign is not Sign.RIGHT or sample.instant_s >= self.confirmed_s + CONFIRMED_EVERY_S
+        now = CurrentSign(self.sign, self.evidence, sample, changes, *since, soc, noise,
+                          sample.instant_s if is_due else self.confirmed_s)
+        return (now._by_voltage() if is_due else now)._by_charge(soc, soc_step)
 
-    def _has_jumped(self, soc: float, moved: float) -> bool:
-        if self._latest_soc is None:
-            return False
-        most = JUMP_MOVED * abs(moved) + max(
-            LEAST_MOVED + JUMP_STEPS * self._soc_steps.step, 2.0 * LEAST_DEVIATIONS * math.sqrt(self._noise))
-        return abs(soc - self._latest_soc) > most
+    def _jumps(self, soc: float, moved: float, soc_step: float) -> bool:
+        return self.latest_soc is not None and abs(soc - self.latest_soc) > JUMP_MOVED * abs(moved) + max(
+            LEAST_MOVED + JUMP_STEPS * soc_step, 2.0 * LEAST_DEVIATIONS * math.sqrt(self.noise))
 
-    def _judge_voltage(self) -> None:
-        count = len(self._changes)
+    def _by_voltage(self) -> CurrentSign:
+        """Return the CurrentSign after a look at the changes of voltage and current."""
+        count = len(self.changes)
         if count < LEAST_CHANGES:
-            return
+            return self
         voltages = current = mixed = 0.0
-        for change_v, change_a in self._changes:
+        for change_v, change_a in self.changes:
             voltages += change_v * change_v
             current += change_a * change_a
             mixed += change_v * change_a
         least_a = LEAST_DEVIATION_OF_ALL_A if count == CHANGES else LEAST_DEVIATION_A
         if voltages == 0.0 or current < count * least_a**2:
-            return
+            return self
         correlation = mixed / math.sqrt(voltages * current)
         if correlation > PROVES_CORRELATION:
-            self._prove(Sign.REVERSED, 'the voltage rises while the current discharges more')
-        elif correlation < -PROVES_CORRELATION:
-            self._prove(Sign.RIGHT, '')
+            return self._replace(
+                sign=Sign.REVERSED, evidence='the voltage rises while the current discharges more')
+        return self._replace(sign=Sign.RIGHT, evidence='') if correlation < -PROVES_CORRELATION else self
 
-    def _judge_charge(self, soc: float) -> None:
-        if self._first_soc is None:
-            self._first_soc = soc
-        fallen = self._first_soc - soc
-        noise = math.sqrt(0.5 * self._noise)
-        least = max(LEAST_MOVED, LEAST_STEPS * self._soc_steps.step, LEAST_DEVIATIONS * noise)
-        if abs(fallen) < least or abs(self._discharged) < max(LEAST_SHARE * abs(fallen), 0.5 * least):
-            if abs(self._discharged) > max(RESTART_AFTER, 3.0 * least):
-                self._first_soc, self._discharged = soc, 0.0
-            return
-        if fallen * self._discharged > 0.0:
-            self._prove(Sign.RIGHT, '')
-        else:
-            self._prove(Sign.REVERSED, (
-                f'the state of charge {"fell" if fallen > 0.0 else "rose"} by {100 * abs(fallen):.1f} % while '
-                f'the current says that it {"rises" if self._discharged < 0.0 else "falls"}'))
-        self._first_soc, self._discharged = soc, 0.0
-
-    def _prove(self, sign: Sign, evidence: str) -> None:
-        self.sign, self.evidence = sign, evidence
+    def _by_charge(self, soc: float, soc_step: float) -> CurrentSign:
+        """Return the CurrentSign after a look at the charge that has moved."""
+        fallen, discharged = self.first_soc - soc, self.discharged
+        noise = math.sqrt(0.5 * self.noise)
+        least = max(LEAST_MOVED, LEAST_STEPS * soc_step, LEAST_DEVIATIONS * noise)
+        if abs(fallen) < least or abs(discharged) < max(LEAST_SHARE * abs(fallen), 0.5 * least):
+            has_long_passed = abs(discharged) > max(RESTART_AFTER, 3.0 * least)
+            return self._replace(first_soc=soc, discharged=0.0) if has_long_passed else self
+        if fallen * discharged > 0.0:
+            return self._replace(sign=Sign.RIGHT, evidence='', first_soc=soc, discharged=0.0)
+        return self._replace(sign=Sign.REVERSED, first_soc=soc, discharged=0.0, evidence=(
+            f'the state of charge {"fell" if fallen > 0.0 else "rose"} by {100 * abs(fallen):.1f} % while '
+            f'the current says that it {"rises" if discharged < 0.0 else "falls"}'))

@@ -11,9 +11,11 @@ follows them has the same scale, unless it continues the last valid value.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from functools import lru_cache
+from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.numerics.arithmetic import FLOATS
+from bev_preheat.planning.dynamics import KEPT_VEHICLES
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -40,7 +42,6 @@ class ElectricalCheck:
         battery = vehicle.battery
         self._voltage_v = battery.open_circuit_voltage.function(FLOATS)
         self._resistance_ohm = battery.resistance.function(FLOATS)
-        self._lowest_soc = 0.0
         self._temperatures_c = battery.temperature_range_c
 
     def voltage_doubt(self, voltage_v: float, current_a: float, temperature_c: float, soc: float) -> str:
@@ -81,32 +82,39 @@ class ElectricalCheck:
                 self._resistance_ohm(soc, temperature_c) * current_a)
 
 
-class PercentScale:
-    """Remembers the latest percentages, including refused ones."""
+@lru_cache(maxsize=KEPT_VEHICLES)
+def electrical_check(vehicle: Vehicle) -> ElectricalCheck:
+    """Return the ElectricalCheck of a Vehicle."""
+    return ElectricalCheck(vehicle)
 
-    def __init__(self) -> None:
-        """Start without values."""
-        self._latest: float | None = None
-        self._latest_s = 0.0
-        self._valid: float | None = None
 
-    def note_refused(self, instant_s: float, percentage: float) -> None:
-        """Note a percentage that was refused at an instant [s]; one above 1 is on a scale of 100."""
-        if 1.0 < percentage <= 100.0:
-            self._latest, self._latest_s = percentage, instant_s
+class PercentScale(NamedTuple):
+    """
+    The latest percentages, including refused ones.
 
-    def doubt(self, instant_s: float, soc: float, is_vouched_for: Callable[[], bool]) -> str:
+    `latest` is the latest one on a scale of 100, at `latest_s` [s], None: a valid one followed. `valid` is the
+    latest valid one.
+    """
+
+    latest: float | None = None
+    latest_s: float = 0.0
+    valid: float | None = None
+
+    def refused(self, instant_s: float, percentage: float) -> PercentScale:
+        """Return the PercentScale after one was refused at an instant [s]; above 1 it is on a scale of 100."""
+        return PercentScale(percentage, instant_s, self.valid) if 1.0 < percentage <= 100.0 else self
+
+    def seen(self, instant_s: float, soc: float, is_vouched_for: Callable[[], bool]) -> tuple[PercentScale, str]:
         """
-        Return the sentence on a state of charge that is on a scale of 100; '' if it is not.
+        Return the PercentScale after a state of charge, and the sentence on one on a scale of 100; '' for none.
 
         `is_vouched_for()`: the voltage fits the value better than a hundredth of this value.
         """
-        before = self._latest
-        goes_on = self._valid is not None and abs(soc - self._valid) <= GOES_ON_WITHIN
+        before = self.latest
+        goes_on = self.valid is not None and abs(soc - self.valid) <= GOES_ON_WITHIN
         if (before is None or goes_on or soc == 0.0
-                or not 0.0 <= instant_s - self._latest_s <= FOLLOWS_WITHIN_S or is_vouched_for()):
-            self._latest, self._valid = None, soc
-            return ''
-        self._latest_s = instant_s
-        return (f'percentage: {soc:g} follows {before:g}, which is on a scale of 100; expected 0 ... 1: '
-                f'{soc / 100:g}?')
+                or not 0.0 <= instant_s - self.latest_s <= FOLLOWS_WITHIN_S or is_vouched_for()):
+            return PercentScale(None, 0.0, soc), ''
+        return PercentScale(before, instant_s, self.valid), (
+            f'percentage: {soc:g} follows {before:g}, which is on a scale of 100; expected 0 ... 1: '
+            f'{soc / 100:g}?')

@@ -9,7 +9,6 @@ traction battery cannot be distinguished from the other battery.
 
 from __future__ import annotations
 
-from collections import deque
 from typing import NamedTuple
 
 from bev_preheat.errors import quoted
@@ -38,54 +37,51 @@ class SeenState(NamedTuple):
     temperature_c: float
     soc: float
     voltage_v: float | None
-    name: str
+    name: str = ''
 
 
-class SourceWatch:
-    """Watches from which battery states come; `doubt` is the sentence, '' if it is one battery."""
+class SourceWatch(NamedTuple):
+    """
+    From which battery the states come; `doubt` is the sentence, '' if it is one battery.
 
-    def __init__(self) -> None:
-        """Start without states."""
-        self.doubt = ''
-        self._before: SeenState | None = None
-        self._jumps: deque[bool] = deque(maxlen=STATES)
-        self._calm = 0
+    `before` is the latest state, None if the next one does not follow it. `jumps`: whether each of the latest
+    states contradicted the one before; `calm` is the number of states since one did.
+    """
 
-    def lose_time(self) -> None:
-        """Forget the latest state, because the next one does not follow it."""
-        self._before = None
+    doubt: str = ''
+    before: SeenState | None = None
+    jumps: tuple[bool, ...] = ()
+    calm: int = 0
 
-    def see(self, instant_s: float, temperature_c: float, soc: float, voltage_v: float | None,
-            name: str = '') -> str:
-        """
-        Update with instant [s], temperature [deg C], state of charge (0 ... 1), voltage [V].
+    def without_instants(self) -> SourceWatch:
+        """Return the watch whose next state does not follow the latest one."""
+        return self._replace(before=None)
 
-        `name` identifies the battery in the message, '' if it does not. Returns `doubt`.
-        """
-        state = SeenState(instant_s, temperature_c, soc, voltage_v, name)
-        before, self._before = self._before, state
-        if before is None or not 0.0 <= instant_s - before.instant_s <= TOGETHER_S:
-            self._jumps.clear()
-            return self.doubt
-        has_jumped = before.name != state.name or bool(_jumping(before, state))
-        self._jumps.append(has_jumped)
-        self._calm = 0 if has_jumped else self._calm + 1
-        if sum(self._jumps) >= LEAST_JUMPS:
-            self.doubt = self._sentence(before, state) if has_jumped or not self.doubt else self.doubt
-        elif self._calm >= CALM_STATES:
-            self.doubt = ''
-        return self.doubt
+    def seen(self, state: SeenState) -> SourceWatch:
+        """Return the watch after another state."""
+        before = self.before
+        if before is None or not 0.0 <= state.instant_s - before.instant_s <= TOGETHER_S:
+            return self._replace(before=state, jumps=())
+        has_jumped = not is_one_battery(before, state)
+        doubt, jumps = self.doubt, (*self.jumps, has_jumped)[-STATES:]
+        calm = 0 if has_jumped else self.calm + 1
+        if sum(jumps) >= LEAST_JUMPS:
+            doubt = _sentence(before, state, jumps) if has_jumped or not doubt else doubt
+        elif calm >= CALM_STATES:
+            doubt = ''
+        return SourceWatch(doubt, state, jumps, calm)
 
-    def _sentence(self, one: SeenState, other: SeenState) -> str:
-        if one.name != other.name:
-            names = ' and '.join(quoted(each.name) if each.name else 'one without a name' for each in (one, other))
-            return f'battery_state comes from two batteries: {names}; remap the topic to the traction battery'
-        share = 100.0 * sum(self._jumps) / len(self._jumps)
-        jumping = _jumping(one, other)
-        # A noisy sensor looks like a second battery that differs in one signal.
-        lone = f', or its {jumping[0]} jumps' if len(jumping) == 1 else ''
-        return (f'battery_state comes from two batteries{lone}: {share:.0f} % of the readings contradict the one '
-                f'before, {_in_words(one)} and {_in_words(other)}; remap the topic to the traction battery')
+
+def _sentence(one: SeenState, other: SeenState, jumps: tuple[bool, ...]) -> str:
+    if one.name != other.name:
+        names = ' and '.join(quoted(each.name) if each.name else 'one without a name' for each in (one, other))
+        return f'battery_state comes from two batteries: {names}; remap the topic to the traction battery'
+    share = 100.0 * sum(jumps) / len(jumps)
+    jumping = _jumping(one, other)
+    # A noisy sensor looks like a second battery that differs in one signal.
+    lone = f', or its {jumping[0]} jumps' if len(jumping) == 1 else ''
+    return (f'battery_state comes from two batteries{lone}: {share:.0f} % of the readings contradict the one '
+            f'before, {_in_words(one)} and {_in_words(other)}; remap the topic to the traction battery')
 
 
 def is_one_battery(one: SeenState, other: SeenState) -> bool:
@@ -109,46 +105,46 @@ def _in_words(state: SeenState) -> str:
     return f'{state.temperature_c:.1f} degC, {100 * state.soc:.1f} %{voltage}'
 
 
-class FeedWatch:
-    """Compares the time between valid battery states with the allowed time."""
+class FeedWatch(NamedTuple):
+    """
+    The time between valid battery states, compared with the allowed time.
 
-    def __init__(self) -> None:
-        """Start without states."""
-        self._latest_s: float | None = None
-        self._too_long_s: deque[float] = deque(maxlen=SLOW_GAPS)
-        self._in_time = 0
-        self._is_slow = self._has_expired = False
+    `latest_s` [s] is the latest state's stamp, None: unknown; `has_expired`: it is too old, and no other has
+    arrived. `too_long_s` are the latest gaps that were too long [s], `in_time` is the number of others since.
+    """
 
-    def note_expired(self) -> None:
-        """Note that the latest state is too old, and no other has arrived."""
-        self._has_expired = True
+    latest_s: float | None = None
+    has_expired: bool = False
+    too_long_s: tuple[float, ...] = ()
+    in_time: int = 0
 
-    def lose_time(self) -> None:
-        """Forget when the latest state arrived, because the clock was restarted."""
-        self._latest_s, self._has_expired = None, False
+    def expired(self) -> FeedWatch:
+        """Return the watch whose latest state is too old."""
+        return self if self.has_expired else self._replace(has_expired=True)
 
-    def see(self, instant_s: float, timeout_s: float) -> str:
-        """
-        Return the doubt about the feed after a state with the stamp `instant_s` [s]; '' while it is steady.
+    def without_instants(self) -> FeedWatch:
+        """Return the watch that does not know when the latest state arrived."""
+        return self._replace(latest_s=None, has_expired=False)
 
-        A state is too old after `timeout_s` [s]; a gap counts as too long if that was noted within it.
-        """
-        if self._latest_s is not None:
-            self._count(instant_s - self._latest_s)
-        self._latest_s, self._has_expired = instant_s, False
+    def seen(self, instant_s: float) -> FeedWatch:
+        """Return the watch after a state with the stamp `instant_s` [s]."""
+        if self.latest_s is None:
+            return self._replace(latest_s=instant_s, has_expired=False)
+        if self.has_expired:
+            gap_s = instant_s - self.latest_s
+            return FeedWatch(instant_s, too_long_s=(*self.too_long_s, gap_s)[-SLOW_GAPS:])
+        in_time = self.in_time + 1
+        return FeedWatch(instant_s, too_long_s=(
+            self.too_long_s if self._is_slow and in_time < STEADY_GAPS else ()), in_time=in_time)
+
+    @property
+    def _is_slow(self) -> bool:
+        return len(self.too_long_s) == SLOW_GAPS
+
+    def doubt(self, timeout_s: float) -> str:
+        """Return the sentence on a feed whose states are too old after `timeout_s` [s]; '' while it is steady."""
         if not self._is_slow:
             return ''
-        every_s = sum(self._too_long_s) / len(self._too_long_s)
+        every_s = sum(self.too_long_s) / len(self.too_long_s)
         return (f'battery_state arrives every {every_s:.1f} s; battery_state_timeout is {timeout_s:g} s: '
                 'raise it, or send battery_state more often')
-
-    def _count(self, gap_s: float) -> None:
-        if self._has_expired:
-            self._in_time = 0
-            self._too_long_s.append(gap_s)
-            self._is_slow = self._is_slow or len(self._too_long_s) == SLOW_GAPS
-            return
-        self._in_time += 1
-        if not self._is_slow or self._in_time >= STEADY_GAPS:
-            self._is_slow = False
-            self._too_long_s.clear()

@@ -8,7 +8,8 @@ far as its power was measured, because a heater that takes no power explains a c
 
 from __future__ import annotations
 
-from collections import deque
+from itertools import dropwhile
+from typing import NamedTuple
 
 # Expected change without any movement of the reading that proves a fault [K]; a step of the sensor comes on
 # top. Fast changes need more, because heater and sensor lag: LAGS_S [s] of the change, plus BESIDE_LAGS_K.
@@ -24,62 +25,63 @@ TOGETHER_S = 60.0
 BELOW_AMBIENT_K = 20.0
 
 
-class StuckTemperature:
-    """Watches the temperature; `doubt` is the sentence, '' while the reading follows the battery."""
+class _Expected(NamedTuple):
+    """An instant [s], and the change expected until then [K]."""
 
-    def __init__(self) -> None:
-        """Start without readings."""
-        self.doubt = ''
-        self._reading_c: float | None = None
-        self._since_s = self._latest_s = 0.0
-        # (instant [s], change expected until then [K]) since the reading moved.
-        self._expected: deque[tuple[float, float]] = deque()
-        self._has_ever_moved = False
+    instant_s: float
+    change_k: float
 
-    def lose_time(self) -> None:
-        """Start again at the next reading, because time was lost."""
-        self._reading_c = None
-        self._expected.clear()
 
-    def see(self, instant_s: float, reading_c: float, step_k: float, rate_k_per_s: float,
-            ambient_c: float | None) -> str:
+class StuckTemperature(NamedTuple):
+    """
+    Whether the temperature follows the battery; `doubt` is the sentence, '' while it does.
+
+    `reading_c` [deg C] is the latest reading, None: the next one does not follow it. `since_s` [s] is the instant
+    since which it has not moved, `expected` the course expected since then.
+    """
+
+    doubt: str = ''
+    reading_c: float | None = None
+    since_s: float = 0.0
+    expected: tuple[_Expected, ...] = ()
+    has_ever_moved: bool = False
+
+    def without_instants(self) -> StuckTemperature:
+        """Return the watch that starts again at the next reading, without a doubt."""
+        return StuckTemperature(has_ever_moved=self.has_ever_moved)
+
+    def seen(self, instant_s: float, reading_c: float, step_k: float, rate_k_per_s: float,
+             ambient_c: float | None) -> StuckTemperature:
         """
-        Update with a reading; return `doubt`.
+        Return the watch after another reading.
 
         Instant [s], reading and ambient temperature [deg C] (None: unknown), step of the sensor [K],
         rate at which the model expects the temperature to change [K/s].
         """
+        before_c, expected = self.reading_c, self.expected
+        begun = self._replace(reading_c=reading_c, since_s=instant_s, expected=(_Expected(instant_s, 0.0),))
         if ambient_c is not None and reading_c < ambient_c - BELOW_AMBIENT_K:
-            self.doubt = (f'temperature: {reading_c:.1f} degC is {ambient_c - reading_c:.1f} K below the ambient '
-                          f'temperature of {ambient_c:.1f} degC; at most {BELOW_AMBIENT_K:g} K are possible; '
-                          'the field may not be set')
-            self._begin(instant_s, reading_c)
-            return self.doubt
-        before_c, elapsed_s = self._reading_c, instant_s - self._latest_s
-        self._latest_s = instant_s
-        if before_c is None or abs(reading_c - before_c) > MOVED_K or not 0.0 <= elapsed_s <= TOGETHER_S:
-            self._has_ever_moved = self._has_ever_moved or (
-                before_c is not None and abs(reading_c - before_c) > MOVED_K)
-            if before_c is None or abs(reading_c - before_c) > MOVED_K:
-                self.doubt = ''
-            self._begin(instant_s, reading_c)
-            return self.doubt
-        expected = self._expected
-        expected.append((instant_s, expected[-1][1] + rate_k_per_s * elapsed_s))
-        while expected[0][0] < instant_s - WITHIN_S:
-            expected.popleft()
-        change_k = expected[-1][1] - expected[0][1]
-        elapsed_s = expected[-1][0] - expected[0][0]
+            return begun._replace(doubt=(
+                f'temperature: {reading_c:.1f} degC is {ambient_c - reading_c:.1f} K below the ambient '
+                f'temperature of {ambient_c:.1f} degC; at most {BELOW_AMBIENT_K:g} K are possible; '
+                'the field may not be set'))
+        if before_c is None:
+            return begun._replace(doubt='')
+        if abs(reading_c - before_c) > MOVED_K:
+            return begun._replace(doubt='', has_ever_moved=True)
+        elapsed_s = instant_s - expected[-1].instant_s
+        if not 0.0 <= elapsed_s <= TOGETHER_S:
+            return begun
+        expected = tuple(dropwhile(
+            lambda each: each.instant_s < instant_s - WITHIN_S,
+            (*expected, _Expected(instant_s, expected[-1].change_k + rate_k_per_s * elapsed_s))))
+        first, last = expected[0], expected[-1]
+        change_k, elapsed_s = last.change_k - first.change_k, last.instant_s - first.instant_s
         held_back_k = BESIDE_LAGS_K + (LAGS_S * abs(change_k) / elapsed_s if elapsed_s > 0.0 else 0.0)
-        if abs(change_k) > max(EXPECTED_K, held_back_k) + step_k:
-            still = f'for {instant_s - self._since_s:.0f} s' if self._has_ever_moved else 'since the first state'
-            direction = 'warmed' if change_k > 0.0 else 'cooled'
-            self.doubt = (f'temperature: has read {reading_c:.2f} degC {still}, while the battery must have '
-                          f'{direction} by {abs(change_k):.1f} K; the field may not be set')
-        return self.doubt
-
-    def _begin(self, instant_s: float, reading_c: float) -> None:
-        """Expect changes from this reading on."""
-        self._reading_c, self._since_s, self._latest_s = reading_c, instant_s, instant_s
-        self._expected.clear()
-        self._expected.append((instant_s, 0.0))
+        if abs(change_k) <= max(EXPECTED_K, held_back_k) + step_k:
+            return self._replace(expected=expected)
+        still = f'for {instant_s - self.since_s:.0f} s' if self.has_ever_moved else 'since the first state'
+        direction = 'warmed' if change_k > 0.0 else 'cooled'
+        return self._replace(expected=expected, doubt=(
+            f'temperature: has read {reading_c:.2f} degC {still}, while the battery must have '
+            f'{direction} by {abs(change_k):.1f} K; the field may not be set'))

@@ -24,8 +24,9 @@ def watch(powers_w, planned=ROAD, period_s=1.0, **evidence):
     for number, power_w in enumerate(powers_w):
         instant_s = START_S + number * period_s
         at = {name: value(instant_s) if callable(value) else value for name, value in evidence.items()}
-        reports.append((instant_s - START_S, regimes.see(Evidence(
-            round(instant_s * NS_PER_S), power_w, at.pop('command_w', 0.0), planned, **at))))
+        regimes = regimes.seen(Evidence(
+            round(instant_s * NS_PER_S), power_w, at.pop('command_w', 0.0), planned, **at))
+        reports.append((instant_s - START_S, regimes.report))
     return reports
 
 
@@ -206,12 +207,11 @@ def test_a_position_tells_standing_without_voltage_and_current():
 def test_a_silence_ends_what_was_known():
     regimes = RegimeWatch()
     for second in range(30):
-        regimes.see(Evidence((START_S + second) * NS_PER_S, -50000.0, 0.0, ROAD))
+        regimes = regimes.seen(Evidence((START_S + second) * NS_PER_S, -50000.0, 0.0, ROAD))
     assert regimes.report.regime is Regime.CHARGING
-    regimes.see(Evidence((START_S + 30 + 32400) * NS_PER_S, 17400.0, 0.0, ROAD))
-    assert regimes.report.regime is Regime.DRIVING
-    regimes.see(Evidence(START_S * NS_PER_S, 17400.0, 0.0, ROAD))
-    assert regimes.report.regime is Regime.DRIVING
+    for silence_s in (32400, -30):
+        driven = regimes.seen(Evidence((START_S + 30 + silence_s) * NS_PER_S, 17400.0, 0.0, ROAD))
+        assert driven.report.regime is Regime.DRIVING
 
 
 def test_without_a_leg_a_steady_low_power_is_standing():

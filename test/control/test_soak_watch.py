@@ -36,73 +36,81 @@ def measured(temperature_c=-5.0, after_start_s=0.0):
                        START_NS + round(after_start_s * NS_PER_S))
 
 
-@pytest.fixture
-def watch():
-    return StandWatch(VEHICLE)
+def compared(*pairs, watch=StandWatch()):
+    """Return the StandWatch after Missions and Measurements, and the Soak before each."""
+    standing = []
+    for mission, measurement in pairs:
+        watch, soak = watch.compared(mission, measurement, VEHICLE)
+        standing.append(soak)
+    return watch, standing
 
 
-def test_the_first_state_of_a_trip_is_of_a_battery_that_stood_where_the_route_begins(watch):
-    assert watch.look(trip(), measured()) == after_soak(VEHICLE, -7.0, NIGHT_S)
+def soak(mission, measurement, watch=StandWatch()):
+    return compared((mission, measurement), watch=watch)[1][0]
 
 
-def test_the_second_state_and_an_update_of_the_route_are_not(watch):
-    assert watch.look(trip(), measured())
-    report = watch.report
-    assert watch.look(trip(), measured(after_start_s=1.0)) is None
+def test_the_first_state_of_a_trip_is_of_a_battery_that_stood_where_the_route_begins():
+    assert soak(trip(), measured()) == after_soak(VEHICLE, -7.0, NIGHT_S)
+
+
+def test_the_second_state_and_an_update_of_the_route_are_not():
+    first, _ = compared((trip(), measured()))
     update = trip(start_ns=START_NS + 5 * NS_PER_S)
-    assert watch.look(update, measured(after_start_s=6.0)) is None
-    assert watch.report is report
+    later, standing = compared(
+        (trip(), measured(after_start_s=1.0)), (update, measured(after_start_s=6.0)), watch=first)
+    assert standing == [None, None]
+    assert later.report == first.report is not None
 
 
-def test_another_trip_is_checked_again(watch):
-    watch.look(trip(), measured())
-    assert watch.look(trip('evening'), measured())
+def test_another_trip_is_checked_again():
+    assert all(compared((trip(), measured()), (trip('evening'), measured()))[1])
 
 
-def test_a_cancelled_trip_leaves_no_report(watch):
-    watch.look(trip(), measured())
-    assert watch.look(None, measured()) is None
+def test_a_cancelled_trip_leaves_no_report():
+    watch, (first, second) = compared((trip(), measured()), (None, measured()))
+    assert first and second is None
     assert watch.report is None
 
 
-def test_a_trip_that_does_not_say_how_long_it_stood_says_nothing(watch):
-    assert watch.look(trip(standing_time_s=0.0), measured()) is None
+def test_a_trip_that_does_not_say_how_long_it_stood_says_nothing():
+    watch, standing = compared((trip(standing_time_s=0.0), measured()))
+    assert standing == [None]
     assert watch.report is None
     # The trip planner may learn it a moment later.
-    assert watch.look(trip(), measured(after_start_s=1.0))
+    assert soak(trip(), measured(after_start_s=1.0), watch)
 
 
 @pytest.mark.parametrize('after_s, is_first', [
     (FIRST_STATE_WITHIN_S, True), (FIRST_STATE_WITHIN_S + 0.1, False)])
-def test_a_state_that_comes_late_is_none_of_a_battery_that_stood(watch, after_s, is_first):
-    assert bool(watch.look(trip(), measured(after_start_s=after_s))) is is_first
-    assert watch.look(trip(), measured(after_start_s=after_s)) is None
+def test_a_state_that_comes_late_is_none_of_a_battery_that_stood(after_s, is_first):
+    _, (first, second) = compared(*[(trip(), measured(after_start_s=after_s))] * 2)
+    assert bool(first) is is_first
+    assert second is None
 
 
-def test_before_the_start_it_has_not_stood_as_long(watch):
-    assert watch.look(trip(), measured(after_start_s=-3600.0)) == after_soak(
-        VEHICLE, -7.0, NIGHT_S - 3600.0)
+def test_before_the_start_it_has_not_stood_as_long():
+    assert soak(trip(), measured(after_start_s=-3600.0)) == after_soak(VEHICLE, -7.0, NIGHT_S - 3600.0)
 
 
-def test_before_it_stood_it_drove(watch):
-    assert watch.look(trip(), measured(after_start_s=-NIGHT_S - 1.0)) is None
-    assert watch.look(trip(), measured(after_start_s=-NIGHT_S + 1.0))
+def test_before_it_stood_it_drove():
+    _, (before, after) = compared(
+        (trip(), measured(after_start_s=-NIGHT_S - 1.0)), (trip(), measured(after_start_s=-NIGHT_S + 1.0)))
+    assert before is None
+    assert after
 
 
 @pytest.mark.parametrize('temperature_c, words', [
     (-7.0, ''), (-5.2, ''), (-8.8, ''),
     (-3.0, '-3.0 degC after 10:00:00 h of standing at -7.0 degC: 3.6 K warmer than the -6.6 degC'),
     (-11.0, '4.4 K colder than the -6.6 degC expected')])
-def test_a_sensor_that_contradicts_by_more_than_2_k_is_named(watch, temperature_c, words):
-    watch.look(trip(), measured(temperature_c))
-    sentence = watch.report.contradiction
+def test_a_sensor_that_contradicts_by_more_than_2_k_is_named(temperature_c, words):
+    sentence = compared((trip(), measured(temperature_c)))[0].report.contradiction
     assert words in sentence
     assert bool(sentence) is bool(words)
 
 
-def test_after_a_short_stand_more_is_left_open(watch):
-    watch.look(trip(standing_time_s=3600.0), measured(-3.0))
-    assert watch.report.contradiction == ''
+def test_after_a_short_stand_more_is_left_open():
+    assert compared((trip(standing_time_s=3600.0), measured(-3.0)))[0].report.contradiction == ''
 
 
 def test_the_planner_plans_with_what_the_sensor_is_off_by():
@@ -148,47 +156,50 @@ def cooled_c(warmer_k, stood_s):
     return -7.0 + warmer_k * exp(-battery.leakage.gamma_0_w_per_k * stood_s / battery.heat_capacity_j_per_k)
 
 
+def noted(*seen):
+    """Return the StandWatch after LastSeens."""
+    watch = StandWatch()
+    for each in seen:
+        watch = watch.noted(each)
+    return watch
+
+
 def test_the_stand_starts_from_the_last_temperature_before_a_silence():
-    watch = StandWatch(VEHICLE)
-    for before_s in range(60):
-        watch.note(seen(36.0, NIGHT_S + 60.0 - before_s))
     # The battery wakes before the route arrives.
-    watch.note(seen(-5.1, 2.0))
-    watch.note(seen(-5.0, 1.0))
-    standing = watch.look(trip(), measured())
-    assert standing.temperature_c == pytest.approx(cooled_c(43.0, NIGHT_S), abs=0.01)
+    watch = noted(*[seen(36.0, NIGHT_S + 60.0 - before_s) for before_s in range(60)],
+                  seen(-5.1, 2.0), seen(-5.0, 1.0))
+    assert soak(trip(), measured(), watch).temperature_c == pytest.approx(cooled_c(43.0, NIGHT_S), abs=0.01)
 
 
 def test_a_known_temperature_is_surer_than_a_guess():
     # 10 K warmer than ambient is the guess.
-    known = StandWatch(VEHICLE, seen(3.0, NIGHT_S)).look(trip(), measured())
-    guessed = StandWatch(VEHICLE).look(trip(), measured())
+    known, guessed = soak(trip(), measured(), StandWatch((seen(3.0, NIGHT_S),))), soak(trip(), measured())
     assert known.temperature_c == pytest.approx(guessed.temperature_c)
     assert known.left_deviation_k < guessed.left_deviation_k
 
 
 def test_a_battery_that_is_awake_all_night_was_parked_when_the_route_says():
-    watch = StandWatch(VEHICLE)
-    for before_s in range(int(NIGHT_S) + 7200, 0, -10):
-        watch.note(seen(cooled_c(43.0, NIGHT_S - before_s) if before_s < NIGHT_S else 36.0, float(before_s)))
-    assert watch.look(trip(), measured()).temperature_c == pytest.approx(cooled_c(43.0, NIGHT_S), abs=0.1)
+    watch = noted(*[
+        seen(cooled_c(43.0, NIGHT_S - before_s) if before_s < NIGHT_S else 36.0, float(before_s))
+        for before_s in range(int(NIGHT_S) + 7200, 0, -10)])
+    assert soak(trip(), measured(), watch).temperature_c == pytest.approx(cooled_c(43.0, NIGHT_S), abs=0.1)
 
 
 def test_a_restart_remembers_it():
-    standing = StandWatch(VEHICLE, seen(36.0, NIGHT_S)).look(trip(), measured())
+    standing = soak(trip(), measured(), StandWatch((seen(36.0, NIGHT_S),)))
     assert standing.temperature_c == pytest.approx(cooled_c(43.0, NIGHT_S))
 
 
 def test_an_older_drive_or_a_clock_that_was_set_tells_nothing():
     for before_s in (NIGHT_S + 7200.0, -60.0):
-        assert StandWatch(VEHICLE, seen(36.0, before_s)).look(trip(), measured()) == after_soak(
+        assert soak(trip(), measured(), StandWatch((seen(36.0, before_s),))) == after_soak(
             VEHICLE, -7.0, NIGHT_S)
 
 
 def test_temperatures_of_days_are_bounded():
-    watch, sizes = StandWatch(VEHICLE), []
+    watch, sizes = StandWatch(), []
     for number in range(5000):
-        watch.note(seen(5.0, 86400.0 * 20 - 300.0 * number))
+        watch = watch.noted(seen(5.0, 86400.0 * 20 - 300.0 * number))
         if number in (100, 1000, 4000):
             sizes.append(len(pickle.dumps(watch)))
     assert sizes[0] < sizes[1] and sizes[2] < 1.01 * sizes[1]

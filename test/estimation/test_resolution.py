@@ -12,7 +12,7 @@ from bev_preheat.estimation.readings import Resolution, SOC_STEPS, TEMPERATURE_S
 def found(values, steps=TEMPERATURE_STEPS_K):
     resolution = Resolution(steps)
     for value in values:
-        resolution.see(value)
+        resolution = resolution.seen(value)
     return resolution.step
 
 

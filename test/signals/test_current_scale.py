@@ -3,6 +3,8 @@
 
 import pytest
 
+from bev_preheat.estimation.readings import Resolution, SOC_STEPS
+from bev_preheat.signals.current_sample import CurrentSample
 from bev_preheat.signals.current_scale import CurrentScale
 
 CAPACITY_AS = 100.0 * 3600.0
@@ -10,11 +12,13 @@ CAPACITY_AS = 100.0 * 3600.0
 
 def named_after(scale=1.0, seconds=3000, step=0.0, current_a=50.0, from_soc=0.8, soc_share=1.0, jump=0.0):
     """Return when a doubt is first raised [s], None: never, and the doubt at the end of a steady drive."""
-    watch, soc, named_s = CurrentScale(CAPACITY_AS), from_soc, None
+    watch, steps, soc, named_s = CurrentScale(), Resolution(SOC_STEPS), from_soc, None
     for second in range(seconds):
         soc -= soc_share * current_a / CAPACITY_AS + (jump if second == 1000 else 0.0)
         said = round(soc / step) * step if step else soc
-        if watch.see(1000.0 + second, scale * current_a, said) and named_s is None:
+        steps = steps.seen(said)
+        watch = watch.seen(CurrentSample(1000.0 + second, 400.0, scale * current_a, said), steps.step, CAPACITY_AS)
+        if watch.doubt and named_s is None:
             named_s = second
     return named_s, watch.doubt
 
@@ -44,10 +48,11 @@ def test_what_cars_do_is_no_doubt(case):
 
 
 def test_agreement_ends_the_doubt():
-    watch, soc = CurrentScale(CAPACITY_AS), 0.9
+    watch, soc = CurrentScale(), 0.9
     for second in range(2000):
         soc -= 50.0 / CAPACITY_AS
-        watch.see(second + 1.0, 500.0 if second < 1000 else 50.0, soc)
+        watch = watch.seen(
+            CurrentSample(second + 1.0, 400.0, 500.0 if second < 1000 else 50.0, soc), 0.0, CAPACITY_AS)
         if second == 999:
             assert watch.doubt
     assert watch.doubt == ''

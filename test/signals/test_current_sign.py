@@ -5,9 +5,21 @@ import random
 
 import pytest
 
+from bev_preheat.estimation.readings import Resolution, SOC_STEPS
+from bev_preheat.signals.current_sample import CurrentSample
 from bev_preheat.signals.current_sign import CurrentSign, Sign
 
 CAPACITY_AS = 60.0 * 3600.0
+
+
+def signs(samples):
+    """Return the CurrentSign after each of samples (V, A, 0 ... 1), one a second."""
+    watch, steps, found = CurrentSign(), Resolution(SOC_STEPS), []
+    for second, sample in enumerate(samples):
+        steps = steps.seen(sample[-1])
+        watch = watch.seen(CurrentSample(1000.0 + second, *sample), steps.step, CAPACITY_AS)
+        found.append(watch)
+    return found
 
 
 def drive(sign=1.0, seconds=600, deviation_a=25.0, mean_a=45.0, soc_step=0.0, resistance_ohm=0.11, seed=1,
@@ -17,19 +29,16 @@ def drive(sign=1.0, seconds=600, deviation_a=25.0, mean_a=45.0, soc_step=0.0, re
 
     The cell is U = 360 + 40 s, R = 0.11 ohm; the current varies about its mean [A].
     """
-    drawn, watch, soc, wander = random.Random(seed), CurrentSign(CAPACITY_AS), 0.7, 0.0
-    proven_s = None
-    for second in range(seconds):
+    drawn, samples, soc, wander = random.Random(seed), [], 0.7, 0.0
+    for _ in range(seconds):
         wander += -0.3 * wander + 0.7 * deviation_a * drawn.gauss(0.0, 1.0)
         current_a = (-1.0 if charging else 1.0) * (mean_a + wander)
         soc -= current_a / CAPACITY_AS
         voltage_v = 380.0 if fixed_voltage else (
             360.0 + 40.0 * soc - resistance_ohm * current_a + drawn.gauss(0.0, voltage_noise_v))
-        said = round(soc / soc_step) * soc_step if soc_step else soc
-        found = watch.see(1000.0 + second, voltage_v, sign * current_a, said)
-        if proven_s is None and found is not Sign.UNKNOWN:
-            proven_s = second
-    return proven_s, watch.sign
+        samples.append((voltage_v, sign * current_a, round(soc / soc_step) * soc_step if soc_step else soc))
+    found = [watch.sign for watch in signs(samples)]
+    return next((second for second, sign in enumerate(found) if sign is not Sign.UNKNOWN), None), found[-1]
 
 
 @pytest.mark.parametrize('sign, expected', [(1.0, Sign.RIGHT), (-1.0, Sign.REVERSED)])
@@ -61,43 +70,36 @@ def test_charging_tells_as_much_as_driving(sign, expected):
 
 
 def test_a_charge_that_never_moves_proves_nothing():
-    watch = CurrentSign(CAPACITY_AS)
-    for second in range(3000):
-        assert watch.see(float(second + 1), 380.0, 45.0, 0.5) is Sign.UNKNOWN
+    assert all(watch.sign is Sign.UNKNOWN for watch in signs([(380.0, 45.0, 0.5)] * 3000))
 
 
 def test_a_later_proof_replaces_the_one_before():
-    watch, soc = CurrentSign(CAPACITY_AS), 0.7
-    for second in range(200):
-        soc -= 45.0 / CAPACITY_AS
-        watch.see(float(second + 1), 380.0, -45.0 if second < 100 else 45.0, soc)
-        if second == 99:
-            assert watch.sign is Sign.REVERSED
-            assert 'fell' in watch.evidence and 'rises' in watch.evidence
-    assert watch.sign is Sign.RIGHT
+    found = signs([(380.0, -45.0 if second < 100 else 45.0, 0.7 - second * 45.0 / CAPACITY_AS)
+                   for second in range(200)])
+    assert found[99].sign is Sign.REVERSED
+    assert 'fell' in found[99].evidence and 'rises' in found[99].evidence
+    assert found[-1].sign is Sign.RIGHT
 
 
 @pytest.mark.parametrize('jump', [-0.1, 0.02, 0.1])
 @pytest.mark.parametrize('soc_step', [0.0, 0.005])
 def test_a_charge_that_jumps_once_says_nothing_of_the_current(jump, soc_step):
-    watch, soc, found = CurrentSign(CAPACITY_AS), 0.7, []
+    soc, samples = 0.7, []
     for second in range(600):
         soc -= 45.0 / CAPACITY_AS - (jump if second == 300 else 0.0)
-        found.append(watch.see(
-            float(second + 1), 380.0, 45.0, round(soc / soc_step) * soc_step if soc_step else soc))
+        samples.append((380.0, 45.0, round(soc / soc_step) * soc_step if soc_step else soc))
+    found = [watch.sign for watch in signs(samples)]
     assert Sign.REVERSED not in found
     assert found[-1] is Sign.RIGHT
 
 
 def test_noise_of_a_charge_proves_nothing():
-    drawn, watch, soc = random.Random(5), CurrentSign(CAPACITY_AS), 0.6
-    for second in range(2000):
-        soc -= 45.0 / CAPACITY_AS
-        assert watch.see(float(second + 1), 380.0, 45.0, soc + drawn.gauss(0.0, 0.003)) is not Sign.REVERSED
+    drawn = random.Random(5)
+    assert all(watch.sign is not Sign.REVERSED for watch in signs([
+        (380.0, 45.0, 0.6 - second * 45.0 / CAPACITY_AS + drawn.gauss(0.0, 0.003)) for second in range(2000)]))
 
 
 def test_noise_of_voltage_and_current_proves_nothing():
-    drawn, watch = random.Random(6), CurrentSign(CAPACITY_AS)
-    for second in range(20000):
-        assert watch.see(float(second + 1), 380.0 + drawn.gauss(0.0, 0.5), 5.0 + drawn.gauss(0.0, 3.0),
-                         0.6) is not Sign.REVERSED
+    drawn = random.Random(6)
+    assert all(watch.sign is not Sign.REVERSED for watch in signs([
+        (380.0 + drawn.gauss(0.0, 0.5), 5.0 + drawn.gauss(0.0, 3.0), 0.6) for _ in range(20000)]))

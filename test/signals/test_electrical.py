@@ -3,11 +3,11 @@
 
 import pytest
 
-from bev_preheat.signals.electrical import ElectricalCheck
+from bev_preheat.signals.electrical import electrical_check
 from bev_preheat.vehicle import load_vehicle
 
 # U = 365 + 75 s + 15 s^3 [V], R = 4.3125 / (T + 45) [ohm].
-CHECK = ElectricalCheck(load_vehicle('reference'))
+CHECK = electrical_check(load_vehicle('reference'))
 
 
 def voltage_v(soc, temperature_c, current_a):

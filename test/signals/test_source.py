@@ -5,7 +5,7 @@ import random
 
 import pytest
 
-from bev_preheat.signals.source import SourceWatch
+from bev_preheat.signals.source import SeenState, SourceWatch
 
 TRACTION, AUXILIARY = (5.0, 0.8, 400.0), (20.0, 0.5, 24.0)
 
@@ -14,7 +14,8 @@ def feed(states, period_s=1.0):
     """Return (number of states until the doubt, the doubt at the end) of (deg C, 0 ... 1, V, name)."""
     watch, named = SourceWatch(), None
     for number, state in enumerate(states):
-        if watch.see(100.0 + period_s * number, *state) and named is None:
+        watch = watch.seen(SeenState(100.0 + period_s * number, *state))
+        if watch.doubt and named is None:
             named = number + 1
     return named, watch.doubt
 
@@ -62,15 +63,11 @@ def test_one_battery_again_ends_the_doubt():
 
 
 def test_a_night_between_two_states_is_no_contradiction():
-    watch = SourceWatch()
-    for number in range(12):
-        assert watch.see(32400.0 * number, *(TRACTION, AUXILIARY)[number % 2]) == ''
+    assert feed([TRACTION, AUXILIARY] * 6, 32400.0) == (None, '')
 
 
 def test_a_name_without_end_is_shortened():
-    watch = SourceWatch()
-    for second in range(6):
-        doubt = watch.see(100.0 + second, 5.0, 0.5, 400.0, 'x' * 100_000 if second % 2 else '')
+    _, doubt = feed([(5.0, 0.5, 400.0, ''), (5.0, 0.5, 400.0, 'x' * 100_000)] * 3)
     assert doubt.startswith('battery_state comes from two batteries: ')
     assert 'one without a name' in doubt
     assert len(doubt) < 300

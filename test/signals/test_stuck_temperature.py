@@ -11,7 +11,8 @@ def feed(readings_c, rate_k_per_s, step_k=1.0, ambient_c=-7.0, period_s=5.0):
     watch, named_s = StuckTemperature(), None
     for number, reading_c in enumerate(readings_c):
         rate = rate_k_per_s(number * period_s) if callable(rate_k_per_s) else rate_k_per_s
-        if watch.see(50.0 + number * period_s, reading_c, step_k, rate, ambient_c) and named_s is None:
+        watch = watch.seen(50.0 + number * period_s, reading_c, step_k, rate, ambient_c)
+        if watch.doubt and named_s is None:
             named_s = number * period_s
     return named_s, watch.doubt
 
@@ -64,14 +65,13 @@ def test_far_below_ambient_is_no_battery():
 
 
 def test_a_silence_starts_the_comparison_again():
-    watch = StuckTemperature()
-    for number in range(20):
-        assert watch.see(number * 3600.0, 5.0, 1.0, 0.02, -7.0) == ''
+    assert feed([5.0] * 20, 0.02, period_s=3600.0) == (None, '')
 
 
 def test_a_first_reading_far_below_ambient_is_doubted_until_it_moves_even_if_the_ambient_is_no_longer_known():
-    watch = StuckTemperature()
-    assert '40.0 K below the ambient' in watch.see(0.0, -40.0, 0.5, 0.0, 0.0)
+    first = StuckTemperature().seen(0.0, -40.0, 0.5, 0.0, 0.0)
+    assert '40.0 K below the ambient' in first.doubt
     # Without heat that proves it, still the same reading.
-    assert watch.see(1.0, -40.0, 0.5, 0.0, None) == watch.doubt != ''
-    assert watch.see(2.0, -1.0, 0.5, 0.0, 0.0) == ''
+    again = first.seen(1.0, -40.0, 0.5, 0.0, None)
+    assert again.doubt == first.doubt
+    assert again.seen(2.0, -1.0, 0.5, 0.0, 0.0).doubt == ''
