@@ -54,19 +54,6 @@ def intervals_between(edges_ns: Sequence[int], vehicle: Vehicle, timetable: Time
     return tuple(intervals)
 
 
-def shown_command_w(timetable: Timetable | None, instant_ns: int, commands: CommandHistory) -> float:
-    """
-    Return the command [W] that the battery's power should follow at an instant [ns].
-
-    It is 0 while the vehicle charges, because the charger then feeds the heater.
-    """
-    if timetable is not None:
-        mission, planned_ns = timetable.planned, timetable.planned_ns(instant_ns)
-        if mission.legs[mission.leg_number(planned_ns)].ended_for_s(planned_ns) >= 0.0:
-            return 0.0
-    return commands.power_w(instant_ns)
-
-
 def driven_at(vehicle: Vehicle, timetable: Timetable | None, instant_ns: int) -> DriveInputs | None:
     """Return the DriveInputs that the route plans at an instant [ns]; None outside the legs."""
     if timetable is None:

@@ -6,7 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from bev_preheat.control.expected_drive import intervals_between, shown_command_w
+from bev_preheat.control.expected_drive import intervals_between
 from bev_preheat.control.preparation_plan import is_from_grid
 from bev_preheat.control.soak_watch import StandWatch
 from bev_preheat.estimation.estimator import Estimator
@@ -32,7 +32,7 @@ class Learning:
     def begun(cls, vehicle: Vehicle, learned: Learned | None = None,
               last_seen: LastSeen | None = None) -> Learning:
         """Return what is known from the vehicle file, or from the Learned of earlier drives, and the LastSeen."""
-        return cls(Estimator(vehicle, learned), StandWatch(() if last_seen is None else (last_seen,)))
+        return cls(Estimator.of(vehicle, learned), StandWatch(() if last_seen is None else (last_seen,)))
 
     def learned(self, vehicle: Vehicle, known: Known, timetable: Timetable | None, commands: CommandHistory,
                 trip: Mission | None) -> Learning:
@@ -41,41 +41,35 @@ class Learning:
 
         `trip` is the Mission of the route plan, before which the vehicle may have stood.
         """
-        measurement = known.measurement
-        stamp_ns = measurement.stamp_ns
-        stand_watch, standing = self.stand_watch.compared(trip, measurement, vehicle) if (
-            known.trusts_temperature) else (self.stand_watch, None)
+        measurement, estimator, stand_watch, standing = known.measurement, self.estimator, self.stand_watch, None
+        if known.trusts_temperature:
+            stand_watch, standing = stand_watch.compared(trip, measurement, vehicle)
+        if standing is not None:
+            estimator = estimator.after_soak(standing)
+        if known.is_open:
+            # The next state that is clear is compared with the latest one before this.
+            return Learning(estimator, stand_watch)
         if timetable is not None and is_from_grid(timetable.mission.legs[0]):
             # Then the battery's power does not show the heater's.
             measurement = replace(measurement, voltage_v=None, current_a=None)
-        if standing is not None:
-            self.estimator.rely_on(standing)
-        if known.is_open:
-            # The next state that is clear is compared with the latest one before this.
-            return replace(self, stand_watch=stand_watch)
         if known.is_described:
-            self.estimator.observe(
-                measurement, shown_command_w(timetable, stamp_ns, commands),
-                intervals_between(
-                    self.estimator.edges_ns(stamp_ns), vehicle, timetable, commands))
+            estimator = estimator.observed(measurement, intervals_between(
+                estimator.edges_ns(measurement.stamp_ns), vehicle, timetable, commands), vehicle)
         else:
-            self.estimator.hold(measurement, known.trusts_temperature, known.trusts_soc)
-        estimate = self.estimator.estimate
+            estimator = estimator.held(measurement, vehicle, known.trusts_temperature, known.trusts_soc)
+        estimate = estimator.estimate
         if estimate is not None:
             stand_watch = stand_watch.noted(LastSeen(estimate.temperature_c, estimate.soc, estimate.stamp_ns))
-        return replace(self, stand_watch=stand_watch)
+        return Learning(estimator, stand_watch)
 
     def on_new_trip(self) -> Learning:
-        """Forget the consumption of the route before: another trip begins."""
-        self.estimator.begin_route()
-        return self
+        """Return what is known without the consumption of the route before: another trip begins."""
+        return replace(self, estimator=self.estimator.of_another_route())
 
     def with_acquitted_heater(self) -> Learning:
-        """Take the heater for healthy, because the power with which it was compared is refuted."""
-        self.estimator.acquit_heater()
-        return self
+        """Return what is known of a healthy heater: the power with which it was compared is refuted."""
+        return replace(self, estimator=self.estimator.of_healthy_heater())
 
     def without_instants(self) -> Learning:
-        """Take the temperature from the next reading alone, because the clock was restarted."""
-        self.estimator.lose_time()
-        return self
+        """Return what is known but for the temperature, because the clock was restarted."""
+        return replace(self, estimator=self.estimator.without_instants())

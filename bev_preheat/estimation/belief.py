@@ -10,10 +10,10 @@ intervals (`truncated_normal`).
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 import math
-from typing import TYPE_CHECKING
+from typing import Self, TYPE_CHECKING
 
 import numpy as np
 
@@ -62,13 +62,15 @@ from bev_preheat.estimation.truncated_normal import truncated_moments
 from bev_preheat.native.belief_structs import belief_terms
 from bev_preheat.native.beliefs import Elapsing, NativeBelief, ReadingNoise
 from bev_preheat.numerics.arithmetic import array_exp
+from bev_preheat.numerics.arrays import frozen
 from bev_preheat.planning.dynamics import native_vehicle
 from bev_preheat.planning.heat_run import with_coolant_in_battery
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from bev_preheat.numerics.arrays import BoolArray, FloatArray
+    from bev_preheat.estimation.prior import Lags
+    from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.vehicle.description import Vehicle
     from bev_preheat.vehicle.uncertain_car import DriveInputs
 
@@ -150,247 +152,268 @@ def _propulsion_noise(route_w: float, duration_s: float) -> tuple[float, float]:
             MOST_DEVIATIONS * deviation_w)
 
 
-def _interval(reading: float, resolution: float) -> tuple[float, float]:
+def interval_of(reading: float, resolution: float) -> tuple[float, float]:
     """Return the interval that contains the value behind a rounded reading."""
     return reading - 0.5 * resolution, reading + 0.5 * resolution
 
 
+@dataclass(frozen=True, eq=False)
 class Belief:
     """
-    Means (heaters, noises, SIZE), covariances (…, SIZE, SIZE) and weights (heaters, noises).
+    Weights (heaters, noises), means (…, SIZE) and covariances (…, SIZE, SIZE) of the filters; read-only.
 
-    `predict` advances time; the `see_…` methods update with readings.
+    `lags` are those with which a filter begins. `has_stood`: no heat is under way, and the sensor shows the
+    battery temperature.
     """
 
-    def __init__(self, vehicle: Vehicle, learned: Learned | None = None) -> None:
-        """Start from a Learned of the car; None: from its vehicle file alone."""
-        # Coolant that warms with the battery counts as battery; its delay is a lag.
-        self._vehicle = (with_coolant_in_battery(vehicle) if vehicle.heat_path.has_coolant
-                         else vehicle)
-        self._native_vehicle = native_vehicle(self._vehicle)
-        self._native: NativeBelief | None = None
+    weights: FloatArray
+    mean: FloatArray
+    covariance: FloatArray
+    lags: Lags
+    has_stood: bool = True
+
+    def __post_init__(self) -> None:
+        """Make the arrays read-only."""
+        for array in (self.weights, self.mean, self.covariance):
+            frozen(array)
+
+    @classmethod
+    def of(cls, vehicle: Vehicle, learned: Learned | None = None) -> Self:
+        """Return the Belief from a Learned of the car; None: from its vehicle file alone."""
         learned = nothing_learned(vehicle.uncertainty) if learned is None else learned
-        self.weights = prior_weights()
-        self.mean = np.zeros((*SHAPE, SIZE))
-        self.covariance = np.zeros((*SHAPE, SIZE, SIZE))
-        self.mean[..., FACTORS] = learned.factors
-        self.covariance[..., FACTORS, FACTORS] = learned.covariance
-        self._lags = described_lags(vehicle.heat_path) if learned.lags is None else learned.lags
-        self.mean[..., LAGS] = self._lags.logs
-        self.covariance[..., LAGS, LAGS] = self._lags.variances
-        self.mean[..., RISES] = RISES_K_PER_KW
-        self.covariance[..., RISES, RISES] = np.square(RISE_DEVIATIONS)
-        self._has_stood = True
+        lags = described_lags(vehicle.heat_path) if learned.lags is None else learned.lags
+        mean, covariance = np.zeros((*SHAPE, SIZE)), np.zeros((*SHAPE, SIZE, SIZE))
+        mean[..., FACTORS], mean[..., LAGS], mean[..., RISES] = learned.factors, lags.logs, RISES_K_PER_KW
+        covariance[..., FACTORS, FACTORS] = learned.covariance
+        covariance[..., LAGS, LAGS] = lags.variances
+        covariance[..., RISES, RISES] = np.square(RISE_DEVIATIONS)
+        return cls(prior_weights(), mean, covariance, lags)
 
-    def place(self, temperature_c: float, temperature_variance: float, soc: float,
-              soc_variance: float) -> None:
+    # Events
+
+    def placed(self, temperature_c: float, temperature_variance: float, soc: float,
+               soc_variance: float) -> Belief:
         """
-        Reset temperature and state of charge; the learned factors stay.
+        Return the Belief with another temperature and state of charge; the learned factors stay.
 
-        The first time there is no heat under way and the sensor shows the battery temperature. Later both are
+        If it has stood, there is no heat under way and the sensor shows the battery temperature. Else both are
         uncertain, and the heater's hypotheses are half as sure, because the heater may have changed.
         """
-        if not self._has_stood:
-            self.weights = 0.5 * (self.weights + prior_weights())
-        self.mean[..., TEMPERATURE], self.mean[..., SOC] = temperature_c, soc
-        self.mean[..., SENSOR], self.mean[..., UNDER_WAY] = temperature_c, 0.0
-        self.mean[..., LOCAL] = 0.0
-        under_way_k, apart_k, local_k = (0.0, 0.0, 0.0) if self._has_stood else (
+        weights = self.weights if self.has_stood else 0.5 * (self.weights + prior_weights())
+        under_way_k, apart_k, local_k = (0.0, 0.0, 0.0) if self.has_stood else (
             UNKNOWN_UNDER_WAY_K, UNKNOWN_APART_K, UNKNOWN_LOCAL_K)
-        self._has_stood = False
+        mean, covariance = self.mean.copy(), self.covariance.copy()
+        mean[..., MOVING] = temperature_c, soc, 0.0, temperature_c, 0.0
         # A reading is the sum of sensor and local rise, so their errors have opposite signs.
         sensor_variance = temperature_variance + local_k**2
         for index, variance in ((TEMPERATURE, sensor_variance + apart_k**2),
                                 (SOC, soc_variance), (UNDER_WAY, under_way_k**2),
                                 (SENSOR, sensor_variance), (LOCAL, local_k**2)):
-            self.covariance[..., index, :] = 0.0
-            self.covariance[..., :, index] = 0.0
-            self.covariance[..., index, index] = variance
+            covariance[..., index, :] = covariance[..., :, index] = 0.0
+            covariance[..., index, index] = variance
         for one, other, shared in ((TEMPERATURE, SENSOR, sensor_variance),
                                    (TEMPERATURE, LOCAL, -local_k**2), (SENSOR, LOCAL, -local_k**2)):
-            self.covariance[..., one, other] = self.covariance[..., other, one] = shared
+            covariance[..., one, other] = covariance[..., other, one] = shared
+        return Belief(weights, mean, covariance, self.lags, False)
 
-    def acquit_heater(self) -> None:
-        """Take the heater for healthy: prior weights, and the likeliest filter for every hypothesis."""
+    def of_healthy_heater(self) -> Belief:
+        """Return the Belief with prior weights, and the likeliest filter for every heater."""
         likeliest = int(self.weights.sum(axis=1).argmax())
-        self.mean = np.repeat(self.mean[likeliest:likeliest + 1], len(SHARES), axis=0)
-        self.covariance = np.repeat(self.covariance[likeliest:likeliest + 1], len(SHARES), axis=0)
-        self.weights = prior_weights()
+        mean, covariance = (np.repeat(array[likeliest:likeliest + 1], len(SHARES), axis=0)
+                            for array in (self.mean, self.covariance))
+        return replace(self, weights=prior_weights(), mean=mean, covariance=covariance)
 
-    def begin_route(self) -> None:
-        """Reset the factor on the propulsion power, which belongs to the previous route."""
-        self.mean[..., PROPULSION] = 0.0
-        self.covariance[..., PROPULSION, :] = self.covariance[..., :, PROPULSION] = 0.0
-        self.covariance[..., PROPULSION, PROPULSION] = FACTOR_DEVIATIONS[PROPULSION]**2
+    def of_another_route(self) -> Belief:
+        """Return the Belief with the prior of the propulsion power's factor, which belongs to a route."""
+        mean, covariance = self.mean.copy(), self.covariance.copy()
+        mean[..., PROPULSION] = 0.0
+        covariance[..., PROPULSION, :] = covariance[..., :, PROPULSION] = 0.0
+        covariance[..., PROPULSION, PROPULSION] = FACTOR_DEVIATIONS[PROPULSION]**2
+        return replace(self, mean=mean, covariance=covariance)
 
-    def stand(self) -> None:
-        """Note that the car has stood: no heat is under way, and the sensor shows the battery temperature."""
-        self._has_stood = True
+    def of_stood_car(self) -> Belief:
+        """Return the Belief of a car that has stood."""
+        return replace(self, has_stood=True)
 
-    def predict(self, duration_s: float, drive: DriveInputs | None, command_w: float,
-                limit_w: float) -> None:
+    def of_free_local_rise(self) -> Belief:
+        """Return the Belief with an unknown local rise at the sensor, because readings have shifted for good."""
+        covariance = self.covariance.copy()
+        covariance[..., LOCAL, LOCAL] += UNKNOWN_LOCAL_K**2
+        return replace(self, covariance=covariance)
+
+    # Time
+
+    def predicted(self, vehicle: Vehicle, duration_s: float, drive: DriveInputs | None, command_w: float,
+                  limit_w: float) -> Belief:
         """
-        Advance by `duration_s` in a DriveInputs under a heater command.
+        Return the Belief after `duration_s` in a DriveInputs under a heater command.
 
         `drive` is a DriveInputs of floats (heater power is not read); None: the drive is unknown.
         """
-        self.mix(duration_s)
-        if drive is None:
-            self._pass_unknown(duration_s)
-        else:
-            self._move(duration_s, drive, command_w, limit_w)
+        mixed = self.mixed(duration_s)
+        return mixed._after_unknown(duration_s) if drive is None else mixed._moved(
+            _car(vehicle), duration_s, drive, command_w, limit_w)
 
-    def follow(self, duration_s: float, drive: DriveInputs, command_w: float, limit_w: float,
-               propulsion_w: float) -> None:
+    def followed(self, vehicle: Vehicle, duration_s: float, drive: DriveInputs, command_w: float, limit_w: float,
+                 propulsion_w: float) -> Belief:
         """
-        Do `predict` with a drive and, if its terminal power was measured, `see_propulsion_power`.
+        Do `predicted` with a drive and, if its terminal power was measured, `with_propulsion_power`.
 
         `propulsion_w` [W] is the terminal power minus all other consumers.
         """
-        done, lost = 0, 0
-        if self._native_vehicle is not None:
-            done, lost = self._core_belief().follow(
-                self._native_vehicle, TERMS, _elapsing(duration_s), drive, self._vehicle.battery.leakage,
+        car, belief, done = _car(vehicle), self, 0
+        native_car = native_vehicle(car)
+        if native_car is not None:
+            native = self._native()
+            done, lost = native.follow(
+                native_car, TERMS, _elapsing(duration_s), drive, car.battery.leakage,
                 heater_power_w(command_w, limit_w), _hidden_s2(drive, duration_s),
                 (propulsion_w, drive.propulsion_power_w,
                  *_propulsion_noise(drive.propulsion_power_w, duration_s)))
+            belief = self._of(native)
+            if done == 3:
+                return belief._bounded(lost)
         # The steps that the core did not do follow here.
         if done < 1:
-            self.mix(duration_s)
+            belief = belief.mixed(duration_s)
         if done < 2:
-            self._move(duration_s, drive, command_w, limit_w)
-        if done == 3:
-            self._keep_bounds(lost)
-        elif drive.terminal_power_w is not None:
-            self.see_propulsion_power(propulsion_w, drive.propulsion_power_w, duration_s)
+            belief = belief._moved(car, duration_s, drive, command_w, limit_w)
+        return belief if drive.terminal_power_w is None else belief.with_propulsion_power(
+            propulsion_w, drive.propulsion_power_w, duration_s)
 
-    def hold(self, duration_s: float, interval_c: tuple[float, float] | None,
-             interval: tuple[float, float] | None) -> None:
+    def held(self, duration_s: float, interval_c: tuple[float, float] | None,
+             interval: tuple[float, float] | None) -> Belief:
         """
-        Advance by `duration_s` [s] that the model does not describe, without learning about the car.
+        Return the Belief after `duration_s` [s] that the model does not describe, without learning about the car.
 
         Factors, lags and the weights of the hypotheses stay. Temperature and state of charge follow
         the intervals of their readings [deg C], (0 ... 1); None: no valid reading. Heat under way arrives and
         the sensor approaches the battery's temperature, with their lags.
         """
-        self._forget_correlations()
+        covariance = self.covariance.copy()
+        # The moving elements are no longer correlated with factors and lags, so that readings do not change these.
+        for index in MOVING:
+            kept = covariance[..., index, MOVING].copy()
+            covariance[..., index, :] = covariance[..., :, index] = 0.0
+            covariance[..., index, MOVING] = kept
+            covariance[..., MOVING, index] = kept
         sensor_left, heat_left = (
             np.exp(-duration_s / (nominal_s * array_exp(self.mean[..., index])))
             for index, nominal_s in ((SENSOR_LAG, NOMINAL_SENSOR_LAG_S), (HEAT_LAG, NOMINAL_HEAT_LAG_S)))
         local_left = math.exp(-duration_s / LOCAL_LAG_S)
-        step = np.zeros((*SHAPE, SIZE, SIZE))
-        step[..., range(SIZE), range(SIZE)] = 1.0
+        step = _unchanged()
         step[..., TEMPERATURE, TEMPERATURE] = sensor_left
         step[..., TEMPERATURE, SENSOR] = 1.0 - sensor_left
         step[..., UNDER_WAY, UNDER_WAY] = heat_left
         step[..., LOCAL, LOCAL] = local_left
-        self.mean = (step @ self.mean[..., np.newaxis])[..., 0]
-        self.covariance = step @ self.covariance @ np.swapaxes(step, -1, -2)
+        covariance = step @ covariance @ np.swapaxes(step, -1, -2)
         wandered = HELD_WANDER**2 * (duration_s / 3600.0)
         wandered[LOCAL] = LOCAL_DEVIATION_K**2 * (1.0 - local_left**2)
-        self._add_noise(wandered)
+        covariance[..., range(SIZE), range(SIZE)] += wandered
         for row, column in ((TEMPERATURE, SENSOR), (SENSOR, TEMPERATURE)):
-            self.covariance[..., row, column] += wandered[TEMPERATURE]
+            covariance[..., row, column] += wandered[TEMPERATURE]
+        belief = replace(self, mean=(step @ self.mean[..., np.newaxis])[..., 0].copy(), covariance=covariance)
         if interval_c is not None:
-            self._see_interval(SENSOR, NOISE_VARIANCES, *interval_c, tells_hypotheses=False)
+            belief = belief._within(SENSOR, NOISE_VARIANCES, *interval_c, tells_hypotheses=False)
         if interval is not None:
-            self._see_interval(SOC, SOC_NOISE_VARIANCES, *interval, tells_hypotheses=False)
+            belief = belief._within(SOC, SOC_NOISE_VARIANCES, *interval, tells_hypotheses=False)
+        return belief
 
-    def _forget_correlations(self) -> None:
-        """Decorrelate the moving elements from factors and lags, so that readings do not change the latter."""
-        for index in MOVING:
-            kept = self.covariance[..., index, MOVING].copy()
-            self.covariance[..., index, :] = self.covariance[..., :, index] = 0.0
-            self.covariance[..., index, MOVING] = kept
-            self.covariance[..., MOVING, index] = kept
+    def mixed(self, duration_s: float) -> Belief:
+        """Return the Belief with mixed filters, because a heater may have changed from one kind to another."""
+        matrix, native = _elapsing(duration_s).transitions, self._native()
+        if native.mix(matrix):
+            return self._of(native)
+        # share[from, to, noise]: how much of `to` was `from` before.
+        share = matrix[:, :, np.newaxis] * self.weights[:, np.newaxis, :]
+        total = share.sum(axis=0)
+        share /= total
+        mean = np.einsum('abn,ani->bni', share, self.mean)
+        off = self.mean[:, np.newaxis] - mean[np.newaxis]
+        return replace(self, weights=total, mean=mean, covariance=(
+            np.einsum('abn,anij->bnij', share, self.covariance)
+            + np.einsum('abn,abni,abnj->bnij', share, off, off)))
 
-    def free_local_rise(self) -> None:
-        """Make the local rise at the sensor unknown, because the readings have shifted for good."""
-        self.covariance[..., LOCAL, LOCAL] += UNKNOWN_LOCAL_K**2
-
-    def _pass_unknown(self, duration_s: float) -> None:
-        hours = duration_s / 3600.0
+    def _after_unknown(self, duration_s: float) -> Belief:
+        wandered = WANDER_UNKNOWN**2 * (duration_s / 3600.0)
+        covariance = self.covariance.copy()
+        covariance[..., range(SIZE), range(SIZE)] += wandered
         # The sensor follows the battery.
-        self._add_noise(WANDER_UNKNOWN**2 * hours)
-        wandered = WANDER_UNKNOWN[TEMPERATURE]**2 * hours
         for row, column in ((SENSOR, SENSOR), (TEMPERATURE, SENSOR), (SENSOR, TEMPERATURE)):
-            self.covariance[..., row, column] += wandered
+            covariance[..., row, column] += wandered[TEMPERATURE]
+        return replace(self, covariance=covariance)
 
-    def _move(self, duration_s: float, drive: DriveInputs, command_w: float, limit_w: float) -> None:
+    def _moved(self, car: Vehicle, duration_s: float, drive: DriveInputs, command_w: float,
+               limit_w: float) -> Belief:
         heater_w, wander = np.array(heater_power_w(command_w, limit_w)), _elapsing(duration_s).wander
-        hidden_s2 = _hidden_s2(drive, duration_s)
-        if self._native_vehicle is not None and self._core_belief().move(
-                self._native_vehicle, TERMS, drive, self._vehicle.battery.leakage, duration_s,
-                heater_w, wander, hidden_s2):
-            return
+        hidden_s2, native_car = _hidden_s2(drive, duration_s), native_vehicle(car)
+        if native_car is not None:
+            native = self._native()
+            if native.move(native_car, TERMS, drive, car.battery.leakage, duration_s, heater_w, wander, hidden_s2):
+                return self._of(native)
         after, slopes = moved_with_slopes(
-            self._vehicle, self.mean, replace(
-                drive, heater_power_w=heater_w[:, np.newaxis, np.newaxis]), duration_s)
-        step = np.zeros((*SHAPE, SIZE, SIZE))
-        step[..., range(SIZE), range(SIZE)] = 1.0
+            car, self.mean, replace(drive, heater_power_w=heater_w[:, np.newaxis, np.newaxis]), duration_s)
+        step, mean = _unchanged(), self.mean.copy()
         step[..., MOVING, :] = slopes
-        self.mean[..., MOVING] = after
-        self.covariance = step @ self.covariance @ np.swapaxes(step, -1, -2)
-        self._add_noise(wander)
+        mean[..., MOVING] = after
+        covariance = step @ self.covariance @ np.swapaxes(step, -1, -2)
+        covariance[..., range(SIZE), range(SIZE)] += wander
         # The slope of the local rise over the steady rise is proportional to the Joule heat.
         rose = slopes[..., MOVING.index(LOCAL), JOULE_RISE]
-        self.covariance[..., LOCAL, LOCAL] += _rise_noise_k2(duration_s) * (rose * rose)
+        covariance[..., LOCAL, LOCAL] += _rise_noise_k2(duration_s) * (rose * rose)
         moved = slopes[..., :2, PROPULSION] / duration_s
-        self.covariance[..., :2, :2] += (
-            hidden_s2 * moved[..., :, np.newaxis] * moved[..., np.newaxis, :])
+        covariance[..., :2, :2] += hidden_s2 * moved[..., :, np.newaxis] * moved[..., np.newaxis, :]
+        return replace(self, mean=mean, covariance=covariance)
 
-    def see_temperature(self, reading_c: float, resolution_k: float, tells_hypotheses: bool = True) -> None:
-        """Update with a temperature reading [deg C], rounded to `resolution_k` [K]."""
-        self._see_interval(
-            SENSOR, NOISE_VARIANCES, *_interval(reading_c, resolution_k), tells_hypotheses=tells_hypotheses)
+    # Readings
 
-    def see_soc(self, reading: float, resolution: float) -> None:
-        """Update with a reading of the state of charge (0 ... 1)."""
-        self._see_interval(
-            SOC, SOC_NOISE_VARIANCES, *_interval(reading, resolution), tells_hypotheses=False)
+    def with_temperature(self, reading_c: float, resolution_k: float) -> Belief:
+        """Return the Belief after a temperature reading [deg C], rounded to `resolution_k` [K]."""
+        return self._within(SENSOR, NOISE_VARIANCES, *interval_of(reading_c, resolution_k))
 
-    def see_propulsion_power(self, seen_w: float, route_w: float, duration_s: float) -> None:
-        """Update with the mean propulsion power measured [W] and the route's over `duration_s` [s]."""
-        variance, most_w = _propulsion_noise(route_w, duration_s)
-        lost = self._core_belief().see_propulsion_power(TERMS, seen_w, route_w, variance, most_w)
+    def with_soc(self, reading: float, resolution: float) -> Belief:
+        """Return the Belief after a reading of the state of charge (0 ... 1)."""
+        return self._within(
+            SOC, SOC_NOISE_VARIANCES, *interval_of(reading, resolution), tells_hypotheses=False)
+
+    def with_propulsion_power(self, seen_w: float, route_w: float, duration_s: float) -> Belief:
+        """Return the Belief after the mean propulsion power measured [W], the route's, over `duration_s` [s]."""
+        (variance, most_w), native = _propulsion_noise(route_w, duration_s), self._native()
+        lost = native.see_propulsion_power(TERMS, seen_w, route_w, variance, most_w)
         if lost is not None:
-            self._keep_bounds(lost)
-            return
+            return self._of(native)._bounded(lost)
         factor = array_exp(self.mean[..., PROPULSION])
         slope = factor * route_w
         gain = self.covariance[..., PROPULSION] * slope[..., np.newaxis]
         total = slope**2 * self.covariance[..., PROPULSION, PROPULSION] + variance
         error_w = np.clip(seen_w - factor * route_w, -most_w, most_w)
-        self.mean += gain * (error_w / total)[..., np.newaxis]
-        self.covariance -= (gain[..., :, np.newaxis] * gain[..., np.newaxis, :]
-                            / total[..., np.newaxis, np.newaxis])
-        self._keep_bounds()
+        return replace(
+            self, mean=self.mean + gain * (error_w / total)[..., np.newaxis],
+            covariance=self.covariance - (gain[..., :, np.newaxis] * gain[..., np.newaxis, :]
+                                          / total[..., np.newaxis, np.newaxis]))._bounded()
 
-    def see_battery(self, temperature_c: float, resolution_k: float, soc: float, resolution: float,
-                    tells_hypotheses: bool = True) -> tuple[FloatArray, FloatArray]:
-        """Do `see_temperature` and `see_soc`; return the `expected` mean and covariance."""
-        interval_c, interval = _interval(temperature_c, resolution_k), _interval(soc, resolution)
-        done, lost, expected = self._core_belief().take_reading(
-            TERMS, READING, interval_c, interval, tells_hypotheses)
-        if done < 1:
-            self.see_temperature(temperature_c, resolution_k, tells_hypotheses)
-        elif done == 1:
-            self._keep_bounds(lost)
+    def with_battery(self, temperature_c: float, resolution_k: float, soc: float,
+                     resolution: float) -> tuple[Belief, tuple[FloatArray, FloatArray]]:
+        """Do `with_temperature` and `with_soc`; return also the `expected` mean and covariance."""
+        native = self._native()
+        done, lost, expected = native.take_reading(
+            TERMS, READING, interval_of(temperature_c, resolution_k), interval_of(soc, resolution), True)
+        belief = self._of(native)
+        if done == 3:
+            return belief, expected
+        belief = belief._bounded(lost) if done else belief.with_temperature(temperature_c, resolution_k)
         if done < 2:
-            self.see_soc(soc, resolution)
-        elif done == 2:
-            self._keep_bounds(lost)
-        return self.expected() if done < 3 else expected
+            belief = belief.with_soc(soc, resolution)
+        return belief, belief.expected()
 
-    def weigh(self, logs: Sequence[float]) -> None:
-        """Weight the heaters by the log-likelihoods (heaters,) of other evidence."""
-        self.weights *= array_exp(np.subtract(logs, max(logs)))[:, np.newaxis]
-        self.weights = np.maximum(self.weights, LEAST_WEIGHT)
-        self.weights /= self.weights.sum()
+    def weighed(self, logs: Sequence[float]) -> Belief:
+        """Return the Belief with the heaters' weights after other evidence, by its log-likelihoods (heaters,)."""
+        return replace(self, weights=_reweighed(
+            self.weights, array_exp(np.subtract(logs, max(logs)))[:, np.newaxis]))
 
     def expected(self) -> tuple[FloatArray, FloatArray]:
-        """Return mean (SIZE,) and covariance (SIZE, SIZE) over all hypotheses."""
-        native = self._core_belief().expected()
+        """Return mean (SIZE,) and covariance (SIZE, SIZE) over all hypotheses; read-only."""
+        native = self._native().expected()
         if native is not None:
             return native
         weights = self.weights[..., np.newaxis]
@@ -398,26 +421,23 @@ class Belief:
         off = self.mean - mean
         covariance = (weights[..., np.newaxis] * (
             self.covariance + off[..., :, np.newaxis] * off[..., np.newaxis, :])).sum(axis=(0, 1))
-        return mean, covariance
+        return frozen(mean), frozen(covariance)
 
-    def _core_belief(self) -> NativeBelief:
-        """Return the filters in the form of the native core."""
-        native = self._native
-        if native is None or not (native.weights is self.weights and native.mean is self.mean
-                                  and native.covariance is self.covariance):
-            self.weights, self.mean, self.covariance = map(
-                np.ascontiguousarray, (self.weights, self.mean, self.covariance))
-            native = self._native = NativeBelief(self.weights, self.mean, self.covariance)
-        return native
+    def _native(self) -> NativeBelief:
+        """Return a copy of the filters in the form of the native core."""
+        return NativeBelief(self.weights, self.mean, self.covariance)
 
-    def _see_interval(self, index: int, noise_variance: FloatArray, low: float, high: float,
-                      tells_hypotheses: bool = True) -> None:
+    def _of(self, native: NativeBelief) -> Belief:
+        """Return the Belief with the filters of the native core."""
+        return Belief(native.weights, native.mean, native.covariance, self.lags, self.has_stood)
+
+    def _within(self, index: int, noise_variance: FloatArray, low: float, high: float,
+                tells_hypotheses: bool = True) -> Belief:
         """Kalman update of one element; `noise_variance` (noises,) is added to its own variance."""
-        lost = self._core_belief().see_interval(
-            TERMS, index, noise_variance, low, high, tells_hypotheses)
+        native = self._native()
+        lost = native.see_interval(TERMS, index, noise_variance, low, high, tells_hypotheses)
         if lost is not None:
-            self._keep_bounds(lost)
-            return
+            return self._of(native)._bounded(lost)
         # A temperature reading is the sum of sensor and local rise.
         read = (SENSOR, LOCAL) if index == SENSOR else (index,)
         columns = self.covariance[..., read].sum(axis=-1)
@@ -430,56 +450,53 @@ class Belief:
         ]).T.reshape(3, *SHAPE)
         shift, kept = seen_means - means, variance - seen_variances
         gain = columns / variance[..., np.newaxis]
-        self.mean += gain * shift[..., np.newaxis]
-        self.covariance -= (gain[..., :, np.newaxis] * gain[..., np.newaxis, :]
-                            * kept[..., np.newaxis, np.newaxis])
-        self._keep_bounds()
-        if tells_hypotheses:
-            self.weights *= array_exp(np.maximum(logs - logs.max(), -MOST_EVIDENCE))
-            self.weights = np.maximum(self.weights, LEAST_WEIGHT)
-            self.weights /= self.weights.sum()
+        return replace(
+            self, mean=self.mean + gain * shift[..., np.newaxis],
+            covariance=self.covariance - (gain[..., :, np.newaxis] * gain[..., np.newaxis, :]
+                                          * kept[..., np.newaxis, np.newaxis]),
+            weights=_reweighed(self.weights, array_exp(np.maximum(logs - logs.max(), -MOST_EVIDENCE)))
+            if tells_hypotheses else self.weights)._bounded()
 
-    def mix(self, duration_s: float) -> None:
-        """Mix the heaters' filters, because a heater may have changed from one kind to another."""
-        matrix = _elapsing(duration_s).transitions
-        if self._core_belief().mix(matrix):
-            return
-        # share[from, to, noise]: how much of `to` was `from` before.
-        share = matrix[:, :, np.newaxis] * self.weights[:, np.newaxis, :]
-        total = share.sum(axis=0)
-        share /= total
-        mean = np.einsum('abn,ani->bni', share, self.mean)
-        off = self.mean[:, np.newaxis] - mean[np.newaxis]
-        self.covariance = (
-            np.einsum('abn,anij->bnij', share, self.covariance)
-            + np.einsum('abn,abni,abnj->bnij', share, off, off))
-        self.mean, self.weights = mean, total
-
-    def _add_noise(self, variances: FloatArray) -> None:
-        self.covariance[..., range(SIZE), range(SIZE)] += variances
-
-    def _keep_bounds(self, lost_filters: int = 1) -> None:
-        """Clip the filters to their bounds and reset lost ones; `lost_filters` 0: nothing to do."""
+    def _bounded(self, lost_filters: int = 1) -> Belief:
+        """Return the Belief within its bounds, with lost filters reset; `lost_filters` 0: as it is."""
         if lost_filters == 0:
-            return
-        bounded = self.mean[..., BOUNDED]
-        np.minimum(bounded, HIGHEST, out=bounded)
-        np.maximum(bounded, LOWEST, out=bounded)
-        lost = ((np.abs(self.mean[..., TEMPERATURE] - self.mean[..., SENSOR]) > MOST_APART_K)
-                | (np.abs(self.mean[..., UNDER_WAY]) > MOST_UNDER_WAY_K))
+            return self
+        mean, covariance = self.mean.copy(), self.covariance.copy()
+        mean[..., BOUNDED] = np.maximum(np.minimum(mean[..., BOUNDED], HIGHEST), LOWEST)
+        lost = ((np.abs(mean[..., TEMPERATURE] - mean[..., SENSOR]) > MOST_APART_K)
+                | (np.abs(mean[..., UNDER_WAY]) > MOST_UNDER_WAY_K))
         if lost.any():
-            self._find_again(lost)
+            mean[lost], covariance[lost] = self._found_again(mean[lost], covariance[lost])
+        return replace(self, mean=mean, covariance=covariance)
 
-    def _find_again(self, lost: BoolArray) -> None:
-        """Reset the lags and rises of lost filters (heaters, noises)."""
-        mean, covariance = self.mean[lost], self.covariance[lost]
+    def _found_again(self, mean: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Reset the lags and rises of lost filters (lost, SIZE), (lost, SIZE, SIZE), and return both."""
         mean[:, TEMPERATURE], mean[:, UNDER_WAY] = mean[:, SENSOR], 0.0
-        mean[:, LAGS], mean[:, RISES] = self._lags.logs, RISES_K_PER_KW
+        mean[:, LAGS], mean[:, RISES] = self.lags.logs, RISES_K_PER_KW
         for index in (TEMPERATURE, *LAGS, *RISES, UNDER_WAY):
             covariance[:, index, :] = covariance[:, :, index] = 0.0
-        covariance[:, LAGS, LAGS] = self._lags.variances
+        covariance[:, LAGS, LAGS] = self.lags.variances
         covariance[:, RISES, RISES] = np.square(RISE_DEVIATIONS)
         covariance[:, UNDER_WAY, UNDER_WAY] = UNKNOWN_UNDER_WAY_K**2
         covariance[:, TEMPERATURE, TEMPERATURE] = (
             covariance[:, SENSOR, SENSOR] + UNKNOWN_APART_K**2)
-        self.mean[lost], self.covariance[lost] = mean, covariance
+        return mean, covariance
+
+
+def _car(vehicle: Vehicle) -> Vehicle:
+    """Return the Vehicle whose coolant, which warms with the battery, counts as battery; its delay is a lag."""
+    return with_coolant_in_battery(vehicle) if vehicle.heat_path.has_coolant else vehicle
+
+
+def _unchanged() -> FloatArray:
+    """Return the steps (…, SIZE, SIZE) that change nothing."""
+    step = np.zeros((*SHAPE, SIZE, SIZE))
+    step[..., range(SIZE), range(SIZE)] = 1.0
+    return step
+
+
+def _reweighed(weights: FloatArray, likelihoods: FloatArray) -> FloatArray:
+    """Return weights after evidence, with a sum of 1."""
+    weights = np.maximum(weights * likelihoods, LEAST_WEIGHT)
+    weights /= weights.sum()
+    return weights

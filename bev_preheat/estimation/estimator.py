@@ -7,12 +7,11 @@ Instants are integers, in nanoseconds of the clock that stamps the battery state
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import replace
 import math
 from typing import NamedTuple, TYPE_CHECKING
 
-from bev_preheat.estimation.belief import Belief
+from bev_preheat.estimation.belief import Belief, interval_of
 from bev_preheat.estimation.estimate import Estimate
 from bev_preheat.estimation.hypotheses import FAULTY, Heater, HeaterReport, is_suspect, judge, Suspicion
 from bev_preheat.estimation.measured_power import PowerResponse, PowerSamples
@@ -23,6 +22,8 @@ from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.vehicle.uncertain_car import DriveInputs
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from bev_preheat.estimation.prior import Learned
     from bev_preheat.estimation.readings import Expected
     from bev_preheat.estimation.soak import Soak
@@ -59,70 +60,72 @@ class DrivenInterval(NamedTuple):
     limit_w: float
 
 
-class Estimator:
-    """Holds the belief; `observe` updates it and `estimate` with a measurement."""
+class _Suspect(NamedTuple):
+    """
+    A heater that has been suspect since an instant [ns], at a temperature reading [deg C].
 
-    def __init__(self, vehicle: Vehicle, learned: Learned | None = None) -> None:
-        """Start from the vehicle file, or from earlier Learned values."""
-        self._vehicle = vehicle
-        self._most_power_w = (vehicle.drivetrain.maximum_power_w + vehicle.hvch.maximum_power_w
-                              + MOST_OTHER_POWER_W)
-        self._k_per_j = vehicle.hvch.efficiency / vehicle.battery.heat_capacity_j_per_k
-        self._learned = learned
-        self.estimate: Estimate | None = None
-        self._resets, self._reason = 0, ''
-        self._reset_at_ns: int | None = None
-        self._begin()
+    `commanded_k` is the heat commanded since then, `uncommanded_k` the uncommanded heat that the heater could have
+    given [K].
+    """
 
-    def _begin(self) -> None:
-        self._belief = Belief(self._vehicle, self._learned)
-        self._response = PowerResponse()
-        self._readings = ReadingCheck()
-        # Mean and covariance of the belief after the latest measurement; None: not computed yet.
-        self._expected: tuple[FloatArray, FloatArray] | None = None
-        self._stamp_ns: int | None = None
-        # The soak that the next reading belongs to, and the offset subtracted from readings [K].
-        self._standing: Soak | None = None
-        self._offset_k = 0.0
-        self._power = PowerSamples()
-        self._knows_power = False
-        # Instant [ns] since which the heater has been suspect; None: it is not.
-        self._suspect_since_ns: int | None = None
-        # Heat commanded, and uncommanded heat that the heater could have given, since then [K].
-        self._commanded_k = self._uncommanded_k = self._suspect_from_c = 0.0
+    since_ns: int
+    from_c: float
+    commanded_k: float = 0.0
+    uncommanded_k: float = 0.0
 
-    def lose_time(self) -> None:
-        """Take the temperature from the next reading alone, because earlier stamps are invalid."""
-        self._stamp_ns = self._suspect_since_ns = None
-        self._power.forget_latest()
-        self._response = PowerResponse()
 
-    def begin_route(self) -> None:
-        """Reset the propulsion factor, because a new trip begins."""
-        self._belief.begin_route()
-        self._expected = None
+class Estimator(NamedTuple):
+    """
+    The belief, and the `estimate` after the latest measurement, None before the first.
 
-    def acquit_heater(self) -> None:
-        """Take the heater for healthy, because the power with which it was compared is refuted."""
-        if self.estimate is None:
-            return
-        self._belief.acquit_heater()
-        self._response = PowerResponse()
-        self._suspect_since_ns = None
-        self.estimate = replace(self.estimate, heater=HeaterReport(Heater.ANSWERS, 1.0 - FAULTY, 1.0))
+    `stamp_ns` [ns] is the instant of the latest measurement; None: the temperature is taken from the next reading
+    alone. `standing` is the Soak before the next reading, and `offset_k` is subtracted from readings [K].
+    `knows_power`: the battery's power of the latest step was measured. `suspect` is the heater, None while it is
+    not suspect. `resets` is the number of resets, with the reason and instant of the last one.
+    """
 
-    def rely_on(self, standing: Soak) -> None:
-        """Take the sensor's offset from the next reading, which is of a battery after a Soak."""
-        self._standing = standing
-        self._belief.stand()
-        self.lose_time()
+    belief: Belief
+    response: PowerResponse = PowerResponse()
+    readings: ReadingCheck = ReadingCheck()
+    power: PowerSamples = PowerSamples()
+    knows_power: bool = False
+    stamp_ns: int | None = None
+    standing: Soak | None = None
+    offset_k: float = 0.0
+    suspect: _Suspect | None = None
+    estimate: Estimate | None = None
+    resets: int = 0
+    reset_reason: str = ''
+    reset_at_ns: int | None = None
 
-    def restart(self, reason: str, at_ns: int) -> None:
-        """Reset the temperature and everything learned since the vehicle file."""
-        self._learned = None
-        self._resets += 1
-        self._reason, self._reset_at_ns = reason, at_ns
-        self._begin()
+    @classmethod
+    def of(cls, vehicle: Vehicle, learned: Learned | None = None) -> Estimator:
+        """Return the Estimator of a vehicle file, or of earlier Learned values."""
+        return cls(Belief.of(vehicle, learned))
+
+    def without_instants(self) -> Estimator:
+        """Return the Estimator that takes the temperature from the next reading alone."""
+        return self._replace(
+            stamp_ns=None, suspect=None, power=self.power.without_latest(), response=PowerResponse())
+
+    def of_another_route(self) -> Estimator:
+        """Return the Estimator without the propulsion factor, because a new trip begins."""
+        return self._replace(belief=self.belief.of_another_route())
+
+    def of_healthy_heater(self) -> Estimator:
+        """Return the Estimator of a healthy heater, because the power with which it was compared is refuted."""
+        return self if self.estimate is None else self._replace(
+            belief=self.belief.of_healthy_heater(), response=PowerResponse(), suspect=None,
+            estimate=replace(self.estimate, heater=HeaterReport(Heater.ANSWERS, 1.0 - FAULTY, 1.0)))
+
+    def after_soak(self, standing: Soak) -> Estimator:
+        """Return the Estimator that takes the sensor's offset from the next reading, of a battery after a Soak."""
+        return self.without_instants()._replace(standing=standing, belief=self.belief.of_stood_car())
+
+    def restarted(self, vehicle: Vehicle, reason: str, at_ns: int) -> Estimator:
+        """Return the Estimator without temperature and everything learned since the vehicle file."""
+        return Estimator(Belief.of(vehicle), estimate=self.estimate, resets=self.resets + 1, reset_reason=reason,
+                         reset_at_ns=at_ns)
 
     def edges_ns(self, stamp_ns: int) -> tuple[int, ...]:
         """
@@ -130,200 +133,169 @@ class Estimator:
 
         () for the first measurement, after a long gap, and if the measurement comes too soon.
         """
-        if self._stamp_ns is None:
+        from_ns = self.stamp_ns
+        if from_ns is None or not LEAST_INTERVAL_S <= (stamp_ns - from_ns) / NS_PER_S <= LONGEST_GAP_S:
             return ()
-        elapsed_s = (stamp_ns - self._stamp_ns) / NS_PER_S
-        if elapsed_s > LONGEST_GAP_S or elapsed_s < LEAST_INTERVAL_S:
-            return ()
-        from_ns = self._stamp_ns
         steps = math.ceil((stamp_ns - from_ns) / NS_PER_S / LONGEST_STEP_S)
         return tuple([from_ns + (stamp_ns - from_ns) * part // steps for part in range(steps + 1)])
 
-    def observe(self, measurement: MeasuredState, command_w: float,
-                intervals: Iterable[DrivenInterval]) -> None:
+    def observed(self, measurement: MeasuredState, intervals: Iterable[DrivenInterval],
+                 vehicle: Vehicle) -> Estimator:
         """
-        Update with a MeasuredState, whose stamp is not older than the previous one.
+        Return the Estimator after a MeasuredState of a Vehicle, whose stamp is not older than the previous one.
 
-        `command_w` is the command to the heater at its instant [W]; `intervals` are one DrivenInterval
-        between consecutive `edges_ns(measurement.stamp_ns)`.
+        `intervals` are one DrivenInterval between consecutive `edges_ns(measurement.stamp_ns)`.
         """
-        state = measurement.state
-        self._readings.see(state)
-        stamp_ns = measurement.stamp_ns
-        if self._stamp_ns is None:
-            self._place(measurement)
-            return
-        elapsed_s = (stamp_ns - self._stamp_ns) / NS_PER_S
-        if elapsed_s > LONGEST_GAP_S:
-            self._place(measurement)
-            return
-        verdict = self._readings.judge(measurement, self._expected_readings())
+        state, stamp_ns = measurement.state, measurement.stamp_ns
+        seen = self._replace(readings=self.readings.seen(state))
+        if self.stamp_ns is None or (stamp_ns - self.stamp_ns) / NS_PER_S > LONGEST_GAP_S:
+            return seen._placed(measurement, vehicle)
+        readings, verdict = seen.readings.judged(measurement, self._expected_readings())
         if verdict is Verdict.JUMPED:
-            self._jump(measurement, command_w)
-            return
-        self._power.see(stamp_ns / NS_PER_S, self._plausible_power_w(measurement))
-        if elapsed_s < LEAST_INTERVAL_S:
-            return
-        self._advance(intervals)
+            return self._jumped(measurement, vehicle)
+        power = self.power.seen(stamp_ns / NS_PER_S, _plausible_power_w(measurement, vehicle))
+        seen = seen._replace(readings=readings, power=power)
+        if (stamp_ns - self.stamp_ns) / NS_PER_S < LEAST_INTERVAL_S:
+            return seen
+        advanced = seen._advanced(intervals, vehicle)
+        belief = advanced.belief
+        if verdict not in (Verdict.BELIEVED, Verdict.LASTING):
+            return advanced._concluded(measurement, vehicle, belief, belief.expected())
         if verdict is Verdict.LASTING:
-            self._belief.free_local_rise()
-        if verdict in (Verdict.BELIEVED, Verdict.LASTING):
-            self._conclude(measurement, *self._belief.see_battery(
-                state.temperature_c - self._offset_k, self._readings.temperature_resolution_k,
-                state.soc, self._readings.soc_resolution,
-                # Where power is known, it shows the heater's response.
-                tells_hypotheses=True))
-        else:
-            self._conclude(measurement, *self._belief.expected())
+            belief = belief.of_free_local_rise()
+        return advanced._concluded(measurement, vehicle, *belief.with_battery(
+            state.temperature_c - self.offset_k, readings.temperature_resolution_k,
+            state.soc, readings.soc_resolution))
 
-    def hold(self, measurement: MeasuredState, trusts_temperature: bool = True,
-             trusts_soc: bool = True) -> None:
+    def held(self, measurement: MeasuredState, vehicle: Vehicle, trusts_temperature: bool = True,
+             trusts_soc: bool = True) -> Estimator:
         """
-        Follow a MeasuredState that the model does not describe, without learning from it.
+        Return the Estimator after a MeasuredState that the model does not describe, without learning from it.
 
         The vehicle is charging, stands where its route drives, is on no leg, or a signal is in doubt.
         Hypotheses, factors, lags and the report on the heater stay. A reading that is not trusted is
         ignored.
         """
         state, stamp_ns = measurement.state, measurement.stamp_ns
-        if trusts_temperature:
-            self._readings.see(state)
         # The next step that the model describes begins here, with its own power samples.
-        self._suspect_since_ns = None
-        self._power.forget_latest()
-        if self._stamp_ns is None or (stamp_ns - self._stamp_ns) / NS_PER_S > LONGEST_GAP_S:
-            if trusts_temperature and trusts_soc:
-                self._place(measurement)
-            return
-        elapsed_s = (stamp_ns - self._stamp_ns) / NS_PER_S
+        seen = self._replace(
+            readings=self.readings.seen(state) if trusts_temperature else self.readings, suspect=None,
+            power=self.power.without_latest())
+        trusts_both = trusts_temperature and trusts_soc
+        if self.stamp_ns is None or (stamp_ns - self.stamp_ns) / NS_PER_S > LONGEST_GAP_S:
+            return seen._placed(measurement, vehicle) if trusts_both else seen
+        elapsed_s = (stamp_ns - self.stamp_ns) / NS_PER_S
         if elapsed_s < LEAST_INTERVAL_S:
-            return
+            return seen
         is_believed = True
-        if trusts_temperature and trusts_soc:
-            verdict = self._readings.judge(measurement, self._expected_readings())
+        if trusts_both:
+            readings, verdict = seen.readings.judged(measurement, self._expected_readings())
+            seen = seen._replace(readings=readings)
             if verdict is Verdict.JUMPED:
                 # The car's factors stay valid: only the battery state was not followed.
-                self._stamp_ns = None
-                self._place(measurement)
-                return
+                return seen._placed(measurement, vehicle)
             is_believed = verdict in (Verdict.BELIEVED, Verdict.LASTING)
-        temperature_k, soc_step = self._readings.temperature_resolution_k, self._readings.soc_resolution
-        reading_c = state.temperature_c - self._offset_k
-        self._belief.hold(
+        belief = self.belief.held(
             elapsed_s,
-            (reading_c - 0.5 * temperature_k, reading_c + 0.5 * temperature_k)
+            interval_of(state.temperature_c - self.offset_k, seen.readings.temperature_resolution_k)
             if is_believed and trusts_temperature else None,
-            (state.soc - 0.5 * soc_step, state.soc + 0.5 * soc_step)
-            if is_believed and trusts_soc else None)
-        self._conclude(measurement, *self._belief.expected(), is_held=True)
+            interval_of(state.soc, seen.readings.soc_resolution) if is_believed and trusts_soc else None)
+        return seen._concluded(measurement, vehicle, belief, belief.expected(), is_held=True)
 
     def _expected_readings(self) -> tuple[Expected, Expected]:
         """Return the expected readings of temperature [deg C] and charge, with variances."""
-        mean, covariance = self._belief.expected() if self._expected is None else self._expected
-        at, between = mean.item, covariance.item
-        return ((at(SENSOR) + at(LOCAL) + self._offset_k,
+        assert self.estimate is not None
+        at, between = self.estimate.mean.item, self.estimate.covariance.item
+        return ((at(SENSOR) + at(LOCAL) + self.offset_k,
                  between(SENSOR, SENSOR) + 2.0 * between(SENSOR, LOCAL) + between(LOCAL, LOCAL)),
                 (at(SOC), between(SOC, SOC)))
 
-    def _jump(self, measurement: MeasuredState, command_w: float) -> None:
-        """Restart from a reading that contradicts the expectation."""
+    def _jumped(self, measurement: MeasuredState, vehicle: Vehicle) -> Estimator:
+        """Return the Estimator that starts again from a reading that contradicts the expectation."""
         assert self.estimate is not None
         state = measurement.state
-        self.restart(f'battery_state jumped to {state.temperature_c:.1f} degC, '
-                     f'{100 * state.soc:.1f} %: {self.estimate.temperature_c:.1f} degC, '
-                     f'{100 * self.estimate.soc:.1f} % were expected', measurement.stamp_ns)
-        self.observe(measurement, command_w, ())
+        return self.restarted(vehicle, f'battery_state jumped to {state.temperature_c:.1f} degC, '
+                              f'{100 * state.soc:.1f} %: {self.estimate.temperature_c:.1f} degC, '
+                              f'{100 * self.estimate.soc:.1f} % were expected', measurement.stamp_ns,
+                              ).observed(measurement, (), vehicle)
 
-    def _place(self, measurement: MeasuredState) -> None:
-        state = measurement.state
-        variance = self._readings.temperature_resolution_k**2 / 12.0 + READING_NOISE_K**2
-        if self._standing is not None:
-            self._offset_k = expected_offset_k(self._standing, state.temperature_c, variance)
-            self._standing = None
-        self._belief.place(
-            state.temperature_c - self._offset_k, variance, state.soc,
-            self._readings.soc_resolution**2 / 12.0 + READING_NOISE_SOC**2)
-        self._power.begin_step(self._plausible_power_w(measurement))
-        self._conclude(measurement, *self._belief.expected())
+    def _placed(self, measurement: MeasuredState, vehicle: Vehicle) -> Estimator:
+        """Return the Estimator with temperature and charge of a reading alone."""
+        state, readings = measurement.state, self.readings
+        variance = readings.temperature_resolution_k**2 / 12.0 + READING_NOISE_K**2
+        offset_k = self.offset_k if self.standing is None else (
+            expected_offset_k(self.standing, state.temperature_c, variance))
+        belief = self.belief.placed(
+            state.temperature_c - offset_k, variance, state.soc,
+            readings.soc_resolution**2 / 12.0 + READING_NOISE_SOC**2)
+        return self._replace(
+            standing=None, offset_k=offset_k, power=self.power.of_step(_plausible_power_w(measurement, vehicle)),
+        )._concluded(measurement, vehicle, belief, belief.expected())
 
-    def _plausible_power_w(self, measurement: MeasuredState) -> float | None:
-        """Return the battery's power [W]; None if it is unknown or implausible."""
-        power_w = measurement.power_w
-        return None if power_w is None or abs(power_w) > self._most_power_w else power_w
-
-    def _advance(self, intervals: Iterable[DrivenInterval]) -> None:
-        """Advance the belief through DrivenIntervals."""
-        seen_w, variance_w2 = self._power.step() or (None, 0.0)
-        self._knows_power = seen_w is not None
-        for interval in intervals:
-            drive, duration_s = interval.drive, interval.duration_s
-            self._hear_heater(interval, seen_w)
-            if drive is not None and seen_w is not None:
-                drive = DriveInputs(
-                    drive.speed_mps, drive.ambient_temperature_c, drive.propulsion_power_w, variance_w2,
-                    drive.propulsion_power_magnitude_w, drive.cabin_heating_power_w,
-                    drive.auxiliary_power_w, drive.heater_power_w, terminal_power_w=seen_w,
-                    hidden_variance_w2=self._power.hidden_w2(drive.power_variance_w2, duration_s))
-            self._commanded_k += self._k_per_j * duration_s * interval.command_w
-            self._uncommanded_k += self._k_per_j * duration_s * max(0.0, interval.limit_w - interval.command_w)
+    def _advanced(self, intervals: Iterable[DrivenInterval], vehicle: Vehicle) -> Estimator:
+        """Return the Estimator after DrivenIntervals, before the reading at their end."""
+        belief, response, power, suspect = self.belief, self.response, self.power, self.suspect
+        k_per_j = vehicle.hvch.efficiency / vehicle.battery.heat_capacity_j_per_k
+        seen_w, variance_w2 = power.step() or (None, 0.0)
+        for duration_s, drive, command_w, limit_w in intervals:
+            if suspect is not None:
+                suspect = suspect._replace(
+                    commanded_k=suspect.commanded_k + k_per_j * duration_s * command_w,
+                    uncommanded_k=suspect.uncommanded_k + k_per_j * duration_s * max(0.0, limit_w - command_w))
             if drive is None or seen_w is None:
-                self._belief.predict(duration_s, drive, interval.command_w, interval.limit_w)
+                response = response.paused()
+                belief = belief.predicted(vehicle, duration_s, drive, command_w, limit_w)
                 continue
-            heater_w = interval.command_w if self.estimate is None else (
-                min(self.estimate.heater.share * interval.command_w, interval.limit_w))
-            propulsion_w = seen_w - heater_w - drive.cabin_heating_power_w - drive.auxiliary_power_w
-            self._belief.follow(
-                duration_s, drive, interval.command_w, interval.limit_w,
-                self._power.mean_propulsion_w(propulsion_w, drive.propulsion_power_w, duration_s))
-        self._power.end_step()
+            response, logs = response.seen(
+                duration_s,
+                seen_w - drive.propulsion_power_w - drive.cabin_heating_power_w - drive.auxiliary_power_w,
+                command_w, limit_w)
+            if logs is not None:
+                belief = belief.weighed(logs.tolist())
+            power, hidden_w2 = power.hidden_w2(drive.power_variance_w2, duration_s)
+            heater_w = command_w if self.estimate is None else (
+                min(self.estimate.heater.share * command_w, limit_w))
+            power, propulsion_w = power.mean_propulsion_w(
+                seen_w - heater_w - drive.cabin_heating_power_w - drive.auxiliary_power_w,
+                drive.propulsion_power_w, duration_s)
+            belief = belief.followed(vehicle, duration_s, replace(
+                drive, power_variance_w2=variance_w2, terminal_power_w=seen_w, hidden_variance_w2=hidden_w2,
+            ), command_w, limit_w, propulsion_w)
+        return self._replace(belief=belief, response=response, power=power.of_next_step(), suspect=suspect,
+                             knows_power=seen_w is not None)
 
-    def _hear_heater(self, interval: DrivenInterval, seen_w: float | None) -> None:
-        """Weight the heaters by the power measured in a DrivenInterval [W]; None: unknown."""
-        drive = interval.drive
-        if drive is None or seen_w is None:
-            self._response.pause()
-            return
-        logs = self._response.see(
-            interval.duration_s,
-            seen_w - drive.propulsion_power_w - drive.cabin_heating_power_w - drive.auxiliary_power_w,
-            interval.command_w, interval.limit_w)
-        if logs is not None:
-            self._belief.weigh(logs.tolist())
-
-    def _conclude(self, measurement: MeasuredState, mean: FloatArray, covariance: FloatArray,
-                  is_held: bool = False) -> None:
+    def _concluded(self, measurement: MeasuredState, vehicle: Vehicle, belief: Belief,
+                   expected: tuple[FloatArray, FloatArray], is_held: bool = False) -> Estimator:
         """
-        Set the estimate after a MeasuredState, from the belief's mean and covariance.
+        Return the Estimator with the estimate after a MeasuredState, from the belief and its expected values.
 
         `is_held`: learning was off, so the report on the heater stays.
         """
-        stamp_ns = self._stamp_ns = measurement.stamp_ns
-        self._expected = mean, covariance
-        if not _is_sound(mean, covariance):
-            self.restart('the estimate left its valid range', stamp_ns)
-            self._place(measurement)
-            return
-        weights = [*map(sum, self._belief.weights.tolist())]
-        if is_held and self.estimate is not None:
-            self._make_estimate(stamp_ns, mean, covariance, self.estimate.heater)
-            return
-        if not is_suspect(weights):
-            self._suspect_since_ns = None
-        elif self._suspect_since_ns is None:
-            self._suspect_since_ns, self._commanded_k, self._uncommanded_k = stamp_ns, 0.0, 0.0
-            self._suspect_from_c = measurement.state.temperature_c
-        since_ns = stamp_ns if self._suspect_since_ns is None else self._suspect_since_ns
-        suspicion = Suspicion((stamp_ns - since_ns) / NS_PER_S, self._commanded_k, self._uncommanded_k,
-                              measurement.state.temperature_c - self._suspect_from_c)
-        report = judge(weights, self.estimate.heater if self.estimate else None,
-                       suspicion, self._response.support if self._knows_power else None)
-        self._make_estimate(stamp_ns, mean, covariance, report)
+        stamp_ns, reading_c, suspect = measurement.stamp_ns, measurement.state.temperature_c, self.suspect
+        if not _is_sound(*expected):
+            return self.restarted(
+                vehicle, 'the estimate left its valid range', stamp_ns)._placed(measurement, vehicle)
+        before = None if self.estimate is None else self.estimate.heater
+        if is_held and before is not None:
+            report = before
+        else:
+            weights = [*map(sum, belief.weights.tolist())]
+            suspect = None if not is_suspect(weights) else suspect or _Suspect(stamp_ns, reading_c)
+            report = judge(
+                weights, before, Suspicion() if suspect is None else Suspicion(
+                    (stamp_ns - suspect.since_ns) / NS_PER_S, suspect.commanded_k, suspect.uncommanded_k,
+                    reading_c - suspect.from_c), self.response.support if self.knows_power else None)
+        readings = self.readings
+        return self._replace(belief=belief, stamp_ns=stamp_ns, suspect=suspect, estimate=Estimate(
+            stamp_ns, *expected, report, readings.temperature_resolution_k, self.resets, self.reset_reason,
+            self.reset_at_ns, self.offset_k, readings.ignored_share))
 
-    def _make_estimate(self, stamp_ns: int, mean: FloatArray, covariance: FloatArray,
-                       report: HeaterReport) -> None:
-        self.estimate = Estimate(
-            stamp_ns, mean, covariance, report, self._readings.temperature_resolution_k, self._resets,
-            self._reason, self._reset_at_ns, self._offset_k, self._readings.ignored_share)
+
+def _plausible_power_w(measurement: MeasuredState, vehicle: Vehicle) -> float | None:
+    """Return the battery's power [W]; None if it is unknown or implausible."""
+    power_w = measurement.power_w
+    most_w = vehicle.drivetrain.maximum_power_w + vehicle.hvch.maximum_power_w + MOST_OTHER_POWER_W
+    return None if power_w is None or abs(power_w) > most_w else power_w
 
 
 def _is_sound(mean: FloatArray, covariance: FloatArray) -> bool:

@@ -102,10 +102,10 @@ class Suspicion(NamedTuple):
     without a command, both as a temperature rise of the battery [K].
     """
 
-    lasts_s: float
-    commanded_k: float
-    uncommanded_k: float
-    rise_k: float
+    lasts_s: float = 0.0
+    commanded_k: float = 0.0
+    uncommanded_k: float = 0.0
+    rise_k: float = 0.0
 
 
 UNLIMITED = Suspicion(math.inf, math.inf, math.inf, math.inf)

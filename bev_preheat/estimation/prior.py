@@ -22,10 +22,10 @@ from bev_preheat.estimation.state import (
     RESISTANCE,
     SENSOR_LAG,
 )
+from bev_preheat.numerics.arrays import FloatArray, frozen
 from bev_preheat.vehicle.description import UNKNOWN_UNCERTAINTY
 
 if TYPE_CHECKING:
-    from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.vehicle.description import Uncertainty
     from bev_preheat.vehicle.heat_path import HeatPath
 
@@ -62,10 +62,15 @@ RISE_BOUNDS = np.array([(0.0, 1.0), (-0.8, 0.8)])
 
 @dataclass(frozen=True, eq=False)
 class Lags:
-    """Logarithms of the lags relative to the nominal ones (2,), and their variances (2,), as in LAGS."""
+    """Logarithms of the lags relative to the nominal ones (2,), and their variances (2,), as LAGS; read-only."""
 
     logs: FloatArray
     variances: FloatArray
+
+    def __post_init__(self) -> None:
+        """Make the arrays read-only."""
+        frozen(self.logs)
+        frozen(self.variances)
 
 
 def unknown_lags() -> Lags:
@@ -79,19 +84,19 @@ def described_lags(path: HeatPath) -> Lags:
 
     Missing parts are unknown.
     """
-    lags = unknown_lags()
+    logs, variances = np.zeros(2), unknown_lags().variances.copy()
     for at, lag_s in enumerate((path.heat_lag_s, path.sensor_lag_s)):
         if lag_s > 0.0:
             low, high = LAG_BOUNDS[at]
-            lags.logs[at] = min(max(math.log(lag_s / NOMINAL_LAGS_S[at]), low), high)
-            lags.variances[at] = DESCRIBED_LAG_DEVIATION**2
-    return lags
+            logs[at] = min(max(math.log(lag_s / NOMINAL_LAGS_S[at]), low), high)
+            variances[at] = DESCRIBED_LAG_DEVIATION**2
+    return Lags(logs, variances)
 
 
 @dataclass(frozen=True, eq=False)
 class Learned:
     """
-    Learned values of a car.
+    Learned values of a car; read-only.
 
     Logarithms of the factors (5,) and their covariance (5, 5), in the order of `state`; its Lags,
     None if they were not learned.
@@ -100,6 +105,11 @@ class Learned:
     factors: FloatArray
     covariance: FloatArray
     lags: Lags | None = None
+
+    def __post_init__(self) -> None:
+        """Make the arrays read-only."""
+        frozen(self.factors)
+        frozen(self.covariance)
 
 
 def nothing_learned(uncertainty: Uncertainty = UNKNOWN_UNCERTAINTY) -> Learned:

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from enum import Enum
 from itertools import dropwhile
 import math
@@ -98,75 +97,73 @@ class Verdict(Enum):
     JUMPED = 'is too far off, and the second to say so'
 
 
-class ReadingCheck:
-    """Finds the steps of the signals, and compares readings with their expectation."""
+class ReadingCheck(NamedTuple):
+    """
+    The steps of the signals, and the readings that were not as expected.
 
-    def __init__(self) -> None:
-        """Start without readings."""
-        self._temperature_steps = Resolution(TEMPERATURE_STEPS_K)
-        self._soc_steps = Resolution(SOC_STEPS)
-        # A rejected reading that awaits confirmation.
-        self._doubted: MeasuredState | None = None
-        # Start of the current excursion [ns]; None: the temperature is as expected.
-        self._excursion_ns: int | None = None
-        self._ignored: deque[bool] = deque(maxlen=COUNTED)
+    `doubted` is a rejected reading that awaits confirmation, None: none. The current excursion began at
+    `excursion_ns` [ns]; None: the temperature is as expected. `ignored`: whether each of the latest readings was.
+    """
+
+    temperature_steps: Resolution = Resolution(TEMPERATURE_STEPS_K)
+    soc_steps: Resolution = Resolution(SOC_STEPS)
+    doubted: MeasuredState | None = None
+    excursion_ns: int | None = None
+    ignored: tuple[bool, ...] = ()
 
     @property
     def ignored_share(self) -> float:
         """Share of the latest readings that were ignored, 0 ... 1."""
-        return sum(self._ignored) / len(self._ignored) if self._ignored else 0.0
+        return sum(self.ignored) / len(self.ignored) if self.ignored else 0.0
 
     @property
     def temperature_resolution_k(self) -> float:
         """Steps in which the temperature is reported [K]; 0: continuous."""
-        return self._temperature_steps.step
+        return self.temperature_steps.step
 
     @property
     def soc_resolution(self) -> float:
         """Steps in which the state of charge is reported; 0: continuous."""
-        return self._soc_steps.step
+        return self.soc_steps.step
 
-    def see(self, state: BatteryState) -> None:
-        """Update the steps with a reading; call it for every reading, before `judge`."""
-        self._temperature_steps = self._temperature_steps.seen(state.temperature_c)
-        self._soc_steps = self._soc_steps.seen(state.soc)
+    def seen(self, state: BatteryState) -> ReadingCheck:
+        """Return the check with the steps after a reading; call it for every reading, before `judged`."""
+        temperature_steps = self.temperature_steps.seen(state.temperature_c)
+        soc_steps = self.soc_steps.seen(state.soc)
+        return self if (temperature_steps, soc_steps) == (self.temperature_steps, self.soc_steps) else (
+            self._replace(temperature_steps=temperature_steps, soc_steps=soc_steps))
 
-    def judge(self, measurement: MeasuredState, expected: tuple[Expected, Expected]) -> Verdict:
-        """Return the Verdict on a MeasuredState; `expected` are temperature [deg C] and charge, with variances."""
+    def judged(self, measurement: MeasuredState,
+               expected: tuple[Expected, Expected]) -> tuple[ReadingCheck, Verdict]:
+        """Return the check after a MeasuredState, and the Verdict; `expected` temperature [deg C] and charge."""
         looks = self._looks_at(measurement.state)
-        excursion = self._excursion(measurement.stamp_ns, looks[0], expected[0])
-        if excursion is not None:
-            self._doubted = None
-            self._ignored.append(excursion is Verdict.EXCURSION)
-            return excursion
-        is_plausible = all(
-            abs(reading - mean) <= 0.5 * step + IMPLAUSIBLE_DEVIATIONS * max(math.sqrt(max(variance, 0.0)), least)
-            for (reading, step, least), (mean, variance) in zip(looks, expected))
-        self._ignored.append(not is_plausible)
-        if is_plausible:
-            self._doubted = None
-            return Verdict.BELIEVED
-        before, self._doubted = self._doubted, measurement
-        # The same reading again is no confirmation.
-        if (before is None or before.stamp_ns == measurement.stamp_ns
-                or not self._agree(before.state, measurement.state)):
-            return Verdict.DOUBTED
-        return Verdict.JUMPED
+        excursion_ns, verdict = self._excursion(measurement.stamp_ns, looks[0], expected[0])
+        doubted = None
+        if verdict is None:
+            is_plausible = all(
+                abs(reading - mean) <= 0.5 * step + IMPLAUSIBLE_DEVIATIONS * max(
+                    math.sqrt(max(variance, 0.0)), least)
+                for (reading, step, least), (mean, variance) in zip(looks, expected))
+            doubted = None if is_plausible else measurement
+            # The same reading again is no confirmation.
+            verdict = Verdict.BELIEVED if is_plausible else Verdict.JUMPED if (
+                self.doubted is not None and self.doubted.stamp_ns != measurement.stamp_ns
+                and self._agree(self.doubted.state, measurement.state)) else Verdict.DOUBTED
+        is_ignored = verdict not in (Verdict.BELIEVED, Verdict.LASTING)
+        return ReadingCheck(self.temperature_steps, self.soc_steps, doubted, excursion_ns,
+                            (*self.ignored, is_ignored)[-COUNTED:]), verdict
 
-    def _excursion(self, stamp_ns: int, look: Look, expected: Expected) -> Verdict | None:
-        """Return the Verdict on a temperature in an excursion, or one that just ended; None: no excursion."""
+    def _excursion(self, stamp_ns: int, look: Look, expected: Expected) -> tuple[int | None, Verdict | None]:
+        """Return start [ns] and Verdict of a temperature in an excursion, or after one; None: no excursion."""
         (reading, step, least), (mean, variance) = look, expected
         beyond_k = abs(reading - mean) - 0.5 * step
-        deviations = EXCURSION_DEVIATIONS if self._excursion_ns is None else RETURN_DEVIATIONS
+        deviations = EXCURSION_DEVIATIONS if self.excursion_ns is None else RETURN_DEVIATIONS
         if not deviations * max(math.sqrt(max(variance, 0.0)), least) < beyond_k <= LARGEST_EXCURSION_K:
-            self._excursion_ns = None
-            return None
-        if self._excursion_ns is None:
-            self._excursion_ns = stamp_ns
-        if stamp_ns - self._excursion_ns < LONGEST_EXCURSION_S * NS_PER_S:
-            return Verdict.EXCURSION
-        self._excursion_ns = None
-        return Verdict.LASTING
+            return None, None
+        since_ns = stamp_ns if self.excursion_ns is None else self.excursion_ns
+        if stamp_ns - since_ns < LONGEST_EXCURSION_S * NS_PER_S:
+            return since_ns, Verdict.EXCURSION
+        return None, Verdict.LASTING
 
     def _agree(self, one: BatteryState, other: BatteryState) -> bool:
         """Whether two rejected readings agree."""
@@ -177,5 +174,5 @@ class ReadingCheck:
 
     def _looks_at(self, state: BatteryState) -> tuple[Look, Look]:
         """Return (reading, step of the signal, least standard deviation) of both readings."""
-        return ((state.temperature_c, self._temperature_steps.step, LEAST_DEVIATION_K),
-                (state.soc, self._soc_steps.step, LEAST_SOC_DEVIATION))
+        return ((state.temperature_c, self.temperature_steps.step, LEAST_DEVIATION_K),
+                (state.soc, self.soc_steps.step, LEAST_SOC_DEVIATION))

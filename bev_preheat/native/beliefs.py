@@ -60,13 +60,13 @@ PASSED, READING = Packed(f'2P6d{MOST_HEATERS}d{len(DRIVE_COLUMNS)}di'), Packed('
 
 
 class NativeBelief:
-    """A `bev_belief`: points to the arrays of weights, means and covariances, and keeps them alive."""
+    """A `bev_belief`: copies of the arrays of weights, means and covariances, which its calls change."""
 
     def __init__(self, weights: FloatArray, mean: FloatArray, covariance: FloatArray) -> None:
-        """Take contiguous arrays (heaters, noises), (…, ELEMENTS) and (…, ELEMENTS, ELEMENTS)."""
-        self.weights, self.mean, self.covariance = arrays = weights, mean, covariance
-        self._memory = np.empty(sum(array.size for array in arrays))
-        self._struct = BeliefStruct(*weights.shape, *(array.ctypes.data for array in (*arrays, self._memory)))
+        """Copy arrays (heaters, noises), (…, ELEMENTS) and (…, ELEMENTS, ELEMENTS)."""
+        self.weights, self.mean, self.covariance = arrays = weights.copy(), mean.copy(), covariance.copy()
+        self._memory = np.empty(sum([array.size for array in arrays]))
+        self._struct = BeliefStruct(*weights.shape, *map(address_of, (*arrays, self._memory)))
         self._address = addressof(self._struct)
         self._passed, self._reading = PassedStruct(), ReadingStruct()
         self._places = addressof(self._passed), addressof(self._reading)
@@ -147,6 +147,7 @@ class NativeBelief:
         READING.pack_into(self._reading, 0, *noise.addresses, *interval_c, *interval, tells_hypotheses)
         library.bev_take_reading(
             self._address, addressof(terms), self._places[1], at, at + DOUBLE_BYTES * ELEMENTS, *self._counts)
+        both.setflags(write=False)
         return self._done.value, self._lost.value, (both[0], both[1:])
 
     def expected(self) -> tuple[FloatArray, FloatArray] | None:
@@ -158,6 +159,7 @@ class NativeBelief:
         if library.bev_expect(
                 self._address, _place(both), _place(both, DOUBLE_BYTES * ELEMENTS)) != OK:
             return None
+        both.setflags(write=False)
         return both[0], both[1:]
 
 

@@ -4,7 +4,7 @@
 import pytest
 
 from bev_preheat.control.command_history import CommandHistory
-from bev_preheat.control.expected_drive import intervals_between, shown_command_w
+from bev_preheat.control.expected_drive import intervals_between
 from bev_preheat.control.inputs import Leg, Mission, Progress
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.timetable import Timetable
@@ -172,15 +172,3 @@ def test_who_stands_takes_no_power_to_drive():
 def test_a_position_that_was_corrected_is_no_burst_of_speed():
     drive = along([(10.0, 210.0), (11.0, 310.0), (12.0, 410.0)], 11.0, 12.0)
     assert drive.speed_mps == 40.0
-
-
-@pytest.mark.parametrize('at_s, shown_w', [
-    (-5.0, 3e3), (0.0, 3e3), (179.9, 3e3),
-    # At the stop, and after the end of the trip, the charger supplies the heater.
-    (180.0, 0.0), (579.9, 0.0), (580.0, 3e3), (639.9, 3e3), (640.0, 0.0), (900.0, 0.0)])
-def test_the_battery_answers_for_the_heater_on_the_way_only(at_s, shown_w):
-    commands = CommandHistory()
-    commands = commands.noted(0, 3e3)
-    instant_ns = round((START_S + at_s) * NS_PER_S)
-    assert shown_command_w(Timetable.of(MISSION), instant_ns, commands) == shown_w
-    assert shown_command_w(None, instant_ns, commands) == 3e3

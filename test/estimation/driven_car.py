@@ -53,13 +53,13 @@ class Commands:
 
 
 def observed(estimator, measurement, course, commands):
-    """Let an Estimator observe a MeasuredState on a Course under Commands."""
+    """Return the Estimator after a MeasuredState on a Course under Commands."""
     stamp_ns = measurement.stamp_ns
     edges_ns = estimator.edges_ns(stamp_ns)
-    estimator.observe(measurement, commands.mean_w(stamp_ns, stamp_ns), [
+    return estimator.observed(measurement, [
         DrivenInterval((to_ns - from_ns) / NS_PER_S, drive, commands.mean_w(from_ns, to_ns), limit_w)
         for from_ns, to_ns in zip(edges_ns, edges_ns[1:])
-        for drive, limit_w in [course.between(from_ns, to_ns)]])
+        for drive, limit_w in [course.between(from_ns, to_ns)]], VEHICLE)
 
 
 @dataclass
@@ -123,5 +123,5 @@ class DrivenCar:
         if self.step_k:
             seen_c = round(seen_c / self.step_k) * self.step_k
         return Measurement(
-            BatteryState(float(seen_c), round(self.soc, 3)), START_NS + self.second * NS_PER_S,
-            *((terminal_w / 400.0, 400.0) if self.with_power else ()))
+            BatteryState(float(seen_c), float(round(self.soc, 3))), START_NS + self.second * NS_PER_S,
+            *((float(terminal_w / 400.0), 400.0) if self.with_power else ()))

@@ -51,9 +51,17 @@ STILL = replace(ROUTE_DRIVE, speed_mps=0.0, propulsion_power_w=0.0, cabin_heatin
 
 
 def placed(learned=None):
-    belief = Belief(VEHICLE, learned)
-    belief.place(-5.0, 0.4, 0.8, 1e-4)
-    return belief
+    return Belief.of(VEHICLE, learned).placed(-5.0, 0.4, 0.8, 1e-4)
+
+
+def changed(belief, mean=(), covariance=()):
+    """Return a Belief with other values in elements of the means and on the diagonals of the covariances."""
+    means, covariances = belief.mean.copy(), belief.covariance.copy()
+    for element, value in mean:
+        means[..., element] = value
+    for element, value in covariance:
+        covariances[..., element, element] = value
+    return replace(belief, mean=means, covariance=covariances)
 
 
 def eigenvalues(belief):
@@ -63,8 +71,7 @@ def eigenvalues(belief):
 def test_temperature_is_that_of_a_kalman_filter_written_here():
     # Factors, lags and rises are known, so only battery, sensor and local rise are left; a continuous sensor.
     belief = placed(Learned(np.zeros(5), np.zeros((5, 5)), Lags(np.zeros(2), np.zeros(2))))
-    for rise in RISES:
-        belief.mean[..., rise] = belief.covariance[..., rise, rise] = 0.0
+    belief = changed(belief, *[[(rise, 0.0) for rise in RISES]] * 2)
     gamma = VEHICLE.battery.leakage.coefficient_w_per_k(0.0)
     decay = 10.0 * gamma / VEHICLE.battery.heat_capacity_j_per_k
     # Over 10 s the sensor follows a battery that changes linearly.
@@ -85,8 +92,8 @@ def test_temperature_is_that_of_a_kalman_filter_written_here():
         gain = covariance @ read / (read @ covariance @ read + NOISES_K[0]**2)
         mean = mean + gain * (reading_c - read @ mean)
         covariance = covariance - np.outer(gain, read @ covariance)
-        belief.predict(10.0, STILL, 0.0, LIMIT_W)
-        belief.see_temperature(reading_c, 0.0)
+        belief = belief.predicted(VEHICLE, 10.0, STILL, 0.0, LIMIT_W)
+        belief = belief.with_temperature(reading_c, 0.0)
     assert LOCAL_DEVIATION_K**2 == pytest.approx(WANDER_IN_AN_HOUR[LOCAL]**2 / 3600.0 * LOCAL_LAG_S / 2.0)
     seen = np.ix_([TEMPERATURE, SENSOR, LOCAL], [TEMPERATURE, SENSOR, LOCAL])
     # The other heaters' filters hardly mix in, because heaters fail once in hundreds of hours.
@@ -98,17 +105,19 @@ def test_weights_follow_the_likelihoods():
     belief = placed()
     before = belief.weights.copy()
     variance = belief.covariance[..., 0, 0] + np.square(NOISES_K)
-    belief.see_temperature(-4.0, 0.0)
+    belief = belief.with_temperature(-4.0, 0.0)
     expected = before * np.exp(-0.5 * 1.0 / variance) / np.sqrt(variance)
     assert belief.weights == pytest.approx(expected / expected.sum(), rel=1e-3)
 
 
 def test_mixing_keeps_mean_and_spread_of_all():
     belief, drawn = placed(), np.random.default_rng(4)
-    belief.mean += drawn.normal(size=belief.mean.shape) * [1.0, 0.01, *[0.02] * 5, *[0.1] * 5, 1.0, 0.2]
-    belief.weights = drawn.dirichlet(np.ones(belief.weights.size)).reshape(SHAPE)
+    belief = replace(
+        belief, weights=drawn.dirichlet(np.ones(belief.weights.size)).reshape(SHAPE),
+        mean=belief.mean + drawn.normal(size=belief.mean.shape) * [
+            1.0, 0.01, *[0.02] * 5, *[0.1] * 5, 1.0, 0.2])
     mean, covariance = belief.expected()
-    belief.mix(600.0)
+    belief = belief.mixed(600.0)
     mixed_mean, mixed_covariance = belief.expected()
     assert belief.weights.sum() == pytest.approx(1.0)
     assert mixed_mean == pytest.approx(mean, rel=1e-9)
@@ -119,7 +128,7 @@ def test_each_hypothesis_sees_its_own_heater():
     belief = placed()
     cold = belief.mean[..., TEMPERATURE].copy()
     # Heat that has not arrived is under way.
-    belief.predict(10.0, replace(ROUTE_DRIVE, terminal_power_w=20e3), LIMIT_W, LIMIT_W)
+    belief = belief.predicted(VEHICLE, 10.0, replace(ROUTE_DRIVE, terminal_power_w=20e3), LIMIT_W, LIMIT_W)
     gained_k = (belief.mean[..., TEMPERATURE] + belief.mean[..., UNDER_WAY] - cold)[:, 0]
     by_share = dict(zip(SHARES[:-1], gained_k))
     full_k = by_share[1.0] - by_share[0.0]
@@ -134,17 +143,17 @@ def test_each_hypothesis_sees_its_own_heater():
 def test_without_a_route_only_the_uncertainty_grows():
     belief = placed()
     mean, variance = belief.mean.copy(), belief.covariance[..., 0, 0].copy()
-    belief.predict(60.0, None, 0.0, 0.0)
+    belief = belief.predicted(VEHICLE, 60.0, None, 0.0, 0.0)
     assert belief.mean == pytest.approx(mean)
     assert (belief.covariance[..., 0, 0] > variance + 1.0).all()
 
 
 def test_place_forgets_what_the_state_was_correlated_with():
     belief = placed()
-    belief.predict(10.0, ROUTE_DRIVE, LIMIT_W, LIMIT_W)
-    belief.see_temperature(-4.0, 1.0)
+    belief = belief.predicted(VEHICLE, 10.0, ROUTE_DRIVE, LIMIT_W, LIMIT_W)
+    belief = belief.with_temperature(-4.0, 1.0)
     learned = belief.mean[..., FACTORS].copy()
-    belief.place(10.0, 0.3, 0.5, 1e-5)
+    belief = belief.placed(10.0, 0.3, 0.5, 1e-5)
     assert belief.mean[..., FACTORS] == pytest.approx(learned)
     assert (belief.covariance[..., TEMPERATURE, FACTORS] == 0.0).all()
     # After a gap battery and sensor may differ, and so may sensor and cell; the reading is their sum.
@@ -157,11 +166,10 @@ def test_place_forgets_what_the_state_was_correlated_with():
 
 def test_a_sensor_next_to_warm_cells_shows_their_heat_and_not_the_battery_s():
     """Under constant Joule heat the local rise approaches rise times heat, and decays without the heat."""
-    belief = placed()
-    belief.mean[..., JOULE_RISE] = 0.4
+    belief = changed(placed(), [(JOULE_RISE, 0.4)])
     strong = replace(STILL, terminal_power_w=60e3)
     for _ in range(60):
-        belief.predict(10.0, strong, 0.0, LIMIT_W)
+        belief = belief.predicted(VEHICLE, 10.0, strong, 0.0, LIMIT_W)
     battery = VEHICLE.battery
     voltage_v = float(battery.open_circuit_voltage.function(FLOATS)(
         belief.mean[0, 0, SOC], belief.mean[0, 0, TEMPERATURE]))
@@ -170,14 +178,14 @@ def test_a_sensor_next_to_warm_cells_shows_their_heat_and_not_the_battery_s():
     current_a = (voltage_v - np.sqrt(voltage_v**2 - 4.0 * resistance_ohm * 60e3)) / (2.0 * resistance_ohm)
     assert belief.mean[0, 0, LOCAL] == pytest.approx(0.4 * resistance_ohm * current_a**2 / 1e3, rel=0.03)
     for _ in range(60):
-        belief.predict(10.0, STILL, 0.0, LIMIT_W)
+        belief = belief.predicted(VEHICLE, 10.0, STILL, 0.0, LIMIT_W)
     assert abs(belief.mean[0, 0, LOCAL]) < 0.01
 
 
 def test_other_evidence_weighs_the_heaters_by_its_likelihoods():
     belief = placed()
     before, logs = belief.weights.copy(), np.linspace(-700.0, -703.0, len(SHARES))
-    belief.weigh(logs.tolist())
+    belief = belief.weighed(logs.tolist())
     expected = before * np.exp(logs + 700.0)[:, np.newaxis]
     assert belief.weights == pytest.approx(expected / expected.sum())
 
@@ -185,13 +193,14 @@ def test_other_evidence_weighs_the_heaters_by_its_likelihoods():
 def test_propulsion_power_moves_its_factor_and_nothing_more_than_it_may():
     belief = placed()
     for _ in range(200):
-        belief.see_propulsion_power(17.6e3, 16e3, 10.0)
+        belief = belief.with_propulsion_power(17.6e3, 16e3, 10.0)
     assert belief.mean[0, 0, PROPULSION] == pytest.approx(np.log(1.1), abs=0.03)
     assert belief.mean[0, 0, HEATER] == 0.0
     for _ in range(2000):
-        belief.see_propulsion_power(1e9, 16e3, 10.0)
+        belief = belief.with_propulsion_power(1e9, 16e3, 10.0)
         # A true state that wanders keeps the filter's variance up.
-        belief.covariance[..., PROPULSION, PROPULSION] += 1e-3
+        belief = changed(belief, covariance=[
+            (PROPULSION, belief.covariance[..., PROPULSION, PROPULSION] + 1e-3)])
     assert belief.mean[..., PROPULSION].max() == FACTOR_BOUNDS[PROPULSION]
 
 
@@ -201,19 +210,19 @@ def test_any_stream_leaves_numbers_probabilities_and_covariances(seed):
     for _ in range(400):
         kind = drawn.integers(5)
         if kind == 0:
-            belief.predict(drawn.choice([0.1, 1.0, 10.0]), None, 0.0, 0.0)
+            belief = belief.predicted(VEHICLE, drawn.choice([0.1, 1.0, 10.0]), None, 0.0, 0.0)
         elif kind == 1:
-            belief.predict(drawn.choice([0.1, 1.0, 10.0]), replace(
+            belief = belief.predicted(VEHICLE, drawn.choice([0.1, 1.0, 10.0]), replace(
                 ROUTE_DRIVE, propulsion_power_w=drawn.uniform(-50e3, 150e3),
                 terminal_power_w=drawn.choice([None, 0.0, -60e3, 120e3])),
                 drawn.choice([0.0, LIMIT_W]), drawn.choice([0.0, LIMIT_W]))
         elif kind == 2:
-            belief.see_temperature(drawn.uniform(-40.0, 60.0), drawn.choice([0.0, 0.1, 1.0]))
+            belief = belief.with_temperature(drawn.uniform(-40.0, 60.0), drawn.choice([0.0, 0.1, 1.0]))
         elif kind == 3:
-            belief.see_soc(drawn.uniform(), drawn.choice([0.0, 0.01]))
+            belief = belief.with_soc(drawn.uniform(), drawn.choice([0.0, 0.01]))
         else:
-            belief.see_propulsion_power(drawn.uniform(-2e5, 2e5), drawn.uniform(-5e4, 5e4), 1.0)
-            belief.weigh(drawn.uniform(-900.0, 900.0, len(SHARES)).tolist())
+            belief = belief.with_propulsion_power(drawn.uniform(-2e5, 2e5), drawn.uniform(-5e4, 5e4), 1.0)
+            belief = belief.weighed(drawn.uniform(-900.0, 900.0, len(SHARES)).tolist())
         assert np.isfinite(belief.mean).all() and np.isfinite(belief.covariance).all()
         assert belief.weights.sum() == pytest.approx(1.0)
         assert (belief.weights > 0.0).all()
@@ -238,7 +247,7 @@ def test_deviations_of_the_vehicle_file_replace_the_spreads_down_to_half_of_them
             (Uncertainty(0.005, 0.005, 0.005, 0.005), [0.5, 0.5, 0.5, 0.5]),
             (Uncertainty(1.0, 1.0, 1.0, 1.0), [1.0, 1.0, 1.0, 1.0]),
             (Uncertainty(resistance=0.08), [1.0, 1.0, 0.08 / spreads[2], 1.0])):
-        belief = Belief(replace(VEHICLE, uncertainty=uncertainty))
+        belief = Belief.of(replace(VEHICLE, uncertainty=uncertainty))
         variances = belief.covariance[..., FACTORS, FACTORS]
         assert variances == pytest.approx(
             np.broadcast_to(np.diag((spreads * [*shares, 1.0])**2), variances.shape), rel=0.02)
@@ -247,19 +256,19 @@ def test_deviations_of_the_vehicle_file_replace_the_spreads_down_to_half_of_them
 
 def test_a_file_without_deviations_has_the_spreads_to_the_last_digit():
     assert VEHICLE.uncertainty == Uncertainty()
-    assert Belief(VEHICLE).covariance[0, 0, FACTORS, FACTORS].tolist() == np.diag(
+    assert Belief.of(VEHICLE).covariance[0, 0, FACTORS, FACTORS].tolist() == np.diag(
         [0.058**2, 0.115**2, 0.115**2, 0.029**2, 0.08**2]).tolist()
 
 
 def test_learned_values_count_more_than_the_deviations_of_the_file():
     car = replace(VEHICLE, uncertainty=Uncertainty(resistance=0.06))
     learned = Learned(np.full(5, 0.01), 0.01 * prior_factor_covariance())
-    assert Belief(car, learned).covariance[0, 0, FACTORS, FACTORS].tolist() == learned.covariance.tolist()
+    assert Belief.of(car, learned).covariance[0, 0, FACTORS, FACTORS].tolist() == learned.covariance.tolist()
 
 
 def test_lags_that_a_vehicle_file_describes_are_begun_with():
     path = HeatPath(30.0, 20e3, 400.0, 60.0)
-    belief, unknown = Belief(replace(VEHICLE, heat_path=path)), Belief(VEHICLE)
+    belief, unknown = Belief.of(replace(VEHICLE, heat_path=path)), Belief.of(VEHICLE)
     lags_s = np.exp(belief.mean[0, 0, [HEAT_LAG, SENSOR_LAG]]) * [
         NOMINAL_HEAT_LAG_S, NOMINAL_SENSOR_LAG_S]
     # The coolant's time constant is 20 kJ/K / 400 W/K.
@@ -270,7 +279,7 @@ def test_lags_that_a_vehicle_file_describes_are_begun_with():
 
 def test_lags_that_were_learned_count_more_than_those_of_the_vehicle_file():
     learned = replace(nothing_learned(), lags=Lags(np.array([0.3, -0.4]), np.array([0.01, 0.02])))
-    belief = Belief(replace(VEHICLE, heat_path=HeatPath(30.0, 20e3, 400.0, 60.0)), learned)
+    belief = Belief.of(replace(VEHICLE, heat_path=HeatPath(30.0, 20e3, 400.0, 60.0)), learned)
     assert belief.mean[0, 0, [HEAT_LAG, SENSOR_LAG]].tolist() == [0.3, -0.4]
     assert belief.covariance[0, 0, HEAT_LAG, HEAT_LAG] == 0.01
 
@@ -298,11 +307,10 @@ def test_lags_are_open_over_what_they_may_be():
 
 
 def test_heat_under_way_arrives_and_the_sensor_shows_it_later():
-    belief = placed()
-    belief.mean[..., UNDER_WAY] = 1.0
+    belief = changed(placed(), [(UNDER_WAY, 1.0)])
     start_c = belief.mean[..., TEMPERATURE].copy()
     for _ in range(60):
-        belief.predict(10.0, STILL, 0.0, LIMIT_W)
+        belief = belief.predicted(VEHICLE, 10.0, STILL, 0.0, LIMIT_W)
         behind_k = belief.mean[..., TEMPERATURE] - belief.mean[..., SENSOR]
     # Ten minutes of leakage at rest, towards ambient temperature, and a kelvin.
     gamma = VEHICLE.battery.leakage.coefficient_w_per_k(0.0)
@@ -313,18 +321,16 @@ def test_heat_under_way_arrives_and_the_sensor_shows_it_later():
 
 
 def test_a_filter_that_means_nothing_any_more_begins_anew():
-    belief = placed()
-    belief.mean[0, 0, TEMPERATURE] = 500.0
-    belief.covariance[0, 0, TEMPERATURE, TEMPERATURE] = 1e4
-    belief.see_temperature(-5.0, 0.0)
+    belief = changed(placed(), [(TEMPERATURE, 500.0)], [(TEMPERATURE, 1e4)])
+    belief = belief.with_temperature(-5.0, 0.0)
     assert belief.mean[0, 0, TEMPERATURE] == pytest.approx(belief.mean[0, 0, SENSOR])
     assert belief.covariance[0, 0, TEMPERATURE, TEMPERATURE] < 1.0
 
 
 def test_lags_of_the_vehicle_file_are_where_the_estimation_begins():
     path = HeatPath(30.0, 12e3, 400.0, 25.0)
-    belief = Belief(replace(VEHICLE, heat_path=path))
-    unknown = Belief(VEHICLE)
+    belief = Belief.of(replace(VEHICLE, heat_path=path))
+    unknown = Belief.of(VEHICLE)
     for index, nominal_s, lag_s in ((HEAT_LAG, NOMINAL_HEAT_LAG_S, 60.0),
                                     (SENSOR_LAG, NOMINAL_SENSOR_LAG_S, 25.0)):
         assert nominal_s * np.exp(belief.mean[..., index]) == pytest.approx(
@@ -338,12 +344,11 @@ def test_coolant_gets_warm_with_the_battery():
     path = HeatPath(0.0, 40e3, 400.0)
     warmed_k = []
     for vehicle in (VEHICLE, replace(VEHICLE, heat_path=path)):
-        belief = Belief(vehicle)
-        belief.place(-5.0, 0.4, 0.8, 1e-4)
+        belief = Belief.of(vehicle).placed(-5.0, 0.4, 0.8, 1e-4)
         still = replace(STILL, ambient_temperature_c=-5.0)
         start_c = belief.mean[0, 0, TEMPERATURE]
         for _ in range(60):
-            belief.predict(10.0, still, 5e3, LIMIT_W)
+            belief = belief.predicted(vehicle, 10.0, still, 5e3, LIMIT_W)
         warmed_k.append(belief.mean[0, 0, TEMPERATURE] + belief.mean[0, 0, UNDER_WAY] - start_c)
     battery_j_per_k = VEHICLE.battery.heat_capacity_j_per_k
     assert warmed_k[1] / warmed_k[0] == pytest.approx(

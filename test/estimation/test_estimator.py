@@ -34,9 +34,9 @@ HEATED = Commands(((400, 1400),))
 
 def followed(car, seconds=SECONDS, each_s=1, course=Course(), watch=None):
     """Drive, and return the Estimator that followed; `watch(car, estimate)` is called after each state."""
-    estimator = Estimator(VEHICLE)
+    estimator = Estimator.of(VEHICLE)
     for _ in range(seconds // each_s):
-        observed(estimator, car.drive(each_s), course, car.commands)
+        estimator = observed(estimator, car.drive(each_s), course, car.commands)
         if watch is not None:
             watch(car, estimator.estimate)
     return estimator
@@ -67,14 +67,14 @@ class HeatedDrive:
 @cache
 def heated_drive(seed, each_s=2, local_k=0.0):
     """Drive a car as the estimator expects it, with its own sensor position; cached for all tests."""
-    estimator = Estimator(VEHICLE)
+    estimator = Estimator.of(VEHICLE)
     car = DrivenCar(
         drawn_corrections(seed), commands=HEATED, local_k=local_k, rises_k_per_kw=drawn_rises(seed),
         heat_lag_s=NOMINAL_HEAT_LAG_S, sensor_lag_s=NOMINAL_SENSOR_LAG_S, seed=seed)
     rows = []
     for _ in range(SECONDS // each_s):
         measurement = car.drive(each_s)
-        observed(estimator, measurement, Course(), car.commands)
+        estimator = observed(estimator, measurement, Course(), car.commands)
         estimate = estimator.estimate
         rows.append((car.temperature_c, measurement.state.temperature_c, estimate.temperature_c,
                      estimate.temperature_deviation_k))
@@ -127,8 +127,8 @@ def test_how_fast_the_car_warms_up_is_learned(capacity, efficiency):
 
 def test_what_is_learned_makes_the_factors_surer():
     estimate = heated_drive(1).estimate
-    fresh = Estimator(VEHICLE)
-    observed(fresh, DrivenCar().drive(), Course(), Commands())
+    fresh = Estimator.of(VEHICLE)
+    fresh = observed(fresh, DrivenCar().drive(), Course(), Commands())
     assert estimate.factor_deviations[0] < 0.8 * fresh.estimate.factor_deviations[0]
 
 
@@ -210,9 +210,9 @@ def test_one_odd_reading_changes_nothing():
     car = DrivenCar(seed=4)
     estimator = followed(car, 300)
     before = estimator.estimate
-    observed(estimator, moved(car.drive(), temperature_c=25.0), Course(), car.commands)
+    estimator = observed(estimator, moved(car.drive(), temperature_c=25.0), Course(), car.commands)
     assert estimator.estimate.temperature_c == pytest.approx(before.temperature_c, abs=0.05)
-    observed(estimator, car.drive(), Course(), car.commands)
+    estimator = observed(estimator, car.drive(), Course(), car.commands)
     assert estimator.estimate.temperature_c == pytest.approx(car.temperature_c, abs=0.5)
     assert estimator.estimate.resets == 0
 
@@ -223,7 +223,7 @@ def test_two_readings_that_say_the_same_begin_the_estimate_anew(jump):
     estimator = followed(car, 300)
     for _ in range(2):
         measurement = moved(car.drive(), **jump)
-        observed(estimator, measurement, Course(), car.commands)
+        estimator = observed(estimator, measurement, Course(), car.commands)
     estimate = estimator.estimate
     assert estimate.resets == 1
     assert 'battery_state jumped to' in estimate.reset_reason
@@ -242,8 +242,9 @@ def test_a_spike_accuses_no_heater_and_moves_the_estimate_by_less_than_itself(sp
     estimator = followed(car, 300)
     for second in range(1200):
         measurement = car.drive()
-        observed(estimator, moved(measurement, temperature_c=spike_k if second < lasts_s else 0.0),
-                 Course(), car.commands)
+        estimator = observed(
+            estimator, moved(measurement, temperature_c=spike_k if second < lasts_s else 0.0), Course(),
+            car.commands)
         assert estimator.estimate.heater.heater is Heater.ANSWERS
         assert abs(estimator.estimate.temperature_c - car.temperature_c) < abs(spike_k)
     assert estimator.estimate.resets == 0
@@ -253,12 +254,12 @@ def test_a_reading_that_stays_where_it_went_is_believed_in_the_end():
     car = DrivenCar(seed=4, commands=HEATED)
     estimator = followed(car, 300)
     for _ in range(round(LONGEST_EXCURSION_S) + 60):
-        observed(estimator, moved(car.drive(), temperature_c=2.0), Course(), car.commands)
+        estimator = observed(estimator, moved(car.drive(), temperature_c=2.0), Course(), car.commands)
     assert estimator.estimate.resets == 0
     assert estimator.estimate.ignored_share < 0.7
     ignored = estimator.estimate.ignored_share
     for _ in range(100):
-        observed(estimator, moved(car.drive(), temperature_c=2.0), Course(), car.commands)
+        estimator = observed(estimator, moved(car.drive(), temperature_c=2.0), Course(), car.commands)
     assert estimator.estimate.ignored_share < ignored
 
 
@@ -266,7 +267,7 @@ def test_two_odd_readings_that_differ_change_nothing():
     car = DrivenCar(seed=4)
     estimator = followed(car, 300)
     for jump_k in (20.0, -20.0, 14.0):
-        observed(estimator, moved(car.drive(), temperature_c=jump_k), Course(), car.commands)
+        estimator = observed(estimator, moved(car.drive(), temperature_c=jump_k), Course(), car.commands)
     assert estimator.estimate.resets == 0
     assert estimator.estimate.temperature_c == pytest.approx(car.temperature_c, abs=0.5)
 
@@ -278,7 +279,7 @@ def test_after_a_long_silence_the_temperature_is_read_anew_and_the_car_remembere
     assert learned < -0.02
     car.temperature_c += 12.0
     measurement = car.drive(600)
-    observed(estimator, measurement, Course(), car.commands)
+    estimator = observed(estimator, measurement, Course(), car.commands)
     estimate = estimator.estimate
     assert estimate.temperature_c == pytest.approx(measurement.state.temperature_c, abs=0.01)
     # The hypotheses, which are less certain now, differ slightly.
@@ -289,9 +290,9 @@ def test_after_a_long_silence_the_temperature_is_read_anew_and_the_car_remembere
 def test_a_lost_clock_is_no_silence():
     car = DrivenCar(seed=6)
     estimator = followed(car, 200)
-    estimator.lose_time()
+    estimator = estimator.without_instants()
     measurement = moved(car.drive(), stamp_ns=START_NS - 500 * NS_PER_S)
-    observed(estimator, measurement, Course(), car.commands)
+    estimator = observed(estimator, measurement, Course(), car.commands)
     assert estimator.estimate.stamp_ns == measurement.stamp_ns
     assert estimator.estimate.temperature_c == pytest.approx(measurement.state.temperature_c,
                                                              abs=0.01)
@@ -301,12 +302,12 @@ def test_a_lost_clock_is_no_silence():
 def test_a_clock_that_falls_back_again_and_again_accuses_no_heater(with_power):
     """A recording that loops: each time only the temperature becomes less certain."""
     car = DrivenCar(Corrections(1.19), commands=HEATED, with_power=with_power, seed=2)
-    estimator, heaters = Estimator(VEHICLE), set()
+    estimator, heaters = Estimator.of(VEHICLE), set()
     for second in range(SECONDS):
         if second % 200 == 199:
             before = estimator.estimate
-            estimator.lose_time()
-        observed(estimator, car.drive(), Course(), car.commands)
+            estimator = estimator.without_instants()
+        estimator = observed(estimator, car.drive(), Course(), car.commands)
         heaters.add(estimator.estimate.heater.heater)
         if second % 200 == 199:
             assert estimator.estimate.temperature_deviation_k > before.temperature_deviation_k
@@ -325,14 +326,14 @@ def test_a_state_every_so_many_seconds_will_do(each_s):
 
 def test_a_hundred_states_a_second_are_worth_one():
     """They count as one reading per second, because their noise is correlated."""
-    slow, fast = Estimator(VEHICLE), Estimator(VEHICLE)
+    slow, fast = Estimator.of(VEHICLE), Estimator.of(VEHICLE)
     car = DrivenCar(seed=8, with_power=False)
     for _ in range(60):
         measurement = car.drive()
-        observed(slow, measurement, Course(), car.commands)
+        slow = observed(slow, measurement, Course(), car.commands)
         for part in range(100):
             stamp_ns = measurement.stamp_ns + part * NS_PER_S // 100
-            observed(fast, replace(measurement, stamp_ns=stamp_ns), Course(), car.commands)
+            fast = observed(fast, replace(measurement, stamp_ns=stamp_ns), Course(), car.commands)
     assert fast.estimate.temperature_c == pytest.approx(slow.estimate.temperature_c, abs=0.05)
     assert fast.estimate.temperature_deviation_k == pytest.approx(
         slow.estimate.temperature_deviation_k, rel=0.05)
@@ -347,13 +348,13 @@ def test_before_the_route_begins_the_battery_is_followed_all_the_same():
 
 @pytest.mark.parametrize('power_w', [100e6, -100e6])
 def test_a_power_that_no_car_has_is_not_known(power_w):
-    with_nonsense, without = Estimator(VEHICLE), Estimator(VEHICLE)
+    with_nonsense, without = Estimator.of(VEHICLE), Estimator.of(VEHICLE)
     car = DrivenCar(seed=10, with_power=False)
     for _ in range(30):
         measurement = car.drive()
-        observed(without, measurement, Course(), car.commands)
-        observed(with_nonsense, replace(measurement, voltage_v=1e4, current_a=power_w / 1e4),
-                 Course(), car.commands)
+        without = observed(without, measurement, Course(), car.commands)
+        with_nonsense = observed(
+            with_nonsense, replace(measurement, voltage_v=1e4, current_a=power_w / 1e4), Course(), car.commands)
     assert with_nonsense.estimate.mean.tolist() == without.estimate.mean.tolist()
 
 
@@ -361,13 +362,13 @@ def test_a_power_that_no_car_has_is_not_known(power_w):
     0, *(pytest.param(seed, marks=pytest.mark.deep) for seed in range(1, 4))])
 def test_no_stream_of_numbers_makes_the_estimate_none(seed):
     """Any input that passes the checks: numbers within their ranges, stamps that do not go back."""
-    drawn, estimator = np.random.default_rng(seed), Estimator(VEHICLE)
+    drawn, estimator = np.random.default_rng(seed), Estimator.of(VEHICLE)
     stamp_ns, car = START_NS, DrivenCar()
     template = car.drive()
     for _ in range(600):
         stamp_ns += int(drawn.choice([0, 1, 10**6, 10**9, 10**10, 5 * 10**10, 10**12]))
         voltage_v, current_a = drawn.choice([0.0, 400.0, 1e4]), drawn.choice([-1e4, 0.0, 45.0, 1e4])
-        observed(estimator, replace(
+        estimator = observed(estimator, replace(
             template, stamp_ns=stamp_ns, voltage_v=drawn.choice([voltage_v, None]),
             current_a=current_a, state=BatteryState(
                 float(drawn.choice([-30.0, -5.0, -5.3, 50.0])),

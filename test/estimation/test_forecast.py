@@ -77,8 +77,7 @@ def estimate_with(covariance):
 @pytest.mark.parametrize('name', TRIPS)
 def test_deviation_is_that_of_many_drives(name):
     vehicle, route, state, plan = planned(name)
-    belief = Belief(vehicle)
-    belief.place(state.temperature_c, 0.3**2, state.soc, 0.005**2)
+    belief = Belief.of(vehicle).placed(state.temperature_c, 0.3**2, state.soc, 0.005**2)
     _, covariance = belief.expected()
     drawn = np.random.default_rng(3)
     lasting = np.sqrt(np.maximum(1.0, POWER_NOISE_LASTS_S / route.duration_s))
@@ -94,7 +93,7 @@ def test_deviation_is_that_of_many_drives(name):
 
 def test_what_is_unsure_of_the_car_adds_to_the_traffic_to_come():
     vehicle, route, _, plan = planned('reference')
-    trip, (_, covariance) = make_trip(vehicle, route), Belief(vehicle).expected()
+    trip, (_, covariance) = make_trip(vehicle, route), Belief.of(vehicle).expected()
     variances_k2 = [arrival_deviation_k(trip, plan, estimate_with(share * covariance))**2
                     for share in (1.0, 0.01, 0.0)]
     unsure, sure, traffic = variances_k2

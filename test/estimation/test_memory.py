@@ -96,8 +96,8 @@ def test_lags_are_remembered_and_a_night_makes_them_less_sure(entry):
 
 
 def test_the_next_drive_begins_with_narrower_lags(entry):
-    unknown = Belief(load_vehicle('reference'))
-    remembered = Belief(load_vehicle('reference'), from_entry(entry))
+    unknown = Belief.of(load_vehicle('reference'))
+    remembered = Belief.of(load_vehicle('reference'), from_entry(entry))
     for index, log in zip(LAGS, LAGS_SEEN):
         assert remembered.mean[..., index] == pytest.approx(log)
         assert (remembered.covariance[..., index, index]

@@ -33,15 +33,16 @@ def seen(share_of=lambda second, command_w: command_w, traffic_w=1000.0, lag_s=0
         wanted_w = share_of(second, command_w)
         taken_w = wanted_w if lag_s == 0.0 else taken_w + (wanted_w - taken_w) / lag_s
         extra_w += -extra_w / 20.0 + traffic_w * math.sqrt(2.0 / 20.0) * drawn.standard_normal()
-        response.see(1.0, beyond_w + extra_w + taken_w, command_w, LIMIT_W)
+        response, _ = response.seen(1.0, beyond_w + extra_w + taken_w, command_w, LIMIT_W)
     return response
 
 
 def test_the_first_block_is_weighed_as_by_hand():
     response, beyond_w, command_w = PowerResponse(), 4200.0, 5000.0
     for _ in range(int(BLOCK_S) - 1):
-        assert response.see(1.0, beyond_w, command_w, LIMIT_W) is None
-    logs = response.see(1.0, beyond_w, command_w, LIMIT_W)
+        response, logs = response.seen(1.0, beyond_w, command_w, LIMIT_W)
+        assert logs is None
+    _, logs = response.seen(1.0, beyond_w, command_w, LIMIT_W)
     # The excess stays uncertain; Student's t with 4 degrees of freedom around each heater's power.
     total_w2 = EXCESS_W**2 + SCATTER_W**2
     errors_w = beyond_w - np.array([*np.multiply(SHARES[:-1], command_w), LIMIT_W])
@@ -53,7 +54,7 @@ def test_the_first_block_is_weighed_as_by_hand():
 def test_the_excess_is_found_and_forgotten():
     response = PowerResponse()
     for _ in range(1200):
-        response.see(1.0, 1500.0, 0.0, LIMIT_W)
+        response, _ = response.seen(1.0, 1500.0, 0.0, LIMIT_W)
     assert response.excess_w[0] == pytest.approx(np.full(3, 1500.0), rel=0.15)
     kept = math.exp(-BLOCK_S / EXCESS_LASTS_S)
     assert 0.9 < kept < 1.0
@@ -100,9 +101,9 @@ def test_without_a_command_a_heater_that_answers_and_one_that_does_not_are_the_s
 def test_what_is_not_known_for_a_while_belongs_to_no_block():
     one, other = PowerResponse(), PowerResponse()
     for _ in range(20):
-        one.see(1.0, 40e3, 0.0, LIMIT_W)
-    one.pause()
+        one, _ = one.seen(1.0, 40e3, 0.0, LIMIT_W)
+    one = one.paused()
     for _ in range(30):
-        logs = one.see(1.0, 500.0, 0.0, LIMIT_W)
-        expected = other.see(1.0, 500.0, 0.0, LIMIT_W)
+        one, logs = one.seen(1.0, 500.0, 0.0, LIMIT_W)
+        other, expected = other.seen(1.0, 500.0, 0.0, LIMIT_W)
     assert logs == pytest.approx(expected)

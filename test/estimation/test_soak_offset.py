@@ -132,31 +132,31 @@ def state(stamp_s, temperature_c):
 
 @pytest.mark.parametrize('seen_before', [False, True])
 def test_the_estimator_subtracts_the_offset_from_this_reading_on(seen_before):
-    estimator = Estimator(VEHICLE)
+    estimator = Estimator.of(VEHICLE)
     if seen_before:
-        estimator.observe(state(0.0, -5.0), 0.0, ())
+        estimator = estimator.observed(state(0.0, -5.0), (), VEHICLE)
         assert estimator.estimate.temperature_c == pytest.approx(-5.0)
-    estimator.rely_on(NIGHT)
-    estimator.observe(state(10.0, -5.0), 0.0, ())
+    estimator = estimator.after_soak(NIGHT)
+    estimator = estimator.observed(state(10.0, -5.0), (), VEHICLE)
     offset_k = estimator.estimate.sensor_offset_k
     assert 0.5 < offset_k < 1.0
     assert estimator.estimate.temperature_c == pytest.approx(-5.0 - offset_k)
     # After a gap the battery restarts from the next reading; the sensor is the same.
-    estimator.observe(state(500.0, -4.0), 0.0, ())
+    estimator = estimator.observed(state(500.0, -4.0), (), VEHICLE)
     assert estimator.estimate.temperature_c == pytest.approx(-4.0 - offset_k)
 
 
 def test_a_reset_forgets_the_offset():
-    estimator = Estimator(VEHICLE)
-    estimator.rely_on(NIGHT)
-    estimator.observe(state(0.0, -5.0), 0.0, ())
-    estimator.restart('another sensor', 0)
-    estimator.observe(state(1.0, 3.0), 0.0, ())
+    estimator = Estimator.of(VEHICLE)
+    estimator = estimator.after_soak(NIGHT)
+    estimator = estimator.observed(state(0.0, -5.0), (), VEHICLE)
+    estimator = estimator.restarted(VEHICLE, 'another sensor', 0)
+    estimator = estimator.observed(state(1.0, 3.0), (), VEHICLE)
     assert estimator.estimate.temperature_c == pytest.approx(3.0)
     assert estimator.estimate.sensor_offset_k == 0.0
 
 
 def test_without_standing_the_sensor_is_believed():
-    estimator = Estimator(VEHICLE)
-    estimator.observe(state(0.0, -5.0), 0.0, ())
+    estimator = Estimator.of(VEHICLE)
+    estimator = estimator.observed(state(0.0, -5.0), (), VEHICLE)
     assert estimator.estimate.sensor_offset_k == 0.0

@@ -39,22 +39,28 @@ def drawn_drive(drawn):
         abs(propulsion_w) + drawn.uniform(0.0, 5e3), 1300.0, 450.0, 0.0, **seen)
 
 
+def spoiled(belief, element, by, name='mean'):
+    """Return a Belief in which an element of one of its arrays is larger by a number."""
+    array = getattr(belief, name).copy()
+    array[element] += by
+    return replace(belief, **{name: array})
+
+
 def believed(vehicle, seed, is_in_core):
     """Return a belief's weights, means and covariances after each of many drawn updates."""
-    drawn, belief, course = np.random.default_rng(seed), Belief(vehicle), []
+    drawn, belief, course = np.random.default_rng(seed), Belief.of(vehicle).placed(-5.0, 0.2, 0.7, 1e-5), []
     with nullcontext() if is_in_core else without_core():
-        belief.place(-5.0, 0.2, 0.7, 1e-5)
         for _ in range(60):
             duration_s = drawn.choice([1.0, 4.0, 10.0])
             drive = drawn_drive(drawn)
-            belief.predict(duration_s, None if drawn.uniform() < 0.1 else drive,
-                           drawn.choice([0.0, LIMIT_W]), LIMIT_W)
+            belief = belief.predicted(vehicle, duration_s, None if drawn.uniform() < 0.1 else drive,
+                                      drawn.choice([0.0, LIMIT_W]), LIMIT_W)
             if drive.terminal_power_w is not None:
-                belief.see_propulsion_power(
+                belief = belief.with_propulsion_power(
                     drive.propulsion_power_w * drawn.uniform(0.5, 1.5), drive.propulsion_power_w, duration_s)
-            belief.see_temperature(drawn.normal(-5.0, 0.7), drawn.choice([0.0, 0.5, 1.0]))
-            belief.see_soc(drawn.normal(0.7, 0.004), drawn.choice([0.0, 0.005]))
-            course.append([*map(np.copy, (belief.weights, belief.mean, belief.covariance, *belief.expected()))])
+            belief = belief.with_temperature(drawn.normal(-5.0, 0.7), drawn.choice([0.0, 0.5, 1.0])).with_soc(
+                drawn.normal(0.7, 0.004), drawn.choice([0.0, 0.005]))
+            course.append((belief.weights, belief.mean, belief.covariance, *belief.expected()))
     return course
 
 
@@ -80,28 +86,26 @@ def updated(vehicle, is_in_one_call, lost=(), seen_w=None):
 
     `lost` are the updates before which a filter is spoiled, (update, element); `seen_w` [W] is a power seen.
     """
-    drawn, belief, course = np.random.default_rng(11), Belief(vehicle), []
-    belief.place(-5.0, 0.2, 0.7, 1e-5)
+    drawn, belief, course = np.random.default_rng(11), Belief.of(vehicle).placed(-5.0, 0.2, 0.7, 1e-5), []
     for number in range(40):
         drive, duration_s = drawn_drive(drawn), drawn.choice([1.0, 4.0])
         commanded_w, propulsion_w = drawn.choice([0.0, LIMIT_W]), drawn.normal(drive.propulsion_power_w, 2e3)
         propulsion_w = propulsion_w if seen_w is None else seen_w
         temperature_c, soc = drawn.normal(-5.0, 0.7), drawn.normal(0.7, 0.004)
         if is_in_one_call:
-            belief.follow(duration_s, drive, commanded_w, LIMIT_W, propulsion_w)
+            belief = belief.followed(vehicle, duration_s, drive, commanded_w, LIMIT_W, propulsion_w)
         else:
-            belief.predict(duration_s, drive, commanded_w, LIMIT_W)
+            belief = belief.predicted(vehicle, duration_s, drive, commanded_w, LIMIT_W)
             if drive.terminal_power_w is not None:
-                belief.see_propulsion_power(propulsion_w, drive.propulsion_power_w, duration_s)
+                belief = belief.with_propulsion_power(propulsion_w, drive.propulsion_power_w, duration_s)
         for _, element in filter(lambda spoiled: spoiled[0] == number, lost):
-            belief.mean[2, 0, element] += 3.0 * belief_module.MOST_APART_K
+            belief = spoiled(belief, (2, 0, element), 3.0 * belief_module.MOST_APART_K)
         if is_in_one_call:
-            expected = belief.see_battery(temperature_c, 1.0, soc, 0.005)
+            belief, expected = belief.with_battery(temperature_c, 1.0, soc, 0.005)
         else:
-            belief.see_temperature(temperature_c, 1.0)
-            belief.see_soc(soc, 0.005)
+            belief = belief.with_temperature(temperature_c, 1.0).with_soc(soc, 0.005)
             expected = belief.expected()
-        course.append([*map(np.copy, (belief.weights, belief.mean, belief.covariance, *expected))])
+        course.append((belief.weights, belief.mean, belief.covariance, *expected))
     return course
 
 
@@ -121,11 +125,9 @@ def test_filters_that_are_lost_are_found_again():
     beliefs = []
     for context in (nullcontext, without_core):
         with context():
-            belief = Belief(VEHICLES['formulas'])
-            belief.place(-5.0, 0.2, 0.7, 1e-5)
-            belief.mean[1, 0, belief_module.TEMPERATURE] += 2.0 * belief_module.MOST_APART_K
-            belief.see_soc(0.7, 0.005)
-            beliefs.append(belief)
+            belief = Belief.of(VEHICLES['formulas']).placed(-5.0, 0.2, 0.7, 1e-5)
+            beliefs.append(spoiled(
+                belief, (1, 0, belief_module.TEMPERATURE), 2.0 * belief_module.MOST_APART_K).with_soc(0.7, 0.005))
     assert beliefs[0].mean == pytest.approx(beliefs[1].mean, rel=1e-9)
     assert beliefs[0].mean[1, 0, belief_module.TEMPERATURE] == pytest.approx(-5.0)
 
@@ -175,13 +177,11 @@ def test_a_covariance_that_is_not_finite_is_left_to_python():
     (None, lambda native: native.see_propulsion_power(TERMS, np.inf, 1e4, 1e6, 1e4))],
     ids=['state', 'state that moves', 'weights', 'reading', 'element', 'power'])
 def test_what_is_not_finite_is_left_to_python_and_nothing_is_changed(spoil, call):
-    belief = Belief(VEHICLES['formulas'])
-    belief.place(-5.0, 0.2, 0.7, 1e-5)
-    arrays = belief.weights, belief.mean, belief.covariance
+    belief = Belief.of(VEHICLES['formulas']).placed(-5.0, 0.2, 0.7, 1e-5)
     if spoil:
-        getattr(belief, spoil)[...] = np.nan
-    before = [array.copy() for array in arrays]
-    answer = call(NativeBelief(*arrays))
+        belief = spoiled(belief, ..., np.nan, spoil)
+    native = NativeBelief(belief.weights, belief.mean, belief.covariance)
+    answer = call(native)
     assert answer is None or answer is False
-    for array, copy in zip(arrays, before):
-        np.testing.assert_array_equal(array, copy)
+    for name in ('weights', 'mean', 'covariance'):
+        np.testing.assert_array_equal(getattr(native, name), getattr(belief, name))

@@ -138,9 +138,14 @@ def _updates_ms(vehicle: Vehicle, mission: Mission, measurements: list[Measureme
 
 def _estimations_ms(vehicle: Vehicle, mission: Mission, measurements: list[Measurement]) -> FloatArray:
     """Return the estimator's time for each measurement [ms of processor time]."""
-    estimator, timetable, commands = Estimator(vehicle), Timetable.of(mission), CommandHistory()
-    return _times_ms(lambda measurement: estimator.observe(measurement, 0.0, intervals_between(
-        estimator.edges_ns(measurement.stamp_ns), vehicle, timetable, commands)), measurements)
+    estimator, timetable, commands = Estimator.of(vehicle), Timetable.of(mission), CommandHistory()
+
+    def estimate(measurement: Measurement) -> None:
+        nonlocal estimator
+        estimator = estimator.observed(measurement, intervals_between(
+            estimator.edges_ns(measurement.stamp_ns), vehicle, timetable, commands), vehicle)
+
+    return _times_ms(estimate, measurements)
 
 
 def _plans_ms(vehicle: Vehicle, mission: Mission, measurements: list[Measurement],
