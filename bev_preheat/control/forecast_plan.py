@@ -257,7 +257,7 @@ class _Planning:
         if task.heater_refusal:
             words = {**words, 'refusal': task.heater_refusal}
         return accounted(expected.told(_status_now(expected, task.starts_in_s), partial(
-            _in_words, heater=self._estimate.heater, forecast=forecast, **words,
+            in_words, heater=self._estimate.heater, forecast=forecast, **words,
             reserve=reserve_soc(self._vehicle, task.goal), starts_in_s=task.starts_in_s,
             heated_s=task.heated_s)), task.preparation_goal, self._estimate.soc)
 
@@ -289,7 +289,7 @@ class _Planning:
             is_heating=self._task.is_heating or self._full_power is not None)
 
 
-def _in_words(plan: Plan, heater: HeaterReport, forecast: Forecast, refusal: str = '', **told: Any) -> str:
+def in_words(plan: Plan, heater: HeaterReport, forecast: Forecast, refusal: str = '', **told: Any) -> str:
     """
     Return a plan's sentence with the heater's behaviour, its refusal, and the uncertainty.
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cached_property
 import math
 from typing import NamedTuple, Protocol, TYPE_CHECKING
@@ -55,27 +56,28 @@ class Driven(Protocol):
         """The route, whose segments are the steps of the plan."""
 
 
+@dataclass(frozen=True, eq=False)
 class Forecast:
     """
     Uncertainty of a plan's predicted arrival; computed on first use, so that no command waits for it.
 
     `deviation_k` is the standard deviation of the arrival with re-planning on the way; `as_planned_k` is that
-    of the fixed plan, the error that heating has to correct.
+    of the fixed plan, the error that heating has to correct. The fields are the arguments of `arrival_deviation_k`.
     """
 
-    def __init__(self, trip: Driven, plan: Plan, estimate: Estimate) -> None:
-        """Take the arguments of `arrival_deviation_k`; an Estimate's arrays are read-only."""
-        self._given = trip, plan, estimate
+    trip: Driven
+    plan: Plan
+    estimate: Estimate
 
     @cached_property
     def as_planned_k(self) -> float:
         """Standard deviation of the temperature on arrival if the plan is executed unchanged [K]."""
-        return arrival_deviation_k(*self._given)
+        return arrival_deviation_k(self.trip, self.plan, self.estimate)
 
     @cached_property
     def deviation_k(self) -> float:
         """Standard deviation of the temperature on arrival [K]."""
-        return replanned_deviation_k(self.as_planned_k, *self._given)
+        return replanned_deviation_k(self.as_planned_k, self.trip, self.plan, self.estimate)
 
 
 class DrivenRoute(NamedTuple):
