@@ -42,7 +42,8 @@ def add_parser(subparsers: Subparsers) -> None:
     _add_planner_arguments(parser)
     parser.add_argument('--from', metavar='T', dest='begin',
                         help='compare and show from T on: seconds from the start of the recording, or HH:MM:SS '
-                        '(UTC); the planner is played from the start all the same')
+                        '(UTC); the planner is played from its latest recorded state before T; with a change, '
+                        'from the start')
     parser.add_argument('--to', metavar='T', dest='end', help='end at T')
     parser.add_argument('--explain', metavar='T', help='why the planner gave its command at T')
     parser.add_argument('--report', metavar='OUT.html',
@@ -89,8 +90,10 @@ def run(arguments: Namespace) -> int:
         return run_explanation(arguments, flight, changes)
     from bev_preheat.commands import replay_output
     from bev_preheat.replay.period import period_of
-    result, histories = replayed(
-        flight, changes, period_of(flight, arguments.begin, arguments.end), arguments.report is not None)
+    period = period_of(flight, arguments.begin, arguments.end)
+    if changes.is_nothing:
+        flight = flight.from_instant(period.from_ns)
+    result, histories = replayed(flight, changes, period, arguments.report is not None)
     if arguments.json:
         write_json(arguments.json, replay_output.as_dictionary(result))
     if arguments.report is not None:

@@ -8,7 +8,7 @@ the departure that the route gives.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import NamedTuple, TYPE_CHECKING
 
@@ -76,7 +76,7 @@ class DecisionMaker:
     those of a coldest cell that is `colder_by_k` [K] colder than the battery.
     """
 
-    forecasts: ForecastPlanner = field(default_factory=ForecastPlanner)
+    forecasts: ForecastPlanner = ForecastPlanner()
     targets: TargetChooser = TargetChooser()
     charger_heater: ChargerHeater = ChargerHeater()
     colder_by_k: float = 0.0

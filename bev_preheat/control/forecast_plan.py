@@ -8,7 +8,7 @@ heater as it responds.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 import math
 from typing import Any, NamedTuple, TYPE_CHECKING
@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from bev_preheat.estimation.estimate import Estimate
     from bev_preheat.estimation.hypotheses import HeaterReport
     from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.planning.kept_values import Kept
     from bev_preheat.route.segments import Route
     from bev_preheat.vehicle.description import Vehicle
 
@@ -149,7 +150,7 @@ class ForecastPlanner:
     logs: FloatArray | None = None
     factors: tuple[float, ...] = ()
     forecast: Forecast | None = None
-    kept: KeptValues = field(default_factory=KeptValues)
+    kept: tuple[Kept, ...] = ()
 
     def for_other_limits(self) -> ForecastPlanner:
         """Return the planner for the same vehicle with other power limits."""
@@ -178,7 +179,8 @@ class ForecastPlanner:
         `described` is the Vehicle as its file describes it. Raises what plan_preheating raises.
         """
         planner = self.following(estimate)
-        planning = _Planning(task, estimate, fed(planner.vehicle(described), task.preparation_goal), self.kept)
+        kept = KeptValues(self.kept)
+        planning = _Planning(task, estimate, fed(planner.vehicle(described), task.preparation_goal), kept)
         forecast = self.forecast
         wanted = planning.wanted(forecast)
         if forecast is None:
@@ -188,7 +190,7 @@ class ForecastPlanner:
             wanted = planning.wanted(forecast)
         expected, commanded, words = planning.expected(wanted, forecast)
         forecast = planning.forecast(expected)
-        return replace(planner, forecast=forecast), ForecastPlan(
+        return replace(planner, forecast=forecast, kept=kept.latest), ForecastPlan(
             planning.in_words(expected, forecast, words), forecast, commanded, planning.share,
             planner.model_factors(estimate))
 

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from bev_preheat.control.command import Commander
@@ -71,7 +71,7 @@ class State:
     heater_refusal: str = ''
     inactive: str = ''
     screened: Screened = Screened()
-    decision_maker: DecisionMaker = field(default_factory=DecisionMaker)
+    decision_maker: DecisionMaker = DecisionMaker()
     decision: Decision = WITHOUT_ROUTE
     shown: Decision = WITHOUT_ROUTE
     commander: Commander = Commander()

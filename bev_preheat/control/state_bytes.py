@@ -2,11 +2,11 @@
 """
 A State as bytes, and back: all of it, to the last digit.
 
-The bytes are a line with format and version, then compressed JSON: a table of classes with their fields, and a table
-of objects, each after those that it refers to. An object that occurs twice is written once, and is one object again
-when it is read: a Mission and its delayed copy share their routes. Only values can be written: numbers, texts,
-enums, tuples, NumPy arrays, frozen dataclasses and NamedTuples of this package, and the sentences of a plan. Reading
-makes no other objects, and calls nothing.
+The bytes are a line with format and version, then compressed JSON: a table of classes with their fields, and a
+table of objects, each after those that it refers to. An object that occurs twice is written once, and is one
+object again when it is read: a Mission and its delayed copy share their routes. Only values can be written:
+numbers, texts, enums, tuples, NumPy arrays, frozen dataclasses and NamedTuples of this package, and the sentences
+of a plan. Reading makes no other objects, and calls nothing.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from __future__ import annotations
 from base64 import b64decode, b64encode
 from dataclasses import fields, is_dataclass
 from enum import Enum
-from functools import cache, partial
+from functools import partial
 from importlib import import_module
 import json
 from typing import Any, TYPE_CHECKING
@@ -109,9 +109,9 @@ class _Writer:
         if isinstance(value, Enum):
             return [self._class(kind, ()), value.name]
         if isinstance(value, tuple):
-            return [self._class(kind, kind._fields), *map(put, value)]  # type: ignore[attr-defined]
+            return [self._class(kind, kind._fields), *map(put, value)]
         if is_dataclass(value):
-            names = _field_names(kind)
+            names = _field_names(value.__class__)
             return [self._class(kind, names), *(put(getattr(value, name)) for name in names)]
         if isinstance(value, np.ndarray | np.generic):
             array = np.asarray(value)
@@ -135,11 +135,18 @@ class _Writer:
         return number
 
 
-@cache
-def _field_names(kind: type) -> tuple[str, ...]:
-    if not kind.__dataclass_params__.frozen:  # type: ignore[attr-defined]
+def _field_names(kind: Any) -> tuple[str, ...]:
+    known = _NAMES.get(kind)
+    if known is not None:
+        return known
+    if not kind.__dataclass_params__.frozen:
         raise TypeError(f'{kind.__module__}.{kind.__qualname__} is not frozen: it cannot be written')
-    return tuple(field.name for field in fields(kind))
+    _NAMES[kind] = tuple(field.name for field in fields(kind))
+    return _NAMES[kind]
+
+
+# Names of the fields of classes, which are asked for with each object.
+_NAMES: dict[type, tuple[str, ...]] = {}
 
 
 def _read(classes: list[list[Any]], objects: list[list[Any]], root: Any) -> Any:
@@ -177,7 +184,7 @@ def _instance(kind: type, values: list[Any], get: Callable[[Any], Any]) -> Any:
     return made
 
 
-def _class_of(module: str, name: str, names: list[str]) -> type:
+def _class_of(module: str, name: str, names: list[str]) -> Any:
     """Return the class of an entry; raise _OtherFieldsError if it is another one in this version."""
     if not module.startswith(ROOMS):
         raise ValueError(f'{quoted(module)} has no values')

@@ -46,8 +46,17 @@ class Supervisor:
 
     @property
     def state(self) -> PlannerState:
-        """The PlannerState after the latest step; reading it changes nothing."""
+        """The PlannerState after the latest step: the State as others see it."""
         return self._state.view
+
+    @property
+    def value(self) -> State:
+        """The State itself."""
+        return self._state
+
+    def go_on_from(self, state: State) -> None:
+        """Go on from a State, of a recording or of before a restart."""
+        self._state = state
 
     def _keep(self, state: State, output: StepOutput) -> StepOutput:
         self._state = state

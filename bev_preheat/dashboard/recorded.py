@@ -165,7 +165,7 @@ def tables_of(flight: Flight, note: Callable[[int], object]) -> dict[str, Any]:
 
     `note(steps)` is called now and then with the number of steps read.
     """
-    player, drives, before_ns = Player(flight.beginning), list[RecordedDrive](), 0
+    player, drives, before_ns = Player(flight), list[RecordedDrive](), 0
     lengths_s = iter(lengths_of(each.step.now_ns for each in flight.given))
     for number, each in enumerate(flight.given):
         if not drives or is_set(before_ns, each.step.now_ns):

@@ -62,7 +62,7 @@ class Forecast:
     Uncertainty of a plan's predicted arrival; computed on first use, so that no command waits for it.
 
     `deviation_k` is the standard deviation of the arrival with re-planning on the way; `as_planned_k` is that
-    of the fixed plan, the error that heating has to correct. The fields are the arguments of `arrival_deviation_k`.
+    of the fixed plan, the error that heating has to correct. The fields are arguments of `arrival_deviation_k`.
     """
 
     trip: Driven

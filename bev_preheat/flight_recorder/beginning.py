@@ -1,35 +1,33 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The first record of each file: version, parameters, vehicle file, and the learned values at its start."""
+"""The first records of each file: version, parameters and vehicle file, and the planner's state."""
 
 from __future__ import annotations
 
+from base64 import b64decode, b64encode
 from dataclasses import dataclass
-from typing import Any, TYPE_CHECKING
+from typing import Any, NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
+from bev_preheat.control.state_bytes import state_bytes
 from bev_preheat.errors import InvalidInput, quoted
-from bev_preheat.estimation.driver_choices import choices_entry, choices_from, NO_CHOICES
-from bev_preheat.estimation.last_seen import last_seen_entry, last_seen_from
 from bev_preheat.estimation.prior import Lags, Learned
 
 if TYPE_CHECKING:
-    from bev_preheat.estimation.driver_choices import DriverChoices
-    from bev_preheat.estimation.last_seen import LastSeen
+    from bev_preheat.control.state import State
 
 # Of the records of this version. Older ones are read as long as their numbers are listed in READ_FORMATS.
-FORMAT = 1
-READ_FORMATS = (1,)
+FORMAT = 2
+READ_FORMATS = (2,)
 
 
 @dataclass(frozen=True, eq=False)
 class Beginning:
     """
-    The planner's knowledge at the start of a file, which replays start from.
+    What replays need besides the planner's state.
 
-    `life` identifies the planner's process, `part` counts its files from 0. `is_whole`: no step came before it,
-    so that a replay knows all that the planner knew. `vehicle_file` is the text of the vehicle file and
-    `parameters` has the node's parameters by name. `learned` None: nothing. `now_ns` is the node's clock [ns],
+    `life` identifies the planner's process, `part` counts its files from 0. `vehicle_file` is the text of the
+    vehicle file and `parameters` has the node's parameters by name. `now_ns` is the node's clock [ns],
     `uses_sim_time` whether that is /clock.
     """
 
@@ -37,24 +35,17 @@ class Beginning:
     node: str
     life: str
     part: int
-    is_whole: bool
     now_ns: int
     uses_sim_time: bool
     parameters: dict[str, Any]
     vehicle_file: str
-    learned: Learned | None = None
-    last_seen: LastSeen | None = None
-    choices: DriverChoices = NO_CHOICES
 
     def as_dictionary(self) -> dict[str, Any]:
         """Return it as plain values for JSON."""
         return {
             'format': FORMAT, 'version': self.version, 'node': self.node, 'life': self.life, 'part': self.part,
-            'is_whole': self.is_whole, 'now_ns': self.now_ns, 'uses_sim_time': self.uses_sim_time,
-            'parameters': self.parameters,
-            'vehicle_file': self.vehicle_file, 'learned': learned_values(self.learned),
-            'last_seen': None if self.last_seen is None else last_seen_entry(self.last_seen),
-            'choices': choices_entry(self.choices)}
+            'now_ns': self.now_ns, 'uses_sim_time': self.uses_sim_time, 'parameters': self.parameters,
+            'vehicle_file': self.vehicle_file}
 
     @classmethod
     def from_dictionary(cls, values: Any) -> Beginning:
@@ -71,14 +62,42 @@ class Beginning:
                 f'reads format {", ".join(map(str, READ_FORMATS))}; replay it with the version that wrote it')
         try:
             return cls(str(values['version']), str(values['node']), str(values['life']), int(values['part']),
-                       bool(values['is_whole']), int(values['now_ns']), bool(values['uses_sim_time']),
-                       dict(values['parameters']), str(values['vehicle_file']), learned_of(values['learned']),
-                       None if values['last_seen'] is None else last_seen_from(values['last_seen']),
-                       choices_from(values['choices']))
-        except InvalidInput:
-            raise
+                       int(values['now_ns']), bool(values['uses_sim_time']),
+                       dict(values['parameters']), str(values['vehicle_file']))
         except (KeyError, TypeError, ValueError) as error:
             raise InvalidInput(f"the recording's beginning is damaged: {type(error).__name__}: {error}") from error
+
+
+class RecordedState(NamedTuple):
+    """
+    The planner's State after a step, as bytes (`control.state_bytes`).
+
+    `goal` is the number of its preparation goal in the recording, None without one; `route_ns` [ns] is the instant
+    at which the message of its route is recorded, None without a route.
+    """
+
+    state: bytes
+    goal: int | None = None
+    route_ns: int | None = None
+
+    def as_dictionary(self) -> dict[str, Any]:
+        """Return it as plain values for JSON."""
+        return {'state': b64encode(self.state).decode(), 'goal': self.goal, 'route_ns': self.route_ns}
+
+    @classmethod
+    def from_dictionary(cls, values: dict[str, Any]) -> RecordedState:
+        """Return the RecordedState of plain values; raises InvalidInput if they are damaged."""
+        try:
+            goal, route_ns = values['goal'], values['route_ns']
+            return cls(b64decode(values['state']), None if goal is None else int(goal),
+                       None if route_ns is None else int(route_ns))
+        except (KeyError, TypeError, ValueError) as error:
+            raise InvalidInput(f'a state of the recording is damaged: {type(error).__name__}: {error}') from error
+
+
+def recorded_state(state: State, goal: int | None = None, route_ns: int | None = None) -> RecordedState:
+    """Return a State as a recording has it."""
+    return RecordedState(state_bytes(state), goal, route_ns)
 
 
 def learned_values(learned: Learned | None) -> dict[str, Any] | None:

@@ -39,8 +39,8 @@ RETRY_S = 30.0
 LARGEST_FILE_BYTES = 64_000_000
 LIBRARY = 'bev_preheat'
 # Channels of the recorder itself; their messages are JSON.
-BEGINNING_CHANNEL, STEP_CHANNEL, GAP_CHANNEL = (
-    'flight_recorder/beginning', 'flight_recorder/step', 'flight_recorder/gap')
+BEGINNING_CHANNEL, STATE_CHANNEL, STEP_CHANNEL, GAP_CHANNEL = (
+    'flight_recorder/beginning', 'flight_recorder/state', 'flight_recorder/step', 'flight_recorder/gap')
 JSON_SCHEMA = json.dumps({'type': 'object'}).encode()
 
 
@@ -66,7 +66,7 @@ def _step_bytes(content: RecordedStep | dict[str, Any] | bytes) -> bytes:
     return JSON.encode(content if isinstance(content, dict) else content.as_dictionary()).encode()
 
 
-JSON_KINDS = {BEGINNING_CHANNEL: json_kind('Beginning'),
+JSON_KINDS = {BEGINNING_CHANNEL: json_kind('Beginning'), STATE_CHANNEL: json_kind('State'),
               STEP_CHANNEL: json_kind('Step')._replace(encode=_step_bytes), GAP_CHANNEL: json_kind('Gap')}
 
 
@@ -91,22 +91,21 @@ class RecordingWriter:
     """
     The thread that writes; `put` and `put_group` hand entries over and return at once.
 
-    `entries_of`, called in the thread, returns the entries of a group. `head` are the entries that the next file
-    starts with: a Beginning, and the messages that still hold; the planner replaces them from time to time.
+    `entries_of` and `head_of` are called in the thread: they return the entries of a group, and those that a file
+    starts with: a Beginning, and what the planner knows after the groups so far.
     `report` is the sentence on a failure, '' while all is well; `dropped` counts the groups that were lost, `path`
     is that of the latest file.
     """
 
     def __init__(self, recording: Recording, kinds: dict[str, Kind],
-                 head: tuple[Entry, ...], metadata: dict[str, dict[str, str]] | None = None,
+                 head_of: Callable[[], Iterable[Entry]], metadata: dict[str, dict[str, str]] | None = None,
                  largest_file_bytes: int = LARGEST_FILE_BYTES,
                  entries_of: Callable[[Any], Iterable[Entry]] = iter) -> None:
         """Start the thread; raises MissingPackage without the package mcap."""
         require('mcap')
-        self.head = head
         self._recording, self._kinds = recording, {**kinds, **JSON_KINDS}
         self._metadata, self._largest_file_bytes = metadata or {}, largest_file_bytes
-        self._entries_of = entries_of
+        self._entries_of, self._head_of = entries_of, head_of
         self._waiting: deque[Any] = deque()
         self._news, self._hurry, self._ends = Event(), Event(), False
         self._file: FileIO | None = None
@@ -214,7 +213,7 @@ class RecordingWriter:
         self._channels = {}
         for name, values in self._metadata.items():
             self._output.add_metadata(name, values)
-        for entry in self.head:
+        for entry in self._head_of():
             if entry.channel == BEGINNING_CHANNEL:
                 entry = entry._replace(content={**entry.content, 'part': part})
             self._add(entry)

@@ -11,18 +11,16 @@ from uuid import uuid4
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from sensor_msgs.msg import BatteryState, Temperature
 
-from bev_preheat.control.events import Reconfigured
+from bev_preheat.control.events import Reconfigured, RouteArrived
 from bev_preheat.errors import InvalidInput
-from bev_preheat.estimation.memory import learned_from
 from bev_preheat.files.version import version
-from bev_preheat.flight_recorder.beginning import Beginning, learned_values
+from bev_preheat.flight_recorder.beginning import Beginning, learned_values, recorded_state
 from bev_preheat.flight_recorder.ring import check_folder
 from bev_preheat.flight_recorder.steps import (
     BATTERY_STATE,
     event_values,
     GoalNumbers,
     HVCH_STATUS,
-    RecordedStep,
     ROUTE_PLAN,
     ROUTE_PROGRESS,
     STEP,
@@ -34,6 +32,7 @@ from bev_preheat.flight_recorder.writer import (
     Kind,
     Recording,
     RecordingWriter,
+    STATE_CHANNEL,
     STEP_CHANNEL,
 )
 from bev_preheat.nodes.message_definitions import definition
@@ -48,15 +47,16 @@ if TYPE_CHECKING:
 
     from bev_preheat.control.decision import Command
     from bev_preheat.control.events import Event
-    from bev_preheat.control.planner_state import PlannerState
+    from bev_preheat.control.state import State
     from bev_preheat.control.step import StepOutput
-    from bev_preheat.estimation.prior import Learned
     from bev_preheat.planning.status import Status
 
 COMMAND, PLAN, PREDICTION = 'hvch_command', 'preheat_plan', 'predicted_arrival_temperature'
 TYPES = {BATTERY_STATE: BatteryState, ROUTE_PLAN: RoutePlan, ROUTE_PROGRESS: RouteProgress,
          HVCH_STATUS: HvchStatus, COMMAND: HvchCommand,
          PLAN: PreheatPlan, PREDICTION: Temperature}
+# A replay may start at a recorded state; each takes some milliseconds of the writing thread [ns].
+STATE_PERIOD_NS = 60 * NS_PER_S
 # Every plan follows from the inputs, so only some are written, for viewers [ns].
 PLAN_PERIOD_NS = 10 * NS_PER_S
 BYTES_PER_MB = 1_000_000
@@ -72,16 +72,16 @@ METADATA = {'vss': {'battery_state.temperature': f'{VSS}.Temperature.Average',
 
 
 class Setup(NamedTuple):
-    """Parameters of the node by name, the bytes of its vehicle file, and the values learned before its start."""
+    """Parameters of the node by name, and the bytes of its vehicle file."""
 
     parameters: dict[str, Any]
     vehicle_contents: bytes
-    learned: Learned | None = None
 
 
 class _Noted(NamedTuple):
     """A step as it is handed over: what FlightRecorder.note was given, and the Setup that held then."""
 
+    state: State
     now_ns: int
     events: tuple[Event, ...]
     message: Any
@@ -128,7 +128,11 @@ class FlightRecorder:
         self._goals = GoalNumbers()
         self._setup = Setup({}, b'')
         self._plan_due_ns, self._plan_status = 0, -1
+        # After the latest recorded step, with its setup and the message of its route; used by the writing thread.
+        self._state: State | None = None
+        self._state_setup = self._setup
         self._route: Entry | None = None
+        self._state_ns = 0
         self._failure, self._told = '', ''
 
     @property
@@ -146,12 +150,12 @@ class FlightRecorder:
         """The number of steps that were not written."""
         return 0 if self._writer is None else self._writer.dropped
 
-    def attach(self, folder: str, megabytes: float, setup: Setup, state: PlannerState, now_ns: int,
-               is_whole: bool = False) -> None:
+    def attach(self, folder: str, megabytes: float, setup: Setup, state: State, now_ns: int,
+               route: RoutePlan | None = None) -> None:
         """
         Record into a folder ('': record nothing) of at most `megabytes` [MB] from now on.
 
-        `is_whole`: the planner has made no step yet. A folder that is used already stays in use.
+        `state` is the planner's State, `route` the message of its route. A folder that is used stays in use.
         """
         self._setup = setup
         if (folder, megabytes) == self._where:
@@ -168,62 +172,65 @@ class FlightRecorder:
             for topic, encode in ((COMMAND, command_encoder()), (BATTERY_STATE, state_encoder())):
                 name = self._planner.topic(topic)
                 kinds[name] = kinds[name]._replace(encode=encode)
-            self._life = uuid4().hex[:8]
+            self._life, self._topics = uuid4().hex[:8], {topic: self._planner.topic(topic) for topic in TYPES}
+            self._state, self._state_setup, self._route = state, setup, None if route is None else Entry(
+                self._topics[ROUTE_PLAN], now_ns, route)
             self._writer = RecordingWriter(
                 Recording(Path(folder).expanduser(), round(megabytes * BYTES_PER_MB), self._life, started), kinds,
-                self._head(state, now_ns, is_whole), METADATA, entries_of=self._entries)
-            self._topics = {topic: self._planner.topic(topic) for topic in TYPES}
+                lambda: self._head(now_ns), METADATA, entries_of=self._entries)
         except Exception as error:
             self._failure = str(error) if isinstance(error, InvalidInput) else f'{type(error).__name__}: {error}'
         self.tell()
 
-    def _head(self, state: PlannerState, now_ns: int, is_whole: bool) -> tuple[Entry, ...]:
+    def _head(self, now_ns: int) -> Iterable[Entry]:
+        """Return the entries of a file's start; called by the writing thread."""
+        state, setup = self._state, self._state_setup
+        assert state is not None
+        now_ns = state.now_ns or now_ns
         beginning = Beginning(
-            version(), self._planner.name, self._life, 0, is_whole, now_ns,
-            self._planner.uses_sim_time, self._setup.parameters,
-            self._setup.vehicle_contents.decode('utf-8', 'replace'), self._setup.learned, state.last_seen,
-            state.choices)
-        head = (Entry(BEGINNING_CHANNEL, now_ns, beginning.as_dictionary()),)
-        if is_whole or self._route is None:
-            return head
-        route_step = RecordedStep(self._route.now_ns, events=({'kind': ROUTE_PLAN},))
-        return (*head, self._route, Entry(STEP_CHANNEL, self._route.now_ns, route_step.as_dictionary()))
+            version(), self._planner.name, self._life, 0, now_ns, self._planner.uses_sim_time, setup.parameters,
+            setup.vehicle_contents.decode('utf-8', 'replace'))
+        yield Entry(BEGINNING_CHANNEL, now_ns, beginning.as_dictionary())
+        if self._route is not None and state.inbox.latest_mission is not None:
+            yield self._route
+        yield self._state_entry(state, now_ns)
 
-    def renew(self, state: PlannerState, now_ns: int) -> None:
-        """Let the next file begin with the present state, because the files before it may be deleted."""
-        if self._writer is not None and self._writer.path:
-            try:
-                if state.estimate is not None:
-                    self._setup = self._setup._replace(learned=learned_from(state.estimate))
-                self._writer.head = self._head(state, now_ns, is_whole=False)
-            except Exception as error:
-                self._stop(error)
+    def _state_entry(self, state: State, now_ns: int) -> Entry:
+        self._state_ns = now_ns
+        goal, route = state.preparation.goal, self._route
+        return Entry(STATE_CHANNEL, now_ns, recorded_state(
+            state, None if goal is None else self._goals.number(goal),
+            None if route is None or state.inbox.latest_mission is None else route.now_ns).as_dictionary())
 
-    def note(self, now_ns: int, events: tuple[Event, ...], message: Any, output: StepOutput, call: str = STEP,
-             what: str = '') -> None:
+    def note(self, state: State, now_ns: int, events: tuple[Event, ...], message: Any, output: StepOutput,
+             call: str = STEP, what: str = '') -> None:
         """
-        Record a step: its events, the message with the first input (None: no input), and its output.
+        Record a step: the State after it, its events, the message of the first input (None: no input), its output.
 
         The command is recorded with the step's instant as its stamp, as it is published.
         """
         writer, decision = self._writer, output.decision
         if writer is None:
             return
-        writer.put_group(_Noted(now_ns, events, message, output.command,
+        writer.put_group(_Noted(state, now_ns, events, message, output.command,
                                 None if decision is None else decision.status, call, what, self._setup))
-        if message is not None and isinstance(message, RoutePlan):
-            self._route = Entry(self._topics[ROUTE_PLAN], now_ns, message)
 
     def _entries(self, group: _Noted | tuple[Entry, ...]) -> Iterable[Entry]:
         """Return the entries of a step; called by the writing thread."""
         if not isinstance(group, _Noted):
             return group
-        now_ns, events, message, command, status, call, what, setup = group
+        state, now_ns, events, message, command, status, call, what, setup = group
         values = [_values(event, message is not None, self._goals, setup) for event in events]
         step = Entry(STEP_CHANNEL, now_ns, step_bytes(now_ns, call, values, what, command, status))
         entries = [step] if message is None else [Entry(self._topics[values[0]['kind']], now_ns, message), step]
         if command is not None:
             entries.append(Entry(self._topics[COMMAND], now_ns, (command, now_ns)))
+        latest = state.inbox.latest_mission
+        if any(isinstance(event, RouteArrived) and event.mission is latest for event in events):
+            self._route = entries[0]
+        self._state, self._state_setup = state, setup
+        if not 0 <= now_ns - self._state_ns < STATE_PERIOD_NS:
+            entries.append(self._state_entry(state, now_ns))
         return entries
 
     def _stop(self, error: Exception) -> None:

@@ -12,6 +12,7 @@ from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data, QoSDurabilityPolicy, QoSProfile
+from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import BatteryState, Temperature
 from std_srvs.srv import SetBool
 
@@ -63,7 +64,6 @@ if TYPE_CHECKING:
 
     from bev_preheat.control.events import Event
     from bev_preheat.control.step import StepOutput
-    from bev_preheat.estimation.prior import Learned
     from bev_preheat.vehicle import Vehicle
     from bev_preheat_msgs.msg import RoutePlan
 
@@ -187,10 +187,11 @@ class PlannerNode(Node):
         self._told, self._news = _Told(), RepetitionFilter()
         self._sensitivity = SensitivityWatch()
         self._recorder = FlightRecorder(planner_of(self))
-        self._record(values, recalled.learned, is_whole=True)
+        self._routes = RouteIntake()
+        self._go_on(settings)
+        self._record(values)
         # The latest step, or its outputs, raised an exception.
         self._is_in_doubt = False
-        self._routes = RouteIntake()
 
         latched = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
         self._command_publisher = commands = CommandPublisher(
@@ -401,7 +402,7 @@ class PlannerNode(Node):
         use_core(settings.compiled_core)
         limit_answer_time(_answer_time_s(settings))
         learned = self._state_keeper.attach(values['state_file'], contents).learned
-        self._record(values, learned)
+        self._record(values)
         self._step(Reconfigured(
             vehicle, settings, self._routes.read_again(state, vehicle, settings), learned),
             *self._departures.attach(values['departures'], values['grid_prices']))
@@ -436,7 +437,7 @@ class PlannerNode(Node):
         output, in_doubt = self._supervisor.step(now_ns, *events), self._is_in_doubt
         if not in_doubt:
             self._publish_command(output, now_ns)
-        self._recorder.note(now_ns, events, message, output)
+        self._recorder.note(self._supervisor.value, now_ns, events, message, output)
         self._publish_decision(output, now_ns)
         for refusal in output.refusals:
             sentence = f'{refusal.source} refused: {refusal.error}'
@@ -450,6 +451,7 @@ class PlannerNode(Node):
             in_doubt = not _has_plan_or_heats(output)
         self._is_in_doubt = bool(output.failure) or in_doubt
         self._state_keeper.save_choices(self._supervisor.state)
+        self._state_keeper.keep_running(self._supervisor.value, self._route_bytes, is_due=False)
         return not output.refusals and not output.failure
 
     def _publish_command(self, output: StepOutput, now_ns: int) -> None:
@@ -514,7 +516,7 @@ class PlannerNode(Node):
             output = self._supervisor.fail(now_ns, what)
             self.get_logger().error(output.failure)
             self._publish_command(output, now_ns)
-            self._recorder.note(now_ns, (), None, output, FAIL, what)
+            self._recorder.note(self._supervisor.value, now_ns, (), None, output, FAIL, what)
         except Exception as another:
             self.get_logger().error(
                 f'0 W could not be published after that: {type(another).__name__}: {another}; the '
@@ -529,14 +531,30 @@ class PlannerNode(Node):
     def _on_save_due(self) -> None:
         state = self._supervisor.state
         self._state_keeper.save(state)
-        self._recorder.renew(state, self._now_ns())
+        self._state_keeper.keep_running(self._supervisor.value, self._route_bytes)
         self._recorder.tell()
 
-    def _record(self, values: Values, learned: Learned | None, is_whole: bool = False) -> None:
+    def _go_on(self, settings: Settings) -> None:
+        """Go on from the State that a planner of before has left, if it holds."""
+        running = self._state_keeper.running(settings, self._now_ns())
+        if running is None:
+            return
+        self._supervisor.go_on_from(running.state)
+        mission = running.state.inbox.latest_mission
+        if mission is not None and running.route is not None:
+            self._routes.remember(mission, deserialize_message(running.route, RoutePlan))
+
+    def _route_bytes(self) -> bytes | None:
+        """Return the message of the latest route as bytes (CDR); None without one."""
+        message = self._routes.message_of(self._supervisor.value.inbox.latest_mission)
+        return None if message is None else bytes(serialize_message(message))
+
+    def _record(self, values: Values) -> None:
+        state = self._supervisor.value
         self._recorder.attach(
             values['flight_recorder'], values['flight_recorder_size'],
-            Setup({name: values[name] for name in sorted(_OWN)}, self._vehicle_contents, learned),
-            self._supervisor.state, self._now_ns(), is_whole)
+            Setup({name: values[name] for name in sorted(_OWN)}, self._vehicle_contents),
+            state, self._now_ns(), self._routes.message_of(state.inbox.latest_mission))
 
     def last_words(self) -> None:
         """Publish 0 W before the process ends, and wait up to LAST_WORDS_TIME for delivery."""
@@ -554,7 +572,7 @@ class PlannerNode(Node):
         now_ns = self._now_ns()
         output = self._supervisor.stop(now_ns)
         self._publish_command(output, now_ns)
-        self._recorder.note(now_ns, (), None, output, STOP)
+        self._recorder.note(self._supervisor.value, now_ns, (), None, output, STOP)
 
     @guarded
     def _await_delivery(self) -> None:

@@ -46,6 +46,10 @@ class RouteIntake:
         """Return the message of a Mission; None if it is not retained."""
         return None if mission is None else self._messages.get(mission)
 
+    def remember(self, mission: Mission, message: RoutePlan) -> None:
+        """Retain the message of a Mission that was read before."""
+        self._messages = {mission: message}
+
     def read(self, message: RoutePlan,
              holder: PlannerState | Inbox) -> RouteArrived | TripCancelled | RouteUnreadable:
         """

@@ -11,12 +11,20 @@ from bev_preheat.estimation.driver_choices import NO_CHOICES
 from bev_preheat.estimation.memory import learned_from
 from bev_preheat.estimation.state_file import check_state_file, load_state, Recalled, save_state
 from bev_preheat.files.output_files import check_writable
+from bev_preheat.nodes.running_state import load_running, Running, save_running
+from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.planning.explanation import duration_text
 from bev_preheat.vehicle import vehicle_fingerprint
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from rclpy.impl.rcutils_logger import RcutilsLogger
 
+    from bev_preheat.control.inputs import Mission
     from bev_preheat.control.planner_state import PlannerState
+    from bev_preheat.control.settings import Settings
+    from bev_preheat.control.state import State
     from bev_preheat.estimation.driver_choices import DriverChoices
     from bev_preheat.estimation.estimate import Estimate
     from bev_preheat.estimation.last_seen import LastSeen
@@ -72,6 +80,8 @@ class StateKeeper:
         self._written = _Kept()
         # Of the latest write attempt, so that a failure is not repeated with every step.
         self._tried_choices = NO_CHOICES
+        # The route whose State was written latest.
+        self._saved_route: Mission | None = None
         self._forget_report()
 
     def _forget_report(self) -> None:
@@ -135,6 +145,36 @@ class StateKeeper:
         """Write new choices of the driver at once: a process may be killed at any time."""
         if state.choices != self._tried_choices:
             self.save(state)
+
+    def running(self, settings: Settings, now_ns: int) -> Running | None:
+        """Return the Running that a planner of before left beside the file, as it holds at an instant [ns]."""
+        if not self._path or self._is_foreign:
+            return None
+        try:
+            running = load_running(self._path, self._fingerprint, settings, now_ns)
+        except InvalidInput as error:
+            self._logger.warning(f'state_file: {error}; the planner begins without it.')
+            return None
+        if running is not None:
+            self._saved_route = running.state.inbox.latest_mission
+            ago = duration_text((now_ns - running.state.now_ns) / NS_PER_S)
+            self._logger.info(f'state_file: the planner goes on from its state of {ago} ago.')
+        return running
+
+    def keep_running(self, state: State, route: Callable[[], bytes | None], is_due: bool = True) -> None:
+        """
+        Write the planner's State beside the file if it `is_due`, or if its route is another one.
+
+        `route()` returns the message of its route as bytes, None without one.
+        """
+        mission = state.inbox.latest_mission
+        if not self._path or self._is_foreign or not (is_due or mission is not self._saved_route):
+            return
+        self._saved_route = mission
+        try:
+            save_running(self._path, self._fingerprint, Running(state, route()))
+        except (InvalidInput, TypeError) as error:
+            self._fail(str(error))
 
     def report(self) -> StateFileReport | None:
         """Return the StateFileReport; None without a state file."""

@@ -40,22 +40,28 @@ class Requirements:
 
 
 class KeptValues:
-    """The values of the latest plans of a drive, with their trips and requirements."""
+    """
+    The values of the latest plans of a drive, with their trips and requirements, while a plan is made.
 
-    def __init__(self) -> None:
-        """Keep nothing yet."""
-        self._latest: tuple[_Kept, ...] = ()
+    `latest` is what to begin with, and after the plan what to begin the next one with.
+    """
+
+    def __init__(self, latest: tuple[Kept, ...] = ()) -> None:
+        """Begin with what the plans before have left."""
+        self.latest = latest
 
     def keep(self, trip: Trip, wanted: Requirements, values: Any) -> None:
         """Keep the values of a plan."""
-        self._latest = (_Kept(trip, wanted, values), *self._latest)[:MOST_KEPT]
+        self.latest = (Kept(trip, wanted, values), *self.latest)[:MOST_KEPT]
 
     def that_hold(self, trip: Trip, wanted: Requirements) -> Any:
         """Return the values that hold for the rest of their trip, or None."""
-        return next((kept.values for kept in self._latest if kept.holds_for(trip, wanted)), None)
+        return next((kept.values for kept in self.latest if kept.holds_for(trip, wanted)), None)
 
 
-class _Kept(NamedTuple):
+class Kept(NamedTuple):
+    """The values of one plan, with its trip and requirements."""
+
     trip: Trip
     wanted: Requirements
     values: Any

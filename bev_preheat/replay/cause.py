@@ -21,11 +21,9 @@ def cause_of(flight: Flight, first: Difference) -> str:
     if flight.source != FLIGHT_RECORDER:
         return ('The recording has no vehicle file, parameters and learned factors: compare those of the recorded '
                 'planner with --vehicle, --method and --set.')
-    if any(gap <= first.number for gap in flight.gaps):
+    if any(gap <= first.number and not any(gap <= start.at <= first.number for start in flight.starts)
+           for gap in flight.gaps):
         return 'Steps before it were not recorded, so the replayed planner knows less.'
-    if not beginning.is_whole:
-        return ("The recording begins in the middle of the planner's life, and the estimation has not settled "
-                'yet.')
     if beginning.version != version():
         return f'Version {beginning.version} recorded it, and version {version()} replays it.'
     method = str(parameters.get('method', ''))

@@ -45,7 +45,8 @@ def explain(flight: Flight, at_ns: int) -> Why:
         raise InvalidInput(f'the instant is {duration_text(abs(at_ns - first_ns) / NS_PER_S)} '
                            f'{"before" if at_ns < first_ns else "after"} the start of the recording, which is '
                            f'{duration_text((last_ns - first_ns) / NS_PER_S)} long')
-    player, latest = Player(flight.beginning), flight.given[0]
+    flight = flight.from_instant(at_ns)
+    player, latest = Player(flight), flight.given[0]
     for given in flight.given:
         if given.step.now_ns > at_ns:
             break

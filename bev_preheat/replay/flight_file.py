@@ -3,17 +3,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.mcap_file import mcap_messages
-from bev_preheat.flight_recorder.beginning import Beginning
+from bev_preheat.flight_recorder.beginning import Beginning, RecordedState
 from bev_preheat.flight_recorder.ring import recordings_in
-from bev_preheat.flight_recorder.steps import MESSAGE_KINDS, RecordedStep
-from bev_preheat.flight_recorder.writer import BEGINNING_CHANNEL, GAP_CHANNEL, STEP_CHANNEL
+from bev_preheat.flight_recorder.steps import MESSAGE_KINDS, RecordedStep, ROUTE_PLAN
+from bev_preheat.flight_recorder.writer import BEGINNING_CHANNEL, GAP_CHANNEL, STATE_CHANNEL, STEP_CHANNEL
 from bev_preheat.optional_packages import require
 
 # A clock that jumps on from below a day by more than a day had not been set [ns].
@@ -30,13 +30,25 @@ class Given:
     message: tuple[str, bytes] | None = None
 
 
+class Start(NamedTuple):
+    """
+    The planner's RecordedState before the step that is at this place in a Flight's `given`.
+
+    `route` is the message of its route: type and bytes (CDR); None without one.
+    """
+
+    at: int
+    recorded: RecordedState
+    route: tuple[str, bytes] | None = None
+
+
 @dataclass(frozen=True, eq=False)
 class Flight:
     """
     A planner's inputs and answers, in order.
 
     `paths` are the files. `remarks` are sentences on missing parts. `gaps` are the indices in `given` before
-    which steps are missing. `source` is the kind of the recording. Without `has_commands` there is nothing to
+    which steps are missing; `starts` are the Starts, from which a planner may be played. `source` is the kind of the recording. Without `has_commands` there is nothing to
     reproduce; then commands in `given` are the heater's recorded power. Commands count as the same if their powers
     differ by at most `power_tolerance_w` [W].
     """
@@ -49,6 +61,7 @@ class Flight:
     source: str = FLIGHT_RECORDER
     has_commands: bool = True
     power_tolerance_w: float = 0.0
+    starts: tuple[Start, ...] = ()
 
     @property
     def begin(self) -> int:
@@ -61,6 +74,14 @@ class Flight:
     def start_ns(self) -> int:
         """The instant of that step [ns]."""
         return self.given[self.begin].step.now_ns
+
+    def from_instant(self, now_ns: int) -> Flight:
+        """Return the Flight from the latest Start on that all steps from an instant [ns] on follow."""
+        first = next((index for index, given in enumerate(self.given) if given.step.now_ns >= now_ns), 0)
+        index = max((start.at for start in self.starts if start.at <= first), default=0)
+        return replace(
+            self, given=self.given[index:], gaps=tuple(gap - index for gap in self.gaps if gap >= index),
+            starts=tuple(start._replace(at=start.at - index) for start in self.starts if start.at >= index))
 
     @property
     def is_log(self) -> bool:
@@ -79,32 +100,20 @@ def read_flight(path: str | Path) -> Flight:
     beginning: Beginning | None = None
     given: list[Given] = []
     gaps: list[int] = []
+    starts: list[Start] = []
     remarks: list[str] = []
     for number, part in enumerate(parts):
-        first, read, part_gaps = _read_part(part, remarks)
+        first, read, part_gaps, part_starts = _read_part(part, remarks)
         if beginning is None:
             beginning = first
         elif first.part != beginning.part + number:
             gaps.append(len(given))
             remarks.append(f'{part.name}: the file before it is missing')
-        elif read and read[0].step.events and number:
-            # Records that a later part repeats for readers of that part alone.
-            read = read[_repeated(read, given):]
         gaps += [len(given) + gap for gap in part_gaps]
+        starts += [start._replace(at=len(given) + start.at) for start in part_starts]
         given += read
     assert beginning is not None
-    if not beginning.is_whole:
-        remarks.append("the recording begins in the middle of a planner's life: the estimation needs some minutes "
-                       'until it knows again what it knew')
-    return Flight(beginning, tuple(given), tuple(parts), tuple(gaps), tuple(remarks))
-
-
-def _repeated(read: list[Given], before: list[Given]) -> int:
-    """Return how many steps at the start of a part were in the parts before already."""
-    latest_ns = before[-1].step.now_ns if before else None
-    first = read[0].step
-    repeats = latest_ns is not None and first.now_ns < latest_ns and first.command is None and first.status is None
-    return 1 if repeats else 0
+    return Flight(beginning, tuple(given), tuple(parts), tuple(gaps), tuple(remarks), starts=tuple(starts))
 
 
 def _parts_of(path: Path) -> list[Path]:
@@ -130,32 +139,41 @@ def _life(path: Path) -> str:
     return path.name.rsplit('_', 1)[0]
 
 
-def _read_part(path: Path, remarks: list[str]) -> tuple[Beginning, list[Given], list[int]]:
+def _read_part(path: Path, remarks: list[str]) -> tuple[Beginning, list[Given], list[int], list[Start]]:
     beginning: Beginning | None = None
     given: list[Given] = []
     gaps: list[int] = []
     latest: dict[str, tuple[str, bytes]] = {}
+    routes: dict[int, tuple[str, bytes]] = {}
+    starts: list[Start] = []
 
     def note(problem: str) -> None:
         remarks.append(f'{path.name}: {problem}; the messages before are used')
 
-    for channel, type_name, _, data, _ in mcap_messages(path, note):
+    for channel, type_name, now_ns, data, _ in mcap_messages(path, note):
         if channel == BEGINNING_CHANNEL:
             beginning = Beginning.from_dictionary(_plain(path, data))
         elif channel == GAP_CHANNEL:
             gaps.append(len(given))
             remarks.append(f'{path.name}: {_plain(path, data).get("dropped")} steps were not written, because the '
                            'disk was too slow or full; after them the replay may differ')
+        elif channel == STATE_CHANNEL:
+            recorded = RecordedState.from_dictionary(_plain(path, data))
+            starts.append(Start(len(given), recorded, None if recorded.route_ns is None else
+                                routes.get(recorded.route_ns)))
         elif channel == STEP_CHANNEL:
             step = RecordedStep.from_dictionary(_plain(path, data))
             kinds = {event.get('kind') for event in step.events} & MESSAGE_KINDS
             topic = next(iter(kinds), None)
             given.append(Given(step, None if topic is None else latest.get(topic)))
         else:
-            latest[channel.rpartition('/')[2]] = type_name, data
+            topic = channel.rpartition('/')[2]
+            latest[topic] = type_name, data
+            if topic == ROUTE_PLAN:
+                routes[now_ns] = type_name, data
     if beginning is None:
         raise InvalidInput(f'{path}: is not a recording of the flight recorder, or its beginning is lost')
-    return beginning, given, gaps
+    return beginning, given, gaps, starts
 
 
 def _plain(path: Path, data: bytes) -> Any:

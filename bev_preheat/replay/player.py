@@ -3,11 +3,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple, TYPE_CHECKING
 
 from bev_preheat.control.events import Reconfigured
 from bev_preheat.control.settings import FIELD_OF_PARAMETER, settings_of
+from bev_preheat.control.state_bytes import state_of
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.errors import InvalidInput
 from bev_preheat.flight_recorder.beginning import learned_of
@@ -39,8 +40,7 @@ if TYPE_CHECKING:
     from bev_preheat.control.settings import Settings
     from bev_preheat.control.step import StepOutput
     from bev_preheat.estimation.prior import Learned
-    from bev_preheat.flight_recorder.beginning import Beginning
-    from bev_preheat.replay.flight_file import Given
+    from bev_preheat.replay.flight_file import Flight, Given, Start
     from bev_preheat.replay.signal_changes import SignalChange
     from bev_preheat.vehicle.description import Vehicle
 
@@ -88,16 +88,24 @@ class Player:
     heater's controller; None: they stay as recorded.
     """
 
-    def __init__(self, beginning: Beginning, changes: Changes = Changes(),
+    def __init__(self, flight: Flight, changes: Changes = Changes(),
                  alter: Callable[[Any], None] | None = None,
                  alter_heater: Callable[[Any], None] | None = None) -> None:
-        """Start as the planner did; raises InvalidInput if vehicle or parameters are not allowed."""
+        """
+        Start as the planner did, or from its recorded state; play the steps of the Flight in order.
+
+        Raises InvalidInput if vehicle or parameters are not allowed.
+        """
         self._changes, self._alter, self._alter_heater = changes, alter, alter_heater
+        self._beginning, self._number = flight.beginning, 0
         self._vehicles: dict[str, Vehicle] = {}
-        vehicle, settings = self._vehicle(beginning.vehicle_file), self._settings(beginning.parameters)
-        self._supervisor = Supervisor(
-            vehicle, settings, self._learned(beginning.learned), beginning.last_seen, beginning.choices)
         self._routes, self._goals = RouteIntake(), GoalNumbers()
+        # What was known at the start, and again after steps that are missing.
+        self._starts = {start.at: start for start in flight.starts
+                        if start.at == 0 or any(0 < gap <= start.at for gap in flight.gaps)}
+        self._supervisor = Supervisor(
+            self._vehicle(self._beginning.vehicle_file), self._settings(self._beginning.parameters))
+        self._go_on_from(self._starts.pop(0, None))
 
     @property
     def state(self) -> PlannerState:
@@ -107,6 +115,8 @@ class Player:
     def play(self, given: Given) -> Played:
         """Take a recorded step; raises InvalidInput if its message or its events cannot be read."""
         step, now_ns = given.step, given.step.now_ns
+        self._go_on_from(self._starts.pop(self._number, None))
+        self._number += 1
         if step.call == FAIL:
             output = self._supervisor.fail(now_ns, step.what)
         elif step.call == STOP:
@@ -117,6 +127,35 @@ class Player:
             # As the node does to publish the plan.
             self._supervisor.later_decisions()
         return Played(now_ns, output, self._supervisor.state)
+
+    def _go_on_from(self, start: Start | None) -> None:
+        """Go on from a recorded state, changed as the Changes say; None: as it is."""
+        if start is None:
+            return
+        state = state_of(start.recorded.state)
+        if start.recorded.goal is not None and state.preparation.goal is not None:
+            self._goals.numbers[state.preparation.goal] = start.recorded.goal
+        if self._changes.has_recorded_vehicle:
+            self._vehicles = {self._beginning.vehicle_file: state.vehicle}
+        mission = state.inbox.latest_mission
+        if start.route is not None and mission is not None:
+            message = read_message(*start.route)
+            for change in self._changes.signals:
+                change.alter_route(message)
+            self._routes.remember(mission, message)
+        self._supervisor.go_on_from(state)
+        if self._changes.is_nothing:
+            return
+        vehicle, settings = self._vehicle(self._beginning.vehicle_file), self._settings(self._beginning.parameters)
+        if state.now_ns:
+            self._supervisor.step(state.now_ns, Reconfigured(
+                vehicle, settings, self._routes.read_again(state.view, vehicle, settings)))
+        elif self._changes.has_recorded_vehicle:
+            self._supervisor.go_on_from(replace(state, inbox=replace(state.inbox, settings=settings)))
+        else:
+            # Another vehicle file starts without learned values.
+            self._supervisor = Supervisor(
+                vehicle, settings, last_seen=state.last_seen, choices=state.inbox.choices)
 
     def _event(self, values: dict[str, Any], given: Given) -> Event:
         kind, hint = values.get('kind'), str(values.get('hint', ''))

@@ -98,5 +98,5 @@ def _beginning(planner: Planner) -> Beginning:
     settings_of(planner.parameters)
     vehicle = planner.vehicle or 'reference'
     return Beginning(
-        version(), '', '', 0, True, 0, False, {'vehicle': vehicle, **planner.parameters},
+        version(), '', '', 0, 0, False, {'vehicle': vehicle, **planner.parameters},
         vehicle_contents(vehicle).decode('utf-8', 'replace'))

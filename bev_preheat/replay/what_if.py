@@ -45,7 +45,7 @@ NOBODY = Watcher()
 def replay(flight: Flight, period: Period = WHOLE, watcher: Watcher = NOBODY) -> Replayed:
     """Return the Replayed flight, unchanged; a log's course has the recorded power of the heater."""
     course, inputs, heater = Course(), InputRemarks(), HeaterShares(flight)
-    steps = _until(_heeded(played_steps(flight, Player(flight.beginning)), heater), period)
+    steps = _until(_heeded(played_steps(flight, Player(flight)), heater), period)
     comparison = compare(_watched(_noted(steps, course, period, watcher, flight), inputs, period, flight), period,
                          flight.power_tolerance_w, flight.has_commands)
     return Replayed(course, comparison, tuple(inputs.sentences), heater)
@@ -118,9 +118,9 @@ class _ChangedBattery:
 
     def __init__(self, flight: Flight, changes: Changes, heater: HeaterShares) -> None:
         self._flight, self._heater, self._share = flight, heater, 1.0
-        self._player = Player(flight.beginning, changes, self._alter, self._alter_heater)
+        self._player = Player(flight, changes, self._alter, self._alter_heater)
         # The car stays as recorded; a changed vehicle file changes only the planner's model.
-        self._deviation = Deviation(Player(flight.beginning).state.vehicle)
+        self._deviation = Deviation(Player(flight).state.vehicle)
         self._recorded_w, self._recorded_until_ns = 0.0, 0
         self._now_ns = 0
 
