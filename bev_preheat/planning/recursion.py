@@ -111,7 +111,7 @@ def find_values(trip: Trip, start: States, wanted: Requirements) -> PlanByValues
 
 def follow_values(trip: Trip, start: States, wanted: Requirements, values: Any) -> PlanByValues | None:
     """
-    Return the PlanByValues from the values of an earlier plan, forward only: its last steps are those of this trip.
+    Return the PlanByValues from values of an earlier plan, forward only: its last steps are those of this trip.
 
     None if they do not lead to a plan: something is short, or it leaves the temperatures that have values.
     """
