@@ -41,7 +41,8 @@ SUBJECTS = {
         'bev_preheat/route/segments.py'),
     'limited run': (
         'bev_preheat/planning/both_ends.py', 'bev_preheat/planning/heated_limits.py',
-        'bev_preheat/planning/limits.py', 'bev_preheat/planning/wanted_heat.py'),
+        'bev_preheat/planning/limited_drive.py', 'bev_preheat/planning/limits.py',
+        'bev_preheat/planning/wanted_heat.py'),
     'limited run in C': (
         'core/src/foresight.c', 'core/src/limited_run.c', 'core/src/limited_step.c',
         'core/src/limits.c', 'core/src/stranding.c'),

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from bev_preheat.planning.dynamics import run_forward
+from bev_preheat.planning.engine import run_forward
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route.segments import make_route

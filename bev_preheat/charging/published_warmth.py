@@ -19,7 +19,7 @@ from bev_preheat.charging.stop import ChargingStop
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.checked_yaml import load_checked_yaml
 from bev_preheat.numerics.factors import S_PER_MIN, W_PER_KW
-from bev_preheat.planning.dynamics import run_forward
+from bev_preheat.planning.engine import run_forward
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route.segments import make_route

@@ -10,8 +10,9 @@ from textwrap import fill
 from typing import TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.native.structs import NativeVehicle, NotDescribed, TABLE, TRIP_COLUMNS, VehicleStruct
+from bev_preheat.native.structs import NativeVehicle, NotDescribed, TABLE, VehicleStruct
 from bev_preheat.planning.dynamics import hottest_c
+from bev_preheat.vehicle.trip_columns import TRIP_COLUMNS
 
 if TYPE_CHECKING:
     from bev_preheat.native.structs import CurveStruct

@@ -16,19 +16,18 @@ import numpy as np
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.native.library import without_core
-from bev_preheat.planning.limits import limits_hold
+from bev_preheat.planning import engine
 from bev_preheat.planning.no_regret import NoRegretCheck
-from bev_preheat.planning.optimal_switch import plan_optimal_switch
 from bev_preheat.planning.outcome import find_outcome
-from bev_preheat.planning.planner import plan_without_heating
 from bev_preheat.planning.situation import BatteryState, Goal, reserve_soc
+from bev_preheat.planning.switch_methods import is_best, leaves_enough
 from bev_preheat.planning.trip import make_trip
-from bev_preheat.planning.unlimited import switch_within_limits
 from bev_preheat.planning.value_function import plan_by_values
 from bev_preheat.route.segments import make_route
 
 if TYPE_CHECKING:
     from bev_preheat.planning.schedule import Schedule
+    from bev_preheat.planning.switch_plan import SwitchPlan
     from bev_preheat.planning.trip import Trip
     from bev_preheat.vehicle.description import Vehicle
 
@@ -113,11 +112,11 @@ def draw_vector(vehicle: Vehicle, seed: int, number: int) -> Vector:
 
 def vector_of(trip: Trip, state: BatteryState, goal: Goal) -> Vector:
     """Return the Vector of a Trip; planned without the core if called without the core."""
-    unheated = plan_without_heating(trip, state)
-    is_exact = switch_within_limits(trip, state, goal, unheated) is not None
+    found = engine.plan_switch(trip, state, goal.target_temperature_c)
+    is_switched = found.unheated_keeps_limits and found.keeps_limits and leaves_enough(trip, goal, found)
     return Vector(_columns(trip), _situation(trip.vehicle, state, goal), (
-        _answer(trip, _switched(trip, state, goal, unheated), True),
-        _answer(trip, _by_values(trip, state, goal, unheated), is_exact)))
+        _answer(trip, found.schedule if is_switched else None, True),
+        _answer(trip, _by_values(trip, state, goal, found), is_best(trip, goal, found))))
 
 
 def _situation(vehicle: Vehicle, state: BatteryState, goal: Goal) -> tuple[float, ...]:
@@ -126,23 +125,12 @@ def _situation(vehicle: Vehicle, state: BatteryState, goal: Goal) -> tuple[float
             goal.target_temperature_c, reserve_soc(vehicle, goal), vehicle.battery.soc_range[0])
 
 
-def _switched(trip: Trip, state: BatteryState, goal: Goal, unheated: Schedule) -> Schedule | None:
-    """Return the plan of the method optimal_switch; None if a limit is active."""
-    if not limits_hold(trip, unheated):
-        return None
-    schedule = plan_optimal_switch(trip, state, goal, unheated)
-    if (not limits_hold(trip, schedule) or schedule.soc[-1] < reserve_soc(trip.vehicle, goal)
-            or schedule.soc.min() < trip.vehicle.battery.soc_range[0]):
-        return None
-    return schedule
-
-
-def _by_values(trip: Trip, state: BatteryState, goal: Goal, unheated: Schedule) -> Schedule | None:
+def _by_values(trip: Trip, state: BatteryState, goal: Goal, found: SwitchPlan) -> Schedule | None:
     """Return the plan of the method value_function; None if the plan is worse than not heating."""
-    guard = NoRegretCheck(trip, state, goal, unheated)
+    guard = NoRegretCheck(trip, state, goal, found.unheated)
     if guard.unheated.empty_at_s is not None:
         return None
-    schedule = plan_by_values(trip, state, goal, unheated)
+    schedule = plan_by_values(trip, state, goal, found)
     return schedule if guard.allows(schedule) else None
 
 

@@ -63,7 +63,7 @@ from bev_preheat.native.belief_structs import belief_terms
 from bev_preheat.native.beliefs import Elapsing, NativeBelief, ReadingNoise
 from bev_preheat.numerics.arithmetic import array_exp
 from bev_preheat.numerics.arrays import frozen
-from bev_preheat.planning.dynamics import native_vehicle
+from bev_preheat.planning.core_engine import native_vehicle
 from bev_preheat.planning.heat_run import with_coolant_in_battery
 
 if TYPE_CHECKING:

@@ -27,7 +27,7 @@ from bev_preheat.estimation.state import (
 )
 from bev_preheat.native.beliefs import arrival_variance as native_variance
 from bev_preheat.numerics.arithmetic import array_exp
-from bev_preheat.planning.dynamics import native_vehicle
+from bev_preheat.planning.core_engine import native_vehicle
 from bev_preheat.vehicle.uncertain_car import DriveInputs
 
 if TYPE_CHECKING:

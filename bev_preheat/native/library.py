@@ -2,7 +2,7 @@
 """
 The library of the package bev_preheat_core: found, loaded on first use, switched off, and its declined calls.
 
-Every caller has a pure-Python fallback, for use without the library, with the library switched off, and
+`planning.engine` has the same in pure Python, for use without the library, with the library switched off, and
 if the library declines a call; declined calls are counted by function and reason. The header core.h documents the
 functions.
 """
@@ -30,7 +30,6 @@ from bev_preheat.native.structs import (
     ArrivalStruct,
     CurveStruct,
     EnergiesStruct,
-    HeatingStruct,
     ROOMS,
     RunOfPowersStruct,
     StrandingStruct,
@@ -49,10 +48,8 @@ REASONS = {
     -2: 'bad vehicle', -3: 'bad input', -4: 'no finite number', -5: 'search not settled'}
 # Statuses besides OK that are answers: the caller uses the core's result.
 ANSWERS = {
-    'bev_run': {SATURATED}, 'bev_run_heated': {SATURATED}, 'bev_find_switch': {SATURATED},
-    'bev_find_crossing': {NO_CROSSING}, 'bev_run_within_limits': {EMPTY},
-    'bev_run_heated_within_limits': {EMPTY}, 'bev_plan_by_values': {EMPTY},
-    'bev_plan_switch': {SATURATED, EMPTY, NO_CROSSING, LIMITED, CHEAPER_ELSEWHERE}}
+    'bev_run': {SATURATED}, 'bev_run_heated': {SATURATED}, 'bev_plan_by_values': {EMPTY},
+    'bev_follow_values': {EMPTY, LEFT}}
 _NONE: set[int] = set()
 
 
@@ -79,29 +76,25 @@ class Declines:
 DECLINES = Declines()
 
 
+class Declined(Exception):
+    """The core is not used, or does not answer: Python is to."""
+
+
 FILE = 'libbev_preheat_core.so'
 # BEV_INTERFACE of core.h.
-INTERFACE = 10
+INTERFACE = 11
 
 # Arguments by type: P an address, D a double, I an integer.
 _TYPES = {'P': c_void_p, 'D': c_double, 'I': c_int32}
 _SIGNATURES = {
     'bev_check_vehicle': 'P',
     'bev_make_trip': 'PIPP',
-    'bev_step': 'PIIDDDDDDDP',
-    'bev_heated_step': 'PIPDDDDDDP',
     'bev_run': 'PIPIPPPP',
-    'bev_run_heated': 'PPIPPP',
-    'bev_find_crossing': 'PIPDDDPP',
-    'bev_run_within_limits': 'PPPIPPPPP',
-    'bev_run_heated_within_limits': 'PPPIPPP',
+    'bev_run_heated': 'PPPPP',
     'bev_limits_of_steps': 'PIPPPPP',
-    'bev_stand': 'PPPPP',
-    'bev_drive_as_planned': 'PPPPPPP',
+    'bev_drive_as_planned': 'PPPDIPPPP',
     'bev_keep_accounts': 'PIPPPP',
-    'bev_find_switch': 'PPDPPPPPP',
     'bev_plan_paper': 'PPDDDPPPPP',
-    'bev_find_prices': 'PPPPPPP',
     'bev_plan_switch': 'PPDDDIPPPPP',
     'bev_mix_belief': 'PP',
     'bev_move_belief': 'PPPPDPPD',
@@ -111,8 +104,7 @@ _SIGNATURES = {
     'bev_follow': 'PPPPPP',
     'bev_take_reading': 'PPPPPPP',
     'bev_arrival_variance': 'PPPPP',
-    'bev_heat_along': 'PPPPPP',
-    'bev_find_two_switches': 'PPDPPPPPP',
+    'bev_find_two_switches': 'PPDPPPPPPP',
     'bev_plan_by_values': 'PPPPPPPPI',
     'bev_follow_values': 'PPPIPPPPP',
     'bev_plan_trips': 'PPIPPPPDDIPPP',
@@ -144,6 +136,17 @@ def without_core() -> Iterator[None]:
 def core() -> Any:
     """Return the library, None if it is not available or switched off."""
     return loaded_core()[0] if _Switch.is_on and not _Switch.is_held_off else None
+
+
+def call(name: str, *arguments: Any) -> int:
+    """Call a function of the library; return its status, which is an answer. Raises Declined if there is none."""
+    library = core()
+    if library is None:
+        raise Declined
+    status: int = getattr(library, name)(*arguments)
+    if status != OK and status not in ANSWERS.get(name, _NONE):
+        raise Declined
+    return status
 
 
 def core_in_words() -> str:
@@ -190,7 +193,7 @@ def bindings() -> Interface:
         'bev_arrival': ArrivalStruct, 'bev_belief': BeliefStruct, 'bev_belief_terms': BeliefTermsStruct,
         'bev_expected_drive': ExpectedDriveStruct, 'bev_curve': CurveStruct,
         'bev_drive': DriveStruct, 'bev_energies': EnergiesStruct,
-        'bev_heating': HeatingStruct, 'bev_passed': PassedStruct,
+        'bev_passed': PassedStruct,
         'bev_reading': ReadingStruct, 'bev_run_of_powers': RunOfPowersStruct,
         'bev_stranding': StrandingStruct,
         'bev_switch_plan': SwitchPlanStruct, 'bev_trip': TripStruct, 'bev_trip_terms': TripTermsStruct,

@@ -8,13 +8,14 @@ An object here keeps alive all memory that its struct points to. `address` is th
 from __future__ import annotations
 
 from ctypes import addressof, c_double, c_int32, c_void_p, Structure
-from typing import Any, Self, TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
 from bev_preheat.native.belief_structs import ELEMENTS
 from bev_preheat.vehicle.corrections import ScaledCurve
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, Table
+from bev_preheat.vehicle.trip_columns import TRIP_COLUMNS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from bev_preheat.numerics.arithmetic import Curve
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.vehicle.description import Vehicle
+    from bev_preheat.vehicle.trip_columns import TripColumns
 
 MOST_STEPS = 1_000_000
 MOST_AXIS = 1024
@@ -70,11 +72,6 @@ class VehicleStruct(Structure):
             'open_circuit_voltage', 'resistance', 'charge_power_limit', 'discharge_power_limit'))]
 
 
-TRIP_COLUMNS = ('time_s', 'duration_s', 'idle_power_w', 'power_variance_w2', 'idle_heat_w',
-                'leakage_w_per_k', 'heater_limit_w', 'propulsion_power_w', 'drivetrain_heat_w',
-                'ambient_temperature_c')
-
-
 class TripStruct(Structure):
     """`bev_trip`."""
 
@@ -87,13 +84,6 @@ class TripTermsStruct(Structure):
     _fields_ = [(name, c_double) for name in (
         'gamma_0_w_per_k', 'gamma_v_w_per_k_per_mps', 'heat_share', 'stiff_w_per_k', 'heater_w',
         'heater_share', 'heat_lag_s')]
-
-
-class HeatingStruct(Structure):
-    """`bev_heating`."""
-
-    _fields_ = [('takes_surplus', c_int32), ('below_c', c_double), *((name, c_void_p) for name in (
-        'power_w', 'may_overcharge', 'may_overdraw'))]
 
 
 class ValueGoalStruct(Structure):
@@ -136,7 +126,8 @@ class SwitchPlanStruct(Structure):
         'switching_instant_s', 'least_soc', 'interval_wh')),
         ('energy_wh', EnergiesStruct),
         *((name, c_int32) for name in (
-            'is_heated', 'first_heated', 'end_heated', 'is_one_interval', 'reason'))]
+            'unheated_keeps_limits', 'keeps_limits', 'costs_least', 'is_heated', 'first_heated', 'end_heated',
+            'is_one_interval', 'reason'))]
 
 
 class ArrivalStruct(Structure):
@@ -201,39 +192,16 @@ class NativeVehicle:
 
 
 class NativeTrip:
-    """A `bev_trip`: the columns of a trip in one block of memory."""
+    """A `bev_trip`: points to the block of TripColumns, and keeps it alive."""
 
-    def __init__(self, steps: int, block: FloatArray) -> None:
-        """`block` has the columns of TRIP_COLUMNS one after the other, the first (N + 1,), the others (N,)."""
-        self.steps, self._block = steps, block
-        first = address_of(block)
-        after, width = first + DOUBLE_BYTES * (steps + 1), DOUBLE_BYTES * steps
+    def __init__(self, columns: TripColumns) -> None:
+        """Take the columns of a trip."""
+        self.steps, self._block = columns.steps, columns.block
+        first, width = address_of(columns.block), DOUBLE_BYTES * columns.steps
+        after = first + width + DOUBLE_BYTES
         self.struct = TripStruct(
-            steps, first, *range(after, after + width * (len(TRIP_COLUMNS) - 1), width))
+            columns.steps, first, *range(after, after + width * (len(TRIP_COLUMNS) - 1), width))
         self.address = addressof(self.struct)
-
-    @classmethod
-    def of_columns(cls, *columns: FloatArray) -> Self:
-        """Return the trip with these columns."""
-        return cls(len(columns[1]), np.concatenate(columns, dtype=float))
-
-    def changed(self, **columns: FloatArray) -> Self:
-        """Return a trip with other columns, by name."""
-        if unknown := columns.keys() - TRIP_COLUMNS:
-            raise TypeError(f'{", ".join(sorted(unknown))}: not columns of a trip')
-        return self.of_columns(*{**dict(zip(TRIP_COLUMNS, self.columns)), **columns}.values())
-
-    @property
-    def columns(self) -> list[FloatArray]:
-        """The columns, as parts of the block."""
-        return [*map(self.column, TRIP_COLUMNS)]
-
-    def column(self, name: str) -> FloatArray:
-        """Return a column of TRIP_COLUMNS, as a part of the block."""
-        number, steps = TRIP_COLUMNS.index(name), self.steps
-        # The first has one value more.
-        end = 1 + (number + 1) * steps
-        return self._block[end - steps if number else 0:end]
 
 
 def address_of(array: NDArray[Any] | None) -> Any:

@@ -32,7 +32,7 @@ from bev_preheat.nonlinear_program.drive_step import RESERVES
 from bev_preheat.nonlinear_program.drive_steps import add_drive_steps
 from bev_preheat.numerics.factors import JOULES_PER_WH, S_PER_H, WH_PER_KWH
 from bev_preheat.planning.dynamics import hottest_c
-from bev_preheat.planning.limits import drive_as_planned, watch_limits
+from bev_preheat.planning.limits import drive_as_planned, limit_is_near
 from bev_preheat.planning.planner import finish_plan, plan_preheating, plan_unheated, plan_without_heating
 from bev_preheat.planning.situation import check_situation, reserve_soc
 from bev_preheat.planning.trip import make_trip
@@ -127,7 +127,7 @@ class ChargingProgram:
         self._steps = charging_steps
         self._heating = ChargerHeating(vehicle, stop, prices)
         unheated = plan_without_heating(self._trip, state)
-        self._limited = watch_limits(self._trip, unheated.soc, unheated.temperature_c).any
+        self._limited = limit_is_near(self._trip, unheated.soc, unheated.temperature_c)
         variables, constraints = Blocks(), Blocks()
         drive = add_drive_steps(
             vehicle, len(self._trip.route), self._limited, variables, constraints)

@@ -14,11 +14,12 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from bev_preheat.planning.bracketing import follow_slope, Trial
-from bev_preheat.planning.trip import BELOW_HIGHEST_K
 
 if TYPE_CHECKING:
     from bev_preheat.vehicle.terminal_limits import TerminalLimits
 
+# Surplus regeneration stops heating this far below the highest temperature of the battery's range.
+BELOW_HIGHEST_K = 5.0
 # The limit at the end is kept with at most this much margin [W].
 END_TOLERANCE_W = 1e-3
 # Heating keeps the highest temperature to this.

@@ -1,19 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runs of the model over a trip, forward and backward, and the energies of a forward run."""
+"""Runs of the model over a trip, their limits and energies: the Python engine's."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import NamedTuple, TYPE_CHECKING
+from typing import NamedTuple, TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from bev_preheat.native import plans as native_plans
-from bev_preheat.native import runs as native_runs
-from bev_preheat.native.library import core
-from bev_preheat.native.structs import NativeVehicle, NotDescribed
 from bev_preheat.numerics.arithmetic import AnyNumber, ARRAYS, CurveFunction, FLOATS, SATURATING_FLOATS
 from bev_preheat.numerics.factors import JOULES_PER_WH
 from bev_preheat.vehicle.heat_balance import deliverable_w, heat_with_brake_w, leaked_w
@@ -26,6 +22,8 @@ if TYPE_CHECKING:
     from bev_preheat.planning.trip import Trip
     from bev_preheat.vehicle.description import Vehicle
 
+# Least and most terminal power [W] of the steps of a Schedule of a Trip.
+LimitsOfRun: TypeAlias = 'Callable[[Trip, Schedule], tuple[FloatArray, FloatArray]]'
 # A hard drive may heat the battery this far beyond its range before the car's own cooling, which the model does
 # not describe, is assumed to hold it.
 HOTTEST_BEYOND_RANGE_K = 20.0
@@ -38,21 +36,6 @@ def step_of_floats(vehicle: Vehicle, make_integrator: Integrator,
                    saturating: bool = False) -> Step[float]:
     """Return one step of the vehicle's model for floats; cached, because building it costs more than a step."""
     return make_integrator(make_rates(vehicle, SATURATING_FLOATS if saturating else FLOATS))
-
-
-def native_vehicle(vehicle: Vehicle) -> NativeVehicle | None:
-    """Return the vehicle as a native struct; None if the core cannot take it."""
-    # The cache must not depend on whether the core is switched off for a while.
-    return None if core() is None else _native_vehicle(vehicle)
-
-
-@lru_cache(maxsize=KEPT_VEHICLES)
-def _native_vehicle(vehicle: Vehicle) -> NativeVehicle | None:
-    try:
-        native = NativeVehicle(vehicle, hottest_c(vehicle))
-    except NotDescribed:
-        return None
-    return native if native_runs.is_in_order(native) else None
 
 
 def run_forward(trip: Trip, make_integrator: Integrator, soc: float, temperature_c: float,
@@ -87,11 +70,6 @@ def run_on(trip: Trip, make_integrator: Integrator, soc: FloatArray, temperature
 def _roll(trip: Trip, make_integrator: Integrator, states: FloatArray, first: int,
           heater_power_w: FloatArray | None,
           brake_power_w: FloatArray | None) -> tuple[FloatArray, FloatArray]:
-    vehicle = native_vehicle(trip.vehicle)
-    run = None if vehicle is None else native_runs.run(
-        vehicle, make_integrator, trip.native, states, first, heater_power_w, brake_power_w)
-    if run is not None:
-        return run[0], run[1]
     columns = [column[first:].tolist() for column in trip.inputs(heater_power_w, brake_power_w)]
     start_soc, start_c = states[:, first].tolist()
     try:
@@ -124,23 +102,31 @@ def limits_of_steps_w(vehicle: Vehicle, soc: FloatArray, temperature_c: FloatArr
     `soc` and `temperature_c` [deg C] (K + 1,) are the states at the ends of the steps, `variance_w2`
     (K,) their power variances [W^2].
     """
-    native = native_vehicle(vehicle)
-    limits_w = None if native is None else native_runs.limits_of_steps(
-        native, soc, temperature_c, variance_w2)
-    if limits_w is not None:
-        return limits_w[0], limits_w[1]
     limits = make_terminal_limits(vehicle, ARRAYS)
     (least_w, most_w), (least_end_w, most_end_w) = (
         limits(soc[ends], temperature_c[ends], variance_w2) for ends in (slice(-1), slice(1, None)))
     return np.maximum(least_w, least_end_w), np.minimum(most_w, most_end_w)
 
 
-def limits_along(trip: Trip, schedule: Schedule) -> tuple[FloatArray, FloatArray]:
+def keeps_limits(trip: Trip, schedule: Schedule, limits_of_run_w: LimitsOfRun) -> bool:
     """
-    Return least and most terminal power [W] (N,) of each step of a Schedule.
+    Return whether a schedule made without regard to limits keeps them all.
 
-    They keep the limits at both ends of the step.
+    `limits_of_run_w` returns least and most terminal power [W] of the steps of a Schedule of a Trip.
     """
+    battery = trip.vehicle.battery
+    lowest_c, highest_c = battery.temperature_range_c
+    temperature_c, soc = schedule.temperature_c, schedule.soc
+    if (temperature_c.max() > highest_c or temperature_c.min() < lowest_c
+            or soc.min() <= 0.0 or soc.max() > 1.0):
+        return False
+    terminal_w = trip.idle_power_w + schedule.drawn_power_w
+    least_w, most_w = limits_of_run_w(trip, schedule)
+    return bool(((terminal_w >= least_w) & (terminal_w <= most_w)).all())
+
+
+def limits_along(trip: Trip, schedule: Schedule) -> tuple[FloatArray, FloatArray]:
+    """Return `limits_of_steps_w` along a Schedule of a Trip."""
     return limits_of_steps_w(trip.vehicle, schedule.soc, schedule.temperature_c, trip.power_variance_w2)
 
 
@@ -208,13 +194,6 @@ def keep_accounts(trip: Trip, schedule: Schedule, deliverable: bool = False) -> 
     heater_power_w, soc, temperature_c = (
         schedule.drawn_power_w, schedule.soc, schedule.temperature_c)
     lost_wh = 0.0 if schedule.heat is None else schedule.heat.lost_electric_wh
-    native = native_vehicle(vehicle)
-    kept = None if native is None else native_plans.keep_accounts(
-        native, schedule.make_integrator, trip.native, deliverable, soc, temperature_c,
-        heater_power_w, None if schedule.heat is None else schedule.heat.arriving_heat_w,
-        schedule.brake_power_w)
-    if kept is not None:
-        return Accounts(energies_of(kept[0], lost_wh), *kept[1])
     inputs = schedule.inputs(trip)
     duration_s, terminal_power_w = inputs[:2]
     hours = duration_s / JOULES_PER_WH

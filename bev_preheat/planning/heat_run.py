@@ -16,11 +16,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.native import plans as native_plans
-from bev_preheat.native import runs as native_runs
 from bev_preheat.numerics.arithmetic import ARRAYS, FLOATS, SATURATING_FLOATS
 from bev_preheat.numerics.factors import JOULES_PER_WH
-from bev_preheat.planning.dynamics import KEPT_VEHICLES, native_vehicle
+from bev_preheat.planning.dynamics import KEPT_VEHICLES
 from bev_preheat.planning.schedule import HEATING_SHARE, HeatRun, Schedule
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
@@ -80,13 +78,6 @@ def roll_heated(trip: Trip, start: States, command_w: FloatArray, first: int = 0
 
     Ignores limits; a step whose power cannot be delivered is driven with the battery's highest power.
     """
-    states = np.empty((len(start), len(trip.route) + 1))
-    states[:, first] = start
-    vehicle = native_vehicle(trip.vehicle)
-    run = None if vehicle is None else native_runs.run_heated(
-        vehicle, trip.native, states, first, command_w, brake_power_w)
-    if run is not None:
-        return run[:, first:]
     columns = [column[first:].tolist()
                for column in (*trip.inputs(None, brake_power_w), command_w)]
     try:
@@ -104,24 +95,20 @@ def _rolled(step: HeatedStep[float], start: States, columns: list[list[float]]) 
     return np.array(all_states).T.copy()
 
 
-def run_heated(trip: Trip, start: States, command_w: FloatArray,
-               brake_power_w: FloatArray | None = None, first: int = 0,
-               before: Schedule | None = None) -> Schedule:
+def run_heated(trip: Trip, start: States, command_w: FloatArray) -> Schedule:
     """
     Return the Schedule of a forward run under heater commands [W] (N,), ignoring limits.
 
-    It begins at step `first` with `start`; before that it is the Schedule `before`. Its switching instants are the
-    first and the last of the heated steps.
+    Its switching instants are the first and the last of the heated steps.
     """
-    states = list(roll_heated(trip, start, command_w, first, brake_power_w))
-    if before is not None and before.heat is not None:
-        states = [np.concatenate((kept[:first], values)) for kept, values in zip((
-            before.soc, before.temperature_c, before.heat.heater_power_w,
-            before.heat.coolant_excess_k), states)]
+    states = roll_heated(trip, start, command_w)
+    return along_states(trip, states, command_w, np.zeros(len(trip.route)), first_heated_s(trip, command_w))
+
+
+def first_heated_s(trip: Trip, command_w: FloatArray) -> float | None:
+    """Return the start of the first heated step [s]; None without heating."""
     heated = np.flatnonzero(command_w)
-    return along_states(trip, states, command_w,
-                        np.zeros(len(trip.route)) if brake_power_w is None else brake_power_w,
-                        float(trip.time_s[heated[0]]) if len(heated) else None)
+    return float(trip.time_s[heated[0]]) if len(heated) else None
 
 
 def along_states(trip: Trip, states: Sequence[FloatArray] | FloatArray, command_w: FloatArray,
@@ -131,22 +118,24 @@ def along_states(trip: Trip, states: Sequence[FloatArray] | FloatArray, command_
 
     Under heater commands [W] (N,) and friction brake powers [W] (N,), heating from `heating_start_s`.
     """
+    return with_heat(trip, states, command_w, brake_power_w, heating_start_s,
+                     _heat_along(trip, states, command_w, brake_power_w))
+
+
+def with_heat(trip: Trip, states: Sequence[FloatArray] | FloatArray, command_w: FloatArray,
+              brake_power_w: FloatArray, heating_start_s: float | None,
+              heat_w: tuple[FloatArray, FloatArray]) -> Schedule:
+    """Return `along_states` of a run whose means of heater power and arriving heat [W] are known, (N,) each."""
     soc, temperature_c, heater_w, excess_k = states
-    drawn_w, arriving_w = _heat_along(trip, states, command_w, brake_power_w)
     return Schedule(
         heating_start_s, command_w, brake_power_w, soc, temperature_c, make_runge_kutta_4,
         ends_before_arrival_s(trip, command_w),
-        heat=make_heat_run(trip.vehicle.heat_path, heater_w, excess_k, drawn_w, arriving_w))
+        heat=make_heat_run(trip.vehicle.heat_path, heater_w, excess_k, *heat_w))
 
 
 def _heat_along(trip: Trip, states: Sequence[FloatArray] | FloatArray, command_w: FloatArray,
                 brake_power_w: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the mean power of the heater and the mean heat into the battery in each step [W] (N,)."""
-    vehicle = native_vehicle(trip.vehicle)
-    heat_w = None if vehicle is None else native_plans.heat_along(
-        vehicle, trip.native, np.array(states, dtype=float), command_w, brake_power_w)
-    if heat_w is not None:
-        return heat_w[0], heat_w[1]
     soc, temperature_c, heater_w, excess_k = states
     *_, drawn_w, arriving_w = _heated_step_of_arrays(trip.vehicle)(
         soc[:-1], temperature_c[:-1], heater_w[:-1], excess_k[:-1],

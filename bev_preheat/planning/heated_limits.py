@@ -2,9 +2,9 @@
 """
 The forward run that keeps the battery's limits, for a vehicle with a heat path.
 
-The counterpart of `limits`, which is for heat that arrives at once. The power of a heater with lag cannot be
-changed at once: its command is chosen so that the mean of the step keeps the limits at both ends. Heat under way
-counts as arrived in comparisons with the battery's highest temperature.
+The counterpart of `limited_drive`, which is for heat that arrives at once. The power of a heater with lag cannot
+be changed at once: its command is chosen so that the mean of the step keeps the limits at both ends. Heat under
+way counts as arrived in comparisons with the battery's highest temperature.
 """
 
 from __future__ import annotations
@@ -15,17 +15,14 @@ from typing import cast, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.native import runs as native_runs
-from bev_preheat.native import searches as native_searches
 from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.planning.both_ends import drive_to_end, Driven, HIGHEST_TOLERANCE_K, warmth_beyond
 from bev_preheat.planning.bracketing import halve
-from bev_preheat.planning.dynamics import hottest_c, native_vehicle
+from bev_preheat.planning.dynamics import hottest_c
 from bev_preheat.planning.heat_run import (
     ends_before_arrival_s,
     heat_to_come_k,
     heated_step_of_floats,
-    initial_states,
     make_heat_run,
     mean_share_left,
     States,
@@ -37,9 +34,8 @@ from bev_preheat.vehicle.terminal_limits import make_terminal_limits, TerminalLi
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
-    from bev_preheat.planning.situation import BatteryState
     from bev_preheat.planning.trip import Trip
-    from bev_preheat.planning.wanted_heat import LimitedSteps, WantedHeat, WantedPower
+    from bev_preheat.planning.wanted_heat import WantedPower
 
 # This many lags after it was switched off, a heater draws no significant power.
 LAGS_AHEAD = 5.0
@@ -47,30 +43,10 @@ LAGS_AHEAD = 5.0
 # optimal if heat is worth half of its cost (the logarithm of 2).
 LASTING_LAGS = 0.7
 
-# Number of states and of powers.
-STATES, POWERS = 4, 4
 # Command, friction brake, heater power, and heat into the battery, means of a step [W].
 Powers = tuple[float, float, float, float]
 # `drive(step, states)` -> states at its end, powers.
 HeatedDrive = Callable[[int, States], tuple[States, Powers]]
-
-
-def run_heated_within_limits(
-        trip: Trip, state: BatteryState, watch: LimitedSteps, wanted: WantedHeat, take_surplus: bool
-        ) -> tuple[FloatArray, FloatArray, tuple[int, float] | None]:
-    """
-    Return the course of a forward run that keeps the limits; see `limits.run_within_limits`.
-
-    States (4, N + 1), Powers (4, N), and the step in which the charge runs out with its driven share, or None.
-    `wanted` (a WantedHeat) is evaluated at the temperature that the battery will have when all heat under way has
-    arrived.
-    """
-    steps = len(trip.route)
-    states, powers_w = np.empty((STATES, steps + 1)), np.empty((POWERS, steps))
-    states[:, 0] = initial_states(state)
-    empty = _drive(trip, watch, wanted, take_surplus, states, powers_w)
-    stranded = None if empty is None else (empty, _strand(trip, empty, states, powers_w))
-    return states, powers_w, stranded
 
 
 def along_heated_limits(trip: Trip, states: FloatArray, powers_w: FloatArray, start_s: float | None,
@@ -84,46 +60,19 @@ def along_heated_limits(trip: Trip, states: FloatArray, powers_w: FloatArray, st
         heat=make_heat_run(trip.vehicle.heat_path, heater_w, excess_k, drawn_w, arriving_w))
 
 
-def _drive(trip: Trip, watch: LimitedSteps, wanted: WantedHeat, take_surplus: bool, states: FloatArray,
-           powers_w: FloatArray) -> int | None:
-    """
-    Drive within the limits; return the step in which the charge runs out, or None.
-
-    Writes the States (4, N + 1) after the start, and the Powers (4, N), until the charge runs out.
-    """
-    vehicle = native_vehicle(trip.vehicle)
-    driven = None if vehicle is None else native_runs.run_heated_within_limits(
-        vehicle, trip.native, native_runs.Heating(
-            wanted.power_w, wanted.below_c, watch.charge, watch.discharge, take_surplus),
-        0, states, powers_w)
-    if driven is not None:
-        return driven[0]
-    drive = drive_within_heated_limits(trip, watch, wanted.at_temperature(), take_surplus)
-    most_c = hottest_c(trip.vehicle)
-    here: States = tuple(states[:, 0].tolist())
-    for k in range(len(trip.route)):
-        (soc, end_c, heater_w, excess_k), powers_w[:, k] = drive(k, here)
-        if soc <= 0.0:
-            return k
-        here = soc, min(end_c, most_c), heater_w, excess_k
-        states[:, k + 1] = here
-    return None
-
-
 class _Foresight:
     """Looks ahead along one trip, with the limits of the battery's state now."""
 
-    def __init__(self, trip: Trip, watch: LimitedSteps, limits: TerminalLimits[float]) -> None:
-        """Take a trip, its LimitedSteps, and the terminal limits for floats."""
+    def __init__(self, trip: Trip, limits: TerminalLimits[float]) -> None:
+        """Take a trip, and the terminal limits for floats."""
         self._limits, self._lag_s = limits, trip.vehicle.heat_path.heater_lag_s
         self._duration_s: list[float] = trip.route.duration_s.tolist()
         self._idle_power_w: list[float] = trip.idle_power_w.tolist()
         self._variance_w2: list[float] = trip.power_variance_w2.tolist()
-        self._may_overdraw: list[bool] = watch.discharge.tolist()
         self._decay = [math.exp(-each_s / self._lag_s) for each_s in self._duration_s]
         self._mean_left: list[float] = mean_share_left(
             trip.vehicle.heat_path, trip.route.duration_s).tolist()
-        ahead_s, starts_s = LAGS_AHEAD * self._lag_s, trip.time_s[:-1][watch.discharge]
+        ahead_s, starts_s = LAGS_AHEAD * self._lag_s, trip.time_s[:-1]
         self._before_climbs = frozenset(
             k for k in range(len(trip.route))
             if ((starts_s > trip.time_s[k]) & (starts_s < trip.time_s[k + 1] + ahead_s)).any())
@@ -145,11 +94,10 @@ class _Foresight:
         for j in reversed(self._steps_after(k, LAGS_AHEAD * self._lag_s)):
             # With a lag that is short compared with the step, nothing is left at its end.
             allowed_w = allowed_w / self._decay[j] if self._decay[j] > 0.0 else math.inf
-            if self._may_overdraw[j]:
-                _, most_w = self._limits(soc, temperature_c, self._variance_w2[j])
-                # A deficit that exists without any heating is not the heater's to fix.
-                allowed_w = min(allowed_w, max(
-                    most_w - self._idle_power_w[j], 0.0) / self._mean_left[j])
+            _, most_w = self._limits(soc, temperature_c, self._variance_w2[j])
+            # A deficit that exists without any heating is not the heater's to fix.
+            allowed_w = min(allowed_w, max(
+                most_w - self._idle_power_w[j], 0.0) / self._mean_left[j])
         return (allowed_w - self._decay[k] * heater_w) / (1.0 - self._decay[k])
 
     def lasting_surplus_w(self, k: int, states: States) -> float:
@@ -168,8 +116,7 @@ class _Foresight:
                             - self._idle_power_w[j] for j in steps))
 
 
-def drive_within_heated_limits(trip: Trip, watch: LimitedSteps, wanted_w: WantedPower,
-                               take_surplus: bool) -> HeatedDrive:
+def drive_within_heated_limits(trip: Trip, wanted_w: WantedPower, take_surplus: bool) -> HeatedDrive:
     """Return `drive(k, states)`, which drives step k within the limits; see `limits`."""
     vehicle, path = trip.vehicle, trip.vehicle.heat_path
     step = heated_step_of_floats(vehicle, True)
@@ -180,14 +127,15 @@ def drive_within_heated_limits(trip: Trip, watch: LimitedSteps, wanted_w: Wanted
                     + vehicle.heat_path.coolant_heat_capacity_j_per_k) / vehicle.hvch.efficiency
     columns = list(zip(*(column.tolist() for column in (
         trip.route.duration_s, trip.idle_power_w, trip.power_variance_w2, trip.idle_heat_w,
-        trip.leakage_w_per_k, trip.heater_limit_w, trip.route.propulsion_power_w, watch.charge,
-        watch.discharge, mean_share_left(vehicle.heat_path, trip.route.duration_s)))))
+        trip.leakage_w_per_k, trip.heater_limit_w, trip.route.propulsion_power_w,
+        mean_share_left(vehicle.heat_path, trip.route.duration_s)))))
 
-    foresight = _Foresight(trip, watch, limits) if path.heater_lag_s > 0.0 else None
+    foresight = _Foresight(trip, limits) if path.heater_lag_s > 0.0 else None
 
     def drive(k: int, states: States) -> tuple[States, Powers]:
         (duration_s, power_w, variance_w2, heat_w, leakage_w_per_k, cap_w, propulsion_w,
-         may_overcharge, may_overdraw, left) = columns[k]
+         left) = columns[k]
+        may_overcharge = propulsion_w < 0.0
         soc, temperature_c, heater_w, excess_k = states
 
         def end_of(command_w: float, brake_w: float) -> tuple[float, ...]:
@@ -202,16 +150,13 @@ def drive_within_heated_limits(trip: Trip, watch: LimitedSteps, wanted_w: Wanted
             return command_w
 
         settled_c = temperature_c + k_per_watt * heater_w + share_of_excess * excess_k
-        is_watched = may_overcharge or may_overdraw
         if settled_c >= highest_c:
             asked_w = cap_w = 0.0
         else:
             asked_w = wanted_w(k, settled_c)
 
         def between(least_w: float, most_w: float) -> Driven:
-            command_w = asked_w
-            if is_watched:
-                command_w = max(0.0, min(command_w, command_for(most_w - power_w)))
+            command_w = max(0.0, min(asked_w, command_for(most_w - power_w)))
             paid_w = command_w
             if may_overcharge and take_surplus:
                 # As a steady command: a command that compensates the lag would swing from step to step.
@@ -244,29 +189,21 @@ def drive_within_heated_limits(trip: Trip, watch: LimitedSteps, wanted_w: Wanted
             return ((min(soc_end, 1.0), end_c, heater_end_w, excess_end_k),
                     (command_w, brake_w, drawn_w, arriving_w))
 
-        if is_watched:
-            ends, powers_w = drive_to_end(
-                limits, (soc, temperature_c), variance_w2, most_c, power_w, propulsion_w,
-                may_overcharge, between)
-        else:
-            ends, powers_w = between(-math.inf, math.inf)
+        ends, powers_w = drive_to_end(
+            limits, (soc, temperature_c), variance_w2, most_c, power_w, propulsion_w,
+            may_overcharge, between)
         return cast('States', ends), cast('Powers', powers_w)
 
     return drive
 
 
-def _strand(trip: Trip, empty: int, states: FloatArray, powers_w: FloatArray) -> float:
+def stand_with_heat_path(trip: Trip, empty: int, states: FloatArray, powers_w: FloatArray) -> float:
     """
     Write the rest of a run whose charge runs out in step `empty`; return the driven share of that step.
 
     The step is driven until the battery is empty; from then on the vehicle stands, its heater is off,
     and its coolant goes on heating the battery. `powers_w` of that step are known.
     """
-    native = native_vehicle(trip.vehicle)
-    found = None if native is None else native_searches.stand(
-        native, trip.native, empty, states, powers_w)
-    if found is not None:
-        return found
     step = heated_step_of_floats(trip.vehicle, True)
     heat_share = trip.vehicle.drivetrain.heat_share
     driven_share = np.where(np.arange(len(trip.route)) < empty, 1.0, 0.0)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.numerics.factors import JOULES_PER_WH
-from bev_preheat.planning.dynamics import limits_of_steps_w
+from bev_preheat.planning.engine import limits_of_steps_w
 from bev_preheat.planning.limits import colder
 from bev_preheat.planning.schedule import HEATING_SHARE, Schedule
 

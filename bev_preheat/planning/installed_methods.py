@@ -136,7 +136,7 @@ class InstalledMethod:
 
     def proposing(self, notes: dict[str, None]) -> Callable[..., Schedule]:
         """Return the method as a planning.schedule.Method; see `answer`."""
-        def plan(trip: Trip, state: BatteryState, goal: Goal, unheated: Schedule | None = None) -> Schedule:
+        def plan(trip: Trip, state: BatteryState, goal: Goal) -> Schedule:
             return self.answer(MethodSituation.of_trip(trip, state, goal), notes)
         return plan
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.planning.dynamics import keep_accounts
+from bev_preheat.planning.engine import keep_accounts
 from bev_preheat.planning.limits import drive_as_planned
 
 if TYPE_CHECKING:

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Method `optimal_switch`: off, one partial step, then full power, arriving exactly at the target.
+The search of method `optimal_switch`: off, one partial step, then full power, arriving exactly at the target.
 
 Among all such schedules, the one whose forward run arrives at the target, computed with the NLP's own integrator,
 is the NLP's optimum if no limit but the heater's is active (docs/explanation/planning.md). The first guess is the
@@ -15,52 +15,33 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.native import plans as native_plans
 from bev_preheat.numerics.arithmetic import SATURATING_FLOATS
 from bev_preheat.planning.bracketing import ARRIVAL_TOLERANCE_K, follow_slope, Trial
-from bev_preheat.planning.dynamics import native_vehicle, run_forward, run_on
+from bev_preheat.planning.dynamics import run_on
 from bev_preheat.planning.paper import find_crossing
 from bev_preheat.planning.schedule import maximum_from, Schedule
-from bev_preheat.planning.two_switches import plan_two_switches
 from bev_preheat.vehicle.heat_balance import heat_with_heater_w
 from bev_preheat.vehicle.model import make_midpoint, make_rates, make_runge_kutta_4
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
-    from bev_preheat.planning.situation import BatteryState, Goal
     from bev_preheat.planning.trip import Trip
 
 # Because of leakage on the way, heating takes about this many times the deficit to the target.
 HEATING_ALLOWANCE = 1.1
 
 
-def plan_optimal_switch(trip: Trip, state: BatteryState, goal: Goal,
-                        unheated: Schedule | None = None) -> Schedule:
+def find_switch(trip: Trip, target_c: float, unheated: Schedule) -> Schedule:
     """
-    Return the Schedule whose forward run arrives at the target, switching on once.
+    Return the Schedule whose forward run arrives at the target [deg C], switched on once.
 
-    With a heat path it is also switched off before arrival (`two_switches`).
-    `unheated` is the Schedule without any heating, ignoring limits, if known.
+    `unheated` is the Schedule without any heating, ignoring limits. Heat arrives at once.
     """
-    if not trip.vehicle.heat_path.is_direct:
-        return plan_two_switches(trip, state, goal, unheated)
-    idle_w = np.zeros(len(trip.route))
-    if unheated is None:
-        idle = run_forward(trip, make_runge_kutta_4, state.soc, state.temperature_c)
-    else:
-        idle = unheated.soc, unheated.temperature_c
-    if idle[1][-1] >= goal.target_temperature_c:
-        return Schedule(None, idle_w, idle_w, *idle, make_runge_kutta_4)
-    vehicle = native_vehicle(trip.vehicle)
-    found = None if vehicle is None else native_plans.find_switch(
-        vehicle, trip.native, goal.target_temperature_c, *idle)
-    if found is not None:
-        return Schedule(found.instant_s, found.heater_power_w, idle_w, found.soc,
-                        found.temperature_c, make_runge_kutta_4)
-    guess_s = find_crossing(
-        trip, goal.target_temperature_c, _terminal_soc(trip, idle, goal.target_temperature_c),
-        idle[1], make_midpoint)
-    return refine_switching_instant(trip, goal.target_temperature_c, idle, guess_s or 0.0)
+    idle = unheated.soc, unheated.temperature_c
+    if idle[1][-1] >= target_c:
+        return unheated
+    guess_s = find_crossing(trip, target_c, _terminal_soc(trip, idle, target_c), idle[1], make_midpoint)
+    return refine_switching_instant(trip, target_c, idle, guess_s or 0.0)
 
 
 def _terminal_soc(trip: Trip, idle: tuple[FloatArray, FloatArray], target_c: float) -> float:

@@ -9,8 +9,9 @@ from typing import NamedTuple, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.numerics.factors import JOULES_PER_WH
-from bev_preheat.planning.dynamics import keep_accounts, limits_along
+from bev_preheat.planning.engine import keep_accounts
 from bev_preheat.planning.heating_intervals import heating_intervals
+from bev_preheat.planning.limits import limits_along
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray

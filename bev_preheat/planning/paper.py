@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Algorithms 1 and 2 of the paper, as printed: method `paper`."""
+"""Algorithms 1 and 2 of the paper, as printed: for method `paper`."""
 
 from __future__ import annotations
 
@@ -8,15 +8,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.native import runs as native_runs
-from bev_preheat.planning.dynamics import native_vehicle, run_forward, run_on, step_of_floats
+from bev_preheat.planning.dynamics import run_forward, run_on, step_of_floats
 from bev_preheat.planning.heat_run import initial_states, run_heated, without_heat_path
 from bev_preheat.planning.schedule import maximum_from, Schedule
 from bev_preheat.vehicle.model import Integrator, make_euler
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
-    from bev_preheat.planning.situation import BatteryState, Goal
+    from bev_preheat.planning.situation import BatteryState
     from bev_preheat.planning.trip import Trip
     from bev_preheat.vehicle.model import Step
 
@@ -25,10 +24,9 @@ if TYPE_CHECKING:
 LOST_ABOVE_TARGET_K = 100.0
 
 
-def plan_paper(trip: Trip, state: BatteryState, goal: Goal, terminal_soc: float | None = None,
-               unheated: Schedule | None = None) -> Schedule:
+def run_paper(trip: Trip, state: BatteryState, target_c: float, terminal_soc: float | None = None) -> Schedule:
     """
-    Return the Schedule of the forward and the backward simulation.
+    Return the Schedule of the forward and the backward simulation, for a target on arrival [deg C].
 
     Algorithm 1 runs forward without battery heating, Algorithm 2 backward from the target with all the power that
     the cabin leaves; the heater is switched on where the two temperatures meet.
@@ -36,23 +34,21 @@ def plan_paper(trip: Trip, state: BatteryState, goal: Goal, terminal_soc: float 
     The paper asks for T_bk == T_fw at a step; here the first crossing is used and the switching instant
     interpolated within its step. The state of charge at the end, which the paper assumes (`terminal_soc`, its
     soc_f), defaults to that of the forward run. The trajectories are those of a forward run under the resulting
-    heater power, because joining the two halves would leave a jump at the crossing. `unheated`, from which other
-    methods start, is not used: the paper's runs are Euler's. With a heat path, the switching instant is found
-    without it, and the trajectories include it.
+    heater power, because joining the two halves would leave a jump at the crossing. With a heat path, the
+    switching instant is found without it, and the trajectories include it.
     """
     if not trip.vehicle.heat_path.is_direct:
         # The paper has no heat path: it switches as if heat arrived at once.
-        planned = plan_paper(replace(trip, vehicle=without_heat_path(trip.vehicle)), state, goal,
-                             terminal_soc)
+        planned = run_paper(replace(trip, vehicle=without_heat_path(trip.vehicle)), state, target_c,
+                            terminal_soc)
         driven = run_heated(trip, initial_states(state), planned.heater_power_w)
         return replace(driven, heating_start_s=planned.heating_start_s)
     idle_w = np.zeros(len(trip.route))
     idle_soc, idle_temperature_c = run_forward(trip, make_euler, state.soc, state.temperature_c)
-    if idle_temperature_c[-1] >= goal.target_temperature_c:
+    if idle_temperature_c[-1] >= target_c:
         return Schedule(None, idle_w, idle_w, idle_soc, idle_temperature_c, make_euler)
 
-    instant_s = find_crossing(trip, goal.target_temperature_c,
-                              float(idle_soc[-1]) if terminal_soc is None else terminal_soc,
+    instant_s = find_crossing(trip, target_c, float(idle_soc[-1]) if terminal_soc is None else terminal_soc,
                               idle_temperature_c)
     if instant_s is None:
         instant_s = 0.0
@@ -72,12 +68,6 @@ def find_crossing(trip: Trip, target_c: float, terminal_soc: float,
     `idle_temperature_c` (N + 1 values) is the unheated run, colder than the target at its end.
     The paper steps backward by Euler's method; another one may be passed.
     """
-    vehicle = native_vehicle(trip.vehicle)
-    found = None if vehicle is None else native_runs.crossing(
-        vehicle, make_integrator, trip.native, target_c, terminal_soc, LOST_ABOVE_TARGET_K,
-        idle_temperature_c)
-    if found is not None:
-        return found[0]
     columns = [array.tolist() for array in trip.inputs(trip.heater_limit_w)]
     try:
         return _backward(step_of_floats(trip.vehicle, make_integrator), trip, columns,

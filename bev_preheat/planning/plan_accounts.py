@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.numerics.factors import JOULES_PER_WH, WH_PER_KWH
-from bev_preheat.planning.dynamics import keep_accounts
+from bev_preheat.planning.engine import keep_accounts
 from bev_preheat.planning.schedule import Schedule
 from bev_preheat.vehicle.model import make_runge_kutta_4
 

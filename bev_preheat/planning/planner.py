@@ -13,23 +13,23 @@ import numpy as np
 
 from bev_preheat.errors import InvalidInput, PlanningFailure
 from bev_preheat.numerics.factors import JOULES_PER_WH
-from bev_preheat.planning.dynamics import Energies, run_forward
+from bev_preheat.planning import engine
+from bev_preheat.planning.both_ends import BELOW_HIGHEST_K
+from bev_preheat.planning.dynamics import Energies
 from bev_preheat.planning.explanation import explain
 from bev_preheat.planning.gated_heat import notes_on_route, schedule_within_gates
-from bev_preheat.planning.heat_run import initial_states, run_heated
+from bev_preheat.planning.heat_run import initial_states
 from bev_preheat.planning.installed_methods import find_methods, installed_method, InstalledMethod, MethodFailure
 from bev_preheat.planning.kept_values import KeptValues
 from bev_preheat.planning.limits import drive_as_planned
 from bev_preheat.planning.no_regret import giving_way, is_described, NoRegretCheck, unheated_within_limits
-from bev_preheat.planning.optimal_switch import plan_optimal_switch
 from bev_preheat.planning.outcome import find_outcome, ScheduleOutcome
-from bev_preheat.planning.paper import plan_paper
 from bev_preheat.planning.plan import Plan
 from bev_preheat.planning.schedule import Method, Schedule, StepPrices
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal, reserve_soc, Uncertainty
 from bev_preheat.planning.status import Status
-from bev_preheat.planning.trip import BELOW_HIGHEST_K, heated_throughout, make_trip, Trip
-from bev_preheat.planning.unlimited import plan_unlimited, plan_unlimited_paper
+from bev_preheat.planning.switch_methods import is_best, outcome_of, plan_optimal_switch, plan_paper
+from bev_preheat.planning.trip import heated_throughout, make_trip, Trip
 from bev_preheat.planning.until_arrival import heat_until_arrival
 from bev_preheat.planning.value_function import plan_by_values
 from bev_preheat.vehicle.model import Integrator, make_runge_kutta_4
@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.planning.switch_plan import SwitchPlan
     from bev_preheat.route.segments import Route
     from bev_preheat.vehicle.description import Vehicle
 
@@ -49,11 +50,11 @@ METHODS: dict[str, Method] = {
 DEFAULT_METHOD = 'value_function'
 # Methods of earlier versions: {name: the method that took its place}.
 REPLACED = {'merit_order': 'value_function'}
-# Without an active limit each method usually heats from one instant on: one call of the native core.
-UNLIMITED: dict[str, Callable[..., tuple[Schedule, ScheduleOutcome | None] | None]] = {
-    'value_function': partial(plan_unlimited, in_one_interval=False),
-    'optimal_switch': plan_unlimited,
-    'paper': plan_unlimited_paper,
+# Without an active limit each method usually heats in one interval: the engine plans it at once.
+ONE_INTERVAL: dict[str, Callable[[Trip, BatteryState, float], SwitchPlan]] = {
+    'value_function': engine.plan_switch,
+    'optimal_switch': partial(engine.plan_switch, in_one_interval=True),
+    'paper': engine.plan_by_paper,
 }
 
 # Missing the target by less than this does not count: the paper's Euler steps are not more accurate.
@@ -143,20 +144,18 @@ def plan_preheating(vehicle: Vehicle, route: Route, state: BatteryState, goal: G
             options = {**options, 'uncertainty': uncertainty, 'kept': kept}
         if step_prices is not None:
             options = {**options, 'price': _as_shares(step_prices(trip.time_s))}
-        found = (ways.unlimited(trip, state, goal)
-                 if ways.unlimited is not None and no_regret and not options else None)
-        if found is not None and found[1] is not None:
-            schedule, outcome = found
+        switched = (ways.in_one_interval(trip, state, _aim_c(vehicle, goal))
+                    if ways.in_one_interval is not None and no_regret and not options else None)
+        if switched is not None and ways.is_done(trip, goal, switched):
+            schedule, outcome = switched.schedule, outcome_of(trip, switched)
         else:
-            unheated = plan_without_heating(trip, state) if found is None else found[0]
-            schedule = schedule_trip(trip, state, goal, ways, no_regret, options, unheated)
+            schedule = schedule_trip(trip, state, goal, ways, no_regret, options, switched)
         gates = vehicle.heating_gates
         if gates.is_any and no_regret:
             first = schedule
 
             def plan_on(gated: Trip) -> Schedule:
-                return first if gated is trip else schedule_trip(
-                    gated, state, goal, ways, no_regret, options, plan_without_heating(gated, state))
+                return first if gated is trip else schedule_trip(gated, state, goal, ways, no_regret, options)
 
             schedule = schedule_within_gates(trip, state, plan_on, notes)
             outcome = outcome if schedule is first else None
@@ -189,20 +188,29 @@ def _storing_no_hotter(vehicle: Vehicle, needed_c: float) -> Vehicle:
 
 class _Ways(NamedTuple):
     """
-    The parts of a method: the method itself, and its plan without an active limit or None.
+    The parts of a method: the method itself, and its plan with one interval of heating or None.
 
     `keeps_reserve`: the method itself keeps the reserve; `is_installed`: it comes from another package.
     """
 
     method: Method
-    unlimited: Callable[..., tuple[Schedule, ScheduleOutcome | None] | None] | None
+    in_one_interval: Callable[[Trip, BatteryState, float], SwitchPlan] | None
     keeps_reserve: bool = False
     is_installed: bool = False
+
+    def is_done(self, trip: Trip, goal: Goal, switched: SwitchPlan) -> bool:
+        """Return whether a plan with one interval needs no further look, because no limit is active."""
+        if not switched.unheated_keeps_limits or not is_best(trip, goal, switched):
+            return False
+        if not trip.vehicle.heat_path.is_direct and goal.heats_until_arrival:
+            return False
+        # Where nothing is charged the paper's Euler steps are not asked for.
+        return goal.charging_planned or self.method is not plan_paper
 
 
 def built_in_ways(method: str) -> _Ways:
     """Return how a method of METHODS plans."""
-    return _Ways(METHODS[method], UNLIMITED[method], keeps_reserve=method == DEFAULT_METHOD)
+    return _Ways(METHODS[method], ONE_INTERVAL[method], keeps_reserve=method == DEFAULT_METHOD)
 
 
 def _installed(installed: InstalledMethod, notes: dict[str, None]) -> _Ways:
@@ -228,23 +236,33 @@ class _Uncommanded:
             hvch_electric=energy_wh.hvch_electric + float(hours @ self.taken_w))
 
 
+def _aim_c(vehicle: Vehicle, goal: Goal) -> float:
+    """Return the target of a plan [deg C]: the goal's, or the lowest if no warm arrival is asked for."""
+    if goal.charging_planned and goal.heating_pays:
+        return goal.target_temperature_c
+    return vehicle.battery.temperature_range_c[0]
+
+
 def schedule_trip(trip: Trip, state: BatteryState, goal: Goal, ways: _Ways, no_regret: bool,
-                  options: dict[str, Any], unheated: Schedule) -> Schedule:
-    """Return the Schedule of a method; `unheated` is the one without any heating, ignoring limits."""
+                  options: dict[str, Any], switched: SwitchPlan | None = None) -> Schedule:
+    """Return the Schedule of a method; `switched` is its plan with one interval of heating, if known."""
+    unheated = plan_without_heating(trip, state) if switched is None else switched.unheated
     if not goal.charging_planned:
         return as_described(trip, state, unheated)
     if not goal.heating_pays:
         if ways.is_installed:
             # It may ignore the target, so it is not asked.
             return unheated_within_limits(trip, state, unheated)
-        goal = replace(goal, target_temperature_c=trip.vehicle.battery.temperature_range_c[0])
+        goal = replace(goal, target_temperature_c=_aim_c(trip.vehicle, goal))
     is_late = goal.heats_until_arrival and not trip.vehicle.heat_path.is_direct
     # Other built-in methods do not know the battery's limits.
     knows_limits = ways.keeps_reserve or ways.is_installed or not no_regret
     method = ways.method if knows_limits else giving_way(ways.method)
 
     def propose(target_c: float, **how: Any) -> Schedule:
-        schedule = method(trip, state, replace(goal, target_temperature_c=target_c), unheated=unheated, **how)
+        if switched is not None and target_c == goal.target_temperature_c:
+            how = {**how, 'switched': switched}
+        schedule = method(trip, state, replace(goal, target_temperature_c=target_c), **how)
         if is_late:
             schedule = heat_until_arrival(trip, state, schedule, target_c)
         return as_described(trip, state, schedule)
@@ -291,8 +309,8 @@ def plan_without_heating(trip: Trip, state: BatteryState,
     """Return the Schedule that never heats, ignoring limits."""
     idle_w = np.zeros(len(trip.route))
     if not trip.vehicle.heat_path.is_direct:
-        return run_heated(trip, initial_states(state), idle_w)
-    soc, temperature_c = run_forward(trip, make_integrator, state.soc, state.temperature_c)
+        return engine.run_heated(trip, initial_states(state), idle_w)
+    soc, temperature_c = engine.run_forward(trip, make_integrator, state.soc, state.temperature_c)
     return Schedule(None, idle_w, idle_w, soc, temperature_c, make_integrator)
 
 

@@ -15,10 +15,8 @@ from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.native import plans as native_plans
 from bev_preheat.numerics.arithmetic import ARRAYS, FLOATS
 from bev_preheat.numerics.factors import JOULES_PER_WH
-from bev_preheat.planning.dynamics import native_vehicle
 from bev_preheat.vehicle.heat_balance import heat_with_heater_w
 from bev_preheat.vehicle.model import make_rates
 
@@ -86,11 +84,6 @@ def find_prices(trip: Trip, schedule: Schedule) -> HeatPrices:
 
     They give the order in which to heat, not its cost.
     """
-    vehicle = native_vehicle(trip.vehicle)
-    found = None if vehicle is None else native_plans.find_prices(
-        vehicle, trip.native, schedule.soc, schedule.temperature_c, schedule.heater_power_w)
-    if found is not None:
-        return HeatPrices(*found)
     slopes = _model_slopes(trip, schedule)
     return HeatPrices(slopes.effect_on_arrival(WARMTH), -slopes.effect_on_arrival(CHARGE))
 

@@ -97,7 +97,7 @@ class Schedule:
 
 # From instants [s] (N + 1,) of a plan to the mean price [per kWh] of each step (N,).
 StepPrices = Callable[['FloatArray'], 'FloatArray']
-# A method's `plan_NAME(trip, state, goal, unheated=None)`, with its own options.
+# A method's `plan_NAME(trip, state, goal)`, with its own options.
 Method = Callable[..., Schedule]
 
 

@@ -15,12 +15,11 @@ from typing import NamedTuple, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.numerics.arithmetic import ARRAYS
-from bev_preheat.planning.both_ends import END_TOLERANCE_W, HIGHEST_TOLERANCE_K
+from bev_preheat.planning.both_ends import BELOW_HIGHEST_K, END_TOLERANCE_W, HIGHEST_TOLERANCE_K
 from bev_preheat.planning.bracketing import HALVINGS
 from bev_preheat.planning.dynamics import hottest_c
 from bev_preheat.planning.heat_run import heat_to_come_k, mean_share_left
 from bev_preheat.planning.heated_limits import LAGS_AHEAD, LASTING_LAGS
-from bev_preheat.planning.trip import BELOW_HIGHEST_K
 from bev_preheat.vehicle.heat_balance import heat_under_w
 from bev_preheat.vehicle.model import make_rates, make_runge_kutta_4
 from bev_preheat.vehicle.terminal_limits import make_terminal_limits

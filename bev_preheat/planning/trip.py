@@ -9,81 +9,70 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from bev_preheat.native.made_trip import make_trip as native_trip
-from bev_preheat.native.structs import NativeTrip
+from bev_preheat.planning import engine
 from bev_preheat.route.segments import Route
 from bev_preheat.vehicle.description import Vehicle
-from bev_preheat.vehicle.heat_balance import heat_with_brake_w, heat_with_heater_w, idle_heat_w, idle_power_w
+from bev_preheat.vehicle.heat_balance import heat_with_brake_w, heat_with_heater_w
 from bev_preheat.vehicle.heating_gates import STANDING_MPS
+from bev_preheat.vehicle.trip_columns import TripColumns
 
 if TYPE_CHECKING:
-    from bev_preheat.numerics.arrays import BoolArray, FloatArray
+    from bev_preheat.numerics.arrays import FloatArray
 
-# Longer steps are divided, because Euler's error grows with the step.
-LONGEST_STEP_S = 300.0
-# Steps beyond this share of the battery's thermal time constant are divided too: explicit methods lose their
-# accuracy near the time constant itself, and become unstable at twice the time constant.
-TIME_CONSTANT_SHARE = 0.5
 # This many trips with at most this many segments are cached, for planning again from another state or for another
 # target.
 KEPT_TRIPS = 8
 MOST_KEPT_SEGMENTS = 2000
-# Surplus regeneration stops heating this far below the highest temperature of the battery's range.
-BELOW_HIGHEST_K = 5.0
 # Columns of a step's arguments in `model`, after the states.
 Inputs: TypeAlias = 'tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]'
 
 
 @dataclass(frozen=True)
 class Trip:
-    """
-    The model's inputs in N steps, without battery heating: columns of shape (N,), `time_s` (N + 1,).
-
-    `native` has the columns in one block of memory, as the native core takes them.
-    """
+    """The model's inputs in N steps, without battery heating: columns of shape (N,), `time_s` (N + 1,)."""
 
     vehicle: Vehicle
     route: Route
-    native: NativeTrip
+    columns: TripColumns
 
     @cached_property
     def time_s(self) -> FloatArray:
         """The instants between the steps [s], (N + 1,)."""
-        return self.native.column('time_s')
+        return self.columns.column('time_s')
 
     @cached_property
     def idle_power_w(self) -> FloatArray:
         """P_t without battery heating [W]."""
-        return self.native.column('idle_power_w')
+        return self.columns.column('idle_power_w')
 
     @cached_property
     def power_variance_w2(self) -> FloatArray:
         """Mean square minus squared mean of the propulsion power [W^2]."""
-        return self.native.column('power_variance_w2')
+        return self.columns.column('power_variance_w2')
 
     @cached_property
     def idle_heat_w(self) -> FloatArray:
         """The heat gamma T_amb + Q_ed [W]."""
-        return self.native.column('idle_heat_w')
+        return self.columns.column('idle_heat_w')
 
     @cached_property
     def drivetrain_heat_w(self) -> FloatArray:
         """Q_ed [W]."""
-        return self.native.column('drivetrain_heat_w')
+        return self.columns.column('drivetrain_heat_w')
 
     @cached_property
     def leakage_w_per_k(self) -> FloatArray:
         """The coefficient gamma [W/K]."""
-        return self.native.column('leakage_w_per_k')
+        return self.columns.column('leakage_w_per_k')
 
     @cached_property
     def heater_limit_w(self) -> FloatArray:
         """The HVCH power beyond the cabin's share (9g) [W]."""
-        return self.native.column('heater_limit_w')
+        return self.columns.column('heater_limit_w')
 
     def changed(self, **columns: FloatArray) -> Trip:
         """Return the Trip with other columns, by name."""
-        return replace(self, native=self.native.changed(**columns))
+        return replace(self, columns=self.columns.changed(**columns))
 
     def inputs(
             self, heater_power_w: FloatArray | float | None = None,
@@ -152,7 +141,7 @@ def _kept_trip(vehicle: Vehicle, one: _OneRoute, heater_share: float, heat_lag_s
 
 def uncached_trip(vehicle: Vehicle, route: Route, heater_share: float, heat_lag_s: float) -> Trip:
     """Return the same Trip as `make_trip`, without the cache."""
-    trip = _trip_without_gates(vehicle, route, heater_share, heat_lag_s)
+    trip = Trip(vehicle, *engine.model_inputs(vehicle, route, heater_share, heat_lag_s))
     gates = vehicle.heating_gates
     if not (gates.only_while_standing or gates.power_steps_w):
         return trip
@@ -163,58 +152,6 @@ def uncached_trip(vehicle: Vehicle, route: Route, heater_share: float, heat_lag_
     if gates.only_while_standing:
         is_open &= trip.route.speed_mps < STANDING_MPS
     return trip.changed(heater_limit_w=np.where(is_open, heater_share * limit_w, 0.0))
-
-
-def _trip_without_gates(vehicle: Vehicle, route: Route, heater_share: float, heat_lag_s: float) -> Trip:
-    leakage = vehicle.battery.leakage
-    made = native_trip(
-        (leakage.gamma_0_w_per_k, leakage.gamma_v_w_per_k_per_mps, vehicle.drivetrain.heat_share,
-         _stiff_w_per_k(vehicle), vehicle.hvch.maximum_power_w, heater_share, heat_lag_s), route.block)
-    if made is None:
-        return _trip_of_arrays(vehicle, route, heater_share, heat_lag_s)
-    return Trip(vehicle, route, made)
-
-
-def _trip_of_arrays(vehicle: Vehicle, route: Route, heater_share: float, heat_lag_s: float) -> Trip:
-    """Return the Trip of `make_trip`: reference for the core, and for segments too long for a step."""
-    whole, leakage = route, vehicle.battery.leakage
-    leakage_w_per_k = leakage.coefficient_w_per_k(whole.speed_mps)
-    route = whole.divided(_longest_steps_s(vehicle, leakage_w_per_k))
-    if route is not whole:
-        leakage_w_per_k = leakage.coefficient_w_per_k(route.speed_mps)
-    drivetrain_heat_w = vehicle.drivetrain.heat_to_battery_w(route.propulsion_power_magnitude_w)
-    heater_limit_w = heater_share * np.maximum(
-        vehicle.hvch.maximum_power_w - route.cabin_heating_power_w, 0.0)
-    if heat_lag_s > 0.0:
-        heater_limit_w = _in_time(route, heat_lag_s) * heater_limit_w
-    return Trip(vehicle, route, NativeTrip.of_columns(
-        route.time_s, route.duration_s,
-        idle_power_w(route.propulsion_power_w, route.cabin_heating_power_w, route.auxiliary_power_w),
-        route.propulsion_power_variance_w2,
-        idle_heat_w(leakage_w_per_k, route.ambient_temperature_c, drivetrain_heat_w),
-        leakage_w_per_k, heater_limit_w, route.propulsion_power_w, drivetrain_heat_w,
-        route.ambient_temperature_c))
-
-
-def _in_time(route: Route, heat_lag_s: float) -> BoolArray:
-    """Return the steps (N,) whose heat mostly arrives before the end."""
-    left_s = route.total_duration_s - route.time_s[1:] + 0.5 * route.duration_s
-    in_time: BoolArray = left_s > heat_lag_s
-    return in_time
-
-
-def _longest_steps_s(vehicle: Vehicle, leakage_w_per_k: FloatArray) -> FloatArray | float:
-    """Return the longest step for integrating the model [s], for each leakage (N,) or for all."""
-    stiff_w_per_k = _stiff_w_per_k(vehicle)
-    if leakage_w_per_k.max() <= stiff_w_per_k:
-        return LONGEST_STEP_S
-    return LONGEST_STEP_S * np.minimum(1.0, stiff_w_per_k / np.maximum(
-        leakage_w_per_k, stiff_w_per_k))
-
-
-def _stiff_w_per_k(vehicle: Vehicle) -> float:
-    """Return the leakage above which steps must be shorter [W/K]."""
-    return (TIME_CONSTANT_SHARE / LONGEST_STEP_S) * vehicle.battery.heat_capacity_j_per_k
 
 
 def heated_throughout(trip: Trip, taken_w: FloatArray) -> Trip:

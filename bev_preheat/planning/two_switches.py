@@ -16,16 +16,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.native import plans as native_plans
 from bev_preheat.numerics.factors import JOULES_PER_WH
 from bev_preheat.planning.bracketing import ARRIVAL_TOLERANCE_K, follow_slope, least_of, Trial
-from bev_preheat.planning.dynamics import keep_accounts, native_vehicle
-from bev_preheat.planning.heat_run import along_states, initial_states, roll_heated, run_heated, states_at
-from bev_preheat.planning.schedule import Schedule
+from bev_preheat.planning.dynamics import keep_accounts
+from bev_preheat.planning.heat_run import along_states, roll_heated, states_at
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
-    from bev_preheat.planning.situation import BatteryState, Goal
+    from bev_preheat.planning.schedule import Schedule
     from bev_preheat.planning.trip import Trip
 
 # While switch-off instants are compared, a run that arrives this close to the target is enough: the deviation is
@@ -47,51 +45,30 @@ def maximum_between(trip: Trip, on_s: float, off_s: float) -> FloatArray:
     return np.clip(share_on / trip.route.duration_s, 0.0, 1.0) * trip.heater_limit_w
 
 
-def plan_two_switches(trip: Trip, state: BatteryState, goal: Goal,
-                      unheated: Schedule | None = None) -> Schedule:
+def find_two_switches(trip: Trip, target_c: float, unheated: Schedule) -> Schedule:
     """
-    Return the Schedule with one interval of full heating that arrives at the target.
+    Return the Schedule with one interval of full heating that arrives at the target [deg C].
 
-    `unheated` is the Schedule without any heating, ignoring limits, if known. If heating until arrival is not
-    enough, the schedule heats all the way.
+    `unheated` is the Schedule without any heating, ignoring limits. If heating until arrival is not enough, the
+    schedule heats all the way.
     """
-    if unheated is None:
-        unheated = run_heated(trip, initial_states(state), np.zeros(len(trip.route)))
-    if unheated.temperature_c[-1] >= goal.target_temperature_c:
+    if unheated.temperature_c[-1] >= target_c:
         return unheated
-    found = _found_by_core(trip, unheated, goal.target_temperature_c)
-    if found is not None:
-        return found
-    search = _Search(trip, unheated, goal.target_temperature_c)
+    search = _Search(trip, unheated, target_c)
     arrival_s = float(trip.time_s[-1])
     throughout = search.schedule(0.0, arrival_s)
-    if throughout.temperature_c[-1] <= goal.target_temperature_c:
+    if throughout.temperature_c[-1] <= target_c:
         return throughout
     earliest_s = max(0.0, arrival_s - MOST_LAGS * trip.vehicle.heat_path.heat_lag_s)
     best = least_of(earliest_s, arrival_s, search.until, OFF_RESOLUTION_S)
     return search.arriving(best.value, best.outcome)
 
 
-def _found_by_core(trip: Trip, unheated: Schedule, target_c: float) -> Schedule | None:
-    """Return the Schedule that the native core finds like `_Search`; None if it does not answer."""
-    vehicle = native_vehicle(trip.vehicle)
-    if vehicle is None or unheated.heat is None:
-        return None
-    run = native_plans.find_two_switches(vehicle, trip.native, target_c, np.array((
-        unheated.soc, unheated.temperature_c, unheated.heat.heater_power_w,
-        unheated.heat.coolant_excess_k)))
-    return None if run is None else _schedule_along(
-        trip, unheated, run.on_s, run.off_s, run.command_w, run.states)
-
-
-def _schedule_along(trip: Trip, unheated: Schedule, on_s: float, off_s: float, command_w: FloatArray,
-                    states: FloatArray) -> Schedule:
-    """Return the Schedule of a run that is heated between two instants [s]; states (4, N + 1)."""
-    is_heated = bool(command_w.any())
-    run = along_states(
-        trip, states, command_w, unheated.brake_power_w, on_s if is_heated else None)
+def switched_off(trip: Trip, run: Schedule, on_s: float, off_s: float) -> Schedule:
+    """Return the Schedule of a run that is heated between two instants [s]."""
+    is_heated = bool(run.heater_power_w.any())
     ends_early = is_heated and off_s < float(trip.time_s[-1])
-    return replace(run, heating_end_s=off_s if ends_early else None)
+    return replace(run, heating_start_s=on_s if is_heated else None, heating_end_s=off_s if ends_early else None)
 
 
 class _Search:
@@ -167,10 +144,10 @@ class _Search:
         unheated, first = self._unheated, self._first_step(on_s)
         assert unheated.heat is not None
         command_w = maximum_between(self._trip, on_s, off_s)
-        return _schedule_along(self._trip, unheated, on_s, off_s, command_w, np.array([
-            np.concatenate((before[:first], after)) for before, after in zip((
-                unheated.soc, unheated.temperature_c, unheated.heat.heater_power_w,
-                unheated.heat.coolant_excess_k), states)]))
+        run = along_states(self._trip, [np.concatenate((before[:first], after)) for before, after in zip((
+            unheated.soc, unheated.temperature_c, unheated.heat.heater_power_w,
+            unheated.heat.coolant_excess_k), states)], command_w, unheated.brake_power_w, None)
+        return switched_off(self._trip, run, on_s, off_s)
 
     def _before_k(self, on_s: float) -> float:
         """Return how far full heating until an instant [s] warms battery and coolant [K] without leakage."""

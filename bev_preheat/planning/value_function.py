@@ -1,115 +1,49 @@
 # SPDX-License-Identifier: Apache-2.0
-"""
-Method `value_function`: heat where a kelvin is worth more than it costs.
-
-The two passes of the paper, for every temperature instead of one. Backward from arrival, each step takes the best
-of its ends: heater off, heated with the surplus of regeneration, at full power, or a mixture of two:
-
-    V_N(T)     = cost of arriving at T: nothing from the target on, SHORT_PRICE below it
-    V_k(T, on) = min over the ends of: battery energy + price of switching on + V_(k+1)(T', heated)
-
-Forward from the battery as it is now, each step takes the end of least cost. Limits, cabin and friction brake
-enter with the ends (`limits`), so nothing is searched for afterwards. The passes are repeated along the path that
-they find, on narrower and finer temperatures; none makes the plan worse. The state of charge is no axis: it is
-that of the path before, and what charge is worth beyond its energy enters as a price. Heat under way is no axis
-either: T is the temperature that the battery comes to from the heat already in heater and coolant; the battery is
-colder by the heat under way on the path before. Heat that arrives late has a price for that, and so has power that
-the heater is still to draw.
-
-With an Uncertainty the passes take an expectation: the drive will turn out warmer or colder than forecast, and the
-values of an instant are averaged over that before the step that leads there. So the plan heats earlier where being
-late costs more than being early, and the lead shrinks as the rest of the drive does. Heating is then whole steps,
-and only its end is moved for an exact arrival: the plan is made again long before it has been driven.
-
-The reserve of charge comes before the power of climbs, the power of climbs before the target, as docs/explanation/
-planning.md says. core/src/value_function.c is the same in C.
-"""
+"""Method `value_function`: the plan of least battery energy within the limits, by the passes of `recursion`."""
 
 from __future__ import annotations
 
 from dataclasses import replace
-import math
-from typing import NamedTuple, TYPE_CHECKING
+from typing import TYPE_CHECKING
 
-import numpy as np
-
-from bev_preheat.native import searches as native_searches
-from bev_preheat.numerics.factors import JOULES_PER_WH
-from bev_preheat.planning.dynamics import native_vehicle
+from bev_preheat.planning import engine
 from bev_preheat.planning.heat_run import initial_states
 from bev_preheat.planning.kept_values import KeptValues, Requirements
 from bev_preheat.planning.limits import drive_as_planned, run_unheated
-from bev_preheat.planning.no_regret import NO_WORSE_W
+from bev_preheat.planning.recursion import LACK_PRICE, NEAR_K, Recursion, RESERVE_TOLERANCE, ValueTable
 from bev_preheat.planning.schedule import ended_within, HeldBack
 from bev_preheat.planning.situation import reserve_soc, Uncertainty
 from bev_preheat.planning.steps_ahead import LEAST_HEATING_W
-from bev_preheat.planning.unlimited import switch_within_limits
-from bev_preheat.planning.value_layers import best_of, Layer, SHORT_PRICE
-from bev_preheat.planning.value_path import ValuePath
-from bev_preheat.planning.value_run import ValueRun
+from bev_preheat.planning.switch_methods import is_best
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from bev_preheat.numerics.arrays import FloatArray
-    from bev_preheat.planning.heat_run import States
     from bev_preheat.planning.schedule import Schedule
     from bev_preheat.planning.situation import BatteryState, Goal
+    from bev_preheat.planning.switch_plan import SwitchPlan
     from bev_preheat.planning.trip import Trip
 
-# Under an Uncertainty the first part of a kelvin [K] that is missing costs this many times its energy: no heater
-# is switched on again for so little.
-NEAR_K, NEAR_PRICE = 0.2, 2.0
-# A joule that the battery cannot deliver costs this many times itself; a step that empties the battery [J].
-LACK_PRICE = 2000.0
-EMPTY_J = 1e12
-# The passes: temperatures this far apart, and this far around the path before. The first pass covers from below
-# the coldest temperature of the unheated run to above target and start.
-FIRST_STEP_K, BELOW_K, ABOVE_K = 0.5, 3.0, 25.0
-WIDE_STEP_K, WIDE_K = 0.1, 1.5
-NARROW_STEP_K, NARROW_K = 0.01, 0.15
-LAST_STEP_K, LAST_K = 0.001, 0.015
-PASSES = ((FIRST_STEP_K, 0.0), (WIDE_STEP_K, WIDE_K), (WIDE_STEP_K, WIDE_K), (NARROW_STEP_K, NARROW_K),
-          (LAST_STEP_K, LAST_K))
-# Under an Uncertainty so many passes are made, wider by this many of its standard deviations.
-EXPECTED_PASSES = 3
-WIDER_DEVIATIONS = 2.5
-# Temperatures of a ValueTable are this far apart.
-TABLE_STEP_K = 0.03
-# Most temperatures of an instant.
-VALUE_POINTS = 128
-# The core drives a step from three temperatures of a stretch of at most this width in which the same limits act,
-# and lays a parabola through their ends; the end from a fourth one is as near to it as this, in cost and warmth.
-STRETCH_K = 6.0
-STRETCH_J = 10.0
-# A pass is made again, at most so many times in all: the first one while the aim, lowered for the reserve of
-# charge, moves by more than so many kelvin, the others while the path reaches this share of their width and that
-# saves more than so much.
-MOST_LOOKS = 7
-NEAR_RESERVE_K = 0.1
-EDGE_SHARE = 0.9
-LOOK_WH = 0.25
-# Tolerance on the reserve; plans aim at this much more.
-RESERVE_TOLERANCE = 1e-5
+# Plans aim at this much more charge than the reserve.
 SPARE_SOC = 1e-7
 
 
 def plan_by_values(trip: Trip, state: BatteryState, goal: Goal,
-                   unheated: Schedule | None = None, uncertainty: Uncertainty | None = None,
+                   switched: SwitchPlan | None = None, uncertainty: Uncertainty | None = None,
                    price: FloatArray | None = None, kept: KeptValues | None = None) -> Schedule:
     """
     Return the Schedule with the least battery energy that reaches the target within limits.
 
     Without an active limit it is the Schedule of `optimal_switch`. With an Uncertainty it has the least expected
     energy, of a plan that is made again on the way. `price` (N,) are factors of the battery energy of the steps,
-    such as shares of the highest price. `unheated` is the Schedule without any heating, ignoring limits, if known.
+    such as shares of the highest price. `switched` is the engine's plan with one interval for this goal, if known.
     `kept` has the values of an earlier plan of the drive, and takes those of this one.
     If the charge does not carry the trip, only surplus heats.
     """
     if uncertainty is None:
-        switched = switch_within_limits(trip, state, goal, unheated) if price is None else None
-        if switched is not None:
-            return switched
+        if price is None:
+            switched = switched or engine.plan_switch(trip, state, goal.target_temperature_c)
+            if is_best(trip, goal, switched):
+                return switched.schedule
         uncertainty = Uncertainty(0.0, is_heating=state.heater_power_w > LEAST_HEATING_W)
     reserve = reserve_soc(trip.vehicle, goal)
     aimed_soc = reserve + SPARE_SOC if reserve > 0.0 else 0.0
@@ -117,13 +51,10 @@ def plan_by_values(trip: Trip, state: BatteryState, goal: Goal,
     if trip.vehicle.heat_path.is_direct:
         start = *start[:2], 0.0, 0.0
     wanted = Requirements(goal.target_temperature_c, aimed_soc, uncertainty, price)
-    found, values = None, None if kept is None else kept.that_hold(trip, wanted)
-    if isinstance(values, native_searches.NativeValues):
-        found = _plan_in_core(trip, start, wanted, values)
-    elif isinstance(values, Recursion):
-        found = Recursion(trip, start, wanted, LACK_PRICE).followed(values)
+    values = None if kept is None else kept.that_hold(trip, wanted)
+    found = None if values is None else engine.follow_values(trip, start, wanted, values)
     if found is None:
-        found = _plan_in_core(trip, start, wanted) or _plan_in_python(trip, start, wanted)
+        found = engine.find_values(trip, start, wanted)
         if kept is not None:
             kept.keep(trip, wanted, found.values)
     if found.command_w is None:
@@ -146,38 +77,6 @@ def _what_holds_back(trip: Trip, state: BatteryState, target_c: float, reserve: 
     return HeldBack.POWER if float(warmest.temperature_c[-1]) > arrival_c + NEAR_K else None
 
 
-def _plan_in_core(trip: Trip, start: States, wanted: Requirements,
-                  values: native_searches.NativeValues | None = None) -> native_searches.PlanByValues | None:
-    vehicle, uncertainty = native_vehicle(trip.vehicle), wanted.uncertainty
-    return None if vehicle is None else native_searches.plan_by_values(
-        vehicle, trip.native, start, wanted.target_c, wanted.reserve, uncertainty.deviation_k,
-        uncertainty.is_heating, wanted.price, values)
-
-
-def _plan_in_python(trip: Trip, start: States, wanted: Requirements) -> native_searches.PlanByValues:
-    for lack_price in (LACK_PRICE, 0.0):
-        recursion = Recursion(trip, start, wanted, lack_price)
-        command_w = recursion.plan()
-        # The reserve comes before the power of climbs, and heat for a climb may cost the charge that it needs.
-        if recursion.unheated_lack_w == 0.0 or (
-                command_w is not None and recursion.run.states[0, -1] >= wanted.reserve - RESERVE_TOLERANCE
-                and recursion.run.lack_w() <= recursion.unheated_lack_w + NO_WORSE_W):
-            break
-    return native_searches.PlanByValues(command_w, recursion.run.ends_in, recursion)
-
-
-class ValueTable(NamedTuple):
-    """
-    Costs of the rest of a trip, for each instant and temperature: `values_j` [J] (N + 1, P).
-
-    `temperature_c` (P,) [deg C] includes the heat under way; `joules_per_k` is the heater's energy for a kelvin.
-    """
-
-    temperature_c: FloatArray
-    values_j: FloatArray
-    joules_per_k: float
-
-
 def value_table(trip: Trip, state: BatteryState, goal: Goal) -> ValueTable | None:
     """
     Return the ValueTable over the whole range, with the charge of the plan: for pictures and for study.
@@ -188,162 +87,3 @@ def value_table(trip: Trip, state: BatteryState, goal: Goal) -> ValueTable | Non
     recursion = Recursion(trip, initial_states(state), Requirements(
         goal.target_temperature_c, reserve_soc(trip.vehicle, goal), certain), LACK_PRICE)
     return None if recursion.plan() is None else recursion.table()
-
-
-class Recursion:
-    """The passes for one trip: `run` is that of the latest, `path` that of the one before."""
-
-    def __init__(self, trip: Trip, start: States, wanted: Requirements, lack_price: float) -> None:
-        """Take the States at the start; `lack_price` is the cost of a joule that the battery cannot deliver."""
-        self._trip, self._wanted = trip, wanted
-        self._deviation_k = wanted.uncertainty.deviation_k
-        self.run = ValueRun(trip, start, wanted, lack_price)
-        self.path = ValuePath(trip, self.run, lack_price)
-        self._layers: list[Layer] = []
-        # The largest power deficit of the unheated run [W].
-        self.unheated_lack_w = 0.0
-
-    def plan(self) -> FloatArray | None:
-        """Return the heater commands [W] (N,); None if the charge does not carry the trip."""
-        run, target_c = self.run, self._wanted.target_c
-        if not run.drive_commands(None):
-            return None
-        self.path.keep()
-        self.unheated_lack_w = run.lack_w()
-        range_c = self._range_c()
-        aim_c, looks, number, is_priced = target_c, 0, 0, True
-        kept = run.keep()
-        while number < (len(PASSES) if run.is_certain else EXPECTED_PASSES):
-            self._layers = self._find_values(
-                self._grids_c(number, range_c), aim_c, number > 0, is_priced and number > 0)
-            saved_j = 0.0
-            if not self._find_path():
-                saved_j = -math.inf
-            elif number > 0 and run.is_certain:
-                saved_j = run.cost_j(aim_c, kept) - run.cost_j(aim_c)
-            if saved_j < 0.0:
-                # No pass makes the plan worse: charge may be priced wrongly, as limits bend.
-                run.take(kept)
-                if number == 0 and looks < MOST_LOOKS:
-                    # The charge does not carry so much heat.
-                    aim_c, looks = 0.5 * (aim_c + run.arrival_c), looks + 1
-                    continue
-                number, looks, is_priced = (number, looks, False) if is_priced else (number + 1, 0, True)
-                continue
-            kept = run.keep()
-            moved_k = self.path.keep()
-            # The reserve of charge allows this temperature.
-            spare_k = -run.beyond_k(is_short_of_charge=True)
-            is_short = spare_k < 0.0 or aim_c < target_c
-            aimed_c = aim_c
-            if is_short:
-                aim_c = min(target_c, run.arrival_c + spare_k)
-            looks += 1
-            is_found = (abs(aim_c - aimed_c) < NEAR_RESERVE_K if number == 0 else
-                        moved_k < EDGE_SHARE * PASSES[number][1] or saved_j < LOOK_WH * JOULES_PER_WH)
-            if is_found or looks >= MOST_LOOKS:
-                number, looks, is_priced = number + 1, 0, True
-        return run.arrive_exactly(aim_c)
-
-    def followed(self, kept: Recursion) -> native_searches.PlanByValues | None:
-        """
-        Return the plan from the values of an earlier one, whose last steps are those of this trip: forward only.
-
-        None if they do not lead to a plan: something is short, or it leaves the temperatures that have values.
-        """
-        if not kept.is_to_be_followed():
-            return None
-        self._layers = kept._layers[-len(self._trip.route) - 1:]
-        self.path.take_last(kept.path)
-        if not self._find_path():
-            return None
-        middle_c = np.array([0.5 * (layer.grid_c[0] + layer.grid_c[-1]) for layer in self._layers])
-        if np.abs(self.run.states[1] + self.path.all_to_come_k() - middle_c).max() > WIDE_K:
-            return None
-        command_w = self.run.arrive_exactly(self._wanted.target_c)
-        return native_searches.PlanByValues(command_w, self.run.ends_in) if self.is_to_be_followed() else None
-
-    def is_to_be_followed(self) -> bool:
-        """Return whether the values lead from other states, too: they are wide, and nothing is short."""
-        return (not self.run.is_certain and self.unheated_lack_w == 0.0
-                and self.run.beyond_k(is_short_of_charge=True) <= 0.0)
-
-    def table(self) -> ValueTable:
-        """Return the values over the whole range, with the charge of the last pass."""
-        grid_c = np.arange(*self._range_c(), TABLE_STEP_K)
-        layers = self._find_values([grid_c] * len(self.path.soc), self._wanted.target_c, True, True)
-        return ValueTable(grid_c, np.array([layer.values_j[0] for layer in layers]), self.run.joules_per_k)
-
-    # Backward.
-
-    def _find_values(self, grids_c: Sequence[FloatArray], aim_c: float, is_expected: bool,
-                     is_priced: bool) -> list[Layer]:
-        """
-        Return the layers of a pass at given temperatures [deg C], from the arrival at `aim_c` back.
-
-        `is_expected`: they are averaged over the Uncertainty; `is_priced`: charge and heat under way are priced.
-        """
-        run = self.run
-        short_k = np.maximum(aim_c - grids_c[-1], 0.0)
-        near_k = 0.0 if run.is_certain else np.minimum(short_k, NEAR_K)
-        short_j = (SHORT_PRICE * short_k - (SHORT_PRICE - NEAR_PRICE) * near_k) * run.joules_per_k
-        layers = [Layer(grids_c[-1], np.array((short_j, short_j)))]
-        self.path.forget_prices()
-        for k in reversed(range(len(self._trip.route))):
-            grid_c = grids_c[k]
-            following = layers[-1] = layers[-1].spread(self._variance_k2(k)) if is_expected else layers[-1]
-            self.path.watch(k, grid_c, following.grid_c)
-            ends = self.path.ends(
-                k, np.full(len(grid_c), self.path.soc[k]), grid_c, self.path.under_way_k[k])
-            best = best_of(ends, following, run.joules_per_k, is_mixed=run.is_certain)
-            values_j = np.array([best.value_j(switch_on_j) for switch_on_j in (run.switch_on_j, 0.0)])
-            layers.append(Layer(grid_c, np.where(ends.is_empty, EMPTY_J, values_j)))
-            if is_priced:
-                self.path.price(k, following)
-        return layers[::-1]
-
-    def _variance_k2(self, k: int) -> float:
-        """Return how much less is uncertain about the arrival at the end of step k than at its start [K^2]."""
-        left_s = self._trip.time_s[-1] - self._trip.time_s[[0, k, k + 1]]
-        return float(self._deviation_k ** 2 * (left_s[1] ** 2 - left_s[2] ** 2) / left_s[0] ** 2)
-
-    def _range_c(self) -> tuple[float, float]:
-        """Return the lowest and the highest temperature of the first pass [deg C]."""
-        path_c, target_c = self.path.settled_c, self._wanted.target_c
-        highest_c = self._trip.vehicle.battery.temperature_range_c[1]
-        return (min(float(path_c.min()), target_c) - BELOW_K,
-                min(max(float(path_c[0]), target_c) + ABOVE_K, highest_c + BELOW_K))
-
-    def _grids_c(self, number: int, range_c: tuple[float, float]) -> list[FloatArray]:
-        """Return the temperatures of all layers of a pass [deg C]."""
-        step_k, half_k = PASSES[number]
-        half_k += WIDER_DEVIATIONS * self._deviation_k
-        wide_k = range_c[1] - range_c[0] if number == 0 else 2.0 * half_k
-        return [_grid_c(range_c[0] if number == 0 else path_c - half_k, wide_k, step_k)
-                for path_c in self.path.settled_c.tolist()]
-
-    # Forward.
-
-    def _find_path(self) -> bool:
-        """Take the best end of each step; return whether the charge carries the trip."""
-        run, is_on = self.run, self._wanted.uncertainty.is_heating
-        for k in range(len(self._trip.route)):
-            to_come_k = self.path.to_come_k(k)
-            ends = self.path.ends(k, run.states[0, k:k + 1], run.states[1, k:k + 1] + to_come_k, to_come_k)
-            if ends.is_empty[0]:
-                return False
-            choice = best_of(ends, self._layers[k + 1], run.joules_per_k, is_mixed=run.is_certain).only(
-                0.0 if is_on else run.switch_on_j)
-            is_on = choice.is_heating
-            if not run.drive(k, choice.wanted_w(ends), takes_surplus=choice.end > 0 and choice.share == 0.0):
-                return False
-        return True
-
-
-def _grid_c(low_c: float, wide_k: float, step_k: float) -> FloatArray:
-    """Return temperatures from `low_c` on, `wide_k` and more, `step_k` apart, or more if they were too many."""
-    points = wide_k / step_k + 2.0
-    if points > VALUE_POINTS:
-        points, step_k = VALUE_POINTS, wide_k / (VALUE_POINTS - 1)
-    grid_c: FloatArray = low_c + step_k * np.arange(int(points), dtype=float)
-    return grid_c

@@ -12,7 +12,7 @@ from bev_preheat.numerics.arithmetic import ARRAYS
 from bev_preheat.numerics.factors import JOULES_PER_WH
 from bev_preheat.planning.bracketing import ARRIVAL_TOLERANCE_K, MOST_TRIALS
 from bev_preheat.planning.dynamics import limits_of_steps_w
-from bev_preheat.planning.limits import make_limited_drive
+from bev_preheat.planning.limited_drive import make_limited_drive
 from bev_preheat.planning.steps_ahead import LACK_TOLERANCE_W, LEAST_HEATING_W
 from bev_preheat.planning.value_layers import SHORT_PRICE
 
@@ -35,7 +35,7 @@ MOVED_K = 1.0
 
 class ValueRun:
     """
-    States (4, N + 1) and powers (4, N) of a run: those of `limits.make_limited_drive`.
+    States (4, N + 1) and powers (4, N) of a run: those of `limited_drive.make_limited_drive`.
 
     `joules_per_k` is the heater's energy for a kelvin; `ends_in` the step within which heating ends, or None.
     """

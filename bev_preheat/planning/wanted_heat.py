@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The heat that a run within limits wants, and the steps in which a limit may cut it."""
+"""The heat that a run within limits wants."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import math
 from typing import NamedTuple, TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from bev_preheat.numerics.arrays import BoolArray, FloatArray
+    from bev_preheat.numerics.arrays import FloatArray
 
 # `wanted_w(step, temperature_c)` -> heater power [W].
 WantedPower = Callable[[int, float], float]
@@ -28,15 +28,3 @@ class WantedHeat(NamedTuple):
         """Return `wanted_w(step, temperature_c)` -> heater power [W]."""
         power_w: list[float] = self.power_w.tolist()
         return lambda k, temperature_c: power_w[k] if temperature_c < self.below_c else 0.0
-
-
-class LimitedSteps(NamedTuple):
-    """Steps in which a limit may matter, shape (N,): for regeneration, or for drive and heater."""
-
-    charge: BoolArray
-    discharge: BoolArray
-
-    @property
-    def any(self) -> bool:
-        """Whether there is any such step."""
-        return bool(self.charge.any() or self.discharge.any())

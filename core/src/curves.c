@@ -65,11 +65,3 @@ double bev_table_value(const bev_curve *curve, int32_t saturating, double soc,
   return saturating == BEV_AS_ARRAYS ? bev_table_as_arrays(curve, soc, temperature_c)
                                      : bev_table(curve, soc, temperature_c);
 }
-
-double bev_curve_value(const bev_curve *curve, int32_t saturating, double soc,
-                       double temperature_c) {
-  if (curve == NULL) {
-    return NAN;
-  }
-  return bev_at(curve, saturating, soc, temperature_c);
-}

@@ -7,6 +7,7 @@
 #include "checks.h"
 #include "limits_of_run.h"
 #include "paper.h"
+#include "parts_of_plans.h"
 #include "step_limits.h"
 #include "steps_of_model.h"
 
@@ -57,7 +58,7 @@ static int leaves_enough(const drive *of, const double *soc) {
   return soc[of->trip.steps] >= of->reserve_soc;
 }
 
-/* The steps in which a limit may matter: bev_preheat.planning.limits.watch_limits. */
+/* The steps in which a limit is near: bev_preheat.planning.limits.limit_is_near, step by step. */
 static bev_status watch_limits(const drive *of) {
   const bev_trip *trip = &of->trip;
   bev_status status = BEV_OK;
@@ -144,18 +145,10 @@ static void drive_each_way(drive *of, double start_soc, double start_c, bev_arri
   double *temperature_c = of->room[SWITCH_ROOMS + 1];
   double *heater_w = of->room[SWITCH_ROOMS + 2];
   bev_switch_plan plan;
-  bev_status planned = bev_plan_switch(of->vehicle, &of->trip, start_soc, start_c, of->target_c,
-                                       1, of->room[0], soc, temperature_c, heater_w, &plan);
-  bev_status unheated = planned;
-  if (planned == BEV_LIMITED) {
-    /* The plan, or only the unheated run, which alone is known to be complete. */
-    for (int32_t k = 0; k < steps; k++) {
-      heater_w[k] = 0.0;
-    }
-    const bev_seen_run idle = {of->vehicle, &of->trip, of->idle_soc, of->idle_c, heater_w,
-                               of->room[6], of->room[7]};
-    unheated = bev_keeps_limits(&idle, 0);
-  }
+  const bev_status planned = bev_plan_switch(of->vehicle, &of->trip, start_soc, start_c, of->target_c,
+                                             1, of->room[0], soc, temperature_c, heater_w, &plan);
+  const bev_status unheated =
+      planned == BEV_OK && plan.unheated_keeps_limits == 0 ? BEV_LIMITED : planned;
   if (unheated != BEV_OK) {
     for (int32_t way = 0; way < BEV_WAYS; way++) {
       arrive(&arrivals[way], unheated, NAN, NAN, NAN, NAN);
@@ -163,7 +156,7 @@ static void drive_each_way(drive *of, double start_soc, double start_c, bev_arri
     return;
   }
   arrive(&arrivals[BEV_UNHEATED], BEV_OK, 0.0, of->idle_c[steps], of->idle_soc[steps], NAN);
-  if (planned == BEV_OK && leaves_enough(of, soc)) {
+  if (plan.keeps_limits != 0 && leaves_enough(of, soc)) {
     arrive(&arrivals[BEV_ONE_SWITCH], BEV_OK, plan.energy_wh.hvch_electric, temperature_c[steps],
            soc[steps], plan.switching_instant_s);
   } else {

@@ -4,6 +4,7 @@
 #define BEV_PREHEAT_CORE_HEATING_H_
 
 #include "checks.h"
+#include "parts_of_plans.h"
 
 /* Maximum number of rounds for finding the command that keeps the highest temperature. */
 #define BEV_MOST_HEATING_ROUNDS 1000

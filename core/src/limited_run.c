@@ -5,6 +5,7 @@
  */
 #include "heating.h"
 #include "limited_step.h"
+#include "parts_of_plans.h"
 
 /* Drive on from step `first`; `states` and `powers_w` are `rows` arrays each. */
 static bev_status drive_on(const bev_limited_run *run, const bev_heating *heating, int32_t first,
@@ -78,21 +79,22 @@ bev_status bev_run_heated_within_limits(const bev_vehicle *vehicle, const bev_tr
 }
 
 bev_status bev_drive_as_planned(const bev_vehicle *vehicle, const bev_trip *trip,
-                                const double *command_w, double *states, double *powers_w,
-                                uint8_t *watched, bev_stranding *stranding) {
+                                const double *command_w, double below_c, int32_t takes_surplus,
+                                double *states, double *powers_w, uint8_t *flags,
+                                bev_stranding *stranding) {
   const bev_status checked = bev_checked(vehicle, trip, 0);
   if (checked != BEV_OK) {
     return checked;
   }
-  if (command_w == NULL || states == NULL || powers_w == NULL || watched == NULL
+  if (command_w == NULL || states == NULL || powers_w == NULL || flags == NULL
       || stranding == NULL) {
     return BEV_BAD_ARGUMENT;
   }
   const int32_t steps = trip->steps;
-  const bev_heating heating = {1, HUGE_VAL, command_w, watched, &watched[steps]};
+  const bev_heating heating = {takes_surplus, below_c, command_w, flags, &flags[steps]};
   for (int32_t k = 0; k < steps; k++) {
-    watched[k] = trip->propulsion_power_w[k] < 0.0 ? 1u : 0u;
-    watched[steps + k] = 1u;
+    flags[k] = trip->propulsion_power_w[k] < 0.0 ? 1u : 0u;
+    flags[steps + k] = 1u;
   }
   int32_t empty_step = -1;
   bev_status status = bev_is_direct(vehicle)

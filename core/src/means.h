@@ -16,7 +16,7 @@ bev_status bev_run_with_means(const bev_vehicle *vehicle, int32_t integrator, co
                               int32_t first, const double *heater_w, const double *brake_w,
                               double *soc, double *temperature_c, bev_means means);
 
-/* As bev_run_heated without a brake; adds the energy from the cells [Wh] to `taken_wh`. */
+/* As bev_run_heated from step `first` on; adds the energy from the cells [Wh] to `taken_wh` (null: not asked for). */
 bev_status bev_run_heated_with_energy(const bev_vehicle *vehicle, const bev_trip *trip,
                                       int32_t first, const double *command_w, double *states,
                                       double *taken_wh);

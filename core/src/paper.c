@@ -5,6 +5,7 @@
 #include "bev_preheat_core_generated/constants.h"
 #include "checks.h"
 #include "limits_of_run.h"
+#include "parts_of_plans.h"
 #include "steps_of_model.h"
 
 bev_status bev_run_paper(const bev_vehicle *vehicle, const bev_trip *trip, double target_c,
@@ -15,7 +16,7 @@ bev_status bev_run_paper(const bev_vehicle *vehicle, const bev_trip *trip, doubl
     heater_w[k] = 0.0;
   }
   bev_status status = bev_run(vehicle, BEV_EULER, trip, 0, NULL, NULL, soc, temperature_c);
-  if (status != BEV_OK || temperature_c[steps] >= target_c) {
+  if (status < BEV_OK || temperature_c[steps] >= target_c) {
     return status;
   }
   status = bev_find_crossing(vehicle, BEV_EULER, trip, target_c, soc[steps], BEV_LOST_ABOVE_TARGET_K,
@@ -72,7 +73,7 @@ bev_status bev_plan_paper(const bev_vehicle *vehicle, const bev_trip *trip, doub
   idle_soc[0] = start_soc;
   idle_c[0] = start_c;
   status = bev_run(vehicle, BEV_RUNGE_KUTTA_4, trip, 0, NULL, NULL, idle_soc, idle_c);
-  if (status != BEV_OK) {
+  if (status < BEV_OK) {
     return status;
   }
   for (int32_t k = 0; k < steps; k++) {
@@ -80,9 +81,11 @@ bev_status bev_plan_paper(const bev_vehicle *vehicle, const bev_trip *trip, doub
   }
   bev_seen_run run = {vehicle, trip, idle_soc, idle_c, heater_w, least_w, most_w};
   status = bev_keeps_limits(&run, 0);
-  if (status != BEV_OK) {
+  if (status < BEV_OK) {
     return status;
   }
+  plan->unheated_keeps_limits = status == BEV_OK ? 1 : 0;
+  plan->costs_least = 1;
   soc[0] = start_soc;
   temperature_c[0] = start_c;
   status = bev_run_paper(vehicle, trip, target_c, soc, temperature_c, heater_w,
@@ -90,8 +93,9 @@ bev_status bev_plan_paper(const bev_vehicle *vehicle, const bev_trip *trip, doub
   if (status == BEV_OK) {
     status = bev_is_driven_as_planned(vehicle, trip, soc, temperature_c, heater_w, least_w, most_w);
   }
+  plan->keeps_limits = status == BEV_OK ? 1 : 0;
   if (status != BEV_OK) {
-    return status;
+    return status < BEV_OK ? status : BEV_OK;
   }
   run.soc = soc;
   run.temperature_c = temperature_c;

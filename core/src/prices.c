@@ -3,7 +3,6 @@
 #include "prices.h"
 
 #include "bev_preheat_core_generated/constants.h"
-#include "checks.h"
 #include "slopes.h"
 
 /* Effect on arrival of a watt of the heater in a step: gain of warmth [K/W], loss of charge [1/W]. */
@@ -80,29 +79,4 @@ bev_status bev_costs_least(const bev_vehicle *vehicle, const bev_trip *trip, con
   const double whole_wh = vehicle->capacity_ah
       * bev_at(&vehicle->open_circuit_voltage, BEV_EXACT, soc[steps], temperature_c[steps]);
   return saving < BEV_LEAST_SAVING_WH / whole_wh ? BEV_OK : BEV_CHEAPER_ELSEWHERE;
-}
-
-bev_status bev_find_prices(const bev_vehicle *vehicle, const bev_trip *trip, const double *soc,
-                           const double *temperature_c, const double *heater_w,
-                           double *warmth_k_per_w, double *charge_per_w) {
-  const bev_status status = bev_checked(vehicle, trip, 0);
-  if (status != BEV_OK) {
-    return status;
-  }
-  if (soc == NULL || temperature_c == NULL || heater_w == NULL || warmth_k_per_w == NULL
-      || charge_per_w == NULL) {
-    return BEV_BAD_ARGUMENT;
-  }
-  worths worth = ON_ARRIVAL;
-  for (int32_t k = trip->steps - 1; k >= 0; k--) {
-    price_on_arrival price;
-    const bev_status priced =
-        price_of_step(vehicle, trip, soc, temperature_c, heater_w[k], k, &worth, &price);
-    if (priced != BEV_OK) {
-      return priced;
-    }
-    warmth_k_per_w[k] = price.warmth_k_per_w;
-    charge_per_w[k] = price.charge_per_w;
-  }
-  return BEV_OK;
 }

@@ -9,46 +9,8 @@
 #include "bev_preheat_core_generated/constants.h"
 #include "checks.h"
 #include "means.h"
+#include "parts_of_plans.h"
 #include "steps_of_model.h"
-
-bev_status bev_step(const bev_vehicle *vehicle, int32_t integrator, int32_t saturating, double soc,
-                    double temperature_c, double duration_s, double power_w, double variance_w2,
-                    double heat_w, double leakage_w_per_k, double result[4]) {
-  if (vehicle == NULL || result == NULL || !bev_is_integrator(integrator)) {
-    return BEV_BAD_ARGUMENT;
-  }
-  if (!bev_is_vehicle(vehicle)) {
-    return BEV_BAD_VEHICLE;
-  }
-  const bev_inputs inputs = {duration_s, power_w, variance_w2, heat_w, leakage_w_per_k};
-  if (!bev_are_finite(&inputs) || !isfinite(soc) || !isfinite(temperature_c)) {
-    return BEV_BAD_INPUT;
-  }
-  bev_integrate(vehicle, integrator, saturating, soc, temperature_c, &inputs, result);
-  return bev_kind_of(result[0], result[1]) == BEV_OK ? BEV_OK : BEV_NOT_FINITE;
-}
-
-bev_status bev_heated_step(const bev_vehicle *vehicle, int32_t saturating, const double states[4],
-                           double duration_s, double power_w, double variance_w2, double heat_w,
-                           double leakage_w_per_k, double command_w, double result[8]) {
-  if (vehicle == NULL || states == NULL || result == NULL) {
-    return BEV_BAD_ARGUMENT;
-  }
-  if (!bev_is_vehicle(vehicle)) {
-    return BEV_BAD_VEHICLE;
-  }
-  const bev_inputs inputs = {duration_s, power_w, variance_w2, heat_w, leakage_w_per_k};
-  if (!bev_are_finite(&inputs) || !isfinite(command_w) || !isfinite(states[0])
-      || !isfinite(states[1]) || !isfinite(states[2]) || !isfinite(states[3])) {
-    return BEV_BAD_INPUT;
-  }
-  bev_integrate_heated(vehicle, saturating, states, &inputs, command_w, result);
-  if (bev_kind_of(result[0], result[1]) != BEV_OK
-      || bev_kind_of(result[2], result[3]) != BEV_OK) {
-    return BEV_NOT_FINITE;
-  }
-  return BEV_OK;
-}
 
 static bev_status run(const bev_vehicle *vehicle, int32_t integrator, int32_t saturating,
                       const bev_trip *trip, int32_t first, const double *heater_w,
@@ -131,7 +93,7 @@ static double battery_power_w(const bev_vehicle *vehicle, int32_t saturating,
 }
 
 static bev_status run_heated(const bev_vehicle *vehicle, int32_t saturating, const bev_trip *trip,
-                             int32_t first, const double *command_w, const double *brake_w,
+                             int32_t first, const double *command_w,
                              double *const run_of[4], double *taken_wh) {
   double states[4];
   double result[8];
@@ -139,7 +101,7 @@ static bev_status run_heated(const bev_vehicle *vehicle, int32_t saturating, con
     states[n] = run_of[n][first];
   }
   for (int32_t k = first; k < trip->steps; k++) {
-    const bev_inputs inputs = bev_inputs_of(vehicle, trip, k, NULL, brake_w);
+    const bev_inputs inputs = bev_inputs_of(vehicle, trip, k, NULL, NULL);
     if (!bev_are_finite(&inputs) || !isfinite(command_w[k])) {
       return BEV_BAD_INPUT;
     }
@@ -163,9 +125,9 @@ static bev_status run_heated(const bev_vehicle *vehicle, int32_t saturating, con
   return BEV_OK;
 }
 
-static bev_status run_heated_from(const bev_vehicle *vehicle, const bev_trip *trip, int32_t first,
-                                  const double *command_w, const double *brake_w, double *states,
-                                  double *taken_wh) {
+bev_status bev_run_heated_with_energy(const bev_vehicle *vehicle, const bev_trip *trip,
+                                      int32_t first, const double *command_w, double *states,
+                                      double *taken_wh) {
   bev_status status = bev_checked(vehicle, trip, first);
   if (status != BEV_OK) {
     return status;
@@ -182,30 +144,29 @@ static bev_status run_heated_from(const bev_vehicle *vehicle, const bev_trip *tr
     }
   }
   const double taken_before_wh = taken_wh == NULL ? 0.0 : *taken_wh;
-  status = run_heated(vehicle, 0, trip, first, command_w, brake_w, run_of, taken_wh);
+  status = run_heated(vehicle, 0, trip, first, command_w, run_of, taken_wh);
   if (status == BEV_SATURATED) {
     if (taken_wh != NULL) {
       *taken_wh = taken_before_wh;
     }
-    status = of_second(
-        run_heated(vehicle, 1, trip, first, command_w, brake_w, run_of, taken_wh));
+    status = of_second(run_heated(vehicle, 1, trip, first, command_w, run_of, taken_wh));
   }
   return status;
 }
 
-bev_status bev_run_heated(const bev_vehicle *vehicle, const bev_trip *trip, int32_t first,
-                          const double *command_w, const double *brake_w, double *states) {
-  return run_heated_from(vehicle, trip, first, command_w, brake_w, states, NULL);
-}
-
-bev_status bev_run_heated_with_energy(const bev_vehicle *vehicle, const bev_trip *trip,
-                                      int32_t first, const double *command_w, double *states,
-                                      double *taken_wh) {
-  return run_heated_from(vehicle, trip, first, command_w, NULL, states, taken_wh);
+bev_status bev_run_heated(const bev_vehicle *vehicle, const bev_trip *trip, const double *command_w,
+                          double *states, double *heat_w) {
+  const bev_status status =
+      bev_run_heated_with_energy(vehicle, trip, 0, command_w, states, NULL);
+  if (status < BEV_OK || heat_w == NULL) {
+    return status;
+  }
+  const bev_status along = bev_heat_along(vehicle, trip, states, command_w, heat_w);
+  return along == BEV_OK ? status : along;
 }
 
 bev_status bev_heat_along(const bev_vehicle *vehicle, const bev_trip *trip, const double *states,
-                          const double *command_w, const double *brake_w, double *heat_w) {
+                          const double *command_w, double *heat_w) {
   const bev_status status = bev_checked(vehicle, trip, 0);
   if (status != BEV_OK) {
     return status;
@@ -215,7 +176,7 @@ bev_status bev_heat_along(const bev_vehicle *vehicle, const bev_trip *trip, cons
   }
   const int32_t instants = trip->steps + 1;
   for (int32_t k = 0; k < trip->steps; k++) {
-    const bev_inputs inputs = bev_inputs_of(vehicle, trip, k, NULL, brake_w);
+    const bev_inputs inputs = bev_inputs_of(vehicle, trip, k, NULL, NULL);
     const double start[4] = {states[k], states[instants + k], states[2 * instants + k],
                              states[3 * instants + k]};
     if (!bev_are_finite(&inputs) || !isfinite(command_w[k]) || !isfinite(start[0])

@@ -7,6 +7,7 @@
 #include "checks.h"
 #include "heating.h"
 #include "limited_step.h"
+#include "parts_of_plans.h"
 
 /* The run up to the step in which the charge runs out, and the powers planned for that step. */
 typedef struct {

@@ -8,6 +8,7 @@
 #include "checks.h"
 #include "limits_of_run.h"
 #include "means.h"
+#include "parts_of_plans.h"
 #include "prices.h"
 #include "step_limits.h"
 #include "steps_of_model.h"
@@ -237,7 +238,7 @@ bev_status bev_describe_run(const bev_seen_run *run, bev_switch_plan *plan) {
   return find_interval(run, plan);
 }
 
-/* Plan a run from the unheated run; the known limits are those of the unheated run. */
+/* Plan a run from the unheated run, and find whether both keep the limits; `run` becomes that of the plan. */
 static bev_status plan_run(switch_search *of, bev_seen_run *run, int32_t in_one_interval,
                            bev_switch_plan *plan) {
   const int32_t steps = of->trip->steps;
@@ -245,12 +246,18 @@ static bev_status plan_run(switch_search *of, bev_seen_run *run, int32_t in_one_
     of->heater_w[k] = 0.0;
   }
   bev_status status = bev_keeps_limits(run, 0);
-  if (status != BEV_OK || of->idle_c[steps] >= of->target_c) {
+  if (status < BEV_OK) {
+    return status;
+  }
+  plan->unheated_keeps_limits = status == BEV_OK ? 1 : 0;
+  plan->keeps_limits = plan->unheated_keeps_limits;
+  plan->costs_least = 1;
+  if (of->idle_c[steps] >= of->target_c) {
     for (int32_t k = 0; k <= steps; k++) {
       of->soc[k] = of->idle_soc[k];
       of->temperature_c[k] = of->idle_c[k];
     }
-    return status;
+    return BEV_OK;
   }
   status = find_switch(of, &plan->switching_instant_s);
   if (status < BEV_OK) {
@@ -258,11 +265,16 @@ static bev_status plan_run(switch_search *of, bev_seen_run *run, int32_t in_one_
   }
   run->soc = of->soc;
   run->temperature_c = of->temperature_c;
-  status = bev_keeps_limits(run, bev_step_at(of->trip, plan->switching_instant_s));
+  /* Until it is switched on, the plan is the unheated run, whose limits are known if it keeps them. */
+  status = bev_keeps_limits(run, plan->unheated_keeps_limits != 0
+                                     ? bev_step_at(of->trip, plan->switching_instant_s)
+                                     : 0);
+  plan->keeps_limits = status == BEV_OK ? 1 : 0;
   if (status == BEV_OK && in_one_interval == 0) {
     status = bev_costs_least(of->vehicle, of->trip, of->soc, of->temperature_c, of->heater_w);
+    plan->costs_least = status == BEV_OK ? 1 : 0;
   }
-  return status;
+  return status < BEV_OK ? status : BEV_OK;
 }
 
 bev_status bev_plan_switch(const bev_vehicle *vehicle, const bev_trip *trip, double start_soc,
@@ -309,9 +321,10 @@ bev_status bev_plan_switch(const bev_vehicle *vehicle, const bev_trip *trip, dou
   }
   plan->switching_instant_s = NAN;
   status = plan_run(&of, &run, in_one_interval, plan);
-  if (status == BEV_OK) {
-    status = bev_describe_run(&run, plan);
+  if (status != BEV_OK || plan->keeps_limits == 0 || plan->costs_least == 0) {
+    return status;
   }
+  status = bev_describe_run(&run, plan);
   if (status != BEV_OK) {
     return status;
   }

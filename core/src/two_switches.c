@@ -7,6 +7,7 @@
 #include "bracketing.h"
 #include "checks.h"
 #include "means.h"
+#include "parts_of_plans.h"
 #include "steps_of_model.h"
 
 /* Maximum number of switch-off instants tried: enough to reduce a bracket of any length to the resolution. */
@@ -272,7 +273,7 @@ static bev_status add_up_idle(const two_switch_search *of) {
 
 bev_status bev_find_two_switches(const bev_vehicle *vehicle, const bev_trip *trip, double target_c,
                                  const double *idle_states, double *memory, double *states,
-                                 double *command_w, double *on_s, double *off_s) {
+                                 double *command_w, double *heat_w, double *on_s, double *off_s) {
   bev_status status = bev_checked(vehicle, trip, 0);
   if (status != BEV_OK) {
     return status;
@@ -302,5 +303,12 @@ bev_status bev_find_two_switches(const bev_vehicle *vehicle, const bev_trip *tri
   }
   of.mean_limit_w = limit_j / of.arrival_s;
   status = add_up_idle(&of);
-  return status == BEV_OK ? find_switches(&of, on_s, off_s) : status;
+  if (status == BEV_OK) {
+    status = find_switches(&of, on_s, off_s);
+  }
+  if (status < BEV_OK || heat_w == NULL) {
+    return status;
+  }
+  const bev_status along = bev_heat_along(vehicle, trip, states, command_w, heat_w);
+  return along == BEV_OK ? status : along;
 }

@@ -9,7 +9,7 @@ from bev_preheat.estimation.estimate import Estimate
 from bev_preheat.estimation.forecast import arrival_deviation_k, arrival_sensitivities
 from bev_preheat.estimation.hypotheses import Heater, HeaterReport
 from bev_preheat.estimation.state import FACTORS, PROPULSION, SIZE, SOC, TEMPERATURE, UNDER_WAY
-from bev_preheat.planning.dynamics import run_forward
+from bev_preheat.planning.engine import run_forward
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.trip import make_trip

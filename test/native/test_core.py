@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The native core compared with the Python equations, at random points, and its refusals."""
 
-from ctypes import addressof, byref, c_double, c_int32
+from ctypes import addressof
 from dataclasses import replace
-from math import inf, isfinite, isnan, nan
+from math import inf, isfinite, nan
 
 import drawn_situations
 from hypothesis import given
@@ -11,19 +11,21 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
+from bev_preheat.native import calls
 from bev_preheat.native import library as library_module
-from bev_preheat.native import runs
-from bev_preheat.native.library import core, core_in_words, use_core, without_core
-from bev_preheat.native.runs import place
-from bev_preheat.native.structs import CurveStruct, NativeVehicle, NotDescribed
+from bev_preheat.native.calls import place
+from bev_preheat.native.library import core, core_in_words, Declined, use_core, without_core
+from bev_preheat.native.structs import CurveStruct, NativeTrip, NativeVehicle, NotDescribed
 from bev_preheat.numerics.arithmetic import FLOATS, SATURATING_FLOATS
-from bev_preheat.planning.dynamics import native_vehicle, run_forward
+from bev_preheat.planning.core_engine import native_vehicle, trip_in_core
+from bev_preheat.planning.engine import run_forward
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.vehicle.corrections import ScaledCurve
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, Table
 from bev_preheat.vehicle.heat_path import HeatPath
 from bev_preheat.vehicle.heated_step import make_heated_step
 from bev_preheat.vehicle.model import make_euler, make_midpoint, make_rates, make_runge_kutta_4
+from bev_preheat.vehicle.trip_columns import TRIP_COLUMNS, TripColumns
 
 FORMULAS, TABLES = (drawn_situations.car(name) for name in drawn_situations.CARS)
 LOGARITHM = replace(FORMULAS, battery=replace(
@@ -40,7 +42,6 @@ TEMPERATURE_C = st.one_of(st.floats(-30.0, 60.0), st.sampled_from([-20.0, -15.0,
 # Duration, terminal power, its variance, heat, leakage.
 INPUTS = st.tuples(st.one_of(st.floats(1.0, 300.0), st.floats(-300.0, -1.0)), st.floats(-9e4, 4e5),
                    st.floats(0.0, 1e9), st.floats(-4e3, 8e3), st.floats(0.0, 150.0))
-NOT_FINITE = -4
 
 
 def test_the_core_is_built_and_used():
@@ -77,75 +78,77 @@ def test_a_library_of_another_version_is_not_used(monkeypatch):
     assert library_module.load_core(path) == (None, f'{path} is of another version')
 
 
+def one_step(inputs):
+    """Return the native trip of one step: duration, terminal power, its variance, heat, leakage."""
+    given = dict(zip(
+        ('duration_s', 'idle_power_w', 'power_variance_w2', 'idle_heat_w', 'leakage_w_per_k'), inputs))
+    return NativeTrip(TripColumns.of_columns(*(
+        np.array([0.0, given['duration_s']] if name == 'time_s' else [given.get(name, 0.0)])
+        for name in TRIP_COLUMNS)))
+
+
+def run_in_core(vehicle, make_integrator, soc, temperature_c, inputs):
+    """Return charge and temperature after a step in the core; None if it declines."""
+    states = np.array([[soc, nan], [temperature_c, nan]])
+    try:
+        calls.run(NativeVehicle(vehicle, 60.0), calls.INTEGRATORS[make_integrator], one_step(inputs), states,
+                  None, None)
+    except Declined:
+        return None
+    return tuple(states[:, 1].tolist())
+
+
+def run_in_python(step_of, soc, temperature_c, inputs):
+    """Return charge and temperature after a step in Python, saturating if need be; None if they are no numbers."""
+    for arithmetic in (FLOATS, SATURATING_FLOATS):
+        try:
+            ends = step_of(arithmetic)(soc, temperature_c, *inputs)[:2]
+        except (ValueError, ArithmeticError):
+            continue
+        return ends if all(map(isfinite, ends)) else None
+    return None
+
+
+def with_resistance(curve):
+    return replace(FORMULAS, battery=replace(FORMULAS.battery, resistance=curve))
+
+
 # Leaf by leaf; test_same_plans.py compares whole plans daily.
 @pytest.mark.deep
-@pytest.mark.parametrize('curve', CURVES, ids=lambda curve: type(curve).__name__)
-@given(soc=SOC, temperature_c=TEMPERATURE_C, saturating=st.booleans())
-def test_curves_have_the_same_values(curve, soc, temperature_c, saturating):
-    vehicle = replace(FORMULAS, battery=replace(FORMULAS.battery, resistance=curve))
-    native = NativeVehicle(vehicle, 60.0)
-    function = core().bev_curve_value
-    function.restype, function.argtypes = c_double, None
-    found = function(byref(native.struct.resistance), c_int32(saturating), c_double(soc),
-                     c_double(temperature_c))
-    assert found == curve.function(SATURATING_FLOATS if saturating else FLOATS)(soc, temperature_c)
-
-
-@pytest.mark.parametrize('curve', [curve for curve in CURVES if isinstance(curve, Table)])
-def test_a_table_at_nan_is_nan_or_its_constant(curve):
-    native = NativeVehicle(replace(FORMULAS, battery=replace(FORMULAS.battery, resistance=curve)), 60.0)
-    function = core().bev_curve_value
-    function.restype, function.argtypes = c_double, None
-    found = function(byref(native.struct.resistance), c_int32(0), c_double(nan), c_double(nan))
-    assert isnan(found) or found == 7.5
-
-
-# Leaf by leaf; test_same_plans.py compares whole plans daily.
-@pytest.mark.deep
-@pytest.mark.parametrize('vehicle', [FORMULAS, LOGARITHM, TABLES], ids=['formulas', 'logarithm', 'tables'])
-@pytest.mark.parametrize('make_integrator', runs.INTEGRATORS)
+@pytest.mark.parametrize('make_integrator', calls.INTEGRATORS)
+@pytest.mark.parametrize('vehicle', [FORMULAS, LOGARITHM, TABLES, *map(with_resistance, CURVES)])
 @given(soc=SOC, temperature_c=TEMPERATURE_C, inputs=INPUTS)
 def test_steps_are_the_same(vehicle, make_integrator, soc, temperature_c, inputs):
-    native = NativeVehicle(vehicle, 60.0)
-    for saturating, arithmetic in enumerate((FLOATS, SATURATING_FLOATS)):
-        try:
-            expected = make_integrator(make_rates(vehicle, arithmetic))(soc, temperature_c, *inputs)
-        except (ValueError, ArithmeticError):
-            expected = (nan,)
-        result = (c_double * 4)()
-        status = core().bev_step(
-            native.address, runs.INTEGRATORS[make_integrator], saturating, soc, temperature_c,
-            *inputs, byref(result))
-        if all(map(isfinite, expected)):
-            assert (status, tuple(result)) == (0, expected)
-        else:
-            assert status == NOT_FINITE
+    assert run_in_core(vehicle, make_integrator, soc, temperature_c, inputs) == run_in_python(
+        lambda arithmetic: make_integrator(make_rates(vehicle, arithmetic)), soc, temperature_c, inputs)
 
 
 # Leaf by leaf; test_same_plans.py compares whole plans daily.
 @pytest.mark.deep
-@pytest.mark.parametrize('path', [HeatPath(), HeatPath(33.0), HeatPath(0.0, 15e3, 310.0),
-                                  HeatPath(47.0, 12e3, 280.0)],
-                         ids=['at once', 'lag', 'coolant', 'coolant and lag'])
+@pytest.mark.parametrize('path', [HeatPath(33.0), HeatPath(0.0, 15e3, 310.0), HeatPath(47.0, 12e3, 280.0)],
+                         ids=['lag', 'coolant', 'coolant and lag'])
 @given(states=st.tuples(st.floats(0.05, 1.0), st.floats(-25.0, 45.0), st.floats(0.0, 7e3),
                         st.floats(-5.0, 25.0)),
        inputs=st.tuples(st.floats(1.0, 300.0), st.floats(-9e4, 3e5), st.floats(0.0, 1e9),
                         st.floats(-4e3, 8e3), st.floats(0.0, 150.0), st.floats(0.0, 7e3)))
 def test_steps_with_a_heat_path_are_the_same(path, states, inputs):
     vehicle = replace(TABLES, heat_path=path)
-    native = NativeVehicle(vehicle, 60.0)
-    for saturating, arithmetic in enumerate((FLOATS, SATURATING_FLOATS)):
+    ends = np.full((4, 2), nan)
+    ends[:, 0] = states
+    *of_step, command_w = inputs
+    found = None
+    try:
+        calls.run_heated(NativeVehicle(vehicle, 60.0), one_step(of_step), ends, np.array([command_w]))
+        found = tuple(ends[:, 1].tolist())
+    except Declined:
+        pass
+    expected = None
+    for arithmetic in (SATURATING_FLOATS, FLOATS):
         try:
-            expected = make_heated_step(vehicle, arithmetic)(*states, *inputs)
+            expected = make_heated_step(vehicle, arithmetic)(*states, *inputs)[:4]
         except ValueError:
-            expected = (nan,)
-        result = (c_double * 8)()
-        status = core().bev_heated_step(
-            native.address, saturating, byref((c_double * 4)(*states)), *inputs, byref(result))
-        if isfinite(expected[0]):
-            assert (status, tuple(result)) == (0, expected)
-        else:
-            assert status == NOT_FINITE
+            continue
+    assert found == (expected if all(map(isfinite, expected)) else None)
 
 
 def test_a_curve_of_another_kind_leaves_the_vehicle_to_python():
@@ -182,8 +185,8 @@ def test_an_impossible_number_of_the_vehicle_is_refused(field, value):
     setattr(native.struct, field, value)
     assert core().bev_check_vehicle(native.address) == -2
     # Nor is it run with.
-    result = (c_double * 4)()
-    assert core().bev_step(native.address, 2, 0, 0.5, 10.0, 30.0, 1e4, 0.0, 0.0, 50.0, byref(result)) == -2
+    trip, states = one_step((30.0, 1e4, 0.0, 0.0, 50.0)), np.full((2, 2), 0.5)
+    assert core().bev_run(native.address, 2, trip.address, 0, None, None, *map(place, states)) == -2
 
 
 @pytest.mark.parametrize('change', [
@@ -215,15 +218,15 @@ def test_a_call_that_makes_no_sense_is_refused(arguments):
     integrator, first = arguments
     vehicle = None if integrator is None else native_vehicle(trip.vehicle).address
     states = np.zeros((2, steps + 1))
-    assert core().bev_run(vehicle, integrator or 0, trip.native.address, first if first < 13 else steps + 1,
+    assert core().bev_run(vehicle, integrator or 0, trip_in_core(trip).address, first if first < 13 else steps + 1,
                           None, None, *map(place, states)) == -1
 
 
 @pytest.mark.parametrize('column', ['duration_s', 'idle_power_w', 'idle_heat_w', 'leakage_w_per_k'])
 def test_an_input_that_is_no_number_is_refused(column):
     trip = trip_of_situation()
-    native = trip.native
-    native.column(column)[0] = nan
+    native = trip_in_core(trip)
+    trip.columns.column(column)[0] = nan
     states = np.full((2, len(trip.route) + 1), 0.5)
     assert core().bev_run(native_vehicle(trip.vehicle).address, 2, native.address, 0, None, None,
                           *map(place, states)) == -3
@@ -235,8 +238,8 @@ def test_what_is_no_number_is_left_to_python():
     trip = trip_of_situation()
     heater_w = np.full(len(trip.route), inf)
     states = np.full((2, len(trip.route) + 1), 0.5)
-    assert runs.run(native_vehicle(trip.vehicle), make_runge_kutta_4, trip.native, states, 0,
-                    heater_w, None) is None
+    with pytest.raises(Declined):
+        calls.run(native_vehicle(trip.vehicle), 2, trip_in_core(trip), states, heater_w, None)
 
 
 @pytest.mark.parametrize('make_integrator', [make_euler, make_midpoint, make_runge_kutta_4])

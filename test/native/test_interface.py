@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from bev_preheat.native import belief_structs, library, runs, structs, trips
+from bev_preheat.native import belief_structs, calls, library, structs
 from bev_preheat.native.headers import COMMENT, FILES, INCLUDE, Macros, read_headers, read_macros
 from bev_preheat.native.library import bindings, core
 
@@ -16,16 +16,16 @@ NUMBERS = {
     'BEV_VALUE_KEPT_EVERY': structs.VALUE_KEPT_EVERY,
     'BEV_MOST_STEPS': structs.MOST_STEPS,
     'BEV_ELEMENTS': belief_structs.ELEMENTS, 'BEV_BOUNDED': belief_structs.BOUNDED,
-    'BEV_MOST_HEATERS': belief_structs.MOST_HEATERS, 'BEV_WAYS': trips.WAYS_OF_TRIP,
-    'BEV_UNHEATED': trips.UNHEATED, 'BEV_ALWAYS_ON': trips.ALWAYS_ON, 'BEV_PAPER': trips.PAPER,
-    'BEV_ONE_SWITCH': trips.ONE_SWITCH, 'BEV_OK': library.OK, 'BEV_SATURATED': library.SATURATED,
+    'BEV_MOST_HEATERS': belief_structs.MOST_HEATERS, 'BEV_WAYS': calls.WAYS_OF_TRIP,
+    'BEV_UNHEATED': calls.UNHEATED, 'BEV_ALWAYS_ON': calls.ALWAYS_ON, 'BEV_PAPER': calls.PAPER,
+    'BEV_ONE_SWITCH': calls.ONE_SWITCH, 'BEV_OK': library.OK, 'BEV_SATURATED': library.SATURATED,
     'BEV_EMPTY': library.EMPTY, 'BEV_NO_CROSSING': library.NO_CROSSING, 'BEV_LIMITED': library.LIMITED,
     'BEV_CHEAPER_ELSEWHERE': library.CHEAPER_ELSEWHERE,
     'BEV_POLYNOMIAL': structs.POLYNOMIAL, 'BEV_POLYNOMIAL_AND_LOGARITHM': structs.POLYNOMIAL_AND_LOGARITHM,
     'BEV_INVERSE_TEMPERATURE': structs.INVERSE_TEMPERATURE, 'BEV_TABLE': structs.TABLE,
-    **{f'BEV_{name}': runs.INTEGRATORS[make] for name, make in (
-        ('EULER', runs.make_euler), ('MIDPOINT', runs.make_midpoint),
-        ('RUNGE_KUTTA_4', runs.make_runge_kutta_4))}}
+    **{f'BEV_{name}': calls.INTEGRATORS[make] for name, make in (
+        ('EULER', calls.make_euler), ('MIDPOINT', calls.make_midpoint),
+        ('RUNGE_KUTTA_4', calls.make_runge_kutta_4))}}
 
 
 def macros() -> Macros:

@@ -15,7 +15,7 @@ from bev_preheat.estimation.hypotheses import Heater, HeaterReport
 from bev_preheat.estimation.state import SIZE
 from bev_preheat.native.beliefs import arrival_variance, NativeBelief
 from bev_preheat.native.library import core, without_core
-from bev_preheat.planning.dynamics import run_forward
+from bev_preheat.planning.engine import run_forward
 from bev_preheat.planning.plan import Plan
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route import load_route

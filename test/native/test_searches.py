@@ -11,9 +11,10 @@ import pytest
 from bev_preheat.native import library as library_module
 from bev_preheat.native.library import core, core_in_words, LEFT, without_core
 from bev_preheat.native.structs import room, StrandingStruct, VALUE_KEPT_EVERY, ValueGoalStruct
-from bev_preheat.planning.dynamics import native_vehicle
-from bev_preheat.planning.limits import drive_as_planned, run_unheated
+from bev_preheat.planning.core_engine import native_vehicle, trip_in_core
+from bev_preheat.planning.limits import run_unheated, run_within_limits
 from bev_preheat.planning.trip import make_trip
+from bev_preheat.planning.wanted_heat import WantedHeat
 from bev_preheat.vehicle.heat_path import HeatPath
 from bev_preheat_studies.optimality.drawn_trips import draw_limit_trip
 
@@ -53,40 +54,30 @@ def test_a_run_whose_charge_runs_out_ends_the_same(number):
     assert found.empty_at_s == pytest.approx(expected.empty_at_s, abs=1e-9)
 
 
-@pytest.mark.parametrize('step, value', [(-1, 0.5), (10**6, 0.5), (3, np.nan)])
-def test_standing_from_where_it_makes_no_sense_is_refused(step, value):
-    trip, *_ = situation(4)
-    states, powers_w = np.full((2, len(trip.route) + 1), value), np.zeros((2, len(trip.route)))
-    stranding = StrandingStruct(step)
-    assert core().bev_stand(
-        native_vehicle(trip.vehicle).address, trip.native.address,
-        states.ctypes.data, powers_w.ctypes.data,
-        byref(stranding)) == (BAD_ARGUMENT if value == 0.5 else BAD_INPUT)
-
-
 # Leaf by leaf; test_same_plans.py compares whole plans daily.
 @pytest.mark.deep
+@pytest.mark.parametrize('takes_surplus', [True, False])
 @pytest.mark.parametrize('number, soc', [(4, None), (7, None), (1, 0.3), (4, 0.05)])
-def test_commands_are_driven_as_in_python(number, soc):
+def test_commands_are_driven_as_in_python(number, soc, takes_surplus):
     trip, state, _ = situation(number)
     state = replace(state, soc=soc or state.soc)
-    steps = trip.native.steps
+    steps = trip.columns.steps
     command_w = np.where(np.arange(steps) % 3 == 0, trip.heater_limit_w, 0.0)
+    below_c = state.temperature_c + 4.0
     with without_core():
-        expected = drive_as_planned(trip, state, command_w, take_surplus=True)
+        expected = run_within_limits(trip, state, WantedHeat(command_w, below_c), takes_surplus)
     expected_states, expected_w = rows_of(expected)
     states, powers_w = np.full_like(expected_states, np.nan), np.full_like(expected_w, np.nan)
     states[:, 0] = expected_states[:, 0]
-    watched, stranding = np.empty(2 * steps, dtype=np.uint8), StrandingStruct()
-    arguments = [native_vehicle(trip.vehicle).address, trip.native.address,
-                 *(array.ctypes.data for array in (command_w, states, powers_w, watched)), addressof(stranding)]
+    flags, stranding = np.empty(2 * steps, dtype=np.uint8), StrandingStruct()
+    arguments = [native_vehicle(trip.vehicle).address, trip_in_core(trip).address, command_w.ctypes.data, below_c,
+                 takes_surplus, *(array.ctypes.data for array in (states, powers_w, flags)), addressof(stranding)]
     assert core().bev_drive_as_planned(*arguments) == 0
     np.testing.assert_allclose(states, expected_states, **SAME)
     np.testing.assert_allclose(powers_w, expected_w, **SAME)
     assert (stranding.step < 0) == (expected.empty_at_s is None)
-    np.testing.assert_array_equal(watched[:steps], trip.route.propulsion_power_w < 0.0)
-    assert (watched[steps:] == 1).all()
-    for missing in range(len(arguments)):
+    # All but two are pointers.
+    for missing in {*range(len(arguments))} - {3, 4}:
         assert core().bev_drive_as_planned(
             *arguments[:missing], None, *arguments[missing + 1:]) == BAD_ARGUMENT, missing
 
@@ -94,14 +85,14 @@ def test_commands_are_driven_as_in_python(number, soc):
 def value_call(number, kept_every=1, deviation_k=0.0, room_of='BEV_VALUE_MEMORY'):
     """Return the arguments of bev_plan_by_values for a situation, and the arrays behind them."""
     trip, state, goal = situation(number)
-    steps = trip.native.steps
+    steps = trip.columns.steps
     asked = ValueGoalStruct(False, goal.target_temperature_c, 0.0, deviation_k)
     states, powers_w = np.zeros((4, steps + 1)), np.zeros((4, steps))
     states[:2, 0] = state.soc, state.temperature_c
     flags = np.full(room('BEV_VALUE_BYTES', steps) + 64, 3, dtype=np.uint8)
     memory = np.full(room(room_of, steps) + 64, 7.25)
     ends_in = np.zeros(1, dtype=np.int32)
-    return [native_vehicle(trip.vehicle).address, trip.native.address, addressof(asked),
+    return [native_vehicle(trip.vehicle).address, trip_in_core(trip).address, addressof(asked),
             *(array.ctypes.data for array in (states, powers_w, flags, memory, ends_in)), kept_every], (
                 trip, asked, states, powers_w, flags, memory, ends_in)
 
@@ -123,7 +114,7 @@ def test_a_plan_by_values_needs_each_argument_and_no_more_memory_than_it_asks_fo
 @pytest.mark.parametrize('deviation_k', [0.0, 2.0])
 @pytest.mark.parametrize('number', [6, 3], ids=['at once', 'late'])
 def test_a_plan_by_values_is_the_same_however_few_values_are_kept(number, deviation_k):
-    steps = situation(number)[0].native.steps
+    steps = situation(number)[0].columns.steps
     plans = []
     for kept_every in (1, 2, 3, VALUE_KEPT_EVERY, steps - 1, steps, steps + 1, 2**31 - 1):
         arguments, kept = value_call(number, kept_every, deviation_k)

@@ -9,41 +9,33 @@ import drawn_situations
 import numpy as np
 import pytest
 
-from bev_preheat.native import plans
+from bev_preheat.native.calls import place
 from bev_preheat.native.library import core, without_core
-from bev_preheat.native.runs import place
 from bev_preheat.native.structs import (
     ENERGIES,
-    NativeTrip,
     NativeVehicle,
     room,
     RunOfPowersStruct,
     SwitchPlanStruct,
 )
 from bev_preheat.numerics.arithmetic import ARRAYS
-from bev_preheat.planning.dynamics import (
-    hottest_c,
-    keep_accounts,
-    limits_along,
-    native_vehicle,
-    run_forward,
-)
-from bev_preheat.planning.heat_run import initial_states, roll_heated, run_heated
-from bev_preheat.planning.limits import drive_as_planned
-from bev_preheat.planning.optimal_switch import plan_optimal_switch
+from bev_preheat.planning.core_engine import native_vehicle, trip_in_core
+from bev_preheat.planning.dynamics import hottest_c
+from bev_preheat.planning.engine import keep_accounts, plan_switch, run_forward, run_heated
+from bev_preheat.planning.heat_run import initial_states, roll_heated
+from bev_preheat.planning.limits import drive_as_planned, limits_along
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.schedule import Schedule
 from bev_preheat.planning.situation import BatteryState, Goal
+from bev_preheat.planning.switch_methods import is_best, plan_optimal_switch
 from bev_preheat.planning.trip import heated_throughout, make_trip, MOST_KEPT_SEGMENTS
-from bev_preheat.planning.two_switches import plan_two_switches
-from bev_preheat.planning.unlimited import plan_unlimited
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle.heat_path import HeatPath
 from bev_preheat.vehicle.model import make_euler, make_midpoint, make_runge_kutta_4
 from bev_preheat.vehicle.terminal_limits import make_terminal_limits
 
 FORMULAS, TABLES = (drawn_situations.car(name) for name in drawn_situations.CARS)
-LIMITED, BAD_ARGUMENT, BAD_VEHICLE, BAD_INPUT = 4, -1, -2, -3
+BAD_ARGUMENT, BAD_VEHICLE, BAD_INPUT = -1, -2, -3
 START = BatteryState(-4.0, 0.8)
 PATHS = (HeatPath(35.0), HeatPath(0.0, 14e3, 320.0), HeatPath(45.0, 16e3, 280.0))
 
@@ -84,7 +76,7 @@ def test_instants_of_switching_on_and_off_are_the_same_to_the_last_bit(path):
                   *(drawn_situations.draw_without_limits(number) for number in range(8))]
     for number, (vehicle, route, state, goal) in enumerate(situations):
         trip = make_trip(replace(vehicle, heat_path=path), route)
-        found, expected = in_both(lambda: plan_two_switches(trip, state, goal))
+        found, expected = in_both(lambda: plan_optimal_switch(trip, state, goal))
         assert (found.heating_start_s, found.heating_end_s) == (
             expected.heating_start_s, expected.heating_end_s), number
         for name in ('heater_power_w', 'soc', 'temperature_c'):
@@ -105,12 +97,13 @@ def test_two_switches_of_what_cannot_be_are_refused():
 
     def status(target_c=15.0, idle_states=idle, null=None, address=vehicle.address):
         arrays = {'idle_states': idle_states, 'memory': np.empty(13), 'states': np.empty((4, 13)),
-                  'command_w': np.empty(12), 'on_s': np.empty(1), 'off_s': np.empty(1)}
+                  'command_w': np.empty(12), 'heat_w': np.empty((2, 12)),
+                  'on_s': np.empty(1), 'off_s': np.empty(1)}
         return core().bev_find_two_switches(
-            address, trip.native.address, target_c,
+            address, trip_in_core(trip).address, target_c,
             *(None if name == null else place(array) for name, array in arrays.items()))
 
-    assert status() == 0
+    assert status() == status(null='heat_w') == 0
     for null in ('idle_states', 'memory', 'states', 'command_w', 'on_s', 'off_s'):
         assert status(null=null) == BAD_ARGUMENT
     assert status(address=None) == BAD_ARGUMENT
@@ -126,8 +119,11 @@ def test_plans_without_active_limits_are_the_same():
     for number in range(80):
         *situation, goal = drawn_situations.draw_without_limits(number)
         method = ('value_function', 'optimal_switch')[number % 2]
-        planned = plan_unlimited(make_trip(*situation[:2]), situation[2], goal, method == 'optimal_switch')
-        if planned is None or planned[1] is None:
+        trip, aimed = make_trip(*situation[:2]), goal
+        if not (goal.charging_planned and goal.heating_pays):
+            aimed = replace(goal, target_temperature_c=trip.vehicle.battery.temperature_range_c[0])
+        switched = plan_switch(trip, situation[2], aimed.target_temperature_c, method == 'optimal_switch')
+        if not (switched.unheated_keeps_limits and is_best(trip, aimed, switched)):
             # A limit is active: the charge that must be left, or the battery's; test_same_plans.py.
             continue
         whole += 1
@@ -194,7 +190,7 @@ def call_plan_switch(trip, vehicle=None, soc=0.8, start_c=-4.0, target_c=15.0, n
     plan = SwitchPlanStruct()
     vehicle = vehicle or NativeVehicle(trip.vehicle, hottest_c(trip.vehicle))
     status = core().bev_plan_switch(
-        None if null == 'vehicle' else vehicle.address, None if null == 'trip' else trip.native.address,
+        None if null == 'vehicle' else vehicle.address, None if null == 'trip' else trip_in_core(trip).address,
         soc, start_c, target_c, 1,
         *(None if name == null else place(array) for name, array in kept.items()),
         None if null == 'plan' else addressof(plan))
@@ -211,7 +207,6 @@ def test_a_null_pointer_is_refused(name):
 def test_a_heat_path_is_refused(path):
     trip = make_trip(replace(FORMULAS, heat_path=path), steady_route())
     assert call_plan_switch(trip)[0] == BAD_ARGUMENT
-    assert plan_unlimited(trip, START, Goal(15.0)) is None
 
 
 @pytest.mark.parametrize('number', [nan, inf, -inf])
@@ -226,7 +221,7 @@ def test_a_state_or_target_that_is_no_number_is_refused(name, number):
                                     'drivetrain_heat_w', 'ambient_temperature_c'])
 def test_a_trip_with_a_number_that_is_none_gives_no_plan(column):
     trip = replace(make_trip(FORMULAS, steady_route()))
-    trip.native.column(column)[37] = nan
+    trip.columns.column(column)[37] = nan
     status, plan = call_plan_switch(trip)
     # The propulsion power decides only whether a step regenerates, and NaN does not.
     assert status < 0 or (column == 'propulsion_power_w' and status == 0)
@@ -234,7 +229,7 @@ def test_a_trip_with_a_number_that_is_none_gives_no_plan(column):
 
 def test_time_that_does_not_rise_is_refused():
     trip = replace(make_trip(FORMULAS, steady_route()))
-    time_s = trip.native.column('time_s')
+    time_s = trip.columns.column('time_s')
     time_s[20] = time_s[19]
     assert call_plan_switch(trip)[0] == BAD_INPUT
 
@@ -253,20 +248,22 @@ def test_an_impossible_vehicle_is_refused():
     (steady_route(power_w=30e3), (0.12, 0.0), 10.0),
     (steady_route(propulsion_power_w=[-9e3], duration_s=[100.0]), (0.999, 20.0), 10.0)],
     ids=['charge limit', 'discharge limit', 'highest temperature', 'no charge', 'overfilled'])
-def test_where_a_limit_is_active_there_is_no_plan(route, start, target_c):
+def test_where_a_limit_is_active_the_plan_says_so(route, start, target_c):
     trip = make_trip(FORMULAS, route)
-    assert call_plan_switch(trip, soc=start[0], start_c=start[1], target_c=target_c)[0] == LIMITED
+    status, plan = call_plan_switch(trip, soc=start[0], start_c=start[1], target_c=target_c)
+    assert status == 0 and not plan.keeps_limits
+    found, expected = in_both(lambda: plan_switch(trip, BatteryState(start[1], start[0]), target_c))
+    assert found[2:4] == expected[2:4] and not expected.keeps_limits
 
 
-def test_the_charge_that_must_be_left_leaves_the_plan_to_python():
+def test_a_plan_is_best_while_it_leaves_the_charge_that_must_be_left():
     trip = make_trip(FORMULAS, steady_route())
-    schedule, outcome = plan_unlimited(trip, START, Goal(15.0))
-    arrival_soc = float(schedule.soc[-1])
-    assert plan_unlimited(trip, START, Goal(15.0, arrival_soc)) is not None
-    assert plan_unlimited(trip, START, Goal(15.0, np.nextafter(arrival_soc, 1.0))) is None
+    found = plan_switch(trip, START, 15.0)
+    arrival_soc = float(found.schedule.soc[-1])
+    assert is_best(trip, Goal(15.0, arrival_soc), found)
+    assert not is_best(trip, Goal(15.0, np.nextafter(arrival_soc, 1.0)), found)
     # Nothing is left for a charger where none is planned.
-    assert plan_unlimited(trip, START, Goal(15.0, 0.99, charging_planned=False)) is not None
-    assert outcome.undeliverable_power_w == 0.0
+    assert is_best(trip, Goal(15.0, 0.99, charging_planned=False), found)
 
 
 def test_accounts_of_what_cannot_be_are_refused():
@@ -279,20 +276,20 @@ def test_accounts_of_what_cannot_be_are_refused():
         arrays = {'soc': soc, 'temperature_c': temperature_c, 'heater_w': heater_w, **changed}
         run = RunOfPowersStruct(0, *(None if each is None else each.ctypes.data for each in arrays.values()))
         return core().bev_keep_accounts(
-            vehicle.address, integrator, trip.native.address, addressof(run), None, addressof(energies))
+            vehicle.address, integrator, trip_in_core(trip).address, addressof(run), None, addressof(energies))
 
     assert status() == 0
     assert status(integrator=3) == status(soc=None) == status(heater_w=None) == BAD_ARGUMENT
     assert status(soc=np.where(np.arange(steps + 1) == 9, nan, soc)) == BAD_INPUT
     assert status(heater_w=np.where(np.arange(steps) == 9, inf, 0.0)) == BAD_INPUT
     assert core().bev_keep_accounts(
-        vehicle.address, 2, trip.native.address, None, None, energies) == BAD_ARGUMENT
+        vehicle.address, 2, trip_in_core(trip).address, None, None, energies) == BAD_ARGUMENT
 
 
 def test_a_trip_is_kept_for_the_same_vehicle_and_route_only():
     route = steady_route()
     trip = make_trip(FORMULAS, route)
-    assert make_trip(FORMULAS, route) is trip and trip.native is make_trip(FORMULAS, route).native
+    assert make_trip(FORMULAS, route) is trip
     same = make_trip(FORMULAS, replace(route))
     assert same is not trip and same.idle_heat_w.tolist() == trip.idle_heat_w.tolist()
     assert make_trip(TABLES, route).vehicle is TABLES
@@ -305,10 +302,10 @@ def test_a_trip_is_kept_for_the_same_vehicle_and_route_only():
 
 def test_a_trip_of_another_size_is_what_its_struct_says():
     trip = make_trip(FORMULAS, steady_route(3))
-    assert isinstance(trip.native, NativeTrip) and trip.native.steps == 3
-    found = plans.plan_switch(native_vehicle(FORMULAS), trip.native, 0.8, -4.0, 60.0)
+    assert trip_in_core(trip).struct.steps == trip.columns.steps == 3
+    found = plan_switch(trip, START, 60.0).schedule
     # Heating all the way is not enough.
-    assert found[1].instant_s == 0.0 and found[1].heater_power_w.tolist() == trip.heater_limit_w.tolist()
+    assert found.heating_start_s == 0.0 and found.heater_power_w.tolist() == trip.heater_limit_w.tolist()
 
 
 def test_limits_along_a_run_are_those_of_its_trip():

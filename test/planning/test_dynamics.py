@@ -10,7 +10,8 @@ import pytest
 from varying_power import magnitude_w
 
 from bev_preheat.numerics.arithmetic import ARRAYS
-from bev_preheat.planning.dynamics import deliverable_power_w, Energies, keep_accounts, run_forward, run_on
+from bev_preheat.planning.dynamics import deliverable_power_w, Energies, run_on
+from bev_preheat.planning.engine import keep_accounts, run_forward
 from bev_preheat.planning.schedule import Schedule
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route.segments import make_route

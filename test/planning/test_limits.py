@@ -10,13 +10,13 @@ import pytest
 from varying_power import magnitude_w
 
 from bev_preheat.numerics.arithmetic import ARRAYS, FLOATS
-from bev_preheat.planning.dynamics import keep_accounts, run_forward
-from bev_preheat.planning.limits import drive_as_planned, limits_hold, run_within_limits, watch_limits
-from bev_preheat.planning.optimal_switch import plan_optimal_switch
+from bev_preheat.planning.engine import keep_accounts, run_forward
+from bev_preheat.planning.limits import drive_as_planned, limit_is_near, limits_hold, run_within_limits
 from bev_preheat.planning.situation import BatteryState, Goal
+from bev_preheat.planning.switch_methods import plan_optimal_switch
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.planning.value_function import plan_by_values
-from bev_preheat.planning.wanted_heat import LimitedSteps, WantedHeat
+from bev_preheat.planning.wanted_heat import WantedHeat
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, Table
@@ -83,13 +83,8 @@ def steady_trip(count=20, **changes):
     return make_trip(CAR, make_route(columns, CAR.defaults))
 
 
-def every_step(trip):
-    return LimitedSteps(trip.route.propulsion_power_w < 0.0, np.ones(len(trip.route), dtype=bool))
-
-
-def run(trip, state, wanted_w, take_surplus=True, watch=None):
-    return run_within_limits(
-        trip, state, watch or every_step(trip), WantedHeat(np.asarray(wanted_w, dtype=float)), take_surplus)
+def run(trip, state, wanted_w, take_surplus=True):
+    return run_within_limits(trip, state, WantedHeat(np.asarray(wanted_w, dtype=float)), take_surplus)
 
 
 def drawn_run(segments, state, take_surplus=True):
@@ -320,22 +315,22 @@ def test_what_the_brake_takes_makes_no_heat_in_the_drivetrain(segments, state):
         0.08 * trip.route.duration_s @ driven_w / 3600.0, rel=1e-9, abs=1e-9)
 
 
-# Which steps are watched
+# Whether a limit is near
 
 @given(segments=SEGMENTS, state=STATES, colder_k=st.floats(0.0, 3.0))
-def test_no_step_in_which_a_limit_matters_goes_unwatched(segments, state, colder_k):
-    trip, wanted_w, seen = drawn_run(segments, state)
-    watch = watch_limits(trip, seen.soc, seen.temperature_c)
-    colder = replace(state, temperature_c=state.temperature_c - colder_k)
-    everywhere, watched = run(trip, colder, wanted_w), run(trip, colder, wanted_w, watch=watch)
-    # The steps are chosen for runs up to 5 K colder than the run seen.
-    assume((seen.temperature_c - everywhere.temperature_c).max() < 5.0)
-    assert watched.temperature_c.tolist() == everywhere.temperature_c.tolist()
+def test_where_no_limit_is_near_none_acts(segments, state, colder_k):
+    gentle = [dict(segment, propulsion_power_w=0.2 * segment['propulsion_power_w']) for segment in segments]
+    trip, wanted_w, seen = drawn_run(gentle, state)
+    assume(not limit_is_near(trip, seen.soc, seen.temperature_c))
+    driven = run(trip, replace(state, temperature_c=state.temperature_c - colder_k), wanted_w)
+    # It is found for runs up to 5 K colder than the run seen.
+    assume((seen.temperature_c - driven.temperature_c).max() < 5.0)
+    assert driven.heater_power_w.tolist() == wanted_w.tolist() and not driven.brake_power_w.any()
 
 
 @pytest.mark.costly
 @given(segments=SEGMENTS, state=STATES, target_c=st.floats(-10.0, 40.0))
-def test_plan_is_what_is_driven_with_every_step_watched(segments, state, target_c):
+def test_plan_is_what_is_driven_within_limits(segments, state, target_c):
     trip, _ = trip_of(segments)
     plan = plan_by_values(trip, state, Goal(target_c))
     driven = drive_as_planned(trip, state, plan.heater_power_w)
@@ -343,10 +338,12 @@ def test_plan_is_what_is_driven_with_every_step_watched(segments, state, target_
     assert driven.temperature_c == pytest.approx(plan.temperature_c, rel=0.0, abs=1e-5)
 
 
-def test_a_warm_battery_on_a_flat_road_is_not_watched():
+def test_no_limit_is_near_a_warm_battery_on_a_flat_road():
     trip = steady_trip(propulsion_power_w=20e3)
     soc, temperature_c = run_forward(trip, make_runge_kutta_4, 0.8, 20.0)
-    assert not watch_limits(trip, soc, temperature_c).any
+    assert not limit_is_near(trip, soc, temperature_c)
+    steep = steady_trip(propulsion_power_w=-50e3)
+    assert limit_is_near(steep, *run_forward(steep, make_runge_kutta_4, 0.8, -12.0))
 
 
 # Driven as planned

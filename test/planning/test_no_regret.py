@@ -12,7 +12,7 @@ from own_plant import OwnPlant, STEP_S
 import pytest
 
 from bev_preheat.numerics.factors import JOULES_PER_WH
-from bev_preheat.planning.dynamics import limits_of_steps_w
+from bev_preheat.planning.engine import limits_of_steps_w
 from bev_preheat.planning.heating_intervals import Reason
 from bev_preheat.planning.limits import limits_hold
 from bev_preheat.planning.planner import as_driven, METHODS, plan_preheating, plan_unheated, plan_without_heating

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from bev_preheat.errors import figure, InvalidInput
-from bev_preheat.planning.dynamics import run_forward
+from bev_preheat.planning.engine import run_forward
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route.drive_log import load_drive_logs
 from bev_preheat.route.segments import make_route, Route

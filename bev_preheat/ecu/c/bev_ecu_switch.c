@@ -7,6 +7,7 @@
 
 #include "limited_run.h"
 #include "limits_of_run.h"
+#include "parts_of_plans.h"
 
 bev_ecu_room bev_ecu_room_in(double *memory, int32_t steps, int32_t rows) {
   bev_ecu_room room;
@@ -37,7 +38,7 @@ static bev_status keeps_limits(const bev_vehicle *vehicle, const bev_trip *trip,
   const double *drawn_w = room->command_w;
   if (bev_is_direct(vehicle) == 0) {
     const bev_status status =
-        bev_heat_along(vehicle, trip, states, room->command_w, NULL, room->heat_w);
+        bev_heat_along(vehicle, trip, states, room->command_w, room->heat_w);
     if (status != BEV_OK) {
       return status;
     }
@@ -58,7 +59,7 @@ bev_status bev_ecu_run_idle(const bev_vehicle *vehicle, const bev_trip *trip,
   const bev_status status = bev_is_direct(vehicle) != 0
       ? bev_run(vehicle, BEV_RUNGE_KUTTA_4, trip, 0, NULL, NULL, states,
                 &states[trip->steps + 1])
-      : bev_run_heated(vehicle, trip, 0, room->command_w, NULL, states);
+      : bev_run_heated(vehicle, trip, room->command_w, states, NULL);
   return status < BEV_OK ? status : keeps_limits(vehicle, trip, states, room);
 }
 
@@ -81,7 +82,7 @@ bev_status bev_ecu_plan_interval(const bev_vehicle *vehicle, const bev_trip *tri
         ? bev_find_switch(vehicle, trip, situation->target_c, idle_states, &idle_states[instants],
                           room->states, &room->states[instants], room->command_w, &on_s)
         : bev_find_two_switches(vehicle, trip, situation->target_c, idle_states, room->search,
-                                room->states, room->command_w, &on_s, &off_s);
+                                room->states, room->command_w, NULL, &on_s, &off_s);
     if (status < BEV_OK) {
       return status;
     }

@@ -11,6 +11,7 @@
 #include "bev_preheat_core_generated/constants.h"
 #include "limited_run.h"
 #include "limits_of_run.h"
+#include "parts_of_plans.h"
 #include "prices.h"
 
 /* A heat path or not, runs have four rows here. */

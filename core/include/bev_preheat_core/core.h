@@ -20,7 +20,7 @@ extern "C" {
 #endif
 
 /* Incremented when a struct or a function changes its meaning but not its form. */
-#define BEV_INTERFACE 10
+#define BEV_INTERFACE 11
 
 /* Maximum number of steps of a trip; if memory is fixed, compile with less: -DBEV_MOST_STEPS=360. */
 #ifndef BEV_MOST_STEPS
@@ -144,20 +144,6 @@ typedef struct {
 } bev_trip;
 
 /*
- * Heating in a run within limits: each step that begins colder than `below_c` [deg C] is heated with its `power_w`
- * [W]. Arrays over the steps.
- */
-typedef struct {
-  /* Regeneration beyond the charge limit goes to the heater first, then to the brake. */
-  int32_t takes_surplus;
-  double below_c;
-  const double *power_w;
-  /* Steps in which the charge limit, and the discharge limit, may be active: not 0. */
-  const uint8_t *may_overcharge;
-  const uint8_t *may_overdraw;
-} bev_heating;
-
-/*
  * A run whose energies are computed: states at each instant, and means over each step [W] of the heater's power, of
  * the heat that arrives from the heater (null: all heat, at once), and of the friction brake's power (null: none).
  * `is_deliverable` (not 0): the circuit is known to deliver all power.
@@ -208,7 +194,10 @@ typedef struct {
   double heat_lag_s;
 } bev_trip_terms;
 
-/* The plan of bev_plan_switch. */
+/*
+ * The plan of bev_plan_switch or bev_plan_paper. Of a plan that does not keep the limits, or does not cost least, only the
+ * instant and these three findings are written.
+ */
 typedef struct {
   /* The switch-on instant [s]; NaN if the plan does not heat. */
   double switching_instant_s;
@@ -216,6 +205,11 @@ typedef struct {
   /* Energy of the heated steps [Wh, electrical]. */
   double interval_wh;
   bev_energies energy_wh;
+  /* Whether the unheated run, and the plan, keep the battery's limits. */
+  int32_t unheated_keeps_limits;
+  int32_t keeps_limits;
+  /* Whether heating in other steps cannot cost less. */
+  int32_t costs_least;
   int32_t is_heated;
   /* The first heated step, and the step after the last one; both are `steps` if no step is heated. */
   int32_t first_heated;
@@ -243,28 +237,6 @@ bev_status bev_check_vehicle(const bev_vehicle *vehicle);
 bev_status bev_make_trip(const bev_trip_terms *terms, int32_t steps, const double *route,
                          double *columns);
 
-/* The value of a curve; NaN if it has no value. `saturating` clips the charge to 0 ... 1. */
-double bev_curve_value(const bev_curve *curve, int32_t saturating, double soc,
-                       double temperature_c);
-
-/*
- * One step of the model: `result` is the charge and the temperature at its end, the mean temperature and the mean
- * Joule heat [W]. If the battery cannot deliver the power, it drives with its maximum with `saturating`; otherwise
- * the result is not finite, and the status reports it.
- */
-bev_status bev_step(const bev_vehicle *vehicle, int32_t integrator, int32_t saturating, double soc,
-                    double temperature_c, double duration_s, double power_w, double variance_w2,
-                    double heat_w, double leakage_w_per_k, double result[4]);
-
-/*
- * One Runge-Kutta step with the heat path: `result` is the four states at its end (charge, temperature, the
- * heater's power [W], the coolant's excess temperature [K]), mean temperature, mean Joule heat, and the means of
- * the heater's power and of the heat that reaches the battery [W].
- */
-bev_status bev_heated_step(const bev_vehicle *vehicle, int32_t saturating, const double states[4],
-                           double duration_s, double power_w, double variance_w2, double heat_w,
-                           double leakage_w_per_k, double command_w, double result[8]);
-
 /*
  * Run the model over a trip from step `first` on, ignoring limits; heat arrives at once.
  *
@@ -276,47 +248,12 @@ bev_status bev_run(const bev_vehicle *vehicle, int32_t integrator, const bev_tri
                    double *temperature_c);
 
 /*
- * The same with the heat path: `command_w` is the heater's command, and `states` are four arrays of steps + 1
- * values, one after the other: charge, temperature, heater power [W], coolant excess [K].
+ * The same with the heat path, from the start on: `command_w` is the heater's command, and `states` are four arrays of
+ * steps + 1 values, one after the other: charge, temperature, heater power [W], coolant excess [K]. `heat_w` are two of
+ * `steps`, the means of the heater's power and of the heat that reaches the battery [W]; null: they are not asked for.
  */
-bev_status bev_run_heated(const bev_vehicle *vehicle, const bev_trip *trip, int32_t first,
-                          const double *command_w, const double *brake_w, double *states);
-
-/*
- * Heater and coolant in the steps of a run: `heat_w` is two arrays of `steps` values, one after the other, the
- * means of the heater's power and of the heat that reaches the battery [W]. `states` are as in bev_run_heated,
- * `brake_w` may be null.
- */
-bev_status bev_heat_along(const bev_vehicle *vehicle, const bev_trip *trip, const double *states,
-                          const double *command_w, const double *brake_w, double *heat_w);
-
-/*
- * The instant [s] at which a run backward from the target, heated with all power that the cabin leaves, meets the
- * unheated run. The backward run ends `lost_k` above the target.
- */
-bev_status bev_find_crossing(const bev_vehicle *vehicle, int32_t integrator, const bev_trip *trip,
-                             double target_c, double terminal_soc, double lost_k,
-                             const double *idle_temperature_c, double *instant_s);
-
-/*
- * A run within the battery's limits, from step `first` on; heat arrives at once.
- *
- * soc[first] and temperature_c[first] are the start; the states after it are written, and the powers of heater and
- * friction brake in each step [W]. If the status is BEV_EMPTY, the charge runs out in step `empty_step`, whose
- * powers are the last that are written.
- */
-bev_status bev_run_within_limits(const bev_vehicle *vehicle, const bev_trip *trip,
-                                 const bev_heating *heating, int32_t first, double *soc,
-                                 double *temperature_c, double *heater_w, double *brake_w,
-                                 int32_t *empty_step);
-
-/*
- * The same with the heat path: `states` as in bev_run_heated, `powers_w` four arrays of `steps` values, one after
- * the other: means of command, friction brake, heater power, and heat into the battery [W].
- */
-bev_status bev_run_heated_within_limits(const bev_vehicle *vehicle, const bev_trip *trip,
-                                        const bev_heating *heating, int32_t first, double *states,
-                                        double *powers_w, int32_t *empty_step);
+bev_status bev_run_heated(const bev_vehicle *vehicle, const bev_trip *trip, const double *command_w,
+                          double *states, double *heat_w);
 
 /*
  * The least and the most terminal power [W] of steps within the battery's limits at both ends: `soc` and `temperature_c` have one value more than
@@ -333,23 +270,16 @@ typedef struct {
 } bev_stranding;
 
 /*
- * The end of a run within limits whose charge runs out in the step of `stranding`. The share of the step that is
- * driven is written, and the states after it, at which the vehicle stands. `states` are two arrays of steps + 1
- * values, charge and temperature, `powers_w` two of `steps`, heater and friction brake; with a heat path both are as
- * in bev_run_heated_within_limits. They are given up to this step, with the step's intended powers.
- */
-bev_status bev_stand(const bev_vehicle *vehicle, const bev_trip *trip, double *states,
-                     double *powers_w, bev_stranding *stranding);
-
-/*
- * The run within limits under heater commands [W]. Surplus goes to the heater before it goes to the brake; if the
- * charge runs out, the vehicle stands. `states`, whose first values are the start, and `powers_w` are as in
- * bev_stand. `watched` has 2 * steps bytes: the first `steps` mark the steps in which the charge limit was
- * checked, the others those in which the discharge limit was checked.
+ * The run within limits under heater commands [W], in steps that begin colder than `below_c` [deg C]. With
+ * `takes_surplus` (not 0) regeneration beyond the charge limit goes to the heater before it goes to the brake. If the
+ * charge runs out, the vehicle stands. `states`, whose first values are the start, are two arrays of steps + 1 values,
+ * charge and temperature, `powers_w` two of `steps`, heater and friction brake [W]; with a heat path four each, states as
+ * in bev_run_heated, and means of command, friction brake, heater power, and heat into the battery [W]. `flags` has 2 * steps bytes of memory.
  */
 bev_status bev_drive_as_planned(const bev_vehicle *vehicle, const bev_trip *trip,
-                                const double *command_w, double *states, double *powers_w,
-                                uint8_t *watched, bev_stranding *stranding);
+                                const double *command_w, double below_c, int32_t takes_surplus,
+                                double *states, double *powers_w, uint8_t *flags,
+                                bev_stranding *stranding);
 
 /*
  * The requirements on a plan: the target on arrival [deg C], and the state of charge that heating does not cost.
@@ -415,25 +345,13 @@ bev_status bev_keep_accounts(const bev_vehicle *vehicle, int32_t integrator, con
                              bev_energies *energies);
 
 /*
- * The switch-on instant [s] from which the heater takes all power that the cabin leaves, so that the battery
- * arrives at a target; heat arrives at once, limits are ignored. 0 if that is not enough.
+ * The plan that is switched on once, from a start: the unheated run and, if it arrives below the target, the switching
+ * instant and the run; both without regard to limits. `plan` tells whether they keep them, and the energies of a plan
+ * that does. Heat must arrive at once; a vehicle with a heat path is a bad argument. Unless `in_one_interval` is not 0,
+ * the plan is also compared with heating in other steps (`costs_least`).
  *
- * `idle_soc` and `idle_c` are the unheated run, which arrives below the target. The run, its start included, and
- * the heater's power in each step [W] are written.
- */
-bev_status bev_find_switch(const bev_vehicle *vehicle, const bev_trip *trip, double target_c,
-                           const double *idle_soc, const double *idle_c, double *soc,
-                           double *temperature_c, double *heater_w, double *instant_s);
-
-/*
- * The whole plan of a trip without an active limit, from a start: the unheated run and, if it arrives below the
- * target, the switching instant, the run, and its energies. BEV_LIMITED if a limit is active in the unheated run or
- * in the plan. Heat must arrive at once; a vehicle with a heat path is a bad argument. Unless
- * `in_one_interval` is not 0, the status is BEV_CHEAPER_ELSEWHERE if heating in other steps may cost less.
- *
- * `memory` has BEV_SWITCH_MEMORY(steps) doubles; unless the status is below BEV_OK, it begins with the unheated
- * run, charge and temperature at each instant. The plan's charge and temperature are written, and the heater's
- * power in each step [W].
+ * `memory` has BEV_SWITCH_MEMORY(steps) doubles; it begins with the unheated run, charge and temperature at each
+ * instant. The plan's charge and temperature are written, and the heater's power in each step [W].
  */
 bev_status bev_plan_switch(const bev_vehicle *vehicle, const bev_trip *trip, double start_soc,
                            double start_c, double target_c, int32_t in_one_interval,
@@ -441,19 +359,8 @@ bev_status bev_plan_switch(const bev_vehicle *vehicle, const bev_trip *trip, dou
                            bev_switch_plan *plan);
 
 /*
- * The effect of a watt of the heater in each step on the arrival, arrays of `steps` values: how much warmer the
- * battery arrives [K/W], and how much less charge it has [1/W]; the mean from no heating to all power that the
- * cabin leaves. Heat arrives at once, limits are ignored.
- */
-bev_status bev_find_prices(const bev_vehicle *vehicle, const bev_trip *trip, const double *soc,
-                           const double *temperature_c, const double *heater_w,
-                           double *warmth_k_per_w, double *charge_per_w);
-
-/*
- * The whole plan of the paper's heuristic, planned and run by Euler's method: otherwise as bev_plan_switch.
- *
- * BEV_LIMITED if a limit is active in the unheated run, or if the plan has a power deficit or leaves the model's
- * range.
+ * The plan of the paper's heuristic, planned and run by Euler's method: otherwise as bev_plan_switch. The plan keeps the
+ * limits if it has no power deficit and stays within the model's range.
  */
 bev_status bev_plan_paper(const bev_vehicle *vehicle, const bev_trip *trip, double start_soc,
                           double start_c, double target_c, double *memory, double *soc,
@@ -464,12 +371,12 @@ bev_status bev_plan_paper(const bev_vehicle *vehicle, const bev_trip *trip, doub
  * target for the least energy; heat arrives late, limits are ignored. 0 and the arrival if that is not enough.
  *
  * `idle_states` is the unheated run, which arrives below the target; `idle_states` and the output `states` are as
- * in bev_run_heated. `memory` has BEV_TWO_SWITCHES_MEMORY(steps) doubles. The heater's command in each step [W] is
- * written, too.
+ * in bev_run_heated, as is `heat_w`. `memory` has BEV_TWO_SWITCHES_MEMORY(steps) doubles. The heater's command in each
+ * step [W] is written, too.
  */
 bev_status bev_find_two_switches(const bev_vehicle *vehicle, const bev_trip *trip, double target_c,
                                  const double *idle_states, double *memory, double *states,
-                                 double *command_w, double *on_s, double *off_s);
+                                 double *command_w, double *heat_w, double *on_s, double *off_s);
 
 /* The heating strategies that bev_plan_trips compares. */
 typedef enum {

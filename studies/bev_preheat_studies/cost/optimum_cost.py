@@ -6,7 +6,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from bev_preheat.planning.dynamics import keep_accounts
+from bev_preheat.planning.engine import keep_accounts
 from bev_preheat.planning.planner import METHODS, plan_preheating
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route import load_route

@@ -19,7 +19,7 @@ from bev_preheat.nonlinear_program.blocks import POWER_SCALE_W
 from bev_preheat.nonlinear_program.drive_step import ENERGY_SCALE_J, SOC_SCALE
 from bev_preheat.nonlinear_program.program_solvers import IPOPT_OPTIONS
 from bev_preheat.nonlinear_program.symbols import SYMBOLS
-from bev_preheat.planning.dynamics import run_forward
+from bev_preheat.planning.engine import run_forward
 from bev_preheat.planning.schedule import Schedule, switched_on_s
 from bev_preheat.planning.situation import reserve_soc
 from bev_preheat.vehicle.model import make_rates, make_runge_kutta_4

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bev_preheat.native.calls import place
 from bev_preheat.native.library import core
-from bev_preheat.native.runs import place
 from bev_preheat.native.structs import room, SwitchPlanStruct
-from bev_preheat.planning.dynamics import native_vehicle
+from bev_preheat.planning.core_engine import native_vehicle, trip_in_core
 from bev_preheat.planning.planner import METHODS, plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.trip import make_trip
@@ -90,7 +90,7 @@ def _core_ratios(vehicle: Vehicle, route: Route) -> list[Figure]:
     library, native = core(), native_vehicle(vehicle)
     if library is None or native is None:
         return []
-    trip = make_trip(vehicle, route).native
+    trip = trip_in_core(make_trip(vehicle, route))
     instants, plan = trip.steps + 1, SwitchPlanStruct()
     arrays = [np.empty(count) for count in (
         room('BEV_SWITCH_MEMORY', trip.steps), instants, instants, trip.steps)]

@@ -12,7 +12,7 @@ from bev_preheat.drawing.curves import draw_course, draw_steps, show_range, Time
 from bev_preheat.drawing.figure import grid_figure, legend_above, save_figure
 from bev_preheat.drawing.palette import look_of, name_of, POWER, TARGET, WITHOUT_PREHEATING
 from bev_preheat.numerics.factors import W_PER_KW
-from bev_preheat.planning.dynamics import limits_of_steps_w
+from bev_preheat.planning.engine import limits_of_steps_w
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from bev_preheat.files.output_files import AnyPath
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.planning.plan import Plan
+    from bev_preheat.planning.recursion import ValueTable
     from bev_preheat.planning.trip import Trip
-    from bev_preheat.planning.value_function import ValueTable
 
 # Range of the colours: a kelvin worth nothing, its cost, and twice its cost or more.
 LEAST_RATIO, EVEN_RATIO, MOST_RATIO = 0.0, 1.0, 2.0

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.native.library import OK
-from bev_preheat.native.trips import ALWAYS_ON, ONE_SWITCH, PAPER, plan_trips, UNHEATED
-from bev_preheat.planning.dynamics import native_vehicle
+from bev_preheat.native.calls import ALWAYS_ON, ONE_SWITCH, PAPER, plan_trips, UNHEATED
+from bev_preheat.native.library import Declined, OK
+from bev_preheat.planning.core_engine import trip_in_core, vehicle_in_core
 from bev_preheat.planning.planner import METHODS
 from bev_preheat.planning.situation import reserve_soc
 from bev_preheat.planning.trip import make_trip
@@ -69,18 +69,18 @@ def arrivals_of_all(trips: FleetTrips) -> Arrivals:
 def planned_in_the_core(trips: FleetTrips, car: str, places: slice) -> NDArray[np.void] | None:
     """Return the result of `plan_trips` for the trips of a car; None if the core cannot answer."""
     vehicle, goal = vehicle_of(car), goal_of(car)
-    native = native_vehicle(vehicle)
     route = trips.route(places)
-    if native is None or not vehicle.heat_path.is_direct:
-        return None
     trip = make_trip(vehicle, route)
-    if len(trip.route) != len(route):
-        # Steps that the core divided are not the drawn steps.
+    if len(trip.route) != len(route) or not vehicle.heat_path.is_direct:
+        # Steps that were divided are not the drawn steps.
         return None
-    return plan_trips(
-        native, trip.native, trips.steps[places], trips.start_soc[places], trips.start_c[places],
-        np.full(places.stop - places.start, goal.target_temperature_c), reserve_soc(vehicle, goal),
-        vehicle.battery.soc_range[0])
+    try:
+        return plan_trips(
+            vehicle_in_core(vehicle), trip_in_core(trip), trips.steps[places], trips.start_soc[places],
+            trips.start_c[places], np.full(places.stop - places.start, goal.target_temperature_c),
+            reserve_soc(vehicle, goal), vehicle.battery.soc_range[0])
+    except Declined:
+        return None
 
 
 def _drive_one(trips: FleetTrips, car: str, place: int, are_there: BoolArray, arrivals: Arrivals) -> None:

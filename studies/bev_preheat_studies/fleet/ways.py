@@ -10,8 +10,8 @@ import numpy as np
 
 from bev_preheat.errors import PlanningFailure
 from bev_preheat.numerics.factors import JOULES_PER_WH
-from bev_preheat.planning.dynamics import run_forward
-from bev_preheat.planning.limits import run_within_limits, watch_limits
+from bev_preheat.planning.engine import run_forward
+from bev_preheat.planning.limits import run_within_limits
 from bev_preheat.planning.planner import METHODS, plan_preheating
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.planning.wanted_heat import WantedHeat
@@ -56,7 +56,7 @@ def arrivals_of(trip: FleetTrip, vehicle: Vehicle,
         plans = {method: plan_preheating(*inputs, trip.goal, method) for method in methods}
     except PlanningFailure:
         return None
-    arrivals = {NONE: _arrival(unheated), ALWAYS: _always_on(trip, vehicle, unheated)}
+    arrivals = {NONE: _arrival(unheated), ALWAYS: _always_on(trip, vehicle)}
     for method, plan in plans.items():
         # The paper's method predicts with Euler steps.
         arrivals[method] = (_driven(trip, vehicle, plan) if method == 'paper' and plan.heating_start_s is not None
@@ -76,17 +76,15 @@ def _driven(trip: FleetTrip, vehicle: Vehicle, plan: Plan) -> Arrival:
     return Arrival(plan.energy_wh.hvch_electric, float(temperature_c[-1]), float(soc[-1]))
 
 
-def _always_on(trip: FleetTrip, vehicle: Vehicle, unheated: Plan) -> Arrival:
+def _always_on(trip: FleetTrip, vehicle: Vehicle) -> Arrival:
     """
     Return the Arrival of a car that heats from the start and then holds the target.
 
     A thermostat: in each step that starts below the target, the heater runs at the power the cabin leaves.
     """
     driven = make_trip(vehicle, trip.route)
-    watch = watch_limits(driven, unheated.soc, unheated.battery_temperature_c)
     schedule = run_within_limits(
-        driven, trip.state, watch, WantedHeat(driven.heater_limit_w, trip.goal.target_temperature_c),
-        take_surplus=False)
+        driven, trip.state, WantedHeat(driven.heater_limit_w, trip.goal.target_temperature_c), take_surplus=False)
     # Summed step by step, as in the native core.
     heater_wh = float(np.cumsum(driven.route.duration_s / JOULES_PER_WH * schedule.heater_power_w)[-1])
     return Arrival(heater_wh, float(schedule.temperature_c[-1]), float(np.maximum(schedule.soc[-1], 0.0)))

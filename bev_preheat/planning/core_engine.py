@@ -1,0 +1,236 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The engine's operations in the native core; each raises Declined if the core does not answer.
+
+`engine` documents them, and chooses.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+from typing import Any, TYPE_CHECKING
+
+import numpy as np
+
+from bev_preheat.native import calls
+from bev_preheat.native.library import core, Declined
+from bev_preheat.native.structs import NativeTrip, NativeVehicle, NotDescribed
+from bev_preheat.planning.dynamics import Accounts, energies_of, hottest_c, keeps_limits, KEPT_VEHICLES
+from bev_preheat.planning.heat_run import first_heated_s, initial_states, with_heat, without_heat_path
+from bev_preheat.planning.limited_drive import Course
+from bev_preheat.planning.model_inputs import stiff_w_per_k
+from bev_preheat.planning.recursion import PlanByValues
+from bev_preheat.planning.schedule import Schedule
+from bev_preheat.planning.switch_plan import IntervalCosts, is_driven_as_planned, OneInterval, SwitchPlan
+from bev_preheat.planning.two_switches import switched_off
+from bev_preheat.vehicle.model import make_euler, make_runge_kutta_4
+
+if TYPE_CHECKING:
+    from bev_preheat.native.structs import SwitchPlanStruct
+    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.planning.heat_run import States
+    from bev_preheat.planning.kept_values import Requirements
+    from bev_preheat.planning.situation import BatteryState
+    from bev_preheat.planning.trip import Trip
+    from bev_preheat.planning.wanted_heat import WantedHeat
+    from bev_preheat.route.segments import Route
+    from bev_preheat.vehicle.description import Vehicle
+    from bev_preheat.vehicle.model import Integrator
+    from bev_preheat.vehicle.trip_columns import TripColumns
+
+
+def vehicle_in_core(vehicle: Vehicle) -> NativeVehicle:
+    """Return the vehicle as a native struct; raises Declined if the core is not used, or cannot take it."""
+    native = native_vehicle(vehicle)
+    if native is None:
+        raise Declined
+    return native
+
+
+def native_vehicle(vehicle: Vehicle) -> NativeVehicle | None:
+    """Return the vehicle as a native struct; None if the core is not used, or cannot take it."""
+    # The cache must not depend on whether the core is switched off for a while.
+    return None if core() is None else _native_vehicle(vehicle)
+
+
+@lru_cache(maxsize=KEPT_VEHICLES)
+def _native_vehicle(vehicle: Vehicle) -> NativeVehicle | None:
+    try:
+        native = NativeVehicle(vehicle, hottest_c(vehicle))
+        calls.check_vehicle(native)
+    except (NotDescribed, Declined):
+        return None
+    return native
+
+
+def trip_in_core(trip: Trip) -> NativeTrip:
+    """Return the columns of a Trip as a native struct, which is made once."""
+    columns = trip.columns
+    if columns.view is None:
+        columns.view = NativeTrip(columns)
+    view: NativeTrip = columns.view
+    return view
+
+
+def _both(trip: Trip) -> tuple[NativeVehicle, NativeTrip]:
+    return vehicle_in_core(trip.vehicle), trip_in_core(trip)
+
+
+def model_inputs(vehicle: Vehicle, route: Route, heater_share: float,
+                 heat_lag_s: float) -> tuple[Route, TripColumns]:
+    """As of `engine`."""
+    leakage = vehicle.battery.leakage
+    return route, calls.make_trip(
+        (leakage.gamma_0_w_per_k, leakage.gamma_v_w_per_k_per_mps, vehicle.drivetrain.heat_share,
+         stiff_w_per_k(vehicle), vehicle.hvch.maximum_power_w, heater_share, heat_lag_s), route.block)
+
+
+def run_forward(trip: Trip, make_integrator: Integrator, soc: float, temperature_c: float,
+                heater_power_w: FloatArray | None = None,
+                brake_power_w: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
+    """As of `engine`."""
+    vehicle, native = _both(trip)
+    states = np.empty((2, native.steps + 1))
+    states[:, 0] = soc, temperature_c
+    calls.run(vehicle, _number_of(make_integrator), native, states, heater_power_w, brake_power_w)
+    return states[0], states[1]
+
+
+def _number_of(make_integrator: Integrator) -> int:
+    number = calls.INTEGRATORS.get(make_integrator)
+    if number is None:
+        raise Declined
+    return number
+
+
+def run_heated(trip: Trip, start: States, command_w: FloatArray) -> Schedule:
+    """As of `engine`."""
+    states, heat_w = _roll_heated(trip, start, command_w)
+    return with_heat(trip, states, command_w, np.zeros(len(trip.route)), first_heated_s(trip, command_w), heat_w)
+
+
+def _roll_heated(trip: Trip, start: States,
+                 command_w: FloatArray) -> tuple[FloatArray, tuple[FloatArray, FloatArray]]:
+    vehicle, native = _both(trip)
+    states = np.empty((4, native.steps + 1))
+    states[:, 0] = start
+    return states, calls.run_heated(vehicle, native, states, command_w)
+
+
+def drive_within_limits(trip: Trip, state: BatteryState, wanted: WantedHeat, take_surplus: bool) -> Course:
+    """As of `engine`."""
+    vehicle, native = _both(trip)
+    rows = 2 if trip.vehicle.heat_path.is_direct else 4
+    states, powers_w = np.empty((rows, native.steps + 1)), np.empty((rows, native.steps))
+    states[:, 0] = initial_states(state)[:rows]
+    return Course(states, powers_w, calls.drive_as_planned(
+        vehicle, native, wanted.power_w, wanted.below_c, take_surplus, states, powers_w))
+
+
+def limits_of_steps_w(vehicle: Vehicle, soc: FloatArray, temperature_c: FloatArray,
+                      variance_w2: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """As of `engine`."""
+    return calls.limits_of_steps(vehicle_in_core(vehicle), soc, temperature_c, variance_w2)
+
+
+def _limits_along(trip: Trip, schedule: Schedule) -> tuple[FloatArray, FloatArray]:
+    return limits_of_steps_w(trip.vehicle, schedule.soc, schedule.temperature_c, trip.power_variance_w2)
+
+
+def keep_accounts(trip: Trip, schedule: Schedule, deliverable: bool = False) -> Accounts:
+    """As of `engine`."""
+    if schedule.driven_share is not None:
+        trip = trip.driven(schedule.driven_share)
+    vehicle, native = _both(trip)
+    heat = schedule.heat
+    energies_wh, powers_w = calls.keep_accounts(
+        vehicle, _number_of(schedule.make_integrator), native, deliverable, (
+            schedule.soc, schedule.temperature_c, schedule.drawn_power_w,
+            None if heat is None else heat.arriving_heat_w, schedule.brake_power_w))
+    return Accounts(energies_of(energies_wh, 0.0 if heat is None else heat.lost_electric_wh), *powers_w)
+
+
+def plan_switch(trip: Trip, state: BatteryState, target_c: float, in_one_interval: bool = False) -> SwitchPlan:
+    """As of `engine`."""
+    if not trip.vehicle.heat_path.is_direct:
+        return _plan_two_switches(trip, state, target_c)
+    return _switch_plan(trip, make_runge_kutta_4, calls.plan_switch(
+        *_both(trip), state.soc, state.temperature_c, target_c, in_one_interval))
+
+
+def plan_by_paper(trip: Trip, state: BatteryState, target_c: float) -> SwitchPlan:
+    """As of `engine`."""
+    if trip.vehicle.heat_path.is_direct:
+        return _switch_plan(trip, make_euler, calls.plan_paper(
+            *_both(trip), state.soc, state.temperature_c, target_c))
+    planned = calls.plan_paper(
+        vehicle_in_core(without_heat_path(trip.vehicle)), trip_in_core(trip), state.soc, state.temperature_c,
+        target_c)
+    start = initial_states(state)
+    unheated = run_heated(trip, start, np.zeros(len(trip.route)))
+    schedule = replace(run_heated(trip, start, planned.heater_power_w), heating_start_s=_instant_s(planned))
+    return SwitchPlan(unheated, schedule, keeps_limits(trip, unheated, _limits_along),
+                      is_driven_as_planned(trip, schedule, _limits_along(trip, schedule)[1]), True,
+                      float(schedule.soc.min()))
+
+
+def _plan_two_switches(trip: Trip, state: BatteryState, target_c: float) -> SwitchPlan:
+    vehicle, native = _both(trip)
+    idle_w = np.zeros(len(trip.route))
+    states, heat_w = _roll_heated(trip, initial_states(state), idle_w)
+    schedule = unheated = with_heat(trip, states, idle_w, idle_w, None, heat_w)
+    unheated_is_kept = is_kept = keeps_limits(trip, unheated, _limits_along)
+    if not unheated.temperature_c[-1] >= target_c:
+        run = calls.find_two_switches(vehicle, native, target_c, states)
+        schedule = switched_off(
+            trip, with_heat(trip, run.states, run.command_w, idle_w, None, run.heat_w), run.on_s, run.off_s)
+        is_kept = keeps_limits(trip, schedule, _limits_along)
+    return SwitchPlan(unheated, schedule, unheated_is_kept, is_kept, True, float(schedule.soc.min()))
+
+
+def _switch_plan(trip: Trip, make_integrator: Integrator, run: calls.SwitchedRun) -> SwitchPlan:
+    plan, idle_w = run.plan, np.zeros(len(run.heater_power_w))
+    unheated = Schedule(None, idle_w, idle_w, run.idle_soc, run.idle_c, make_runge_kutta_4)
+    schedule = Schedule(
+        _instant_s(run), run.heater_power_w, idle_w, run.soc, run.temperature_c, make_integrator)
+    is_kept, costs_least = bool(plan.keeps_limits), bool(plan.costs_least)
+    return SwitchPlan(unheated, schedule, bool(plan.unheated_keeps_limits), is_kept, costs_least, plan.least_soc,
+                      _costs(trip, plan) if is_kept and costs_least else None)
+
+
+def _costs(trip: Trip, plan: SwitchPlanStruct) -> IntervalCosts:
+    first = plan.first_heated
+    intervals: tuple[OneInterval, ...] | None = None
+    if first == trip.columns.steps:
+        intervals = ()
+    elif plan.is_one_interval:
+        start_s = max(trip.time_s.item(first), plan.switching_instant_s)
+        intervals = (OneInterval(start_s, trip.time_s.item(plan.end_heated), plan.interval_wh, plan.reason),)
+    return IntervalCosts(energies_of(plan.energy_wh.in_a_row()), bool(plan.is_heated), intervals)
+
+
+def _instant_s(run: calls.SwitchedRun) -> float | None:
+    """Return the switching instant [s]; None for NaN."""
+    instant_s: float = run.plan.switching_instant_s
+    return None if instant_s != instant_s else instant_s
+
+
+def find_values(trip: Trip, start: States, wanted: Requirements) -> PlanByValues:
+    """As of `engine`."""
+    command_w, ends_in, values = calls.plan_by_values(*_both(trip), start, _requirements(wanted))
+    return PlanByValues(None) if command_w is None else PlanByValues(command_w, ends_in, values)
+
+
+def follow_values(trip: Trip, start: States, wanted: Requirements, values: Any) -> PlanByValues | None:
+    """As of `engine`."""
+    if not isinstance(values, calls.NativeValues):
+        raise Declined
+    found = calls.follow_values(*_both(trip), start, _requirements(wanted), values)
+    return None if found is None else PlanByValues(*found, values)
+
+
+def _requirements(wanted: Requirements) -> calls.ValueRequirements:
+    uncertainty = wanted.uncertainty
+    return calls.ValueRequirements(
+        wanted.target_c, wanted.reserve, uncertainty.deviation_k, uncertainty.is_heating, wanted.price)
