@@ -66,11 +66,12 @@ def _native_vehicle(vehicle: Vehicle) -> NativeVehicle | None:
 
 def trip_in_core(trip: Trip) -> NativeTrip:
     """Return the columns of a Trip as a native struct, which is made once."""
-    columns = trip.columns
-    if columns.view is None:
-        columns.view = NativeTrip(columns)
-    view: NativeTrip = columns.view
-    return view
+    # Beside the fields, as a cached property is.
+    beside = vars(trip.columns)
+    if 'in_core' not in beside:
+        beside['in_core'] = NativeTrip(trip.columns)
+    native: NativeTrip = beside['in_core']
+    return native
 
 
 def _both(trip: Trip) -> tuple[NativeVehicle, NativeTrip]:

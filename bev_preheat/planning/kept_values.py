@@ -10,12 +10,16 @@ goal, uncertainty or price, or after MOST_PASSED_S of driving, because the corre
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple, TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from bev_preheat.planning import engine
+
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.planning.heat_run import States
     from bev_preheat.planning.situation import Uncertainty
     from bev_preheat.planning.trip import Trip
 
@@ -50,21 +54,37 @@ class KeptValues:
         """Begin with what the plans before have left."""
         self.latest = latest
 
-    def keep(self, trip: Trip, wanted: Requirements, values: Any) -> None:
-        """Keep the values of a plan."""
-        self.latest = (Kept(trip, wanted, values), *self.latest)[:MOST_KEPT]
+    def keep(self, trip: Trip, start: States, wanted: Requirements, values: Any) -> None:
+        """Keep the values of a plan; None: it found none."""
+        kept = Kept(trip, start, wanted, values is not None)
+        _VALUES[kept] = values
+        self.latest = (kept, *self.latest)[:MOST_KEPT]
 
     def that_hold(self, trip: Trip, wanted: Requirements) -> Any:
         """Return the values that hold for the rest of their trip, or None."""
         return next((kept.values for kept in self.latest if kept.holds_for(trip, wanted)), None)
 
 
-class Kept(NamedTuple):
-    """The values of one plan, with its trip and requirements."""
+@dataclass(frozen=True, eq=False)
+class Kept:
+    """
+    One plan whose values are kept: its trip, start and requirements, from which they follow; a value.
+
+    `has_values`: a plan was found.
+    """
 
     trip: Trip
+    start: States
     wanted: Requirements
-    values: Any
+    has_values: bool
+
+    @property
+    def values(self) -> Any:
+        """The values; they are found again if they are not in this process."""
+        if self not in _VALUES:
+            _VALUES[self] = (engine.find_values(self.trip, self.start, self.wanted).values
+                             if self.has_values else None)
+        return _VALUES[self]
 
     def holds_for(self, trip: Trip, wanted: Requirements) -> bool:
         """Return whether the values hold for the rest of their trip."""
@@ -79,6 +99,10 @@ class Kept(NamedTuple):
                 and (wanted.price is None) == (made.price is None)
                 and (wanted.price is None or made.price is None
                      or np.array_equal(wanted.price, made.price[passed:])))
+
+
+# The values of the plans that are kept.
+_VALUES: WeakKeyDictionary[Kept, Any] = WeakKeyDictionary()
 
 
 def _is_rest_of(whole: Trip, trip: Trip) -> bool:

@@ -56,7 +56,7 @@ def plan_by_values(trip: Trip, state: BatteryState, goal: Goal,
     if found is None:
         found = engine.find_values(trip, start, wanted)
         if kept is not None:
-            kept.keep(trip, wanted, found.values)
+            kept.keep(trip, start, wanted, found.values)
     if found.command_w is None:
         return run_unheated(trip, state)
     schedule = drive_as_planned(trip, state, found.command_w)

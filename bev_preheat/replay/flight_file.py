@@ -48,9 +48,9 @@ class Flight:
     A planner's inputs and answers, in order.
 
     `paths` are the files. `remarks` are sentences on missing parts. `gaps` are the indices in `given` before
-    which steps are missing; `starts` are the Starts, from which a planner may be played. `source` is the kind of the recording. Without `has_commands` there is nothing to
-    reproduce; then commands in `given` are the heater's recorded power. Commands count as the same if their powers
-    differ by at most `power_tolerance_w` [W].
+    which steps are missing; `starts` are the Starts, from which a planner may be played. `source` is the kind of
+    the recording. Without `has_commands` there is nothing to reproduce; then commands in `given` are the heater's
+    recorded power. Commands count as the same if their powers differ by at most `power_tolerance_w` [W].
     """
 
     beginning: Beginning

@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from typing import Any, Self, TYPE_CHECKING
+from dataclasses import dataclass
+from typing import Self, TYPE_CHECKING
 
 import numpy as np
 
@@ -16,16 +17,16 @@ TRIP_COLUMNS = ('time_s', 'duration_s', 'idle_power_w', 'power_variance_w2', 'id
                 'ambient_temperature_c')
 
 
+@dataclass(frozen=True, eq=False)
 class TripColumns:
-    """Columns of a trip of so many steps: the first of TRIP_COLUMNS (N + 1,), the others (N,)."""
+    """
+    Columns of a trip of so many steps: the first of TRIP_COLUMNS (N + 1,), the others (N,).
 
-    __slots__ = ('block', 'steps', 'view')
+    `block` has the columns one after the other.
+    """
 
-    def __init__(self, steps: int, block: FloatArray) -> None:
-        """`block` has the columns one after the other."""
-        self.steps, self.block = steps, block
-        # What an engine keeps beside the block, to find its columns again.
-        self.view: Any = None
+    steps: int
+    block: FloatArray
 
     @classmethod
     def of_columns(cls, *columns: FloatArray) -> Self:

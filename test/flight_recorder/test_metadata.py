@@ -32,7 +32,7 @@ def test_the_names_are_in_the_file(tmp_path):
     from bev_preheat.flight_recorder.steps import RecordedStep
     from bev_preheat.flight_recorder.writer import Entry, Recording, RecordingWriter, STEP_CHANNEL
     from bev_preheat.nodes.flight_recording import METADATA
-    writer = RecordingWriter(Recording(tmp_path, 10**9, '01234567', '20260101T000000'), {}, (), METADATA)
+    writer = RecordingWriter(Recording(tmp_path, 10**9, '01234567', '20260101T000000'), {}, tuple, METADATA)
     writer.put(Entry(STEP_CHANNEL, 1, RecordedStep(1)))
     writer.close(10.0)
     [path] = recordings_in(tmp_path)

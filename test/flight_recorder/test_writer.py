@@ -25,7 +25,7 @@ NUMBERS = st.integers(0, 2**62)
 
 
 def a_writer(folder, **options):
-    return RecordingWriter(Recording(folder, 10**9, '01234567', '20260101T000000'), {}, (), **options)
+    return RecordingWriter(Recording(folder, 10**9, '01234567', '20260101T000000'), {}, tuple, **options)
 
 
 def wait_for(condition):
@@ -129,7 +129,7 @@ def test_the_folder_is_bounded_and_only_own_files_are_deleted(tmp_path):
 
 
 def test_two_planners_in_a_folder_do_not_delete_what_the_other_writes(tmp_path):
-    other = RecordingWriter(Recording(tmp_path, 10**9, '89abcdef', '20250101T000000'), {}, ())
+    other = RecordingWriter(Recording(tmp_path, 10**9, '89abcdef', '20250101T000000'), {}, tuple)
     other.put(Entry(STEP_CHANNEL, 1, RecordedStep(1)))
     wait_for(lambda: other.path)
     [written] = recordings_in(tmp_path)

@@ -154,7 +154,7 @@ def test_two_kinds_of_plans_in_turn_keep_their_values_each():
     trips = [make_trip(vehicle, route, share) for share in (1.0, 0.7, 0.4)]
     assert kept.that_hold(trips[0], wanted) is None
     for number, trip in enumerate(trips):
-        kept.keep(trip, wanted, number)
+        kept.keep(trip, (0.0, 0.8, 0.0, 0.0), wanted, number)
     later = [make_trip(vehicle, route.after(40.0), share) for share in (1.0, 0.7, 0.4)]
     less = replace(wanted, uncertainty=Uncertainty(DEVIATION_K * 0.99))
     assert [kept.that_hold(trip, less) for trip in later] == [None, 1, 2]

@@ -36,7 +36,7 @@ KINDS = {'/battery_state': _kind(BatteryState), '/route_plan': _kind(RoutePlan)}
 
 
 def beginning(now_ns=START_NS, vehicle='reference', **changed):
-    values = {'version': '0.3.0', 'node': '/planner', 'life': LIFE, 'part': 0, 'is_whole': True, 'now_ns': now_ns,
+    values = {'version': '0.3.0', 'node': '/planner', 'life': LIFE, 'part': 0, 'now_ns': now_ns,
               'uses_sim_time': True, 'parameters': {'method': DEFAULT_METHOD},
               'vehicle_file': vehicle_contents(vehicle).decode()}
     return Beginning(**{**values, **changed})
@@ -44,7 +44,8 @@ def beginning(now_ns=START_NS, vehicle='reference', **changed):
 
 def writer(folder, head=None, most_bytes=10**9, **options):
     head = (Entry(BEGINNING_CHANNEL, START_NS, beginning().as_dictionary()),) if head is None else head
-    return RecordingWriter(Recording(folder, most_bytes, LIFE, '20260101T000000'), KINDS, head, {}, **options)
+    return RecordingWriter(
+        Recording(folder, most_bytes, LIFE, '20260101T000000'), KINDS, lambda: head, {}, **options)
 
 
 def a_car(target_c=TARGET_C, length_s=LENGTH_S, **imperfections):

@@ -80,7 +80,7 @@ def test_the_page_needs_no_network_and_escapes_what_recordings_say():
 
 def test_a_day_has_a_row_a_second_and_a_year_no_more_rows(recorded):
     flight = read_flight(recorded[1])
-    played = Player(flight.beginning).play(flight.given[0])
+    played = Player(flight).play(flight.given[0])
     for length_ns, rows in ((86400 * NS_PER_S, 86400), (365 * 86400 * NS_PER_S, MOST_ROWS)):
         # A thousandth of that length, with ten steps a row.
         history, steps = History(length_ns), rows // 100
@@ -114,7 +114,7 @@ def test_a_browser_draws_it(page, tmp_path):
 def test_a_clock_that_jumps_is_drawn_as_one_drive(recorded):
     """Back by ten seconds, on by ten years, and again right."""
     history, flight = History(NS_PER_S), read_flight(recorded[1])
-    player = Player(flight.beginning)
+    player = Player(flight)
     for index, given in enumerate(flight.given[:80]):
         off_s = -10 if 20 <= index < 30 else 315360000 if 40 <= index < 50 else 0
         played = player.play(given)
