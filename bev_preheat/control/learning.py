@@ -63,13 +63,13 @@ class Learning:
         return Learning(estimator, stand_watch)
 
     def on_new_trip(self) -> Learning:
-        """Return what is known without the consumption of the route before: another trip begins."""
+        """Return the Learning without the consumption of the route before: another trip begins."""
         return replace(self, estimator=self.estimator.of_another_route())
 
     def with_acquitted_heater(self) -> Learning:
-        """Return what is known of a healthy heater: the power with which it was compared is refuted."""
+        """Return the Learning of a healthy heater: the power with which it was compared is refuted."""
         return replace(self, estimator=self.estimator.of_healthy_heater())
 
     def without_instants(self) -> Learning:
-        """Return what is known but for the temperature, because the clock was restarted."""
+        """Return the Learning without instants, because the clock was restarted."""
         return replace(self, estimator=self.estimator.without_instants())

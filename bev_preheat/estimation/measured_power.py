@@ -61,7 +61,7 @@ class PowerSamples(NamedTuple):
     """
     Samples of the battery's power [W]; instants in seconds.
 
-    `step_w` are those of the current step, the first of which ended the previous step. `latest_s` and `latest_w`
+    `step_w` are those of the current step; the first one ended the previous step. `latest_s` and `latest_w`
     are instants and powers of the last VARIATION_S. `seen_w2s` and `route_w2s` are the variance of the samples and
     of the route, each times its duration [W^2 s]. `excess` are the duration of each step [s], and its propulsion
     energy beyond the route's [J].

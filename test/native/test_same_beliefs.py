@@ -40,7 +40,7 @@ def drawn_drive(drawn):
 
 
 def spoiled(belief, element, by, name='mean'):
-    """Return a Belief in which an element of one of its arrays is larger by a number."""
+    """Return a Belief with an element of an array larger by a number."""
     array = getattr(belief, name).copy()
     array[element] += by
     return replace(belief, **{name: array})
