@@ -61,9 +61,10 @@ from bev_preheat.estimation.state import (
 from bev_preheat.estimation.truncated_normal import truncated_moments
 from bev_preheat.native.belief_structs import belief_terms
 from bev_preheat.native.beliefs import Elapsing, NativeBelief, ReadingNoise
+from bev_preheat.native.library import operation
 from bev_preheat.numerics.arithmetic import array_exp
 from bev_preheat.numerics.arrays import frozen
-from bev_preheat.planning.core_engine import native_vehicle
+from bev_preheat.planning.core_engine import vehicle_in_core
 from bev_preheat.planning.heat_run import with_coolant_in_battery
 
 if TYPE_CHECKING:
@@ -254,32 +255,28 @@ class Belief:
         return mixed._after_unknown(duration_s) if drive is None else mixed._moved(
             _car(vehicle), duration_s, drive, command_w, limit_w)
 
-    def followed(self, vehicle: Vehicle, duration_s: float, drive: DriveInputs, command_w: float, limit_w: float,
-                 propulsion_w: float) -> Belief:
+    def _followed_in_core(self, vehicle: Vehicle, duration_s: float, drive: DriveInputs, command_w: float,
+                          limit_w: float, propulsion_w: float) -> Belief:
+        car = _car(vehicle)
+        native_car, native = vehicle_in_core(car), self._native()
+        lost = native.follow(
+            native_car, TERMS, _elapsing(duration_s), drive, car.battery.leakage,
+            heater_power_w(command_w, limit_w), _hidden_s2(drive, duration_s),
+            (propulsion_w, drive.propulsion_power_w, *_propulsion_noise(drive.propulsion_power_w, duration_s)))
+        return self._of(native)._bounded(lost)
+
+    def _followed(self, vehicle: Vehicle, duration_s: float, drive: DriveInputs, command_w: float, limit_w: float,
+                  propulsion_w: float) -> Belief:
         """
         Do `predicted` with a drive and, if its terminal power was measured, `with_propulsion_power`.
 
         `propulsion_w` [W] is the terminal power minus all other consumers.
         """
-        car, belief, done = _car(vehicle), self, 0
-        native_car = native_vehicle(car)
-        if native_car is not None:
-            native = self._native()
-            done, lost = native.follow(
-                native_car, TERMS, _elapsing(duration_s), drive, car.battery.leakage,
-                heater_power_w(command_w, limit_w), _hidden_s2(drive, duration_s),
-                (propulsion_w, drive.propulsion_power_w,
-                 *_propulsion_noise(drive.propulsion_power_w, duration_s)))
-            belief = self._of(native)
-            if done == 3:
-                return belief._bounded(lost)
-        # The steps that the core did not do follow here.
-        if done < 1:
-            belief = belief.mixed(duration_s)
-        if done < 2:
-            belief = belief._moved(car, duration_s, drive, command_w, limit_w)
+        belief = self.predicted(vehicle, duration_s, drive, command_w, limit_w)
         return belief if drive.terminal_power_w is None else belief.with_propulsion_power(
             propulsion_w, drive.propulsion_power_w, duration_s)
+
+    followed = operation(_followed_in_core, _followed)
 
     def held(self, duration_s: float, interval_c: tuple[float, float] | None,
              interval: tuple[float, float] | None) -> Belief:
@@ -319,11 +316,14 @@ class Belief:
             belief = belief._within(SOC, SOC_NOISE_VARIANCES, *interval, tells_hypotheses=False)
         return belief
 
-    def mixed(self, duration_s: float) -> Belief:
+    def _mixed_in_core(self, duration_s: float) -> Belief:
+        native = self._native()
+        native.mix(_elapsing(duration_s).transitions)
+        return self._of(native)
+
+    def _mixed(self, duration_s: float) -> Belief:
         """Return the Belief with mixed filters, because a heater may have changed from one kind to another."""
-        matrix, native = _elapsing(duration_s).transitions, self._native()
-        if native.mix(matrix):
-            return self._of(native)
+        matrix = _elapsing(duration_s).transitions
         # share[from, to, noise]: how much of `to` was `from` before.
         share = matrix[:, :, np.newaxis] * self.weights[:, np.newaxis, :]
         total = share.sum(axis=0)
@@ -334,6 +334,8 @@ class Belief:
             np.einsum('abn,anij->bnij', share, self.covariance)
             + np.einsum('abn,abni,abnj->bnij', share, off, off)))
 
+    mixed = operation(_mixed_in_core, _mixed)
+
     def _after_unknown(self, duration_s: float) -> Belief:
         wandered = WANDER_UNKNOWN**2 * (duration_s / 3600.0)
         covariance = self.covariance.copy()
@@ -343,14 +345,18 @@ class Belief:
             covariance[..., row, column] += wandered[TEMPERATURE]
         return replace(self, covariance=covariance)
 
-    def _moved(self, car: Vehicle, duration_s: float, drive: DriveInputs, command_w: float,
-               limit_w: float) -> Belief:
+    def _moved_in_core(self, car: Vehicle, duration_s: float, drive: DriveInputs, command_w: float,
+                       limit_w: float) -> Belief:
+        native_car, native = vehicle_in_core(car), self._native()
+        native.move(native_car, TERMS, drive, car.battery.leakage, duration_s,
+                    np.array(heater_power_w(command_w, limit_w)), _elapsing(duration_s).wander,
+                    _hidden_s2(drive, duration_s))
+        return self._of(native)
+
+    def _moved_in_python(self, car: Vehicle, duration_s: float, drive: DriveInputs, command_w: float,
+                         limit_w: float) -> Belief:
         heater_w, wander = np.array(heater_power_w(command_w, limit_w)), _elapsing(duration_s).wander
-        hidden_s2, native_car = _hidden_s2(drive, duration_s), native_vehicle(car)
-        if native_car is not None:
-            native = self._native()
-            if native.move(native_car, TERMS, drive, car.battery.leakage, duration_s, heater_w, wander, hidden_s2):
-                return self._of(native)
+        hidden_s2 = _hidden_s2(drive, duration_s)
         after, slopes = moved_with_slopes(
             car, self.mean, replace(drive, heater_power_w=heater_w[:, np.newaxis, np.newaxis]), duration_s)
         step, mean = _unchanged(), self.mean.copy()
@@ -365,6 +371,8 @@ class Belief:
         covariance[..., :2, :2] += hidden_s2 * moved[..., :, np.newaxis] * moved[..., np.newaxis, :]
         return replace(self, mean=mean, covariance=covariance)
 
+    _moved = operation(_moved_in_core, _moved_in_python)
+
     # Readings
 
     def with_temperature(self, reading_c: float, resolution_k: float) -> Belief:
@@ -376,12 +384,14 @@ class Belief:
         return self._within(
             SOC, SOC_NOISE_VARIANCES, *interval_of(reading, resolution), tells_hypotheses=False)
 
-    def with_propulsion_power(self, seen_w: float, route_w: float, duration_s: float) -> Belief:
+    def _with_power_in_core(self, seen_w: float, route_w: float, duration_s: float) -> Belief:
+        native = self._native()
+        lost = native.see_propulsion_power(TERMS, seen_w, route_w, *_propulsion_noise(route_w, duration_s))
+        return self._of(native)._bounded(lost)
+
+    def _with_power(self, seen_w: float, route_w: float, duration_s: float) -> Belief:
         """Return the Belief after the mean propulsion power measured [W], the route's, over `duration_s` [s]."""
-        (variance, most_w), native = _propulsion_noise(route_w, duration_s), self._native()
-        lost = native.see_propulsion_power(TERMS, seen_w, route_w, variance, most_w)
-        if lost is not None:
-            return self._of(native)._bounded(lost)
+        variance, most_w = _propulsion_noise(route_w, duration_s)
         factor = array_exp(self.mean[..., PROPULSION])
         slope = factor * route_w
         gain = self.covariance[..., PROPULSION] * slope[..., np.newaxis]
@@ -392,36 +402,41 @@ class Belief:
             covariance=self.covariance - (gain[..., :, np.newaxis] * gain[..., np.newaxis, :]
                                           / total[..., np.newaxis, np.newaxis]))._bounded()
 
-    def with_battery(self, temperature_c: float, resolution_k: float, soc: float,
-                     resolution: float) -> tuple[Belief, tuple[FloatArray, FloatArray]]:
-        """Do `with_temperature` and `with_soc`; return also the `expected` mean and covariance."""
+    with_propulsion_power = operation(_with_power_in_core, _with_power)
+
+    def _with_battery_in_core(self, temperature_c: float, resolution_k: float, soc: float,
+                              resolution: float) -> tuple[Belief, tuple[FloatArray, FloatArray]]:
         native = self._native()
-        done, lost, expected = native.take_reading(
+        expected = native.take_reading(
             TERMS, READING, interval_of(temperature_c, resolution_k), interval_of(soc, resolution), True)
-        belief = self._of(native)
-        if done == 3:
-            return belief, expected
-        belief = belief._bounded(lost) if done else belief.with_temperature(temperature_c, resolution_k)
-        if done < 2:
-            belief = belief.with_soc(soc, resolution)
+        return self._of(native), expected
+
+    def _with_battery(self, temperature_c: float, resolution_k: float, soc: float,
+                      resolution: float) -> tuple[Belief, tuple[FloatArray, FloatArray]]:
+        """Do `with_temperature` and `with_soc`; return also the `expected` mean and covariance."""
+        belief = self.with_temperature(temperature_c, resolution_k).with_soc(soc, resolution)
         return belief, belief.expected()
+
+    with_battery = operation(_with_battery_in_core, _with_battery)
 
     def weighed(self, logs: Sequence[float]) -> Belief:
         """Return the Belief with the heaters' weights after other evidence, by its log-likelihoods (heaters,)."""
         return replace(self, weights=_reweighed(
             self.weights, array_exp(np.subtract(logs, max(logs)))[:, np.newaxis]))
 
-    def expected(self) -> tuple[FloatArray, FloatArray]:
+    def _expected_in_core(self) -> tuple[FloatArray, FloatArray]:
+        return self._native().expected()
+
+    def _expected(self) -> tuple[FloatArray, FloatArray]:
         """Return mean (SIZE,) and covariance (SIZE, SIZE) over all hypotheses; read-only."""
-        native = self._native().expected()
-        if native is not None:
-            return native
         weights = self.weights[..., np.newaxis]
         mean = (weights * self.mean).sum(axis=(0, 1))
         off = self.mean - mean
         covariance = (weights[..., np.newaxis] * (
             self.covariance + off[..., :, np.newaxis] * off[..., np.newaxis, :])).sum(axis=(0, 1))
         return frozen(mean), frozen(covariance)
+
+    expected = operation(_expected_in_core, _expected)
 
     def _native(self) -> NativeBelief:
         """Return a copy of the filters in the form of the native core."""
@@ -431,13 +446,15 @@ class Belief:
         """Return the Belief with the filters of the native core."""
         return Belief(native.weights, native.mean, native.covariance, self.lags, self.has_stood)
 
-    def _within(self, index: int, noise_variance: FloatArray, low: float, high: float,
-                tells_hypotheses: bool = True) -> Belief:
-        """Kalman update of one element; `noise_variance` (noises,) is added to its own variance."""
+    def _within_in_core(self, index: int, noise_variance: FloatArray, low: float, high: float,
+                        tells_hypotheses: bool = True) -> Belief:
         native = self._native()
         lost = native.see_interval(TERMS, index, noise_variance, low, high, tells_hypotheses)
-        if lost is not None:
-            return self._of(native)._bounded(lost)
+        return self._of(native)._bounded(lost)
+
+    def _within_in_python(self, index: int, noise_variance: FloatArray, low: float, high: float,
+                          tells_hypotheses: bool = True) -> Belief:
+        """Kalman update of one element; `noise_variance` (noises,) is added to its own variance."""
         # A temperature reading is the sum of sensor and local rise.
         read = (SENSOR, LOCAL) if index == SENSOR else (index,)
         columns = self.covariance[..., read].sum(axis=-1)
@@ -456,6 +473,8 @@ class Belief:
                                           * kept[..., np.newaxis, np.newaxis]),
             weights=_reweighed(self.weights, array_exp(np.maximum(logs - logs.max(), -MOST_EVIDENCE)))
             if tells_hypotheses else self.weights)._bounded()
+
+    _within = operation(_within_in_core, _within_in_python)
 
     def _bounded(self, lost_filters: int = 1) -> Belief:
         """Return the Belief within its bounds, with lost filters reset; `lost_filters` 0: as it is."""

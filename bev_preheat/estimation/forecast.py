@@ -26,8 +26,9 @@ from bev_preheat.estimation.state import (
     UNDER_WAY,
 )
 from bev_preheat.native.beliefs import arrival_variance as native_variance
+from bev_preheat.native.library import operation
 from bev_preheat.numerics.arithmetic import array_exp
-from bev_preheat.planning.core_engine import native_vehicle
+from bev_preheat.planning.core_engine import vehicle_in_core
 from bev_preheat.vehicle.uncertain_car import DriveInputs
 
 if TYPE_CHECKING:
@@ -121,13 +122,19 @@ def arrival_deviation_k(trip: Driven, plan: Plan, estimate: Estimate) -> float:
 
     `trip` must be that of the corrected vehicle and route of the plan.
     """
-    car, route = trip.vehicle, trip.route
-    native = native_vehicle(car)
-    variance_k2 = None if native is None else native_variance(
-        native, TERMS, car.battery.leakage, route.block, plan.hvch_battery_power_w,
+    return math.sqrt(_arrival_variance_k2(trip, plan, estimate) + wandered_k2(trip.route.total_duration_s))
+
+
+def _variance_in_core_k2(trip: Driven, plan: Plan, estimate: Estimate) -> float:
+    car = trip.vehicle
+    return native_variance(
+        vehicle_in_core(car), TERMS, car.battery.leakage, trip.route.block, plan.hvch_battery_power_w,
         plan.battery_temperature_c, plan.soc, estimate.covariance)
-    if variance_k2 is not None:
-        return math.sqrt(variance_k2 + wandered_k2(route.total_duration_s))
+
+
+def _variance_k2(trip: Driven, plan: Plan, estimate: Estimate) -> float:
+    """Return the variance [K^2] of the temperature on arrival by the elements of the state, and by traffic."""
+    route = trip.route
     sensitivities, by_step = arrival_sensitivities(trip, plan)
     # No factor covers traffic that differs from step to step. If a step drives and regenerates equally, its mean
     # power is small but its heat is not.
@@ -135,8 +142,10 @@ def arrival_deviation_k(trip: Driven, plan: Plan, estimate: Estimate) -> float:
         1.0, LEAST_POWER_W / np.maximum(route.propulsion_power_magnitude_w, 1.0))
     lasting = np.maximum(1.0, POWER_NOISE_LASTS_S / route.duration_s)
     traffic = float(((by_step * spread)**2 * lasting).sum())
-    return math.sqrt(max(0.0, float(sensitivities @ estimate.covariance @ sensitivities))
-                     + traffic + wandered_k2(route.total_duration_s))
+    return max(0.0, float(sensitivities @ estimate.covariance @ sensitivities)) + traffic
+
+
+_arrival_variance_k2 = operation(_variance_in_core_k2, _variance_k2)
 
 
 def wandered_k2(duration_s: float) -> float:

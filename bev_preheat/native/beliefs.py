@@ -2,8 +2,7 @@
 """
 The estimation's filters in the native core, with arrays in and out; core.h documents the calls.
 
-Each call returns None or False if the core does not answer, and has then changed no array: the caller
-falls back to Python.
+Each call raises Declined if the core does not answer.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ from bev_preheat.native.belief_structs import (
     PassedStruct,
     ReadingStruct,
 )
-from bev_preheat.native.library import core, OK
+from bev_preheat.native.library import call, core, Declined
 from bev_preheat.native.structs import address_of, DOUBLE_BYTES, doubles
 
 if TYPE_CHECKING:
@@ -63,126 +62,101 @@ class NativeBelief:
     """A `bev_belief`: copies of the arrays of weights, means and covariances, which its calls change."""
 
     def __init__(self, weights: FloatArray, mean: FloatArray, covariance: FloatArray) -> None:
-        """Copy arrays (heaters, noises), (…, ELEMENTS) and (…, ELEMENTS, ELEMENTS)."""
+        """Copy arrays (heaters, noises), (…, ELEMENTS) and (…, ELEMENTS, ELEMENTS); Declined without the core."""
+        if core() is None:
+            raise Declined
         self.weights, self.mean, self.covariance = arrays = weights.copy(), mean.copy(), covariance.copy()
         self._memory = np.empty(sum([array.size for array in arrays]))
         self._struct = BeliefStruct(*weights.shape, *map(address_of, (*arrays, self._memory)))
         self._address = addressof(self._struct)
         self._passed, self._reading = PassedStruct(), ReadingStruct()
         self._places = addressof(self._passed), addressof(self._reading)
-        self._done, self._lost = c_int32(), c_int32()
-        self._counts = addressof(self._done), addressof(self._lost)
+        self._lost = c_int32()
         self._others_w = (0.0,) * (MOST_HEATERS - len(weights))
 
-    def mix(self, transitions: FloatArray) -> bool:
+    def mix(self, transitions: FloatArray) -> None:
         """Do `bev_mix_belief` with transitions (heaters, heaters)."""
-        library = core()
-        return library is not None and bool(
-            library.bev_mix_belief(self._address, _place(transitions)) == OK)
+        call('bev_mix_belief', self._address, _place(transitions))
 
     def move(self, vehicle: NativeVehicle, terms: BeliefTermsStruct, drive: DriveInputs,
              leakage: Leakage, duration_s: float, heater_w: FloatArray, wander: FloatArray,
-             hidden_variance_s2: float) -> bool:
+             hidden_variance_s2: float) -> None:
         """Do `bev_move_belief` under the powers of each hypothesis (heaters,) [W]."""
-        library = core()
-        if library is None:
-            return False
         struct = DriveStruct(*_numbers_of(drive, leakage))
-        return bool(library.bev_move_belief(
-            vehicle.address, self._address, byref(terms), byref(struct), duration_s, _place(heater_w),
-            _place(wander), hidden_variance_s2) == OK)
+        call('bev_move_belief', vehicle.address, self._address, byref(terms), byref(struct), duration_s,
+             _place(heater_w), _place(wander), hidden_variance_s2)
 
     def see_interval(self, terms: BeliefTermsStruct, element: int, noise_variance: FloatArray, low: float,
-                     high: float, tells_hypotheses: bool) -> int | None:
+                     high: float, tells_hypotheses: bool) -> int:
         """Do `bev_see_interval` with variances (noises,); return how many filters are lost."""
-        library = core()
-        if library is None:
-            return None
-        status = library.bev_see_interval(
-            self._address, byref(terms), element, _place(noise_variance), low, high, tells_hypotheses,
-            byref(self._lost))
-        return self._lost.value if status == OK else None
+        call('bev_see_interval', self._address, byref(terms), element, _place(noise_variance), low, high,
+             tells_hypotheses, byref(self._lost))
+        return self._lost.value
 
     def see_propulsion_power(self, terms: BeliefTermsStruct, seen_w: float, route_w: float,
-                             variance_w2: float, most_w: float) -> int | None:
+                             variance_w2: float, most_w: float) -> int:
         """Do `bev_see_propulsion_power`; return how many filters are lost."""
-        library = core()
-        if library is None:
-            return None
-        status = library.bev_see_propulsion_power(
-            self._address, byref(terms), seen_w, route_w, variance_w2, most_w, byref(self._lost))
-        return self._lost.value if status == OK else None
+        call('bev_see_propulsion_power', self._address, byref(terms), seen_w, route_w, variance_w2, most_w,
+             byref(self._lost))
+        return self._lost.value
 
     def follow(self, vehicle: NativeVehicle, terms: BeliefTermsStruct, elapsing: Elapsing, drive: DriveInputs,
                leakage: Leakage, heater_w: Sequence[float], hidden_variance_s2: float,
-               propulsion: tuple[float, float, float, float]) -> tuple[int, int]:
+               propulsion: tuple[float, float, float, float]) -> int:
         """
-        Do `bev_follow`; return how many of its three parts were done, and how many filters are lost.
+        Do `bev_follow`; return how many filters are lost.
 
         `propulsion` is power seen and power of the route [W], variance [W^2], and most difference [W].
         """
-        library = core()
-        if library is None:
-            return 0, 0
         PASSED.pack_into(
             self._passed, 0, *elapsing.addresses, elapsing.duration_s, hidden_variance_s2, *propulsion,
             *heater_w, *self._others_w, *_numbers_of(drive, leakage))
-        library.bev_follow(
-            vehicle.address, self._address, addressof(terms), self._places[0], *self._counts)
-        return self._done.value, self._lost.value
+        call('bev_follow', vehicle.address, self._address, addressof(terms), self._places[0],
+             addressof(self._lost))
+        return self._lost.value
 
     def take_reading(self, terms: BeliefTermsStruct, noise: ReadingNoise, interval_c: tuple[float, float],
-                     interval: tuple[float, float], tells_hypotheses: bool,
-                     ) -> tuple[int, int, tuple[FloatArray, FloatArray]]:
+                     interval: tuple[float, float], tells_hypotheses: bool) -> tuple[FloatArray, FloatArray]:
         """
-        Do `bev_take_reading` of intervals of temperature [deg C] and charge; see bev_reading.
+        Do `bev_take_reading` of intervals of temperature [deg C] and charge; return `expected`.
 
-        Returns how many of its three parts were done, how many filters are lost, and, if all parts were
-        done, the result of `expected`.
+        Declined also if filters are lost, because that ends it.
         """
-        library, both = core(), np.empty((ELEMENTS + 1, ELEMENTS))
-        if library is None:
-            return 0, 0, (both[0], both[1:])
+        both = np.empty((ELEMENTS + 1, ELEMENTS))
         at = address_of(both)
         READING.pack_into(self._reading, 0, *noise.addresses, *interval_c, *interval, tells_hypotheses)
-        library.bev_take_reading(
-            self._address, addressof(terms), self._places[1], at, at + DOUBLE_BYTES * ELEMENTS, *self._counts)
+        call('bev_take_reading', self._address, addressof(terms), self._places[1], at,
+             at + DOUBLE_BYTES * ELEMENTS, addressof(self._lost))
+        if self._lost.value:
+            raise Declined
         both.setflags(write=False)
-        return self._done.value, self._lost.value, (both[0], both[1:])
+        return both[0], both[1:]
 
-    def expected(self) -> tuple[FloatArray, FloatArray] | None:
+    def expected(self) -> tuple[FloatArray, FloatArray]:
         """Return mean (ELEMENTS,) and covariance (ELEMENTS, ELEMENTS) over all hypotheses."""
-        library = core()
-        if library is None:
-            return None
         both = np.empty((ELEMENTS + 1, ELEMENTS))
-        if library.bev_expect(
-                self._address, _place(both), _place(both, DOUBLE_BYTES * ELEMENTS)) != OK:
-            return None
+        call('bev_expect', self._address, _place(both), _place(both, DOUBLE_BYTES * ELEMENTS))
         both.setflags(write=False)
         return both[0], both[1:]
 
 
 def arrival_variance(vehicle: NativeVehicle, terms: BeliefTermsStruct, leakage: Leakage, route: FloatArray,
                      heater_w: FloatArray, temperature_c: FloatArray, soc: FloatArray,
-                     covariance: FloatArray) -> float | None:
+                     covariance: FloatArray) -> float:
     """
     Do `bev_arrival_variance`; return the variance of the temperature on arrival [K^2].
 
     `route` (8, N) are the columns of a route, `heater_w` (N,) is the heater power in each step [W],
     temperatures [deg C] and charge (N + 1,) are the run, `covariance` is (ELEMENTS, ELEMENTS).
     """
-    library = core()
-    if library is None:
-        return None
     arrays = [*map(doubles, (route, heater_w, temperature_c, soc, covariance))]
     *columns, believed = map(address_of, arrays)
     expected = ExpectedDriveStruct(
         route.shape[1], *columns, leakage.gamma_0_w_per_k, leakage.gamma_v_w_per_k_per_mps)
     variance_k2 = c_double()
-    status = library.bev_arrival_variance(
-        vehicle.address, addressof(expected), addressof(terms), believed, addressof(variance_k2))
-    return variance_k2.value if status == OK else None
+    call('bev_arrival_variance', vehicle.address, addressof(expected), addressof(terms), believed,
+         addressof(variance_k2))
+    return variance_k2.value
 
 
 def _numbers_of(drive: DriveInputs, leakage: Leakage) -> tuple[float, ...]:

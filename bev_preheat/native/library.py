@@ -10,12 +10,12 @@ functions.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from ctypes import c_double, c_int32, c_void_p, CDLL
-from functools import lru_cache
+from functools import lru_cache, wraps
 import os
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
 
 from bev_preheat.native.belief_structs import (
     BeliefStruct,
@@ -51,6 +51,8 @@ ANSWERS = {
     'bev_run': {SATURATED}, 'bev_run_heated': {SATURATED}, 'bev_plan_by_values': {EMPTY},
     'bev_follow_values': {EMPTY, LEFT}}
 _NONE: set[int] = set()
+P = ParamSpec('P')
+R = TypeVar('R')
 
 
 class Declines:
@@ -101,8 +103,8 @@ _SIGNATURES = {
     'bev_see_interval': 'PPIPDDIP',
     'bev_see_propulsion_power': 'PPDDDDP',
     'bev_expect': 'PPP',
-    'bev_follow': 'PPPPPP',
-    'bev_take_reading': 'PPPPPPP',
+    'bev_follow': 'PPPPP',
+    'bev_take_reading': 'PPPPPP',
     'bev_arrival_variance': 'PPPPP',
     'bev_find_two_switches': 'PPDPPPPPPP',
     'bev_plan_by_values': 'PPPPPPPPI',
@@ -147,6 +149,17 @@ def call(name: str, *arguments: Any) -> int:
     if status != OK and status not in ANSWERS.get(name, _NONE):
         raise Declined
     return status
+
+
+def operation(in_core: Callable[P, R], in_python: Callable[P, R]) -> Callable[P, R]:
+    """Return the function that is the core's if it answers, else Python's; it has the name of Python's."""
+    @wraps(in_python)
+    def either(*arguments: P.args, **named: P.kwargs) -> R:
+        try:
+            return in_core(*arguments, **named)
+        except Declined:
+            return in_python(*arguments, **named)
+    return either
 
 
 def core_in_words() -> str:

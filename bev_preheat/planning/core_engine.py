@@ -42,16 +42,11 @@ if TYPE_CHECKING:
 
 def vehicle_in_core(vehicle: Vehicle) -> NativeVehicle:
     """Return the vehicle as a native struct; raises Declined if the core is not used, or cannot take it."""
-    native = native_vehicle(vehicle)
+    # The cache must not depend on whether the core is switched off for a while.
+    native = None if core() is None else _native_vehicle(vehicle)
     if native is None:
         raise Declined
     return native
-
-
-def native_vehicle(vehicle: Vehicle) -> NativeVehicle | None:
-    """Return the vehicle as a native struct; None if the core is not used, or cannot take it."""
-    # The cache must not depend on whether the core is switched off for a while.
-    return None if core() is None else _native_vehicle(vehicle)
 
 
 @lru_cache(maxsize=KEPT_VEHICLES)

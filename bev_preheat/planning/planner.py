@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 import math
 from time import perf_counter
@@ -14,7 +14,7 @@ import numpy as np
 from bev_preheat.errors import InvalidInput, PlanningFailure
 from bev_preheat.numerics.factors import JOULES_PER_WH
 from bev_preheat.planning import engine
-from bev_preheat.planning.both_ends import BELOW_HIGHEST_K
+from bev_preheat.planning.case import PlanningCase
 from bev_preheat.planning.dynamics import Energies
 from bev_preheat.planning.explanation import explain
 from bev_preheat.planning.gated_heat import notes_on_route, schedule_within_gates
@@ -26,10 +26,10 @@ from bev_preheat.planning.no_regret import giving_way, is_described, NoRegretChe
 from bev_preheat.planning.outcome import find_outcome, ScheduleOutcome
 from bev_preheat.planning.plan import Plan
 from bev_preheat.planning.schedule import Method, Schedule, StepPrices
-from bev_preheat.planning.situation import BatteryState, check_situation, Goal, reserve_soc, Uncertainty
+from bev_preheat.planning.situation import BatteryState, Goal, reserve_soc, Uncertainty
 from bev_preheat.planning.status import Status
 from bev_preheat.planning.switch_methods import is_best, outcome_of, plan_optimal_switch, plan_paper
-from bev_preheat.planning.trip import heated_throughout, make_trip, Trip
+from bev_preheat.planning.trip import make_trip, Trip
 from bev_preheat.planning.until_arrival import heat_until_arrival
 from bev_preheat.planning.value_function import plan_by_values
 from bev_preheat.vehicle.model import Integrator, make_runge_kutta_4
@@ -63,8 +63,6 @@ SHORTFALL_TOLERANCE_K = 0.2
 SOC_TOLERANCE = 1e-5
 # Runs by Euler and by Runge-Kutta differ by less than this.
 SAME_SOC = 5e-4
-# Energy that costs nothing still counts as this share of the highest price: none is wasted.
-LEAST_PRICE_SHARE = 1e-3
 # A plan keeps the limits if heater and friction brake take the same powers within them, to this.
 SAME_POWER_W = 0.1
 # A switching instant this close is now.
@@ -112,78 +110,81 @@ def plan_preheating(vehicle: Vehicle, route: Route, state: BatteryState, goal: G
                     heats_throughout: bool = False, heat_lag_s: float = 0.0, no_regret: bool = True,
                     kept: KeptValues | None = None, **options: Any) -> Plan:
     """
-    Return the Plan for a vehicle with a battery state at the start of a route.
+    Return the Plan for a vehicle with a battery state at the start of a route; see PlanningCase for the others.
 
-    `method` is a name in `method_names()` or REPLACED; `options` are its own. With an `uncertainty`
-    `value_function` plans for the least expected energy; other methods do not know it. With `step_prices` the plan
-    is that of `value_function` in any case, and a negative price counts as 0. `kept` has the values of earlier
-    plans of the drive, which save time while they hold. `heater_share` (0 ... 1) is the
-    share of its power that the heater gives. With `heats_throughout` the heater heats regardless of the plan; the
-    energies include that. The heat arrives `heat_lag_s` [s] late; heat that would come after the end is not
-    planned. (This is for a vehicle without a heat path; a heat path is planned as such, and `state` gives the heat
-    under way.) Without `no_regret` the
-    method's plan is returned even if it is worse than not heating: for comparing methods, never for driving.
+    `method` may also be a name in REPLACED; with `step_prices` it is DEFAULT_METHOD in any case. Raises what
+    `plan_case` raises.
+    """
+    method = DEFAULT_METHOD if step_prices is not None else REPLACED.get(method, method)
+    return plan_case(PlanningCase(
+        vehicle, route, state, goal, method, uncertainty, step_prices, heater_share, heats_throughout, heat_lag_s,
+        no_regret, kept, options))
+
+
+def plan_case(case: PlanningCase) -> Plan:
+    """
+    Return the Plan for a PlanningCase.
+
     Raises InvalidInput if state, goal or route are outside the range of the vehicle's model, or the method is
     unknown; PlanningFailure if the model yields no numbers, or an installed method no valid powers.
     """
     notes: dict[str, None] = {}
-    method = DEFAULT_METHOD if step_prices is not None else REPLACED.get(method, method)
+    method = case.method
     ways = built_in_ways(method) if method in METHODS else _installed(installed_method(method, METHODS), notes)
     started = perf_counter()
-    check_situation(vehicle, route, state, goal, uncertainty)
-    if step_prices is not None:
-        vehicle = _storing_no_hotter(vehicle, max(state.temperature_c, goal.target_temperature_c))
-    trip = make_trip(vehicle, route, heater_share, heat_lag_s)
-    uncommanded = None
-    if heats_throughout:
-        uncommanded = _Uncommanded(make_trip(vehicle, route, heater_share).heater_limit_w, trip)
-        trip = heated_throughout(trip, uncommanded.taken_w)
-    outcome = None
+    case.check()
+    obeyed = case.trip_that_obeys()
+    trip = case.trip(obeyed)
     try:
-        if uncertainty is not None and method == DEFAULT_METHOD:
-            options = {**options, 'uncertainty': uncertainty, 'kept': kept}
-        if step_prices is not None:
-            options = {**options, 'price': _as_shares(step_prices(trip.time_s))}
-        switched = (ways.in_one_interval(trip, state, _aim_c(vehicle, goal))
-                    if ways.in_one_interval is not None and no_regret and not options else None)
-        if switched is not None and ways.is_done(trip, goal, switched):
-            schedule, outcome = switched.schedule, outcome_of(trip, switched)
-        else:
-            schedule = schedule_trip(trip, state, goal, ways, no_regret, options, switched)
-        gates = vehicle.heating_gates
-        if gates.is_any and no_regret:
-            first = schedule
-
-            def plan_on(gated: Trip) -> Schedule:
-                return first if gated is trip else schedule_trip(gated, state, goal, ways, no_regret, options)
-
-            schedule = schedule_within_gates(trip, state, plan_on, notes)
-            outcome = outcome if schedule is first else None
-            if schedule.heating_start_s is not None or schedule.temperature_c[-1] < goal.target_temperature_c:
-                notes.update(dict.fromkeys(notes_on_route(trip)))
+        schedule, outcome = _schedule_case(case, trip, ways, notes)
     except MethodFailure:
         raise
     except ArithmeticError as error:
         raise PlanningFailure(f'the battery model fails on this route: {error}') from error
-    plan = finish_plan(trip, goal, schedule, method, started, outcome, ' '.join(notes))
-    if uncommanded is None:
+    plan = finish_plan(trip, case.goal, schedule, method, started, outcome, ' '.join(notes))
+    if not case.heats_throughout:
         return plan
-    return replace(plan, energy_wh=uncommanded.told_as_heater(plan.energy_wh, schedule.driven_share))
+    return replace(plan, energy_wh=_told_as_heater(
+        plan.energy_wh, obeyed, case.uncommanded_w(obeyed), schedule.driven_share))
 
 
-def _as_shares(price_per_kwh: FloatArray) -> FloatArray:
-    """Return prices (N,) as shares of the highest one; no price at all: 1 everywhere. Raises InvalidInput."""
-    if not np.isfinite(price_per_kwh).all():
-        raise InvalidInput('price of energy: is not a number in every step; a finite price per kWh is needed')
-    highest = float(price_per_kwh.max())
-    return np.maximum(price_per_kwh / highest, LEAST_PRICE_SHARE) if highest > 0.0 else np.ones(len(price_per_kwh))
+def _schedule_case(case: PlanningCase, trip: Trip, ways: _Ways,
+                   notes: dict[str, None]) -> tuple[Schedule, ScheduleOutcome | None]:
+    """Return the Schedule for a case within its vehicle's gates, and the ScheduleOutcome if it is known."""
+    options, outcome = case.method_options(trip, case.method == DEFAULT_METHOD), None
+    switched = (ways.in_one_interval(trip, case.state, case.aim_c)
+                if ways.in_one_interval is not None and case.no_regret and not options else None)
+    if switched is not None and ways.is_done(trip, case.goal, switched):
+        first, outcome = switched.schedule, outcome_of(trip, switched)
+    else:
+        first = _schedule_trip(case, trip, ways, options, switched)
+    if not (case.vehicle.heating_gates.is_any and case.no_regret):
+        return first, outcome
+
+    def plan_on(gated: Trip) -> Schedule:
+        return first if gated is trip else _schedule_trip(case, gated, ways, options)
+
+    schedule = schedule_within_gates(trip, case.state, plan_on, notes)
+    if schedule.heating_start_s is not None or schedule.temperature_c[-1] < case.goal.target_temperature_c:
+        notes.update(dict.fromkeys(notes_on_route(trip)))
+    return schedule, outcome if schedule is first else None
 
 
-def _storing_no_hotter(vehicle: Vehicle, needed_c: float) -> Vehicle:
-    """Return the Vehicle that stores cheap heat to BELOW_HIGHEST_K below its highest temperature, or as needed."""
-    low_c, high_c = vehicle.battery.temperature_range_c
-    return replace(vehicle, battery=replace(
-        vehicle.battery, temperature_range_c=(low_c, max(high_c - BELOW_HIGHEST_K, needed_c))))
+def _told_as_heater(energy_wh: Energies, obeyed: Trip, taken_w: FloatArray,
+                    driven_share: FloatArray | None) -> Energies:
+    """
+    Move the heater's part of the Energies of a `heated_throughout` trip from the drive to the heater.
+
+    `obeyed` is the Trip as if the heater obeyed, `taken_w` (N,) its power [W].
+    """
+    hours = obeyed.route.duration_s / JOULES_PER_WH
+    if driven_share is not None:
+        hours = driven_share * hours
+    heat_wh = obeyed.vehicle.hvch.efficiency * float(hours @ obeyed.heater_limit_w)
+    return replace(
+        energy_wh, drivetrain_heat=energy_wh.drivetrain_heat - heat_wh,
+        hvch_heat=energy_wh.hvch_heat + heat_wh,
+        hvch_electric=energy_wh.hvch_electric + float(hours @ taken_w))
 
 
 class _Ways(NamedTuple):
@@ -217,35 +218,10 @@ def _installed(installed: InstalledMethod, notes: dict[str, None]) -> _Ways:
     return _Ways(installed.proposing(notes), None, is_installed=True)
 
 
-@dataclass(frozen=True)
-class _Uncommanded:
-    """Power of a heater in each step regardless of commands [W], (N,), and the Trip as if it obeyed."""
-
-    taken_w: FloatArray
-    obeyed: Trip
-
-    def told_as_heater(self, energy_wh: Energies, driven_share: FloatArray | None) -> Energies:
-        """Move the heater's part of the Energies of a `heated_throughout` trip from the drive to the heater."""
-        hours = self.obeyed.route.duration_s / JOULES_PER_WH
-        if driven_share is not None:
-            hours = driven_share * hours
-        heat_wh = self.obeyed.vehicle.hvch.efficiency * float(hours @ self.obeyed.heater_limit_w)
-        return replace(
-            energy_wh, drivetrain_heat=energy_wh.drivetrain_heat - heat_wh,
-            hvch_heat=energy_wh.hvch_heat + heat_wh,
-            hvch_electric=energy_wh.hvch_electric + float(hours @ self.taken_w))
-
-
-def _aim_c(vehicle: Vehicle, goal: Goal) -> float:
-    """Return the target of a plan [deg C]: the goal's, or the lowest if no warm arrival is asked for."""
-    if goal.charging_planned and goal.heating_pays:
-        return goal.target_temperature_c
-    return vehicle.battery.temperature_range_c[0]
-
-
-def schedule_trip(trip: Trip, state: BatteryState, goal: Goal, ways: _Ways, no_regret: bool,
-                  options: dict[str, Any], switched: SwitchPlan | None = None) -> Schedule:
-    """Return the Schedule of a method; `switched` is its plan with one interval of heating, if known."""
+def _schedule_trip(case: PlanningCase, trip: Trip, ways: _Ways, options: dict[str, Any],
+                   switched: SwitchPlan | None = None) -> Schedule:
+    """Return the Schedule for a case on a Trip; `switched` is the plan with one interval of heating, if known."""
+    state, goal = case.state, case.goal
     unheated = plan_without_heating(trip, state) if switched is None else switched.unheated
     if not goal.charging_planned:
         return as_described(trip, state, unheated)
@@ -253,21 +229,21 @@ def schedule_trip(trip: Trip, state: BatteryState, goal: Goal, ways: _Ways, no_r
         if ways.is_installed:
             # It may ignore the target, so it is not asked.
             return unheated_within_limits(trip, state, unheated)
-        goal = replace(goal, target_temperature_c=_aim_c(trip.vehicle, goal))
+        goal = case.aimed_at(case.aim_c)
     is_late = goal.heats_until_arrival and not trip.vehicle.heat_path.is_direct
     # Other built-in methods do not know the battery's limits.
-    knows_limits = ways.keeps_reserve or ways.is_installed or not no_regret
+    knows_limits = ways.keeps_reserve or ways.is_installed or not case.no_regret
     method = ways.method if knows_limits else giving_way(ways.method)
 
     def propose(target_c: float, **how: Any) -> Schedule:
-        if switched is not None and target_c == goal.target_temperature_c:
+        if switched is not None and target_c == case.aim_c:
             how = {**how, 'switched': switched}
-        schedule = method(trip, state, replace(goal, target_temperature_c=target_c), **how)
+        schedule = method(trip, state, case.aimed_at(target_c), **how)
         if is_late:
             schedule = heat_until_arrival(trip, state, schedule, target_c)
         return as_described(trip, state, schedule)
 
-    if not no_regret:
+    if not case.no_regret:
         return propose(goal.target_temperature_c, **options)
     proposals = [partial(propose, **options)]
     if 'uncertainty' in options:

@@ -17,7 +17,7 @@ from bev_preheat.native.calls import place
 from bev_preheat.native.library import core, core_in_words, Declined, use_core, without_core
 from bev_preheat.native.structs import CurveStruct, NativeTrip, NativeVehicle, NotDescribed
 from bev_preheat.numerics.arithmetic import FLOATS, SATURATING_FLOATS
-from bev_preheat.planning.core_engine import native_vehicle, trip_in_core
+from bev_preheat.planning.core_engine import trip_in_core, vehicle_in_core
 from bev_preheat.planning.engine import run_forward
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.vehicle.corrections import ScaledCurve
@@ -159,7 +159,8 @@ def test_a_curve_of_another_kind_leaves_the_vehicle_to_python():
     vehicle = replace(FORMULAS, battery=replace(FORMULAS.battery, resistance=Flat()))
     with pytest.raises(NotDescribed, match='Flat'):
         NativeVehicle(vehicle, 60.0)
-    assert native_vehicle(vehicle) is None
+    with pytest.raises(Declined):
+        vehicle_in_core(vehicle)
     _, route, state, *_ = drawn_situations.draw(3, 9)
     # U = 400 V, R = 0.11 ohm as a table that is the same everywhere.
     same = replace(vehicle, battery=replace(vehicle.battery, resistance=Table((0.5,), (0.0,), ((0.11,),))))
@@ -172,7 +173,8 @@ def test_more_factors_than_the_core_has_are_left_to_python():
     curve = FORMULAS.battery.resistance
     for factor in (1.1, 0.9, 1.2, 0.8, 1.05):
         curve = ScaledCurve(curve, factor)
-    assert native_vehicle(replace(FORMULAS, battery=replace(FORMULAS.battery, resistance=curve))) is None
+    with pytest.raises(Declined):
+        vehicle_in_core(replace(FORMULAS, battery=replace(FORMULAS.battery, resistance=curve)))
 
 
 @pytest.mark.parametrize('field, value', [
@@ -216,7 +218,7 @@ def test_a_call_that_makes_no_sense_is_refused(arguments):
     trip = trip_of_situation()
     steps = len(trip.route)
     integrator, first = arguments
-    vehicle = None if integrator is None else native_vehicle(trip.vehicle).address
+    vehicle = None if integrator is None else vehicle_in_core(trip.vehicle).address
     states = np.zeros((2, steps + 1))
     assert core().bev_run(vehicle, integrator or 0, trip_in_core(trip).address, first if first < 13 else steps + 1,
                           None, None, *map(place, states)) == -1
@@ -228,7 +230,7 @@ def test_an_input_that_is_no_number_is_refused(column):
     native = trip_in_core(trip)
     trip.columns.column(column)[0] = nan
     states = np.full((2, len(trip.route) + 1), 0.5)
-    assert core().bev_run(native_vehicle(trip.vehicle).address, 2, native.address, 0, None, None,
+    assert core().bev_run(vehicle_in_core(trip.vehicle).address, 2, native.address, 0, None, None,
                           *map(place, states)) == -3
     assert addressof(native.struct) == native.address
 
@@ -239,7 +241,7 @@ def test_what_is_no_number_is_left_to_python():
     heater_w = np.full(len(trip.route), inf)
     states = np.full((2, len(trip.route) + 1), 0.5)
     with pytest.raises(Declined):
-        calls.run(native_vehicle(trip.vehicle), 2, trip_in_core(trip), states, heater_w, None)
+        calls.run(vehicle_in_core(trip.vehicle), 2, trip_in_core(trip), states, heater_w, None)
 
 
 @pytest.mark.parametrize('make_integrator', [make_euler, make_midpoint, make_runge_kutta_4])

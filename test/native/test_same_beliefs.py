@@ -14,7 +14,8 @@ from bev_preheat.estimation.forecast import arrival_deviation_k
 from bev_preheat.estimation.hypotheses import Heater, HeaterReport
 from bev_preheat.estimation.state import SIZE
 from bev_preheat.native.beliefs import arrival_variance, NativeBelief
-from bev_preheat.native.library import core, without_core
+from bev_preheat.native.library import core, Declined, without_core
+from bev_preheat.planning.core_engine import vehicle_in_core
 from bev_preheat.planning.engine import run_forward
 from bev_preheat.planning.plan import Plan
 from bev_preheat.planning.trip import make_trip
@@ -159,17 +160,18 @@ def test_deviations_on_arrival_are_the_same(name):
 def test_a_covariance_that_is_not_finite_is_left_to_python():
     vehicle = VEHICLES['formulas']
     trip = make_trip(vehicle, load_route('reference', vehicle.defaults))
-    count, native = len(trip.route), belief_module.native_vehicle(vehicle)
+    count, native = len(trip.route), vehicle_in_core(vehicle)
     course = (native, TERMS, vehicle.battery.leakage, np.ones((8, count)), np.ones(count),
               np.ones(count + 1), np.ones(count + 1))
     assert arrival_variance(*course, np.eye(SIZE)) > 0.0
-    assert arrival_variance(*course, np.full((SIZE, SIZE), np.nan)) is None
+    with pytest.raises(Declined):
+        arrival_variance(*course, np.full((SIZE, SIZE), np.nan))
 
 
 @pytest.mark.parametrize('spoil, call', [
     ('mean', lambda native: native.see_interval(TERMS, 0, np.full(1, 0.1), -1.0, 1.0, True)),
     ('mean', lambda native: native.move(
-        belief_module.native_vehicle(VEHICLES['formulas']), TERMS, drawn_drive(np.random.default_rng(1)),
+        vehicle_in_core(VEHICLES['formulas']), TERMS, drawn_drive(np.random.default_rng(1)),
         VEHICLES['formulas'].battery.leakage, 1.0, np.zeros(5), np.zeros(SIZE), 0.0)),
     ('weights', lambda native: native.mix(np.eye(5))),
     (None, lambda native: native.see_interval(TERMS, 0, np.full(1, 0.1), np.nan, 1.0, True)),
@@ -181,7 +183,7 @@ def test_what_is_not_finite_is_left_to_python_and_nothing_is_changed(spoil, call
     if spoil:
         belief = spoiled(belief, ..., np.nan, spoil)
     native = NativeBelief(belief.weights, belief.mean, belief.covariance)
-    answer = call(native)
-    assert answer is None or answer is False
+    with pytest.raises(Declined):
+        call(native)
     for name in ('weights', 'mean', 'covariance'):
         np.testing.assert_array_equal(getattr(native, name), getattr(belief, name))

@@ -11,7 +11,7 @@ import pytest
 from bev_preheat.native import library as library_module
 from bev_preheat.native.library import core, core_in_words, LEFT, without_core
 from bev_preheat.native.structs import room, StrandingStruct, VALUE_KEPT_EVERY, ValueGoalStruct
-from bev_preheat.planning.core_engine import native_vehicle, trip_in_core
+from bev_preheat.planning.core_engine import trip_in_core, vehicle_in_core
 from bev_preheat.planning.limits import run_unheated, run_within_limits
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.planning.wanted_heat import WantedHeat
@@ -70,7 +70,7 @@ def test_commands_are_driven_as_in_python(number, soc, takes_surplus):
     states, powers_w = np.full_like(expected_states, np.nan), np.full_like(expected_w, np.nan)
     states[:, 0] = expected_states[:, 0]
     flags, stranding = np.empty(2 * steps, dtype=np.uint8), StrandingStruct()
-    arguments = [native_vehicle(trip.vehicle).address, trip_in_core(trip).address, command_w.ctypes.data, below_c,
+    arguments = [vehicle_in_core(trip.vehicle).address, trip_in_core(trip).address, command_w.ctypes.data, below_c,
                  takes_surplus, *(array.ctypes.data for array in (states, powers_w, flags)), addressof(stranding)]
     assert core().bev_drive_as_planned(*arguments) == 0
     np.testing.assert_allclose(states, expected_states, **SAME)
@@ -92,7 +92,7 @@ def value_call(number, kept_every=1, deviation_k=0.0, room_of='BEV_VALUE_MEMORY'
     flags = np.full(room('BEV_VALUE_BYTES', steps) + 64, 3, dtype=np.uint8)
     memory = np.full(room(room_of, steps) + 64, 7.25)
     ends_in = np.zeros(1, dtype=np.int32)
-    return [native_vehicle(trip.vehicle).address, trip_in_core(trip).address, addressof(asked),
+    return [vehicle_in_core(trip.vehicle).address, trip_in_core(trip).address, addressof(asked),
             *(array.ctypes.data for array in (states, powers_w, flags, memory, ends_in)), kept_every], (
                 trip, asked, states, powers_w, flags, memory, ends_in)
 

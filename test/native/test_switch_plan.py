@@ -19,7 +19,7 @@ from bev_preheat.native.structs import (
     SwitchPlanStruct,
 )
 from bev_preheat.numerics.arithmetic import ARRAYS
-from bev_preheat.planning.core_engine import native_vehicle, trip_in_core
+from bev_preheat.planning.core_engine import trip_in_core, vehicle_in_core
 from bev_preheat.planning.dynamics import hottest_c
 from bev_preheat.planning.engine import keep_accounts, plan_switch, run_forward, run_heated
 from bev_preheat.planning.heat_run import initial_states, roll_heated
@@ -92,7 +92,7 @@ def test_instants_of_switching_on_and_off_are_the_same_to_the_last_bit(path):
 
 def test_two_switches_of_what_cannot_be_are_refused():
     trip = make_trip(replace(FORMULAS, heat_path=PATHS[2]), steady_route(12))
-    vehicle = native_vehicle(trip.vehicle)
+    vehicle = vehicle_in_core(trip.vehicle)
     idle = roll_heated(trip, (0.8, -4.0, 0.0, 0.0), np.zeros(12))
 
     def status(target_c=15.0, idle_states=idle, null=None, address=vehicle.address):
@@ -268,7 +268,7 @@ def test_a_plan_is_best_while_it_leaves_the_charge_that_must_be_left():
 
 def test_accounts_of_what_cannot_be_are_refused():
     trip = make_trip(FORMULAS, steady_route())
-    vehicle, steps = native_vehicle(FORMULAS), len(trip.route)
+    vehicle, steps = vehicle_in_core(FORMULAS), len(trip.route)
     soc, temperature_c, heater_w = np.full(steps + 1, 0.7), np.full(steps + 1, 3.0), np.zeros(steps)
     energies = (c_double * len(ENERGIES))()
 

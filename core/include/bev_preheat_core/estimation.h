@@ -181,20 +181,19 @@ bev_status bev_expect(const bev_belief *belief, double *mean, double *covariance
 /*
  * Mix the filters, propagate them and, if `drive.is_seen`, compare the propulsion power: the three calls in one.
  *
- * `done` is the number of completed calls; the first status other than BEV_OK ends the sequence and is returned.
+ * The first status other than BEV_OK ends the sequence and is returned; the filters are those of the calls before it.
  * `lost` as above.
  */
 bev_status bev_follow(const bev_vehicle *vehicle, const bev_belief *belief,
-                      const bev_belief_terms *terms, const bev_passed *passed, int32_t *done,
-                      int32_t *lost);
+                      const bev_belief_terms *terms, const bev_passed *passed, int32_t *lost);
 
 /*
  * Update the filters with a reading's temperature and charge, and compute the mean and covariance: bev_see_interval
- * twice, and bev_expect. `done` and `lost` as in bev_follow; if filters are lost, the sequence ends.
+ * twice, and bev_expect. As in bev_follow; if filters are lost, the sequence ends, too.
  */
 bev_status bev_take_reading(const bev_belief *belief, const bev_belief_terms *terms,
                             const bev_reading *reading, double *mean, double *covariance,
-                            int32_t *done, int32_t *lost);
+                            int32_t *lost);
 
 /*
  * Variance of the temperature on arrival [K^2]: by the uncertainty of the elements at the start, with this

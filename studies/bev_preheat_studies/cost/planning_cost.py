@@ -16,7 +16,7 @@ import numpy as np
 from bev_preheat.native.calls import place
 from bev_preheat.native.library import core
 from bev_preheat.native.structs import room, SwitchPlanStruct
-from bev_preheat.planning.core_engine import native_vehicle, trip_in_core
+from bev_preheat.planning.core_engine import trip_in_core, vehicle_in_core
 from bev_preheat.planning.planner import METHODS, plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.trip import make_trip
@@ -87,9 +87,10 @@ def _new_route(vehicle: Vehicle, route: Route) -> Figure:
 
 def _core_ratios(vehicle: Vehicle, route: Route) -> list[Figure]:
     """Return the time of a plan over that of its call of the native core; empty without a core."""
-    library, native = core(), native_vehicle(vehicle)
-    if library is None or native is None:
+    library = core()
+    if library is None:
         return []
+    native = vehicle_in_core(vehicle)
     trip = trip_in_core(make_trip(vehicle, route))
     instants, plan = trip.steps + 1, SwitchPlanStruct()
     arrays = [np.empty(count) for count in (

@@ -6,7 +6,7 @@ import pytest
 
 from bev_preheat.native.calls import ALWAYS_ON, ONE_SWITCH, PAPER, plan_trips, UNHEATED
 from bev_preheat.native.library import core, Declined, LIMITED, OK
-from bev_preheat.planning.core_engine import native_vehicle, trip_in_core
+from bev_preheat.planning.core_engine import trip_in_core, vehicle_in_core
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import reserve_soc
 from bev_preheat.planning.trip import make_trip
@@ -30,7 +30,7 @@ def planned(trips, car, places, target_c=None, lowest_soc=None, steps=None):
     trip = make_trip(vehicle, trips.route(places))
     count = places.stop - places.start
     return plan_trips(
-        native_vehicle(vehicle), trip_in_core(trip), trips.steps[places] if steps is None else steps,
+        vehicle_in_core(vehicle), trip_in_core(trip), trips.steps[places] if steps is None else steps,
         trips.start_soc[places], trips.start_c[places],
         np.full(count, goal.target_temperature_c if target_c is None else target_c),
         reserve_soc(vehicle, goal), vehicle.battery.soc_range[0] if lowest_soc is None else lowest_soc)
