@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.special import gammaincinv
 
-from bev_preheat.identification.check import check_trips
+from bev_preheat.identification.check import check_trips, heater_doubt
 from bev_preheat.identification.coverage import coverage_of, refuse_poor
 from bev_preheat.identification.curves import CorrectedResistance, knot_weights, KNOTS_C
 from bev_preheat.identification.deviations import uncertainty_of
@@ -76,7 +76,7 @@ def identify(vehicle: Vehicle, trips: Sequence[Trip], name: str,
     if held:
         intervals = wider(fitter, intervals, fit)
     tell('leaving each trip out')
-    left_out = leave_each_out(fitter, fit, electricals, held)
+    left_out = leave_each_out(fitter, fit, electricals, held, tell)
     estimates = (*_thermal_estimates(fitter, fit, intervals, held), _capacity(vehicle, electrical))
     resistance = _resistance(vehicle, full)
     car = replace(identified_vehicle(fitter, fit), name=name, uncertainty=uncertainty_of(
@@ -89,7 +89,7 @@ def identify(vehicle: Vehicle, trips: Sequence[Trip], name: str,
     return Identification(
         car, vehicle.name, estimates, resistance, electrical, structure, tuple(structures),
         known_without, tuple(left_out), together, coverage, check,
-        common_remarks(trips),
+        tuple(filter(None, (heater_doubt(vehicle, trips), *common_remarks(trips)))),
         tuple(verdict_of(estimates, left_out, known_without, structures, structure, coverage, together,
                          electrical)),
         tuple(record_next(estimates, coverage, electrical)), time.perf_counter() - began_s)
