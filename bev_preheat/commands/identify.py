@@ -109,7 +109,7 @@ def run(arguments: Namespace) -> int:
         worst = max(errors_k, key=lambda name: abs(errors_k[name]))
         raise InvalidInput(
             f'{arguments.output}: not written: {which} are predicted with an RMSE of '
-            f'{rmse_k:.1f} K, {worst} with {errors_k[worst]:+.1f} K; at most {POOR_RMSE_K:g} K are '
+            f'{figure(rmse_k, 3)} K, {worst} with {figure(errors_k[worst], 3)} K; at most {POOR_RMSE_K:g} K are '
             'allowed; ' + (heater_doubt(start, trips) or 'check that battery_temperature_c and the powers of all '
                            'logs are those of one car'))
     _write_vehicle(arguments, result, start_file)
@@ -184,8 +184,9 @@ def _print_result(console: Console, result: Identification, arguments: Namespace
           f'{figure(item.low, DIGITS)} … {figure(item.high, DIGITS)}',
           f'{item.arrival_k:.2f}' if item.arrival_k else '')
          for item in result.estimates], ('left', *['right'] * 4))
-    rows = [(row.structure + (' (chosen)' if row.structure == result.structure else ''), f'{row.rmse_k:.2f}',
-             f'{row.worst_k:.2f}') for row in (*result.structures, *result.baselines.values())]
+    rows = [(row.structure + (' (chosen)' if row.structure == result.structure else ''),
+             *(('diverges', '') if row.diverges else (f'{row.rmse_k:.2f}', f'{row.worst_k:.2f}')))
+            for row in (*result.structures, *result.baselines.values())]
     if result.left_out:
         print_records(console, 'Each trip left out', ('structure', 'RMSE K', 'worst K'), [
             ('identified file, as plans predict', f'{result.rmse_k:.2f}', f'{result.worst_k:.2f}'), *rows],

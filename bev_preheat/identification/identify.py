@@ -49,6 +49,8 @@ if TYPE_CHECKING:
     from bev_preheat.vehicle.description import Vehicle
 
 HALF = 0.5
+# An estimate this close to a bound, in its coordinate, lies at it.
+AT_BOUND = 1e-4
 
 
 def identify(vehicle: Vehicle, trips: Sequence[Trip], name: str,
@@ -148,12 +150,16 @@ def _thermal_estimates(fitter: Fitter, fit: ThermalFit, intervals: dict[str, Int
     for name, interval in intervals.items():
         parameter, at = fitter.parameters[name], NAMES.index(name)
         prior = _prior_interval(fitter, name)
+        coordinate = float(fit.theta[at])
         estimate, low, high, prior_low, prior_high = (
-            float(parameter.value(end)) for end in (float(fit.theta[at]), *interval, *prior))
+            float(parameter.value(end)) for end in (coordinate, *interval, *prior))
+        bound = next((end for end in (parameter.low, parameter.high) if abs(coordinate - end) < AT_BOUND), None)
         estimates.append(Estimated(
-            name, parameter.label, parameter.unit, parameter.start, estimate, low, high, prior_low, prior_high,
-            name not in held, float(HALF * (interval.high - interval.low) * slopes[at]), parameter.reason,
-            parameter.key))
+            name, parameter.label, parameter.unit, parameter.start, estimate, min(low, estimate),
+            max(high, estimate), prior_low, prior_high, name not in held,
+            float(HALF * (interval.high - interval.low) * slopes[at]), parameter.reason, parameter.key,
+            None if bound is None else float(parameter.value(bound)),
+            not parameter.is_log and parameter.low == 0.0))
     return estimates
 
 

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 # better, and explain their readings better by this part of the misfit to be chosen.
 LEAST_GAIN, LEAST_MISFIT_GAIN = 0.03, 2.0
 SENSOR_NOISE_K = 0.1
+# An error from here on [K] is one of equations that diverge, not of a battery.
+MOST_ERROR_K = 200.0
 
 
 @dataclass(frozen=True)
@@ -42,6 +44,11 @@ class StructureResult:
     misfit: float
     errors_k: tuple[float, ...]
     in_the_file: bool
+
+    @property
+    def diverges(self) -> bool:
+        """Whether its equations do not hold together on a trip left out: an error that no battery has."""
+        return not all(abs(error_k) < MOST_ERROR_K for error_k in self.errors_k)
 
     @property
     def rmse_k(self) -> float:
