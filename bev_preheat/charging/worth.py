@@ -34,6 +34,7 @@ from bev_preheat.charging.verdict import (
 from bev_preheat.errors import figure, figure_beyond, InvalidInput
 from bev_preheat.numerics.factors import WH_PER_KWH
 from bev_preheat.planning.bracketing import least_of, Trial
+from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.planner import DEFAULT_METHOD, plan_preheating, plan_unheated
 from bev_preheat.planning.situation import check_situation
 
@@ -52,11 +53,22 @@ if TYPE_CHECKING:
 # Targets are scanned in whole degrees, and the best is refined to this [K].
 GRID_K = 1.0
 TARGET_RESOLUTION_K = 0.05
+# Width [K] of a step of the charging time over the arrival temperature. It stands out if it saves so much [s], and
+# so many times what this width saves in the mean.
+STEP_K, LEAST_STEP_S, STANDS_OUT = 2.01, 60.0, 2.0
 # Number of the grid's lowest minima that are refined.
 REFINED_MINIMA = 3
 MOST_PRICE_PER_KWH, MOST_VALUE_PER_H = 1e3, 1e6
 # Not a recommendation: the verdict states the value of time from which on heating pays.
 ENERGY_PRICE_PER_KWH, VALUE_OF_TIME_PER_H = 0.60, 10.0
+
+
+class TemperatureStep(NamedTuple):
+    """Two arrival temperatures [deg C], and the charging time that the warmer one saves [s]."""
+
+    from_c: float
+    to_c: float
+    saved_s: float
 
 
 @dataclass(frozen=True)
@@ -98,10 +110,38 @@ class Worth:
                 'break_even_charging_probability': (
                     self.pays_from_chance if self.pays_from_chance <= 1.0 else None),
                 'bounds': self.bounds_in_words(),
+                'step': None if self.step is None else self.step._asdict(),
                 'unheated_longer_charging_s': self.without_heating.charging_time_s - self.best.charging_time_s,
                 'unheated_more_cost': self.without_heating.cost - self.best.cost,
                 **({} if self.pays_from_probability is None else {
                     'pays_from_probability': self.pays_from_probability})}
+
+    @property
+    def step(self) -> TemperatureStep | None:
+        """
+        Return the few kelvins on arrival that save the most time at the charger; None if none stand out.
+
+        Limits over the battery temperature are often stairs, which a mean over all temperatures hides.
+        """
+        ends = [target for target in self.targets if math.isfinite(target.charging_time_s)]
+        steps = [TemperatureStep(low.arrival_temperature_c, high.arrival_temperature_c,
+                                 low.charging_time_s - high.charging_time_s)
+                 for low in ends for high in ends
+                 if 0.0 < high.arrival_temperature_c - low.arrival_temperature_c <= STEP_K]
+        if not steps:
+            return None
+        best = max(steps, key=lambda step: step.saved_s)
+        whole_k = ends[-1].arrival_temperature_c - ends[0].arrival_temperature_c
+        usual_s = STEP_K / whole_k * (ends[0].charging_time_s - min(target.charging_time_s for target in ends))
+        return best if best.saved_s >= max(LEAST_STEP_S, STANDS_OUT * usual_s) else None
+
+    def step_in_words(self) -> str:
+        """Return the sentence on the `step`; '' for none."""
+        if self.step is None:
+            return ''
+        low_c, high_c, saved_s = self.step
+        return (f'{high_c - low_c:.1f} K more on arrival, from {low_c:.1f} to {high_c:.1f} degC, are worth '
+                f'{duration_text(saved_s)} at the charger.')
 
     def bounds_in_words(self) -> str:
         """Return the sentence on the energy price and the chance at which the verdict changes; '' for none."""

@@ -10,6 +10,7 @@ from bev_preheat.commands.recordings import add_log_arguments, read_trips
 from bev_preheat.console.output import add_output_arguments, check_output_arguments, write_json
 from bev_preheat.console.terminal import print_records, progress_bar, result_console
 from bev_preheat.errors import InvalidInput
+from bev_preheat.identification.check import heater_doubt
 from bev_preheat.identification.trips import common_remarks
 from bev_preheat.vehicle import load_vehicle, vehicle_file
 
@@ -95,5 +96,7 @@ def print_check(console: Console, check: Check) -> None:
             ['right'] * 5)
         console.print('the estimation is no worse than the file alone' if check.estimation_is_no_worse else
                       'warning: the estimation is worse than the file alone', markup=False, soft_wrap=True)
-    for remark in common_remarks(trip.trip for trip in check.trips):
-        console.print(remark, markup=False, soft_wrap=True)
+    for remark in (heater_doubt(check.vehicle, [trip.trip for trip in check.trips]),
+                   *common_remarks(trip.trip for trip in check.trips)):
+        if remark:
+            console.print(remark, markup=False, soft_wrap=True)

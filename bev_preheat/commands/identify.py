@@ -5,6 +5,8 @@ from __future__ import annotations
 
 from pathlib import Path
 import shlex
+import sys
+import time
 from typing import TYPE_CHECKING
 
 from bev_preheat.commands.completion import completed_by, VEHICLES
@@ -27,8 +29,10 @@ if TYPE_CHECKING:
     from bev_preheat.commands.arguments import Subparsers
     from bev_preheat.identification.result import Identification
 
-# Stages that `identify` announces, for the bar.
-STAGES = 9
+# Stages that `identify` announces beside those of structures and trips, for the bar.
+STAGES = 4
+# Without a terminal a stage is announced after so much silence [s].
+SILENCE_S = 10.0
 DIGITS = 4
 
 
@@ -68,15 +72,26 @@ def run(arguments: Namespace) -> int:
     require('casadi', 'scipy', *(['jinja2', 'matplotlib'] if arguments.report else []))
     start = load_vehicle(arguments.vehicle)
     trips = read_trips(arguments, start, is_fit=True)
+    from bev_preheat.identification.check import heater_doubt
+    from bev_preheat.identification.fit import LEAST_TRIPS
     from bev_preheat.identification.identify import identify
+    from bev_preheat.identification.parameters import STRUCTURES
     from bev_preheat.identification.verdict import POOR_RMSE_K
     name = Path(arguments.output).stem if arguments.name is None else arguments.name
     with progress_bar() as bar:
-        task = bar.add_task('', total=STAGES)
+        alone = len(trips) if len(trips) >= LEAST_TRIPS else 0
+        task = bar.add_task('', total=STAGES + len(STRUCTURES) * (1 + alone) + alone)
+        began_s = said_s = time.monotonic()
 
         def tell(stage: str) -> None:
+            nonlocal said_s
             bar.update(task, description=stage)
             bar.advance(task)
+            now_s = time.monotonic()
+            if bar.disable and now_s - said_s >= SILENCE_S:
+                said_s = now_s
+                print(f'preheat: {stage}, {bar.tasks[task].percentage:.0f} %, {now_s - began_s:.0f} s',
+                      file=sys.stderr, flush=True)
 
         result = identify(start, trips, name, tell)
     if arguments.report:
@@ -94,8 +109,9 @@ def run(arguments: Namespace) -> int:
         worst = max(errors_k, key=lambda name: abs(errors_k[name]))
         raise InvalidInput(
             f'{arguments.output}: not written: {which} are predicted with an RMSE of '
-            f'{rmse_k:.1f} K, {worst} with {errors_k[worst]:+.1f} K; at most {POOR_RMSE_K:g} K are '
-            'allowed; check that battery_temperature_c and the powers of all logs are those of one car')
+            f'{figure(rmse_k, 3)} K, {worst} with {figure(errors_k[worst], 3)} K; at most {POOR_RMSE_K:g} K are '
+            'allowed; ' + (heater_doubt(start, trips) or 'check that battery_temperature_c and the powers of all '
+                           'logs are those of one car'))
     _write_vehicle(arguments, result, start_file)
     _print_result(result_console(arguments.json), result, arguments)
     return 0
@@ -168,8 +184,9 @@ def _print_result(console: Console, result: Identification, arguments: Namespace
           f'{figure(item.low, DIGITS)} … {figure(item.high, DIGITS)}',
           f'{item.arrival_k:.2f}' if item.arrival_k else '')
          for item in result.estimates], ('left', *['right'] * 4))
-    rows = [(row.structure + (' (chosen)' if row.structure == result.structure else ''), f'{row.rmse_k:.2f}',
-             f'{row.worst_k:.2f}') for row in (*result.structures, *result.baselines.values())]
+    rows = [(row.structure + (' (chosen)' if row.structure == result.structure else ''),
+             *(('diverges', '') if row.diverges else (f'{row.rmse_k:.2f}', f'{row.worst_k:.2f}')))
+            for row in (*result.structures, *result.baselines.values())]
     if result.left_out:
         print_records(console, 'Each trip left out', ('structure', 'RMSE K', 'worst K'), [
             ('identified file, as plans predict', f'{result.rmse_k:.2f}', f'{result.worst_k:.2f}'), *rows],

@@ -108,7 +108,7 @@ def run(arguments: Namespace) -> int:
         console, title.replace('\n', ', '),
         ('target [degC]', 'arrival [degC]', 'SoC [%]', 'heater [Wh]', 'charging [min]', 'bought [kWh]',
          'cost', ''), [_row(worth, target) for target in _shown(worth)], (*('right',) * 7, 'left'))
-    for sentence in (worth.verdict, worth.bounds_in_words(),
+    for sentence in (worth.verdict, worth.bounds_in_words(), worth.step_in_words(),
                      sensitivity and sensitivity.in_words(worth.unheated_in_words()),
                      worth.best_choice.sentence(), _deviation_sentence(worth, shown, deviation)):
         if sentence:

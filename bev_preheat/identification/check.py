@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from bev_preheat.vehicle.description import Vehicle
 
 HALF = 0.5
+# A heater that explains this share of errors of so much, with so much power, serves the battery.
+LEAST_ERROR_K, MOST_LEFT, LEAST_HEATER_W = 2.0, 0.5, 50.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,6 +132,25 @@ def check_trips(vehicle: Vehicle, trips: Sequence[Trip], replays: bool = True,
         tell(trip.name)
         checks.append(_check_trip(vehicle, trip, replays))
     return Check(vehicle, tuple(checks))
+
+
+def heater_doubt(vehicle: Vehicle, trips: Sequence[Trip]) -> str:
+    """
+    Return a sentence if a heater that was taken for the cabin's explains the trips much better as the battery's.
+
+    '' without.
+    """
+    shared = [trip for trip in trips if trip.shares_heater and trip.cabin_heating_power_w.mean() > LEAST_HEATER_W]
+    if not shared:
+        return ''
+    as_cabin_k, as_battery_k = (rms([float(predict(vehicle, each).reading_c[-1]) - each.arrival_c for each in own])
+                                for own in (shared, [trip.with_battery_heater for trip in shared]))
+    if as_cabin_k < LEAST_ERROR_K or as_battery_k > MOST_LEFT * as_cabin_k:
+        return ''
+    logs = f'{len(shared)} log{"" if len(shared) == 1 else "s"}'
+    return (f'heater_w: as cabin heating the arrivals of {logs} are missed by {as_cabin_k:.1f} K, as battery '
+            f'heating by {as_battery_k:.1f} K; if it heats the battery, name its channel (preheat log shows it) '
+            "in a signal map (--signals): {extends: common, signals: {battery_heater_w: 'CHANNEL'}}")
 
 
 def _check_trip(vehicle: Vehicle, trip: Trip, replays: bool) -> TripCheck:

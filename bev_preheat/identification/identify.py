@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.special import gammaincinv
 
-from bev_preheat.identification.check import check_trips
+from bev_preheat.identification.check import check_trips, heater_doubt
 from bev_preheat.identification.coverage import coverage_of, refuse_poor
 from bev_preheat.identification.curves import CorrectedResistance, knot_weights, KNOTS_C
 from bev_preheat.identification.deviations import uncertainty_of
@@ -49,6 +49,8 @@ if TYPE_CHECKING:
     from bev_preheat.vehicle.description import Vehicle
 
 HALF = 0.5
+# An estimate this close to a bound, in its coordinate, lies at it.
+AT_BOUND = 1e-4
 
 
 def identify(vehicle: Vehicle, trips: Sequence[Trip], name: str,
@@ -76,7 +78,7 @@ def identify(vehicle: Vehicle, trips: Sequence[Trip], name: str,
     if held:
         intervals = wider(fitter, intervals, fit)
     tell('leaving each trip out')
-    left_out = leave_each_out(fitter, fit, electricals, held)
+    left_out = leave_each_out(fitter, fit, electricals, held, tell)
     estimates = (*_thermal_estimates(fitter, fit, intervals, held), _capacity(vehicle, electrical))
     resistance = _resistance(vehicle, full)
     car = replace(identified_vehicle(fitter, fit), name=name, uncertainty=uncertainty_of(
@@ -89,7 +91,7 @@ def identify(vehicle: Vehicle, trips: Sequence[Trip], name: str,
     return Identification(
         car, vehicle.name, estimates, resistance, electrical, structure, tuple(structures),
         known_without, tuple(left_out), together, coverage, check,
-        common_remarks(trips),
+        tuple(filter(None, (heater_doubt(vehicle, trips), *common_remarks(trips)))),
         tuple(verdict_of(estimates, left_out, known_without, structures, structure, coverage, together,
                          electrical)),
         tuple(record_next(estimates, coverage, electrical)), time.perf_counter() - began_s)
@@ -148,12 +150,16 @@ def _thermal_estimates(fitter: Fitter, fit: ThermalFit, intervals: dict[str, Int
     for name, interval in intervals.items():
         parameter, at = fitter.parameters[name], NAMES.index(name)
         prior = _prior_interval(fitter, name)
+        coordinate = float(fit.theta[at])
         estimate, low, high, prior_low, prior_high = (
-            float(parameter.value(end)) for end in (float(fit.theta[at]), *interval, *prior))
+            float(parameter.value(end)) for end in (coordinate, *interval, *prior))
+        bound = next((end for end in (parameter.low, parameter.high) if abs(coordinate - end) < AT_BOUND), None)
         estimates.append(Estimated(
-            name, parameter.label, parameter.unit, parameter.start, estimate, low, high, prior_low, prior_high,
-            name not in held, float(HALF * (interval.high - interval.low) * slopes[at]), parameter.reason,
-            parameter.key))
+            name, parameter.label, parameter.unit, parameter.start, estimate, min(low, estimate),
+            max(high, estimate), prior_low, prior_high, name not in held,
+            float(HALF * (interval.high - interval.low) * slopes[at]), parameter.reason, parameter.key,
+            None if bound is None else float(parameter.value(bound)),
+            not parameter.is_log and parameter.low == 0.0))
     return estimates
 
 

@@ -6,9 +6,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from bev_preheat.errors import figure
+from bev_preheat.identification.vehicle_file import LEAST_LAG_S
 
 if TYPE_CHECKING:
     from bev_preheat.identification.result import Estimated, Identification
+    from bev_preheat.vehicle.description import Vehicle
 
 DIGITS = 4
 UNCERTAINTY_NOTE = 'relative standard deviations of the values above, from which the estimation starts'
@@ -16,7 +18,7 @@ UNCERTAINTY_NOTE = 'relative standard deviations of the values above, from which
 
 def notes_of(result: Identification) -> dict[str, str]:
     """Return the comments of the identified file by dotted key."""
-    notes = {item.key: _note(item) for item in result.estimates if item.key}
+    notes = {item.key: _note(item, *_in_the_file(item, result.vehicle)) for item in result.estimates if item.key}
     low_c, high_c = result.coverage.resistance_from_c, result.coverage.resistance_to_c
     if result.electrical.used:
         notes['battery.open_circuit_voltage'] = (
@@ -41,8 +43,21 @@ def identified_keys(result: Identification) -> frozenset[str]:
     return frozenset(keys)
 
 
-def _note(item: Estimated) -> str:
+def _in_the_file(item: Estimated, vehicle: Vehicle) -> tuple[float, float, str]:
+    """Return the interval of an estimate as that of the file's value at its key, and the unit."""
+    coolant_j_per_k = vehicle.heat_path.coolant_heat_capacity_j_per_k
+    losses = 1.0 - vehicle.drivetrain.efficiency
+    if item.name == 'heat_capacity':
+        return item.low - coolant_j_per_k, item.high - coolant_j_per_k, item.unit
+    if item.name == 'drivetrain_heat' and losses > 0.0:
+        return min(item.low / losses, 1.0), min(item.high / losses, 1.0), ''
+    if item.name == 'heat_lag':
+        low, high = (coolant_j_per_k / max(lag_s, LEAST_LAG_S) for lag_s in (item.high, item.low))
+        return low, high, 'W/K'
+    return item.low, item.high, item.unit
+
+
+def _note(item: Estimated, low: float, high: float, unit: str) -> str:
     if not item.is_identified:
         return "START's value: the logs do not tell it"
-    interval = f'{figure(item.low, DIGITS)} ... {figure(item.high, DIGITS)} {item.unit}'
-    return f'identified, 90 % interval {interval}'.rstrip()
+    return f'identified, 90 % interval {figure(low, DIGITS)} ... {figure(high, DIGITS)} {unit}'.rstrip()

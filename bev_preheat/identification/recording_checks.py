@@ -79,8 +79,9 @@ def refuse_doubted(recording: Recording) -> None:
         # The power is often computed from it.
         doubts.pop('power_w', None)
     if doubts:
-        raise InvalidInput([f'{recording.name}: {doubt}{"" if doubt.endswith("?") else ";"} correct it in the '
-                            'log, with repair (--repair) or with a signal map' for doubt in doubts.values()])
+        raise InvalidInput([*(f'{recording.name}: {doubt}{"" if doubt.endswith("?") else ";"} correct it in the '
+                              'log, with repair (--repair) or with a signal map' for doubt in doubts.values()),
+                            *(remark for remark in recording.remarks if ': heater_w: ' in remark)])
 
 
 def _implausible(name: str, signals: Signals) -> list[str]:

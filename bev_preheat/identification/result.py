@@ -25,7 +25,8 @@ class Estimated:
     A parameter: START's value, estimate, 90 % interval, and what half the interval is worth on arrival [K].
 
     `is_identified` False: the trips do not tell it, and the estimate is START's value. `prior` explains the prior,
-    `prior_low` and `prior_high` are its 90 % interval.
+    `prior_low` and `prior_high` are its 90 % interval. `bound` is the bound at which the estimate lies, if any.
+    `can_be_0`: 0 is a value like others, as for a share of heat.
     """
 
     name: str
@@ -41,6 +42,16 @@ class Estimated:
     arrival_k: float
     prior: str
     key: str
+    bound: float | None = None
+    can_be_0: bool = False
+
+    @property
+    def is_unusual(self) -> bool:
+        """Whether the trips tell a value outside the prior's interval, or at its bound."""
+        if not self.is_identified or (self.can_be_0 and self.bound == 0.0):
+            return False
+        low = 0.0 if self.can_be_0 else self.prior_low
+        return self.bound is not None or not low <= self.estimate <= self.prior_high
 
 
 @dataclass(frozen=True, eq=False)

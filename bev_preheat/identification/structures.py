@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 # better, and explain their readings better by this part of the misfit to be chosen.
 LEAST_GAIN, LEAST_MISFIT_GAIN = 0.03, 2.0
 SENSOR_NOISE_K = 0.1
+# An error from here on [K] is one of equations that diverge, not of a battery.
+MOST_ERROR_K = 200.0
 
 
 @dataclass(frozen=True)
@@ -42,6 +44,11 @@ class StructureResult:
     misfit: float
     errors_k: tuple[float, ...]
     in_the_file: bool
+
+    @property
+    def diverges(self) -> bool:
+        """Whether its equations do not hold together on a trip left out: an error that no battery has."""
+        return not all(abs(error_k) < MOST_ERROR_K for error_k in self.errors_k)
 
     @property
     def rmse_k(self) -> float:
@@ -88,6 +95,7 @@ def try_structures(fitter: Fitter, structures: Iterable[str], whole: Electrical,
         fit = fits[structure] = fitter.fit(structure, None, whole)
         errors_k, misfit = [], 0.0
         for at, electrical in enumerate(electricals):
+            tell(f'structure: {structure}, without {fitter.trips[at].name}')
             without = fitter.fit(structure, _others(fitter, at), electrical, fit)
             course, trip = fitter.courses[at], fitter.trips[at]
             readings_c, _ = fitter.model(structure).course(
@@ -108,13 +116,14 @@ def chosen_structure(results: Sequence[StructureResult]) -> str:
 
 
 def leave_each_out(fitter: Fitter, fit: ThermalFit, electricals: Sequence[Electrical],
-                   held: Mapping[str, float]) -> list[LeftOut]:
+                   held: Mapping[str, float], tell: Callable[[str], None]) -> list[LeftOut]:
     """Return the LeftOut of each trip, predicted by the file that the others would give; none of few trips."""
     found: list[LeftOut] = []
     if len(fitter.trips) < LEAST_TRIPS:
         return found
     for at, electrical in enumerate(electricals):
         trip, course = fitter.trips[at], fitter.courses[at]
+        tell(f'leaving out {trip.name}')
         without = fitter.fit(fit.structure, _others(fitter, at), electrical, fit, held)
         car = identified_vehicle(fitter, without)
         error_k = float(predict(car, trip).reading_c[-1]) - trip.arrival_c

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, partial
 from typing import Any, TYPE_CHECKING
@@ -11,12 +11,12 @@ from typing import Any, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.errors import figure, InvalidInput
-from bev_preheat.identification.recording_checks import problems_of, reason_of
+from bev_preheat.identification.recording_checks import problems_of
 from bev_preheat.logs.recording import Series
 
 if TYPE_CHECKING:
     from bev_preheat.logs.recording import Recording
-    from bev_preheat.numerics.arrays import BoolArray, FloatArray
+    from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.vehicle.description import Vehicle
 
 # Sensors of power show slightly negative values when nothing is drawn [W].
@@ -59,7 +59,8 @@ class Trip:
 
     `power_w` is the battery's terminal power without `heater_w`, the power of the HVCH for the battery.
     `propulsion_power_w` is the drivetrain's part, 0 at stand. `voltage_v` and `current_a` are None if the
-    log has the power only. `has_heater` and `has_speed` are True if the log has the signal. `temperature_period_s`
+    log has the power only. `has_heater` and `has_speed` are True if the log has the signal, `shares_heater` if its
+    cabin heater is one of which it is not known whether it also serves the battery. `temperature_period_s`
     is the time between two samples of the battery temperature [s]. `reading_weight` (N,) is how many readings each
     second counts for, 0 where the temperature between two distant samples is not known; None: one a period.
     """
@@ -81,6 +82,7 @@ class Trip:
     remarks: tuple[str, ...] = ()
     temperature_period_s: float = 1.0
     reading_weight: FloatArray | None = None
+    shares_heater: bool = False
 
     def __len__(self) -> int:
         """Return the duration [s], which is the number of samples."""
@@ -138,6 +140,13 @@ class Trip:
         return 'drive' if not self.stands else 'heated at stand' if self.heats else 'night at stand'
 
     @property
+    def with_battery_heater(self) -> Trip:
+        """Return the trip if its shared heater served the battery alone."""
+        shared_w = self.cabin_heating_power_w
+        return replace(self, heater_w=self.heater_w + shared_w, power_w=self.power_w - shared_w,
+                       cabin_heating_power_w=np.zeros(len(self)), has_heater=True, shares_heater=False)
+
+    @property
     def settled(self) -> Trip:
         """Return the part of a night that tells the leakage at stand; other trips as they are."""
         begin = min(int(SETTLING_S), len(self) // 2)
@@ -193,9 +202,10 @@ def trip_of(recording: Recording, vehicle: Vehicle) -> Trip:
     needed = ('battery_temperature_c', 'soc', *(('voltage_v', 'current_a') if has_voltage else ('power_w',)))
     start_s = max(signals[key].time_s[0] for key in needed)
     end_s = min(signals[key].time_s[-1] for key in needed)
+    start_s, end_s, hole = _longest_part(signals, needed[2:], start_s, end_s)
     if end_s - start_s < SHORTEST_TRIP_S:
         raise InvalidInput(f'{name}: {", ".join(needed)} together last {max(end_s - start_s, 0.0):.0f} s; a log '
-                           f'must last at least {SHORTEST_TRIP_S:.0f} s')
+                           f'must last at least {SHORTEST_TRIP_S:.0f} s{f" ({hole})" if hole else ""}')
     if end_s - start_s > LONGEST_TRIP_S:
         raise InvalidInput(f'{name}: lasts {figure((end_s - start_s) / 3600.0, 3)} h; at most '
                            f'{LONGEST_TRIP_S / 3600.0:.0f} h are allowed; cut it into trips')
@@ -209,11 +219,9 @@ def trip_of(recording: Recording, vehicle: Vehicle) -> Trip:
         at = np.searchsorted(series.time_s, grid_s, side='right') - 1
         return np.asarray(series.value[np.maximum(at, 0)])
 
-    remarks = [*recording.remarks, *at_stand]
+    remarks = [*recording.remarks, *at_stand, *filter(None, (hole,))]
     voltage_v, current_a = (linear('voltage_v'), linear('current_a')) if has_voltage else (None, None)
     power_w = linear('power_w') if voltage_v is None or current_a is None else voltage_v * current_a
-    for key in needed[2:]:
-        _refuse_gap(recording, key, signals[key].time_s, start_s, power_w)
     has_speed = 'speed_mps' in recording.signals
     speed_mps = linear('speed_mps') if has_speed else np.zeros_like(grid_s)
     if not has_speed and not at_stand:
@@ -230,7 +238,8 @@ def trip_of(recording: Recording, vehicle: Vehicle) -> Trip:
     return Trip(name, temperature_c, held('soc'), idle_w, np.where(standing, 0.0, propulsion_w),
                 cabin_w, auxiliary_w, heater_w, speed_mps, linear('ambient_c'), voltage_v, current_a,
                 'battery_heater_w' in signals, has_speed, tuple(remarks),
-                _period_s(signals['battery_temperature_c'].time_s), weight)
+                _period_s(signals['battery_temperature_c'].time_s), weight,
+                'heater_w' in signals and 'cabin_heater_w' not in signals and 'battery_heater_w' not in signals)
 
 
 def _at_stand(signals: dict[str, Series]) -> tuple[dict[str, Series], list[str]]:
@@ -329,16 +338,38 @@ def _without_noise(signals: Mapping[str, Series]) -> dict[str, Series]:
     return cleaned
 
 
-def _refuse_gap(recording: Recording, key: str, time_s: FloatArray, start_s: float, power_w: FloatArray) -> None:
-    """Raise InvalidInput if a signal of the power is missing for long while the car draws power."""
-    gaps_s = np.diff(time_s)
-    for at in np.flatnonzero(gaps_s > LONGEST_GAP_S):
-        around = slice(max(int(time_s[at] - start_s) - 1, 0), int(time_s[at + 1] - start_s) + 2)
-        drawn: BoolArray = np.abs(power_w[around]) > LEAST_DRAWN_W
-        if drawn.any():
-            raise InvalidInput(
-                f'{recording.name}: {key}: no sample for {gaps_s[at]:.0f} s after {time_s[at]:.0f} s while the '
-                f'car draws power; at most {LONGEST_GAP_S:.0f} s are allowed{reason_of(recording, key)}')
+def _longest_part(signals: Mapping[str, Series], keys: Sequence[str], begin_s: float,
+                  end_s: float) -> tuple[float, float, str]:
+    """
+    Return begin and end [s] of the longest part without a hole, and a remark on the holes ('' without).
+
+    A hole is where a signal of the power has no sample for long while the car draws power.
+    """
+    holes = [hole for key in keys for hole in _holes(signals, key, begin_s, end_s)]
+    if not holes:
+        return begin_s, end_s, ''
+    edges, at_s = [], begin_s
+    for from_s, to_s, _ in sorted(holes):
+        edges.append((at_s, max(from_s, at_s)))
+        at_s = max(to_s, at_s)
+    own_s, until_s = max((*edges, (at_s, end_s)), key=lambda part: part[1] - part[0])
+    from_s, to_s, key = max(holes, key=lambda hole: hole[1] - hole[0])
+    return own_s, until_s, (
+        f'{key}: no sample for {to_s - from_s:.0f} s after {from_s:.0f} s while the car draws power (at most '
+        f'{LONGEST_GAP_S:.0f} s): only {own_s:.0f} ... {until_s:.0f} s are used')
+
+
+def _holes(signals: Mapping[str, Series], key: str, begin_s: float,
+           end_s: float) -> Iterable[tuple[float, float, str]]:
+    """Yield begin and end [s] of each hole of a signal, and its name."""
+    time_s = signals[key].time_s
+    for at in np.flatnonzero(np.diff(time_s) > LONGEST_GAP_S):
+        around_s = time_s[at:at + 2]
+        power_w = (np.interp(around_s, signals['current_a'].time_s, signals['current_a'].value)
+                   * np.interp(around_s, signals['voltage_v'].time_s, signals['voltage_v'].value)
+                   if key != 'power_w' else signals['power_w'].value[at:at + 2])
+        if (np.abs(power_w) > LEAST_DRAWN_W).any() and around_s[0] < end_s and around_s[1] > begin_s:
+            yield float(around_s[0]), float(around_s[1]), key
 
 
 def common_remarks(trips: Iterable[Trip]) -> tuple[str, ...]:

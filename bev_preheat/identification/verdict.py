@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from bev_preheat.errors import figure
 from bev_preheat.identification.check import rms
 from bev_preheat.identification.structures import LEAST_GAIN
 
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 # Errors on unseen trips [K]: a file with less can be trusted, one with more should not replace START.
 GOOD_RMSE_K, POOR_RMSE_K = 0.6, 1.5
 COLDEST_USEFUL_C = -10.0
+DIGITS = 3
 LEAST_DRIVES = 6
 
 
@@ -26,11 +28,13 @@ def verdict_of(estimates: Sequence[Estimated], left_out: Sequence[LeftOut], base
                structures: Sequence[StructureResult], structure: str, coverage: Coverage,
                together: Sequence[tuple[str, str, float]], electrical: Electrical) -> Iterator[str]:
     """Yield the verdict's sentences, the most important first."""
+    unusual = [item for item in estimates if item.is_unusual]
     if left_out:
-        yield from _on_trips_left_out(left_out, baselines)
+        yield from _on_trips_left_out(left_out, baselines, unusual)
     else:
         yield (f'Only {coverage.trips} log{"" if coverage.trips == 1 else "s"}: nothing tests the file; the '
                'intervals say how far it can be trusted. Record more, and each log is predicted from the others.')
+    yield from map(_on_unusual, unusual)
     yield from _resistance(coverage, electrical)
     unknown = [item.label for item in estimates if not item.is_identified]
     if unknown:
@@ -45,11 +49,13 @@ def verdict_of(estimates: Sequence[Estimated], left_out: Sequence[LeftOut], base
         yield from _structures(structures, structure)
 
 
-def _on_trips_left_out(left_out: Sequence[LeftOut], baselines: dict[str, StructureResult]) -> Iterator[str]:
+def _on_trips_left_out(left_out: Sequence[LeftOut], baselines: dict[str, StructureResult],
+                       unusual: Sequence[Estimated]) -> Iterator[str]:
     rmse_k = rms([trip.error_k for trip in left_out])
     worst = max(left_out, key=lambda trip: abs(trip.error_k))
-    grade = ('The file can be trusted for drives like the recorded ones' if rmse_k < GOOD_RMSE_K else
-             'The file should not be trusted yet' if rmse_k > POOR_RMSE_K else 'The file can be used with care')
+    grade = ('The file should not be trusted yet' if rmse_k > POOR_RMSE_K or unusual else
+             'The file can be trusted for drives like the recorded ones' if rmse_k < GOOD_RMSE_K else
+             'The file can be used with care')
     yield (f'{grade}: fitted without a trip, it predicts the arrival temperature of that trip with an RMSE of '
            f'{rmse_k:.2f} K (worst {worst.error_k:+.2f} K, {worst.name}).')
     for baseline in baselines.values():
@@ -60,6 +66,13 @@ def _on_trips_left_out(left_out: Sequence[LeftOut], baselines: dict[str, Structu
     outside = [trip.name for trip in left_out if not trip.is_within]
     if outside:
         yield f'Outside its 90 % interval: {", ".join(outside)} of {len(left_out)} trips.'
+
+
+def _on_unusual(item: Estimated) -> str:
+    where = ('lies at its bound' if item.bound is not None else
+             f'is outside {figure(item.prior_low, DIGITS)} … {figure(item.prior_high, DIGITS)} ({item.prior})')
+    return (f'{item.label}: {figure(item.estimate, DIGITS)} {item.unit}'.rstrip() + f' {where}: either START or a '
+            'signal is wrong, or the car does what the model cannot; it stands in for that.')
 
 
 def _resistance(coverage: Coverage, electrical: Electrical) -> Iterator[str]:
@@ -83,6 +96,7 @@ def _structures(structures: Sequence[StructureResult], structure: str) -> Iterat
     own = next(result for result in structures if result.structure == structure)
     better = [result for result in structures if not result.in_the_file
               and result.rmse_k < own.rmse_k * (1.0 - LEAST_GAIN)]
+    diverging = [result.structure for result in structures if result.diverges]
     if better:
         best = min(better, key=lambda result: result.rmse_k)
         yield (f'Structure: {structure} (RMSE {own.rmse_k:.2f} K, worst {own.worst_k:.2f} K on trips left out). '
@@ -91,6 +105,8 @@ def _structures(structures: Sequence[StructureResult], structure: str) -> Iterat
     else:
         yield (f'Structure: {structure} (RMSE {own.rmse_k:.2f} K, worst {own.worst_k:.2f} K on trips left out); '
                'no other structure predicts unseen trips clearly better.')
+    if diverging:
+        yield f'On these trips the fit diverges: {", ".join(diverging)}.'
 
 
 def record_next(estimates: Sequence[Estimated], coverage: Coverage, electrical: Electrical) -> Iterator[str]:

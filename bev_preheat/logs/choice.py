@@ -11,7 +11,7 @@ from bev_preheat.logs.signal_map import is_expression, matches, plain
 from bev_preheat.logs.units import is_stated, measures, split_unit
 
 if TYPE_CHECKING:
-    from bev_preheat.logs.signal_map import Source
+    from bev_preheat.logs.signal_map import SignalMap, Source
 
 # Words of names that check, qualify, limit or request a reading, and those that do so at the end of a name.
 WORDS = re.compile(r'[A-Z]+(?![a-z])|[A-Z]?[a-z]+|[^\W\d_]+')
@@ -59,6 +59,19 @@ def candidates(source: Source, units: Mapping[str, str]) -> Candidates:
         groups += [group for group in _grouped(found, units, source) if group not in groups]
     taken = {name for group in groups for name in group}
     return Candidates(tuple(groups), tuple(name for name in excluded if name not in taken))
+
+
+def all_candidates(signal_map: SignalMap, units: Mapping[str, str]) -> dict[str, Candidates]:
+    """
+    Return the Candidates of each signal of a map among channels, as `candidates`.
+
+    A channel that a map names for a signal is not also one of a signal that it inherits.
+    """
+    found = {signal: candidates(source, units) for signal, source in signal_map.sources.items()}
+    own = {name for signal, each in found.items() if signal not in signal_map.inherited
+           for group in each.groups for name in group}
+    return {signal: each if signal not in signal_map.inherited else each._replace(
+        groups=tuple(group for group in each.groups if own.isdisjoint(group))) for signal, each in found.items()}
 
 
 def _means(entry: str, name: str, unit: str, source: Source) -> bool:

@@ -12,10 +12,11 @@ import numpy as np
 from bev_preheat.errors import figure, InvalidInput, quoted, shortened
 from bev_preheat.logs.assembly import Assembly
 from bev_preheat.logs.channels import RawLog
-from bev_preheat.logs.choice import Candidates, candidates
+from bev_preheat.logs.choice import all_candidates, Candidates
 from bev_preheat.logs.decoding import Decoder
-from bev_preheat.logs.doubts import find_doubts
+from bev_preheat.logs.doubts import find_doubts, J_PER_KWH
 from bev_preheat.logs.formats import open_log
+from bev_preheat.logs.heater_response import heater_response
 from bev_preheat.logs.recording import Recording, Series
 from bev_preheat.logs.remarks import Remarks
 from bev_preheat.logs.samples import Samples
@@ -46,7 +47,7 @@ def read_recording(path: str | Path, signals: str | Path | SignalMap | None = No
     log = open_log(path, () if given is None else given.databases)
     units = {channel.name: channel.unit for channel in log.channels}
     signal_map = recognised_map(list(units)) if given is None else given
-    found = {signal: candidates(source, units) for signal, source in signal_map.sources.items()
+    found = {signal: each for signal, each in all_candidates(signal_map, units).items()
              if only is None or signal in only}
     chosen = {signal: each.groups for signal, each in found.items() if each.groups}
     remarks = Remarks()
@@ -85,6 +86,7 @@ def read_recording(path: str | Path, signals: str | Path | SignalMap | None = No
     _judge(path, series, remarks, repair)
     _drop_too_fast(path, series, remarks)
     _add_power(series, sources)
+    _remark_on_heater(path, series, sources, remarks)
     if not series:
         raise InvalidInput([f'{path}: no signal has a valid reading', *remarks.sentences()])
     start_s = min(float(each.time_s[0]) for each in series.values())
@@ -175,6 +177,18 @@ def _drop_too_fast(path: str | Path, series: dict[str, Series], remarks: Remarks
         series['speed_mps'] = Series(speed.time_s[good], speed.value[good])
     else:
         del series['speed_mps']
+
+
+def _remark_on_heater(path: str | Path, series: dict[str, Series], sources: dict[str, tuple[str, ...]],
+                      remarks: Remarks) -> None:
+    """Remark that a heater warms the battery, which a name for battery and cabin together leaves open."""
+    response = heater_response(series)
+    if response is not None:
+        channel = sources['heater_w'][0]
+        named = split_unit(channel.rpartition(' [')[0] or channel).name.replace("'", "''")
+        remarks.add('heater', f'{path}: heater_w: battery_temperature_c answers to it, by {response.rise_k:.0f} K '
+                    f'to {response.energy_j / J_PER_KWH:.1f} kWh; if it heats the battery, name it in a map: '
+                    f"{{extends: common, signals: {{battery_heater_w: '{named}'}}}}")
 
 
 def _add_power(series: dict[str, Series], sources: dict[str, tuple[str, ...]]) -> None:

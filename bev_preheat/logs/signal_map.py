@@ -82,7 +82,8 @@ class SignalMap:
     """
     A signal map: Sources by signal, channels with the time, channels that identify the log, DBC files.
 
-    `no_reading` are readings of any channel that mean none.
+    `no_reading` are readings of any channel that mean none. `inherited` are the signals of the map that this one
+    extends; the channels of its own signals are not theirs.
     `live` is the part on live signals as it stands in the file at `path`, None without one; bus.live_map reads it.
     """
 
@@ -94,6 +95,7 @@ class SignalMap:
     no_reading: tuple[float, ...] = ()
     live: FileData = None
     path: Path = Path()
+    inherited: frozenset[str] = frozenset()
 
     def recognises(self, names: Sequence[str]) -> bool:
         """Return whether a log with these channels belongs to this map."""
@@ -135,10 +137,14 @@ def load_signal_map(name_or_file: str | Path) -> SignalMap:
 
     Raises InvalidInput naming file, key, value and allowed values.
     """
-    path = find_configuration('signals', name_or_file, SUFFIX)
+    return _load(find_configuration('signals', name_or_file, SUFFIX), ())
+
+
+def _load(path: Path, extended_by: tuple[Path, ...]) -> SignalMap:
     contents = load_checked_yaml(path, SCHEMA)
     problems: list[str] = []
-    everywhere = tuple(map(float, contents.get('no_reading', ())))
+    base = _extended(path, contents.get('extends'), extended_by)
+    everywhere = tuple(map(float, contents.get('no_reading', () if base is None else base.no_reading)))
     sources = {}
     for signal, entry in contents['signals'].items():
         if signal not in SIGNALS:
@@ -150,10 +156,26 @@ def load_signal_map(name_or_file: str | Path) -> SignalMap:
                  for problem in _bad_patterns(contents.get(key, ()))]
     if problems:
         raise InvalidInput(problems)
-    return SignalMap(contents.get('name', path.stem), sources, _texts(contents.get('time', ())),
-                     _texts(contents.get('recognised_by', ())),
-                     database_files(path.parent, contents.get('dbc', _of_buses(contents))),
-                     everywhere, contents.get('live'), path)
+    own = SignalMap(contents.get('name', path.stem), sources, _texts(contents.get('time', ())),
+                    _texts(contents.get('recognised_by', ())),
+                    database_files(path.parent, contents.get('dbc', _of_buses(contents))),
+                    everywhere, contents.get('live'), path)
+    if base is None:
+        return own
+    return replace(own, sources={**base.sources, **sources}, time=own.time or base.time,
+                   databases=own.databases or base.databases,
+                   inherited=frozenset(base.sources) - frozenset(sources))
+
+
+def _extended(path: Path, name: FileData, extended_by: tuple[Path, ...]) -> SignalMap | None:
+    """Return the map that the one at `path` extends: a shipped name, or a file relative to it; None without."""
+    if name is None:
+        return None
+    if path in extended_by:
+        raise InvalidInput(f'{path}: extends: {name}: extends itself')
+    file = path.parent / name
+    return _load(file if file.suffix == SUFFIX and file.is_file() else find_configuration('signals', name, SUFFIX),
+                 (*extended_by, path))
 
 
 @cache

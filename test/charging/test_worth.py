@@ -396,3 +396,29 @@ def test_bounds_are_none_if_heating_never_or_always_pays():
     assert (always.pays_to_price_per_kwh, always.pays_from_chance) == (math.inf, 0.0)
     assert always.bounds_in_words() == 'Some heating pays at any energy price and at any chance of charging.'
     assert always.unheated_in_words() == ''
+
+
+def stairs(low_kw, high_kw):
+    """Return a car that hardly warms while charging, with a step of its charging power from 20 to 22 degC."""
+    table = Table((0.0, 1.0), (-20.0, 20.0, 22.0, 50.0), ((
+        -1e3 * low_kw, -1e3 * low_kw, -1e3 * high_kw, -1e3 * high_kw),) * 2)
+    return plain_car(limit=table)
+
+
+def test_the_kelvins_that_save_most_time_at_the_charger_are_named():
+    car = stairs(40.0, 160.0)
+    worth = find_worth(car, drive(), WARM, GOAL, 150e3, 0.8, PRICES)
+    from_c, to_c, saved_s = worth.step
+    assert 20.0 <= from_c + 0.05 and to_c <= 22.05 and to_c - from_c <= 2.05
+    stop = stop_after(drive(), 150e3, 0.8)
+    soc = {target.arrival_temperature_c: target.arrival_soc for target in worth.targets}
+    low, high = (charge(car, stop, BatteryState(at_c, soc[at_c])).charging_time_s for at_c in (from_c, to_c))
+    assert saved_s == pytest.approx(low - high, abs=STEP_S) and saved_s > 300.0
+    span = f'{to_c - from_c:.1f} K more on arrival, from {from_c:.1f} to {to_c:.1f} degC'
+    assert worth.step_in_words().startswith(f'{span}, are worth ')
+    assert worth.as_dictionary()['step'] == {'from_c': from_c, 'to_c': to_c, 'saved_s': saved_s}
+
+
+def test_where_no_kelvin_stands_out_none_is_named():
+    worth = find_worth(stairs(100.0, 100.0), drive(), WARM, GOAL, 150e3, 0.8, PRICES)
+    assert worth.step is None and worth.step_in_words() == '' and worth.as_dictionary()['step'] is None

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The verdict on an identified car and what to record next, for each situation that recordings may leave."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
@@ -45,6 +46,31 @@ def changed(**values):
 def test_the_error_of_trips_left_out_grades_the_file(error_k, grade):
     first, *_ = verdict((error_k, -error_k))
     assert first.startswith(f'{grade}: ') and f'RMSE of {error_k:.2f} K' in first
+
+
+@pytest.mark.parametrize('changes, words', [
+    ({'estimate': 1.6, 'high': 1.7}, 'heater efficiency: 1.6 is outside 0.5 … 1.5 (as sold): either START or a '),
+    ({'estimate': 0.4, 'low': 0.3}, 'heater efficiency: 0.4 is outside 0.5 … 1.5'),
+    ({'bound': 1.0}, 'heater efficiency: 1 lies at its bound: either START'),
+    ({'estimate': 0.4, 'can_be_0': True}, ''), ({'estimate': 0.0, 'bound': 0.0, 'can_be_0': True}, ''),
+    ({'bound': 1.0, 'can_be_0': True}, 'lies at its bound'), ({'estimate': 1.6, 'is_identified': False}, '')])
+def test_an_estimate_outside_its_prior_or_at_its_bound_is_no_file_to_trust(changes, words):
+    item = replace(estimates()[0], name='heater_efficiency', label='heater efficiency', prior='as sold', **changes)
+    left_out = [LeftOut('trip', 0.2, 1.0)]
+    own = structure('one mass', 0.2)
+    first, *others = verdict_of([item], left_out, {}, [own], 'one mass', WHOLE, (), MEASURED)
+    assert first.startswith('The file should not be trusted yet' if words else 'The file can be trusted')
+    assert bool(words) is any('either START or a signal' in sentence for sentence in others)
+    assert words in ' '.join(others)
+
+
+def test_a_structure_that_diverges_is_named_without_its_digits():
+    other = structure('core and shell', 1e82, -0.1, in_the_file=False)
+    assert other.diverges and not structure('one mass', 199.0).diverges
+    assert structure('one mass', float('nan')).diverges
+    found = verdict(others=(other,))
+    assert found[-1] == 'On these trips the fit diverges: core and shell.'
+    assert max(map(len, found)) < 400
 
 
 def test_the_worst_trip_and_those_outside_their_interval_are_named():
