@@ -54,7 +54,7 @@ from bev_preheat.planning.installed_methods import limit_answer_time
 from bev_preheat.planning.planner import check_method, installed_names, METHODS, REPLACED, replaced_in_words
 from bev_preheat.vehicle import load_vehicle, vehicle_contents, vehicle_file
 from bev_preheat.vehicle.assumptions import assumption_warning
-from bev_preheat_msgs.msg import HvchStatus, PreheatPlan, RouteProgress
+from bev_preheat_msgs.msg import HvchStatus, PreheatPlan, RoutePlan, RouteProgress
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -65,7 +65,6 @@ if TYPE_CHECKING:
     from bev_preheat.control.events import Event
     from bev_preheat.control.step import StepOutput
     from bev_preheat.vehicle import Vehicle
-    from bev_preheat_msgs.msg import RoutePlan
 
     # A method called by ROS.
     Callback = Callable[..., Any]

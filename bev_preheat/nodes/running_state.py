@@ -76,13 +76,17 @@ def load_running(path: str, fingerprint: str, settings: Settings, now_ns: int) -
         raise InvalidInput(f'{path}{SUFFIX}: is damaged: {type(error).__name__}: {error}') from error
     if state is None or state.settings != settings or not 0 <= now_ns - state.now_ns <= OLDEST_CHOICE_NS:
         return None
-    return Running(_as_after_restart(state), route)
+    return Running(_as_after_restart(state, now_ns), route)
 
 
-def _as_after_restart(state: State) -> State:
-    """Return a State without what belongs to the process before: goals, other nodes, what was published."""
-    preparation = state.preparation
-    inbox = replace(state.inbox, rivals='')
+def _as_after_restart(state: State, now_ns: int) -> State:
+    """
+    Return a State without what belongs to the process before: goals, other nodes, what was published.
+
+    The publisher of a cancelled route may still latch it, and sends it to the new process.
+    """
+    preparation, choices = state.preparation, state.inbox.choices.after_restart(now_ns)
+    inbox = replace(state.inbox, rivals='', choices=choices, cancelled_before=choices.cancelled_trip)
     if preparation.goal is not None:
         inbox = inbox.with_other_goal()
     return replace(

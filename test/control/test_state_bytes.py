@@ -134,7 +134,7 @@ def test_a_state_with_other_fields_names_the_class_and_the_versions(written):
         kind = next(kind for kind in values['classes'] if kind[1] == 'HeaterSwitch')
         kind[2] = kind[2][1:]
 
-    with pytest.raises(InvalidInput, match=r"the state is of version '.*', and its 'HeaterSwitch' has other fields"):
+    with pytest.raises(InvalidInput, match='of version .*, and its .HeaterSwitch. has other fields'):
         state_of(edited(written, drop))
 
 

@@ -7,6 +7,7 @@ import signal
 from diagnostic_msgs.msg import DiagnosticArray
 from node_bench import poll_until
 import pytest
+from rclpy.parameter import Parameter
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 from sensor_msgs.msg import BatteryState
 from std_srvs.srv import SetBool
@@ -48,6 +49,9 @@ class Car:
             target_battery_temperature=25.0)
         route.header.stamp = self.stamp()
         self._routes.publish(route)
+
+    def end_navigation(self):
+        self._routes.destroy()
 
     def stamp(self):
         return time_message(self._bench.now_ns)
@@ -216,6 +220,59 @@ def test_a_cancelled_trip_outlives_a_killed_process(rehearsal, car, tmp_path):
     assert not any(command.battery_heating_power for command in car.commands.messages)
     car.send_route('work')
     car.wait_for_heat()
+
+
+def test_a_killed_planner_goes_on_with_the_trip_that_nobody_sends_again(car, tmp_path):
+    """The navigation has gone; only the planner's own state knows the route."""
+    memory = tmp_path / 'state.json'
+    first = car.start_planner('-p', f'state_file:={memory}')
+    car.wait_for_heat()
+    first.kill()
+    car.end_navigation()
+    car.commands.clear()
+    second = car.start_planner('-p', f'state_file:={memory}')
+    car.wait_for_heat()
+    assert 'the planner goes on from its state of ' in second.output()
+    # Another parameter reads the route again, which the planner knows as a message.
+    second.node.set_parameters([Parameter('planning_step', value=15.0)])
+    car.commands.clear()
+    car.wait_for_heat()
+    second.end()
+    # The driver's button counts as before.
+    car.commands.clear()
+    third = car.start_planner('-p', f'state_file:={memory}', '-p', 'planning_step:=15.0')
+    car.wait_for_heat()
+    third.end()
+
+
+@pytest.mark.parametrize('change', ['parameter', 'vehicle', 'damaged', 'edited', 'other file'])
+def test_a_state_of_other_circumstances_is_not_gone_on_from(car, tmp_path, change):
+    memory = tmp_path / 'state.json'
+    first = car.start_planner('-p', f'state_file:={memory}')
+    car.wait_for_heat()
+    first.end()
+    car.end_navigation()
+    running, more = memory.with_name('state.json.running'), []
+    if change == 'parameter':
+        more = ['-p', 'command_lease:=0.9']
+    elif change == 'vehicle':
+        more = ['-p', 'vehicle:=small_car']
+    elif change == 'damaged':
+        running.write_bytes(running.read_bytes()[:-500])
+    elif change == 'edited':
+        memory.write_text(memory.read_text() + ' ')
+    else:
+        running.write_text('my notes')
+    car.commands.clear()
+    second = car.start_planner('-p', f'state_file:={memory}', *more)
+    car.commands.wait_for(lambda command: command.reason == HvchCommand.NO_ROUTE)
+    assert not any(command.battery_heating_power for command in car.commands.messages)
+    second.end()
+    assert 'goes on from its state' not in second.output()
+    if change == 'damaged':
+        assert 'state.json.running: is damaged' in second.output()
+    if change == 'other file':
+        assert running.read_text() == 'my notes'
 
 
 @pytest.mark.deep
