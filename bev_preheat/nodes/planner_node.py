@@ -116,7 +116,7 @@ PARAMETERS = (
     Parameter('flight_recorder_size', 500.0, 'The oldest recordings are deleted beyond this size of the folder',
               'MB', (100.0, 1e6)),
     Parameter('state_file', '', "File for the learned factors of the car and the driver's choices: "
-              'a new file, or a state file; empty: none.'),
+              'a new file, or a state file, with the running trip beside it; empty: none.'),
     Parameter('departures', '', 'File of recurring departures (YAML) for which the battery is prepared; '
               'empty: none.'),
     Parameter('grid_prices', '', 'File of prices of energy from the grid (YAML): a plugged-in battery is prepared '
