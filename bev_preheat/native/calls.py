@@ -85,7 +85,7 @@ def drive_as_planned(vehicle: NativeVehicle, trip: NativeTrip, command_w: FloatA
     """
     Write the run within limits after the first states (S, N + 1), and its powers (S, N), under commands (N,) [W].
 
-    Returns the step in which the charge runs out and the share of it that is driven, or None.
+    Returns the step in which the charge runs out and its driven share, or None.
     """
     stranding, flags = StrandingStruct(), np.empty(2 * trip.steps, np.uint8)
     call('bev_drive_as_planned', vehicle.address, trip.address, doubles_at(command_w, trip.steps), below_c,
@@ -122,7 +122,7 @@ class SwitchedRun(NamedTuple):
     """
     Charge and temperature [deg C] (N + 1,) and heater power [W] (N,) of a plan with one switching instant.
 
-    `plan` is what the core found about it, `idle_soc` and `idle_c` (N + 1,) are the unheated run.
+    `plan` has the instant, the limits and the energies, `idle_soc` and `idle_c` (N + 1,) are the unheated run.
     """
 
     plan: SwitchPlanStruct

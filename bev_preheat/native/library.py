@@ -141,7 +141,7 @@ def core() -> Any:
 
 
 def call(name: str, *arguments: Any) -> int:
-    """Call a function of the library; return its status, which is an answer. Raises Declined if there is none."""
+    """Call a function of the library and return its status, OK or one of ANSWERS; raises Declined otherwise."""
     library = core()
     if library is None:
         raise Declined

@@ -30,7 +30,7 @@ LEAST_PRICE_SHARE = 1e-3
 @dataclass(frozen=True, eq=False)
 class PlanningCase:
     """
-    What is planned for: a vehicle with a battery state at the start of a route, and how.
+    A vehicle with a battery state at the start of a route, its goal, and how to plan.
 
     `method` is a name in `planner.method_names()`; `options` are its own. With an `uncertainty` `value_function`
     plans for the least expected energy; other methods do not know it. Only `value_function` knows `step_prices`; a

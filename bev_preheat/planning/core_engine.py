@@ -16,7 +16,13 @@ import numpy as np
 from bev_preheat.native import calls
 from bev_preheat.native.library import core, Declined
 from bev_preheat.native.structs import NativeTrip, NativeVehicle, NotDescribed
-from bev_preheat.planning.dynamics import Accounts, energies_of, hottest_c, keeps_limits, KEPT_VEHICLES
+from bev_preheat.planning.dynamics import (
+    Accounts,
+    energies_of,
+    hottest_c,
+    keeps_limits,
+    KEPT_VEHICLES,
+)
 from bev_preheat.planning.heat_run import first_heated_s, initial_states, with_heat, without_heat_path
 from bev_preheat.planning.limited_drive import Course
 from bev_preheat.planning.model_inputs import stiff_w_per_k
@@ -130,10 +136,6 @@ def limits_of_steps_w(vehicle: Vehicle, soc: FloatArray, temperature_c: FloatArr
     return calls.limits_of_steps(vehicle_in_core(vehicle), soc, temperature_c, variance_w2)
 
 
-def _limits_along(trip: Trip, schedule: Schedule) -> tuple[FloatArray, FloatArray]:
-    return limits_of_steps_w(trip.vehicle, schedule.soc, schedule.temperature_c, trip.power_variance_w2)
-
-
 def keep_accounts(trip: Trip, schedule: Schedule, deliverable: bool = False) -> Accounts:
     """As of `engine`."""
     if schedule.driven_share is not None:
@@ -166,9 +168,8 @@ def plan_by_paper(trip: Trip, state: BatteryState, target_c: float) -> SwitchPla
     start = initial_states(state)
     unheated = run_heated(trip, start, np.zeros(len(trip.route)))
     schedule = replace(run_heated(trip, start, planned.heater_power_w), heating_start_s=_instant_s(planned))
-    return SwitchPlan(unheated, schedule, keeps_limits(trip, unheated, _limits_along),
-                      is_driven_as_planned(trip, schedule, _limits_along(trip, schedule)[1]), True,
-                      float(schedule.soc.min()))
+    return SwitchPlan(unheated, schedule, keeps_limits(trip, unheated, limits_of_steps_w),
+                      is_driven_as_planned(trip, schedule, limits_of_steps_w), True, float(schedule.soc.min()))
 
 
 def _plan_two_switches(trip: Trip, state: BatteryState, target_c: float) -> SwitchPlan:
@@ -176,12 +177,12 @@ def _plan_two_switches(trip: Trip, state: BatteryState, target_c: float) -> Swit
     idle_w = np.zeros(len(trip.route))
     states, heat_w = _roll_heated(trip, initial_states(state), idle_w)
     schedule = unheated = with_heat(trip, states, idle_w, idle_w, None, heat_w)
-    unheated_is_kept = is_kept = keeps_limits(trip, unheated, _limits_along)
+    unheated_is_kept = is_kept = keeps_limits(trip, unheated, limits_of_steps_w)
     if not unheated.temperature_c[-1] >= target_c:
         run = calls.find_two_switches(vehicle, native, target_c, states)
         schedule = switched_off(
             trip, with_heat(trip, run.states, run.command_w, idle_w, None, run.heat_w), run.on_s, run.off_s)
-        is_kept = keeps_limits(trip, schedule, _limits_along)
+        is_kept = keeps_limits(trip, schedule, limits_of_steps_w)
     return SwitchPlan(unheated, schedule, unheated_is_kept, is_kept, True, float(schedule.soc.min()))
 
 

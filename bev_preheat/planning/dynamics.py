@@ -22,8 +22,9 @@ if TYPE_CHECKING:
     from bev_preheat.planning.trip import Trip
     from bev_preheat.vehicle.description import Vehicle
 
-# Least and most terminal power [W] of the steps of a Schedule of a Trip.
-LimitsOfRun: TypeAlias = 'Callable[[Trip, Schedule], tuple[FloatArray, FloatArray]]'
+# `limits_of_steps_w` of an engine.
+FindLimits: TypeAlias = (
+    'Callable[[Vehicle, FloatArray, FloatArray, FloatArray], tuple[FloatArray, FloatArray]]')
 # A hard drive may heat the battery this far beyond its range before the car's own cooling, which the model does
 # not describe, is assumed to hold it.
 HOTTEST_BEYOND_RANGE_K = 20.0
@@ -108,12 +109,14 @@ def limits_of_steps_w(vehicle: Vehicle, soc: FloatArray, temperature_c: FloatArr
     return np.maximum(least_w, least_end_w), np.minimum(most_w, most_end_w)
 
 
-def keeps_limits(trip: Trip, schedule: Schedule, limits_of_run_w: LimitsOfRun) -> bool:
-    """
-    Return whether a schedule made without regard to limits keeps them all.
+def limits_along(trip: Trip, schedule: Schedule,
+                 find_w: FindLimits = limits_of_steps_w) -> tuple[FloatArray, FloatArray]:
+    """Return an engine's `limits_of_steps_w` along a Schedule: least and most terminal power [W] (N,)."""
+    return find_w(trip.vehicle, schedule.soc, schedule.temperature_c, trip.power_variance_w2)
 
-    `limits_of_run_w` returns least and most terminal power [W] of the steps of a Schedule of a Trip.
-    """
+
+def keeps_limits(trip: Trip, schedule: Schedule, find_w: FindLimits = limits_of_steps_w) -> bool:
+    """Return whether a schedule made without regard to limits keeps them all; `find_w` as in `limits_along`."""
     battery = trip.vehicle.battery
     lowest_c, highest_c = battery.temperature_range_c
     temperature_c, soc = schedule.temperature_c, schedule.soc
@@ -121,13 +124,8 @@ def keeps_limits(trip: Trip, schedule: Schedule, limits_of_run_w: LimitsOfRun) -
             or soc.min() <= 0.0 or soc.max() > 1.0):
         return False
     terminal_w = trip.idle_power_w + schedule.drawn_power_w
-    least_w, most_w = limits_of_run_w(trip, schedule)
+    least_w, most_w = limits_along(trip, schedule, find_w)
     return bool(((terminal_w >= least_w) & (terminal_w <= most_w)).all())
-
-
-def limits_along(trip: Trip, schedule: Schedule) -> tuple[FloatArray, FloatArray]:
-    """Return `limits_of_steps_w` along a Schedule of a Trip."""
-    return limits_of_steps_w(trip.vehicle, schedule.soc, schedule.temperature_c, trip.power_variance_w2)
 
 
 def hottest_c(vehicle: Vehicle) -> float:

@@ -71,15 +71,14 @@ def states_at(schedule: Schedule, instant: int) -> States:
             float(schedule.heat.coolant_excess_k[instant]))
 
 
-def roll_heated(trip: Trip, start: States, command_w: FloatArray, first: int = 0,
-                brake_power_w: FloatArray | None = None) -> FloatArray:
+def roll_heated(trip: Trip, start: States, command_w: FloatArray, first: int = 0) -> FloatArray:
     """
     Return the States, as rows, from step `first` on under heater commands [W] (N,).
 
     Ignores limits; a step whose power cannot be delivered is driven with the battery's highest power.
     """
     columns = [column[first:].tolist()
-               for column in (*trip.inputs(None, brake_power_w), command_w)]
+               for column in (*trip.inputs(), command_w)]
     try:
         return _rolled(heated_step_of_floats(trip.vehicle, False), start, columns)
     except (ValueError, ArithmeticError):

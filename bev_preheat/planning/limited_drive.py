@@ -45,7 +45,7 @@ class Course(NamedTuple):
     A run within limits: `states` (S, N + 1) and `powers_w` (P, N) [W].
 
     Charge and temperature, heater and friction brake; with a heat path all four States, and Powers. `stranded`:
-    the step in which the charge runs out and the share of it that is driven, or None.
+    the step in which the charge runs out and its driven share, or None.
     """
 
     states: FloatArray

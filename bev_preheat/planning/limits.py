@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.planning import engine
-from bev_preheat.planning.dynamics import keeps_limits
+from bev_preheat.planning import dynamics, engine
 from bev_preheat.planning.heated_limits import along_heated_limits
 from bev_preheat.planning.schedule import Schedule, switched_on_s
 from bev_preheat.planning.wanted_heat import WantedHeat
@@ -20,8 +19,8 @@ if TYPE_CHECKING:
     from bev_preheat.planning.trip import Trip
     from bev_preheat.vehicle.description import Vehicle
 
-# A limit is near if a battery this much colder would meet it: another run may lack the drivetrain heat that the
-# friction brake takes away.
+# A limit is near if a battery this much colder would meet it: the friction brake takes drivetrain heat away from
+# another run.
 COLDER_BY_K = 5.0
 
 
@@ -44,12 +43,12 @@ def limits_along(trip: Trip, schedule: Schedule) -> tuple[FloatArray, FloatArray
 
     They keep the limits at both ends of the step.
     """
-    return engine.limits_of_steps_w(trip.vehicle, schedule.soc, schedule.temperature_c, trip.power_variance_w2)
+    return dynamics.limits_along(trip, schedule, engine.limits_of_steps_w)
 
 
 def limits_hold(trip: Trip, schedule: Schedule) -> bool:
     """Return whether a schedule made without regard to limits keeps them all."""
-    return keeps_limits(trip, schedule, limits_along)
+    return dynamics.keeps_limits(trip, schedule, engine.limits_of_steps_w)
 
 
 def run_within_limits(trip: Trip, state: BatteryState, wanted: WantedHeat, take_surplus: bool) -> Schedule:

@@ -205,7 +205,7 @@ class _Ways(NamedTuple):
             return False
         if not trip.vehicle.heat_path.is_direct and goal.heats_until_arrival:
             return False
-        # Where nothing is charged the paper's Euler steps are not asked for.
+        # A trip without charging is run by Runge-Kutta, whatever the method.
         return goal.charging_planned or self.method is not plan_paper
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Plans with one interval of heating, made without regard to limits, and what they keep: the Python engine's."""
+"""Plans with one interval of heating, made without regard to limits, with a check of them: the Python engine's."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.planning.dynamics import hottest_c, keeps_limits, limits_along, run_forward
+from bev_preheat.planning.dynamics import hottest_c, keeps_limits, limits_along, limits_of_steps_w, run_forward
 from bev_preheat.planning.heat_run import initial_states, run_heated
 from bev_preheat.planning.optimal_switch import find_switch
 from bev_preheat.planning.paper import run_paper
@@ -17,8 +17,7 @@ from bev_preheat.planning.two_switches import find_two_switches
 from bev_preheat.vehicle.model import make_runge_kutta_4
 
 if TYPE_CHECKING:
-    from bev_preheat.numerics.arrays import FloatArray
-    from bev_preheat.planning.dynamics import Energies
+    from bev_preheat.planning.dynamics import Energies, FindLimits
     from bev_preheat.planning.situation import BatteryState
     from bev_preheat.planning.trip import Trip
 
@@ -42,7 +41,7 @@ class IntervalCosts(NamedTuple):
 
 class SwitchPlan(NamedTuple):
     """
-    The Schedule without heating and the one with one interval of it, both without regard to limits.
+    The Schedule without heating and the one with one heating interval, both without regard to limits.
 
     `unheated_keeps_limits` and `keeps_limits`: whether they keep all limits of the battery; `costs_least`: heating
     in other steps cannot cost less. If the plan keeps the limits and costs least, `least_soc` is its least charge,
@@ -76,10 +75,10 @@ def plan_switch(trip: Trip, state: BatteryState, target_c: float, in_one_interva
     unheated = run_unheated(trip, state)
     is_direct = trip.vehicle.heat_path.is_direct
     schedule = (find_switch if is_direct else find_two_switches)(trip, target_c, unheated)
-    kept = keeps_limits(trip, schedule, limits_along)
+    kept = keeps_limits(trip, schedule)
     return SwitchPlan(
         unheated, schedule,
-        kept if schedule is unheated else keeps_limits(trip, unheated, limits_along), kept,
+        kept if schedule is unheated else keeps_limits(trip, unheated), kept,
         in_one_interval or not is_direct or not kept or not is_cheaper_elsewhere(trip, schedule),
         float(schedule.soc.min()))
 
@@ -87,13 +86,13 @@ def plan_switch(trip: Trip, state: BatteryState, target_c: float, in_one_interva
 def plan_by_paper(trip: Trip, state: BatteryState, target_c: float) -> SwitchPlan:
     """Return the SwitchPlan of the paper's heuristic; it keeps limits if `is_driven_as_planned`."""
     unheated, schedule = run_unheated(trip, state), run_paper(trip, state, target_c)
-    return SwitchPlan(unheated, schedule, keeps_limits(trip, unheated, limits_along),
-                      is_driven_as_planned(trip, schedule, limits_along(trip, schedule)[1]), True,
-                      float(schedule.soc.min()))
+    return SwitchPlan(unheated, schedule, keeps_limits(trip, unheated),
+                      is_driven_as_planned(trip, schedule), True, float(schedule.soc.min()))
 
 
-def is_driven_as_planned(trip: Trip, schedule: Schedule, most_w: FloatArray) -> bool:
-    """Return whether a run lacks no power beyond `most_w` [W] (N,), and is described; see `no_regret`."""
+def is_driven_as_planned(trip: Trip, schedule: Schedule, find_w: FindLimits = limits_of_steps_w) -> bool:
+    """Return whether a run has no power deficit and is described (`no_regret`); `find_w` as in `limits_along`."""
+    _, most_w = limits_along(trip, schedule, find_w)
     return bool((trip.idle_power_w + schedule.drawn_power_w <= most_w).all()
                 and schedule.soc.min() > 0.0 and schedule.soc.max() <= 1.0
                 and schedule.temperature_c.max() <= hottest_c(trip.vehicle))

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Runs and searches of which plans are made. Arguments, memory and statuses are as in core.h. */
+/* Runs and searches, the parts of plans. Arguments, memory and statuses are as in core.h. */
 #ifndef BEV_PREHEAT_CORE_PARTS_OF_PLANS_H_
 #define BEV_PREHEAT_CORE_PARTS_OF_PLANS_H_
 

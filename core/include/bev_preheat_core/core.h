@@ -346,7 +346,7 @@ bev_status bev_keep_accounts(const bev_vehicle *vehicle, int32_t integrator, con
 
 /*
  * The plan that is switched on once, from a start: the unheated run and, if it arrives below the target, the switching
- * instant and the run; both without regard to limits. `plan` tells whether they keep them, and the energies of a plan
+ * instant and the run; both without regard to limits. `plan` has whether they keep them, and the energies of a plan
  * that does. Heat must arrive at once; a vehicle with a heat path is a bad argument. Unless `in_one_interval` is not 0,
  * the plan is also compared with heating in other steps (`costs_least`).
  *
