@@ -45,7 +45,7 @@ from bev_preheat.vehicle.description import Vehicle
 @dataclass(frozen=True)
 class InputChanges:
     """
-    Changes since the last `Inbox.without_changes`.
+    Changes since they were taken last.
 
     `measurements` are the valid battery states, oldest first. `has_new_mission`: the route was
     replaced or dropped. `has_new_trip`: another trip began, or the trip was cancelled.
@@ -143,9 +143,9 @@ class Inbox:
             self.is_cancelled_before_restart, self.timetable, preparation or self.timetable,
             measurement, doubt)
 
-    def without_changes(self) -> Inbox:
-        """Return the Inbox whose changes have been taken."""
-        return self if self.changes is NO_CHANGES else replace(self, changes=NO_CHANGES)
+    def with_changes(self, changes: InputChanges) -> Inbox:
+        """Return the Inbox with these InputChanges left to be taken."""
+        return self if self.changes == changes else replace(self, changes=changes)
 
     def with_timetable(self, timetable: Timetable | None) -> Inbox:
         """Return the Inbox with a later value of the route's Timetable; it remembers the end of the trip."""

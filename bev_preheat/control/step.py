@@ -27,6 +27,7 @@ from bev_preheat.control.events import (
     ProgressUnreadable,
     Reconfigured,
 )
+from bev_preheat.control.inbox import InputChanges, NO_CHANGES
 from bev_preheat.control.knowledge import Knowledge
 from bev_preheat.control.learning import Learning
 from bev_preheat.control.state import Screened, State
@@ -37,6 +38,7 @@ from bev_preheat.planning.status import Status
 if TYPE_CHECKING:
     from bev_preheat.control.inputs import Measurement
     from bev_preheat.control.preparation_goal import PreparationOutcome
+    from bev_preheat.estimation.prior import Learned
 
 
 # Positions, and answers of the heater: no plan is made for them alone.
@@ -91,7 +93,10 @@ def step(state: State, now_ns: int, *events: Event) -> tuple[State, StepOutput]:
             output = StepOutput()
         else:
             if has_news:
-                state = know(state, events)
+                changes = state.inbox.changes
+                # A measurement that cannot be learned from must not be tried again and again.
+                state = replace(state, inbox=state.inbox.with_changes(replace(changes, measurements=())))
+                state = know(state, changes, events)
             before, state = state, pass_time(state)
             # A trip that has just ended needs another decision, whatever the clock does.
             state, obstacle = decide(state, has_news or state.inbox.timetable is not before.inbox.timetable)
@@ -163,13 +168,11 @@ def heed_heater(state: State) -> State:
     return state if refusal == state.heater_refusal else replace(state, heater_refusal=refusal)
 
 
-def know(state: State, events: tuple[Event, ...]) -> State:
-    """Return the State with all that is known brought up to date with the admitted events."""
-    changes = state.inbox.changes
-    state = replace(state, inbox=state.inbox.without_changes())
-    for event in events:
-        if isinstance(event, Reconfigured):
-            state = _reconfigured(state, event)
+def know(state: State, changes: InputChanges, events: tuple[Event, ...]) -> State:
+    """Return the State with all that is known brought up to date with the admitted events and their changes."""
+    state = replace(state, inbox=state.inbox.with_changes(NO_CHANGES))
+    state = _with_vehicle(state, next((
+        event.learned for event in events if isinstance(event, Reconfigured) and event.learned), None))
     if changes.clock_restarted:
         state = replace(
             state, learning=state.learning.without_instants(), knowledge=state.knowledge.without_instants(),
@@ -287,14 +290,12 @@ def _off(state: State, now_ns: int, reason: Status) -> State:
                    answers=state.answers.with_command(now_ns, 0.0, state.settings))
 
 
-def _reconfigured(state: State, event: Reconfigured) -> State:
-    """Return the State for the vehicle of an event, from what was learned about it, if any of these is new."""
-    if event.learned or event.vehicle is not state.vehicle:
-        state = replace(state, learning=Learning.begun(event.vehicle, event.learned),
-                        decision_maker=DecisionMaker())
-    if event.vehicle is not state.vehicle:
-        state = replace(state, vehicle=event.vehicle, knowledge=Knowledge())
-    return state
+def _with_vehicle(state: State, learned: Learned | None) -> State:
+    """Return the State for the vehicle of its inputs, from what was learned about it, if any of these is new."""
+    vehicle, is_new = state.inbox.vehicle, state.inbox.vehicle is not state.vehicle
+    if learned or is_new:
+        state = replace(state, learning=Learning.begun(vehicle, learned), decision_maker=DecisionMaker())
+    return replace(state, vehicle=vehicle, knowledge=Knowledge()) if is_new else state
 
 
 def _with_new_mission(state: State, has_new_trip: bool) -> State:

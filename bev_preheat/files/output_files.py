@@ -125,13 +125,15 @@ def check_outputs(outputs: Iterable[OutputFile], inputs: Sequence[AnyPath] = ())
         raise InvalidInput(problems)
 
 
-def write_whole(path: AnyPath, contents: str | bytes, make_folder: bool = False) -> None:
+def write_whole(path: AnyPath, contents: str | bytes, make_folder: bool = False,
+                outlasts_power: bool = True) -> None:
     """
     Write bytes, or text as UTF-8, to a file: everything or, if anything fails, nothing.
 
     A link is followed, not replaced. An existing file keeps its mode and, if permitted, its owner;
-    a new one follows the umask. `make_folder` creates missing folders. Raises InvalidInput with file and
-    reason if it cannot be written.
+    a new one follows the umask. `make_folder` creates missing folders. If it need not outlast the computer's
+    power, it is not waited for until it is on the disk. Raises InvalidInput with file and reason if it cannot be
+    written.
     """
     if isinstance(contents, str):
         # A comment may quote a file name that is not valid text.
@@ -141,12 +143,12 @@ def write_whole(path: AnyPath, contents: str | bytes, make_folder: bool = False)
     try:
         if make_folder:
             os.makedirs(os.path.dirname(target), exist_ok=True)
-        _replace(path, target, contents)
+        _replace(path, target, contents, outlasts_power)
     except OSError as error:
         raise InvalidInput(f'{path}: cannot be written: {_reason(error)}') from error
 
 
-def _replace(path: AnyPath, target: str, contents: bytes) -> None:
+def _replace(path: AnyPath, target: str, contents: bytes, outlasts_power: bool) -> None:
     before = existing_file(path)
     mode = 0o666 if before is None else stat.S_IMODE(before.st_mode)
     # A short name, because the target's may have the maximum length.
@@ -161,7 +163,8 @@ def _replace(path: AnyPath, target: str, contents: bytes) -> None:
                 os.fchmod(handle, mode)
             file.write(contents)
             file.flush()
-            os.fsync(handle)
+            if outlasts_power:
+                os.fsync(handle)
         # A pipe or device may have taken the place of the file.
         existing_file(path)
         os.replace(temporary, target)

@@ -450,7 +450,7 @@ class PlannerNode(Node):
             in_doubt = not _has_plan_or_heats(output)
         self._is_in_doubt = bool(output.failure) or in_doubt
         self._state_keeper.save_choices(self._supervisor.state)
-        self._state_keeper.keep_running(self._supervisor.value, self._route_bytes, is_due=False)
+        self._state_keeper.keep_running(self._supervisor.value, self._route_bytes)
         return not output.refusals and not output.failure
 
     def _publish_command(self, output: StepOutput, now_ns: int) -> None:

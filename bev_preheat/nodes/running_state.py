@@ -44,7 +44,7 @@ def save_running(path: str, fingerprint: str, running: Running) -> None:
     Raises InvalidInput if that file is another one, or cannot be written.
     """
     beside = path + SUFFIX
-    before = _contents(beside)
+    before = _contents(beside, len(OWN_HEAD))
     if before and not before.startswith(OWN_HEAD):
         raise InvalidInput(f'{beside}: not overwritten: it is not the state of a running planner; name another '
                            'state file')
@@ -52,7 +52,8 @@ def save_running(path: str, fingerprint: str, running: Running) -> None:
     write_whole(beside, json.dumps({
         KEY: FORMAT, 'vehicle_file_sha256': fingerprint, 'state_file_sha256': _hash_of(path),
         'route': None if route is None else b64encode(route).decode(),
-        'state': b64encode(state_bytes(running.state)).decode()}, separators=(',', ':')), make_folder=True)
+        'state': b64encode(state_bytes(running.state)).decode()}, separators=(',', ':')),
+        make_folder=True, outlasts_power=False)
 
 
 def load_running(path: str, fingerprint: str, settings: Settings, now_ns: int) -> Running | None:
@@ -94,13 +95,13 @@ def _as_after_restart(state: State, now_ns: int) -> State:
         preparation=Preparation(memory=preparation.memory, ambient=preparation.ambient))
 
 
-def _contents(path: str) -> bytes:
-    """Return the bytes of a file; b'' if there is none."""
+def _contents(path: str, most_bytes: int = LARGEST_FILE_BYTES) -> bytes:
+    """Return the first bytes of a file; b'' if there is none."""
     if existing_file(path) is None:
         return b''
     try:
         with open(expanded(path), 'rb') as file:
-            return file.read(LARGEST_FILE_BYTES)
+            return file.read(most_bytes)
     except OSError as error:
         raise InvalidInput(f'{path}: cannot be read: {error.strerror}') from error
 

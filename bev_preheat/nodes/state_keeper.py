@@ -28,8 +28,11 @@ if TYPE_CHECKING:
     from bev_preheat.estimation.driver_choices import DriverChoices
     from bev_preheat.estimation.estimate import Estimate
     from bev_preheat.estimation.last_seen import LastSeen
+    from bev_preheat.planning.status import Status
 
 SAVE_PERIOD_S = 60.0
+# The State of a killed planner is at most this old [ns]; writing it takes some milliseconds.
+RUNNING_PERIOD_NS = 10 * NS_PER_S
 
 
 class StateFileReport(NamedTuple):
@@ -80,8 +83,9 @@ class StateKeeper:
         self._written = _Kept()
         # Of the latest write attempt, so that a failure is not repeated with every step.
         self._tried_choices = NO_CHOICES
-        # The route whose State was written latest.
-        self._saved_route: Mission | None = None
+        # Route and status of the State that was written latest, and its instant.
+        self._running: tuple[Mission | None, Status | None] | None = None
+        self._running_ns = 0
         self._forget_report()
 
     def _forget_report(self) -> None:
@@ -139,6 +143,7 @@ class StateKeeper:
         if self._problem:
             self._logger.info(f'state_file: {self._path} is written again.')
         self._written, self._problem, self._is_foreign = kept, '', False
+        self._running = None
         self._written_s = time.monotonic()
 
     def save_choices(self, state: PlannerState) -> None:
@@ -156,21 +161,22 @@ class StateKeeper:
             self._logger.warning(f'state_file: {error}; the planner begins without it.')
             return None
         if running is not None:
-            self._saved_route = running.state.inbox.latest_mission
             ago = duration_text((now_ns - running.state.now_ns) / NS_PER_S)
             self._logger.info(f'state_file: the planner goes on from its state of {ago} ago.')
         return running
 
-    def keep_running(self, state: State, route: Callable[[], bytes | None], is_due: bool = True) -> None:
+    def keep_running(self, state: State, route: Callable[[], bytes | None]) -> None:
         """
-        Write the planner's State beside the file if it `is_due`, or if its route is another one.
+        Write the planner's State beside the file every RUNNING_PERIOD_NS, and at once with a new route or status.
 
-        `route()` returns the message of its route as bytes, None without one.
+        Also after the file itself was written, to which it belongs. `route()` returns the message of its route as
+        bytes, None without one.
         """
-        mission = state.inbox.latest_mission
-        if not self._path or self._is_foreign or not (is_due or mission is not self._saved_route):
+        about = state.inbox.latest_mission, state.published_status
+        is_due = about != self._running or not 0 <= state.now_ns - self._running_ns < RUNNING_PERIOD_NS
+        if not self._path or self._is_foreign or not is_due:
             return
-        self._saved_route = mission
+        self._running, self._running_ns = about, state.now_ns
         try:
             save_running(self._path, self._fingerprint, Running(state, route()))
         except (InvalidInput, TypeError) as error:

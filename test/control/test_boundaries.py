@@ -7,7 +7,7 @@ import pytest
 
 from bev_preheat.control.events import BatteryStateArrived, PreheatingSwitched, RouteArrived
 from bev_preheat.control.heater_switch import HeaterSwitch
-from bev_preheat.control.inbox import Inbox
+from bev_preheat.control.inbox import Inbox, NO_CHANGES
 from bev_preheat.control.inputs import check_mission, in_planning_steps, Leg, Measurement, Mission
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.step import StepOutput
@@ -38,7 +38,7 @@ def test_a_clock_that_falls_back_by_more_than_a_second_was_restarted(back_ns, re
     inbox, _ = Inbox(VEHICLE, Settings()).taken(BatteryStateArrived(Measurement(STATE, NOW_NS)), NOW_NS)
     # With the previous stamp, because stamps must not go back unless the clock does.
     measurement = Measurement(STATE, NOW_NS - back_ns if restarted else NOW_NS)
-    inbox, _ = inbox.without_changes().taken(BatteryStateArrived(measurement), NOW_NS - back_ns)
+    inbox, _ = inbox.with_changes(NO_CHANGES).taken(BatteryStateArrived(measurement), NOW_NS - back_ns)
     assert inbox.changes.clock_restarted is restarted
     assert inbox.measurement == measurement
 

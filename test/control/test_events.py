@@ -19,7 +19,7 @@ from bev_preheat.control.events import (
     TripCancelled,
 )
 from bev_preheat.control.forecast_plan import ForecastPlan
-from bev_preheat.control.inbox import Inbox
+from bev_preheat.control.inbox import Inbox, NO_CHANGES
 from bev_preheat.control.inputs import Leg, Measurement, Mission
 from bev_preheat.control.settings import Settings
 from bev_preheat.errors import InvalidInput
@@ -48,7 +48,7 @@ def make_mission(route_id='home', target_c=25.0):
 def inbox():
     inbox, _ = Inbox(VEHICLE, Settings()).taken(RouteArrived(make_mission()), NOW_NS)
     inbox, _ = inbox.taken(BatteryStateArrived(GOOD), NOW_NS)
-    return inbox.without_changes()
+    return inbox.with_changes(NO_CHANGES)
 
 
 def taken(inbox, event, now_ns=NOW_NS):

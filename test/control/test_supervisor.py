@@ -9,10 +9,11 @@ import pytest
 from stepwise import Stepwise
 
 from bev_preheat.control.decision import Command
-from bev_preheat.control.events import BatteryStateArrived
+from bev_preheat.control.events import BatteryStateArrived, RouteArrived
 from bev_preheat.control.inbox import Inbox
 from bev_preheat.control.inputs import Leg, Measurement, Mission
 from bev_preheat.control.settings import Settings
+from bev_preheat.control.state_bytes import state_bytes
 from bev_preheat.errors import InvalidInput, PlanningFailure
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.planner import METHODS
@@ -237,6 +238,30 @@ def test_an_exception_that_nobody_foresaw_switches_off_and_is_told_once(monkeypa
     output = supervisor.step(NOW_NS + ns(2.0))
     assert (output.command.battery_heating_power_w, output.decision.explanation) == (
         0.0, 'Planning failed: ZeroDivisionError: by chance')
+
+
+@pytest.mark.parametrize('stage', ['knowledge.Knowledge.seen', 'decision_maker.DecisionMaker.decide'])
+def test_nothing_is_lost_or_piles_up_while_a_stage_fails(monkeypatch, stage):
+    """A route that arrives then is followed afterwards; battery states that nobody could use are not kept."""
+    supervisor = make_supervisor()
+    sizes = []
+    with monkeypatch.context() as broken:
+        def fail(*_):
+            raise ZeroDivisionError('by chance')
+        broken.setattr(f'bev_preheat.control.{stage}', fail)
+        for second in range(1, 12):
+            now_ns = NOW_NS + ns(float(second))
+            events = [BatteryStateArrived(make_measurement(stamp_ns=now_ns))]
+            if second == 5:
+                events.append(RouteArrived(replace(supervisor.state.mission, route_id='elsewhere')))
+            output = supervisor.step(now_ns, *events)
+            assert output.failure and output.command.battery_heating_power_w == 0.0
+            sizes.append(len(state_bytes(supervisor.value)))
+    assert max(sizes[6:]) <= min(sizes[6:]) + 200
+    supervisor.step(NOW_NS + ns(12.0), BatteryStateArrived(make_measurement(stamp_ns=NOW_NS + ns(12.0))))
+    assert not supervisor.value.inbox.changes.measurements
+    assert supervisor.state.mission.route_id == 'elsewhere'
+    assert supervisor.state.decision.status.meaning.is_of_plan
 
 
 def test_nothing_that_is_asked_changes_anything():

@@ -4,6 +4,7 @@
 import errno
 import json
 import os
+import shutil
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 import pytest
@@ -168,6 +169,7 @@ def test_a_failure_to_write_is_told_until_it_is_written_again(start, tmp_path):
     planner.learn()
     planner.says(OK, 'nothing written yet')
     # Root may write into any folder, but not below a file.
+    shutil.rmtree(folder)
     folder.write_text('in the way')
     assert planner.set(vehicle='small_car') == ''
     planner.says(ERROR, f'{path}: cannot be a file: {os.strerror(errno.ENOTDIR)}')
