@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
-from typing import Any, TYPE_CHECKING
+from dataclasses import replace
+from typing import Any, NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
@@ -27,8 +27,7 @@ if TYPE_CHECKING:
 LEAST_PRICE_SHARE = 1e-3
 
 
-@dataclass(frozen=True, eq=False)
-class PlanningCase:
+class PlanningCase(NamedTuple):
     """
     A vehicle with a battery state at the start of a route, its goal, and how to plan.
 
@@ -49,14 +48,14 @@ class PlanningCase:
     state: BatteryState
     goal: Goal
     method: str
-    uncertainty: Uncertainty | None = None
-    step_prices: StepPrices | None = None
-    heater_share: float = 1.0
-    heats_throughout: bool = False
-    heat_lag_s: float = 0.0
-    no_regret: bool = True
-    kept: KeptValues | None = None
-    options: Mapping[str, Any] = field(default_factory=dict)
+    uncertainty: Uncertainty | None
+    step_prices: StepPrices | None
+    heater_share: float
+    heats_throughout: bool
+    heat_lag_s: float
+    no_regret: bool
+    kept: KeptValues | None
+    options: Mapping[str, Any]
 
     @property
     def aim_c(self) -> float:

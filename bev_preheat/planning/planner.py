@@ -130,7 +130,7 @@ def plan_case(case: PlanningCase) -> Plan:
     """
     notes: dict[str, None] = {}
     method = case.method
-    ways = built_in_ways(method) if method in METHODS else _installed(installed_method(method, METHODS), notes)
+    ways = BUILT_IN.get(method) or _installed(installed_method(method, METHODS), notes)
     started = perf_counter()
     case.check()
     obeyed = case.trip_that_obeys()
@@ -209,9 +209,9 @@ class _Ways(NamedTuple):
         return goal.charging_planned or self.method is not plan_paper
 
 
-def built_in_ways(method: str) -> _Ways:
-    """Return how a method of METHODS plans."""
-    return _Ways(METHODS[method], ONE_INTERVAL[method], keeps_reserve=method == DEFAULT_METHOD)
+# How the built-in methods plan.
+BUILT_IN = {name: _Ways(method, ONE_INTERVAL[name], keeps_reserve=name == DEFAULT_METHOD)
+            for name, method in METHODS.items()}
 
 
 def _installed(installed: InstalledMethod, notes: dict[str, None]) -> _Ways:
