@@ -8,6 +8,8 @@ import math
 from typing import Any, TYPE_CHECKING
 
 from bev_preheat.identification.check import rms
+from bev_preheat.identification.structures import graded
+from bev_preheat.identification.uncertainty import SYSTEMATIC_DEVIATIONS
 from bev_preheat.identification.verdict import POOR_RMSE_K
 
 if TYPE_CHECKING:
@@ -47,8 +49,12 @@ class Estimated:
 
     @property
     def is_unusual(self) -> bool:
-        """Whether the trips tell a value outside the prior's interval, or at its bound."""
-        if not self.is_identified or (self.can_be_0 and self.bound == 0.0):
+        """
+        Whether the trips tell a value outside the prior's interval, or at its bound.
+
+        A lag is never: it stands for several in a row, and hardly changes an arrival.
+        """
+        if not self.is_identified or self.name in SYSTEMATIC_DEVIATIONS or (self.can_be_0 and self.bound == 0.0):
             return False
         low = 0.0 if self.can_be_0 else self.prior_low
         return self.bound is not None or not low <= self.estimate <= self.prior_high
@@ -95,12 +101,12 @@ class Identification:
     @property
     def rmse_k(self) -> float:
         """Root mean square error on trips left out [K]; NaN of few trips, of which none is left out."""
-        return rms([trip.error_k for trip in self.left_out])
+        return rms([trip.error_k for trip in graded(self.left_out)])
 
     @property
     def worst_k(self) -> float:
         """Largest error on a trip left out [K]; NaN without."""
-        return max((abs(trip.error_k) for trip in self.left_out), default=math.nan)
+        return max((abs(trip.error_k) for trip in graded(self.left_out)), default=math.nan)
 
     @property
     def is_useful(self) -> bool:

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 from typing import TYPE_CHECKING
 
@@ -67,16 +67,28 @@ class LeftOut:
     A trip left out: error on arrival of the file fitted to the others [K], as plans predict it.
 
     `deviation_k` is the standard deviation of that error by the parameters' uncertainty and the sensor's step.
+    `kind` is that of the trip.
     """
 
     name: str
     error_k: float
     deviation_k: float
+    kind: str = 'drive'
 
     @property
     def is_within(self) -> bool:
         """Whether the 90 % interval of the error contains it."""
         return abs(self.error_k) <= QUANTILE * self.deviation_k
+
+
+def graded(left_out: Sequence[LeftOut]) -> list[LeftOut]:
+    """
+    Return the LeftOuts that grade a file: not the only one of its kind, of which the others cannot tell.
+
+    So the only night does not: without it nothing tells the leakage at stand.
+    """
+    kinds = [trip.kind for trip in left_out]
+    return [trip for trip in left_out if kinds.count(trip.kind) > 1] or list(left_out)
 
 
 def left_out_electricals(fitter: Fitter) -> list[Electrical]:
@@ -132,14 +144,14 @@ def leave_each_out(fitter: Fitter, fit: ThermalFit, electricals: Sequence[Electr
         step_k = trip.resolution_k / math.sqrt(12.0)
         found.append(LeftOut(trip.name, error_k, math.sqrt(
             float(slope @ without.covariance @ slope) + (1.0 + float(slopes[-1, -1])**2) * (
-                step_k**2 + SENSOR_NOISE_K**2))))
+                step_k**2 + SENSOR_NOISE_K**2)), trip.kind))
     return with_model_error(found)
 
 
 def with_model_error(found: Sequence[LeftOut]) -> list[LeftOut]:
     """Return the LeftOuts with a common error of the model added, so that their deviations explain the errors."""
-    missing = float(np.mean([trip.error_k**2 - trip.deviation_k**2 for trip in found]))
-    return [LeftOut(trip.name, trip.error_k, math.sqrt(trip.deviation_k**2 + max(missing, 0.0))) for trip in found]
+    missing = float(np.mean([trip.error_k**2 - trip.deviation_k**2 for trip in graded(found)]))
+    return [replace(trip, deviation_k=math.sqrt(trip.deviation_k**2 + max(missing, 0.0))) for trip in found]
 
 
 def baselines(fitter: Fitter) -> dict[str, StructureResult]:

@@ -219,7 +219,7 @@ def trip_of(recording: Recording, vehicle: Vehicle) -> Trip:
         at = np.searchsorted(series.time_s, grid_s, side='right') - 1
         return np.asarray(series.value[np.maximum(at, 0)])
 
-    remarks = [*recording.remarks, *at_stand, *filter(None, (hole,))]
+    remarks = [*map(partial(_without_path, name), recording.remarks), *at_stand, *filter(None, (hole,))]
     voltage_v, current_a = (linear('voltage_v'), linear('current_a')) if has_voltage else (None, None)
     power_w = linear('power_w') if voltage_v is None or current_a is None else voltage_v * current_a
     has_speed = 'speed_mps' in recording.signals
@@ -304,6 +304,12 @@ def _readings(series: Series, grid_s: FloatArray, held_c: FloatArray) -> tuple[F
     return temperature_c, weight
 
 
+def _without_path(name: str, remark: str) -> str:
+    """Return a remark without the path of its log, whose name stands before it anyway."""
+    path, _, rest = remark.partition(': ')
+    return rest if rest and name in path else remark
+
+
 def _period_s(time_s: FloatArray) -> float:
     """Return the usual time between two samples [s], within the range that counts."""
     low_s, high_s = PERIODS_S
@@ -319,8 +325,9 @@ def _others(signals: Mapping[str, Series], held: Callable[[str], FloatArray], gr
         if key in signals:
             values.append(held(key))
         elif key == 'cabin_heater_w' and 'heater_w' in signals:
-            remarks.append('heater_w serves cabin and battery; it is taken as cabin heating')
             values.append(held('heater_w'))
+            if values[-1].any():
+                remarks.append('heater_w serves cabin and battery; it is taken as cabin heating')
         elif key == 'auxiliary_w' and 'aircon_w' in signals:
             values.append(default_w + held('aircon_w'))
         else:
