@@ -79,6 +79,7 @@ class Identification:
     `vehicle` is the car as its file describes it. `structures` are compared on trips left out, `structure` is the
     chosen one; `left_out` are the errors of its files as plans predict them, `baselines` those of two predictions
     without a model. `check` is the file on all trips. `together` are pairs of parameters known only together.
+    `fit_rmse_k` is the root mean square error of the fit on all readings [K].
     """
 
     vehicle: Vehicle
@@ -97,6 +98,7 @@ class Identification:
     verdict: tuple[str, ...]
     record_next: tuple[str, ...]
     duration_s: float
+    fit_rmse_k: float
 
     @property
     def rmse_k(self) -> float:
@@ -110,8 +112,8 @@ class Identification:
 
     @property
     def is_useful(self) -> bool:
-        """Whether unseen trips, or else the few trips themselves, are predicted well enough for a vehicle file."""
-        return (self.rmse_k if self.left_out else self.check.rmse_k) <= POOR_RMSE_K
+        """Whether unseen trips are predicted, or few trips explained, well enough for a vehicle file."""
+        return (self.rmse_k if self.left_out else self.fit_rmse_k) <= POOR_RMSE_K
 
     @property
     def unidentified(self) -> list[str]:
@@ -134,6 +136,7 @@ class Identification:
                 'rmse_k': _or_none(self.rmse_k), 'worst_k': _or_none(self.worst_k),
                 'trips': [{'name': trip.name, 'arrival_error_k': trip.error_k, 'deviation_k': trip.deviation_k,
                            'is_within_interval': trip.is_within} for trip in self.left_out]},
+            'fit_rmse_k': self.fit_rmse_k,
             'structures': [_row(result) for result in self.structures],
             'baselines': [_row(result) for result in self.baselines.values()],
             'known_only_together': [list(pair) for pair in self.together],

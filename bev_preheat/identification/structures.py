@@ -109,7 +109,8 @@ def try_structures(fitter: Fitter, structures: Iterable[str], whole: Electrical,
         for at, electrical in enumerate(electricals):
             tell(f'structure: {structure}, without {fitter.trips[at].name}')
             without = fitter.fit(structure, _others(fitter, at), electrical, fit)
-            course, trip = fitter.courses[at], fitter.trips[at]
+            course = fitter.settled[at]
+            trip = course.trip
             readings_c, _ = fitter.model(structure).course(
                 course, without.theta, trip.start_c, electrical)
             errors_k.append(float(readings_c[-1]) - trip.arrival_c)
@@ -134,7 +135,8 @@ def leave_each_out(fitter: Fitter, fit: ThermalFit, electricals: Sequence[Electr
     if len(fitter.trips) < LEAST_TRIPS:
         return found
     for at, electrical in enumerate(electricals):
-        trip, course = fitter.trips[at], fitter.courses[at]
+        course = fitter.settled[at]
+        trip = course.trip
         tell(f'leaving out {trip.name}')
         without = fitter.fit(fit.structure, _others(fitter, at), electrical, fit, held)
         car = identified_vehicle(fitter, without)

@@ -43,9 +43,9 @@ PERIODS_S = 1.0, 300.0
 SPARSE_S, SPARSE_K, ALONE = 300.0, 2.0, 40.0
 # State of charge of a log at stand without one: the little power that flows hardly changes its meaning.
 UNKNOWN_SOC = 0.5
-# After parking the battery also warms its housing and coolant: of a night the first hours [s] are not fitted, half
-# of it at most. A measured night shows 11 W/K as a whole and 8.5 W/K after four hours.
-SETTLING_S = 5.0 * 3600.0
+# After parking the battery also warms its housing and coolant, which a file cannot hold: it predicts a night from
+# this time [s] on, or from the middle. A measured night shows 11 W/K as a whole and 8.5 W/K after four hours.
+SETTLED_S = 5.0 * 3600.0
 # A log without the battery's power is one at stand if it has the heater's power, or lasts this long [s].
 LEAST_STAND_S = 3600.0
 # Usual steps of a temperature signal.
@@ -148,8 +148,8 @@ class Trip:
 
     @property
     def settled(self) -> Trip:
-        """Return the part of a night that tells the leakage at stand; other trips as they are."""
-        begin = min(int(SETTLING_S), len(self) // 2)
+        """Return the part of a night that a file can predict; other trips as they are."""
+        begin = min(int(SETTLED_S), len(self) // 2)
         if self.kind != 'night at stand' or len(self) - begin < SHORTEST_TRIP_S:
             return self
         cut: dict[str, Any] = {field.name: value[begin:] for field in fields(self)
