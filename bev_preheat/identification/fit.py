@@ -101,7 +101,7 @@ class Fitter:
         self.vehicle, self.trips = vehicle, tuple(trips)
         self.parameters = parameters_of(vehicle)
         self.courses = [course_of(trip, vehicle) for trip in trips]
-        # Without the hours in which nights settle: what a file predicts.
+        # The same without the hours in which nights settle, which a file cannot predict.
         self.settled = [course_of(trip.settled, vehicle) for trip in trips]
         self.has_heating = [trip.heats for trip in trips]
         self._models: dict[str, ThermalModel] = {}

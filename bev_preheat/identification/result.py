@@ -102,7 +102,7 @@ class Identification:
 
     @property
     def rmse_k(self) -> float:
-        """Root mean square error on trips left out [K]; NaN of few trips, of which none is left out."""
+        """Root mean square error on trips left out [K]; NaN if too few trips to leave one out."""
         return rms([trip.error_k for trip in graded(self.left_out)])
 
     @property

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 # better, and explain their readings better by this part of the misfit to be chosen.
 LEAST_GAIN, LEAST_MISFIT_GAIN = 0.03, 2.0
 SENSOR_NOISE_K = 0.1
-# An error from here on [K] is one of equations that diverge, not of a battery.
+# From this error on [K] the equations diverge; no battery errs so much.
 MOST_ERROR_K = 200.0
 
 
@@ -83,9 +83,9 @@ class LeftOut:
 
 def graded(left_out: Sequence[LeftOut]) -> list[LeftOut]:
     """
-    Return the LeftOuts that grade a file: not the only one of its kind, of which the others cannot tell.
+    Return the LeftOuts that grade a file: those with another trip of their kind.
 
-    So the only night does not: without it nothing tells the leakage at stand.
+    Without the only night no other trip tells the leakage at stand, so it does not grade the file.
     """
     kinds = [trip.kind for trip in left_out]
     return [trip for trip in left_out if kinds.count(trip.kind) > 1] or list(left_out)

@@ -55,7 +55,7 @@ LEAST_RESOLUTION_K = 0.2
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """A Trip in steps for the model: inputs (INPUTS, M), the Readings of K of them, and their indices (K,)."""
+    """A Trip in steps for the model: inputs (INPUTS, M), the Readings of K steps, and their indices (K,)."""
 
     trip: Trip
     inputs: FloatArray

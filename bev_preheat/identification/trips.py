@@ -60,7 +60,7 @@ class Trip:
     `power_w` is the battery's terminal power without `heater_w`, the power of the HVCH for the battery.
     `propulsion_power_w` is the drivetrain's part, 0 at stand. `voltage_v` and `current_a` are None if the
     log has the power only. `has_heater` and `has_speed` are True if the log has the signal, `shares_heater` if its
-    cabin heater is one of which it is not known whether it also serves the battery. `temperature_period_s`
+    cabin heater may also serve the battery. `temperature_period_s`
     is the time between two samples of the battery temperature [s]. `reading_weight` (N,) is how many readings each
     second counts for, 0 where the temperature between two distant samples is not known; None: one a period.
     """
@@ -244,7 +244,7 @@ def trip_of(recording: Recording, vehicle: Vehicle) -> Trip:
 
 def _at_stand(signals: dict[str, Series]) -> tuple[dict[str, Series], list[str]]:
     """
-    Return the signals of a log at stand with state of charge and power, and a remark for each that it lacks.
+    Return the signals of a log at stand with state of charge and power, and a remark for each that was missing.
 
     A night, and a battery that is heated from a charger, tell leakage and heat capacity without both. Other logs
     are returned as they are, without remarks.

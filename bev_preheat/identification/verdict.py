@@ -66,8 +66,8 @@ def _on_trips_left_out(left_out: Sequence[LeftOut], baselines: dict[str, Structu
             yield f'A {baseline.structure} does better on these trips ({baseline.rmse_k:.2f} K): {consequence}.'
     for trip in left_out:
         if trip not in grading:
-            yield (f'{trip.name} is the only {trip.kind}: without it the others miss it by {trip.error_k:+.2f} K, '
-                   'and nothing else tests what it tells.')
+            yield (f'{trip.name} is the only {trip.kind}: without it the others miss it by {trip.error_k:+.2f} K; '
+                   'no other log tests its part of the file.')
     outside = [trip.name for trip in grading if not trip.is_within]
     if outside:
         yield f'Outside its 90 % interval: {", ".join(outside)} of {len(grading)} trips.'
@@ -77,7 +77,7 @@ def _on_unusual(item: Estimated) -> str:
     where = ('lies at its bound' if item.bound is not None else
              f'is outside {figure(item.prior_low, DIGITS)} … {figure(item.prior_high, DIGITS)} ({item.prior})')
     return (f'{item.label}: {figure(item.estimate, DIGITS)} {item.unit}'.rstrip() + f' {where}: either START or a '
-            'signal is wrong, or the car does what the model cannot; it stands in for that.')
+            'signal is wrong, or the value stands in for an effect that the model lacks.')
 
 
 def _resistance(coverage: Coverage, electrical: Electrical) -> Iterator[str]:

@@ -74,8 +74,8 @@ def test_the_only_night_does_not_grade_a_file():
     first, second, *_ = verdict_of(
         estimates(), [*drives, lonely], {}, [structure('one mass', 0.3)], 'one mass', WHOLE, (), MEASURED)
     assert first.startswith('The file can be trusted') and 'RMSE of 0.30 K' in first
-    assert second == ('night is the only night at stand: without it the others miss it by -4.80 K, and nothing '
-                      'else tests what it tells.')
+    assert second == ('night is the only night at stand: without it the others miss it by -4.80 K; no other '
+                      'log tests its part of the file.')
 
 
 def test_a_structure_that_diverges_is_named_without_its_digits():
