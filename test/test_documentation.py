@@ -26,8 +26,8 @@ NEED_CASADI = {'optimum', 'compare', 'reproduce', 'sweep', 'identify'}
 WITH_NODES = {'docs/tutorials/from_files.md'}
 # They take most of the time: whole drives, solvers, a hundred plans. The same commands run daily on shorter inputs
 # in test/replay, test/commands and test/interface.
-DEEP = {'docs/tutorials/cold_arrival.md', 'docs/explanation/planning.md', 'docs/explanation/worth.md',
-        'docs/how-to/ecu.md', 'docs/reference/python.md'}
+DEEP = {'docs/tutorials/cold_arrival.md', 'docs/tutorials/own_heater.md', 'docs/explanation/planning.md',
+        'docs/explanation/worth.md', 'docs/how-to/ecu.md', 'docs/reference/python.md'}
 
 
 def name_of(page):

@@ -54,7 +54,7 @@ if TYPE_CHECKING:
 GRID_K = 1.0
 TARGET_RESOLUTION_K = 0.05
 # Width [K] of a step of the charging time over the arrival temperature. It stands out if it saves so much [s], and
-# so many times what this width saves in the mean.
+# so many times the mean saving of this width.
 STEP_K, LEAST_STEP_S, STANDS_OUT = 2.01, 60.0, 2.0
 # Number of the grid's lowest minima that are refined.
 REFINED_MINIMA = 3

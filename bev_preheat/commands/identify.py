@@ -101,15 +101,12 @@ def run(arguments: Namespace) -> int:
     if arguments.json:
         write_json(arguments.json, result.as_dictionary())
     if not result.is_useful:
-        which, rmse_k, errors_k = (
-            ('trips that the fit has not seen', result.rmse_k, {
-                trip.name: trip.error_k for trip in result.left_out})
-            if result.left_out else ('the logs of the fit', result.check.rmse_k, {
-                trip.trip.name: trip.arrival_error_k for trip in result.check.trips}))
-        worst = max(errors_k, key=lambda name: abs(errors_k[name]))
+        worst = max(result.left_out, key=lambda trip: abs(trip.error_k), default=None)
+        how = (f'the fit leaves an RMSE of {figure(result.fit_rmse_k, 3)} K on its own logs' if worst is None else
+               f'trips that the fit has not seen are predicted with an RMSE of {figure(result.rmse_k, 3)} K, '
+               f'{worst.name} with {figure(worst.error_k, 3)} K')
         raise InvalidInput(
-            f'{arguments.output}: not written: {which} are predicted with an RMSE of '
-            f'{figure(rmse_k, 3)} K, {worst} with {figure(errors_k[worst], 3)} K; at most {POOR_RMSE_K:g} K are '
+            f'{arguments.output}: not written: {how}; at most {POOR_RMSE_K:g} K are '
             'allowed; ' + (heater_doubt(start, trips) or 'check that battery_temperature_c and the powers of all '
                            'logs are those of one car'))
     _write_vehicle(arguments, result, start_file)

@@ -38,8 +38,8 @@ FACTOR_DEVIATIONS = {HEAT_CAPACITY: 0.058, LEAKAGE: 0.115, RESISTANCE: 0.115, HE
 # Nine measured drives, each left out of the fit, are predicted best with a half; both a quarter and deviations
 # wider than those above predict them worse.
 LEAST_SHARE = 0.5
-# Bounds of the logarithms, relative to the vehicle file's values. Parked cars lose a third of what a file says
-# which takes the pack as bare, and a bare pack three times as much as one that it takes as insulated.
+# Bounds of the logarithms, relative to the vehicle file's values. Leakage: a file may take an insulated pack as
+# bare, or a bare pack as insulated; the two differ by a factor of three.
 FACTOR_BOUNDS = {HEAT_CAPACITY: 0.25, LEAKAGE: 1.2, RESISTANCE: 0.6, HEATER: 0.15, PROPULSION: 0.5}
 LAGS = (HEAT_LAG, SENSOR_LAG)
 NOMINAL_LAGS_S = np.array([NOMINAL_HEAT_LAG_S, NOMINAL_SENSOR_LAG_S])

@@ -37,8 +37,8 @@ ELSEWHERE_WITHIN_K = 40.0
 # Standard deviation of the logarithm of the time constant of a battery parked much warmer than ambient, as after
 # charging: wind, a garage and the state of the coolant dominate. Assumed.
 KNOWN_TIME_CONSTANT_DEVIATION = 0.3
-# The same for a leakage that the vehicle file lists as assumed and nobody measured: packs of one size lie between
-# nearly insulated and bare.
+# The same for a leakage that the vehicle file lists as assumed: packs of one size lie between nearly insulated
+# and bare.
 UNMEASURED_LEAKAGE_DEVIATION = 0.8
 # After this many time constants the temperature at parking no longer matters.
 MOST_TIME_CONSTANTS = 100.0

@@ -166,7 +166,7 @@ def _check_trip(vehicle: Vehicle, trip: Trip, replays: bool) -> TripCheck:
 
 
 def _reached_s(check: TripCheck) -> float:
-    """Return when the predicted reading is the measured one of the end [s]; later it rises as in its last step."""
+    """Return when the predicted reading reaches the last measurement [s]; later it rises as before the end."""
     time_s, reading_c, end_c = check.prediction.time_s, check.prediction.reading_c, check.trip.arrival_c
     above = np.flatnonzero(reading_c >= end_c)
     at = max(int(above[0]) if len(above) else len(reading_c) - 1, 1)

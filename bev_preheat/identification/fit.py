@@ -31,6 +31,8 @@ LEAST_DISPERSION, MOST_DISPERSION = 1.0, 900.0
 LEAST_TRIPS, USUAL_DISPERSION = 3, 40.0
 # The start temperature lies in the interval of the first reading; a lagging sensor widens it [K].
 START_NOISE_K = 0.2
+# Standard deviation and bound of the difference between cells and battery as a whole at parking [K].
+UNSETTLED_K, MOST_UNSETTLED_K = 3.0, 8.0
 # A reading is the sensor's: with a coarse step the cell may be anywhere in it.
 SHARE_OF_STEP = 1.0 / math.sqrt(12.0)
 MOST_EVALUATIONS = 60
@@ -99,6 +101,8 @@ class Fitter:
         self.vehicle, self.trips = vehicle, tuple(trips)
         self.parameters = parameters_of(vehicle)
         self.courses = [course_of(trip, vehicle) for trip in trips]
+        # The same without the hours in which nights settle, which a file cannot predict.
+        self.settled = [course_of(trip.settled, vehicle) for trip in trips]
         self.has_heating = [trip.heats for trip in trips]
         self._models: dict[str, ThermalModel] = {}
         self._set_noise(NOISE_K)
@@ -199,7 +203,8 @@ class Fitter:
                 cache[key] = np.concatenate(residuals), np.concatenate([*slopes, rest])
             return cache[key]
 
-        reach_k = np.array([max(course.trip.resolution_k, 0.2) for course in courses])
+        reach_k = np.array([max(course.trip.resolution_k, 0.2) if course.settling is None else MOST_UNSETTLED_K
+                            for course in courses])
         lowest, highest = np.concatenate((low[free], -reach_k)), np.concatenate((high[free], reach_k))
         guess = np.clip(np.concatenate((theta[free], offsets_k)), lowest + 1e-9, highest - 1e-9)
         found = least_squares(lambda values: evaluate(values)[0], guess, lambda values: evaluate(values)[1],
@@ -233,6 +238,13 @@ class Fitter:
         weight = math.sqrt(1.0 / self.dispersion)
         return weight * residual, (weight * slope)[:, np.newaxis] * slopes
 
+    def residual_k(self, fit: ThermalFit) -> float:
+        """Return the root mean square of a fit's errors on the readings of all trips [K]."""
+        model = self.model(fit.structure)
+        errors_k = [self.sensor_c(model, course, fit.theta, start_c - course.trip.start_c, fit.electrical)[0]
+                    - course.readings.mean_c for course, start_c in zip(self.courses, fit.starts_c)]
+        return float(np.sqrt(np.mean(np.concatenate(errors_k)**2)))
+
     def misfit(self, fit: ThermalFit, at: int) -> float:
         """Return half the sum of squares of a trip's residuals with a fit that need not know it."""
         course, model, offset_k = self.courses[at], self.model(fit.structure), 0.0
@@ -256,6 +268,12 @@ class Fitter:
         readings_c, slopes = model.course(course, theta, start_c, electrical)
         start_slopes = np.zeros(PARAMETERS + 1)
         start_slopes[-1] = 1.0
+        if course.settling is not None:
+            # The first reading is as it is; the offset is that of cells to the whole battery, and passes.
+            readings_c, slopes, start_c = readings_c - start_offset_k * course.settling, slopes.copy(), (
+                course.trip.start_c)
+            slopes[:, -1] -= course.settling
+            start_slopes[-1] = 0.0
         return course.within_steps(start_c, readings_c), course.within_steps(start_slopes, slopes)
 
     def _prior(self, electrical: Electrical) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -275,7 +293,8 @@ class Fitter:
 
 def start_deviation_k(course: Course) -> float:
     """Return the standard deviation of the battery temperature at the first reading [K]."""
-    return math.hypot(SHARE_OF_STEP * course.trip.resolution_k, START_NOISE_K)
+    return (math.hypot(SHARE_OF_STEP * course.trip.resolution_k, START_NOISE_K) if course.settling is None
+            else UNSETTLED_K)
 
 
 def _terms(residual: FloatArray, slope: FloatArray, start_slope: FloatArray, start_offset_k: float,

@@ -64,8 +64,7 @@ def identify(vehicle: Vehicle, trips: Sequence[Trip], name: str,
     """
     began_s = time.perf_counter()
     refuse_poor(trips)
-    settled = [trip.settled for trip in trips]
-    fitter = Fitter(vehicle, settled)
+    fitter = Fitter(vehicle, trips)
     tell('voltage and current')
     electrical, electricals = fitter.electrical(), left_out_electricals(fitter)
     fitter.find_dispersion(electrical)
@@ -85,7 +84,7 @@ def identify(vehicle: Vehicle, trips: Sequence[Trip], name: str,
         vehicle.uncertainty, estimates, resistance if electrical.used else None, _mean_speed_mps(trips)))
     coverage = coverage_of(trips, electrical)
     tell('checking the file')
-    check = check_trips(car, settled, replays=False)
+    check = check_trips(car, [trip.settled for trip in trips], replays=False)
     known_without, together = baselines(fitter), tuple(
         pair for pair in correlations(full) if pair[0] not in held and pair[1] not in held)
     return Identification(
@@ -94,7 +93,8 @@ def identify(vehicle: Vehicle, trips: Sequence[Trip], name: str,
         tuple(filter(None, (heater_doubt(vehicle, trips), *common_remarks(trips)))),
         tuple(verdict_of(estimates, left_out, known_without, structures, structure, coverage, together,
                          electrical)),
-        tuple(record_next(estimates, coverage, electrical)), time.perf_counter() - began_s)
+        tuple(record_next(estimates, coverage, electrical)), time.perf_counter() - began_s,
+        fitter.residual_k(fit))
 
 
 def _mean_speed_mps(trips: Sequence[Trip]) -> float:

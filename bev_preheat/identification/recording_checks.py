@@ -57,8 +57,8 @@ def _missing(recording: Recording, signals: Signals) -> list[str]:
     """Return one sentence for each signal that a trip needs and a Recording has not, with what to record."""
     has_power = 'power_w' in signals or {'voltage_v', 'current_a'} <= signals.keys()
     needed: list[tuple[str, str, tuple[str, ...]]] = [(key, advice, (key,)) for key, advice in (
-        ('battery_temperature_c', "record the battery's temperature, or write down what is known at the begin and "
-         'the end, as a log of two rows'),
+        ('battery_temperature_c', "record the battery's temperature, or write its values at the begin and "
+         'the end as a log of two rows'),
         ('soc', 'record the state of charge'),
         ('ambient_c', 'record the outside temperature')) if key not in signals]
     if not has_power:

@@ -8,6 +8,8 @@ import math
 from typing import Any, TYPE_CHECKING
 
 from bev_preheat.identification.check import rms
+from bev_preheat.identification.structures import graded
+from bev_preheat.identification.uncertainty import SYSTEMATIC_DEVIATIONS
 from bev_preheat.identification.verdict import POOR_RMSE_K
 
 if TYPE_CHECKING:
@@ -47,8 +49,12 @@ class Estimated:
 
     @property
     def is_unusual(self) -> bool:
-        """Whether the trips tell a value outside the prior's interval, or at its bound."""
-        if not self.is_identified or (self.can_be_0 and self.bound == 0.0):
+        """
+        Whether the trips tell a value outside the prior's interval, or at its bound.
+
+        A lag is never: it stands for several in a row, and hardly changes an arrival.
+        """
+        if not self.is_identified or self.name in SYSTEMATIC_DEVIATIONS or (self.can_be_0 and self.bound == 0.0):
             return False
         low = 0.0 if self.can_be_0 else self.prior_low
         return self.bound is not None or not low <= self.estimate <= self.prior_high
@@ -73,6 +79,7 @@ class Identification:
     `vehicle` is the car as its file describes it. `structures` are compared on trips left out, `structure` is the
     chosen one; `left_out` are the errors of its files as plans predict them, `baselines` those of two predictions
     without a model. `check` is the file on all trips. `together` are pairs of parameters known only together.
+    `fit_rmse_k` is the root mean square error of the fit on all readings [K].
     """
 
     vehicle: Vehicle
@@ -91,21 +98,22 @@ class Identification:
     verdict: tuple[str, ...]
     record_next: tuple[str, ...]
     duration_s: float
+    fit_rmse_k: float
 
     @property
     def rmse_k(self) -> float:
-        """Root mean square error on trips left out [K]; NaN of few trips, of which none is left out."""
-        return rms([trip.error_k for trip in self.left_out])
+        """Root mean square error on trips left out [K]; NaN if too few trips to leave one out."""
+        return rms([trip.error_k for trip in graded(self.left_out)])
 
     @property
     def worst_k(self) -> float:
         """Largest error on a trip left out [K]; NaN without."""
-        return max((abs(trip.error_k) for trip in self.left_out), default=math.nan)
+        return max((abs(trip.error_k) for trip in graded(self.left_out)), default=math.nan)
 
     @property
     def is_useful(self) -> bool:
-        """Whether unseen trips, or else the few trips themselves, are predicted well enough for a vehicle file."""
-        return (self.rmse_k if self.left_out else self.check.rmse_k) <= POOR_RMSE_K
+        """Whether unseen trips are predicted, or few trips explained, well enough for a vehicle file."""
+        return (self.rmse_k if self.left_out else self.fit_rmse_k) <= POOR_RMSE_K
 
     @property
     def unidentified(self) -> list[str]:
@@ -128,6 +136,7 @@ class Identification:
                 'rmse_k': _or_none(self.rmse_k), 'worst_k': _or_none(self.worst_k),
                 'trips': [{'name': trip.name, 'arrival_error_k': trip.error_k, 'deviation_k': trip.deviation_k,
                            'is_within_interval': trip.is_within} for trip in self.left_out]},
+            'fit_rmse_k': self.fit_rmse_k,
             'structures': [_row(result) for result in self.structures],
             'baselines': [_row(result) for result in self.baselines.values()],
             'known_only_together': [list(pair) for pair in self.together],

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 from typing import TYPE_CHECKING
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 # better, and explain their readings better by this part of the misfit to be chosen.
 LEAST_GAIN, LEAST_MISFIT_GAIN = 0.03, 2.0
 SENSOR_NOISE_K = 0.1
-# An error from here on [K] is one of equations that diverge, not of a battery.
+# From this error on [K] the equations diverge; no battery errs so much.
 MOST_ERROR_K = 200.0
 
 
@@ -67,16 +67,28 @@ class LeftOut:
     A trip left out: error on arrival of the file fitted to the others [K], as plans predict it.
 
     `deviation_k` is the standard deviation of that error by the parameters' uncertainty and the sensor's step.
+    `kind` is that of the trip.
     """
 
     name: str
     error_k: float
     deviation_k: float
+    kind: str = 'drive'
 
     @property
     def is_within(self) -> bool:
         """Whether the 90 % interval of the error contains it."""
         return abs(self.error_k) <= QUANTILE * self.deviation_k
+
+
+def graded(left_out: Sequence[LeftOut]) -> list[LeftOut]:
+    """
+    Return the LeftOuts that grade a file: those with another trip of their kind.
+
+    Without the only night no other trip tells the leakage at stand, so it does not grade the file.
+    """
+    kinds = [trip.kind for trip in left_out]
+    return [trip for trip in left_out if kinds.count(trip.kind) > 1] or list(left_out)
 
 
 def left_out_electricals(fitter: Fitter) -> list[Electrical]:
@@ -97,7 +109,8 @@ def try_structures(fitter: Fitter, structures: Iterable[str], whole: Electrical,
         for at, electrical in enumerate(electricals):
             tell(f'structure: {structure}, without {fitter.trips[at].name}')
             without = fitter.fit(structure, _others(fitter, at), electrical, fit)
-            course, trip = fitter.courses[at], fitter.trips[at]
+            course = fitter.settled[at]
+            trip = course.trip
             readings_c, _ = fitter.model(structure).course(
                 course, without.theta, trip.start_c, electrical)
             errors_k.append(float(readings_c[-1]) - trip.arrival_c)
@@ -122,7 +135,8 @@ def leave_each_out(fitter: Fitter, fit: ThermalFit, electricals: Sequence[Electr
     if len(fitter.trips) < LEAST_TRIPS:
         return found
     for at, electrical in enumerate(electricals):
-        trip, course = fitter.trips[at], fitter.courses[at]
+        course = fitter.settled[at]
+        trip = course.trip
         tell(f'leaving out {trip.name}')
         without = fitter.fit(fit.structure, _others(fitter, at), electrical, fit, held)
         car = identified_vehicle(fitter, without)
@@ -132,14 +146,14 @@ def leave_each_out(fitter: Fitter, fit: ThermalFit, electricals: Sequence[Electr
         step_k = trip.resolution_k / math.sqrt(12.0)
         found.append(LeftOut(trip.name, error_k, math.sqrt(
             float(slope @ without.covariance @ slope) + (1.0 + float(slopes[-1, -1])**2) * (
-                step_k**2 + SENSOR_NOISE_K**2))))
+                step_k**2 + SENSOR_NOISE_K**2)), trip.kind))
     return with_model_error(found)
 
 
 def with_model_error(found: Sequence[LeftOut]) -> list[LeftOut]:
     """Return the LeftOuts with a common error of the model added, so that their deviations explain the errors."""
-    missing = float(np.mean([trip.error_k**2 - trip.deviation_k**2 for trip in found]))
-    return [LeftOut(trip.name, trip.error_k, math.sqrt(trip.deviation_k**2 + max(missing, 0.0))) for trip in found]
+    missing = float(np.mean([trip.error_k**2 - trip.deviation_k**2 for trip in graded(found)]))
+    return [replace(trip, deviation_k=math.sqrt(trip.deviation_k**2 + max(missing, 0.0))) for trip in found]
 
 
 def baselines(fitter: Fitter) -> dict[str, StructureResult]:

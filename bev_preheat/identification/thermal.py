@@ -47,18 +47,29 @@ PARAMETERS = len(NAMES) + len(KNOTS_C)
 DRIVE_STEP_S, STAND_STEP_S = 15, 300
 IDLE_W = 1000.0
 HALF = 0.5
+# After parking cells and housing get equally warm within about this time [s].
+SETTLING_S = 7200.0
 # A signal with steps below this is continuous [K].
 LEAST_RESOLUTION_K = 0.2
 
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """A Trip in steps for the model: inputs (INPUTS, M), the Readings of K of them, and their indices (K,)."""
+    """A Trip in steps for the model: inputs (INPUTS, M), the Readings of K steps, and their indices (K,)."""
 
     trip: Trip
     inputs: FloatArray
     readings: Readings
     read: IntArray
+
+    @property
+    def settling(self) -> FloatArray | None:
+        """
+        Return how much of a difference at parking is left after each step (M,); None but for nights.
+
+        Cells are then warmer than the housing and the coolant that they also warm, or colder.
+        """
+        return np.exp(-np.cumsum(self.inputs[0]) / SETTLING_S) if self.trip.kind == 'night at stand' else None
 
     def within_steps(self, start: FloatArray | float, after_steps: FloatArray) -> FloatArray:
         """

@@ -43,9 +43,9 @@ PERIODS_S = 1.0, 300.0
 SPARSE_S, SPARSE_K, ALONE = 300.0, 2.0, 40.0
 # State of charge of a log at stand without one: the little power that flows hardly changes its meaning.
 UNKNOWN_SOC = 0.5
-# After parking the battery also warms its housing and coolant: of a night the first hours [s] are not fitted, half
-# of it at most. A measured night shows 11 W/K as a whole and 8.5 W/K after four hours.
-SETTLING_S = 5.0 * 3600.0
+# After parking the battery also warms its housing and coolant, which a file cannot hold: it predicts a night from
+# this time [s] on, or from the middle. A measured night shows 11 W/K as a whole and 8.5 W/K after four hours.
+SETTLED_S = 5.0 * 3600.0
 # A log without the battery's power is one at stand if it has the heater's power, or lasts this long [s].
 LEAST_STAND_S = 3600.0
 # Usual steps of a temperature signal.
@@ -60,7 +60,7 @@ class Trip:
     `power_w` is the battery's terminal power without `heater_w`, the power of the HVCH for the battery.
     `propulsion_power_w` is the drivetrain's part, 0 at stand. `voltage_v` and `current_a` are None if the
     log has the power only. `has_heater` and `has_speed` are True if the log has the signal, `shares_heater` if its
-    cabin heater is one of which it is not known whether it also serves the battery. `temperature_period_s`
+    cabin heater may also serve the battery. `temperature_period_s`
     is the time between two samples of the battery temperature [s]. `reading_weight` (N,) is how many readings each
     second counts for, 0 where the temperature between two distant samples is not known; None: one a period.
     """
@@ -148,8 +148,8 @@ class Trip:
 
     @property
     def settled(self) -> Trip:
-        """Return the part of a night that tells the leakage at stand; other trips as they are."""
-        begin = min(int(SETTLING_S), len(self) // 2)
+        """Return the part of a night that a file can predict; other trips as they are."""
+        begin = min(int(SETTLED_S), len(self) // 2)
         if self.kind != 'night at stand' or len(self) - begin < SHORTEST_TRIP_S:
             return self
         cut: dict[str, Any] = {field.name: value[begin:] for field in fields(self)
@@ -219,7 +219,7 @@ def trip_of(recording: Recording, vehicle: Vehicle) -> Trip:
         at = np.searchsorted(series.time_s, grid_s, side='right') - 1
         return np.asarray(series.value[np.maximum(at, 0)])
 
-    remarks = [*recording.remarks, *at_stand, *filter(None, (hole,))]
+    remarks = [*map(partial(_without_path, name), recording.remarks), *at_stand, *filter(None, (hole,))]
     voltage_v, current_a = (linear('voltage_v'), linear('current_a')) if has_voltage else (None, None)
     power_w = linear('power_w') if voltage_v is None or current_a is None else voltage_v * current_a
     has_speed = 'speed_mps' in recording.signals
@@ -244,7 +244,7 @@ def trip_of(recording: Recording, vehicle: Vehicle) -> Trip:
 
 def _at_stand(signals: dict[str, Series]) -> tuple[dict[str, Series], list[str]]:
     """
-    Return the signals of a log at stand with state of charge and power, and a remark for each that it lacks.
+    Return the signals of a log at stand with state of charge and power, and a remark for each that was missing.
 
     A night, and a battery that is heated from a charger, tell leakage and heat capacity without both. Other logs
     are returned as they are, without remarks.
@@ -304,6 +304,12 @@ def _readings(series: Series, grid_s: FloatArray, held_c: FloatArray) -> tuple[F
     return temperature_c, weight
 
 
+def _without_path(name: str, remark: str) -> str:
+    """Return a remark without the path of its log, whose name stands before it anyway."""
+    path, _, rest = remark.partition(': ')
+    return rest if rest and name in path else remark
+
+
 def _period_s(time_s: FloatArray) -> float:
     """Return the usual time between two samples [s], within the range that counts."""
     low_s, high_s = PERIODS_S
@@ -319,8 +325,9 @@ def _others(signals: Mapping[str, Series], held: Callable[[str], FloatArray], gr
         if key in signals:
             values.append(held(key))
         elif key == 'cabin_heater_w' and 'heater_w' in signals:
-            remarks.append('heater_w serves cabin and battery; it is taken as cabin heating')
             values.append(held('heater_w'))
+            if values[-1].any():
+                remarks.append('heater_w serves cabin and battery; it is taken as cabin heating')
         elif key == 'auxiliary_w' and 'aircon_w' in signals:
             values.append(default_w + held('aircon_w'))
         else:

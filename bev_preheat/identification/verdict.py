@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from bev_preheat.errors import figure
 from bev_preheat.identification.check import rms
-from bev_preheat.identification.structures import LEAST_GAIN
+from bev_preheat.identification.structures import graded, LEAST_GAIN
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -51,8 +51,9 @@ def verdict_of(estimates: Sequence[Estimated], left_out: Sequence[LeftOut], base
 
 def _on_trips_left_out(left_out: Sequence[LeftOut], baselines: dict[str, StructureResult],
                        unusual: Sequence[Estimated]) -> Iterator[str]:
-    rmse_k = rms([trip.error_k for trip in left_out])
-    worst = max(left_out, key=lambda trip: abs(trip.error_k))
+    grading = graded(left_out)
+    rmse_k = rms([trip.error_k for trip in grading])
+    worst = max(grading, key=lambda trip: abs(trip.error_k))
     grade = ('The file should not be trusted yet' if rmse_k > POOR_RMSE_K or unusual else
              'The file can be trusted for drives like the recorded ones' if rmse_k < GOOD_RMSE_K else
              'The file can be used with care')
@@ -63,16 +64,20 @@ def _on_trips_left_out(left_out: Sequence[LeftOut], baselines: dict[str, Structu
             consequence = ('these trips are too alike to test the file for others' if rmse_k < GOOD_RMSE_K else
                            'the fit has no value yet')
             yield f'A {baseline.structure} does better on these trips ({baseline.rmse_k:.2f} K): {consequence}.'
-    outside = [trip.name for trip in left_out if not trip.is_within]
+    for trip in left_out:
+        if trip not in grading:
+            yield (f'{trip.name} is the only {trip.kind}: without it the others miss it by {trip.error_k:+.2f} K; '
+                   'no other log tests its part of the file.')
+    outside = [trip.name for trip in grading if not trip.is_within]
     if outside:
-        yield f'Outside its 90 % interval: {", ".join(outside)} of {len(left_out)} trips.'
+        yield f'Outside its 90 % interval: {", ".join(outside)} of {len(grading)} trips.'
 
 
 def _on_unusual(item: Estimated) -> str:
     where = ('lies at its bound' if item.bound is not None else
              f'is outside {figure(item.prior_low, DIGITS)} … {figure(item.prior_high, DIGITS)} ({item.prior})')
     return (f'{item.label}: {figure(item.estimate, DIGITS)} {item.unit}'.rstrip() + f' {where}: either START or a '
-            'signal is wrong, or the car does what the model cannot; it stands in for that.')
+            'signal is wrong, or the value stands in for an effect that the model lacks.')
 
 
 def _resistance(coverage: Coverage, electrical: Electrical) -> Iterator[str]:

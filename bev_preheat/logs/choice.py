@@ -65,7 +65,7 @@ def all_candidates(signal_map: SignalMap, units: Mapping[str, str]) -> dict[str,
     """
     Return the Candidates of each signal of a map among channels, as `candidates`.
 
-    A channel that a map names for a signal is not also one of a signal that it inherits.
+    A channel that a map names for a signal is not also used for an inherited signal.
     """
     found = {signal: candidates(source, units) for signal, source in signal_map.sources.items()}
     own = {name for signal, each in found.items() if signal not in signal_map.inherited

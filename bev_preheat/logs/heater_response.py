@@ -21,7 +21,7 @@ GRID_S = 30.0
 LEAST_S = 600.0
 # A share of the electrical power that gets to the battery, and heat capacities of cars' batteries [J/K].
 EFFICIENCY, CAPACITIES_J_PER_K = 0.9, (4e4, 1.5e6)
-# The heater's heat must warm by so much [K], and leave at most this share of the squares unexplained.
+# The heater's heat must warm by at least this [K], and leave at most this share of the squares unexplained.
 LEAST_RISE_K, MOST_LEFT = 1.5, 0.25
 # The number of first columns that explain a start and a steady rise.
 STEADY = 2

@@ -86,7 +86,7 @@ def read_recording(path: str | Path, signals: str | Path | SignalMap | None = No
     _judge(path, series, remarks, repair)
     _drop_too_fast(path, series, remarks)
     _add_power(series, sources)
-    _remark_on_heater(path, series, sources, remarks)
+    _remark_on_heater(path, signal_map, series, sources, remarks)
     if not series:
         raise InvalidInput([f'{path}: no signal has a valid reading', *remarks.sentences()])
     start_s = min(float(each.time_s[0]) for each in series.values())
@@ -179,8 +179,8 @@ def _drop_too_fast(path: str | Path, series: dict[str, Series], remarks: Remarks
         del series['speed_mps']
 
 
-def _remark_on_heater(path: str | Path, series: dict[str, Series], sources: dict[str, tuple[str, ...]],
-                      remarks: Remarks) -> None:
+def _remark_on_heater(path: str | Path, signal_map: SignalMap, series: dict[str, Series],
+                      sources: dict[str, tuple[str, ...]], remarks: Remarks) -> None:
     """Remark that a heater warms the battery, which a name for battery and cabin together leaves open."""
     response = heater_response(series)
     if response is not None:
@@ -188,7 +188,7 @@ def _remark_on_heater(path: str | Path, series: dict[str, Series], sources: dict
         named = split_unit(channel.rpartition(' [')[0] or channel).name.replace("'", "''")
         remarks.add('heater', f'{path}: heater_w: battery_temperature_c answers to it, by {response.rise_k:.0f} K '
                     f'to {response.energy_j / J_PER_KWH:.1f} kWh; if it heats the battery, name it in a map: '
-                    f"{{extends: common, signals: {{battery_heater_w: '{named}'}}}}")
+                    f"{{extends: {signal_map.file_name}, signals: {{battery_heater_w: '{named}'}}}}")
 
 
 def _add_power(series: dict[str, Series], sources: dict[str, tuple[str, ...]]) -> None:

@@ -97,6 +97,11 @@ class SignalMap:
     path: Path = Path()
     inherited: frozenset[str] = frozenset()
 
+    @property
+    def file_name(self) -> str:
+        """The name by which another map extends this one: of a shipped map, else of its file."""
+        return self.path.stem if self.path.parent == configuration_folder('signals') else self.path.name
+
     def recognises(self, names: Sequence[str]) -> bool:
         """Return whether a log with these channels belongs to this map."""
         return bool(self.recognised_by) and all(

@@ -10,7 +10,7 @@ from recorded import night, recording
 from bev_preheat.errors import InvalidInput
 from bev_preheat.identification.coverage import refuse_poor
 from bev_preheat.identification.recording_checks import refuse_doubted
-from bev_preheat.identification.trips import trip_of, trips_of
+from bev_preheat.identification.trips import common_remarks, trip_of, trips_of
 from bev_preheat.logs.recording import Series
 from bev_preheat.vehicle import load_vehicle
 
@@ -68,6 +68,14 @@ def test_a_stuck_or_jumping_signal_is_named(changes, line):
     with pytest.raises(InvalidInput) as caught:
         trip_of(recording('B', **changes), VEHICLE)
     assert [problem[:len(line) + 3] for problem in caught.value.problems] == [f'B: {line}']
+
+
+def test_what_logs_have_in_common_is_said_once():
+    same = [replace(recording(name), remarks=(f'logs/{name}.csv: current_a: repaired',)) for name in 'ABCD']
+    trips = [trip_of(each, VEHICLE) for each in same]
+    assert common_remarks(trips) == ('4 logs: current_a: repaired',)
+    other = trip_of(replace(recording('A'), remarks=('no path: stays',)), VEHICLE)
+    assert common_remarks([other]) == ('A: no path: stays',)
 
 
 def test_the_longest_part_of_a_log_with_a_hole_is_used():

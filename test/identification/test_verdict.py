@@ -8,7 +8,7 @@ import pytest
 
 from bev_preheat.identification.coverage import Coverage
 from bev_preheat.identification.result import Estimated
-from bev_preheat.identification.structures import LeftOut, StructureResult
+from bev_preheat.identification.structures import graded, LeftOut, StructureResult
 from bev_preheat.identification.verdict import record_next, verdict_of
 
 WHOLE = Coverage(
@@ -53,15 +53,29 @@ def test_the_error_of_trips_left_out_grades_the_file(error_k, grade):
     ({'estimate': 0.4, 'low': 0.3}, 'heater efficiency: 0.4 is outside 0.5 … 1.5'),
     ({'bound': 1.0}, 'heater efficiency: 1 lies at its bound: either START'),
     ({'estimate': 0.4, 'can_be_0': True}, ''), ({'estimate': 0.0, 'bound': 0.0, 'can_be_0': True}, ''),
-    ({'bound': 1.0, 'can_be_0': True}, 'lies at its bound'), ({'estimate': 1.6, 'is_identified': False}, '')])
+    ({'bound': 1.0, 'can_be_0': True}, 'lies at its bound'),
+    ({'estimate': 1.6, 'is_identified': False}, ''), ({'estimate': 1.6, 'name': 'heat_lag'}, '')])
 def test_an_estimate_outside_its_prior_or_at_its_bound_is_no_file_to_trust(changes, words):
-    item = replace(estimates()[0], name='heater_efficiency', label='heater efficiency', prior='as sold', **changes)
+    item = replace(estimates()[0], label='heater efficiency', prior='as sold', **changes)
     left_out = [LeftOut('trip', 0.2, 1.0)]
     own = structure('one mass', 0.2)
     first, *others = verdict_of([item], left_out, {}, [own], 'one mass', WHOLE, (), MEASURED)
     assert first.startswith('The file should not be trusted yet' if words else 'The file can be trusted')
     assert bool(words) is any('either START or a signal' in sentence for sentence in others)
     assert words in ' '.join(others)
+
+
+def test_the_only_night_does_not_grade_a_file():
+    drives = [LeftOut(f'drive {number}', error_k, 1.0) for number, error_k in enumerate((0.3, -0.3))]
+    lonely = LeftOut('night', -4.8, 1.0, 'night at stand')
+    assert graded([*drives, lonely]) == drives
+    twice = [*drives, lonely, replace(lonely, name='another')]
+    assert graded(twice) == twice and graded([lonely]) == [lonely]
+    first, second, *_ = verdict_of(
+        estimates(), [*drives, lonely], {}, [structure('one mass', 0.3)], 'one mass', WHOLE, (), MEASURED)
+    assert first.startswith('The file can be trusted') and 'RMSE of 0.30 K' in first
+    assert second == ('night is the only night at stand: without it the others miss it by -4.80 K; no other '
+                      'log tests its part of the file.')
 
 
 def test_a_structure_that_diverges_is_named_without_its_digits():
