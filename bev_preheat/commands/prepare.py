@@ -15,6 +15,7 @@ from bev_preheat.commands.departures import (
     run_week,
 )
 from bev_preheat.console.program import FAILED, INTERRUPTED, say
+from bev_preheat.control.local_time import CLOCK
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.optional_packages import require_ros
 
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
     from bev_preheat.monitoring.preparation import PreparationClient, Wanted
     from bev_preheat_msgs.action import PrepareBattery
 
-CLOCK = re.compile(r'([01]?\d|2[0-3]):([0-5]\d)')
 NAME = re.compile(r'[A-Za-z_][A-Za-z0-9_]*')
 LONGEST_MIN = 24 * 60.0
 

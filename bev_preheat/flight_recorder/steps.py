@@ -45,6 +45,8 @@ if TYPE_CHECKING:
 # Topics of the planner's inputs, by the events that their messages become.
 BATTERY_STATE, ROUTE_PLAN, ROUTE_PROGRESS, HVCH_STATUS = (
     'battery_state', 'route_plan', 'route_progress', 'hvch_status')
+# Of its output.
+COMMAND = 'hvch_command'
 TOPIC_OF = {BatteryStateArrived: BATTERY_STATE, BatteryStateUnreadable: BATTERY_STATE,
             RouteArrived: ROUTE_PLAN, TripCancelled: ROUTE_PLAN, RouteUnreadable: ROUTE_PLAN,
             ProgressArrived: ROUTE_PROGRESS, ProgressUnreadable: ROUTE_PROGRESS,

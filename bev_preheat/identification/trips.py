@@ -13,6 +13,7 @@ import numpy as np
 from bev_preheat.errors import figure, InvalidInput
 from bev_preheat.identification.recording_checks import problems_of
 from bev_preheat.logs.recording import Series
+from bev_preheat.vehicle.heating_gates import STANDING_MPS
 
 if TYPE_CHECKING:
     from bev_preheat.logs.recording import Recording
@@ -32,7 +33,6 @@ IDLE_W, SHARE_OF_STAND = 1000.0, 0.8
 LEAST_SOC_CHANGE = 0.02
 # The arrival is the median reading of the last seconds, because a whole-degree sensor flickers.
 ARRIVAL_S = 10.0
-STANDING_MPS = 0.3
 # A remark on more logs than this gives their number.
 MOST_NAMED = 3
 # Samples of the temperature count one by one if they are this far apart [s]. A signal that is only sent on a

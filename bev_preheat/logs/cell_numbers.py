@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 NOTHING = frozenset(('', 'none', 'null', 'nan', 'na', 'n/a', '-', '--', '---', '?', 'unknown', 'nodata', 'no data',
                      'inf', '-inf', 'unavailable'))
 SWITCHES = {'true': 1.0, 'false': 0.0, 'on': 1.0, 'off': 0.0}
+# Plain numbers, which need no further check.
 PLAIN_CHARACTERS = frozenset('0123456789.+-eE')
 NUMBER = re.compile(r'([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,3})?)\s*([^0-9\s].*)?')
 # 51 30.1234, as LeafSpy writes a latitude: degrees and minutes.

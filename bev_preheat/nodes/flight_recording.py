@@ -18,6 +18,7 @@ from bev_preheat.flight_recorder.beginning import Beginning, learned_values, rec
 from bev_preheat.flight_recorder.ring import check_folder
 from bev_preheat.flight_recorder.steps import (
     BATTERY_STATE,
+    COMMAND,
     event_values,
     GoalNumbers,
     HVCH_STATUS,
@@ -51,7 +52,7 @@ if TYPE_CHECKING:
     from bev_preheat.control.step import StepOutput
     from bev_preheat.planning.status import Status
 
-COMMAND, PLAN, PREDICTION = 'hvch_command', 'preheat_plan', 'predicted_arrival_temperature'
+PLAN, PREDICTION = 'preheat_plan', 'predicted_arrival_temperature'
 TYPES = {BATTERY_STATE: BatteryState, ROUTE_PLAN: RoutePlan, ROUTE_PROGRESS: RouteProgress,
          HVCH_STATUS: HvchStatus, COMMAND: HvchCommand,
          PLAN: PreheatPlan, PREDICTION: Temperature}

@@ -9,7 +9,14 @@ from pathlib import Path
 from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput, quoted
-from bev_preheat.flight_recorder.steps import BATTERY_STATE, HVCH_STATUS, RecordedStep, ROUTE_PLAN, ROUTE_PROGRESS
+from bev_preheat.flight_recorder.steps import (
+    BATTERY_STATE,
+    COMMAND,
+    HVCH_STATUS,
+    RecordedStep,
+    ROUTE_PLAN,
+    ROUTE_PROGRESS,
+)
 from bev_preheat.nodes.convert import nanoseconds
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.status import Status
@@ -22,7 +29,6 @@ if TYPE_CHECKING:
 
     from bev_preheat.flight_recorder.beginning import Beginning
 
-COMMAND = 'hvch_command'
 TYPES = {BATTERY_STATE: 'sensor_msgs/msg/BatteryState', ROUTE_PLAN: 'bev_preheat_msgs/msg/RoutePlan',
          ROUTE_PROGRESS: 'bev_preheat_msgs/msg/RouteProgress', HVCH_STATUS: 'bev_preheat_msgs/msg/HvchStatus',
          COMMAND: 'bev_preheat_msgs/msg/HvchCommand'}

@@ -24,7 +24,7 @@ from bev_preheat.numerics.factors import JOULES_PER_WH
 from bev_preheat.route.kinematics import drive_along, lay_track, leg_starts_m, RoadDrive, RoadLeg
 from bev_preheat.route.motion import no_road_load
 from bev_preheat.route.road_load import battery_power_w, loaded, RoadForces, wheel_power_w
-from bev_preheat.route.segments import LONGEST_ROUTE_S, make_route, Route
+from bev_preheat.route.segments import ELEVATION_RANGE_M, LONGEST_ROUTE_S, make_route, Route
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
@@ -41,7 +41,6 @@ PACE_RANGE = (0.7, 1.4)
 POWER_SCALE_RANGE = (0.5, 2.0)
 # Comfortable accelerations [m/s^2], used if the description gives none.
 DEFAULT_ACCELERATION_MPS2 = 1.0
-ELEVATION_RANGE_M = (-500.0, 9000.0)
 
 
 @dataclass(frozen=True)

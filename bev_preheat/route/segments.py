@@ -34,6 +34,8 @@ LIMITS = {
     'auxiliary_power_w': (0.0, 50e3),
     'propulsion_power_magnitude_w': (0.0, 2e6),
 }
+# Elevations of roads [m].
+ELEVATION_RANGE_M = (-500.0, 9000.0)
 # Longest route [s] and largest number of segments; more is refused.
 LONGEST_ROUTE_S = 24 * 3600.0
 MOST_SEGMENTS = 200_000

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.errors import InvalidInput, quoted
+from bev_preheat.logs.cell_numbers import PLAIN_CHARACTERS
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
@@ -34,8 +35,6 @@ SEPARATOR_LINE = re.compile('"?sep=.?"?', re.IGNORECASE)
 # 1.500 and 1,500 are ambiguous: one and a half or fifteen hundred.
 AMBIGUOUS = re.compile(r'[+-]?[1-9][0-9]{0,2}[.,][0-9]{3}')
 GROUPED = re.compile(r"([+-]?[0-9]{1,3})((?:[ \u00a0\u202f\u2009'’.,][0-9]{3})+)([.,][0-9]+)?")
-# Plain numbers, which need no further check.
-PLAIN_CHARACTERS = frozenset('0123456789.+-eE')
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.errors import figure, InvalidInput
+from bev_preheat.route.segments import ELEVATION_RANGE_M
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
@@ -32,7 +33,6 @@ NORMAL_OVER_MAD = 1.4826
 # Values that change at fewer than this share of the points are held; held ones count this far [m] from a change.
 MOST_CHANGES = 0.5
 HELD_M = 100.0
-ELEVATION_RANGE_M = (-500.0, 9000.0)
 # Points farther apart [m] differ by hills, not by errors.
 DENSE_M = 500.0
 # Gaussian kernels are cut off here.

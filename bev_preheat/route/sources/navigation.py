@@ -15,6 +15,7 @@ from typing import Any, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.errors import InvalidInput
+from bev_preheat.route.segments import ELEVATION_RANGE_M
 from bev_preheat.route.sources.json_text import checked, in_words, items
 from bev_preheat.route.sources.pieces import journey_of_pieces, Pieces
 from bev_preheat.route.sources.polyline import decode_flexible, decode_points_by_length
@@ -33,7 +34,6 @@ MOST_MISFIT = 0.02
 WAYPOINT_REACHED = 5
 # Names of coordinates: a latitude and its longitude.
 COORDINATES = (('latitude', 'longitude'), ('lat', 'lng'), ('lat', 'lon'))
-ELEVATION_RANGE_M = (-500.0, 9000.0)
 
 
 @dataclass(frozen=True)

@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-import re
-
 import numpy as np
 
 from bev_preheat.errors import figure, InvalidInput, quoted
@@ -12,9 +10,9 @@ from bev_preheat.route.motion import Motion
 from bev_preheat.route.segments import LIMITS, LONGEST_ROUTE_S
 from bev_preheat.route.sources.journey import Journey, RouteOptions
 from bev_preheat.route.sources.xml_text import check_xml
+from bev_preheat.route.text_table import NUMBER
 
 KIND = 'SUMO battery output'
-NUMBER = re.compile(r'[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?')
 # Vehicles named in a message.
 MOST_NAMED = 8
 # A stop with charging has no power for the drive; its energy is negative in the consumption.

@@ -10,6 +10,7 @@ import numpy as np
 
 from bev_preheat.errors import figure, InvalidInput
 from bev_preheat.numerics.factors import EARTH_RADIUS_M
+from bev_preheat.route.driven import SEGMENT_S
 from bev_preheat.route.line import RouteLine
 from bev_preheat.route.motion import Motion
 from bev_preheat.route.segments import LIMITS, LONGEST_ROUTE_S
@@ -21,8 +22,6 @@ if TYPE_CHECKING:
 
     from bev_preheat.numerics.arrays import FloatArray
 
-# Duration of a segment [s].
-SEGMENT_S = 30.0
 # Shorter segments, beside a stop, are joined with their neighbours [s].
 LEAST_SEGMENT_S = 1.0
 # Slower than this [m/s] over a whole segment is a standstill: position errors also move a parked car.
