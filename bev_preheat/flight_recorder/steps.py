@@ -15,22 +15,14 @@ from typing import Any, TYPE_CHECKING
 
 from bev_preheat.control.events import (
     ActivationChanged,
-    BatteryStateArrived,
-    BatteryStateUnreadable,
     DeparturesSkipped,
     Event,
-    HeaterStatusArrived,
-    HeaterStatusUnreadable,
     PreheatingSwitched,
     PreparationEnded,
     PreparationWanted,
-    ProgressArrived,
-    ProgressUnreadable,
     Reconfigured,
     RivalsChanged,
-    RouteArrived,
     RouteUnreadable,
-    TripCancelled,
 )
 from bev_preheat.control.grid_prices import DailyPrice, GridPrices, PricePeriod
 from bev_preheat.control.local_time import clock_time, zone_of
@@ -42,17 +34,13 @@ if TYPE_CHECKING:
 
     from bev_preheat.control.decision import Command
 
-# Topics of the planner's inputs, by the events that their messages become.
+# Topics of the planner's inputs.
 BATTERY_STATE, ROUTE_PLAN, ROUTE_PROGRESS, HVCH_STATUS = (
     'battery_state', 'route_plan', 'route_progress', 'hvch_status')
 # Of its output.
 COMMAND = 'hvch_command'
-TOPIC_OF = {BatteryStateArrived: BATTERY_STATE, BatteryStateUnreadable: BATTERY_STATE,
-            RouteArrived: ROUTE_PLAN, TripCancelled: ROUTE_PLAN, RouteUnreadable: ROUTE_PLAN,
-            ProgressArrived: ROUTE_PROGRESS, ProgressUnreadable: ROUTE_PROGRESS,
-            HeaterStatusArrived: HVCH_STATUS, HeaterStatusUnreadable: HVCH_STATUS}
-# The kinds of events whose message is recorded before the step; the kind is the topic.
-MESSAGE_KINDS = frozenset(TOPIC_OF.values())
+# The kinds of events whose message is recorded before the step; the kind is the topic, the source of the event.
+MESSAGE_KINDS = frozenset((BATTERY_STATE, ROUTE_PLAN, ROUTE_PROGRESS, HVCH_STATUS))
 WANTED, ENDED, RECONFIGURED, REFUSED_ROUTE = (
     'PreparationWanted', 'PreparationEnded', 'Reconfigured', 'RouteRefused')
 # Events whose fields are plain values.
@@ -161,7 +149,7 @@ def event_values(event: Event, goals: GoalNumbers, has_message: bool) -> dict[st
     if name in PLAIN_EVENTS:
         return {'kind': name, **asdict(event)}
     hint = getattr(event, 'hint', '')
-    return {'kind': TOPIC_OF[type(event)], **({'hint': hint} if hint else {})}
+    return {'kind': event.source, **({'hint': hint} if hint else {})}
 
 
 def _price_values(prices: GridPrices | None) -> dict[str, Any] | None:

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, TYPE_CHECKING
 from uuid import uuid4
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
-from sensor_msgs.msg import BatteryState, Temperature
+from sensor_msgs.msg import Temperature
 
 from bev_preheat.control.events import Reconfigured, RouteArrived
 from bev_preheat.errors import InvalidInput
@@ -21,9 +21,7 @@ from bev_preheat.flight_recorder.steps import (
     COMMAND,
     event_values,
     GoalNumbers,
-    HVCH_STATUS,
     ROUTE_PLAN,
-    ROUTE_PROGRESS,
     STEP,
     step_bytes,
 )
@@ -36,10 +34,11 @@ from bev_preheat.flight_recorder.writer import (
     STATE_CHANNEL,
     STEP_CHANNEL,
 )
+from bev_preheat.nodes.inputs import INPUTS
 from bev_preheat.nodes.message_definitions import definition
 from bev_preheat.nodes.recorded_bytes import command_encoder, serialized, state_encoder
 from bev_preheat.numerics.factors import NS_PER_S
-from bev_preheat_msgs.msg import HvchCommand, HvchStatus, PreheatPlan, RoutePlan, RouteProgress
+from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -53,9 +52,8 @@ if TYPE_CHECKING:
     from bev_preheat.planning.status import Status
 
 PLAN, PREDICTION = 'preheat_plan', 'predicted_arrival_temperature'
-TYPES = {BATTERY_STATE: BatteryState, ROUTE_PLAN: RoutePlan, ROUTE_PROGRESS: RouteProgress,
-         HVCH_STATUS: HvchStatus, COMMAND: HvchCommand,
-         PLAN: PreheatPlan, PREDICTION: Temperature}
+TYPES = {**{topic: each.message_type for topic, each in INPUTS.items()}, COMMAND: HvchCommand, PLAN: PreheatPlan,
+         PREDICTION: Temperature}
 # A replay may start at a recorded state; each takes some milliseconds of the writing thread [ns].
 STATE_PERIOD_NS = 60 * NS_PER_S
 # Every plan follows from the inputs, so only some are written, for viewers [ns].

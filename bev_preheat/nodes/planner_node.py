@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from functools import wraps
+from functools import partial, wraps
 import sys
 from typing import NamedTuple, TYPE_CHECKING
 
@@ -13,7 +13,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data, QoSDurabilityPolicy, QoSProfile
 from rclpy.serialization import deserialize_message, serialize_message
-from sensor_msgs.msg import BatteryState, Temperature
+from sensor_msgs.msg import Temperature
 from std_srvs.srv import SetBool
 
 from bev_preheat.charging.worth import MOST_PRICE_PER_KWH, MOST_VALUE_PER_H
@@ -30,15 +30,15 @@ from bev_preheat.control.settings import FIELD_OF_PARAMETER, Settings, settings_
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.errors import InvalidInput, LONGEST_PROBLEM, shortened
 from bev_preheat.estimation.hypotheses import Heater
-from bev_preheat.flight_recorder.steps import FAIL, STOP
+from bev_preheat.flight_recorder.steps import BATTERY_STATE, FAIL, ROUTE_PLAN, STOP
 from bev_preheat.native.library import core_in_words, use_core
 from bev_preheat.nodes.command_line import NodeProgram
 from bev_preheat.nodes.command_publisher import CommandPublisher
-from bev_preheat.nodes.convert import battery_event, command_message, plan_message, temperature_message
+from bev_preheat.nodes.convert import command_message, plan_message, temperature_message
 from bev_preheat.nodes.departure_keeper import check_departure_parameters, DepartureKeeper, SKIP
 from bev_preheat.nodes.diagnostics import heater_sentence, planner_diagnostics
 from bev_preheat.nodes.flight_recording import FlightRecorder, planner_of, Setup
-from bev_preheat.nodes.heater_messages import heater_status_event
+from bev_preheat.nodes.inputs import INPUTS, Reader
 from bev_preheat.nodes.managed import LIFECYCLE, ManagedStates, NOT_ACTIVE
 from bev_preheat.nodes.news import RepetitionFilter
 from bev_preheat.nodes.parameters import check, declare, Parameter, USE_SIM_TIME
@@ -46,7 +46,6 @@ from bev_preheat.nodes.prepare_action import PREPARE, PrepareAction
 from bev_preheat.nodes.process import LAST_WORDS_TIME, run_node
 from bev_preheat.nodes.route_intake import RouteIntake
 from bev_preheat.nodes.route_listener import RouteListener
-from bev_preheat.nodes.route_progress import progress_event
 from bev_preheat.nodes.setup_watch import SetupWatch
 from bev_preheat.nodes.state_keeper import check_parameter, SAVE_PERIOD_S, StateKeeper
 from bev_preheat.numerics.factors import NS_PER_S
@@ -54,7 +53,7 @@ from bev_preheat.planning.installed_methods import limit_answer_time
 from bev_preheat.planning.planner import check_method, installed_names, METHODS, REPLACED, replaced_in_words
 from bev_preheat.vehicle import load_vehicle, vehicle_contents, vehicle_file
 from bev_preheat.vehicle.assumptions import assumption_warning
-from bev_preheat_msgs.msg import HvchStatus, PreheatPlan, RoutePlan, RouteProgress
+from bev_preheat_msgs.msg import PreheatPlan, RoutePlan
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -130,10 +129,8 @@ NEVER_LOCKED = frozenset(('target_battery_temperature', 'energy_price', 'value_o
 PROGRAM = NodeProgram(
     'planner', 'Plans when to heat the battery before fast charging, and commands the heater.',
     PARAMETERS,
-    subscribes=(('battery_state', 'sensor_msgs/BatteryState'),
-                ('route_plan', 'bev_preheat_msgs/RoutePlan'),
-                ('route_progress', 'bev_preheat_msgs/RouteProgress: where the vehicle is, if known'),
-                ('hvch_status', "bev_preheat_msgs/HvchStatus: the heater controller's answer, if there is one")),
+    subscribes=tuple((topic, each.type_name.replace('/msg', '') + (f': {each.words}' if each.words else ''))
+                     for topic, each in INPUTS.items()),
     publishes=(('hvch_command', 'bev_preheat_msgs/HvchCommand: power for the battery, a lease'),
                ('preheat_plan', 'bev_preheat_msgs/PreheatPlan: status, sentence, trajectories'),
                ('predicted_arrival_temperature', 'sensor_msgs/Temperature'),
@@ -201,11 +198,10 @@ class PlannerNode(Node):
         self._diagnostics_publisher = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         state_qos = QoSProfile(
             depth=1, reliability=qos_profile_sensor_data.reliability)
-        self.create_subscription(BatteryState, 'battery_state', self._on_battery_state, state_qos)
-        self.create_subscription(
-            RouteProgress, 'route_progress', self._on_route_progress, state_qos)
-        self.create_subscription(HvchStatus, 'hvch_status', self._on_heater_status, state_qos)
-        RouteListener(self, self._on_route_plan, self._on_refused_route)
+        for topic, each in INPUTS.items():
+            if topic != ROUTE_PLAN:
+                self.create_subscription(each.message_type, topic, partial(self._on_input, topic), state_qos)
+        RouteListener(self, partial(self._on_input, ROUTE_PLAN), self._on_refused_route)
         self.create_service(SetBool, '~/enable', self._on_enable)
         self._departures = DepartureKeeper(
             self, self._step, self._supervisor,
@@ -223,10 +219,10 @@ class PlannerNode(Node):
         self.create_timer(SAVE_PERIOD_S, self._on_files_due,
                           clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._setup = SetupWatch(
-            self, ('battery_state', 'route_plan', 'route_progress', 'hvch_status'),
+            self, tuple(INPUTS),
             ('hvch_command', 'preheat_plan', 'predicted_arrival_temperature'),
             also=(commands.look, self._on_rival, self._on_standing_clock),
-            single=('battery_state', 'route_progress', 'hvch_status'))
+            single=tuple(topic for topic, each in INPUTS.items() if not each.has_many_sources))
         self.get_logger().info(
             f'Planning for vehicle {vehicle.name} with method {settings.method}; '
             f'native core {core_in_words()}.')
@@ -243,27 +239,16 @@ class PlannerNode(Node):
     # Input
 
     @guarded
-    def _on_battery_state(self, message: BatteryState) -> None:
+    def _on_input(self, topic: str, message: Any) -> None:
         now_ns = self._now_ns()
-        event = battery_event(message, self._setup.clock_hint(message.header.stamp, now_ns))
-        if self._step(event, now_ns=now_ns, message=message):
+        event = INPUTS[topic].event(message, Reader(
+            self._supervisor.state, self._routes, self._setup.clock_hint(message.header.stamp, now_ns)))
+        if not self._step(event, now_ns=now_ns, message=message):
+            return
+        if topic == BATTERY_STATE:
             self._stale_timer.reset()
-
-    @guarded
-    def _on_route_plan(self, message: RoutePlan) -> None:
-        if self._step(self._routes.read(message, self._supervisor.state), message=message):
+        elif topic == ROUTE_PLAN:
             self._tell_route()
-
-    @guarded
-    def _on_route_progress(self, message: RouteProgress) -> None:
-        now_ns = self._now_ns()
-        self._step(progress_event(
-            message, self._setup.clock_hint(message.header.stamp, now_ns)), now_ns=now_ns, message=message)
-
-    @guarded
-    def _on_heater_status(self, message: HvchStatus) -> None:
-        self._step(heater_status_event(message, self._supervisor.state.vehicle.hvch.maximum_power_w),
-                   message=message)
 
     @guarded
     def _on_refused_route(self, error: InvalidInput) -> None:

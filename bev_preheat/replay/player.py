@@ -13,6 +13,7 @@ from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.errors import InvalidInput
 from bev_preheat.flight_recorder.beginning import learned_of
 from bev_preheat.flight_recorder.steps import (
+    BATTERY_STATE,
     event_of,
     FAIL,
     GoalNumbers,
@@ -20,13 +21,10 @@ from bev_preheat.flight_recorder.steps import (
     MESSAGE_KINDS,
     RECONFIGURED,
     ROUTE_PLAN,
-    ROUTE_PROGRESS,
     STOP,
 )
-from bev_preheat.nodes.convert import battery_event
-from bev_preheat.nodes.heater_messages import heater_status_event
+from bev_preheat.nodes.inputs import INPUTS, Reader
 from bev_preheat.nodes.route_intake import RouteIntake
-from bev_preheat.nodes.route_progress import progress_event
 from bev_preheat.replay.message_types import read_message
 from bev_preheat.replay.vehicle_keys import with_keys
 from bev_preheat.vehicle import vehicle_contents
@@ -171,18 +169,14 @@ class Player:
         if kind == ROUTE_PLAN:
             for change in self._changes.signals:
                 change.alter_route(message)
-            return self._routes.read(message, state)
-        if kind == ROUTE_PROGRESS:
-            return progress_event(message, hint)
-        if kind == HVCH_STATUS:
-            if self._alter_heater is not None:
-                self._alter_heater(message)
-            return heater_status_event(message, state.vehicle.hvch.maximum_power_w)
-        if self._alter is not None:
-            self._alter(message)
-        for change in self._changes.signals:
-            change.alter_battery(message)
-        return battery_event(message, hint)
+        elif kind == HVCH_STATUS and self._alter_heater is not None:
+            self._alter_heater(message)
+        elif kind == BATTERY_STATE:
+            if self._alter is not None:
+                self._alter(message)
+            for change in self._changes.signals:
+                change.alter_battery(message)
+        return INPUTS[kind].event(message, Reader(state, self._routes, hint))
 
     def _message(self, given: Given) -> Any:
         if given.message is None:

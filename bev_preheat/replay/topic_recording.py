@@ -18,6 +18,7 @@ from bev_preheat.flight_recorder.steps import (
     ROUTE_PROGRESS,
 )
 from bev_preheat.nodes.convert import nanoseconds
+from bev_preheat.nodes.inputs import INPUTS
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.status import Status
 from bev_preheat.replay.bag_files import bag_messages
@@ -29,9 +30,7 @@ if TYPE_CHECKING:
 
     from bev_preheat.flight_recorder.beginning import Beginning
 
-TYPES = {BATTERY_STATE: 'sensor_msgs/msg/BatteryState', ROUTE_PLAN: 'bev_preheat_msgs/msg/RoutePlan',
-         ROUTE_PROGRESS: 'bev_preheat_msgs/msg/RouteProgress', HVCH_STATUS: 'bev_preheat_msgs/msg/HvchStatus',
-         COMMAND: 'bev_preheat_msgs/msg/HvchCommand'}
+TYPES = {**{topic: each.type_name for topic, each in INPUTS.items()}, COMMAND: 'bev_preheat_msgs/msg/HvchCommand'}
 # A message with a younger stamp than this came to the planner before the recorder noted it [ns].
 TRANSPORT_NS = 50_000_000
 # The recorder's clock is the planner's if stamps and times of arrival differ by less [ns].

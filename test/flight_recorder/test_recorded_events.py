@@ -14,12 +14,17 @@ from bev_preheat.control.grid_prices import DailyPrice, GridPrices, PricePeriod
 from bev_preheat.control.local_time import zone_of
 from bev_preheat.control.preparation_goal import PreparationEnding, PreparationGoal
 from bev_preheat.errors import InvalidInput
-from bev_preheat.flight_recorder.steps import event_of, event_values, GoalNumbers, PLAIN_EVENTS, TOPIC_OF
+from bev_preheat.flight_recorder.steps import event_of, event_values, GoalNumbers, MESSAGE_KINDS, PLAIN_EVENTS
+from bev_preheat.nodes.inputs import INPUTS
 
 
 def test_no_event_is_left_out():
-    known = {*TOPIC_OF, *PLAIN_EVENTS.values(), PreparationWanted, PreparationEnded, Reconfigured}
-    assert set(get_args(events.Event)) == known
+    of_messages = {event for event in get_args(events.Event) if event.source in MESSAGE_KINDS} - {Reconfigured}
+    others = {*PLAIN_EVENTS.values(), PreparationWanted, PreparationEnded, Reconfigured}
+    assert set(get_args(events.Event)) == of_messages | others
+    # Each topic has an event for a message that can be read, and one for a message that cannot.
+    assert {event.source for event in of_messages} == MESSAGE_KINDS == set(INPUTS)
+    assert all(sum(event.source == topic for event in of_messages) >= 2 for topic in MESSAGE_KINDS)
 
 
 @pytest.mark.parametrize('event', [

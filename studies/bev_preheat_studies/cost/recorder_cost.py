@@ -53,7 +53,7 @@ def _figures(node: PlannerNode, folder: str, log: Callable[[str], object]) -> li
     vehicle = load_vehicle('reference')
     start_ns = node.get_clock().now().nanoseconds
     node.set_parameters([Parameter('flight_recorder', value=folder)])
-    node._on_route_plan(route_plan_message(Mission('benchmark', (Leg(
+    node._on_input('route_plan', route_plan_message(Mission('benchmark', (Leg(
         load_route('reference', vehicle.defaults), start_ns, target_temperature_c=25.0),))))
     recorder, spent_s, measuring_s = node._recorder, [0.0], [0.0]
     for name in ('note', 'note_plan'):
@@ -104,7 +104,7 @@ def _update(node: PlannerNode, drawn: np.random.Generator, updates: int) -> list
             current=-40.0 + drawn.normal(0.0, NOISE_A), charge=math.nan, capacity=math.nan)
         state.header.stamp = time_message(node.get_clock().now().nanoseconds)
         started_s = thread_time()
-        node._on_battery_state(state)
+        node._on_input('battery_state', state)
         times_s.append(thread_time() - started_s)
         sleep(PAUSE_S)
     return times_s
