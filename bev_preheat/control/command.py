@@ -9,7 +9,7 @@ Nothing is planned here.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.control.command_history import CommandHistory
@@ -59,8 +59,7 @@ class SteadyStatus(NamedTuple):
         return SteadyStatus(shown, since_ns, is_on)
 
 
-@dataclass(frozen=True)
-class Commander:
+class Commander(NamedTuple):
     """
     Gives the heater's commands and remembers them; instants in nanoseconds.
 
@@ -84,7 +83,7 @@ class Commander:
 
     def free_to_switch(self) -> Commander:
         """Return the Commander that may switch at once: the reason for its waiting time no longer holds."""
-        return replace(self, switch=self.switch.allowed(), steady=self.steady.forgotten())
+        return self._replace(switch=self.switch.allowed(), steady=self.steady.forgotten())
 
     def off(self, now_ns: int, settings: Settings, reason: Status,
             sentence: str = '') -> tuple[Commander, Command]:
@@ -97,8 +96,8 @@ class Commander:
             switch = switch.turned_off(now_ns)
         else:
             switch = switch.forced_off()
-        return replace(
-            self, switch=switch, doubt=doubt, steady=self.steady.forgotten(), reason=None,
+        return self._replace(
+            switch=switch, doubt=doubt, steady=self.steady.forgotten(), reason=None,
             history=self.history.noted(now_ns, 0.0)), Command(
                 0.0, now_ns + round(settings.lease_s * NS_PER_S), reason)
 
@@ -126,7 +125,7 @@ class Commander:
             words = f'The heater stays off for its minimum time, {left_s:.0f} s more. {words}'
         elif status is not decision.status:
             words = self.words or words
-        commander = self if words == self.words else replace(self, words=words)
+        commander = self if words == self.words else self._replace(words=words)
         if (status, words) == (decision.status, own):
             return commander, decision
         return commander, replace(decision, status=status, sentence=words)
@@ -138,7 +137,7 @@ class Commander:
 
         With it, the Commander that has given it.
         """
-        commander = replace(self, is_paused=False)
+        commander = self._replace(is_paused=False)
         decision = obstacle or decision
         if decision.charger_heat_w > 0.0 and not _has_departed(decision, now_ns):
             return commander._heat_at_charger(now_ns, inputs, decision)
@@ -175,8 +174,8 @@ class Commander:
         steady = self.steady.forgotten() if switch.is_held else self.steady
         steady = steady.settled(now_ns, reason, power_w > 0.0)
         assert steady.shown is not None
-        return replace(
-            self, history=self.history.noted(now_ns, power_w), switch=switch, is_paused=is_paused, steady=steady,
+        return self._replace(
+            history=self.history.noted(now_ns, power_w), switch=switch, is_paused=is_paused, steady=steady,
             reason=steady.shown), Command(power_w, _lease_end_ns(now_ns, inputs), steady.shown)
 
     def _heat_at_charger(self, now_ns: int, inputs: AdmittedInputs,
@@ -187,8 +186,8 @@ class Commander:
             decision.charger_heat_w)
         switch = self.switch.asked(
             now_ns, wanted_w, wanted_w, settings.minimum_on_time_s, settings.minimum_off_time_s)
-        return replace(
-            self, history=self.history.noted(now_ns, switch.power_w), switch=switch, reason=None), Command(
+        return self._replace(
+            history=self.history.noted(now_ns, switch.power_w), switch=switch, reason=None), Command(
                 switch.power_w, _lease_end_ns(now_ns, inputs), decision.status)
 
     @staticmethod

@@ -8,7 +8,7 @@ the departure that the route gives.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 from typing import NamedTuple, TYPE_CHECKING
 
@@ -67,8 +67,7 @@ class Moment(NamedTuple):
     heated_s: float
 
 
-@dataclass(frozen=True, eq=False)
-class DecisionMaker:
+class DecisionMaker(NamedTuple):
     """
     Makes Decisions for one vehicle; a value: each decision makes another one.
 
@@ -83,7 +82,7 @@ class DecisionMaker:
 
     def for_new_mission(self) -> DecisionMaker:
         """Return the maker without the arrival's uncertainty of the route before."""
-        return replace(self, forecasts=self.forecasts.for_new_mission(), targets=self.targets.for_new_mission())
+        return self._replace(forecasts=self.forecasts.for_new_mission(), targets=self.targets.for_new_mission())
 
     def decide(self, moment: Moment) -> tuple[DecisionMaker, Decision]:
         """Return the Decision for a Moment, and the maker after it."""
@@ -144,12 +143,12 @@ class DecisionMaker:
             return self, ChargerHeat(0.0, '')
         maker, vehicle, state = self, self.limited(moment.inputs.vehicle), measurement.state
         if estimate is not None:
-            maker = replace(self, forecasts=self.forecasts.following(estimate))
+            maker = self._replace(forecasts=self.forecasts.following(estimate))
             vehicle = maker.forecasts.vehicle(vehicle)
             state = believed_state(vehicle, estimate)
         heater, heat = self.charger_heater.heat(ChargerSituation(
             vehicle, leg, measurement, state, settings.prices, charger, moment.is_heating))
-        return replace(maker, charger_heater=heater), heat
+        return maker._replace(charger_heater=heater), heat
 
     def _plan_current(self, moment: Moment, leg: Leg) -> tuple[DecisionMaker, Decision]:
         """Return the Decision for the current leg, from the battery's current state."""
@@ -190,7 +189,7 @@ class DecisionMaker:
         except (InvalidInput, PlanningFailure) as error:
             return maker, Decision(Status.INVALID_INPUT, str(error))
         plan = forecast_plan.plan
-        return replace(maker, forecasts=forecasts), Decision(
+        return maker._replace(forecasts=forecasts), Decision(
             *_told(plan, choice, now_ns), plan, start_ns, leg,
             forecast=forecast_plan.forecast,
             commanded=forecast_plan.commanded, command_share=forecast_plan.command_share,
@@ -208,11 +207,11 @@ class DecisionMaker:
         # Vehicles are made for whole kelvins only, because each takes some milliseconds.
         if abs(colder_by_k - self.colder_by_k) < 1.0:
             return self
-        return replace(self, colder_by_k=float(round(colder_by_k)), forecasts=self.forecasts.for_other_limits())
+        return self._replace(colder_by_k=float(round(colder_by_k)), forecasts=self.forecasts.for_other_limits())
 
     def _without_charger(self, leg: Leg, settings: Settings) -> tuple[DecisionMaker, TargetChoice]:
         targets, choice = self.targets.without_charger(leg, settings)
-        return replace(self, targets=targets), choice
+        return self._replace(targets=targets), choice
 
     def _choose_target(self, moment: Moment, leg: Leg, goal: Goal, route: Route,
                        estimate: Estimate | None) -> tuple[DecisionMaker, TargetChoice]:
@@ -231,7 +230,7 @@ class DecisionMaker:
                 state=believed_state(vehicle, estimate), log_factors=estimate.log_factors,
                 heater_share=believed_share(estimate.heater))
         targets, choice = self.targets.choose(search_input)
-        return replace(self, forecasts=forecasts, targets=targets), choice
+        return self._replace(forecasts=forecasts, targets=targets), choice
 
     def decide_later(self, inputs: AdmittedInputs, decision: Decision) -> tuple[Decision, ...]:
         """Return a Decision for each later leg of a Decision, from its departure on."""

@@ -8,7 +8,6 @@ doubted. Instants are integers, in nanoseconds of the node's clock.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.control.command_history import CommandHistory
@@ -71,8 +70,7 @@ class HeaterAnswerReport(NamedTuple):
     problem: str = ''
 
 
-@dataclass(frozen=True)
-class HeaterAnswers:
+class HeaterAnswers(NamedTuple):
     """
     The latest HeaterStatus and the history of the heater's power; a value: each answer makes another one.
 
@@ -95,21 +93,21 @@ class HeaterAnswers:
         if self.status is not None and status.stamp_ns < self.status.stamp_ns <= now_ns + ahead_s * NS_PER_S:
             # Overtaken.
             return self
-        return replace(self, status=status, problem='', history=self.history if self.doubt else
+        return self._replace(status=status, problem='', history=self.history if self.doubt else
                        self.history.noted(now_ns, status.confirmed_w))
 
     def with_problem(self, error: InvalidInput) -> HeaterAnswers:
         """Return the answers after a status that could not be used."""
-        return replace(self, problem=f'{HEATER_STATUS} refused: {error}')
+        return self._replace(problem=f'{HEATER_STATUS} refused: {error}')
 
     def with_command(self, now_ns: int, power_w: float, settings: Settings) -> HeaterAnswers:
         """Return the answers after a command [W]; it counts as served while no answer is used."""
-        return self if self.are_used(now_ns, settings) else replace(
-            self, history=self.history.noted(now_ns, power_w))
+        return self if self.are_used(now_ns, settings) else self._replace(
+            history=self.history.noted(now_ns, power_w))
 
     def without_heating(self, now_ns: int) -> HeaterAnswers:
         """Return the answers that count the time of heating from 0 again, because another drive begins."""
-        return replace(self, history=self.history.without_heating(now_ns))
+        return self._replace(history=self.history.without_heating(now_ns))
 
     def are_used(self, now_ns: int, settings: Settings) -> bool:
         """Return whether the latest answer is recent and not doubted."""
@@ -144,16 +142,16 @@ class HeaterAnswers:
                  f'{IN_WORDS[report.heater]} (probability {100.0 * report.probability:.1f} %); the planner '
                  'goes by battery temperature and power')
         from_ns = now_ns - COMPARED_OVER_NS
-        return replace(self, doubt=doubt), abs(commands.mean_w(from_ns, now_ns) - self.history.mean_w(
+        return self._replace(doubt=doubt), abs(commands.mean_w(from_ns, now_ns) - self.history.mean_w(
             from_ns, now_ns)) > LEAST_DIFFERENCE_W
 
     def on_new_trip(self, now_ns: int) -> HeaterAnswers:
         """Return the answers at the beginning of a trip: they are trusted again, and nothing has been heated."""
-        return replace(self, doubt='').without_heating(now_ns)
+        return self._replace(doubt='').without_heating(now_ns)
 
     def without_instants(self) -> HeaterAnswers:
         """Return the answers without the latest one, because the clock was restarted."""
-        return replace(self, status=None)
+        return self._replace(status=None)
 
     def report(self, now_ns: int, settings: Settings, refusal: str) -> HeaterAnswerReport | None:
         """Return the HeaterAnswerReport of an instant; None before the first answer."""

@@ -7,7 +7,7 @@ Pause and switch are values: each change makes another one.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 from bev_preheat.control.margins import (
     COUNTED_OVER_S,
@@ -20,8 +20,7 @@ from bev_preheat.control.margins import (
 from bev_preheat.numerics.factors import NS_PER_S
 
 
-@dataclass(frozen=True)
-class HeatingPause:
+class HeatingPause(NamedTuple):
     """
     The pause after doubt, and the switch-ons of the last hour; instants in nanoseconds.
 
@@ -42,8 +41,8 @@ class HeatingPause:
         """Return the pause at an instant; a pause that is over is forgotten."""
         elapsed_ns = self.elapsed_ns + (0 if self.now_ns is None else max(0, now_ns - self.now_ns))
         is_over = self.doubted_ns is None or self.doubted_ns + self.wait_ns <= elapsed_ns
-        return replace(
-            self, now_ns=now_ns, elapsed_ns=elapsed_ns, doubted_ns=None if is_over else self.doubted_ns,
+        return self._replace(
+            now_ns=now_ns, elapsed_ns=elapsed_ns, doubted_ns=None if is_over else self.doubted_ns,
             interruptions=_within(self.interruptions, elapsed_ns, COUNTED_OVER_S),
             switch_ons=_within(self.switch_ons, elapsed_ns, HOUR_S))
 
@@ -61,11 +60,11 @@ class HeatingPause:
             wait_ns = round(min(FIRST_WAIT_S * 2.0 ** doublings, longest_s) * NS_PER_S)
         elif self.doubted_ns is None:
             return self
-        return replace(self, interruptions=interruptions, wait_ns=wait_ns, doubted_ns=self.elapsed_ns, cause=cause)
+        return self._replace(interruptions=interruptions, wait_ns=wait_ns, doubted_ns=self.elapsed_ns, cause=cause)
 
     def switched_on(self) -> HeatingPause:
         """Return the pause with one more switch-on of the heater."""
-        return replace(self, switch_ons=(*self.switch_ons, self.elapsed_ns))
+        return self._replace(switch_ons=(*self.switch_ons, self.elapsed_ns))
 
     @property
     def spacing_s(self) -> float:
@@ -114,8 +113,7 @@ def _within(instants_ns: tuple[int, ...], now_ns: int, kept_s: float) -> tuple[i
     return instants_ns
 
 
-@dataclass(frozen=True)
-class HeaterSwitch:
+class HeaterSwitch(NamedTuple):
     """
     Least times on and off between a plan's request and the command; instants in nanoseconds.
 
@@ -145,7 +143,7 @@ class HeaterSwitch:
 
     def allowed(self) -> HeaterSwitch:
         """Return the switch free to move at once: the reason to wait no longer holds; a pause continues."""
-        return self if self.since_ns is None else replace(self, since_ns=None)
+        return self if self.since_ns is None else self._replace(since_ns=None)
 
     def asked(self, now_ns: int, wanted_w: float, limit_w: float, minimum_on_time_s: float,
               minimum_off_time_s: float) -> HeaterSwitch:

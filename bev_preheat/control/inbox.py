@@ -9,7 +9,7 @@ as docs/explanation/safety.md describes. Instants are integers, in nanoseconds o
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 from bev_preheat.control.admitted import AdmittedInputs
 from bev_preheat.control.events import (
@@ -61,8 +61,7 @@ class InputChanges:
 NO_CHANGES = InputChanges()
 
 
-@dataclass(frozen=True, eq=False)
-class Inbox:
+class Inbox(NamedTuple):
     """
     The last valid inputs.
 
@@ -145,7 +144,7 @@ class Inbox:
 
     def with_changes(self, changes: InputChanges) -> Inbox:
         """Return the Inbox with these InputChanges left to be taken."""
-        return self if self.changes == changes else replace(self, changes=changes)
+        return self if self.changes == changes else self._replace(changes=changes)
 
     def with_timetable(self, timetable: Timetable | None) -> Inbox:
         """Return the Inbox with a later value of the route's Timetable; it remembers the end of the trip."""
@@ -153,15 +152,15 @@ class Inbox:
             return self
         before = self.timetable
         if timetable is None or timetable.end is None or (before is not None and before.end is not None):
-            return replace(self, timetable=timetable)
+            return self._replace(timetable=timetable)
         planned, end = timetable.planned, timetable.end
         assert end.at_ns is not None
-        return replace(self, timetable=timetable, choices=replace(self.choices, ended_trip=EndedTrip(
+        return self._replace(timetable=timetable, choices=replace(self.choices, ended_trip=EndedTrip(
             planned.route_id, planned.stamp_ns, end.at_ns, end.is_observed)))
 
     def with_other_goal(self) -> Inbox:
         """Return the Inbox after a preparation goal began or ended: another trip, as far as heating counts."""
-        return replace(self, changes=replace(self.changes, has_new_mission=True, has_new_trip=True))
+        return self._replace(changes=replace(self.changes, has_new_mission=True, has_new_trip=True))
 
     def taken(self, event: Event, now_ns: int) -> tuple[Inbox, InvalidInput | None]:
         """Return the Inbox with an event of an instant [ns], and the InvalidInput if it is refused."""
@@ -185,16 +184,16 @@ class Inbox:
             case DeparturesSkipped(until_ns):
                 return self._with_choices(skipped_until_ns=until_ns), None
             case RivalsChanged(names):
-                return replace(self, rivals=names), None
+                return self._replace(rivals=names), None
             case Reconfigured():
                 return self._reconfigured(event)
         return self, None
 
     def _with_choices(self, **choices: Any) -> Inbox:
-        return replace(self, choices=replace(self.choices, **choices))
+        return self._replace(choices=replace(self.choices, **choices))
 
     def _reconfigured(self, event: Reconfigured) -> tuple[Inbox, InvalidInput | None]:
-        inbox = replace(self, vehicle=event.vehicle, settings=event.settings)
+        inbox = self._replace(vehicle=event.vehicle, settings=event.settings)
         if isinstance(event.mission, InvalidInput):
             return inbox._without_misfit(event.mission, self.latest_mission), event.mission
         return (inbox, None) if event.mission is None else inbox._with_revised(event.mission)
@@ -206,11 +205,11 @@ class Inbox:
         inbox = self
         if now_ns < self.latest_ns - CLOCK_RESTART_S * NS_PER_S:
             inbox = self._with_restarted_clock(now_ns)
-        inbox = replace(inbox, latest_ns=now_ns)
+        inbox = inbox._replace(latest_ns=now_ns)
         try:
             inbox._check_content(measurement, now_ns)
             if inbox._is_overtaken(measurement, now_ns):
-                return replace(inbox, overtaken_states=inbox.overtaken_states + 1), None
+                return inbox._replace(overtaken_states=inbox.overtaken_states + 1), None
             inbox._check_stamp(measurement, now_ns)
         except InvalidInput as error:
             return inbox._with_hinted_refusal(error, hint, measurement, now_ns)
@@ -218,20 +217,20 @@ class Inbox:
         if scale_doubt:
             return inbox._with_hinted_refusal(InvalidInput(scale_doubt), hint, measurement, now_ns)
         arrived = replace(measurement, arrived_ns=now_ns)
-        return replace(
-            inbox, measurement=arrived, refusals=inbox.refusals.after_battery(),
+        return inbox._replace(
+            measurement=arrived, refusals=inbox.refusals.after_battery(),
             changes=replace(inbox.changes, measurements=(*inbox.changes.measurements, arrived))), None
 
     def _with_restarted_clock(self, now_ns: int) -> Inbox:
         """Return the Inbox without the instants of a clock that was set back."""
-        inbox, timetable = replace(self, measurement=None), self.timetable
+        inbox, timetable = self._replace(measurement=None), self.timetable
         if timetable is not None:
             timetable = timetable.without_instants()
-            inbox = replace(inbox, timetable=timetable)
+            inbox = inbox._replace(timetable=timetable)
             if inbox.is_after_end:
                 # It arrived before this clock did, and may begin a trip by it.
                 inbox = inbox._beginning_or_going_on(timetable.planned, now_ns)
-        return replace(inbox, changes=replace(inbox.changes, measurements=(), clock_restarted=True))
+        return inbox._replace(changes=replace(inbox.changes, measurements=(), clock_restarted=True))
 
     def _is_overtaken(self, measurement: Measurement, now_ns: int) -> bool:
         """
@@ -259,7 +258,7 @@ class Inbox:
 
         `percentage` is that of the message, NaN: unknown, at `now_ns` [ns].
         """
-        return replace(self, percent_scale=self.percent_scale.refused(now_ns / NS_PER_S, percentage),
+        return self._replace(percent_scale=self.percent_scale.refused(now_ns / NS_PER_S, percentage),
                        refusals=self.refusals.of_battery(error))
 
     def _check_content(self, measurement: Measurement, now_ns: int) -> None:
@@ -289,7 +288,7 @@ class Inbox:
         if doubt:
             since_ns = now_ns if self.scale_verdict is None else self.scale_verdict.since_ns
             verdict = SignalVerdict(STATE_OF_CHARGE, doubt, since_ns)
-        return replace(self, percent_scale=percent_scale, scale_verdict=verdict), doubt
+        return self._replace(percent_scale=percent_scale, scale_verdict=verdict), doubt
 
     def _voltage_vouches_for(self, measurement: Measurement) -> bool:
         """Return whether the voltage fits the state of charge better than a hundredth of the reading."""
@@ -308,11 +307,11 @@ class Inbox:
         except InvalidInput as error:
             hinted = InvalidInput([*error.problems, hint]) if hint else error
             return self._with_refused_progress(hinted), hinted
-        return replace(self, timetable=timetable, refused_progress=None), None
+        return self._replace(timetable=timetable, refused_progress=None), None
 
     def _with_refused_progress(self, error: InvalidInput) -> Inbox:
         """Return the Inbox after a route progress was refused: the previous one holds until it is too old."""
-        return replace(self, refused_progress=f'{PROGRESS} refused: {error}')
+        return self._replace(refused_progress=f'{PROGRESS} refused: {error}')
 
     # Routes
 
@@ -329,9 +328,9 @@ class Inbox:
         before = self.cancelled_before
         if before is not None and before.is_of(mission.route_id, mission.stamp_ns):
             return self._dropped(), None
-        inbox = replace(self, cancelled_before=None)._with_choices(cancelled_trip=None)
+        inbox = self._replace(cancelled_before=None)._with_choices(cancelled_trip=None)
         inbox = inbox._beginning_or_going_on(mission, now_ns)
-        return replace(inbox, refusals=inbox.refusals.after_route()), None
+        return inbox._replace(refusals=inbox.refusals.after_route()), None
 
     def _beginning_or_going_on(self, mission: Mission, now_ns: int) -> Inbox:
         """Follow a valid Mission: another trip, or an update of the current trip or of an ended one."""
@@ -339,7 +338,7 @@ class Inbox:
         is_update = mission.route_id == self.route_id
         is_after_end = ended is not None and ended.includes(
             mission.route_id, mission.stamp_ns, mission.places.length_m, now_ns)
-        inbox = replace(self, route_id=mission.route_id, is_after_end=is_after_end)
+        inbox = self._replace(route_id=mission.route_id, is_after_end=is_after_end)
         if ended is not None and is_after_end:
             return inbox._following(Timetable.of(mission).ended(TripEnd(
                 ended.ended_ns if ended.ended_ns <= now_ns else None, ended.is_observed)), not is_update)
@@ -362,17 +361,17 @@ class Inbox:
             return self._without_misfit(error, mission), error
         timetable, ended = self.timetable, self.choices.ended_trip
         if timetable is not None:
-            inbox = replace(self._following(timetable.revised(mission)), refused_progress=self.refused_progress)
+            inbox = self._following(timetable.revised(mission))._replace(refused_progress=self.refused_progress)
         else:
             # It was dropped, and with it its place.
             timetable = Timetable.of(mission)
             inbox = self._following(timetable if ended is None else timetable.ended(
                 TripEnd(ended.ended_ns, ended.is_observed)))
-        return replace(inbox, refusals=inbox.refusals.after_fit()), None
+        return inbox._replace(refusals=inbox.refusals.after_fit()), None
 
     def _without_misfit(self, error: InvalidInput, latest_mission: Mission | None) -> Inbox:
         """Drop the current route, which does not fit the parameters, but remember it as the latest."""
-        return replace(self._following(None), latest_mission=latest_mission,
+        return self._following(None)._replace(latest_mission=latest_mission,
                        refusals=self.refusals.of_misfit(error))
 
     def _cancelled(self, now_ns: int) -> Inbox:
@@ -384,20 +383,20 @@ class Inbox:
 
     def _dropped(self) -> Inbox:
         inbox = self._following(None, is_new_trip=True)
-        return replace(inbox, is_cancelled=True, refusals=inbox.refusals.after_route())
+        return inbox._replace(is_cancelled=True, refusals=inbox.refusals.after_route())
 
     def _with_refused_route(self, error: InvalidInput, refused: RefusedRoute) -> Inbox:
         """Return the Inbox after a route was refused: 0 W, for a time that depends on its RefusedRoute."""
         refusals, may_continue = self.refusals.of_route(error, refused, self.mission, self.latest_ns)
-        return replace(self if may_continue else self._following(None), refusals=refusals)
+        return (self if may_continue else self._following(None))._replace(refusals=refusals)
 
     def _check_mission(self, mission: Mission) -> None:
         check_mission(self.vehicle, mission, defaults_of(self.vehicle, self.settings).target_battery_temperature_c)
 
     def _following(self, timetable: Timetable | None, is_new_trip: bool = False) -> Inbox:
         mission = None if timetable is None else timetable.planned
-        return replace(
-            self, timetable=timetable, latest_mission=mission, refused_progress=None, is_cancelled=False,
+        return self._replace(
+            timetable=timetable, latest_mission=mission, refused_progress=None, is_cancelled=False,
             unit_warnings=() if mission is None else tuple(unit_warnings(
                 (leg.route for leg in mission.legs), self.vehicle)),
             changes=replace(self.changes, has_new_mission=True,

@@ -8,9 +8,9 @@ every input. Instants are integers, in nanoseconds of the node's clock.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 import math
-from typing import TYPE_CHECKING
+from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.control.admitted import find_obstacle
 from bev_preheat.control.assumed_drive import drive_of_route, DriveMemory, steady_drive
@@ -40,8 +40,7 @@ LONGEST_S = 24 * 3600.0
 AMBIENT_KNOWN_S = 6 * 3600.0
 
 
-@dataclass(frozen=True, eq=False)
-class Preparation:
+class Preparation(NamedTuple):
     """
     At most one PreparationGoal and its `timetable`; None without a goal. A value: each change makes another one.
 
@@ -64,25 +63,25 @@ class Preparation:
 
     def without_outcomes(self) -> Preparation:
         """Return the Preparation whose outcomes, including those of refused goals, have been taken."""
-        return replace(self, outcomes=()) if self.outcomes else self
+        return self._replace(outcomes=()) if self.outcomes else self
 
     def seen(self, measurement: Measurement, heater_w: float, inputs: AdmittedInputs) -> Preparation:
         """Remember power and ambient temperature for a drive without a route; the heater takes `heater_w` [W]."""
         memory = self.memory if self.goal is not None and self.goal.is_plugged_in else self.memory.seen(
             measurement.stamp_ns, measurement.power_w, heater_w)
-        return replace(self, memory=memory)._with_ambient(inputs.mission, measurement.stamp_ns)
+        return self._replace(memory=memory)._with_ambient(inputs.mission, measurement.stamp_ns)
 
     def _with_ambient(self, mission: Mission | None, now_ns: int) -> Preparation:
         if mission is None:
             return self
         leg = mission.legs[mission.leg_number(now_ns)]
         at = leg.route.segment_at((now_ns - leg.start_ns) / NS_PER_S)
-        return replace(self, ambient=(
+        return self._replace(ambient=(
             min(now_ns, mission.arrival_ns), float(leg.route.ambient_temperature_c[at])))
 
     def without_instants(self) -> Preparation:
         """Return the Preparation whose goal is to end, because the clock was restarted: its instants are void."""
-        return replace(self, has_lost_time=True, memory=DriveMemory(), ambient=None)
+        return self._replace(has_lost_time=True, memory=DriveMemory(), ambient=None)
 
     # Beginning and end
 
@@ -121,7 +120,7 @@ class Preparation:
             raise InvalidInput(problems)
         measurement = inputs.measurement
         progress = PreparationProgress(goal, target_c, now_ns, measurement.state.soc if measurement else 0.0)
-        after = replace(self, progress=progress, has_lost_time=False)._with_ambient(inputs.mission, now_ns)
+        after = self._replace(progress=progress, has_lost_time=False)._with_ambient(inputs.mission, now_ns)
         needs_ambient = goal.is_plugged_in or not _has_route(inputs, now_ns)
         if needs_ambient and after._ambient_c(goal, now_ns) is None:
             raise InvalidInput('ambient_temperature: is not given, and no route has reported one in the '
@@ -134,16 +133,16 @@ class Preparation:
         obstacle = find_obstacle(inputs._replace(active_timetable=placeholder), now_ns)
         if obstacle is not None:
             raise InvalidInput(obstacle.explanation.removesuffix('.'))
-        return replace(after, timetable=placeholder).revised(inputs, now_ns, 1.0)
+        return after._replace(timetable=placeholder).revised(inputs, now_ns, 1.0)
 
     def ended(self, goal: PreparationGoal | None, ending: PreparationEnding, explanation: str,
               inputs: AdmittedInputs) -> Preparation:
         """Return the Preparation without the current goal if that is `goal` (None: any goal)."""
         if self.progress is None or goal not in (None, self.progress.goal):
             return self
-        return replace(self._noting(
-            self.progress.goal, ending, explanation, inputs, self.progress.target_c),
-            progress=None, timetable=None)
+        return self._noting(
+            self.progress.goal, ending, explanation, inputs, self.progress.target_c)._replace(
+                progress=None, timetable=None)
 
     def concluded(self, inputs: AdmittedInputs, now_ns: int, decision: Decision, obstacle: Decision | None,
                   temperature_c: float | None) -> Preparation:
@@ -160,18 +159,18 @@ class Preparation:
             progress, over = self.progress, (
                 PreparationEnding.INPUT_LOST, "The clock was set back: the goal's instant is no longer valid.")
         if over is None:
-            return replace(self, progress=progress)
+            return self._replace(progress=progress)
         ending, explanation = over
-        return replace(self._noting(
-            progress.goal, ending, explanation, inputs, progress.target_c, temperature_c),
-            progress=None, timetable=None)
+        return self._noting(
+            progress.goal, ending, explanation, inputs, progress.target_c, temperature_c)._replace(
+                progress=None, timetable=None)
 
     def _noting(self, goal: PreparationGoal, ending: PreparationEnding, explanation: str, inputs: AdmittedInputs,
                 target_c: float = math.nan, temperature_c: float | None = None) -> Preparation:
         if temperature_c is None:
             measurement = inputs.measurement
             temperature_c = measurement.state.temperature_c if measurement else math.nan
-        return replace(self, outcomes=(*self.outcomes, PreparationOutcome(
+        return self._replace(outcomes=(*self.outcomes, PreparationOutcome(
             goal, ending, explanation, max(0.0, target_c - temperature_c)
             if math.isfinite(target_c - temperature_c) else math.nan, temperature_c)))
 
@@ -199,7 +198,7 @@ class Preparation:
                       inputs, now_ns, progress.goal.ready_at_ns or progress.expected_ns or now_ns)
                   if not progress.goal.is_plugged_in else 0.0,
                   made_for=progress.goal).in_planning_steps(inputs.settings.planning_step_s)
-        return replace(self, progress=progress, timetable=Timetable.of(Mission(ROUTE_ID, (replace(
+        return self._replace(progress=progress, timetable=Timetable.of(Mission(ROUTE_ID, (replace(
             leg, route=in_price_steps(leg.route, progress.goal)),))))
 
     def _drive(self, progress: PreparationProgress, inputs: AdmittedInputs, now_ns: int, until_ns: int,

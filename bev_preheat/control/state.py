@@ -3,8 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.control.command import Commander
 from bev_preheat.control.decision import Decision, WITHOUT_ROUTE
@@ -30,8 +29,7 @@ if TYPE_CHECKING:
     from bev_preheat.vehicle.description import Vehicle
 
 
-@dataclass(frozen=True)
-class Screened:
+class Screened(NamedTuple):
     """
     A Measurement `as_arrived`, and `holding`: with only the signals that hold.
 
@@ -43,8 +41,7 @@ class Screened:
     doubt: str | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class State:
+class State(NamedTuple):
     """
     All that the planner remembers, after the step of `now_ns` [ns].
 

@@ -79,7 +79,7 @@ def step(state: State, now_ns: int, *events: Event) -> tuple[State, StepOutput]:
     """
     refusals: list[Refusal] = []
     try:
-        state = replace(state, now_ns=now_ns)
+        state = state._replace(now_ns=now_ns)
         for event in events:
             state, error = admit(state, event)
             if isinstance(error, InvalidInput):
@@ -95,7 +95,7 @@ def step(state: State, now_ns: int, *events: Event) -> tuple[State, StepOutput]:
             if has_news:
                 changes = state.inbox.changes
                 # A measurement that cannot be learned from must not be tried again and again.
-                state = replace(state, inbox=state.inbox.with_changes(replace(changes, measurements=())))
+                state = state._replace(inbox=state.inbox.with_changes(replace(changes, measurements=())))
                 state = know(state, changes, events)
             before, state = state, pass_time(state)
             # A trip that has just ended needs another decision, whatever the clock does.
@@ -106,7 +106,7 @@ def step(state: State, now_ns: int, *events: Event) -> tuple[State, StepOutput]:
     except Exception as error:
         state, output = fail(state, now_ns, f'{type(error).__name__}: {error}')
     outcomes = state.preparation.outcomes
-    return replace(state, preparation=state.preparation.without_outcomes()), output._replace(
+    return state._replace(preparation=state.preparation.without_outcomes()), output._replace(
         refusals=tuple(refusals), outcomes=outcomes)
 
 
@@ -114,7 +114,7 @@ def fail(state: State, now_ns: int, what: str) -> tuple[State, StepOutput]:
     """Return the State and the StepOutput that switch the heater off after an exception, given in words."""
     what = shortened(what, LONGEST_PROBLEM)
     decision = Decision(Status.INTERNAL_ERROR, f'Planning failed: {what}')
-    state = replace(_off(state, now_ns, Status.INTERNAL_ERROR), decision=decision, shown=decision)
+    state = _off(state, now_ns, Status.INTERNAL_ERROR)._replace(decision=decision, shown=decision)
     return state, StepOutput(command=state.latest_command, failure=what)
 
 
@@ -156,38 +156,38 @@ def admit(state: State, event: Event) -> tuple[State, Exception | None]:
         case HeaterStatusUnreadable():
             answers, error = answers.with_problem(event.error), event.error
         case ActivationChanged():
-            state = replace(state, inactive='' if event.is_active else event.why_not)
+            state = state._replace(inactive='' if event.is_active else event.why_not)
         case _:
             inbox, error = inbox.taken(event, now_ns)
-    return replace(state, inbox=inbox, preparation=preparation, answers=answers), error
+    return state._replace(inbox=inbox, preparation=preparation, answers=answers), error
 
 
 def heed_heater(state: State) -> State:
     """Return the State with the sentence on heat that the heater refuses."""
     refusal = state.answers.refusal(state.now_ns, state.settings, state.commander.history)
-    return state if refusal == state.heater_refusal else replace(state, heater_refusal=refusal)
+    return state if refusal == state.heater_refusal else state._replace(heater_refusal=refusal)
 
 
 def know(state: State, changes: InputChanges, events: tuple[Event, ...]) -> State:
     """Return the State with all that is known brought up to date with the admitted events and their changes."""
-    state = replace(state, inbox=state.inbox.with_changes(NO_CHANGES))
+    state = state._replace(inbox=state.inbox.with_changes(NO_CHANGES))
     state = _with_vehicle(state, next((
         event.learned for event in events if isinstance(event, Reconfigured) and event.learned), None))
     if changes.clock_restarted:
-        state = replace(
-            state, learning=state.learning.without_instants(), knowledge=state.knowledge.without_instants(),
+        state = state._replace(
+            learning=state.learning.without_instants(), knowledge=state.knowledge.without_instants(),
             preparation=state.preparation.without_instants(), answers=state.answers.without_instants())
     if changes.has_new_mission:
         state = _with_new_mission(state, changes.has_new_trip)
     if changes.has_new_trip:
-        state = replace(state, learning=state.learning.on_new_trip(),
+        state = state._replace(learning=state.learning.on_new_trip(),
                         answers=state.answers.on_new_trip(state.now_ns))
     for measurement in changes.measurements:
         state = learn(state, measurement)
     if state.preparation.goal is None:
         return state
     estimate = state.estimate
-    return replace(state, preparation=state.preparation.revised(
+    return state._replace(preparation=state.preparation.revised(
         state.inputs, state.now_ns, 1.0 if estimate is None else estimate.propulsion_factor))
 
 
@@ -195,21 +195,21 @@ def learn(state: State, measurement: Measurement) -> State:
     """Return the State with a valid Measurement: its signals are checked, and it is learned from."""
     history, vehicle = state.answers.history, state.inbox.vehicle
     knowledge, known = state.knowledge.seen(measurement, state.inputs, history)
-    state = replace(
-        state, knowledge=knowledge, inbox=state.inbox.with_timetable(known.timetable),
+    state = state._replace(
+        knowledge=knowledge, inbox=state.inbox.with_timetable(known.timetable),
         screened=Screened(measurement, known.measurement, knowledge.obstacle))
     inputs = state.inputs
-    state = replace(state, preparation=state.preparation.seen(known.measurement, known.command_w, inputs))
+    state = state._replace(preparation=state.preparation.seen(known.measurement, known.command_w, inputs))
     if not inputs.settings.estimation:
         return state
-    state = replace(state, learning=state.learning.learned(
+    state = state._replace(learning=state.learning.learned(
         vehicle, known, inputs.active_timetable, history, inputs.mission))
     estimate = state.estimate
     if estimate is None:
         return state
     answers, is_refuted = state.answers.judged(
         estimate.heater, state.now_ns, inputs.settings, state.commander.history)
-    return replace(state, answers=answers, learning=state.learning.with_acquitted_heater(
+    return state._replace(answers=answers, learning=state.learning.with_acquitted_heater(
         ) if is_refuted else state.learning)
 
 
@@ -224,7 +224,7 @@ def pass_time(state: State) -> State:
     if timetable is None or measurement is None or state.now_ns - measurement.stamp_ns > timeout_ns:
         return state
     passed = timetable.passed(state.now_ns)
-    return state if passed is timetable else replace(state, inbox=state.inbox.with_timetable(passed))
+    return state if passed is timetable else state._replace(inbox=state.inbox.with_timetable(passed))
 
 
 def decide(state: State, is_due: bool) -> tuple[State, Decision | None]:
@@ -237,8 +237,8 @@ def decide(state: State, is_due: bool) -> tuple[State, Decision | None]:
     obstacle = find_obstacle(inputs, now_ns)
     if obstacle is not None:
         if obstacle.status is Status.STALE_INPUT:
-            state = replace(state, knowledge=state.knowledge.state_expired())
-        return replace(state, decision=obstacle), obstacle
+            state = state._replace(knowledge=state.knowledge.state_expired())
+        return state._replace(decision=obstacle), obstacle
     if not is_due:
         return state, None
     maker, decision = state.decision_maker.decide(Moment(
@@ -249,19 +249,19 @@ def decide(state: State, is_due: bool) -> tuple[State, Decision | None]:
     answers = state.answers
     if decision.status in (Status.CHARGING, Status.ARRIVED):
         answers = answers.without_heating(now_ns)
-    return replace(state, decision_maker=maker, decision=decision, answers=answers), None
+    return state._replace(decision_maker=maker, decision=decision, answers=answers), None
 
 
 def conclude_preparation(state: State, obstacle: Decision | None) -> tuple[State, Decision | None]:
     """Return the State without a preparation goal whose time has come, decided anew, and the obstacle."""
     if state.preparation.goal is None:
         return state, obstacle
-    state = replace(state, preparation=state.preparation.concluded(
+    state = state._replace(preparation=state.preparation.concluded(
         state.inputs, state.now_ns, state.decision, obstacle, state.view.temperature_c))
     if state.preparation.goal is not None:
         return state, obstacle
-    return decide(replace(
-        state, decision_maker=state.decision_maker.for_new_mission(), commander=state.commander.free_to_switch(),
+    return decide(state._replace(
+        decision_maker=state.decision_maker.for_new_mission(), commander=state.commander.free_to_switch(),
         answers=state.answers.without_heating(state.now_ns)), is_due=True)
 
 
@@ -270,8 +270,8 @@ def give_command(state: State, obstacle: Decision | None) -> State:
     inputs, now_ns = state.inputs, state.now_ns
     commander, command = state.commander.give(now_ns, inputs, state.decision, obstacle)
     commander, shown = commander.in_words(now_ns, inputs, state.decision)
-    return replace(
-        state, commander=commander, latest_command=command, shown=shown,
+    return state._replace(
+        commander=commander, latest_command=command, shown=shown,
         answers=state.answers.with_command(now_ns, command.battery_heating_power_w, inputs.settings))
 
 
@@ -280,13 +280,13 @@ def publish(state: State, has_news: bool) -> tuple[State, StepOutput]:
     status, before = state.shown.status, state.published_status
     if not has_news and status is before:
         return state, StepOutput(state.latest_command)
-    return replace(state, published_status=status), StepOutput(
+    return state._replace(published_status=status), StepOutput(
         state.latest_command, state.shown, has_new_status=status is not before)
 
 
 def _off(state: State, now_ns: int, reason: Status) -> State:
     commander, command = state.commander.off(now_ns, state.settings, reason)
-    return replace(state, commander=commander, latest_command=command,
+    return state._replace(commander=commander, latest_command=command,
                    answers=state.answers.with_command(now_ns, 0.0, state.settings))
 
 
@@ -294,8 +294,8 @@ def _with_vehicle(state: State, learned: Learned | None) -> State:
     """Return the State for the vehicle of its inputs, from what was learned about it, if any of these is new."""
     vehicle, is_new = state.inbox.vehicle, state.inbox.vehicle is not state.vehicle
     if learned or is_new:
-        state = replace(state, learning=Learning.begun(vehicle, learned), decision_maker=DecisionMaker())
-    return replace(state, vehicle=vehicle, knowledge=Knowledge()) if is_new else state
+        state = state._replace(learning=Learning.begun(vehicle, learned), decision_maker=DecisionMaker())
+    return state._replace(vehicle=vehicle, knowledge=Knowledge()) if is_new else state
 
 
 def _with_new_mission(state: State, has_new_trip: bool) -> State:
@@ -308,6 +308,6 @@ def _with_new_mission(state: State, has_new_trip: bool) -> State:
     mission, was_in_doubt = state.inbox.mission, state.is_in_doubt
     is_in_doubt = mission is not None and any(leg.prospect.probability < 1.0 for leg in mission.legs)
     is_doubt_revised = not has_new_trip and (was_in_doubt or is_in_doubt)
-    return replace(
-        state, decision_maker=state.decision_maker.for_new_mission(), is_in_doubt=is_in_doubt,
+    return state._replace(
+        decision_maker=state.decision_maker.for_new_mission(), is_in_doubt=is_in_doubt,
         commander=state.commander if is_doubt_revised else state.commander.free_to_switch())

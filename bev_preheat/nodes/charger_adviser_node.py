@@ -164,7 +164,7 @@ class ChargerAdviserNode(Node):
 
     def _apply_parameters(self, parameters: Sequence[RosParameter]) -> None:
         self._values = {**self._values, **_own_values(parameters)}
-        self._inbox = replace(self._inbox, settings=self._settings())
+        self._inbox = self._inbox._replace(settings=self._settings())
 
     def _settings(self) -> Settings:
         values = self._values

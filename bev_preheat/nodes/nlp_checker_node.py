@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import replace
 from functools import wraps
 import sys
 from time import monotonic
@@ -412,8 +411,8 @@ class NlpCheckerNode(Node):
             return
         vehicle = load_vehicle(values['vehicle']) if 'vehicle' in values else None
         self._values = {**self._values, **values}
-        self._inbox = replace(
-            self._inbox, settings=_settings(self._values), vehicle=vehicle or self._inbox.vehicle)
+        self._inbox = self._inbox._replace(
+            settings=_settings(self._values), vehicle=vehicle or self._inbox.vehicle)
         if vehicle is not None:
             self._solver.close()
             self._solver = self._solver_of(vehicle)

@@ -9,7 +9,6 @@ clock that has gone on. Otherwise the planner begins with what the state file sa
 from __future__ import annotations
 
 from base64 import b64decode, b64encode
-from dataclasses import replace
 from hashlib import sha256
 import json
 from typing import NamedTuple, TYPE_CHECKING
@@ -87,11 +86,11 @@ def _as_after_restart(state: State, now_ns: int) -> State:
     The publisher of a cancelled route may still latch it, and sends it to the new process.
     """
     preparation, choices = state.preparation, state.inbox.choices.after_restart(now_ns)
-    inbox = replace(state.inbox, rivals='', choices=choices, cancelled_before=choices.cancelled_trip)
+    inbox = state.inbox._replace(rivals='', choices=choices, cancelled_before=choices.cancelled_trip)
     if preparation.goal is not None:
         inbox = inbox.with_other_goal()
-    return replace(
-        state, inbox=inbox, inactive='', published_status=None,
+    return state._replace(
+        inbox=inbox, inactive='', published_status=None,
         preparation=Preparation(memory=preparation.memory, ambient=preparation.ambient))
 
 

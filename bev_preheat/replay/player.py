@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple, TYPE_CHECKING
 
 from bev_preheat.control.events import Reconfigured
@@ -149,7 +149,7 @@ class Player:
             self._supervisor.step(state.now_ns, Reconfigured(
                 vehicle, settings, self._routes.read_again(state.view, vehicle, settings)))
         elif self._changes.has_recorded_vehicle:
-            self._supervisor.go_on_from(replace(state, inbox=replace(state.inbox, settings=settings)))
+            self._supervisor.go_on_from(state._replace(inbox=state.inbox._replace(settings=settings)))
         else:
             # Another vehicle file starts without learned values.
             self._supervisor = Supervisor(
