@@ -32,7 +32,7 @@ LEAST_TRIPS, USUAL_DISPERSION = 3, 40.0
 # The start temperature lies in the interval of the first reading; a lagging sensor widens it [K].
 START_NOISE_K = 0.2
 # Standard deviation and bound of the difference between cells and battery as a whole at parking [K].
-UNSETTLED_K, MOST_UNSETTLED_K = 3.0, 8.0
+UNSETTLED_K, MOST_UNSETTLED_K = 1.0, 8.0
 # A reading is the sensor's: with a coarse step the cell may be anywhere in it.
 SHARE_OF_STEP = 1.0 / math.sqrt(12.0)
 MOST_EVALUATIONS = 60
