@@ -220,10 +220,10 @@ def test_shipped_car_is_what_its_command_makes(name, tmp_path, monkeypatch):
 
 
 def test_a_limit_in_stairs_stays_one():
-    """INL Caldera_ICM, factory_SOC_vs_P2.cpp: 107 kW from 16 degC, 108 kW at 20 degC, 200 kW from 22 degC."""
+    """120 kW up to 19 degC, 190 kW from 21 degC, 233 kW from 28 degC: as its file says."""
     power = load_vehicle('crossover_800v').charging.power_limit.function(FLOATS)
-    for at_c, most_kw in ((-40.0, 60.0), (0.0, 60.0), (15.0, 75.0), (16.0, 107.0), (20.0, 108.0), (22.0, 200.0),
-                          (24.0, 200.0), (25.0, 233.0)):
+    for at_c, most_kw in ((-40.0, 50.0), (4.0, 50.0), (6.0, 85.0), (15.0, 120.0), (19.0, 120.0), (20.0, 155.0),
+                          (21.0, 190.0), (26.0, 190.0), (28.0, 233.0)):
         assert power(0.3, at_c) == pytest.approx(-1e3 * most_kw), at_c
 
 
