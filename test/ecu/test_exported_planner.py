@@ -34,10 +34,7 @@ from bev_preheat.vehicle.heat_path import HeatPath
 pytestmark = pytest.mark.costly
 # Curves of the first are formulas with factors, of the second tables; the third has a heat path.
 FORMULAS = corrected_vehicle(load_vehicle('reference'), Corrections(1.07, 0.9, 1.2, 0.97))
-TABLES = load_vehicle('mid_size_lfp')
-# The situations below were drawn for a car with this leakage.
-TABLES = replace(TABLES, battery=replace(TABLES.battery, leakage=Leakage(37.0, 0.581)))
-CARS = {'formulas': FORMULAS, 'tables': TABLES,
+CARS = {'formulas': FORMULAS, 'tables': load_vehicle('mid_size_lfp'),
         'heat path': replace(FORMULAS, heat_path=HeatPath(45.0, 16e3, 280.0))}
 VECTORS = 25
 FUZZ = Path(__file__).with_name('fuzz_planner.c')
@@ -273,13 +270,18 @@ def test_hundreds_of_situations_are_planned_as_in_python(tmp_path, name):
     assert len(heated_within_limits(done.vectors)) > 40
 
 
-# Here a limit bends within a stretch of temperatures, or takes more than four rounds to be found at a step's end.
+# Here a limit bends within a stretch of temperatures, or takes more than four rounds to be found at a step's end. The
+# cars were these when the situations were found: the file of the second has another leakage now.
+FOUND_WITH = {**CARS, 'tables': replace(CARS['tables'], battery=replace(
+    CARS['tables'].battery, leakage=Leakage(37.0, 0.581)))}
+
+
 @pytest.mark.parametrize('name, number', [
     ('tables', 21), ('tables', 386), ('heat path', 9), ('heat path', 73), ('heat path', 383)])
 def test_warm_arrivals_within_limits_are_planned_by_the_core_as_in_python(name, number):
-    by_core = draw_vector(CARS[name], 1, number).answers[BY_VALUES]
+    by_core = draw_vector(FOUND_WITH[name], 1, number).answers[BY_VALUES]
     with without_core():
-        in_python = draw_vector(CARS[name], 1, number).answers[BY_VALUES]
+        in_python = draw_vector(FOUND_WITH[name], 1, number).answers[BY_VALUES]
     assert in_python.heats and not in_python.is_exact
     assert by_core.expected[7] == pytest.approx(in_python.expected[7], abs=1e-3)
     assert by_core.expected[8] == pytest.approx(in_python.expected[8], abs=1e-4)
