@@ -83,14 +83,21 @@ def _as_after_restart(state: State, now_ns: int) -> State:
     """
     Return a State without what belongs to the process before: goals, other nodes, what was published.
 
-    The publisher of a cancelled route may still latch it, and sends it to the new process.
+    The publisher of a cancelled route may still latch it, and sends it to the new process. A heater whose lease
+    has ended has been off since.
     """
     preparation, choices = state.preparation, state.inbox.choices.after_restart(now_ns)
     inbox = state.inbox._replace(rivals='', choices=choices, cancelled_before=choices.cancelled_trip)
     if preparation.goal is not None:
         inbox = inbox.with_other_goal()
+    command, commander, answers = state.latest_command, state.commander, state.answers
+    if command is not None and command.valid_until_ns <= now_ns:
+        off_ns = command.valid_until_ns
+        commander = commander.free_to_switch()._replace(
+            switch=commander.switch.forced_off(), history=commander.history.noted(off_ns, 0.0), reason=None)
+        answers = answers._replace(history=answers.history.noted(off_ns, 0.0))
     return state._replace(
-        inbox=inbox, inactive='', published_status=None,
+        commander=commander, answers=answers, inbox=inbox, inactive='', published_status=None,
         preparation=Preparation(memory=preparation.memory, ambient=preparation.ambient))
 
 
