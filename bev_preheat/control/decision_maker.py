@@ -53,7 +53,7 @@ if TYPE_CHECKING:
 
 class Moment(NamedTuple):
     """
-    What is decided on at an instant [ns].
+    The inputs of a decision at an instant [ns].
 
     `regime` is the vehicle's RegimeReport, `estimate` the latest Estimate, None without estimation. `is_heating`:
     the heater is on; it has heated the battery for `heated_s` [s] on this trip.
@@ -285,7 +285,7 @@ def _decided_later(vehicle: Vehicle, leg: Leg, goal: Goal, method: str) -> Decis
 
 @lru_cache(maxsize=16)
 def _planned_later(vehicle: Vehicle, route: Route, departure: BatteryState, goal: Goal, method: str) -> Plan | str:
-    """Return the Plan from a departure, which no delay changes, or the sentence on why there is none."""
+    """Return the Plan from a departure, which no delay changes, or the sentence on the failure."""
     try:
         return plan_preheating(vehicle, route, departure, goal, method)
     except (InvalidInput, PlanningFailure) as error:

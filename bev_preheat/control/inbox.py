@@ -281,7 +281,7 @@ class Inbox(NamedTuple):
                                'stamps must not go back')
 
     def _with_scale(self, measurement: Measurement, now_ns: int) -> tuple[Inbox, str]:
-        """Return the Inbox with the scale of a percentage, and the sentence on one that is not 0 ... 1."""
+        """Return the Inbox with the scale of a percentage, and the sentence on a percentage beyond 0 ... 1."""
         percent_scale, doubt = self.percent_scale.seen(
             now_ns / NS_PER_S, measurement.state.soc, lambda: self._voltage_vouches_for(measurement))
         verdict = None

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the planner learns about the car from battery states: the estimate, and how long the battery has stood."""
+"""The planner's knowledge of the car from battery states: the estimate, and the time at stand."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ class Learning:
     @classmethod
     def begun(cls, vehicle: Vehicle, learned: Learned | None = None,
               last_seen: LastSeen | None = None) -> Learning:
-        """Return what is known from the vehicle file, or from the Learned of earlier drives, and the LastSeen."""
+        """Return the Learning of a vehicle file, or of the Learned of earlier drives, and of the LastSeen."""
         return cls(Estimator.of(vehicle, learned), StandWatch(() if last_seen is None else (last_seen,)))
 
     def learned(self, vehicle: Vehicle, known: Known, timetable: Timetable | None, commands: CommandHistory,
                 trip: Mission | None) -> Learning:
         """
-        Return what is known after a Known measurement, on a Timetable's mission and under a CommandHistory.
+        Return the Learning after a Known measurement, on a Timetable's mission and under a CommandHistory.
 
         `trip` is the Mission of the route plan, before which the vehicle may have stood.
         """

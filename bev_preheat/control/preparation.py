@@ -178,7 +178,7 @@ class Preparation(NamedTuple):
 
     def revised(self, inputs: AdmittedInputs, now_ns: int, propulsion_factor: float) -> Preparation:
         """
-        Return the Preparation with the trip from the current inputs; without a goal there is none.
+        Return the Preparation with the trip from the current inputs; without a goal it stays.
 
         An assumed drive uses measured power. It is divided by the `propulsion_factor` that the estimator
         found for routes, because planning multiplies by it.

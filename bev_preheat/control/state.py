@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The planner's state between two steps: one value, which `step.step` makes anew at each instant."""
+"""The planner's state between two steps: one value, which `step.step` replaces at each instant."""
 
 from __future__ import annotations
 

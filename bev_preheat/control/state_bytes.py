@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-A State as bytes, and back: all of it, to the last digit.
+The whole State as bytes, and back, to the last digit.
 
 The bytes are a line with format and version, then compressed JSON: a table of classes with their fields, and a
 table of objects, each after those that it refers to. An object that occurs twice is written once, and is one
@@ -37,7 +37,7 @@ HEAD = b'bev_preheat state'
 # Classes are of these rooms: others have no values of a State, and reading must not load them.
 ROOMS = tuple(f'bev_preheat.{room}.' for room in (
     'charging', 'control', 'estimation', 'heater', 'numerics', 'planning', 'route', 'signals', 'vehicle'))
-# What a plan's sentence may be made by.
+# The functions that make a plan's sentence.
 SENTENCES: dict[str, Callable[..., str]] = {'explain': explain, 'in_words': in_words}
 # First elements of objects that are of no class.
 TUPLE, ARRAY, PARTIAL, FUNCTION = 't', 'a', 'p', 'f'
@@ -56,7 +56,7 @@ def state_of(contents: bytes) -> State:
     """
     Return the State of bytes.
 
-    Raises InvalidInput if they are none, damaged, or of a version that had other fields, which is named.
+    Raises InvalidInput if they are another file's, damaged, or of a version with other fields, which is named.
     """
     head, _, body = contents.partition(b'\n')
     if not head.startswith(HEAD):

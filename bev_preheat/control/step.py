@@ -4,8 +4,7 @@ One step of the planner: a State, the time and events in, a State and one output
 
     admit (checks, age, order) -> know (regime, signals) -> learn -> decide (goal, plan) -> gate -> output
 
-The node, the simulated drives and every replay take this step; nothing else makes a State. What a stage has made
-is kept if a later one fails. Instants are integers, in nanoseconds of the node's clock.
+The node, the simulated drives and every replay take this step. The result of a stage is kept if a later one fails. Instants are integers, in nanoseconds of the node's clock.
 """
 
 from __future__ import annotations
@@ -253,7 +252,7 @@ def decide(state: State, is_due: bool) -> tuple[State, Decision | None]:
 
 
 def conclude_preparation(state: State, obstacle: Decision | None) -> tuple[State, Decision | None]:
-    """Return the State without a preparation goal whose time has come, decided anew, and the obstacle."""
+    """Return the State without a preparation goal whose time has come, with another Decision, and the obstacle."""
     if state.preparation.goal is None:
         return state, obstacle
     state = state._replace(preparation=state.preparation.concluded(
@@ -291,7 +290,7 @@ def _off(state: State, now_ns: int, reason: Status) -> State:
 
 
 def _with_vehicle(state: State, learned: Learned | None) -> State:
-    """Return the State for the vehicle of its inputs, from what was learned about it, if any of these is new."""
+    """Return the State for the vehicle of its inputs, and for a Learned about the car, if either is new."""
     vehicle, is_new = state.inbox.vehicle, state.inbox.vehicle is not state.vehicle
     if learned or is_new:
         state = state._replace(learning=Learning.begun(vehicle, learned), decision_maker=DecisionMaker())

@@ -163,7 +163,7 @@ class TargetSearch:
     A search for the cheapest target, as far as it has come; a value.
 
     It is made of its input, its ChargingStop, the Plan without heating, the prospect that it counts with, and
-    what it has Evaluated so far.
+    the targets Evaluated so far.
     """
 
     begun: TargetSearchInput
@@ -185,7 +185,7 @@ class TargetSearch:
                 begun.heater_share), self.found)
 
     def after(self, worker: WorthSearch) -> TargetSearch:
-        """Return the search with what its worker has found."""
+        """Return the search with the targets that its worker has Evaluated."""
         search = replace(self, found=worker.found)
         _WORKERS[search] = worker
         return search
@@ -206,7 +206,7 @@ class TargetChooser:
     """
     Chooses the target of one leg after another; a value.
 
-    `key` identifies the leg and what is asked of it, `choice` is its TargetChoice. `search` is the TargetSearch
+    `key` identifies the leg and its requests, `choice` is its TargetChoice. `search` is the TargetSearch
     under way, `searched` the input of the latest one, `weighed` the search behind the choice, finished or not;
     `held` is the prospect that it counts with. `is_searched`: a whole search has been completed for this leg; the
     first look at it is coarse. `is_outdated`: the search is to be repeated.

@@ -92,7 +92,7 @@ class RecordingWriter:
     The thread that writes; `put` and `put_group` hand entries over and return at once.
 
     `entries_of` and `head_of` are called in the thread: they return the entries of a group, and those that a file
-    starts with: a Beginning, and what the planner knows after the groups so far.
+    starts with: a Beginning, and the planner's state after the groups so far.
     `report` is the sentence on a failure, '' while all is well; `dropped` counts the groups that were lost, `path`
     is that of the latest file.
     """

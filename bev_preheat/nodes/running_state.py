@@ -3,7 +3,7 @@
 The planner's whole State beside its state file, from which a restarted planner goes on.
 
 It is used only if nothing that it depends on has changed: the vehicle file, the parameters, the state file, and a
-clock that has gone on. Otherwise the planner begins with what the state file says.
+clock that has gone on. Otherwise the planner begins with the state file alone.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def save_running(path: str, fingerprint: str, running: Running) -> None:
 
 def load_running(path: str, fingerprint: str, settings: Settings, now_ns: int) -> Running | None:
     """
-    Return the Running beside the state file of a path as it holds at an instant [ns]; None without one that does.
+    Return the Running beside the state file of a path as it holds at an instant [ns]; None: it does not hold.
 
     A preparation goal has ended with the process that it was given to. Raises InvalidInput if the file is damaged,
     or of another version.
@@ -81,7 +81,7 @@ def load_running(path: str, fingerprint: str, settings: Settings, now_ns: int) -
 
 def _as_after_restart(state: State, now_ns: int) -> State:
     """
-    Return a State without what belongs to the process before: goals, other nodes, what was published.
+    Return a State without the goals, other nodes and publications of the process before.
 
     The publisher of a cancelled route may still latch it, and sends it to the new process. A heater whose lease
     has ended has been off since.
@@ -102,7 +102,7 @@ def _as_after_restart(state: State, now_ns: int) -> State:
 
 
 def _contents(path: str, most_bytes: int = LARGEST_FILE_BYTES) -> bytes:
-    """Return the first bytes of a file; b'' if there is none."""
+    """Return the first bytes of a file; b'' without a file."""
     if existing_file(path) is None:
         return b''
     try:

@@ -51,7 +51,7 @@ class KeptValues:
     """
 
     def __init__(self, latest: tuple[Kept, ...] = ()) -> None:
-        """Begin with what the plans before have left."""
+        """Begin with the values of the plans before."""
         self.latest = latest
 
     def keep(self, trip: Trip, start: States, wanted: Requirements, values: Any) -> None:

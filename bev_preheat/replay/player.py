@@ -98,7 +98,7 @@ class Player:
         self._beginning, self._number = flight.beginning, 0
         self._vehicles: dict[str, Vehicle] = {}
         self._routes, self._goals = RouteIntake(), GoalNumbers()
-        # What was known at the start, and again after steps that are missing.
+        # The planner's states at the start, and after steps that are missing.
         self._starts = {start.at: start for start in flight.starts
                         if start.at == 0 or any(0 < gap <= start.at for gap in flight.gaps)}
         self._supervisor = Supervisor(

@@ -270,8 +270,8 @@ def test_hundreds_of_situations_are_planned_as_in_python(tmp_path, name):
     assert len(heated_within_limits(done.vectors)) > 40
 
 
-# Here a limit bends within a stretch of temperatures, or takes more than four rounds to be found at a step's end. The
-# cars were these when the situations were found: the file of the second has another leakage now.
+# Here a limit bends within a stretch of temperatures, or takes more than four rounds to be found at a step's end.
+# The cars were these when the situations were found: the file of the second has another leakage now.
 FOUND_WITH = {**CARS, 'tables': replace(CARS['tables'], battery=replace(
     CARS['tables'].battery, leakage=Leakage(37.0, 0.581)))}
 

@@ -37,7 +37,7 @@ def test_a_number_is_set_wherever_it_is_imported_and_taken_back():
 
 @pytest.mark.costly
 def test_a_number_that_matters_moves_something_and_one_that_does_not_moves_nothing():
-    """How well the route's power is known moves what is learned; a clock that is set back is not part of the drive."""
+    """The accuracy of the route's power moves the estimate; no clock is set back on the drive."""
     drives = study._Drives(1, 1, 10.0, True)
     found = [named('POWER_NOISE'), named('CLOCK_RESTART_S')]
     effects = [study.effect_of(drives, drives.figures(), found, number) for number in range(2)]
