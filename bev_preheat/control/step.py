@@ -4,7 +4,8 @@ One step of the planner: a State, the time and events in, a State and one output
 
     admit (checks, age, order) -> know (regime, signals) -> learn -> decide (goal, plan) -> gate -> output
 
-The node, the simulated drives and every replay take this step. The result of a stage is kept if a later one fails. Instants are integers, in nanoseconds of the node's clock.
+The node, the simulated drives and every replay take this step. The result of a stage is kept if a later one
+fails. Instants are integers, in nanoseconds of the node's clock.
 """
 
 from __future__ import annotations
