@@ -93,8 +93,8 @@ class HeaterAnswers(NamedTuple):
         if self.status is not None and status.stamp_ns < self.status.stamp_ns <= now_ns + ahead_s * NS_PER_S:
             # Overtaken.
             return self
-        return self._replace(status=status, problem='', history=self.history if self.doubt else
-                       self.history.noted(now_ns, status.confirmed_w))
+        history = self.history if self.doubt else self.history.noted(now_ns, status.confirmed_w)
+        return self._replace(status=status, problem='', history=history)
 
     def with_problem(self, error: InvalidInput) -> HeaterAnswers:
         """Return the answers after a status that could not be used."""

@@ -258,8 +258,9 @@ class Inbox(NamedTuple):
 
         `percentage` is that of the message, NaN: unknown, at `now_ns` [ns].
         """
-        return self._replace(percent_scale=self.percent_scale.refused(now_ns / NS_PER_S, percentage),
-                       refusals=self.refusals.of_battery(error))
+        return self._replace(
+            percent_scale=self.percent_scale.refused(now_ns / NS_PER_S, percentage),
+            refusals=self.refusals.of_battery(error))
 
     def _check_content(self, measurement: Measurement, now_ns: int) -> None:
         if now_ns == 0:
@@ -371,8 +372,8 @@ class Inbox(NamedTuple):
 
     def _without_misfit(self, error: InvalidInput, latest_mission: Mission | None) -> Inbox:
         """Drop the current route, which does not fit the parameters, but remember it as the latest."""
-        return self._following(None)._replace(latest_mission=latest_mission,
-                       refusals=self.refusals.of_misfit(error))
+        return self._following(None)._replace(
+            latest_mission=latest_mission, refusals=self.refusals.of_misfit(error))
 
     def _cancelled(self, now_ns: int) -> Inbox:
         """Drop the route at an instant [ns]: no heating until a new one arrives."""

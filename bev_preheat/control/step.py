@@ -180,8 +180,8 @@ def know(state: State, changes: InputChanges, events: tuple[Event, ...]) -> Stat
     if changes.has_new_mission:
         state = _with_new_mission(state, changes.has_new_trip)
     if changes.has_new_trip:
-        state = state._replace(learning=state.learning.on_new_trip(),
-                        answers=state.answers.on_new_trip(state.now_ns))
+        state = state._replace(
+            learning=state.learning.on_new_trip(), answers=state.answers.on_new_trip(state.now_ns))
     for measurement in changes.measurements:
         state = learn(state, measurement)
     if state.preparation.goal is None:
@@ -209,8 +209,8 @@ def learn(state: State, measurement: Measurement) -> State:
         return state
     answers, is_refuted = state.answers.judged(
         estimate.heater, state.now_ns, inputs.settings, state.commander.history)
-    return state._replace(answers=answers, learning=state.learning.with_acquitted_heater(
-        ) if is_refuted else state.learning)
+    learning = state.learning.with_acquitted_heater() if is_refuted else state.learning
+    return state._replace(answers=answers, learning=learning)
 
 
 def pass_time(state: State) -> State:
@@ -286,8 +286,9 @@ def publish(state: State, has_news: bool) -> tuple[State, StepOutput]:
 
 def _off(state: State, now_ns: int, reason: Status) -> State:
     commander, command = state.commander.off(now_ns, state.settings, reason)
-    return state._replace(commander=commander, latest_command=command,
-                   answers=state.answers.with_command(now_ns, 0.0, state.settings))
+    return state._replace(
+        commander=commander, latest_command=command,
+        answers=state.answers.with_command(now_ns, 0.0, state.settings))
 
 
 def _with_vehicle(state: State, learned: Learned | None) -> State:
