@@ -6,7 +6,8 @@ Reads the numbers that stand as constants in the rooms of the step, with the com
 drives the same drawn cars again with each number 30 % smaller and larger. Prints by how much arrivals (mean and
 worst), energy, switch-ons and verdicts on the heater move. Numbers that move nothing on these drives are listed,
 and those without a comment. Numbers of planning that the native core has built in are driven without it
-(`--without-core`, slow); whole numbers, which count something, move by at least 1.
+(`--without-core`, slow); whole numbers, which count something, move by at least 1. A number from which another one
+is computed when its module is loaded moves nothing there.
 """
 
 from __future__ import annotations
