@@ -142,10 +142,6 @@ class Inbox(NamedTuple):
             self.is_cancelled_before_restart, self.timetable, preparation or self.timetable,
             measurement, doubt)
 
-    def with_changes(self, changes: InputChanges) -> Inbox:
-        """Return the Inbox with these InputChanges left to be taken."""
-        return self if self.changes == changes else self._replace(changes=changes)
-
     def with_timetable(self, timetable: Timetable | None) -> Inbox:
         """Return the Inbox with a later value of the route's Timetable; it remembers the end of the trip."""
         if timetable is self.timetable:

@@ -95,7 +95,7 @@ def step(state: State, now_ns: int, *events: Event) -> tuple[State, StepOutput]:
             if has_news:
                 changes = state.inbox.changes
                 # A measurement that cannot be learned from must not be tried again and again.
-                state = state._replace(inbox=state.inbox.with_changes(replace(changes, measurements=())))
+                state = state._replace(inbox=state.inbox._replace(changes=replace(changes, measurements=())))
                 state = know(state, changes, events)
             before, state = state, pass_time(state)
             # A trip that has just ended needs another decision, whatever the clock does.
@@ -170,7 +170,7 @@ def heed_heater(state: State) -> State:
 
 def know(state: State, changes: InputChanges, events: tuple[Event, ...]) -> State:
     """Return the State with all that is known brought up to date with the admitted events and their changes."""
-    state = state._replace(inbox=state.inbox.with_changes(NO_CHANGES))
+    state = state._replace(inbox=state.inbox._replace(changes=NO_CHANGES))
     state = _with_vehicle(state, next((
         event.learned for event in events if isinstance(event, Reconfigured) and event.learned), None))
     if changes.clock_restarted:

@@ -77,7 +77,7 @@ def _on_unusual(item: Estimated) -> str:
     where = ('lies at its bound' if item.bound is not None else
              f'is outside {figure(item.prior_low, DIGITS)} … {figure(item.prior_high, DIGITS)} ({item.prior})')
     return (f'{item.label}: {figure(item.estimate, DIGITS)} {item.unit}'.rstrip() + f' {where}: either START or a '
-            'signal is wrong, or the value stands in for an effect that the model lacks.')
+            'signal is wrong, or the value stands in for an effect that is missing in the model.')
 
 
 def _resistance(coverage: Coverage, electrical: Electrical) -> Iterator[str]:

@@ -141,7 +141,7 @@ def core() -> Any:
 
 
 def call(name: str, *arguments: Any) -> int:
-    """Call a function of the library and return its status, OK or one of ANSWERS; raises Declined otherwise."""
+    """Call a function of the library and return its status: OK, or one in ANSWERS; raises Declined otherwise."""
     library = core()
     if library is None:
         raise Declined

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Plans with one interval of heating, made without regard to limits, with a check of them: the Python engine's."""
+"""Plans with one interval of heating, made without limits and checked afterwards: the Python engine."""
 
 from __future__ import annotations
 

@@ -116,27 +116,12 @@ def make_trip(vehicle: Vehicle, route: Route, heater_share: float = 1.0,
     """
     if len(route) > MOST_KEPT_SEGMENTS:
         return uncached_trip(vehicle, route, heater_share, heat_lag_s)
-    return _kept_trip(vehicle, _OneRoute(route), heater_share, heat_lag_s)
-
-
-class _OneRoute:
-    """A route compared by identity, as a Vehicle is: its arrays cannot be hashed."""
-
-    __slots__ = ('route',)
-
-    def __init__(self, route: Route) -> None:
-        self.route = route
-
-    def __hash__(self) -> int:
-        return id(self.route)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _OneRoute) and self.route is other.route
+    return _kept_trip(vehicle, route, heater_share, heat_lag_s)
 
 
 @lru_cache(maxsize=KEPT_TRIPS)
-def _kept_trip(vehicle: Vehicle, one: _OneRoute, heater_share: float, heat_lag_s: float) -> Trip:
-    return uncached_trip(vehicle, one.route, heater_share, heat_lag_s)
+def _kept_trip(vehicle: Vehicle, route: Route, heater_share: float, heat_lag_s: float) -> Trip:
+    return uncached_trip(vehicle, route, heater_share, heat_lag_s)
 
 
 def uncached_trip(vehicle: Vehicle, route: Route, heater_share: float, heat_lag_s: float) -> Trip:

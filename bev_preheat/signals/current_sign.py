@@ -57,7 +57,7 @@ class CurrentSign(NamedTuple):
     `before` is the latest sample, None if the next one does not follow it; `changes` are the latest changes of
     voltage and current. The charge is compared since it was `first_soc`; the current has drawn the share
     `discharged` of the capacity since. `latest_soc` is the latest charge that was compared, and `noise` the
-    variance of its change from one state to the next. The voltage was looked at last at `confirmed_s` [s].
+    variance of its change from one state to the next. The voltage was compared last at `confirmed_s` [s].
     """
 
     sign: Sign = Sign.UNKNOWN

@@ -38,7 +38,7 @@ def test_a_clock_that_falls_back_by_more_than_a_second_was_restarted(back_ns, re
     inbox, _ = Inbox(VEHICLE, Settings()).taken(BatteryStateArrived(Measurement(STATE, NOW_NS)), NOW_NS)
     # With the previous stamp, because stamps must not go back unless the clock does.
     measurement = Measurement(STATE, NOW_NS - back_ns if restarted else NOW_NS)
-    inbox, _ = inbox.with_changes(NO_CHANGES).taken(BatteryStateArrived(measurement), NOW_NS - back_ns)
+    inbox, _ = inbox._replace(changes=NO_CHANGES).taken(BatteryStateArrived(measurement), NOW_NS - back_ns)
     assert inbox.changes.clock_restarted is restarted
     assert inbox.measurement == measurement
 

@@ -48,7 +48,7 @@ def make_mission(route_id='home', target_c=25.0):
 def inbox():
     inbox, _ = Inbox(VEHICLE, Settings()).taken(RouteArrived(make_mission()), NOW_NS)
     inbox, _ = inbox.taken(BatteryStateArrived(GOOD), NOW_NS)
-    return inbox.with_changes(NO_CHANGES)
+    return inbox._replace(changes=NO_CHANGES)
 
 
 def taken(inbox, event, now_ns=NOW_NS):
