@@ -132,7 +132,7 @@ def _comment_above(lines: Sequence[str], at: int) -> str:
 
 
 class _Drives(NamedTuple):
-    """What is driven: numbers of drawn cars, the seed, the period [s], and whether the core plans."""
+    """The drives of the study: numbers of drawn cars, the seed, the period [s], and whether the core plans."""
 
     cars: int
     seed: int

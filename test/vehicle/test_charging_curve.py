@@ -68,7 +68,7 @@ def test_with_a_limit_the_map_is_the_least_of_curve_limit_and_maximum(soc, tempe
     curve = ChargingCurve((0.0, 0.5, 1.0), (160.0, 160.0, 20.0), 30.0)
     limit = ChargingLimit((-1000.0, 0.0, 15.0, 25.0), (60.0, 60.0, 75.0, 233.0))
     power_w = charging_map(curve, NMC, 120.0, limit).function(FLOATS)(soc, temperature_c)
-    # At the points of the map, and between them where nothing bends.
+    # At the points of the map, and between points on straight parts of the curve.
     curve_kw = 160.0 if soc <= 0.5 else 160.0 - 280.0 * (soc - 0.5)
     limit_kw = (60.0 if temperature_c <= 0.0 else 60.0 + temperature_c if temperature_c <= 15.0 else
                 min(75.0 + 15.8 * (temperature_c - 15.0), 233.0))
