@@ -91,7 +91,7 @@ def _number_or_text(text: str) -> Any:
 
 def _value(option: str, name: str, text: str) -> Any:
     from bev_preheat.nodes.parameters import check, IN_WORDS
-    from bev_preheat.nodes.planner_node import PARAMETERS
+    from bev_preheat.nodes.planner_parameters import PARAMETERS
     [parameter] = [each for each in PARAMETERS if each.name == name]
     kind = type(parameter.default)
     try:

@@ -5,10 +5,9 @@ from __future__ import annotations
 
 from functools import partial, wraps
 import sys
-from typing import NamedTuple, TYPE_CHECKING
+from typing import TYPE_CHECKING
 
 from diagnostic_msgs.msg import DiagnosticArray
-from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data, QoSDurabilityPolicy, QoSProfile
@@ -16,7 +15,6 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import Temperature
 from std_srvs.srv import SetBool
 
-from bev_preheat.charging.worth import MOST_PRICE_PER_KWH, MOST_VALUE_PER_H
 from bev_preheat.control.events import (
     ActivationChanged,
     PreheatingSwitched,
@@ -24,108 +22,46 @@ from bev_preheat.control.events import (
     RivalsChanged,
     RouteUnreadable,
 )
-from bev_preheat.control.regime import Regime
 from bev_preheat.control.sensitivity_watch import SensitivityWatch
-from bev_preheat.control.settings import FIELD_OF_PARAMETER, Settings, settings_of
 from bev_preheat.control.supervisor import Supervisor
-from bev_preheat.errors import InvalidInput, LONGEST_PROBLEM, shortened
-from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.flight_recorder.steps import BATTERY_STATE, FAIL, ROUTE_PLAN, STOP
-from bev_preheat.native.library import core_in_words, use_core
+from bev_preheat.native.library import core_in_words
 from bev_preheat.nodes.command_line import NodeProgram
 from bev_preheat.nodes.command_publisher import CommandPublisher
 from bev_preheat.nodes.convert import command_message, plan_message, temperature_message
-from bev_preheat.nodes.departure_keeper import check_departure_parameters, DepartureKeeper, SKIP
-from bev_preheat.nodes.diagnostics import heater_sentence, planner_diagnostics
+from bev_preheat.nodes.departure_keeper import DepartureKeeper, SKIP
+from bev_preheat.nodes.diagnostics import planner_diagnostics
 from bev_preheat.nodes.flight_recording import FlightRecorder, planner_of, Setup
 from bev_preheat.nodes.inputs import INPUTS, Reader
-from bev_preheat.nodes.managed import LIFECYCLE, ManagedStates, NOT_ACTIVE
-from bev_preheat.nodes.news import RepetitionFilter
-from bev_preheat.nodes.parameters import check, declare, Parameter, USE_SIM_TIME
+from bev_preheat.nodes.managed import ManagedStates, NOT_ACTIVE
+from bev_preheat.nodes.parameters import declare, USE_SIM_TIME
+from bev_preheat.nodes.planner_log import PlannerLog
+from bev_preheat.nodes.planner_parameters import allowed, OWN, PARAMETERS, read, take_effect, values_with
 from bev_preheat.nodes.prepare_action import PREPARE, PrepareAction
 from bev_preheat.nodes.process import LAST_WORDS_TIME, run_node
 from bev_preheat.nodes.route_intake import RouteIntake
 from bev_preheat.nodes.route_listener import RouteListener
 from bev_preheat.nodes.setup_watch import SetupWatch
-from bev_preheat.nodes.state_keeper import check_parameter, SAVE_PERIOD_S, StateKeeper
+from bev_preheat.nodes.state_keeper import SAVE_PERIOD_S, StateKeeper
 from bev_preheat.numerics.factors import NS_PER_S
-from bev_preheat.planning.installed_methods import limit_answer_time
-from bev_preheat.planning.planner import check_method, installed_names, METHODS, REPLACED, replaced_in_words
-from bev_preheat.vehicle import load_vehicle, vehicle_contents, vehicle_file
-from bev_preheat.vehicle.assumptions import assumption_warning
+from bev_preheat.vehicle import vehicle_contents
 from bev_preheat_msgs.msg import PreheatPlan, RoutePlan
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Callable, Sequence
     from typing import Any
 
     from rclpy.parameter import Parameter as RosParameter
 
     from bev_preheat.control.events import Event
+    from bev_preheat.control.settings import Settings
     from bev_preheat.control.step import StepOutput
-    from bev_preheat.vehicle import Vehicle
+    from bev_preheat.errors import InvalidInput
+    from bev_preheat.nodes.planner_parameters import Values
 
     # A method called by ROS.
     Callback = Callable[..., Any]
-    # Values of parameters by name, with the types of the parameter table.
-    Values = dict[str, Any]
 
-DEFAULTS = Settings()
-PARAMETERS = (
-    Parameter('vehicle', 'reference', 'Vehicle: a name in config/vehicles or a YAML file.'),
-    Parameter('method', DEFAULTS.method, 'Planning method.', choices=tuple(METHODS), more_choices=installed_names,
-              earlier_choices=tuple(REPLACED),
-              more_in_words=', or a method of an installed package (planner --help lists them)'),
-    Parameter('target_battery_temperature', 0.0,
-              'Battery temperature on arrival if the route names none', 'degC', (-40.0, 60.0),
-              unset_means="the vehicle's default"),
-    Parameter('battery_state_timeout', DEFAULTS.battery_state_timeout_s,
-              'A battery state older than this is stale', 's', (0.1, 60.0)),
-    Parameter('clock_tolerance', DEFAULTS.clock_tolerance_s,
-              'A battery state may be stamped this far in the future', 's', (0.0, 10.0)),
-    Parameter('command_period', DEFAULTS.command_period_s,
-              'The command is repeated this often', 's', (0.02, 10.0)),
-    Parameter('command_lease', DEFAULTS.lease_s,
-              'A command is valid this long; longer than command_period', 's', (0.05, 30.0)),
-    Parameter('planning_step', DEFAULTS.planning_step_s,
-              'Routes are planned in steps of this length', 's', (1.0, 300.0)),
-    Parameter('arrival_soc_margin', DEFAULTS.arrival_soc_margin,
-              'Margin on top of the state of charge that a route requires', '', (0.0, 0.5)),
-    Parameter('estimation', DEFAULTS.estimation,
-              'Estimate temperature and model on line, and plan for the uncertainty.'),
-    Parameter('minimum_on_time', DEFAULTS.minimum_on_time_s,
-              'The heater, once on, stays on at least this long', 's', (0.0, 600.0)),
-    Parameter('minimum_off_time', DEFAULTS.minimum_off_time_s,
-              'The heater, once off, stays off at least this long', 's', (0.0, 3600.0)),
-    Parameter('route_progress_timeout', DEFAULTS.route_progress_timeout_s,
-              'Without route progress for this long the planner continues by time', 's', (0.1, 300.0)),
-    Parameter('energy_price', DEFAULTS.energy_price_per_kwh,
-              'Price of energy: the target for a known charger is chosen by it', 'per kWh',
-              (0.0, MOST_PRICE_PER_KWH)),
-    Parameter('value_of_time', DEFAULTS.value_of_time_per_h,
-              'Value of time at the charger, in the same currency; the target is chosen by it', 'per h',
-              (0.0, MOST_VALUE_PER_H)),
-    Parameter('heat_while_charging', DEFAULTS.heat_while_charging,
-              'Heat at the charger as far as it pays, if the vehicle file says that the vehicle can.'),
-    Parameter('compiled_core', DEFAULTS.compiled_core,
-              'Plan with the native core if it is built; plans are the same without.'),
-    Parameter('coldest_cell_limits', DEFAULTS.coldest_cell_limits,
-              "Battery and charger have the coldest cell's power limits, if cell_temperature is known."),
-    Parameter('flight_recorder', '', 'Folder for recordings of all inputs and commands; empty: none.'),
-    Parameter('flight_recorder_size', 500.0, 'The oldest recordings are deleted beyond this size of the folder',
-              'MB', (100.0, 1e6)),
-    Parameter('state_file', '', "File for the learned factors of the car and the driver's choices: "
-              'a new file, or a state file, with the running trip beside it; empty: none.'),
-    Parameter('departures', '', 'File of recurring departures (YAML) for which the battery is prepared; '
-              'empty: none.'),
-    Parameter('grid_prices', '', 'File of prices of energy from the grid (YAML): a plugged-in battery is prepared '
-              'in the cheapest hours; empty: as late as possible.'),
-    Parameter('locked', False, "Refuse changes of the safety-relevant parameters, and of the node's clock "
-              '(use_sim_time), at run time.', read_only=True),
-    LIFECYCLE,
-)
-# A driver or a backend may change these although the others are locked.
-NEVER_LOCKED = frozenset(('target_battery_temperature', 'energy_price', 'value_of_time'))
 PROGRAM = NodeProgram(
     'planner', 'Plans when to heat the battery before fast charging, and commands the heater.',
     PARAMETERS,
@@ -138,18 +74,6 @@ PROGRAM = NodeProgram(
     services=(('~/enable', 'std_srvs/SetBool: false switches preheating off'),
               (SKIP, 'std_srvs/SetBool: true skips the next of `departures`, false takes that back')),
     actions=((PREPARE, 'bev_preheat_msgs/PrepareBattery: a battery that is warm at an instant'),))
-# Share of the time by which the lease is longer than the command period.
-ANSWER_SHARE = 0.1
-_OWN = frozenset(parameter.name for parameter in PARAMETERS)
-
-
-class _Told(NamedTuple):
-    """The logged findings."""
-
-    heater: Heater = Heater.ANSWERS
-    resets: int = 0
-    regime: Regime = Regime.UNKNOWN
-    signals: frozenset[str] = frozenset()
 
 
 def guarded(callback: Callback) -> Callback:
@@ -165,27 +89,30 @@ def guarded(callback: Callback) -> Callback:
 
 
 class PlannerNode(Node):
-    """Wires topics, parameters and clock to a `control.supervisor.Supervisor`."""
+    """
+    Wires topics, parameters and clock to a `control.supervisor.Supervisor`.
+
+    A callback takes an input and admits it as an event; `_step` runs a step with events, publishes and records
+    its output, and reports it.
+    """
 
     def __init__(self) -> None:
         """Declare the parameters and start; raises InvalidInput if one is not allowed."""
         super().__init__('planner')
         values = declare(self, PARAMETERS)
-        vehicle, settings = _take_effect(values)
-        use_core(settings.compiled_core)
-        limit_answer_time(_answer_time_s(settings))
+        vehicle, settings = read(values)
+        take_effect(settings)
         self._vehicle_contents = vehicle_contents(values['vehicle'])
         self._state_keeper = StateKeeper(self.get_logger())
         recalled = self._state_keeper.attach(values['state_file'], self._vehicle_contents)
         choices = recalled.choices.after_restart(self._now_ns())
         self._supervisor = Supervisor(
             vehicle, settings, recalled.learned, recalled.last_seen, choices)
-        self._told, self._news = _Told(), RepetitionFilter()
-        self._sensitivity = SensitivityWatch()
+        self._log, self._sensitivity = PlannerLog(self.get_logger()), SensitivityWatch()
         self._recorder = FlightRecorder(planner_of(self))
         self._routes = RouteIntake()
         self._go_on(settings)
-        self._record(values)
+        self._record_into(values)
         # The latest step, or its outputs, raised an exception.
         self._is_in_doubt = False
 
@@ -210,7 +137,7 @@ class PlannerNode(Node):
         self._prepare = PrepareAction(
             self, self._step, self._supervisor, self.fail, lambda: self._departures.prices)
 
-        self.add_on_set_parameters_callback(self._check_parameters)
+        self.add_on_set_parameters_callback(partial(allowed, self))
         self.add_post_set_parameters_callback(self._apply_parameters)
         self._repeat_timer = self.create_timer(settings.command_period_s, self._on_repeat)
         # Expires if no valid battery state arrives within the timeout.
@@ -226,8 +153,8 @@ class PlannerNode(Node):
         self.get_logger().info(
             f'Planning for vehicle {vehicle.name} with method {settings.method}; '
             f'native core {core_in_words()}.')
-        self._tell_assumptions(values['vehicle'])
-        self._tell_replaced(values['method'])
+        self._log.log_vehicle(vehicle, values)
+        self._log.log_method(values)
         self._managed: ManagedStates | None = None
         if values['lifecycle']:
             self._on_activation(False)
@@ -236,37 +163,133 @@ class PlannerNode(Node):
         if not self._supervisor.state.is_enabled:
             self.get_logger().info('Preheating is switched off, as it was before the restart.')
 
-    # Input
+    # The way of an input: take, admit, step, publish, record, diagnose
 
     @guarded
     def _on_input(self, topic: str, message: Any) -> None:
         now_ns = self._now_ns()
-        event = INPUTS[topic].event(message, Reader(
-            self._supervisor.state, self._routes, self._setup.clock_hint(message.header.stamp, now_ns)))
+        event = self._admit(topic, message, now_ns)
         if not self._step(event, now_ns=now_ns, message=message):
             return
         if topic == BATTERY_STATE:
             self._stale_timer.reset()
         elif topic == ROUTE_PLAN:
-            self._tell_route()
+            self._log.log_route(self._supervisor.state)
+
+    def _admit(self, topic: str, message: Any, now_ns: int) -> Event:
+        """Return a message as an event, which may be that it cannot be read."""
+        return INPUTS[topic].event(message, Reader(
+            self._supervisor.state, self._routes, self._setup.clock_hint(message.header.stamp, now_ns)))
+
+    def _step(self, *events: Event, now_ns: int | None = None, message: Any = None) -> bool:
+        """
+        Run a step with events, and publish its output; return whether every event was accepted.
+
+        Without an event time passes. `now_ns` is the step's instant [ns], None for that of the call; `message` the
+        message that its event was read from, None without one.
+        """
+        now_ns = self._now_ns() if now_ns is None else now_ns
+        output = self._supervisor.step(now_ns, *events)
+        try:
+            self._publish(output, now_ns)
+        finally:
+            self._record(now_ns, events, message, output)
+        self._diagnose(output, now_ns)
+        return not output.refusals and not output.failure
+
+    def _publish(self, output: StepOutput, now_ns: int) -> None:
+        """Publish the command (after a failure `_diagnose` does), the results of goals, and the plan."""
+        if not self._is_in_doubt:
+            self._publish_command(output, now_ns)
+        for outcome in output.outcomes:
+            self._departures.note(outcome, self._supervisor.state, now_ns)
+            self._prepare.finish(outcome)
+        decision = output.decision
+        if decision is None:
+            return
+        plan = plan_message(
+            decision, self._supervisor.state.active_mission, now_ns, self._supervisor.later_decisions())
+        self._plan_publisher.publish(plan)
+        prediction = None if decision.plan is None else temperature_message(decision, now_ns)
+        if prediction is not None:
+            self._temperature_publisher.publish(prediction)
+        self._recorder.note_plan(now_ns, plan, prediction)
+
+    def _record(self, now_ns: int, events: tuple[Event, ...], message: Any, output: StepOutput) -> None:
+        self._recorder.note(self._supervisor.value, now_ns, events, message, output)
+        self._state_keeper.save_choices(self._supervisor.state)
+        self._state_keeper.keep_running(self._supervisor.value, self._route_bytes)
+
+    def _diagnose(self, output: StepOutput, now_ns: int) -> None:
+        """
+        Log what is new; publish the diagnostics at once with a new status, so that short-lived ones are seen.
+
+        After a failure the command comes last, so that no heat is commanded while the rest still fails.
+        """
+        in_doubt = self._is_in_doubt
+        self._log.log_output(output)
+        self._log.log_findings(self._supervisor.state)
+        if in_doubt:
+            self._report(now_ns)
+            self._publish_command(output, now_ns)
+            # Only a published plan shows that plans can be published again.
+            in_doubt = not _has_plan_or_heats(output)
+        elif output.has_new_status:
+            self._publish_diagnostics(now_ns)
+        self._is_in_doubt = bool(output.failure) or in_doubt
+
+    def _publish_command(self, output: StepOutput, now_ns: int) -> None:
+        if output.command is not None:
+            self._command_publisher.publish(command_message(output.command, now_ns))
+
+    def _publish_diagnostics(self, now_ns: int) -> None:
+        state = self._supervisor.state
+        # For readers only.
+        sensitivity = (self._sensitivity.look(state, now_ns)
+                       if self._diagnostics_publisher.get_subscription_count() > 0 else '')
+        message = planner_diagnostics(
+            self.get_fully_qualified_name(), state, now_ns, self._state_keeper.report(),
+            self._departures.report(), sensitivity)
+        message.status.append(self._setup.entry(
+            state.vehicle.name,
+            f'{state.rivals} also publishes hvch_command' if state.rivals else ''))
+        recording = self._recorder.entry(self.get_fully_qualified_name(), state.vehicle.name)
+        if recording is not None:
+            message.status.append(recording)
+        self._diagnostics_publisher.publish(message)
+
+    def _report(self, now_ns: int) -> None:
+        self._prepare.publish_feedback(now_ns)
+        self._publish_diagnostics(now_ns)
+
+    def fail(self, where: str, error: Exception) -> None:
+        """Switch the heater off after an exception outside of a step, and log it; raise nothing."""
+        self._is_in_doubt = True
+        try:
+            now_ns = self._now_ns()
+            what = f'{where}: {type(error).__name__}: {error}'
+            output = self._supervisor.fail(now_ns, what)
+            self.get_logger().error(output.failure)
+            self._publish_command(output, now_ns)
+            self._recorder.note(self._supervisor.value, now_ns, (), None, output, FAIL, what)
+        except Exception as another:
+            self.get_logger().error(
+                f'0 W could not be published after that: {type(another).__name__}: {another}; the '
+                'heater is off when the lease of the latest command ends.')
+
+    # Other callbacks
+
+    @guarded
+    def _on_repeat(self) -> None:
+        self._step()
+        now_ns = self._now_ns()
+        if events := self._departures.events(self._supervisor.state, now_ns):
+            self._step(*events, now_ns=now_ns)
+        self._report(now_ns)
 
     @guarded
     def _on_refused_route(self, error: InvalidInput) -> None:
         self._step(RouteUnreadable(error))
-
-    def _tell_route(self) -> None:
-        mission = self._supervisor.state.mission
-        if mission is None:
-            self.get_logger().info('The trip was cancelled.')
-            return
-        routes = [leg.route for leg in mission.legs]
-        self.get_logger().info(
-            f'Route {mission.route_id!r}: '
-            f'{sum(route.total_duration_s for route in routes) / 60:.1f} min, '
-            f'{sum(route.distance_m for route in routes) / 1000:.1f} km, '
-            f'stops on the way: {len(routes) - 1}; propulsion power: {mission.power_source}.')
-        for warning in self._supervisor.state.unit_warnings:
-            self.get_logger().warning(f'route_plan: {warning}.')
 
     @guarded
     def _on_rival(self) -> None:
@@ -298,67 +321,6 @@ class PlannerNode(Node):
         self._step(PreheatingSwitched(request.data))
         return response
 
-    def _tell_assumptions(self, name_or_file: str) -> None:
-        warning = assumption_warning(self._supervisor.state.vehicle, vehicle_file(name_or_file))
-        if warning is not None:
-            self.get_logger().warning(f'{warning}.')
-
-    def _tell_findings(self) -> None:
-        """Log regime, signals in doubt and the findings of the estimation, once."""
-        state = self._supervisor.state
-        regime, verdicts = state.regime, state.signal_verdicts
-        if regime.regime is not self._told.regime and regime.evidence:
-            self.get_logger().info(f'Regime: {regime.regime.value}: {regime.evidence}.')
-        signals = frozenset(verdict.signal for verdict in verdicts)
-        for verdict in verdicts:
-            if verdict.signal not in self._told.signals:
-                self.get_logger().warning(f'Signal in doubt: {verdict.sentence}.')
-        for signal in sorted(self._told.signals - signals):
-            self.get_logger().info(f'Signal valid again: {signal}.')
-        self._told = self._told._replace(regime=regime.regime, signals=signals)
-        estimate = state.estimate
-        if estimate is None:
-            return
-        if estimate.heater.heater is not self._told.heater:
-            self.get_logger().warning(f'Heater: {heater_sentence(estimate.heater)}.')
-        if estimate.resets != self._told.resets:
-            self.get_logger().warning(f'The estimator was reset: {estimate.reset_reason}.')
-        self._told = self._told._replace(heater=estimate.heater.heater, resets=estimate.resets)
-
-    # Parameters
-
-    def _check_parameters(self, parameters: Sequence[RosParameter]) -> SetParametersResult:
-        try:
-            self._check_lock(parameters)
-            if not _OWN.intersection(parameter.name for parameter in parameters):
-                return SetParametersResult(successful=True)
-            _take_effect(self._values_with(parameters))
-            # A faulty file must not block other parameters; the diagnostics report it.
-            for parameter in parameters:
-                if parameter.name == 'state_file':
-                    check_parameter(parameter.value)
-            if {'departures', 'grid_prices'}.intersection(parameter.name for parameter in parameters):
-                values = self._values_with(parameters)
-                check_departure_parameters(values['departures'], values['grid_prices'])
-        except InvalidInput as error:
-            return SetParametersResult(successful=False, reason=str(error))
-        except Exception as error:
-            return SetParametersResult(
-                successful=False,
-                reason=shortened(f'cannot be checked: {type(error).__name__}: {error}',
-                                 LONGEST_PROBLEM))
-        return SetParametersResult(successful=True)
-
-    def _check_lock(self, parameters: Iterable[RosParameter]) -> None:
-        """Raise InvalidInput if a locked parameter would change, including those that rclpy declares."""
-        if self.get_parameter('locked').value:
-            problems = [
-                f'{parameter.name}: is locked (locked:=true at the start); change the parameter file and restart'
-                for parameter in parameters if parameter.name not in NEVER_LOCKED
-                and parameter.value != self.get_parameter(parameter.name).value]
-            if problems:
-                raise InvalidInput(problems)
-
     @guarded
     def _apply_parameters(self, parameters: Sequence[RosParameter]) -> None:
         for parameter in parameters:
@@ -366,11 +328,11 @@ class PlannerNode(Node):
                 self.get_logger().warning(
                     f'use_sim_time = {str(parameter.value).lower()}: stamps and leases now follow '
                     f'{"/clock; its publisher sets the time" if parameter.value else "the system clock"}.')
-        if not _OWN.intersection(parameter.name for parameter in parameters):
+        if not OWN.intersection(parameter.name for parameter in parameters):
             return
         state = self._supervisor.state
-        values = self._values_with(parameters)
-        vehicle, settings = _take_effect(values)
+        values = values_with(self, parameters)
+        vehicle, settings = read(values)
         contents = vehicle_contents(values['vehicle'])
         is_new_car = contents != self._vehicle_contents
         if is_new_car:
@@ -383,128 +345,20 @@ class PlannerNode(Node):
                                 (self._stale_timer, settings.battery_state_timeout_s)):
             timer.timer_period_ns = round(period_s * 1e9)
             timer.reset()
-        use_core(settings.compiled_core)
-        limit_answer_time(_answer_time_s(settings))
+        take_effect(settings)
         learned = self._state_keeper.attach(values['state_file'], contents).learned
-        self._record(values)
+        self._record_into(values)
         self._step(Reconfigured(
             vehicle, settings, self._routes.read_again(state, vehicle, settings), learned),
             *self._departures.attach(values['departures'], values['grid_prices']))
         self.get_logger().info('In effect now: ' + ', '.join(
-            f'{parameter.name} = {parameter.value}' for parameter in parameters if parameter.name in _OWN) + '.')
+            f'{parameter.name} = {parameter.value}' for parameter in parameters if parameter.name in OWN) + '.')
         if is_new_car:
-            self._tell_assumptions(values['vehicle'])
+            self._log.log_vehicle(vehicle, values)
         if any(parameter.name == 'method' for parameter in parameters):
-            self._tell_replaced(values['method'])
+            self._log.log_method(values)
 
-    def _tell_replaced(self, method: str) -> None:
-        if sentence := replaced_in_words(method):
-            self.get_logger().warning(f'{sentence[0].upper()}{sentence[1:]}.')
-
-    def _values_with(self, parameters: Iterable[RosParameter]) -> Values:
-        values = {name: self.get_parameter(name).value for name in _OWN}
-        values.update((parameter.name, parameter.value) for parameter in parameters
-                      if parameter.name in _OWN)
-        return values
-
-    # Output
-
-    def _step(self, *events: Event, now_ns: int | None = None, message: Any = None) -> bool:
-        """
-        Run a step of the supervisor and publish its output; return whether every event was accepted.
-
-        `now_ns` is the step's instant [ns], None for that of the call; `message` the message that its event was
-        read from, None without one. The command is published first, but after a failure it is published last,
-        so that no heat is commanded while the rest still fails.
-        """
-        now_ns = self._now_ns() if now_ns is None else now_ns
-        output, in_doubt = self._supervisor.step(now_ns, *events), self._is_in_doubt
-        if not in_doubt:
-            self._publish_command(output, now_ns)
-        self._recorder.note(self._supervisor.value, now_ns, events, message, output)
-        self._publish_decision(output, now_ns)
-        for refusal in output.refusals:
-            sentence = f'{refusal.source} refused: {refusal.error}'
-            if self._news.has(sentence):
-                self.get_logger().error(sentence)
-        self._tell_findings()
-        if in_doubt:
-            self._report(now_ns)
-            self._publish_command(output, now_ns)
-            # Only a published plan shows that plans can be published again.
-            in_doubt = not _has_plan_or_heats(output)
-        self._is_in_doubt = bool(output.failure) or in_doubt
-        self._state_keeper.save_choices(self._supervisor.state)
-        self._state_keeper.keep_running(self._supervisor.value, self._route_bytes)
-        return not output.refusals and not output.failure
-
-    def _publish_command(self, output: StepOutput, now_ns: int) -> None:
-        if output.command is not None:
-            self._command_publisher.publish(command_message(output.command, now_ns))
-
-    def _publish_decision(self, output: StepOutput, now_ns: int) -> None:
-        if output.failure:
-            self.get_logger().error(output.failure)
-        for outcome in output.outcomes:
-            self._departures.note(outcome, self._supervisor.state, now_ns)
-            self._prepare.finish(outcome)
-        decision = output.decision
-        if decision is None:
-            return
-        plan = plan_message(
-            decision, self._supervisor.state.active_mission, now_ns, self._supervisor.later_decisions())
-        self._plan_publisher.publish(plan)
-        prediction = None if decision.plan is None else temperature_message(decision, now_ns)
-        if prediction is not None:
-            self._temperature_publisher.publish(prediction)
-        self._recorder.note_plan(now_ns, plan, prediction)
-        if output.has_new_status:
-            self.get_logger().info(f'{decision.status.name}: {decision.explanation}')
-            # At once, so that short-lived statuses are seen.
-            self._publish_diagnostics(now_ns)
-
-    @guarded
-    def _on_repeat(self) -> None:
-        self._step()
-        now_ns = self._now_ns()
-        if events := self._departures.events(self._supervisor.state, now_ns):
-            self._step(*events, now_ns=now_ns)
-        self._report(now_ns)
-
-    def _report(self, now_ns: int) -> None:
-        self._prepare.publish_feedback(now_ns)
-        self._publish_diagnostics(now_ns)
-
-    def _publish_diagnostics(self, now_ns: int) -> None:
-        state = self._supervisor.state
-        # For readers only.
-        sensitivity = (self._sensitivity.look(state, now_ns)
-                       if self._diagnostics_publisher.get_subscription_count() > 0 else '')
-        message = planner_diagnostics(
-            self.get_fully_qualified_name(), state, now_ns, self._state_keeper.report(),
-            self._departures.report(), sensitivity)
-        message.status.append(self._setup.entry(
-            state.vehicle.name,
-            f'{state.rivals} also publishes hvch_command' if state.rivals else ''))
-        recording = self._recorder.entry(self.get_fully_qualified_name(), state.vehicle.name)
-        if recording is not None:
-            message.status.append(recording)
-        self._diagnostics_publisher.publish(message)
-
-    def fail(self, where: str, error: Exception) -> None:
-        """Switch the heater off after an exception outside of a step, and log it; raise nothing."""
-        self._is_in_doubt = True
-        try:
-            now_ns = self._now_ns()
-            what = f'{where}: {type(error).__name__}: {error}'
-            output = self._supervisor.fail(now_ns, what)
-            self.get_logger().error(output.failure)
-            self._publish_command(output, now_ns)
-            self._recorder.note(self._supervisor.value, now_ns, (), None, output, FAIL, what)
-        except Exception as another:
-            self.get_logger().error(
-                f'0 W could not be published after that: {type(another).__name__}: {another}; the '
-                'heater is off when the lease of the latest command ends.')
+    # Files
 
     @guarded
     def _on_files_due(self) -> None:
@@ -513,8 +367,7 @@ class PlannerNode(Node):
 
     @guarded
     def _on_save_due(self) -> None:
-        state = self._supervisor.state
-        self._state_keeper.save(state)
+        self._state_keeper.save(self._supervisor.state)
         self._state_keeper.keep_running(self._supervisor.value, self._route_bytes)
         self._recorder.tell()
 
@@ -533,12 +386,14 @@ class PlannerNode(Node):
         message = self._routes.message_of(self._supervisor.value.inbox.latest_mission)
         return None if message is None else bytes(serialize_message(message))
 
-    def _record(self, values: Values) -> None:
+    def _record_into(self, values: Values) -> None:
         state = self._supervisor.value
         self._recorder.attach(
             values['flight_recorder'], values['flight_recorder_size'],
-            Setup({name: values[name] for name in sorted(_OWN)}, self._vehicle_contents),
+            Setup({name: values[name] for name in sorted(OWN)}, self._vehicle_contents),
             state, self._now_ns(), self._routes.message_of(state.inbox.latest_mission))
+
+    # The end
 
     def last_words(self) -> None:
         """Publish 0 W before the process ends, and wait up to LAST_WORDS_TIME for delivery."""
@@ -570,24 +425,6 @@ def _has_plan_or_heats(output: StepOutput) -> bool:
     decision, command = output.decision, output.command
     return (decision is not None and decision.plan is not None) or (
         command is not None and command.battery_heating_power_w > 0.0)
-
-
-def _answer_time_s(settings: Settings) -> float:
-    """Return the time that an installed method may take for an answer [s]; a step may ask it several times."""
-    return ANSWER_SHARE * (settings.lease_s - settings.command_period_s)
-
-
-def _take_effect(values: Values) -> tuple[Vehicle, Settings]:
-    """Return (Vehicle, Settings) of parameter values; raise InvalidInput if they are wrong."""
-    check(PARAMETERS, values)
-    if values['command_lease'] <= values['command_period']:
-        raise InvalidInput(
-            f'command_lease: {values["command_lease"]:g} s must be longer than command_period, '
-            f'{values["command_period"]:g} s, or the heater drops out between two commands')
-    # A method of an installed package is loaded before it is needed.
-    check_method(values['method'])
-    return load_vehicle(values['vehicle']), settings_of(
-        {name: values[name] for name in FIELD_OF_PARAMETER})
 
 
 def main(loading_node: Node | None = None) -> None:

@@ -23,7 +23,7 @@ from bev_preheat.nodes.convert import (
 )
 from bev_preheat.nodes.diagnostics import planner_diagnostics
 from bev_preheat.nodes.optimality_report import case_of_plan, case_of_state
-from bev_preheat.nodes.planner_node import PARAMETERS
+from bev_preheat.nodes.planner_parameters import PARAMETERS
 from bev_preheat.nodes.target_report import charging_text, session_texts
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.situation import BatteryState

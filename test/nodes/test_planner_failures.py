@@ -74,7 +74,7 @@ def test_an_exception_that_nobody_foresaw_switches_off_until_states_are_valid_ag
 
 
 @pytest.mark.parametrize('where', [
-    'plan_message', 'temperature_message', 'planner_diagnostics', 'PlannerNode._tell_findings'])
+    'plan_message', 'temperature_message', 'planner_diagnostics', 'PlannerLog.log_findings'])
 def test_what_fails_after_the_command_each_time_lets_no_heat_through_in_between(planner, monkeypatch, where):
     planner.give(short_route())
     assert after_state(planner, 0)[0] > 5000.0

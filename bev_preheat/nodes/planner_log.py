@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The planner's log: what a step found, each once."""
+
+from __future__ import annotations
+
+from typing import NamedTuple, TYPE_CHECKING
+
+from bev_preheat.control.regime import Regime
+from bev_preheat.estimation.hypotheses import Heater
+from bev_preheat.nodes.diagnostics import heater_sentence
+from bev_preheat.nodes.news import RepetitionFilter
+from bev_preheat.planning.planner import replaced_in_words
+from bev_preheat.vehicle import vehicle_file
+from bev_preheat.vehicle.assumptions import assumption_warning
+
+if TYPE_CHECKING:
+    from rclpy.impl.rcutils_logger import RcutilsLogger
+
+    from bev_preheat.control.planner_state import PlannerState
+    from bev_preheat.control.step import StepOutput
+    from bev_preheat.nodes.planner_parameters import Values
+    from bev_preheat.vehicle import Vehicle
+
+
+class _Findings(NamedTuple):
+    """The logged findings."""
+
+    heater: Heater = Heater.ANSWERS
+    resets: int = 0
+    regime: Regime = Regime.UNKNOWN
+    signals: frozenset[str] = frozenset()
+
+
+class PlannerLog:
+    """Logs the outputs of steps, and the findings in the state after them."""
+
+    def __init__(self, logger: RcutilsLogger) -> None:
+        """Take the node's logger."""
+        self._logger, self._news, self._logged = logger, RepetitionFilter(), _Findings()
+
+    def log_output(self, output: StepOutput) -> None:
+        """Log a failure, a new status and the refusals of a step."""
+        if output.failure:
+            self._logger.error(output.failure)
+        if output.has_new_status and output.decision is not None:
+            self._logger.info(f'{output.decision.status.name}: {output.decision.explanation}')
+        for refusal in output.refusals:
+            sentence = f'{refusal.source} refused: {refusal.error}'
+            if self._news.has(sentence):
+                self._logger.error(sentence)
+
+    def log_findings(self, state: PlannerState) -> None:
+        """Log the regime, the signals in doubt and the findings of the estimation, once."""
+        regime, verdicts, before = state.regime, state.signal_verdicts, self._logged
+        if regime.regime is not before.regime and regime.evidence:
+            self._logger.info(f'Regime: {regime.regime.value}: {regime.evidence}.')
+        signals = frozenset(verdict.signal for verdict in verdicts)
+        for verdict in verdicts:
+            if verdict.signal not in before.signals:
+                self._logger.warning(f'Signal in doubt: {verdict.sentence}.')
+        for signal in sorted(before.signals - signals):
+            self._logger.info(f'Signal valid again: {signal}.')
+        self._logged = before._replace(regime=regime.regime, signals=signals)
+        estimate = state.estimate
+        if estimate is None:
+            return
+        if estimate.heater.heater is not before.heater:
+            self._logger.warning(f'Heater: {heater_sentence(estimate.heater)}.')
+        if estimate.resets != before.resets:
+            self._logger.warning(f'The estimator was reset: {estimate.reset_reason}.')
+        self._logged = self._logged._replace(heater=estimate.heater.heater, resets=estimate.resets)
+
+    def log_route(self, state: PlannerState) -> None:
+        """Log the route that has just arrived."""
+        mission = state.mission
+        if mission is None:
+            self._logger.info('The trip was cancelled.')
+            return
+        routes = [leg.route for leg in mission.legs]
+        self._logger.info(
+            f'Route {mission.route_id!r}: '
+            f'{sum(route.total_duration_s for route in routes) / 60:.1f} min, '
+            f'{sum(route.distance_m for route in routes) / 1000:.1f} km, '
+            f'stops on the way: {len(routes) - 1}; propulsion power: {mission.power_source}.')
+        for warning in state.unit_warnings:
+            self._logger.warning(f'route_plan: {warning}.')
+
+    def log_vehicle(self, vehicle: Vehicle, values: Values) -> None:
+        """Log what the vehicle file only assumes."""
+        warning = assumption_warning(vehicle, vehicle_file(values['vehicle']))
+        if warning is not None:
+            self._logger.warning(f'{warning}.')
+
+    def log_method(self, values: Values) -> None:
+        """Log a method that another one has replaced."""
+        if sentence := replaced_in_words(values['method']):
+            self._logger.warning(f'{sentence[0].upper()}{sentence[1:]}.')

@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The planner's parameters: their table, and how values take effect."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from rcl_interfaces.msg import SetParametersResult
+
+from bev_preheat.charging.worth import MOST_PRICE_PER_KWH, MOST_VALUE_PER_H
+from bev_preheat.control.settings import FIELD_OF_PARAMETER, Settings, settings_of
+from bev_preheat.errors import InvalidInput, LONGEST_PROBLEM, shortened
+from bev_preheat.native.library import use_core
+from bev_preheat.nodes.departure_keeper import check_departure_parameters
+from bev_preheat.nodes.managed import LIFECYCLE
+from bev_preheat.nodes.parameters import check, Parameter
+from bev_preheat.nodes.state_keeper import check_parameter
+from bev_preheat.planning.installed_methods import limit_answer_time
+from bev_preheat.planning.planner import check_method, installed_names, METHODS, REPLACED
+from bev_preheat.vehicle import load_vehicle
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+    from typing import Any
+
+    from rclpy.node import Node
+    from rclpy.parameter import Parameter as RosParameter
+
+    from bev_preheat.vehicle import Vehicle
+
+    # Values of parameters by name, with the types of the parameter table.
+    Values = dict[str, Any]
+
+DEFAULTS = Settings()
+PARAMETERS = (
+    Parameter('vehicle', 'reference', 'Vehicle: a name in config/vehicles or a YAML file.'),
+    Parameter('method', DEFAULTS.method, 'Planning method.', choices=tuple(METHODS), more_choices=installed_names,
+              earlier_choices=tuple(REPLACED),
+              more_in_words=', or a method of an installed package (planner --help lists them)'),
+    Parameter('target_battery_temperature', 0.0,
+              'Battery temperature on arrival if the route names none', 'degC', (-40.0, 60.0),
+              unset_means="the vehicle's default"),
+    Parameter('battery_state_timeout', DEFAULTS.battery_state_timeout_s,
+              'A battery state older than this is stale', 's', (0.1, 60.0)),
+    Parameter('clock_tolerance', DEFAULTS.clock_tolerance_s,
+              'A battery state may be stamped this far in the future', 's', (0.0, 10.0)),
+    Parameter('command_period', DEFAULTS.command_period_s,
+              'The command is repeated this often', 's', (0.02, 10.0)),
+    Parameter('command_lease', DEFAULTS.lease_s,
+              'A command is valid this long; longer than command_period', 's', (0.05, 30.0)),
+    Parameter('planning_step', DEFAULTS.planning_step_s,
+              'Routes are planned in steps of this length', 's', (1.0, 300.0)),
+    Parameter('arrival_soc_margin', DEFAULTS.arrival_soc_margin,
+              'Margin on top of the state of charge that a route requires', '', (0.0, 0.5)),
+    Parameter('estimation', DEFAULTS.estimation,
+              'Estimate temperature and model on line, and plan for the uncertainty.'),
+    Parameter('minimum_on_time', DEFAULTS.minimum_on_time_s,
+              'The heater, once on, stays on at least this long', 's', (0.0, 600.0)),
+    Parameter('minimum_off_time', DEFAULTS.minimum_off_time_s,
+              'The heater, once off, stays off at least this long', 's', (0.0, 3600.0)),
+    Parameter('route_progress_timeout', DEFAULTS.route_progress_timeout_s,
+              'Without route progress for this long the planner continues by time', 's', (0.1, 300.0)),
+    Parameter('energy_price', DEFAULTS.energy_price_per_kwh,
+              'Price of energy: the target for a known charger is chosen by it', 'per kWh',
+              (0.0, MOST_PRICE_PER_KWH)),
+    Parameter('value_of_time', DEFAULTS.value_of_time_per_h,
+              'Value of time at the charger, in the same currency; the target is chosen by it', 'per h',
+              (0.0, MOST_VALUE_PER_H)),
+    Parameter('heat_while_charging', DEFAULTS.heat_while_charging,
+              'Heat at the charger as far as it pays, if the vehicle file says that the vehicle can.'),
+    Parameter('compiled_core', DEFAULTS.compiled_core,
+              'Plan with the native core if it is built; plans are the same without.'),
+    Parameter('coldest_cell_limits', DEFAULTS.coldest_cell_limits,
+              "Battery and charger have the coldest cell's power limits, if cell_temperature is known."),
+    Parameter('flight_recorder', '', 'Folder for recordings of all inputs and commands; empty: none.'),
+    Parameter('flight_recorder_size', 500.0, 'The oldest recordings are deleted beyond this size of the folder',
+              'MB', (100.0, 1e6)),
+    Parameter('state_file', '', "File for the learned factors of the car and the driver's choices: "
+              'a new file, or a state file, with the running trip beside it; empty: none.'),
+    Parameter('departures', '', 'File of recurring departures (YAML) for which the battery is prepared; '
+              'empty: none.'),
+    Parameter('grid_prices', '', 'File of prices of energy from the grid (YAML): a plugged-in battery is prepared '
+              'in the cheapest hours; empty: as late as possible.'),
+    Parameter('locked', False, "Refuse changes of the safety-relevant parameters, and of the node's clock "
+              '(use_sim_time), at run time.', read_only=True),
+    LIFECYCLE,
+)
+# A driver or a backend may change these although the others are locked.
+NEVER_LOCKED = frozenset(('target_battery_temperature', 'energy_price', 'value_of_time'))
+OWN = frozenset(parameter.name for parameter in PARAMETERS)
+# Share of the time by which the lease is longer than the command period.
+ANSWER_SHARE = 0.1
+
+
+def read(values: Values) -> tuple[Vehicle, Settings]:
+    """Return (Vehicle, Settings) of parameter values; raise InvalidInput if they are wrong."""
+    check(PARAMETERS, values)
+    if values['command_lease'] <= values['command_period']:
+        raise InvalidInput(
+            f'command_lease: {values["command_lease"]:g} s must be longer than command_period, '
+            f'{values["command_period"]:g} s, or the heater drops out between two commands')
+    # A method of an installed package is loaded before it is needed.
+    check_method(values['method'])
+    return load_vehicle(values['vehicle']), settings_of(
+        {name: values[name] for name in FIELD_OF_PARAMETER})
+
+
+def take_effect(settings: Settings) -> None:
+    """Set what holds for the whole process: the core, and the time of an installed method for an answer."""
+    use_core(settings.compiled_core)
+    # A step may ask it several times.
+    limit_answer_time(ANSWER_SHARE * (settings.lease_s - settings.command_period_s))
+
+
+def values_with(node: Node, parameters: Iterable[RosParameter]) -> Values:
+    """Return the values of the planner's parameters of a node, with these changes."""
+    values = {name: node.get_parameter(name).value for name in OWN}
+    values.update((parameter.name, parameter.value) for parameter in parameters if parameter.name in OWN)
+    return values
+
+
+def allowed(node: Node, parameters: Sequence[RosParameter]) -> SetParametersResult:
+    """Return whether a node may take these parameters, and the reason if not."""
+    try:
+        _check_lock(node, parameters)
+        names = {parameter.name for parameter in parameters}
+        if OWN & names:
+            values = values_with(node, parameters)
+            read(values)
+            # A faulty file must not block other parameters; the diagnostics report it.
+            if 'state_file' in names:
+                check_parameter(values['state_file'])
+            if names & {'departures', 'grid_prices'}:
+                check_departure_parameters(values['departures'], values['grid_prices'])
+    except InvalidInput as error:
+        return SetParametersResult(successful=False, reason=str(error))
+    except Exception as error:
+        return SetParametersResult(successful=False, reason=shortened(
+            f'cannot be checked: {type(error).__name__}: {error}', LONGEST_PROBLEM))
+    return SetParametersResult(successful=True)
+
+
+def _check_lock(node: Node, parameters: Iterable[RosParameter]) -> None:
+    """Raise InvalidInput if a locked parameter would change, including those that rclpy declares."""
+    if node.get_parameter('locked').value:
+        problems = [
+            f'{parameter.name}: is locked (locked:=true at the start); change the parameter file and restart'
+            for parameter in parameters if parameter.name not in NEVER_LOCKED
+            and parameter.value != node.get_parameter(parameter.name).value]
+        if problems:
+            raise InvalidInput(problems)
