@@ -20,11 +20,11 @@ if TYPE_CHECKING:
     from bev_preheat.bus.live_map import CanSettings
 
 # How long one wait for a frame lasts [s]; the thread ends within it.
-WAIT_S = 0.1
+FRAME_WAIT_S = 0.1
 # If the thread did not get on for this long, frames may have queued; the queue is dropped [s].
 STALLED_S = 0.5
 MOST_QUEUED = 100_000
-RECONNECT_S = 1.0
+CAN_RECONNECT_S = 1.0
 # Error frames: class bits in the identifier (linux/can/error.h).
 BUS_OFF, RESTARTED = 0x40, 0x100
 # Packages of interfaces that python-can does not bring along.
@@ -111,7 +111,7 @@ class CanLink:
                 # python-can passes on errors of drivers and of the operating system.
                 self.problem = f'{type(error).__name__}: {quoted(str(error))}; it is tried again'
             self._shut()
-            self._ended.wait(RECONNECT_S)
+            self._ended.wait(CAN_RECONNECT_S)
 
     def _open(self) -> Any:
         import can
@@ -132,7 +132,7 @@ class CanLink:
     def _receive_frames(self, bus: Any) -> None:
         before_s = time.monotonic()
         while not self._ended.is_set():
-            frame = bus.recv(WAIT_S)
+            frame = bus.recv(FRAME_WAIT_S)
             now_s = time.monotonic()
             if now_s - before_s > STALLED_S:
                 # The process was stopped. Drivers without stamps of their own would pass old frames off as new.

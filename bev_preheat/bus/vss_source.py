@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from bev_preheat.bus.vss_link import RequestReceiver
 
 # A value may be stamped this far in the future [s].
-MOST_AHEAD_S = 1.0
+STAMPED_AHEAD_S = 1.0
 
 
 class VssSource:
@@ -124,9 +124,9 @@ class VssSource:
                 raise InvalidInput(f'{path}: has no value')
             if not isinstance(value, int | float):
                 raise InvalidInput(f'{path}: {quoted(str(value))} is no number')
-            if age_s is not None and age_s < -MOST_AHEAD_S:
+            if age_s is not None and age_s < -STAMPED_AHEAD_S:
                 raise InvalidInput(f'{path}: its stamp is {figure(-age_s, 3)} s ahead of the clock; at most '
-                                   f'{MOST_AHEAD_S:g} s are allowed')
+                                   f'{STAMPED_AHEAD_S:g} s are allowed')
             number = float(value) if channel is None else channel.read(float(value))
             self._readings.put(signal, path, number, now_s - max(age_s or 0.0, 0.0))
         except InvalidInput as error:

@@ -37,8 +37,8 @@ if TYPE_CHECKING:
     from bev_preheat.vehicle.description import Vehicle
 
 # Tolerances of the departure's state of charge; the second applies if only the battery's temperature is open.
-SOC_TOLERANCE, DEPARTURE_TOLERANCE = 1e-6, 1e-4
-MOST_TRIALS, MOST_PASSES = 20, 3
+DEPARTURE_SOC_TOLERANCE, DEPARTURE_TOLERANCE = 1e-6, 1e-4
+MOST_DEPARTURE_TRIALS, MOST_PASSES = 20, 3
 
 
 @dataclass(frozen=True)
@@ -201,7 +201,7 @@ class _Leg:
         soc = self._end_soc
         if self._rest is not None:
             soc = highest = self._vehicle.battery.soc_range[1]
-            for _ in range(MOST_TRIALS):
+            for _ in range(MOST_DEPARTURE_TRIALS):
                 rest = self._end_of_rest(temperature_c, soc)
                 short = self._end_soc - rest.arrival_soc
                 if soc == highest and (rest.stranding is not None or short > 0.0):
@@ -210,11 +210,11 @@ class _Leg:
                     return soc, rest.arrival_soc, (
                         f'even {100.0 * highest:g} % is not enough for the rest of the route: {deficit}; '
                         f'{100.0 * self._end_soc:g} % is required')
-                if abs(short) < SOC_TOLERANCE or rest.stranding is not None:
+                if abs(short) < DEPARTURE_SOC_TOLERANCE or rest.stranding is not None:
                     break
                 soc = min(soc + short, highest)
             lowest_soc = 0.0 if rest.stranding is not None else float(rest.soc.min())
-            if rest.stranding is not None or lowest_soc < self._reserve - SOC_TOLERANCE:
+            if rest.stranding is not None or lowest_soc < self._reserve - DEPARTURE_SOC_TOLERANCE:
                 return soc, rest.arrival_soc, (
                     f'a departure with {100.0 * soc:.1f} % would reach the end with {100.0 * self._end_soc:g} %, '
                     f'but fall to {100.0 * lowest_soc:.1f} % on the rest of the route; the reserve is '

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from bev_preheat.vehicle.description import Vehicle
 
 # More heating must save more than this share of the cost.
-LEAST_GAIN_SHARE = 1e-5
+LEAST_SAVING_SHARE = 1e-5
 # Estimates of the policy are at most this share of a cost away from the sessions'.
 ESTIMATE_SHARE = 0.02
 # The cheapest limit is tried shifted by these [K], because it lies between the columns of the policy's grid.
@@ -42,7 +42,7 @@ SHIFTS_K = (-0.2, 0.15, 0.35)
 # Charge spent on heating before arrival, and by how much an arrival may be colder than the first one.
 LOWER_SOC, COLDER_K = 0.06, 0.5
 # Mean heater power of a step [W] below which it counts as unheated.
-LEAST_HEATER_W = 1.0
+HEATED_FROM_W = 1.0
 # Smaller differences of cost, in any currency, are not told.
 LEAST_TOLD = 0.005
 
@@ -93,7 +93,7 @@ class HeatingChoice:
 
     @property
     def _heated_steps(self) -> Any:
-        return np.flatnonzero(self.session.hvch_battery_power_w > LEAST_HEATER_W)
+        return np.flatnonzero(self.session.hvch_battery_power_w > HEATED_FROM_W)
 
     def as_dictionary(self) -> dict[str, Any]:
         """Return it as JSON-compatible data; unknown costs are null."""
@@ -174,7 +174,7 @@ class ChargerHeating:
             if is_thorough or not self._is_dearer(policy, estimates, state, chosen[3]):
                 cost, session = self._session(state, limit)
                 others[decision] = session
-                if math.isfinite(cost) and cost <= chosen[3] * (1.0 + LEAST_GAIN_SHARE):
+                if math.isfinite(cost) and cost <= chosen[3] * (1.0 + LEAST_SAVING_SHARE):
                     chosen = decision, limit, session, cost
         if math.isinf(chosen[3]):
             session = others[HeatingDecision.ALWAYS]

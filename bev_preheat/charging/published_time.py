@@ -30,17 +30,17 @@ if TYPE_CHECKING:
     from bev_preheat.vehicle.data_sheet import DataSheet
     from bev_preheat.vehicle.data_sheet_import import Entry
 
-WARM_C = 25.0
+USUAL_WARM_C = 25.0
 AIR_C = 20.0
 PUBLISHED_SPAN = (0.1, 0.8)
 # Factor of a published curve beyond which curve and time do not belong to one car.
 CURVE_FACTOR_RANGE = (0.8, 1.25)
 # The fit's range is halved until a time is met far below the digits of data sheets.
-HALVINGS = 20
+TIME_HALVINGS = 20
 
 
 def warm_session(vehicle: Vehicle, span: tuple[float, float] = PUBLISHED_SPAN,
-                 battery_c: float = WARM_C) -> Session:
+                 battery_c: float = USUAL_WARM_C) -> Session:
     """
     Return the Session of a Vehicle between two states of charge (0 ... 1) at an unlimited charger.
 
@@ -78,7 +78,8 @@ def curve_fit(sheet: DataSheet) -> float:
     shortest_s, longest_s = time_s(fast), time_s(slow)
     if not shortest_s <= wanted_s <= longest_s:
         raise InvalidInput(_unfit(sheet, time_s(1.0), shortest_s, longest_s))
-    return math.exp(halve(math.log(fast), math.log(slow), lambda fit: time_s(math.exp(fit)) <= wanted_s, HALVINGS))
+    return math.exp(halve(
+        math.log(fast), math.log(slow), lambda fit: time_s(math.exp(fit)) <= wanted_s, TIME_HALVINGS))
 
 
 def _unfit(sheet: DataSheet, usual_s: float, shortest_s: float, longest_s: float) -> str:

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 MPS_PER_KMH = 1.0 / 3.6
 # State of charge of a heating run; owners do not give it, and it hardly matters.
-HALF = 0.5
+RUN_SOC = 0.5
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ def _run(vehicle: Vehicle, node: dict[str, FileData], drive: dict[str, FileData]
         'duration_s': [S_PER_MIN] * max(1, round(minutes)), 'speed_mps': [drive['speed_kmh'] * MPS_PER_KMH],
         'propulsion_power_w': [W_PER_KW * drive['power_kw']], 'ambient_temperature_c': [node['air_c']],
         'cabin_heating_power_w': [0.0], 'auxiliary_power_w': [vehicle.defaults.auxiliary_power_w]}, None))
-    _, temperature_c = run_forward(trip, make_runge_kutta_4, HALF, start_c,
+    _, temperature_c = run_forward(trip, make_runge_kutta_4, RUN_SOC, start_c,
                                    np.full(len(trip.route), vehicle.hvch.maximum_power_w))
     return ComputedWarmth(vehicle.name, start_c, float(node['to_c']), float(temperature_c[-1]), minutes,
                           node['source'])

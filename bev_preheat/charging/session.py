@@ -59,15 +59,15 @@ HELD_STEPS = 3.0
 # Longest session [s].
 LONGEST_SESSION_S = 24.0 * 3600.0
 # Less than this [W] into the battery does not count as charging.
-LEAST_POWER_W = 50.0
+CHARGES_FROM_W = 50.0
 # Number of temperatures, between now and the settled state, at which to check whether power comes back.
 OUTLOOK_POINTS = 101
 # Steps end this close to their end temperature [K] and state of charge.
 TEMPERATURE_TOLERANCE_K = 1e-6
-SOC_TOLERANCE = 1e-12
+STEP_SOC_TOLERANCE = 1e-12
 # A battery that is short by less state of charge than this counts as charged.
 DEFICIT_SOC = 1e-9
-MOST_TRIALS = 60
+MOST_STEP_TRIALS = 60
 SETTLING_HALVINGS = 30
 
 
@@ -227,14 +227,14 @@ class _Plug:
     def problem_at(self, state: _SessionState) -> str | None:
         """Return why the battery can never be charged further from a state, or None."""
         soc, temperature_c, stop = state.soc, state.temperature_c, self._stop
-        if self._supply_w <= LEAST_POWER_W:
+        if self._supply_w <= CHARGES_FROM_W:
             given_w = self._supply_w + stop.cabin_heating_power_w + stop.auxiliary_power_w
             return (f'cabin and auxiliaries take all of the {given_w / 1000.0:.1f} kW that charger and '
                     'inlet provide')
 
         def may_charge(at_c: float) -> bool:
             left_w = self._supply_w - self._command_w(soc, at_c)
-            return self._power_w(soc, at_c, left_w - self._cooling(at_c, left_w)[0]) > LEAST_POWER_W
+            return self._power_w(soc, at_c, left_w - self._cooling(at_c, left_w)[0]) > CHARGES_FROM_W
 
         if may_charge(temperature_c):
             return None
@@ -250,10 +250,10 @@ class _Plug:
         if any(map(may_charge, np.linspace(temperature_c, settled_c, OUTLOOK_POINTS).tolist())):
             return None
         at = f'at {100.0 * soc:.1f} % and {temperature_c:.1f} degC'
-        if -self._limit_w(soc, settled_c) > LEAST_POWER_W and settled_c < temperature_c:
+        if -self._limit_w(soc, settled_c) > CHARGES_FROM_W and settled_c < temperature_c:
             return (f'{at} the cooling takes all the power that is left, and the battery gets no colder than '
                     f'{settled_c:.1f} degC')
-        if -self._limit_w(soc, settled_c) > LEAST_POWER_W:
+        if -self._limit_w(soc, settled_c) > CHARGES_FROM_W:
             return (f'{at} the heater takes all the power that is left, and the battery gets no warmer '
                     f'than {settled_c:.1f} degC')
         end = ''
@@ -261,12 +261,12 @@ class _Plug:
             end = f', and the battery gets no warmer than {settled_c:.1f} degC'
         elif self._is_hot(soc, temperature_c):
             end = f', and the battery gets no colder than {settled_c:.1f} degC'
-        return f'{at} the battery takes less than {LEAST_POWER_W:g} W{end}'
+        return f'{at} the battery takes less than {CHARGES_FROM_W:g} W{end}'
 
     def _is_hot(self, soc: float, temperature_c: float) -> bool:
         """Return whether the battery would take more power if it were colder."""
         coldest_c = self._vehicle.battery.temperature_range_c[0]
-        return any(-self._limit_w(soc, at_c) > LEAST_POWER_W for at_c in np.linspace(
+        return any(-self._limit_w(soc, at_c) > CHARGES_FROM_W for at_c in np.linspace(
             coldest_c, temperature_c, OUTLOOK_POINTS).tolist())
 
     def _cooled_down_c(self, soc: float, temperature_c: float) -> float:
@@ -318,7 +318,7 @@ class _Plug:
                                  TEMPERATURE_TOLERANCE_K)
         if step.end.soc > self._stop.departure_soc:
             step = self._cut(state, command_w, step,
-                             lambda end: end.soc - self._stop.departure_soc, SOC_TOLERANCE)
+                             lambda end: end.soc - self._stop.departure_soc, STEP_SOC_TOLERANCE)
         return step
 
     def _holding_w(self, state: _SessionState, length_s: float) -> float:
@@ -381,7 +381,7 @@ class _Plug:
 
         return close_in(
             Trial(whole.duration_s, excess_of(whole.end), whole), Trial(0.0, excess_of(state), whole),
-            attempt, lambda enough, too_little: enough.excess <= tolerance, MOST_TRIALS,
+            attempt, lambda enough, too_little: enough.excess <= tolerance, MOST_STEP_TRIALS,
             aim=0.5 * tolerance).outcome
 
 

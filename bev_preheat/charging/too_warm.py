@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 # Colder arrivals are tried in steps of this [K], then of 1 K around the fastest.
 STEP_K = 5.0
 # Powers that differ by less than this share, or by less than this [W], are alike.
-POWER_TOLERANCE, LEAST_POWER_W = 1e-3, 50.0
+ALIKE_SHARE, ALIKE_W = 1e-3, 50.0
 # Less time than this [s] is not worth a sentence.
 LEAST_TIME_S = 10.0
 
@@ -93,7 +93,7 @@ def derating_in(vehicle: Vehicle, stop: ChargingStop, session: Session) -> Derat
     cooler_w = -limit.function(ARRAYS)(soc, np.full(len(soc), above_c))[:-1]
     left_w = supply_of(vehicle, stop) - session.hvch_battery_power_w - session.cooling_power_w
     hot = np.flatnonzero((temperature_c[1:] > above_c) & (
-        session.charging_power_w < (1.0 - POWER_TOLERANCE) * np.minimum(cooler_w, left_w) - LEAST_POWER_W))
+        session.charging_power_w < (1.0 - ALIKE_SHARE) * np.minimum(cooler_w, left_w) - ALIKE_W))
     if not len(hot):
         return None
     return Derating(above_c, float(soc[hot[0]]), float(temperature_c.max()))

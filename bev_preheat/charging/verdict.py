@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from bev_preheat.charging.too_warm import Derating
 
 # Cost differences below this, in any currency, do not matter to a driver.
-LEAST_GAIN = 0.01
+LEAST_COST_DIFFERENCE = 0.01
 
 
 def verdict_on(best: TargetWorth, without: TargetWorth, break_even: float, prices: Prices,
@@ -32,8 +32,8 @@ def verdict_on(best: TargetWorth, without: TargetWorth, break_even: float, price
     if math.isinf(without.charging_time_s):
         return (f'Worth it: {heating} lets it charge within {duration_text(best.charging_time_s)}; '
                 f'without heating, {problem}.')
-    if 0.0 < without.cost - best.cost < LEAST_GAIN:
-        return (f'It makes no difference: {heating} would save less than {LEAST_GAIN:.2f} in all. Some '
+    if 0.0 < without.cost - best.cost < LEAST_COST_DIFFERENCE:
+        return (f'It makes no difference: {heating} would save less than {LEAST_COST_DIFFERENCE:.2f} in all. Some '
                 f'heating pays as soon as an hour is worth {break_even:.2f} to you.')
     if best is not without:
         saved = _saved_text(best, without, prices)

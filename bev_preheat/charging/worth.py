@@ -55,7 +55,7 @@ GRID_K = 1.0
 TARGET_RESOLUTION_K = 0.05
 # Width [K] of a step of the charging time over the arrival temperature. It stands out if it saves so much [s], and
 # so many times the mean saving of this width.
-STEP_K, LEAST_STEP_S, STANDS_OUT = 2.01, 60.0, 2.0
+STAIR_K, STEP_SAVES_S, STANDS_OUT = 2.01, 60.0, 2.0
 # Number of the grid's lowest minima that are refined.
 REFINED_MINIMA = 3
 MOST_PRICE_PER_KWH, MOST_VALUE_PER_H = 1e3, 1e6
@@ -127,13 +127,13 @@ class Worth:
         steps = [TemperatureStep(low.arrival_temperature_c, high.arrival_temperature_c,
                                  low.charging_time_s - high.charging_time_s)
                  for low in ends for high in ends
-                 if 0.0 < high.arrival_temperature_c - low.arrival_temperature_c <= STEP_K]
+                 if 0.0 < high.arrival_temperature_c - low.arrival_temperature_c <= STAIR_K]
         if not steps:
             return None
         best = max(steps, key=lambda step: step.saved_s)
         whole_k = ends[-1].arrival_temperature_c - ends[0].arrival_temperature_c
-        usual_s = STEP_K / whole_k * (ends[0].charging_time_s - min(target.charging_time_s for target in ends))
-        return best if best.saved_s >= max(LEAST_STEP_S, STANDS_OUT * usual_s) else None
+        usual_s = STAIR_K / whole_k * (ends[0].charging_time_s - min(target.charging_time_s for target in ends))
+        return best if best.saved_s >= max(STEP_SAVES_S, STANDS_OUT * usual_s) else None
 
     def step_in_words(self) -> str:
         """Return the sentence on the `step`; '' for none."""

@@ -38,7 +38,7 @@ HEAD = """\
 
 {includes}
 """
-WIDTH = 100
+SOURCE_WIDTH = 100
 INPUTS = ('duration_s', 'power_w', 'variance_w2', 'heat_w', 'leakage_w_per_k')
 STEP = ('soc', 'temperature_c', *INPUTS)
 HEATED_STEP = ('soc', 'temperature_c', 'heater_w', 'excess_k', *INPUTS, 'command_w')
@@ -125,7 +125,7 @@ def _function(name: str, subject: str, arguments: Sequence[str], results: Sequen
          *(() if is_value else (f'double result[{len(results)}]',))])
     return '\n'.join([
         fill(f'static inline {"double" if is_value else "void"} {name}({parameters}) {{',
-             WIDTH, subsequent_indent='    '),
+             SOURCE_WIDTH, subsequent_indent='    '),
         *(f'  {line}' for line in [*unused, *lines]), '}', ''])
 
 

@@ -18,7 +18,7 @@ from bev_preheat.numerics.arithmetic import AnyNumber, Arithmetic
 
 Operand: TypeAlias = 'Symbol | float'
 # A value with a longer text gets a name of its own.
-LONGEST_TEXT = 70
+LONGEST_EXPRESSION = 70
 
 
 class Symbol:
@@ -112,7 +112,7 @@ def written_out(results: Sequence[Operand]) -> tuple[list[str], list[str]]:
 
     for value in order:
         text = value.form.format(*map(text_of, value.operands))
-        if value.operands and (uses[value] > 1 or len(text) > LONGEST_TEXT):
+        if value.operands and (uses[value] > 1 or len(text) > LONGEST_EXPRESSION):
             name = f'v{len(lines)}'
             lines.append(f'const double {name} = {without_parentheses(text)};')
             text = name

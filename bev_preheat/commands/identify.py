@@ -32,8 +32,7 @@ if TYPE_CHECKING:
 # Stages that `identify` announces beside those of structures and trips, for the bar.
 STAGES = 4
 # Without a terminal a stage is announced after so much silence [s].
-SILENCE_S = 10.0
-DIGITS = 4
+ANNOUNCED_AFTER_S = 10.0
 
 
 def add_parser(subparsers: Subparsers) -> None:
@@ -73,7 +72,7 @@ def run(arguments: Namespace) -> int:
     start = load_vehicle(arguments.vehicle)
     trips = read_trips(arguments, start, is_fit=True)
     from bev_preheat.identification.check import heater_doubt
-    from bev_preheat.identification.fit import LEAST_TRIPS
+    from bev_preheat.identification.coverage import LEAST_TRIPS
     from bev_preheat.identification.identify import identify
     from bev_preheat.identification.parameters import STRUCTURES
     from bev_preheat.identification.verdict import POOR_RMSE_K
@@ -88,7 +87,7 @@ def run(arguments: Namespace) -> int:
             bar.update(task, description=stage)
             bar.advance(task)
             now_s = time.monotonic()
-            if bar.disable and now_s - said_s >= SILENCE_S:
+            if bar.disable and now_s - said_s >= ANNOUNCED_AFTER_S:
                 said_s = now_s
                 print(f'preheat: {stage}, {bar.tasks[task].percentage:.0f} %, {now_s - began_s:.0f} s',
                       file=sys.stderr, flush=True)
@@ -142,7 +141,7 @@ def _export_learned(arguments: Namespace, start_file: Path) -> int:
     load_vehicle(Path(arguments.output).resolve())
     console = result_console()
     print_records(console, f'Vehicle {name}: learned on line', ('factor', 'estimate', '90 % interval'),
-                  [(label, figure(value, DIGITS), f'{figure(low, DIGITS)} … {figure(high, DIGITS)}')
+                  [(label, figure(value, 4), f'{figure(low, 4)} … {figure(high, 4)}')
                    for label, value, low, high in learned.rows], ('left', 'right', 'right'))
     console.print(f'written: {arguments.output}', markup=False, soft_wrap=True)
     return 0
@@ -176,9 +175,9 @@ def _print_result(console: Console, result: Identification, arguments: Namespace
     print_records(
         console, f'Vehicle {result.vehicle.name}, identified from {_logs(result)}',
         ('parameter', 'START', 'estimate', '90 % interval', 'worth K'),
-        [(f'{item.label} [{item.unit}]' if item.unit else item.label, figure(item.start, DIGITS),
-          figure(item.estimate, DIGITS) if item.is_identified else 'not told',
-          f'{figure(item.low, DIGITS)} … {figure(item.high, DIGITS)}',
+        [(f'{item.label} [{item.unit}]' if item.unit else item.label, figure(item.start, 4),
+          figure(item.estimate, 4) if item.is_identified else 'not told',
+          f'{figure(item.low, 4)} … {figure(item.high, 4)}',
           f'{item.arrival_k:.2f}' if item.arrival_k else '')
          for item in result.estimates], ('left', *['right'] * 4))
     rows = [(row.structure + (' (chosen)' if row.structure == result.structure else ''),

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from bev_preheat.replay.what_if import Replayed
 
 # The longest spans without a command are listed.
-MOST_SPANS = 10
+LISTED_SPANS = 10
 
 
 class Result(NamedTuple):
@@ -130,7 +130,7 @@ def result_sentences(course: Course) -> list[str]:
     told = [sentence for trip in course.results.trips for sentence in trip.sentences()]
     spans = course.results.account.without_command
     # In order of time again.
-    listed = sorted(sorted(spans, key=lambda span: -span.length_s)[:MOST_SPANS])
+    listed = sorted(sorted(spans, key=lambda span: -span.length_s)[:LISTED_SPANS])
     told += [f'without a valid command: {moment(span.from_ns)} for {span.length_s:.1f} s' for span in listed]
     if len(spans) > len(listed):
         told.append(f'without a valid command: {len(spans) - len(listed)} shorter spans')

@@ -8,7 +8,7 @@ from pathlib import Path
 import shlex
 from typing import TYPE_CHECKING
 
-from bev_preheat.charging.published_time import describe_timed_car, WARM_C, warm_session
+from bev_preheat.charging.published_time import describe_timed_car, USUAL_WARM_C, warm_session
 from bev_preheat.commands.completion import completed_by, VEHICLES
 from bev_preheat.commands.situation import LESS_COMMON
 from bev_preheat.commands.vehicle_published import add_published
@@ -158,7 +158,7 @@ def run_new(arguments: Namespace) -> int:
     console = result_console(soft_wrap=True)
     console.print(f'written: {output}', markup=False)
     console.print(f'assumed: {", ".join(map(key_in_words, assumed_keys(entries)))}', markup=False)
-    console.print(f'10 ... 80 % at a fast charger: {_time_text(warm_session(vehicle))} from {WARM_C:g} degC',
+    console.print(f'10 ... 80 % at a fast charger: {_time_text(warm_session(vehicle))} from {USUAL_WARM_C:g} degC',
                   markup=False)
     _print_warnings(console, meaning)
     console.print(f'show its key figures: preheat vehicle check {shlex.quote(_as_file(output))}',
@@ -302,7 +302,7 @@ def _print_meaning(console: Console, meaning: Meaning, sessions: dict[float, Ses
         ('  net of cabin heating, 100 km/h',
          f'{meaning.heating_beside_cabin_k_per_10_min:+.1f} K'),
         ('maximum charging power', f'{meaning.most_charging_power_kw:.0f} kW'),
-        (f'10 ... 80 % from {WARM_C:g} degC', _time_text(sessions[WARM_C]))], ('left', 'right'))
+        (f'10 ... 80 % from {USUAL_WARM_C:g} degC', _time_text(sessions[USUAL_WARM_C]))], ('left', 'right'))
     voltages_v = meaning.open_circuit_voltage_v
     print_figures(console, 'Open-circuit voltage at 25 degC',
                   ('charged', *(f'{100 * soc:.0f} %' for soc in voltages_v)),

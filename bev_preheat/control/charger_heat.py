@@ -4,7 +4,7 @@ Heating while the vehicle charges, if the integrator asks for it, the vehicle is
 
 Whether and up to which temperature it pays is the choice of `charging.heating_choice` from the battery's state:
 the price of the energy against the value of the time at the charger. The choice is made at the charger and
-again every SEARCH_PERIOD_S, and as soon as the charger's power has changed. The charger feeds the heater while
+again every CHOICE_PERIOD_S, and as soon as the charger's power has changed. The charger feeds the heater while
 it also charges the battery. This shows in the battery's own power, so heating at the charger needs voltage and
 current.
 """
@@ -32,10 +32,10 @@ if TYPE_CHECKING:
 # Heating begins this far below the temperature up to which it pays [K].
 BEGINS_BELOW_K = 1.0
 # The choice is repeated after this time [s], and once the charger's power has changed by this share.
-SEARCH_PERIOD_S = 600.0
+CHOICE_PERIOD_S = 600.0
 CHANGED_POWER = 0.1
 # … but not within this time [s], because chargers ramp up.
-LEAST_PERIOD_S = 20.0
+CHARGER_RAMP_S = 20.0
 # A battery that takes this share of its limit is what limits the power; otherwise the charger does.
 LIMITING_SHARE = 0.9
 
@@ -125,8 +125,8 @@ class ChargerHeater:
         stop = stop_after(now.leg.route, power_w, now.departure_soc)
         key = replace(stop, charger_power_w=0.0), now.charger, now.prices
         elapsed_s = abs(now.measurement.stamp_ns - self.made_ns) / NS_PER_S
-        is_due = key != self.key or elapsed_s >= SEARCH_PERIOD_S or (
-            elapsed_s >= LEAST_PERIOD_S and abs(power_w - self.power_w) > CHANGED_POWER * self.power_w)
+        is_due = key != self.key or elapsed_s >= CHOICE_PERIOD_S or (
+            elapsed_s >= CHARGER_RAMP_S and abs(power_w - self.power_w) > CHANGED_POWER * self.power_w)
         if self.choice is not None and not is_due:
             return self, self.choice
         choice = ChargerHeating(now.vehicle, stop, now.prices).compare(now.state)

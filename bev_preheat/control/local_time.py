@@ -21,7 +21,7 @@ DATED = re.compile(r'(\d{4})-(\d\d)-(\d\d)[ T]([01]?\d|2[0-3]):([0-5]\d)(?::([0-
                    r'(?: ?(?:(Z)|([+-])([01]\d|2[0-3]):?([0-5]\d)))?')
 DAYS = ('monday', 'tuesday', 'wednesday', 'thursday', 'friday', 'saturday', 'sunday')
 # The names in the database are shorter.
-LONGEST_NAME = 100
+LONGEST_ZONE_NAME = 100
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
 
@@ -30,7 +30,7 @@ def zone_of(name: str) -> tzinfo:
     if name == 'UTC':
         return UTC
     try:
-        if len(name) > LONGEST_NAME:
+        if len(name) > LONGEST_ZONE_NAME:
             raise ValueError
         return ZoneInfo(name)
     except (ZoneInfoNotFoundError, ValueError, OSError) as error:

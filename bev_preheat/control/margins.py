@@ -67,7 +67,7 @@ FORESEEN_S = 1800.0
 # Heating "as soon as possible" ends after this time [s].
 LONGEST_SOONEST_S = 6 * 3600.0
 # An obstacle that lasts this long [s] ends the goal.
-PATIENCE_S = 60.0
+OBSTACLE_ENDS_GOAL_S = 60.0
 # "As soon as possible" is reached this close to the target [K].
 SOONEST_WITHIN_K = 0.1
 # The state of charge of a vehicle that is plugged in does not fall by more than this.

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 # The route_id of plans for a goal; no route plan typed by hand has it.
 ROUTE_ID = '~/prepare_battery'
 # A goal's instant lies at most this far ahead [s].
-LONGEST_S = 24 * 3600.0
+FURTHEST_GOAL_S = 24 * 3600.0
 # A known ambient temperature expires after this time [s].
 AMBIENT_KNOWN_S = 6 * 3600.0
 
@@ -234,7 +234,7 @@ def _problems(goal: PreparationGoal, now_ns: int) -> list[str]:
     """Return the problems of a PreparationGoal by itself, as sentences."""
     problems = []
     ahead_s = (goal.ready_at_ns - now_ns) / NS_PER_S
-    if not goal.is_soonest and not 0.0 < ahead_s <= LONGEST_S:
+    if not goal.is_soonest and not 0.0 < ahead_s <= FURTHEST_GOAL_S:
         problems.append(
             f'ready_at: lies {duration_text(abs(ahead_s))} {"ahead" if ahead_s > 0.0 else "in the past"}; '
             'it must lie ahead, by at most 24 h (0: as soon as possible)')

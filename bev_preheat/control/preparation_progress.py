@@ -10,7 +10,7 @@ from bev_preheat.control.assumed_drive import drives_between
 from bev_preheat.control.margins import (
     CHARGE_FALLS_BY,
     LONGEST_SOONEST_S,
-    PATIENCE_S,
+    OBSTACLE_ENDS_GOAL_S,
     SOONEST_WITHIN_K,
 )
 from bev_preheat.control.preparation_goal import PreparationEnding
@@ -83,7 +83,7 @@ def _conclusion(progress: PreparationProgress, now_ns: int, decision: Decision, 
         if is_time:
             return PreparationEnding.INPUT_LOST, (
                 f'The heater was off at the requested time: {decision.explanation}')
-        if held_off_s >= PATIENCE_S:
+        if held_off_s >= OBSTACLE_ENDS_GOAL_S:
             return PreparationEnding.INPUT_LOST, (
                 f'The heater has been off for {duration_text(held_off_s)}: {decision.explanation}')
         return None

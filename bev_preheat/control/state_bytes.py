@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
     from bev_preheat.control.state import State
 
-FORMAT = 1
+STATE_FORMAT = 1
 HEAD = b'bev_preheat state'
 # Classes are of these rooms: others have no values of a State, and reading must not load them.
 ROOMS = tuple(f'bev_preheat.{room}.' for room in (
@@ -41,7 +41,7 @@ ROOMS = tuple(f'bev_preheat.{room}.' for room in (
 SENTENCES: dict[str, Callable[..., str]] = {'explain': explain, 'in_words': in_words}
 # First elements of objects that are of no class.
 TUPLE, ARRAY, PARTIAL, FUNCTION = 't', 'a', 'p', 'f'
-LARGEST_BYTES = 50_000_000
+LARGEST_STATE_BYTES = 50_000_000
 
 
 def state_bytes(state: State) -> bytes:
@@ -49,7 +49,7 @@ def state_bytes(state: State) -> bytes:
     writer = _Writer()
     root = writer.put(state)
     text = json.dumps({'classes': writer.classes, 'objects': writer.objects, 'root': root}, separators=(',', ':'))
-    return b'%s %d %s\n' % (HEAD, FORMAT, version().encode()) + zlib.compress(text.encode(), 1)
+    return b'%s %d %s\n' % (HEAD, STATE_FORMAT, version().encode()) + zlib.compress(text.encode(), 1)
 
 
 def state_of(contents: bytes) -> State:
@@ -62,12 +62,12 @@ def state_of(contents: bytes) -> State:
     if not head.startswith(HEAD):
         raise InvalidInput('no state of the planner')
     number, _, written_by = head[len(HEAD):].strip().decode(errors='replace').partition(' ')
-    if number != str(FORMAT):
+    if number != str(STATE_FORMAT):
         raise InvalidInput(f'the state has format {quoted(number)} of version {quoted(written_by)}; this version '
-                           f'reads format {FORMAT}')
+                           f'reads format {STATE_FORMAT}')
     try:
         # A bomb would fill the memory.
-        values = json.loads(zlib.decompressobj().decompress(body, LARGEST_BYTES))
+        values = json.loads(zlib.decompressobj().decompress(body, LARGEST_STATE_BYTES))
         state: State = _read(values['classes'], values['objects'], values['root'])
     except _OtherFieldsError as error:
         raise InvalidInput(f'the state is of version {quoted(written_by)}, and {error}; this is version '

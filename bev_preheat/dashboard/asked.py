@@ -12,7 +12,7 @@ ENABLE, DISABLE, PREPARE, CANCEL, SKIP, UNSKIP = (
     'enable', 'disable', 'prepare', 'cancel', 'skip', 'unskip')
 KINDS = (ENABLE, DISABLE, PREPARE, CANCEL, SKIP, UNSKIP)
 # As the action has them: a day ahead, and the temperatures of batteries.
-MINUTES, TARGET_C = (1.0, 1440.0), (-60.0, 60.0)
+MINUTES, TARGETS_C = (1.0, 1440.0), (-60.0, 60.0)
 
 
 class Asked(NamedTuple):
@@ -47,7 +47,7 @@ def asked_of(values: Any) -> Asked:
     plugged_in = values.get('pluggedIn', False)
     if not isinstance(plugged_in, bool):
         raise InvalidInput('pluggedIn: must be true or false')
-    return Asked(kind, _number(values, 'minutes', MINUTES, 'min'), _number(values, 'target', TARGET_C, 'degC'),
+    return Asked(kind, _number(values, 'minutes', MINUTES, 'min'), _number(values, 'target', TARGETS_C, 'degC'),
                  plugged_in)
 
 

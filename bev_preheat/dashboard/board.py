@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, TYPE_CHECKING
 from bev_preheat.dashboard.diagnosis import diagnose, Diagnosis
 from bev_preheat.dashboard.health import Banner, banner_of, Pulse, Surroundings
 from bev_preheat.dashboard.plain import instant, instants, number, numbers
-from bev_preheat.dashboard.trail import MOST_POINTS, Trail
+from bev_preheat.dashboard.trail import Trail, TRAIL_POINTS
 from bev_preheat.errors import shortened
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
@@ -32,7 +32,7 @@ MOST_PLAN_POINTS = 240
 BACK_S = 1.0
 # Smaller changes of a plan are the usual re-planning: start of heating [s], target and prediction [K].
 START_CHANGE_S, TARGET_CHANGE_K, PREDICTION_CHANGE_K = 60.0, 0.5, 1.0
-LONGEST_SENTENCE, LONGEST_ROUTE_ID = 2000, 256
+LONGEST_SENTENCE = 2000
 # A power that changes by less is the same [W].
 LEAST_CHANGE_W = 5.0
 # The planner makes a plan at each battery state; an older one says nothing about the battery of now [s].
@@ -67,7 +67,7 @@ class Board:
     as the reason. `version` changes with each new value. `outcome` says how the latest goal of the page ended.
     """
 
-    def __init__(self, most_points: int = MOST_POINTS) -> None:
+    def __init__(self, most_points: int = TRAIL_POINTS) -> None:
         """Start without values."""
         self._most_points = most_points
         self.unheated: Unheated | None = None
@@ -309,7 +309,7 @@ def _plan_values(plan: PlanSeen | None) -> dict[str, Any]:
         return {'status': None, 'sentence': '', 'routeId': '', 'method': ''}
     return {
         'status': status_name(plan.status), 'sentence': shortened(plan.sentence, LONGEST_SENTENCE),
-        'routeId': shortened(plan.route_id, LONGEST_ROUTE_ID), 'method': shortened(plan.method, 60),
+        'routeId': shortened(plan.route_id, 256), 'method': shortened(plan.method, 60),
         'heatingStart': instant(plan.heating_start_s), 'heatingEnd': instant(plan.heating_end_s),
         'arrival': instant(plan.arrival_s), 'predicted': number(plan.predicted_c, 2),
         'deviation': number(plan.deviation_k, 2), 'target': number(plan.target_c, 2),

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     Conversation = Generator[None, None, Answer]
 
 # A planner that is there is found, and answers, within this time [s].
-FOUND_WITHIN_S, ANSWERED_WITHIN_S = 4.0, 4.0
+PRESENT_WITHIN_S, REPLY_WITHIN_S = 4.0, 4.0
 # The first report on an accepted goal comes with the next command.
 REPORTED_WITHIN_S = 2.5
 STEP_PERIOD_S = 0.05
@@ -123,13 +123,13 @@ class Controls:
             return (yield from self._cancel(clients.cancel))
         client, value = (clients.enable, asked.kind == ENABLE) if asked.kind in (ENABLE, DISABLE) else (
             clients.skip, asked.kind == SKIP)
-        if not (yield from _until(client.service_is_ready, FOUND_WITHIN_S)):
+        if not (yield from _until(client.service_is_ready, PRESENT_WITHIN_S)):
             return Answer(False, 'The planner was not found: nothing was asked.')
         # Sent once: a second request would skip another departure.
         answered = client.call_async(SetBool.Request(data=value))
-        if not (yield from _until(answered.done, ANSWERED_WITHIN_S)):
+        if not (yield from _until(answered.done, REPLY_WITHIN_S)):
             client.remove_pending_request(answered)
-            return Answer(False, f'The planner has not answered within {ANSWERED_WITHIN_S:g} s; {UNKNOWN_EFFECT}.')
+            return Answer(False, f'The planner has not answered within {REPLY_WITHIN_S:g} s; {UNKNOWN_EFFECT}.')
         response = answered.result()
         return Answer(bool(response.success),
                       str(response.message) or ('Done.' if response.success else 'Refused.'))
@@ -137,7 +137,7 @@ class Controls:
     def _prepare(self, planner: str, client: ActionClient, asked: Asked, at_s: float | None) -> Conversation:
         if at_s is None and asked.minutes is not None:
             return Answer(False, "The planner's time is not known yet: nothing was asked.")
-        if not (yield from _until(client.server_is_ready, FOUND_WITHIN_S)):
+        if not (yield from _until(client.server_is_ready, PRESENT_WITHIN_S)):
             return Answer(False, 'The planner was not found: nothing was asked.')
         wanted = Wanted(None if asked.minutes is None else 60.0 * asked.minutes, asked.target_c,
                         is_plugged_in=asked.is_plugged_in)
@@ -147,8 +147,8 @@ class Controls:
             reports[:] = [str(message.feedback.explanation)]
 
         sent = client.send_goal_async(wanted.goal(round((at_s or 0.0) * NS_PER_S)), on_feedback)
-        if not (yield from _until(sent.done, ANSWERED_WITHIN_S)):
-            return Answer(False, f'The planner has not answered within {ANSWERED_WITHIN_S:g} s; {UNKNOWN_EFFECT}.')
+        if not (yield from _until(sent.done, REPLY_WITHIN_S)):
+            return Answer(False, f'The planner has not answered within {REPLY_WITHIN_S:g} s; {UNKNOWN_EFFECT}.')
         handle = sent.result()
         if not handle.accepted:
             return Answer(False, 'The planner rejects the goal.')
@@ -166,13 +166,13 @@ class Controls:
             self._on_outcome(planner, str(ended.result().result.explanation))
 
     def _cancel(self, client: Any) -> Conversation:
-        if not (yield from _until(client.service_is_ready, FOUND_WITHIN_S)):
+        if not (yield from _until(client.service_is_ready, PRESENT_WITHIN_S)):
             return Answer(False, 'The planner was not found: nothing was asked.')
         # A request without identification and stamp cancels all goals.
         answered = client.call_async(CancelGoal.Request())
-        if not (yield from _until(answered.done, ANSWERED_WITHIN_S)):
+        if not (yield from _until(answered.done, REPLY_WITHIN_S)):
             client.remove_pending_request(answered)
-            return Answer(False, f'The planner has not answered within {ANSWERED_WITHIN_S:g} s; {UNKNOWN_EFFECT}.')
+            return Answer(False, f'The planner has not answered within {REPLY_WITHIN_S:g} s; {UNKNOWN_EFFECT}.')
         count = len(answered.result().goals_canceling)
         return Answer(count > 0, 'The preparation is cancelled.' if count else
                       'There is no preparation to cancel.')

@@ -55,7 +55,7 @@ PROGRAM = NodeProgram(
                 ('hvch_status', 'bev_preheat_msgs/HvchStatus: the delivered power'),
                 ('route_plan', 'bev_preheat_msgs/RoutePlan: the reserve of charge'),
                 ('/diagnostics', 'diagnostic_msgs/DiagnosticArray')))
-LOOK_PERIOD_S = 1.0
+ROUTES_PERIOD_S = 1.0
 MOST_PLANNERS = 24
 # A planner that has been gone for this time is no longer listed [s].
 FORGOTTEN_AFTER_S = 900.0
@@ -104,7 +104,7 @@ class DashboardNode(Node):
             DiagnosticArray, '/diagnostics', self._guarded('/diagnostics', self._on_diagnostics), QoSProfile(
                 depth=10, reliability=QoSReliabilityPolicy.BEST_EFFORT))
         # Planners come and go in real time.
-        self.create_timer(LOOK_PERIOD_S, self._guarded('looking for planners', self._look),
+        self.create_timer(ROUTES_PERIOD_S, self._guarded('looking for planners', self._look),
                           clock=Clock(clock_type=ClockType.STEADY_TIME))
         return self._source
 

@@ -22,7 +22,7 @@ from bev_preheat.dashboard.messages import plan_seen, route_seen, seconds
 from bev_preheat.nodes.battery_fields import read_temperatures
 from bev_preheat.nodes.heater_messages import heater_status_event
 from bev_preheat.nodes.news import RepetitionFilter
-from bev_preheat.nodes.route_listener import LARGEST_BYTES
+from bev_preheat.nodes.route_listener import LARGEST_ROUTE_BYTES
 from bev_preheat_msgs.msg import HvchCommand, HvchStatus, PreheatPlan, RoutePlan
 
 if TYPE_CHECKING:
@@ -103,7 +103,7 @@ class Ears:
                                     time.monotonic())
 
     def _on_route(self, data: bytes) -> None:
-        if len(data) > LARGEST_BYTES:
+        if len(data) > LARGEST_ROUTE_BYTES:
             # The planner refuses it unread, too.
             return
         route = route_seen(deserialize_message(data, RoutePlan))

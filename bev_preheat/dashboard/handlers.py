@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 # A wrong token is answered after this time [s]; meanwhile only so many others are.
 WRONG_TOKEN_S, MOST_WRONG_TOKENS = 1.0, 20
 # Longer than a planner may take to be found, to answer and to report.
-ANSWERED_WITHIN_S = 15.0
+LONGEST_REQUEST_S = 15.0
 
 
 class Shared(NamedTuple):
@@ -211,7 +211,7 @@ class AskHandler(PageHandler):
             self.write_json({'isAccepted': False, 'text': 'There is no such planner.'}, 404)
             return
         try:
-            answer = await asyncio.wait_for(asyncio.wrap_future(answered), ANSWERED_WITHIN_S)
+            answer = await asyncio.wait_for(asyncio.wrap_future(answered), LONGEST_REQUEST_S)
         except TimeoutError:
             self.write_json({'isAccepted': False, 'text': 'No answer in time; look at the status.'}, 504)
             return

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from bev_preheat_msgs.msg import PreheatPlan, RoutePlan
 
 # No drive is longer [s].
-LONGEST_S = 1e7
+LONGEST_DRIVE_S = 1e7
 
 
 def seconds(stamp: Time) -> float:
@@ -31,7 +31,7 @@ def plan_seen(message: PreheatPlan) -> PlanSeen:
     # An axis of time needs rising instants; NaN compares as false.
     is_whole = count > 1 and len(message.battery_temperature) == len(message.soc) == count == len(
         message.hvch_power) + 1 and all(
-            0.0 <= before < after < LONGEST_S for before, after in zip(after_s, after_s[1:]))
+            0.0 <= before < after < LONGEST_DRIVE_S for before, after in zip(after_s, after_s[1:]))
     return PlanSeen(
         at_s=start_s, route_id=message.route_id, method=message.method, status=message.status,
         sentence=message.explanation,

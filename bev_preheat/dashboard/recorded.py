@@ -33,13 +33,13 @@ if TYPE_CHECKING:
 
 PLANNER = 'planner'
 # The slider has at most so many positions, and at most so many plans are drawn.
-MOST_FRAMES, MOST_PLANS, MOST_PLAN_POINTS = 4000, 200, 120
-MOST_POINTS = 8000
+MOST_FRAMES, DRAWN_PLANS, RECORDED_PLAN_POINTS = 4000, 200, 120
+RECORDED_POINTS = 8000
 # Values of a view that only a running planner has.
 LIVE_ONLY = ('banner', 'ages', 'late', 'outcome')
 CLOSE_S = 1e-6
 # A longer time between two steps is a clock that was set [s].
-LONGEST_GAP_S = 3600.0
+CLOCK_JUMP_S = 3600.0
 
 
 class RecordedDrive:
@@ -47,8 +47,8 @@ class RecordedDrive:
 
     def __init__(self, length_s: float) -> None:
         """Start; `length_s` is the length of the recording [s]."""
-        self._board = Board(MOST_POINTS)
-        self._frame_s, self._plan_s = length_s / MOST_FRAMES, length_s / MOST_PLANS
+        self._board = Board(RECORDED_POINTS)
+        self._frame_s, self._plan_s = length_s / MOST_FRAMES, length_s / DRAWN_PLANS
         self._frames: list[dict[str, Any]] = []
         self._plans: list[dict[str, Any]] = []
         self._framed_s = self._planned_s = -math.inf
@@ -93,7 +93,7 @@ class RecordedDrive:
         put(self._frames, {**self._with_known_entries(board.view(at_s)), 'at': instant_s})
         if at_s - self._planned_s >= self._plan_s - CLOSE_S or len(board.marks) != self._marks:
             self._planned_s, self._marks = at_s, len(board.marks)
-            put(self._plans, {**board.plan_curves(MOST_PLAN_POINTS), 'at': instant_s})
+            put(self._plans, {**board.plan_curves(RECORDED_PLAN_POINTS), 'at': instant_s})
 
     def _with_known_entries(self, view: dict[str, Any]) -> dict[str, Any]:
         """Return a view whose diagnostics are those of the frame before unless more than figures changed."""
@@ -192,7 +192,7 @@ def put(rows: list[dict[str, Any]], row: dict[str, Any]) -> None:
 
 def is_set(before_ns: int, now_ns: int) -> bool:
     """Return whether the clock was set between two steps; the planner steps with every command, seconds apart."""
-    return not -BACK_S * NS_PER_S <= now_ns - before_ns <= LONGEST_GAP_S * NS_PER_S
+    return not -BACK_S * NS_PER_S <= now_ns - before_ns <= CLOCK_JUMP_S * NS_PER_S
 
 
 def lengths_of(instants_ns: Iterable[int]) -> list[float]:

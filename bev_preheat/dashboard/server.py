@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from bev_preheat.dashboard.access import Access
     from bev_preheat.dashboard.source import Source
 
-PERIOD_S = 0.5
+EVENT_PERIOD_S = 0.5
 LARGEST_BODY_BYTES, LARGEST_HEADER_BYTES, LARGEST_MESSAGE_BYTES = 4096, 16384, 1024
 STOPPED_WITHIN_S = 3.0
 # Addresses reserved for documentation: they are routed like any other, and no host has them.
@@ -100,7 +100,7 @@ class PageServer:
                 for tab in list(self._shared.tabs):
                     tab.send()
                 try:
-                    await asyncio.wait_for(self._end.wait(), PERIOD_S)
+                    await asyncio.wait_for(self._end.wait(), EVENT_PERIOD_S)
                 except TimeoutError:
                     pass
         finally:

@@ -20,7 +20,7 @@ from bev_preheat.dashboard.handlers import Checked
 from bev_preheat.dashboard.plain import written
 
 # A tab that has not read for this time is closed [s].
-PATIENCE_S = 30.0
+TAB_CLOSED_AFTER_S = 30.0
 MOST_TABS = 64
 
 
@@ -71,7 +71,7 @@ class TabHandler(Checked, WebSocketHandler):
         """Send the new values, unless the tab has not read the previous messages yet."""
         now_s = time.monotonic()
         if self._sending is not None and not self._sending.done():
-            if now_s - self._sent_s > PATIENCE_S:
+            if now_s - self._sent_s > TAB_CLOSED_AFTER_S:
                 self.shared.tabs.discard(self)
                 self.close(1008, 'does not read')
                 # The closing message would wait behind the unread ones.

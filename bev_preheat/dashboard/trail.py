@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-MOST_POINTS = 2000
+TRAIL_POINTS = 2000
 # Points older than this are dropped [s].
 HORIZON_S = 86400.0
 # Rows of a full trail are at least this share of their age apart, divided by the most rows, and this time [s].
@@ -24,7 +24,7 @@ class Trail:
     changes when rows were dropped, so that a reader knows that it has to read all rows again.
     """
 
-    def __init__(self, most: int = MOST_POINTS, horizon_s: float = HORIZON_S) -> None:
+    def __init__(self, most: int = TRAIL_POINTS, horizon_s: float = HORIZON_S) -> None:
         """Start empty."""
         self._most, self._horizon_s = most, horizon_s
         self._rows: list[tuple[float, ...]] = []

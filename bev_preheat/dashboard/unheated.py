@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 # A charge or temperature that is unknown: the open-circuit voltage at these serves.
 USUAL_SOC, USUAL_C = 0.5, 20.0
 # A longer gap between two measurements starts the comparison again [s].
-LONGEST_GAP_S = 600.0
+UNHEATED_GAP_S = 600.0
 
 
 class Unheated:
@@ -43,7 +43,7 @@ class Unheated:
 
     def unheated_c(self, at_s: float, settled_c: float, soc: float, power_w: float) -> float:
         """Return the unheated temperature [deg C] (NaN: unknown), while the heater takes `power_w` [W]."""
-        if self._latest_s is not None and not 0.0 <= at_s - self._latest_s < LONGEST_GAP_S:
+        if self._latest_s is not None and not 0.0 <= at_s - self._latest_s < UNHEATED_GAP_S:
             self.restart()
         self._latest_s = at_s
         # The difference of a car without the heater is negative.

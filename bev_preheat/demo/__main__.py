@@ -4,7 +4,7 @@
 
 Starts the installed executables `vehicle_simulator` and `planner` as processes, follows their
 topics, and ends with a table and a picture. The exit status is 0 only if the battery arrived
-within ARRIVAL_TOLERANCE_K of its target.
+within GOOD_ARRIVAL_K of its target.
 """
 
 from __future__ import annotations
@@ -52,12 +52,12 @@ if TYPE_CHECKING:
     from bev_preheat.files.output_files import AnyPath
     from bev_preheat.nodes.listening import Listener
 
-ARRIVAL_TOLERANCE_K = 1.0
+GOOD_ARRIVAL_K = 1.0
 # Limits of real time for the processes to find each other, and between two battery states [s]. The end of a
 # process is noticed at once; these waits may take a minute on a busy computer.
-START_LIMIT_S = 180.0
-SILENCE_LIMIT_S = 90.0
-REFRESH_S = 0.2
+DEMO_START_LIMIT_S = 180.0
+DEMO_SILENCE_LIMIT_S = 90.0
+DISPLAY_PERIOD_S = 0.2
 # Stands for a target of 0 degC, because 0 means the default.
 LEAST_TARGET_C = 1e-3
 LOG_LINES_SHOWN = 8
@@ -195,7 +195,7 @@ def run(parsed: Namespace, console: Console) -> tuple[bool, str]:
     charging = charging_sentence(drive)
     if charging:
         console.print(charging, markup=False, soft_wrap=True)
-    good, sentence = verdict(drive, ARRIVAL_TOLERANCE_K, parsed.speed_up)
+    good, sentence = verdict(drive, GOOD_ARRIVAL_K, parsed.speed_up)
     draw_drive(parsed.output, drive, load_vehicle(parsed.vehicle),
                f'vehicle {parsed.vehicle}, route {parsed.route}: arrival at '
                f'{drive.states[-1][1]:.1f} °C, target {drive.target_c:.1f} °C')
@@ -248,33 +248,33 @@ def _start(stack: ExitStack, parsed: Namespace, name: str,
 
 
 def _wait_for_planner(listener: Listener, observer: Observer, planner: NodeProcess) -> None:
-    limit_s = time.monotonic() + START_LIMIT_S
+    limit_s = time.monotonic() + DEMO_START_LIMIT_S
     while not observer.hears_planner:
         if planner.exit_status is not None:
             raise DemoFailed(_ended(planner))
         if time.monotonic() > limit_s:
-            raise DemoFailed(f'no planner within {START_LIMIT_S:g} s. {_last_lines(planner)}')
-        listener.listen(REFRESH_S)
+            raise DemoFailed(f'no planner within {DEMO_START_LIMIT_S:g} s. {_last_lines(planner)}')
+        listener.listen(DISPLAY_PERIOD_S)
 
 
 def _follow(listener: Listener, drive: ObservedDrive, simulator: NodeProcess, planner: NodeProcess,
             show: Callable[[], object]) -> None:
     """Return when the simulator has ended its drive; raise DemoFailed if that cannot happen any more."""
-    limit_s = time.monotonic() + START_LIMIT_S
+    limit_s = time.monotonic() + DEMO_START_LIMIT_S
     while simulator.exit_status is None:
         if planner.exit_status is not None:
             raise DemoFailed(_ended(planner))
         now_s = time.monotonic()
         if drive.plan is None and now_s > limit_s:
-            raise DemoFailed(f'no plan within {START_LIMIT_S:g} s. '
+            raise DemoFailed(f'no plan within {DEMO_START_LIMIT_S:g} s. '
                              + '\n'.join(map(_last_lines, (simulator, planner))))
-        if drive.heard_at_s is not None and now_s > drive.heard_at_s + SILENCE_LIMIT_S:
-            raise DemoFailed(f'no battery state for {SILENCE_LIMIT_S:g} s. '
+        if drive.heard_at_s is not None and now_s > drive.heard_at_s + DEMO_SILENCE_LIMIT_S:
+            raise DemoFailed(f'no battery state for {DEMO_SILENCE_LIMIT_S:g} s. '
                              f'{_last_lines(simulator)}')
         show()
-        listener.listen(REFRESH_S)
+        listener.listen(DISPLAY_PERIOD_S)
     # Messages that were in transit at the end.
-    listener.listen(REFRESH_S)
+    listener.listen(DISPLAY_PERIOD_S)
     show()
     if not drive.is_over:
         raise DemoFailed(_ended(simulator))

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     Row = tuple[str, str, str]
 
 # Simulated time between two lines if the output is not a terminal [s].
-LINE_PERIOD_S = 120.0
+PLAIN_LINE_PERIOD_S = 120.0
 
 
 @contextmanager
@@ -64,7 +64,7 @@ class _Lines:
             self._console.print(f'{duration_text(drive.time_s):>11}  {status.name}: '
                                 f'{drive.plan.explanation}', markup=False, soft_wrap=True)
         self._status = status
-        self._next_s = (drive.time_s // LINE_PERIOD_S + 1.0) * LINE_PERIOD_S
+        self._next_s = (drive.time_s // PLAIN_LINE_PERIOD_S + 1.0) * PLAIN_LINE_PERIOD_S
         figures = _figures(drive)
         self._console.print(
             f'{duration_text(drive.time_s):>11}  battery {figures["battery"]:>10}  '

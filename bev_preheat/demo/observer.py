@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 # Statuses of a planner without a trip to plan.
 NOT_READY = (Status.NO_ROUTE, Status.NO_BATTERY_STATE)
 # Messages of a topic that wait while the display is drawn.
-MOST_UNREAD = 1000
+UNREAD_MESSAGES = 1000
 # Stamps are in whole nanoseconds, and segments add up with rounding.
 ROUNDING_S = 1e-3
 
@@ -107,15 +107,15 @@ class Observer:
         self.drive, self._has_heated = ObservedDrive(), False
         latched = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
         # Deeper than a vehicle in lockstep runs ahead of its listeners.
-        every_plan = QoSProfile(depth=MOST_UNREAD, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
+        every_plan = QoSProfile(depth=UNREAD_MESSAGES, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
         subscribe = node.create_subscription
         subscribe(RoutePlan, 'route_plan', self._on_route, latched)
-        subscribe(BatteryState, 'battery_state', self._on_state, MOST_UNREAD)
-        subscribe(DiagnosticArray, '/diagnostics', self._on_diagnostics, MOST_UNREAD)
+        subscribe(BatteryState, 'battery_state', self._on_state, UNREAD_MESSAGES)
+        subscribe(DiagnosticArray, '/diagnostics', self._on_diagnostics, UNREAD_MESSAGES)
         self._from_planner = [
             subscribe(PreheatPlan, 'preheat_plan', self._on_plan, every_plan),
-            subscribe(HvchCommand, 'hvch_command', self._on_command, MOST_UNREAD),
-            subscribe(Temperature, 'predicted_arrival_temperature', self._on_prediction, MOST_UNREAD)]
+            subscribe(HvchCommand, 'hvch_command', self._on_command, UNREAD_MESSAGES),
+            subscribe(Temperature, 'predicted_arrival_temperature', self._on_prediction, UNREAD_MESSAGES)]
 
     @property
     def hears_planner(self) -> bool:

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 WIDTH_IN = 9.0
 # Characters per line of a title, lines of a title, and characters per row of a legend.
 TITLE_CHARACTERS = 100
-MOST_TITLE_LINES = 9
+LINES_OF_TITLE = 9
 LEGEND_CHARACTERS = 128
 # Width of the line sample beside a text, in characters.
 HANDLE_CHARACTERS = 8
@@ -70,8 +70,8 @@ def literal(text: str) -> str:
         shown = ''.join(character if character.isprintable() else '\N{REPLACEMENT CHARACTER}'
                         for character in line)
         lines += textwrap.wrap(shown, TITLE_CHARACTERS, break_on_hyphens=False)
-    if len(lines) > MOST_TITLE_LINES:
-        lines[MOST_TITLE_LINES - 1:] = ['…']
+    if len(lines) > LINES_OF_TITLE:
+        lines[LINES_OF_TITLE - 1:] = ['…']
     return '\n'.join(lines).replace('$', r'\$')
 
 

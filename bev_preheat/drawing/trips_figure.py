@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 # Beyond this many trips a figure is too tall to be read; the others are in the table.
 MOST_TRIPS_DRAWN = 24
 ROW_HEIGHT_IN = 1.9
-HALF = 0.5
 
 
 def draw_check(path: AnyPath, check: Check) -> None:
@@ -56,7 +55,7 @@ def draw_trip(temperature: Axes, charge: Axes, check: TripCheck) -> None:
     trip, predicted = check.trip, check.prediction
     time = TimeAxis(len(trip))
     edges = time(np.arange(len(trip) + 1.0))
-    half_k = HALF * trip.resolution_k
+    half_k = 0.5 * trip.resolution_k
     readings_c = trip.battery_temperature_c
     if half_k:
         temperature.fill_between(edges[:-1], readings_c - half_k, readings_c + half_k, step='post', color=GRAY,

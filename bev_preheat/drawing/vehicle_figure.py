@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from matplotlib.figure import Figure
 import numpy as np
 
-from bev_preheat.charging.published_time import WARM_C, warm_session
+from bev_preheat.charging.published_time import USUAL_WARM_C, warm_session
 from bev_preheat.drawing.figure import save_figure
 from bev_preheat.numerics.arithmetic import ARRAYS
 from bev_preheat.numerics.factors import S_PER_MIN
@@ -130,7 +130,7 @@ def _draw_sessions(axis: Axes, vehicle: Vehicle) -> None:
 
 def _width(at_c: float) -> float:
     """Return a line width: a warm battery's is wide, because hotter ones may charge alike."""
-    return SOC_WIDTHS[2] if at_c == WARM_C else SOC_WIDTHS[0]
+    return SOC_WIDTHS[2] if at_c == USUAL_WARM_C else SOC_WIDTHS[0]
 
 
 def _temperatures(vehicle: Vehicle) -> list[tuple[float, str]]:

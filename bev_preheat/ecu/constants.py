@@ -25,7 +25,7 @@ HEAD = """\
 """
 CURVES = ('open_circuit_voltage', 'resistance', 'charge_power_limit', 'discharge_power_limit')
 KINDS = ('BEV_POLYNOMIAL', 'BEV_POLYNOMIAL_AND_LOGARITHM', 'BEV_INVERSE_TEMPERATURE', 'BEV_TABLE')
-WIDTH = 100
+EXPORT_WIDTH = 100
 
 
 def vehicle_source(vehicle: Vehicle) -> str:
@@ -56,7 +56,7 @@ def example_source(columns: Sequence[Sequence[float]], situation: Iterable[float
     return '\n'.join([
         HEAD, *arrays,
         fill(f'const bev_trip bev_ecu_example_trip = {{{len(columns[1])}, {", ".join(TRIP_COLUMNS)}}};',
-             WIDTH, subsequent_indent='    '),
+             EXPORT_WIDTH, subsequent_indent='    '),
         '', f'const bev_ecu_situation bev_ecu_example = {_braced(situation)};', ''])
 
 
@@ -86,7 +86,7 @@ def _curve(name: str, curve: CurveStruct, tables: list[str]) -> str:
 
 
 def _array(name: str, values: Sequence[float]) -> str:
-    return fill(f'static const double {name}[{len(values)}] = {_braced(values)};', WIDTH,
+    return fill(f'static const double {name}[{len(values)}] = {_braced(values)};', EXPORT_WIDTH,
                 subsequent_indent='    ') + '\n'
 
 

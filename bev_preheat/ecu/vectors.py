@@ -36,7 +36,7 @@ OK, LIMITED, BAD_INPUT = 0, 4, -3
 METHODS = ('optimal_switch', 'value_function')
 # Maximum steps of an export. One trip in LONG_EVERY has that many steps, one in DAMAGED_EVERY a value that is not
 # finite, and one in EMPTY_EVERY starts with so little charge; never the same trip.
-MOST_STEPS = 360
+LARGEST_TRIP = 360
 LONG_EVERY, LONG_AT = 100, 10
 DAMAGED_EVERY, DAMAGED_AT = 25, 24
 EMPTY_EVERY, EMPTY_AT, EMPTY_SOC = 25, 7, (0.02, 0.1)
@@ -180,8 +180,8 @@ def first_heated(vectors: Sequence[Vector]) -> Vector:
 
 def _drawn(vehicle: Vehicle, random: np.random.Generator,
            number: int) -> tuple[Trip, BatteryState, Goal]:
-    """Return a trip of at most MOST_STEPS steps, a state and a goal; in many a limit is active."""
-    steps = MOST_STEPS if number % LONG_EVERY == LONG_AT else int(random.integers(2, USUAL_STEPS + 1))
+    """Return a trip of at most LARGEST_TRIP steps, a state and a goal; in many a limit is active."""
+    steps = LARGEST_TRIP if number % LONG_EVERY == LONG_AT else int(random.integers(2, USUAL_STEPS + 1))
     lowest_c, highest_c = vehicle.battery.temperature_range_c
     # Driving takes a part of the battery in an hour, whatever its size.
     capacity_wh = vehicle.battery.capacity_ah * NOMINAL_V

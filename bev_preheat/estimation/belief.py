@@ -106,7 +106,7 @@ MOST_UNDER_WAY_K = 8.0
 SOC_NOISE = 0.001
 # Relative error of the route's power (and the least power it applies to), and its correlation time.
 POWER_NOISE = 0.3
-LEAST_POWER_W = 3000.0
+NOISY_FROM_W = 3000.0
 POWER_NOISE_LASTS_S = 60.0
 # Readings further off than this many standard deviations are clipped here.
 MOST_DEVIATIONS = 2.5
@@ -122,7 +122,7 @@ SOC_NOISE_VARIANCES = np.full(len(NOISES_K), SOC_NOISE**2)
 # The constants that the native core needs.
 TERMS = belief_terms(
     PERTURBATION, LOWEST, HIGHEST, NOMINAL_HEAT_LAG_S, NOMINAL_SENSOR_LAG_S, LOCAL_LAG_S, LEAST_VARIANCE,
-    LEAST_WEIGHT, MOST_EVIDENCE, MOST_APART_K, MOST_UNDER_WAY_K, POWER_NOISE, LEAST_POWER_W, POWER_NOISE_LASTS_S,
+    LEAST_WEIGHT, MOST_EVIDENCE, MOST_APART_K, MOST_UNDER_WAY_K, POWER_NOISE, NOISY_FROM_W, POWER_NOISE_LASTS_S,
     JOULE_RISE_NOISE_K_PER_KW)
 READING = ReadingNoise(NOISE_VARIANCES, SOC_NOISE_VARIANCES)
 
@@ -148,7 +148,7 @@ def _hidden_s2(drive: DriveInputs, duration_s: float) -> float:
 
 def _propulsion_noise(route_w: float, duration_s: float) -> tuple[float, float]:
     """Return the variance [W^2] of a route's power over `duration_s` [s], and the clipping limit [W]."""
-    deviation_w = POWER_NOISE * max(abs(route_w), LEAST_POWER_W)
+    deviation_w = POWER_NOISE * max(abs(route_w), NOISY_FROM_W)
     return (deviation_w**2 * max(1.0, POWER_NOISE_LASTS_S / duration_s),
             MOST_DEVIATIONS * deviation_w)
 

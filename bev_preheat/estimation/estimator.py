@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 # Faster readings are correlated: at most one a second is used.
 LEAST_INTERVAL_S = 0.95
 # The belief advances in steps of at most this.
-LONGEST_STEP_S = 10.0
+LONGEST_BELIEF_STEP_S = 10.0
 # After a longer gap the temperature is taken from the next reading alone.
 LONGEST_GAP_S = 60.0
 # Standard deviation of a single reading's noise while it is unknown.
@@ -136,7 +136,7 @@ class Estimator(NamedTuple):
         from_ns = self.stamp_ns
         if from_ns is None or not LEAST_INTERVAL_S <= (stamp_ns - from_ns) / NS_PER_S <= LONGEST_GAP_S:
             return ()
-        steps = math.ceil((stamp_ns - from_ns) / NS_PER_S / LONGEST_STEP_S)
+        steps = math.ceil((stamp_ns - from_ns) / NS_PER_S / LONGEST_BELIEF_STEP_S)
         return tuple([from_ns + (stamp_ns - from_ns) * part // steps for part in range(steps + 1)])
 
     def observed(self, measurement: MeasuredState, intervals: Iterable[DrivenInterval],

@@ -11,7 +11,7 @@ from typing import NamedTuple, Protocol, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.estimation.belief import (
-    LEAST_POWER_W,
+    NOISY_FROM_W,
     POWER_NOISE,
     POWER_NOISE_LASTS_S,
     TERMS,
@@ -139,7 +139,7 @@ def _variance_k2(trip: Driven, plan: Plan, estimate: Estimate) -> float:
     # No factor covers traffic that differs from step to step. If a step drives and regenerates equally, its mean
     # power is small but its heat is not.
     spread = POWER_NOISE * np.maximum(
-        1.0, LEAST_POWER_W / np.maximum(route.propulsion_power_magnitude_w, 1.0))
+        1.0, NOISY_FROM_W / np.maximum(route.propulsion_power_magnitude_w, 1.0))
     lasting = np.maximum(1.0, POWER_NOISE_LASTS_S / route.duration_s)
     traffic = float(((by_step * spread)**2 * lasting).sum())
     return max(0.0, float(sensitivities @ estimate.covariance @ sensitivities)) + traffic

@@ -35,7 +35,7 @@ REMEMBERED_S = 600.0
 # this time [s].
 AVERAGED_S = 30.0
 # Power is averaged over blocks of this length [s]: longer than most heater ramps, shorter than a heating interval.
-BLOCK_S = 30.0
+POWER_BLOCK_S = 30.0
 # Lags of the heater behind its command [s]; heaters lag by up to 90 s.
 HEATER_LAGS_S = np.array([3.0, 30.0, 90.0])
 # Standard deviation of the excess [W], and its correlation time: 10 % of 20 kW, until the road changes.
@@ -51,10 +51,10 @@ LEAST_SCATTER_W = 300.0
 # Forgetting rate of the scatter per block.
 FORGETTING = 0.05
 # Largest evidence of one block [nats], so that a single outlier does not decide.
-MOST_EVIDENCE = 3.0
+MOST_BLOCK_EVIDENCE = 3.0
 # Degrees of freedom of Student's t: traffic makes large errors likely.
 FREEDOM = 4.0
-LEAST_WEIGHT = 1e-9
+LEAST_POWER_WEIGHT = 1e-9
 
 
 class PowerSamples(NamedTuple):
@@ -192,7 +192,7 @@ class PowerResponse(NamedTuple):
             self.block.limit_ws + duration_s * limit_w,
             frozen(self.block.taken_ws + duration_s * (command_w + behind_w * mean_share)))
         response = self._replace(followed_w=frozen(command_w + behind_w * left), block=block)
-        return (response, None) if block.lasted_s < BLOCK_S - 0.5 else response._of_next_block()
+        return (response, None) if block.lasted_s < POWER_BLOCK_S - 0.5 else response._of_next_block()
 
     def _of_next_block(self) -> tuple[PowerResponse, FloatArray]:
         """Return the response after its block, and the log-likelihoods (heaters,)."""
@@ -215,13 +215,13 @@ class PowerResponse(NamedTuple):
         error_w = beyond_w - heater_w - excess_w
         logs = (-0.5 * array_log(total_w2)
                 - 0.5 * (FREEDOM + 1.0) * array_log(1.0 + error_w**2 / (FREEDOM * total_w2)))
-        logs = np.maximum(logs - logs.max(), -MOST_EVIDENCE)
+        logs = np.maximum(logs - logs.max(), -MOST_BLOCK_EVIDENCE)
         gain = variance_w2 / total_w2
         weights = before * array_exp(logs)
         rest_w = beyond_w - float((weights * heater_w).sum() / weights.sum())
         seen: FloatArray = array_log(weights.sum(axis=1) / before.sum(axis=1))
         return PowerResponse(
-            frozen(self.prior @ matrix), frozen(np.maximum(weights / weights.sum(), LEAST_WEIGHT)),
+            frozen(self.prior @ matrix), frozen(np.maximum(weights / weights.sum(), LEAST_POWER_WEIGHT)),
             frozen(excess_w + gain * error_w), frozen((1.0 - gain) * variance_w2), *self._scatter(rest_w), rest_w,
             self.followed_w), seen
 

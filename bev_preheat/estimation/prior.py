@@ -37,7 +37,7 @@ FACTOR_DEVIATIONS = {HEAT_CAPACITY: 0.058, LEAKAGE: 0.115, RESISTANCE: 0.115, HE
 # also stand for errors that the identification cannot see, such as drivetrain heat, a second mass and ageing.
 # Nine measured drives, each left out of the fit, are predicted best with a half; both a quarter and deviations
 # wider than those above predict them worse.
-LEAST_SHARE = 0.5
+LEAST_NARROWING = 0.5
 # Bounds of the logarithms, relative to the vehicle file's values. Leakage: a file may take an insulated pack as
 # bare, or a bare pack as insulated; the two differ by a factor of three.
 FACTOR_BOUNDS = {HEAT_CAPACITY: 0.25, LEAKAGE: 1.2, RESISTANCE: 0.6, HEATER: 0.15, PROPULSION: 0.5}
@@ -128,10 +128,10 @@ def factor_deviations(uncertainty: Uncertainty) -> dict[int, float]:
     """
     Return the standard deviations of the factors' logarithms of a car known only from its file.
 
-    A deviation of the file is limited to LEAST_SHARE ... 1 times that in FACTOR_DEVIATIONS.
+    A deviation of the file is limited to LEAST_NARROWING ... 1 times that in FACTOR_DEVIATIONS.
     """
     stated = {HEAT_CAPACITY: uncertainty.heat_capacity, LEAKAGE: uncertainty.leakage,
               RESISTANCE: uncertainty.resistance, HEATER: uncertainty.heater_efficiency}
     return {index: assumed if (own := stated.get(index)) is None
-            else min(max(own, LEAST_SHARE * assumed), assumed)
+            else min(max(own, LEAST_NARROWING * assumed), assumed)
             for index, assumed in FACTOR_DEVIATIONS.items()}

@@ -17,11 +17,11 @@ if TYPE_CHECKING:
 TEMPERATURE_STEPS_K = (1.0, 0.5, 0.25, 0.2, 0.1)
 SOC_STEPS = (0.01, 0.005, 0.004, 0.0025, 0.002, 0.001)
 # Single precision, as in messages, preserves multiples to this share of the step.
-ROUNDING = 1e-3
+SINGLE_PRECISION = 1e-3
 MOST_REMEMBERED = 50
 # A reading this many standard deviations off is rejected until a second one confirms it.
 IMPLAUSIBLE_DEVIATIONS = 6.0
-LEAST_DEVIATION_K = 0.3
+LEAST_READING_DEVIATION_K = 0.3
 LEAST_SOC_DEVIATION = 0.01
 # A temperature that leaves its expected value by more than the first number of deviations is an excursion
 # until it is back within the second number. It is ignored for this long [s] and up to this size [K]: contacts
@@ -68,7 +68,7 @@ class Resolution(NamedTuple):
 
 
 def _is_multiple(value: float, step: float) -> bool:
-    return abs(value / step - round(value / step)) <= ROUNDING
+    return abs(value / step - round(value / step)) <= SINGLE_PRECISION
 
 
 class MeasuredState(Protocol):
@@ -174,5 +174,5 @@ class ReadingCheck(NamedTuple):
 
     def _looks_at(self, state: BatteryState) -> tuple[Look, Look]:
         """Return (reading, step of the signal, least standard deviation) of both readings."""
-        return ((state.temperature_c, self.temperature_steps.step, LEAST_DEVIATION_K),
+        return ((state.temperature_c, self.temperature_steps.step, LEAST_READING_DEVIATION_K),
                 (state.soc, self.soc_steps.step, LEAST_SOC_DEVIATION))

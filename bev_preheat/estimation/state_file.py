@@ -29,13 +29,13 @@ if TYPE_CHECKING:
     from bev_preheat.estimation.prior import Learned
     from bev_preheat.files.checked_yaml import FileData
 
-FORMAT_KEY, FORMAT, FORMATS_WITH_CARS = 'bev_preheat_state_file', 3, (2, 3)
+FORMAT_KEY, STATE_FILE_FORMAT, FORMATS_WITH_CARS = 'bev_preheat_state_file', 3, (2, 3)
 DRIVER, LAST_SEEN, LEARNED = 'driver', 'last_seen', KEYS[0]
 # The start of files of all formats; also identifies damaged ones.
 OWN_HEAD = re.compile(
     rb'\s*\{\s*("bev_preheat_state_file"\s*:|"format"\s*:\s*1\s*,\s*"vehicle_file_sha256"\s*:)')
-LARGEST_FILE_BYTES = 100_000
-LONGEST_SENTENCE = 300
+LARGEST_STATE_FILE_BYTES = 100_000
+LONGEST_STATE_SENTENCE = 300
 # A file with this many cars is 30 kB; the car that was written longest ago is dropped.
 MOST_CARS = 50
 
@@ -95,7 +95,7 @@ def save_state(path: AnyPath, fingerprint: str, learned: Learned | None,
         entry = {**as_entry(learned), **entry}
     if last_seen is not None:
         entry[LAST_SEEN] = last_seen_entry(last_seen)
-    contents = {FORMAT_KEY: FORMAT,
+    contents = {FORMAT_KEY: STATE_FILE_FORMAT,
                 'cars': {**dict(others[-(MOST_CARS - 1):]), **({fingerprint: entry} if entry else {})},
                 DRIVER: choices_entry(found.choices if choices is None else choices)}
     target = target_of(path)
@@ -116,9 +116,9 @@ def _find(path: AnyPath) -> _Found:
     if not raw:
         raise InvalidInput(_not_ours(path, 'it is empty'))
     has_own_head = OWN_HEAD.match(raw)
-    if len(raw) > LARGEST_FILE_BYTES:
+    if len(raw) > LARGEST_STATE_FILE_BYTES:
         if has_own_head:
-            return _Found({}, damage=f'it is larger than {LARGEST_FILE_BYTES} bytes')
+            return _Found({}, damage=f'it is larger than {LARGEST_STATE_FILE_BYTES} bytes')
         raise InvalidInput(_not_ours(path))
     try:
         contents = json.loads(raw)
@@ -128,9 +128,9 @@ def _find(path: AnyPath) -> _Found:
         raise InvalidInput(_not_ours(path)) from error
     if isinstance(contents, dict) and FORMAT_KEY in contents:
         number = contents[FORMAT_KEY]
-        if isinstance(number, int) and number > FORMAT:
+        if isinstance(number, int) and number > STATE_FILE_FORMAT:
             raise InvalidInput(f'{path}: has format {number} of a later version; this version reads '
-                               f'1 to {FORMAT}; name another file')
+                               f'1 to {STATE_FILE_FORMAT}; name another file')
         return _sound(*((contents.get('cars'), contents.get(DRIVER))
                         if number in FORMATS_WITH_CARS else (None, None)))
     if isinstance(contents, dict) and contents.get('format') == 1 \
@@ -155,7 +155,7 @@ def _sound(cars: FileData, driver: FileData = None) -> _Found:
     except InvalidInput as error:
         problems.append(str(error))
     # It goes into one log line, however long the text found is.
-    return _Found(sound, choices, '; '.join(problems)[:LONGEST_SENTENCE])
+    return _Found(sound, choices, '; '.join(problems)[:LONGEST_STATE_SENTENCE])
 
 
 def _sound_entry(entry: FileData) -> FileData:
@@ -180,7 +180,7 @@ def _read(path: AnyPath) -> bytes | None:
         # If a pipe has replaced it meanwhile, opening it must not wait for a writer.
         with open(os.open(expanded(path), os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC),
                   'rb') as file:
-            return file.read(LARGEST_FILE_BYTES + 1)
+            return file.read(LARGEST_STATE_FILE_BYTES + 1)
     except OSError as error:
         raise InvalidInput(f'{path}: cannot be read: {error.strerror}') from error
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from bev_preheat.control.state import State
 
 # Of the records of this version. Older ones are read as long as their numbers are listed in READ_FORMATS.
-FORMAT = 2
+DRIVE_FORMAT = 2
 READ_FORMATS = (2,)
 
 
@@ -43,9 +43,9 @@ class Beginning:
     def as_dictionary(self) -> dict[str, Any]:
         """Return it as plain values for JSON."""
         return {
-            'format': FORMAT, 'version': self.version, 'node': self.node, 'life': self.life, 'part': self.part,
-            'now_ns': self.now_ns, 'uses_sim_time': self.uses_sim_time, 'parameters': self.parameters,
-            'vehicle_file': self.vehicle_file}
+            'format': DRIVE_FORMAT, 'version': self.version, 'node': self.node, 'life': self.life,
+            'part': self.part, 'now_ns': self.now_ns, 'uses_sim_time': self.uses_sim_time,
+            'parameters': self.parameters, 'vehicle_file': self.vehicle_file}
 
     @classmethod
     def from_dictionary(cls, values: Any) -> Beginning:

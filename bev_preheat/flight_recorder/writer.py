@@ -35,8 +35,8 @@ CATCHING_UP_S = 0.02
 # After a millisecond of work the thread rests [s].
 GROUPS_AT_ONCE, PAUSE_S = 50, 0.0005
 # A new attempt after a failure [s].
-RETRY_S = 30.0
-LARGEST_FILE_BYTES = 64_000_000
+REOPENED_AFTER_S = 30.0
+LARGEST_RECORDING_BYTES = 64_000_000
 LIBRARY = 'bev_preheat'
 # Channels of the recorder itself; their messages are JSON.
 BEGINNING_CHANNEL, STATE_CHANNEL, STEP_CHANNEL, GAP_CHANNEL = (
@@ -99,7 +99,7 @@ class RecordingWriter:
 
     def __init__(self, recording: Recording, kinds: dict[str, Kind],
                  head_of: Callable[[], Iterable[Entry]], metadata: dict[str, dict[str, str]] | None = None,
-                 largest_file_bytes: int = LARGEST_FILE_BYTES,
+                 largest_file_bytes: int = LARGEST_RECORDING_BYTES,
                  entries_of: Callable[[Any], Iterable[Entry]] = iter) -> None:
         """Start the thread; raises MissingPackage without the package mcap."""
         require('mcap')
@@ -239,14 +239,14 @@ class RecordingWriter:
             self._file = None
 
     def _try(self, action: Callable[[], None]) -> bool:
-        """Do an action; after a failure give the file up for RETRY_S and return False."""
+        """Do an action; after a failure give the file up for REOPENED_AFTER_S and return False."""
         try:
             action()
         except Exception as error:
             where = self._path or self._recording.folder
             reason = error.strerror if isinstance(error, OSError) else f'{type(error).__name__}: {error}'
             self.report = f'{where}: cannot be written: {reason}; the planner goes on without a recording'
-            self._retry_s = time.monotonic() + RETRY_S
+            self._retry_s = time.monotonic() + REOPENED_AFTER_S
             if self._file is not None:
                 with suppress(OSError):
                     self._file.close()

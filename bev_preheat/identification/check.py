@@ -21,9 +21,8 @@ if TYPE_CHECKING:
     from bev_preheat.identification.trips import Trip
     from bev_preheat.vehicle.description import Vehicle
 
-HALF = 0.5
 # A heater that explains this share of errors of so much, with so much power, serves the battery.
-LEAST_ERROR_K, MOST_LEFT, LEAST_HEATER_W = 2.0, 0.5, 50.0
+LEAST_ERROR_K, MOST_LEFT, SERVING_W = 2.0, 0.5, 50.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +139,7 @@ def heater_doubt(vehicle: Vehicle, trips: Sequence[Trip]) -> str:
 
     '' without.
     """
-    shared = [trip for trip in trips if trip.shares_heater and trip.cabin_heating_power_w.mean() > LEAST_HEATER_W]
+    shared = [trip for trip in trips if trip.shares_heater and trip.cabin_heating_power_w.mean() > SERVING_W]
     if not shared:
         return ''
     as_cabin_k, as_battery_k = (rms([float(predict(vehicle, each).reading_c[-1]) - each.arrival_c for each in own])
@@ -156,7 +155,7 @@ def heater_doubt(vehicle: Vehicle, trips: Sequence[Trip]) -> str:
 def _check_trip(vehicle: Vehicle, trip: Trip, replays: bool) -> TripCheck:
     predicted = predict(vehicle, trip)
     error_k = float(predicted.reading_c[-1]) - trip.arrival_c
-    beyond_k = max(abs(error_k) - HALF * trip.resolution_k, 0.0)
+    beyond_k = max(abs(error_k) - 0.5 * trip.resolution_k, 0.0)
     soc_error = float(predicted.soc[-1]) - trip.arrival_soc
     voltage_v = vehicle.battery.open_circuit_voltage.function(FLOATS)(trip.arrival_soc, trip.arrival_c)
     without, with_it = (replay_errors_k(vehicle, trip, estimation)

@@ -26,7 +26,6 @@ KNOTS_SOC = (0.0, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0)
 LEAST_VARIATION = 1e-3
 # Points of the tables in the file.
 TABLE_STEP_C, TABLE_STEP_SOC = 2.5, 0.05
-HALF = 0.5
 
 
 @dataclass(frozen=True)
@@ -77,7 +76,7 @@ class CorrectedVoltage:
         value = self.curve.function(arithmetic)
 
         def voltage(soc: AnyNumber, temperature_c: AnyNumber) -> AnyNumber:
-            centred = soc - HALF
+            centred = soc - 0.5
             correction_v = self.offset_v + centred * (self.slope_v + centred * self.curvature_v)
             return value(soc, temperature_c) + correction_v
 
@@ -99,7 +98,7 @@ def resistance_table(battery: Battery, log_factors: FloatArray, soc_factors: Flo
     if np.ptp(soc_factors) > LEAST_VARIATION:
         socs = sorted({*socs, *KNOTS_SOC})
     return _tabulated(CorrectedResistance(battery.resistance, log_factors.tolist(), soc_factors.tolist()),
-                      socs if len(socs) > 1 else (HALF,), temperatures_c, 5)
+                      socs if len(socs) > 1 else (0.5,), temperatures_c, 5)
 
 
 def voltage_table(curve: CorrectedVoltage, soc_range: tuple[float, float]) -> Table:

@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 DRIVEN_C = (-10.0, 20.0)
 # Bounds of the vehicle file.
 LEAST, MOST = 0.005, 1.0
-DIGITS = 3
 # Least value in the logarithm of an interval's end: an interval may begin at 0.
 TINY = 1e-9
 
@@ -61,7 +60,7 @@ def uncertainty_of(start: Uncertainty, estimates: Iterable[Estimated], resistanc
 
 def with_deviations(start: Uncertainty, found: Mapping[str, float]) -> Uncertainty:
     """Return an Uncertainty with other relative deviations by name, rounded and within the file's bounds."""
-    return replace(start, **{name: float(f'{min(max(value, LEAST), MOST):.{DIGITS}g}')
+    return replace(start, **{name: float(f'{min(max(value, LEAST), MOST):.3g}')
                              for name, value in found.items()})
 
 

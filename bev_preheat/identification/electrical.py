@@ -31,14 +31,14 @@ if TYPE_CHECKING:
 
 LASTING_S = 30.0
 # Voltage and current are averaged over this time [s], because noise of the current makes the resistance too small.
-BLOCK_S = 5.0
+VOLTAGE_BLOCK_S = 5.0
 POLARISATION_S = (4.0, 10.0, 20.0)
 # Readings in whole degrees are smoothed over this time [s].
 SMOOTHING_S = 121
 # Errors of neighbouring rows hang together: this number of rows counts as one observation.
 ROWS_PER_OBSERVATION = 20.0
 # Rows of one trip, so that a night does not outweigh the drives.
-MOST_ROWS = 1500
+ROWS_OF_A_TRIP = 1500
 # Least root mean square of the current's changes within 30 s [A] for a trip that tells the resistance.
 LEAST_VARIATION_A = 3.0
 # Prior standard deviations: open-circuit voltage as shares of itself (offset, slope and curvature over the whole
@@ -52,15 +52,15 @@ POLARISATION_DEVIATION = 0.5
 SYSTEMATIC_DEVIATION = 0.01
 CAPACITY_DEVIATION = 0.10
 # A change of charge smaller than this tells nothing of the capacity.
-LEAST_SOC_CHANGE = 0.05
-SOC_NOISE = 0.002
+CAPACITY_SOC_CHANGE = 0.05
+DISPLAYED_SOC_NOISE = 0.002
 OCV = 3
 KNOTS = len(KNOTS_C)
 BETA = slice(OCV, OCV + KNOTS)
 # The resistance's log factors over temperature, then over charge.
 LOGS = slice(OCV, OCV + KNOTS + len(KNOTS_SOC))
 RHO = LOGS.stop
-SIZE = RHO + 1
+STATE_SIZE = RHO + 1
 
 
 def resistance_precision(level_deviation: float = LEVEL_DEVIATION) -> FloatArray:
@@ -123,9 +123,9 @@ class _Rows:
         follows_a = lfilter([1.0 - left], [1.0, -left], current_a, zi=[left * current_a[0]])[0]
         self.heat_share = float(np.mean(follows_a**2) / max(np.mean(current_a**2), 1e-9))
         self.square_a2 = float(np.mean(current_a**2))
-        keeps = math.exp(-BLOCK_S / LASTING_S)
-        blocks = np.arange(0.0, len(trip) + 1.0, BLOCK_S)
-        stride = -(-len(blocks) // MOST_ROWS)
+        keeps = math.exp(-VOLTAGE_BLOCK_S / LASTING_S)
+        blocks = np.arange(0.0, len(trip) + 1.0, VOLTAGE_BLOCK_S)
+        stride = -(-len(blocks) // ROWS_OF_A_TRIP)
 
         def differenced(values: FloatArray) -> FloatArray:
             means = trip.means(values, blocks)
@@ -137,11 +137,11 @@ class _Rows:
             np.ones_like(soc), centred, centred**2)], axis=-1)
         weights = np.concatenate((knot_weights(temperature_c, KNOTS_C), knot_weights(soc, KNOTS_SOC)), axis=1)
         # The knots' part is not differenced before it is multiplied: R is at both instants nearly the same.
-        self.weights = weights[int(BLOCK_S)::int(BLOCK_S)][:len(blocks) - 2][::stride]
+        self.weights = weights[int(VOLTAGE_BLOCK_S)::int(VOLTAGE_BLOCK_S)][:len(blocks) - 2][::stride]
         self.drop_v, self.polarised_v = differenced(resistance * current_a), differenced(resistance * follows_a)
 
     def residuals(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return residuals [V] (rows,) and their slopes (rows, SIZE)."""
+        """Return residuals [V] (rows,) and their slopes (rows, STATE_SIZE)."""
         factor = np.exp(self.weights @ theta[LOGS])
         dropped = factor * (self.drop_v + theta[RHO] * self.polarised_v)
         slopes = np.concatenate((self.voltage, -self.weights * dropped[:, np.newaxis],
@@ -186,8 +186,8 @@ def _fit(vehicle: Vehicle, telling: Sequence[tuple[Trip, float]], capacity_ah: f
     roots = [math.sqrt(weight) for _, weight in telling]
     prior_root = np.linalg.cholesky(precision).T
     # A first guess of the noise, then that of the residuals: only the balance with the prior depends on it.
-    noise_v, theta = 5.0, np.zeros(SIZE)
-    lowest, highest = np.full(SIZE, -np.inf), np.full(SIZE, np.inf)
+    noise_v, theta = 5.0, np.zeros(STATE_SIZE)
+    lowest, highest = np.full(STATE_SIZE, -np.inf), np.full(STATE_SIZE, np.inf)
     lowest[RHO], highest[RHO] = 0.0, 5.0
     theta[RHO] = 0.1
     for _ in range(2):
@@ -227,7 +227,7 @@ _SCALES = np.array([10.0, 10.0, 10.0, *[0.2] * (LOGS.stop - OCV), 0.2])
 
 def _prior_precision(vehicle: Vehicle) -> FloatArray:
     nominal_v = float(vehicle.battery.open_circuit_voltage.function(ARRAYS)(np.array([0.5]), np.array([20.0]))[0])
-    precision = np.zeros((SIZE, SIZE))
+    precision = np.zeros((STATE_SIZE, STATE_SIZE))
     precision[range(OCV), range(OCV)] = 1.0 / np.square(np.array(VOLTAGE_DEVIATIONS) * nominal_v)
     precision[BETA, BETA] = resistance_precision()
     precision[BETA.stop:LOGS.stop, BETA.stop:LOGS.stop] = _walk_precision(
@@ -247,10 +247,10 @@ def _capacity(vehicle: Vehicle, counted: Sequence[tuple[Trip, float]]) -> tuple[
     precision, total, used = 1.0 / (CAPACITY_DEVIATION * prior_ah)**2, 1.0 / (CAPACITY_DEVIATION**2 * prior_ah), 0
     for trip, weight in counted:
         fell = float(trip.soc[0] - trip.soc[-1])
-        if trip.current_a is None or abs(fell) < LEAST_SOC_CHANGE:
+        if trip.current_a is None or abs(fell) < CAPACITY_SOC_CHANGE:
             continue
         steps = np.abs(np.diff(np.unique(trip.soc)))
-        noise = math.hypot(SOC_NOISE, float(np.min(steps)) / math.sqrt(6.0) if len(steps) else 0.0)
+        noise = math.hypot(DISPLAYED_SOC_NOISE, float(np.min(steps)) / math.sqrt(6.0) if len(steps) else 0.0)
         # drawn = C fell, with an error of C noise
         drawn_ah = float(np.sum(trip.current_a) / 3600.0)
         used += 1

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.optimize import least_squares
 
+from bev_preheat.identification.coverage import LEAST_TRIPS
 from bev_preheat.identification.electrical import fit_electrical
 from bev_preheat.identification.parameters import ALWAYS, IN_THE_FILE, NAMES, parameters_of, STRUCTURES
 from bev_preheat.identification.readings import likely_noise_k, NOISE_K, ReadingResiduals
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
 LEAST_DISPERSION, MOST_DISPERSION = 1.0, 900.0
 # Fewer trips do not tell how far readings of one trip hang together: those of nine drives of an i3 do by this
 # factor (docs/explanation/identification.md).
-LEAST_TRIPS, USUAL_DISPERSION = 3, 40.0
+USUAL_DISPERSION = 40.0
 # The start temperature lies in the interval of the first reading; a lagging sensor widens it [K].
 START_NOISE_K = 0.2
 # Standard deviation and bound of the difference between cells and battery as a whole at parking [K].
@@ -38,7 +39,7 @@ SHARE_OF_STEP = 1.0 / math.sqrt(12.0)
 MOST_EVALUATIONS = 60
 MISFIT_STEPS = 2
 # Relative: half a sum of squares of 1000 is found to 0.01.
-TOLERANCE = 1e-5
+FIT_TOLERANCE = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,7 +210,7 @@ class Fitter:
         guess = np.clip(np.concatenate((theta[free], offsets_k)), lowest + 1e-9, highest - 1e-9)
         found = least_squares(lambda values: evaluate(values)[0], guess, lambda values: evaluate(values)[1],
                               bounds=(lowest, highest), x_scale='jac', max_nfev=MOST_EVALUATIONS,
-                              ftol=TOLERANCE, xtol=TOLERANCE)
+                              ftol=FIT_TOLERANCE, xtol=FIT_TOLERANCE)
         theta[free] = found.x[:count]
         residuals, slopes = evaluate(found.x)
         terms, at = [], 0

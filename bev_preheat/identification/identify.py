@@ -48,7 +48,6 @@ if TYPE_CHECKING:
     from bev_preheat.identification.trips import Trip
     from bev_preheat.vehicle.description import Vehicle
 
-HALF = 0.5
 # An estimate this close to a bound, in its coordinate, lies at it.
 AT_BOUND = 1e-4
 
@@ -157,7 +156,7 @@ def _thermal_estimates(fitter: Fitter, fit: ThermalFit, intervals: dict[str, Int
         estimates.append(Estimated(
             name, parameter.label, parameter.unit, parameter.start, estimate, min(low, estimate),
             max(high, estimate), prior_low, prior_high, name not in held,
-            float(HALF * (interval.high - interval.low) * slopes[at]), parameter.reason, parameter.key,
+            float(0.5 * (interval.high - interval.low) * slopes[at]), parameter.reason, parameter.key,
             None if bound is None else float(parameter.value(bound)),
             not parameter.is_log and parameter.low == 0.0))
     return estimates
@@ -183,7 +182,7 @@ def _capacity(vehicle: Vehicle, electrical: Electrical) -> Estimated:
 def _resistance(vehicle: Vehicle, fit: ThermalFit) -> ResistanceCurve:
     low_c, high_c = vehicle.battery.temperature_range_c
     temperatures_c = np.arange(max(-20.0, math.ceil(low_c)), min(40.0, high_c) + 1e-9, 1.0)
-    socs = np.full_like(temperatures_c, HALF)
+    socs = np.full_like(temperatures_c, 0.5)
     curve = vehicle.battery.resistance
     start_ohm = curve.function(ARRAYS)(socs, temperatures_c) + np.zeros_like(socs)
     log_factors = fit.theta[len(NAMES):]

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 
 # Keys of the vehicle file that each learned factor changes, in the order of `estimation.memory.NAMES`.
 KEYS = ('battery.heat_capacity_j_per_k', 'battery.leakage', 'battery.resistance', 'hvch.efficiency')
-DIGITS = 4
 
 
 class LearnedVehicle(NamedTuple):
@@ -68,8 +67,8 @@ def learned_vehicle(vehicle: Vehicle, fingerprint: str, state_file: AnyPath, nam
         car.battery, resistance=resistance_table(vehicle.battery, log_resistance, np.zeros(len(KNOTS_SOC)))),
         hvch=replace(car.hvch, efficiency=min(car.hvch.efficiency, 1.0)),
         uncertainty=with_deviations(vehicle.uncertainty, _narrower(learned)))
-    notes = {key: f"learned on line: {figure(factor, DIGITS)} times START's, 90 % interval "
-                  f'{figure(low, DIGITS)} ... {figure(high, DIGITS)}'
+    notes = {key: f"learned on line: {figure(factor, 4)} times START's, 90 % interval "
+                  f'{figure(low, 4)} ... {figure(high, 4)}'
              for key, (_, factor, low, high) in zip(KEYS, rows)}
     notes['uncertainty'] = UNCERTAINTY_NOTE
     return LearnedVehicle(car, tuple(rows), notes)

@@ -12,7 +12,6 @@ if TYPE_CHECKING:
     from bev_preheat.identification.result import Estimated, Identification
     from bev_preheat.vehicle.description import Vehicle
 
-DIGITS = 4
 UNCERTAINTY_NOTE = 'relative standard deviations of the values above, from which the estimation starts'
 
 
@@ -60,4 +59,4 @@ def _in_the_file(item: Estimated, vehicle: Vehicle) -> tuple[float, float, str]:
 def _note(item: Estimated, low: float, high: float, unit: str) -> str:
     if not item.is_identified:
         return "START's value: the logs do not tell it"
-    return f'identified, 90 % interval {figure(low, DIGITS)} ... {figure(high, DIGITS)} {unit}'.rstrip()
+    return f'identified, 90 % interval {figure(low, 4)} ... {figure(high, 4)} {unit}'.rstrip()

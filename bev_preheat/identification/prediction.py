@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.vehicle.description import Vehicle
 
-STEP_S = 30.0
+PREDICTION_STEP_S = 30.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +38,7 @@ class Prediction:
     soc: FloatArray
 
 
-def step_edges(trip: Trip, step_s: float = STEP_S) -> FloatArray:
+def step_edges(trip: Trip, step_s: float = PREDICTION_STEP_S) -> FloatArray:
     """Return the edges of steps of about `step_s` that divide a trip evenly [s], whole seconds, shape (M + 1,)."""
     count = max(1, round(len(trip) / step_s))
     return np.round(np.linspace(0.0, len(trip), count + 1))

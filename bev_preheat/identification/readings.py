@@ -26,13 +26,12 @@ NOISE_K = 0.3
 NOISE_RANGE_K = 0.1, 0.6
 # A window whose readings are farther off than this many standard deviations counts linearly (Huber), so that a
 # spike decides nothing.
-MOST_DEVIATIONS = 2.5
+HUBER_DEVIATIONS = 2.5
 # Steps below this many standard deviations count as a continuous signal.
 LEAST_HALF = 0.25
 FARTHEST = 25.0
-HALF = 0.5
 # Halvings of the interval in which the best temperature of a window lies.
-HALVINGS = 40
+WINDOW_HALVINGS = 40
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +68,7 @@ class ReadingResiduals:
     def __init__(self, readings: Readings, noise_k: float = NOISE_K) -> None:
         """Find the temperature of each window that explains its readings best."""
         self._readings, self._noise_k = readings, noise_k
-        self._half = HALF * readings.resolution_k / noise_k
+        self._half = 0.5 * readings.resolution_k / noise_k
         self._best_c = readings.mean_c
         self._least = np.zeros(len(self._best_c))
         self._curvature = np.ones(len(self._best_c))
@@ -99,16 +98,16 @@ class ReadingResiduals:
             # Near the best temperature the slope is that of the parabola there.
             residual = np.copysign(np.where(is_far, magnitude, self._curvature * np.abs(off)), off)
             slope = np.where(is_far, steep, self._curvature / self._noise_k)
-        beyond = np.abs(residual) > MOST_DEVIATIONS
-        limited = np.sqrt(np.maximum(2.0 * MOST_DEVIATIONS * np.abs(residual) - MOST_DEVIATIONS**2, 1e-12))
+        beyond = np.abs(residual) > HUBER_DEVIATIONS
+        limited = np.sqrt(np.maximum(2.0 * HUBER_DEVIATIONS * np.abs(residual) - HUBER_DEVIATIONS**2, 1e-12))
         return (root * np.where(beyond, np.copysign(limited, residual), residual),
-                root * np.where(beyond, slope * MOST_DEVIATIONS / limited, slope))
+                root * np.where(beyond, slope * HUBER_DEVIATIONS / limited, slope))
 
     def cost(self, model_c: FloatArray) -> float:
         """Return the negative log-likelihood of all readings at sensor temperatures (K,) [deg C]."""
         residual, _ = self(model_c)
         log_noise = np.log(self._noise_k) * self._readings.total if self._half < LEAST_HALF else 0.0
-        return float(np.sum(HALF * residual**2 + self._least + log_noise))
+        return float(np.sum(0.5 * residual**2 + self._least + log_noise))
 
     def _parts(self, model_c: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return scaled distances to the levels (K, L), signed and limited, and the logarithms of their shares."""
@@ -124,19 +123,19 @@ class ReadingResiduals:
     def _slope(self, model_c: FloatArray) -> FloatArray:
         off, distance, log_share = self._parts(model_c)
         # d/d distance of log(Phi(half - distance) - Phi(-half - distance))
-        density = (np.exp(-HALF * (self._half - distance)**2 - log_share)
-                   - np.exp(-HALF * (self._half + distance)**2 - log_share)) / np.sqrt(2.0 * np.pi)
+        density = (np.exp(-0.5 * (self._half - distance)**2 - log_share)
+                   - np.exp(-0.5 * (self._half + distance)**2 - log_share)) / np.sqrt(2.0 * np.pi)
         return np.asarray((self._readings.counts * np.copysign(density, off)).sum(axis=1) / self._noise_k)
 
     def _bisected(self) -> FloatArray:
         used = self._readings.counts > 0.0
         low = np.where(used, self._readings.levels_c, np.inf).min(axis=1)
         high = np.where(used, self._readings.levels_c, -np.inf).max(axis=1)
-        for _ in range(HALVINGS):
-            middle = HALF * (low + high)
+        for _ in range(WINDOW_HALVINGS):
+            middle = 0.5 * (low + high)
             rises = self._slope(middle) > 0.0
             low, high = np.where(rises, low, middle), np.where(rises, middle, high)
-        return np.asarray(HALF * (low + high))
+        return np.asarray(0.5 * (low + high))
 
 
 def likely_noise_k(readings: Sequence[Readings], sensors_c: Sequence[FloatArray]) -> float:

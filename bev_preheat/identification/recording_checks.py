@@ -12,6 +12,7 @@ import numpy as np
 from bev_preheat.errors import figure, InvalidInput
 from bev_preheat.logs.distances import integral
 from bev_preheat.logs.doubts import find_doubts
+from bev_preheat.logs.hypotheses import JUMP_K, JUMP_S
 from bev_preheat.logs.recording import Series
 from bev_preheat.numerics.factors import S_PER_H
 
@@ -32,11 +33,11 @@ POSSIBLE = {
 # Steps of the current from here on [A] show the sign of the current in the voltage.
 LEAST_CURRENT_STEP_A = 5.0
 # A state of charge that stays the same while this share of the vehicle's capacity flows is stuck.
-LEAST_SHARE = 0.05
+STUCK_SOC_SHARE = 0.05
 # A current that stays the same while the speed changes by this [m/s] is stuck.
 LEAST_SPEED_CHANGE_MPS = 5.0
-# No battery warms or cools by this [K] within JUMP_S [s]; a level is the median of this number of readings.
-LEAST_JUMP_K, JUMP_S, OF_LEVEL = 5.0, 30.0, 9
+# A level is the median of this number of readings.
+OF_LEVEL = 9
 # Signals whose unit or sign decides a fit.
 DECISIVE = ('battery_temperature_c', 'soc', 'current_a', 'power_w')
 POWER = ('voltage_v', 'current_a', 'power_w')
@@ -138,7 +139,7 @@ def _stuck(name: str, signals: Signals, vehicle: Vehicle) -> list[str]:
     charge, constant_a = _only_value(soc), _only_value(current)
     if soc is not None and charge is not None and current is not None:
         drawn_ah = _drawn_ah(current, soc.time_s[0], soc.time_s[-1])
-        if abs(drawn_ah) > LEAST_SHARE * vehicle.battery.capacity_ah:
+        if abs(drawn_ah) > STUCK_SOC_SHARE * vehicle.battery.capacity_ah:
             problems.append(f'{name}: soc: stays at {figure(charge, 4)} while {drawn_ah:+.1f} Ah are drawn; '
                             'record the state of charge')
     if constant_a is not None and speed is not None and np.ptp(speed.value) > LEAST_SPEED_CHANGE_MPS:
@@ -162,7 +163,7 @@ def _jumps(name: str, series: Series | None) -> list[str]:
     # From the last reading of one level to the first of the next.
     quick = np.diff(series.time_s)[OF_LEVEL - 1:OF_LEVEL - 1 + len(jumps_k)] <= JUMP_S
     steps_k = np.diff(series.value)[OF_LEVEL - 1:OF_LEVEL - 1 + len(jumps_k)]
-    found = np.flatnonzero(quick & (np.abs(jumps_k) > LEAST_JUMP_K) & (np.abs(steps_k) > LEAST_JUMP_K))
+    found = np.flatnonzero(quick & (np.abs(jumps_k) > JUMP_K) & (np.abs(steps_k) > JUMP_K))
     if not len(found):
         return []
     at = int(found[0]) + OF_LEVEL

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 # Predictions are compared with the arrival this long before it [s].
 LEADS_S = (600, 300, 120, 60)
-START_NS = 10**15
+LOG_START_NS = 10**15
 # Steps of the state of charge and of the power that a car publishes.
 SOC_DIGITS = 3
 
@@ -54,7 +54,7 @@ def replay_errors_k(vehicle: Vehicle, trip: Trip, estimation: bool) -> dict[int,
     The planner gets one battery state a second, with power if it is known. Leads longer than the trip are absent.
     """
     supervisor = Supervisor(vehicle, Settings(estimation=estimation))
-    now_ns = START_NS
+    now_ns = LOG_START_NS
     # No target asks for heat.
     target_c = vehicle.battery.temperature_range_c[0]
     supervisor.step(now_ns, RouteArrived(Mission(

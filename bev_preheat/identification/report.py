@@ -17,13 +17,12 @@ if TYPE_CHECKING:
     from bev_preheat.identification.result import Identification
 
 TEMPLATE = Path(__file__).with_name('report.html')
-DIGITS = 4
 
 
 def report_text(result: Identification, pictures: Mapping[str, str]) -> str:
     """Return the report on an Identification with `pictures` (SVG elements by name)."""
     # Names of trips and vehicles come from files, so they are escaped.
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True)
-    environment.filters['figure'] = lambda value: figure(value, DIGITS)
+    environment.filters['figure'] = lambda value: figure(value, 4)
     template = environment.from_string(TEMPLATE.read_text(encoding='utf-8'))
     return template.render(result=result, pictures=pictures, quantile=QUANTILE)

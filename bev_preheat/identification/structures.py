@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.identification.check import rms
-from bev_preheat.identification.fit import LEAST_TRIPS
+from bev_preheat.identification.coverage import LEAST_TRIPS
 from bev_preheat.identification.parameters import IN_THE_FILE
 from bev_preheat.identification.prediction import predict
 from bev_preheat.identification.uncertainty import QUANTILE

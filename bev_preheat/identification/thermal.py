@@ -22,6 +22,7 @@ from bev_preheat.estimation.state import LOCAL_LAG_S
 from bev_preheat.identification.curves import CorrectedResistance, CorrectedVoltage, KNOTS_C, KNOTS_SOC
 from bev_preheat.identification.parameters import NAMES
 from bev_preheat.identification.readings import Readings
+from bev_preheat.identification.trips import IDLE_W
 from bev_preheat.nonlinear_program.symbols import SYMBOLS
 from bev_preheat.numerics.arithmetic import ARRAYS
 from bev_preheat.vehicle.description import Leakage
@@ -45,8 +46,6 @@ ELECTRICAL = VOLTAGES + len(KNOTS_SOC)
 PARAMETERS = len(NAMES) + len(KNOTS_C)
 # Steps while the car draws power, and at stand [s].
 DRIVE_STEP_S, STAND_STEP_S = 15, 300
-IDLE_W = 1000.0
-HALF = 0.5
 # After parking cells and housing get equally warm within about this time [s].
 SETTLING_S = 7200.0
 # A signal with steps below this is continuous [K].
@@ -78,7 +77,7 @@ class Course:
         `start` is the value before the first step. A reading is that at the begin of its second.
         """
         before = np.concatenate((np.broadcast_to(start, (1, *after_steps.shape[1:])), after_steps[:-1]))
-        share = (HALF - HALF / self.inputs[0]).reshape(-1, *[1] * (after_steps.ndim - 1))
+        share = (0.5 - 0.5 / self.inputs[0]).reshape(-1, *[1] * (after_steps.ndim - 1))
         return np.asarray(((1.0 - share) * before + share * after_steps)[self.read])
 
 

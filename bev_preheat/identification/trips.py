@@ -25,12 +25,12 @@ MOST_NEGATIVE_NOISE_W = 500.0
 SHORTEST_TRIP_S = 120.0
 LONGEST_TRIP_S = 3.0 * 86400.0
 # Longest interval between two samples of the power while the car draws more than LEAST_DRAWN_W.
-LONGEST_GAP_S = 30.0
+POWER_GAP_S = 30.0
 LEAST_DRAWN_W = 2000.0
 # At stand the battery's power is below this [W] for more than this share of the time.
 IDLE_W, SHARE_OF_STAND = 1000.0, 0.8
 # A log at stand does not lose more of its charge than this.
-LEAST_SOC_CHANGE = 0.02
+STANDING_SOC_CHANGE = 0.02
 # The arrival is the median reading of the last seconds, because a whole-degree sensor flickers.
 ARRIVAL_S = 10.0
 # A remark on more logs than this gives their number.
@@ -259,7 +259,7 @@ def _at_stand(signals: dict[str, Series]) -> tuple[dict[str, Series], list[str]]
     if has_power:
         if 'soc' in signals or not _hardly_any_power(signals):
             return signals, []
-    elif ('soc' in signals and float(np.ptp(signals['soc'].value)) > LEAST_SOC_CHANGE) or (
+    elif ('soc' in signals and float(np.ptp(signals['soc'].value)) > STANDING_SOC_CHANGE) or (
             heater is None and ends_s[1] - ends_s[0] < LEAST_STAND_S):
         return signals, []
     else:
@@ -363,14 +363,14 @@ def _longest_part(signals: Mapping[str, Series], keys: Sequence[str], begin_s: f
     from_s, to_s, key = max(holes, key=lambda hole: hole[1] - hole[0])
     return own_s, until_s, (
         f'{key}: no sample for {to_s - from_s:.0f} s after {from_s:.0f} s while the car draws power (at most '
-        f'{LONGEST_GAP_S:.0f} s): only {own_s:.0f} ... {until_s:.0f} s are used')
+        f'{POWER_GAP_S:.0f} s): only {own_s:.0f} ... {until_s:.0f} s are used')
 
 
 def _holes(signals: Mapping[str, Series], key: str, begin_s: float,
            end_s: float) -> Iterable[tuple[float, float, str]]:
     """Yield begin and end [s] of each hole of a signal, and its name."""
     time_s = signals[key].time_s
-    for at in np.flatnonzero(np.diff(time_s) > LONGEST_GAP_S):
+    for at in np.flatnonzero(np.diff(time_s) > POWER_GAP_S):
         around_s = time_s[at:at + 2]
         power_w = (np.interp(around_s, signals['current_a'].time_s, signals['current_a'].value)
                    * np.interp(around_s, signals['voltage_v'].time_s, signals['voltage_v'].value)

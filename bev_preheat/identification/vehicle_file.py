@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 # heater's full power makes it this much warmer than the battery [K].
 COOLANT_EXCESS_K = 60.0
 LEAST_LAG_S = 1.0
-DIGITS = 5
 
 
 def values_of(fitter: Fitter, fit: ThermalFit) -> dict[str, float]:
@@ -134,4 +133,4 @@ def _table(curve: Table | Curve) -> dict[str, FileData]:
 
 
 def _rounded(value: float) -> float:
-    return float(f'{value:.{DIGITS}g}')
+    return float(f'{value:.5g}')

@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 # Errors on unseen trips [K]: a file with less can be trusted, one with more should not replace START.
 GOOD_RMSE_K, POOR_RMSE_K = 0.6, 1.5
 COLDEST_USEFUL_C = -10.0
-DIGITS = 3
 LEAST_DRIVES = 6
 
 
@@ -75,8 +74,8 @@ def _on_trips_left_out(left_out: Sequence[LeftOut], baselines: dict[str, Structu
 
 def _on_unusual(item: Estimated) -> str:
     where = ('lies at its bound' if item.bound is not None else
-             f'is outside {figure(item.prior_low, DIGITS)} … {figure(item.prior_high, DIGITS)} ({item.prior})')
-    return (f'{item.label}: {figure(item.estimate, DIGITS)} {item.unit}'.rstrip() + f' {where}: either START or a '
+             f'is outside {figure(item.prior_low, 3)} … {figure(item.prior_high, 3)} ({item.prior})')
+    return (f'{item.label}: {figure(item.estimate, 3)} {item.unit}'.rstrip() + f' {where}: either START or a '
             'signal is wrong, or the value stands in for an effect that is missing in the model.')
 
 

@@ -17,7 +17,7 @@ from bev_preheat.vehicle import Vehicle
 
 Arguments = ParamSpec('Arguments')
 Returned = TypeVar('Returned')
-LONGEST_VALUE = 60
+LONGEST_QUOTED = 60
 
 
 class _Kind(NamedTuple):
@@ -92,4 +92,4 @@ def checked(function: Callable[Arguments, Returned]) -> Callable[Arguments, Retu
 
 def _in_words(value: Any) -> str:
     """Return a value and its type for a message."""
-    return f'{type(value).__name__} {quoted(shortened(str(value), LONGEST_VALUE))}'
+    return f'{type(value).__name__} {quoted(shortened(str(value), LONGEST_QUOTED))}'

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray, IntArray
 
 # A channel is combined with others at an instant if it has a reading this near [s].
-HOLD_S = 60.0
+COMBINED_WITHIN_S = 60.0
 # Share of the readings that may be out of order before the log counts as several logs in one.
 MOST_OUT_OF_ORDER = 0.02
 LONGEST_LOG_S = 60.0 * 86400.0
@@ -134,7 +134,7 @@ class Assembly:
         if len(parts) < max(source.at_least, 1):
             return None
         whole = next(iter(parts.values())) if len(parts) == 1 else combined(
-            list(parts.values()), source.combine or 'mean', HOLD_S, source.at_least)
+            list(parts.values()), source.combine or 'mean', COMBINED_WITHIN_S, source.at_least)
         return whole if len(whole.time_s) else None
 
 

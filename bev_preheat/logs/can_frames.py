@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 PCAN = re.compile(r';\s*Message Number|;-+\s*$|;\s*Start time:', re.IGNORECASE)
 ASC = re.compile(r'^(date .*|base\s+(hex|dec)\s+timestamps\s+(absolute|relative).*)$',
                  re.MULTILINE | re.IGNORECASE)
-BATCH = 20_000
+FRAMES_AT_ONCE = 20_000
 # Of BLF: signature, lengths of header and object, type.
 OBJECT_HEADER_BYTES = 16
 
@@ -87,7 +87,7 @@ class CanFrames:
                                 f'{quoted(word)}; it is dropped')
                 else:
                     readings.setdefault(name, []).append((float(frame.timestamp), float(value), number))
-            if number % BATCH == 0:
+            if number % FRAMES_AT_ONCE == 0:
                 yield from _pieces(readings)
                 readings = {}
         yield from _pieces(readings)

@@ -25,7 +25,7 @@ LEAST_PLAUSIBLE_SOC = 0.02
 # needs more than LARGEST_KW watts at some instant, and fewer kilowatts; loggers for people write km/h.
 LARGEST_SHARE, LARGEST_KW = 1.01, 600.0
 # Share of the readings that a scale of a map must make plausible.
-FITTING_SHARE = 0.9
+SCALE_FITTING_SHARE = 0.9
 
 
 class Decoder:
@@ -122,7 +122,7 @@ class Decoder:
             scaled = self.given._replace(scale=scale)
             # Zeros fit any scale, and tell none.
             own = scaled.own(finite[finite != 0.0], self.source)
-            if not own.size or np.mean((own >= low) & (own <= high)) >= FITTING_SHARE:
+            if not own.size or np.mean((own >= low) & (own <= high)) >= SCALE_FITTING_SHARE:
                 self.given = scaled
                 return
 

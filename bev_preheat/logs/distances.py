@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 # Intervals longer than this [s] have no known charge, energy or distance.
 LONGEST_HOLD_S = 120.0
 # Distance that tells a speed's unit [m], and the agreement that a unit must reach.
-LEAST_DISTANCE_M, AGREEMENT = 500.0, 0.08
+UNIT_TELLING_M, AGREEMENT = 500.0, 0.08
 
 
 def integral(series: Series) -> FloatArray:
@@ -56,4 +56,4 @@ def distances(driven: Series, other: Series) -> tuple[float, float] | None:
     ends = other.time_s[inside][[0, -1]]
     other_m = float(np.ptp(other.value[inside]))
     own_m = float(np.diff(np.interp(ends, driven.time_s, driven.value))[0])
-    return (own_m, other_m) if other_m >= LEAST_DISTANCE_M and own_m > 0.0 else None
+    return (own_m, other_m) if other_m >= UNIT_TELLING_M and own_m > 0.0 else None

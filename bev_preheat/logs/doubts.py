@@ -16,8 +16,8 @@ from bev_preheat.logs.distances import (
     by_speed,
     distances,
     integral,
-    LEAST_DISTANCE_M,
     LONGEST_HOLD_S,
+    UNIT_TELLING_M,
 )
 from bev_preheat.logs.recording import Series
 
@@ -28,7 +28,7 @@ Signals = Mapping[str, Series]
 SECONDS_PER_HOUR, J_PER_KWH = 3600.0, 3.6e6
 # A change of the state of charge that is clearly more than its resolution, and a clear correlation with the
 # charge.
-LEAST_SOC_CHANGE, LEAST_CORRELATION = 0.015, 0.7
+CLEAR_SOC_CHANGE, LEAST_CORRELATION = 0.015, 0.7
 # Capacities of vehicles' batteries [Ah] and [kWh], from a small hybrid's to a heavy truck's.
 CAPACITIES_AH, CAPACITIES_KWH = (8.0, 2000.0), (3.0, 1000.0)
 # Typical ones, nearest to which a scale is guessed.
@@ -43,9 +43,10 @@ SPEED_FACTORS = {1.0 / 3.6: 'km/h taken as m/s', 3.6: 'm/s taken as km/h', 1.609
                                                                                                   'mph'}
 ODOMETER_FACTORS = {1.609344: 'miles taken as km', 1.0 / 1.609344: 'km taken as miles'}
 # Hardest changes of speed on the road [m/s2], and the fastest usual travel [m/s].
-HARDEST_MPS2, FASTEST_MPS = 6.0, 62.0
-# A temperature that exceeds the other by more than FAR_K, and differs by less than NEAR_K if it is in degF.
-FAR_K, NEAR_K = 22.0, 15.0
+HARDEST_MPS2, FASTEST_TRAVEL_MPS = 6.0, 62.0
+# A temperature that exceeds the other by more than CELSIUS_K is in degF, if it then differs by less than
+# FAHRENHEIT_K.
+CELSIUS_K, FAHRENHEIT_K = 22.0, 15.0
 HOTTEST_PARKED_C, HOTTEST_C = 40.0, 52.0
 # The largest power of a heater that was on at some time.
 LEAST_HEATER_W = 25.0
@@ -89,7 +90,7 @@ def _balance(signals: Signals) -> Iterator[Doubt]:
         series, soc = signals[signal], signals['soc']
         inside = (soc.time_s >= series.time_s[0]) & (soc.time_s <= series.time_s[-1])
         share = soc.value[inside]
-        if len(share) < 5 or len(series.time_s) < 5 or np.ptp(share) < LEAST_SOC_CHANGE:
+        if len(share) < 5 or len(series.time_s) < 5 or np.ptp(share) < CLEAR_SOC_CHANGE:
             continue
         taken = np.interp(soc.time_s[inside], series.time_s, integral(series)) / over
         if np.ptp(taken) == 0.0:
@@ -148,7 +149,7 @@ def _sign_of_drive(signals: Signals) -> Iterator[Doubt]:
 
     Not if the car descends enough for it, or if the power rises with the acceleration, as on an unknown descent.
     """
-    if 'speed_mps' not in signals or ('soc' in signals and np.ptp(signals['soc'].value) >= LEAST_SOC_CHANGE):
+    if 'speed_mps' not in signals or ('soc' in signals and np.ptp(signals['soc'].value) >= CLEAR_SOC_CHANGE):
         return
     speed = signals['speed_mps']
     for signal, least in (('power_w', LEAST_DRIVING_W), ('current_a', LEAST_DRIVING_A),
@@ -162,7 +163,7 @@ def _sign_of_drive(signals: Signals) -> Iterator[Doubt]:
             continue
         step_s = np.gradient(series.time_s)
         distance_m = float(np.sum(np.where(moving & (step_s <= LONGEST_HOLD_S), speed_mps * step_s, 0.0)))
-        if distance_m < LEAST_DISTANCE_M or _descends(signals, distance_m) or _drives_harder(
+        if distance_m < UNIT_TELLING_M or _descends(signals, distance_m) or _drives_harder(
                 series, speed_mps, moving):
             continue
         yield Doubt(signal, f'{signal}: is {figure(float(np.mean(series.value[moving])), 3)} '
@@ -219,7 +220,7 @@ def _mixed(signal: str, driven: Series, other: Series, words: str) -> Iterator[D
 
 def _by_odometer(signals: Signals) -> Series | None:
     """Return the odometer, None if it is too coarse for the distance."""
-    if 'odometer_m' not in signals or np.ptp(signals['odometer_m'].value) < 10.0 * LEAST_DISTANCE_M:
+    if 'odometer_m' not in signals or np.ptp(signals['odometer_m'].value) < 10.0 * UNIT_TELLING_M:
         return None
     return signals['odometer_m']
 
@@ -237,7 +238,7 @@ def _motion(signals: Signals) -> Iterator[Doubt]:
         if hardest > HARDEST_MPS2 and np.median(moving) > 15.0:
             yield Doubt('speed_mps', f'speed_mps: changes by {figure(hardest, 3)} m/s2; km/h taken as '
                                      'm/s?', 1.0 / 3.6)
-    if len(moving) >= 10 and np.quantile(moving, 0.9) > FASTEST_MPS:
+    if len(moving) >= 10 and np.quantile(moving, 0.9) > FASTEST_TRAVEL_MPS:
         yield Doubt('speed_mps', f'speed_mps: is above {figure(float(np.quantile(moving, 0.9)), 3)} m/s for a '
                                  'tenth of '
                     'the drive; km/h taken as m/s?', 1.0 / 3.6)
@@ -253,7 +254,7 @@ def _temperature(signals: Signals) -> Iterator[Doubt]:
             # A battery may be warm from a garage or from charging, but hardly so warm.
             ('battery_temperature_c', battery, 'ambient_c', ambient, HOTTEST_PARKED_C),
             ('ambient_c', ambient, 'battery_temperature_c', battery, -np.inf)):
-        if value > least and value - other > FAR_K and abs((value - 32.0) / 1.8 - other) < NEAR_K:
+        if value > least and value - other > CELSIUS_K and abs((value - 32.0) / 1.8 - other) < FAHRENHEIT_K:
             yield Doubt(signal, f'{signal}: begins at {figure(value, 4)}, {name} at {figure(other, 4)}; is it '
                                 'in degF?',
                         1.0 / 1.8, -32.0 / 1.8)

@@ -22,7 +22,7 @@ LEAST_S = 600.0
 # A share of the electrical power that gets to the battery, and heat capacities of cars' batteries [J/K].
 EFFICIENCY, CAPACITIES_J_PER_K = 0.9, (4e4, 1.5e6)
 # The heater's heat must warm by at least this [K], and leave at most this share of the squares unexplained.
-LEAST_RISE_K, MOST_LEFT = 1.5, 0.25
+LEAST_RISE_K, MOST_UNEXPLAINED = 1.5, 0.25
 # The number of first columns that explain a start and a steady rise.
 STEADY = 2
 
@@ -65,7 +65,7 @@ def heater_response(signals: Mapping[str, Series]) -> HeaterResponse | None:
         others.append(GRID_S * np.cumsum(colder))
     without, _ = _fitted(rise_k, others)
     left, share = _fitted(rise_k, [*others, energy_j])
-    if share <= 0.0 or left > MOST_LEFT * without:
+    if share <= 0.0 or left > MOST_UNEXPLAINED * without:
         return None
     found = HeaterResponse(share * float(energy_j[-1]), float(_integral(heater, at_s)[-1]))
     low, high = CAPACITIES_J_PER_K

@@ -24,9 +24,9 @@ FITTING_SHARE = 0.99
 USUAL = {'battery_temperature_c': (-30.0, 55.0), 'ambient_c': (-35.0, 45.0), 'soc': (0.1, 1.0),
          'voltage_v': (150.0, 950.0), 'odometer_m': (1e5, 1e9)}
 # The other temperature of the car, which a temperature is near to when a log begins. The best hypothesis must be
-# within NEAR_K, and nearer than each other one by APART_K.
+# within NEAR_OTHER_K, and nearer than each other one by APART_K.
 OTHER = {'battery_temperature_c': 'ambient_c', 'ambient_c': 'battery_temperature_c'}
-NEAR_K, APART_K = 14.0, 14.0
+NEAR_OTHER_K, APART_K = 14.0, 14.0
 # No temperature of a battery or of the air changes so much [K] within such a time [s].
 JUMP_K, JUMP_S = 5.0, 30.0
 # Share of steps that may be jumps, as of faulty readings.
@@ -137,7 +137,7 @@ def likely(found: tuple[Hypothesis, ...], raw: Series, source: Source,
     if other is not None and len(kept) > 1:
         far_k = {each: abs(float(np.median(own[each][:20]) - np.median(other.value[:20]))) for each in kept}
         best, second = sorted(kept, key=far_k.__getitem__)[:2]
-        if far_k[best] <= NEAR_K and far_k[second] - far_k[best] >= APART_K:
+        if far_k[best] <= NEAR_OTHER_K and far_k[second] - far_k[best] >= APART_K:
             return (best,)
     return tuple(kept)
 

@@ -12,7 +12,7 @@ from bev_preheat.logs.long_csv import NAME, VALUE
 
 DEEPEST = 20
 # Items of a list that become channels; a longer list of numbers is a course of time.
-LONGEST_LIST = 1000
+LONGEST_CHANNEL_LIST = 1000
 # Fields of an object that is one reading: name, value, unit, time.
 MOST_OF_NAMED = 4
 TIME = re.compile(r'(^|[_ ]|[a-z](?=[TD]))(time(_?stamp)?|date|utc|ts|epoch|t|'
@@ -81,7 +81,7 @@ def flat(value: Mapping[str, Any], prefix: str = '', depth: int = 0) -> dict[str
         if named := _named(item):
             found.update(flat(named, prefix, depth + 1))
         elif isinstance(item, dict | list) and depth < DEEPEST:
-            inner = item if isinstance(item, dict) else dict(zip(map(str, range(LONGEST_LIST)), item))
+            inner = item if isinstance(item, dict) else dict(zip(map(str, range(LONGEST_CHANNEL_LIST)), item))
             found.update(flat(inner, f'{name}.', depth + 1))
         elif isinstance(item, str):
             found[name] = item

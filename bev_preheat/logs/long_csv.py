@@ -33,7 +33,7 @@ UNIT = re.compile(r'^(units?|einheit(en)?|uom|unidad(es)?|unités?|единиц�
 OWN = re.compile(r'^(lat(itude)?|lon(g|gt?itude)?|vin|(car|veh(icle)?)[ _]?(id|no|nr|num(ber)?|name)?)$',
                  re.IGNORECASE)
 # More channels are texts, not names.
-MOST_CHANNELS = 5000
+MOST_LONG_CHANNELS = 5000
 
 
 class LongCsv:
@@ -56,9 +56,9 @@ class LongCsv:
             for channel, text in dict.fromkeys(zip(cells[name], units)):
                 if channel and not found.get(channel):
                     found[channel] = pint_unit(text) or split_unit(channel).unit
-            if len(found) > MOST_CHANNELS:
+            if len(found) > MOST_LONG_CHANNELS:
                 raise InvalidInput(f'{rows.path}: the column {rows.layout.header[name]} has more than '
-                                   f'{MOST_CHANNELS} '
+                                   f'{MOST_LONG_CHANNELS} '
                                    'names; it holds no names of channels')
         self.channels = (*(Channel(*item) for item in found.items()),
                          *(Channel(heading) for heading in self._own.values()))

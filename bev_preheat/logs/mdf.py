@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 MAGIC = (b'MDF     ', b'UnFinMF ')
 # Records that are read at once.
-BATCH = 200_000
+RECORDS_AT_ONCE = 200_000
 
 
 class Mdf:
@@ -99,10 +99,10 @@ def _readings(path: str | Path, databases: Collection[str],
     file = _open(path, databases)
     for name, (group, index) in places.items():
         count = int(file.groups[group].channel_group.cycles_nr)
-        for first in range(0, count, BATCH):
+        for first in range(0, count, RECORDS_AT_ONCE):
             try:
                 signal = file.get(group=group, index=index, record_offset=first,
-                                  record_count=min(BATCH, count - first), ignore_invalidation_bits=False)
+                                  record_count=min(RECORDS_AT_ONCE, count - first), ignore_invalidation_bits=False)
                 values, time_s = np.asarray(signal.samples), np.asarray(signal.timestamps, dtype=float)
             except Exception as error:
                 yield name, first, None, None, str(error) or type(error).__name__

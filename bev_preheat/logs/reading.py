@@ -24,7 +24,7 @@ from bev_preheat.logs.signal_map import load_signal_map, plain, recognised_map, 
 from bev_preheat.logs.units import is_stated, measures, pint_unit, split_unit
 
 LONGEST_LIST = 400
-FASTEST_MPS = 100.0
+HIGHEST_SPEED_MPS = 100.0
 # Jumps of the state of charge and of the odometer [m] within a time [s] that no car makes to and fro; with two
 # cars in a log they turn at least so often, and at such a share of the steps.
 LEAST_SOC_JUMP, LEAST_ODOMETER_JUMP_M, LONGEST_JUMP_S = 0.03, 2000.0, 120.0
@@ -166,13 +166,13 @@ def _judge(path: str | Path, series: dict[str, Series], remarks: Remarks, repair
 def _drop_too_fast(path: str | Path, series: dict[str, Series], remarks: Remarks) -> None:
     """Drop speeds that no car reaches, now that their unit is as good as it gets."""
     speed = series.get('speed_mps')
-    if speed is None or (speed.value <= FASTEST_MPS).all():
+    if speed is None or (speed.value <= HIGHEST_SPEED_MPS).all():
         return
-    good = speed.value <= FASTEST_MPS
+    good = speed.value <= HIGHEST_SPEED_MPS
     at = int(np.argmin(good))
     remarks.add('fast', f'{path}: speed_mps: {figure(speed.value[at])} at '
                         f'{figure(speed.time_s[at] - speed.time_s[0])} s '
-                f'is dropped (plausible: 0 ... {FASTEST_MPS:g})', int((~good).sum()))
+                f'is dropped (plausible: 0 ... {HIGHEST_SPEED_MPS:g})', int((~good).sum()))
     if good.any():
         series['speed_mps'] = Series(speed.time_s[good], speed.value[good])
     else:

@@ -23,8 +23,8 @@ MAGIC = (b'\x89MCAP0\r\n', b'SQLite format 3\0')
 MESSAGES = 'bev_preheat_msgs'
 NS = 1e-9
 # Messages that are searched for the fields of topics, and those that are read at once.
-MOST_SEARCHED, BATCH = 20_000, 20_000
-LONGEST_ARRAY, DEEPEST = 8, 6
+SEARCHED_MESSAGES, MESSAGES_AT_ONCE = 20_000, 20_000
+LONGEST_ARRAY, DEEPEST_MESSAGE = 8, 6
 # The encapsulation: byte order, then two bytes of options.
 CDR_HEAD_BYTES = 4
 
@@ -52,7 +52,7 @@ class RosBag:
             if topic not in seen:
                 seen.add(topic)
                 found.update(dict.fromkeys(_fields(topic, message)))
-            if seen == self._topics or number > MOST_SEARCHED:
+            if seen == self._topics or number > SEARCHED_MESSAGES:
                 break
         if not found:
             raise InvalidInput(f'{path}: no message can be read' + (f': {problem[0]}' if problem else ''))
@@ -75,7 +75,7 @@ class RosBag:
                 for name, value in _fields(topic, message).items():
                     if name in wanted:
                         readings.setdefault(name, []).append((received_s + ahead_s, value, number))
-            if number % BATCH == 0:
+            if number % MESSAGES_AT_ONCE == 0:
                 yield from _pieces(readings)
                 readings = {}
         if problem:
@@ -186,7 +186,7 @@ def _fields(prefix: str, value: Any, depth: int = 0) -> dict[str, float]:
         if len(value) <= LONGEST_ARRAY:
             for at, item in enumerate(value):
                 found.update(_fields(f'{prefix}.{at}', item, depth + 1))
-    elif depth < DEEPEST and hasattr(value, '__dataclass_fields__'):
+    elif depth < DEEPEST_MESSAGE and hasattr(value, '__dataclass_fields__'):
         for name in value.__dataclass_fields__:
             if not name.startswith('_') and name not in ('header', 'stamp'):
                 found.update(_fields(f'{prefix}.{name}', getattr(value, name), depth + 1))

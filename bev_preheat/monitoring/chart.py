@@ -30,12 +30,12 @@ LABEL_WIDTH = 4
 COLUMNS_A_TICK = 12
 # Rows of title, frame and axis.
 FRAME_HEIGHT = 4
-MOST_POINTS = 400
+CHART_POINTS = 400
 # Shorter is no curve yet, longer is no drive [min].
 LEAST_SPAN_MIN, MOST_SPAN_MIN = 0.01, 1e5
 LEAST_SPAN_K = 1.0
 # Larger values are implausible as temperature [degC] and heater power [W].
-MOST_VALUE = 1e6
+LARGEST_CHARTED = 1e6
 KNOWN_COLOR, PLANNED_COLOR, TARGET_COLOR = 'cyan', 'orange', 'red'
 
 
@@ -144,11 +144,11 @@ def _finite(points: Iterable[tuple[float, float]]) -> Points:
     """Return the finite points, thinned if there are many."""
     points = [(at_s, value) for at_s, value in points
               if math.isfinite(at_s) and _is_drawable(value)]
-    return points[::max(1, len(points) // MOST_POINTS)]
+    return points[::max(1, len(points) // CHART_POINTS)]
 
 
 def _is_drawable(value: float) -> bool:
-    return math.isfinite(value) and abs(value) < MOST_VALUE
+    return math.isfinite(value) and abs(value) < LARGEST_CHARTED
 
 
 def _minutes(points: Points, now_s: float) -> Curve:

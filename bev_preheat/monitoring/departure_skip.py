@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from std_srvs.srv import SetBool
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.monitoring.preparation import ANSWERED_WITHIN_S, FOUND_WITHIN_S, REFRESH_S
+from bev_preheat.monitoring.preparation import ANSWERED_WITHIN_S, FOUND_WITHIN_S, SPIN_PERIOD_S
 
 if TYPE_CHECKING:
     from bev_preheat.nodes.listening import Listener
@@ -27,7 +27,7 @@ def skip_departure(listener: Listener, planner: str, is_skipped: bool) -> tuple[
         if time.monotonic() > end_s:
             raise InvalidInput(f'no planner answers as {planner}: is it running, in this ROS domain and under '
                                'this name?')
-        listener.listen(REFRESH_S)
+        listener.listen(SPIN_PERIOD_S)
     # Sent once: a second request would skip another departure.
     answer = client.call_async(SetBool.Request(data=is_skipped))
     end_s = time.monotonic() + FOUND_WITHIN_S + ANSWERED_WITHIN_S
@@ -35,6 +35,6 @@ def skip_departure(listener: Listener, planner: str, is_skipped: bool) -> tuple[
         if time.monotonic() > end_s:
             raise InvalidInput(f'{planner} has not answered; `preheat monitor` shows whether the departure '
                                'is skipped')
-        listener.listen(REFRESH_S)
+        listener.listen(SPIN_PERIOD_S)
     response = answer.result()
     return bool(response.success), str(response.message)

@@ -34,8 +34,8 @@ FOUND_WITHIN_S = 10.0
 ANSWERED_WITHIN_S = 3.0
 CANCELLED_WITHIN_S = 5.0
 # Feedback comes every command_period, at most 10 s; after this silence [s] the planner has gone.
-SILENCE_S = 30.0
-REFRESH_S = 0.1
+PLANNER_GONE_S = 30.0
+SPIN_PERIOD_S = 0.1
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ class PreparationClient:
                 # The answer of a planner that has not discovered this client yet is lost. A goal sent
                 # again replaces the previous one.
                 sent, sent_s = self._send(wanted), time.monotonic()
-            self._listener.listen(REFRESH_S)
+            self._listener.listen(SPIN_PERIOD_S)
         if not sent.done():
             raise InvalidInput(f'{self._planner} has not answered whether it accepts the goal, and may heat for '
                                'it; call its ~/enable with false to be sure')
@@ -116,11 +116,11 @@ class PreparationClient:
         Raises InvalidInput if the planner falls silent.
         """
         while not self._result.done() and not self._signals.have_come:
-            self._listener.listen(REFRESH_S)
+            self._listener.listen(SPIN_PERIOD_S)
             if self._feedback is not None:
                 show(self._feedback)
-            if time.monotonic() - self._heard_s > SILENCE_S:
-                raise InvalidInput(f'{self._planner} has been silent for {SILENCE_S:g} s; a restarted '
+            if time.monotonic() - self._heard_s > PLANNER_GONE_S:
+                raise InvalidInput(f'{self._planner} has been silent for {PLANNER_GONE_S:g} s; a restarted '
                                    'planner has lost the goal')
         return self._result.result().result if self._result.done() else None
 
@@ -129,7 +129,7 @@ class PreparationClient:
         self._goal_handle.cancel_goal_async()
         end_s = time.monotonic() + CANCELLED_WITHIN_S
         while not self._result.done() and time.monotonic() < end_s:
-            self._listener.listen(REFRESH_S)
+            self._listener.listen(SPIN_PERIOD_S)
         return bool(self._result.done())
 
     def _wait(self, condition: Callable[[], bool], hint: str) -> bool:
@@ -139,7 +139,7 @@ class PreparationClient:
                 return False
             if time.monotonic() > end_s:
                 raise InvalidInput(f'no planner answers as {self._planner}: {hint}')
-            self._listener.listen(REFRESH_S)
+            self._listener.listen(SPIN_PERIOD_S)
         return True
 
     def _on_command(self, message: HvchCommand) -> None:

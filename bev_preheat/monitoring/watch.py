@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 REFRESH_S = 0.25
 LINE_PERIOD_S = 15.0
 # Missing topics are named after this silence [s].
-SILENCE_S = 3.0
+MISSING_AFTER_S = 3.0
 MOST_WIDTH = 110
 
 
@@ -89,12 +89,12 @@ class LiveView:
         self._tell_what_is_missing()
 
     def _view(self) -> RenderableType:
-        if not self._heard.latest and self._elapsed_s() > SILENCE_S:
+        if not self._heard.latest and self._elapsed_s() > MISSING_AFTER_S:
             return self._waiting()
         return page(self._heard, self._width, self._console.height)
 
     def _print_lines(self) -> None:
-        next_s = min(SILENCE_S, LINE_PERIOD_S)
+        next_s = min(MISSING_AFTER_S, LINE_PERIOD_S)
         while not self._is_over():
             self._listener.listen(REFRESH_S)
             if self._elapsed_s() >= next_s:

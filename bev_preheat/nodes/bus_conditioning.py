@@ -35,11 +35,11 @@ if TYPE_CHECKING:
     from bev_preheat.bus.conditioning import ConditioningGoal
     from bev_preheat.bus.vss_source import VssSource
 
-LOOK_PERIOD_S = 0.1
+GOAL_PERIOD_S = 0.1
 # A refusal is shown in the diagnostics for this time [s].
 REFUSAL_SHOWN_S = 60.0
 # A planner that has just started knows no battery yet: a goal that it refuses within STARTING_S is sent again [s].
-STARTING_S, RETRY_S = 5.0, 0.5
+STARTING_S, GOAL_AGAIN_S = 5.0, 0.5
 # A planner has lost the goal if it does not answer for this long, or for the longest lease of its commands:
 # feedback comes more often than a lease lasts. The graph shows a killed planner for some 20 s [s].
 ANSWER_S, MOST_SILENCE_S = 5.0, 60.0
@@ -78,7 +78,7 @@ class BusConditioning:
         self.has_battery = self.is_plugged_in = False
         self.ambient_c: float | None = None
         node.create_subscription(HvchCommand, 'hvch_command', self._on_command, 1)
-        node.create_timer(LOOK_PERIOD_S, self._on_look, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        node.create_timer(GOAL_PERIOD_S, self._on_look, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     # Requests
 
@@ -172,7 +172,7 @@ class BusConditioning:
             return
         is_starting = self._ready_since_s is None or steady_s() - self._ready_since_s < STARTING_S
         if code == PrepareBattery.Result.REFUSED and is_starting:
-            self._sent, self._handle, self._retry_at_s = None, None, steady_s() + RETRY_S
+            self._sent, self._handle, self._retry_at_s = None, None, steady_s() + GOAL_AGAIN_S
             return
         self._end(answer.result.explanation,
                   code not in (PrepareBattery.Result.REACHED, PrepareBattery.Result.CANCELED))

@@ -53,7 +53,7 @@ if TYPE_CHECKING:
     from bev_preheat.vehicle.description import Defaults, Vehicle
 
 # The last second that a builtin_interfaces/Time can hold.
-LATEST_S = 2**31 - 1
+LAST_TIME_S = 2**31 - 1
 # Repeated in every plan and log line.
 LONGEST_ROUTE_ID = 256
 # Fields of Route and of RoutePlan.
@@ -159,7 +159,7 @@ def mission_from_message(message: RoutePlan, defaults: Defaults, planning_step_s
     except InvalidInput as error:
         problems += error.problems
     if route is not None and (message.header.stamp.sec + route.total_duration_s
-                              + sum(stop.duration_s for stop in stops) > LATEST_S):
+                              + sum(stop.duration_s for stop in stops) > LAST_TIME_S):
         problems.append(f'header.stamp: {message.header.stamp.sec} s is too late: the route '
                         'would end after the last instant that a stamp can hold')
     if problems or route is None:

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
 REFUSALS = frozenset(map(int, Refusal))
 # A measured power may lie this share above the heater's maximum.
-ROUNDING = 0.1
-LONGEST_EXPLANATION = 200
+ABOVE_MAXIMUM = 0.1
+LONGEST_HEATER_REASON = 200
 # Others are OK: the heater follows the command within its limits.
 # The heater's status is published so often [s].
 STATUS_PERIOD_S = 0.5
@@ -68,8 +68,8 @@ def heater_command(message: HvchCommand, sender: Hashable = None) -> HeaterComma
 
 def heater_status_event(message: HvchStatus,
                         maximum_power_w: float) -> HeaterStatusArrived | HeaterStatusUnreadable:
-    """Return the event of an HvchStatus; powers up to ROUNDING above the heater's maximum [W] count as it."""
-    most_w = (1.0 + ROUNDING) * maximum_power_w
+    """Return the event of an HvchStatus; powers up to ABOVE_MAXIMUM above the heater's maximum [W] count as it."""
+    most_w = (1.0 + ABOVE_MAXIMUM) * maximum_power_w
     powers = {'requested_power': message.requested_power, 'active_power': message.active_power}
     if message.measured_power_known:
         powers['measured_power'] = message.measured_power
@@ -81,7 +81,7 @@ def heater_status_event(message: HvchStatus,
     refusal = Refusal(message.refusal) if message.refusal in REFUSALS else Refusal.OTHER
     return HeaterStatusArrived(HeaterStatus(
         nanoseconds(message.header.stamp), min(message.requested_power, maximum_power_w),
-        min(message.active_power, maximum_power_w), refusal, shortened(message.explanation, LONGEST_EXPLANATION),
+        min(message.active_power, maximum_power_w), refusal, shortened(message.explanation, LONGEST_HEATER_REASON),
         min(message.measured_power, maximum_power_w) if message.measured_power_known else None))
 
 

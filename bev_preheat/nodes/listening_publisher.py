@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 LISTENING = QoSProfile(depth=20, reliability=ReliabilityPolicy.BEST_EFFORT)
 PUBLICATIONS_KEPT = 256
 # DDS stores the instant of a publication in units of 2^-32 s.
-ROUNDING_NS = 1000
+DDS_RESOLUTION_NS = 1000
 
 
 class ListeningPublisher:
@@ -58,7 +58,7 @@ class ListeningPublisher:
         """Publish a message."""
         before_ns = time.time_ns()
         self.publisher.publish(message)
-        self._publications.append((before_ns - ROUNDING_NS, time.time_ns() + ROUNDING_NS))
+        self._publications.append((before_ns - DDS_RESOLUTION_NS, time.time_ns() + DDS_RESOLUTION_NS))
 
     def wait_for_all_acked(self, duration: Duration) -> bool:
         """Wait until all subscribers have all messages, at most an rclpy Duration."""

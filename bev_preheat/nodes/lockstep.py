@@ -37,7 +37,7 @@ LONGEST_TICK_S = 1.0
 INSTANTS_BETWEEN_LISTENERS = 10
 # Real time [s] between two looks for the nodes, and until a request of the start is repeated: a node that has not
 # discovered its client yet sends no answer.
-LOOK_PERIOD_S, REPEAT_S = 0.05, 1.0
+GRAPH_PERIOD_S, REPEAT_S = 0.05, 1.0
 
 
 class NoAnswer(Exception):
@@ -48,7 +48,7 @@ class Lockstep:
     """
     The planner of a simulated drive and the other listeners to its battery states, which are waited for.
 
-    The node's executor has to run `look` every LOOK_PERIOD_S or so.
+    The node's executor has to run `look` every GRAPH_PERIOD_S or so.
     """
 
     def __init__(self, node: Node, limit_s: float, topics: Iterable[str]) -> None:

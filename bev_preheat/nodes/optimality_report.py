@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     GoalOf = Callable[[Leg], Goal]
 
 # Two computations of the same steps differ only by rounding.
-ROUNDING_S = 1e-3
+STEP_ROUNDING_S = 1e-3
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ def case_of_plan(mission: Mission, goal_of: GoalOf, measurements: Iterable[Measu
         if (route is None
                 or start_ns != plan_start_ns
                 or len(plan.time) != len(route) + 1
-                or not np.allclose(plan.time, route.time_s, rtol=0.0, atol=ROUNDING_S)):
+                or not np.allclose(plan.time, route.time_s, rtol=0.0, atol=STEP_ROUNDING_S)):
             continue
         goal = _with_target_of(plan, leg, goal_of(leg))
         if not factors and state == measurement.state:

@@ -34,10 +34,10 @@ BEST_EFFORT = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 POLICIES = (QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY,
             QoSPolicyKind.DURABILITY)
 # Seven arrays of numbers of 8 bytes, and room for the rest: identification, stops.
-LARGEST_BYTES = MOST_SEGMENTS * 7 * 8 + 100_000
+LARGEST_ROUTE_BYTES = MOST_SEGMENTS * 7 * 8 + 100_000
 # A latched sample arrives again with every new subscription.
 MESSAGES_REMEMBERED = 64
-LOOK_PERIOD_S = 0.5
+PUBLISHER_PERIOD_S = 0.5
 
 
 class RouteListener:
@@ -64,7 +64,7 @@ class RouteListener:
         self._latching_profile = first.qos_profile
         self._subscriptions = [first, self._subscribe(RELIABLE)]
         # In real time: publishers come and go independently of the node's clock.
-        node.create_timer(LOOK_PERIOD_S, self._on_timer, clock=Clock(
+        node.create_timer(PUBLISHER_PERIOD_S, self._on_timer, clock=Clock(
             clock_type=ClockType.STEADY_TIME))
 
     def _subscribe(self, profile: QoSProfile,
@@ -87,11 +87,11 @@ class RouteListener:
         if key in self._handled:
             return
         self._handled.append(key)
-        if len(serialized) > LARGEST_BYTES:
+        if len(serialized) > LARGEST_ROUTE_BYTES:
             self._free_buffers()
             self._on_refused(InvalidInput(
                 f'the message has {len(serialized) / 1e6:.1f} MB; at most '
-                f'{LARGEST_BYTES / 1e6:.1f} MB are read, enough for {MOST_SEGMENTS} segments'))
+                f'{LARGEST_ROUTE_BYTES / 1e6:.1f} MB are read, enough for {MOST_SEGMENTS} segments'))
             return
         message = deserialize_message(serialized, RoutePlan)
         self._latch_again()

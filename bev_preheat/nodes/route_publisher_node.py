@@ -19,7 +19,7 @@ from bev_preheat.charging.stop import CHARGER_RANGE_W
 from bev_preheat.control.inputs import Progress
 from bev_preheat.errors import InvalidInput
 from bev_preheat.nodes.command_line import NodeProgram
-from bev_preheat.nodes.convert import LATEST_S, time_message
+from bev_preheat.nodes.convert import LAST_TIME_S, time_message
 from bev_preheat.nodes.news import RepetitionFilter, without_figures
 from bev_preheat.nodes.parameters import check, declare, Parameter
 from bev_preheat.nodes.position_messages import fix_from_message, log_place, position_diagnostics
@@ -48,7 +48,7 @@ ROUTE_PARAMETERS = (
     Parameter('route_id', '', "Identifies the route in route_plan. Empty: the file's name without suffix."),
     Parameter('departure_time', 0.0, 'Instant at which the route starts, since the epoch. 0: when the node starts '
               'or the route is replaced, and again when the vehicle leaves the start', 's',
-              (0.0, float(LATEST_S))),
+              (0.0, float(LAST_TIME_S))),
     Parameter('ambient_temperature', NO_AMBIENT_C, 'Ambient temperature for a file that has none; below -60: not '
               'given', 'degC', (NO_AMBIENT_C, 60.0)),
     Parameter('consumption', 'unknown', 'Whether a consumption in the file is that of the whole vehicle or of the '
@@ -89,7 +89,7 @@ PROGRAM = NodeProgram(
                ('route_progress', 'bev_preheat_msgs/RouteProgress'),
                ('/diagnostics', 'diagnostic_msgs/DiagnosticArray')))
 # In real time, because simulated time may stand.
-LOOK_PERIOD_S = 0.1
+CLOCK_PERIOD_S = 0.1
 # A place this close to the start is the start [m]; a route plan that is younger on departure is good enough [s].
 START_M, YOUNG_S = 50.0, 10.0
 # The odometer gives the place this long after the last one by a fix, and this often [s].
@@ -130,7 +130,7 @@ class RoutePublisherNode(Node):
         self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._apply_parameters)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(LOOK_PERIOD_S, self._now_ns, clock=steady)
+        self.create_timer(CLOCK_PERIOD_S, self._now_ns, clock=steady)
         self.create_timer(DIAGNOSTICS_PERIOD_S, self._on_diagnostics, clock=steady)
         self._setup = SetupWatch(self, ('fix', 'odometer', 'route_plan', 'route_progress'),
                                  ('route_plan', 'route_progress'), single=('route_plan', 'route_progress'))

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from rclpy.node import Node
 
 # In real time: while simulated time stands, so do the node's own timers.
-LOOK_PERIOD_S = 0.5
+SETUP_PERIOD_S = 0.5
 # Parameters of ROS itself, and of other nodes in a shared parameter file.
 NOT_OURS = ('use_sim_time', 'start_type_description_service', 'qos_overrides./parameter_events',
             'qos_overrides./rosout', 'qos_overrides./clock')
@@ -39,7 +39,7 @@ FAR_NS = NS_PER_DAY
 
 class SetupWatch:
     """
-    Checks the setup every LOOK_PERIOD_S; logs each problem once and stores them for the diagnostics.
+    Checks the setup every SETUP_PERIOD_S; logs each problem once and stores them for the diagnostics.
 
     `problems` are the current sentences.
     """
@@ -60,7 +60,7 @@ class SetupWatch:
         self._looks_at_zero = 0
         self._news = RepetitionFilter()
         self._note(self._unknown)
-        node.create_timer(LOOK_PERIOD_S, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        node.create_timer(SETUP_PERIOD_S, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _on_timer(self) -> None:
         try:

@@ -34,13 +34,13 @@ LOOK_PERIOD_S = 0.1
 # Real time before the first tick, so that a running clock is received before it is disturbed: longer if the
 # graph shows another publisher. That one may be dead: a killed node stays in the graph for some 20 s.
 FIRST_LOOK_S = 1.0
-SILENCE_S = 1.0
-# Real time from the first tick of another node to the end. A simulator that started less than YOUNG_S ago
+CLOCK_SILENCE_S = 1.0
+# Real time from the first tick of another node to the end. A simulator that started less than STARTED_AGO_S ago
 # ends soon, once the name of the other node is known: discovery takes up to 3 s. An older one first gives the
 # other time to end.
-YOUNG_S = 4.0
+STARTED_AGO_S = 4.0
 PATIENCE_OF_YOUNG_S = 0.5
-PATIENCE_S = 5.0
+OTHER_CLOCK_S = 5.0
 
 
 class OwnTime:
@@ -72,7 +72,7 @@ class OwnTime:
             self._looked_s = now_s
             self._look(now_s)
         if not self._is_settled:
-            wait_s = FIRST_LOOK_S if self._clock.is_alone else FIRST_LOOK_S + SILENCE_S
+            wait_s = FIRST_LOOK_S if self._clock.is_alone else FIRST_LOOK_S + CLOCK_SILENCE_S
             self._is_settled = self._other_ticks_s is None and now_s - self._started_s >= wait_s
         return self._is_settled and not self._is_lost
 
@@ -93,8 +93,8 @@ class OwnTime:
         if self._other_ticks_s is None:
             return
         first_s, latest_s = self._other_ticks_s
-        patience_s = PATIENCE_OF_YOUNG_S if first_s - self._started_s < YOUNG_S else PATIENCE_S
-        if now_s - latest_s > SILENCE_S:
+        patience_s = PATIENCE_OF_YOUNG_S if first_s - self._started_s < STARTED_AGO_S else OTHER_CLOCK_S
+        if now_s - latest_s > CLOCK_SILENCE_S:
             self._other_ticks_s = None
         elif now_s - first_s > patience_s and not self._is_lost:
             self._is_lost = True

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from bev_preheat.control.target_choice import TargetChoice
 
 # A session beyond these limits [s, Wh] is treated as unset.
-LONGEST_S, MOST_WH = 1e7, 1e9
+LATEST_CHARGED_S, MOST_WH = 1e7, 1e9
 # Fields of PreheatPlan and of TargetChoice.
 FIGURES = {'charging_time': 'charging_time_s', 'charging_time_unheated': 'unheated_charging_time_s',
            'bought_energy': 'bought_energy_wh', 'bought_energy_unheated': 'unheated_bought_energy_wh'}
@@ -50,6 +50,6 @@ def charging_text(plan: PreheatPlan) -> str:
 def _session_text(time_s: float, energy_wh: float) -> str:
     if time_s == math.inf:
         return 'never ends'
-    if not (0.0 <= time_s < LONGEST_S and 0.0 <= energy_wh < MOST_WH):
+    if not (0.0 <= time_s < LATEST_CHARGED_S and 0.0 <= energy_wh < MOST_WH):
         return ''
     return f'{duration_text(time_s)}, {energy_wh / WH_PER_KWH:.2f} kWh'

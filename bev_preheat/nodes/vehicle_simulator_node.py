@@ -27,7 +27,7 @@ from bev_preheat.nodes.command_line import NodeProgram, print_error
 from bev_preheat.nodes.command_senders import CommandSenders
 from bev_preheat.nodes.convert import nanoseconds, route_plan_message, time_message
 from bev_preheat.nodes.heater_messages import heater_command, status_message
-from bev_preheat.nodes.lockstep import Lockstep, LOOK_PERIOD_S, NoAnswer
+from bev_preheat.nodes.lockstep import GRAPH_PERIOD_S, Lockstep, NoAnswer
 from bev_preheat.nodes.news import RepetitionFilter
 from bev_preheat.nodes.parameters import check, declare, Parameter
 from bev_preheat.nodes.process import LAST_WORDS_TIME, run_node
@@ -207,7 +207,7 @@ class VehicleSimulatorNode(Node):
         self._steady_clock = NodeClock(clock_type=ClockType.STEADY_TIME)
         self._drive: Task | None = None
         self._tick_timer = self.create_timer(
-            LOOK_PERIOD_S if self._lockstep else self._pace.real_tick_s,
+            GRAPH_PERIOD_S if self._lockstep else self._pace.real_tick_s,
             self._on_look if self._lockstep else self._on_tick, clock=self._steady_clock)
         self._hold_timer = self.create_timer(
             HOLD_PERIOD_S, self._on_hold, clock=self._steady_clock)

@@ -24,7 +24,7 @@ HIGHEST_TEMPERATURE = 'highest battery temperature'
 CHARGE = 'charge'
 # Slacks below these are rounding.
 TOLERANCE_K = 1e-5
-SOC_TOLERANCE = 1e-7
+SLACK_SOC_TOLERANCE = 1e-7
 TOLERANCE_W = 1e-2
 
 
@@ -44,13 +44,13 @@ def find_deficits(trip: Trip, solution: ProgramSolution) -> Iterator[StepDeficit
     if slacks.target_k > TOLERANCE_K:
         yield StepDeficit(TARGET, slacks.target_k, 'K',
                           f'target temperature: missed by {slacks.target_k:.2f} K')
-    if slacks.soc[-1] > SOC_TOLERANCE:
+    if slacks.soc[-1] > SLACK_SOC_TOLERANCE:
         percent = 100.0 * float(slacks.soc[-1])
         yield StepDeficit(ARRIVAL_SOC, percent, '%',
                           f'state of charge on arrival: {percent:.2f} % short')
     at = int(np.argmax(slacks.soc))
     # A battery that is emptiest on arrival has been reported above.
-    if slacks.soc[at] > SOC_TOLERANCE and soc[at + 1] < soc[-1]:
+    if slacks.soc[at] > SLACK_SOC_TOLERANCE and soc[at + 1] < soc[-1]:
         percent = 100.0 * float(slacks.soc[at])
         yield StepDeficit(LOWEST_SOC, percent, '%',
                           f'state of charge: {percent:.2f} % below its range at '
@@ -62,7 +62,7 @@ def find_deficits(trip: Trip, solution: ProgramSolution) -> Iterator[StepDeficit
                           f'discharge power: {deficit_w / 1e3:.2f} kW cannot be delivered at '
                           f'{trip.time_s[at]:.0f} s')
     at = int(np.argmax(slacks.soc_above))
-    if slacks.soc_above[at] > SOC_TOLERANCE:
+    if slacks.soc_above[at] > SLACK_SOC_TOLERANCE:
         percent = 100.0 * float(slacks.soc_above[at])
         yield StepDeficit(HIGHEST_SOC, percent, '%',
                           f'state of charge: {percent:.2f} % above its range at '

@@ -19,7 +19,13 @@ from bev_preheat.nonlinear_program.attempt import (
     SUCCESS,
     unheated_start,
 )
-from bev_preheat.nonlinear_program.deficits import CHARGE, find_deficits, SOC_TOLERANCE, StepDeficit, TOLERANCE_W
+from bev_preheat.nonlinear_program.deficits import (
+    CHARGE,
+    find_deficits,
+    SLACK_SOC_TOLERANCE,
+    StepDeficit,
+    TOLERANCE_W,
+)
 from bev_preheat.nonlinear_program.drive_step import ENERGY_SCALE_J
 from bev_preheat.nonlinear_program.program import build_program, Give
 from bev_preheat.nonlinear_program.smooth_maps import smoothed_a_little
@@ -201,7 +207,7 @@ def _optimum(trip: Trip, goal: Goal, runs: Sequence[Attempt], deficit: tuple[Ste
     """Return the Optimum of the first run, with deficits of the last one; the effort is that of all runs."""
     run, marginal_cost = runs[0] if not deficit else runs[-1], math.nan
     schedule = _schedule(trip, run)
-    if schedule.soc[-1] - reserve_soc(trip.vehicle, goal) < SOC_TOLERANCE:
+    if schedule.soc[-1] - reserve_soc(trip.vehicle, goal) < SLACK_SOC_TOLERANCE:
         schedule = replace(schedule, held_back=HeldBack.RESERVE)
     if not deficit and goal.charging_planned and run.target_multiplier > 1e-9:
         marginal_cost = run.target_multiplier * ENERGY_SCALE_J / JOULES_PER_WH

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 # Loading Python, NumPy and CasADi takes a second, or a minute at the lowest priority on a busy computer; beyond
 # this limit something is wrong.
-START_LIMIT_S = 180.0
+SOLVER_START_LIMIT_S = 180.0
 # Longest time for a killed process to disappear [s].
 END_LIMIT_S = 2.0
 # Lower the priority before the first import, because importing keeps a core busy for a while.
@@ -62,7 +62,7 @@ class SolverProcess:
     _route_to_prepare: Route | None
     _prepared_steps: int | None
 
-    def __init__(self, vehicle: Vehicle, start_limit_s: float = START_LIMIT_S,
+    def __init__(self, vehicle: Vehicle, start_limit_s: float = SOLVER_START_LIMIT_S,
                  niceness: int = MOST_NICE) -> None:
         """
         Do not start the process yet; `start_limit_s` [s] is its longest start time.

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 # Arrivals whose shortfalls differ by no more than this are the same [K].
 SAME_SHORTFALL_K = SHORTFALL_TOLERANCE_K
-SAME_POWER_W = 10.0
+COMPARED_POWER_W = 10.0
 
 
 class Reached(Protocol):
@@ -50,7 +50,7 @@ def difference(plan: Reached, optimum: Reached) -> str:
     if (plan.soc_shortfall > SAME_SOC) != (optimum.soc_shortfall > SAME_SOC):
         return ('reserve missed' if plan.soc_shortfall > SAME_SOC else
                 'reserve kept')
-    if not abs(deficit_w) <= SAME_POWER_W:
+    if not abs(deficit_w) <= COMPARED_POWER_W:
         return (f'power deficit {abs(deficit_w) / 1e3:.2f} kW {"larger" if deficit_w > 0.0 else "smaller"}'
                 if deficit_w == deficit_w else 'unknown power')
     return ''

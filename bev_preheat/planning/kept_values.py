@@ -30,7 +30,7 @@ MOST_PASSED_S = 60.0
 MOST_CHANGED_SHARE = 0.05
 MOST_DEVIATION_SHARE = 0.25
 # An update makes plans for a heater as it is and as it should be.
-MOST_KEPT = 2
+KEPT_VALUE_FUNCTIONS = 2
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class KeptValues:
         """Keep the values of a plan; None: it found none."""
         kept = Kept(trip, start, wanted, values is not None)
         _VALUES[kept] = values
-        self.latest = (kept, *self.latest)[:MOST_KEPT]
+        self.latest = (kept, *self.latest)[:KEPT_VALUE_FUNCTIONS]
 
     def that_hold(self, trip: Trip, wanted: Requirements) -> Any:
         """Return the values that hold for the rest of their trip, or None."""

@@ -32,6 +32,7 @@ from typing import Any, NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
+from bev_preheat.native.structs import VALUE_POINTS
 from bev_preheat.numerics.factors import JOULES_PER_WH
 from bev_preheat.planning.value_layers import best_of, Layer, SHORT_PRICE
 from bev_preheat.planning.value_path import ValuePath
@@ -64,8 +65,6 @@ EXPECTED_PASSES = 3
 WIDER_DEVIATIONS = 2.5
 # Temperatures of a ValueTable are this far apart.
 TABLE_STEP_K = 0.03
-# Most temperatures of an instant.
-VALUE_POINTS = 128
 # The core drives a step from three temperatures of a stretch of at most this width in which the same limits act,
 # and lays a parabola through their ends; the end from a fourth one is as near to it as this, in cost and warmth.
 STRETCH_K = 6.0

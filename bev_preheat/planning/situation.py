@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 # A larger difference between coolant and battery is implausible.
 MOST_EXCESS_K = 150.0
 # A larger standard deviation is no forecast.
-MOST_DEVIATION_K = 10.0
+WIDEST_FORECAST_K = 10.0
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ def check_situation(vehicle: Vehicle, route: Route | None = None,
             checks.append((goal.target_temperature_c, lowest_c, highest_c, 'target battery temperature',
                            in_battery_range))
     if uncertainty is not None:
-        checks.append((uncertainty.deviation_k, 0.0, MOST_DEVIATION_K, 'uncertainty of the arrival', 'K'))
+        checks.append((uncertainty.deviation_k, 0.0, WIDEST_FORECAST_K, 'uncertainty of the arrival', 'K'))
     if route is not None:
         checks.append((route.lowest_ambient_temperature_c, lowest_c, math.inf, 'ambient temperature',
                        "degC: the vehicle's battery is not described below that"))

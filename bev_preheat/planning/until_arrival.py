@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from bev_preheat.planning.trip import Trip
 
 # Tolerance of the temperature on arrival [K], or of the start of heating [s].
-ARRIVAL_TOLERANCE_K, START_RESOLUTION_S = 1e-4, 1e-2
+LATEST_START_TOLERANCE_K, START_RESOLUTION_S = 1e-4, 1e-2
 MOST_RUNS = 20
 # A battery that arrives this much above the target is heated for the drive, or for free [K].
 ABOVE_TARGET_K = 0.05
@@ -61,7 +61,7 @@ def heat_until_arrival(trip: Trip, state: BatteryState, schedule: Schedule, targ
     slope_k_per_s = -trip.vehicle.hvch.efficiency * float(trip.heater_limit_w[possible[-1]]) / (
         trip.vehicle.battery.heat_capacity_j_per_k)
     found = follow_slope(start_s, arrival_s, from_instant(start_s), slope_k_per_s, from_instant,
-                         ARRIVAL_TOLERANCE_K, START_RESOLUTION_S, MOST_RUNS)
+                         LATEST_START_TOLERANCE_K, START_RESOLUTION_S, MOST_RUNS)
     if abs(found.excess) > MOST_CHANGED_K:
         return schedule
     return replace(found.outcome, held_back=schedule.held_back)

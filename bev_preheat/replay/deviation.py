@@ -14,9 +14,7 @@ if TYPE_CHECKING:
     from bev_preheat.vehicle.description import Vehicle
 
 # A longer time between two battery states is not bridged in one step [s].
-LONGEST_STEP_S = 10.0
-# A battery state without a voltage: that of the vehicle file serves.
-HIGHEST_SOC, LOWEST_SOC = 1.0, 0.0
+LONGEST_REPLAYED_STEP_S = 10.0
 
 
 class Deviation:
@@ -51,9 +49,9 @@ class Deviation:
             self.power_w = power_w
             return
         left_s = (now_ns - before_ns) * 1e-9
-        voltage_v = max(self._voltage_v(min(max(soc, LOWEST_SOC), HIGHEST_SOC), temperature_c), 1.0)
+        voltage_v = max(self._voltage_v(min(max(soc, 0.0), 1.0), temperature_c), 1.0)
         while left_s > 0.0:
-            step_s = min(left_s, LONGEST_STEP_S)
+            step_s = min(left_s, LONGEST_REPLAYED_STEP_S)
             # Exact for a constant power.
             decay = math.exp(-self._leakage_w_per_k * step_s / self._heat_capacity_j_per_k)
             gain_k = (self._efficiency * self.power_w * (1.0 - decay) / self._leakage_w_per_k
@@ -67,7 +65,7 @@ class Deviation:
     def alter(self, message: BatteryState) -> None:
         """Add the difference to a battery state."""
         message.temperature += self.temperature_k
-        message.percentage = min(max(message.percentage + self.soc, LOWEST_SOC), HIGHEST_SOC)
+        message.percentage = min(max(message.percentage + self.soc, 0.0), 1.0)
         if len(message.cell_temperature):
             message.cell_temperature = [cell_c + self.temperature_k for cell_c in message.cell_temperature]
         if message.voltage > 0.0 and math.isfinite(message.voltage):

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from bev_preheat.replay.comparison import Comparison
     from bev_preheat.replay.course import Course
 
-FORMAT = 1
+FIGURES_FORMAT = 1
 SAMPLE_S = 60
 # Tolerances that `figures` are written with; the others are compared as they are.
 TOLERANCES = {
@@ -94,7 +94,7 @@ def _minutes(course: Course) -> list[Any]:
 
 def expectation(values: dict[str, Any]) -> dict[str, Any]:
     """Return what `--write-expected` writes of `figures`: each with its usual tolerance."""
-    return {'format': FORMAT, 'expected': {
+    return {'format': FIGURES_FORMAT, 'expected': {
         name: {'value': _rounded(value), **({'tolerance': TOLERANCES[name]} if name in TOLERANCES else {})}
         for name, value in values.items()}}
 
@@ -116,9 +116,9 @@ def load_expectation(path: str | Path, known: dict[str, Any]) -> dict[str, tuple
         contents = json.loads(text)
     except (ValueError, RecursionError) as error:
         raise InvalidInput(f'{path}: is not JSON: {error}') from error
-    if not isinstance(contents, dict) or contents.get('format') != FORMAT:
+    if not isinstance(contents, dict) or contents.get('format') != FIGURES_FORMAT:
         number = contents.get('format') if isinstance(contents, dict) else None
-        raise InvalidInput(f'{path}: has format {quoted(str(number))}; this version reads format {FORMAT} '
+        raise InvalidInput(f'{path}: has format {quoted(str(number))}; this version reads format {FIGURES_FORMAT} '
                            '(preheat replay --write-expected)')
     expected = contents.get('expected')
     if not isinstance(expected, dict) or not expected:

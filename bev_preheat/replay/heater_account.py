@@ -21,7 +21,7 @@ ANSWER_HOLDS_NS = 5 * NS_PER_S
 RECORDED_HOLD_NS = 60 * NS_PER_S
 # A longer time between two steps is a clock that was set [ns].
 LONGEST_SPAN_NS = 86400 * NS_PER_S
-MOST_SPANS = 10_000
+KEPT_SPANS = 10_000
 # With these the heater's controller has no command that it may follow.
 WITHOUT = frozenset((Refusal.NO_COMMAND, Refusal.INVALID_COMMAND, Refusal.INVALID_LEASE, Refusal.COMMAND_CONFLICT))
 
@@ -129,4 +129,4 @@ def _add(spans: list[Span], from_ns: int, to_ns: int) -> None:
     elif to_ns > from_ns:
         spans.append(Span(from_ns, to_ns))
         # Of a command that fails for days the latest spans are kept.
-        del spans[:-MOST_SPANS]
+        del spans[:-KEPT_SPANS]

@@ -26,10 +26,10 @@ MOST_ROWS = 90_000
 LEAST_PERIOD_NS = NS_PER_S
 # A plan is kept if start or arrival [s], or a temperature [K], moved by more since the latest kept plan.
 PLAN_SHIFT_S, PLAN_SHIFT_K = 60.0, 0.5
-MOST_PLANS, MOST_POINTS = 400, 120
+MOST_PLANS, HISTORY_PLAN_POINTS = 400, 120
 MOST_CHANGES = 3000
 # The clock has jumped if it went back, or on by more [ns].
-LONGEST_PAUSE_NS = 86400 * NS_PER_S
+CLOCK_JUMP_NS = 86400 * NS_PER_S
 COLUMNS = ('time', 'measured', 'estimated', 'estimated_low', 'estimated_high', 'predicted', 'predicted_low',
            'predicted_high', 'target', 'ambient', 'commanded', 'confirmed', 'soc', 'power')
 # Numbers in a sentence change from step to step; only other words make it another one.
@@ -129,7 +129,7 @@ class History:
         if self._latest_ns < 0:
             return now_ns
         for ahead_ns in (0, self._ahead_ns):
-            if 0 <= now_ns + ahead_ns - self._latest_ns <= LONGEST_PAUSE_NS:
+            if 0 <= now_ns + ahead_ns - self._latest_ns <= CLOCK_JUMP_NS:
                 self._ahead_ns = ahead_ns
                 return now_ns + ahead_ns
         self.jumps += 1
@@ -195,7 +195,7 @@ class History:
         if len(self.plans) >= MOST_PLANS:
             # Every other one makes room for later ones.
             del self.plans[1::2]
-        chosen = range(0, len(plan.time_s), -(-len(plan.time_s) // MOST_POINTS))
+        chosen = range(0, len(plan.time_s), -(-len(plan.time_s) // HISTORY_PLAN_POINTS))
         indices = [*chosen, *([] if chosen[-1] == len(plan.time_s) - 1 else [len(plan.time_s) - 1])]
         powers = [*plan.hvch_battery_power_w.tolist(), 0.0]
         begins = ('no heating' if plan.heating_start_s is None else 'heating now' if is_under_way

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 # A clock that goes back by less is only read in two threads [ns].
 CLOCK_NOISE_NS = 50_000_000
 # The planner makes a step at least this often, unless it sleeps [ns].
-LONGEST_PAUSE_NS = 15 * NS_PER_S
+STEPS_WITHIN_NS = 15 * NS_PER_S
 # Ages and delays below these are usual [s].
 USUAL_AGE_S, USUAL_DELAY_S = 0.5, 60.0
 # A state is missing if the interval between two is longer than the usual one by this factor; that is worth a word
@@ -28,7 +28,7 @@ USUAL_AGE_S, USUAL_DELAY_S = 0.5, 60.0
 MISSING_FACTOR, USUAL_SHARE_MISSING = 1.5, 0.02
 # Offsets of the sensor that the estimation subtracts [K].
 USUAL_OFFSET_K = 0.5
-MOST_KEPT, MOST_NAMED = 100_000, 3
+MOST_KEPT, NAMED_PROBLEMS = 100_000, 3
 # CDR: four bytes, then the stamp of the header as seconds and nanoseconds.
 STAMP = struct.Struct('<4xiI')
 
@@ -65,7 +65,7 @@ class InputRemarks:
             return
         if now_ns < before_ns - CLOCK_NOISE_NS:
             self._back.append(f'by {(before_ns - now_ns) / NS_PER_S:.1f} s at {moment(before_ns)}')
-        elif now_ns > before_ns + LONGEST_PAUSE_NS:
+        elif now_ns > before_ns + STEPS_WITHIN_NS:
             self._pauses.append(f'{duration_text((now_ns - before_ns) / NS_PER_S)} from {moment(before_ns)} on')
 
     def _look_at_state(self, now_ns: int, message: bytes) -> None:
@@ -73,7 +73,7 @@ class InputRemarks:
             return
         seconds, nanoseconds = STAMP.unpack_from(message)
         stamp_ns, before_ns = seconds * NS_PER_S + nanoseconds, self._stamp_ns
-        if before_ns is not None and 0 < before_ns - stamp_ns < LONGEST_PAUSE_NS:
+        if before_ns is not None and 0 < before_ns - stamp_ns < STEPS_WITHIN_NS:
             self._overtaken += 1
             return
         self._stamp_ns = stamp_ns
@@ -112,5 +112,5 @@ class InputRemarks:
 
 
 def _times(found: list[str]) -> str:
-    more = len(found) - MOST_NAMED
-    return ', '.join(found[:MOST_NAMED]) + (f' and {more} more times' if more > 0 else '')
+    more = len(found) - NAMED_PROBLEMS
+    return ', '.join(found[:NAMED_PROBLEMS]) + (f' and {more} more times' if more > 0 else '')

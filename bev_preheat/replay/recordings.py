@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from bev_preheat.replay.flight_file import Flight
 
 # The recorder's first message is near the start of a file.
-MOST_SEARCHED = 20
+SEARCHED_RECORDS = 20
 
 
 class Planner(NamedTuple):
@@ -61,7 +61,7 @@ def has_planner(path: Path) -> bool:
     for number, message in enumerate(mcap_messages(path, problems.append)):
         if message[0] == BEGINNING_CHANNEL:
             return True
-        if number > MOST_SEARCHED:
+        if number > SEARCHED_RECORDS:
             break
     return False
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from bev_preheat.replay.player import Played
 
 # A smaller deviation from the target is not reported [K]: sensors show whole and half degrees.
-LEAST_DEVIATION_K = 0.5
+LEAST_REPORTED_K = 0.5
 # Shorter obstacles explain no deficit [s]; a heater that gives this share of its command is a whole one.
 LEAST_OBSTACLE_S = 10.0
 LONGEST_STEP_NS = 600 * NS_PER_S
@@ -62,9 +62,9 @@ class TripResult:
         arrived = f'Arrived after {lasted} at {self.temperature_c:.1f} degC'
         if math.isnan(short_k):
             return f'{arrived}, without a target.'
-        if short_k < -LEAST_DEVIATION_K:
+        if short_k < -LEAST_REPORTED_K:
             return f'{arrived}, {-short_k:.1f} K above the target of {self.target_c:.1f} degC.'
-        if short_k <= LEAST_DEVIATION_K:
+        if short_k <= LEAST_REPORTED_K:
             return f'{arrived}, target {self.target_c:.1f} degC.'
         return f'{arrived}, {short_k:.1f} K short of the target of {self.target_c:.1f} degC: {self._reason()}.'
 

@@ -32,7 +32,7 @@ USED = ('speed_mps', 'ambient_c', 'power_w', 'voltage_v', 'current_a', 'soc', 'b
         'battery_heater_w', 'cabin_heater_w', 'auxiliary_w', 'aircon_w', 'latitude_deg', 'longitude_deg',
         'odometer_m')
 # Longest gap that is bridged [s], or as many usual intervals, and the largest share of a log that is bridged.
-LONGEST_GAP_S, LONGEST_GAP_INTERVALS = 10.0, 4.0
+BRIDGED_GAP_S, BRIDGED_GAP_INTERVALS = 10.0, 4.0
 MOST_BRIDGED = 0.2
 # Longest usual interval [s]; from SLOW_S on, the variation between the samples is unknown.
 LONGEST_INTERVAL_S, SLOW_S = 40.0, 5.0
@@ -55,7 +55,7 @@ def load_drive_logs(paths: Iterable[str | Path], defaults: Defaults, step_s: flo
 
     Propulsion power is the terminal power minus heaters, air conditioning and auxiliaries; without a cabin heater
     or auxiliaries in the log, those of `defaults` (vehicle.description.Defaults) count. A sample holds until the
-    next one; gaps up to LONGEST_GAP_S or LONGEST_GAP_INTERVALS are bridged by linear interpolation. `signals` and
+    next one; gaps up to BRIDGED_GAP_S or BRIDGED_GAP_INTERVALS are bridged by linear interpolation. `signals` and
     `repair` as for `read_recording`.
 
     Raises InvalidInput naming file, place and limit: missing signals, a doubt about the sign of power or current,
@@ -181,7 +181,7 @@ def _check_gaps(path: str | Path, sampled: dict[str, Series], remarks: list[str]
         if not at.size:
             continue
         usual_s, span_s = float(np.median(steps_s)), float(np.ptp(series.time_s))
-        longest_s = max(LONGEST_GAP_S, LONGEST_GAP_INTERVALS * usual_s)
+        longest_s = max(BRIDGED_GAP_S, BRIDGED_GAP_INTERVALS * usual_s)
         worst = at[np.argmax(steps_s[at])]
         if steps_s[worst] > longest_s:
             raise InvalidInput(f'{path}: {name}: {figure(steps_s[worst])} s without a valid sample, from '

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 SCHEMA = Path(__file__).with_name('legs_schema.yaml')
 
 # Longest step [s] of the simulation.
-STEP_S = 0.5
+SPEED_STEP_S = 0.5
 # A remainder of up to this share of a step is merged into the previous step.
 SLIVER = 0.05
 # Range in which calibration may scale speeds and powers: beyond it, the description does not fit the totals.
@@ -170,8 +170,8 @@ def _drive(description: dict[str, FileData], legs: Sequence[RoadLeg],
 
 def _simulate(description: dict[str, FileData], vehicle: Vehicle, legs: Sequence[RoadLeg],
               drive: RoadDrive, segment_s: float) -> Route:
-    """Return the Route in steps of about STEP_S, a whole number per segment."""
-    step_s = segment_s / np.ceil(segment_s / STEP_S)
+    """Return the Route in steps of about SPEED_STEP_S, a whole number per segment."""
+    step_s = segment_s / np.ceil(segment_s / SPEED_STEP_S)
     end_s = drive.time_s[-1]
     steps = max(1, int(np.ceil(end_s / step_s - SLIVER)))
     time_s = step_s * np.arange(steps + 1)

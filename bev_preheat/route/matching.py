@@ -62,7 +62,7 @@ STANDS_M, STANDS_S, ALONG_M = 10.0, 10.0, 50.0
 # Meanwhile the fix moves with the place to this many deviations; a road that crosses the route takes it aside.
 STEADY_DEVIATIONS = 2.0
 # A trip is found at its start as often as anywhere else; its start reaches so far [m].
-START_PRIOR, START_M = 0.5, 200.0
+START_PRIOR, START_REACHES_M = 0.5, 200.0
 # Beyond the end of the route the vehicle has arrived if its last place was this close to it [m].
 END_M = 100.0
 # The course of the vehicle is that over the latest fixes within this distance and time.
@@ -250,7 +250,7 @@ class Matcher:
             return 0.5 * anywhere + 0.5 * carried_on(
                 self.line, track.belief, near, seconds, driven_m(track.odometer, self.odometer.at(fix.stamp_ns)))
         if self._from_start:
-            at_start = (self.line.along_m[near.at] <= START_M) / START_M
+            at_start = (self.line.along_m[near.at] <= START_REACHES_M) / START_REACHES_M
             return START_PRIOR * at_start + (1.0 - START_PRIOR) * anywhere
         return anywhere
 

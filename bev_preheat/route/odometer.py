@@ -15,7 +15,7 @@ VALID_S = 2.0
 # Readings kept; at 100 Hz, twice VALID_S.
 KEPT = 400
 # A reading that falls by more [m], or rises faster than the vehicle drives and by more, starts another series.
-JUMP_M = 50.0
+ODOMETER_JUMP_M = 50.0
 
 
 class Reading(NamedTuple):
@@ -45,9 +45,9 @@ class Odometer:
             return False
         series = 0
         if latest is not None:
-            most_m = FASTEST_MPS * (stamp_ns - latest.stamp_ns) / NS_PER_S + JUMP_M
+            most_m = FASTEST_MPS * (stamp_ns - latest.stamp_ns) / NS_PER_S + ODOMETER_JUMP_M
             gain_m = distance_m - latest.distance_m
-            series = latest.series if -JUMP_M <= gain_m <= most_m else latest.series + 1
+            series = latest.series if -ODOMETER_JUMP_M <= gain_m <= most_m else latest.series + 1
         self._readings.append(Reading(stamp_ns, distance_m, series))
         return True
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 # Highest auxiliary power [W] and ambient temperature [deg C] of usual cars.
 MOST_AUXILIARY_W = 6e3
-HOTTEST_AMBIENT_C = 50.0
+HOTTEST_USUAL_AMBIENT_C = 50.0
 # Power above its maximum by this factor is no rounding, rough data sheet or excessive cabin request.
 MOST_BEYOND_MAXIMUM = 1.5
 # Half of the air's density times the least drag area of a car [kg/m]; 1.2 kg/m^3 and 0.4 m^2.
@@ -28,9 +28,9 @@ LEAST_DRAG_KG_PER_M = 0.24
 # Drag above the drive's energy by this factor means a wrong power or speed; long descents may reach it, too.
 MOST_DRAG = 1.5
 # The check applies above this mean speed [m/s].
-LEAST_SPEED_MPS = 5.0
+CHECKED_FROM_MPS = 5.0
 # A mean power below this [W] at such a speed is in kilowatts.
-LEAST_POWER_W = 300.0
+LEAST_USUAL_POWER_W = 300.0
 
 
 def unit_warnings(routes: Iterable[Route], vehicle: Vehicle, with_units: bool = False) -> list[str]:
@@ -60,9 +60,9 @@ def _warnings(route: Route, vehicle: Vehicle) -> Iterator[tuple[str, str]]:
                    'check the unit')
     ambient_c = route.ambient_temperature_c
     at = int(ambient_c.argmax())
-    if ambient_c[at] > HOTTEST_AMBIENT_C:
+    if ambient_c[at] > HOTTEST_USUAL_AMBIENT_C:
         yield ('ambient_temperature_c', f'{figure(ambient_c[at])} degC {_when(route, at)}; '
-               f'at most {HOTTEST_AMBIENT_C:g} degC are usual; check the unit')
+               f'at most {HOTTEST_USUAL_AMBIENT_C:g} degC are usual; check the unit')
     yield from _drag_warnings(route)
 
 
@@ -77,11 +77,11 @@ def _drag_warnings(route: Route) -> Iterator[tuple[str, str]]:
     mean_w = float(np.maximum(route.propulsion_power_magnitude_w, 0.0) @ duration_s) / total_s
     mean_mps = float(speed_mps @ duration_s) / total_s
     drag_w = LEAST_DRAG_KG_PER_M * float(speed_mps**3 @ duration_s) / total_s
-    if mean_mps < LEAST_SPEED_MPS or drag_w <= MOST_DRAG * mean_w:
+    if mean_mps < CHECKED_FROM_MPS or drag_w <= MOST_DRAG * mean_w:
         return
     sentence = (f'{{}} on average; drag alone takes {figure(drag_w, 3)} W at these speeds, and the drive has '
                 f'{figure(mean_w, 3)} W; check the unit')
-    if mean_w < LEAST_POWER_W:
+    if mean_w < LEAST_USUAL_POWER_W:
         yield 'propulsion_power_w', sentence.format(f'{figure(mean_w, 3)} W')
     else:
         yield 'speed_mps', sentence.format(f'{mean_mps:.1f} m/s')

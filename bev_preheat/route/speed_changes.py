@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 # Shorter segments are joined to blocks of at least this duration [s]: differences between the mean speeds
 # of short segments are those of speed limits on a map, which no car follows at once.
-BLOCK_S = 20.0
+SPEED_BLOCK_S = 20.0
 # Standard deviation of v a [m^2/s^3]: proportional to the root of the speed, up to a highest value.
 DEVIATION_PER_ROOT_SPEED = 2.0
 MOST_DEVIATION = 7.5
@@ -91,15 +91,15 @@ def speed_changes(duration_s: FloatArray, speed_mps: FloatArray,
 
 def _first_of_blocks(duration_s: FloatArray, speed_mps: FloatArray) -> IntArray:
     """Return the index of the first segment of each block; standstills are blocks of their own."""
-    if (duration_s >= BLOCK_S).all():
+    if (duration_s >= SPEED_BLOCK_S).all():
         return np.arange(len(duration_s))
     first, length_s, moves = [0], 0.0, speed_mps[0] > 0.0
     for index, (duration, speed) in enumerate(zip(duration_s.tolist(), speed_mps.tolist())):
-        if (speed > 0.0) != moves or (moves and length_s >= BLOCK_S):
+        if (speed > 0.0) != moves or (moves and length_s >= SPEED_BLOCK_S):
             first.append(index)
             length_s, moves = 0.0, speed > 0.0
         length_s += duration
-    if moves and length_s < BLOCK_S and len(first) > 1 and speed_mps[first[-1] - 1] > 0.0:
+    if moves and length_s < SPEED_BLOCK_S and len(first) > 1 and speed_mps[first[-1] - 1] > 0.0:
         # A short remainder at the end belongs to the block before it.
         first.pop()
     return np.array(first)

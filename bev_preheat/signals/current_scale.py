@@ -22,7 +22,7 @@ ERROR, ERROR_STEPS = 0.002, 2.0
 JUMP, JUMP_STEPS, JUMP_PER_S = 0.01, 2.5, 1.0 / 600.0
 # States further apart than this are not compared, nor over a longer time [s]: a small current that is not measured
 # adds up.
-APART_S, LONGEST_S = 60.0, 3600.0
+APART_S, LONGEST_COMPARED_S = 60.0, 3600.0
 # Displays stay at 0 and 100 % while charge flows.
 LOWEST_SOC, HIGHEST_SOC = 0.01, 0.99
 
@@ -63,6 +63,6 @@ class CurrentScale(NamedTuple):
 
 def _follows(before: CurrentSample, first: CurrentSample, sample: CurrentSample, soc_step: float) -> bool:
     elapsed_s = sample.instant_s - before.instant_s
-    return (0.0 < elapsed_s <= APART_S and sample.instant_s - first.instant_s <= LONGEST_S
+    return (0.0 < elapsed_s <= APART_S and sample.instant_s - first.instant_s <= LONGEST_COMPARED_S
             and LOWEST_SOC < sample.soc < HIGHEST_SOC and abs(sample.soc - before.soc)
             <= JUMP + JUMP_STEPS * soc_step + JUMP_PER_S * elapsed_s)

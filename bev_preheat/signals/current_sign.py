@@ -31,7 +31,7 @@ LEAST_DEVIATIONS = 5.0
 # Number of states over which the noise is averaged, and the largest change that counts as noise.
 NOISE_OVER, MOST_NOISE = 30.0, 0.01
 # Least share of this change that the current accounts for.
-LEAST_SHARE = 0.25
+LEAST_CURRENT_SHARE = 0.25
 # States of charge further apart than this are not compared [s].
 TOGETHER_S = 60.0
 CONFIRMED_EVERY_S = 10.0
@@ -123,7 +123,7 @@ class CurrentSign(NamedTuple):
         fallen, discharged = self.first_soc - soc, self.discharged
         noise = math.sqrt(0.5 * self.noise)
         least = max(LEAST_MOVED, LEAST_STEPS * soc_step, LEAST_DEVIATIONS * noise)
-        if abs(fallen) < least or abs(discharged) < max(LEAST_SHARE * abs(fallen), 0.5 * least):
+        if abs(fallen) < least or abs(discharged) < max(LEAST_CURRENT_SHARE * abs(fallen), 0.5 * least):
             has_long_passed = abs(discharged) > max(RESTART_AFTER, 3.0 * least)
             return self._replace(first_soc=soc, discharged=0.0) if has_long_passed else self
         if fallen * discharged > 0.0:

@@ -14,15 +14,15 @@ from typing import NamedTuple
 from bev_preheat.errors import quoted
 
 # Largest changes between consecutive states of one battery: [K], (0 ... 1), share of the voltage.
-JUMP_K = 4.0
-JUMP_SOC = 0.03
-JUMP_VOLTAGE = 0.2
+OTHER_PACK_K = 4.0
+OTHER_PACK_SOC = 0.03
+OTHER_PACK_VOLTAGE = 0.2
 # Fastest change of the temperature [K/s], for states that are far apart.
 RATE_K_PER_S = 0.1
 # States further apart than this [s] are not compared.
 TOGETHER_S = 30.0
-# Two batteries: at least LEAST_JUMPS among the latest STATES.
-STATES = 20
+# Two batteries: at least LEAST_JUMPS among the latest COMPARED_STATES.
+COMPARED_STATES = 20
 LEAST_JUMPS = 3
 # Number of consecutive states without a jump that end the doubt.
 CALM_STATES = 30
@@ -63,7 +63,7 @@ class SourceWatch(NamedTuple):
         if before is None or not 0.0 <= state.instant_s - before.instant_s <= TOGETHER_S:
             return self._replace(before=state, jumps=())
         has_jumped = not is_one_battery(before, state)
-        doubt, jumps = self.doubt, (*self.jumps, has_jumped)[-STATES:]
+        doubt, jumps = self.doubt, (*self.jumps, has_jumped)[-COMPARED_STATES:]
         calm = 0 if has_jumped else self.calm + 1
         if sum(jumps) >= LEAST_JUMPS:
             doubt = _sentence(before, state, jumps) if has_jumped or not doubt else doubt
@@ -93,10 +93,10 @@ def _jumping(one: SeenState, other: SeenState) -> list[str]:
     """Return the signals that change from one state to the next faster than those of a battery."""
     elapsed_s = other.instant_s - one.instant_s
     jumps = {
-        'temperature': abs(other.temperature_c - one.temperature_c) > max(JUMP_K, RATE_K_PER_S * elapsed_s),
-        'state of charge': abs(other.soc - one.soc) > JUMP_SOC,
+        'temperature': abs(other.temperature_c - one.temperature_c) > max(OTHER_PACK_K, RATE_K_PER_S * elapsed_s),
+        'state of charge': abs(other.soc - one.soc) > OTHER_PACK_SOC,
         'voltage': one.voltage_v is not None and other.voltage_v is not None and (
-            abs(other.voltage_v - one.voltage_v) > JUMP_VOLTAGE * max(one.voltage_v, other.voltage_v))}
+            abs(other.voltage_v - one.voltage_v) > OTHER_PACK_VOLTAGE * max(one.voltage_v, other.voltage_v))}
     return [signal for signal, has_jumped in jumps.items() if has_jumped]
 
 

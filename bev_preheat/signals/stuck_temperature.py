@@ -18,7 +18,7 @@ LAGS_S, BESIDE_LAGS_K = 120.0, 1.5
 # The change is integrated over at most this time [s]: a slower one may be an error of the model.
 WITHIN_S = 900.0
 # A reading that has moved by less than this [K] has not moved.
-MOVED_K = 0.05
+UNMOVED_K = 0.05
 # States further apart than this [s] are not followed.
 TOGETHER_S = 60.0
 # A battery is not colder than ambient by more than this [K]: no vehicle cools it below that.
@@ -67,7 +67,7 @@ class StuckTemperature(NamedTuple):
                 'the field may not be set'))
         if before_c is None:
             return begun._replace(doubt='')
-        if abs(reading_c - before_c) > MOVED_K:
+        if abs(reading_c - before_c) > UNMOVED_K:
             return begun._replace(doubt='', has_ever_moved=True)
         elapsed_s = instant_s - expected[-1].instant_s
         if not 0.0 <= elapsed_s <= TOGETHER_S:

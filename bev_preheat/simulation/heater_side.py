@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from bev_preheat.simulation.imperfect_car import ImperfectCar
 
 # A test may command once for a long drive; another node's clock may be some ticks ahead [s].
-LONGEST_LEASE_S, CLOCK_TOLERANCE_S = 7200.0, 10.0
+SIMULATED_LEASE_S, CLOCK_TOLERANCE_S = 7200.0, 10.0
 
 
 class HeaterSide:
@@ -35,7 +35,7 @@ class HeaterSide:
         vehicle = self._car.vehicle
         self._controller = HeaterController(HeaterLimits(
             vehicle.hvch.maximum_power_w, steps_w=vehicle.heating_gates.power_steps_w,
-            longest_lease_s=LONGEST_LEASE_S, clock_tolerance_s=CLOCK_TOLERANCE_S))
+            longest_lease_s=SIMULATED_LEASE_S, clock_tolerance_s=CLOCK_TOLERANCE_S))
 
     def take(self, command: HeaterCommand, start_ns: int) -> Verdict:
         """Take a command that arrived and return its Verdict."""

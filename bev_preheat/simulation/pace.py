@@ -10,9 +10,9 @@ LONGEST_REAL_TICK_S = 0.01
 # Simulated time is at most this far [s] ahead of the first unanswered battery state. A planner that is
 # silent for this real time [s] is no longer waited for.
 MOST_AHEAD_S = 1.5
-PATIENCE_S = 1.0
+SILENT_PLANNER_S = 1.0
 # Between two looks at most this real time [s] counts: a busy computer delays the planner as it delays the looks.
-LONGEST_WAIT_S = 0.02
+LONGEST_LOOK_S = 0.02
 # Tolerance for a command from a planner that has not received the latest /clock [s].
 CLOCK_LAG_S = 1.0
 
@@ -59,7 +59,7 @@ class Patience:
     Whether simulated time may advance, or waits for a planner that has not answered a battery state.
 
     On a busy computer simulated time could outrun the planner, whose answers would then refer to
-    instants long past. A planner that is silent for PATIENCE_S of real time, counted as LONGEST_WAIT_S
+    instants long past. A planner that is silent for SILENT_PLANNER_S of real time, counted as LONGEST_LOOK_S
     says, is not waited for until it sends a command again. All other instants are in simulated time [s].
     """
 
@@ -85,6 +85,6 @@ class Patience:
         """Return whether simulated time may advance, at a clock instant and a real instant [s of any clock]."""
         if self._unanswered_s is None or clock_s - self._unanswered_s <= MOST_AHEAD_S:
             return True
-        self._waited_s += min(max(real_s - self._looked_s, 0.0), LONGEST_WAIT_S)
+        self._waited_s += min(max(real_s - self._looked_s, 0.0), LONGEST_LOOK_S)
         self._looked_s = real_s
-        return self._waited_s >= PATIENCE_S
+        return self._waited_s >= SILENT_PLANNER_S

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from bev_preheat.simulation.heater_lease import HeaterLease
     from bev_preheat.vehicle.description import Vehicle
 
-LONGEST_STEP_S = 1.0
+LONGEST_PLANT_STEP_S = 1.0
 
 
 class _Segment(NamedTuple):
@@ -50,7 +50,7 @@ class VehiclePlant:
     """
     State of charge (0 ... 1) and battery temperature [deg C] of a vehicle on its way.
 
-    Integrates `model` in steps of at most LONGEST_STEP_S that end at the segments' boundaries,
+    Integrates `model` in steps of at most LONGEST_PLANT_STEP_S that end at the segments' boundaries,
     finer than the plans under test. The route starts at the instant `start_s`; `time_s`
     is the present instant. At the end of the route, or with an empty battery, the vehicle stands: its
     time goes on, state and sums stay. Cabin and battery have priority: the heater gets the remaining power,
@@ -177,7 +177,7 @@ class VehiclePlant:
                 self._segment += 1
 
     def _drive_within_segment(self, until_s: float, heater_power_w: float) -> None:
-        steps = ceil((until_s - self._elapsed_s) / LONGEST_STEP_S)
+        steps = ceil((until_s - self._elapsed_s) / LONGEST_PLANT_STEP_S)
         step_s = (until_s - self._elapsed_s) / steps
         for _ in range(steps):
             self._keep_limits(heater_power_w)

@@ -36,7 +36,7 @@ HEADER = ('state_of_charge_percent', 'power_kw')
 LIMIT_HEADER = ('battery_temperature_c', 'max_power_kw')
 # Temperatures of a limit [deg C] are cut off here, which no battery of a vehicle file exceeds.
 LIMIT_TEMPERATURES_C = (-60.0, 100.0)
-MOST_POINTS = 1000
+MOST_CURVE_POINTS = 1000
 # A curve must cover the span for which charging times are published.
 NEEDED_PERCENT = (10.0, 80.0)
 MOST_POWER_KW = 2000.0
@@ -156,8 +156,8 @@ def checked_limit(points: Sequence[tuple[float, float]], note: str) -> ChargingL
         elif not before < temperature_c < math.inf:
             problems.append(f'{temperature_c:g} degC must be above the {before:g} degC before it')
         before = temperature_c
-    if not problems and not 2 <= len(points) <= MOST_POINTS:
-        problems.append(f'{len(points)} points; 2 ... {MOST_POINTS} are allowed')
+    if not problems and not 2 <= len(points) <= MOST_CURVE_POINTS:
+        problems.append(f'{len(points)} points; 2 ... {MOST_CURVE_POINTS} are allowed')
     if not problems and max(power_kw for _, power_kw in points) <= 0.0:
         problems.append('the power must be above 0 kW at some temperature')
     if problems:
@@ -187,8 +187,8 @@ def checked_curve(points: Sequence[tuple[float, float]], temperature_c: float, n
 
 def _problems_with_span(points: Sequence[tuple[float, float]]) -> list[str]:
     low, high = NEEDED_PERCENT
-    if len(points) > MOST_POINTS:
-        return [f'{len(points)} points; at most {MOST_POINTS} are allowed']
+    if len(points) > MOST_CURVE_POINTS:
+        return [f'{len(points)} points; at most {MOST_CURVE_POINTS} are allowed']
     if points and points[-1][0] <= 1.0:
         return [f'the last state of charge is {points[-1][0]:g} %; states of charge are in percent']
     if len(points) < 2 or points[0][0] > low or points[-1][0] < high:

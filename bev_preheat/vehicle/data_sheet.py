@@ -21,7 +21,7 @@ CHARGING_RATE_RANGE_PER_H = (0.15, 6.0)
 # Powers of a charging curve above the maximum of the data sheet by less than this share are reading errors.
 CURVE_TOLERANCE = 0.1
 # From 10 to 80 %.
-PUBLISHED_SPAN = 0.7
+TEN_TO_EIGHTY = 0.7
 # A usable share that is assumed may be wrong by this much.
 LEAST_TIME_SHARE = 0.9
 MINUTES_PER_H = 60.0
@@ -213,10 +213,10 @@ def _inconsistent_powers(sheet: DataSheet) -> Iterator[str]:
                '(direct current), not at a wall box')
     time_min = sheet.charging_time_10_80_min
     if time_min is not None:
-        least_min = PUBLISHED_SPAN * (sheet.usable_energy_kwh or sheet.gross_energy_kwh or 0.0) * (
+        least_min = TEN_TO_EIGHTY * (sheet.usable_energy_kwh or sheet.gross_energy_kwh or 0.0) * (
             MINUTES_PER_H / sheet.charging_power_kw)
         if round(time_min, 1) < round(LEAST_TIME_SHARE * least_min, 1):
-            yield (f'--charging-time-10-80-min: {time_min:g} min is too short: {PUBLISHED_SPAN:.0%} of the energy '
+            yield (f'--charging-time-10-80-min: {time_min:g} min is too short: {TEN_TO_EIGHTY:.0%} of the energy '
                    f'at --charging-power-kw {sheet.charging_power_kw:g} kW take {least_min:.1f} min')
     curve = sheet.charging_curve
     if curve is not None and max(curve.power_kw) > (1.0 + CURVE_TOLERANCE) * sheet.charging_power_kw:

@@ -49,7 +49,7 @@ DISCHARGE_RESERVE = 1.1
 HEATER_KW = 6.0
 MOST_CABIN_KW, CABIN_SHARE = 1.5, 0.3
 AUXILIARY_KW = 0.4
-TARGET_C = 25.0
+USUAL_TARGET_C = 25.0
 DRIVETRAIN_EFFICIENCY, HEAT_RECOVERY, HEATER_EFFICIENCY = 0.9, 0.5, 0.87
 FRONTAL_AREA_M2, DRAG_COEFFICIENT, ROLLING_RESISTANCE = 2.4, 0.29, 0.010
 # Resistance of busbars, contactors and connectors over that of the cells at 25 degC.
@@ -314,7 +314,7 @@ def _heater(sheet: DataSheet) -> dict[str, Entry]:
 def _warm_c(sheet: DataSheet) -> float:
     """Return the battery temperature [deg C] from which the charging power is at its most."""
     if sheet.charging_limit is None:
-        return TARGET_C
+        return USUAL_TARGET_C
     low_c, high_c = CURVE_TEMPERATURES_C
     return round(min(max(sheet.charging_limit.warm_c(sheet.charging_power_kw), low_c), high_c), 1)
 

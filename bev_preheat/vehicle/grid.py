@@ -11,10 +11,10 @@ from bev_preheat.vehicle.description import Vehicle
 ENDLESS_AH = 1e8
 NO_RESISTANCE_OHM = 1e-6
 EVERY_POWER_W = 1e7
-KEPT_VEHICLES = 8
+KEPT_GRIDS = 8
 
 
-@lru_cache(maxsize=KEPT_VEHICLES)
+@lru_cache(maxsize=KEPT_GRIDS)
 def grid_fed(vehicle: Vehicle) -> Vehicle:
     """
     Return the Vehicle whose heater, cabin and auxiliaries take nothing from the battery.

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 JOULES_PER_KJ = 1000.0
 KMH_100_MPS = 100.0 / 3.6
 TEN_MINUTES_S = 600.0
-HALF = 0.5
 COLD_C, WARM_C = -20.0, 25.0
 RESISTANCE_TEMPERATURES_C = (COLD_C, 0.0, WARM_C)
 CHARGING_TEMPERATURES_C = (-10.0, 0.0, 10.0, 25.0, 40.0)
@@ -123,9 +122,9 @@ def meaning_of(vehicle: Vehicle) -> Meaning:
         'capacity_ah': battery.capacity_ah,
         'heat_capacity_kj_per_k': heat_capacity_kj,
         'heat_capacity_kj_per_k_kwh': heat_capacity_kj / energy_kwh,
-        'resistance_ohm': {at_c: resistance(HALF, at_c) for at_c in RESISTANCE_TEMPERATURES_C
+        'resistance_ohm': {at_c: resistance(0.5, at_c) for at_c in RESISTANCE_TEMPERATURES_C
                            if low_c <= at_c <= high_c},
-        'one_hour_drop': resistance(HALF, warm_c) * battery.capacity_ah / nominal_v,
+        'one_hour_drop': resistance(0.5, warm_c) * battery.capacity_ah / nominal_v,
         'time_constant_h': _time_constant_h(battery, 0.0),
         'time_constant_at_100_kmh_h': _time_constant_h(battery, KMH_100_MPS),
         'heater_power_kw': all_w / W_PER_KW,
@@ -140,7 +139,7 @@ def meaning_of(vehicle: Vehicle) -> Meaning:
             for at_c in CHARGING_TEMPERATURES_C},
         'most_charging_power_kw': _most_charging_kw(battery, fast_limit),
         'discharging_power_kw': {
-            at_c: discharging(HALF, at_c) / W_PER_KW for at_c in CHARGING_TEMPERATURES_C},
+            at_c: discharging(0.5, at_c) / W_PER_KW for at_c in CHARGING_TEMPERATURES_C},
         'open_circuit_voltage_v': {
             soc: battery.open_circuit_voltage.function(FLOATS)(soc, warm_c)
             for soc in VOLTAGE_SOCS},
@@ -273,7 +272,7 @@ def _resistance_over_temperature(battery: Battery, figures: dict[str, Any]) -> I
     temperatures_c = np.linspace(max(-30.0, battery.temperature_range_c[0]),
                                  min(40.0, battery.temperature_range_c[1]), 71)
     resistances = battery.resistance.function(ARRAYS)(
-        np.full_like(temperatures_c, HALF), temperatures_c) + np.zeros_like(temperatures_c)
+        np.full_like(temperatures_c, 0.5), temperatures_c) + np.zeros_like(temperatures_c)
     rising = np.diff(resistances) > 1e-9 * resistances[:-1]
     if rising.any():
         at = int(np.argmax(rising))

@@ -246,8 +246,8 @@ def test_only_so_many_tabs(page):
 
 
 def test_a_tab_that_never_reads_is_closed_and_delays_no_other(page, monkeypatch):
-    monkeypatch.setattr(tab, 'PATIENCE_S', 0.5)
-    monkeypatch.setattr(server, 'PERIOD_S', 0.02)
+    monkeypatch.setattr(tab, 'TAB_CLOSED_AFTER_S', 0.5)
+    monkeypatch.setattr(server, 'EVENT_PERIOD_S', 0.02)
     times = tuple(START_S + second for second in range(240))
     big = a_plan(times_s=times, temperatures_c=(1.0,) * 240, socs=(0.5,) * 240, powers_w=(0.0,) * 239,
                  sentence='x' * 2000)

@@ -8,10 +8,10 @@ import pytest
 
 from bev_preheat.estimation.hypotheses import Heater, LEANING, SHARES
 from bev_preheat.estimation.measured_power import (
-    BLOCK_S,
     EXCESS_LASTS_S,
     EXCESS_W,
-    MOST_EVIDENCE,
+    MOST_BLOCK_EVIDENCE,
+    POWER_BLOCK_S,
     PowerResponse,
     SCATTER_W,
 )
@@ -39,7 +39,7 @@ def seen(share_of=lambda second, command_w: command_w, traffic_w=1000.0, lag_s=0
 
 def test_the_first_block_is_weighed_as_by_hand():
     response, beyond_w, command_w = PowerResponse(), 4200.0, 5000.0
-    for _ in range(int(BLOCK_S) - 1):
+    for _ in range(int(POWER_BLOCK_S) - 1):
         response, logs = response.seen(1.0, beyond_w, command_w, LIMIT_W)
         assert logs is None
     _, logs = response.seen(1.0, beyond_w, command_w, LIMIT_W)
@@ -47,7 +47,7 @@ def test_the_first_block_is_weighed_as_by_hand():
     total_w2 = EXCESS_W**2 + SCATTER_W**2
     errors_w = beyond_w - np.array([*np.multiply(SHARES[:-1], command_w), LIMIT_W])
     expected = -2.5 * np.log(1.0 + errors_w**2 / (4.0 * total_w2))
-    assert expected.max() - expected.min() < MOST_EVIDENCE
+    assert expected.max() - expected.min() < MOST_BLOCK_EVIDENCE
     assert logs - logs.max() == pytest.approx(expected - expected.max(), abs=1e-9)
 
 
@@ -56,7 +56,7 @@ def test_the_excess_is_found_and_forgotten():
     for _ in range(1200):
         response, _ = response.seen(1.0, 1500.0, 0.0, LIMIT_W)
     assert response.excess_w[0] == pytest.approx(np.full(3, 1500.0), rel=0.15)
-    kept = math.exp(-BLOCK_S / EXCESS_LASTS_S)
+    kept = math.exp(-POWER_BLOCK_S / EXCESS_LASTS_S)
     assert 0.9 < kept < 1.0
 
 

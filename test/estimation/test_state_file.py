@@ -95,7 +95,7 @@ def test_the_car_that_was_written_longest_ago_gives_way(state_file):
     for number in range(MOST_CARS - 1):
         save_state(state_file, f'{number:064x}', UNKNOWN)
     assert load_state(state_file, CAR).learned is not None
-    assert len(state_file.read_bytes()) < module.LARGEST_FILE_BYTES / 2
+    assert len(state_file.read_bytes()) < module.LARGEST_STATE_FILE_BYTES / 2
     save_state(state_file, f'{0:064x}', UNKNOWN)
     save_state(state_file, OTHER, UNKNOWN)
     assert load_state(state_file, CAR).learned is None

@@ -19,7 +19,7 @@ from bev_preheat.flight_recorder import writer as module
 from bev_preheat.flight_recorder.beginning import Beginning
 from bev_preheat.flight_recorder.steps import RecordedStep
 from bev_preheat.flight_recorder.writer import BEGINNING_CHANNEL, Entry, Recording, RecordingWriter, STEP_CHANNEL
-module.COLLECTING_S, module.RETRY_S = 0.01, 0.0
+module.COLLECTING_S, module.REOPENED_AFTER_S = 0.01, 0.0
 head = (Entry(BEGINNING_CHANNEL, 1, Beginning(
     '0', '/planner', '01234567', 0, 1, False, {}, '').as_dictionary()),)
 writer = RecordingWriter(Recording(Path(sys.argv[1]), 10**9, '01234567', '20260101T000000'), {}, lambda: head)

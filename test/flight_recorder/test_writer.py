@@ -72,7 +72,7 @@ def test_a_full_disk_is_reported_counted_and_tried_again(tmp_path, monkeypatch):
         return group
 
     writer = a_writer(tmp_path, entries_of=entries_of)
-    monkeypatch.setattr(module, 'RETRY_S', 0.0)
+    monkeypatch.setattr(module, 'REOPENED_AFTER_S', 0.0)
     writer.put(Entry(STEP_CHANNEL, 1, RecordedStep(1)))
     wait_for(lambda: 'No space left' in writer.report)
     full[0] = False

@@ -8,7 +8,7 @@ import pytest
 from recorded_drive import LENGTH_S, START_NS
 
 from bev_preheat.dashboard.plain import written
-from bev_preheat.dashboard.recorded import lengths_of, MOST_PLAN_POINTS, RecordedSource, tables_of
+from bev_preheat.dashboard.recorded import lengths_of, RECORDED_PLAN_POINTS, RecordedSource, tables_of
 from bev_preheat.errors import InvalidInput
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.replay.flight_file import read_flight
@@ -52,7 +52,7 @@ def test_each_plan_begins_at_its_instant_and_ends_on_arrival(drive):
     planned = [plan for plan in drive['plans'] if plan['planTime']]
     assert len(planned) > 20
     for plan in planned:
-        assert abs(plan['planTime'][0] - plan['at']) <= 1.0 and len(plan['planTime']) <= MOST_PLAN_POINTS
+        assert abs(plan['planTime'][0] - plan['at']) <= 1.0 and len(plan['planTime']) <= RECORDED_PLAN_POINTS
         assert plan['planTime'][-1] == pytest.approx(START_S + LENGTH_S, abs=1.0)
 
 

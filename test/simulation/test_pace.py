@@ -3,7 +3,7 @@
 
 import pytest
 
-from bev_preheat.simulation.pace import CLOCK_LAG_S, LONGEST_WAIT_S, MOST_AHEAD_S, Pace, Patience, PATIENCE_S
+from bev_preheat.simulation.pace import CLOCK_LAG_S, LONGEST_LOOK_S, MOST_AHEAD_S, Pace, Patience, SILENT_PLANNER_S
 
 
 def test_time_starts_with_the_first_call():
@@ -77,7 +77,7 @@ def test_a_planner_that_is_silent_is_waited_for_no_more_until_it_commands_again(
     patience.tell(20.0)
     looks_s = [7.0 + 0.01 * look for look in range(301)]
     answers = [patience.lets_go_on(30.0 + look_s, look_s) for look_s in looks_s]
-    assert looks_s[answers.index(True)] == pytest.approx(7.0 + PATIENCE_S, abs=0.011)
+    assert looks_s[answers.index(True)] == pytest.approx(7.0 + SILENT_PLANNER_S, abs=0.011)
     assert all(answers[answers.index(True):])
     patience.hear(31.0)
     patience.tell(34.0)
@@ -89,7 +89,7 @@ def test_a_busy_computer_delays_looks_and_planner_alike():
     patience.tell(20.0)
     # Three seconds pass between two looks.
     answers = [patience.lets_go_on(30.0, 7.0 + 3.0 * look) for look in range(100)]
-    assert answers.index(True) == pytest.approx(PATIENCE_S / LONGEST_WAIT_S, abs=1)
+    assert answers.index(True) == pytest.approx(SILENT_PLANNER_S / LONGEST_LOOK_S, abs=1)
 
 
 def test_a_clock_that_jumps_forward_waits_for_an_answer():

@@ -112,7 +112,7 @@ def test_battery_energy_pays_for_power_and_joule_heat():
 def test_halved_steps_change_nothing_that_matters(monkeypatch):
     coarse = winter_plant()
     coarse.advance(coarse.duration_s, 3000.0)
-    monkeypatch.setattr(vehicle_plant, 'LONGEST_STEP_S', 0.5)
+    monkeypatch.setattr(vehicle_plant, 'LONGEST_PLANT_STEP_S', 0.5)
     fine = winter_plant()
     fine.advance(fine.duration_s, 3000.0)
     assert coarse.temperature_c == pytest.approx(fine.temperature_c, abs=1e-10)
@@ -335,7 +335,7 @@ def test_heat_that_is_late_warms_the_same_battery_later():
 def test_a_heat_path_does_not_depend_on_the_steps(monkeypatch):
     ends = []
     for step_s in (1.0, 0.25):
-        monkeypatch.setattr(vehicle_plant, 'LONGEST_STEP_S', step_s)
+        monkeypatch.setattr(vehicle_plant, 'LONGEST_PLANT_STEP_S', step_s)
         plant = slow_plant()
         plant.advance(plant.duration_s, 3500.0)
         ends.append((plant.temperature_c, plant.coolant_c, plant.sensor_c, plant.soc))

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
 # Grid of the filter [m], coarser on long routes, and the range of its standard deviation [m].
 GRID_M = 20.0
-MOST_POINTS = 100_000
-LENGTH_RANGE_M = (40.0, 600.0)
+MOST_PROFILE_POINTS = 100_000
+SMOOTHING_RANGE_M = (40.0, 600.0)
 # Standard deviation of the slope that may remain.
 SLOPE_ERROR = 0.005
 # An elevation this many standard deviations from its neighbours' median is an outlier.
@@ -31,12 +31,12 @@ OUTLIER_NEIGHBOURS = 5
 # Standard deviation of a normal distribution over its median absolute deviation.
 NORMAL_OVER_MAD = 1.4826
 # Values that change at fewer than this share of the points are held; held ones count this far [m] from a change.
-MOST_CHANGES = 0.5
+HELD_SHARE = 0.5
 HELD_M = 100.0
 # Points farther apart [m] differ by hills, not by errors.
-DENSE_M = 500.0
+HILLS_BEYOND_M = 500.0
 # Gaussian kernels are cut off here.
-REACH = 4.0
+KERNEL_REACH = 4.0
 
 
 def smooth_elevation(distance_m: FloatArray, elevation_m: FloatArray) -> tuple[FloatArray, str | None]:
@@ -58,14 +58,14 @@ def smooth_elevation(distance_m: FloatArray, elevation_m: FloatArray) -> tuple[F
     values_m = elevation_m[known][first]
     values_m, outliers = _without_outliers(values_m)
     at_m, values_m = _without_steps(at_m, values_m)
-    step_m = max(GRID_M, (at_m[-1] - at_m[0]) / MOST_POINTS)
+    step_m = max(GRID_M, (at_m[-1] - at_m[0]) / MOST_PROFILE_POINTS)
     grid_m = np.arange(at_m[0], at_m[-1] + step_m, step_m)
     noise_m = _noise_m(at_m, values_m)
     # Noise of independent points, averaged over a Gaussian of deviation L: the slope has the variance
     # noise^2 spacing / (4 sqrt(pi) L^3).
     spacing_m = max(float(np.median(np.diff(at_m))), 1.0)
     length_m = (noise_m**2 * spacing_m / (4.0 * np.sqrt(np.pi) * SLOPE_ERROR**2)) ** (1.0 / 3.0)
-    length_m = float(np.clip(length_m, *LENGTH_RANGE_M))
+    length_m = float(np.clip(length_m, *SMOOTHING_RANGE_M))
     raw_m = _means(grid_m, step_m, at_m, values_m)
     smooth_m = _gaussian(raw_m, length_m / step_m)
     remark = None
@@ -83,7 +83,7 @@ def _without_steps(at_m: FloatArray, values_m: FloatArray) -> tuple[FloatArray, 
     A short run of equal values becomes its middle, a long one two inner points.
     """
     starts = np.flatnonzero(np.concatenate(([True], np.diff(values_m) != 0.0)))
-    if len(starts) > MOST_CHANGES * len(values_m) or len(starts) < 2:
+    if len(starts) > HELD_SHARE * len(values_m) or len(starts) < 2:
         return at_m, values_m
     ends = np.append(starts[1:] - 1, len(values_m) - 1)
     first_m, last_m = at_m[starts], at_m[ends]
@@ -110,7 +110,7 @@ def _without_outliers(values_m: FloatArray) -> tuple[FloatArray, int]:
 
 def _noise_m(at_m: FloatArray, values_m: FloatArray) -> float:
     """Return the standard deviation of independent errors, from each point against its neighbours' line."""
-    if len(values_m) < 5 or np.median(np.diff(at_m)) > DENSE_M:
+    if len(values_m) < 5 or np.median(np.diff(at_m)) > HILLS_BEYOND_M:
         return 0.0
     before, after = np.diff(at_m)[:-1], np.diff(at_m)[1:]
     share = before / (before + after)
@@ -134,7 +134,7 @@ def _means(grid_m: FloatArray, step_m: float, at_m: FloatArray, values_m: FloatA
 
 def _gaussian(values: FloatArray, deviation: float) -> FloatArray:
     """Return values filtered by a Gaussian of a deviation in points; the ends are continued by reflection."""
-    reach = max(1, int(REACH * deviation))
+    reach = max(1, int(KERNEL_REACH * deviation))
     kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / deviation)**2)
     kernel /= kernel.sum()
     # Odd reflection keeps the slope at the ends.

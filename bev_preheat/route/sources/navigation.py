@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 SECONDS = re.compile(r'([0-9]+(?:\.[0-9]*)?)s')
 LONGEST_LEG_S, LONGEST_STOP_S, LONGEST_LEG_M = 1e6, 86400.0, 1e7
 # Parts of a leg may add up to this share more or less than the leg, because they are rounded.
-MOST_MISFIT = 0.02
+LEG_ROUNDING = 0.02
 # GraphHopper's sign of an instruction at a waypoint.
 WAYPOINT_REACHED = 5
 # Names of coordinates: a latitude and its longitude.
@@ -165,7 +165,7 @@ def _leg(leg: Any, place: str, service: Service) -> list[Pieces]:
                          _figure(part, service.part_duration, f'{place}.{service.parts}[{at}]',
                                  LONGEST_LEG_S / service.second)) for at, part in enumerate(parts)])
     sums = figures.sum(axis=0)
-    if abs(sums[0] - length_m) > MOST_MISFIT * length_m or sums[1] <= 0.0:
+    if abs(sums[0] - length_m) > LEG_ROUNDING * length_m or sums[1] <= 0.0:
         return [whole]
     fine = Pieces(figures[:, 0], figures[:, 1], stop_s=stop_s).scaled_to(duration_s)
     ends = [at + 1 for at, part in enumerate(parts[:-1]) if part.get('sign') == WAYPOINT_REACHED]
@@ -201,7 +201,7 @@ def _with_progress(legs: list[Pieces], route: Any, service: Service, place: str)
                                 for key in (distance, 'travelTimeInSeconds')]
                                for at, node in enumerate(found[1])]).T
         if (np.diff(at_m) < 0.0).any() or (np.diff(at_s) < 0.0).any() or at_s[-1] <= 0.0 or max(
-                abs(at_m[-1] / ends_m[-1] - 1.0), abs(at_s[-1] / ends_s[-1] - 1.0)) > MOST_MISFIT:
+                abs(at_m[-1] / ends_m[-1] - 1.0), abs(at_s[-1] / ends_s[-1] - 1.0)) > LEG_ROUNDING:
             continue
         edges_m = [np.unique(np.concatenate(([begin_m], at_m[(at_m > begin_m) & (at_m < end_m)], [end_m])))
                    for begin_m, end_m in zip(np.concatenate(([0.0], ends_m)), ends_m)]

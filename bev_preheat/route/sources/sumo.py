@@ -14,7 +14,7 @@ from bev_preheat.route.text_table import NUMBER
 
 KIND = 'SUMO battery output'
 # Vehicles named in a message.
-MOST_NAMED = 8
+NAMED_VEHICLES = 8
 # A stop with charging has no power for the drive; its energy is negative in the consumption.
 CONSUMPTION_RANGE_WH = (-1e5, 1e5)
 
@@ -68,7 +68,7 @@ def read_sumo(text: bytes, options: RouteOptions) -> Journey:
 
 
 def _chosen(rows: dict[str, list[tuple[float, float, float]]], options: RouteOptions) -> str:
-    names = ', '.join(list(rows)[:MOST_NAMED]) + (', …' if len(rows) > MOST_NAMED else '')
+    names = ', '.join(list(rows)[:NAMED_VEHICLES]) + (', …' if len(rows) > NAMED_VEHICLES else '')
     if options.vehicle_id is not None:
         if options.vehicle_id not in rows:
             raise InvalidInput(f'--vehicle-id: {quoted(options.vehicle_id)} is not in the file; it has: {names}')

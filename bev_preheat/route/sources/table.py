@@ -38,10 +38,10 @@ RANGES = {
     'auxiliary_power': (*LIMITS['auxiliary_power_w'], 'W'), 'charging_time': (0.0, 86400.0, 's'),
 }
 # Longest time between two samples of a cycle [s], and the strongest acceleration [m/s^2] of a car.
-LONGEST_INTERVAL_S = 60.0
+CYCLE_INTERVAL_S = 60.0
 MOST_ACCELERATION_MPS2 = 12.0
 # So many lengths seldom rise by chance.
-LEAST_RISING = 4
+RISING_LENGTHS = 4
 
 
 def read_table(path: str | Path) -> Journey:
@@ -120,12 +120,12 @@ def _samples(table: TextTable, headers: dict[str, Header]) -> Journey:
         at = int(np.argmax(bad)) + 1
         raise InvalidInput(f'{table.where(at)}: {headers["time"].name}: {figure(float(time_s[at]))} s is not '
                            f'after {figure(float(time_s[at - 1]))} s of the previous row')
-    gap = steps_s > LONGEST_INTERVAL_S
+    gap = steps_s > CYCLE_INTERVAL_S
     if gap.any():
         at = int(np.argmax(gap)) + 1
         raise InvalidInput(f'{table.where(at)}: {headers["time"].name}: {figure(float(steps_s[at - 1]))} s '
                            'without '
-                           f'a sample; at most {LONGEST_INTERVAL_S:g} s are allowed; is the time in seconds? '
+                           f'a sample; at most {CYCLE_INTERVAL_S:g} s are allowed; is the time in seconds? '
                            'Rows that are segments need duration_s instead of a time')
     total_s = float(time_s[-1] - time_s[0])
     if total_s > LONGEST_ROUTE_S:
@@ -204,7 +204,7 @@ def _segments(table: TextTable, headers: dict[str, Header]) -> Journey:
     """Return the Journey of a list of segments."""
     columns = {name: _column(table, headers[name]) for name in RANGES if name in headers}
     length_m = columns.get('length')
-    if length_m is not None and len(length_m) >= LEAST_RISING and headers['length'].may_be_cumulated and not (
+    if length_m is not None and len(length_m) >= RISING_LENGTHS and headers['length'].may_be_cumulated and not (
             {'duration', 'speed'} <= columns.keys()) and (np.diff(length_m) > 0.0).all():
         raise InvalidInput(f'{table.where(0)}: {headers["length"].name}: rises from row to row, as a distance '
                            'from the start of the trip does, which is not accepted; if it is the length of each '

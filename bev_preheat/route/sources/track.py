@@ -34,7 +34,7 @@ POSITION_FILTER_S = 2.0
 COMFORTABLE_MPS2 = 1.0
 LATERAL_MPS2 = 2.0
 CURVE_M = 60.0
-CELL_M = 5.0
+CURVE_OVER_M = 5.0
 MOST_CELLS = 200_000
 LEAST_CURVE_MPS = 4.0
 # Points farther apart than this [m] are not a line along the road, whose curves count.
@@ -195,7 +195,7 @@ def _free(kind: str, latitude_deg: FloatArray, longitude_deg: FloatArray, elevat
     distance_m = np.concatenate(([0.0], np.cumsum(distances_m(latitude_deg, longitude_deg))))
     if not 10.0 <= distance_m[-1] <= 5e6:
         raise InvalidInput(f'the {kind} is {figure(float(distance_m[-1]), 4)} m long; it must be 10 ... 5000000 m')
-    cells = int(np.clip(np.ceil(distance_m[-1] / CELL_M), 4, MOST_CELLS))
+    cells = int(np.clip(np.ceil(distance_m[-1] / CURVE_OVER_M), 4, MOST_CELLS))
     grid_m = np.linspace(0.0, distance_m[-1], cells + 1)
     allowed_mps = np.full(len(grid_m), options.free_speed_kmh / 3.6)
     if float(np.median(np.diff(distance_m))) <= DENSE_M:

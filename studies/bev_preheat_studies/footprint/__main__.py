@@ -25,7 +25,7 @@ from bev_preheat.console.output import json_output, write_json
 from bev_preheat.console.parser import OneLineParser
 from bev_preheat.console.terminal import print_records, progress_console, result_console
 from bev_preheat.ecu.export import Export
-from bev_preheat.ecu.vectors import METHODS, MOST_STEPS
+from bev_preheat.ecu.vectors import LARGEST_TRIP, METHODS
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.output_files import check_outputs
 from bev_preheat.optional_packages import require
@@ -88,7 +88,7 @@ def _measure(arguments: Namespace, vehicle: Vehicle) -> int:
             for target in targets:
                 for level in LEVELS:
                     results.append(measured := measure(
-                        Build(target, level, export, MOST_STEPS, arguments.block), path, planned, MEMORY_STEPS))
+                        Build(target, level, export, LARGEST_TRIP, arguments.block), path, planned, MEMORY_STEPS))
                     console.print(f'{measured.build}, {path_name(path)}: {len(planned)} situations, '
                                   f'{measured.differ} plans differ', markup=False)
     write_json(arguments.json, {

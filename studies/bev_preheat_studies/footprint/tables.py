@@ -6,7 +6,7 @@ from __future__ import annotations
 from statistics import median
 from typing import TYPE_CHECKING, TypeAlias
 
-from bev_preheat.ecu.vectors import METHODS, MOST_STEPS, OK
+from bev_preheat.ecu.vectors import LARGEST_TRIP, METHODS, OK
 from bev_preheat_studies.footprint.situations import ROUTES
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ Rows: TypeAlias = 'tuple[Sequence[str], Sequence[Sequence[str]], Sequence[str]]'
 # Lengths of usual drawn trips [steps].
 USUAL = range(40, 61)
 SWITCH, BY_VALUES = METHODS
-MEMORY_STEPS = (MOST_STEPS, 120)
+MEMORY_STEPS = (LARGEST_TRIP, 120)
 
 
 def path_name(path: HeatPath) -> str:
@@ -67,7 +67,7 @@ def instruction_rows(results: Sequence[Measured]) -> Rows | None:
         return None
     groups: list[tuple[str, Callable[[FootprintCase], bool]]] = [
         (f'{USUAL[0]} to {USUAL[-1]} steps', lambda each: not each.route and each.steps in USUAL),
-        (f'{MOST_STEPS} steps', lambda each: not each.route and each.steps == MOST_STEPS),
+        (f'{LARGEST_TRIP} steps', lambda each: not each.route and each.steps == LARGEST_TRIP),
         *((f'route {route}', lambda each, route=route: each.route == route) for route in ROUTES)]
     rows = []
     for measured in counted:
