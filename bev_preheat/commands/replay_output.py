@@ -171,4 +171,6 @@ def report_words(result: Result, histories: tuple[History, ...]) -> ReportText:
         if flight.is_log else ['The recording has no commands to reproduce.'])
     return ReportText(
         f'{beginning.node.strip("/") or "planner"}: drive of {moment(start_ns)}', tuple(verdict), result.is_good,
-        result.names, tuple(tuple(row) for row in figure_rows(result.courses)), tuple(remarks), tuple(setup))
+        result.names, tuple(tuple(row) for row in figure_rows(result.courses)), tuple(remarks), tuple(setup),
+        tuple((span.from_ns / NS_PER_S, span.to_ns / NS_PER_S)
+              for span in result.replayed.course.results.account.without_command))

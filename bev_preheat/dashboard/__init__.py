@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The live web page of running planners, which also opens recordings."""
+"""The live web page of running planners."""

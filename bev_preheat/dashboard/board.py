@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from bev_preheat.control.heater_answer import HeaterStatus
     from bev_preheat.dashboard.seen import EntrySeen, PlanSeen, RouteSeen
-    from bev_preheat.dashboard.unheated import Unheated
+    from bev_preheat.replay.deviation import Unheated
 
 MOST_MARKS, MOST_SPANS = 200, 200
 NO_COMMAND = 'no valid command'

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`dashboard`: a live web page of running planners, or of a recording."""
+"""`dashboard`: a live web page of running planners."""
 
 from __future__ import annotations
 
@@ -21,20 +21,19 @@ from bev_preheat.dashboard.discovery import find_planners, surroundings_of
 from bev_preheat.dashboard.ears import Ears
 from bev_preheat.dashboard.messages import entries_seen, seconds
 from bev_preheat.dashboard.source import LiveSource
-from bev_preheat.dashboard.unheated import Unheated
 from bev_preheat.errors import InvalidInput
 from bev_preheat.nodes.command_line import NodeProgram
 from bev_preheat.nodes.news import RepetitionFilter
 from bev_preheat.nodes.parameters import declare, Parameter
 from bev_preheat.nodes.process import run_node
 from bev_preheat.optional_packages import require
+from bev_preheat.replay.deviation import Unheated
 from bev_preheat.vehicle import load_vehicle
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from bev_preheat.dashboard.discovery import PlannerFound
-    from bev_preheat.dashboard.source import Source
 
 PARAMETERS = (
     Parameter('address', '127.0.0.1', "The page's IP address: any other than a loopback address needs a token.",
@@ -44,8 +43,6 @@ PARAMETERS = (
               'asked for.', read_only=True, secret=True),
     Parameter('controls', False, 'Whether the page has buttons: preheating on or off, ready in …, cancel, skip '
               'the next departure.', read_only=True),
-    Parameter('recording', '', 'Open a recording of the flight recorder, a file or its folder, instead of running '
-              'planners.', read_only=True),
 )
 PROGRAM = NodeProgram(
     'dashboard', 'Serves a web page that shows running planners: what they do and why, with curves and, if '
@@ -89,14 +86,8 @@ class DashboardNode(Node):
         self.get_logger().info(f'The page is at {self._server.url}' + (
             ', for those who know the token.' if access.needs_token else '.'))
 
-    def _shown(self, values: dict[str, Any]) -> Source:
-        """Return the contents of the page."""
-        if values['recording']:
-            require('mcap')
-            if values['controls']:
-                raise InvalidInput('controls: is not allowed with recording; a recording cannot answer')
-            from bev_preheat.dashboard.recorded import RecordedSource
-            return RecordedSource(values['recording'])
+    def _shown(self, values: dict[str, Any]) -> LiveSource:
+        """Return the source of the page, and listen for it."""
         if values['controls']:
             self._controls = Controls(self, self._source.note_outcome)
             self._source.ask_planner = self._controls.ask

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from bev_preheat.dashboard.access import Access
-    from bev_preheat.dashboard.source import Source
+    from bev_preheat.dashboard.source import LiveSource
 
 # A wrong token is answered after this time [s]; meanwhile only so many others are.
 WRONG_TOKEN_S, MOST_WRONG_TOKENS = 1.0, 20
@@ -32,7 +32,7 @@ class Shared(NamedTuple):
     """What all handlers use; `log` takes a sentence, `wrong_tokens` are those that wait for their answer."""
 
     access: Access
-    source: Source
+    source: LiveSource
     tabs: set[Any]
     log: Callable[[str], object]
     wrong_tokens: set[object]
@@ -126,7 +126,7 @@ class MainHandler(PageHandler):
         if token and access.needs_token:
             await exchange_token(self, token)
         elif access.is_session(self.cookie):
-            self.write_page(main_page(self.shared.source))
+            self.write_page(main_page(self.shared.source.has_controls))
         else:
             self.set_status(401)
             self.write_page(login_page(''))
@@ -173,18 +173,6 @@ class AssetHandler(PageHandler):
         # Its name stays the same after an update.
         self.set_header('Cache-Control', 'no-cache')
         self.finish(file_of(name))
-
-
-class RecordingHandler(PageHandler):
-    """The recording, once it is read."""
-
-    def get(self) -> None:
-        """Answer with it, or with how far it is read."""
-        self.set_header('Content-Type', 'application/json')
-        text = self.shared.source.recording()
-        if text is None:
-            raise HTTPError(404)
-        self.finish(text)
 
 
 class AskHandler(PageHandler):

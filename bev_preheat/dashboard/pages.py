@@ -6,17 +6,13 @@ from __future__ import annotations
 from html import escape
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from bev_preheat.planning.status import Status
 from bev_preheat.web_page.assets import asset
 
-if TYPE_CHECKING:
-    from bev_preheat.dashboard.source import Source
-
 FOLDER = Path(__file__).with_name('assets')
 OWN_FILES = {'dashboard.css': 'text/css', 'dashboard.js': 'text/javascript', 'view.js': 'text/javascript',
-             'controls.js': 'text/javascript', 'recording.js': 'text/javascript', 'icon.svg': 'image/svg+xml'}
+             'controls.js': 'text/javascript', 'icon.svg': 'image/svg+xml'}
 SHARED_FILES = {'uPlot.min.css': 'text/css', 'curves.css': 'text/css', 'uPlot.iife.min.js': 'text/javascript',
                 'curves.js': 'text/javascript'}
 # Word, and shape and colour, of each status.
@@ -31,15 +27,10 @@ def file_of(name: str) -> str:
     return text.replace('{{statuses}}', json.dumps(STATUSES)) if name == 'view.js' else text
 
 
-def main_page(source: Source) -> str:
-    """Return the page of a Source: with buttons only if planners may be asked."""
-    page = (FOLDER / 'dashboard.html').read_text(encoding='utf-8')
-    controls = (FOLDER / 'controls.html').read_text(encoding='utf-8') if source.has_controls else ''
-    results, slider = ((FOLDER / f'{name}.html').read_text(encoding='utf-8') if source.mode == 'recording' else ''
-                       for name in ('results', 'recording'))
-    return (page.replace('{{mode}}', source.mode).replace('{{name}}', escape(source.name))
-            .replace('{{controls}}', controls).replace('{{results}}', results)
-            .replace('{{recording}}', slider))
+def main_page(has_controls: bool) -> str:
+    """Return the page, with buttons if planners may be asked."""
+    page, controls = ((FOLDER / f'{name}.html').read_text(encoding='utf-8') for name in ('dashboard', 'controls'))
+    return page.replace('{{controls}}', controls if has_controls else '')
 
 
 def login_page(problem: str) -> str:

@@ -20,7 +20,6 @@ from bev_preheat.dashboard.handlers import (
     LoginHandler,
     MainHandler,
     MissingHandler,
-    RecordingHandler,
     Shared,
 )
 from bev_preheat.dashboard.tab import TabHandler
@@ -30,7 +29,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from bev_preheat.dashboard.access import Access
-    from bev_preheat.dashboard.source import Source
+    from bev_preheat.dashboard.source import LiveSource
 
 EVENT_PERIOD_S = 0.5
 LARGEST_BODY_BYTES, LARGEST_HEADER_BYTES, LARGEST_MESSAGE_BYTES = 4096, 16384, 1024
@@ -40,9 +39,9 @@ ELSEWHERE = {4: (socket.AF_INET, '192.0.2.1'), 6: (socket.AF_INET6, '2001:db8::1
 
 
 class PageServer:
-    """Serves a Source. The port is taken by the constructor, the rest starts with `start`."""
+    """Serves a LiveSource. The port is taken by the constructor, the rest starts with `start`."""
 
-    def __init__(self, access: Access, port: int, source: Source, log: Callable[[str], object]) -> None:
+    def __init__(self, access: Access, port: int, source: LiveSource, log: Callable[[str], object]) -> None:
         """Bind; raises InvalidInput if address or port cannot be used."""
         try:
             self._sockets: list[socket.socket] = bind_sockets(port, access.address, reuse_port=False)
@@ -86,7 +85,7 @@ class PageServer:
         self._loop, self._end = asyncio.get_running_loop(), asyncio.Event()
         application = Application(
             [('/', MainHandler), ('/login', LoginHandler), ('/tab', TabHandler), ('/ask', AskHandler),
-             ('/recording.json', RecordingHandler), ('/assets/([a-zA-Z0-9._]+)', AssetHandler)],
+             ('/assets/([a-zA-Z0-9._]+)', AssetHandler)],
             default_handler_class=MissingHandler, shared=self._shared, compress_response=True,
             websocket_max_message_size=LARGEST_MESSAGE_BYTES, websocket_ping_interval=10,
             # Addresses of requests may have the token in them.

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The source of the page's values: running planners, or a recording."""
+"""The source of the page's values: running planners."""
 
 from __future__ import annotations
 
 from concurrent.futures import Future
 from threading import Lock
-from typing import Any, Protocol, TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
 
 from bev_preheat.dashboard.board import Board, status_name
 from bev_preheat.dashboard.feed import message
@@ -20,46 +20,12 @@ if TYPE_CHECKING:
     Ask = Callable[[str, Asked, float | None], Future[Answer]]
 
 
-class Source(Protocol):
-    """
-    The interface of a source to the server, which calls all methods in its thread.
-
-    `mode` is `live` or `recording`, `name` that of the recording.
-    """
-
-    @property
-    def mode(self) -> str:
-        """`live` or `recording`."""
-
-    @property
-    def name(self) -> str:
-        """The name of the recording, '' for running planners."""
-
-    @property
-    def has_controls(self) -> bool:
-        """Whether planners may be asked."""
-
-    def planners(self, now_s: float) -> list[dict[str, Any]]:
-        """Return name, status and problem of each planner; the problem is '' for a running one."""
-
-    def message(self, planner: str, cursor: Cursor, now_s: float) -> str | None:
-        """Return the next message to a tab; None if there is no such planner."""
-
-    def recording(self) -> str | None:
-        """Return the recording as JSON, None without one."""
-
-    def ask(self, planner: str, asked: Asked) -> Future[Answer] | None:
-        """Ask a planner; None if there is no such planner, or none may be asked."""
-
-
 class LiveSource:
     """
     The Boards of planners by name, and the way to ask them (None: the page has no buttons).
 
     The executor's thread fills the Boards, the server's reads them; both hold `lock`.
     """
-
-    mode, name = 'live', ''
 
     def __init__(self) -> None:
         """Start without planners."""
@@ -84,10 +50,6 @@ class LiveSource:
         with self.lock:
             board = self.boards.get(planner)
             return None if board is None else message(planner, board, cursor, now_s)
-
-    def recording(self) -> str | None:
-        """Return None: there is no recording."""
-        return None
 
     def ask(self, planner: str, asked: Asked) -> Future[Answer] | None:
         """Ask a planner; None if there is no such planner, or none may be asked."""

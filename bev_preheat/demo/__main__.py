@@ -201,10 +201,8 @@ def run(parsed: Namespace, console: Console) -> tuple[bool, str]:
                f'{drive.states[-1][1]:.1f} °C, target {drive.target_c:.1f} °C')
     console.print(f'Picture: {parsed.output}', markup=False, soft_wrap=True)
     if recorded is not None:
-        console.print(f'Recording: {recorded}; to ask why, and what if: preheat replay {recorded}', markup=False,
-                      soft_wrap=True)
-        console.print('The drive as a page in a browser: ros2 run bev_preheat dashboard --ros-args '
-                      f'-p recording:={recorded}', markup=False, soft_wrap=True)
+        console.print(f'Recording: {recorded}; the drive as a page, to ask why and what if: '
+                      f'preheat replay {recorded} --report drive.html', markup=False, soft_wrap=True)
     return good, sentence
 
 

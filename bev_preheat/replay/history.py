@@ -12,6 +12,7 @@ from typing import Any, NamedTuple, TYPE_CHECKING
 from bev_preheat.nodes.diagnostics import planner_diagnostics
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.replay.course import LEAST_HEAT_W
+from bev_preheat.replay.deviation import Unheated
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -31,7 +32,7 @@ MOST_CHANGES = 3000
 # The clock has jumped if it went back, or on by more [ns].
 CLOCK_JUMP_NS = 86400 * NS_PER_S
 COLUMNS = ('time', 'measured', 'estimated', 'estimated_low', 'estimated_high', 'predicted', 'predicted_low',
-           'predicted_high', 'target', 'ambient', 'commanded', 'confirmed', 'soc', 'power')
+           'predicted_high', 'target', 'ambient', 'commanded', 'confirmed', 'soc', 'power', 'unheated')
 # Numbers in a sentence change from step to step; only other words make it another one.
 NUMBER = re.compile(r'[0-9.+-]+')
 
@@ -94,6 +95,7 @@ class History:
         self._known: dict[str, object] = {}
         self._plan_key: _PlanKey | None = None
         self._ambient = _Ambient()
+        self._unheated: Unheated | None = None
 
     def add(self, played: Played, recorded_w: float | None = None) -> None:
         """
@@ -139,7 +141,11 @@ class History:
     def _add_row(self, now_ns: int, state: PlannerState, command_w: float, has_planner: bool) -> None:
         decision, measurement = state.decision, state.measurement
         estimate, plan = (state.estimate, decision.plan) if has_planner else (None, None)
-        answer = state.heater_answer
+        answer = None if state.heater_answer is None else state.heater_answer.status
+        confirmed_w = math.nan if answer is None else answer.confirmed_w
+        soc = math.nan if measurement is None else measurement.state.soc
+        if self._unheated is None:
+            self._unheated = Unheated(state.vehicle)
         estimated_c = math.nan if estimate is None else estimate.temperature_c
         estimated_k = math.nan if estimate is None else estimate.temperature_deviation_k
         predicted_c = math.nan if plan is None else plan.arrival_temperature_c
@@ -151,8 +157,11 @@ class History:
             predicted_c, predicted_c - predicted_k, predicted_c + predicted_k,
             math.nan if plan is None else plan.target_temperature_c,
             self._ambient.at(decision.leg, now_ns - self._ahead_ns), command_w,
-            math.nan if answer is None or answer.status is None else answer.status.confirmed_w,
-            math.nan if measurement is None else measurement.state.soc, math.nan if power_w is None else power_w)
+            confirmed_w, soc, math.nan if power_w is None else power_w,
+            self._unheated.unheated_c(
+                now_ns / NS_PER_S, math.nan if plan is None else float(plan.battery_temperature_c[0]), soc,
+                confirmed_w if not math.isnan(confirmed_w) else command_w if estimate is None
+                else estimate.heater.share * command_w))
         for name, value in zip(COLUMNS, row):
             self.columns[name].append(value)
 

@@ -50,6 +50,7 @@
         high: 'predicted_high', digits: 2},
       {name: 'target', key: 'target', colour: 'orange', dash: 'long'},
       {name: 'ambient', key: 'ambient', colour: 'grey', dash: 'dot', off: true},
+      {name: 'without heating', key: 'unheated', colour: 'grey', dash: 'dash'},
       changedLine('measured', 'measured'), changedLine('predicted', 'predicted', {dash: 'dash'}),
       {name: 'plan', key: 'plan_temperature', times: 'plan_time', colour: 'vermillion', dash: 'dot', width: 3}])},
     {title: 'Heater', unit: 'kW', least: 0, height: 130, series: known([
@@ -84,6 +85,7 @@
     rows: rows.filter((row) => row.series.some((series) => series.times !== 'plan_time')), data,
     markers: told.sentences.filter((change, index) => !index
       || change[1] !== told.sentences[index - 1][1]).map((change) => ({at: change[0], text: change[1]})),
+    shades: contents.lapses.map(([from, to]) => ({from, to, text: 'no valid command', colour: 'orange', row: 1})),
     onPick: (at) => showAt(at)});
 
   function lastAt(changes, at) {

@@ -33,7 +33,8 @@ class ReportText:
     The words of a report: its title, the verdict, a line on each of `remarks`, and the tables.
 
     `is_good` is None if there is nothing to reproduce. `figures` are rows of a name and a value for each of
-    `courses`; `setup` are pairs of a name and a value.
+    `courses`; `setup` are pairs of a name and a value. `lapses` are the spans without a valid command [s since
+    1970].
     """
 
     title: str
@@ -43,6 +44,7 @@ class ReportText:
     figures: tuple[tuple[str, ...], ...]
     remarks: tuple[str, ...]
     setup: tuple[tuple[str, str], ...]
+    lapses: tuple[tuple[float, float], ...] = ()
 
 
 def report_text(text: ReportText, recorded: History, changed: History | None = None) -> str:
@@ -51,7 +53,8 @@ def report_text(text: ReportText, recorded: History, changed: History | None = N
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True)
     template = environment.from_string(TEMPLATE.read_text(encoding='utf-8'))
     contents = {'recorded': history_values(recorded),
-                'changed': None if changed is None else history_values(changed), 'courses': list(text.courses)}
+                'changed': None if changed is None else history_values(changed), 'courses': list(text.courses),
+                'lapses': [list(span) for span in text.lapses]}
     return template.render(
         text=text, script='\n'.join([*map(asset, SCRIPTS), SCRIPT.read_text(encoding='utf-8')]),
         style='\n'.join([*map(asset, STYLES), STYLE.read_text(encoding='utf-8')]),

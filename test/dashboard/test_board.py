@@ -12,8 +12,8 @@ from bev_preheat.dashboard.board import change_of, thinned
 from bev_preheat.dashboard.feed import Cursor, message
 from bev_preheat.dashboard.plain import written
 from bev_preheat.dashboard.seen import EntrySeen, RouteSeen
-from bev_preheat.dashboard.unheated import Unheated
 from bev_preheat.planning.status import Status
+from bev_preheat.replay.deviation import Unheated
 from bev_preheat.vehicle import load_vehicle
 
 

@@ -95,10 +95,10 @@ def test_the_page_and_all_that_it_loads_come_from_it(page):
     for name in FILES:
         status, headers, content = page.request(f'/assets/{name}')
         assert status == 200 and content and headers['X-Content-Type-Options'] == 'nosniff', name
-        if name.startswith(('dashboard.', 'view', 'controls', 'recording')):
+        if name.startswith(('dashboard.', 'view', 'controls')):
             assert 'http://' not in content and 'https://' not in content and '.innerHTML' not in content, name
     assert text.count('/assets/') == len(FILES)
-    for path in ('/assets/../server.py', '/assets/%2e%2e/server.py', '/assets/x', '/x', '/recording.json'):
+    for path in ('/assets/../server.py', '/assets/%2e%2e/server.py', '/assets/x', '/x'):
         assert page.request(path)[0] == 404, path
 
 
@@ -152,7 +152,6 @@ def test_without_the_token_there_is_nothing(page):
     status, _, text = page.request()
     assert status == 401 and 'type="password"' in text and 'do-enable' not in text
     assert page.ask({'planner': '/planner', 'kind': 'disable'})[0] == 401
-    assert page.request('/recording.json')[0] == 401
     with pytest.raises(Exception, match='401'):
         asyncio.run(_open(page))
     assert page.asked == []

@@ -5,6 +5,7 @@ from array import array
 import base64
 import html
 import json
+import math
 import re
 import shutil
 import subprocess
@@ -65,6 +66,20 @@ def test_columns_are_those_of_the_drive(page):
     assert label.startswith('HEATING: heating now') and start_s == START_NS / NS_PER_S
     # A plan leads from the battery as it is to its target at the end of the route.
     assert numbers(times_s)[-1] == LENGTH_S and numbers(temperatures_c)[-1] == pytest.approx(TARGET_C, abs=1.0)
+
+
+def test_without_heating_it_would_be_colder_once_it_has_heated(page):
+    columns = contents_of(page[1].read_text(encoding='utf-8'))['recorded']['columns']
+    # It is known from the first plan to the last one.
+    gaps_k = [measured_c - unheated_c for measured_c, unheated_c in zip(
+        numbers(columns['measured']), numbers(columns['unheated'])) if not math.isnan(unheated_c)]
+    assert abs(gaps_k[0]) < 0.5 and gaps_k[-1] > 1.0 and len(gaps_k) > 0.9 * LENGTH_S
+
+
+def test_spans_without_a_valid_command_are_shaded(page):
+    text = ReportText('drive', (), None, ('recorded',), (), (), (), ((1.0, 2.5),))
+    assert contents_of(report_text(text, History(NS_PER_S)))['lapses'] == [[1.0, 2.5]]
+    assert contents_of(page[1].read_text(encoding='utf-8'))['lapses'] == []
 
 
 def test_the_page_needs_no_network_and_escapes_what_recordings_say():

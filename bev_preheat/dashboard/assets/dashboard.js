@@ -2,7 +2,6 @@
 // The live page: follows the server over a WebSocket, and connects again when that is gone.
 (() => {
   'use strict';
-  if (document.body.dataset.mode !== 'live') return;
   const {byId} = bevView;
   const RETRY_MS = 2000, SILENCE_MS = 6000;
   const EMPTY = {time: [], measured: [], soc: [], unheated: [], powerTime: [], power: [], deliveredTime: [],

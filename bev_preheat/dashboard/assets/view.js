@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Draws one view of a planner, live or recorded, and its curves.
+// Draws one view of a planner, and its curves.
 const bevView = (() => {
   'use strict';
   const byId = (id) => document.getElementById(id);
-  const isRecording = document.body.dataset.mode === 'recording';
   const NO_BREAK = '\u00a0', MINUS = '\u2212';
   // Word, and shape and colour, of each status.
   const STATUSES = {{statuses}};
@@ -138,14 +137,13 @@ const bevView = (() => {
     }));
   }
 
-  // The latest first; of a recording all in their order, each a button that goes to its instant.
-  function showLog(marks, onGo = null) {
+  // The latest first.
+  function showLog(marks) {
     const key = JSON.stringify(marks);
     if (showLog.key === key) return;
     showLog.key = key;
     byId('log-empty').hidden = marks.length > 0;
-    const shown = onGo ? marks : marks.slice(-40).reverse();
-    byId('log').replaceChildren(...shown.map(([at, status, text]) => {
+    byId('log').replaceChildren(...marks.slice(-40).reverse().map(([at, status, text]) => {
       const item = document.createElement('li'), time = document.createElement('time'), said = document.createElement('span');
       const word = document.createElement('b');
       time.textContent = clock(at);
@@ -153,25 +151,9 @@ const bevView = (() => {
       // Some sentences begin with the status.
       const rest = readable(text).replace(`${word.textContent}: `, '');
       said.append(word, `: ${rest}`);
-      if (!onGo) { item.append(time, said); return item; }
-      const button = document.createElement('button');
-      button.type = 'button';
-      button.dataset.at = String(at);
-      button.append(time, said);
-      button.addEventListener('click', () => onGo(at));
-      item.append(button);
+      item.append(time, said);
       return item;
     }));
-  }
-
-  // Marks the event of a recording that holds at an instant.
-  function showLogAt(at) {
-    let latest = null;
-    for (const button of byId('log').querySelectorAll('button')) {
-      button.removeAttribute('aria-current');
-      if (Number(button.dataset.at) <= at + 1e-6) latest = button;
-    }
-    if (latest) latest.setAttribute('aria-current', 'true');
   }
 
   // Curves
@@ -196,22 +178,16 @@ const bevView = (() => {
       {name: 'planned', key: 'planSoc', times: 'planTime', colour: 'green', dash: 'dash', scale: 100},
       {name: 'reserve', key: 'reserve', times: 'reserveTime', colour: 'vermillion', dash: 'dot', scale: 100,
         constant: true}]}];
-  if (isRecording) {
-    ROWS[0].series.push({name: 'as it came', short: 'later', key: 'later', times: 'laterTime', colour: 'grey', width: 1.2});
-  }
   let curves = null, shownNow = null;
 
   function showCurves(view, history, plan, events) {
     const at = view.at, arrival = isNumber(view.arrival) && view.arrival > at ? view.arrival : at;
-    const from = isRecording || !isNumber(view.tripFrom) ? at - LONGEST_PAST_S
-      : Math.max(view.tripFrom - BEFORE_TRIP_S, at - LONGEST_PAST_S);
-    const begin = isRecording ? -Infinity : from;
-    const past = sliced(history, 'time', ['measured', 'soc', 'unheated'], begin, at);
+    const from = isNumber(view.tripFrom) ? Math.max(view.tripFrom - BEFORE_TRIP_S, at - LONGEST_PAST_S) : at - LONGEST_PAST_S;
+    const past = sliced(history, 'time', ['measured', 'soc', 'unheated'], from, at);
     const first = past.time.length ? past.time[0] : at;
     // A command may be hours older than the first battery state.
-    const powersFrom = isRecording ? begin : first;
-    const powers = {...steps(history, 'power', powersFrom, at, true),
-      ...steps(history, 'delivered', powersFrom, at, isNumber(view.delivered))};
+    const powers = {...steps(history, 'power', first, at, true),
+      ...steps(history, 'delivered', first, at, isNumber(view.delivered))};
     const ahead = plan || {planTime: [], planned: [], planUnheated: [], planSoc: [], planPower: []};
     const width = Math.max(arrival - first, 60) * 0.008;
     const hasSpread = isNumber(view.predicted) && arrival > at;
@@ -224,14 +200,9 @@ const bevView = (() => {
       spreadTime: hasSpread ? [arrival - width, arrival + width] : [], spread: twice(view.predicted),
       spreadLow: twice(view.predicted - half), spreadHigh: twice(view.predicted + half),
       reserveTime: isNumber(view.reserve) ? [first, arrival] : [], reserve: twice(view.reserve)};
-    if (isRecording) {
-      const later = sliced(history, 'time', ['measured'], at, Infinity);
-      data.laterTime = later.time;
-      data.later = later.measured;
-    }
     if (!data.time.length && !data.planTime.length) return;
     // Of several at one instant the last one counts.
-    const markers = events.marks.filter(([instant], index, all) => (isRecording || instant >= from)
+    const markers = events.marks.filter(([instant], index, all) => instant >= from
       && !(index + 1 < all.length && all[index + 1][0] - instant < 1))
       .map(([instant, status, , label]) => ({at: instant, text: label ? readable(label) : statusOf(status)[0]}));
     const shades = [...events.regimes.filter(([, , text]) => text !== 'driving')
@@ -241,8 +212,7 @@ const bevView = (() => {
     ...events.lapses.map(([begin, end, text]) => ({from: begin, to: end === null ? at : end, text, colour: 'orange', row: 1}))];
     if (!curves) {
       curves = bevCurves.create(byId('curves'), {
-        rows: ROWS, data, markers, shades, clock: 'local', endText: 'now',
-        onPick: (instant) => bevView.onPick(instant)});
+        rows: ROWS, data, markers, shades, clock: 'local', endText: 'now'});
     } else {
       curves.setData(data);
       curves.setMarkers(markers);
@@ -300,6 +270,5 @@ const bevView = (() => {
     put('link-text', text);
   }
 
-  return {showView, showCurves, showLog, showLogAt, showBanner, showLink, statusOf, readable, duration, clock, put, byId, lower,
-    onPick: () => {}};
+  return {showView, showCurves, showLog, showBanner, showLink, statusOf, readable, put, byId};
 })();

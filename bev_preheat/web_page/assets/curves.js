@@ -29,20 +29,14 @@ Stacked curves over one time axis, drawn by uPlot, which must be loaded first. c
     shades: [{from: 1.7e9, to: null, text: 'charging', colour: 'green', row: 1}],
     endText: 'end',                    // what the readout calls the last instant; optional
     clock: 'utc',                        // utc, local, or seconds (data.time in s from the start)
-    keep: 3600,                          // `append` drops what is older than this [s]; optional
     onPick: (at) => {},                  // a click or Enter at an instant [s]; optional
-    onCursor: (at) => {},                // the cursor's instant [s], null without one; optional
   });
 
   curves.setData(data)       replaces all columns; the zoom stays
   curves.merge(columns)      replaces some columns, such as those of a chosen plan
-  curves.append(columns)     adds values at the end of columns (live page)
   curves.setMarkers(list)    replaces the vertical lines
-  curves.setRows(rows)       other rows with the same data
-  curves.zoom(from, to)      shows a period [s]; curves.reset() shows all
   curves.setShades(list)     replaces the periods
   curves.pick(at, text)      draws a line at an instant [s] that stays, with a text; null: none
-  curves.destroy()
 
 Drag selects a period to zoom into, a double click shows all. Two fingers zoom on a touch screen. With the keyboard:
 arrows move the cursor, + and - zoom, 0 shows all, Enter picks. Colours are those of Okabe and Ito, with dashes; they
@@ -110,7 +104,7 @@ const bevCurves = (() => {
 
   class Curves {
     constructor(parent, options) {
-      this.options = Object.assign({clock: 'utc', endText: 'end', onPick: () => {}, onCursor: () => {}}, options);
+      this.options = Object.assign({clock: 'utc', endText: 'end', onPick: () => {}}, options);
       this.markers = (options.markers || []).slice();
       this.shades = (options.shades || []).slice();
       this.data = options.data;
@@ -139,28 +133,12 @@ const bevCurves = (() => {
       this.root.addEventListener('keydown', (event) => this.onKey(event));
       this.redraw = () => this.recolour();
       darkScheme.addEventListener('change', this.redraw);
-      this.themes = new MutationObserver(this.redraw);
-      this.themes.observe(document.documentElement, {attributes: true, attributeFilter: ['data-theme']});
-      this.sizes = new ResizeObserver(() => this.fit());
-      this.setRows(options.rows);
-      this.sizes.observe(this.body);
-    }
-
-    destroy() {
-      this.sizes.disconnect();
-      this.themes.disconnect();
-      darkScheme.removeEventListener('change', this.redraw);
-      for (const row of this.plots) row.plot.destroy();
-      this.root.remove();
-    }
-
-    setRows(rows) {
-      for (const row of this.plots) row.plot.destroy();
-      this.body.replaceChildren();
-      this.rows = rows;
-      this.plots = rows.map((row, index) => this.makeRow(row, index, index === rows.length - 1));
-      if (this.range) this.show(...this.range); else this.reset();
+      new MutationObserver(this.redraw).observe(document.documentElement, {attributes: true, attributeFilter: ['data-theme']});
+      this.rows = options.rows;
+      this.plots = this.rows.map((row, index) => this.makeRow(row, index, index === this.rows.length - 1));
+      this.reset();
       this.tell();
+      new ResizeObserver(() => this.fit()).observe(this.body);
     }
 
     setData(data) {
@@ -175,22 +153,6 @@ const bevCurves = (() => {
         if (row.keys.some((key) => key in columns)) this.refresh(row);
       }
       this.tell();
-    }
-
-    append(columns) {
-      const time = Array.from(this.data.time).concat(Array.from(columns.time)), added = columns.time.length;
-      const kept = this.options.keep === undefined ? 0
-        : lastUntil(time, time[time.length - 1] - this.options.keep) + 1;
-      const before = this.data.time.length, grown = {};
-      // Columns of other times are replaced as a whole, by `merge`.
-      const own = new Set(['time'].concat(...this.rows.map((row) => row.series.filter((each) => !each.times)
-        .flatMap((each) => [each.key, each.low, each.high]).filter(Boolean))));
-      for (const key of own) {
-        const old = this.data[key] ? Array.from(this.data[key]) : new Array(before).fill(null);
-        const fresh = columns[key] ? Array.from(columns[key]) : new Array(added).fill(null);
-        grown[key] = old.concat(fresh).slice(kept);
-      }
-      this.setData(Object.assign({}, this.data, grown));
     }
 
     setMarkers(markers) {
@@ -209,8 +171,6 @@ const bevCurves = (() => {
       this.pickedText = text;
       for (const row of this.plots) row.plot.redraw(false);
     }
-
-    zoom(from, to) { this.show(from, to); }
 
     reset() {
       this.range = null;
@@ -270,7 +230,6 @@ const bevCurves = (() => {
 
     setCursor(at) {
       this.at = at;
-      this.options.onCursor(at);
       if (!this.waits) {
         this.waits = true;
         requestAnimationFrame(() => { this.waits = false; this.tell(); });
