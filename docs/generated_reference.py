@@ -9,6 +9,7 @@ it can be read without a build; without --write, the pages that differ are named
 """
 
 import argparse
+from collections import Counter
 from pathlib import Path
 import re
 import sys
@@ -51,11 +52,10 @@ EXAMPLES = {'example_map': ('yaml', 'config/signals/example_car.yaml'),
             'example_project': ('toml', 'docs/examples/fixed_minutes_method/pyproject.toml')}
 LEVEL_NAMES = {DiagnosticStatus.OK: 'OK', DiagnosticStatus.WARN: 'WARN',
                DiagnosticStatus.ERROR: 'ERROR'}
-INDENT = 3 * '&nbsp;'
-# A unit stands in square brackets in the comment of a field.
-UNIT = re.compile(r' ?\[(deg C|K|s|m|m/s|W|Wh)\]')
-
-
+# An asterisk, at what is required, and at parameters that are read at the start only.
+MARK = r'\*'
+# An option of at least as many commands is described once.
+SHARED_BY = 2
 PART = re.compile(r'(<!-- generated: (\w+) -->\n)(?:.*?\n)?(<!-- end of \2 -->\n)', re.DOTALL)
 
 
@@ -145,24 +145,20 @@ def service(name):
 
 def message(heading, text):
     """Return the section of one message from the text of its .msg file."""
-    parts, rows, said_before = [heading], [], ''
+    parts, lines, rows = [heading], [], []
     for kind, comment, definitions in blocks(text):
-        if rows and kind != rows[0][0]:
-            parts.append(_table_of(rows))
-            rows = []
         if kind == 'field':
-            rows.append((kind, field_row(comment, definitions, said_before)))
+            names = ', '.join(code(definition) for definition, _ in definitions)
+            lines.append(f'* {names}' + (f': {plain(comment.replace("deg C", "°C"))}' if comment else ''))
             continue
-        said_before = comment
-        parts.append(plain(comment))
-        if kind == 'constants' and not any(remark for _, remark in definitions):
-            parts.append(', '.join(f'{value} {code(constant)}' for constant, value in map(
-                _constant, definitions)))
-        else:
-            rows += [(kind, (value, code(constant), plain(remark)))
-                     for (constant, value), (_, remark) in zip(
-                         map(_constant, definitions), definitions, strict=True)]
-    return page(*parts, _table_of(rows))
+        parts, lines = [*parts, '\n'.join(lines), plain(comment)], []
+        if kind == 'constants':
+            rows = [(*_constant(definition), remark) for definition, remark in definitions]
+            are_statuses = {name for name, _, _ in rows} >= {status.name for status in Status}
+            parts.append('Constants: [Statuses](statuses.md).' if are_statuses else '\n'.join(
+                f'- {value} {code(name)}' + (f': {plain(remark)}' if remark else '')
+                for name, value, remark in rows))
+    return page(*parts, '\n'.join(lines))
 
 
 def blocks(text):
@@ -196,58 +192,38 @@ def blocks(text):
                 comment.append(remark)
 
 
-def field_row(comment, definitions, said_before):
-    """Return the row of the fields that share a comment; a unit may be that of the paragraph before."""
-    kinds, names = zip(*(definition.split() for definition, _ in definitions), strict=True)
-    units = UNIT.findall(comment)
-    if len(units) == 1:
-        comment = UNIT.sub('', comment)
-    elif not units and comment and len(UNIT.findall(said_before)) == 1:
-        units = UNIT.findall(said_before)
-    return ('<br>'.join(map(code, names)), '<br>'.join(map(code, kinds)),
-            units[0].replace('deg C', '°C') if len(units) == 1 else '', plain(comment) or 'as said above')
-
-
 def _constant(definition):
-    name, _, value = definition[0].partition(' ')[2].partition('=')
+    name, _, value = definition.partition(' ')[2].partition('=')
     return name.strip(), value.strip()
-
-
-def _table_of(rows):
-    if not rows:
-        return ''
-    header = (('field', 'type', 'unit', 'meaning') if rows[0][0] == 'field'
-              else ('value', 'constant', 'meaning'))
-    return table(header, [row for _, row in rows])
 
 
 # --- Parameters, statuses ---
 
 
 def parameters():
-    """Return the parameters of the three nodes."""
+    """Return the parameters of the nodes; those that are read at the start only have an asterisk."""
     return page(*(part for node in NODES for part in (
-        f'## Parameters of `{node.PROGRAM.name}`',
-        table(('name', 'default', 'allowed', 'meaning', 'at run time'),
-              [(code(parameter.name),
-                'empty' if parameter.default == '' else code(parameter.default_text()),
-                allowed(parameter), plain(parameter.description.rstrip('.')),
-                'no' if parameter.read_only else 'yes')
-               for parameter in node.PARAMETERS]))))
+        f'## Parameters of `{node.PROGRAM.name}`', '\n'.join(map(parameter_line, node.PARAMETERS)))))
+
+
+def parameter_line(parameter):
+    """Return the line of a parameter: name, default, allowed values, meaning."""
+    default = '' if parameter.default == '' else f' = {parameter.default_text()}'
+    values = allowed(parameter)
+    return (f'* {code(parameter.name)}{MARK if parameter.read_only else ""}{plain(default)}'
+            + (f' ({values})' if values else '') + f': {plain(parameter.description.rstrip("."))}')
 
 
 def allowed(parameter):
-    """Return the allowed values of a parameter."""
+    """Return the allowed values of a parameter, '' for any text or truth value."""
     if parameter.choices:
-        return ', '.join(map(code, parameter.choices))
-    if isinstance(parameter.default, bool):
-        return '`true`, `false`'
-    if not parameter.limits:
-        return 'text'
+        return ', '.join(map(plain, parameter.choices))
+    if isinstance(parameter.default, bool) or not parameter.limits:
+        return ''
     low, high = parameter.limits
     unit = f' {parameter.unit}' if parameter.unit else ''
     unset = f'; 0 or NaN: {parameter.unset_means}' if parameter.unset_means else ''
-    return (f'{low:g} … {high:g}{unit}'.replace(' ', '\N{NO-BREAK SPACE}') + unset).replace('e+0', 'e')
+    return (f'{low:g}…{high:g}{unit}' + unset).replace('e+0', 'e')
 
 
 def statuses():
@@ -272,7 +248,7 @@ def heater():
 
 def schema_keys(path, begins=(), definitions=None):
     """
-    Return the table of the keys that a YAML schema allows; comments in it are the meanings.
+    Return the keys that a YAML schema allows as nested lists; comments in it are the meanings.
 
     `begins` leads to the node whose keys are listed; `definitions` are the shared ones to list (None: all).
     """
@@ -281,52 +257,78 @@ def schema_keys(path, begins=(), definitions=None):
     node = schema
     for key in begins:
         node = node[key]
-    rows = list(key_rows(path, schema, comments, node, begins))
+    lines = list(key_lines(path, schema, comments, node, begins))
     for name, node in schema.get('definitions', {}).items():
-        if definitions is not None and name not in definitions:
-            continue
-        # What several keys refer to is described once.
-        below = list(key_rows(path, schema, comments, node, ('definitions', name), 1))
-        rows += [(f'a {name}:', '', '', ''), *below] if below else []
-    return table(('key', 'type and range', 'needed', 'meaning'), rows)
+        if definitions is None or name in definitions:
+            # What several keys refer to is described once.
+            place = ('definitions', name)
+            below = list(key_lines(path, schema, comments, *contents(schema, node, place), 1))
+            if below:
+                lines += [key_line(0, [f'*{name}*'], value_text(node, schema), comments.get(place, '')), *below]
+    return '\n'.join(lines) + '\n'
 
 
-def key_rows(path, schema, comments, node, keys, depth=0, mark=''):
+def contents(schema, node, place):
+    """Return the node whose keys stand below a key, and its place: of an item, or of a name of one's own."""
+    if 'properties' in node:
+        return node, place
+    if isinstance(named := node.get('additionalProperties'), dict):
+        return named, (*place, 'additionalProperties')
+    if 'items' in node:
+        return resolve(schema, node['items'], (*place, 'items'))
+    return node, place
+
+
+def key_lines(path, schema, comments, node, keys, depth=0):
     """
-    Yield the rows of the keys below a node of the schema, indented; `keys` lead to it in the file.
+    Yield a line for each key below a node of the schema, indented; `keys` lead to it in the file.
 
-    A key may refer to the schema of another file, seen from the folder of this one's `path`. `mark`
-    stands before the first row.
+    A key may refer to the schema of another file, seen from the folder of this one's `path`; its keys are listed
+    if that is the same folder. Neighbours of one kind without a meaning of their own share a line.
     """
+    shared, shared_kind = [], None
     for key, value in node.get('properties', {}).items():
         place = (*keys, 'properties', key)
+        name = code(key) + (MARK if key in node.get('required', ()) else '')
+        said, kind, below = comments.get(place, ''), '', []
         if str(value.get('$ref', '#')).endswith('.yaml'):
-            yield (INDENT * depth + mark + code(key), 'keys',
-                   'yes' if key in node.get('required', ()) else '', plain(comments.get(place, '')))
-            text = (path.parent / value['$ref']).read_text()
-            other = yaml.safe_load(text)
-            yield from key_rows(path, other, key_comments(text), other, (), depth + 1)
-            continue
-        resolved, resolved_place = resolve(schema, value, place)
-        # Keys that older files may have, and that are refused with advice.
-        if 'not' in resolved:
-            continue
-        is_shared = resolved_place != place and 'properties' in resolved
-        said = comments.get(place) or ('' if is_shared else comments.get(resolved_place, ''))
-        kind = resolved_place[-1] if is_shared else value_text(resolved, schema)
-        yield (INDENT * depth + mark + code(key), kind,
-               'yes' if key in node.get('required', ()) else '', plain(said))
-        # The keys of one item begin below each other.
-        mark = '&nbsp;&nbsp;' if mark else ''
-        if is_shared:
-            continue
-        yield from key_rows(path, schema, comments, resolved, resolved_place, depth + 1)
-        if isinstance(named := resolved.get('additionalProperties'), dict) and 'properties' in named:
-            yield INDENT * (depth + 1) + 'each name', 'keys', '', ''
-            named_place = (*resolved_place, 'additionalProperties')
-            yield from key_rows(path, schema, comments, named, named_place, depth + 2)
-        items, items_place = resolve(schema, resolved.get('items', {}), (*resolved_place, 'items'))
-        yield from key_rows(path, schema, comments, items, items_place, depth + 1, '-&nbsp;')
+            if '/' in value['$ref']:
+                kind = f'as in {value["$ref"].split("/")[-2]} files'
+            else:
+                text = (path.parent / value['$ref']).read_text()
+                other = yaml.safe_load(text)
+                below = list(key_lines(path, other, key_comments(text), other, (), depth + 1))
+        else:
+            resolved, resolved_place = resolve(schema, value, place)
+            # Keys that older files may have, and that are refused with advice.
+            if 'not' in resolved:
+                continue
+            inner, inner_place = contents(schema, resolved, resolved_place)
+            shared_place = inner_place if inner_place[0] == 'definitions' else resolved_place
+            if shared_place != place and 'properties' in inner:
+                # Described once, at the end.
+                kind = ('list of ' if shared_place[:2] != resolved_place[:2] else '') + f'*{shared_place[1]}*'
+            else:
+                said = said or comments.get(resolved_place, '')
+                kind = value_text(resolved, schema)
+                below = list(key_lines(path, schema, comments, inner, inner_place, depth + 1))
+        if said or below or kind != shared_kind:
+            if shared:
+                yield key_line(depth, shared, shared_kind)
+            shared, shared_kind = [], None
+        if said or below:
+            yield key_line(depth, [name], kind, said)
+            yield from below
+        else:
+            shared, shared_kind = [*shared, name], kind
+    if shared:
+        yield key_line(depth, shared, shared_kind)
+
+
+def key_line(depth, names, kind, said=''):
+    """Return the line of keys of one kind."""
+    meaning = '' if not said else ('. ' if said.startswith(('Missing:', 'Default:')) else ': ') + plain(said)
+    return f'{"  " * depth}* {", ".join(names)}' + (f' {kind}' if kind else '') + meaning
 
 
 def resolve(schema, node, place):
@@ -340,22 +342,19 @@ def resolve(schema, node, place):
 
 
 def value_text(node, schema):
-    """Return type and range of a value in words."""
+    """Return type and range of a value in words; '' of one with keys below it."""
     if 'enum' in node:
-        return ', '.join(map(code, node['enum']))
+        return ', '.join(str(value) for value in node['enum'])
     kinds = node.get('type', 'object')
-    kinds = kinds if isinstance(kinds, list) else [kinds]
     texts = []
-    for kind in kinds:
+    for kind in kinds if isinstance(kinds, list) else [kinds]:
         if kind == 'array':
             texts.append(list_text(node, schema))
         elif kind in ('number', 'integer'):
-            texts.append(' '.join(filter(None, ['whole number' if kind == 'integer' else 'number',
-                                                range_text(node)])))
-        elif kind == 'object':
-            texts.append('keys')
-        else:
-            texts.append({'string': 'text', 'boolean': '`true`, `false`'}.get(kind, kind))
+            span = range_text(node)
+            texts.append(span if span and kind == 'number' else f'{kind} {span}'.strip())
+        elif kind != 'object':
+            texts.append({'string': 'text', 'boolean': 'true, false'}.get(kind, kind))
     return ' or '.join(texts)
 
 
@@ -363,29 +362,25 @@ def list_text(node, schema):
     """Return the allowed contents of a list."""
     items, _ = resolve(schema, node.get('items', {}), ())
     least, most = node.get('minItems'), node.get('maxItems')
-    count = f'{least} ' if least is not None and least == most else ''
+    count = f'{least} values ' if least is not None and least == most else ''
     limits = '' if count or most is None else f' (at most {most})'
     if items.get('properties') or items.get('type') == 'object':
         return f'list{limits}'
     if items.get('type') == 'array':
         return 'list of [from, to]'
-    text = re.sub('^number', 'numbers', value_text(items, schema)) if items else 'numbers'
-    return f'list of {count}{text.replace("list of number", "lists of number")}{limits}'
+    text = re.sub('^(number|integer)', r'\1s', value_text(items, schema)) if items else 'numbers'
+    return f'{count or "list of "}{text.replace(" or list of", " or lists of")}{limits}'
 
 
 def range_text(node):
     """Return the range of a number, '' without one."""
     low, high = node.get('minimum'), node.get('maximum')
     above, below = node.get('exclusiveMinimum'), node.get('exclusiveMaximum')
-    start = f'above {above:.10g}' if above is not None else '' if low is None else f'{low:.10g}'
-    end = '' if high is None else f'{high:.10g}'
-    if below is not None:
-        end = f'below {below:.10g}'
-    if above is not None and end:
-        return f'{start}, at most {end}'
+    start = f'>{above:.10g}' if above is not None else '' if low is None else f'{low:.10g}'
+    end = f'<{below:.10g}' if below is not None else '' if high is None else f'{high:.10g}'
     if start and end:
-        return f'{start}\N{NO-BREAK SPACE}…\N{NO-BREAK SPACE}{end}'
-    return start if above is not None else f'at least {start}' if start else end
+        return f'{start}…{end}'
+    return start if above is not None else f'≥{start}' if start else f'≤{end}' if end and below is None else end
 
 
 def key_comments(text):
@@ -414,24 +409,30 @@ def key_comments(text):
 
 
 def command_line():
-    """Return all subcommands of `preheat` with their options."""
-    return page(*command_parts(make_parser(SUBCOMMANDS, GROUPS)))
+    """Return all subcommands of `preheat` with their options; first the options that several of them share."""
+    sections = [(parser, list(option_rows(parser))) for parser in parsers_below(make_parser(SUBCOMMANDS, GROUPS))]
+    number_of = Counter((name, said) for _, rows in sections for name, said, _ in rows)
+    shared = [row for row, number in number_of.items() if number >= SHARED_BY]
+    parts = ['## Shared options', '\n'.join(option_line(name, said) for name, said in shared)]
+    for parser, rows in sections:
+        names = [code(name.split()[0]) + mark for name, said, mark in rows if (name, said) in shared]
+        parts += [f'## `{parser.prog}`', plain((parser.description or '') % {'prog': parser.prog}),
+                  f'Shared: {", ".join(names)}.' if names else '',
+                  '\n'.join(option_line(*row) for row in rows if row[:2] not in shared)]
+    return page(*parts)
 
 
-def command_parts(parser):
-    """Yield the sections of the subcommands of a parser, those below them too."""
+def parsers_below(parser):
+    """Yield the parsers of the subcommands of a parser, and of those below them."""
     for action in parser._actions:
         if isinstance(action, argparse._SubParsersAction):
             for below in action.choices.values():
-                yield f'## `{below.prog}`'
-                yield plain(below.description or '')
-                rows = list(option_rows(below))
-                yield table(('option', 'value', 'needed', 'meaning'), rows) if rows else ''
-                yield from command_parts(below)
+                yield below
+                yield from parsers_below(below)
 
 
 def option_rows(parser):
-    """Yield a row for each option and argument of a parser."""
+    """Yield (name and value, meaning, mark of a required one) of each option and argument of a parser."""
     formatter = parser._get_formatter()
     # In the order of the help: the common ones, then those of groups.
     shown = dict.fromkeys(action for group in parser._action_groups for action in group._group_actions)
@@ -439,12 +440,15 @@ def option_rows(parser):
         if isinstance(action, (argparse._HelpAction, argparse._SubParsersAction)):
             continue
         value = '' if action.nargs == 0 else (
-            ', '.join(map(code, action.choices)) if action.choices
-            else code(action.metavar or action.dest.upper()))
-        name = ', '.join(map(code, action.option_strings)) or 'argument'
-        needed = action.required and action.nargs not in ('*', '?')
-        yield (name, value, 'yes' if needed else '',
-               plain(formatter._expand_help(action) if action.help else ''))
+            '|'.join(action.choices) if action.choices else action.metavar or action.dest.upper())
+        name = ' '.join(filter(None, [', '.join(action.option_strings), value]))
+        yield (name, formatter._expand_help(action) if action.help else '',
+               MARK if action.required and action.nargs not in ('*', '?') else '')
+
+
+def option_line(name, said, mark=''):
+    """Return the line of an option."""
+    return f'* {code(name)}{mark}' + (f': {plain(said)}' if said else '')
 
 
 if __name__ == '__main__':

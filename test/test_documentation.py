@@ -15,7 +15,7 @@ import re
 import pytest
 from typed_pages import Command, commands_of, FENCE, files_of, run_page
 
-from bev_preheat.commands.main import SUBCOMMANDS
+from bev_preheat.commands.main import main, SUBCOMMANDS
 from bev_preheat.planning.status import Status
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -217,25 +217,26 @@ def test_every_field_of_a_message_is_listed_once(generated):
     assert sorted(section.split('\n', 1)[0] for section in sections) == sorted(files)
     for section in sections:
         name = section.split('\n', 1)[0]
-        defined = re.findall(r'^[\w/]+(?:\[\])? (\w+)\s*(?:#.*)?$', files[name].read_text(), re.MULTILINE)
-        listed = [field.strip('`') for row in cells(section) if len(row) == 4 and row[0] != 'field'
-                  for field in row[0].split('<br>')]
-        assert listed == defined
+        defined = re.findall(r'^([\w/]+(?:\[\])? \w+)\s*(?:#.*)?$', files[name].read_text(), re.MULTILINE)
+        lists = re.findall(r'^\* (`[^:]*`)(?::|$)', section, re.MULTILINE)
+        assert [field for names in lists for field in re.findall('`([^`]+)`', names)] == defined
 
 
-def test_units_are_taken_from_the_comments(generated):
-    units = {row[0]: row[2] for row in cells(generated['messages']) if len(row) == 4}
-    assert (units['propulsion_power'], units['ambient_temperature'], units['joule_energy']) == (
-        'W', '°C', 'Wh')
+def test_fields_of_a_message_have_their_units(generated):
+    lines = generated['messages'].splitlines()
+    for field, unit in (('float64[] propulsion_power', 'W'), ('float64[] ambient_temperature', '°C'),
+                        ('float64 delay', 's')):
+        [line] = [line for line in lines if line.startswith(f'* `{field}`: ')]
+        assert f'\\[{unit}\\]' in line
 
 
 def test_parameters_have_default_range_and_meaning(generated):
-    rows = {row[0]: row for row in cells(generated['parameters'].split('## ')[1])}
-    assert rows['battery_state_timeout'] == [
-        'battery_state_timeout', '5.0', '0.1\N{NO-BREAK SPACE}…\N{NO-BREAK SPACE}60\N{NO-BREAK SPACE}s',
-        'A battery state older than this is stale', 'yes']
-    simulator = {row[0]: row[-1] for row in cells(generated['parameters'].split('## ')[6])}
-    assert (simulator['route'], simulator['speed_up']) == ('no', 'yes')
+    planner, *_, simulator, _, _ = generated['parameters'].split('## ')[1:]
+    assert ('* `battery_state_timeout` = 5.0 (0.1…60 s): A battery state older than this is stale'
+            in planner.splitlines())
+    # An asterisk: at the start only.
+    assert '* `route`\\* = ' in simulator
+    assert '* `speed_up` = ' in simulator
 
 
 def test_every_subcommand_is_listed(generated):
@@ -245,13 +246,23 @@ def test_every_subcommand_is_listed(generated):
     assert '60 % of the power' in generated['command_line']
 
 
+def test_every_option_is_listed(generated, capsys):
+    shared = generated['command_line'].split('\n## ')[0]
+    for section in generated['command_line'].split('\n## ')[1:]:
+        command = section.splitlines()[0].strip('`').split()[1:]
+        with pytest.raises(SystemExit):
+            main([*command, '--help'])
+        for option in set(re.findall(r'^ +(--[\w-]+)', capsys.readouterr().out, re.MULTILINE)):
+            assert f'`{option}' in section, f'{command}: {option}'
+            assert f'* `{option}' in section or f'* `{option}' in shared, f'{command}: {option} is not explained'
+
+
 def test_keys_of_files_have_range_and_comment(generated):
-    rows = {row[0].replace('&nbsp;', ''): row[1:] for row in cells(generated['vehicle_keys'])}
-    rows = {name.strip('`'): rest for name, rest in rows.items()}
-    assert rows['capacity_ah'][:2] == ['number 1\N{NO-BREAK SPACE}…\N{NO-BREAK SPACE}2000', 'yes']
-    assert rows['soc_range'][2] == '\\[low, high\\]; the low end is the reserve.'
-    assert '-acceleration_mps2' not in generated['legs_keys']
+    lines = [line.strip() for line in generated['vehicle_keys'].splitlines()]
+    assert '* `capacity_ah`\\* 1…2000' in lines
+    assert '* `soc_range`\\* 2 values 0…1: \\[low, high\\]; the low end is the reserve.' in lines
     # Keys of older files are refused with advice, and not documented.
+    assert '`acceleration_mps2`' not in generated['legs_keys'].split('* `driving`')[0]
     assert 'road_vehicle' not in generated['legs_keys']
 
 

@@ -50,9 +50,9 @@ def add_parser(subparsers: Subparsers) -> None:
     """Add the subcommand."""
     parser = subparsers.add_parser(
         'charge', help='the charging session after a drive',
-        description='Charging time and bought energy after this drive, with preheating and '
-        'without, or after arriving with one or two given temperatures. A car that can heat its battery at the '
-        'charger does so as far as it costs least, for a price of energy and a value of time.')
+        description='Charging time and bought energy after a drive, with preheating and without, or after '
+        'arriving with one or two given temperatures. A car that can heat its battery at the charger does so as '
+        'far as it pays.')
     group = parser.add_mutually_exclusive_group(required=True)
     add_drive_arguments(parser, group, needs_state=False, ambient_help=(
         'no drive: ambient temperature at the charger [degC]; after a drive that of its last segment, or of all '

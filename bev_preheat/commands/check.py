@@ -31,8 +31,8 @@ def add_parser(subparsers: Subparsers) -> None:
     parser = subparsers.add_parser(
         'check', help='how well a vehicle file predicts recorded drives',
         description='Predict recorded drives, charging sessions and nights from their first reading and measured '
-        'powers, and compare with the readings. Drives are also replayed to the planner, with its estimation and '
-        'without. Exit status 1 if an arrival error exceeds --bound; 2 if an input is refused.')
+        'powers. Drives are also replayed to the planner, with its estimation and without. Exit status 1 if an '
+        'arrival error exceeds --bound; 2 if an input is refused.')
     add_log_arguments(parser)
     completed_by(VEHICLES, parser.add_argument(
         '--vehicle', required=True, metavar='NAME|FILE', help='a name in config/vehicles or a YAML file'))

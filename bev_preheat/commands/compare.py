@@ -32,11 +32,9 @@ def add_parser(subparsers: Subparsers) -> None:
     """Add the subcommand."""
     parser = subparsers.add_parser(
         'compare', help='all methods and the nonlinear program side by side',
-        description='Plans of all methods, the optimum, and how much more each plan costs. The energy of a '
-        'plan is compared only if it reaches the same as the optimum; otherwise the table shows '
-        f'the difference, for the arrival temperature from {SAME_SHORTFALL_K:g} K. A plan that exceeds '
-        'a power limit is shown as executed: the friction brake absorbs the power that the battery cannot, '
-        'and the heater power is reduced.')
+        description='Plans of all methods, the optimum, and the extra energy of each plan that reaches the same '
+        f'(arrival temperature to {SAME_SHORTFALL_K:g} K); otherwise the difference. A plan beyond a power limit '
+        'is shown as executed: the friction brake takes the rest, and the heater power is reduced.')
     add_situation_arguments(parser)
     add_methods_argument(parser, 'all')
     add_no_limits_argument(parser)

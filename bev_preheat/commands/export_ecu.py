@@ -28,9 +28,8 @@ def add_parser(subparsers: Subparsers) -> None:
     """Add the subcommand."""
     parser = subparsers.add_parser(
         'export-ecu', help='write the planner for one vehicle as C sources',
-        description='Write the planner for one vehicle as C99 sources for a control unit: the methods '
-        'optimal_switch, without active limits, and value_function, the vehicle as constants, and situations with '
-        'reference plans of Python to test the compiled code.')
+        description='Write the planner for one vehicle as C99 sources for a control unit: optimal_switch, '
+        'value_function, the vehicle as constants, and reference plans of Python to test the compiled code.')
     completed_by(VEHICLES, parser.add_argument(
         '--vehicle', required=True, metavar='NAME|FILE', help='a name in config/vehicles or a YAML file'))
     parser.add_argument('--output', required=True, metavar='DIR',

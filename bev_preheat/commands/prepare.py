@@ -34,11 +34,9 @@ def add_parser(subparsers: Subparsers) -> None:
     """Add the subcommand."""
     parser = subparsers.add_parser(
         'prepare', help='ask a running planner to warm the battery by an instant',
-        description='Sends a goal to a running planner: a warm battery at an instant, or as soon '
-        'as possible, with or without a route. Shows the progress until it has ended; Ctrl-C cancels '
-        'the goal and its heating. Exit status: 0 if the battery got warm, 1 if it did not, '
-        '2 if the goal was refused or no planner answers. With --departures: prints the preparations of a '
-        'week, without a planner.')
+        description='Ask a running planner for a warm battery at an instant, or as soon as possible, and show the '
+        'progress; Ctrl-C cancels. Exit status: 0 if the battery got warm, 1 if it did not, 2 if the goal was '
+        'refused or no planner answers. With --departures: print the preparations of a week, without a planner.')
     when = parser.add_mutually_exclusive_group()
     when.add_argument('--at', metavar='HH:MM', help='when the battery must be warm, by the clock of this computer '
                       '(default: as soon as possible)')

@@ -30,12 +30,10 @@ def add_parser(subparsers: Subparsers) -> None:
     """Add the subcommand."""
     parser = subparsers.add_parser(
         'replay', help='put a recording through the planner again, as it was or with changes',
-        description="Put a recording through the planner's step again, and compare each "
-        'command with the recorded one: exit status 0 if all are the same, 1 if one differs, 2 if the recording '
-        'is refused. '
-        'With changes (--vehicle, --method, --set, --change) the changed drive stands beside the recorded one. '
-        'Recordings of ros2 bag and logs do not hold the planner: there --vehicle, --method and --set describe '
-        'it, and --change alone asks what if.')
+        description='Replay a recording and compare each command: exit status 0 if all are the same, 1 if one '
+        'differs, 2 if the recording is refused. With changes (--vehicle, --method, --set, --change) the changed '
+        'drive stands beside the recorded one. For ros2 bag and logs, --vehicle, --method and --set describe the '
+        'planner, and --change alone is a change.')
     parser.add_argument('recording', metavar='RECORDING',
                         help='a file of the flight recorder, or its folder: then the latest drive of the planner; '
                         'a recording of ros2 bag (MCAP, SQLite); or a log, with --route')

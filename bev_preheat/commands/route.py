@@ -45,9 +45,7 @@ def add_parser(subparsers: Subparsers) -> None:
     """Add the subcommand to those of `preheat`."""
     parser = subparsers.add_parser(
         'route', help='make a route file from navigation, a drive cycle, a description of a trip or drive logs',
-        description='Make a route file from any file with a route (drive cycle, list of segments, GPX, GeoJSON, '
-                    'answer of a navigation service, SUMO), from a description of a trip (legs of road with '
-                    'limits, slopes and stops) or from drive logs of any known format.')
+        description='Make a route file from any file with a route, from the legs of a road, or from drive logs.')
     source = parser.add_mutually_exclusive_group(required=True)
     completed_by(NameCompleter('routes/legs'), source.add_argument(
         '--legs', metavar='NAME|FILE',

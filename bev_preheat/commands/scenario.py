@@ -35,9 +35,8 @@ def add_parser(subparsers: Subparsers) -> None:
     """Add the subcommand."""
     parser = subparsers.add_parser(
         'scenario', help='drives with disturbances, compared with their expectations',
-        description='Runs scenarios (config/scenarios) with the planner, and compares each drive '
-        'with its expectations. Exit status 1 if one is not met. Ctrl-C ends the run; '
-        'finished scenarios are shown.')
+        description='Run scenarios with the planner, and compare each drive with its expectations. Exit status 1 '
+        'if one is not met.')
     completed_by(NameCompleter('scenarios'), parser.add_argument(
         'scenarios', nargs='*', metavar='NAME|FILE',
         help='names or files (default: all of config/scenarios)'))

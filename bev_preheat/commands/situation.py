@@ -70,8 +70,8 @@ def add_drive_arguments(parser: ArgumentParser, route_group: Alternatives | None
     add_vehicle_argument(parser)
     completed_by(ROUTES, (route_group or parser).add_argument(
         '--route', required=route_group is None, metavar='NAME|FILE',
-        help='route: a name in config/routes or a file of any format of the manual (CSV, drive cycle, GPX, '
-        'GeoJSON, answer of a navigation service, ...); or a description of its legs: legs/NAME or a YAML file'))
+        help='route: a name in config/routes, a file of any known format (CSV, drive cycle, GPX, '
+        'GeoJSON, answer of a navigation service, ...), or the legs of a road: legs/NAME or a YAML file'))
     parser.add_argument('--temperature', required=needs_state, type=float, metavar='DEGC',
                         help='battery temperature at the start [degC]')
     parser.add_argument('--soc', required=needs_state, type=float, metavar='0..1',

@@ -26,10 +26,9 @@ def add_published(actions: Subparsers) -> None:
     """Add the action to those of `preheat vehicle`."""
     parser = actions.add_parser(
         'published', help='published charging times and battery temperatures of cars against computed ones',
-        description='Print published figures of cars against those of the same cars, described from their data '
-                    'sheets. Charging times: from the data sheet alone, with the published charging curve, with '
-                    'the published time from 10 to 80 %%, and with the file that comes with the package. Battery '
-                    'temperatures: heating runs of owners, and the rise in a charging session.')
+        description='Compare published figures of cars with those computed from their data sheets. Charging '
+                    'times: from the data sheet alone, with the published curve, with the published time from 10 '
+                    'to 80 %%, with the shipped file. Battery temperatures: heating runs and charging sessions.')
     parser.add_argument('--sources', action='store_true', help='print the source of each published figure')
     add_json_argument(parser)
     parser.set_defaults(run=run_published)

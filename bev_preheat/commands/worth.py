@@ -41,9 +41,8 @@ def add_parser(subparsers: Subparsers) -> None:
     """Add the subcommand."""
     parser = subparsers.add_parser(
         'worth', help='whether heating before the charger pays, and to which temperature',
-        description='The target with the least cost, for a price of energy and a value of time at the charger, '
-        'and the value of time from which heating pays. With --chargers: the charger along '
-        'the route with the least cost, each with its best target.')
+        description='The target with the least cost of energy and time, and the value of time from which heating '
+        'pays. With --chargers: the cheapest charger along the route, each with its best target.')
     add_drive_arguments(parser)
     add_charger_arguments(parser, required=False)
     several = option_group(parser, 'several chargers')

@@ -102,11 +102,9 @@ def add_parser(subparsers: Subparsers) -> None:
     """Add the subcommand."""
     parser = subparsers.add_parser(
         'robustness', help='planner in closed loop with cars that differ from their vehicle file',
-        description='Draws cars that differ from vehicle and route file, drives each with the planner '
-        "(and with the paper's heuristic, re-planned on each battery state), without ROS, and reports "
-        'arrival temperature, number of switch-ons, and the energy above that of a plan made with the '
-        'true car, on trips that end as warm. Ctrl-C ends the study; the summary then covers the '
-        'finished trips.')
+        description="Drive cars that differ from vehicle and route file with the planner (and with the paper's "
+        'heuristic, re-planned on each battery state), without ROS: arrival temperature, switch-ons, and the '
+        'energy above that of a plan made with the true car.')
     kinds = parser.add_mutually_exclusive_group()
     kinds.add_argument('--days', action='store_true',
                        help='whole days in one process: 2 … 5 trips with charging and parking in between, early '

@@ -47,10 +47,8 @@ def add_parser(subparsers: Subparsers) -> None:
     """Add the subcommand."""
     parser = subparsers.add_parser(
         'sweep', help='methods compared with the nonlinear program on random trips',
-        description='Draws random trips, plans each with every method, solves the nonlinear program '
-        "of each, and reports the distribution of the methods' extra energy. Energies are compared "
-        'only if a method reaches the same as the program. Ctrl-C ends the study; the summary '
-        'then covers the finished trips.')
+        description="Random trips: the distribution of each method's extra energy over the optimum of the "
+        'nonlinear program, where the method reaches the same.')
     parser.add_argument('--feasible', type=int, metavar='N',
                         help='draw until N trips are feasible (default: 300)')
     parser.add_argument('--trips', choices=('free', 'limits'),
