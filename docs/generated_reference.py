@@ -52,7 +52,7 @@ EXAMPLES = {'example_map': ('yaml', 'config/signals/example_car.yaml'),
             'example_project': ('toml', 'docs/examples/fixed_minutes_method/pyproject.toml')}
 LEVEL_NAMES = {DiagnosticStatus.OK: 'OK', DiagnosticStatus.WARN: 'WARN',
                DiagnosticStatus.ERROR: 'ERROR'}
-# An asterisk, at what is required, and at parameters that are read at the start only.
+# The mark of required arguments and keys, and of parameters that are read at the start only.
 MARK = r'\*'
 # An option of at least as many commands is described once.
 SHARED_BY = 2
@@ -409,7 +409,7 @@ def key_comments(text):
 
 
 def command_line():
-    """Return all subcommands of `preheat` with their options; first the options that several of them share."""
+    """Return all subcommands of `preheat` with their options; shared options come first."""
     sections = [(parser, list(option_rows(parser))) for parser in parsers_below(make_parser(SUBCOMMANDS, GROUPS))]
     number_of = Counter((name, said) for _, rows in sections for name, said, _ in rows)
     shared = [row for row, number in number_of.items() if number >= SHARED_BY]
