@@ -19,8 +19,8 @@ from sensor_msgs.msg import BatteryState
 
 from bev_preheat.control.events import HeaterStatusArrived
 from bev_preheat.dashboard.messages import plan_seen, route_seen, seconds
-from bev_preheat.nodes.battery_fields import read_temperatures
-from bev_preheat.nodes.heater_messages import heater_status_event
+from bev_preheat.messages.battery_state import read_temperatures
+from bev_preheat.messages.heater import heater_status_event
 from bev_preheat.nodes.news import RepetitionFilter
 from bev_preheat.nodes.route_listener import LARGEST_ROUTE_BYTES
 from bev_preheat_msgs.msg import HvchCommand, HvchStatus, PreheatPlan, RoutePlan

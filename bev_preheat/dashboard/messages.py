@@ -6,7 +6,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from bev_preheat.dashboard.seen import EntrySeen, PlanSeen, RouteSeen
-from bev_preheat.nodes.convert import nanoseconds
+from bev_preheat.messages.fields import nanoseconds
 from bev_preheat.numerics.factors import NS_PER_S
 
 if TYPE_CHECKING:

@@ -14,9 +14,9 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 
 from bev_preheat.console.output import ENERGY_ROWS
-from bev_preheat.nodes.convert import ENERGY_FIELDS, nanoseconds
-from bev_preheat.nodes.simulator_messages import lost_commands_sentence
-from bev_preheat.nodes.target_report import charging_text
+from bev_preheat.messages.fields import nanoseconds
+from bev_preheat.messages.preheat_plan import charging_text, ENERGY_FIELDS
+from bev_preheat.messages.simulated_drive import lost_commands_sentence
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.status import Status
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from rich.console import Console, RenderableType
 
     from bev_preheat.demo.observer import ObservedDrive
-    from bev_preheat.nodes.simulator_messages import SimulatedDriveReport
+    from bev_preheat.messages.simulated_drive import SimulatedDriveReport
 
     Row = tuple[str, str, str]
 

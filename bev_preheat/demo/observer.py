@@ -11,9 +11,9 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 from sensor_msgs.msg import BatteryState, Temperature
 
-from bev_preheat.nodes.convert import nanoseconds
-from bev_preheat.nodes.simulator_messages import ARRIVED, DRIVING, outcome_from_diagnostics
-from bev_preheat.nodes.target_report import charging_text
+from bev_preheat.messages.fields import nanoseconds
+from bev_preheat.messages.preheat_plan import charging_text
+from bev_preheat.messages.simulated_drive import ARRIVED, DRIVING, outcome_from_diagnostics
 from bev_preheat.planning.status import Status
 from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from rclpy.node import Node
 
-    from bev_preheat.nodes.simulator_messages import SimulatedDriveReport
+    from bev_preheat.messages.simulated_drive import SimulatedDriveReport
 
 
 # Statuses of a planner without a trip to plan.

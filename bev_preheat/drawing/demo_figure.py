@@ -11,7 +11,7 @@ from bev_preheat.control.settings import Settings
 from bev_preheat.drawing.curves import draw_course, draw_steps, show_range, TimeAxis
 from bev_preheat.drawing.figure import legend_above, save_figure, stacked_figure
 from bev_preheat.drawing.palette import AMBIENT, look_of, PREDICTION, TARGET, WITHOUT_PREHEATING
-from bev_preheat.nodes.convert import mission_from_message
+from bev_preheat.messages.route_plan import mission_from_message
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.planner import plan_unheated

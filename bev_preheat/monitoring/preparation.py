@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from rclpy.action import ActionClient
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.nodes.convert import nanoseconds, time_message
+from bev_preheat.messages.fields import nanoseconds, time_message
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.status import Status

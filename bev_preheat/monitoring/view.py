@@ -16,10 +16,10 @@ from rich.text import Text
 
 from bev_preheat.console.program import one_line
 from bev_preheat.errors import shortened
+from bev_preheat.messages.preheat_plan import session_texts
 from bev_preheat.monitoring.chart import chart
 from bev_preheat.monitoring.heard import stamp_s, TOPICS
 from bev_preheat.nodes.news import without_figures
-from bev_preheat.nodes.target_report import session_texts
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.status import Status
 from bev_preheat_msgs.msg import PreheatPlan

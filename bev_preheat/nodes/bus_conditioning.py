@@ -17,9 +17,9 @@ from bev_preheat.bus.bus_clock import steady_s
 from bev_preheat.bus.conditioning import ConditioningRequest, INACTIVE, IS_ACTIVE, IS_ONGOING, MODE
 from bev_preheat.errors import InvalidInput
 from bev_preheat.heater.controller import HeaterController, HeaterLimits, Instant
-from bev_preheat.nodes.bus_messages import bus_entry
-from bev_preheat.nodes.convert import time_message
-from bev_preheat.nodes.heater_messages import heater_command
+from bev_preheat.messages.diagnostics import judged
+from bev_preheat.messages.fields import time_message
+from bev_preheat.messages.heater import heater_command
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat_msgs.action import PrepareBattery
 from bev_preheat_msgs.msg import HvchCommand
@@ -224,6 +224,6 @@ class BusConditioning:
             waits = ['the request waits for the battery' if not self.has_battery else
                      'the planner does not answer: its action prepare_battery is not there'
                      if self._ready_since_s is None else 'the planner is starting']
-        return bus_entry(node_name, 'conditioning', hardware, [], [*waits, *refused], self._request.mode,
+        return judged(node_name, 'conditioning', hardware, [], [*waits, *refused], self._request.mode,
                          {'mode': self._request.mode, 'active': str(self._handle is not None).lower(),
                           'heating': str(self._is_heating).lower()})

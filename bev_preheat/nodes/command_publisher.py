@@ -9,7 +9,7 @@ from rclpy.duration import Duration
 from rclpy.qos import LivelinessPolicy, QoSProfile
 from rclpy.serialization import deserialize_message
 
-from bev_preheat.nodes.convert import nanoseconds
+from bev_preheat.messages.fields import nanoseconds
 from bev_preheat.nodes.listening_publisher import ListeningPublisher
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat_msgs.msg import HvchCommand

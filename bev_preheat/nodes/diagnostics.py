@@ -6,24 +6,21 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-
 from bev_preheat.control.departure_source import DepartureState
 from bev_preheat.control.sensitivity_watch import SENSITIVITY
 from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.estimation.state import FACTOR_NAMES
+from bev_preheat.messages.diagnostics import diagnostics, entry, ERROR, OK, WARN
 from bev_preheat.native.library import core_in_words, DECLINES
-from bev_preheat.nodes.convert import time_message
-from bev_preheat.nodes.heater_messages import heater_answer_entry
-from bev_preheat.nodes.route_progress import progress_diagnostics
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.status import Level
 from bev_preheat.vehicle.assumptions import assumed_in_words
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
+    from bev_preheat.control.heater_answer import HeaterAnswerReport
     from bev_preheat.control.planner_state import PlannerState
     from bev_preheat.control.preparation_goal import PreparationGoal
     from bev_preheat.estimation.estimate import Estimate
@@ -31,12 +28,12 @@ if TYPE_CHECKING:
     from bev_preheat.nodes.departure_keeper import DepartureFiles
     from bev_preheat.nodes.state_keeper import StateFileReport
 
-LEVELS = {Level.OK: DiagnosticStatus.OK, Level.WARN: DiagnosticStatus.WARN, Level.ERROR: DiagnosticStatus.ERROR}
+LEVELS = {Level.OK: OK, Level.WARN: WARN, Level.ERROR: ERROR}
 HEATER_LEVELS = {
-    Heater.ANSWERS: DiagnosticStatus.OK,
-    Heater.DERATED: DiagnosticStatus.WARN,
-    Heater.DEAD: DiagnosticStatus.ERROR,
-    Heater.STUCK_ON: DiagnosticStatus.ERROR,
+    Heater.ANSWERS: OK,
+    Heater.DERATED: WARN,
+    Heater.DEAD: ERROR,
+    Heater.STUCK_ON: ERROR,
 }
 HEATER_SENTENCES = {
     Heater.ANSWERS: 'responds normally',
@@ -48,6 +45,8 @@ HEATER_SENTENCES = {
 MOST_IGNORED_SHARE = 0.05
 # The reason of a reset is shown for this time.
 RESET_SHOWN_S = 60.0
+# Shorter delays are not reported [s].
+ON_TIME_S = 5.0
 # A departure that is held off is worth a warning this close to it [s].
 HELD_OFF_TOLD_S = 7200.0
 
@@ -62,24 +61,19 @@ def planner_diagnostics(node_name: str, state: PlannerState, now_ns: int,
     departure_keeper.DepartureFiles, None without a file of departures. `sensitivity` are the sentences of a
     control.sensitivity_watch.SensitivityWatch, '' for none.
     """
-    name, hardware = node_name.lstrip('/'), state.vehicle.name
-    message = DiagnosticArray(status=[_preheating(name, hardware, state, now_ns, sensitivity),
-                                      _signals(name, hardware, state, now_ns)])
-    estimate = state.estimate
+    name, hardware, estimate = node_name, state.vehicle.name, state.estimate
+    entries = [_preheating(name, hardware, state, now_ns, sensitivity), _signals(name, hardware, state, now_ns)]
     if estimate is not None:
-        message.status.append(heater_entry(name, hardware, estimate.heater))
-        message.status.append(_estimation(name, hardware, state, estimate, now_ns))
+        entries += [heater_entry(name, hardware, estimate.heater),
+                    _estimation(name, hardware, state, estimate, now_ns)]
     if state.heater_answer is not None:
-        message.status.append(heater_answer_entry(name, hardware, state.heater_answer))
-    progress = progress_diagnostics(name, state, now_ns)
-    if progress is not None:
-        message.status.append(progress)
+        entries.append(_heater_status(name, hardware, state.heater_answer))
+    entries += _progress(name, state, now_ns)
     if memory is not None:
-        message.status.append(_state_file(name, hardware, memory))
+        entries.append(_state_file(name, hardware, memory))
     if departures is not None:
-        message.status.append(_departures(name, hardware, departures, now_ns))
-    message.header.stamp = time_message(now_ns)
-    return message
+        entries.append(_departures(name, hardware, departures, now_ns))
+    return diagnostics(now_ns, entries)
 
 
 def _preheating(name: str, hardware: str, state: PlannerState, now_ns: int,
@@ -118,14 +112,14 @@ def _preheating(name: str, hardware: str, state: PlannerState, now_ns: int,
         values[SENSITIVITY] = sensitivity
     level, text = LEVELS[decision.status.meaning.level], decision.explanation
     if state.unit_warnings:
-        level = max(level, DiagnosticStatus.WARN)
+        level = max(level, WARN)
         text += f' route_plan: {"; ".join(state.unit_warnings)}.'
     refused = state.refused_route
     if refused is not None:
         # The driver's latest trip is not planned, even if the previous one continues.
-        level = DiagnosticStatus.ERROR
+        level = ERROR
         text = text if refused in text else f'{text} {refused}'
-    return _entry(f'{name}: preheating', hardware, level, f'{decision.status.name}: {text}', values)
+    return entry(name, 'preheating', hardware, level, f'{decision.status.name}: {text}', values)
 
 
 def _signals(name: str, hardware: str, state: PlannerState, now_ns: int) -> DiagnosticStatus:
@@ -149,7 +143,7 @@ def _signals(name: str, hardware: str, state: PlannerState, now_ns: int) -> Diag
                          f'far from the expected state; at most {100.0 * MOST_IGNORED_SHARE:.0f} % are usual')
     if regime.suspicion:
         sentences.append(f'suspected: {regime.suspicion}')
-    return _entry(f'{name}: signals', hardware, DiagnosticStatus.WARN if sentences else DiagnosticStatus.OK,
+    return entry(name, 'signals', hardware, WARN if sentences else OK,
                   '; '.join(sentences) or f'{regime.regime.value}, all signals valid', values)
 
 
@@ -183,7 +177,7 @@ def heater_entry(name: str, hardware: str, report: HeaterReport) -> DiagnosticSt
             'missing or uncommanded heat [K]': f'{suspected.heat_k:.2f}',
             'times as likely by the power [1]': ('power is not known' if suspected.power_nats is None
                                                  else f'{math.exp(suspected.power_nats):.3g}')})
-    return _entry(f'{name}: heater', hardware, HEATER_LEVELS[report.heater], sentence, values)
+    return entry(name, 'heater', hardware, HEATER_LEVELS[report.heater], sentence, values)
 
 
 def _estimation(name: str, hardware: str, state: PlannerState, estimate: Estimate,
@@ -213,8 +207,8 @@ def _estimation(name: str, hardware: str, state: PlannerState, estimate: Estimat
             f'{stand.standing.temperature_c:.2f} +- {stand.standing.deviation_k:.2f}')
     warning = f'reset: {estimate.reset_reason}' if has_reset else (
         '' if stand is None else stand.contradiction)
-    return _entry(f'{name}: estimation', hardware,
-                  DiagnosticStatus.WARN if warning else DiagnosticStatus.OK,
+    return entry(name, 'estimation', hardware,
+                  WARN if warning else OK,
                   warning or f'{estimate.temperature_c:.2f} '
                   f'+- {estimate.temperature_deviation_k:.2f} degC',
                   values)
@@ -227,8 +221,8 @@ def _departures(name: str, hardware: str, files: DepartureFiles, now_ns: int) ->
     if report.next_ns is not None:
         sentence = f'{report.next_words}, in {duration_text(left_s)}: {sentence}'
     is_late = report.state is DepartureState.HELD_OFF and left_s < HELD_OFF_TOLD_S
-    level = (DiagnosticStatus.ERROR if files.problem and report.next_ns is None else
-             DiagnosticStatus.WARN if files.problem or is_late else DiagnosticStatus.OK)
+    level = (ERROR if files.problem and report.next_ns is None else
+             WARN if files.problem or is_late else OK)
     values = {
         'next departure': report.next_words,
         'next departure [s since 1970]': '' if report.next_ns is None else str(report.next_ns // NS_PER_S),
@@ -242,23 +236,69 @@ def _departures(name: str, hardware: str, files: DepartureFiles, now_ns: int) ->
         'latest departure': report.latest,
         'departures': files.departures_path,
         'grid_prices': files.prices_path}
-    return _entry(f'{name}: departures', hardware, level,
+    return entry(name, 'departures', hardware, level,
                   f'{sentence}; {files.problem}' if files.problem else sentence, values)
 
 
 def _state_file(name: str, hardware: str, memory: StateFileReport) -> DiagnosticStatus:
     written = ('nothing written yet' if memory.written_s_ago is None
                else f'written {memory.written_s_ago:.0f} s ago')
-    return _entry(f'{name}: state file', hardware,
-                  DiagnosticStatus.ERROR if memory.is_foreign else
-                  DiagnosticStatus.WARN if memory.problem else DiagnosticStatus.OK,
+    return entry(name, 'state file', hardware,
+                  ERROR if memory.is_foreign else
+                  WARN if memory.problem else OK,
                   memory.problem or written,
                   {'file': memory.path, 'last write': written,
                    'damaged file kept as': memory.kept_aside})
 
 
-def _entry(name: str, hardware: str, level: bytes, message: str,
-           values: Mapping[str, str]) -> DiagnosticStatus:
-    return DiagnosticStatus(
-        name=name, hardware_id=hardware, level=level, message=message,
-        values=[KeyValue(key=key, value=value) for key, value in values.items()])
+def _heater_status(name: str, hardware: str, report: HeaterAnswerReport) -> DiagnosticStatus:
+    """Return the planner's entry on `hvch_status`: ERROR in doubt, WARN for a refusal or silence."""
+    status = report.status
+    values = {} if status is None else {
+        'requested power [W]': f'{status.requested_w:.0f}', 'active power [W]': f'{status.active_w:.0f}',
+        'measured power [W]': 'not measured' if status.measured_w is None else f'{status.measured_w:.0f}',
+        'refusal': status.refusal.name, 'explanation': status.sentence}
+    warning = report.refusal or report.silence or report.problem
+    return entry(name, 'heater status', hardware, ERROR if report.doubt else WARN if warning else OK,
+                 report.doubt or warning or 'the command is served', values)
+
+
+def _progress(name: str, state: PlannerState, now_ns: int) -> list[DiagnosticStatus]:
+    """
+    Return the entry on route_progress; [] before the first one.
+
+    WARN if the latest was refused or is too old: the planner then continues by time. A trip that has ended needs
+    no position.
+    """
+    place, refused = state.place, state.refused_progress
+    if refused is None and place is None:
+        return []
+    values = {}
+    sentences = [] if refused is None else [f'{refused}.']
+    is_late = False
+    if place is not None:
+        age_s, limit_s = (now_ns - place.latest.stamp_ns) / NS_PER_S, state.settings.route_progress_timeout_s
+        delay_s = place.delay_ns / NS_PER_S
+        values = {'distance [m]': f'{place.latest.distance_m:.0f}',
+                  'length of the route [m]': f'{place.length_m:.0f}',
+                  'delay [s]': f'{delay_s:.1f}', 'age [s]': f'{age_s:.2f}',
+                  'has stood for [s]': f'{place.stood_ns / NS_PER_S:.0f}'}
+        is_late = age_s > limit_s and not place.has_ended
+        if place.has_ended and refused is None:
+            sentences.append('The trip has ended.')
+        elif is_late:
+            sentences.append(f'The latest valid route_progress is {age_s:.3f} s old; at most '
+                             f'{limit_s:g} s are allowed: the planner continues by time from there.')
+        elif refused is None:
+            sentences.append(_delay_in_words(delay_s))
+    elif refused is not None:
+        sentences.append('The planner follows the stamp of route_plan.')
+    is_warning = refused is not None or is_late
+    return [entry(name, 'route progress', state.vehicle.name, WARN if is_warning else OK, ' '.join(sentences),
+                  values)]
+
+
+def _delay_in_words(delay_s: float) -> str:
+    if abs(delay_s) < ON_TIME_S:
+        return 'on time'
+    return f'{duration_text(abs(delay_s))} {"late" if delay_s > 0.0 else "early"}'

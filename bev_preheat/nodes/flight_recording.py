@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any, NamedTuple, TYPE_CHECKING
 from uuid import uuid4
 
-from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from sensor_msgs.msg import Temperature
 
 from bev_preheat.control.events import Reconfigured, RouteArrived
@@ -34,8 +33,9 @@ from bev_preheat.flight_recorder.writer import (
     STATE_CHANNEL,
     STEP_CHANNEL,
 )
+from bev_preheat.messages.definitions import definition
+from bev_preheat.messages.diagnostics import entry, OK, WARN
 from bev_preheat.nodes.inputs import INPUTS
-from bev_preheat.nodes.message_definitions import definition
 from bev_preheat.nodes.recorded_bytes import command_encoder, serialized, state_encoder
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
@@ -43,6 +43,7 @@ from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
+    from diagnostic_msgs.msg import DiagnosticStatus
     from rclpy.node import Node
 
     from bev_preheat.control.decision import Command
@@ -265,11 +266,9 @@ class FlightRecorder:
         if not self._where[0]:
             return None
         lost = f'{self.dropped} steps were not written' if self.dropped else ''
-        return DiagnosticStatus(
-            name=f'{name.lstrip("/")}: flight recorder', hardware_id=hardware,
-            level=DiagnosticStatus.WARN if self.problem or lost else DiagnosticStatus.OK,
-            message=self.problem or lost or 'recording',
-            values=[KeyValue(key='file', value=self.path), KeyValue(key='lost steps', value=str(self.dropped))])
+        problem = self.problem or lost
+        return entry(name, 'flight recorder', hardware, WARN if problem else OK, problem or 'recording',
+                     {'file': self.path, 'lost steps': str(self.dropped)})
 
     def catch_up(self) -> None:
         """Wait until the steps so far are written: for a drive that is faster than the disk."""

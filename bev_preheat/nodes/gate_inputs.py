@@ -14,7 +14,7 @@ from std_msgs.msg import Float64
 
 from bev_preheat.errors import age_beyond, InvalidInput
 from bev_preheat.heater.controller import Refusal, Verdict
-from bev_preheat.nodes.convert import measurement_from_message
+from bev_preheat.messages.battery_state import measurement_from_message
 from bev_preheat.numerics.factors import NS_PER_S
 
 if TYPE_CHECKING:

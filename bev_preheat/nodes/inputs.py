@@ -13,15 +13,15 @@ from typing import Any, NamedTuple, TYPE_CHECKING
 from sensor_msgs.msg import BatteryState
 
 from bev_preheat.flight_recorder.steps import BATTERY_STATE, HVCH_STATUS, ROUTE_PLAN, ROUTE_PROGRESS
-from bev_preheat.nodes.convert import battery_event
-from bev_preheat.nodes.heater_messages import heater_status_event
-from bev_preheat.nodes.route_progress import progress_event
+from bev_preheat.messages.battery_state import battery_event
+from bev_preheat.messages.heater import heater_status_event
+from bev_preheat.messages.route_progress import progress_event
 from bev_preheat_msgs.msg import HvchStatus, RoutePlan, RouteProgress
 
 if TYPE_CHECKING:
     from bev_preheat.control.events import Event
     from bev_preheat.control.planner_state import PlannerState
-    from bev_preheat.nodes.route_intake import RouteIntake
+    from bev_preheat.messages.route_intake import RouteIntake
 
 
 class Reader(NamedTuple):

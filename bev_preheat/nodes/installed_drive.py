@@ -15,16 +15,16 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 from sensor_msgs.msg import BatteryState
 
-from bev_preheat.nodes.convert import nanoseconds
-from bev_preheat.nodes.installed_processes import NodeProcess, reserved_domain_id
-from bev_preheat.nodes.kept_recording import KeptRecording
-from bev_preheat.nodes.listening import listening
-from bev_preheat.nodes.simulator_messages import (
+from bev_preheat.messages.diagnostics import values_of
+from bev_preheat.messages.fields import nanoseconds
+from bev_preheat.messages.simulated_drive import (
     ARRIVED,
     lost_commands_sentence,
     outcome_from_diagnostics,
-    phase_ends,
 )
+from bev_preheat.nodes.installed_processes import NodeProcess, reserved_domain_id
+from bev_preheat.nodes.kept_recording import KeptRecording
+from bev_preheat.nodes.listening import listening
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.status import Status
 from bev_preheat.simulation.evaluation import DriveRecord, fill_phases, PhaseEnd, SIGNALS
@@ -100,7 +100,7 @@ class _Recorder:
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
-            values = {item.key: item.value for item in status.values}
+            values = values_of(status)
             if status.name == HEATER_ENTRY and not self.has_ended:
                 self.record.note_heater(_instant_s(message), values['heater'])
             elif status.name == SIGNALS_ENTRY and _instant_s(message) > 0.0:
@@ -110,7 +110,7 @@ class _Recorder:
         outcome = outcome_from_diagnostics(message)
         if outcome is not None and not self.has_ended:
             self.heard_s, self.without_command_s = time.monotonic(), outcome.without_command_s
-            self.ends = phase_ends(message)
+            self.ends = list(outcome.ends)
             self.has_ended = outcome.state == ARRIVED
 
 

@@ -13,12 +13,11 @@ from dataclasses import dataclass, replace
 import math
 from typing import TYPE_CHECKING
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 import numpy as np
 
 from bev_preheat.errors import LONGEST_QUOTE, shortened
 from bev_preheat.estimation.state import FACTOR_NAMES
-from bev_preheat.nodes.convert import nanoseconds, time_message
+from bev_preheat.messages.fields import nanoseconds, time_message
 from bev_preheat.nonlinear_program.protocol import Question, SolverAnswer
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.comparison import difference
@@ -27,7 +26,7 @@ from bev_preheat.planning.situation import BatteryState
 from bev_preheat_msgs.msg import OptimalityReport
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from collections.abc import Callable, Iterable
     from typing import Any
 
     from bev_preheat.control.inputs import Leg, Measurement, Mission
@@ -234,21 +233,3 @@ def report_sentence(report: OptimalityReport) -> str:
                 f'energies are not compared: it arrives at {warmer_k:+.2f} K.')
     return (f'{about}; against it the plan of method {report.method} costs '
             f'{report.energy_gap:+.3f} Wh and arrives at {warmer_k:+.3f} K.')
-
-
-def checker_diagnostics(node_name: str, vehicle_name: str, problems: Sequence[str],
-                        values: Mapping[str, str], now_ns: int) -> DiagnosticArray:
-    """
-    Return the DiagnosticArray of the checker: WARN with its problems, a list of sentences, or OK.
-
-    `values` are its figures by name, as texts. The checker's problems never affect the car, so the level is
-    never ERROR.
-    """
-    message = DiagnosticArray(status=[DiagnosticStatus(
-        name=f'{node_name.lstrip("/")}: optimality check',
-        hardware_id=vehicle_name,
-        level=DiagnosticStatus.WARN if problems else DiagnosticStatus.OK,
-        message=' '.join(problems) or 'OK',
-        values=[KeyValue(key=key, value=value) for key, value in values.items()])])
-    message.header.stamp = time_message(now_ns)
-    return message

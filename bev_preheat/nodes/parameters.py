@@ -131,13 +131,21 @@ def declare(node: Node, parameters: Sequence[Parameter]) -> dict[str, Any]:
 
     If all of them are read-only, the node's clock cannot be exchanged at run time either.
     """
-    _take_overrides(node, parameters)
-    node.add_pre_set_parameters_callback(partial(_taken, {item.name: item for item in parameters}))
-    values = {}
+    given, values, problems = given_parameters(node), {}, []
     for parameter in parameters:
-        values[parameter.name] = node.declare_parameter(
-            parameter.name, parameter.default, parameter.descriptor()).value
-    check(parameters, values)
+        value = parameter.default
+        if parameter.name in given:
+            value = parameter.taken(given[parameter.name].value)
+            if problem := parameter.type_problem_with(value) or parameter.problem_with(value):
+                # rclpy would name only one.
+                problems.append(problem)
+        values[parameter.name] = value
+    if problems:
+        raise InvalidInput(problems)
+    node.add_pre_set_parameters_callback(partial(_taken, {item.name: item for item in parameters}))
+    for parameter in parameters:
+        node.declare_parameter(
+            parameter.name, values[parameter.name], parameter.descriptor(), ignore_override=True)
     if all(parameter.read_only for parameter in parameters):
         # rclpy gives its own object away.
         descriptor = copy(node.describe_parameter(USE_SIM_TIME))
@@ -146,21 +154,11 @@ def declare(node: Node, parameters: Sequence[Parameter]) -> dict[str, Any]:
     return values
 
 
-def _take_overrides(node: Node, parameters: Sequence[Parameter]) -> None:
-    """Convert whole numbers to doubles; raise InvalidInput with all wrong values, because rclpy names only one."""
-    # rclpy has no public list of the given parameters.
-    overrides, problems = node._parameter_overrides, []
-    for parameter in parameters:
-        if parameter.name not in overrides:
-            continue
-        value = parameter.taken(overrides[parameter.name].value)
-        problem = parameter.type_problem_with(value) or parameter.problem_with(value)
-        if problem:
-            problems.append(problem)
-        else:
-            overrides[parameter.name] = RosParameter(parameter.name, value=value)
-    if problems:
-        raise InvalidInput(problems)
+def given_parameters(node: Node) -> dict[str, RosParameter]:
+    """Return the parameters of the command line and of parameter files for a node, by name."""
+    with node.handle:
+        given: dict[str, RosParameter] = node.handle.get_parameters(RosParameter)
+    return given
 
 
 def _taken(table: Mapping[str, Parameter], given: Sequence[RosParameter]) -> list[RosParameter]:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from bev_preheat.control.planner_state import PlannerState
     from bev_preheat.control.step import StepOutput
-    from bev_preheat.nodes.planner_parameters import Values
+    from bev_preheat.nodes.node import Values
     from bev_preheat.vehicle import Vehicle
 
 

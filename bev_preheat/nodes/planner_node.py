@@ -3,13 +3,11 @@
 
 from __future__ import annotations
 
-from functools import partial, wraps
+from functools import partial
 import sys
 from typing import TYPE_CHECKING
 
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.clock import Clock, ClockType
-from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data, QoSDurabilityPolicy, QoSProfile
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import Temperature
@@ -25,21 +23,22 @@ from bev_preheat.control.events import (
 from bev_preheat.control.sensitivity_watch import SensitivityWatch
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.flight_recorder.steps import BATTERY_STATE, FAIL, ROUTE_PLAN, STOP
+from bev_preheat.messages.heater import command_message
+from bev_preheat.messages.preheat_plan import plan_message, temperature_message
+from bev_preheat.messages.route_intake import RouteIntake
 from bev_preheat.native.library import core_in_words
 from bev_preheat.nodes.command_line import NodeProgram
 from bev_preheat.nodes.command_publisher import CommandPublisher
-from bev_preheat.nodes.convert import command_message, plan_message, temperature_message
 from bev_preheat.nodes.departure_keeper import DepartureKeeper, SKIP
 from bev_preheat.nodes.diagnostics import planner_diagnostics
 from bev_preheat.nodes.flight_recording import FlightRecorder, planner_of, Setup
 from bev_preheat.nodes.inputs import INPUTS, Reader
-from bev_preheat.nodes.managed import ManagedStates, NOT_ACTIVE
-from bev_preheat.nodes.parameters import declare, USE_SIM_TIME
+from bev_preheat.nodes.node import guarded, NOT_ACTIVE, ProgramNode
+from bev_preheat.nodes.parameters import USE_SIM_TIME
 from bev_preheat.nodes.planner_log import PlannerLog
 from bev_preheat.nodes.planner_parameters import allowed, OWN, PARAMETERS, read, take_effect, values_with
 from bev_preheat.nodes.prepare_action import PREPARE, PrepareAction
 from bev_preheat.nodes.process import LAST_WORDS_TIME, run_node
-from bev_preheat.nodes.route_intake import RouteIntake
 from bev_preheat.nodes.route_listener import RouteListener
 from bev_preheat.nodes.setup_watch import SetupWatch
 from bev_preheat.nodes.state_keeper import SAVE_PERIOD_S, StateKeeper
@@ -48,19 +47,17 @@ from bev_preheat.vehicle import vehicle_contents
 from bev_preheat_msgs.msg import PreheatPlan, RoutePlan
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
     from typing import Any
 
+    from rclpy.node import Node
     from rclpy.parameter import Parameter as RosParameter
 
     from bev_preheat.control.events import Event
     from bev_preheat.control.settings import Settings
     from bev_preheat.control.step import StepOutput
     from bev_preheat.errors import InvalidInput
-    from bev_preheat.nodes.planner_parameters import Values
-
-    # A method called by ROS.
-    Callback = Callable[..., Any]
+    from bev_preheat.nodes.node import Values
 
 PROGRAM = NodeProgram(
     'planner', 'Plans when to heat the battery before fast charging, and commands the heater.',
@@ -76,19 +73,7 @@ PROGRAM = NodeProgram(
     actions=((PREPARE, 'bev_preheat_msgs/PrepareBattery: a battery that is warm at an instant'),))
 
 
-def guarded(callback: Callback) -> Callback:
-    """Wrap a callback: log an unexpected exception and switch the heater off."""
-    @wraps(callback)
-    def wrapper(self: PlannerNode, *arguments: Any) -> Any:
-        try:
-            return callback(self, *arguments)
-        except Exception as error:
-            self.fail(callback.__name__, error)
-            return arguments[-1] if arguments else None
-    return wrapper
-
-
-class PlannerNode(Node):
+class PlannerNode(ProgramNode):
     """
     Wires topics, parameters and clock to a `control.supervisor.Supervisor`.
 
@@ -98,14 +83,14 @@ class PlannerNode(Node):
 
     def __init__(self) -> None:
         """Declare the parameters and start; raises InvalidInput if one is not allowed."""
-        super().__init__('planner')
-        values = declare(self, PARAMETERS)
+        super().__init__(PROGRAM)
+        values = self.values
         vehicle, settings = read(values)
         take_effect(settings)
         self._vehicle_contents = vehicle_contents(values['vehicle'])
         self._state_keeper = StateKeeper(self.get_logger())
         recalled = self._state_keeper.attach(values['state_file'], self._vehicle_contents)
-        choices = recalled.choices.after_restart(self._now_ns())
+        choices = recalled.choices.after_restart(self.now_ns())
         self._supervisor = Supervisor(
             vehicle, settings, recalled.learned, recalled.last_seen, choices)
         self._log, self._sensitivity = PlannerLog(self.get_logger()), SensitivityWatch()
@@ -143,8 +128,7 @@ class PlannerNode(Node):
         # Expires if no valid battery state arrives within the timeout.
         self._stale_timer = self.create_timer(settings.battery_state_timeout_s, self._on_repeat)
         # In real time, because a disk does not follow simulated time.
-        self.create_timer(SAVE_PERIOD_S, self._on_files_due,
-                          clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.steady_timer(SAVE_PERIOD_S, self._on_files_due)
         self._setup = SetupWatch(
             self, tuple(INPUTS),
             ('hvch_command', 'preheat_plan', 'predicted_arrival_temperature'),
@@ -155,11 +139,9 @@ class PlannerNode(Node):
             f'native core {core_in_words()}.')
         self._log.log_vehicle(vehicle, values)
         self._log.log_method(values)
-        self._managed: ManagedStates | None = None
         if values['lifecycle']:
             self._on_activation(False)
-            self._managed = ManagedStates(self, self._on_activation)
-            self.finished = self._managed.finished
+            self.manage(self._on_activation)
         if not self._supervisor.state.is_enabled:
             self.get_logger().info('Preheating is switched off, as it was before the restart.')
 
@@ -167,7 +149,7 @@ class PlannerNode(Node):
 
     @guarded
     def _on_input(self, topic: str, message: Any) -> None:
-        now_ns = self._now_ns()
+        now_ns = self.now_ns()
         event = self._admit(topic, message, now_ns)
         if not self._step(event, now_ns=now_ns, message=message):
             return
@@ -188,7 +170,7 @@ class PlannerNode(Node):
         Without an event time passes. `now_ns` is the step's instant [ns], None for that of the call; `message` the
         message that its event was read from, None without one.
         """
-        now_ns = self._now_ns() if now_ns is None else now_ns
+        now_ns = self.now_ns() if now_ns is None else now_ns
         output = self._supervisor.step(now_ns, *events)
         try:
             self._publish(output, now_ns)
@@ -266,7 +248,7 @@ class PlannerNode(Node):
         """Switch the heater off after an exception outside of a step, and log it; raise nothing."""
         self._is_in_doubt = True
         try:
-            now_ns = self._now_ns()
+            now_ns = self.now_ns()
             what = f'{where}: {type(error).__name__}: {error}'
             output = self._supervisor.fail(now_ns, what)
             self.get_logger().error(output.failure)
@@ -282,7 +264,7 @@ class PlannerNode(Node):
     @guarded
     def _on_repeat(self) -> None:
         self._step()
-        now_ns = self._now_ns()
+        now_ns = self.now_ns()
         if events := self._departures.events(self._supervisor.state, now_ns):
             self._step(*events, now_ns=now_ns)
         self._report(now_ns)
@@ -294,7 +276,7 @@ class PlannerNode(Node):
     @guarded
     def _on_rival(self) -> None:
         """Switch the heater off while another node commands it."""
-        rivals = self._command_publisher.rivals(self._now_ns())
+        rivals = self._command_publisher.rivals(self.now_ns())
         if rivals == self._supervisor.state.rivals:
             return
         if rivals:
@@ -307,7 +289,7 @@ class PlannerNode(Node):
     def _on_standing_clock(self) -> None:
         # The timers of a stopped clock never fire.
         if self._setup.clock_stands:
-            self._publish_diagnostics(self._now_ns())
+            self._publish_diagnostics(self.now_ns())
 
     @guarded
     def _on_activation(self, is_active: bool) -> None:
@@ -373,7 +355,7 @@ class PlannerNode(Node):
 
     def _go_on(self, settings: Settings) -> None:
         """Go on from the State that a planner of before has left, if it holds."""
-        running = self._state_keeper.running(settings, self._now_ns())
+        running = self._state_keeper.running(settings, self.now_ns())
         if running is None:
             return
         self._supervisor.go_on_from(running.state)
@@ -391,7 +373,7 @@ class PlannerNode(Node):
         self._recorder.attach(
             values['flight_recorder'], values['flight_recorder_size'],
             Setup({name: values[name] for name in sorted(OWN)}, self._vehicle_contents),
-            state, self._now_ns(), self._routes.message_of(state.inbox.latest_mission))
+            state, self.now_ns(), self._routes.message_of(state.inbox.latest_mission))
 
     # The end
 
@@ -408,7 +390,7 @@ class PlannerNode(Node):
     @guarded
     def _switch_off(self) -> None:
         # With a normal lease, because a heater's controller may ignore an expired command.
-        now_ns = self._now_ns()
+        now_ns = self.now_ns()
         output = self._supervisor.stop(now_ns)
         self._publish_command(output, now_ns)
         self._recorder.note(self._supervisor.value, now_ns, (), None, output, STOP)
@@ -416,9 +398,6 @@ class PlannerNode(Node):
     @guarded
     def _await_delivery(self) -> None:
         self._command_publisher.wait_for_all_acked(LAST_WORDS_TIME)
-
-    def _now_ns(self) -> int:
-        return self.get_clock().now().nanoseconds
 
 
 def _has_plan_or_heats(output: StepOutput) -> bool:

@@ -12,7 +12,7 @@ from bev_preheat.control.settings import FIELD_OF_PARAMETER, Settings, settings_
 from bev_preheat.errors import InvalidInput, LONGEST_PROBLEM, shortened
 from bev_preheat.native.library import use_core
 from bev_preheat.nodes.departure_keeper import check_departure_parameters
-from bev_preheat.nodes.managed import LIFECYCLE
+from bev_preheat.nodes.node import LIFECYCLE
 from bev_preheat.nodes.parameters import check, Parameter
 from bev_preheat.nodes.state_keeper import check_parameter
 from bev_preheat.planning.installed_methods import limit_answer_time
@@ -21,15 +21,12 @@ from bev_preheat.vehicle import load_vehicle
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
-    from typing import Any
 
     from rclpy.node import Node
     from rclpy.parameter import Parameter as RosParameter
 
+    from bev_preheat.nodes.node import Values
     from bev_preheat.vehicle import Vehicle
-
-    # Values of parameters by name, with the types of the parameter table.
-    Values = dict[str, Any]
 
 DEFAULTS = Settings()
 PARAMETERS = (

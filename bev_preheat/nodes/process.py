@@ -64,7 +64,8 @@ def run_node(make_node: Callable[[], Node], program: NodeProgram | None = None,
 
     `program` checks the command line and answers --help; `loading_node` comes from `join_graph`.
     The node's `last_words()`, if it has any, is called while it can still publish, after an exception of a
-    callback too. Return the exit status: 0 after a clean end, 2 if arguments or parameters forbid a start.
+    callback too. Return the exit status: 0 after a clean end, or the node's `exit_status`; 2 if arguments or
+    parameters forbid a start.
     """
     if program is not None:
         program.check_arguments(sys.argv)
@@ -97,7 +98,7 @@ def run_node(make_node: Callable[[], Node], program: NodeProgram | None = None,
                 node.last_words()
             executor.shutdown()
             node.destroy_node()
-        return 0
+        return int(getattr(node, 'exit_status', 0))
     finally:
         rclpy.try_shutdown()
 

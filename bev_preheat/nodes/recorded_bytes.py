@@ -15,7 +15,8 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import BatteryState
 
 from bev_preheat.control.decision import Command
-from bev_preheat.nodes.convert import command_message, time_message
+from bev_preheat.messages.fields import time_message
+from bev_preheat.messages.heater import command_message
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.status import Status
 from bev_preheat_msgs.msg import HvchCommand

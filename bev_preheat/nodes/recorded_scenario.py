@@ -8,18 +8,13 @@ from typing import TYPE_CHECKING
 
 from rclpy.serialization import deserialize_message, serialize_message
 
-from bev_preheat.nodes.convert import (
-    battery_event,
-    plan_message,
-    route_plan_message,
-    temperature_message,
-    time_message,
-)
+from bev_preheat.messages.battery_state import battery_event, reading_message
+from bev_preheat.messages.preheat_plan import plan_message, temperature_message
+from bev_preheat.messages.route_intake import RouteIntake
+from bev_preheat.messages.route_plan import route_plan_message
+from bev_preheat.messages.route_progress import progress_event, progress_message
 from bev_preheat.nodes.flight_recording import FlightRecorder, Planner, Setup
 from bev_preheat.nodes.kept_recording import KeptRecording
-from bev_preheat.nodes.route_intake import RouteIntake
-from bev_preheat.nodes.route_progress import progress_event, progress_message
-from bev_preheat.nodes.simulator_messages import battery_state_message
 from bev_preheat.simulation.scenario_drive import drive_scenario
 from bev_preheat.simulation.supervised_drive import START_NS
 from bev_preheat.vehicle import vehicle_contents
@@ -90,8 +85,7 @@ class _MessageWire:
         return self._carried(progress_message(progress), progress_event)
 
     def battery(self, reading: Reading, stamp_ns: int) -> Event:
-        return self._carried(
-            battery_state_message(reading, self._capacity_ah, time_message(stamp_ns)), battery_event)
+        return self._carried(reading_message(reading, self._capacity_ah, stamp_ns), battery_event)
 
     def stepped(self, now_ns: int, events: Sequence[Event], output: StepOutput) -> None:
         message = None

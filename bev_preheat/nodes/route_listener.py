@@ -19,6 +19,7 @@ from rclpy.serialization import deserialize_message
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.nodes.news import RepetitionFilter
+from bev_preheat.nodes.parameters import given_parameters
 from bev_preheat.route.segments import MOST_SEGMENTS
 from bev_preheat_msgs.msg import RoutePlan
 
@@ -140,8 +141,7 @@ def check_overrides(node: Node) -> None:
     """Raise InvalidInput if a qos_overrides parameter for the route's subscription is wrong."""
     topic = node.resolve_topic_name(TOPIC)
     problems = []
-    # rclpy has no public list of the given parameters.
-    for name, parameter in node._parameter_overrides.items():
+    for name, parameter in given_parameters(node).items():
         prefix, _, rest = name.partition('qos_overrides.')
         given_topic, _, kind = rest.partition('.')
         if prefix or not kind.startswith('subscription.'):

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 from bev_preheat.control.inputs import Leg, Mission
 from bev_preheat.control.settings import MOST_STOPS
 from bev_preheat.errors import figure, InvalidInput, quoted
-from bev_preheat.nodes.convert import LONGEST_ROUTE_ID, route_plan_message, time_message
-from bev_preheat.nodes.stops import charger_of
+from bev_preheat.messages.fields import LONGEST_ROUTE_ID, time_message
+from bev_preheat.messages.route_plan import charger_of, route_plan_message
 from bev_preheat.planning.situation import check_situation
 from bev_preheat.route import route_for
 from bev_preheat.route.map_line import MapLine

@@ -7,10 +7,6 @@ import math
 import sys
 from typing import TYPE_CHECKING
 
-from diagnostic_msgs.msg import DiagnosticArray
-from rcl_interfaces.msg import SetParametersResult
-from rclpy.clock import Clock, ClockType
-from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data, QoSDurabilityPolicy, QoSProfile
 from sensor_msgs.msg import NavSatFix
 from std_msgs.msg import Float64
@@ -18,15 +14,16 @@ from std_msgs.msg import Float64
 from bev_preheat.charging.stop import CHARGER_RANGE_W
 from bev_preheat.control.inputs import Progress
 from bev_preheat.errors import InvalidInput
+from bev_preheat.messages.diagnostics import entry, OK, WARN
+from bev_preheat.messages.fields import LAST_TIME_S
+from bev_preheat.messages.route_progress import fix_from_message, progress_message
 from bev_preheat.nodes.command_line import NodeProgram
-from bev_preheat.nodes.convert import LAST_TIME_S, time_message
-from bev_preheat.nodes.news import RepetitionFilter, without_figures
-from bev_preheat.nodes.parameters import check, declare, Parameter
-from bev_preheat.nodes.position_messages import fix_from_message, log_place, position_diagnostics
+from bev_preheat.nodes.news import without_figures
+from bev_preheat.nodes.node import guarded, ProgramNode
+from bev_preheat.nodes.parameters import Parameter
 from bev_preheat.nodes.process import run_node
 from bev_preheat.nodes.route_offer import in_words, load_offer, NO_AMBIENT_C, WITH_AUXILIARIES
-from bev_preheat.nodes.route_progress import progress_message
-from bev_preheat.nodes.setup_watch import DIAGNOSTICS_PERIOD_S, RESTART_S, SetupWatch
+from bev_preheat.nodes.setup_watch import RESTART_S
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.route.match import Cause, Match
 from bev_preheat.route.matching import Matcher, USUAL_FROZEN_AFTER_S
@@ -34,10 +31,9 @@ from bev_preheat.route.reckoning import OdometerPlace
 from bev_preheat_msgs.msg import RoutePlan, RouteProgress
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from diagnostic_msgs.msg import DiagnosticStatus
 
-    from rclpy.parameter import Parameter as RosParameter
-
+    from bev_preheat.nodes.node import Values
     from bev_preheat.nodes.route_offer import RouteOffer
 
 # A change of these publishes the route again.
@@ -94,11 +90,13 @@ CLOCK_PERIOD_S = 0.1
 START_M, YOUNG_S = 50.0, 10.0
 # The odometer gives the place this long after the last one by a fix, and this often [s].
 RECKON_AFTER_S, RECKON_PERIOD_S = 1.5, 0.9
+# The place is known, or no longer needed.
+GOOD = (Cause.MATCHED, Cause.RECKONED, Cause.ARRIVED)
 # An instant further back than this is no trip that begins now [s].
 BEGUN_BEFORE_S = 60.0
 
 
-class RoutePublisherNode(Node):
+class RoutePublisherNode(ProgramNode):
     """
     Publishes one route at a time, and matches fixes and odometer to it.
 
@@ -107,10 +105,8 @@ class RoutePublisherNode(Node):
 
     def __init__(self) -> None:
         """Declare the parameters and load the route; raises InvalidInput if one is not allowed."""
-        super().__init__('route_publisher')
-        self._news = RepetitionFilter()
-        self._values = declare(self, PARAMETERS)
-        self._offer = load_offer(self._values)
+        super().__init__(PROGRAM)
+        self._use(load_offer(self.values))
         self._next_offer: RouteOffer | None = None
         self._start_ns, self._latest_ns = 0, 0
         self._refusal, self._refused = '', 0
@@ -124,28 +120,28 @@ class RoutePublisherNode(Node):
         self._route_publisher = self.create_publisher(
             RoutePlan, 'route_plan', QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL))
         self._progress_publisher = self.create_publisher(RouteProgress, 'route_progress', 1)
-        self._diagnostics_publisher = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self.create_subscription(NavSatFix, 'fix', self._on_fix, qos_profile_sensor_data)
         self.create_subscription(Float64, 'odometer', self._on_odometer, qos_profile_sensor_data)
-        self.add_on_set_parameters_callback(self._check_parameters)
-        self.add_post_set_parameters_callback(self._apply_parameters)
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(CLOCK_PERIOD_S, self._now_ns, clock=steady)
-        self.create_timer(DIAGNOSTICS_PERIOD_S, self._on_diagnostics, clock=steady)
-        self._setup = SetupWatch(self, ('fix', 'odometer', 'route_plan', 'route_progress'),
-                                 ('route_plan', 'route_progress'), single=('route_plan', 'route_progress'))
-        self._now_ns()
+        self.follow_parameters()
+        self.steady_timer(CLOCK_PERIOD_S, self._look)
+        self.watch(('fix', 'odometer', 'route_plan', 'route_progress'), ('route_plan', 'route_progress'),
+                   single=('route_plan', 'route_progress'))
+        self._look()
 
     # Time and route
 
-    def _now_ns(self) -> int:
+    def _use(self, offer: RouteOffer) -> None:
+        self._offer, self.hardware = offer, offer.vehicle_name
+
+    @guarded
+    def _look(self) -> int:
         """Return the node's time [ns]; 0 before it begins. Start or restart the trip if the clock did."""
-        now_ns: int = self.get_clock().now().nanoseconds
+        now_ns = self.now_ns()
         if now_ns and (self._start_ns == 0 or now_ns < self._latest_ns - RESTART_S * NS_PER_S):
             if self._start_ns:
                 self.get_logger().warning(f'The clock fell back by {(self._latest_ns - now_ns) / NS_PER_S:.1f} s: '
                                           'the route is published again.')
-            self._begin(now_ns, self._values['departure_time'])
+            self._begin(now_ns, self.values['departure_time'])
         self._latest_ns = now_ns
         return now_ns
 
@@ -160,9 +156,9 @@ class RoutePublisherNode(Node):
         for warning in offer.warnings:
             self.get_logger().warning(warning)
         self._places = None
-        at_start_m = self._values['odometer_at_start']
+        at_start_m = self.values['odometer_at_start']
         if offer.line is not None:
-            self._places = Matcher(offer.line, begins_now, self._values['frozen_after'])
+            self._places = Matcher(offer.line, begins_now, self.values['frozen_after'])
         elif offer.length_m > 0.0 and (begins_now or at_start_m > 0.0):
             self._places = OdometerPlace(offer.length_m, at_start_m if at_start_m > 0.0 else None)
         self._awaits_departure, self._at_start_ns = departure_time_s == 0.0, None
@@ -175,15 +171,16 @@ class RoutePublisherNode(Node):
 
     # Positions
 
+    @guarded
     def _on_fix(self, message: NavSatFix) -> None:
-        now_ns, places = self._now_ns(), self._places
+        now_ns, places = self._look(), self._places
         if not now_ns or not isinstance(places, Matcher):
             return
         try:
             fix = fix_from_message(
-                message, now_ns, self._values['position_timeout'], self._values['clock_tolerance'])
+                message, now_ns, self.values['position_timeout'], self.values['clock_tolerance'])
         except InvalidInput as error:
-            hint = self._setup.clock_hint(message.header.stamp, now_ns)
+            hint = self.setup.clock_hint(message.header.stamp, now_ns)
             self._refuse(f'fix refused: {error}' + (f'; {hint}' if hint else ''))
             return
         try:
@@ -198,8 +195,9 @@ class RoutePublisherNode(Node):
         self._refusal = ''
         self._tell(match)
 
+    @guarded
     def _on_odometer(self, message: Float64) -> None:
-        now_ns, places = self._now_ns(), self._places
+        now_ns, places = self._look(), self._places
         if not now_ns or places is None:
             return
         if not math.isfinite(message.data):
@@ -241,30 +239,38 @@ class RoutePublisherNode(Node):
 
     def _refuse(self, sentence: str) -> None:
         self._refusal, self._refused = sentence, self._refused + 1
-        if self._news.has(sentence):
-            self.get_logger().warning(sentence)
+        self.tell(sentence)
 
     # Diagnostics
 
-    def _on_diagnostics(self) -> None:
-        now_ns = self._now_ns()
+    def entries(self) -> list[DiagnosticStatus]:
+        """Return the entry on the position, WARN unless the place is known or no longer needed; log its cause."""
+        now_ns = self._look()
         match = self._current_match(now_ns)
+        is_good = match.cause in GOOD
         # Only a cause that lasts is worth a line.
         cause = f'{match.cause.name} {without_figures(match.sentence) if match.cause is Cause.SILENT else ""}'
         if cause == self._seen_cause != self._logged_cause:
             self._logged_cause = cause
-            log_place(self.get_logger(), match)
+            # One call for each severity: rclpy raises if a line of code logs with a second one.
+            if is_good:
+                self.get_logger().info(f'{match.cause.value}: {match.sentence}.')
+            else:
+                self.get_logger().warning(f'{match.cause.value}: {match.sentence}.')
         self._seen_cause = cause
-        name = self.get_fully_qualified_name()
-        values = {'route_id': self._offer.mission.route_id,
-                  'length of the route [m]': f'{self._offer.length_m:.0f}',
-                  'route starts [s since the epoch]': f'{self._start_ns / NS_PER_S:.3f}',
-                  'refused messages': str(self._refused)}
-        message = DiagnosticArray(status=[
-            position_diagnostics(name, self._offer.vehicle_name, match, self._refusal, now_ns, values),
-            self._setup.entry(self._offer.vehicle_name)])
-        message.header.stamp = time_message(now_ns)
-        self._diagnostics_publisher.publish(message)
+        values = {'cause': match.cause.name}
+        if match.distance_m is not None and match.deviation_m is not None:
+            values |= {'distance on the line [m]': f'{match.distance_m:.0f}',
+                       'its standard deviation [m]': f'{match.deviation_m:.1f}'}
+        values |= {'route_id': self._offer.mission.route_id,
+                   'length of the route [m]': f'{self._offer.length_m:.0f}',
+                   'route starts [s since the epoch]': f'{self._start_ns / NS_PER_S:.3f}',
+                   'refused messages': str(self._refused)}
+        if match.stamp_ns:
+            values['age [s]'] = f'{(now_ns - match.stamp_ns) / NS_PER_S:.1f}'
+        return [entry(self.get_fully_qualified_name(), 'position', self.hardware,
+                      OK if is_good and not self._refusal else WARN,
+                      '; '.join(filter(None, [f'{match.cause.value}: {match.sentence}', self._refusal])), values)]
 
     def _current_match(self, now_ns: int) -> Match:
         places = self._places
@@ -273,35 +279,27 @@ class RoutePublisherNode(Node):
                          'at its start (odometer_at_start)', 0)
         match = places.match
         silent_s = (now_ns - match.stamp_ns) / NS_PER_S
-        if match.stamp_ns and silent_s > self._values['position_timeout']:
+        if match.stamp_ns and silent_s > self.values['position_timeout']:
             return Match(Cause.SILENT, f'No position for {silent_s:.0f} s', match.stamp_ns)
         return match
 
     # Parameters
 
-    def _check_parameters(self, parameters: Sequence[RosParameter]) -> SetParametersResult:
-        values = {parameter.name: parameter.value for parameter in parameters if parameter.name in self._values}
-        self._next_offer = None
-        try:
-            check(PARAMETERS, values)
-            if OF_ROUTE.intersection(values):
-                self._next_offer = load_offer({**self._values, **values})
-        except InvalidInput as error:
-            return SetParametersResult(successful=False, reason=str(error))
-        return SetParametersResult(successful=True)
+    def check_values(self, changed: Values) -> None:
+        """Load the route of new values."""
+        self._next_offer = load_offer({**self.values, **changed}) if OF_ROUTE.intersection(changed) else None
 
-    def _apply_parameters(self, parameters: Sequence[RosParameter]) -> None:
-        values = {parameter.name: parameter.value for parameter in parameters if parameter.name in self._values}
-        self._values = {**self._values, **values}
+    def take_values(self, changed: Values) -> None:
+        """Publish the route of new values."""
         if self._next_offer is None:
             return
-        is_new = 'route' in values
-        self._offer, self._next_offer = self._next_offer, None
-        now_ns = self._now_ns()
+        self._use(self._next_offer)
+        self._next_offer = None
+        now_ns = self._look()
         if not now_ns:
             return
-        if is_new or 'departure_time' in values:
-            self._begin(now_ns, values.get('departure_time', 0.0))
+        if 'route' in changed or 'departure_time' in changed:
+            self._begin(now_ns, changed.get('departure_time', 0.0))
         else:
             # The same road with another goal: the place stays.
             self._publish_route(self._start_ns)

@@ -7,11 +7,12 @@ from difflib import get_close_matches
 import sys
 from typing import TYPE_CHECKING
 
-from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.clock import Clock, ClockType
 
-from bev_preheat.nodes.convert import nanoseconds
+from bev_preheat.messages.diagnostics import judged
+from bev_preheat.messages.fields import nanoseconds
 from bev_preheat.nodes.news import RepetitionFilter
+from bev_preheat.nodes.parameters import given_parameters
 from bev_preheat.nodes.surroundings import Surroundings
 from bev_preheat.numerics.factors import NS_PER_DAY
 
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
     from builtin_interfaces.msg import Time
+    from diagnostic_msgs.msg import DiagnosticStatus
     from rclpy.node import Node
 
 # In real time: while simulated time stands, so do the node's own timers.
@@ -104,13 +106,8 @@ class SetupWatch:
 
     def entry(self, hardware: str, error: str = '') -> DiagnosticStatus:
         """Return the DiagnosticStatus `NODE: setup`; `error` is a sentence that makes it ERROR."""
-        sentences = [error, *self.problems] if error else self.problems
-        return DiagnosticStatus(
-            name=f'{self._node.get_fully_qualified_name().lstrip("/")}: setup',
-            hardware_id=hardware,
-            level=(DiagnosticStatus.ERROR if error else
-                   DiagnosticStatus.WARN if sentences else DiagnosticStatus.OK),
-            message='; '.join(sentences) or 'parameters, clock and topics fit')
+        return judged(self._node.get_fully_qualified_name(), 'setup', hardware, [error] if error else [],
+                      self.problems, 'parameters, clock and topics fit')
 
     def clock_hint(self, stamp: Time, now_ns: int) -> str:
         """Return a hint about wrong clocks for a message's stamp at an instant [ns]; '' if they agree."""
@@ -137,8 +134,7 @@ def clock_hint(uses_sim_time: bool, now_ns: int, stamp_ns: int) -> str:
 
 def unknown_parameters(node: Node) -> list[str]:
     """Return a sentence for each given parameter that the node does not have."""
-    # rclpy has no public list of the given and the declared parameters.
-    given, known = node._parameter_overrides, list(node._parameters)
+    given, known = given_parameters(node), list(node.get_parameters_by_prefix(''))
     sentences = []
     for name in given:
         if node.has_parameter(name) or name.startswith(NOT_OURS):

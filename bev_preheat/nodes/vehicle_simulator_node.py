@@ -4,38 +4,34 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import wraps
 import math
 from pathlib import Path
 import sys
 from typing import TYPE_CHECKING
 
 from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticArray
-from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock as NodeClock
 from rclpy.clock import ClockType
-from rclpy.node import Node
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile
-from rclpy.task import Future, Task
 from sensor_msgs.msg import BatteryState as BatteryStateMessage
 
 from bev_preheat.charging.stop import CHARGER_RANGE_W
 from bev_preheat.errors import InvalidInput
 from bev_preheat.heater.controller import Refusal
+from bev_preheat.messages.battery_state import reading_message
+from bev_preheat.messages.fields import nanoseconds, time_message
+from bev_preheat.messages.heater import heater_command, status_message
+from bev_preheat.messages.route_plan import charger_of, route_plan_message
+from bev_preheat.messages.route_progress import progress_message
+from bev_preheat.messages.simulated_drive import trip_diagnostics
 from bev_preheat.nodes.command_line import NodeProgram, print_error
-from bev_preheat.nodes.command_senders import CommandSenders
-from bev_preheat.nodes.convert import nanoseconds, route_plan_message, time_message
-from bev_preheat.nodes.heater_messages import heater_command, status_message
+from bev_preheat.nodes.heater_execution import CommandSenders
 from bev_preheat.nodes.lockstep import GRAPH_PERIOD_S, Lockstep, NoAnswer
-from bev_preheat.nodes.news import RepetitionFilter
-from bev_preheat.nodes.parameters import check, declare, Parameter
+from bev_preheat.nodes.node import guarded, ProgramNode
+from bev_preheat.nodes.parameters import Parameter
 from bev_preheat.nodes.process import LAST_WORDS_TIME, run_node
-from bev_preheat.nodes.route_progress import progress_message
-from bev_preheat.nodes.setup_watch import DIAGNOSTICS_PERIOD_S, SetupWatch
+from bev_preheat.nodes.setup_watch import DIAGNOSTICS_PERIOD_S
 from bev_preheat.nodes.simulated_time import NodeTime, OwnTime
-from bev_preheat.nodes.simulator_messages import battery_state_message, trip_diagnostics
-from bev_preheat.nodes.stops import charger_of
 from bev_preheat.nodes.surroundings import endpoint_name
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
@@ -50,18 +46,15 @@ from bev_preheat.vehicle import load_vehicle
 from bev_preheat_msgs.msg import HvchCommand, HvchStatus, RoutePlan, RouteProgress
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-    from typing import Any
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-    from rclpy.parameter import Parameter as RosParameter
+    from diagnostic_msgs.msg import DiagnosticStatus
+    from rclpy.task import Task
 
+    from bev_preheat.nodes.node import Values
     from bev_preheat.simulation.sensors import Reading
     from bev_preheat.simulation.vehicle_plant import VehiclePlant
 
-    # A method called by ROS.
-    Callback = Callable[..., Any]
-    # Values of parameters by name, with the types of the parameter table.
-    Values = dict[str, Any]
 
 PARAMETERS = (
     Parameter('scenario', '', 'Faults and disturbances: a name in config/scenarios or a YAML file, which '
@@ -140,18 +133,7 @@ ROUNDING = 1e-9
 NOT_READY = (HvchCommand.NO_ROUTE, HvchCommand.NO_BATTERY_STATE)
 
 
-def guarded(callback: Callback) -> Callback:
-    """Wrap a callback: an unexpected exception is logged and ends the simulation."""
-    @wraps(callback)
-    def wrapper(self: VehicleSimulatorNode, *arguments: Any) -> Any:
-        try:
-            return callback(self, *arguments)
-        except Exception as error:
-            self.fail(callback.__name__, error)
-    return wrapper
-
-
-class VehicleSimulatorNode(Node):
+class VehicleSimulatorNode(ProgramNode):
     """
     An `ImperfectCar` behind topics, and the publisher of `/clock` unless another node is.
 
@@ -161,12 +143,10 @@ class VehicleSimulatorNode(Node):
 
     def __init__(self) -> None:
         """Declare the parameters and start; raises InvalidInput if one is not allowed."""
-        super().__init__('vehicle_simulator')
-        values = declare(self, PARAMETERS)
-        self.finished = Future()
-        self.exit_status = 0
-        self._news, self._senders = RepetitionFilter(), CommandSenders()
+        super().__init__(PROGRAM)
+        values, self.exit_status, self._senders = self.values, 0, CommandSenders()
         self._car, route_name, warnings = _departure(values)
+        self.hardware = self._plant.vehicle.name
         self._heater = HeaterSide(self._car)
         for warning in warnings:
             self.get_logger().warning(warning)
@@ -195,25 +175,20 @@ class VehicleSimulatorNode(Node):
             RoutePlan, 'route_plan',
             QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL))
         self._progress_publisher = self.create_publisher(RouteProgress, 'route_progress', 1)
-        self._diagnostics_publisher = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self._status_publisher = (
             self.create_publisher(HvchStatus, 'hvch_status', 1) if values['heater_status'] else None)
         self._commands = self.create_subscription(HvchCommand, 'hvch_command', self._on_command, COMMANDS_KEPT)
-        self.add_on_set_parameters_callback(self._check_parameters)
-        self.add_post_set_parameters_callback(self._apply_parameters)
+        self.follow_parameters()
 
         self._has_told_route = False
         # Not the node's clock: with use_sim_time that may be the one published here.
         self._steady_clock = NodeClock(clock_type=ClockType.STEADY_TIME)
         self._drive: Task | None = None
-        self._tick_timer = self.create_timer(
-            GRAPH_PERIOD_S if self._lockstep else self._pace.real_tick_s,
-            self._on_look if self._lockstep else self._on_tick, clock=self._steady_clock)
-        self._hold_timer = self.create_timer(
-            HOLD_PERIOD_S, self._on_hold, clock=self._steady_clock)
-        self.create_timer(
-            DIAGNOSTICS_PERIOD_S, self._on_diagnostics_due, clock=self._steady_clock)
-        self._setup = SetupWatch(self, ('hvch_command',), ('battery_state', 'route_plan', 'route_progress'))
+        self._tick_timer = self.steady_timer(GRAPH_PERIOD_S if self._lockstep else self._pace.real_tick_s,
+                                             self._on_look if self._lockstep else self._on_tick)
+        self._hold_timer = self.steady_timer(HOLD_PERIOD_S, self._on_hold)
+        self.steady_timer(DIAGNOSTICS_PERIOD_S, self._tell_lost_time)
+        self.watch(('hvch_command',), ('battery_state', 'route_plan', 'route_progress'))
         self.get_logger().info(
             f'Vehicle {self._plant.vehicle.name}, route {route_name!r}{self._car.in_words}: '
             f'{duration_text(self._plant.duration_s)}, '
@@ -344,7 +319,7 @@ class VehicleSimulatorNode(Node):
         self._stand(0.0)
         has_lingered = self._has_lingered()
         await lockstep.listeners(has_lingered)
-        if has_lingered and self.get_parameter('exit_on_arrival').value:
+        if has_lingered and self.values['exit_on_arrival']:
             self._leave()
             return
         to_s = car.asleep_until_s or min(tick_s * (tick + 1), car.next_event_s)
@@ -385,7 +360,7 @@ class VehicleSimulatorNode(Node):
         if not self._car.is_over or self._stood_since_s is not None:
             return
         self._stood_since_s = (real_s, plant.time_s)
-        self._publish_diagnostics()
+        self.publish_diagnostics()
         energy = plant.energy_wh
         figures = (
             f'battery {plant.temperature_c:.2f} degC, state of charge {plant.soc:.4f}; energies: '
@@ -411,7 +386,7 @@ class VehicleSimulatorNode(Node):
         return self._plant.time_s - stood_simulated_s >= LINGER_SIMULATED_S and real_s - stood_real_s >= for_s
 
     def _leave(self) -> None:
-        if self.get_parameter('exit_on_arrival').value:
+        if self.values['exit_on_arrival']:
             self._finish(0)
 
     # Topics
@@ -432,9 +407,7 @@ class VehicleSimulatorNode(Node):
         verdict = self._heater.take(heater_command(
             message, self._senders.sender(info.get('publication_sequence_number'))), self._time.start_ns)
         if verdict.refusal is not Refusal.NOT_REFUSED:
-            sentence = f'hvch_command ignored: {verdict.sentence}'
-            if self._news.has(sentence):
-                self.get_logger().warning(sentence)
+            self.tell(f'hvch_command ignored: {verdict.sentence}')
             return
         if self._is_held and (message.battery_heating_power > 0.0
                               or message.reason not in NOT_READY):
@@ -444,21 +417,18 @@ class VehicleSimulatorNode(Node):
     def _publish_status(self) -> None:
         """Publish the heater's answer."""
         if self._status_publisher is not None and self._time.start_ns:
-            now_ns = self._time.start_ns + round(self._car.clock_s * NS_PER_S)
             self._status_publisher.publish(status_message(
-                self._heater.answer(self._time.start_ns), now_ns, self._heater.measured_w))
+                self._heater.answer(self._time.start_ns), self.now_ns(), self._heater.measured_w))
 
     def _publish_state(self, reading: Reading) -> None:
-        stamp = time_message(
-            self._time.start_ns + round(self._car.stamp_s(reading.instant_s) * NS_PER_S))
+        stamp_ns = self._time.start_ns + round(self._car.stamp_s(reading.instant_s) * NS_PER_S)
         if self._patience:
             self._patience.tell(self._car.clock_s)
         self._state_publisher.publish(
-            battery_state_message(reading, self._plant.vehicle.battery.capacity_ah, stamp))
+            reading_message(reading, self._plant.vehicle.battery.capacity_ah, stamp_ns))
 
     @guarded
-    def _on_diagnostics_due(self) -> None:
-        self._publish_diagnostics()
+    def _tell_lost_time(self) -> None:
         lost_s, self._pace.lost_s = self._pace.lost_s, 0.0
         share = lost_s / (DIAGNOSTICS_PERIOD_S * self._pace.speed_up)
         if share > TOLERATED_LOSS:
@@ -466,40 +436,35 @@ class VehicleSimulatorNode(Node):
                 f'Simulated time runs {100 * share:.0f} % slower than speed_up '
                 f'{self._pace.speed_up:g}: this computer is too busy.', throttle_duration_sec=10.0)
 
-    def _publish_diagnostics(self) -> None:
-        message = trip_diagnostics(self.get_fully_qualified_name(), self._car, self._stamp())
-        message.status.append(self._setup.entry(self._plant.vehicle.name))
-        self._diagnostics_publisher.publish(message)
+    def entries(self) -> list[DiagnosticStatus]:
+        """Return the entry on the drive."""
+        return [trip_diagnostics(self.get_fully_qualified_name(), self._car)]
+
+    def now_ns(self) -> int:
+        """Return the instant of the drive [ns]; 0 before it begins."""
+        return self._time.start_ns and self._time.start_ns + round(self._car.clock_s * NS_PER_S)
 
     def _stamp(self) -> Time:
-        if self._time.start_ns == 0:
-            return Time()
-        return time_message(self._time.start_ns + round(self._car.clock_s * NS_PER_S))
+        return time_message(self.now_ns())
 
     # Parameters
 
-    def _check_parameters(self, parameters: Sequence[RosParameter]) -> SetParametersResult:
-        values = {parameter.name: parameter.value for parameter in parameters}
-        try:
-            check(PARAMETERS, values)
-            if self._lockstep and values.get('speed_up', 1.0) != 1.0:
+    def check_values(self, changed: Values) -> None:
+        """Refuse another speed where the drive does not set it."""
+        if changed.get('speed_up', 1.0) != 1.0:
+            if self._lockstep:
                 raise InvalidInput('speed_up: lockstep is as fast as it can')
-            if not self._owns_clock and values.get('speed_up', 1.0) != 1.0:
+            if not self._owns_clock:
                 raise InvalidInput('speed_up: the owner of /clock sets it (publish_clock is false)')
-        except InvalidInput as error:
-            return SetParametersResult(successful=False, reason=str(error))
-        return SetParametersResult(successful=True)
 
-    @guarded
-    def _apply_parameters(self, parameters: Sequence[RosParameter]) -> None:
-        values = {parameter.name: parameter.value for parameter in parameters}
-        if 'speed_up' in values and not self._lockstep:
-            self._pace.speed_up = values['speed_up']
+    def take_values(self, changed: Values) -> None:
+        """Go on at another speed, or with another period."""
+        if 'speed_up' in changed and not self._lockstep:
+            self._pace.speed_up = changed['speed_up']
             self._tick_timer.timer_period_ns = round(self._pace.real_tick_s * 1e9)
             self._tick_timer.reset()
-        if 'battery_state_period' in values:
-            self._car.readings_of.set_period(
-                values['battery_state_period'], self._plant.time_s)
+        if 'battery_state_period' in changed:
+            self._car.readings_of.set_period(changed['battery_state_period'], self._plant.time_s)
 
     # End
 
@@ -554,14 +519,7 @@ def _departure(values: Values) -> tuple[ImperfectCar, str, Iterable[str]]:
 
 def main() -> None:
     """Run the simulated vehicle until a signal ends it, or it arrives with exit_on_arrival."""
-    made = []
-
-    def make_node() -> VehicleSimulatorNode:
-        made.append(VehicleSimulatorNode())
-        return made[0]
-
-    status = run_node(make_node, PROGRAM)
-    sys.exit(status or max((node.exit_status for node in made), default=0))
+    sys.exit(run_node(VehicleSimulatorNode, PROGRAM))
 
 
 if __name__ == '__main__':

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.files.mcap_file import mcap_messages
-from bev_preheat.nodes.message_definitions import definition, SEPARATOR
+from bev_preheat.messages.definitions import definition, SEPARATOR
 from bev_preheat.replay.message_types import OWN
 
 if TYPE_CHECKING:

@@ -23,8 +23,8 @@ from bev_preheat.flight_recorder.steps import (
     ROUTE_PLAN,
     STOP,
 )
+from bev_preheat.messages.route_intake import RouteIntake
 from bev_preheat.nodes.inputs import INPUTS, Reader
-from bev_preheat.nodes.route_intake import RouteIntake
 from bev_preheat.replay.message_types import read_message
 from bev_preheat.replay.vehicle_keys import with_keys
 from bev_preheat.vehicle import vehicle_contents

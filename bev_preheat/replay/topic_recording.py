@@ -17,7 +17,7 @@ from bev_preheat.flight_recorder.steps import (
     ROUTE_PLAN,
     ROUTE_PROGRESS,
 )
-from bev_preheat.nodes.convert import nanoseconds
+from bev_preheat.messages.fields import nanoseconds
 from bev_preheat.nodes.inputs import INPUTS
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.status import Status

@@ -17,7 +17,7 @@ from bev_preheat.charging.stop import arrival_state, stop_after
 from bev_preheat.charging.target_worth import Prices, TargetWorth
 from bev_preheat.charging.worth import find_worth
 from bev_preheat.errors import InvalidInput
-from bev_preheat.nodes.chargers import charger_problems
+from bev_preheat.messages.route_plan import mission_from_message
 from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.planning.planner import plan_preheating, plan_unheated
 from bev_preheat.planning.situation import BatteryState, Goal
@@ -93,17 +93,23 @@ def test_a_session_that_never_ends_unheated_is_a_sentence():
     assert all(math.isfinite(item.cost) for item in found.targets)
 
 
+def problems_of(message):
+    with pytest.raises(InvalidInput) as refusal:
+        mission_from_message(message, REFERENCE.defaults, 30.0)
+    return refusal.value.problems
+
+
 @pytest.mark.parametrize('field', [
     'charging_probability', 'arrival_time_deviation', 'charging_known_before_arrival'])
 @pytest.mark.parametrize('value', [math.nan, -0.1, math.inf])
 def test_a_bad_prospect_in_a_message_is_refused(field, value):
-    problem, = charger_problems(RoutePlan(**{field: value}))
-    assert problem.startswith(f'{field}: ') and 'is not allowed; it must be 0 ... ' in problem
+    assert any(problem.startswith(f'{field}: ') and 'is not allowed; it must be 0 ... ' in problem
+               for problem in problems_of(RoutePlan(**{field: value})))
 
 
 def test_a_probability_above_one_is_refused():
-    problem, = charger_problems(RoutePlan(charging_probability=1.1))
-    assert problem.startswith('charging_probability: 1.1 is not allowed')
+    assert any(problem.startswith('charging_probability: 1.1 is not allowed')
+               for problem in problems_of(RoutePlan(charging_probability=1.1)))
     with pytest.raises(InvalidInput, match=r'charging probability: 1\.1 is not allowed'):
         worth(ChargingProspect(1.1))
 

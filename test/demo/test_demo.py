@@ -15,7 +15,7 @@ from bev_preheat.commands.main import main as preheat
 from bev_preheat.demo.__main__ import main
 from bev_preheat.demo.display import verdict
 from bev_preheat.demo.observer import ObservedDrive
-from bev_preheat.nodes.simulator_messages import ARRIVED, SimulatedDriveReport
+from bev_preheat.messages.simulated_drive import ARRIVED, SimulatedDriveReport
 from bev_preheat.planning.dynamics import Energies
 
 ROUTE = """# four minutes

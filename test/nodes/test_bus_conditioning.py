@@ -23,8 +23,8 @@ from bev_preheat.bus.conditioning import (
     TEMPERATURE,
     TIME,
 )
+from bev_preheat.messages.fields import nanoseconds, time_message
 from bev_preheat.nodes import bus_conditioning
-from bev_preheat.nodes.convert import nanoseconds, time_message
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat_msgs.action import PrepareBattery
 from bev_preheat_msgs.msg import HvchCommand

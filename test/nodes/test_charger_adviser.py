@@ -10,7 +10,7 @@ from sensor_msgs.msg import BatteryState
 
 from bev_preheat.charging.candidates import Candidate, rank_chargers, ranking_verdict
 from bev_preheat.errors import InvalidInput
-from bev_preheat.nodes.charger_request import candidates_of
+from bev_preheat.messages.rank_chargers import candidates_of
 from bev_preheat.planning import situation
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle

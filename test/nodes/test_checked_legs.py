@@ -10,7 +10,8 @@ from stepwise import Stepwise
 
 from bev_preheat.control.inputs import Measurement
 from bev_preheat.control.settings import Settings
-from bev_preheat.nodes.convert import mission_from_message, plan_message
+from bev_preheat.messages.preheat_plan import plan_message
+from bev_preheat.messages.route_plan import mission_from_message
 from bev_preheat.nodes.optimality_report import (
     as_driven,
     case_of_plan,

@@ -12,7 +12,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import BatteryState
 
-from bev_preheat.nodes.convert import nanoseconds
+from bev_preheat.messages.fields import nanoseconds
 from bev_preheat_msgs.msg import RoutePlan
 
 MANY = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)

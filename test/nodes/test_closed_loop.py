@@ -17,8 +17,8 @@ import pytest
 from rclpy.qos import qos_profile_sensor_data, QoSProfile
 from sensor_msgs.msg import BatteryState
 
-from bev_preheat.nodes.convert import nanoseconds
-from bev_preheat.nodes.simulator_messages import outcome_from_diagnostics
+from bev_preheat.messages.fields import nanoseconds
+from bev_preheat.messages.simulated_drive import outcome_from_diagnostics
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState as State

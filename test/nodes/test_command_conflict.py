@@ -10,7 +10,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import BatteryState
 from std_srvs.srv import SetBool
 
-from bev_preheat.nodes.convert import time_message
+from bev_preheat.messages.fields import time_message
 from bev_preheat.planning.status import Status
 from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
 

@@ -19,7 +19,8 @@ from tornado.httpclient import HTTPRequest
 from tornado.websocket import websocket_connect
 
 from bev_preheat.control.inputs import Leg, Mission
-from bev_preheat.nodes.convert import route_plan_message, time_message
+from bev_preheat.messages.fields import time_message
+from bev_preheat.messages.route_plan import route_plan_message
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.route import load_route
 from bev_preheat.vehicle import load_vehicle

@@ -15,8 +15,8 @@ from bev_preheat.control.events import BatteryStateArrived, RouteArrived
 from bev_preheat.control.inputs import Leg, Measurement, Mission
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
+from bev_preheat.messages.preheat_plan import plan_message
 from bev_preheat.native.library import DECLINES
-from bev_preheat.nodes.convert import plan_message
 from bev_preheat.nodes.diagnostics import planner_diagnostics
 from bev_preheat.nodes.planner_node import PlannerNode
 from bev_preheat.numerics.factors import NS_PER_S

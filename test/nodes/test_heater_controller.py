@@ -13,8 +13,8 @@ from sensor_msgs.msg import BatteryState
 from std_msgs.msg import Float64
 
 from bev_preheat.files.configuration import find_configuration
-from bev_preheat.nodes.command_senders import CommandSenders, MOST_SENDERS
-from bev_preheat.nodes.convert import nanoseconds, time_message
+from bev_preheat.messages.fields import nanoseconds, time_message
+from bev_preheat.nodes.heater_execution import CommandSenders, MOST_SENDERS
 from bev_preheat_msgs.msg import HvchCommand, HvchStatus
 
 OFFERED = QoSProfile(depth=1, deadline=Duration(seconds=2.5), liveliness=LivelinessPolicy.MANUAL_BY_TOPIC,

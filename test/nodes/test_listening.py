@@ -9,9 +9,9 @@ import rclpy
 from rclpy.context import Context
 from sensor_msgs.msg import BatteryState
 
+from bev_preheat.messages.fields import time_message
 from bev_preheat.monitoring.heard import Heard, subscribe
 from bev_preheat.monitoring.view import page
-from bev_preheat.nodes.convert import time_message
 from bev_preheat.nodes.listening import listening
 
 LIMIT_S = 240.0

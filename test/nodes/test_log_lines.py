@@ -8,9 +8,7 @@ import pytest
 from rclpy.logging import get_logger
 
 import bev_preheat
-from bev_preheat.nodes.position_messages import log_place
 from bev_preheat.nodes.state_keeper import StateKeeper
-from bev_preheat.route.match import Cause, Match
 
 PACKAGE = Path(bev_preheat.__file__).parent
 SEVERITIES = {'debug', 'info', 'warn', 'warning', 'error', 'fatal'}
@@ -35,12 +33,6 @@ def test_no_line_logs_with_several_severities(room):
     files = sorted((PACKAGE / room).glob('*.py'))
     assert files
     assert {path.name: lines for path in files if (lines := chosen_severities(path.read_text()))} == {}
-
-
-def test_a_place_that_is_lost_and_found_is_logged():
-    logger = get_logger('test_log_lines')
-    for cause in (Cause.CONFIRMING, Cause.MATCHED, Cause.OFF_ROUTE, Cause.ARRIVED):
-        log_place(logger, Match(cause, 'As the test says', 0))
 
 
 def test_a_foreign_state_file_and_a_damaged_one_are_logged(tmp_path):

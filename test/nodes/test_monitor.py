@@ -12,7 +12,7 @@ from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 from sensor_msgs.msg import BatteryState
 
 from bev_preheat.commands.main import main
-from bev_preheat.nodes.convert import time_message
+from bev_preheat.messages.fields import time_message
 from bev_preheat_msgs.msg import HvchCommand, RoutePlan
 from bev_preheat_studies.soak.terminal import CTRL_C, TerminalProcess
 

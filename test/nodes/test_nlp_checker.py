@@ -21,7 +21,8 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import BatteryState
 from std_srvs.srv import Trigger
 
-from bev_preheat.nodes.convert import nanoseconds, ROUTE_FIELDS, time_message
+from bev_preheat.messages.fields import nanoseconds, time_message
+from bev_preheat.messages.route_plan import ROUTE_FIELDS
 from bev_preheat.nonlinear_program.solve import solve_optimum
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.planner import plan_preheating

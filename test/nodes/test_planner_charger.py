@@ -7,7 +7,7 @@ from sensor_msgs.msg import BatteryState
 
 from bev_preheat.charging.target_worth import Prices
 from bev_preheat.charging.worth import find_worth
-from bev_preheat.nodes.convert import time_message
+from bev_preheat.messages.fields import time_message
 from bev_preheat.planning import situation
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle

@@ -58,7 +58,7 @@ def fail(*_, **__):
 
 
 @pytest.mark.parametrize('where', [
-    'nodes.convert.measurement_from_message', 'control.inbox.check_situation',
+    'messages.battery_state.measurement_from_message', 'control.inbox.check_situation',
     'control.forecast_plan.plan_preheating', 'nodes.planner_node.plan_message'])
 def test_an_exception_that_nobody_foresaw_switches_off_until_states_are_valid_again(
         planner, monkeypatch, where):

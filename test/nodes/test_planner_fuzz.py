@@ -17,7 +17,7 @@ import pytest
 from rehearsed_planner import RehearsedPlanner
 from sensor_msgs.msg import BatteryState
 
-from bev_preheat.nodes.convert import nanoseconds
+from bev_preheat.messages.fields import nanoseconds
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.status import Status
 from bev_preheat_msgs.msg import RoutePlan

@@ -12,7 +12,7 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import BatteryState
 
 from bev_preheat.files.configuration import configuration_folder
-from bev_preheat.nodes.convert import time_message
+from bev_preheat.messages.fields import time_message
 
 VEHICLE = (configuration_folder('vehicles') / 'reference.yaml').read_bytes()
 # As version 0.2.0 wrote it, cut off in the middle.

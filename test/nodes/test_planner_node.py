@@ -21,7 +21,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import BatteryState, Temperature
 from std_srvs.srv import SetBool
 
-from bev_preheat.nodes.convert import nanoseconds, time_message
+from bev_preheat.messages.fields import nanoseconds, time_message
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.status import Status
 from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan, RouteProgress

@@ -34,13 +34,14 @@ from bev_preheat.control.preparation_goal import PreparationEnding, PreparationG
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.errors import InvalidInput
+from bev_preheat.messages.fields import time_message
+from bev_preheat.messages.preheat_plan import plan_message
+from bev_preheat.messages.prepare_battery import preparation_goal_of
 from bev_preheat.monitoring import preparation
 from bev_preheat.monitoring.heard import Heard
 from bev_preheat.monitoring.preparation import feedback_line, Wanted
 from bev_preheat.monitoring.view import line, page
-from bev_preheat.nodes.convert import plan_message, time_message
 from bev_preheat.nodes.optimality_report import case_of_plan
-from bev_preheat.nodes.prepare_action import preparation_goal_of
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.situation import BatteryState as BatteryInput
 from bev_preheat.planning.status import Status

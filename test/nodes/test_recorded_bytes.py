@@ -7,8 +7,9 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import BatteryState
 
 from bev_preheat.control.decision import Command
+from bev_preheat.messages.fields import time_message
+from bev_preheat.messages.heater import command_message
 from bev_preheat.nodes import recorded_bytes
-from bev_preheat.nodes.convert import command_message, time_message
 from bev_preheat.nodes.recorded_bytes import _packed_command, _packed_state, command_encoder, state_encoder
 from bev_preheat.planning.status import Status
 from bev_preheat_msgs.msg import HvchCommand

@@ -21,16 +21,12 @@ from std_srvs.srv import SetBool
 from bev_preheat.control.events import PreheatingSwitched, Reconfigured
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
-from bev_preheat.nodes.convert import (
-    battery_event,
-    command_message,
-    nanoseconds,
-    plan_message,
-    route_plan_message,
-    time_message,
-)
-from bev_preheat.nodes.route_intake import RouteIntake
-from bev_preheat.nodes.simulator_messages import battery_state_message
+from bev_preheat.messages.battery_state import battery_event, reading_message
+from bev_preheat.messages.fields import nanoseconds, time_message
+from bev_preheat.messages.heater import command_message
+from bev_preheat.messages.preheat_plan import plan_message
+from bev_preheat.messages.route_intake import RouteIntake
+from bev_preheat.messages.route_plan import route_plan_message
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.situation import BatteryState as State
 from bev_preheat.planning.situation import Goal
@@ -171,8 +167,8 @@ def driven(module_rehearsal):
         if second in HAPPENINGS:
             HAPPENINGS[second](drive)
         for reading in CAR.readings():
-            drive.give('battery_state', battery_state_message(
-                reading, 200.0, time_message(START_NS + round(reading.instant_s * NS_PER_S))))
+            drive.give('battery_state', reading_message(
+                reading, 200.0, START_NS + round(reading.instant_s * NS_PER_S)))
         command = drive.commands.latest
         CAR.advance_under(HeaterLease(
             command.battery_heating_power, second_of(command.valid_until)), second + 1.0)

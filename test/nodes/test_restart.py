@@ -14,7 +14,7 @@ from std_srvs.srv import SetBool
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.flight_recorder.ring import recordings_in
-from bev_preheat.nodes.convert import nanoseconds, time_message
+from bev_preheat.messages.fields import nanoseconds, time_message
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.replay.flight_file import read_flight
 from bev_preheat.replay.recordings import open_recording, Planner, Sources

@@ -10,7 +10,7 @@ import psutil
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from bev_preheat.nodes.convert import time_message
+from bev_preheat.messages.fields import time_message
 from bev_preheat.planning.status import Status
 from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
 

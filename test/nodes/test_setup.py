@@ -8,7 +8,7 @@ from rehearsal import START_NS
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import BatteryState, Temperature
 
-from bev_preheat.nodes.convert import time_message
+from bev_preheat.messages.fields import time_message
 from bev_preheat.nodes.setup_watch import clock_hint
 from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
 

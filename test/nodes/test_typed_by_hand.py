@@ -12,7 +12,8 @@ import pytest
 from sensor_msgs.msg import BatteryState
 from typed_commands import QOS, typed_commands
 
-from bev_preheat.nodes.convert import is_cancellation, time_message
+from bev_preheat.messages.fields import time_message
+from bev_preheat.messages.route_plan import is_cancellation
 from bev_preheat.planning.status import Status
 from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
 

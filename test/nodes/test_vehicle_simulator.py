@@ -15,7 +15,7 @@ from rclpy.qos import qos_profile_sensor_data, QoSDurabilityPolicy, QoSProfile
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import BatteryState
 
-from bev_preheat.nodes.simulator_messages import ARRIVED, DRIVING, EMPTY, outcome_from_diagnostics
+from bev_preheat.messages.simulated_drive import ARRIVED, DRIVING, EMPTY, outcome_from_diagnostics
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState as Battery
 from bev_preheat.planning.situation import Goal

@@ -7,8 +7,8 @@ from mcap.writer import Writer
 from rclpy.serialization import serialize_message
 
 from bev_preheat.control.decision import Command
-from bev_preheat.nodes.convert import command_message
-from bev_preheat.nodes.message_definitions import definition
+from bev_preheat.messages.definitions import definition
+from bev_preheat.messages.heater import command_message
 from bev_preheat.planning.status import Status
 from bev_preheat.replay.flight_file import read_flight
 

@@ -11,10 +11,10 @@ from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.flight_recorder.beginning import Beginning
 from bev_preheat.flight_recorder.steps import command_values, event_values, GoalNumbers, RecordedStep
 from bev_preheat.flight_recorder.writer import BEGINNING_CHANNEL, Entry, Recording, RecordingWriter, STEP_CHANNEL
-from bev_preheat.nodes.convert import battery_event, route_plan_message, time_message
+from bev_preheat.messages.battery_state import battery_event, reading_message
+from bev_preheat.messages.route_intake import RouteIntake
+from bev_preheat.messages.route_plan import route_plan_message
 from bev_preheat.nodes.flight_recording import _kind
-from bev_preheat.nodes.route_intake import RouteIntake
-from bev_preheat.nodes.simulator_messages import battery_state_message
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.planner import DEFAULT_METHOD
 from bev_preheat.planning.situation import BatteryState as Battery
@@ -89,8 +89,8 @@ class RecordedDrive:
             now_ns = START_NS + second * NS_PER_S
             for reading in self.car.readings():
                 # As it comes out of DDS: some fields have fewer digits there.
-                message = deserialize_message(serialize_message(battery_state_message(
-                    reading, 200.0, time_message(START_NS + round(reading.instant_s * NS_PER_S)))), BatteryState)
+                message = deserialize_message(serialize_message(reading_message(
+                    reading, 200.0, START_NS + round(reading.instant_s * NS_PER_S))), BatteryState)
                 self.step(now_ns, battery_event(message), '/battery_state', message)
             self.step(now_ns)
             self.car.advance_under(HeaterLease(

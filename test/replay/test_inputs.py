@@ -8,7 +8,7 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import BatteryState
 
 from bev_preheat.flight_recorder.steps import RecordedStep
-from bev_preheat.nodes.convert import time_message
+from bev_preheat.messages.fields import time_message
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.replay.flight_file import Given
 from bev_preheat.replay.inputs import InputRemarks

@@ -8,7 +8,7 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import BatteryState
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.nodes.convert import nanoseconds
+from bev_preheat.messages.fields import nanoseconds
 from bev_preheat.planning.status import Status
 from bev_preheat.replay.recordings import open_recording, Planner, Sources
 from bev_preheat_msgs.msg import RoutePlan

@@ -10,7 +10,7 @@ from recorded_bag import STEPS, topic_messages, TYPES, write_mcap, write_sqlite
 from sensor_msgs.msg import BatteryState
 
 from bev_preheat.commands.main import main
-from bev_preheat.nodes.message_definitions import definition
+from bev_preheat.messages.definitions import definition
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.replay.flight_file import read_flight
 

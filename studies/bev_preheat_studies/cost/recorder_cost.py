@@ -15,7 +15,8 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import BatteryState
 
 from bev_preheat.control.inputs import Leg, Mission
-from bev_preheat.nodes.convert import route_plan_message, time_message
+from bev_preheat.messages.fields import time_message
+from bev_preheat.messages.route_plan import route_plan_message
 from bev_preheat.nodes.planner_node import PlannerNode
 from bev_preheat.route import load_route
 from bev_preheat.vehicle import load_vehicle

@@ -14,7 +14,7 @@ from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 from sensor_msgs.msg import BatteryState
 
 from bev_preheat.control.inputs import Leg, Mission
-from bev_preheat.nodes.convert import route_plan_message
+from bev_preheat.messages.route_plan import route_plan_message
 from bev_preheat.route import load_route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat_msgs.msg import HvchCommand, RoutePlan

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Candidates out of a RankChargers request, and the ranking into its response."""
+"""RankChargers: candidates out of a request, and the ranking into its response."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ from bev_preheat.charging.candidates import Candidate, ranking_verdict
 from bev_preheat.charging.chargers_file import END_S
 from bev_preheat.charging.stop import CHARGER_RANGE_W
 from bev_preheat.charging.worth import MOST_PRICE_PER_KWH
-from bev_preheat.errors import figure, figure_beyond, InvalidInput, quoted
+from bev_preheat.errors import InvalidInput, quoted
+from bev_preheat.messages.fields import Figure
 from bev_preheat.route.places import Places
 
 if TYPE_CHECKING:
@@ -23,10 +24,13 @@ if TYPE_CHECKING:
 
 MOST_CHARGERS = 20
 LONGEST_ASIDE_S = 14400.0
-# Arrays of the request that may be empty: (low, high), default of an element.
-OPTIONAL = {'energy_price': ((0.0, MOST_PRICE_PER_KWH), math.nan),
-            'detour': ((0.0, LONGEST_ASIDE_S), 0.0), 'expected_wait': ((0.0, LONGEST_ASIDE_S), 0.0)}
-UNITS = {'distance': 'm', 'charger_power': 'W', 'energy_price': 'per kWh', 'detour': 's', 'expected_wait': 's'}
+# Arrays of the request that may be empty, and the default of an element.
+OPTIONAL = {'energy_price': (Figure(0.0, MOST_PRICE_PER_KWH, 'per kWh', nan="the node's"), math.nan),
+            'detour': (Figure(0.0, LONGEST_ASIDE_S, 's'), 0.0),
+            'expected_wait': (Figure(0.0, LONGEST_ASIDE_S, 's'), 0.0)}
+# Fields of the response, NaN for a charger without a worth.
+FIGURES = ('best_battery_temperature', 'unheated_battery_temperature', 'arrival_soc', 'charging_departure_soc',
+           'charging_time', 'bought_energy', 'energy_cost', 'time_cost', 'total_cost')
 
 
 def candidates_of(request: RankChargers.Request, ahead: Route, driven_m: float,
@@ -43,12 +47,12 @@ def candidates_of(request: RankChargers.Request, ahead: Route, driven_m: float,
     problems += [f'name: {quoted(name)} stands {often} times' for name, often in Counter(
         request.name).items() if often > 1]
     problems += [f'name[{at}]: must not be empty' for at, name in enumerate(request.name) if not name]
-    end_m = driven_m + ahead.distance_m
     columns = {
-        'distance': _column(request, 'distance', (driven_m, end_m), problems),
-        'charger_power': _column(request, 'charger_power', CHARGER_RANGE_W, problems),
-        **{field: _column(request, field, limits, problems, default)
-           for field, (limits, default) in OPTIONAL.items()}}
+        'distance': _column(request, 'distance', Figure(
+            driven_m, driven_m + ahead.distance_m, 'm, on the rest of the route'), problems),
+        'charger_power': _column(request, 'charger_power', Figure(*CHARGER_RANGE_W, 'W'), problems),
+        **{field: _column(request, field, allowed, problems, default)
+           for field, (allowed, default) in OPTIONAL.items()}}
     if problems:
         raise InvalidInput(problems)
     places = Places.of_route(ahead)
@@ -65,7 +69,7 @@ def candidates_of(request: RankChargers.Request, ahead: Route, driven_m: float,
     return candidates
 
 
-def _column(request: RankChargers.Request, field: str, limits: tuple[float, float],
+def _column(request: RankChargers.Request, field: str, allowed: Figure,
             problems: list[str], default: float | None = None) -> Sequence[float]:
     """Return the values of a field, one for each name; note problems."""
     values, count = list(getattr(request, field)), len(request.name)
@@ -75,13 +79,7 @@ def _column(request: RankChargers.Request, field: str, limits: tuple[float, floa
         empty = '' if default is None else ', or be empty'
         problems.append(f'{field}: has {len(values)} elements; it must have {count}, as name has{empty}')
         return values
-    low, high = limits
-    for at, value in enumerate(values):
-        is_unset = default is not None and math.isnan(default) and math.isnan(value)
-        if not (is_unset or low <= value <= high):
-            where = ', on the rest of the route' if field == 'distance' else ''
-            problems.append(f'{field}[{at}]: {figure_beyond(value, low, high)} is not allowed; it must be '
-                            f'{figure(low)} ... {figure(high)} {UNITS[field]}{where}')
+    problems += filter(None, (allowed.problem(f'{field}[{at}]', value) for at, value in enumerate(values)))
     return values
 
 
@@ -91,21 +89,16 @@ def write_ranking(response: RankChargers.Response, ranked: Sequence[CandidateWor
     response.ranked_name = [item.candidate.name for item in ranked]
     response.problem = [item.problem or '' for item in ranked]
     rows = [_row(item) for item in ranked]
-    for field in rows[0]:
-        setattr(response, field, [row[field] for row in rows])
+    for field in FIGURES:
+        setattr(response, field, [row.get(field, math.nan) for row in rows])
 
 
 def _row(item: CandidateWorth) -> dict[str, float]:
     worth = item.worth if item.problem is None else None
     best = None if worth is None else worth.best
-    time_cost = item.charging_cost + item.detour_cost + item.wait_cost
-    known = {} if worth is None or best is None else {
-        'best_battery_temperature': best.arrival_temperature_c,
-        'unheated_battery_temperature': worth.without_heating.arrival_temperature_c,
-        'arrival_soc': best.arrival_soc, 'charging_departure_soc': item.departure_soc,
-        'charging_time': best.charging_time_s, 'bought_energy': best.bought_energy_wh,
-        'energy_cost': item.energy_cost, 'time_cost': time_cost, 'total_cost': item.total_cost}
-    return known or dict.fromkeys((
-        'best_battery_temperature', 'unheated_battery_temperature', 'arrival_soc',
-        'charging_departure_soc', 'charging_time', 'bought_energy', 'energy_cost', 'time_cost',
-        'total_cost'), math.nan)
+    if worth is None or best is None:
+        return {}
+    return dict(zip(FIGURES, (
+        best.arrival_temperature_c, worth.without_heating.arrival_temperature_c, best.arrival_soc,
+        item.departure_soc, best.charging_time_s, best.bought_energy_wh, item.energy_cost,
+        item.charging_cost + item.detour_cost + item.wait_cost, item.total_cost), strict=True))

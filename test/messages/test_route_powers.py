@@ -9,7 +9,8 @@ import pytest
 
 from bev_preheat.control.decision import Decision
 from bev_preheat.errors import InvalidInput
-from bev_preheat.nodes.convert import is_cancellation, mission_from_message, plan_message
+from bev_preheat.messages.preheat_plan import plan_message
+from bev_preheat.messages.route_plan import is_cancellation, mission_from_message
 from bev_preheat.planning.status import Status
 from bev_preheat.route import route_for
 from bev_preheat.vehicle import load_vehicle

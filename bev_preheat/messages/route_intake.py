@@ -5,22 +5,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from bev_preheat.control.events import RouteArrived, RouteUnreadable, TripCancelled
-from bev_preheat.control.refusals import RefusedRoute
-from bev_preheat.control.settings import defaults_of, MOST_STOPS
+from bev_preheat.control.settings import defaults_of
 from bev_preheat.errors import InvalidInput
-from bev_preheat.nodes.convert import (
-    is_cancellation,
-    LONGEST_ROUTE_ID,
-    mission_from_message,
-    nanoseconds,
-    ROUTE_FIELDS,
-)
-from bev_preheat.nodes.stops import order_problems, value_problems
-from bev_preheat.numerics.factors import NS_PER_S
-from bev_preheat.route.segments import LIMITS, MOST_SEGMENTS
+from bev_preheat.messages.route_plan import is_cancellation, mission_from_message, refused_route_of
 
 if TYPE_CHECKING:
     from bev_preheat.control.inbox import Inbox
@@ -91,36 +79,3 @@ class RouteIntake:
             message, defaults_of(vehicle, settings), settings.planning_step_s, vehicle)
         self._messages[mission] = message
         return mission
-
-
-def refused_route_of(message: RoutePlan) -> RefusedRoute:
-    """Return the RefusedRoute of a RoutePlan; untrustworthy fields count as unreadable."""
-    return RefusedRoute(message.route_id[:LONGEST_ROUTE_ID + 1], message.charging_planned,
-                        _arrivals_ns(message))
-
-
-def _arrivals_ns(message: RoutePlan) -> tuple[int, ...] | None:
-    """Return the instants [ns] at which the legs of a RoutePlan end, None if unreadable."""
-    stamp, durations_s = message.header.stamp, message.segment_duration
-    lengths = {len(getattr(message, name)) for name in ROUTE_FIELDS.values()} - {0}
-    if (not len(durations_s) or max(lengths) > MOST_SEGMENTS
-            or nanoseconds(stamp) <= 0 or stamp.nanosec >= NS_PER_S):
-        return None
-    # If the lengths of the arrays differ, the durations may be wrong.
-    count = max(lengths)
-    if len(durations_s) != count and lengths != {1, count}:
-        return None
-    durations_s = np.asarray(durations_s, dtype=float)
-    low_s, high_s = LIMITS['duration_s']
-    if not ((durations_s >= low_s) & (durations_s <= high_s)).all():
-        return None
-    after_segment, stops_s = message.stop_after_segment, message.stop_duration
-    if (len(after_segment) > MOST_STOPS or len(stops_s) != len(after_segment)
-            or order_problems(after_segment, count) or value_problems('stop_duration', stops_s)):
-        return None
-    ends_s = np.cumsum(np.broadcast_to(durations_s, count))
-    arrivals_s = ends_s[[*after_segment, count - 1]]
-    # Earlier stops delay the end of a leg.
-    stood_s = np.concatenate(([0.0], np.cumsum(np.asarray(stops_s, dtype=float))))
-    return tuple(nanoseconds(stamp) + round(float(seconds) * NS_PER_S)
-                 for seconds in arrivals_s + stood_s)

@@ -12,7 +12,8 @@ from bev_preheat.control.decision import Decision
 from bev_preheat.control.inputs import Leg, Mission
 from bev_preheat.control.settings import MOST_STOPS
 from bev_preheat.errors import InvalidInput
-from bev_preheat.nodes.convert import mission_from_message, plan_message, route_plan_message
+from bev_preheat.messages.preheat_plan import plan_message
+from bev_preheat.messages.route_plan import mission_from_message, route_plan_message
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal

@@ -9,13 +9,8 @@ from bev_preheat.control.events import ProgressArrived, ProgressUnreadable, Rout
 from bev_preheat.control.inputs import Leg, Mission, Progress
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
-from bev_preheat.errors import InvalidInput
-from bev_preheat.nodes.route_progress import (
-    progress_diagnostics,
-    progress_event,
-    progress_from_message,
-    progress_message,
-)
+from bev_preheat.messages.route_progress import progress_event, progress_message
+from bev_preheat.nodes.diagnostics import planner_diagnostics
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
@@ -32,14 +27,18 @@ def a_message(**fields):
     return message
 
 
+def read(message):
+    return progress_event(message).progress
+
+
 def test_a_message_is_read():
-    assert progress_from_message(a_message(route_stamp=Time(sec=1_700_000_000))) == Progress(
+    assert read(a_message(route_stamp=Time(sec=1_700_000_000))) == Progress(
         1200.5, START_NS + 60_250_000_000, 'home', START_NS)
-    assert progress_from_message(a_message()).route_start_ns is None
+    assert read(a_message()).route_start_ns is None
 
 
 def test_the_start_is_a_place_where_the_message_says_so():
-    assert progress_from_message(a_message(distance=0.0, has_distance=True)).distance_m == 0.0
+    assert read(a_message(distance=0.0, has_distance=True)).distance_m == 0.0
 
 
 @pytest.mark.parametrize('message, problem', [
@@ -47,23 +46,18 @@ def test_the_start_is_a_place_where_the_message_says_so():
     (RouteProgress(route_id='home', distance=1.0), 'header.stamp: is 0; it must be set'),
     (a_message(route_id='x' * 257), 'is too long; it must have at most 256 characters')])
 def test_what_cannot_be_read_says_what_it_is(message, problem):
-    with pytest.raises(InvalidInput) as refusal:
-        progress_from_message(message)
-    assert problem in str(refusal.value)
     event = progress_event(message, 'look at the clocks')
     assert isinstance(event, ProgressUnreadable)
-    assert event.error.problems[-1] == 'look at the clocks'
+    assert problem in str(event.error) and event.error.problems[-1] == 'look at the clocks'
 
 
 def test_an_empty_message_has_a_problem_a_field():
-    with pytest.raises(InvalidInput) as refusal:
-        progress_from_message(RouteProgress())
-    assert len(refusal.value.problems) == 2
+    assert len(progress_event(RouteProgress()).error.problems) == 2
 
 
 def test_there_and_back():
     progress = Progress(0.0, START_NS + 5, 'home', START_NS)
-    assert progress_from_message(progress_message(progress)) == progress
+    assert read(progress_message(progress)) == progress
     event = progress_event(progress_message(progress), 'hint')
     assert event == ProgressArrived(progress, 'hint')
 
@@ -88,15 +82,20 @@ def told(supervisor, at_s, **fields):
     return said(supervisor, now_ns)
 
 
+def entries(supervisor, now_ns):
+    return [status for status in planner_diagnostics('/planner', supervisor.state, now_ns).status
+            if status.name == 'planner: route progress']
+
+
 def said(supervisor, now_ns):
-    status = progress_diagnostics('planner', supervisor.state, now_ns)
-    assert (status.name, status.hardware_id) == ('planner: route progress', VEHICLE.name)
+    status, = entries(supervisor, now_ns)
+    assert status.hardware_id == VEHICLE.name
     return status.level, status.message
 
 
 def test_nothing_is_said_before_the_first_position():
-    assert progress_diagnostics('planner', a_supervisor().state, START_NS) is None
-    assert progress_diagnostics('planner', Supervisor(VEHICLE, Settings()).state, START_NS) is None
+    for supervisor in (a_supervisor(), Supervisor(VEHICLE, Settings())):
+        assert entries(supervisor, START_NS) == []
 
 
 @pytest.mark.parametrize('at_s, message', [
@@ -108,7 +107,7 @@ def test_the_delay_is_said(at_s, message):
 def test_the_figures_are_there():
     supervisor = a_supervisor()
     told(supervisor, 110.5)
-    status = progress_diagnostics('planner', supervisor.state, START_NS + round(112.0 * NS_PER_S))
+    status, = entries(supervisor, START_NS + round(112.0 * NS_PER_S))
     assert {value.key: value.value for value in status.values} == {
         'distance [m]': '1000', 'length of the route [m]': '12000', 'delay [s]': '60.0',
         'age [s]': '1.50', 'has stood for [s]': '0'}

@@ -1,0 +1,205 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Executes `hvch_command` by the rules of `heater.controller`, and answers with `hvch_status`.
+
+heater_controller does so for any output, bus_gateway for a frame on CAN.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+import math
+import time
+from typing import TYPE_CHECKING
+
+from rclpy.duration import Duration
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.qos import LivelinessPolicy, QoSProfile
+
+from bev_preheat.errors import LONGEST_PROBLEM, shortened
+from bev_preheat.heater.controller import HeaterAnswer, HeaterController, Instant, Refusal, SERVED
+from bev_preheat.messages.diagnostics import entry, ERROR, OK, WARN
+from bev_preheat.messages.heater import heater_command, status_message
+from bev_preheat.nodes.process import LAST_WORDS_TIME
+from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat_msgs.msg import HvchCommand, HvchStatus
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from diagnostic_msgs.msg import DiagnosticStatus
+    from rclpy.node import Node
+
+    from bev_preheat.heater.controller import HeaterLimits, Verdict
+
+    # Sets the heater's power [W]; returns the measured power [W], None if it is not measured.
+    Output = Callable[[float], float | None]
+
+# The status is published so often, and at each change [s].
+STATUS_PERIOD_S = 0.5
+# Others are OK: the heater follows the command within its limits.
+LEVELS = {
+    **dict.fromkeys((Refusal.NO_COMMAND, Refusal.LOW_CHARGE, Refusal.HOT_BATTERY, Refusal.IN_MOTION,
+                     Refusal.OTHER), WARN),
+    **dict.fromkeys((Refusal.INVALID_COMMAND, Refusal.INVALID_LEASE, Refusal.COMMAND_CONFLICT,
+                     Refusal.HEATER_FAULT), ERROR),
+}
+# The oldest sender is forgotten beyond this number.
+MOST_SENDERS = 16
+# Two planners answer the same battery state at nearly the same instant, and with depth 1 the later command would
+# hide the earlier one, and with it the conflict.
+HEARD_DEPTH = 20
+
+
+class CommandSenders:
+    """
+    Numbers the senders by the sequence numbers of their publications, which rise by publisher.
+
+    rclpy does not say who sent a message, and a killed publisher stays in the graph for some 20 s, so the graph
+    alone cannot tell two commanders from a restarted one.
+    """
+
+    def __init__(self) -> None:
+        """Know no sender yet."""
+        # The latest sequence number by sender, the longest silent first.
+        self._latest: OrderedDict[int, int] = OrderedDict()
+        self._known = 0
+
+    def sender(self, sequence_number: int | None) -> int:
+        """
+        Return the number of the sender of a publication.
+
+        Its own sequence continues nearest below. Without numbers, which some middlewares do not give, all
+        publications count as one sender's.
+        """
+        if sequence_number is None:
+            return 0
+        before = [(latest, sender) for sender, latest in self._latest.items() if latest < sequence_number]
+        if before:
+            _, sender = max(before)
+        else:
+            self._known += 1
+            sender = self._known
+        self._latest[sender] = sequence_number
+        self._latest.move_to_end(sender)
+        if len(self._latest) > MOST_SENDERS:
+            self._latest.popitem(last=False)
+        return sender
+
+
+class RefusalNews:
+    """Words for the log when a refusal begins or ends."""
+
+    def __init__(self) -> None:
+        """Start as a heater does: without a command."""
+        self._refusal, self._told = Refusal.NO_COMMAND, ''
+
+    def sentence(self, answer: HeaterAnswer) -> tuple[bool, str]:
+        """Return whether the heater is refused now, and the news since the call before; '' without news."""
+        is_refused = answer.refusal in LEVELS
+        if answer.refusal is self._refusal:
+            return is_refused, ''
+        ended = f'{self._told} is over' if self._told else ''
+        begun = f'{answer.refusal.name}: {answer.sentence}' if is_refused else 'the command is served'
+        sentence = '; '.join(filter(None, [ended, begun if is_refused or ended else '']))
+        self._refusal, self._told = answer.refusal, answer.refusal.name if is_refused else ''
+        return is_refused, sentence
+
+
+class HeaterExecution:
+    """
+    A HeaterController between the topics and an output; call `apply` periodically.
+
+    `answer` is the latest HeaterAnswer.
+    """
+
+    def __init__(self, node: Node, limits: HeaterLimits, output: Output, obstacle: Callable[[Instant], Verdict],
+                 tell: Callable[[str, bool], object], deadline_s: float | None = None) -> None:
+        """
+        Start with the heater off.
+
+        `obstacle(now)` is the Verdict of the car's own conditions; `tell(sentence, is_refused)` logs; `deadline_s`
+        [s] is requested of the publisher, None: nothing.
+        """
+        self._node, self._output, self._obstacle, self._log = node, output, obstacle, tell
+        self._controller, self._senders = HeaterController(limits), CommandSenders()
+        self._refusal_news = RefusalNews()
+        self.answer = HeaterAnswer(0.0, 0.0, Refusal.NO_COMMAND, 'no command has arrived yet')
+        self._measured_w: float | None = None
+        # The latest refusal and requested power [W] that were published, and when [s].
+        self._told, self._told_at_s = (Refusal.NO_COMMAND, 0.0), -math.inf
+        self._status_publisher = node.create_publisher(HvchStatus, 'hvch_status', 1)
+        qos, events = QoSProfile(depth=HEARD_DEPTH), SubscriptionEventCallbacks()
+        if deadline_s is not None:
+            within = Duration(seconds=deadline_s)
+            qos = QoSProfile(depth=HEARD_DEPTH, deadline=within, liveliness=LivelinessPolicy.MANUAL_BY_TOPIC,
+                             liveliness_lease_duration=within)
+            events = SubscriptionEventCallbacks(deadline=self._on_missed_deadline, liveliness=self._on_liveliness)
+        node.create_subscription(HvchCommand, 'hvch_command', self._on_command, qos, event_callbacks=events)
+
+    def _now(self) -> Instant:
+        return Instant(self._node.get_clock().now().nanoseconds, time.monotonic_ns())
+
+    def _on_command(self, message: HvchCommand, info: Mapping[str, int]) -> None:
+        sender = self._senders.sender(info.get('publication_sequence_number'))
+        self._controller.take(heater_command(message, sender), self._now())
+        self.apply()
+
+    def _on_missed_deadline(self, event: object) -> None:
+        self._lose_sender('the command missed its deadline')
+
+    def _on_liveliness(self, event: object) -> None:
+        if getattr(event, 'alive_count', 0) == 0:
+            self._lose_sender('no node that publishes hvch_command is alive')
+
+    def _lose_sender(self, sentence: str) -> None:
+        self._controller.lose_sender(sentence)
+        self.apply()
+
+    def apply(self) -> None:
+        """Set the power of now, and publish the status at a change, and every STATUS_PERIOD_S."""
+        now, self._measured_w = self._now(), None
+        answer = HeaterAnswer(0.0, 0.0, Refusal.OTHER)
+        try:
+            answer = self._controller.step(now, obstacle=self._obstacle(now))
+            self._measured_w = self._output(answer.active_w)
+        except Exception as error:
+            answer = answer._replace(active_w=0.0, refusal=Refusal.HEATER_FAULT, sentence=shortened(
+                f'{type(error).__name__}: {error}', LONGEST_PROBLEM))
+            self._switch_off()
+        self.answer = answer
+        now_s, news = now.steady_ns / NS_PER_S, (answer.refusal, answer.requested_w)
+        if news == self._told and now_s - self._told_at_s < STATUS_PERIOD_S:
+            return
+        is_refused, sentence = self._refusal_news.sentence(answer)
+        if sentence:
+            self._log(sentence, is_refused)
+        self._told, self._told_at_s = news, now_s
+        self._status_publisher.publish(status_message(answer, now.clock_ns, self._measured_w))
+
+    def _switch_off(self) -> None:
+        try:
+            self._output(0.0)
+        except Exception as error:
+            self._log(f'the heater cannot be switched off: {type(error).__name__}: {error}', True)
+
+    def end(self, sentence: str) -> None:
+        """Switch the heater off before the process ends, and say so."""
+        self._switch_off()
+        self._status_publisher.publish(status_message(
+            HeaterAnswer(0.0, 0.0, Refusal.NOT_ACTIVE, sentence), self._now().clock_ns))
+        self._status_publisher.wait_for_all_acked(LAST_WORDS_TIME)
+
+    def entry(self, part: str, hardware: str) -> DiagnosticStatus:
+        """Return the DiagnosticStatus `NODE: part` on the command."""
+        answer, measured_w = self.answer, self._measured_w
+        return entry(
+            self._node.get_fully_qualified_name(), part, hardware, LEVELS.get(answer.refusal, OK),
+            f'{answer.refusal.name}: {answer.sentence}' if answer.sentence else 'the command is served',
+            {'requested power [W]': f'{answer.requested_w:.1f}', 'active power [W]': f'{answer.active_w:.1f}',
+             'measured power [W]': 'not measured' if measured_w is None else f'{measured_w:g}'})
+
+
+def no_obstacle(now: Instant) -> Verdict:
+    """Return the Verdict of a car without conditions of its own."""
+    return SERVED

@@ -1,0 +1,175 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Battery states in messages: what is read of them, refusals and their wording."""
+
+from math import inf, nan
+
+from builtin_interfaces.msg import Time
+import pytest
+from sensor_msgs.msg import BatteryState as BatteryStateMessage
+
+from bev_preheat.control.inputs import SupplyStatus
+from bev_preheat.errors import InvalidInput
+from bev_preheat.messages.battery_state import battery_event, measurement_from_message
+from bev_preheat.planning.situation import BatteryState
+
+STAMP = Time(sec=1_700_000_000, nanosec=250_000_000)
+UNSET_STAMP = 'header.stamp: is 0; it must be set, as "header: auto" of ros2 topic pub does'
+
+
+def battery_message(stamp=STAMP, **fields):
+    message = BatteryStateMessage(**{'temperature': -5.0, 'percentage': 0.5, **fields})
+    message.header.stamp = stamp
+    return message
+
+
+def problems_of(function, *arguments):
+    with pytest.raises(InvalidInput) as refusal:
+        function(*arguments)
+    return refusal.value.problems
+
+
+def test_battery_state():
+    measurement = measurement_from_message(battery_message())
+    assert (measurement.state, measurement.stamp_ns) == (
+        BatteryState(temperature_c=-5.0, soc=0.5), 1_700_000_000_250_000_000)
+
+
+@pytest.mark.parametrize('fields, problem', [
+    ({'temperature': nan}, 'temperature: nan is not a known value; it must be a finite number, in degC'),
+    ({'temperature': -inf}, 'temperature: -inf is not a known value; it must be a finite number, in degC'),
+    ({'percentage': nan}, 'percentage: nan is not a known value; it must be 0 ... 1'),
+    ({'percentage': inf}, 'percentage: inf is not a known value; it must be 0 ... 1'),
+    ({'percentage': 1.25}, 'percentage: 1.25 is not allowed; it must be 0 ... 1'),
+    ({'percentage': -0.25}, 'percentage: -0.25 is not allowed; it must be 0 ... 1'),
+    ({'percentage': 1.0051}, 'percentage: 1.0051 is not allowed; it must be 0 ... 1'),
+    ({'percentage': -0.0051}, 'percentage: -0.0051 is not allowed; it must be 0 ... 1'),
+    ({'percentage': 64.0}, 'percentage: 64 is not allowed; it must be 0 ... 1'),
+    ({'stamp': Time()}, UNSET_STAMP),
+])
+def test_bad_battery_state(fields, problem):
+    assert problems_of(measurement_from_message, battery_message(**fields)) == [problem]
+
+
+def test_every_bad_field_of_a_battery_state_is_named():
+    problems = problems_of(measurement_from_message,
+                           battery_message(Time(), temperature=nan, percentage=2.0))
+    assert [problem.partition(':')[0] for problem in problems] == [
+        'temperature', 'percentage', 'header.stamp']
+
+
+@pytest.mark.parametrize('soc', [0.0, 1.0])
+def test_the_ends_of_the_state_of_charge_are_allowed(soc):
+    message = battery_message(percentage=soc, present=True)
+    assert measurement_from_message(message).state.soc == soc
+
+
+@pytest.mark.parametrize('percentage, soc', [
+    # The next number of single precision above 1; a byte that counts 0.4 %, at 100.4 %.
+    (1.0 + 2.0**-23, 1.0), (251 * 0.004, 1.0), (1.0049, 1.0), (-0.0049, 0.0), (-1e-9, 0.0)])
+def test_a_percentage_that_was_rounded_is_that_of_the_end(percentage, soc):
+    assert measurement_from_message(battery_message(percentage=percentage)).state.soc == soc
+
+
+def test_the_event_of_a_refused_state_has_its_percentage():
+    assert battery_event(battery_message(percentage=64.0)).percentage == 64.0
+    assert battery_event(battery_message(temperature=nan, percentage=0.25)).percentage == 0.25
+
+
+@pytest.mark.parametrize('hint', ['', 'the publisher sends degrees Fahrenheit'])
+def test_a_hint_follows_the_problems_of_an_unreadable_battery_state(hint):
+    unread = battery_event(battery_message(temperature=nan), hint)
+    without = battery_event(battery_message(temperature=nan))
+    assert unread.error.problems == [*without.error.problems, *([hint] if hint else [])]
+
+
+# Cells: their order, and NaN among them, must not matter.
+CELLS_C = [4.0, nan, 1.5, 9.5]
+
+
+def test_cells_stand_for_a_temperature_that_is_not_known():
+    measurement = measurement_from_message(
+        battery_message(temperature=nan, cell_temperature=CELLS_C))
+    assert (measurement.state.temperature_c, measurement.coldest_cell_c, measurement.cell_spread_k) == (
+        5.0, 1.5, 8.0)
+    assert measurement.cell_warning == ''
+
+
+def test_a_temperature_goes_before_the_mean_of_the_cells():
+    measurement = measurement_from_message(battery_message(cell_temperature=CELLS_C))
+    assert (measurement.state.temperature_c, measurement.coldest_cell_c, measurement.cell_spread_k) == (
+        -5.0, 1.5, 8.0)
+
+
+@pytest.mark.parametrize('cells_c', [[], [nan, nan], [inf, -inf]])
+def test_without_a_known_cell_there_is_no_coldest(cells_c):
+    measurement = measurement_from_message(battery_message(cell_temperature=cells_c))
+    assert (measurement.coldest_cell_c, measurement.cell_spread_k, measurement.cell_warning) == (None, None, '')
+    assert problems_of(measurement_from_message, battery_message(
+        temperature=nan, cell_temperature=cells_c)) == [
+            'temperature: nan is not a known value; it must be a finite number, in degC']
+
+
+@pytest.mark.parametrize('code_c, shown', [(215.0, '215'), (-273.0, '-273')])
+def test_a_code_for_a_missing_sensor_is_no_cell(code_c, shown):
+    cells_c = [4.0, code_c, 1.5]
+    assert problems_of(measurement_from_message, battery_message(
+        temperature=nan, cell_temperature=cells_c)) == [
+            f'cell_temperature: {shown} is not allowed; it must be -60 ... 100 degC, or NaN: unknown']
+    measurement = measurement_from_message(battery_message(cell_temperature=cells_c))
+    assert (measurement.state.temperature_c, measurement.coldest_cell_c) == (-5.0, None)
+
+
+@pytest.mark.parametrize('warmest_c, warning', [
+    (12.0, ''),
+    (12.5, 'cell_temperature: the cells differ by 10.5 K, the coldest is at 2.0 degC; at most 10 K are '
+     'expected')])
+def test_cells_that_differ_widely_are_reported(warmest_c, warning):
+    assert measurement_from_message(
+        battery_message(cell_temperature=[2.0, warmest_c])).cell_warning == warning
+
+
+def test_supply_status_and_names_of_a_battery():
+    for name in ('UNKNOWN', 'CHARGING', 'DISCHARGING', 'NOT_CHARGING', 'FULL'):
+        measurement = measurement_from_message(battery_message(
+            power_supply_status=getattr(BatteryStateMessage, f'POWER_SUPPLY_STATUS_{name}'),
+            location='under the floor', serial_number='T-7'))
+        assert measurement.supply_status is SupplyStatus[name]
+        assert (measurement.location, measurement.serial_number) == ('under the floor', 'T-7')
+    assert measurement_from_message(
+        battery_message(power_supply_status=77)).supply_status is SupplyStatus.UNKNOWN
+
+
+EVIDENCE = ('voltage', 'current', 'charge', 'capacity', 'design_capacity')
+
+
+@pytest.mark.parametrize('unset', [0.0, nan])
+def test_a_percentage_of_0_with_nothing_else_is_not_given(unset):
+    assert problems_of(measurement_from_message, battery_message(
+        percentage=0.0, **dict.fromkeys(EVIDENCE, unset))) == [
+            'percentage: 0 counts as not given where present is false and voltage, current, '
+            'charge, capacity, design_capacity are unset too; it must be 0 ... 1, and a battery '
+            'that is really empty says "present: true" or its voltage']
+
+
+@pytest.mark.parametrize('field, value', [
+    ('present', True), ('voltage', 310.0), ('current', -5.0), ('charge', 0.5),
+    ('capacity', 190.0), ('design_capacity', 200.0)])
+def test_an_empty_battery_with_another_value_is_empty(field, value):
+    message = battery_message(percentage=0.0, **{
+        **dict.fromkeys(EVIDENCE, nan), field: value})
+    assert measurement_from_message(message).state.soc == 0.0
+
+
+# Voltage and current: discharging is positive here, negative in sensor_msgs
+
+@pytest.mark.parametrize('voltage, current, expected', [
+    (400.0, -50.0, (400.0, 50.0)), (390.0, 12.5, (390.0, -12.5)),
+    (0.0, -50.0, (None, None)), (400.0, 0.0, (400.0, 0.0)), (nan, -50.0, (None, None)),
+    (400.0, nan, (None, None)), (-400.0, 5.0, (None, None)),
+    (inf, 5.0, (None, None)), (400.0, -inf, (None, None)), (400.0, 1e6, (None, None))])
+def test_voltage_and_current(voltage, current, expected):
+    message = BatteryStateMessage(temperature=-7.0, percentage=0.5, voltage=voltage,
+                                  current=current)
+    message.header.stamp = Time(sec=5)
+    measurement = measurement_from_message(message)
+    assert (measurement.voltage_v, measurement.current_a) == expected

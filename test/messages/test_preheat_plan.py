@@ -1,0 +1,230 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Plans and commands in messages: figures, instants, unknown values; the numbers of enumerations."""
+
+from dataclasses import replace
+from math import nan
+from pathlib import Path
+import re
+from types import SimpleNamespace
+
+from builtin_interfaces.msg import Time
+import numpy as np
+import pytest
+
+from bev_preheat.control.decision import Command, Decision
+from bev_preheat.control.inputs import Leg, Mission
+from bev_preheat.control.target_choice import TargetSource
+from bev_preheat.messages.fields import nanoseconds
+from bev_preheat.messages.heater import command_message
+from bev_preheat.messages.preheat_plan import plan_message, temperature_message
+from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.planning.heating_intervals import HeatingInterval, Reason
+from bev_preheat.planning.outcome import Stranding
+from bev_preheat.planning.planner import plan_preheating
+from bev_preheat.planning.situation import BatteryState, Goal
+from bev_preheat.planning.status import Status
+from bev_preheat.route.segments import make_route
+from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.heat_path import HeatPath
+from bev_preheat_msgs.msg import HvchCommand, PreheatPlan
+
+VEHICLE = load_vehicle('reference')
+EAST = Mission('east', (Leg(None),))
+MESSAGES = Path(__file__).parents[2] / 'msg_defs' / 'msg'
+
+
+def test_command():
+    message = command_message(
+        Command(4321.0, 12_000_000_345, Status.HEATING), now_ns=10_000_000_678)
+    assert (message.battery_heating_power, message.reason, message.valid_until,
+            message.header.stamp) == (4321.0, HvchCommand.HEATING, Time(sec=12, nanosec=345),
+                                      Time(sec=10, nanosec=678))
+
+
+@pytest.fixture(scope='module')
+def decision():
+    """Return a decision whose plan waits for a while."""
+    route = make_route({
+        'duration_s': [30.0] * 40, 'speed_mps': [20.0], 'propulsion_power_w': [20e3],
+        'ambient_temperature_c': [-7.0]}, VEHICLE.defaults)
+    plan = plan_preheating(VEHICLE, route, BatteryState(18.0, 0.8), Goal(24.0))
+    assert 0.0 < plan.heating_start_s < 1200.0
+    return Decision(plan.status, plan.explanation, plan, 50 * NS_PER_S)
+
+
+@pytest.fixture(scope='module')
+def message(decision):
+    return plan_message(decision, EAST, now_ns=99 * NS_PER_S)
+
+
+def test_plan_is_stamped_where_its_trajectories_start(message):
+    assert message.header.stamp == Time(sec=50)
+
+
+@pytest.mark.parametrize('field, attribute', [
+    ('method', 'method'), ('status', 'status'), ('explanation', 'explanation'),
+    ('predicted_arrival_temperature', 'arrival_temperature_c'),
+    ('predicted_arrival_soc', 'arrival_soc'),
+    ('target_battery_temperature', 'target_temperature_c'), ('shortfall', 'shortfall_k'),
+    ('soc_shortfall', 'soc_shortfall'), ('undeliverable_power', 'undeliverable_power_w'),
+    ('planning_time', 'planning_time_s')])
+def test_figure_of_a_plan(message, decision, field, attribute):
+    assert getattr(message, field) == getattr(decision.plan, attribute)
+
+
+@pytest.mark.parametrize('field, energy', [
+    ('joule_energy', 'joule'), ('drivetrain_heat_energy', 'drivetrain_heat'),
+    ('hvch_electric_energy', 'hvch_electric'), ('hvch_heat_energy', 'hvch_heat'),
+    ('leakage_energy', 'leakage'), ('battery_energy', 'battery_total')])
+def test_energy_of_a_plan(message, decision, field, energy):
+    assert getattr(message, field) == getattr(decision.plan.energy_wh, energy)
+
+
+@pytest.mark.parametrize('field, attribute', [
+    ('time', 'time_s'), ('battery_temperature', 'battery_temperature_c'), ('soc', 'soc'),
+    ('hvch_power', 'hvch_battery_power_w')])
+def test_trajectory_of_a_plan(message, decision, field, attribute):
+    assert list(getattr(message, field)) == getattr(decision.plan, attribute).tolist()
+
+
+def test_heat_under_way_of_a_plan(message):
+    vehicle = replace(VEHICLE, heat_path=HeatPath(60.0, 20e3, 400.0))
+    route = make_route({'duration_s': [30.0] * 40, 'speed_mps': [20.0], 'propulsion_power_w': [20e3],
+                        'ambient_temperature_c': [-7.0]}, vehicle.defaults)
+    plan = plan_preheating(vehicle, route, BatteryState(18.0, 0.8, 3000.0, 4.0), Goal(24.0))
+    heated = plan_message(Decision(plan.status, '', plan, 0), EAST, 0)
+    assert (list(heated.heater_power), list(heated.coolant_excess_temperature)) == (
+        plan.heat.heater_power_w.tolist(), plan.heat.coolant_excess_k.tolist())
+    assert len(heated.heater_power) == len(heated.time)
+    assert (heated.heater_power[0], heated.coolant_excess_temperature[0]) == (3000.0, 4.0)
+    assert not message.heater_power and not message.coolant_excess_temperature
+
+
+def test_instants_of_a_plan(message, decision):
+    start_ns = round(decision.plan.heating_start_s * NS_PER_S)
+    assert (message.route_id, message.heating_planned, nanoseconds(message.heating_start),
+            nanoseconds(message.arrival)) == (
+        'east', True, 50 * NS_PER_S + start_ns, (50 + 1200) * NS_PER_S)
+
+
+# Four heating intervals, one for each reason, all figures different.
+STRETCHES = (HeatingInterval(10.0, 15.5, 7.25, Reason.CLIMB),
+             HeatingInterval(30.0, 90.0, 61.0, Reason.DESCENT),
+             HeatingInterval(90.0, 400.0, 330.5, Reason.SURPLUS),
+             HeatingInterval(777.0, 1200.0, 590.75, Reason.ARRIVAL))
+
+
+@pytest.mark.parametrize('intervals, field, expected', [
+    (STRETCHES, 'stretch_start', [10.0, 30.0, 90.0, 777.0]),
+    (STRETCHES, 'stretch_end', [15.5, 90.0, 400.0, 1200.0]),
+    (STRETCHES, 'stretch_energy', [7.25, 61.0, 330.5, 590.75]),
+    (STRETCHES, 'stretch_reason', [
+        PreheatPlan.STRETCH_CLIMB, PreheatPlan.STRETCH_DESCENT, PreheatPlan.STRETCH_SURPLUS,
+        PreheatPlan.STRETCH_ARRIVAL]),
+    ((), 'stretch_start', []), ((), 'stretch_end', []), ((), 'stretch_energy', []),
+    ((), 'stretch_reason', [])])
+def test_heating_intervals_of_a_plan(decision, intervals, field, expected):
+    plan = replace(decision.plan, intervals=intervals)
+    message = plan_message(replace(decision, plan=plan), EAST, now_ns=99 * NS_PER_S)
+    assert list(getattr(message, field)) == expected
+
+
+@pytest.mark.parametrize('field', ['shortfall', 'soc_shortfall', 'undeliverable_power'])
+def test_each_lack_goes_to_its_own_field(decision, field):
+    lacks = {'shortfall': 1.5, 'soc_shortfall': 0.0625, 'undeliverable_power': 4321.0}
+    plan = replace(decision.plan, shortfall_k=1.5, soc_shortfall=0.0625,
+                   undeliverable_power_w=4321.0)
+    message = plan_message(replace(decision, plan=plan), EAST, now_ns=99 * NS_PER_S)
+    assert getattr(message, field) == lacks[field]
+
+
+def test_where_the_charge_runs_out(decision):
+    plan = replace(decision.plan, stranding=Stranding(at_s=450.5, at_m=8125.0, deficit_wh=2250.0))
+    message = plan_message(replace(decision, plan=plan), EAST, now_ns=99 * NS_PER_S)
+    # The plan starts at 50 s.
+    assert (nanoseconds(message.charge_runs_out), message.charge_runs_out_distance,
+            message.lacking_energy) == (500.5 * NS_PER_S, 8125.0, 2250.0)
+
+
+def test_charge_that_carries_the_trip_runs_out_nowhere(message):
+    assert message.charge_runs_out == Time()
+    assert np.isnan([message.charge_runs_out_distance, message.lacking_energy]).all()
+
+
+@pytest.mark.parametrize('field', [
+    'stretch_start', 'stretch_end', 'stretch_energy', 'stretch_reason'])
+def test_without_a_plan_there_are_no_heating_intervals(field):
+    message = plan_message(Decision(Status.DISABLED, 'No.'), None, now_ns=7 * NS_PER_S)
+    assert len(getattr(message, field)) == 0
+
+
+def test_without_a_plan_the_figures_are_unknown():
+    message = plan_message(Decision(Status.DISABLED, 'No.'), None, now_ns=7 * NS_PER_S)
+    figures = [name for name, kind in PreheatPlan.get_fields_and_field_types().items()
+               if kind == 'double' and name not in ('delay', 'planning_time')]
+    assert (len(figures), [name for name in figures if not np.isnan(getattr(message, name))],
+            message.route_id, message.heating_planned, len(message.time), message.header.stamp,
+            message.arrival) == (21, [], '', False, 0, Time(sec=7), Time())
+
+
+@pytest.mark.parametrize('delay_ns, delay_s', [(0, 0.0), (90 * NS_PER_S, 90.0), (-NS_PER_S // 2, -0.5)])
+def test_the_delay_of_a_mission_is_told_with_and_without_a_plan(decision, delay_ns, delay_s):
+    for told in (decision, Decision(Status.DISABLED, 'No.')):
+        assert plan_message(told, EAST.delayed(delay_ns), now_ns=0).delay == delay_s
+    assert plan_message(Decision(Status.NO_ROUTE, 'No.'), None, now_ns=0).delay == 0.0
+
+
+@pytest.mark.parametrize('deviation_k, variance', [(nan, 0.0), (0.75, 0.5625)])
+def test_predicted_temperature(decision, deviation_k, variance):
+    message = temperature_message(
+        replace(decision, forecast=SimpleNamespace(deviation_k=deviation_k)), now_ns=8 * NS_PER_S)
+    assert (message.temperature, message.variance, message.header.stamp) == (
+        decision.plan.arrival_temperature_c, variance, Time(sec=8))
+
+
+def test_deviation_of_the_predicted_temperature(decision):
+    message = plan_message(
+        replace(decision, forecast=SimpleNamespace(deviation_k=0.625)), EAST, 99 * NS_PER_S)
+    assert message.predicted_arrival_temperature_deviation == 0.625
+
+
+@pytest.mark.parametrize('heating_end_s, end_s', [(None, 50 + 1200), (700.5, 750.5)])
+def test_end_of_heating(decision, heating_end_s, end_s):
+    plan = replace(decision.plan, heating_end_s=heating_end_s)
+    message = plan_message(replace(decision, plan=plan), EAST, now_ns=99 * NS_PER_S)
+    assert nanoseconds(message.heating_end) == round(end_s * NS_PER_S)
+
+
+def test_without_heating_it_has_no_end(decision):
+    plan = replace(decision.plan, heating_start_s=None)
+    message = plan_message(replace(decision, plan=plan), EAST, now_ns=99 * NS_PER_S)
+    assert message.heating_end == Time()
+
+
+# Enums: the message files are the contract
+
+@pytest.mark.parametrize('name', ['HvchCommand', 'PreheatPlan'])
+def test_constants_of_the_message_are_the_statuses(name):
+    text = (MESSAGES / f'{name}.msg').read_text()
+    constants = dict(re.findall(r'^uint8 ([A-Z_]+)=(\d+)', text, re.MULTILINE))
+    reasons = {'PreheatPlan': {
+        **{f'STRETCH_{reason.name}': reason.value for reason in Reason},
+        **{f'TARGET_{source.name}': source.value for source in TargetSource}}}
+    assert {key: int(value) for key, value in constants.items()} == {
+        **{status.name: status.value for status in Status}, **reasons.get(name, {})}
+
+
+@pytest.mark.parametrize('message_type', [HvchCommand, PreheatPlan])
+@pytest.mark.parametrize('status', Status)
+def test_constants_as_built_are_the_statuses(message_type, status):
+    assert getattr(message_type, status.name) == status.value
+
+
+@pytest.mark.parametrize('reason', Reason)
+def test_constants_as_built_are_the_reasons(reason):
+    assert getattr(PreheatPlan, f'STRETCH_{reason.name}') == reason.value
+
+
+@pytest.mark.parametrize('source', TargetSource)
+def test_constants_as_built_are_the_sources_of_a_target(source):
+    assert getattr(PreheatPlan, f'TARGET_{source.name}') == source.value

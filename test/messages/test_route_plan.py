@@ -1,0 +1,336 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Route plans in messages: refusals and their wording, defaults, units, and back."""
+
+from array import array
+from math import inf, nan
+import random
+import re
+
+from builtin_interfaces.msg import Time
+from hypothesis import example, given
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+from varying_power import magnitude_w
+
+from bev_preheat.control.inputs import Leg, Mission, with_stops
+from bev_preheat.errors import InvalidInput
+from bev_preheat.messages.fields import nanoseconds, time_message
+from bev_preheat.messages.route_plan import (
+    is_cancellation,
+    mission_from_message,
+    ROUTE_FIELDS,
+    route_plan_message,
+)
+from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.planning.situation import BatteryState
+from bev_preheat.vehicle.description import Defaults
+from bev_preheat_msgs.msg import RoutePlan
+
+DEFAULTS = Defaults(cabin_heating_power_w=1111.0, auxiliary_power_w=222.0,
+                    target_battery_temperature_c=33.0)
+STAMP = Time(sec=1_700_000_000, nanosec=250_000_000)
+UNSET_STAMP = 'header.stamp: is 0; it must be set, as "header: auto" of ros2 topic pub does'
+
+
+def route_message(stamp=STAMP, **fields):
+    """Return a RoutePlan of three segments; all values differ."""
+    message = RoutePlan(**{
+        'route_id': 'to the charger', 'segment_duration': [10.0, 20.0, 30.0],
+        'speed': [11.0, 12.0, 13.0], 'propulsion_power': [1e3, -2e3, 3e3],
+        'propulsion_power_rms': [1.5e3, 2.5e3, 3.5e3], 'ambient_temperature': [-4.0, -5.0, -6.0],
+        'cabin_heating_power': [710.0, 720.0, 730.0], 'auxiliary_power': [310.0, 320.0, 330.0],
+        'propulsion_power_magnitude': [1.2e3, 2.2e3, 3.2e3],
+        'charging_planned': True, 'target_battery_temperature': 27.0, 'minimum_arrival_soc': 0.15,
+        **fields})
+    message.header.stamp = stamp
+    return message
+
+
+def convert(step_s=1000.0, **fields):
+    return mission_from_message(route_message(**fields), DEFAULTS, step_s)
+
+
+def convert_leg(*arguments, **fields):
+    leg, = convert(*arguments, **fields).legs
+    return leg
+
+
+def problems_of(function, *arguments):
+    with pytest.raises(InvalidInput) as refusal:
+        function(*arguments)
+    return refusal.value.problems
+
+
+# Route: refusals
+
+ARRAYS = list(ROUTE_FIELDS.values())
+LIMITS_TEXT = {
+    'segment_duration': '0.001 ... 86400 s', 'speed': '0 ... 100 m/s',
+    'propulsion_power': '-2000000 ... 2000000 W', 'propulsion_power_rms': '0 ... 2000000 W',
+    'ambient_temperature': '-60 ... 60 degC', 'cabin_heating_power': '0 ... 50000 W',
+    'auxiliary_power': '0 ... 50000 W', 'propulsion_power_magnitude': '0 ... 2000000 W'}
+
+
+@pytest.mark.parametrize('value, text', [(nan, 'nan'), (inf, 'inf'), (-inf, '-inf')])
+@pytest.mark.parametrize('field', ARRAYS)
+def test_a_number_that_is_none_is_refused_in_each_array(field, value, text):
+    values = list(getattr(route_message(), field))
+    values[1] = value
+    assert problems_of(lambda: convert(**{field: values})) == [
+        f'{field}[1]: {text} is not allowed; it must be {LIMITS_TEXT[field]}']
+
+
+@pytest.mark.parametrize('field, values, problem', [
+    ('segment_duration', [10.0, 20.0, -30.0],
+     'segment_duration[2]: -30 is not allowed; it must be 0.001 ... 86400 s'),
+    ('segment_duration', [0.0, 20.0, 0.0],
+     'segment_duration[0]: 0 is not allowed; it must be 0.001 ... 86400 s (and 1 more)'),
+    ('speed', [11.0, 130.0, 13.0], 'speed[1]: 130 is not allowed; it must be 0 ... 100 m/s'),
+    ('speed', [-1.0], 'speed[0]: -1 is not allowed; it must be 0 ... 100 m/s'),
+    ('ambient_temperature', [266.0],
+     'ambient_temperature[0]: 266 is not allowed; it must be -60 ... 60 degC'),
+    ('cabin_heating_power', [710.0, -1.0, 730.0],
+     'cabin_heating_power[1]: -1 is not allowed; it must be 0 ... 50000 W'),
+    ('auxiliary_power', [-5.0], 'auxiliary_power[0]: -5 is not allowed; it must be 0 ... 50000 W'),
+    ('propulsion_power_rms', [1.5e3, 1.9e3, 3.5e3],
+     'propulsion_power_rms[1]: 1900 is below the magnitude of the mean, 2000'),
+    ('segment_duration', [86000.0, 300.0, 200.0],
+     'segment_duration: the route lasts 86500 s; at most 86400 s are planned'),
+    ('speed', [11.0, 12.0],
+     'speed: has 2 values; it must have 1 or 3, the length of the longest array'),
+    ('auxiliary_power', [310.0, 320.0],
+     'auxiliary_power: has 2 values; it must have 1 or 3, the length of the longest array'),
+    ('segment_duration', [], 'missing or empty: segment_duration'),
+    ('speed', [], 'missing or empty: speed'),
+    ('propulsion_power', [], 'missing or empty: propulsion_power'),
+    ('ambient_temperature', [], 'missing or empty: ambient_temperature'),
+    ('minimum_arrival_soc', -0.5, 'minimum_arrival_soc: -0.5 is not allowed; it must be 0 ... 1'),
+    ('minimum_arrival_soc', 20.0, 'minimum_arrival_soc: 20 is not allowed; it must be 0 ... 1'),
+    ('minimum_arrival_soc', nan, 'minimum_arrival_soc: nan is not allowed; it must be 0 ... 1'),
+    ('target_battery_temperature', inf, 'target_battery_temperature: inf is not allowed; it must '
+     "be finite, or 0 or NaN: the planner's own default"),
+    ('route_id', 'x' * 257, f"route_id: '{'x' * 60}' … (257 characters) is too long; it must have "
+     'at most 256 characters'),
+    ('stamp', Time(), UNSET_STAMP),
+    ('stamp', Time(sec=2**31 - 20), 'header.stamp: 2147483628 s is too late: the route would end '
+     'after the last instant that a stamp can hold'),
+])
+def test_bad_route(field, values, problem):
+    assert problems_of(lambda: convert(**{field: values})) == [problem]
+
+
+@pytest.mark.parametrize('soc', [0.0, 1.0])
+def test_the_charge_wanted_on_arrival_may_be_none_or_all(soc):
+    assert convert(minimum_arrival_soc=soc).legs[-1].minimum_arrival_soc == soc
+
+
+def test_a_longer_array_makes_the_others_too_short():
+    problems = problems_of(lambda: convert(speed=[11.0] * 4))
+    assert [problem.partition(':')[0] for problem in problems] == [
+        name for name in ARRAYS if name != 'speed']
+
+
+def test_no_segments_are_named_as_all_that_is_missing():
+    assert problems_of(mission_from_message, route_message(**dict.fromkeys(ARRAYS, [])), DEFAULTS,
+                       30.0) == [
+        'missing or empty: segment_duration, speed, propulsion_power, ambient_temperature']
+
+
+@pytest.mark.parametrize('name', ARRAYS)
+def test_too_many_segments_are_refused_before_they_are_looked_at(name):
+    class Unread(list):
+        """Numbers that must not be read, because there may be millions."""
+
+        def __iter__(self):
+            raise AssertionError('read')
+
+    message = route_message()
+    # Bypasses the setter, which would check each element.
+    setattr(message, f'_{name}', Unread([nan] * 200_001))
+    assert problems_of(mission_from_message, message, DEFAULTS, 30.0) == [
+        f'{name}: has 200001 values; at most 200000 segments are planned']
+
+
+def test_as_many_segments_as_are_planned_are_accepted():
+    route = convert_leg(segment_duration=array('d', [0.01]) * 200_000, **{
+        name: [{'propulsion_power_rms': 5.0, 'propulsion_power_magnitude': 4.0}.get(name, 1.0)]
+        for name in ARRAYS if name != 'segment_duration'}).route
+    assert route.total_duration_s == pytest.approx(2000.0)
+
+
+def test_a_long_route_id_that_is_allowed_is_kept():
+    assert convert(route_id='ü' * 256).route_id == 'ü' * 256
+
+
+def test_the_message_about_a_huge_route_id_is_short():
+    problem, = problems_of(lambda: convert(route_id='x' * 1_000_000))
+    assert len(problem) < 200 and '(1000000 characters)' in problem
+
+
+def test_every_bad_field_of_a_route_is_named():
+    problems = problems_of(lambda: convert(
+        stamp=Time(), minimum_arrival_soc=2.0, segment_duration=[-1.0], speed=[nan],
+        auxiliary_power=[1.0, 2.0]))
+    assert [re.match(r'[\w.]+', problem)[0] for problem in problems] == [
+        'header.stamp', 'minimum_arrival_soc', 'segment_duration', 'speed', 'auxiliary_power']
+
+
+# Route: conversion
+
+def test_fields_of_a_mission():
+    mission = convert()
+    leg, = mission.legs
+    assert (mission.route_id, leg.start_ns, leg.charging_planned, leg.target_temperature_c,
+            leg.minimum_arrival_soc, leg.departure) == (
+        'to the charger', 1_700_000_000_250_000_000, True, 27.0, 0.15, None)
+
+
+@pytest.mark.parametrize('value, has, target_c', [
+    (0.0, False, None), (-0.0, False, None), (nan, False, None), (0.0, True, 0.0),
+    (12.5, False, 12.5), (12.5, True, 12.5), (-3.0, False, -3.0)])
+def test_target_of_0_counts_where_it_is_said_to_be_there(value, has, target_c):
+    leg = convert_leg(target_battery_temperature=value, has_target_battery_temperature=has)
+    assert leg.target_temperature_c == target_c
+
+
+def test_a_target_that_is_said_to_be_there_must_be_a_number():
+    assert problems_of(lambda: convert(
+        target_battery_temperature=nan, has_target_battery_temperature=True)) == [
+            'target_battery_temperature: nan is not allowed where has_target_battery_temperature '
+            'is true; it must be finite']
+
+
+# Cancellation
+
+def test_an_empty_message_is_a_cancellation():
+    assert is_cancellation(RoutePlan())
+
+
+@pytest.mark.parametrize('field, value', [
+    ('route_id', 'home'), ('minimum_arrival_soc', nan), ('target_battery_temperature', inf),
+    ('has_target_battery_temperature', True)])
+def test_a_cancellation_may_hold_anything_but_a_trip(field, value):
+    assert is_cancellation(RoutePlan(**{field: value}))
+
+
+@pytest.mark.parametrize('field, value', [
+    ('charging_planned', True), *((name, [1.0]) for name in ARRAYS), ('stop_after_segment', [0]),
+    ('stop_duration', [60.0]), ('stop_target_battery_temperature', [1.0]),
+    ('stop_has_target_battery_temperature', [False]), ('stop_minimum_arrival_soc', [0.0]),
+    ('departure_battery_temperature', [1.0]), ('departure_soc', [0.5])])
+def test_what_holds_some_of_a_trip_is_no_cancellation(field, value):
+    assert not is_cancellation(RoutePlan(**{field: value}))
+
+
+def test_no_field_is_forgotten_where_a_cancellation_is_told_from_a_trip():
+    arrays = {name for name, kind in RoutePlan.get_fields_and_field_types().items()
+              if kind.startswith('sequence')}
+    assert {field for field in arrays if is_cancellation(RoutePlan(**{field: [1]} if field in (
+        'stop_after_segment',) else {field: [True]} if 'has' in field else {field: [1.0]}))} == set()
+
+
+@pytest.mark.parametrize('field, name', ROUTE_FIELDS.items())
+def test_each_array_goes_to_its_field(field, name):
+    # A step of 10 s keeps the first segment as it is.
+    value = getattr(convert_leg(step_s=10.0).route, field)[0]
+    assert value == pytest.approx(getattr(route_message(), name)[0])
+
+
+@pytest.mark.parametrize('name', [name for name in ARRAYS if name != 'segment_duration'])
+def test_an_array_of_one_holds_in_every_segment(name):
+    value = {'propulsion_power_rms': 4e3, 'propulsion_power_magnitude': 3.3e3}.get(name, 7.0)
+    field = next(field for field, other in ROUTE_FIELDS.items() if other == name)
+    # Some of these routes have constant columns.
+    rest = {} if name == 'propulsion_power_magnitude' else {'propulsion_power_magnitude': []}
+    if name in ('propulsion_power', 'propulsion_power_magnitude'):
+        rest['propulsion_power_rms'] = [8e3]
+    route = convert_leg(step_s=10.0, **rest, **{name: [value]}).route
+    assert getattr(route, field).tolist() == pytest.approx([value] * 6)
+
+
+def test_a_single_duration_holds_in_every_segment():
+    assert convert_leg(segment_duration=[40.0]).route.total_duration_s == pytest.approx(120.0)
+
+
+@pytest.mark.parametrize('name, field, expected', [
+    ('cabin_heating_power', 'cabin_heating_power_w', [1111.0] * 6),
+    ('auxiliary_power', 'auxiliary_power_w', [222.0] * 6),
+    ('propulsion_power_rms', 'propulsion_power_rms_w', [1e3, 2e3, 2e3, 3e3, 3e3, 3e3]),
+    ('propulsion_power_magnitude', 'propulsion_power_magnitude_w', [
+        magnitude_w(*powers) for powers in ((1e3, 1.5e3), *[(-2e3, 2.5e3)] * 2,
+                                            *[(3e3, 3.5e3)] * 3)]),
+])
+def test_an_empty_optional_array_takes_its_default(name, field, expected):
+    route = convert_leg(step_s=10.0, **{'propulsion_power_magnitude': [], name: []}).route
+    assert getattr(route, field).tolist() == pytest.approx(expected)
+
+
+@pytest.mark.parametrize('name', [name for name in ARRAYS if name != 'segment_duration'])
+@pytest.mark.parametrize('step_s', [7.0, 30.0])
+def test_steps_keep_what_a_route_sums_up_to(name, step_s):
+    seeded = random.Random(3)
+    durations_s = [seeded.uniform(0.2, 90.0) for _ in range(50)]
+    powers_w = [seeded.uniform(-9e3, 50e3) for _ in range(50)]
+    values = {
+        'segment_duration': durations_s, 'propulsion_power': powers_w,
+        'propulsion_power_magnitude': [abs(power) + seeded.uniform(0.0, 2e3) for power in powers_w],
+        'propulsion_power_rms': [abs(power) + seeded.uniform(2e3, 5e3) for power in powers_w],
+        **{other: [seeded.uniform(0.0, 50.0) for _ in range(50)] for other in (
+            'speed', 'ambient_temperature', 'cabin_heating_power', 'auxiliary_power')}}
+    route = convert_leg(step_s=step_s, **values).route
+    field = next(field for field, other in ROUTE_FIELDS.items() if other == name)
+    order = 2 if name == 'propulsion_power_rms' else 1
+    assert route.duration_s @ getattr(route, field)**order == pytest.approx(
+        sum(duration_s * value**order for duration_s, value in zip(durations_s, values[name])))
+
+
+def test_steps_are_as_long_as_asked_for():
+    assert convert_leg(step_s=25.0).route.duration_s.tolist() == pytest.approx([25.0, 25.0, 10.0])
+
+
+def legs_strategy(draw):
+    """Return Legs of three segments each, with all fields that a message can hold."""
+    targets_c = st.one_of(st.none(), st.just(0.0), st.floats(-60.0, 60.0))
+    shares = st.floats(0.0, 1.0)
+    route = convert_leg(step_s=10.0).route
+    count = draw(st.integers(1, 4))
+    legs = [Leg(route, 1_650_000_000_123_456_789, draw(st.booleans()) or at < count - 1,
+                draw(targets_c), draw(shares),
+                None if at == 0 else BatteryState(
+                    draw(st.floats(-60.0, 60.0)), draw(st.floats(1e-3, 1.0))))
+            for at in range(count)]
+    return with_stops(legs, [draw(st.floats(1.0, 86400.0)) for _ in legs[1:]])
+
+
+@pytest.mark.parametrize('standing_time_s', [float('nan'), float('inf'), float('-inf'), -1.0])
+def test_a_standing_time_that_is_none_is_refused(standing_time_s):
+    assert problems_of(lambda: convert(standing_time=standing_time_s)) == [
+        f'standing_time: {standing_time_s:g} is not allowed; it must be finite and at least 0 s '
+        '(0: not known)']
+
+
+@pytest.mark.parametrize('standing_time_s', [0.0, 1.0, 1e300])
+def test_any_other_standing_time_is_taken(standing_time_s):
+    assert convert(standing_time=standing_time_s).standing_time_s == standing_time_s
+
+
+@given(st.composite(legs_strategy)())
+@example((Leg(convert_leg(step_s=10.0).route, 10**18, True, 0.0),))
+@example((Leg(convert_leg(step_s=10.0).route, 10**18, True, None),))
+def test_mission_to_message_and_back(legs):
+    mission = mission_from_message(route_plan_message(Mission('x', legs, 5e4)), DEFAULTS, 10.0)
+    assert (mission.route_id, len(mission.legs), mission.standing_time_s) == ('x', len(legs), 5e4)
+    for back, leg in zip(mission.legs, legs):
+        assert (back.charging_planned, back.target_temperature_c, back.minimum_arrival_soc,
+                back.departure) == (
+            leg.charging_planned, leg.target_temperature_c, leg.minimum_arrival_soc, leg.departure)
+        assert back.start_ns == pytest.approx(leg.start_ns, abs=1000)
+        for field in ROUTE_FIELDS:
+            np.testing.assert_allclose(getattr(back.route, field), getattr(leg.route, field),
+                                       rtol=1e-12, err_msg=field)
+
+
+@pytest.mark.parametrize('instant_ns', [0, 1, 999_999_999, NS_PER_S, 1_700_000_000_000_000_001])
+def test_time_to_message_and_back(instant_ns):
+    assert nanoseconds(time_message(instant_ns)) == instant_ns
