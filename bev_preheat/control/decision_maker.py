@@ -22,11 +22,6 @@ from bev_preheat.control.forecast_plan import (
     seen_from_now,
 )
 from bev_preheat.control.margins import FORESEEN_S, MOST_COLDER_K, MOST_PARKED_S, MOST_STANDING_S
-from bev_preheat.control.preparation_plan import (
-    in_words_of_preparation,
-    plan_preparation,
-    target_of_preparation,
-)
 from bev_preheat.control.regime import Regime
 from bev_preheat.control.target_choice import TargetChoice, TargetChooser, TargetSearchInput
 from bev_preheat.errors import InvalidInput, PlanningFailure
@@ -92,10 +87,9 @@ class DecisionMaker(NamedTuple):
         number = mission.leg_number(now_ns) if timetable.end is None else len(mission.legs) - 1
         leg, later_legs = mission.legs[number], mission.legs[number + 1:]
         if timetable.end is None and leg.ended_for_s(now_ns) < 0.0:
-            if leg.made_for is not None:
-                maker, decision = self._plan_current(moment, leg)
-                return maker, in_words_of_preparation(decision)
-            maker, decision = self._decide_on_the_way(moment, leg, timetable)
+            maker, decision = (self._decide_on_the_way(moment, leg, timetable) if leg.terms.is_trip
+                               else self._plan_current(moment, leg))
+            decision = leg.terms.in_words(decision)
             return maker, replace(decision, later_legs=later_legs) if later_legs else decision
         maker, heat = self._charger_heat(moment, leg, leg.charger)
         why = f' {heat.reason}' if heat.reason else ''
@@ -139,7 +133,7 @@ class DecisionMaker(NamedTuple):
         """Return the ChargerHeat at a charger after or on a leg; 0 W if the settings do not ask for it."""
         measurement, settings, estimate = moment.inputs.measurement, moment.inputs.settings, moment.estimate
         assert measurement is not None
-        if not settings.heat_while_charging or leg.made_for is not None:
+        if not settings.heat_while_charging or not leg.terms.is_trip:
             return self, ChargerHeat(0.0, '')
         maker, vehicle, state = self, self.limited(moment.inputs.vehicle), measurement.state
         if estimate is not None:
@@ -172,8 +166,8 @@ class DecisionMaker(NamedTuple):
                 inputs.vehicle, state.temperature_c, ambient_c, starts_in_s))
             estimate = None if estimate is None else estimate.stood_until(temperature_after(
                 inputs.vehicle, estimate.temperature_c, ambient_c, starts_in_s))
-        if leg.made_for is not None:
-            choice = target_of_preparation(leg.made_for, settings)
+        if leg.terms.target is not None:
+            choice = leg.terms.target
         elif leg.charging_planned:
             is_simple = leg.charger is None and leg.prospect.probability == 1.0
             maker, choice = (maker._without_charger(leg, settings) if is_simple else
@@ -184,7 +178,7 @@ class DecisionMaker(NamedTuple):
                 _Start(limited, leg, route, state, start_ns, starts_in_s), goal, choice, moment)
         try:
             forecasts, forecast_plan = maker.forecasts.make(limited, PlanningTask(
-                route, goal, settings, moment.is_heating, starts_in_s, moment.heated_s, leg.made_for,
+                route, goal, settings, moment.is_heating, starts_in_s, moment.heated_s, leg.terms,
                 inputs.heater_refusal), estimate)
         except (InvalidInput, PlanningFailure) as error:
             return maker, Decision(Status.INVALID_INPUT, str(error))
@@ -260,7 +254,7 @@ def _planned_as_measured(start: _Start, goal: Goal, choice: TargetChoice | None,
     method, refusal, leg = moment.inputs.settings.method, moment.inputs.heater_refusal, start.leg
     at = start.vehicle, start.route, start.state, goal, method
     try:
-        plan = plan_preheating(*at) if leg.made_for is None else plan_preparation(leg.made_for, *at)
+        plan = leg.terms.plan(*at)
     except (InvalidInput, PlanningFailure) as error:
         return Decision(Status.INVALID_INPUT, str(error))
     plan, commanded = seen_from_now(

@@ -3,15 +3,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from bev_preheat.control.assumed_drive import steady_drive
 from bev_preheat.control.departure_source import BEGINS_S, BEGINS_WITH_PRICES_S
 from bev_preheat.control.departures import DAYS_A_WEEK
 from bev_preheat.control.inputs import in_planning_steps
-from bev_preheat.control.preparation_goal import PreparationGoal
-from bev_preheat.control.preparation_plan import in_price_steps, plan_preparation, step_prices_of
+from bev_preheat.control.terms import Terms
 from bev_preheat.errors import InvalidInput
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.plan_accounts import cost_of
@@ -91,22 +90,19 @@ def prepare_week(vehicle: Vehicle, departures: Departures, prices: GridPrices | 
 def _prepared(vehicle: Vehicle, occurrence: Occurrence, prices: GridPrices | None, free_ns: int,
               state: BatteryState, ambient_c: float) -> PreparedDeparture:
     departure, ready_ns = occurrence.departure, occurrence.instant_ns
-    goal = PreparationGoal(ready_ns, departure.target_c, departure.is_plugged_in,
-                           prices=prices if departure.is_plugged_in else None)
-    begins_s = BEGINS_S if goal.prices is None else BEGINS_WITH_PRICES_S
+    terms = Terms(is_trip=False, is_from_grid=departure.is_plugged_in, ready_ns=ready_ns,
+                  prices=prices if departure.is_plugged_in else None)
+    begins_s = BEGINS_S if terms.prices is None else BEGINS_WITH_PRICES_S
     start_ns = max(free_ns, ready_ns - round(begins_s * NS_PER_S))
-    route = in_price_steps(in_planning_steps(steady_drive(
-        (ready_ns - start_ns) / NS_PER_S, ambient_c, vehicle.defaults), PLANNING_STEP_S), goal)
-    target_c = vehicle.defaults.target_battery_temperature_c if goal.target_c is None else goal.target_c
-
-    def planned(goal: PreparationGoal) -> Plan:
-        return plan_preparation(goal, vehicle, route, state, Goal(target_c), DEFAULT_METHOD)
-
+    route = terms.in_price_steps(in_planning_steps(steady_drive(
+        (ready_ns - start_ns) / NS_PER_S, ambient_c, vehicle.defaults), PLANNING_STEP_S))
+    target_c = vehicle.defaults.target_battery_temperature_c if departure.target_c is None else departure.target_c
+    situation = vehicle, route, state, Goal(target_c), DEFAULT_METHOD
     try:
-        plan, step_prices = planned(goal), step_prices_of(goal, route)
+        plan, step_prices = terms.plan(*situation), terms.step_prices(route)
         if step_prices is None:
             return PreparedDeparture(occurrence, start_ns, plan, None, None)
-        latest = planned(replace(goal, prices=None))
+        latest = terms._replace(prices=None).plan(*situation)
     except InvalidInput as error:
         raise InvalidInput([f'departure {departure.name}: {problem}' for problem in error.problems]) from error
     return PreparedDeparture(occurrence, start_ns, plan, cost_of(plan, step_prices), cost_of(latest, step_prices))

@@ -16,13 +16,14 @@ from typing import Any, NamedTuple, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.control.margins import LAG_REVEALED_S, LEAST_REVEALED_K, MOST_REVEALED_K
-from bev_preheat.control.preparation_plan import accounted, fed, FullPower, step_prices_of
+from bev_preheat.control.terms import OF_ROUTE
 from bev_preheat.estimation.forecast import DrivenRoute, Forecast
 from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.estimation.prior import prior_factor_covariance
 from bev_preheat.estimation.state import FACTORS, PROPULSION
 from bev_preheat.numerics.arithmetic import array_exp
 from bev_preheat.planning.explanation import explain
+from bev_preheat.planning.full_power import FullPower
 from bev_preheat.planning.heat_run import state_with_heat_under_way
 from bev_preheat.planning.kept_values import KeptValues
 from bev_preheat.planning.plan import Plan
@@ -33,8 +34,8 @@ from bev_preheat.planning.trip import make_trip
 from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
 
 if TYPE_CHECKING:
-    from bev_preheat.control.preparation_goal import PreparationGoal
     from bev_preheat.control.settings import Settings
+    from bev_preheat.control.terms import Terms
     from bev_preheat.estimation.estimate import Estimate
     from bev_preheat.estimation.hypotheses import HeaterReport
     from bev_preheat.numerics.arrays import FloatArray
@@ -68,8 +69,8 @@ class PlanningTask(NamedTuple):
     A route and a goal to plan for now.
 
     The route starts in `starts_in_s` [s]; the battery has been heated for `heated_s` [s] on this trip;
-    `is_heating`: the heater is on. `preparation_goal` is the goal that the route was made for; None: the route
-    comes from a route plan. `heater_refusal` is the sentence on heat that the heater refuses; '' for none.
+    `is_heating`: the heater is on. `terms` are those of the goal's source. `heater_refusal` is the sentence
+    on heat that the heater refuses; '' for none.
     """
 
     route: Route
@@ -78,7 +79,7 @@ class PlanningTask(NamedTuple):
     is_heating: bool
     starts_in_s: float
     heated_s: float
-    preparation_goal: PreparationGoal | None = None
+    terms: Terms = OF_ROUTE
     heater_refusal: str = ''
 
 
@@ -180,7 +181,7 @@ class ForecastPlanner:
         """
         planner = self.following(estimate)
         kept = KeptValues(self.kept)
-        planning = _Planning(task, estimate, fed(planner.vehicle(described), task.preparation_goal), kept)
+        planning = _Planning(task, estimate, task.terms.vehicle(planner.vehicle(described)), kept)
         forecast = self.forecast
         wanted = planning.wanted(forecast)
         if forecast is None:
@@ -210,10 +211,9 @@ class _Planning:
         # Lag after which heat arrives; a vehicle with a heat path has it in its model.
         self._lag_s = estimate.heat_lag_s if vehicle.heat_path.is_direct else 0.0
         self._route = task.route.with_propulsion(estimate.propulsion_factor)
-        goal = task.preparation_goal
-        self._step_prices = step_prices_of(goal, task.route)
+        self._step_prices = task.terms.step_prices(task.route)
         self._full_power = (FullPower(vehicle, self._route, self._state, self.share, self._lag_s)
-                            if goal is not None and goal.is_soonest else None)
+                            if task.terms.is_at_once else None)
 
     def wanted(self, forecast: Forecast | None) -> Plan:
         """Return the Plan to heat by, with the Uncertainty of a Forecast; None: as if all was known."""
@@ -258,10 +258,10 @@ class _Planning:
         task = self._task
         if task.heater_refusal:
             words = {**words, 'refusal': task.heater_refusal}
-        return accounted(expected.told(_status_now(expected, task.starts_in_s), partial(
+        return task.terms.accounted(expected.told(_status_now(expected, task.starts_in_s), partial(
             in_words, heater=self._estimate.heater, forecast=forecast, **words,
             reserve=reserve_soc(self._vehicle, task.goal), starts_in_s=task.starts_in_s,
-            heated_s=task.heated_s)), task.preparation_goal, self._estimate.soc)
+            heated_s=task.heated_s)), self._estimate.soc)
 
     def _plan(self, forecast: Forecast | None, heat_lag_s: float | None = None, **heater_as: Any) -> Plan:
         task = self._task

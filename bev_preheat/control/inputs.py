@@ -12,6 +12,7 @@ from typing import NamedTuple, TYPE_CHECKING
 from bev_preheat.charging.prospect import CERTAIN, ChargingProspect
 from bev_preheat.control.margins import LEAST_HELD_S
 from bev_preheat.control.settings import defaults_of, MOST_PLANNED_STEPS, Settings
+from bev_preheat.control.terms import OF_ROUTE, Terms
 from bev_preheat.errors import InvalidInput
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal
@@ -20,7 +21,6 @@ from bev_preheat.route.segments import Route
 
 if TYPE_CHECKING:
     from bev_preheat.charging.stop import Charger
-    from bev_preheat.control.preparation_goal import PreparationGoal
     from bev_preheat.vehicle.description import Vehicle
 
 # Cells of a healthy battery differ by less, also while coolant heats them [K].
@@ -103,9 +103,8 @@ class Leg:
 
     `target_temperature_c` [deg C] None: the planner's default. `departure` is the battery's state after the
     preceding stop; None without one. `places` are those of the route before it was put into planning steps;
-    None: its own. `charger` is the Charger at its end; None: unknown. `made_for` is the PreparationGoal that
-    the planner made it for; None: it comes from a route plan. `prospect` is the ChargingProspect at its end. A
-    leg equals only itself.
+    None: its own. `charger` is the Charger at its end; None: unknown. `terms` are those of the goal's
+    source. `prospect` is the ChargingProspect at its end. A leg equals only itself.
     """
 
     route: Route
@@ -116,7 +115,7 @@ class Leg:
     departure: BatteryState | None = None
     places: Places | None = None
     charger: Charger | None = None
-    made_for: PreparationGoal | None = None
+    terms: Terms = OF_ROUTE
     prospect: ChargingProspect = CERTAIN
 
     def in_planning_steps(self, planning_step_s: float) -> Leg:
@@ -210,8 +209,7 @@ class Mission:
 def goal_of_leg(leg: Leg, vehicle: Vehicle, settings: Settings) -> Goal:
     """Return the Goal of a leg; settings and vehicle complete it."""
     goal = leg.goal(defaults_of(vehicle, settings).target_battery_temperature_c)
-    # The reserve of a leg that the planner made for a preparation goal contains the route's margin already.
-    if goal.minimum_arrival_soc > 0.0 and leg.made_for is None:
+    if goal.minimum_arrival_soc > 0.0 and leg.terms.is_trip:
         reserve = min(goal.minimum_arrival_soc + settings.arrival_soc_margin, 1.0)
         goal = replace(goal, minimum_arrival_soc=reserve)
     return goal

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from bev_preheat.control.expected_drive import intervals_between
-from bev_preheat.control.preparation_plan import is_from_grid
 from bev_preheat.control.soak_watch import StandWatch
 from bev_preheat.estimation.estimator import Estimator
 from bev_preheat.estimation.last_seen import LastSeen
@@ -49,7 +48,7 @@ class Learning:
         if known.is_open:
             # The next state that is clear is compared with the latest one before this.
             return Learning(estimator, stand_watch)
-        if timetable is not None and is_from_grid(timetable.mission.legs[0]):
+        if timetable is not None and timetable.mission.legs[0].terms.is_from_grid:
             # Then the battery's power does not show the heater's.
             measurement = replace(measurement, voltage_v=None, current_a=None)
         if known.is_described:

@@ -12,24 +12,29 @@ from dataclasses import replace
 import math
 from typing import NamedTuple, TYPE_CHECKING
 
+import numpy as np
+
 from bev_preheat.control.admitted import find_obstacle
 from bev_preheat.control.assumed_drive import drive_of_route, DriveMemory, steady_drive
 from bev_preheat.control.inputs import Leg, Mission
 from bev_preheat.control.margins import LONGEST_SOONEST_S
 from bev_preheat.control.preparation_goal import PreparationEnding, PreparationGoal, PreparationOutcome
-from bev_preheat.control.preparation_plan import in_price_steps, reserve_before
 from bev_preheat.control.preparation_progress import conclusion, contradiction, PreparationProgress
+from bev_preheat.control.target_choice import TargetChoice, TargetSource
+from bev_preheat.control.terms import Terms
 from bev_preheat.control.timetable import Timetable
-from bev_preheat.errors import InvalidInput
+from bev_preheat.errors import InvalidInput, PlanningFailure
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
-from bev_preheat.planning.situation import check_situation, Goal
+from bev_preheat.planning.planner import plan_unheated
+from bev_preheat.planning.situation import check_situation, Goal, reserve_soc
 from bev_preheat.route.segments import LIMITS
 
 if TYPE_CHECKING:
     from bev_preheat.control.admitted import AdmittedInputs
     from bev_preheat.control.decision import Decision
     from bev_preheat.control.inputs import Measurement
+    from bev_preheat.control.settings import Settings
     from bev_preheat.route.segments import Route
 
 # The route_id of plans for a goal; no route plan typed by hand has it.
@@ -192,14 +197,14 @@ class Preparation(NamedTuple):
             return self
         ambient_c = self._ambient_c(progress.goal, now_ns)
         progress = progress if ambient_c is None else replace(progress, ambient_c=ambient_c)
+        terms = terms_of(progress.goal, inputs.settings)
         leg = Leg(self._drive(progress, inputs, now_ns, until_ns, propulsion_factor), progress.started_ns,
                   target_temperature_c=progress.target_c,
-                  minimum_arrival_soc=reserve_before(
-                      inputs, now_ns, progress.goal.ready_at_ns or progress.expected_ns or now_ns)
-                  if not progress.goal.is_plugged_in else 0.0,
-                  made_for=progress.goal).in_planning_steps(inputs.settings.planning_step_s)
+                  minimum_arrival_soc=0.0 if terms.is_from_grid else _reserve_before(
+                      inputs, now_ns, progress.goal.ready_at_ns or progress.expected_ns or now_ns),
+                  terms=terms).in_planning_steps(inputs.settings.planning_step_s)
         return self._replace(progress=progress, timetable=Timetable.of(Mission(ROUTE_ID, (replace(
-            leg, route=in_price_steps(leg.route, progress.goal)),))))
+            leg, route=terms.in_price_steps(leg.route)),))))
 
     def _drive(self, progress: PreparationProgress, inputs: AdmittedInputs, now_ns: int, until_ns: int,
                propulsion_factor: float) -> Route:
@@ -243,3 +248,44 @@ def _problems(goal: PreparationGoal, now_ns: int) -> list[str]:
         problems.append(f'ambient_temperature: {goal.ambient_c:g} degC is not allowed; it must be '
                         f'{low_c:g} ... {high_c:g} degC')
     return problems
+
+
+def terms_of(goal: PreparationGoal, settings: Settings) -> Terms:
+    """Return the Terms of a goal; its target is given or the default, never chosen."""
+    is_given, of_settings = goal.target_c is not None, settings.target_temperature_c is not None
+    choice = TargetChoice(
+        TargetSource.GIVEN if is_given or of_settings else TargetSource.DEFAULT,
+        'The target is given by the goal.' if is_given else
+        'The target is given by the parameter target_battery_temperature.' if of_settings else
+        "The target is the vehicle's default: the goal gives none.")
+    has_prices = goal.is_plugged_in and not goal.is_soonest
+    return Terms(False, goal.is_soonest, goal.is_plugged_in, goal.prices if has_prices else None,
+                 goal.ready_at_ns, choice)
+
+
+def _reserve_before(inputs: AdmittedInputs, now_ns: int, until_ns: int) -> float:
+    """
+    Return the state of charge to leave at an instant [ns] so that the route's leg keeps its reserve.
+
+    It is the reserve at the leg's end plus the charge that the drive from the instant to there takes.
+    """
+    mission, measurement = inputs.mission, inputs.measurement
+    if mission is None or measurement is None:
+        return 0.0
+    leg = mission.legs[mission.leg_number(until_ns)]
+    start_ns = max(now_ns, leg.start_ns)
+    route = leg.route_ahead(start_ns)
+    if route is None or not start_ns <= until_ns < leg.arrival_ns:
+        return 0.0
+    goal = inputs.goal_of(leg)
+    reserve = reserve_soc(inputs.vehicle, goal)
+    try:
+        plan = plan_unheated(inputs.vehicle, route, measurement.state, goal)
+    except (InvalidInput, PlanningFailure):
+        # Then the goal cannot be planned either, which is reported.
+        return reserve
+    until_s = (until_ns - start_ns) / NS_PER_S
+    # Energy regenerated on a later descent is not available earlier.
+    least_soc = plan.soc[plan.time_s >= until_s].min()
+    takes = max(0.0, float(np.interp(until_s, plan.time_s, plan.soc) - least_soc))
+    return min(reserve + takes, 1.0)

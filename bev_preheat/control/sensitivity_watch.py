@@ -97,5 +97,5 @@ def _is_followed(state: PlannerState) -> bool:
     """Return whether the current plan is for a leg of a route and for a heater that obeys."""
     decision = state.decision
     return (decision.plan is not None and has_sensitivity(decision.plan) and decision.commanded is None
-            and decision.leg is not None and decision.leg.made_for is None
+            and decision.leg is not None and decision.leg.terms.is_trip
             and (state.estimate is None or bool(decision.model_factors)))

@@ -5,14 +5,15 @@ The whole State as bytes, and back, to the last digit.
 The bytes are a line with format and version, then compressed JSON: a table of classes with their fields, and a
 table of objects, each after those that it refers to. An object that occurs twice is written once, and is one
 object again when it is read: a Mission and its delayed copy share their routes. Only values can be written:
-numbers, texts, enums, tuples, NumPy arrays, frozen dataclasses and NamedTuples of this package, and the sentences
-of a plan. Reading makes no other objects, and calls nothing.
+numbers, texts, enums, tuples, NumPy arrays, frozen dataclasses and NamedTuples of this package, time zones and
+times of day, and the sentences of a plan. Reading makes no other objects, and calls nothing.
 """
 
 from __future__ import annotations
 
 from base64 import b64decode, b64encode
 from dataclasses import fields, is_dataclass
+from datetime import time, tzinfo
 from enum import Enum
 from functools import partial
 from importlib import import_module
@@ -23,6 +24,7 @@ import zlib
 import numpy as np
 
 from bev_preheat.control.forecast_plan import in_words
+from bev_preheat.control.local_time import zone_of
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.files.version import version
 from bev_preheat.planning.explanation import explain
@@ -40,7 +42,7 @@ ROOMS = tuple(f'bev_preheat.{room}.' for room in (
 # The functions that make a plan's sentence.
 SENTENCES: dict[str, Callable[..., str]] = {'explain': explain, 'in_words': in_words}
 # First elements of objects that are of no class.
-TUPLE, ARRAY, PARTIAL, FUNCTION = 't', 'a', 'p', 'f'
+TUPLE, ARRAY, PARTIAL, FUNCTION, ZONE, CLOCK = 't', 'a', 'p', 'f', 'z', 'c'
 LARGEST_STATE_BYTES = 50_000_000
 
 
@@ -118,6 +120,10 @@ class _Writer:
             if array.dtype.kind not in 'biuf':
                 raise TypeError(f'an array of {array.dtype} cannot be written')
             return [ARRAY, array.dtype.str, [*array.shape], b64encode(array.tobytes()).decode()]
+        if isinstance(value, tzinfo):
+            return [ZONE, str(value)]
+        if isinstance(value, time):
+            return [CLOCK, value.isoformat()]
         if isinstance(value, partial):
             return [PARTIAL, put(value.func), put(value.args), put(tuple(value.keywords.items()))]
         name = next((name for name, function in SENTENCES.items() if function is value), None)
@@ -169,6 +175,10 @@ def _read(classes: list[list[Any]], objects: list[list[Any]], root: Any) -> Any:
             made.append(partial(function, *arguments, **dict(keywords)))
         elif first == FUNCTION:
             made.append(SENTENCES[rest[0]])
+        elif first == ZONE:
+            made.append(zone_of(rest[0]))
+        elif first == CLOCK:
+            made.append(time.fromisoformat(rest[0]))
         else:
             made.append(_instance(kinds[first], rest, get))
     return get(root)

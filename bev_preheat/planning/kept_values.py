@@ -111,8 +111,8 @@ def _is_rest_of(whole: Trip, trip: Trip) -> bool:
     passed_s = whole.route.total_duration_s - trip.route.total_duration_s
     battery, battery_then = trip.vehicle.battery, whole.vehicle.battery
     if not (passed >= 0 and 0.0 <= passed_s <= MOST_PASSED_S
-            and battery.discharge_power_limit is battery_then.discharge_power_limit
-            and battery.charge_power_limit is battery_then.charge_power_limit
+            and battery.discharge_power_limit == battery_then.discharge_power_limit
+            and battery.charge_power_limit == battery_then.charge_power_limit
             and battery.temperature_range_c == battery_then.temperature_range_c):
         return False
     power_w = whole.idle_power_w[passed:]

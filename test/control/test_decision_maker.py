@@ -40,8 +40,7 @@ def test_what_cannot_be_planned_is_told_and_not_heated(monkeypatch, estimation, 
     supervisor = Supervisor(VEHICLE, Settings(estimation=estimation))
     supervisor.step(START_NS, RouteArrived(Mission('home', (
         Leg(make_a_route(), START_NS, True, 25.0),))))
-    for module in ('decision_maker', 'forecast_plan'):
-        monkeypatch.setattr(f'bev_preheat.control.{module}.plan_preheating', fail)
+    monkeypatch.setattr('bev_preheat.planning.planner.plan_case', fail)
     output = supervisor.step(START_NS, BatteryStateArrived(Measurement(STATE, START_NS)))
     assert (supervisor.state.decision.status, supervisor.state.decision.explanation) == (
         Status.INVALID_INPUT, 'beyond the model')

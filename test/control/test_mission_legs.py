@@ -8,13 +8,12 @@ import weakref
 import pytest
 from stepwise import Stepwise
 
-from bev_preheat.control import decision_maker as decision_maker_module
 from bev_preheat.control.events import BatteryStateArrived
 from bev_preheat.control.inputs import Leg, Measurement, Mission, with_stops
 from bev_preheat.control.settings import Settings
 from bev_preheat.errors import InvalidInput, PlanningFailure
 from bev_preheat.numerics.factors import NS_PER_S
-from bev_preheat.planning.planner import plan_preheating
+from bev_preheat.planning.planner import plan_case, plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
 from bev_preheat.route.segments import make_route
@@ -78,11 +77,11 @@ def planned_states(monkeypatch):
     """Return the list of the states that plans were made from, in order."""
     states = []
 
-    def plan(vehicle, route, state, *rest):
-        states.append(state)
-        return plan_preheating(vehicle, route, state, *rest)
+    def plan(case):
+        states.append(case.state)
+        return plan_case(case)
 
-    monkeypatch.setattr(decision_maker_module, 'plan_preheating', plan)
+    monkeypatch.setattr('bev_preheat.planning.planner.plan_case', plan)
     return states
 
 
@@ -281,12 +280,12 @@ def test_switched_off_nothing_is_promised_for_later():
 
 
 def test_a_later_leg_that_cannot_be_planned_is_told_and_leaves_this_one(monkeypatch):
-    def plan(vehicle, route, state, *rest):
-        if state is AFTER_FIRST:
+    def plan(case):
+        if case.state is AFTER_FIRST:
             raise PlanningFailure('no finite temperatures')
-        return plan_preheating(vehicle, route, state, *rest)
+        return plan_case(case)
 
-    monkeypatch.setattr(decision_maker_module, 'plan_preheating', plan)
+    monkeypatch.setattr('bev_preheat.planning.planner.plan_case', plan)
     supervisor = supervisor_at(0.0)
     second, third = supervisor.later_decisions()
     assert (outcome(supervisor)[0], second.status, second.explanation, third.status) == (

@@ -156,7 +156,7 @@ def test_as_soon_as_possible_heats_now_and_says_when_that_is():
     car = Car()
     car.want(is_plugged_in=True)
     assert car.command == (FULL_W, Status.HEATING)
-    # 0.05 K below the target, see preparation_plan.AIMS_BELOW_K.
+    # 0.05 K below the target, see full_power.AIMS_BELOW_K.
     assert car.plan.arrival_time_s == pytest.approx(warm_after_s(START_C, TARGET_C - 0.05), abs=0.2)
     assert (car.plan.hvch_battery_power_w == FULL_W).all()
 

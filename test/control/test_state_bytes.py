@@ -1,18 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
 """The planner's State: a step leaves the one before as it was, and written and read back it goes on the same."""
 
+from datetime import time, UTC
 import json
 import random
 import zlib
+from zoneinfo import ZoneInfo
 
 import pytest
 
+from bev_preheat.control.events import BatteryStateArrived, PreparationWanted
+from bev_preheat.control.grid_prices import DailyPrice, GridPrices, PricePeriod
+from bev_preheat.control.inputs import Measurement
+from bev_preheat.control.preparation_goal import PreparationGoal
 from bev_preheat.control.settings import Settings, settings_of
 from bev_preheat.control.state import State
 from bev_preheat.control.state_bytes import state_bytes, state_of
 from bev_preheat.control.step import step
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.errors import InvalidInput
+from bev_preheat.planning.situation import BatteryState
 from bev_preheat.simulation.scenario import load_scenario
 from bev_preheat.simulation.supervised_drive import moments
 from bev_preheat.vehicle import load_vehicle
@@ -152,3 +159,24 @@ def test_only_classes_of_values_are_made(written, module, name):
 def test_what_is_no_value_cannot_be_written():
     with pytest.raises(TypeError, match='is no value'):
         state_bytes({'a': 1})
+
+
+@pytest.mark.parametrize('zone', [UTC, ZoneInfo('Europe/Berlin')], ids=str)
+def test_a_preparation_in_the_cheapest_hours_goes_on_the_same(zone):
+    """Prices have a time zone and times of day."""
+    start_ns, minute_ns = 1_768_197_600 * 10 ** 9, 60 * 10 ** 9
+    ready_ns = start_ns + 180 * minute_ns
+    prices = GridPrices(zone, (DailyPrice(time(0), 0.4), DailyPrice(time(7, 30), 0.2)),
+                        (PricePeriod(start_ns + 30 * minute_ns, start_ns + 50 * minute_ns, 0.1),))
+    planner, restored = (Supervisor(load_vehicle('reference'), Settings()) for _ in range(2))
+    said = []
+    for minute in range(180):
+        now_ns = start_ns + minute * minute_ns
+        events = [BatteryStateArrived(Measurement(BatteryState(-10.0, 0.6), now_ns))]
+        if minute == 1:
+            events.append(PreparationWanted(PreparationGoal(ready_ns, 10.0, True, -10.0, prices=prices)))
+        said.append([step.decision.explanation for step in (
+            planner.step(now_ns, *events), restored.step(now_ns, *events))])
+        restored.go_on_from(state_of(state_bytes(planner.value)))
+    assert [first for first, _ in said] == [second for _, second in said]
+    assert any('in the cheapest hours' in first for first, _ in said)

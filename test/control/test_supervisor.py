@@ -214,16 +214,16 @@ def test_power_that_the_battery_cannot_deliver_is_told():
 
 
 def test_a_failure_of_the_model_is_told(monkeypatch):
-    def fail(*_):
+    def fail(*_, **named):
         raise PlanningFailure('no finite temperatures')
     supervisor = make_supervisor()
-    monkeypatch.setattr('bev_preheat.control.decision_maker.plan_preheating', fail)
+    monkeypatch.setattr('bev_preheat.planning.planner.plan_case', fail)
     decision = feed(supervisor, NOW_NS)
     assert (decision.status, decision.explanation, outcome(supervisor)) == (
         Status.INVALID_INPUT, 'no finite temperatures', (0.0, Status.INVALID_INPUT))
 
 
-@pytest.mark.parametrize('what', ['control.decision_maker.plan_preheating', 'control.forecast_plan.explain'])
+@pytest.mark.parametrize('what', ['planning.planner.plan_case', 'control.forecast_plan.explain'])
 def test_an_exception_that_nobody_foresaw_switches_off_and_is_told_once(monkeypatch, what):
     """Raised in a plan, or in its sentence, which is built on reading."""
     def fail(*_, **named):

@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Plans that heat as soon as possible.
+
+They are made on a route that ends when full power from now on reaches the target, because only full power reaches
+it there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bev_preheat.planning.limits import drive_as_planned
+from bev_preheat.planning.planner import SHORTFALL_TOLERANCE_K
+from bev_preheat.planning.schedule import HeldBack
+from bev_preheat.planning.situation import reserve_soc
+from bev_preheat.planning.status import Status
+from bev_preheat.planning.trip import make_trip
+from bev_preheat.route.segments import LIMITS
+from bev_preheat.vehicle.grid import grid_fed
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.planning.plan import Plan
+    from bev_preheat.planning.situation import BatteryState, Goal
+    from bev_preheat.route.segments import Route
+    from bev_preheat.vehicle.description import Vehicle
+
+# If full power exceeded the target by rounding, each new plan would start heating a moment later. So the route
+# ends this far below the target [K].
+AIMS_BELOW_K = 0.05
+# State of charge left above the reserve, for the same reason.
+SPARES = 1e-4
+
+
+class FullPower:
+    """The battery under the heater's full power from the start of a route on, within its limits."""
+
+    def __init__(self, vehicle: Vehicle, route: Route, state: BatteryState,
+                 heater_share: float = 1.0, heat_lag_s: float = 0.0) -> None:
+        """Take the arguments of plan_preheating."""
+        trip = make_trip(vehicle, route, heater_share)
+        self._route, self._lag_s = route, heat_lag_s
+        self._time_s = trip.time_s
+        run = drive_as_planned(trip, state, trip.heater_limit_w)
+        self._temperature_c, self._soc = run.temperature_c, run.soc
+        if run.empty_at_s is not None:
+            # The temperature if only the heater's power were limited.
+            fed_trip = make_trip(grid_fed(vehicle), route, heater_share)
+            self._temperature_c = drive_as_planned(
+                fed_trip, state, fed_trip.heater_limit_w).temperature_c
+
+    def plan(self, vehicle: Vehicle, goal: Goal, plan_on: Callable[[Route], Plan]) -> Plan:
+        """
+        Return the Plan that heats at once, as far towards the goal's target as its reserve allows.
+
+        `plan_on(route)` makes a plan on the part of the route that ends there, or on the whole route if the heater
+        never reaches the target.
+        """
+        aim_c = goal.target_temperature_c - AIMS_BELOW_K
+        warm_s = self._reached_s(self._temperature_c, aim_c)
+        if warm_s is None:
+            return plan_on(self._route)
+        spent_s = self._reached_s(-self._soc, -(reserve_soc(vehicle, goal) + SPARES))
+        if spent_s is None or spent_s >= warm_s:
+            plan = plan_on(self._until(warm_s))
+            # Some of the last heat is lost on its way to the battery.
+            warm_s = self._reached_s(self._temperature_c, aim_c + plan.shortfall_k - AIMS_BELOW_K)
+            if self._lag_s == 0.0 or warm_s is None or plan.shortfall_k <= AIMS_BELOW_K:
+                return plan
+            return plan_on(self._until(warm_s))
+        plan = plan_on(self._until(spent_s))
+        if plan.shortfall_k <= SHORTFALL_TOLERANCE_K:
+            return plan
+        return replace(plan, status=Status.SOC_LIMITED, held_back=HeldBack.RESERVE)
+
+    def _reached_s(self, values: FloatArray, wanted: float) -> float | None:
+        """Return the first time [s] at which `values` (N + 1,) reach `wanted`; None if they never do."""
+        reached = np.flatnonzero(values >= wanted)
+        if not len(reached):
+            return None
+        after = int(reached[0])
+        return 0.0 if after == 0 else float(np.interp(
+            wanted, values[after - 1:after + 1], self._time_s[after - 1:after + 1]))
+
+    def _until(self, end_s: float) -> Route:
+        """Return the route until an instant [s], plus the time until that instant's heat has arrived."""
+        total_s = self._route.total_duration_s
+        end_s = min(max(end_s, LIMITS['duration_s'][0]), total_s)
+        route, felt_s = self._route.before(end_s), min(end_s + self._lag_s, total_s)
+        # A separate step without heating, because its heat would arrive too late.
+        return route if felt_s <= end_s else route.followed_by(
+            self._route.before(felt_s).after(end_s))
