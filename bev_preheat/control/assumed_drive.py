@@ -16,16 +16,14 @@ import numpy as np
 
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.route.segments import LIMITS, make_route, Route
+from bev_preheat.tunables import ASSUMED_FROM_NS, STANDING_W
 
 if TYPE_CHECKING:
     from bev_preheat.control.inputs import Leg, Mission
     from bev_preheat.vehicle.description import Defaults
 
-# The power of this time is assumed to continue; samples are at least SPACED_NS apart.
-REMEMBERED_NS = 300 * NS_PER_S
+# Samples are this far apart or more.
 SPACED_NS = NS_PER_S
-# A vehicle stands if the mean and the root mean square of its power are below this [W], or if it is charged.
-STANDING_W = 500.0
 
 
 class DriveMemory(NamedTuple):
@@ -42,7 +40,7 @@ class DriveMemory(NamedTuple):
         samples = () if self.samples and stamp_ns < self.samples[-1][0] else self.samples
         if power_w is None or (samples and stamp_ns - samples[-1][0] < SPACED_NS):
             return self if samples is self.samples else DriveMemory(samples)
-        first = next((at for at, sample in enumerate(samples) if sample[0] >= stamp_ns - REMEMBERED_NS),
+        first = next((at for at, sample in enumerate(samples) if sample[0] >= stamp_ns - ASSUMED_FROM_NS),
                      len(samples))
         return DriveMemory((*samples[first:], (stamp_ns, power_w - heater_w)))
 
@@ -53,7 +51,7 @@ class DriveMemory(NamedTuple):
         `others_w` [W] is the power of cabin and auxiliaries.
         """
         powers_w = np.array([power_w - others_w for stamp_ns, power_w in self.samples
-                             if 0 <= now_ns - stamp_ns <= REMEMBERED_NS])
+                             if 0 <= now_ns - stamp_ns <= ASSUMED_FROM_NS])
         if not len(powers_w):
             return 0.0, 0.0
         mean_w = float(powers_w.mean())

@@ -4,7 +4,7 @@ Heating while the vehicle charges, if the integrator asks for it, the vehicle is
 
 Whether and up to which temperature it pays is the choice of `charging.heating_choice` from the battery's state:
 the price of the energy against the value of the time at the charger. The choice is made at the charger and
-again every CHOICE_PERIOD_S, and as soon as the charger's power has changed. The charger feeds the heater while
+again every SEARCH_PERIOD_S, and as soon as the charger's power has changed. The charger feeds the heater while
 it also charges the battery. This shows in the battery's own power, so heating at the charger needs voltage and
 current.
 """
@@ -21,6 +21,7 @@ from bev_preheat.charging.stop import CHARGER_RANGE_W, stop_after, USUAL_DEPARTU
 from bev_preheat.errors import InvalidInput
 from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.numerics.factors import NS_PER_S, W_PER_KW
+from bev_preheat.tunables import BEGINS_BELOW_K, CHANGED_POWER, CHARGER_RAMP_S, LIMITING_SHARE, SEARCH_PERIOD_S
 
 if TYPE_CHECKING:
     from bev_preheat.charging.stop import Charger
@@ -28,16 +29,6 @@ if TYPE_CHECKING:
     from bev_preheat.control.inputs import Leg, Measurement
     from bev_preheat.planning.situation import BatteryState
     from bev_preheat.vehicle.description import Vehicle
-
-# Heating begins this far below the temperature up to which it pays [K].
-BEGINS_BELOW_K = 1.0
-# The choice is repeated after this time [s], and once the charger's power has changed by this share.
-CHOICE_PERIOD_S = 600.0
-CHANGED_POWER = 0.1
-# … but not within this time [s], because chargers ramp up.
-CHARGER_RAMP_S = 20.0
-# A battery that takes this share of its limit is what limits the power; otherwise the charger does.
-LIMITING_SHARE = 0.9
 
 
 class ChargerHeat(NamedTuple):
@@ -125,7 +116,7 @@ class ChargerHeater:
         stop = stop_after(now.leg.route, power_w, now.departure_soc)
         key = replace(stop, charger_power_w=0.0), now.charger, now.prices
         elapsed_s = abs(now.measurement.stamp_ns - self.made_ns) / NS_PER_S
-        is_due = key != self.key or elapsed_s >= CHOICE_PERIOD_S or (
+        is_due = key != self.key or elapsed_s >= SEARCH_PERIOD_S or (
             elapsed_s >= CHARGER_RAMP_S and abs(power_w - self.power_w) > CHANGED_POWER * self.power_w)
         if self.choice is not None and not is_due:
             return self, self.choice

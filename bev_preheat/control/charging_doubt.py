@@ -22,6 +22,7 @@ from bev_preheat.errors import InvalidInput
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.planner import plan_unheated
 from bev_preheat.planning.status import Status
+from bev_preheat.tunables import USUAL_PAYS_FROM
 from bev_preheat.vehicle.charging import charging_of
 
 if TYPE_CHECKING:
@@ -33,9 +34,6 @@ if TYPE_CHECKING:
     from bev_preheat.planning.situation import BatteryState, Goal
     from bev_preheat.route.segments import Route
     from bev_preheat.vehicle.description import Vehicle
-
-# A vehicle whose sessions are unknown is heated to its target from this probability on.
-USUAL_PAYS_FROM = 0.5
 
 
 class ChargingDoubt(NamedTuple):

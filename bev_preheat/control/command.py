@@ -16,12 +16,11 @@ from bev_preheat.control.command_history import CommandHistory
 from bev_preheat.control.decision import Command, Decision
 from bev_preheat.control.heater_switch import HeaterSwitch
 from bev_preheat.control.inputs import Leg
-from bev_preheat.control.margins import HELD_ABOVE_TARGET_K, HELD_BELOW_HIGHEST_K, LEAST_STATUS_S
 from bev_preheat.control.refusals import BATTERY, ROUTE
 from bev_preheat.heater.controller import Refusal
 from bev_preheat.numerics.factors import NS_PER_S
-from bev_preheat.planning.gated_heat import STEP_TOLERANCE_W
 from bev_preheat.planning.status import Status
+from bev_preheat.tunables import HELD_ABOVE_TARGET_K, HELD_BELOW_HIGHEST_K, LEAST_STATUS_S, ROUNDING_W
 
 if TYPE_CHECKING:
     from bev_preheat.control.admitted import AdmittedInputs
@@ -251,7 +250,7 @@ def _heater_limit_w(inputs: AdmittedInputs, leg: Leg, now_ns: int) -> float:
 def _step_below_w(vehicle: Vehicle, power_w: float) -> float:
     """Return the heater's step of power for a plan's power [W], which may round to slightly less than a step."""
     gates = vehicle.heating_gates
-    return power_w if not gates.power_steps_w else gates.step_below_w(power_w + STEP_TOLERANCE_W)
+    return power_w if not gates.power_steps_w else gates.step_below_w(power_w + ROUNDING_W)
 
 
 def _is_gated(inputs: AdmittedInputs, speed_mps: float) -> bool:

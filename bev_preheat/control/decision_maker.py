@@ -21,7 +21,6 @@ from bev_preheat.control.forecast_plan import (
     PlanningTask,
     seen_from_now,
 )
-from bev_preheat.control.margins import FORESEEN_S, MOST_COLDER_K, MOST_PARKED_S, MOST_STANDING_S
 from bev_preheat.control.regime import Regime
 from bev_preheat.control.target_choice import TargetChoice, TargetChooser, TargetSearchInput
 from bev_preheat.errors import InvalidInput, PlanningFailure
@@ -30,6 +29,7 @@ from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.status import Status
+from bev_preheat.tunables import COLDER_CELL_K, FORESEEN_S, MOST_PARKED_S, MOST_STANDING_S
 from bev_preheat.vehicle.cell_spread import limited_by_coldest_cell
 
 if TYPE_CHECKING:
@@ -197,7 +197,7 @@ class DecisionMaker(NamedTuple):
         """Take the power limits of the coldest cell, if it is known and the settings say so."""
         coldest_c = measurement.coldest_cell_c if settings.coldest_cell_limits else None
         colder_by_k = 0.0 if coldest_c is None else min(
-            max(measurement.state.temperature_c - coldest_c, 0.0), MOST_COLDER_K)
+            max(measurement.state.temperature_c - coldest_c, 0.0), COLDER_CELL_K)
         # Vehicles are made for whole kelvins only, because each takes some milliseconds.
         if abs(colder_by_k - self.colder_by_k) < 1.0:
             return self

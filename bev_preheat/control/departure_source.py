@@ -15,12 +15,21 @@ from typing import ClassVar, NamedTuple, TYPE_CHECKING
 
 from bev_preheat.control.assumed_drive import DriveMemory, drives_between
 from bev_preheat.control.events import DeparturesSkipped, PreparationEnded, PreparationWanted
-from bev_preheat.control.margins import CHARGE_FALLS_BY
 from bev_preheat.control.preparation_goal import PreparationEnding, PreparationGoal
-from bev_preheat.control.regime import DRIVES_W, Regime
+from bev_preheat.control.regime import Regime
 from bev_preheat.control.settings import defaults_of
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
+from bev_preheat.tunables import (
+    BEGINS_S,
+    BEGINS_WITH_PRICES_S,
+    CHARGE_FALLS_BY,
+    DRIVES_W,
+    EARLIEST_NS,
+    FURTHEST_SKIP_NS,
+    LISTED_NS,
+    RETRY_S,
+)
 
 if TYPE_CHECKING:
     from bev_preheat.control.departures import Departures, Occurrence
@@ -28,17 +37,6 @@ if TYPE_CHECKING:
     from bev_preheat.control.grid_prices import GridPrices
     from bev_preheat.control.planner_state import PlannerState
     from bev_preheat.control.preparation_goal import PreparationOutcome
-
-# A departure becomes a goal this long before it [s]; with prices early enough for a night's cheap hours.
-BEGINS_S, BEGINS_WITH_PRICES_S = 6 * 3600.0, 12 * 3600.0
-# A refused or lost goal is wanted again after this time [s].
-RETRY_S = 300.0
-# A clock before 2020 was never set: weekdays and hours mean nothing.
-EARLIEST_NS = 1_577_836_800 * NS_PER_S
-# A skip that lies further ahead comes from a clock that was wrong.
-FURTHEST_SKIP_NS = 15 * 86400 * NS_PER_S
-# A planner that was down for longer [ns] does not list the departures of that time.
-LISTED_NS = 7 * 86400 * NS_PER_S
 
 
 class DepartureState(Enum):

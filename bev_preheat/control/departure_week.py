@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from bev_preheat.control.assumed_drive import steady_drive
-from bev_preheat.control.departure_source import BEGINS_S, BEGINS_WITH_PRICES_S
 from bev_preheat.control.departures import DAYS_A_WEEK
 from bev_preheat.control.inputs import in_planning_steps
 from bev_preheat.control.terms import Terms
@@ -17,6 +16,7 @@ from bev_preheat.planning.plan_accounts import cost_of
 from bev_preheat.planning.planner import DEFAULT_METHOD
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route.segments import LIMITS
+from bev_preheat.tunables import BEGINS_S, BEGINS_WITH_PRICES_S, PLANNING_STEP_S
 
 if TYPE_CHECKING:
     from typing import Any
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from bev_preheat.vehicle.description import Vehicle
 
 WEEK_NS = DAYS_A_WEEK * 86400 * NS_PER_S
-PLANNING_STEP_S = 30.0
 
 
 @dataclass(frozen=True)

@@ -16,9 +16,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.charging.expectation import FASTEST_PACE
-from bev_preheat.control.regime import PlannedPower, STANDING_AFTER_LONG_S, STANDING_AFTER_S
+from bev_preheat.control.regime import PlannedPower
 from bev_preheat.estimation.estimator import DrivenInterval
 from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.tunables import (
+    AROUND_NS,
+    AROUND_SHARE,
+    LOOKED_UP_NS,
+    MOST_AROUND_S,
+    STANDING_AFTER_LONG_S,
+    STANDING_AFTER_S,
+)
 from bev_preheat.vehicle.uncertain_car import DriveInputs
 
 if TYPE_CHECKING:
@@ -28,12 +36,7 @@ if TYPE_CHECKING:
     from bev_preheat.route.segments import Route
     from bev_preheat.vehicle.description import Defaults, Vehicle
 
-# The place on the route is uncertain: power within this time before and after an instant counts.
-# It grows by a share of the time since departure, because traffic is faster or slower.
-AROUND_NS = 60 * NS_PER_S
-AROUND_SHARE, MOST_AROUND_S = 0.05, 300.0
-# Step of this lookup in time, and its number of places.
-LOOKED_UP_NS = 15 * NS_PER_S
+# Places that are looked up.
 SHIFTS = 25
 # A segment lasts for many updates.
 KEPT_SEGMENTS = 8

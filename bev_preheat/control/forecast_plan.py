@@ -15,7 +15,6 @@ from typing import Any, NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.control.margins import LAG_REVEALED_S, LEAST_REVEALED_K, MOST_REVEALED_K
 from bev_preheat.control.terms import OF_ROUTE
 from bev_preheat.estimation.forecast import DrivenRoute, Forecast
 from bev_preheat.estimation.hypotheses import Heater
@@ -31,6 +30,7 @@ from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal, reserve_soc, Uncertainty
 from bev_preheat.planning.status import Status
 from bev_preheat.planning.trip import make_trip
+from bev_preheat.tunables import FACTOR_STEP, LAG_REVEALED_S, LEAST_REVEALED_K, MOST_REVEALED_K
 from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
 
 if TYPE_CHECKING:
@@ -43,9 +43,6 @@ if TYPE_CHECKING:
     from bev_preheat.route.segments import Route
     from bev_preheat.vehicle.description import Vehicle
 
-# The corrected vehicle is rebuilt once a factor has moved by more than this share of its prior standard
-# deviation (the deviation if only the vehicle file is known).
-FACTOR_STEP = 0.05
 
 FACTOR_STEPS = FACTOR_STEP * np.sqrt(np.diag(prior_factor_covariance()))[:PROPULSION - FACTORS.start]
 

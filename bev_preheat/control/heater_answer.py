@@ -15,18 +15,13 @@ from bev_preheat.errors import age_beyond, InvalidInput
 from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.heater.controller import Refusal
 from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.tunables import COMPARED_OVER_NS, CONFIRMED_WITHIN_S, LEAST_DIFFERENCE_W
 
 if TYPE_CHECKING:
     from bev_preheat.control.settings import Settings
     from bev_preheat.estimation.hypotheses import HeaterReport
 
 HEATER_STATUS = 'hvch_status'
-# An answer that reports 0 W is a refusal once heat has been commanded for this time [s]: commands and answers
-# take a moment, and the power may rise slowly.
-CONFIRMED_WITHIN_S = 3.0
-# A doubted answer has confirmed another power than the commanded one if their means over this time [ns] differ by
-# more than this [W].
-COMPARED_OVER_NS, LEAST_DIFFERENCE_W = 60 * NS_PER_S, 500.0
 # These do not depend on a command: they hold at once.
 HOLD_AT_ONCE = frozenset((Refusal.HEATER_FAULT, Refusal.LOW_CHARGE, Refusal.HOT_BATTERY, Refusal.IN_MOTION))
 IN_WORDS = {

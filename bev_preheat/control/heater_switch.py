@@ -9,15 +9,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from bev_preheat.control.margins import (
-    COUNTED_OVER_S,
-    FIRST_WAIT_S,
-    HOUR_S,
-    LEAST_LONGEST_WAIT_S,
-    MOST_SWITCH_ONS,
-    SPACING_S,
-)
-from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.numerics.factors import NS_PER_S, S_PER_H
+from bev_preheat.tunables import FIRST_WAIT_S, INTERRUPTIONS_OVER_S, LEAST_LONGEST_WAIT_S, MOST_SWITCH_ONS
 
 
 class HeatingPause(NamedTuple):
@@ -43,14 +36,14 @@ class HeatingPause(NamedTuple):
         is_over = self.doubted_ns is None or self.doubted_ns + self.wait_ns <= elapsed_ns
         return self._replace(
             now_ns=now_ns, elapsed_ns=elapsed_ns, doubted_ns=None if is_over else self.doubted_ns,
-            interruptions=_within(self.interruptions, elapsed_ns, COUNTED_OVER_S),
-            switch_ons=_within(self.switch_ons, elapsed_ns, HOUR_S))
+            interruptions=_within(self.interruptions, elapsed_ns, INTERRUPTIONS_OVER_S),
+            switch_ons=_within(self.switch_ons, elapsed_ns, S_PER_H))
 
     def doubted(self, cause: str, was_on: bool, minimum_off_time_s: float) -> HeatingPause:
         """
         Return the pause begun or begun again, for a cause in words.
 
-        It gets longer with each interruption of heating within COUNTED_OVER_S.
+        It gets longer with each interruption of heating within INTERRUPTIONS_OVER_S.
         """
         interruptions, wait_ns = self.interruptions, self.wait_ns
         if was_on:
@@ -69,7 +62,7 @@ class HeatingPause(NamedTuple):
     @property
     def spacing_s(self) -> float:
         """The least time on, and off, that the switch-ons of the last hour ask for [s]."""
-        return SPACING_S if len(self.switch_ons) >= MOST_SWITCH_ONS // 2 else 0.0
+        return S_PER_H / MOST_SWITCH_ONS / 2.0 if len(self.switch_ons) >= MOST_SWITCH_ONS // 2 else 0.0
 
     @property
     def left_s(self) -> float:
@@ -87,7 +80,7 @@ class HeatingPause(NamedTuple):
         if self.doubted_ns is not None and self._doubt_left_ns() > 0:
             ago_s = (self.elapsed_ns - self.doubted_ns) / NS_PER_S
             number = len(self.interruptions)
-            again = f' (interruption {number} in {COUNTED_OVER_S / 60.0:g} min)' if number > 1 else ''
+            again = f' (interruption {number} in {INTERRUPTIONS_OVER_S / 60.0:g} min)' if number > 1 else ''
             return (f'{self.cause} {ago_s:.0f} s ago; heating resumes after {self.wait_ns / NS_PER_S:g} s of '
                     f'valid input{again}.')
         if self._hour_left_ns() > 0:
@@ -103,7 +96,7 @@ class HeatingPause(NamedTuple):
     def _hour_left_ns(self) -> int:
         if len(self.switch_ons) < MOST_SWITCH_ONS:
             return 0
-        return self.switch_ons[0] + round(HOUR_S * NS_PER_S) - self.elapsed_ns
+        return self.switch_ons[0] + round(S_PER_H * NS_PER_S) - self.elapsed_ns
 
 
 def _within(instants_ns: tuple[int, ...], now_ns: int, kept_s: float) -> tuple[int, ...]:

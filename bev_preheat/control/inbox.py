@@ -27,7 +27,6 @@ from bev_preheat.control.events import (
     TripCancelled,
 )
 from bev_preheat.control.inputs import check_mission, goal_of_leg, Leg, Measurement, Mission, Progress
-from bev_preheat.control.margins import CLOCK_RESTART_S, MOST_OVERTAKEN_S
 from bev_preheat.control.refusals import PROGRESS, Refusals, RefusedRoute
 from bev_preheat.control.settings import defaults_of, Settings
 from bev_preheat.control.timetable import Timetable, TripEnd
@@ -39,6 +38,7 @@ from bev_preheat.route.plausibility import unit_warnings
 from bev_preheat.signals.electrical import electrical_check, PercentScale
 from bev_preheat.signals.source import is_one_battery, SeenState
 from bev_preheat.signals.verdict import SignalVerdict, STATE_OF_CHARGE
+from bev_preheat.tunables import CLOCK_RESTART_S, MOST_OVERTAKEN_S
 from bev_preheat.vehicle.description import Vehicle
 
 

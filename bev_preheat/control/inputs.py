@@ -10,21 +10,18 @@ from functools import cached_property
 from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.charging.prospect import CERTAIN, ChargingProspect
-from bev_preheat.control.margins import LEAST_HELD_S
-from bev_preheat.control.settings import defaults_of, MOST_PLANNED_STEPS, Settings
+from bev_preheat.control.settings import defaults_of, Settings
 from bev_preheat.control.terms import OF_ROUTE, Terms
 from bev_preheat.errors import InvalidInput
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal
 from bev_preheat.route.places import Places
 from bev_preheat.route.segments import Route
+from bev_preheat.tunables import LEAST_HELD_S, MOST_PLANNED_STEPS, WIDEST_CELL_SPREAD_K
 
 if TYPE_CHECKING:
     from bev_preheat.charging.stop import Charger
     from bev_preheat.vehicle.description import Vehicle
-
-# Cells of a healthy battery differ by less, also while coolant heats them [K].
-WIDEST_CELL_SPREAD_K = 10.0
 
 
 class SupplyStatus(IntEnum):

@@ -29,6 +29,14 @@ from bev_preheat.signals.verdict import (
     TEMPERATURE,
     VOLTAGE,
 )
+from bev_preheat.tunables import (
+    ARRIVES_AFTER_S,
+    NEAR_END_S,
+    NEAR_END_SHARE,
+    NEAR_START_SHARE,
+    SIGNAL_DOUBT_SHOWN_S,
+    UNPLUGGED_AFTER_S,
+)
 
 if TYPE_CHECKING:
     from bev_preheat.control.admitted import AdmittedInputs
@@ -38,16 +46,6 @@ if TYPE_CHECKING:
     from bev_preheat.control.timetable import Timetable
     from bev_preheat.signals.verdict import SignalVerdict
     from bev_preheat.vehicle.description import Vehicle
-
-# Time for which a doubt about voltage or current is shown after its last reading [s].
-SHOWN_FOR_S = 30.0
-# Unplugging and driving off takes longer than this [s]: power that ended sooner was that of a descent.
-UNPLUGGED_AFTER_S = 20.0
-# A car that is charged for ARRIVES_AFTER_S [s] near the end of a leg to a charger has arrived there. Near: within
-# NEAR_END_S [s] or NEAR_END_SHARE of the leg, but not within NEAR_START_SHARE of its start: it may be
-# charged there until departure.
-ARRIVES_AFTER_S = 120.0
-NEAR_END_S, NEAR_END_SHARE, NEAR_START_SHARE = 900.0, 0.25, 0.25
 
 
 class Known(NamedTuple):
@@ -189,7 +187,7 @@ class Knowledge(NamedTuple):
         charge_doubt = check.charge_doubt(*at)
         doubts = doubts.noted(STATE_OF_CHARGE, charge_doubt, now_ns)
         voltage_doubt = '' if charge_doubt else check.voltage_doubt(*at)
-        shown_until_ns = now_ns + round(SHOWN_FOR_S * NS_PER_S)
+        shown_until_ns = now_ns + round(SIGNAL_DOUBT_SHOWN_S * NS_PER_S)
         if voltage_doubt:
             doubts = doubts.noted(VOLTAGE, voltage_doubt, now_ns, shown_until_ns)
         if voltage_doubt or SOURCE in doubts:

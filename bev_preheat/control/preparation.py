@@ -17,7 +17,6 @@ import numpy as np
 from bev_preheat.control.admitted import find_obstacle
 from bev_preheat.control.assumed_drive import drive_of_route, DriveMemory, steady_drive
 from bev_preheat.control.inputs import Leg, Mission
-from bev_preheat.control.margins import LONGEST_SOONEST_S
 from bev_preheat.control.preparation_goal import PreparationEnding, PreparationGoal, PreparationOutcome
 from bev_preheat.control.preparation_progress import conclusion, contradiction, PreparationProgress
 from bev_preheat.control.target_choice import TargetChoice, TargetSource
@@ -29,6 +28,7 @@ from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.planner import plan_unheated
 from bev_preheat.planning.situation import check_situation, Goal, reserve_soc
 from bev_preheat.route.segments import LIMITS
+from bev_preheat.tunables import AMBIENT_KNOWN_S, FURTHEST_GOAL_S, LONGEST_SOONEST_S
 
 if TYPE_CHECKING:
     from bev_preheat.control.admitted import AdmittedInputs
@@ -39,10 +39,6 @@ if TYPE_CHECKING:
 
 # The route_id of plans for a goal; no route plan typed by hand has it.
 ROUTE_ID = '~/prepare_battery'
-# A goal's instant lies at most this far ahead [s].
-FURTHEST_GOAL_S = 24 * 3600.0
-# A known ambient temperature expires after this time [s].
-AMBIENT_KNOWN_S = 6 * 3600.0
 
 
 class Preparation(NamedTuple):

@@ -7,16 +7,16 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from bev_preheat.control.assumed_drive import drives_between
-from bev_preheat.control.margins import (
-    CHARGE_FALLS_BY,
-    LONGEST_SOONEST_S,
-    OBSTACLE_ENDS_GOAL_S,
-    SOONEST_WITHIN_K,
-)
 from bev_preheat.control.preparation_goal import PreparationEnding
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
-from bev_preheat.planning.planner import SHORTFALL_TOLERANCE_K
+from bev_preheat.tunables import (
+    CHARGE_FALLS_BY,
+    LONGEST_SOONEST_S,
+    OBSTACLE_ENDS_GOAL_S,
+    SHORTFALL_TOLERANCE_K,
+    SOONEST_WITHIN_K,
+)
 
 if TYPE_CHECKING:
     from bev_preheat.control.admitted import AdmittedInputs

@@ -18,42 +18,28 @@ from typing import NamedTuple
 
 from bev_preheat.control.inputs import SupplyStatus
 from bev_preheat.numerics.factors import NS_PER_S
-
-# Time [s] and number of battery states after which charging is recognised. Learning pauses earlier, until the
-# regime is clear.
-CHARGING_AFTER_S = 9.0
-LEAST_STATES = 3
-DOUBTED_AFTER_S = 2.0
-# Charging: each state shows at least this power into the battery [W], and the powers are steady within this
-# share of their mean, or within STEADY_W [W].
-CHARGES_W = 1000.0
-STEADY_SHARE = 0.1
-STEADY_W = 600.0
-# If the route plans regeneration, charging exceeds it by this factor and by this power [W].
-BEYOND_REGENERATION = 2.0
-BEYOND_REGENERATION_W = 2000.0
-# Standing is recognised after the first time [s], if the route plans to drive with more than DRIVES_W [W] then,
-# wherever the vehicle is; else after the second, if it does so over that time; with the consumers off after the
-# third, whatever the route plans.
-STANDING_AFTER_S = 60.0
-STANDING_AFTER_LONG_S = 300.0
-PARKED_AFTER_S = 120.0
-DRIVES_W = 2000.0
-# A standing vehicle takes at most STANDS_WITHIN_W [W] more than route and command say, and its power varies by no
-# more than that. The power stays above STANDS_ABOVE_W [W].
-STANDS_WITHIN_W = 1000.0
-STANDS_ABOVE_W = -500.0
-# A standing vehicle is parked below the first share of the route's cabin and auxiliary power, until it exceeds
-# the second.
-PARKED_SHARE, NOT_PARKED_SHARE = 0.5, 0.8
-# Time after which driving is recognised again [s].
-DRIVING_AFTER_S = 3.0
-# Longest time that a heater takes to follow its command [s].
-HEATER_FOLLOWS_S = 120.0
-# A current with the wrong sign shows up to this multiple of the power that the route takes, as charging.
-MIRRORED_UP_TO = 1.4
-# States that are further apart than this do not belong together.
-TOGETHER_S = 30.0
+from bev_preheat.tunables import (
+    BEYOND_REGENERATION,
+    BEYOND_REGENERATION_W,
+    CHARGES_W,
+    CHARGING_AFTER_S,
+    CHARGING_DOUBTED_AFTER_S,
+    DRIVES_W,
+    DRIVING_AFTER_S,
+    HEATER_FOLLOWS_S,
+    LEAST_CHARGING_STATES,
+    MIRRORED_UP_TO,
+    NOT_PARKED_SHARE,
+    PARKED_AFTER_S,
+    PARKED_SHARE,
+    SHORT_GAP_S,
+    STANDING_AFTER_LONG_S,
+    STANDING_AFTER_S,
+    STANDS_ABOVE_W,
+    STANDS_WITHIN_W,
+    STEADY_SHARE,
+    STEADY_W,
+)
 
 
 class Regime(Enum):
@@ -149,7 +135,7 @@ class RegimeWatch(NamedTuple):
     def seen(self, evidence: Evidence) -> RegimeWatch:
         """Return the RegimeWatch after the Evidence of a battery state, the latest so far."""
         report, samples, low_since_ns, now_ns = self.report, self.samples, self.low_since_ns, evidence.stamp_ns
-        if samples and not 0 <= now_ns - samples[-1].stamp_ns <= TOGETHER_S * NS_PER_S:
+        if samples and not 0 <= now_ns - samples[-1].stamp_ns <= SHORT_GAP_S * NS_PER_S:
             report, samples, low_since_ns = RegimeReport(Regime.UNKNOWN, now_ns), (), None
         oldest_ns = now_ns - HEATER_FOLLOWS_S * NS_PER_S
         return RegimeWatch(report, (
@@ -168,7 +154,7 @@ class RegimeWatch(NamedTuple):
             charging = '' if suspicion else charging
         report, low_since_ns = self._entered(evidence, charging, suspicion != '')
         is_doubtful = (report.regime is not Regime.CHARGING and not evidence.has_moved
-                       and self._charging(evidence, DOUBTED_AFTER_S) != '')
+                       and self._charging(evidence, CHARGING_DOUBTED_AFTER_S) != '')
         return RegimeWatch(
             report._replace(suspicion=suspicion, is_doubtful=is_doubtful), self.samples, low_since_ns)
 
@@ -216,14 +202,14 @@ class RegimeWatch(NamedTuple):
     def _powers_w(self, window: list[_PowerSample]) -> list[float]:
         """Return the powers of a window [W]; [] if one is unknown or there are too few."""
         powers_w = [sample.power_w for sample in window if sample.power_w is not None]
-        return powers_w if len(window) >= LEAST_STATES and len(powers_w) == len(window) else []
+        return powers_w if len(window) >= LEAST_CHARGING_STATES and len(powers_w) == len(window) else []
 
     def _charging(self, evidence: Evidence, after_s: float = CHARGING_AFTER_S) -> str:
         """Return the evidence of charging for `after_s` [s]; '' for none."""
         if evidence.power_w is not None and evidence.power_w > -CHARGES_W:
             return ''
         window = self._window(after_s)
-        by_status = len(window) >= LEAST_STATES and all(
+        by_status = len(window) >= LEAST_CHARGING_STATES and all(
             sample.supply is SupplyStatus.CHARGING for sample in window)
         planned = evidence.planned
         regeneration_w = max(0.0, -planned.least_propulsion_w) if planned.is_driving else 0.0

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 
 from bev_preheat.control.inputs import goal_of_leg
 from bev_preheat.errors import InvalidInput, PlanningFailure
-from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.sensitivity import has_sensitivity, search_sensitivity
+from bev_preheat.tunables import SENSITIVITY_PERIOD_NS
 from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
 
 if TYPE_CHECKING:
@@ -25,8 +25,6 @@ if TYPE_CHECKING:
 
 # Key of the sentences in the planner's diagnostics.
 SENSITIVITY = 'sensitivity of the plan'
-# A search begins this long after the one before [ns].
-PERIOD_NS = 60 * NS_PER_S
 
 
 class SensitivityWatch:
@@ -61,7 +59,8 @@ class SensitivityWatch:
             self._planned, self._search, self._begun_ns, self._sentences = planned, None, None, ''
         if leg is None or planned is None:
             return ''
-        if self._search is None and (self._begun_ns is None or not 0 <= now_ns - self._begun_ns < PERIOD_NS):
+        if self._search is None and (
+                self._begun_ns is None or not 0 <= now_ns - self._begun_ns < SENSITIVITY_PERIOD_NS):
             self._search, self._begun_ns = _search(state, leg), now_ns
         if self._search is not None:
             try:

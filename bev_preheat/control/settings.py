@@ -15,11 +15,6 @@ from bev_preheat.planning.planner import DEFAULT_METHOD, REPLACED
 if TYPE_CHECKING:
     from bev_preheat.vehicle.description import Defaults, Vehicle
 
-# Longer legs are planned in longer steps, so that planning never delays the next command.
-MOST_PLANNED_STEPS = 360
-# All legs beyond the next stop are planned at once when a route arrives, which must not take long.
-MOST_STOPS = 20
-
 
 @dataclass(frozen=True)
 class Settings:

@@ -8,22 +8,20 @@ from typing import NamedTuple, TYPE_CHECKING
 from bev_preheat.estimation.soak import after_soak, Soak
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
+from bev_preheat.tunables import (
+    CONTRADICTS_BEYOND_K,
+    FIRST_STATE_WITHIN_S,
+    LONGEST_GAP_S,
+    MOST_NOTED,
+    NOTED_EVERY_S,
+    SEEN_AFTER_S,
+    SEEN_BEFORE_S,
+)
 
 if TYPE_CHECKING:
     from bev_preheat.control.inputs import Measurement, Mission
     from bev_preheat.estimation.last_seen import LastSeen
     from bev_preheat.vehicle.description import Vehicle
-
-# A battery state later than this after the start [s] no longer shows the soak.
-FIRST_STATE_WITHIN_S = 60.0
-# A temperature within this time before or after parking [s] is that of the parked battery.
-SEEN_BEFORE_S, SEEN_AFTER_S = 900.0, 600.0
-# Temperatures are noted this often [s], and before a silence longer than the second; for two days.
-NOTED_EVERY_S, SILENCE_S = 300.0, 60.0
-MOST_NOTED = 576
-# A sensor contradicts the standing time if it deviates by more than this [K] plus one standard deviation of the
-# remaining difference to ambient.
-CONTRADICTS_BEYOND_K = 2.0
 
 
 class StandReport(NamedTuple):
@@ -67,7 +65,7 @@ class StandWatch(NamedTuple):
         """Return the watch after a LastSeen, later than those before: the vehicle may be parked then."""
         history, latest = self.history, self.latest
         if latest is not None and (
-                seen.stamp_ns < latest.stamp_ns or seen.stamp_ns - latest.stamp_ns > SILENCE_S * NS_PER_S):
+                seen.stamp_ns < latest.stamp_ns or seen.stamp_ns - latest.stamp_ns > LONGEST_GAP_S * NS_PER_S):
             history = (*history, latest)
         if history and seen.stamp_ns < history[-1].stamp_ns:
             # The clock was set back.

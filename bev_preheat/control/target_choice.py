@@ -28,11 +28,23 @@ from bev_preheat.charging.expectation import Expectation
 from bev_preheat.charging.prospect import CERTAIN, held_prospect
 from bev_preheat.charging.stop import refuse_stranded, stop_after, USUAL_DEPARTURE_SOC
 from bev_preheat.charging.worth import targets_between, WorthSearch
-from bev_preheat.control.charging_doubt import ChargingDoubt, given_target_pays_from, USUAL_PAYS_FROM
+from bev_preheat.control.charging_doubt import ChargingDoubt, given_target_pays_from
 from bev_preheat.errors import InvalidInput, PlanningFailure
 from bev_preheat.estimation.prior import prior_factor_covariance
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.planner import plan_preheating, plan_unheated
+from bev_preheat.tunables import (
+    ARRIVAL_CHANGE_S,
+    FACTOR_CHANGE,
+    FIRST_LOOK_K,
+    LEAST_GAIN_SHARE,
+    LEAST_PERIOD_S,
+    MOST_MOVE_K,
+    PLANS_EACH_UPDATE,
+    SAME_ARRIVAL_S,
+    SEARCH_PERIOD_S,
+    USUAL_PAYS_FROM,
+)
 from bev_preheat.vehicle.charging import charging_of
 
 if TYPE_CHECKING:
@@ -47,24 +59,6 @@ if TYPE_CHECKING:
     from bev_preheat.route.segments import Route
     from bev_preheat.vehicle.description import Vehicle
 
-# The first look at a new leg: spacing of its targets, and how far it goes above the usual target [K].
-FIRST_LOOK_K = 5.0
-PLANS_EACH_UPDATE = 1
-# A target is replaced if another is cheaper by more than this share of the cost.
-LEAST_GAIN_SHARE = 5e-4
-# A repeated search moves the target by this much at most [K], and is repeated while the best target is further
-# away. A search takes a minute or two; the heater of the reference vehicle warms the battery by less than this in
-# that time, so the battery misses nothing. In the first minutes of a trip the sensor lags behind the cells and the
-# estimated factors settle: the best target moves by several kelvin to and fro, while the cost around it is flat.
-MOST_MOVE_K = 2.0
-# Another route plan leads to the same destination if charger and prices are the same, and the arrivals are no
-# further apart than this [s].
-SAME_ARRIVAL_S = 1800.0
-# The search is repeated after SEARCH_PERIOD_S [s]. After LEAST_PERIOD_S [s] it is repeated as soon as a factor has
-# moved by FACTOR_CHANGE of its standard deviation, or the arrival by ARRIVAL_CHANGE_S [s].
-SEARCH_PERIOD_S, LEAST_PERIOD_S = 600.0, 60.0
-FACTOR_CHANGE = 0.25
-ARRIVAL_CHANGE_S = 60.0
 
 NO_CHARGER = "the route plan does not say the charger's power"
 

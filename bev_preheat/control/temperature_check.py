@@ -14,17 +14,13 @@ from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.numerics.folded_normal import mean_magnitude
 from bev_preheat.planning.dynamics import KEPT_VEHICLES
 from bev_preheat.signals.stuck_temperature import StuckTemperature
+from bev_preheat.tunables import COMPARED_EVERY_S, SEEN_OVER_S
 from bev_preheat.vehicle.uncertain_car import make_drive_rates
 
 if TYPE_CHECKING:
     from bev_preheat.control.inputs import Measurement
     from bev_preheat.vehicle.description import Vehicle
     from bev_preheat.vehicle.uncertain_car import DriveInputs, DriveRates
-
-# The temperature is compared with the model this often [s].
-COMPARED_EVERY_S = 5.0
-# Time over which the heater's power is averaged from the battery's [s].
-SEEN_OVER_S = 60.0
 
 
 class TemperatureCheck(NamedTuple):

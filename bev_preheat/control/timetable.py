@@ -18,27 +18,18 @@ from bev_preheat.control.command_history import KEPT_NS
 from bev_preheat.errors import age_beyond, figure_beyond, InvalidInput, quoted
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.route.segments import LIMITS
+from bev_preheat.tunables import CORRECTED_BY_M, END_KNOWN_TO, KNOWN_TO_M, MOVES_WITHIN_NS, PACE_OVER_NS
 
 if TYPE_CHECKING:
     from bev_preheat.control.inputs import Leg, Mission, Progress
     from bev_preheat.control.settings import Settings
 
-# Accuracy of a distance [m]: a vehicle within it of its planned place is on time; a vehicle that moves no further
-# than this stands.
-KNOWN_TO_M = 10.0
-# A distance may lie CORRECTED_BY_M [m] behind the furthest one before, or exceed by that the distance that the
-# fastest vehicle drives: positions are corrected. A vehicle that stands or charges so close to the end of a leg
-# has arrived there: its place at the charger is not a point of the road.
-CORRECTED_BY_M = 100.0
+# A distance may lie CORRECTED_BY_M behind the furthest one before, or exceed by that the distance that the fastest
+# vehicle drives. A vehicle that stands or charges so close to the end of a leg has arrived there: its place at the
+# charger is not a point of the road.
 FASTEST_MPS = LIMITS['speed_mps'][1]
-# The end of the route is known to this share of its length, and to CORRECTED_BY_M at least.
-END_KNOWN_TO = 0.01
 # Fixes are this far apart or more.
 SPACED_NS = NS_PER_S
-# The pace along the route is averaged over this time.
-PACE_OVER_NS = 5 * NS_PER_S
-# A vehicle moves if its position has grown by more than KNOWN_TO_M within this time.
-MOVES_WITHIN_NS = 10 * NS_PER_S
 
 
 class _Fix(NamedTuple):

@@ -44,11 +44,8 @@ from bev_preheat.estimation.state import (
     HEATER_RISE,
     JOULE_RISE,
     LOCAL,
-    LOCAL_LAG_S,
     moved_with_slopes,
     MOVING,
-    NOMINAL_HEAT_LAG_S,
-    NOMINAL_SENSOR_LAG_S,
     PERTURBATION,
     PROPULSION,
     SENSOR,
@@ -66,6 +63,26 @@ from bev_preheat.numerics.arithmetic import array_exp
 from bev_preheat.numerics.arrays import frozen
 from bev_preheat.planning.core_engine import vehicle_in_core
 from bev_preheat.planning.heat_run import with_coolant_in_battery
+from bev_preheat.tunables import (
+    CLIPPED_DEVIATIONS,
+    JOULE_RISE_NOISE_K_PER_KW,
+    LEAST_VARIANCE,
+    LEAST_WEIGHT,
+    LOCAL_DEVIATION_K,
+    LOCAL_LAG_S,
+    MOST_APART_K,
+    MOST_EVIDENCE,
+    MOST_UNDER_WAY_K,
+    NOISY_FROM_W,
+    NOMINAL_HEAT_LAG_S,
+    NOMINAL_SENSOR_LAG_S,
+    POWER_NOISE,
+    POWER_NOISE_LASTS_S,
+    SOC_NOISE,
+    UNKNOWN_APART_K,
+    UNKNOWN_LOCAL_K,
+    UNKNOWN_UNDER_WAY_K,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -79,12 +96,6 @@ BOUNDED = slice(FACTORS.start, HEATER_RISE + 1)
 LOWEST, HIGHEST = np.concatenate((
     [(-FACTOR_BOUNDS[index], FACTOR_BOUNDS[index]) for index in range(FACTORS.start, FACTORS.stop)],
     LAG_BOUNDS, RISE_BOUNDS)).T
-# Standard deviation of the sensor's local rise that no heat explains [K]: sensor position, hysteresis, a second
-# mass. It has the same time constant as the rise.
-LOCAL_DEVIATION_K = 0.15
-# The rise by Joule heat varies from one power peak to the next: standard deviation [K/kW]. Both values were
-# chosen on the nine measured drives of an i3, where 0.1 ... 0.2 K and 0.8 ... 1.2 K/kW predict equally well.
-JOULE_RISE_NOISE_K_PER_KW = 1.0
 # Random walk of the true state: standard deviation after an hour. Unmodelled heat moves the temperature
 # (0.25 ... 0.5 K predict equally well on the nine drives), a wrong capacity the state of charge.
 WANDER_IN_AN_HOUR = np.array(
@@ -95,27 +106,6 @@ WANDERED_IN_AN_HOUR = np.square(WANDER_IN_AN_HOUR)
 WANDER_UNKNOWN = np.array([10.0, 0.3, 0.0, 0.0, 0.0, 0.0, 0.1, 0.0, 0.0, 0.0, 0.0, 1.0, 0.1, 0.0])
 # The same while the car charges or stands: its factors, lags and rises are not learned.
 HELD_WANDER = np.array([10.0, 0.3, *[0.0] * 10, 10.0, 0.0])
-# Standard deviations after a gap in the readings [K]: heat under way, battery minus sensor, local rise.
-UNKNOWN_UNDER_WAY_K = 0.5
-UNKNOWN_APART_K = 0.5
-UNKNOWN_LOCAL_K = 0.7
-# Largest difference between battery and sensor [K], and most heat held by the coolant [K]. The filter of an
-# implausible heater may exceed both.
-MOST_APART_K = 8.0
-MOST_UNDER_WAY_K = 8.0
-SOC_NOISE = 0.001
-# Relative error of the route's power (and the least power it applies to), and its correlation time.
-POWER_NOISE = 0.3
-NOISY_FROM_W = 3000.0
-POWER_NOISE_LASTS_S = 60.0
-# Readings further off than this many standard deviations are clipped here.
-MOST_DEVIATIONS = 2.5
-# Limits the evidence of one reading against a hypothesis [nats], so that a single outlier does not decide.
-MOST_EVIDENCE = 1.0
-# Rounding may make a variance slightly negative.
-LEAST_VARIANCE = 1e-12
-# Least probability of a hypothesis, so that it can recover.
-LEAST_WEIGHT = 1e-12
 SHAPE = (len(SHARES), len(NOISES_K))
 NOISE_VARIANCES = np.square(NOISES_K)
 SOC_NOISE_VARIANCES = np.full(len(NOISES_K), SOC_NOISE**2)
@@ -150,7 +140,7 @@ def _propulsion_noise(route_w: float, duration_s: float) -> tuple[float, float]:
     """Return the variance [W^2] of a route's power over `duration_s` [s], and the clipping limit [W]."""
     deviation_w = POWER_NOISE * max(abs(route_w), NOISY_FROM_W)
     return (deviation_w**2 * max(1.0, POWER_NOISE_LASTS_S / duration_s),
-            MOST_DEVIATIONS * deviation_w)
+            CLIPPED_DEVIATIONS * deviation_w)
 
 
 def interval_of(reading: float, resolution: float) -> tuple[float, float]:

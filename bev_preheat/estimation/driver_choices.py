@@ -8,16 +8,10 @@ from typing import TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.estimation.last_seen import instant_from
+from bev_preheat.tunables import JUST_BEGUN_NS, NOWHERE_M, OLDEST_CHOICE_NS
 
 if TYPE_CHECKING:
     from bev_preheat.files.checked_yaml import FileData
-
-# Choices older than 24 h [ns] expire: by then the driver has forgotten them. No trip lasts longer.
-OLDEST_CHOICE_NS = 24 * 3600 * 1_000_000_000
-# A route plan that arrives later than this after its stamp [ns] does not begin a trip of a restarted clock.
-JUST_BEGUN_NS = 60 * 1_000_000_000
-# A route of a finished trip no longer than this [m] leads to the vehicle's place, within a position's error.
-NOWHERE_M = 100.0
 
 
 @dataclass(frozen=True)

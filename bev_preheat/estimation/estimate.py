@@ -13,8 +13,6 @@ from bev_preheat.estimation.hypotheses import HeaterReport
 from bev_preheat.estimation.state import (
     FACTORS,
     HEAT_LAG,
-    NOMINAL_HEAT_LAG_S,
-    NOMINAL_SENSOR_LAG_S,
     PROPULSION,
     SENSOR,
     SENSOR_LAG,
@@ -22,6 +20,7 @@ from bev_preheat.estimation.state import (
     TEMPERATURE,
     UNDER_WAY,
 )
+from bev_preheat.tunables import NOMINAL_HEAT_LAG_S, NOMINAL_SENSOR_LAG_S
 from bev_preheat.vehicle.corrections import Corrections
 
 if TYPE_CHECKING:

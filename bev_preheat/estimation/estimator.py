@@ -13,12 +13,22 @@ from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.estimation.belief import Belief, interval_of
 from bev_preheat.estimation.estimate import Estimate
-from bev_preheat.estimation.hypotheses import FAULTY, Heater, HeaterReport, is_suspect, judge, Suspicion
+from bev_preheat.estimation.hypotheses import Heater, HeaterReport, is_suspect, judge, Suspicion
 from bev_preheat.estimation.measured_power import PowerResponse, PowerSamples
 from bev_preheat.estimation.readings import MeasuredState, ReadingCheck, Verdict
 from bev_preheat.estimation.soak import expected_offset_k
 from bev_preheat.estimation.state import LOCAL, SENSOR, SOC, TEMPERATURE
 from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.tunables import (
+    DIVERGED_K,
+    FAULTY,
+    LEAST_INTERVAL_S,
+    LONGEST_BELIEF_STEP_S,
+    LONGEST_GAP_S,
+    MOST_OTHER_POWER_W,
+    READING_NOISE_K,
+    READING_NOISE_SOC,
+)
 from bev_preheat.vehicle.uncertain_car import DriveInputs
 
 if TYPE_CHECKING:
@@ -29,21 +39,6 @@ if TYPE_CHECKING:
     from bev_preheat.estimation.soak import Soak
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.vehicle.description import Vehicle
-
-# Faster readings are correlated: at most one a second is used.
-LEAST_INTERVAL_S = 0.95
-# The belief advances in steps of at most this.
-LONGEST_BELIEF_STEP_S = 10.0
-# After a longer gap the temperature is taken from the next reading alone.
-LONGEST_GAP_S = 60.0
-# Standard deviation of a single reading's noise while it is unknown.
-READING_NOISE_K = 0.3
-READING_NOISE_SOC = 0.005
-# Most power of cabin and auxiliaries [W]. A battery power above the limits of drivetrain and heater plus
-# this is implausible.
-MOST_OTHER_POWER_W = 20e3
-# A larger standard deviation means that the belief has diverged [K].
-MOST_DEVIATION_K = 50.0
 
 
 class DrivenInterval(NamedTuple):
@@ -304,4 +299,4 @@ def _is_sound(mean: FloatArray, covariance: FloatArray) -> bool:
     covariances = covariance.ravel().tolist()
     variances = covariances[::len(covariance) + 1]
     return (math.isfinite(sum(mean.tolist())) and math.isfinite(sum(covariances))
-            and min(variances) >= 0.0 and variances[TEMPERATURE] <= MOST_DEVIATION_K**2)
+            and min(variances) >= 0.0 and variances[TEMPERATURE] <= DIVERGED_K**2)

@@ -10,13 +10,7 @@ from typing import NamedTuple, Protocol, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.estimation.belief import (
-    NOISY_FROM_W,
-    POWER_NOISE,
-    POWER_NOISE_LASTS_S,
-    TERMS,
-    WANDERED_IN_AN_HOUR,
-)
+from bev_preheat.estimation.belief import TERMS, WANDERED_IN_AN_HOUR
 from bev_preheat.estimation.state import (
     PROPULSION,
     rates_and_slopes,
@@ -29,6 +23,7 @@ from bev_preheat.native.beliefs import arrival_variance as native_variance
 from bev_preheat.native.library import operation
 from bev_preheat.numerics.arithmetic import array_exp
 from bev_preheat.planning.core_engine import vehicle_in_core
+from bev_preheat.tunables import NOISY_FROM_W, POWER_NOISE, POWER_NOISE_LASTS_S, SETTLED_K, UNMODELLED_K
 from bev_preheat.vehicle.uncertain_car import DriveInputs
 
 if TYPE_CHECKING:
@@ -37,12 +32,6 @@ if TYPE_CHECKING:
     from bev_preheat.planning.plan import Plan
     from bev_preheat.route.segments import Route
     from bev_preheat.vehicle.description import Vehicle
-
-
-# Least standard deviation of the temperature once heating has ended [K]: readings continue until then.
-SETTLED_K = 0.25
-# Standard deviation of the arrival [K] that no filter covers: other masses, other sensor positions.
-UNMODELLED_K = 0.2
 
 
 class Driven(Protocol):

@@ -11,6 +11,23 @@ from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
+from bev_preheat.tunables import (
+    FAILURE_S,
+    FAULTY,
+    LEANING,
+    LEANING_COURSE_K,
+    LEANING_COURSE_S,
+    LEAST_COURSE_K,
+    LEAST_COURSE_S,
+    LEAST_RISE,
+    NO_CONTRADICTION,
+    REPAIR_S,
+    SUSPECT_FROM,
+    TAKEN_BACK_BELOW,
+    TIMES_AS_LIKELY,
+    TOLD_FROM,
+)
+
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
 
@@ -34,11 +51,6 @@ NOISES_K = (0.2,)
 COUNT = len(SHARES) * len(NOISES_K)
 IDENTITY = np.eye(len(SHARES))
 
-# Mean driving time [s] between failures of a heater, and until it recovers.
-FAILURE_S = 200.0 * 3600.0
-REPAIR_S = 50.0 * 3600.0
-# Share of heaters that have failed before the first drive.
-FAULTY = 0.0025
 # Battery states arrive at few different intervals, usually one.
 KEPT_TRANSITIONS = 8
 
@@ -109,25 +121,6 @@ class Suspicion(NamedTuple):
 
 
 UNLIMITED = Suspicion(math.inf, math.inf, math.inf, math.inf)
-# A fault is suspected from the first probability on. Reporting takes the second one and evidence specific to the
-# fault.
-SUSPECT_FROM, TOLD_FROM = 0.5, 0.995
-# Either temperature has shown the fault for a long time and power does not contradict it [nats]: while it
-# was suspected, for this long [s], the missing or uncommanded heat amounted to this [K]. A spike, hysteresis,
-# local heat or a second mass do not reach it. A heater stuck on always needs this evidence, because other
-# consumers step like one.
-LEAST_COURSE_K, LEAST_COURSE_S = 3.0, 300.0
-# The reading must have risen by this share of the uncommanded heat: leakage takes up to a third and a slow
-# sensor lags, but after a spike the reading falls back.
-LEAST_RISE = 0.4
-NO_CONTRADICTION = -2.0
-# Or less heat is enough, if power alone makes a weak or dead heater at least twice as likely [nats]. Power
-# alone is no evidence: a motorway that takes 5 kW less just as heating starts looks like a dead heater.
-LEANING, LEANING_COURSE_K, LEANING_COURSE_S = math.log(2.0), 2.0, 120.0
-# The report is withdrawn below this probability.
-TAKEN_BACK_BELOW = 0.2
-# The reported fault changes to another only if that is this many times as likely.
-TIMES_AS_LIKELY = 3.0
 
 
 def is_suspect(weights: Sequence[float]) -> bool:

@@ -21,40 +21,30 @@ import numpy as np
 from bev_preheat.estimation.hypotheses import HEALTHY, HEATERS, prior_weights, SHARES, STUCK, transitions
 from bev_preheat.numerics.arithmetic import array_exp, array_log
 from bev_preheat.numerics.arrays import FloatArray, frozen
+from bev_preheat.tunables import (
+    CORRELATED,
+    EXCESS_LASTS_S,
+    EXCESS_OVER_S,
+    EXCESS_W,
+    FREEDOM,
+    LEAST_POWER_WEIGHT,
+    LEAST_SCATTER_W,
+    MOST_BLOCK_EVIDENCE,
+    POWER_BLOCK_S,
+    SCATTER_BLOCKS,
+    SCATTER_FORGETTING,
+    SCATTER_W,
+    VARIANCE_LASTS_S,
+    VARIATION_S,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Collection
 
     from bev_preheat.estimation.hypotheses import Heater
 
-# The samples' variance is computed over this time [s], about a segment of a route.
-VARIATION_S = 40.0
-# The comparison with the route's variance reaches back this far [s].
-REMEMBERED_S = 600.0
-# On a real drive the power of a single second is several times the route's mean, so the excess is averaged over
-# this time [s].
-AVERAGED_S = 30.0
-# Power is averaged over blocks of this length [s]: longer than most heater ramps, shorter than a heating interval.
-POWER_BLOCK_S = 30.0
 # Lags of the heater behind its command [s]; heaters lag by up to 90 s.
 HEATER_LAGS_S = np.array([3.0, 30.0, 90.0])
-# Standard deviation of the excess [W], and its correlation time: 10 % of 20 kW, until the road changes.
-EXCESS_W = 2000.0
-EXCESS_LASTS_S = 600.0
-# Prior of the scatter from block to block [W], and the number of blocks that it counts for.
-SCATTER_W = 2500.0
-SCATTER_BLOCKS = 2.0
-# Neighbouring blocks are correlated, so their differences show less than the scatter.
-CORRELATED = 1.5
-# Lower limit [W]: other consumers and sensors.
-LEAST_SCATTER_W = 300.0
-# Forgetting rate of the scatter per block.
-FORGETTING = 0.05
-# Largest evidence of one block [nats], so that a single outlier does not decide.
-MOST_BLOCK_EVIDENCE = 3.0
-# Degrees of freedom of Student's t: traffic makes large errors likely.
-FREEDOM = 4.0
-LEAST_POWER_WEIGHT = 1e-9
 
 
 class PowerSamples(NamedTuple):
@@ -105,21 +95,21 @@ class PowerSamples(NamedTuple):
         Return the samples, and the part of a route's power variance [W^2] that they do not show in a step.
 
         Samples once a second may miss a ripple. Single segments vary more or less than the route states, so
-        sums over REMEMBERED_S are compared.
+        sums over VARIANCE_LASTS_S are compared.
         """
         if route_w2 == 0.0:
             return self, 0.0
-        kept = max(0.0, 1.0 - duration_s / REMEMBERED_S)
+        kept = max(0.0, 1.0 - duration_s / VARIANCE_LASTS_S)
         seen_w2s = kept * self.seen_w2s + duration_s * _mean_and_variance(self.latest_w)[1]
         route_w2s = kept * self.route_w2s + duration_s * route_w2
         return (self._replace(seen_w2s=seen_w2s, route_w2s=route_w2s),
                 route_w2 * max(0.0, 1.0 - seen_w2s / route_w2s))
 
     def mean_propulsion_w(self, seen_w: float, route_w: float, duration_s: float) -> tuple[PowerSamples, float]:
-        """Return the samples, and the route's propulsion power plus the mean excess over AVERAGED_S [W]."""
+        """Return the samples, and the route's propulsion power plus the mean excess over EXCESS_OVER_S [W]."""
         excess = (*self.excess, (duration_s, duration_s * (seen_w - route_w)))
         total_s = sum([seconds for seconds, _ in excess])
-        while total_s - excess[0][0] >= AVERAGED_S:
+        while total_s - excess[0][0] >= EXCESS_OVER_S:
             total_s -= excess[0][0]
             excess = excess[1:]
         return self._replace(excess=excess), route_w + sum([excess_j for _, excess_j in excess]) / total_s
@@ -231,7 +221,7 @@ class PowerResponse(NamedTuple):
             return self.scatter_w2, self.blocks
         blocks = self.blocks + 1.0
         seen_w2 = 0.5 * CORRELATED * (rest_w - self.before_w)**2
-        scatter_w2 = self.scatter_w2 + max(FORGETTING, 1.0 / blocks) * (seen_w2 - self.scatter_w2)
+        scatter_w2 = self.scatter_w2 + max(SCATTER_FORGETTING, 1.0 / blocks) * (seen_w2 - self.scatter_w2)
         return max(scatter_w2, LEAST_SCATTER_W**2), blocks
 
     def support(self, kind: Heater) -> float:

@@ -10,16 +10,9 @@ import numpy as np
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.estimation.hypotheses import Heater
-from bev_preheat.estimation.prior import (
-    FACTOR_BOUNDS,
-    LAG_BOUNDS,
-    LAG_DEVIATION,
-    LAGS,
-    Lags,
-    Learned,
-    prior_factor_covariance,
-)
+from bev_preheat.estimation.prior import FACTOR_BOUNDS, LAG_BOUNDS, LAGS, Lags, Learned, prior_factor_covariance
 from bev_preheat.estimation.state import FACTOR_NAMES, FACTORS, PROPULSION
+from bev_preheat.tunables import LAG_DEVIATION, LEAST_VARIANCE, OVERNIGHT
 
 if TYPE_CHECKING:
     from bev_preheat.estimation.estimate import Estimate
@@ -32,8 +25,6 @@ NAMES = FACTOR_NAMES[REMEMBERED]
 LAG_NAMES = ('heat', 'sensor')
 # Keys of an entry; the first two are mandatory, the others are present if the lags were learned.
 KEYS = ('log_factors', 'covariance', 'log_lags', 'lag_variances')
-# Standard deviation added to each logarithm overnight, because a car changes slightly.
-OVERNIGHT = 0.01
 
 
 def learned_from(estimate: Estimate) -> Learned:
@@ -122,7 +113,7 @@ def _check(logs: FloatArray, covariance: FloatArray) -> None:
     most = np.diag(prior_factor_covariance())[REMEMBERED] * (1.0 + 1e-6)
     symmetric = np.allclose(covariance, covariance.T, rtol=1e-6, atol=1e-15)
     if not symmetric or (variances > most).any() or (
-            np.linalg.eigvalsh(covariance) < -1e-12).any():
+            np.linalg.eigvalsh(covariance) < -LEAST_VARIANCE).any():
         raise InvalidInput('covariance: is not positive semidefinite, or exceeds the prior '
                            f'(standard deviations {", ".join(_roots(variances))})')
 

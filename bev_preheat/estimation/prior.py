@@ -16,13 +16,18 @@ from bev_preheat.estimation.state import (
     HEATER_RISE,
     JOULE_RISE,
     LEAKAGE,
-    NOMINAL_HEAT_LAG_S,
-    NOMINAL_SENSOR_LAG_S,
     PROPULSION,
     RESISTANCE,
     SENSOR_LAG,
 )
 from bev_preheat.numerics.arrays import FloatArray, frozen
+from bev_preheat.tunables import (
+    DESCRIBED_LAG_DEVIATION,
+    LAG_DEVIATION,
+    LEAST_NARROWING,
+    NOMINAL_HEAT_LAG_S,
+    NOMINAL_SENSOR_LAG_S,
+)
 from bev_preheat.vehicle.description import UNKNOWN_UNCERTAINTY
 
 if TYPE_CHECKING:
@@ -33,20 +38,11 @@ if TYPE_CHECKING:
 # capacity), +-20 % (leakage, resistance), +-5 % (heater), and of a route's consumption.
 FACTOR_DEVIATIONS = {HEAT_CAPACITY: 0.058, LEAKAGE: 0.115, RESISTANCE: 0.115, HEATER: 0.029,
                      PROPULSION: 0.08}
-# A vehicle file that states its own deviations narrows those above, but never by more than this share: the factors
-# also stand for errors that the identification cannot see, such as drivetrain heat, a second mass and ageing.
-# Nine measured drives, each left out of the fit, are predicted best with a half; both a quarter and deviations
-# wider than those above predict them worse.
-LEAST_NARROWING = 0.5
 # Bounds of the logarithms, relative to the vehicle file's values. Leakage: a file may take an insulated pack as
 # bare, or a bare pack as insulated; the two differ by a factor of three.
 FACTOR_BOUNDS = {HEAT_CAPACITY: 0.25, LEAKAGE: 1.2, RESISTANCE: 0.6, HEATER: 0.15, PROPULSION: 0.5}
 LAGS = (HEAT_LAG, SENSOR_LAG)
 NOMINAL_LAGS_S = np.array([NOMINAL_HEAT_LAG_S, NOMINAL_SENSOR_LAG_S])
-# Standard deviation of the lags' logarithms, relative to the nominal ones, for a vehicle file without lags, and
-# for one with lags: coolant flow depends on the pump.
-LAG_DEVIATION = 1.0
-DESCRIBED_LAG_DEVIATION = 0.5
 # Shortest and longest lag [s]: heater up to 90 s and coolant up to 200 s; sensor up to 120 s.
 LAG_RANGES_S = {HEAT_LAG: (2.0, 250.0), SENSOR_LAG: (2.0, 150.0)}
 # Bounds of the lags' logarithms, in the order of LAGS.

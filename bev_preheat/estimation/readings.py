@@ -9,6 +9,17 @@ import math
 from typing import NamedTuple, Protocol, TYPE_CHECKING
 
 from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.tunables import (
+    COUNTED_READINGS,
+    EXCURSION_DEVIATIONS,
+    IMPLAUSIBLE_DEVIATIONS,
+    LARGEST_EXCURSION_K,
+    LEAST_SOC_DEVIATION,
+    LONGEST_EXCURSION_S,
+    READING_NOISE_K,
+    RETURN_DEVIATIONS,
+    SINGLE_PRECISION,
+)
 
 if TYPE_CHECKING:
     from bev_preheat.planning.situation import BatteryState
@@ -16,21 +27,7 @@ if TYPE_CHECKING:
 # Steps of temperature signals [K] and of state-of-charge signals (0 ... 1) in use.
 TEMPERATURE_STEPS_K = (1.0, 0.5, 0.25, 0.2, 0.1)
 SOC_STEPS = (0.01, 0.005, 0.004, 0.0025, 0.002, 0.001)
-# Single precision, as in messages, preserves multiples to this share of the step.
-SINGLE_PRECISION = 1e-3
 MOST_REMEMBERED = 50
-# A reading this many standard deviations off is rejected until a second one confirms it.
-IMPLAUSIBLE_DEVIATIONS = 6.0
-LEAST_READING_DEVIATION_K = 0.3
-LEAST_SOC_DEVIATION = 0.01
-# A temperature that leaves its expected value by more than the first number of deviations is an excursion
-# until it is back within the second number. It is ignored for this long [s] and up to this size [K]: contacts
-# and wires fail that fast, but no battery warms that fast.
-EXCURSION_DEVIATIONS, RETURN_DEVIATIONS = 3.0, 1.5
-LARGEST_EXCURSION_K = 3.0
-LONGEST_EXCURSION_S = 150.0
-# Number of latest readings in the share of ignored ones.
-COUNTED = 300
 # Reading, step of the signal, least standard deviation.
 Look = tuple[float, float, float]
 # Mean and variance of an expected reading.
@@ -151,7 +148,7 @@ class ReadingCheck(NamedTuple):
                 and self._agree(self.doubted.state, measurement.state)) else Verdict.DOUBTED
         is_ignored = verdict not in (Verdict.BELIEVED, Verdict.LASTING)
         return ReadingCheck(self.temperature_steps, self.soc_steps, doubted, excursion_ns,
-                            (*self.ignored, is_ignored)[-COUNTED:]), verdict
+                            (*self.ignored, is_ignored)[-COUNTED_READINGS:]), verdict
 
     def _excursion(self, stamp_ns: int, look: Look, expected: Expected) -> tuple[int | None, Verdict | None]:
         """Return start [ns] and Verdict of a temperature in an excursion, or after one; None: no excursion."""
@@ -174,5 +171,5 @@ class ReadingCheck(NamedTuple):
 
     def _looks_at(self, state: BatteryState) -> tuple[Look, Look]:
         """Return (reading, step of the signal, least standard deviation) of both readings."""
-        return ((state.temperature_c, self.temperature_steps.step, LEAST_READING_DEVIATION_K),
+        return ((state.temperature_c, self.temperature_steps.step, READING_NOISE_K),
                 (state.soc, self.soc_steps.step, LEAST_SOC_DEVIATION))

@@ -16,32 +16,22 @@ import numpy as np
 
 from bev_preheat.estimation.prior import factor_deviations
 from bev_preheat.estimation.state import HEAT_CAPACITY, LEAKAGE
+from bev_preheat.tunables import (
+    AMBIENT_DEVIATION_K,
+    ELSEWHERE_SHARE,
+    ELSEWHERE_WITHIN_K,
+    KNOWN_PARKED_DEVIATION_K,
+    KNOWN_TIME_CONSTANT_DEVIATION,
+    MOST_TIME_CONSTANTS,
+    OFFSET_DEVIATION_K,
+    PARKED_DEVIATION_K,
+    PARKED_WARMER_K,
+    UNMEASURED_LEAKAGE_DEVIATION,
+)
 
 if TYPE_CHECKING:
     from bev_preheat.vehicle.description import Vehicle
 
-# Mean excess of the battery over ambient at parking [K], and its standard deviation: from a car
-# parked outside to a car from a fast charger. Assumed.
-PARKED_WARMER_K = 10.0
-PARKED_DEVIATION_K = 10.0
-# Standard deviation of a temperature last known before parking [K], because core and shell differ. Assumed.
-KNOWN_PARKED_DEVIATION_K = 1.0
-# Standard deviations of the route's ambient temperature at the place of parking [K], and
-# of the offset of temperature sensors [K]. Assumed.
-AMBIENT_DEVIATION_K = 1.5
-OFFSET_DEVIATION_K = 1.5
-# Share of cars that stood in a garage, or were charged or preheated, and the range [K] in which their battery
-# then lies. Assumed.
-ELSEWHERE_SHARE = 0.1
-ELSEWHERE_WITHIN_K = 40.0
-# Standard deviation of the logarithm of the time constant of a battery parked much warmer than ambient, as after
-# charging: wind, a garage and the state of the coolant dominate. Assumed.
-KNOWN_TIME_CONSTANT_DEVIATION = 0.3
-# The same for a leakage that the vehicle file lists as assumed: packs of one size lie between nearly insulated
-# and bare.
-UNMEASURED_LEAKAGE_DEVIATION = 0.8
-# After this many time constants the temperature at parking no longer matters.
-MOST_TIME_CONSTANTS = 100.0
 # Points and weights of a standard normal distribution: the share left is far from linear in the time constant.
 POINTS, WEIGHTS = np.polynomial.hermite_e.hermegauss(15)
 WEIGHTS = WEIGHTS / WEIGHTS.sum()

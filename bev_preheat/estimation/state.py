@@ -25,6 +25,7 @@ import numpy as np
 
 from bev_preheat.numerics.arithmetic import array_exp, ARRAYS
 from bev_preheat.numerics.folded_normal import mean_magnitude
+from bev_preheat.tunables import LOCAL_LAG_S, NOMINAL_HEAT_LAG_S, NOMINAL_SENSOR_LAG_S
 from bev_preheat.vehicle.uncertain_car import DriveInputs, Lagging, make_drive_rates, make_lagging_step
 
 if TYPE_CHECKING:
@@ -35,12 +36,6 @@ if TYPE_CHECKING:
  JOULE_RISE, HEATER_RISE, UNDER_WAY, SENSOR, LOCAL) = range(14)
 SIZE = 14
 FACTORS = slice(HEAT_CAPACITY, PROPULSION + 1)
-# Nominal lags [s], whose logarithms are 0.
-NOMINAL_HEAT_LAG_S = 40.0
-NOMINAL_SENSOR_LAG_S = 20.0
-# Time constant of local heat at the sensor [s]: about 100 s on the nine measured drives of an i3, where 60, 100
-# and 150 s predict equally well.
-LOCAL_LAG_S = 100.0
 # The elements that move with time; all others are random walks.
 MOVING = (TEMPERATURE, SOC, UNDER_WAY, SENSOR, LOCAL)
 FACTOR_NAMES = ('heat_capacity', 'leakage', 'resistance', 'heater_efficiency', 'propulsion_power')

@@ -8,10 +8,10 @@ between 2.5 and 3.5. The truncated normal distribution has mean and variance in 
 
 from math import erf, erfc, exp, expm1, log, pi, sqrt
 
+from bev_preheat.tunables import TAIL
+
 ROOT_2 = sqrt(2.0)
 LOG_ROOT_2_PI = 0.5 * log(2.0 * pi)
-# Beyond this many standard deviations the closed forms lose precision.
-TAIL = 8.0
 
 
 def truncated_moments(mean: float, variance: float, low: float,

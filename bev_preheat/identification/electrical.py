@@ -18,9 +18,9 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
-from bev_preheat.estimation.state import NOMINAL_SENSOR_LAG_S
 from bev_preheat.identification.curves import knot_weights, KNOTS_C, KNOTS_SOC
 from bev_preheat.numerics.arithmetic import ARRAYS
+from bev_preheat.tunables import NOMINAL_SENSOR_LAG_S
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

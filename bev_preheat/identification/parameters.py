@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import math
 from typing import TYPE_CHECKING
 
-from bev_preheat.estimation.state import NOMINAL_HEAT_LAG_S, NOMINAL_SENSOR_LAG_S
+from bev_preheat.tunables import NOMINAL_HEAT_LAG_S, NOMINAL_SENSOR_LAG_S
 
 if TYPE_CHECKING:
     from bev_preheat.vehicle.description import Vehicle

@@ -18,13 +18,13 @@ from typing import TYPE_CHECKING
 import casadi
 import numpy as np
 
-from bev_preheat.estimation.state import LOCAL_LAG_S
 from bev_preheat.identification.curves import CorrectedResistance, CorrectedVoltage, KNOTS_C, KNOTS_SOC
 from bev_preheat.identification.parameters import NAMES
 from bev_preheat.identification.readings import Readings
 from bev_preheat.identification.trips import IDLE_W
 from bev_preheat.nonlinear_program.symbols import SYMBOLS
 from bev_preheat.numerics.arithmetic import ARRAYS
+from bev_preheat.tunables import LOCAL_LAG_S
 from bev_preheat.vehicle.description import Leakage
 from bev_preheat.vehicle.model import make_rates
 from bev_preheat.vehicle.uncertain_car import DriveInputs, Lagging, make_drive_rates, make_lagging_step

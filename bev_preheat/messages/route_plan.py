@@ -18,7 +18,6 @@ from bev_preheat.charging.prospect import ChargingProspect, MOST_S
 from bev_preheat.charging.stop import Charger, CHARGER_RANGE_W, USUAL_DEPARTURE_SOC
 from bev_preheat.control.inputs import Leg, Mission, with_stops
 from bev_preheat.control.refusals import RefusedRoute
-from bev_preheat.control.settings import MOST_STOPS
 from bev_preheat.errors import InvalidInput
 from bev_preheat.messages.fields import (
     doubles,
@@ -36,6 +35,7 @@ from bev_preheat.planning.situation import BatteryState
 from bev_preheat.route.motion import elevation_of_slope, Motion, propulsion_columns, road_vehicle
 from bev_preheat.route.segments import LIMITS, make_route, MOST_SEGMENTS, problem_with_values
 from bev_preheat.route.sources.journey import SLOPE_RANGE
+from bev_preheat.tunables import MOST_STOPS
 from bev_preheat_msgs.msg import RoutePlan
 
 if TYPE_CHECKING:

@@ -10,7 +10,6 @@ import re
 from typing import TYPE_CHECKING
 
 from bev_preheat.control.inputs import Leg, Mission
-from bev_preheat.control.settings import MOST_STOPS
 from bev_preheat.errors import figure, InvalidInput, quoted
 from bev_preheat.messages.fields import LONGEST_ROUTE_ID, time_message
 from bev_preheat.messages.route_plan import charger_of, route_plan_message
@@ -19,6 +18,7 @@ from bev_preheat.route import route_for
 from bev_preheat.route.map_line import MapLine
 from bev_preheat.route.segments import LIMITS
 from bev_preheat.route.sources.journey import RouteOptions
+from bev_preheat.tunables import MOST_STOPS
 from bev_preheat.vehicle import load_vehicle
 
 if TYPE_CHECKING:

@@ -16,8 +16,8 @@ from typing import NamedTuple, TYPE_CHECKING
 from bev_preheat.control.preparation import Preparation
 from bev_preheat.control.state_bytes import state_bytes, state_of
 from bev_preheat.errors import InvalidInput
-from bev_preheat.estimation.driver_choices import OLDEST_CHOICE_NS
 from bev_preheat.files.output_files import existing_file, expanded, write_whole
+from bev_preheat.tunables import OLDEST_CHOICE_NS
 
 if TYPE_CHECKING:
     from bev_preheat.control.settings import Settings

@@ -30,7 +30,6 @@ from bev_preheat.nonlinear_program.drive_step import ENERGY_SCALE_J
 from bev_preheat.nonlinear_program.program import build_program, Give
 from bev_preheat.nonlinear_program.smooth_maps import smoothed_a_little
 from bev_preheat.numerics.factors import JOULES_PER_WH
-from bev_preheat.planning.dynamics import HOTTEST_BEYOND_RANGE_K
 from bev_preheat.planning.heat_run import along_states
 from bev_preheat.planning.limits import limits_hold, run_unheated
 from bev_preheat.planning.no_regret import is_described
@@ -39,6 +38,7 @@ from bev_preheat.planning.planner import finish_plan, plan_without_heating
 from bev_preheat.planning.schedule import HeldBack, Schedule, switched_on_s
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal, reserve_soc
 from bev_preheat.planning.trip import make_trip, Trip
+from bev_preheat.tunables import HOTTEST_BEYOND_RANGE_K
 from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
 from bev_preheat.vehicle.description import Vehicle
 from bev_preheat.vehicle.model import make_runge_kutta_4

@@ -14,16 +14,11 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from bev_preheat.planning.bracketing import follow_slope, Trial
+from bev_preheat.tunables import BELOW_HIGHEST_K, END_TOLERANCE_W
 
 if TYPE_CHECKING:
     from bev_preheat.vehicle.terminal_limits import TerminalLimits
 
-# Surplus regeneration stops heating this far below the highest temperature of the battery's range.
-BELOW_HIGHEST_K = 5.0
-# The limit at the end is kept with at most this much margin [W].
-END_TOLERANCE_W = 1e-3
-# Heating keeps the highest temperature to this.
-HIGHEST_TOLERANCE_K = 1e-6
 # States and powers of a step: charge and temperature at its end come first; heater (its command) and friction
 # brake [W] come first, and third, for a heater with lag, its mean power.
 Driven = tuple[tuple[float, ...], tuple[float, ...]]

@@ -13,14 +13,11 @@ from dataclasses import dataclass
 import math
 from typing import Generic, TypeVar
 
+from bev_preheat.tunables import HALVINGS, MOST_TRIALS
+
 Outcome = TypeVar('Outcome')
 # Each trial of the golden section reduces the bracket to this share.
 GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
-# A run meets the target when it arrives this close [K]: for a large pack, within 1 mWh.
-ARRIVAL_TOLERANCE_K = 5e-6
-# The secant needs two to four trials; the bracket makes sure that the search ends in any case.
-MOST_TRIALS = 60
-HALVINGS = 50
 
 
 @dataclass(frozen=True)

@@ -10,9 +10,9 @@ from typing import Any, NamedTuple, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.planning.both_ends import BELOW_HIGHEST_K
 from bev_preheat.planning.situation import check_situation
 from bev_preheat.planning.trip import heated_throughout, make_trip
+from bev_preheat.tunables import BELOW_HIGHEST_K, LEAST_PRICE_SHARE
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
@@ -22,9 +22,6 @@ if TYPE_CHECKING:
     from bev_preheat.planning.trip import Trip
     from bev_preheat.route.segments import Route
     from bev_preheat.vehicle.description import Vehicle
-
-# Energy that costs nothing still counts as this share of the highest price: none is wasted.
-LEAST_PRICE_SHARE = 1e-3
 
 
 class PlanningCase(NamedTuple):

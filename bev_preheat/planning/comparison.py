@@ -10,14 +10,13 @@ from __future__ import annotations
 
 from typing import Protocol, TYPE_CHECKING
 
-from bev_preheat.planning.planner import SAME_SOC, SHORTFALL_TOLERANCE_K
+from bev_preheat.tunables import COMPARED_POWER_W, SAME_SOC, SHORTFALL_TOLERANCE_K
 
 if TYPE_CHECKING:
     from bev_preheat.planning.plan import Plan
 
 # Arrivals whose shortfalls differ by no more than this are the same [K].
 SAME_SHORTFALL_K = SHORTFALL_TOLERANCE_K
-COMPARED_POWER_W = 10.0
 
 
 class Reached(Protocol):

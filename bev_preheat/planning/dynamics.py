@@ -12,6 +12,7 @@ import numpy as np
 
 from bev_preheat.numerics.arithmetic import AnyNumber, ARRAYS, CurveFunction, FLOATS, SATURATING_FLOATS
 from bev_preheat.numerics.factors import JOULES_PER_WH
+from bev_preheat.tunables import HOTTEST_BEYOND_RANGE_K
 from bev_preheat.vehicle.heat_balance import deliverable_w, heat_with_brake_w, leaked_w
 from bev_preheat.vehicle.model import Integrator, make_rates, Step
 from bev_preheat.vehicle.terminal_limits import make_terminal_limits
@@ -25,9 +26,6 @@ if TYPE_CHECKING:
 # `limits_of_steps_w` of an engine.
 FindLimits: TypeAlias = (
     'Callable[[Vehicle, FloatArray, FloatArray, FloatArray], tuple[FloatArray, FloatArray]]')
-# A hard drive may heat the battery this far beyond its range before the car's own cooling, which the model does
-# not describe, is assumed to hold it.
-HOTTEST_BEYOND_RANGE_K = 20.0
 # Results computed from a vehicle are cached for this many: for several cars, as described and as corrected.
 KEPT_VEHICLES = 64
 

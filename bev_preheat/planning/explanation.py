@@ -9,6 +9,7 @@ from typing import NamedTuple, TYPE_CHECKING
 from bev_preheat.planning.heating_intervals import Reason
 from bev_preheat.planning.schedule import HeldBack
 from bev_preheat.planning.status import Status
+from bev_preheat.tunables import LEAST_TOLD_S
 
 if TYPE_CHECKING:
     from bev_preheat.planning.outcome import Stranding
@@ -16,8 +17,6 @@ if TYPE_CHECKING:
 
 # Why a plan does not heat though the battery arrives too cold; with a remark on the heater, that is the reason.
 NO_POWER, NOT_POSSIBLE = 'Cabin heating leaves no power for the battery', 'The battery cannot be heated'
-# A route that starts within this time starts now.
-LEAST_TOLD_S = 0.5
 
 
 class Words(NamedTuple):

@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.planning.limits import drive_as_planned
-from bev_preheat.planning.planner import SHORTFALL_TOLERANCE_K
 from bev_preheat.planning.schedule import HeldBack
 from bev_preheat.planning.situation import reserve_soc
 from bev_preheat.planning.status import Status
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route.segments import LIMITS
+from bev_preheat.tunables import AIMS_BELOW_K, SHORTFALL_TOLERANCE_K, SPARES
 from bev_preheat.vehicle.grid import grid_fed
 
 if TYPE_CHECKING:
@@ -30,12 +30,6 @@ if TYPE_CHECKING:
     from bev_preheat.planning.situation import BatteryState, Goal
     from bev_preheat.route.segments import Route
     from bev_preheat.vehicle.description import Vehicle
-
-# If full power exceeded the target by rounding, each new plan would start heating a moment later. So the route
-# ends this far below the target [K].
-AIMS_BELOW_K = 0.05
-# State of charge left above the reserve, for the same reason.
-SPARES = 1e-4
 
 
 class FullPower:

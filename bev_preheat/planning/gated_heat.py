@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.planning.limits import drive_as_planned
+from bev_preheat.tunables import HEATED_W, MOST_REPEATS, ROUNDING_W
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -24,12 +25,6 @@ if TYPE_CHECKING:
     from bev_preheat.planning.situation import BatteryState
     from bev_preheat.planning.trip import Trip
     from bev_preheat.vehicle.heating_gates import HeatingGates
-
-MOST_REPEATS = 6
-# Powers closer than this to a step of power are that step [W].
-STEP_TOLERANCE_W = 1.0
-# Powers below this are rounding [W].
-HEATED_W = 1e-3
 
 
 def schedule_within_gates(trip: Trip, state: BatteryState, plan: Callable[[Trip], Schedule],
@@ -50,7 +45,7 @@ def schedule_within_gates(trip: Trip, state: BatteryState, plan: Callable[[Trip]
         trip = open_trip.changed(heater_limit_w=np.where(closed, 0.0, open_trip.heater_limit_w))
         schedule = plan(trip)
     power_w = _in_steps(gates, trip, schedule)
-    if np.abs(power_w - schedule.heater_power_w).max() > STEP_TOLERANCE_W:
+    if np.abs(power_w - schedule.heater_power_w).max() > ROUNDING_W:
         notes[_sentence_on_steps(gates)] = None
         schedule = drive_as_planned(trip, state, power_w)
     while (against := _against_gates(gates, schedule, notes)).any():
@@ -64,7 +59,7 @@ def notes_on_route(trip: Trip) -> list[str]:
     if gates.only_while_standing and (trip.heater_limit_w <= 0.0).any():
         sentences.append('The vehicle heats its battery only while it stands.')
     left_w = np.maximum(trip.vehicle.hvch.maximum_power_w - trip.route.cabin_heating_power_w, 0.0)
-    if gates.power_steps_w and (gates.steps_below_w(left_w) < left_w - STEP_TOLERANCE_W).any():
+    if gates.power_steps_w and (gates.steps_below_w(left_w) < left_w - ROUNDING_W).any():
         sentences.append(_sentence_on_steps(gates))
     return sentences
 
@@ -91,7 +86,7 @@ def _in_steps(gates: HeatingGates, trip: Trip, schedule: Schedule) -> FloatArray
     first_s = -np.inf if schedule.heating_start_s is None else schedule.heating_start_s
     last_s = np.inf if schedule.heating_end_s is None else schedule.heating_end_s
     on_share = np.clip((np.minimum(end_s, last_s) - np.maximum(start_s, first_s)) / (end_s - start_s), 1e-9, 1.0)
-    stepped_w: FloatArray = gates.steps_below_w(power_w / on_share + STEP_TOLERANCE_W) * on_share
+    stepped_w: FloatArray = gates.steps_below_w(power_w / on_share + ROUNDING_W) * on_share
     return np.minimum(stepped_w, power_w)
 
 

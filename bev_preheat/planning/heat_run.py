@@ -19,8 +19,9 @@ import numpy as np
 from bev_preheat.numerics.arithmetic import ARRAYS, FLOATS, SATURATING_FLOATS
 from bev_preheat.numerics.factors import JOULES_PER_WH
 from bev_preheat.planning.dynamics import KEPT_VEHICLES
-from bev_preheat.planning.schedule import HEATING_SHARE, HeatRun, Schedule
+from bev_preheat.planning.schedule import HeatRun, Schedule
 from bev_preheat.planning.situation import BatteryState
+from bev_preheat.tunables import HEATING_SHARE
 from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
 from bev_preheat.vehicle.heat_path import DIRECT
 from bev_preheat.vehicle.heated_step import HeatedStep, make_heated_step

@@ -16,7 +16,7 @@ from typing import cast, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.numerics.arithmetic import FLOATS
-from bev_preheat.planning.both_ends import drive_to_end, Driven, HIGHEST_TOLERANCE_K, warmth_beyond
+from bev_preheat.planning.both_ends import drive_to_end, Driven, warmth_beyond
 from bev_preheat.planning.bracketing import halve
 from bev_preheat.planning.dynamics import hottest_c
 from bev_preheat.planning.heat_run import (
@@ -28,6 +28,7 @@ from bev_preheat.planning.heat_run import (
     States,
 )
 from bev_preheat.planning.schedule import Schedule
+from bev_preheat.tunables import HIGHEST_TOLERANCE_K, LAGS_AHEAD, LASTING_LAGS
 from bev_preheat.vehicle.heat_balance import heat_with_brake_w
 from bev_preheat.vehicle.model import make_runge_kutta_4
 from bev_preheat.vehicle.terminal_limits import make_terminal_limits, TerminalLimits
@@ -37,11 +38,6 @@ if TYPE_CHECKING:
     from bev_preheat.planning.trip import Trip
     from bev_preheat.planning.wanted_heat import WantedPower
 
-# This many lags after it was switched off, a heater draws no significant power.
-LAGS_AHEAD = 5.0
-# Surplus is used if it lasts for this many more lags: after that the heater goes on, with paid power. This is
-# optimal if heat is worth half of its cost (the logarithm of 2).
-LASTING_LAGS = 0.7
 
 # Command, friction brake, heater power, and heat into the battery, means of a step [W].
 Powers = tuple[float, float, float, float]

@@ -13,18 +13,12 @@ import numpy as np
 from bev_preheat.numerics.factors import JOULES_PER_WH
 from bev_preheat.planning.engine import limits_of_steps_w
 from bev_preheat.planning.limits import colder
-from bev_preheat.planning.schedule import HEATING_SHARE, Schedule
+from bev_preheat.planning.schedule import Schedule
+from bev_preheat.tunables import HEATING_SHARE, ROUNDING_W, TOO_LATE_LAGS, WARMER_K
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray, IntArray
     from bev_preheat.planning.trip import Trip
-
-# Tolerance for surplus as against paid heating [W].
-SURPLUS_TOLERANCE_W = 1.0
-# Heating that ends at most this many lags of the heat path before arrival is for the arrival.
-TOO_LATE_LAGS = 12.0
-# No plan heats for an arrival this much warmer than the target with its uncertainty margin.
-WARMER_K = 0.5
 
 
 class Reason(IntEnum):
@@ -75,7 +69,7 @@ def heating_intervals(trip: Trip, schedule: Schedule, least_w: FloatArray,
         return ()
     regenerates = trip.route.propulsion_power_w < 0.0
     surplus = (heated & regenerates
-               & (heater_w <= least_w - trip.idle_power_w + SURPLUS_TOLERANCE_W))
+               & (heater_w <= least_w - trip.idle_power_w + ROUNDING_W))
     first = int(heated.argmax())
     # If heat would come too late, heating ends before arrival.
     too_late, last_of_all = len(heated), int(np.flatnonzero(heated)[-1]) + 1

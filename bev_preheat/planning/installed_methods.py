@@ -16,7 +16,8 @@ from time import perf_counter
 from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput, LONGEST_PROBLEM, PlanningFailure, quoted, shortened
-from bev_preheat.planning.method_situation import checked_powers, MethodSituation, ROUNDING_W
+from bev_preheat.planning.method_situation import checked_powers, MethodSituation
+from bev_preheat.tunables import PAUSE_FACTOR, ROUNDING_W
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -32,9 +33,6 @@ GROUP = 'bev_preheat.methods'
 NAME = re.compile(r'[a-z][a-z0-9_]{0,39}')
 # Names of results beside those of methods, and of a method of earlier versions.
 TAKEN = frozenset({'merit_order', 'nlp', 'optimum', 'planner', 'replanned_paper', 'no_heating', 'always_on'})
-# After a late answer, a method is not asked again for this many times its duration, so that a slow method leaves
-# the processor to the rest of the planner.
-PAUSE_FACTOR = 10.0
 # Anything a method raises; sys.exit in a method must not end the planner.
 BROKEN = (Exception, SystemExit)
 

@@ -4,7 +4,7 @@ Values of a plan, stored for the plans after it: an update is then the forward p
 
 The values of `value_function` are the worth of each temperature at each instant of a drive, so they serve
 wherever the battery is a moment later. They are found again once they no longer hold: for another route, heater,
-goal, uncertainty or price, or after MOST_PASSED_S of driving, because the corrected model has moved on.
+goal, uncertainty or price, or after VALUES_KEPT_S of driving, because the corrected model has moved on.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from bev_preheat.planning import engine
+from bev_preheat.tunables import MOST_CHANGED_SHARE, MOST_DEVIATION_SHARE, VALUES_KEPT_S
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
@@ -23,12 +24,6 @@ if TYPE_CHECKING:
     from bev_preheat.planning.situation import Uncertainty
     from bev_preheat.planning.trip import Trip
 
-# Values hold for this much of the drive [s].
-MOST_PASSED_S = 60.0
-# … and while the drive's power differs by no more than this share of its largest, and the uncertainty by no more
-# than this share from the expected rest.
-MOST_CHANGED_SHARE = 0.05
-MOST_DEVIATION_SHARE = 0.25
 # An update makes plans for a heater as it is and as it should be.
 KEPT_VALUE_FUNCTIONS = 2
 
@@ -110,7 +105,7 @@ def _is_rest_of(whole: Trip, trip: Trip) -> bool:
     passed = len(whole.route) - len(trip.route)
     passed_s = whole.route.total_duration_s - trip.route.total_duration_s
     battery, battery_then = trip.vehicle.battery, whole.vehicle.battery
-    if not (passed >= 0 and 0.0 <= passed_s <= MOST_PASSED_S
+    if not (passed >= 0 and 0.0 <= passed_s <= VALUES_KEPT_S
             and battery.discharge_power_limit == battery_then.discharge_power_limit
             and battery.charge_power_limit == battery_then.charge_power_limit
             and battery.temperature_range_c == battery_then.temperature_range_c):

@@ -11,6 +11,7 @@ from bev_preheat.planning import dynamics, engine
 from bev_preheat.planning.heated_limits import along_heated_limits
 from bev_preheat.planning.schedule import Schedule, switched_on_s
 from bev_preheat.planning.wanted_heat import WantedHeat
+from bev_preheat.tunables import COLDER_BY_K
 from bev_preheat.vehicle.model import make_runge_kutta_4
 
 if TYPE_CHECKING:
@@ -18,10 +19,6 @@ if TYPE_CHECKING:
     from bev_preheat.planning.situation import BatteryState
     from bev_preheat.planning.trip import Trip
     from bev_preheat.vehicle.description import Vehicle
-
-# A limit is near if a battery this much colder would meet it: the friction brake takes drivetrain heat away from
-# another run.
-COLDER_BY_K = 5.0
 
 
 def colder(vehicle: Vehicle, temperature_c: FloatArray) -> FloatArray:

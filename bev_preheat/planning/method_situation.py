@@ -11,6 +11,7 @@ import numpy as np
 
 from bev_preheat.planning.engine import keep_accounts
 from bev_preheat.planning.limits import drive_as_planned
+from bev_preheat.tunables import ROUNDING_W
 
 if TYPE_CHECKING:
     from typing import Self
@@ -23,9 +24,6 @@ if TYPE_CHECKING:
     from bev_preheat.planning.trip import Trip
     from bev_preheat.route.segments import Route
     from bev_preheat.vehicle.description import Vehicle
-
-# Powers beyond a bound by less than this are rounding.
-ROUNDING_W = 1.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bev_preheat.tunables import LONGEST_STEP_S, TIME_CONSTANT_SHARE
 from bev_preheat.vehicle.heat_balance import idle_heat_w, idle_power_w
 from bev_preheat.vehicle.trip_columns import TripColumns
 
@@ -14,12 +15,6 @@ if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import BoolArray, FloatArray
     from bev_preheat.route.segments import Route
     from bev_preheat.vehicle.description import Vehicle
-
-# Longer steps are divided, because Euler's error grows with the step.
-LONGEST_STEP_S = 300.0
-# Steps beyond this share of the battery's thermal time constant are divided too: explicit methods lose their
-# accuracy near the time constant itself, and become unstable at twice the time constant.
-TIME_CONSTANT_SHARE = 0.5
 
 
 def model_inputs(vehicle: Vehicle, route: Route, heater_share: float,

@@ -18,17 +18,13 @@ from bev_preheat.planning.bracketing import halve
 from bev_preheat.planning.dynamics import hottest_c
 from bev_preheat.planning.limits import drive_as_planned, limits_hold, run_unheated
 from bev_preheat.planning.outcome import find_stranding, power_deficit
-from bev_preheat.planning.recursion import NO_WORSE_W
 from bev_preheat.planning.schedule import HeldBack, Method, Schedule
 from bev_preheat.planning.situation import BatteryState, Goal, reserve_soc
+from bev_preheat.tunables import LEAST_STRANDING_SOC, NO_WORSE_W, TARGET_HALVINGS
 
 if TYPE_CHECKING:
     from bev_preheat.planning.trip import Trip
 
-# A stranding counts as at least this much missing charge.
-LEAST_STRANDING_SOC = 1e-5
-# The warmest allowed target is found to 2^-TARGET_HALVINGS of the range that is searched.
-TARGET_HALVINGS = 14
 
 # Returns the Schedule for a target [deg C].
 Proposal = Callable[[float], Schedule]

@@ -16,19 +16,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.numerics.arithmetic import SATURATING_FLOATS
-from bev_preheat.planning.bracketing import ARRIVAL_TOLERANCE_K, follow_slope, Trial
+from bev_preheat.planning.bracketing import follow_slope, Trial
 from bev_preheat.planning.dynamics import run_on
 from bev_preheat.planning.paper import find_crossing
 from bev_preheat.planning.schedule import maximum_from, Schedule
+from bev_preheat.tunables import ARRIVAL_TOLERANCE_K, HEATING_ALLOWANCE
 from bev_preheat.vehicle.heat_balance import heat_with_heater_w
 from bev_preheat.vehicle.model import make_midpoint, make_rates, make_runge_kutta_4
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.planning.trip import Trip
-
-# Because of leakage on the way, heating takes about this many times the deficit to the target.
-HEATING_ALLOWANCE = 1.1
 
 
 def find_switch(trip: Trip, target_c: float, unheated: Schedule) -> Schedule:

@@ -12,6 +12,7 @@ from bev_preheat.numerics.factors import JOULES_PER_WH
 from bev_preheat.planning.engine import keep_accounts
 from bev_preheat.planning.heating_intervals import heating_intervals
 from bev_preheat.planning.limits import limits_along
+from bev_preheat.tunables import POWER_TOLERANCE
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
@@ -19,9 +20,6 @@ if TYPE_CHECKING:
     from bev_preheat.planning.heating_intervals import HeatingInterval
     from bev_preheat.planning.schedule import Schedule
     from bev_preheat.planning.trip import Trip
-
-# A power deficit below this share is rounding.
-POWER_TOLERANCE = 1e-6
 
 
 class Stranding(NamedTuple):

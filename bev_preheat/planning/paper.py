@@ -11,6 +11,7 @@ import numpy as np
 from bev_preheat.planning.dynamics import run_forward, run_on, step_of_floats
 from bev_preheat.planning.heat_run import initial_states, run_heated, without_heat_path
 from bev_preheat.planning.schedule import maximum_from, Schedule
+from bev_preheat.tunables import LOST_ABOVE_TARGET_K
 from bev_preheat.vehicle.model import Integrator, make_euler
 
 if TYPE_CHECKING:
@@ -18,10 +19,6 @@ if TYPE_CHECKING:
     from bev_preheat.planning.situation import BatteryState
     from bev_preheat.planning.trip import Trip
     from bev_preheat.vehicle.model import Step
-
-# Going backward the temperature may grow without bound (leakage outweighs the heater). No forward run can meet it
-# this far above the target.
-LOST_ABOVE_TARGET_K = 100.0
 
 
 def run_paper(trip: Trip, state: BatteryState, target_c: float, terminal_soc: float | None = None) -> Schedule:

@@ -32,6 +32,7 @@ from bev_preheat.planning.switch_methods import is_best, outcome_of, plan_optima
 from bev_preheat.planning.trip import make_trip, Trip
 from bev_preheat.planning.until_arrival import heat_until_arrival
 from bev_preheat.planning.value_function import plan_by_values
+from bev_preheat.tunables import NOW_S, SAME_POWER_W, SAME_SOC, SHORTFALL_TOLERANCE_K, SOC_TOLERANCE
 from bev_preheat.vehicle.model import Integrator, make_runge_kutta_4
 
 if TYPE_CHECKING:
@@ -56,17 +57,6 @@ ONE_INTERVAL: dict[str, Callable[[Trip, BatteryState, float], SwitchPlan]] = {
     'optimal_switch': partial(engine.plan_switch, in_one_interval=True),
     'paper': engine.plan_by_paper,
 }
-
-# Missing the target by less than this does not count: the paper's Euler steps are not more accurate.
-SHORTFALL_TOLERANCE_K = 0.2
-# Tolerance on the reserve.
-SOC_TOLERANCE = 1e-5
-# Runs by Euler and by Runge-Kutta differ by less than this.
-SAME_SOC = 5e-4
-# A plan keeps the limits if heater and friction brake take the same powers within them, to this.
-SAME_POWER_W = 0.1
-# A switching instant this close is now.
-NOW_S = 1e-6
 
 
 def method_names() -> tuple[str, ...]:

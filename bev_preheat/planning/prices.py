@@ -17,6 +17,7 @@ import numpy as np
 
 from bev_preheat.numerics.arithmetic import ARRAYS, FLOATS
 from bev_preheat.numerics.factors import JOULES_PER_WH
+from bev_preheat.tunables import LEAST_SAVING_WH, SOC_DIFFERENCE, TEMPERATURE_DIFFERENCE_K
 from bev_preheat.vehicle.heat_balance import heat_with_heater_w
 from bev_preheat.vehicle.model import make_rates
 
@@ -27,11 +28,6 @@ if TYPE_CHECKING:
     from bev_preheat.planning.schedule import Schedule
     from bev_preheat.planning.trip import Trip
 
-# Differences for the slopes of the model's rates.
-SOC_DIFFERENCE = 1e-4
-TEMPERATURE_DIFFERENCE_K = 0.1
-# For less [Wh], heating elsewhere is not worth another search.
-LEAST_SAVING_WH = 0.05
 # Charge and warmth: the change of each over a step, or its worth after a step.
 ChargeWarmth = tuple[float, float]
 # Units of worth on arrival.

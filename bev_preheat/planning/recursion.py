@@ -34,9 +34,34 @@ import numpy as np
 
 from bev_preheat.native.structs import VALUE_POINTS
 from bev_preheat.numerics.factors import JOULES_PER_WH
-from bev_preheat.planning.value_layers import best_of, Layer, SHORT_PRICE
+from bev_preheat.planning.value_layers import best_of, Layer
 from bev_preheat.planning.value_path import ValuePath
 from bev_preheat.planning.value_run import ValueRun
+from bev_preheat.tunables import (
+    ABOVE_K,
+    BELOW_K,
+    EDGE_SHARE,
+    EMPTY_J,
+    EXPECTED_PASSES,
+    FIRST_STEP_K,
+    LACK_PRICE,
+    LAST_K,
+    LAST_STEP_K,
+    LOOK_WH,
+    MOST_LOOKS,
+    NARROW_K,
+    NARROW_STEP_K,
+    NEAR_K,
+    NEAR_PRICE,
+    NEAR_RESERVE_K,
+    NO_WORSE_W,
+    SHORT_PRICE,
+    SOC_TOLERANCE,
+    TABLE_STEP_K,
+    WIDE_K,
+    WIDE_STEP_K,
+    WIDER_DEVIATIONS,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -46,40 +71,8 @@ if TYPE_CHECKING:
     from bev_preheat.planning.kept_values import Requirements
     from bev_preheat.planning.trip import Trip
 
-# Under an Uncertainty the first part of a kelvin [K] that is missing costs this many times its energy: no heater
-# is switched on again for so little.
-NEAR_K, NEAR_PRICE = 0.2, 2.0
-# A joule that the battery cannot deliver costs this many times itself; a step that empties the battery [J].
-LACK_PRICE = 2000.0
-EMPTY_J = 1e12
-# The passes: temperatures this far apart, and this far around the path before. The first pass covers from below
-# the coldest temperature of the unheated run to above target and start.
-FIRST_STEP_K, BELOW_K, ABOVE_K = 0.5, 3.0, 25.0
-WIDE_STEP_K, WIDE_K = 0.1, 1.5
-NARROW_STEP_K, NARROW_K = 0.01, 0.15
-LAST_STEP_K, LAST_K = 0.001, 0.015
 PASSES = ((FIRST_STEP_K, 0.0), (WIDE_STEP_K, WIDE_K), (WIDE_STEP_K, WIDE_K), (NARROW_STEP_K, NARROW_K),
           (LAST_STEP_K, LAST_K))
-# Under an Uncertainty so many passes are made, wider by this many of its standard deviations.
-EXPECTED_PASSES = 3
-WIDER_DEVIATIONS = 2.5
-# Temperatures of a ValueTable are this far apart.
-TABLE_STEP_K = 0.03
-# The core drives a step from three temperatures of a stretch of at most this width in which the same limits act,
-# and lays a parabola through their ends; the end from a fourth one is as near to it as this, in cost and warmth.
-STRETCH_K = 6.0
-STRETCH_J = 10.0
-# A pass is made again, at most so many times in all: the first one while the aim, lowered for the reserve of
-# charge, moves by more than so many kelvin, the others while the path reaches this share of their width and that
-# saves more than so much.
-MOST_LOOKS = 7
-NEAR_RESERVE_K = 0.1
-EDGE_SHARE = 0.9
-LOOK_WH = 0.25
-# Tolerance on the reserve.
-RESERVE_TOLERANCE = 1e-5
-# If the unheated trip has a power deficit too, a plan may increase it by this many watts.
-NO_WORSE_W = 10.0
 
 
 class PlanByValues(NamedTuple):
@@ -102,7 +95,7 @@ def find_values(trip: Trip, start: States, wanted: Requirements) -> PlanByValues
         command_w = recursion.plan()
         # The reserve comes before the power of climbs, and heat for a climb may cost the charge that it needs.
         if recursion.unheated_lack_w == 0.0 or (
-                command_w is not None and recursion.run.states[0, -1] >= wanted.reserve - RESERVE_TOLERANCE
+                command_w is not None and recursion.run.states[0, -1] >= wanted.reserve - SOC_TOLERANCE
                 and recursion.run.lack_w() <= recursion.unheated_lack_w + NO_WORSE_W):
             break
     return PlanByValues(command_w, recursion.run.ends_in, recursion)

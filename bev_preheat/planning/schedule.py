@@ -10,13 +10,12 @@ from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
+from bev_preheat.tunables import HEATING_SHARE
+
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.planning.trip import Inputs, Trip
     from bev_preheat.vehicle.model import Integrator
-
-# A heater power below this share of the power that cabin heating leaves is rounding.
-HEATING_SHARE = 1e-4
 
 
 class HeldBack(Enum):

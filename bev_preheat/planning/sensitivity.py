@@ -15,8 +15,9 @@ from typing import Any, TYPE_CHECKING
 
 from bev_preheat.errors import PlanningFailure
 from bev_preheat.planning.heating_intervals import Reason
-from bev_preheat.planning.planner import METHODS, plan_preheating, plan_unheated, SHORTFALL_TOLERANCE_K
+from bev_preheat.planning.planner import METHODS, plan_preheating, plan_unheated
 from bev_preheat.planning.status import Status
+from bev_preheat.tunables import LEAST_TOLD_K, LEAST_TOLD_WH, RESOLUTION_K, SHORTFALL_TOLERANCE_K
 
 if TYPE_CHECKING:
     from bev_preheat.planning.plan import Plan
@@ -27,10 +28,6 @@ if TYPE_CHECKING:
 # Statuses of plans that have no target.
 WITHOUT_TARGET = Status.NO_CHARGING_PLANNED, Status.NOT_WORTH_IT
 KELVIN_K = 1.0
-# Temperatures at which the plan changes are found to this [K].
-RESOLUTION_K = 0.05
-# Smaller figures are not put into words: warmer arrival [K], energy [Wh].
-LEAST_TOLD_K, LEAST_TOLD_WH = 0.05, 0.05
 
 
 @dataclass(frozen=True)

@@ -8,15 +8,11 @@ import math
 from typing import TYPE_CHECKING
 
 from bev_preheat.errors import figure_beyond, InvalidInput, share_hint
+from bev_preheat.tunables import MOST_EXCESS_K, WIDEST_FORECAST_K
 
 if TYPE_CHECKING:
     from bev_preheat.route.segments import Route
     from bev_preheat.vehicle.description import Vehicle
-
-# A larger difference between coolant and battery is implausible.
-MOST_EXCESS_K = 150.0
-# A larger standard deviation is no forecast.
-WIDEST_FORECAST_K = 10.0
 
 
 @dataclass(frozen=True)

@@ -15,11 +15,20 @@ from typing import NamedTuple, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.numerics.arithmetic import ARRAYS
-from bev_preheat.planning.both_ends import BELOW_HIGHEST_K, END_TOLERANCE_W, HIGHEST_TOLERANCE_K
-from bev_preheat.planning.bracketing import HALVINGS
 from bev_preheat.planning.dynamics import hottest_c
 from bev_preheat.planning.heat_run import heat_to_come_k, mean_share_left
-from bev_preheat.planning.heated_limits import LAGS_AHEAD, LASTING_LAGS
+from bev_preheat.tunables import (
+    BELOW_HIGHEST_K,
+    END_TOLERANCE_W,
+    HALVINGS,
+    HIGHEST_TOLERANCE_K,
+    LACK_TOLERANCE_W,
+    LAGS_AHEAD,
+    LASTING_LAGS,
+    LEAST_HEATING_W,
+    MOST_ROUNDS,
+    ROUNDING_W,
+)
 from bev_preheat.vehicle.heat_balance import heat_under_w
 from bev_preheat.vehicle.model import make_rates, make_runge_kutta_4
 from bev_preheat.vehicle.terminal_limits import make_terminal_limits
@@ -27,14 +36,6 @@ from bev_preheat.vehicle.terminal_limits import make_terminal_limits
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import BoolArray, FloatArray
     from bev_preheat.planning.trip import Trip
-
-# Most rounds in which limits at the end of a step, and the highest temperature, are found.
-MOST_ROUNDS = 60
-# Ends whose heater powers differ by less are the same [W]; and less is no heating.
-SAME_END_W = 1.0
-LEAST_HEATING_W = 50.0
-# Power beyond a limit by less is no deficit [W].
-LACK_TOLERANCE_W = 0.2
 
 
 class StepEnds(NamedTuple):
@@ -113,7 +114,7 @@ class StepsAhead:
         for wanted_w, takes_surplus in kinds[1:]:
             end = self.end(k, soc, settled_c, under_way_k, watched, lack_price, wanted_w, takes_surplus)
             # A step that empties the battery, or is the same as the one before, is left out.
-            is_other = (end.command_w[0] > found[-1].command_w[0] + SAME_END_W) & ~end.is_empty
+            is_other = (end.command_w[0] > found[-1].command_w[0] + ROUNDING_W) & ~end.is_empty
             if is_other.any():
                 cost_j, ahead_c, command_w, end_soc = (
                     np.where(is_other, new, old) for new, old in zip(end[:4], found[-1][:4]))

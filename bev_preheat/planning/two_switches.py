@@ -17,26 +17,22 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.numerics.factors import JOULES_PER_WH
-from bev_preheat.planning.bracketing import ARRIVAL_TOLERANCE_K, follow_slope, least_of, Trial
+from bev_preheat.planning.bracketing import follow_slope, least_of, Trial
 from bev_preheat.planning.dynamics import keep_accounts
 from bev_preheat.planning.heat_run import along_states, roll_heated, states_at
+from bev_preheat.tunables import (
+    ARRIVAL_TOLERANCE_K,
+    COMPARED_TOLERANCE_K,
+    DEFICIT_WH_PER_K,
+    MOST_LAGS,
+    OFF_RESOLUTION_S,
+    SURE_SHARE,
+)
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.planning.schedule import Schedule
     from bev_preheat.planning.trip import Trip
-
-# While switch-off instants are compared, a run that arrives this close to the target is enough: the deviation is
-# valued by its energy.
-COMPARED_TOLERANCE_K = 2e-4
-# This share of the heat from the start is certain to be present on arrival.
-SURE_SHARE = 0.5
-# All heat but a thousandth arrives within this many lags.
-MOST_LAGS = 7.0
-# Around the best switch-off instant the energy hardly changes.
-OFF_RESOLUTION_S = 2.0
-# A kelvin below the target counts more than any energy.
-DEFICIT_WH_PER_K = 1e9
 
 
 def maximum_between(trip: Trip, on_s: float, off_s: float) -> FloatArray:

@@ -16,22 +16,21 @@ import numpy as np
 
 from bev_preheat.planning.bracketing import follow_slope, Trial
 from bev_preheat.planning.limits import drive_as_planned
-from bev_preheat.planning.schedule import HEATING_SHARE, Schedule
+from bev_preheat.planning.schedule import Schedule
 from bev_preheat.planning.two_switches import maximum_between
+from bev_preheat.tunables import (
+    ABOVE_TARGET_K,
+    FULL_SHARE,
+    HEATING_SHARE,
+    LATEST_START_TOLERANCE_K,
+    MOST_CHANGED_K,
+    MOST_RUNS,
+    START_RESOLUTION_S,
+)
 
 if TYPE_CHECKING:
     from bev_preheat.planning.situation import BatteryState
     from bev_preheat.planning.trip import Trip
-
-# Tolerance of the temperature on arrival [K], or of the start of heating [s].
-LATEST_START_TOLERANCE_K, START_RESOLUTION_S = 1e-4, 1e-2
-MOST_RUNS = 20
-# A battery that arrives this much above the target is heated for the drive, or for free [K].
-ABOVE_TARGET_K = 0.05
-# A later start that changes the temperature on arrival by more than this is not used [K].
-MOST_CHANGED_K = 0.01
-# A step that is heated by this share of the highest power is heated throughout.
-FULL_SHARE = 1.0 - 1e-6
 
 
 def heat_until_arrival(trip: Trip, state: BatteryState, schedule: Schedule, target_c: float) -> Schedule:

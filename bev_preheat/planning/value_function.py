@@ -10,11 +10,11 @@ from bev_preheat.planning import engine
 from bev_preheat.planning.heat_run import initial_states
 from bev_preheat.planning.kept_values import KeptValues, Requirements
 from bev_preheat.planning.limits import drive_as_planned, run_unheated
-from bev_preheat.planning.recursion import LACK_PRICE, NEAR_K, Recursion, RESERVE_TOLERANCE, ValueTable
+from bev_preheat.planning.recursion import Recursion, ValueTable
 from bev_preheat.planning.schedule import ended_within, HeldBack
 from bev_preheat.planning.situation import reserve_soc, Uncertainty
-from bev_preheat.planning.steps_ahead import LEAST_HEATING_W
 from bev_preheat.planning.switch_methods import is_best
+from bev_preheat.tunables import LACK_PRICE, LEAST_HEATING_W, NEAR_K, SOC_TOLERANCE, SPARE_SOC
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
@@ -22,9 +22,6 @@ if TYPE_CHECKING:
     from bev_preheat.planning.situation import BatteryState, Goal
     from bev_preheat.planning.switch_plan import SwitchPlan
     from bev_preheat.planning.trip import Trip
-
-# Plans aim at this much more charge than the reserve.
-SPARE_SOC = 1e-7
 
 
 def plan_by_values(trip: Trip, state: BatteryState, goal: Goal,
@@ -69,7 +66,7 @@ def _what_holds_back(trip: Trip, state: BatteryState, target_c: float, reserve: 
                      schedule: Schedule) -> HeldBack | None:
     """Return what keeps a Schedule from its target [deg C] although more could be heated; None: nothing does."""
     arrival_c = float(schedule.temperature_c[-1])
-    if arrival_c < target_c and float(schedule.soc[-1]) < reserve + RESERVE_TOLERANCE:
+    if arrival_c < target_c and float(schedule.soc[-1]) < reserve + SOC_TOLERANCE:
         return HeldBack.RESERVE
     if arrival_c > target_c - NEAR_K:
         return None

@@ -7,20 +7,11 @@ from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.planning.steps_ahead import LEAST_HEATING_W
+from bev_preheat.tunables import BEYOND_PRICE, LEAST_HEATING_W, LEAST_MIXED_SHARE, MOST_SPREAD, SHORT_PRICE
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import BoolArray, FloatArray, IntArray
     from bev_preheat.planning.steps_ahead import StepEnds
-
-# A kelvin below the target costs this many times the battery energy that heats by a kelvin: no plan saves there.
-# Beyond the temperatures of a pass, a kelvin costs this share of its energy.
-SHORT_PRICE = 30.0
-BEYOND_PRICE = 0.5
-# A mixture of two ends has at least this share of the next one's power: no heater is kept on with little power.
-LEAST_SHARE = 0.1
-# A pass spreads values by at most this share of its temperatures' distance squared at once.
-MOST_SPREAD = 0.9
 
 
 class Layer(NamedTuple):
@@ -117,7 +108,7 @@ def best_of(ends: StepEnds, following: Layer, joules_per_k: float, is_mixed: boo
         cost_j, settled_c, command_w = (row[:, None] for row in low)
         more_j, wide_k, more_w = (next_row[:, None] - row[:, None] for row, next_row in zip(low, high))
         share = (following.grid_c - settled_c) / np.where(wide_k > 0.0, wide_k, np.nan)
-        least_w = np.maximum(LEAST_HEATING_W, LEAST_SHARE * (command_w + more_w))
+        least_w = np.maximum(LEAST_HEATING_W, LEAST_MIXED_SHARE * (command_w + more_w))
         is_between = (share > 0.0) & (share <= 1.0) & (command_w + share * more_w > least_w)
         value_j = np.where(is_between, cost_j + share * more_j + following.values_j[1], np.inf)
         found = value_j.argmin(axis=1)[:, None]

@@ -16,7 +16,7 @@ import numpy as np
 from bev_preheat.planning.heat_run import heat_to_come_k
 from bev_preheat.planning.steps_ahead import StepsAhead
 from bev_preheat.planning.value_layers import best_of
-from bev_preheat.planning.value_run import HEATING_PRICE
+from bev_preheat.tunables import HEATING_PRICE, PRICED_K, PRICED_SOC, WATCHED_BELOW_K, WATCHED_SOC
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
@@ -24,13 +24,6 @@ if TYPE_CHECKING:
     from bev_preheat.planning.trip import Trip
     from bev_preheat.planning.value_layers import Layer
     from bev_preheat.planning.value_run import ValueRun
-
-# Charge is priced by moving it by this, heat under way by this [K].
-PRICED_SOC = 5e-4
-PRICED_K = 0.3
-# A limit may matter in a step if it does for a battery this much colder, or with this much more or less charge.
-WATCHED_BELOW_K = 1.0
-WATCHED_SOC = 0.02
 
 
 class ValuePath:

@@ -10,27 +10,25 @@ import numpy as np
 
 from bev_preheat.numerics.arithmetic import ARRAYS
 from bev_preheat.numerics.factors import JOULES_PER_WH
-from bev_preheat.planning.bracketing import ARRIVAL_TOLERANCE_K, MOST_TRIALS
 from bev_preheat.planning.dynamics import limits_of_steps_w
 from bev_preheat.planning.limited_drive import make_limited_drive
-from bev_preheat.planning.steps_ahead import LACK_TOLERANCE_W, LEAST_HEATING_W
-from bev_preheat.planning.value_layers import SHORT_PRICE
+from bev_preheat.tunables import (
+    ARRIVAL_TOLERANCE_K,
+    HEATING_PRICE,
+    LACK_TOLERANCE_W,
+    LEAST_HEATING_W,
+    MOST_TRIALS,
+    MOVED_K,
+    SHORT_PRICE,
+    SWITCH_ON_EXPECTED_WH,
+    SWITCH_ON_WH,
+)
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.planning.heat_run import States
     from bev_preheat.planning.kept_values import Requirements
     from bev_preheat.planning.trip import Trip
-
-# Each time that the heater is switched on costs this much, so that no plan switches for less.
-SWITCH_ON_WH = 0.5
-# … and this much under an Uncertainty, in which each update may switch: chosen on `preheat robustness`.
-SWITCH_ON_EXPECTED_WH = 30.0
-# A joule that the heater takes costs this much by itself [J]: surplus that brings less goes to the brake.
-HEATING_PRICE = 0.02
-# The start of the last interval is moved for an exact arrival if the arrival is as close as this; or its end,
-# under an Uncertainty, also by the heat of a whole step.
-MOVED_K = 1.0
 
 
 class ValueRun:

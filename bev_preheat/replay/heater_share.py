@@ -7,10 +7,11 @@ from bisect import bisect_right
 from typing import TYPE_CHECKING
 
 from bev_preheat.control.heater_answer import HOLD_AT_ONCE
-from bev_preheat.estimation.hypotheses import FAILURE_S, FAULTY, Heater
+from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.heater.controller import Refusal
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.replay.period import moment
+from bev_preheat.tunables import FAILURE_S, FAULTY
 
 if TYPE_CHECKING:
     from bev_preheat.control.heater_answer import HeaterStatus

@@ -10,21 +10,20 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from bev_preheat.signals.current_sample import CurrentSample
-
-# The two changes of the charge differ by at most this factor.
-FACTOR = 3.0
-# Least change of the state of charge that is compared: an absolute bound, and a number of the signal's steps.
-LEAST_CHANGE, LEAST_STEPS = 0.02, 4.0
-# Error of a change of the state of charge: an absolute one, and a number of steps.
-ERROR, ERROR_STEPS = 0.002, 2.0
-# A larger change from one state to the next is a correction by the battery management: the sum of an absolute
-# one, a number of steps, and one for each second.
-JUMP, JUMP_STEPS, JUMP_PER_S = 0.01, 2.5, 1.0 / 600.0
-# States further apart than this are not compared, nor over a longer time [s]: a small current that is not measured
-# adds up.
-APART_S, LONGEST_COMPARED_S = 60.0, 3600.0
-# Displays stay at 0 and 100 % while charge flows.
-LOWEST_SOC, HIGHEST_SOC = 0.01, 0.99
+from bev_preheat.tunables import (
+    HIGHEST_SHOWN_SOC,
+    LONGEST_COMPARED_S,
+    LONGEST_GAP_S,
+    LOWEST_SHOWN_SOC,
+    SCALE_ERROR,
+    SCALE_ERROR_STEPS,
+    SCALE_FACTOR,
+    SCALE_LEAST_CHANGE,
+    SCALE_LEAST_STEPS,
+    SOC_JUMP,
+    SOC_JUMP_PER_S,
+    SOC_JUMP_STEPS,
+)
 
 
 class CurrentScale(NamedTuple):
@@ -50,12 +49,12 @@ class CurrentScale(NamedTuple):
         if before is None or first is None or not _follows(before, first, sample, soc_step):
             return CurrentScale(self.doubt, sample, sample)
         drawn = self.drawn + sample.drawn_since(before, capacity_as)
-        least = max(LEAST_CHANGE, LEAST_STEPS * soc_step)
+        least = max(SCALE_LEAST_CHANGE, SCALE_LEAST_STEPS * soc_step)
         changed, moved = abs(first.soc - sample.soc), abs(drawn)
-        is_too_much = moved >= FACTOR * max(least, changed + ERROR + ERROR_STEPS * soc_step)
+        is_too_much = moved >= SCALE_FACTOR * max(least, changed + SCALE_ERROR + SCALE_ERROR_STEPS * soc_step)
         if not is_too_much and changed < least:
             return CurrentScale(self.doubt, sample, first, drawn)
-        return CurrentScale('' if not is_too_much and FACTOR * moved >= changed else (
+        return CurrentScale('' if not is_too_much and SCALE_FACTOR * moved >= changed else (
             f'current: it moved {100.0 * moved:.1f} % of the charge while percentage changed by '
             f'{100.0 * changed:.1f} %; the unit or scale of either is wrong; voltage and current are not '
             'used'), sample, sample)
@@ -63,6 +62,6 @@ class CurrentScale(NamedTuple):
 
 def _follows(before: CurrentSample, first: CurrentSample, sample: CurrentSample, soc_step: float) -> bool:
     elapsed_s = sample.instant_s - before.instant_s
-    return (0.0 < elapsed_s <= APART_S and sample.instant_s - first.instant_s <= LONGEST_COMPARED_S
-            and LOWEST_SOC < sample.soc < HIGHEST_SOC and abs(sample.soc - before.soc)
-            <= JUMP + JUMP_STEPS * soc_step + JUMP_PER_S * elapsed_s)
+    return (0.0 < elapsed_s <= LONGEST_GAP_S and sample.instant_s - first.instant_s <= LONGEST_COMPARED_S
+            and LOWEST_SHOWN_SOC < sample.soc < HIGHEST_SHOWN_SOC and abs(sample.soc - before.soc)
+            <= SOC_JUMP + SOC_JUMP_STEPS * soc_step + SOC_JUMP_PER_S * elapsed_s)

@@ -14,32 +14,25 @@ import math
 from typing import NamedTuple
 
 from bev_preheat.signals.current_sample import CurrentSample
-
-# Number of latest changes of voltage and current that are correlated, and the least number for a proof.
-# The states of a change are at most APART_S [s] apart. The standard deviation of the current's changes [A]
-# must exceed the first bound for few changes, the second for all changes.
-CHANGES, LEAST_CHANGES = 60, 20
-APART_S = 2.5
-LEAST_DEVIATION_A, LEAST_DEVIATION_OF_ALL_A = 5.0, 1.5
-# Least magnitude of the correlation.
-PROVES_CORRELATION = 0.7
-# Least change of the state of charge: an absolute bound, a share of the signal's step, and a multiple of the
-# standard deviation of its noise, which shows in consecutive states.
-LEAST_MOVED = 0.0025
-LEAST_STEPS = 0.9
-LEAST_DEVIATIONS = 5.0
-# Number of states over which the noise is averaged, and the largest change that counts as noise.
-NOISE_OVER, MOST_NOISE = 30.0, 0.01
-# Least share of this change that the current accounts for.
-LEAST_CURRENT_SHARE = 0.25
-# States of charge further apart than this are not compared [s].
-TOGETHER_S = 60.0
-CONFIRMED_EVERY_S = 10.0
-# A change of the charge from one state to the next that exceeds this number of its steps and this multiple of the
-# charge moved by the current, beside LEAST_MOVED and the noise, is a jump: a correction of the battery management.
-JUMP_STEPS, JUMP_MOVED = 2.5, 3.0
-# The comparison starts again after this charge without proof.
-RESTART_AFTER = 0.05
+from bev_preheat.tunables import (
+    CHANGE_WITHIN_S,
+    CURRENT_CHANGES,
+    LEAST_CURRENT_CHANGES,
+    LEAST_CURRENT_SHARE,
+    LEAST_DEVIATION_A,
+    LEAST_DEVIATION_OF_ALL_A,
+    LEAST_MOVED,
+    LEAST_MOVED_DEVIATIONS,
+    LEAST_MOVED_STEPS,
+    LONGEST_GAP_S,
+    MOST_SOC_NOISE,
+    PROVES_CORRELATION,
+    SIGN_CONFIRMED_EVERY_S,
+    SIGN_RESTART_AFTER,
+    SOC_JUMP_MOVED,
+    SOC_JUMP_STEPS,
+    SOC_NOISE_OVER,
+)
 
 
 class Sign(Enum):
@@ -78,38 +71,38 @@ class CurrentSign(NamedTuple):
         """Return the CurrentSign after a sample; the battery's capacity [As], and `soc_step` of the charge."""
         before, soc = self.before, sample.soc
         elapsed_s = 0.0 if before is None else sample.instant_s - before.instant_s
-        if before is None or not 0.0 < elapsed_s <= TOGETHER_S:
+        if before is None or not 0.0 < elapsed_s <= LONGEST_GAP_S:
             return self._replace(before=sample, first_soc=soc, discharged=0.0)
         changes, noise = self.changes, self.noise
-        if elapsed_s <= APART_S:
+        if elapsed_s <= CHANGE_WITHIN_S:
             changes = (*changes, (
-                sample.voltage_v - before.voltage_v, sample.current_a - before.current_a))[-CHANGES:]
+                sample.voltage_v - before.voltage_v, sample.current_a - before.current_a))[-CURRENT_CHANGES:]
         moved = sample.drawn_since(before, capacity_as)
         # A jump tells nothing about the current.
         since = (soc, 0.0) if self._jumps(soc, moved, soc_step) else (self.first_soc, self.discharged + moved)
         if self.latest_soc is not None and soc_step == 0.0:
-            noise += (min(abs(soc - self.latest_soc), MOST_NOISE)**2 - noise) / NOISE_OVER
+            noise += (min(abs(soc - self.latest_soc), MOST_SOC_NOISE)**2 - noise) / SOC_NOISE_OVER
         # A sign proved right is confirmed from time to time.
-        is_due = self.sign is not Sign.RIGHT or sample.instant_s >= self.confirmed_s + CONFIRMED_EVERY_S
+        is_due = self.sign is not Sign.RIGHT or sample.instant_s >= self.confirmed_s + SIGN_CONFIRMED_EVERY_S
         now = CurrentSign(self.sign, self.evidence, sample, changes, *since, soc, noise,
                           sample.instant_s if is_due else self.confirmed_s)
         return (now._by_voltage() if is_due else now)._by_charge(soc, soc_step)
 
     def _jumps(self, soc: float, moved: float, soc_step: float) -> bool:
-        return self.latest_soc is not None and abs(soc - self.latest_soc) > JUMP_MOVED * abs(moved) + max(
-            LEAST_MOVED + JUMP_STEPS * soc_step, 2.0 * LEAST_DEVIATIONS * math.sqrt(self.noise))
+        return self.latest_soc is not None and abs(soc - self.latest_soc) > SOC_JUMP_MOVED * abs(moved) + max(
+            LEAST_MOVED + SOC_JUMP_STEPS * soc_step, 2.0 * LEAST_MOVED_DEVIATIONS * math.sqrt(self.noise))
 
     def _by_voltage(self) -> CurrentSign:
         """Return the CurrentSign after a look at the changes of voltage and current."""
         count = len(self.changes)
-        if count < LEAST_CHANGES:
+        if count < LEAST_CURRENT_CHANGES:
             return self
         voltages = current = mixed = 0.0
         for change_v, change_a in self.changes:
             voltages += change_v * change_v
             current += change_a * change_a
             mixed += change_v * change_a
-        least_a = LEAST_DEVIATION_OF_ALL_A if count == CHANGES else LEAST_DEVIATION_A
+        least_a = LEAST_DEVIATION_OF_ALL_A if count == CURRENT_CHANGES else LEAST_DEVIATION_A
         if voltages == 0.0 or current < count * least_a**2:
             return self
         correlation = mixed / math.sqrt(voltages * current)
@@ -122,9 +115,9 @@ class CurrentSign(NamedTuple):
         """Return the CurrentSign after a look at the charge that has moved."""
         fallen, discharged = self.first_soc - soc, self.discharged
         noise = math.sqrt(0.5 * self.noise)
-        least = max(LEAST_MOVED, LEAST_STEPS * soc_step, LEAST_DEVIATIONS * noise)
+        least = max(LEAST_MOVED, LEAST_MOVED_STEPS * soc_step, LEAST_MOVED_DEVIATIONS * noise)
         if abs(fallen) < least or abs(discharged) < max(LEAST_CURRENT_SHARE * abs(fallen), 0.5 * least):
-            has_long_passed = abs(discharged) > max(RESTART_AFTER, 3.0 * least)
+            has_long_passed = abs(discharged) > max(SIGN_RESTART_AFTER, 3.0 * least)
             return self._replace(first_soc=soc, discharged=0.0) if has_long_passed else self
         if fallen * discharged > 0.0:
             return self._replace(sign=Sign.RIGHT, evidence='', first_soc=soc, discharged=0.0)

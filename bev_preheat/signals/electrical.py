@@ -16,22 +16,19 @@ from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.planning.dynamics import KEPT_VEHICLES
+from bev_preheat.tunables import (
+    EMPTY_BELOW,
+    FULLER_SOC,
+    GOES_ON_WITHIN,
+    SCALE_HOLDS_S,
+    VOLTAGE_WITHIN,
+    VOLTAGE_WITHIN_DROPS,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from bev_preheat.vehicle.description import Vehicle
-
-# The voltage may differ by this share of the open-circuit voltage, and by this multiple of R I.
-VOLTAGE_WITHIN = 0.2
-VOLTAGE_WITHIN_DROPS = 1.0
-# A state of charge up to this one is contradicted by a voltage above the mean of those at 0 and at FULLER_SOC.
-EMPTY_BELOW = 0.001
-FULLER_SOC = 0.2
-# A value has the scale of the one before if they are at most this far apart [s].
-FOLLOWS_WITHIN_S = 600.0
-# A value this near to the last valid one continues it.
-GOES_ON_WITHIN = 0.1
 
 
 class ElectricalCheck:
@@ -113,7 +110,7 @@ class PercentScale(NamedTuple):
         before = self.latest
         goes_on = self.valid is not None and abs(soc - self.valid) <= GOES_ON_WITHIN
         if (before is None or goes_on or soc == 0.0
-                or not 0.0 <= instant_s - self.latest_s <= FOLLOWS_WITHIN_S or is_vouched_for()):
+                or not 0.0 <= instant_s - self.latest_s <= SCALE_HOLDS_S or is_vouched_for()):
             return PercentScale(None, 0.0, soc), ''
         return PercentScale(before, instant_s, self.valid), (
             f'percentage: {soc:g} follows {before:g}, which is on a scale of 100; expected 0 ... 1: '

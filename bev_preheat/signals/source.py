@@ -12,22 +12,18 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from bev_preheat.errors import quoted
-
-# Largest changes between consecutive states of one battery: [K], (0 ... 1), share of the voltage.
-OTHER_PACK_K = 4.0
-OTHER_PACK_SOC = 0.03
-OTHER_PACK_VOLTAGE = 0.2
-# Fastest change of the temperature [K/s], for states that are far apart.
-RATE_K_PER_S = 0.1
-# States further apart than this [s] are not compared.
-TOGETHER_S = 30.0
-# Two batteries: at least LEAST_JUMPS among the latest COMPARED_STATES.
-COMPARED_STATES = 20
-LEAST_JUMPS = 3
-# Number of consecutive states without a jump that end the doubt.
-CALM_STATES = 30
-# After this many long gaps in a row the feed is slow, after this many short ones it is steady again.
-SLOW_GAPS, STEADY_GAPS = 2, 3
+from bev_preheat.tunables import (
+    CALM_STATES,
+    COMPARED_STATES,
+    LEAST_JUMPS,
+    OTHER_PACK_K,
+    OTHER_PACK_SOC,
+    OTHER_PACK_VOLTAGE,
+    PACK_RATE_K_PER_S,
+    SHORT_GAP_S,
+    SLOW_GAPS,
+    STEADY_GAPS,
+)
 
 
 class SeenState(NamedTuple):
@@ -60,7 +56,7 @@ class SourceWatch(NamedTuple):
     def seen(self, state: SeenState) -> SourceWatch:
         """Return the watch after another state."""
         before = self.before
-        if before is None or not 0.0 <= state.instant_s - before.instant_s <= TOGETHER_S:
+        if before is None or not 0.0 <= state.instant_s - before.instant_s <= SHORT_GAP_S:
             return self._replace(before=state, jumps=())
         has_jumped = not is_one_battery(before, state)
         doubt, jumps = self.doubt, (*self.jumps, has_jumped)[-COMPARED_STATES:]
@@ -93,7 +89,8 @@ def _jumping(one: SeenState, other: SeenState) -> list[str]:
     """Return the signals that change from one state to the next faster than those of a battery."""
     elapsed_s = other.instant_s - one.instant_s
     jumps = {
-        'temperature': abs(other.temperature_c - one.temperature_c) > max(OTHER_PACK_K, RATE_K_PER_S * elapsed_s),
+        'temperature': abs(other.temperature_c - one.temperature_c) > max(
+            OTHER_PACK_K, PACK_RATE_K_PER_S * elapsed_s),
         'state of charge': abs(other.soc - one.soc) > OTHER_PACK_SOC,
         'voltage': one.voltage_v is not None and other.voltage_v is not None and (
             abs(other.voltage_v - one.voltage_v) > OTHER_PACK_VOLTAGE * max(one.voltage_v, other.voltage_v))}

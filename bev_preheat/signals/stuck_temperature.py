@@ -11,18 +11,15 @@ from __future__ import annotations
 from itertools import dropwhile
 from typing import NamedTuple
 
-# Expected change without any movement of the reading that proves a fault [K]; a step of the sensor comes on
-# top. Fast changes need more, because heater and sensor lag: LAGS_S [s] of the change, plus BESIDE_LAGS_K.
-EXPECTED_K = 3.0
-LAGS_S, BESIDE_LAGS_K = 120.0, 1.5
-# The change is integrated over at most this time [s]: a slower one may be an error of the model.
-WITHIN_S = 900.0
-# A reading that has moved by less than this [K] has not moved.
-UNMOVED_K = 0.05
-# States further apart than this [s] are not followed.
-TOGETHER_S = 60.0
-# A battery is not colder than ambient by more than this [K]: no vehicle cools it below that.
-BELOW_AMBIENT_K = 20.0
+from bev_preheat.tunables import (
+    BELOW_AMBIENT_K,
+    LONGEST_GAP_S,
+    STUCK_BESIDE_LAGS_K,
+    STUCK_K,
+    STUCK_LAGS_S,
+    STUCK_WITHIN_S,
+    UNMOVED_K,
+)
 
 
 class _Expected(NamedTuple):
@@ -70,15 +67,15 @@ class StuckTemperature(NamedTuple):
         if abs(reading_c - before_c) > UNMOVED_K:
             return begun._replace(doubt='', has_ever_moved=True)
         elapsed_s = instant_s - expected[-1].instant_s
-        if not 0.0 <= elapsed_s <= TOGETHER_S:
+        if not 0.0 <= elapsed_s <= LONGEST_GAP_S:
             return begun
         expected = tuple(dropwhile(
-            lambda each: each.instant_s < instant_s - WITHIN_S,
+            lambda each: each.instant_s < instant_s - STUCK_WITHIN_S,
             (*expected, _Expected(instant_s, expected[-1].change_k + rate_k_per_s * elapsed_s))))
         first, last = expected[0], expected[-1]
         change_k, elapsed_s = last.change_k - first.change_k, last.instant_s - first.instant_s
-        held_back_k = BESIDE_LAGS_K + (LAGS_S * abs(change_k) / elapsed_s if elapsed_s > 0.0 else 0.0)
-        if abs(change_k) <= max(EXPECTED_K, held_back_k) + step_k:
+        held_back_k = STUCK_BESIDE_LAGS_K + (STUCK_LAGS_S * abs(change_k) / elapsed_s if elapsed_s > 0.0 else 0.0)
+        if abs(change_k) <= max(STUCK_K, held_back_k) + step_k:
             return self._replace(expected=expected)
         still = f'for {instant_s - self.since_s:.0f} s' if self.has_ever_moved else 'since the first state'
         direction = 'warmed' if change_k > 0.0 else 'cooled'

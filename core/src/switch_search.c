@@ -216,7 +216,7 @@ static bev_status find_interval(const bev_seen_run *run, bev_switch_plan *plan) 
       plan->end_heated = k + 1;
       heating_j += heater_w * trip->duration_s[k];
       if (trip->propulsion_power_w[k] < 0.0
-          && heater_w <= run->least_w[k] - trip->idle_power_w[k] + BEV_SURPLUS_TOLERANCE_W) {
+          && heater_w <= run->least_w[k] - trip->idle_power_w[k] + BEV_ROUNDING_W) {
         plan->is_one_interval = 0;
       }
     }

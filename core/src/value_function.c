@@ -299,7 +299,7 @@ bev_status bev_plan_by_values(const bev_vehicle *vehicle, const bev_trip *trip,
   if (of.unheated_lack_w > 0.0
       && (status == BEV_EMPTY
           || (status == BEV_OK
-              && (states[trip->steps] < goal->lowest_soc - BEV_RESERVE_TOLERANCE
+              && (states[trip->steps] < goal->lowest_soc - BEV_SOC_TOLERANCE
                   || bev_most_lack_w(&of, states, powers_w) > of.unheated_lack_w + BEV_NO_WORSE_W)))) {
     /* The reserve comes before the power of climbs, and heat for a climb may cost the charge that it needs. */
     of.lack_price = 0.0;

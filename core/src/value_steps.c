@@ -96,7 +96,7 @@ bev_status bev_ends_of_step(const recursion *of, int32_t k, const double start[4
     if (status != BEV_OK) {
       return status;
     }
-    if (kind > 0 && !(end->powers_w[0] > ends[found - 1].powers_w[0] + BEV_SAME_END_W)) {
+    if (kind > 0 && !(end->powers_w[0] > ends[found - 1].powers_w[0] + BEV_ROUNDING_W)) {
       continue;
     }
     end->settled_c = bev_seen_ahead_c(of, k, settled_c, start, end);
@@ -139,7 +139,7 @@ choice bev_best_of(const recursion *of, const step_end ends[MOST_ENDS], int32_t 
     const step_end *high = &ends[end + 1];
     const double wide_k = high->settled_c - low->settled_c;
     const double least_share =
-        (bev_maximum(BEV_LEAST_HEATING_W, BEV_LEAST_SHARE * high->powers_w[0]) - low->powers_w[0])
+        (bev_maximum(BEV_LEAST_HEATING_W, BEV_LEAST_MIXED_SHARE * high->powers_w[0]) - low->powers_w[0])
         / (high->powers_w[0] - low->powers_w[0]);
     const double from =
         (low->settled_c + bev_maximum(least_share, 0.0) * wide_k - next->least_c) / next->step_k;

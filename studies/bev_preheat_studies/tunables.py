@@ -2,26 +2,24 @@
 """
 `python3 -m bev_preheat_studies.tunables`: which numbers in the planner's step matter.
 
-Reads the numbers that stand as constants in the rooms of the step, with the comment above each as its reason, and
-drives the same drawn cars again with each number 30 % smaller and larger. Prints by how much arrivals (mean and
-worst), energy, switch-ons and verdicts on the heater move. Numbers that move nothing on these drives are listed,
-and those without a comment. Numbers of planning that the native core has built in are driven without it
-(`--without-core`, slow); whole numbers, which count something, move by at least 1. A number from which another one
-is computed when its module is loaded moves nothing there.
+Drives the same drawn cars again with each number of `bev_preheat/tunables.py` 30 % smaller and larger. Prints by
+how much arrivals (mean and worst), energy, switch-ons and verdicts on the heater move, and which numbers move
+nothing on these drives; `--write` writes the worst change of an arrival into the rows of that file. Whole numbers
+move by at least 1. Numbers that the native core has built in move only without it (`--without-core`, slow); a
+number from which another one is computed when its module is loaded moves nothing there.
 """
 
 from __future__ import annotations
 
 from argparse import RawDescriptionHelpFormatter
-import ast
 from dataclasses import asdict, dataclass
 from functools import partial
-from importlib import import_module
-from importlib.util import find_spec
 from pathlib import Path
+import re
 import sys
 from typing import Any, NamedTuple, TYPE_CHECKING
 
+from bev_preheat import tunables as table
 from bev_preheat.console.output import add_json_argument, json_output, write_json
 from bev_preheat.console.parser import OneLineParser
 from bev_preheat.console.program import run_program
@@ -44,18 +42,19 @@ if TYPE_CHECKING:
     # Arrivals above the target [K], heating energies [Wh], switch-ons, and verdicts on heaters.
     Figures = tuple[list[float], list[float], int, tuple[str, ...]]
 
-ROOMS = ('control', 'estimation', 'signals', 'planning')
+# Name, value, unit, reason, and the effect that was written at last.
+ROW = re.compile(r'^([A-Z][A-Z0-9_]*) = (.+?) +# (\S+) +\| (.+?)(?: \| ([^|\n]+))?$', re.MULTILINE)
 FACTORS = (0.7, 1.3)
 # The same drives are equal to the last digit; less than this is nothing [K] and [Wh].
 LEAST_MOVE = 1e-9
 
 
 class Tunable(NamedTuple):
-    """A number in the code: its module, its name, its value, and the comment above it ('': none)."""
+    """A number of the step: its name, value, unit and reason."""
 
-    module: str
     name: str
     value: float | int
+    unit: str
     reason: str
 
     def times(self, factor: float) -> float | int:
@@ -93,42 +92,17 @@ class Effect:
             self.mean_k, self.worst_k, self.energy_wh) < LEAST_MOVE
 
 
-def tunables(rooms: Sequence[str] = ROOMS) -> list[Tunable]:
-    """Return the Tunables of rooms of the product, by module and line."""
-    found = []
-    for room in rooms:
-        spec = find_spec(f'bev_preheat.{room}')
-        assert spec is not None and spec.submodule_search_locations
-        for path in sorted(Path(spec.submodule_search_locations[0]).glob('*.py')):
-            found += _of_file(f'bev_preheat.{room}.{path.stem}', path.read_text(encoding='utf-8'))
-    return found
+def tunables() -> list[Tunable]:
+    """Return the Tunables in the order of their rows."""
+    return [Tunable(name, getattr(table, name), unit, reason)
+            for name, _, unit, reason, _ in ROW.findall(Path(table.__file__).read_text(encoding='utf-8'))]
 
 
-def _of_file(module: str, text: str) -> list[Tunable]:
-    lines, found = text.splitlines(), []
-    for node in ast.parse(text).body:
-        if not isinstance(node, ast.Assign):
-            continue
-        target, value = node.targets[0], node.value
-        pairs = (zip(target.elts, value.elts) if isinstance(target, ast.Tuple) and isinstance(value, ast.Tuple)
-                 else ((target, value),))
-        for name, number in pairs:
-            if not (isinstance(name, ast.Name) and name.id.isupper() and isinstance(number, ast.Constant)):
-                continue
-            if isinstance(number.value, int | float) and not isinstance(number.value, bool):
-                found.append(Tunable(module, name.id, number.value, _comment_above(lines, node.lineno - 1)))
-    return found
-
-
-def _comment_above(lines: Sequence[str], at: int) -> str:
-    """Return the comment above a line and the constants directly above it."""
-    words: list[str] = []
-    for line in reversed(lines[:at]):
-        if line.startswith('#'):
-            words.insert(0, line.lstrip('# '))
-        elif words or not line.strip():
-            break
-    return ' '.join(words)
+def with_effects(text: str, effects: Sequence[Effect]) -> str:
+    """Return the text of the table with the worst change of an arrival behind the rows that move something."""
+    moved = {effect.tunable: f' | {effect.worst_k:.3f} K' for effect in effects if not effect.is_nothing}
+    return ROW.sub(lambda row: (row[0] if row[5] is None else row[0].removesuffix(f' | {row[5]}'))
+                   + moved.get(row[1], ''), text)
 
 
 class _Drives(NamedTuple):
@@ -155,7 +129,7 @@ class _Drives(NamedTuple):
 def effect_of(drives: _Drives, as_they_are: Figures, found: Sequence[Tunable], number: int) -> Effect:
     """Return the Effect of the Tunable of this number on drives that have the figures `as_they_are`."""
     tunable = found[number]
-    effect = Effect(f'{tunable.module.removeprefix("bev_preheat.")}.{tunable.name}', tunable.value, tunable.reason)
+    effect = Effect(tunable.name, tunable.value, tunable.reason)
     errors_k, energies_wh, switch_ons, verdicts = as_they_are
     moves: list[Effect] = []
     for factor in FACTORS:
@@ -166,8 +140,8 @@ def effect_of(drives: _Drives, as_they_are: Figures, found: Sequence[Tunable], n
             moves.append(Effect(*_head(effect), failed=f'{factor:g}: {type(error).__name__}: {error}'[:120]))
             continue
         finally:
-            for module, value in before:
-                setattr(module, tunable.name, value)
+            for module in before:
+                setattr(module, tunable.name, tunable.value)
         moved_k = [abs(later - first) for later, first in zip(later_k, errors_k)]
         moves.append(Effect(
             *_head(effect), abs(sum(later_k) - sum(errors_k)) / len(errors_k), max(moved_k),
@@ -180,23 +154,13 @@ def _head(effect: Effect) -> tuple[str, float, str]:
     return effect.tunable, effect.value, effect.reason
 
 
-def _set(tunable: Tunable, value: float | int) -> list[tuple[Any, Any]]:
-    """Set a number wherever it is known by its name; return (module, value before) of each."""
-    home = import_module(tunable.module)
-    original, before = getattr(home, tunable.name), []
-    for name, module in list(sys.modules.items()):
-        if name.startswith('bev_preheat') and vars(module).get(tunable.name) is original and (
-                module is home or _imports(module, tunable)):
-            before.append((module, original))
-            setattr(module, tunable.name, value)
-    return before
-
-
-def _imports(module: Any, tunable: Tunable) -> bool:
-    """Return whether a module has the number from the module of the Tunable."""
-    text = Path(module.__file__).read_text(encoding='utf-8') if getattr(module, '__file__', None) else ''
-    return any(isinstance(node, ast.ImportFrom) and node.module == tunable.module and any(
-        alias.name == tunable.name for alias in node.names) for node in ast.walk(ast.parse(text)))
+def _set(tunable: Tunable, value: float | int) -> list[Any]:
+    """Set a number in all modules that have it; return them."""
+    modules = [module for name, module in list(sys.modules.items())
+               if name.startswith('bev_preheat') and hasattr(module, tunable.name)]
+    for module in modules:
+        setattr(module, tunable.name, value)
+    return modules
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -211,19 +175,23 @@ def _load(arguments: Sequence[str] | None) -> Callable[[], int]:
     parser.add_argument('--seed', type=int, default=1, help='default: %(default)s')
     parser.add_argument('--period', type=float, default=4.0, metavar='S',
                         help='period of battery states and commands [s] (default: %(default)s)')
-    parser.add_argument('--room', choices=ROOMS, action='append', help='only this room; may be repeated')
+    parser.add_argument('names', nargs='*', metavar='NAME', help='only these numbers (default: all)')
+    parser.add_argument('--write', action='store_true', help='write the effects into bev_preheat/tunables.py')
     parser.add_argument('--without-core', action='store_true', help='plan in Python, so that all numbers count')
     add_json_argument(parser)
     parsed = parser.parse_args(arguments)
     for name, low, high in (('cars', 1, 1000), ('seed', 0, 2**31), ('period', 0.5, 30.0)):
         if not low <= getattr(parsed, name) <= high:
             raise InvalidInput(f'--{name}: {getattr(parsed, name)} is not allowed; it must be {low} ... {high}')
+    unknown = set(parsed.names) - {each.name for each in tunables()}
+    if unknown:
+        raise InvalidInput(f'NAME: {", ".join(sorted(unknown))}: bev_preheat/tunables.py has no such number')
     check_outputs([json_output(parsed.json)], ())
     return lambda: _study(parsed)
 
 
 def _study(arguments: Namespace) -> int:
-    found = tunables(arguments.room or ROOMS)
+    found = [each for each in tunables() if not arguments.names or each.name in arguments.names]
     drives = _Drives(arguments.cars, arguments.seed, arguments.period, not arguments.without_core)
     with Workers(None) as workers, progress_bar() as bar:
         task = bar.add_task('numbers', total=len(found))
@@ -234,6 +202,9 @@ def _study(arguments: Namespace) -> int:
             bar.advance(task)
     if arguments.json:
         write_json(arguments.json, {'drives': drives._asdict(), 'effects': [asdict(effect) for effect in effects]})
+    if arguments.write:
+        path = Path(table.__file__)
+        path.write_text(with_effects(path.read_text(encoding='utf-8'), effects), encoding='utf-8')
     console = result_console(arguments.json)
     moving = sorted((effect for effect in effects if not effect.is_nothing), key=lambda effect: -effect.worst_k)
     print_records(
@@ -242,9 +213,8 @@ def _study(arguments: Namespace) -> int:
         [(effect.tunable, f'{effect.value:g}', f'{effect.mean_k:.3f}', f'{effect.worst_k:.3f}',
           f'{effect.energy_wh:.1f}', str(effect.switch_ons), effect.failed or str(effect.verdicts))
          for effect in moving], ('left', *('right',) * 6))
-    for words, named in (('Nothing moves by', [each.tunable for each in effects if each.is_nothing]),
-                         ('Without a reason in the code:', [each.tunable for each in effects if not each.reason])):
-        console.print(f'{words} {len(named)}: {", ".join(named)}', soft_wrap=True, markup=False)
+    unmoved = [each.tunable for each in effects if each.is_nothing]
+    console.print(f'Nothing moves by {len(unmoved)}: {", ".join(unmoved)}', soft_wrap=True, markup=False)
     return 0
 
 

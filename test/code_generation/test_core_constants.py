@@ -6,17 +6,15 @@ import re
 
 import pytest
 
-from bev_preheat.code_generation import core_constants
 from bev_preheat.code_generation.c_source import constants as constants_header
 from bev_preheat.code_generation.core_constants import constants, NAMES
-from bev_preheat.planning import value_run
 
 CHECKOUT = Path(__file__).parents[2]
 SOURCES = sorted([*(CHECKOUT / 'core' / 'src').glob('*.[ch]'),
                   *(CHECKOUT / 'bev_preheat' / 'ecu' / 'c').glob('bev_ecu*.[ch]')])
 NUMBER = re.compile(r'^(?:#define|(?:static )?const \w+) (\w+)(?: =)? \(?-?[0-9.]', re.MULTILINE)
 GENERATED = constants()
-SHARED = {name for names in NAMES.values() for each in names.split() for name in each.split(':')}
+SHARED = {name for names in NAMES.values() for name in names.split()}
 
 
 @pytest.mark.parametrize('path', SOURCES, ids=lambda path: path.name)
@@ -35,9 +33,3 @@ def test_the_header_has_each_number_to_the_last_bit():
     assert {name: float(text) for name, text in lines.items()} == GENERATED
     assert lines['BEV_LACK_PRICE'] == '2000.0'
     assert lines['BEV_MOST_LOOKS'] == '7'
-
-
-def test_two_constants_of_one_name_are_refused(monkeypatch):
-    monkeypatch.setattr(core_constants, 'NAMES', {**NAMES, value_run: NAMES[value_run] + ' MOST_TRIALS'})
-    with pytest.raises(ValueError, match='BEV_MOST_TRIALS: two constants have this name'):
-        constants()

@@ -8,9 +8,9 @@ import yaml
 
 from bev_preheat.commands.main import main
 from bev_preheat.control.itinerary import load_itinerary, SCHEMA
-from bev_preheat.control.settings import MOST_STOPS
 from bev_preheat.files.configuration import configuration_folder
 from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.tunables import MOST_STOPS
 from bev_preheat.vehicle import load_vehicle
 
 VEHICLE = load_vehicle('reference')

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from bev_preheat.control.forecast_plan import ForecastPlanner, PlanningTask, seen_from_now
-from bev_preheat.control.margins import LEAST_REVEALED_K, MOST_REVEALED_K
 from bev_preheat.control.settings import Settings
 from bev_preheat.estimation.estimate import Estimate
 from bev_preheat.estimation.hypotheses import Heater, HeaterReport
@@ -30,6 +29,7 @@ from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
 from bev_preheat.route.segments import make_route
+from bev_preheat.tunables import LEAST_REVEALED_K, MOST_REVEALED_K
 from bev_preheat.vehicle import load_vehicle
 
 VEHICLE = load_vehicle('reference')

@@ -7,8 +7,7 @@ import pytest
 
 from bev_preheat.control.command_history import CommandHistory
 from bev_preheat.control.events import HeaterStatusArrived, HeaterStatusUnreadable
-from bev_preheat.control.heater_answer import CONFIRMED_WITHIN_S, HeaterAnswers, HeaterStatus
-from bev_preheat.control.margins import LEAST_STATUS_S
+from bev_preheat.control.heater_answer import HeaterAnswers, HeaterStatus
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.errors import InvalidInput
@@ -23,6 +22,7 @@ from bev_preheat.simulation.heater_faults import HeaterFault
 from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
 from bev_preheat.simulation.sensors import Sensors
 from bev_preheat.simulation.supervised_drive import moments, START_NS
+from bev_preheat.tunables import CONFIRMED_WITHIN_S, LEAST_STATUS_S
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.heating_gates import HeatingGates
 

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 import pytest
 
 from bev_preheat.control.heater_switch import HeaterSwitch, HeatingPause
-from bev_preheat.control.margins import MOST_SWITCH_ONS
+from bev_preheat.tunables import MOST_SWITCH_ONS
 
 S = 1_000_000_000
 FULL_W = 5000.0

@@ -10,12 +10,13 @@ from stepwise import Stepwise
 
 from bev_preheat.control.inputs import Leg, Measurement, Mission
 from bev_preheat.control.settings import Settings
-from bev_preheat.control.soak_watch import FIRST_STATE_WITHIN_S, StandWatch
+from bev_preheat.control.soak_watch import StandWatch
 from bev_preheat.estimation.last_seen import LastSeen
 from bev_preheat.estimation.soak import after_soak
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.route.segments import make_route
+from bev_preheat.tunables import FIRST_STATE_WITHIN_S
 from bev_preheat.vehicle import load_vehicle
 
 VEHICLE = load_vehicle('reference')

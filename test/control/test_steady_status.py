@@ -6,8 +6,8 @@ from hypothesis import strategies as st
 import pytest
 
 from bev_preheat.control.command import SteadyStatus
-from bev_preheat.control.margins import LEAST_STATUS_S as LEAST_S
 from bev_preheat.planning.status import Status
+from bev_preheat.tunables import LEAST_STATUS_S as LEAST_S
 
 S = 1_000_000_000
 OF_PLAN = [status for status in Status if status.meaning.is_of_plan]

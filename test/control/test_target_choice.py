@@ -32,13 +32,7 @@ from bev_preheat.control import target_choice
 from bev_preheat.control.inputs import Measurement
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
-from bev_preheat.control.target_choice import (
-    LEAST_GAIN_SHARE,
-    MOST_MOVE_K,
-    PLANS_EACH_UPDATE,
-    TargetChooser,
-    TargetSource,
-)
+from bev_preheat.control.target_choice import TargetChooser, TargetSource
 from bev_preheat.estimation.prior import Learned
 from bev_preheat.estimation.state import FACTORS, HEAT_CAPACITY
 from bev_preheat.numerics.factors import NS_PER_S
@@ -50,6 +44,7 @@ from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
 from bev_preheat.simulation.mismatch import Mismatch
 from bev_preheat.simulation.sensors import Sensors
 from bev_preheat.simulation.supervised_drive import moments
+from bev_preheat.tunables import LEAST_GAIN_SHARE, MOST_MOVE_K, PLANS_EACH_UPDATE
 from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
 from bev_preheat.vehicle.heat_path import HeatPath
 

@@ -10,10 +10,11 @@ import pytest
 
 from bev_preheat.control.inputs import Leg, Mission, Progress, with_stops
 from bev_preheat.control.settings import Settings
-from bev_preheat.control.timetable import KNOWN_TO_M, Timetable
+from bev_preheat.control.timetable import Timetable
 from bev_preheat.errors import InvalidInput
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.route.segments import make_route
+from bev_preheat.tunables import KNOWN_TO_M
 
 START_NS = 1_700_000_000 * NS_PER_S
 SETTINGS = Settings(route_progress_timeout_s=8.0, clock_tolerance_s=0.5)

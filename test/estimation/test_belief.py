@@ -7,13 +7,7 @@ from driven_car import AMBIENT_C, Course, LIMIT_W, VEHICLE
 import numpy as np
 import pytest
 
-from bev_preheat.estimation.belief import (
-    Belief,
-    LOCAL_DEVIATION_K,
-    SHAPE,
-    UNKNOWN_LOCAL_K,
-    WANDER_IN_AN_HOUR,
-)
+from bev_preheat.estimation.belief import Belief, SHAPE, WANDER_IN_AN_HOUR
 from bev_preheat.estimation.hypotheses import NOISES_K, SHARES
 from bev_preheat.estimation.prior import (
     described_lags,
@@ -30,9 +24,6 @@ from bev_preheat.estimation.state import (
     HEATER,
     JOULE_RISE,
     LOCAL,
-    LOCAL_LAG_S,
-    NOMINAL_HEAT_LAG_S,
-    NOMINAL_SENSOR_LAG_S,
     PROPULSION,
     SENSOR,
     SENSOR_LAG,
@@ -41,6 +32,13 @@ from bev_preheat.estimation.state import (
     UNDER_WAY,
 )
 from bev_preheat.numerics.arithmetic import FLOATS
+from bev_preheat.tunables import (
+    LOCAL_DEVIATION_K,
+    LOCAL_LAG_S,
+    NOMINAL_HEAT_LAG_S,
+    NOMINAL_SENSOR_LAG_S,
+    UNKNOWN_LOCAL_K,
+)
 from bev_preheat.vehicle.description import Uncertainty
 from bev_preheat.vehicle.heat_path import HeatPath
 

@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from bev_preheat.estimation.belief import Belief, POWER_NOISE, POWER_NOISE_LASTS_S
+from bev_preheat.estimation.belief import Belief
 from bev_preheat.estimation.estimate import Estimate
 from bev_preheat.estimation.forecast import arrival_deviation_k, arrival_sensitivities
 from bev_preheat.estimation.hypotheses import Heater, HeaterReport
@@ -14,6 +14,7 @@ from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route.csv_file import load_route
+from bev_preheat.tunables import POWER_NOISE, POWER_NOISE_LASTS_S
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
 from bev_preheat.vehicle.model import make_runge_kutta_4

@@ -5,13 +5,20 @@ import numpy as np
 import pytest
 
 from bev_preheat.estimation.hypotheses import (
-    FAILURE_S,
     Heater,
     heater_power_w,
     HeaterReport,
     HEATERS,
     is_suspect,
     judge,
+    prior_weights,
+    SHARES,
+    STUCK,
+    Suspicion,
+    transitions,
+)
+from bev_preheat.tunables import (
+    FAILURE_S,
     LEANING,
     LEANING_COURSE_K,
     LEANING_COURSE_S,
@@ -19,15 +26,10 @@ from bev_preheat.estimation.hypotheses import (
     LEAST_COURSE_S,
     LEAST_RISE,
     NO_CONTRADICTION,
-    prior_weights,
     REPAIR_S,
-    SHARES,
-    STUCK,
     SUSPECT_FROM,
-    Suspicion,
     TAKEN_BACK_BELOW,
     TOLD_FROM,
-    transitions,
 )
 
 COUNT = len(SHARES)

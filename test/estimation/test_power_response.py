@@ -6,15 +6,9 @@ import math
 import numpy as np
 import pytest
 
-from bev_preheat.estimation.hypotheses import Heater, LEANING, SHARES
-from bev_preheat.estimation.measured_power import (
-    EXCESS_LASTS_S,
-    EXCESS_W,
-    MOST_BLOCK_EVIDENCE,
-    POWER_BLOCK_S,
-    PowerResponse,
-    SCATTER_W,
-)
+from bev_preheat.estimation.hypotheses import Heater, SHARES
+from bev_preheat.estimation.measured_power import PowerResponse
+from bev_preheat.tunables import EXCESS_LASTS_S, EXCESS_W, LEANING, MOST_BLOCK_EVIDENCE, POWER_BLOCK_S, SCATTER_W
 
 FAULTS = (Heater.DERATED, Heater.DEAD, Heater.STUCK_ON)
 LIMIT_W = 5000.0

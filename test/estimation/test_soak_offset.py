@@ -8,17 +8,16 @@ import numpy as np
 import pytest
 
 from bev_preheat.control.inputs import Measurement
-from bev_preheat.estimation.estimator import Estimator, READING_NOISE_K
-from bev_preheat.estimation.soak import (
-    after_soak,
+from bev_preheat.estimation.estimator import Estimator
+from bev_preheat.estimation.soak import after_soak, expected_offset_k, Soak
+from bev_preheat.planning.situation import BatteryState
+from bev_preheat.tunables import (
     AMBIENT_DEVIATION_K,
-    expected_offset_k,
     OFFSET_DEVIATION_K,
     PARKED_DEVIATION_K,
     PARKED_WARMER_K,
-    Soak,
+    READING_NOISE_K,
 )
-from bev_preheat.planning.situation import BatteryState
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.description import Uncertainty
 

@@ -14,11 +14,8 @@ from bev_preheat.estimation.state import (
     HEATER,
     HEATER_RISE,
     JOULE_RISE,
-    LOCAL_LAG_S,
     moved,
     MOVING,
-    NOMINAL_HEAT_LAG_S,
-    NOMINAL_SENSOR_LAG_S,
     PROPULSION,
     rates_and_slopes,
     SENSOR_LAG,
@@ -26,6 +23,7 @@ from bev_preheat.estimation.state import (
     state_rates,
 )
 from bev_preheat.numerics.arithmetic import FLOATS
+from bev_preheat.tunables import LOCAL_LAG_S, NOMINAL_HEAT_LAG_S, NOMINAL_SENSOR_LAG_S
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.model import make_rates
 

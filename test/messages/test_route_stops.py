@@ -10,7 +10,6 @@ import pytest
 
 from bev_preheat.control.decision import Decision
 from bev_preheat.control.inputs import Leg, Mission
-from bev_preheat.control.settings import MOST_STOPS
 from bev_preheat.errors import InvalidInput
 from bev_preheat.messages.preheat_plan import plan_message
 from bev_preheat.messages.route_plan import mission_from_message, route_plan_message
@@ -19,6 +18,7 @@ from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
 from bev_preheat.route.segments import make_route, Route
+from bev_preheat.tunables import MOST_STOPS
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat_msgs.msg import PreheatPlan, RoutePlan
 

@@ -11,9 +11,9 @@ import pytest
 from bev_preheat.native.calls import place
 from bev_preheat.native.library import core, without_core
 from bev_preheat.native.structs import TripTermsStruct
-from bev_preheat.planning.model_inputs import LONGEST_STEP_S
 from bev_preheat.planning.trip import make_trip, Trip, uncached_trip
 from bev_preheat.route.segments import make_route
+from bev_preheat.tunables import LONGEST_STEP_S
 from bev_preheat.vehicle.trip_columns import TRIP_COLUMNS
 
 CAR = drawn_situations.car(drawn_situations.CARS[0])

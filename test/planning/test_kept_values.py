@@ -12,11 +12,12 @@ import numpy as np
 import pytest
 
 from bev_preheat.native.library import core_in_words, without_core
-from bev_preheat.planning.kept_values import KeptValues, MOST_PASSED_S, Requirements
+from bev_preheat.planning.kept_values import KeptValues, Requirements
 from bev_preheat.planning.situation import BatteryState, Goal, Uncertainty
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.planning.value_function import plan_by_values
 from bev_preheat.route import load_route
+from bev_preheat.tunables import VALUES_KEPT_S
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.cell_spread import limited_by_coldest_cell
 from bev_preheat.vehicle.heat_path import HeatPath
@@ -72,7 +73,7 @@ def test_the_rest_of_a_plan_is_the_plan_of_the_rest(name):
     route, first = drive.route, drive.first
     heated = first.heater_power_w > 1.0
     assert heated.any()
-    step = int(np.flatnonzero(route.time_s <= MOST_PASSED_S)[-1])
+    step = int(np.flatnonzero(route.time_s <= VALUES_KEPT_S)[-1])
     assert step > 0
     was_on = bool(heated[step - 1])
     rest = drive.plan(drive.kept, float(route.time_s[step]), state_at(first, step), is_on=was_on)
@@ -101,7 +102,7 @@ def test_a_plan_from_kept_values_costs_no_more_than_a_new_one(name):
     for number in range(8):
         random = np.random.default_rng(number)
         state = replace(drive.state, temperature_c=drive.state.temperature_c + random.uniform(-0.4, 0.4))
-        passed_s = random.uniform(0.0, MOST_PASSED_S)
+        passed_s = random.uniform(0.0, VALUES_KEPT_S)
         kept, new = drive.plan(drive.kept, passed_s, state), drive.plan(None, passed_s, state)
         assert kept.temperature_c[-1] == pytest.approx(new.temperature_c[-1], abs=0.05)
         # A whole kelvin costs 100 Wh and more; 3 Wh are that of some seconds of heating.
@@ -122,7 +123,7 @@ def changes():
         'more power': {'route': route.with_propulsion(1.3)},
         'a colder cell': {'vehicle': limited_by_coldest_cell(vehicle, 5.0)},
         'another drive': {'route': load_route('winter_commute', vehicle.defaults)},
-        'a minute and more': {'passed_s': MOST_PASSED_S + 5.0},
+        'a minute and more': {'passed_s': VALUES_KEPT_S + 5.0},
         'a battery that is much colder': {'state': BatteryState(-11.0, 0.9)},
         'a battery that is much warmer': {'state': BatteryState(-3.0, 0.9)},
     }

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.planning.both_ends import BELOW_HIGHEST_K
 from bev_preheat.planning.plan_accounts import cost_of
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal, Uncertainty
 from bev_preheat.planning.status import Status
 from bev_preheat.route.segments import make_route
+from bev_preheat.tunables import BELOW_HIGHEST_K
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.grid import grid_fed
 

@@ -11,9 +11,10 @@ import short_stretches
 from bev_preheat.native.library import without_core
 from bev_preheat.planning.engine import run_forward
 from bev_preheat.planning.planner import plan_preheating
-from bev_preheat.planning.prices import find_prices, is_cheaper_elsewhere, LEAST_SAVING_WH
+from bev_preheat.planning.prices import find_prices, is_cheaper_elsewhere
 from bev_preheat.planning.switch_methods import plan_optimal_switch
 from bev_preheat.planning.trip import make_trip
+from bev_preheat.tunables import LEAST_SAVING_WH
 from bev_preheat.vehicle.model import make_runge_kutta_4
 
 

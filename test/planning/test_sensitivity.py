@@ -14,12 +14,13 @@ import pytest
 
 from bev_preheat.planning import sensitivity as module
 from bev_preheat.planning.heating_intervals import Reason
-from bev_preheat.planning.planner import plan_preheating, plan_unheated, SHORTFALL_TOLERANCE_K
-from bev_preheat.planning.sensitivity import find_sensitivity, RESOLUTION_K, search_sensitivity
+from bev_preheat.planning.planner import plan_preheating, plan_unheated
+from bev_preheat.planning.sensitivity import find_sensitivity, search_sensitivity
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
 from bev_preheat.route import load_route
 from bev_preheat.route.segments import make_route
+from bev_preheat.tunables import RESOLUTION_K, SHORTFALL_TOLERANCE_K
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.curves import PolynomialVoltage, Table
 from bev_preheat.vehicle.description import Battery, Defaults, Drivetrain, Hvch, Leakage, Vehicle

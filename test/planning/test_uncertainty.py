@@ -11,12 +11,10 @@ import pytest
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.planner import plan_preheating
-from bev_preheat.planning.recursion import NEAR_K, NEAR_PRICE
 from bev_preheat.planning.situation import BatteryState, Goal, Uncertainty
 from bev_preheat.planning.status import Status
-from bev_preheat.planning.value_layers import SHORT_PRICE
-from bev_preheat.planning.value_run import SWITCH_ON_EXPECTED_WH
 from bev_preheat.route.segments import make_route
+from bev_preheat.tunables import NEAR_K, NEAR_PRICE, SHORT_PRICE, SWITCH_ON_EXPECTED_WH
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.grid import grid_fed
 

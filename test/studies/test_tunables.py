@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The study of the planner's numbers: it finds them with their reasons, moves each where it is used and back."""
+"""The study of the step's numbers: it moves each wherever it is used, and back, and writes what that moved."""
 
 import pytest
 
-from bev_preheat.control import forecast_plan, margins
+from bev_preheat import tunables as table
+from bev_preheat.control import forecast_plan
 from bev_preheat_studies import tunables as study
 
 
@@ -11,28 +12,34 @@ def named(name):
     return next(each for each in study.tunables() if each.name == name)
 
 
-def test_numbers_come_with_the_comment_above_them():
-    found = study.tunables()
-    assert len({(each.module, each.name) for each in found}) == len(found) > 200
-    waits = next(each for each in found if each.name == 'FIRST_WAIT_S')
-    assert (waits.module, waits.value) == ('bev_preheat.control.margins', margins.FIRST_WAIT_S)
-    assert len(waits.reason) > 20
+def test_numbers_come_with_unit_and_reason():
+    waits = named('FIRST_WAIT_S')
+    assert (waits.value, waits.unit) == (table.FIRST_WAIT_S, 's') and 'interrupted' in waits.reason
 
 
 @pytest.mark.parametrize('value, factor, moved', [
     (10.0, 0.7, 7.0), (10, 1.3, 13), (1, 0.7, 0), (1, 1.3, 2), (2, 1.3, 3)])
 def test_whole_numbers_stay_whole_and_move_by_one_at_least(value, factor, moved):
-    result = study.Tunable('module', 'NAME', value, '').times(factor)
+    result = study.Tunable('NAME', value, '1', '').times(factor)
     assert result == pytest.approx(moved) and type(result) is type(value)
 
 
-def test_a_number_is_set_wherever_it_is_imported_and_taken_back():
+def test_a_number_is_set_wherever_it_is_imported():
     tunable = named('MOST_REVEALED_K')
-    before = study._set(tunable, 99.0)
-    assert margins.MOST_REVEALED_K == forecast_plan.MOST_REVEALED_K == 99.0
-    for module, value in before:
-        setattr(module, tunable.name, value)
-    assert margins.MOST_REVEALED_K == forecast_plan.MOST_REVEALED_K == tunable.value
+    try:
+        study._set(tunable, 99.0)
+        assert table.MOST_REVEALED_K == forecast_plan.MOST_REVEALED_K == 99.0
+    finally:
+        study._set(tunable, tunable.value)
+    assert table.MOST_REVEALED_K == forecast_plan.MOST_REVEALED_K == tunable.value
+
+
+def test_effects_are_written_behind_their_rows_and_taken_away():
+    text = 'A_K = 1.0   # K | first\n\nB = 2  # n  | second | 0.300 K\nC = 3  # n | third | 1.000 K\n'
+    effects = (study.Effect('A_K', 1.0, 'first', worst_k=0.25), study.Effect('B', 2, 'second'),
+               study.Effect('C', 3, 'third', switch_ons=1))
+    assert study.with_effects(text, effects) == (
+        'A_K = 1.0   # K | first | 0.250 K\n\nB = 2  # n  | second\nC = 3  # n | third | 0.000 K\n')
 
 
 @pytest.mark.costly

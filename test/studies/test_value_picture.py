@@ -9,8 +9,8 @@ from bev_preheat.planning.planner import plan_preheating, plan_unheated
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.planning.value_function import value_table
-from bev_preheat.planning.value_run import HEATING_PRICE, SWITCH_ON_WH
 from bev_preheat.route import load_route
+from bev_preheat.tunables import HEATING_PRICE, SWITCH_ON_WH
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat_studies.drawing.value_figure import make_value_figure, worth_over_cost
 from bev_preheat_studies.value_picture import main

@@ -17,7 +17,6 @@ from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.control.timetable import Timetable
 from bev_preheat.estimation.estimator import Estimator
-from bev_preheat.estimation.state import NOMINAL_HEAT_LAG_S
 from bev_preheat.native.library import core
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.planner import plan_preheating, plan_unheated
@@ -26,6 +25,7 @@ from bev_preheat.route import load_route
 from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
 from bev_preheat.simulation.sensors import Sensors
 from bev_preheat.simulation.supervised_drive import moments
+from bev_preheat.tunables import NOMINAL_HEAT_LAG_S
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat_studies.cost.core_time import timed_core
 from bev_preheat_studies.cost.figures import Figure

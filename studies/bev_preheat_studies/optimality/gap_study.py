@@ -12,15 +12,10 @@ import numpy as np
 
 from bev_preheat.numerics.arithmetic import ARRAYS
 from bev_preheat.planning.comparison import difference, energy_gap_wh
-from bev_preheat.planning.planner import (
-    as_driven,
-    DEFAULT_METHOD,
-    METHODS,
-    plan_preheating,
-    SHORTFALL_TOLERANCE_K,
-)
+from bev_preheat.planning.planner import as_driven, DEFAULT_METHOD, METHODS, plan_preheating
 from bev_preheat.planning.status import Status
 from bev_preheat.planning.trip import make_trip
+from bev_preheat.tunables import SHORTFALL_TOLERANCE_K
 from bev_preheat.vehicle.terminal_limits import make_terminal_limits
 from bev_preheat_studies.numbered import run_numbered
 from bev_preheat_studies.optimality.drawn_trips import DRAWS

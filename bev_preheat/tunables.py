@@ -1,0 +1,385 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The numbers of the planner's step: times, thresholds, spreads, prices and tolerances, a row each.
+
+A row: name, value, `#` unit (1: a ratio, n: a number of them, sd: standard deviations), `|` reason, `|` by how
+much the arrival of a drive moves at most if the number is 30 % smaller or larger. Rows without the last move
+nothing on the drives of `python3 -m bev_preheat_studies.tunables`, which prints all effects. `…` goes on with the
+row above.
+
+Sizes, formats and units stand where they are used; what an integrator sets is in `control/settings.py`. The C core
+takes its numbers from here, too (`code_generation/core_constants.py`).
+"""
+
+
+# Signals: is a reading one of this battery?
+
+# signals/source.py: one battery on the topic
+OTHER_PACK_K = 4.0        # K   | one battery does not change by more between two states
+OTHER_PACK_SOC = 0.03     # 1   | nor by more of its charge, with a correction of the display
+OTHER_PACK_VOLTAGE = 0.2  # 1   | nor by more of its voltage, under a step of the load
+PACK_RATE_K_PER_S = 0.1   # K/s | fastest change of a pack: for readings far apart
+COMPARED_STATES = 20      # n   | the latest ones, of which LEAST_JUMPS contradict the one before
+LEAST_JUMPS = 3           # n   | one outlier and its way back are two jumps
+CALM_STATES = 30          # n   | without a jump end the doubt; longer than two batteries take turns
+SLOW_GAPS = 2             # n   | too long ones in a row: one may be a network's
+STEADY_GAPS = 3           # n   | short enough ones in a row after which a feed is steady again
+
+# signals/stuck_temperature.py: the reading follows the battery
+STUCK_K = 3.0              # K | expected change without a movement; the model errs by less
+STUCK_LAGS_S = 120.0       # s | of a change: heater and sensor lag behind by this together
+STUCK_BESIDE_LAGS_K = 1.5  # K | added to the lags
+STUCK_WITHIN_S = 900.0     # s | a slower change may be an error of the model's leakage
+UNMOVED_K = 0.05           # K | half of the finest step in use
+BELOW_AMBIENT_K = 20.0     # K | no car cools its battery further below ambient
+
+# signals/electrical.py: voltage and charge are this battery's
+VOLTAGE_WITHIN = 0.2        # 1 | share of the open-circuit voltage; vehicle files differ from cars
+VOLTAGE_WITHIN_DROPS = 1.0  # 1 | times R I: the resistance is roughly known
+EMPTY_BELOW = 0.001         # 1 | a charge that was never set reads 0
+FULLER_SOC = 0.2            # 1 | charge whose voltage, halfway, contradicts an empty battery
+SCALE_HOLDS_S = 600.0       # s | a percentage has the scale of the one before for this time
+GOES_ON_WITHIN = 0.1        # 1 | change of the charge that continues the last valid value
+
+# signals/current_sign.py, current_scale.py: sign and scale of the current
+CURRENT_CHANGES = 60            # n   | of voltage and current that are correlated: a minute of a usual feed
+LEAST_CURRENT_CHANGES = 20      # n   | a correlation of fewer is chance
+CHANGE_WITHIN_S = 2.5           # s   | between the states of a change: open-circuit voltage moves more slowly
+LEAST_DEVIATION_A = 5.0         # A   | of few changes: below it, noise of the sensors correlates
+LEAST_DEVIATION_OF_ALL_A = 1.5  # A   | of CURRENT_CHANGES of them
+PROVES_CORRELATION = 0.7        # 1   | measured drives show -0.99
+LEAST_MOVED = 0.0025            # 1   | of the charge, tells a direction: above the noise of displays
+LEAST_MOVED_STEPS = 0.9         # n   | … in steps of the charge's signal, less rounding
+LEAST_MOVED_DEVIATIONS = 5.0    # sd  | … of its noise: chance in one of a million
+SOC_NOISE_OVER = 30.0           # n   | over which the noise of the charge is averaged
+MOST_SOC_NOISE = 0.01           # 1   | larger changes are corrections, not noise
+LEAST_CURRENT_SHARE = 0.25      # 1   | of a change of the charge that the current must account for
+SIGN_CONFIRMED_EVERY_S = 10.0   # s   | a sign proved right is looked at again; saves time
+SOC_JUMP_STEPS = 2.5            # n   | of the charge's signal at once: a correction
+SOC_JUMP_MOVED = 3.0            # 1   | … as are so many times the charge that the current moved
+SIGN_RESTART_AFTER = 0.05       # 1   | charge moved without a proof: the comparison starts again
+SCALE_FACTOR = 3.0              # 1   | capacities and displays differ by tens of per cent, units by tens
+SCALE_LEAST_CHANGE = 0.02       # 1   | of the charge that is compared: ten times its error
+SCALE_LEAST_STEPS = 4.0         # n   | … in steps of its signal
+SCALE_ERROR = 0.002             # 1   | of a change of the charge
+SCALE_ERROR_STEPS = 2.0         # n   | … in steps of its signal: one at each end
+SOC_JUMP = 0.01                 # 1   | change from one state to the next that is a correction
+SOC_JUMP_PER_S = 1.0 / 600.0    # 1/s | … and for each second between: six times the capacity an hour
+LONGEST_COMPARED_S = 3600.0     # s   | a small current that is not measured adds up
+LOWEST_SHOWN_SOC = 0.01         # 1   | displays stay at 0 while charge flows
+HIGHEST_SHOWN_SOC = 0.99        # 1   | displays stay at 100 % while charge flows
+SIGNAL_DOUBT_SHOWN_S = 30.0     # s   | a doubt about voltage or current is shown after its last reading
+WIDEST_CELL_SPREAD_K = 10.0     # K   | cells of a healthy battery differ by less, heated or not
+COLDER_CELL_K = 20.0            # K   | a cell that is colder than the battery by more is a failed sensor
+
+
+# Estimation: what the readings tell
+
+# estimation/state.py, belief.py: noise of the model
+NOMINAL_HEAT_LAG_S = 40.0        # s    | heater to cells, whose logarithm is 0
+NOMINAL_SENSOR_LAG_S = 20.0      # s    | cells to sensor, whose logarithm is 0
+LOCAL_LAG_S = 100.0              # s    | of local heat at the sensor; nine i3 drives: 60 … 150 s predict alike
+LOCAL_DEVIATION_K = 0.15         # K    | local rise without heat; nine i3 drives: 0.1 … 0.2 K predict alike
+JOULE_RISE_NOISE_K_PER_KW = 1.0  # K/kW | rise by Joule heat; nine i3 drives: 0.8 … 1.2 predict alike
+UNKNOWN_UNDER_WAY_K = 0.5        # K    | heat under way after a gap in the readings
+UNKNOWN_APART_K = 0.5            # K    | battery minus sensor after a gap
+UNKNOWN_LOCAL_K = 0.7            # K    | local rise after a gap
+MOST_APART_K = 8.0               # K    | battery minus sensor at most
+MOST_UNDER_WAY_K = 8.0           # K    | heat that the coolant holds at most
+SOC_NOISE = 0.001                # 1    | of the charge's signal beside its steps
+POWER_NOISE = 0.3                # 1    | relative error of the route's power: traffic, wind, load
+NOISY_FROM_W = 3000.0            # W    | least power to which POWER_NOISE applies
+POWER_NOISE_LASTS_S = 60.0       # s    | correlation time of POWER_NOISE
+CLIPPED_DEVIATIONS = 2.5         # sd   | readings further off are clipped here: outliers are not normal
+MOST_EVIDENCE = 1.0              # nats | of one reading against a hypothesis: one outlier does not decide
+LEAST_VARIANCE = 1e-12           # K2   | rounding may make a variance slightly negative
+LEAST_WEIGHT = 1e-12             # 1    | of a hypothesis, so that it can recover
+
+# estimation/estimator.py, readings.py: readings that count
+LEAST_INTERVAL_S = 0.95       # s  | faster readings are correlated: one a second, less jitter
+LONGEST_BELIEF_STEP_S = 10.0  # s  | longest step of the belief: a quarter of the heat's lag
+LONGEST_GAP_S = 60.0          # s  | states further apart do not follow one another
+READING_NOISE_K = 0.3         # K  | of a single temperature, while it is unknown
+READING_NOISE_SOC = 0.005     # 1  | of a single charge, while it is unknown
+MOST_OTHER_POWER_W = 20e3     # W  | cabin and auxiliaries at most: more battery power is implausible
+DIVERGED_K = 50.0             # K  | a larger deviation of the temperature: the belief has diverged
+SINGLE_PRECISION = 1e-3       # 1  | messages preserve multiples to this share of a step
+IMPLAUSIBLE_DEVIATIONS = 6.0  # sd | further off is rejected until a second reading confirms it
+LEAST_SOC_DEVIATION = 0.01    # 1  | … of the charge
+EXCURSION_DEVIATIONS = 3.0    # sd | from here on a temperature leaves what is expected
+RETURN_DEVIATIONS = 1.5       # sd | … and from here on it is back
+LARGEST_EXCURSION_K = 3.0     # K  | contacts and wires fail by this; more is another battery
+LONGEST_EXCURSION_S = 150.0   # s  | contacts and wires fail for this long; no battery warms as fast
+COUNTED_READINGS = 300        # n  | the latest ones in the share of ignored ones
+
+# estimation/hypotheses.py: a heater that has failed
+FAILURE_S = 200.0 * 3600.0    # s    | mean driving time between failures of a heater; assumed
+REPAIR_S = 50.0 * 3600.0      # s    | … until it recovers; assumed
+FAULTY = 0.0025               # 1    | share of heaters that failed before the first drive; assumed
+SUSPECT_FROM = 0.5            # 1    | probability of a fault that makes it suspect
+TOLD_FROM = 0.995             # 1    | … that is reported: by its own account wrong once in 200
+TAKEN_BACK_BELOW = 0.2        # 1    | … below which the report is withdrawn
+TIMES_AS_LIKELY = 3.0         # 1    | … of another fault, to replace the reported one
+LEAST_COURSE_K = 3.0          # K    | missing heat that spikes, hysteresis and a second mass do not reach
+LEAST_COURSE_S = 300.0        # s    | … for this long
+LEAST_RISE = 0.4              # 1    | share of uncommanded heat seen: leakage takes a third, a spike falls back
+NO_CONTRADICTION = -2.0       # nats | the battery's power does not speak against the fault
+LEANING = 0.6931471805599453  # nats | ln 2: the battery's power makes the fault twice as likely
+LEANING_COURSE_K = 2.0        # K    | missing heat that is enough then
+LEANING_COURSE_S = 120.0      # s    | … for this long
+
+# estimation/measured_power.py: the battery's power shows the heater
+VARIATION_S = 40.0         # s    | over which the power's variance is taken: a segment of a route
+VARIANCE_LASTS_S = 600.0   # s    | of the comparison with the route's variance: several segments
+EXCESS_OVER_S = 30.0       # s    | single seconds have several times the route's mean power
+POWER_BLOCK_S = 30.0       # s    | longer than most heater ramps, shorter than a heating interval
+EXCESS_W = 2000.0          # W    | beyond the route: a tenth of 20 kW
+EXCESS_LASTS_S = 600.0     # s    | until the road changes
+SCATTER_W = 2500.0         # W    | from block to block, a first guess
+SCATTER_BLOCKS = 2.0       # n    | that the first guess counts for
+CORRELATED = 1.5           # 1    | neighbouring blocks are, so differences show less than the scatter
+LEAST_SCATTER_W = 300.0    # W    | other consumers and sensors
+SCATTER_FORGETTING = 0.05  # 1    | roads change within ten minutes
+MOST_BLOCK_EVIDENCE = 3.0  # nats | of one block: one outlier does not decide
+FREEDOM = 4.0              # n    | degrees of freedom of Student's t: traffic makes large errors likely
+LEAST_POWER_WEIGHT = 1e-9  # 1    | of a heater, so that it can recover
+
+# estimation/prior.py, memory.py, soak.py: before the first reading
+LEAST_NARROWING = 0.5                # 1 | of the spreads at most; nine i3 drives, each left out: 1/2 is best
+LAG_DEVIATION = 1.0                  # 1 | of a lag's logarithm, for a file without lags
+DESCRIBED_LAG_DEVIATION = 0.5        # 1 | … and with lags: coolant flow depends on the pump
+OVERNIGHT = 0.01                     # 1 | deviation of each logarithm: a car changes slightly
+PARKED_WARMER_K = 10.0               # K | over ambient at parking: stood outside … fast charged; assumed
+PARKED_DEVIATION_K = 10.0            # K | its standard deviation; assumed
+KNOWN_PARKED_DEVIATION_K = 1.0       # K | of one seen before parking: cells and housing differ; assumed
+AMBIENT_DEVIATION_K = 1.5            # K | of the route's ambient temperature where the car stood; assumed
+OFFSET_DEVIATION_K = 1.5             # K | of the offset of temperature sensors; assumed
+ELSEWHERE_SHARE = 0.1                # 1 | cars that stood in a garage, or were charged or preheated; assumed
+ELSEWHERE_WITHIN_K = 40.0            # K | range of their batteries; assumed
+KNOWN_TIME_CONSTANT_DEVIATION = 0.3  # 1 | of its logarithm: wind, garage and coolant decide; assumed
+UNMEASURED_LEAKAGE_DEVIATION = 0.8   # 1 | … of an assumed leakage: packs are nearly insulated … bare
+MOST_TIME_CONSTANTS = 100.0          # 1 | after so many the parking temperature no longer matters
+FIRST_STATE_WITHIN_S = 60.0          # s | a later battery state no longer shows the night
+SEEN_BEFORE_S = 900.0                # s | a temperature so long before parking is the parked battery's
+SEEN_AFTER_S = 600.0                 # s | … and so long after it
+NOTED_EVERY_S = 300.0                # s | temperatures are noted
+MOST_NOTED = 576                     # n | two days of them
+CONTRADICTS_BEYOND_K = 2.0           # K | sensor against standing time, beside a deviation
+
+# estimation/forecast.py: how well the arrival is known
+SETTLED_K = 0.25                       # K  | least deviation once heating has ended: readings go on until then
+UNMODELLED_K = 0.2                     # K  | other masses, other places of the sensor
+OLDEST_CHOICE_NS = 86_400_000_000_000  # ns | a day: by then the driver has forgotten it
+JUST_BEGUN_NS = 60_000_000_000         # ns | a route plan that is older than a minute begins no trip
+NOWHERE_M = 100.0                      # m  | a route no longer than an error of positions leads nowhere
+
+
+# Control: regime, place, doubt
+
+# control/regime.py: driving, standing, charging; nine winter drives (10 300 s) of an i3
+CHARGING_AFTER_S = 9.0             # s  | regeneration never stayed within a tenth for so long
+LEAST_CHARGING_STATES = 3          # n  | a regime is not told from one state
+CHARGING_DOUBTED_AFTER_S = 2.0     # s  | learning pauses until the regime is clear
+CHARGES_W = 1000.0                 # W  | into the battery in each state
+STEADY_SHARE = 0.1                 # 1  | of the mean power: chargers are steady
+STEADY_W = 600.0                   # W  | … or within this: the car's consumers vary
+BEYOND_REGENERATION = 2.0          # 1  | charging exceeds the regeneration that the route plans
+BEYOND_REGENERATION_W = 2000.0     # W  | … and by this
+STANDING_AFTER_S = 60.0            # s  | a stop of a minute is part of the route
+STANDING_AFTER_LONG_S = 300.0      # s  | where the route may plan a slow stretch
+PARKED_AFTER_S = 120.0             # s  | with the consumers off
+DRIVES_W = 2000.0                  # W  | the route drives with more
+STANDS_WITHIN_W = 1000.0           # W  | consumers differ from the route's by this
+STANDS_ABOVE_W = -500.0            # W  | no regeneration
+PARKED_SHARE = 0.5                 # 1  | of the route's consumers: the car is off
+NOT_PARKED_SHARE = 0.8             # 1  | … and on again
+DRIVING_AFTER_S = 3.0              # s  | above consumers and heater: it drives again
+HEATER_FOLLOWS_S = 120.0           # s  | heaters ramp up, and lag by up to 90 s
+MIRRORED_UP_TO = 1.4               # 1  | of the route's power: all that a reversed current shows
+SHORT_GAP_S = 30.0                 # s  | states further apart are not of one course of the power
+UNPLUGGED_AFTER_S = 20.0           # s  | unplugging takes longer; shorter charging is a descent
+ARRIVES_AFTER_S = 120.0            # s  | charging near the end of a leg: the car is at the charger
+NEAR_END_S = 900.0                 # s  | … near in time
+NEAR_END_SHARE = 0.25              # 1  | … or by share of the leg
+NEAR_START_SHARE = 0.25            # 1  | … but not here: it may charge until departure
+ASSUMED_FROM_NS = 300_000_000_000  # ns | five minutes, whose mean power is assumed to go on
+STANDING_W = 500.0                 # W  | mean and scatter of the power of a car that stands
+
+# control/timetable.py, expected_drive.py: where on the route
+KNOWN_TO_M = 10.0                       # m  | error of positions
+CORRECTED_BY_M = 100.0                  # m  | positions are corrected by up to this
+END_KNOWN_TO = 0.01                     # 1  | share of the route: chargers lie off the road
+PACE_OVER_NS = 5_000_000_000            # ns | five seconds of the pace are averaged
+MOVES_WITHIN_NS = 10_000_000_000        # ns | ten seconds without moving KNOWN_TO_M: it stands
+AROUND_NS = 60_000_000_000              # ns | the place is uncertain: power of a minute around it counts
+AROUND_SHARE = 0.05                     # 1  | … growing with the time since departure: traffic
+MOST_AROUND_S = 300.0                   # s  | … to this
+LOOKED_UP_NS = 15_000_000_000           # ns | step of this look in time
+FACTOR_STEP = 0.05                      # 1  | of a factor's deviation that rebuilds the vehicle: saves time
+COMPARED_EVERY_S = 5.0                  # s  | model against sensor
+SEEN_OVER_S = 60.0                      # s  | the heater's power is averaged from the battery's
+CONFIRMED_WITHIN_S = 3.0                # s  | commands and answers take a moment; power rises slowly
+COMPARED_OVER_NS = 60_000_000_000       # ns | a minute over which answer and battery power are compared
+LEAST_DIFFERENCE_W = 500.0              # W  | … and differ
+SENSITIVITY_PERIOD_NS = 60_000_000_000  # ns | each minute what would change the plan: saves time
+
+
+# Control: from a plan to the heater
+
+# control/forecast_plan.py, command.py, heater_switch.py, inbox.py: uncertainty, hysteresis, doubt
+LEAST_REVEALED_K = 0.02       # K   | of the arrival's deviation that becomes known on the way
+MOST_REVEALED_K = 3.0         # K   | … at most
+LAG_REVEALED_S = 300.0        # s   | of heating that reveals the heater's lag: chosen on preheat-study robustness
+HELD_ABOVE_TARGET_K = 1.0     # K   | for its least time on the heater heats this far at most
+HELD_BELOW_HIGHEST_K = 3.0    # K   | … and stops so far below the battery's range
+LEAST_STATUS_S = 10.0         # s   | a new status is shown once it has held: plans lie on either side of a bound
+FIRST_WAIT_S = 10.0           # s   | without doubt after heating was interrupted; doubles
+INTERRUPTIONS_OVER_S = 600.0  # s   | with each further interruption within this
+LEAST_LONGEST_WAIT_S = 120.0  # s   | … up to this, or minimum_off_time
+MOST_SWITCH_ONS = 20          # 1/h | whatever the inputs: it spares the contactor
+MOST_OVERTAKEN_S = 1.0        # s   | a state overtaken by a later one is dropped silently: networks reorder
+LEAST_HELD_S = 2.0            # s   | a state holds for twice the period of a usual feed: stamps are coarse
+CLOCK_RESTART_S = 1.0         # s   | a clock that falls back by more was set
+MOST_STANDING_S = 900.0       # s   | of standing without a stop of the route: heating ends
+MOST_PARKED_S = 180.0         # s   | … with the consumers off
+FORESEEN_S = 1800.0           # s   | a later trip raises no alarm: the battery may be charged until then
+
+# control/preparation.py, departure_source.py, planning/full_power.py: a battery that is ready at an instant
+LONGEST_SOONEST_S = 6 * 3600.0            # s  | heating as soon as possible ends
+OBSTACLE_ENDS_GOAL_S = 60.0               # s  | an obstacle that lasts ends the goal
+SOONEST_WITHIN_K = 0.1                    # K  | of the target counts as reached
+CHARGE_FALLS_BY = 0.02                    # 1  | of a car that is plugged in; more: it is not
+FURTHEST_GOAL_S = 24 * 3600.0             # s  | a goal's instant lies at most a day ahead
+AMBIENT_KNOWN_S = 6 * 3600.0              # s  | weather changes
+AIMS_BELOW_K = 0.05                       # K  | of the target, so that rounding does not put off the start
+SPARES = 1e-4                             # 1  | charge above the reserve, for the same reason
+BEGINS_S = 6 * 3600.0                     # s  | a departure becomes a goal this long before
+BEGINS_WITH_PRICES_S = 12 * 3600.0        # s  | … for the cheap hours of a night
+RETRY_S = 300.0                           # s  | a refused or lost goal is wanted again
+EARLIEST_NS = 1_577_836_800_000_000_000   # ns | a clock before 2020 was never set
+FURTHEST_SKIP_NS = 1_296_000_000_000_000  # ns | a skip that lies two weeks ahead comes from a wrong clock
+LISTED_NS = 604_800_000_000_000           # ns | a week without the planner, whose departures are listed
+PLANNING_STEP_S = 30.0                    # s  | of the time until a departure
+
+# control/target_choice.py, charger_heat.py, charging_doubt.py: what pays
+FIRST_LOOK_K = 5.0        # K | between the targets of the first look, and above the usual one
+PLANS_EACH_UPDATE = 1     # n | so that no update takes long
+LEAST_GAIN_SHARE = 5e-4   # 1 | of the cost, for another target: less is jitter
+MOST_MOVE_K = 2.0         # K | a search; the heater warms by less in its time, so nothing is missed
+SAME_ARRIVAL_S = 1800.0   # s | a route plan with charger and arrival like this has the same destination
+SEARCH_PERIOD_S = 600.0   # s | until a choice is made again
+LEAST_PERIOD_S = 60.0     # s | … if a factor or the arrival moved
+FACTOR_CHANGE = 0.25      # 1 | … by this share of its deviation
+ARRIVAL_CHANGE_S = 60.0   # s | … by this
+BEGINS_BELOW_K = 1.0      # K | of the temperature that pays: the heater is not switched for less
+CHANGED_POWER = 0.1       # 1 | share of the charger's power, for another choice
+CHARGER_RAMP_S = 20.0     # s | chargers ramp up
+LIMITING_SHARE = 0.9      # 1 | of its limit, from which the battery limits the power
+USUAL_PAYS_FROM = 0.5     # 1 | probability of charging; for a car whose sessions are unknown
+MOST_PLANNED_STEPS = 360  # n | a plan of more delays the next command
+MOST_STOPS = 20           # n | all legs are planned when a route arrives
+
+
+# Planning: costs and tolerances
+
+# planning/planner.py: what counts
+SHORTFALL_TOLERANCE_K = 0.2  # K  | the paper's Euler steps are not more accurate
+SOC_TOLERANCE = 1e-5         # 1  | on the reserve
+SAME_SOC = 5e-4              # 1  | runs by Euler and by Runge-Kutta differ by less
+SAME_POWER_W = 0.1           # W  | heater and brake take the same within the limits
+NOW_S = 1e-6                 # s  | a switching instant this close is now
+LEAST_PRICE_SHARE = 1e-3     # 1  | of the highest price, for energy that is free: none is wasted
+COMPARED_POWER_W = 10.0      # W  | shortfalls this close are alike
+LEAST_TOLD_S = 0.5           # s  | a route that starts within this starts now
+RESOLUTION_K = 0.05          # K  | to which a temperature that changes the plan is found
+LEAST_TOLD_K = 0.05          # K  | a change of the arrival that is worth words
+LEAST_TOLD_WH = 0.05         # Wh | a change of the energy that is worth words
+MOST_EXCESS_K = 150.0        # K  | coolant over battery: more is implausible
+WIDEST_FORECAST_K = 10.0     # K  | a larger deviation is no forecast
+COLDER_BY_K = 5.0            # K  | a battery this much colder meets a limit: it is near
+PAUSE_FACTOR = 10.0          # 1  | times the duration of a late answer: a slow method leaves the processor
+VALUES_KEPT_S = 60.0         # s  | of the drive, for which values hold
+MOST_CHANGED_SHARE = 0.05    # 1  | of the largest power, by which the drive may have changed
+MOST_DEVIATION_SHARE = 0.25  # 1  | … and the uncertainty
+LEAST_STRANDING_SOC = 1e-5   # 1  | a stranding counts as this at least
+TARGET_HALVINGS = 14         # 1  | of the range in which the warmest target is searched
+
+# planning/dynamics.py, model_inputs.py: the model
+HOTTEST_BEYOND_RANGE_K = 20.0  # K | the car's own cooling, not in the model, holds the battery
+LONGEST_STEP_S = 300.0         # s | Euler's error grows with the step
+TIME_CONSTANT_SHARE = 0.5      # 1 | explicit methods become unstable at twice the time constant
+LAGS_AHEAD = 5.0               # n | after which a heater that is off takes nothing: e^-5
+LASTING_LAGS = 0.7             # n | of surplus that is worth using: ln 2, heat is worth half its cost
+TOO_LATE_LAGS = 12.0           # n | before arrival; later heat is for the arrival
+WARMER_K = 0.5                 # K | no plan arrives this much above target and margin
+BELOW_HIGHEST_K = 5.0          # K | surplus stops heating so far below the battery's range
+HEATING_SHARE = 1e-4           # 1 | of the power that the cabin leaves: less is rounding
+
+# planning/value_*.py, recursion.py: the value function
+SHORT_PRICE = 30.0              # 1  | of a missing kelvin, in energies that heat it: no plan saves there
+BEYOND_PRICE = 0.5              # 1  | of a kelvin beyond a pass
+LEAST_MIXED_SHARE = 0.1         # 1  | of the next end's power in a mixture: no heater stays on with little
+MOST_SPREAD = 0.9               # 1  | of values at once, in distances squared: stable below 1
+SWITCH_ON_WH = 0.5              # Wh | no plan switches for less
+SWITCH_ON_EXPECTED_WH = 30.0    # Wh | … where each update may switch: chosen on preheat-study robustness
+HEATING_PRICE = 0.02            # 1  | of a joule that the heater takes: smaller surplus goes to the brake
+MOVED_K = 1.0                   # K  | so close an arrival is made exact by the last interval
+SPARE_SOC = 1e-7                # 1  | charge above the reserve at which plans aim
+PRICED_SOC = 5e-4               # 1  | by which charge is moved for its price
+PRICED_K = 0.3                  # K  | by which heat under way is moved
+WATCHED_BELOW_K = 1.0           # K  | a limit may act in a step if it does for a colder battery
+WATCHED_SOC = 0.02              # 1  | … or for this more or less charge
+SOC_DIFFERENCE = 1e-4           # 1  | for slopes of the model's rates
+TEMPERATURE_DIFFERENCE_K = 0.1  # K  | for slopes of the model's rates
+LEAST_SAVING_WH = 0.05          # Wh | for less, heating elsewhere is not worth another search
+NEAR_K = 0.2                    # K  | the first part of a missing kelvin under an Uncertainty
+NEAR_PRICE = 2.0                # 1  | … in its energies: no heater is switched on again for so little
+LACK_PRICE = 2000.0             # 1  | of a joule that the battery cannot deliver
+EMPTY_J = 1e12                  # J  | of a step that empties the battery: more than any drive
+FIRST_STEP_K = 0.5              # K  | between temperatures of the first pass
+BELOW_K = 3.0                   # K  | … from this below the coldest unheated temperature
+ABOVE_K = 25.0                  # K  | … to this above target and start
+WIDE_STEP_K = 0.1               # K  | between temperatures of the second pass
+WIDE_K = 1.5                    # K  | … around the path before
+NARROW_STEP_K = 0.01            # K  | of the third pass
+NARROW_K = 0.15                 # K  | … around the path before
+LAST_STEP_K = 0.001             # K  | of the last pass
+LAST_K = 0.015                  # K  | … around the path before
+EXPECTED_PASSES = 3             # n  | under an Uncertainty
+WIDER_DEVIATIONS = 2.5          # sd | by which those passes are wider: nearly all of the weight
+TABLE_STEP_K = 0.03             # K  | between temperatures of a ValueTable
+STRETCH_K = 6.0                 # K  | driven from three temperatures, with a parabola through their ends
+STRETCH_J = 10.0                # J  | … if a fourth one is as near to it as this
+MOST_LOOKS = 7                  # n  | made at most, again ones included
+NEAR_RESERVE_K = 0.1            # K  | the first pass is made again while the aim moves by more
+EDGE_SHARE = 0.9                # 1  | of a pass's width: a path that reaches it makes another
+LOOK_WH = 0.25                  # Wh | … that saves more than this
+NO_WORSE_W = 10.0               # W  | by which a plan may exceed a deficit that the unheated trip has
+
+# planning/steps_ahead.py, both_ends.py, gated_heat.py, bracketing.py …: rounding and ends of searches
+ARRIVAL_TOLERANCE_K = 5e-6       # K    | of a run that meets the target: 1 mWh for a large pack
+MOST_TRIALS = 60                 # n    | the secant needs two to four; the search ends in any case
+HALVINGS = 50                    # 1    | of a bracket: to the last digit
+END_TOLERANCE_W = 1e-3           # W    | of the limit at the end of a step
+HIGHEST_TOLERANCE_K = 1e-6       # K    | of the highest temperature
+MOST_REPEATS = 6                 # n    | of a run whose steps of power change its gates
+HEATED_W = 1e-3                  # W    | less is rounding
+ROUNDING_W = 1.0                 # W    | powers of the heater that differ by less are the same
+POWER_TOLERANCE = 1e-6           # 1    | share of a power: a smaller deficit is rounding
+HEATING_ALLOWANCE = 1.1          # 1    | leakage takes a tenth of the heat on the way
+LOST_ABOVE_TARGET_K = 100.0      # K    | no forward run meets a backward one so far above the target
+MOST_ROUNDS = 60                 # n    | in which ends of a step are found
+LEAST_HEATING_W = 50.0           # W    | less is no heating
+LACK_TOLERANCE_W = 0.2           # W    | beyond a limit: no deficit
+COMPARED_TOLERANCE_K = 2e-4      # K    | of an arrival while switch-off instants are compared
+SURE_SHARE = 0.5                 # 1    | of the heat from the start that is certain on arrival
+MOST_LAGS = 7.0                  # n    | within which all heat but a thousandth arrives: e^-7
+OFF_RESOLUTION_S = 2.0           # s    | around the best instant the energy hardly changes
+DEFICIT_WH_PER_K = 1e9           # Wh/K | a missing kelvin counts more than any energy
+LATEST_START_TOLERANCE_K = 1e-4  # K    | of the arrival
+START_RESOLUTION_S = 1e-2        # s    | of the start of heating
+MOST_RUNS = 20                   # n    | of its search
+ABOVE_TARGET_K = 0.05            # K    | an arrival above is heated for the drive, or for free
+MOST_CHANGED_K = 0.01            # K    | a later start that changes the arrival by more is not used
+FULL_SHARE = 1.0 - 1e-6          # 1    | of the highest power: heated throughout
+TAIL = 8.0                       # sd   | beyond it closed forms lose precision
