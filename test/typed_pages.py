@@ -5,7 +5,8 @@ The commands of a page of the documentation, run as a reader types them.
 In a ```console block each line that begins with `$ preheat` or `$ python3 FILE` is run, and its output must
 contain the lines up to the next command; an ellipsis stands for omitted text. The exit status must be 0, or 2
 if a line `preheat: error:` is shown. The commands of a page run in order in one folder, which contains the page's
-code blocks with a caption as files; packages of docs/examples that the page names are installed.
+code blocks with a caption as files, and the scripts beside the page to which it links; packages of docs/examples
+that the page names are installed.
 """
 
 from dataclasses import dataclass
@@ -52,9 +53,10 @@ def commands_of(text):
     return found
 
 
-def files_of(text):
-    """Return {name: content} of the code blocks with a caption."""
-    files = {}
+def files_of(page):
+    """Return {name: content} of the scripts to which a page links, and of its code blocks with a caption."""
+    text = page.read_text()
+    files = {name: (page.parent / name).read_text() for name in re.findall(r'\]\((\w+\.py)\)', text)}
     for _, block in FENCE.findall(text):
         captioned = re.match(r':caption: (\S+)\n\n(.*)', block, re.DOTALL)
         if captioned:
@@ -90,8 +92,9 @@ def _words(text):
     return ' '.join(text.split())
 
 
-def run_page(text, folder, monkeypatch, capfd):
+def run_page(page, folder, monkeypatch, capfd):
     """Run the commands of a page in a folder, and compare their output with the page."""
+    text = page.read_text()
     monkeypatch.chdir(folder)
     # Wide enough for every table.
     monkeypatch.setenv('COLUMNS', '250')
@@ -101,7 +104,7 @@ def run_page(text, folder, monkeypatch, capfd):
         (installed := folder / 'installed' / example).mkdir(parents=True)
         installed_packages.put_example(installed, example)
         installed_packages.use_folder(monkeypatch, installed)
-    for name, content in files_of(text).items():
+    for name, content in files_of(page).items():
         (folder / name).write_text(content)
     for command in commands_of(text):
         assert RUNNERS[command.words[0]](command.words[1:]) == command.status, command.words

@@ -15,9 +15,9 @@ from bev_preheat_msgs.msg import HvchCommand, PreheatPlan
 
 pytestmark = [pytest.mark.needs(package) for package in (
     'casadi', 'scipy', 'pint', 'gpxpy', 'jinja2', 'matplotlib')]
-PAGE = (Path(__file__).parents[2] / 'docs/tutorials/from_files.md').read_text()
+PAGE = Path(__file__).parents[2] / 'docs/tutorials/from_files.md'
 # The state of the tutorial's `preheat plan`.
-TEMPERATURE_C, SOC, AMBIENT_C = 4.0, 0.82, -3.0
+TEMPERATURE_C, SOC, AMBIENT_C = 14.0, 0.82, -3.0
 
 
 def heating_wh(vehicle):
@@ -40,7 +40,7 @@ def test_commands_as_printed_lead_to_a_planner_with_the_identified_car(bench, tm
         state.header.stamp = bench.node.get_clock().now().to_msg()
         sender.publish(state)
 
-    words = node_commands_of(PAGE)
+    words = node_commands_of(PAGE.read_text())
     assert [name for name, _ in words] == ['planner', 'route_publisher']
     for name, ros_arguments in words:
         # A state may be late on a busy computer.

@@ -3,7 +3,6 @@
 
 from contextlib import contextmanager
 from pathlib import Path
-import re
 import subprocess
 import sys
 
@@ -95,10 +94,9 @@ def test_what_is_typed_heats_and_what_is_cancelled_stays_off(shell):
 
 
 @pytest.fixture
-def by_hand(bench, tmp_path):
+def by_hand(bench):
     """`by_hand(word)` starts the file of the tutorial; remaining processes are ended."""
-    path, started = tmp_path / 'by_hand.py', []
-    path.write_text(re.search(r':caption: by_hand\.py\n\n(.*?)\n```', TUTORIAL.read_text(), re.DOTALL)[1])
+    path, started = TUTORIAL.with_suffix('.py'), []
 
     def start(word):
         started.append(subprocess.Popen([sys.executable, str(path), word], text=True, stdout=subprocess.PIPE))
