@@ -43,7 +43,6 @@ EXTRAS = {
     'dashboard': ['mcap>=1.0', 'tornado>=6.4'],
     'identify': ['casadi>=3.6', 'jinja2>=3.1.2', 'matplotlib>=3.6.3', 'scipy>=1.11.4'],
     'logs': ['asammdf>=7.3', 'cantools>=39', 'mcap>=1.0', 'pint>=0.19', 'python-can>=4.0', 'rosbags>=0.10'],
-    'monitor': ['plotext'],
     'routes': ['gpxpy>=1.5'],
     'studies': ['casadi>=3.6', 'matplotlib>=3.6.3', 'psutil>=5.9.8', 'scipy>=1.11.4'],
     'tables': ['pandas'],

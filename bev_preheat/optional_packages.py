@@ -27,7 +27,6 @@ PURPOSES = {
     'mcap': 'writes flight recordings and reads MCAP files',
     'pandas': 'holds results as tables',
     'pint': 'converts the units of logs',
-    'plotext': 'draws the chart',
     'psutil': 'measures processes',
     'rosbags': 'reads rosbag2 and MCAP files',
     'scipy': 'fits vehicles to logs and to the paper',
@@ -44,7 +43,7 @@ GROUPS = {
     'asammdf': 'logs', 'can': 'bus', 'cantools': 'bus', 'casadi': 'nlp', 'crccheck': 'bus',
     'distributed': 'studies', 'do_mpc': 'bench', 'elftools': 'footprint', 'gpxpy': 'routes', 'jinja2': 'identify',
     'kuksa_client': 'bus', 'matplotlib': 'demo', 'mcap': 'demo', 'pandas': 'tables', 'pint': 'logs',
-    'plotext': 'monitor', 'psutil': 'studies', 'rosbags': 'logs', 'scipy': 'identify', 'serial': 'bus',
+    'psutil': 'studies', 'rosbags': 'logs', 'scipy': 'identify', 'serial': 'bus',
     'tornado': 'dashboard', 'unicorn': 'footprint'}
 
 

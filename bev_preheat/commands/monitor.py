@@ -34,7 +34,7 @@ def add_parser(subparsers: Subparsers) -> None:
                         help='node name of the planner (default: %(default)s)')
     parser.add_argument('--seconds', type=float, metavar='S', help='end after this time [s]')
     parser.add_argument('--once', action='store_true',
-                        help='show it once, when every topic has been received; exit status 1 if '
+                        help='show it once, when every message has come; exit status 1 if '
                         f'that takes more than {ONCE_LIMIT_S:g} s')
     parser.add_argument('--picture', metavar='FILE', help='write the last view as SVG')
     parser.set_defaults(run=run)
@@ -64,16 +64,14 @@ def _listen(arguments: Namespace, signals: EndSignals) -> int:
     from rclpy.exceptions import InvalidNamespaceException
     from rich.console import Console
 
-    from bev_preheat.monitoring.heard import Heard, subscribe
     from bev_preheat.monitoring.watch import LiveView
     from bev_preheat.nodes.listening import listening
     prefix = arguments.namespace.strip('/')
-    heard = Heard(f'{prefix}/{arguments.node}' if prefix else arguments.node)
+    planner = f'/{prefix}/{arguments.node}' if prefix else f'/{arguments.node}'
     try:
         with listening(f'monitor_{os.getpid()}', namespace=arguments.namespace) as listener:
-            subscribe(listener.node, heard)
             return _show(arguments, LiveView(
-                listener, heard, Console(highlight=False), signals,
+                listener, planner, Console(highlight=False), signals,
                 arguments.seconds or (ONCE_LIMIT_S if arguments.once else None)))
     except InvalidNamespaceException as error:
         raise InvalidInput(f'--namespace: {arguments.namespace!r}: {error}') from error

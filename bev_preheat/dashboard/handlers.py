@@ -13,8 +13,8 @@ from tornado.websocket import WebSocketClosedError
 from bev_preheat.dashboard.access import COOKIE, HEADERS
 from bev_preheat.dashboard.asked import asked_of
 from bev_preheat.dashboard.pages import file_of, FILES, login_page, main_page
-from bev_preheat.dashboard.plain import written
 from bev_preheat.errors import InvalidInput
+from bev_preheat.monitoring.plain import written
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -15,9 +15,9 @@ from typing import Any
 from tornado.web import HTTPError
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
-from bev_preheat.dashboard.feed import Cursor
 from bev_preheat.dashboard.handlers import Checked
-from bev_preheat.dashboard.plain import written
+from bev_preheat.dashboard.source import Cursor
+from bev_preheat.monitoring.plain import written
 
 # A tab that has not read for this time is closed [s].
 TAB_CLOSED_AFTER_S = 30.0

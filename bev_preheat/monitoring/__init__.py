@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Live view of a running planner in a terminal."""
+"""Running planners seen from outside: found, heard, put into one view, asked; the view in a terminal."""

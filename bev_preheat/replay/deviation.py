@@ -15,7 +15,6 @@ if TYPE_CHECKING:
 
     from sensor_msgs.msg import BatteryState
 
-    from bev_preheat.dashboard.seen import PlanSeen
     from bev_preheat.vehicle.description import Vehicle
 
 # A longer time between two battery states is not bridged in one step [s].
@@ -110,17 +109,18 @@ class Unheated:
                                 _finite(settled_c, USUAL_C))
         return settled_c + self._deviation.temperature_k
 
-    def planned_c(self, plan: PlanSeen) -> tuple[float, ...]:
-        """Return the unheated temperatures [deg C] at the instants of a plan; () without one."""
-        if not plan.times_s or len(plan.powers_w) != len(plan.times_s) - 1:
-            return ()
-        ahead = copy.copy(self._deviation)
-        temperatures_c: list[float] = []
-        powers_w: Sequence[float] = (*plan.powers_w, 0.0)
-        for at_s, temperature_c, soc, power_w in zip(plan.times_s, plan.temperatures_c, plan.socs, powers_w):
+    def planned_c(self, times_s: Sequence[float], temperatures_c: Sequence[float], socs: Sequence[float],
+                  powers_w: Sequence[float]) -> list[float]:
+        """
+        Return the unheated temperatures [deg C] at the instants of a plan.
+
+        Instants [s], temperatures [deg C] and charges (0 ... 1) are (N + 1,), powers between them [W] (N,).
+        """
+        ahead, unheated_c = copy.copy(self._deviation), list[float]()
+        for at_s, temperature_c, soc, power_w in zip(times_s, temperatures_c, socs, (*powers_w, 0.0)):
             ahead.advance(_ns(at_s), -_finite(power_w, 0.0), _finite(soc, USUAL_SOC), temperature_c)
-            temperatures_c.append(temperature_c + ahead.temperature_k)
-        return tuple(temperatures_c)
+            unheated_c.append(temperature_c + ahead.temperature_k)
+        return unheated_c
 
 
 def _ns(at_s: float) -> int:

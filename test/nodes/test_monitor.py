@@ -74,7 +74,7 @@ def test_once_shows_temperature_plan_command_and_reserve_also_as_picture(
     text, errors = done.communicate(timeout=LIMIT_S)
     assert done.returncode == 0, text + errors
     for part in ('-7.0', '25.0', 'TARGET_UNREACHABLE', 'Heating all the way is not enough',
-                 'battery_state', 'route_plan', 'hvch_command', '80'):
+                 '/car/planner', 'State of charge  80.0 %', 'on; ends in', 'signals', 'diagnostics 0'):
         assert part in text, text
     assert picture.read_text().startswith('<svg')
 
@@ -98,7 +98,7 @@ def test_without_a_planner_it_says_what_is_missing(monitor):
     done = monitor('--once', '--seconds', '3')
     text, errors = done.communicate(timeout=LIMIT_S)
     assert done.returncode == 1, text + errors
-    assert 'hvch_command' in text and 'battery_state' in text
+    assert 'Waiting for /planner in ROS domain' in text and 'there is no planner' in text
 
 
 @pytest.mark.parametrize('arguments, problem', [

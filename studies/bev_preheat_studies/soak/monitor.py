@@ -63,7 +63,7 @@ START_LIMIT_S, MOST_BETWEEN_VIEWS_S, MOST_AGE_S = 60.0, 10.0, 30.0
 SAMPLE_PERIOD_S = 1.0
 # An interrupted run with fewer views is not assessed.
 LEAST_SAMPLES = 3
-BATTERY_STATE_AGE = re.compile(r'battery_state (\d+\.\d) s')
+BATTERY_STATE_AGE = re.compile(r'battery (\d+\.\d) s')
 TEMPERATURE = re.compile(r'Battery +(-?\d+\.\d degC)')
 
 

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""ROS messages as the plain values of the page."""
+"""A planner's messages as plain values; instants in seconds of the planner's clock."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import NamedTuple, TYPE_CHECKING
 
-from bev_preheat.dashboard.seen import EntrySeen, PlanSeen, RouteSeen
 from bev_preheat.messages.fields import nanoseconds
+from bev_preheat.messages.preheat_plan import session_texts
 from bev_preheat.numerics.factors import NS_PER_S
 
 if TYPE_CHECKING:
@@ -17,6 +17,65 @@ if TYPE_CHECKING:
 
 # No drive is longer [s].
 LONGEST_DRIVE_S = 1e7
+
+
+class PlanSeen(NamedTuple):
+    """
+    A PreheatPlan.
+
+    `status` is the number of a planning.status.Status. Instants [s] are None if they are unset. Temperatures in
+    deg C, charge 0 ... 1, charging times in s; NaN: unknown. The trajectories `times_s` (N + 1,) are instants,
+    `temperatures_c` and `socs` are at them, `powers_w` (N,) between them; () without a plan. `later_legs` is the
+    number of legs after this one. `sessions` are the charging sessions with and without heating in words, () if
+    the charger is unknown.
+    """
+
+    at_s: float
+    route_id: str
+    method: str
+    status: int
+    sentence: str
+    heating_start_s: float | None
+    heating_end_s: float | None
+    arrival_s: float | None
+    predicted_c: float
+    deviation_k: float
+    target_c: float
+    target_reason: str
+    arrival_soc: float
+    charging_s: float
+    charging_unheated_s: float
+    model_factors: tuple[float, ...] = ()
+    later_legs: int = 0
+    times_s: tuple[float, ...] = ()
+    temperatures_c: tuple[float, ...] = ()
+    socs: tuple[float, ...] = ()
+    powers_w: tuple[float, ...] = ()
+    sessions: tuple[str, ...] = ()
+
+
+class EntrySeen(NamedTuple):
+    """An entry of /diagnostics: name without the planner's, level (0 OK, 1 WARN, 2 ERROR, 3 STALE), values."""
+
+    name: str
+    level: int
+    message: str
+    values: dict[str, str]
+
+
+class RouteSeen(NamedTuple):
+    """The reserves of charge (0 ... 1) that a route asks for on arrival: at each stop, and at its end."""
+
+    stop_reserves: tuple[float, ...]
+    stops: int
+    reserve: float
+
+    def reserve_of_leg(self, later_legs: int) -> float:
+        """Return the reserve at the end of the leg that has `later_legs` legs after it."""
+        stop = self.stops - later_legs
+        if later_legs <= 0 or not 0 <= stop < self.stops:
+            return self.reserve
+        return self.stop_reserves[stop] if stop < len(self.stop_reserves) else 0.0
 
 
 def seconds(stamp: Time) -> float:
@@ -45,7 +104,8 @@ def plan_seen(message: PreheatPlan) -> PlanSeen:
         later_legs=len(message.later_arrival),
         times_s=tuple(start_s + each for each in after_s) if is_whole else (),
         temperatures_c=tuple(message.battery_temperature) if is_whole else (),
-        socs=tuple(message.soc) if is_whole else (), powers_w=tuple(message.hvch_power) if is_whole else ())
+        socs=tuple(message.soc) if is_whole else (), powers_w=tuple(message.hvch_power) if is_whole else (),
+        sessions=session_texts(message) or ())
 
 
 def route_seen(message: RoutePlan) -> RouteSeen:

@@ -11,7 +11,7 @@ from bev_preheat.errors import shortened
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-    from bev_preheat.dashboard.seen import EntrySeen
+    from bev_preheat.monitoring.seen import EntrySeen
 
 IN_DOUBT = ' in doubt since [s]'
 SHARE = 'share of the command [1]'

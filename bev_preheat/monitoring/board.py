@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The state of the page for one planner: latest values, history of the drive, changes of the plan."""
+"""All that was heard of one planner: latest values, history of the drive, changes of the plan."""
 
 from __future__ import annotations
 
@@ -7,21 +7,21 @@ from collections import deque
 import math
 from typing import Any, NamedTuple, TYPE_CHECKING
 
-from bev_preheat.dashboard.diagnosis import diagnose, Diagnosis
-from bev_preheat.dashboard.health import Banner, banner_of, Pulse, Surroundings
-from bev_preheat.dashboard.plain import instant, instants, number, numbers
-from bev_preheat.dashboard.trail import Trail, TRAIL_POINTS
 from bev_preheat.errors import shortened
+from bev_preheat.monitoring.diagnosis import diagnose, Diagnosis
+from bev_preheat.monitoring.health import Banner, banner_of, Pulse, Surroundings
+from bev_preheat.monitoring.plain import instant, instants, number, numbers
+from bev_preheat.monitoring.trail import Trail, TRAIL_POINTS
+from bev_preheat.monitoring.view import LONGEST_SENTENCE, status_name, View
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
-from bev_preheat.planning.status import Status
 from bev_preheat.replay.heater_account import ANSWER_HOLDS_NS, HeaterAccount
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
     from bev_preheat.control.heater_answer import HeaterStatus
-    from bev_preheat.dashboard.seen import EntrySeen, PlanSeen, RouteSeen
+    from bev_preheat.monitoring.seen import EntrySeen, PlanSeen, RouteSeen
     from bev_preheat.replay.deviation import Unheated
 
 MOST_MARKS, MOST_SPANS = 200, 200
@@ -32,7 +32,6 @@ MOST_PLAN_POINTS = 240
 BACK_S = 1.0
 # Smaller changes of a plan are the usual re-planning: start of heating [s], target and prediction [K].
 START_CHANGE_S, TARGET_CHANGE_K, PREDICTION_CHANGE_K = 60.0, 0.5, 1.0
-LONGEST_SENTENCE = 2000
 # A power that changes by less is the same [W].
 LEAST_CHANGE_W = 5.0
 # The planner makes a plan at each battery state; an older one says nothing about the battery of now [s].
@@ -61,7 +60,7 @@ class Span(NamedTuple):
 
 class Board:
     """
-    The state of one planner, as the page shows it; instants in seconds of its clock, `now_s` monotonic.
+    The state of one planner, as it is shown; instants in seconds of its clock, `now_s` monotonic.
 
     `unheated` computes the temperature without heating; None: not known for this vehicle, with `unheated_problem`
     as the reason. `version` changes with each new value. `outcome` says how the latest goal of the page ended.
@@ -205,33 +204,26 @@ class Board:
         """Return the Banner on a missing, silent or frozen planner; None if all is well."""
         return banner_of(self.around, self.pulses['command'], self.pulses['battery'], now_s)
 
-    def view(self, now_s: float) -> dict[str, Any]:
-        """Return the values of now as plain values for JSON."""
-        plan, (temperature_c, soc), banner = self.plan, self._battery, self.banner(now_s)
-        return {
-            'at': instant(self._at_s),
-            'banner': None if banner is None else banner._asdict(),
-            'ages': {topic: number(pulse.age_s(now_s), 1) for topic, pulse in self.pulses.items()},
-            'late': sorted(topic for topic, pulse in self.pulses.items()
-                           if pulse.is_late(now_s) or not self.around.is_there),
-            'temperature': number(temperature_c, 2), 'soc': number(soc, 4), 'power': number(self._power_w, 1),
-            'delivered': None if self._at_s is None else number(self._delivered_w(self._at_s), 1),
-            'reason': None if self._reason is None else status_name(self._reason),
-            **_plan_values(plan), 'reserve': self._reserve(),
-            'unheatedProblem': self.unheated_problem, 'outcome': shortened(self.outcome, LONGEST_SENTENCE),
-            'tripFrom': instant(self.trip_from_s), **self._diagnosis.as_dictionary()}
-
-    def _reserve(self) -> float | None:
-        if self._route is None or self.plan is None:
-            return None
-        return number(self._route.reserve_of_leg(self.plan.later_legs) or None, 4)
+    def view(self, now_s: float) -> View:
+        """Return the View of now."""
+        plan, (temperature_c, soc) = self.plan, self._battery
+        reserve = (None if self._route is None or plan is None
+                   else self._route.reserve_of_leg(plan.later_legs) or None)
+        return View(
+            self._at_s, self.banner(now_s), {topic: pulse.age_s(now_s) for topic, pulse in self.pulses.items()},
+            sorted(topic for topic, pulse in self.pulses.items()
+                   if pulse.is_late(now_s) or not self.around.is_there),
+            temperature_c, soc, self._power_w,
+            math.nan if self._at_s is None else self._delivered_w(self._at_s), self._until_s, self._reason, plan,
+            reserve, self.trip_from_s, self._diagnosis, self.unheated_problem, self.outcome)
 
     def plan_curves(self, most: int = MOST_PLAN_POINTS) -> dict[str, Any]:
         """Return the trajectories of the plan, thinned to `most` points; empty columns without one."""
         plan = self.plan
         if plan is None or not plan.times_s:
             return {key: [] for key in ('planTime', 'planned', 'planUnheated', 'planSoc', 'planPower')}
-        unheated_c = () if self.unheated is None else self.unheated.planned_c(plan)
+        unheated_c = [] if self.unheated is None else self.unheated.planned_c(
+            plan.times_s, plan.temperatures_c, plan.socs, plan.powers_w)
         kept = thinned(len(plan.times_s), most)
         powers_w = (*plan.powers_w, math.nan)
 
@@ -275,14 +267,6 @@ def thinned(count: int, most: int) -> list[int]:
     return sorted({round(index * (count - 1) / (most - 1)) for index in range(most)})
 
 
-def status_name(number: int) -> str:
-    """Return the name of a status."""
-    try:
-        return Status(number).name
-    except ValueError:
-        return f'STATUS_{number}'
-
-
 def change_of(before: PlanSeen | None, plan: PlanSeen) -> Mark | None:
     """Return the Mark of a plan that differs from an earlier one; None if nothing of note changed."""
     def mark(text: str, label: str = '') -> Mark:
@@ -302,19 +286,6 @@ def change_of(before: PlanSeen | None, plan: PlanSeen) -> Mark | None:
         return mark(f'Arrival at {plan.predicted_c:.1f} instead of {before.predicted_c:.1f} degC.',
                     f'arrival {plan.predicted_c:.1f} degC')
     return None
-
-
-def _plan_values(plan: PlanSeen | None) -> dict[str, Any]:
-    if plan is None:
-        return {'status': None, 'sentence': '', 'routeId': '', 'method': ''}
-    return {
-        'status': status_name(plan.status), 'sentence': shortened(plan.sentence, LONGEST_SENTENCE),
-        'routeId': shortened(plan.route_id, 256), 'method': shortened(plan.method, 60),
-        'heatingStart': instant(plan.heating_start_s), 'heatingEnd': instant(plan.heating_end_s),
-        'arrival': instant(plan.arrival_s), 'predicted': number(plan.predicted_c, 2),
-        'deviation': number(plan.deviation_k, 2), 'target': number(plan.target_c, 2),
-        'targetReason': shortened(plan.target_reason, LONGEST_SENTENCE), 'arrivalSoc': number(plan.arrival_soc, 4),
-        'charging': number(plan.charging_s, 0), 'chargingUnheated': number(plan.charging_unheated_s, 0)}
 
 
 def _note(spans: deque[Span], at_s: float, text: str) -> None:

@@ -8,10 +8,10 @@ import pytest
 from seen_examples import a_board, a_plan, NAN, START_S
 
 from bev_preheat.control.heater_answer import HeaterStatus
-from bev_preheat.dashboard.board import change_of, thinned
-from bev_preheat.dashboard.feed import Cursor, message
-from bev_preheat.dashboard.plain import written
-from bev_preheat.dashboard.seen import EntrySeen, RouteSeen
+from bev_preheat.dashboard.source import Cursor, message
+from bev_preheat.monitoring.board import change_of, thinned
+from bev_preheat.monitoring.plain import written
+from bev_preheat.monitoring.seen import EntrySeen, RouteSeen
 from bev_preheat.planning.status import Status
 from bev_preheat.replay.deviation import Unheated
 from bev_preheat.vehicle import load_vehicle
@@ -20,7 +20,7 @@ from bev_preheat.vehicle import load_vehicle
 def test_the_view_has_the_values_of_the_messages():
     board = a_board()
     board.see_route(RouteSeen((), 0, 0.2))
-    view = board.view(100.5)
+    view = board.view(100.5).as_dictionary()
     expected = {'at': START_S, 'temperature': -7.0, 'soc': 0.9, 'power': 0.0, 'status': 'WAITING',
                 'predicted': 24.5, 'deviation': 0.4, 'target': 25.0, 'arrivalSoc': 0.61,
                 'arrival': START_S + 1800.0,
@@ -178,11 +178,11 @@ def test_the_delivered_power_counts_for_the_heat_and_a_lapsed_command_is_a_span(
             board.see_battery(at_s, 0.0, 0.8, at_s, 0.0)
         gained_k.append(-board.temperatures.since(0)[-1][3])
     assert gained_k[0] > 2.0 and gained_k[1] == pytest.approx(0.5 * gained_k[0], rel=0.01)
-    assert board.history()['delivered'] == [2000.0] and board.view(at_s)['delivered'] == 2000.0
+    assert board.history()['delivered'] == [2000.0] and board.view(at_s).delivered_w == 2000.0
     assert board.events()['lapses'] == [[START_S + 102.0, START_S + 105.0, 'no valid command']]
     board.see_battery(at_s + 30.0, 0.0, 0.8, at_s, 0.0)
     # The heater's answers and the commands are missing for a while.
-    assert board.view(at_s)['delivered'] is None
+    assert math.isnan(board.view(at_s).delivered_w)
     assert board.events()['lapses'][-1] == [at_s + 5.0, None, 'no valid command']
 
 

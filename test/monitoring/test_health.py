@@ -3,9 +3,9 @@
 
 import pytest
 
-from bev_preheat.dashboard.diagnosis import Departure, diagnose, MOST_ENTRIES
-from bev_preheat.dashboard.health import banner_of, Pulse, Surroundings
-from bev_preheat.dashboard.seen import EntrySeen
+from bev_preheat.monitoring.diagnosis import Departure, diagnose, MOST_ENTRIES
+from bev_preheat.monitoring.health import banner_of, Pulse, Surroundings
+from bev_preheat.monitoring.seen import EntrySeen
 
 THERE = Surroundings()
 

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Plans and boards for the tests of the page."""
+"""Plans and boards for the tests of the page and of the terminal's view."""
 
 import math
 
-from bev_preheat.dashboard.board import Board
-from bev_preheat.dashboard.seen import PlanSeen
+from bev_preheat.monitoring.board import Board
+from bev_preheat.monitoring.seen import PlanSeen
 from bev_preheat.planning.status import Status
 
 START_S = 1_700_000_000.0
