@@ -47,9 +47,7 @@ SCHEMAS = {'vehicle': 'vehicle/schema.yaml', 'legs': 'route/legs_schema.yaml',
            'grid_prices': 'control/grid_prices_schema.yaml',
            'scenario': 'simulation/scenario_schema.yaml'}
 # Files that a page shows, with their language.
-EXAMPLES = {'example_map': ('yaml', 'config/signals/example_car.yaml'),
-            'example_method': ('python', 'docs/examples/fixed_minutes_method/fixed_minutes_method.py'),
-            'example_project': ('toml', 'docs/examples/fixed_minutes_method/pyproject.toml')}
+EXAMPLES = {'example_method': ('python', 'docs/examples/fixed_minutes_method/fixed_minutes_method.py')}
 LEVEL_NAMES = {DiagnosticStatus.OK: 'OK', DiagnosticStatus.WARN: 'WARN',
                DiagnosticStatus.ERROR: 'ERROR'}
 # The mark of required arguments and keys, and of parameters that are read at the start only.
@@ -439,8 +437,7 @@ def option_rows(parser):
     for action in shown:
         if isinstance(action, (argparse._HelpAction, argparse._SubParsersAction)):
             continue
-        value = '' if action.nargs == 0 else (
-            '|'.join(action.choices) if action.choices else action.metavar or action.dest.upper())
+        value = '' if action.nargs == 0 else action.metavar or '|'.join(action.choices or [action.dest.upper()])
         name = ' '.join(filter(None, [', '.join(action.option_strings), value]))
         yield (name, formatter._expand_help(action) if action.help else '',
                MARK if action.required and action.nargs not in ('*', '?') else '')
