@@ -52,8 +52,6 @@ LEVEL_NAMES = {DiagnosticStatus.OK: 'OK', DiagnosticStatus.WARN: 'WARN',
                DiagnosticStatus.ERROR: 'ERROR'}
 # The mark of required arguments and keys, and of parameters that are read at the start only.
 MARK = r'\*'
-# An option of at least as many commands is described once.
-SHARED_BY = 2
 PART = re.compile(r'(<!-- generated: (\w+) -->\n)(?:.*?\n)?(<!-- end of \2 -->\n)', re.DOTALL)
 
 
@@ -116,6 +114,25 @@ def plain(text):
 def page(*parts):
     """Return the parts, an empty line between them."""
     return '\n\n'.join(part.strip('\n') for part in parts if part) + '\n'
+
+
+def with_shared(title, sections):
+    """
+    Return the text of sections: heading, introduction, and rows of name, text, mark.
+
+    What several sections say alike of a name stands once, first.
+    """
+    number_of = Counter(row[:2] for *_, rows in sections for row in rows)
+    # Of names with several meanings the most frequent one, so that a name without a meaning has one.
+    most_frequent = {name.split()[0]: (name, text) for (name, text), _ in reversed(number_of.most_common())}
+    shared = [row for row, number in number_of.items() if number > 1 and row in most_frequent.values()]
+    parts = [f'## {title}', '\n'.join(f'* {code(name)}{text}' for name, text in shared)]
+    for heading, introduction, rows in sections:
+        names = [code(row[0].split()[0]) + row[2] for row in rows if row[:2] in shared]
+        parts += [f'## {heading}', introduction, f'Shared: {", ".join(names)}.' if names else '',
+                  '\n'.join(f'* {code(name)}{mark}{text}' for name, text, mark in rows
+                            if (name, text) not in shared)]
+    return page(*parts)
 
 
 # --- Messages ---
@@ -199,17 +216,18 @@ def _constant(definition):
 
 
 def parameters():
-    """Return the parameters of the nodes; those that are read at the start only have an asterisk."""
-    return page(*(part for node in NODES for part in (
-        f'## Parameters of `{node.PROGRAM.name}`', '\n'.join(map(parameter_line, node.PARAMETERS)))))
+    """Return the parameters of the nodes; those that are read at the start only have the mark."""
+    return with_shared('Shared parameters', [
+        (f'Parameters of `{node.PROGRAM.name}`', '', [parameter_row(parameter) for parameter in node.PARAMETERS])
+        for node in NODES])
 
 
-def parameter_line(parameter):
-    """Return the line of a parameter: name, default, allowed values, meaning."""
+def parameter_row(parameter):
+    """Return name, default with allowed values and meaning, and mark of a parameter."""
     default = '' if parameter.default == '' else f' = {parameter.default_text()}'
     values = allowed(parameter)
-    return (f'* {code(parameter.name)}{MARK if parameter.read_only else ""}{plain(default)}'
-            + (f' ({values})' if values else '') + f': {plain(parameter.description.rstrip("."))}')
+    return (parameter.name, plain(default) + (f' ({values})' if values else '')
+            + f': {plain(parameter.description.rstrip("."))}', MARK if parameter.read_only else '')
 
 
 def allowed(parameter):
@@ -408,16 +426,9 @@ def key_comments(text):
 
 def command_line():
     """Return all subcommands of `preheat` with their options; shared options come first."""
-    sections = [(parser, list(option_rows(parser))) for parser in parsers_below(make_parser(SUBCOMMANDS, GROUPS))]
-    number_of = Counter((name, said) for _, rows in sections for name, said, _ in rows)
-    shared = [row for row, number in number_of.items() if number >= SHARED_BY]
-    parts = ['## Shared options', '\n'.join(option_line(name, said) for name, said in shared)]
-    for parser, rows in sections:
-        names = [code(name.split()[0]) + mark for name, said, mark in rows if (name, said) in shared]
-        parts += [f'## `{parser.prog}`', plain((parser.description or '') % {'prog': parser.prog}),
-                  f'Shared: {", ".join(names)}.' if names else '',
-                  '\n'.join(option_line(*row) for row in rows if row[:2] not in shared)]
-    return page(*parts)
+    return with_shared('Shared options', [
+        (f'`{parser.prog}`', plain((parser.description or '') % {'prog': parser.prog}), list(option_rows(parser)))
+        for parser in parsers_below(make_parser(SUBCOMMANDS, GROUPS))])
 
 
 def parsers_below(parser):
@@ -430,7 +441,7 @@ def parsers_below(parser):
 
 
 def option_rows(parser):
-    """Yield (name and value, meaning, mark of a required one) of each option and argument of a parser."""
+    """Yield name and value, meaning, and mark (required) of each option and argument of a parser."""
     formatter = parser._get_formatter()
     # In the order of the help: the common ones, then those of groups.
     shown = dict.fromkeys(action for group in parser._action_groups for action in group._group_actions)
@@ -439,13 +450,8 @@ def option_rows(parser):
             continue
         value = '' if action.nargs == 0 else action.metavar or '|'.join(action.choices or [action.dest.upper()])
         name = ' '.join(filter(None, [', '.join(action.option_strings), value]))
-        yield (name, formatter._expand_help(action) if action.help else '',
+        yield (name, f': {plain(formatter._expand_help(action))}' if action.help else '',
                MARK if action.required and action.nargs not in ('*', '?') else '')
-
-
-def option_line(name, said, mark=''):
-    """Return the line of an option."""
-    return f'* {code(name)}{mark}' + (f': {plain(said)}' if said else '')
 
 
 if __name__ == '__main__':

@@ -62,11 +62,9 @@ def add_parser(subparsers: Subparsers) -> None:
     more = option_group(parser, 'an arrival without a drive')
     more.add_argument('--arrival-soc', type=float, metavar='0..1', help='no drive: state of charge on arrival')
     more.add_argument('--cabin-heating-power', type=float, metavar='W',
-                      help='no drive: heater power for the cabin [W]; after a drive as in '
-                      "its last segment (default: the vehicle's)")
+                      help="no drive: heater power for the cabin [W] (default: the vehicle's)")
     more.add_argument('--auxiliary-power', type=float, metavar='W',
-                      help='no drive: lights, pumps, computers [W]; after a drive as in its last '
-                      "segment (default: the vehicle's)")
+                      help="no drive: lights, pumps, computers [W] (default: the vehicle's)")
     add_charger_arguments(parser)
     add_price_arguments(parser)
     add_output_arguments(parser)

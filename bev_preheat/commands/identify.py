@@ -44,8 +44,7 @@ def add_parser(subparsers: Subparsers) -> None:
         'as in START, and are named. Needs casadi and scipy; the report needs matplotlib and jinja2.')
     add_log_arguments(parser, needs_logs=False)
     parser.add_argument('--state-file', metavar='FILE',
-                        help='instead of logs: the state file of a planner that ran with START; its learned '
-                        'values are written')
+                        help='instead of logs: the state file of a planner that ran with START')
     completed_by(VEHICLES, parser.add_argument(
         '--vehicle', required=True, metavar='START',
         help='a name in config/vehicles or a YAML file to start from'))

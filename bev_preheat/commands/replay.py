@@ -35,13 +35,11 @@ def add_parser(subparsers: Subparsers) -> None:
         'drive stands beside the recorded one. For ros2 bag and logs, --vehicle, --method and --set describe the '
         'planner, and --change alone is a change.')
     parser.add_argument('recording', metavar='RECORDING',
-                        help='a file of the flight recorder, or its folder: then the latest drive of the planner; '
-                        'a recording of ros2 bag (MCAP, SQLite); or a log, with --route')
+                        help='a file of the flight recorder; its folder, for the latest drive; a recording of '
+                        'ros2 bag (MCAP, SQLite); or a log, with --route')
     _add_planner_arguments(parser)
     parser.add_argument('--from', metavar='T', dest='begin',
-                        help='compare and show from T on: seconds from the start of the recording, or HH:MM:SS '
-                        '(UTC); the planner is played from its latest recorded state before T; with a change, '
-                        'from the start')
+                        help='compare and show from T on: seconds from the start, or HH:MM:SS (UTC)')
     parser.add_argument('--to', metavar='T', dest='end', help='end at T')
     parser.add_argument('--explain', metavar='T', help='why the planner gave its command at T')
     parser.add_argument('--report', metavar='OUT.html',
@@ -61,7 +59,7 @@ def _add_planner_arguments(parser: ArgumentParser) -> None:
     parser.add_argument('--set', metavar='PARAMETER=VALUE', action='append', default=[], dest='parameters',
                         help="change: another value of a planner's parameter; may be repeated")
     parser.add_argument('--change', metavar='WHAT=VALUE', action='append', default=[], dest='changes',
-                        help='change: a signal (target=30 [degC], temperature=+2 [K], soc=*0.98, current=none, '
+                        help='change: a signal (target=30, temperature=+2, soc=*0.98, current=none, '
                         'ambient_temperature=-5: 5 K colder, ambient_temperature==-5: -5 degC), vehicle=FILE, a '
                         'key of the vehicle file (hvch.maximum_power_w=5000), or a parameter; may be repeated')
     parser.add_argument('--namespace', metavar='NAME', help='planner of a ros2 bag with several')

@@ -58,15 +58,13 @@ def add_parser(subparsers: Subparsers) -> None:
                         help='route file to write (CSV)')
     completed_by(VEHICLES, parser.add_argument(
         '--vehicle', required=True, metavar='NAME|FILE',
-        help='with --legs and --from: the car that drives; with --log: the car that drove, for its '
-        'auxiliary power; a name in config/vehicles or a YAML file'))
+        help='the car that drives; with --log: for its auxiliary power; a name in config/vehicles or a YAML file'))
     add_route_options(parser)
     add_signal_arguments(parser)
     parser.add_argument('--step', type=float, metavar='SECONDS',
                         help=f'duration of a segment, with --log (default {DEFAULT_STEP_S:g})')
     parser.add_argument('--averages', type=float, nargs='+', metavar='SECONDS',
-                        help='with --from a drive cycle: compare its energy with the estimate from mean speeds '
-                        'over these durations')
+                        help='with a drive cycle: compare its energy with that of mean speeds over these durations')
     parser.add_argument('--plot', metavar='FILE',
                         help='draw speed, power and ambient temperature (PNG, PDF, SVG)')
     parser.set_defaults(run=run)

@@ -42,11 +42,10 @@ def add_parser(subparsers: Subparsers) -> None:
         help='names or files (default: all of config/scenarios)'))
     parser.add_argument('--list', action='store_true', help='list the scenarios and exit')
     parser.add_argument('--nodes', action='store_true',
-                        help='use the installed planner and vehicle_simulator over ROS, instead of this '
-                        'process without ROS')
+                        help='use the installed nodes over ROS, instead of this process without ROS')
     parser.add_argument('--speed-up', type=float, metavar='N',
-                        help='with --nodes: simulated seconds per real second, 1 ... 1000; commands then arrive '
-                        'with the delays of this computer (default: in lockstep, the same drive everywhere)')
+                        help='with --nodes: simulated seconds per real second, 1 ... 1000, with the delays of this '
+                        'computer (default: in lockstep)')
     parser.add_argument('--logs', metavar='FOLDER', help='with --nodes: folder for their logs')
     parser.add_argument('--record', metavar='FOLDER',
                         help="folder for the planner's flight recordings, NAME.mcap, for preheat replay")

@@ -72,7 +72,7 @@ PARAMETERS = (
     Parameter('flight_recorder', '', 'Folder for recordings of all inputs and commands; empty: none.'),
     Parameter('flight_recorder_size', 500.0, 'The oldest recordings are deleted beyond this size of the folder',
               'MB', (100.0, 1e6)),
-    Parameter('state_file', '', "File for the learned factors of the car and the driver's choices: "
+    Parameter('state_file', '', "File for the learned factors and the driver's choices: "
               'a new file, or a state file, with the running trip beside it; empty: none.'),
     Parameter('departures', '', 'File of recurring departures (YAML) for which the battery is prepared; '
               'empty: none.'),

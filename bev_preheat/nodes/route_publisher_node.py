@@ -42,13 +42,13 @@ ROUTE_PARAMETERS = (
     Parameter('vehicle', 'reference', "Vehicle: a name in config/vehicles or a YAML file; the planner's own.",
               read_only=True),
     Parameter('route_id', '', "Identifies the route in route_plan. Empty: the file's name without suffix."),
-    Parameter('departure_time', 0.0, 'Instant at which the route starts, since the epoch. 0: when the node starts '
-              'or the route is replaced, and again when the vehicle leaves the start', 's',
+    Parameter('departure_time', 0.0, 'Start of the route, since the epoch. 0: when the node starts or the route '
+              'is replaced, and again when the vehicle leaves the start', 's',
               (0.0, float(LAST_TIME_S))),
     Parameter('ambient_temperature', NO_AMBIENT_C, 'Ambient temperature for a file that has none; below -60: not '
               'given', 'degC', (NO_AMBIENT_C, 60.0)),
-    Parameter('consumption', 'unknown', 'Whether a consumption in the file is that of the whole vehicle or of the '
-              'drivetrain alone', choices=tuple(WITH_AUXILIARIES)),
+    Parameter('consumption', 'unknown', 'Whether a consumption in the file includes heating and auxiliaries',
+              choices=tuple(WITH_AUXILIARIES)),
     Parameter('charging_planned', True, 'Whether the route ends at a fast charger.'),
     Parameter('target_battery_temperature', 0.0, 'Requested battery temperature on arrival', 'degC', (-60.0, 60.0),
               unset_means='left to the planner'),
@@ -59,7 +59,7 @@ ROUTE_PARAMETERS = (
               unset_means='not known'),
     Parameter('free_speed', 0.0, 'Speed on free road, for a line on the map without times', 'm/s', (1.0, 100.0),
               unset_means='not given'),
-    Parameter('stop_duration', 0.0, 'Duration of the charging stops at the waypoints of an answer of navigation',
+    Parameter('stop_duration', 0.0, 'Duration of the charging stops at waypoints of navigation',
               's', (1.0, 86400.0), unset_means='waypoints are passed'),
     Parameter('vehicle_id', '', 'The vehicle in a file with several, such as the battery output of SUMO.'),
     Parameter('standing_time', 0.0, 'Standing time of the vehicle before the start; 0: not known', 's',
@@ -69,7 +69,7 @@ PARAMETERS = (
     *ROUTE_PARAMETERS,
     Parameter('odometer_at_start', 0.0, 'Reading of the odometer at the start of the route', 'm', (0.0, 1e10),
               unset_means='the first reading, if the route starts now', read_only=True),
-    Parameter('position_timeout', 5.0, 'A position older than this is not used, and silence is reported after it',
+    Parameter('position_timeout', 5.0, 'A position older than this is not used',
               's', (0.5, 60.0)),
     Parameter('clock_tolerance', 1.0, 'A position may be stamped this far in the future', 's', (0.0, 10.0)),
     Parameter('frozen_after', USUAL_FROZEN_AFTER_S, 'A standing position that stays the same to the last digit is '

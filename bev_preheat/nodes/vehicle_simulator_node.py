@@ -57,9 +57,8 @@ if TYPE_CHECKING:
 
 
 PARAMETERS = (
-    Parameter('scenario', '', 'Faults and disturbances: a name in config/scenarios or a YAML file, which '
-              'then also sets the parameters up to charging_planned, and battery_state_period. '
-              'Empty: none.', read_only=True),
+    Parameter('scenario', '', 'Faults and disturbances: a name in config/scenarios or a YAML file, which also '
+              'sets car, drive, battery and charger. Empty: none.', read_only=True),
     Parameter('vehicle', 'reference', 'Vehicle: a name in config/vehicles or a YAML file.',
               read_only=True),
     Parameter('route', 'reference', 'Route: a name in config/routes or a file with an ambient temperature.',
@@ -69,31 +68,31 @@ PARAMETERS = (
     Parameter('initial_soc', 0.9, 'State of charge at the start', '', (0.0, 1.0),
               read_only=True),
     Parameter('target_battery_temperature', 0.0,
-              'Requested battery temperature on arrival, published in route_plan', 'degC',
+              'Requested battery temperature on arrival', 'degC',
               (-60.0, 60.0), unset_means='left to the planner', read_only=True),
     Parameter('minimum_arrival_soc', 0.0,
-              'Requested minimum state of charge on arrival, published in route_plan', '',
+              'Requested minimum state of charge on arrival', '',
               (0.0, 1.0), read_only=True),
     Parameter('charging_planned', True, 'Whether the route ends at a fast charger.',
               read_only=True),
-    Parameter('charger_power', 0.0, 'Power of that charger at the vehicle, published in route_plan; not '
-              'with a scenario', 'W', CHARGER_RANGE_W, unset_means='not known', read_only=True),
+    Parameter('charger_power', 0.0, 'Power of that charger at the vehicle', 'W', CHARGER_RANGE_W,
+              unset_means='not known', read_only=True),
     Parameter('charging_departure_soc', 0.0,
-              'State of charge on leaving it, published in route_plan; not with a scenario', '',
+              'State of charge on leaving it', '',
               (0.0, 1.0), unset_means='not known', read_only=True),
-    Parameter('publish_clock', True, 'Whether this simulator publishes /clock; false: the drive follows '
-              "the node's clock, which is another node's /clock with use_sim_time.", read_only=True),
+    Parameter('publish_clock', True, 'Publish /clock; false: the drive follows the clock of the node.',
+              read_only=True),
     Parameter('start_time', 0.0, 'Simulated time at the start, since the epoch; 0: now', 's',
               (0.0, 2.1e9), read_only=True),
     Parameter('lockstep', False,
-              'Let the clock go on once the planner has handled every message: the same drive on every '
-              'computer, as fast as it can; speed_up must be 1.0.', read_only=True),
+              'Let the clock go on once the planner has handled every message; speed_up must be 1.0.',
+              read_only=True),
     Parameter('lockstep_limit', 60.0,
-              'In lockstep, real time after which a node that does not answer ends the drive with an error', 's',
+              'In lockstep, a node that does not answer for this long ends the drive with an error', 's',
               (0.5, 3600.0), read_only=True),
     Parameter('wait_for_planner', False,
-              'Hold the clock at the start until an hvch_command comes from a planner that has '
-              'route and battery state, and on the way while its answers lag behind. lockstep does so anyway.',
+              'Hold the clock until a planner with route and battery state commands, and while its answers '
+              'lag behind. lockstep does so anyway.',
               read_only=True),
     Parameter('wait_for_listeners', 0,
               'Hold the clock at the start until battery_state has this many subscriptions.', '',
