@@ -231,9 +231,11 @@ def test_fields_of_a_message_have_their_units(generated):
 
 
 def test_parameters_have_default_range_and_meaning(generated):
-    planner, *_, simulator, _, _ = generated['parameters'].split('## ')[1:]
+    shared, planner, *_, simulator, _, _ = generated['parameters'].split('## ')[1:]
     assert ('* `battery_state_timeout` = 5.0 (0.1…60 s): A battery state older than this is stale'
             in planner.splitlines())
+    assert '* `charger_power` = 0.0 (1000…2e6 W; 0 or NaN: not known): Power of that charger' in shared
+    assert '`charger_power`\\*' in simulator
     # An asterisk: at the start only.
     assert '* `route`\\* = ' in simulator
     assert '* `speed_up` = ' in simulator

@@ -64,7 +64,7 @@ def add_parser(subparsers: Subparsers) -> None:
     parser.add_argument('--step', type=float, metavar='SECONDS',
                         help=f'duration of a segment, with --log (default {DEFAULT_STEP_S:g})')
     parser.add_argument('--averages', type=float, nargs='+', metavar='SECONDS',
-                        help='with a drive cycle: compare its energy with that of mean speeds over these durations')
+                        help='of a drive cycle: compare its energy with that of mean speeds over these durations')
     parser.add_argument('--plot', metavar='FILE',
                         help='draw speed, power and ambient temperature (PNG, PDF, SVG)')
     parser.set_defaults(run=run)

@@ -44,8 +44,8 @@ def add_parser(subparsers: Subparsers) -> None:
     parser.add_argument('--nodes', action='store_true',
                         help='use the installed nodes over ROS, instead of this process without ROS')
     parser.add_argument('--speed-up', type=float, metavar='N',
-                        help='with --nodes: simulated seconds per real second, 1 ... 1000, with the delays of this '
-                        'computer (default: in lockstep)')
+                        help='with --nodes: simulated seconds per real second, 1 ... 1000, with the delays of '
+                        'this computer (default: in lockstep)')
     parser.add_argument('--logs', metavar='FOLDER', help='with --nodes: folder for their logs')
     parser.add_argument('--record', metavar='FOLDER',
                         help="folder for the planner's flight recordings, NAME.mcap, for preheat replay")
