@@ -40,7 +40,7 @@ SERVICE_PARTS = ('Request', 'Response')
 ACTION_PARTS = ('Goal', 'Result', 'Feedback')
 NODES = (planner_node, nlp_checker_node, charger_adviser_node, route_publisher_node, heater_controller_node,
          vehicle_simulator_node, bus_gateway_node, dashboard_node)
-SCHEMAS = {'vehicle': 'vehicle/schema.yaml', 'legs': 'route/legs_schema.yaml',
+SCHEMAS = {'signal_map': 'logs/signal_map_schema.yaml', 'vehicle': 'vehicle/schema.yaml', 'legs': 'route/legs_schema.yaml',
            'chargers': 'charging/chargers_schema.yaml',
            'itinerary': 'control/itinerary_schema.yaml',
            'departures': 'control/departures_schema.yaml',
@@ -61,8 +61,6 @@ def parts():
             'heater': heater(), 'command_line': command_line(),
             **{f'{name}_keys': schema_keys(ROOT / 'bev_preheat' / path)
                for name, path in SCHEMAS.items()},
-            'live_keys': schema_keys(ROOT / 'bev_preheat/logs/signal_map_schema.yaml', ('properties', 'live'),
-                                     ('checksum', 'can')),
             **{name: f'```{language}\n{(ROOT / path).read_text()}```\n'
                for name, (language, path) in EXAMPLES.items()}}
 
@@ -262,25 +260,17 @@ def heater():
 # --- Files ---
 
 
-def schema_keys(path, begins=(), definitions=None):
-    """
-    Return the keys that a YAML schema allows as nested lists; comments in it are the meanings.
-
-    `begins` leads to the node whose keys are listed; `definitions` are the shared ones to list (None: all).
-    """
+def schema_keys(path):
+    """Return the keys that a YAML schema allows as nested lists; comments in it are the meanings."""
     text = path.read_text()
     schema, comments = yaml.safe_load(text), key_comments(text)
-    node = schema
-    for key in begins:
-        node = node[key]
-    lines = list(key_lines(path, schema, comments, node, begins))
+    lines = list(key_lines(path, schema, comments, schema, ()))
     for name, node in schema.get('definitions', {}).items():
-        if definitions is None or name in definitions:
-            # What several keys refer to is described once.
-            place = ('definitions', name)
-            below = list(key_lines(path, schema, comments, *contents(schema, node, place), 1))
-            if below:
-                lines += [key_line(0, [f'*{name}*'], value_text(node, schema), comments.get(place, '')), *below]
+        # What several keys refer to is described once.
+        place = ('definitions', name)
+        below = list(key_lines(path, schema, comments, *contents(schema, node, place), 1))
+        if below:
+            lines += [key_line(0, [f'*{name}*'], value_text(node, schema), comments.get(place, '')), *below]
     return '\n'.join(lines) + '\n'
 
 
@@ -378,13 +368,15 @@ def list_text(node, schema):
     """Return the allowed contents of a list."""
     items, _ = resolve(schema, node.get('items', {}), ())
     least, most = node.get('minItems'), node.get('maxItems')
-    count = f'{least} values ' if least is not None and least == most else ''
+    count = f'{least} ' if least is not None and least == most else ''
     limits = '' if count or most is None else f' (at most {most})'
     if items.get('properties') or items.get('type') == 'object':
         return f'list{limits}'
     if items.get('type') == 'array':
         return 'list of [from, to]'
     text = re.sub('^(number|integer)', r'\1s', value_text(items, schema)) if items else 'numbers'
+    if count and text[0] not in 'ni':
+        count += 'values '
     return f'{count or "list of "}{text.replace(" or list of", " or lists of")}{limits}'
 
 
