@@ -180,6 +180,18 @@ def test_code_comments_name_pages_that_exist():
                     assert (ROOT / name).exists(), f'{name_of(path)} names {name}'
 
 
+FOLDERS_OF_NAMES = (ROOT, ROOT / 'bev_preheat', ROOT / 'studies/bev_preheat_studies')
+
+
+@pytest.mark.parametrize('page', [page for page in PAGES if page.parent.name not in ('reference', 'how-to', 'tutorials')],
+                         ids=name_of)
+def test_files_of_the_project_that_a_page_names_exist(page):
+    text = FENCE.sub('', page.read_text())
+    names = re.findall(r'`((?:\w[\w.-]*/)+[\w.-]+\.(?:py|c|h|yaml|xml|rst|bash))`', text)
+    lost = {name for name in names if not any((folder / name).exists() for folder in FOLDERS_OF_NAMES)}
+    assert lost <= {'config/scenarios/NAME.yaml', 'studies/bev_preheat_studies/NAME.py', 'commands/NAME.py'}
+
+
 # --- the reference ---
 
 

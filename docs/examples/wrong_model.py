@@ -6,7 +6,7 @@ A wrong model in closed loop
 A plan is only as good as its model. In a car the planner plans again on each battery state, and learns from
 the drive: how much heat the battery stores, how much leaks away, whether the heater answers. Here the true
 car is not that of the vehicle file. :doc:`/explanation/estimation` explains the estimate,
-:doc:`/explanation/robustness` has many drives.
+:doc:`/explanation/how_good` has many drives.
 """
 
 import matplotlib.pyplot as plt

@@ -2,7 +2,7 @@
 """
 The trips of a winter fleet to fast chargers, and their distributions: length, climate, car, charger.
 
-Each number's source is in its comment and in docs/explanation/fleet.md. Numbers without a source are
+The source of each number is in its comment. Numbers without a source are
 assumed; results by temperature and trip length depend on them less than results over all trips.
 """
 
