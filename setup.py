@@ -37,13 +37,12 @@ CONFIGURATION, CORE = f'{PACKAGE}.config', f'{PACKAGE}.native.libbev_preheat_cor
 # The oldest supported versions are those of scripts/requirements-oldest.txt.
 REQUIREMENTS = ['argcomplete>=3.1.4', 'jsonschema>=4.10.3', 'numpy>=1.26.4', 'pyyaml>=6.0.1', 'rich>=13.7.1']
 EXTRAS = {
-    'bus': ['cantools>=39', 'kuksa-client>=0.4.3', 'pint>=0.19', 'pyserial>=3.5', 'python-can>=4.0'],
+    'bus': ['cantools>=39', 'kuksa-client>=0.4.3', 'pyserial>=3.5', 'python-can>=4.0'],
     'nlp': ['casadi>=3.6'],
     'plot': ['matplotlib>=3.6.3'],
     'dashboard': ['mcap>=1.0', 'tornado>=6.4'],
     'identify': ['casadi>=3.6', 'jinja2>=3.1.2', 'matplotlib>=3.6.3', 'scipy>=1.11.4'],
-    'logs': ['asammdf>=7.3', 'cantools>=39', 'mcap>=1.0', 'pint>=0.19', 'python-can>=4.0', 'rosbags>=0.10'],
-    'routes': ['gpxpy>=1.5'],
+    'logs': ['asammdf>=7.3', 'cantools>=39', 'mcap>=1.0', 'python-can>=4.0', 'rosbags>=0.10'],
     'studies': ['casadi>=3.6', 'matplotlib>=3.6.3', 'psutil>=5.9.8', 'scipy>=1.11.4'],
     'tables': ['pandas'],
     'test': ['pytest'],

@@ -20,13 +20,11 @@ PURPOSES = {
     'distributed': 'runs studies on a cluster',
     'do_mpc': 'is the benchmark of the nonlinear program',
     'elftools': 'reads object files',
-    'gpxpy': 'reads GPX files',
     'jinja2': 'writes reports',
     'kuksa_client': 'talks to a VSS databroker',
     'matplotlib': 'draws figures',
     'mcap': 'writes flight recordings and reads MCAP files',
     'pandas': 'holds results as tables',
-    'pint': 'converts the units of logs',
     'psutil': 'measures processes',
     'rosbags': 'reads rosbag2 and MCAP files',
     'scipy': 'fits vehicles to logs and to the paper',
@@ -41,8 +39,8 @@ PACKAGES = {'can': 'python-can', 'do_mpc': 'do-mpc', 'elftools': 'pyelftools', '
 # one for which the module is the main purpose.
 GROUPS = {
     'asammdf': 'logs', 'can': 'bus', 'cantools': 'bus', 'casadi': 'nlp', 'crccheck': 'bus',
-    'distributed': 'studies', 'do_mpc': 'bench', 'elftools': 'footprint', 'gpxpy': 'routes', 'jinja2': 'identify',
-    'kuksa_client': 'bus', 'matplotlib': 'demo', 'mcap': 'demo', 'pandas': 'tables', 'pint': 'logs',
+    'distributed': 'studies', 'do_mpc': 'bench', 'elftools': 'footprint', 'jinja2': 'identify',
+    'kuksa_client': 'bus', 'matplotlib': 'demo', 'mcap': 'demo', 'pandas': 'tables',
     'psutil': 'studies', 'rosbags': 'logs', 'scipy': 'identify', 'serial': 'bus',
     'tornado': 'dashboard', 'unicorn': 'footprint'}
 

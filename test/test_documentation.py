@@ -43,13 +43,11 @@ def typed_pages():
         commands = commands_of(page.read_text())
         if commands and name_of(page) not in WITH_NODES:
             needs_casadi = any(command.words[1] in NEED_CASADI for command in commands)
-            needs_pint = any(command.words[1] == 'log' for command in commands)
             needs_can = '.dbc' in page.read_text()
-            needs_gpxpy = '.gpx' in page.read_text()
             needs_mcap = '.mcap' in page.read_text()
             yield pytest.param(page, id=name_of(page), marks=[*depth_of(page), *(
                 pytest.mark.needs(package) for package, is_needed in (
-                    ('casadi', needs_casadi), ('pint', needs_pint), ('gpxpy', needs_gpxpy),
+                    ('casadi', needs_casadi),
                     ('can', needs_can), ('cantools', needs_can), ('mcap', needs_mcap)) if is_needed)])
 
 

@@ -13,8 +13,8 @@ from bev_preheat.bus.readings import live_channels, LiveChannel
 from bev_preheat.errors import figure, InvalidInput, quoted
 from bev_preheat.logs.dbc import load_dbc, values_of_nothing
 from bev_preheat.logs.signal_map import PLAUSIBLE, Source
-from bev_preheat.logs.units import pint_unit
 from bev_preheat.optional_packages import require
+from bev_preheat.tables.units import unit_named
 
 if TYPE_CHECKING:
     from bev_preheat.bus.live_map import LiveMap
@@ -63,7 +63,7 @@ class CanDecoder:
         messages = bus_messages.by_name
         signals = {f'{message.name}.{signal.name}': signal
                    for message in messages.values() for signal in message.signals}
-        units = {name: pint_unit(signal.unit or '') for name, signal in signals.items()}
+        units = {name: unit_named(signal.unit or '') for name, signal in signals.items()}
         self.channels = live_channels(live_map.sources, units, where)
         problems = [f'{where}: signals.{name}: no signal of the DBC is called '
                     f'{" or ".join(live_map.signals.sources[name].channels)}; write MESSAGE.SIGNAL as in the DBC'

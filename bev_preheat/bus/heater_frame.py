@@ -9,7 +9,7 @@ from typing import Any, TYPE_CHECKING
 from bev_preheat.bus.checksums import Checksum, signal_of
 from bev_preheat.bus.frame_checks import counts_of
 from bev_preheat.errors import InvalidInput
-from bev_preheat.logs.units import conversion, pint_unit
+from bev_preheat.tables.units import conversion, unit_named
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -134,9 +134,9 @@ class HeaterFrame:
         return others
 
     def _unit(self) -> str:
-        """Return the unit of the command's signal, as pint has it."""
+        """Return the unit of the command's signal."""
         text = self._rule.unit or self._power.unit or ''
-        unit = pint_unit(text)
+        unit = unit_named(text)
         if not unit:
             problem = (f'the unit {text!r} of {self._name} is unknown' if text else
                        f'is missing, and the DBC has none for {self._name}')

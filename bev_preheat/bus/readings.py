@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from bev_preheat.bus.live_map import CELLS
 from bev_preheat.errors import figure, InvalidInput
 from bev_preheat.logs.choice import candidates
-from bev_preheat.logs.units import check_unit, conversion, own_unit
+from bev_preheat.tables.units import check_unit, conversion, own_unit
 
 if TYPE_CHECKING:
     from bev_preheat.logs.signal_map import Source
@@ -115,7 +115,7 @@ def live_channels(sources: Mapping[str, Source], units: Mapping[str, str],
     """
     Return the channels of each signal among those of a bus: a tuple for each entry of its Source that has any.
 
-    `units` maps the bus's channels to their units (pint's name, '' if unknown). Raises InvalidInput for channels
+    `units` maps the bus's channels to their units ('' if unknown). Raises InvalidInput for channels
     without a unit; `where` names the map.
     """
     found, problems = {}, []

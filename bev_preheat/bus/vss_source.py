@@ -11,7 +11,7 @@ from bev_preheat.bus.battery import BatteryReader
 from bev_preheat.bus.readings import live_channels, LiveChannel, Readings
 from bev_preheat.bus.vss_link import VssLink
 from bev_preheat.errors import figure, InvalidInput, quoted
-from bev_preheat.logs.units import pint_unit
+from bev_preheat.tables.units import unit_named
 
 if TYPE_CHECKING:
     from bev_preheat.bus.battery import LiveBattery
@@ -92,7 +92,7 @@ class VssSource:
         where = str(self._map.signals.path)
         try:
             channels = live_channels(
-                self._map.sources, {path: pint_unit(unit) for path, unit in units.items()}, where)
+                self._map.sources, {path: unit_named(unit) for path, unit in units.items()}, where)
             lacking = [name for name in self._map.required if not channels[name]]
             self._mismatch = '' if not lacking else (
                 f'does not have {", ".join(lacking)}; the signal map {where} names them')

@@ -24,6 +24,7 @@ from bev_preheat.route.csv_file import rounded, save_route
 from bev_preheat.route.drive_log import load_drive_logs
 from bev_preheat.route.driven import ambient_of
 from bev_preheat.route.legs import legs_file, load_legs
+from bev_preheat.route.sources.journey import Journey
 from bev_preheat.route.sources.registry import has_powers, read_journey
 from bev_preheat.vehicle.loading import load_vehicle, vehicle_file
 
@@ -153,7 +154,7 @@ def _comparison(arguments: Namespace, vehicle: Vehicle) -> Table:
     options = route_options(arguments)
     path = Path(expanded(arguments.source))
     journey = read_journey(path, options)
-    assert journey is not None
+    assert isinstance(journey, Journey)
     ambient_c = ambient_of(journey, options, path)
     table = Table(title='Propulsion from mean speeds, against the samples', title_justify='left')
     for heading in ('means over', 'energy', 'deviation', 'without accelerations', 'mean magnitude',

@@ -16,10 +16,10 @@ from bev_preheat.errors import figure, InvalidInput, quoted
 from bev_preheat.logs.channels import Channel, Piece
 from bev_preheat.logs.dbc import all_bits_set, load_dbc, scaled, values_of_nothing
 from bev_preheat.logs.text_frames import LINES, text_frames, text_kind
-from bev_preheat.logs.text_lines import encoding_of, read_head
-from bev_preheat.logs.times import EARLIEST_S, LATEST_S
-from bev_preheat.logs.units import pint_unit
 from bev_preheat.optional_packages import require
+from bev_preheat.tables.text import encoding_of, read_head
+from bev_preheat.tables.times import EARLIEST_S, LATEST_S
+from bev_preheat.tables.units import unit_named
 
 if TYPE_CHECKING:
     from bev_preheat.logs.remarks import Remarks
@@ -49,7 +49,7 @@ class CanFrames:
         self.absolute = True
         self._messages = _messages(path, kind, databases)
         self.channels = tuple(
-            Channel(f'{message.name}.{signal.name}', pint_unit(signal.unit or ''), all_bits_set(signal))
+            Channel(f'{message.name}.{signal.name}', unit_named(signal.unit or ''), all_bits_set(signal))
             for message in self._messages.values() for signal in message.signals)
         self._nothing = {f'{message.name}.{signal.name}': {
             scaled(signal, raw): word for raw, word in values_of_nothing(signal).items()}

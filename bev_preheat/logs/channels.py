@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 @dataclass(frozen=True)
 class Channel:
     """
-    A channel (column, PID, CAN signal, field of a topic) and its unit (pint's name, '' if not given).
+    A channel (column, PID, CAN signal, field of a topic) and its unit ('' if not given).
 
     `full` has the value of a raw one with all bits set, if the log tells how it is coded.
     """

@@ -8,7 +8,7 @@ import re
 from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.logs.signal_map import is_expression, matches, plain
-from bev_preheat.logs.units import is_stated, measures, split_unit
+from bev_preheat.tables.units import is_stated, measures, split_unit
 
 if TYPE_CHECKING:
     from bev_preheat.logs.signal_map import SignalMap, Source
@@ -38,7 +38,7 @@ class Candidates(NamedTuple):
 
 def candidates(source: Source, units: Mapping[str, str]) -> Candidates:
     """
-    Return the Candidates for a Source among channels, given with their units (pint's names, '' if unknown).
+    Return the Candidates for a Source among channels, given with their units ('' if unknown).
 
     A name in a map means just that channel. Of the channels that an expression matches, those with the unit of
     another quantity and those with a name of a counter, check, qualifier or limit are excluded; only temperatures

@@ -10,9 +10,9 @@ import numpy as np
 
 from bev_preheat.errors import figure, InvalidInput, quoted
 from bev_preheat.logs.all_ones import all_ones
-from bev_preheat.logs.cell_numbers import read_numbers, unit_in_cells
 from bev_preheat.logs.hypotheses import hypotheses, Hypothesis, plausible
-from bev_preheat.logs.units import check_unit, conversion, own_unit, pint_unit, split_unit
+from bev_preheat.tables.numbers import read_numbers, unit_in_cells
+from bev_preheat.tables.units import check_unit, conversion, own_unit, split_unit, unit_named
 
 if TYPE_CHECKING:
     from bev_preheat.logs.remarks import Remarks
@@ -113,7 +113,7 @@ class Decoder:
                 remarks.add(f'unit {signal}', f'{path}: {self.channel}: has no unit; its readings are taken as '
                             f'{shown}', noun='channel')
         if self.source.other_units:
-            self.hypotheses = (self.given, *(self.given._replace(unit=pint_unit(unit) or unit)
+            self.hypotheses = (self.given, *(self.given._replace(unit=unit_named(unit) or unit)
                                              for unit in self.source.other_units))
         low, high = self.source.plausible
         if signal == 'soc' and len(self.source.scales) > 1:

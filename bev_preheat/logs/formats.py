@@ -9,12 +9,11 @@ from pathlib import Path
 from bev_preheat.errors import InvalidInput
 from bev_preheat.logs.can_frames import open_can_frames
 from bev_preheat.logs.channels import RawLog
+from bev_preheat.logs.csv_log import open_csv_log
 from bev_preheat.logs.json_lines import open_json_lines
-from bev_preheat.logs.long_csv import open_long_csv
 from bev_preheat.logs.mdf import open_mdf
 from bev_preheat.logs.ros_bag import is_bag_folder, open_ros_bag, RosBag
-from bev_preheat.logs.text_lines import encoding_of, read_head
-from bev_preheat.logs.wide_csv import open_wide_csv
+from bev_preheat.tables.text import encoding_of, read_head
 
 # Each takes a path, the file's first bytes and the DBC files, and returns the open log, None for another format.
 Opener = Callable[[str | Path, bytes, Collection[str | Path]], RawLog | None]
@@ -22,8 +21,7 @@ FORMATS: tuple[Opener, ...] = (
     open_mdf, open_can_frames,
     lambda path, head, databases: open_ros_bag(path, head),
     lambda path, head, databases: open_json_lines(path, head),
-    lambda path, head, databases: open_long_csv(path, head),
-    lambda path, head, databases: open_wide_csv(path, head))
+    lambda path, head, databases: open_csv_log(path, head))
 
 
 def open_log(path: str | Path, databases: Collection[str | Path] = ()) -> RawLog:

@@ -10,12 +10,17 @@ import numpy as np
 
 from bev_preheat.logs.distances import AGREEMENT, by_position, distances, integral
 from bev_preheat.logs.recording import Series
-from bev_preheat.logs.units import ALIKE, conversion, own_unit
+from bev_preheat.tables.units import conversion, own_unit
 
 if TYPE_CHECKING:
     from bev_preheat.logs.signal_map import Source
     from bev_preheat.numerics.arrays import BoolArray, FloatArray
 
+# Units that are tried, by the signal's own.
+ALIKE = {'degC': ('degC', 'degF', 'kelvin'), '1': ('1', 'percent'), 'volt': ('volt', 'millivolt', 'kilovolt'),
+         'ampere': ('ampere', 'milliampere'), 'watt': ('watt', 'kilowatt'),
+         'meter': ('meter', 'kilometer', 'mile', 'foot'),
+         'meter/second': ('meter/second', 'kilometer/hour', 'mile/hour'), 'degree': ('degree',)}
 # Scales that are tried for readings that are implausible in every unit.
 OTHER_SCALES = ((0.1, 0.01, 0.001), (10.0, 100.0, 1000.0))
 # Share of the readings that a hypothesis must make plausible.
@@ -41,7 +46,7 @@ SENSOR_STEP_K = 0.5
 
 class Hypothesis(NamedTuple):
     """
-    A way to read raw values: `unit` (pint's name) and `scale`.
+    A way to read raw values: `unit` and `scale`.
 
     Values from half of `modulus` on are negative, as of a byte that was read without its sign (0: none are).
     """

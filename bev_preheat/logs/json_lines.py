@@ -13,16 +13,16 @@ import numpy as np
 
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.logs.channels import Channel, Piece
+from bev_preheat.logs.csv_log import NAME, UNIT, VALUE
 from bev_preheat.logs.json_records import records
-from bev_preheat.logs.long_csv import NAME, UNIT, VALUE
-from bev_preheat.logs.text_lines import encoding_of, line_blocks
 from bev_preheat.logs.time_column import find_time_column
-from bev_preheat.logs.units import pint_unit, split_unit
+from bev_preheat.tables.text import encoding_of, line_blocks
+from bev_preheat.tables.units import split_unit, unit_named
 
 if TYPE_CHECKING:
     from bev_preheat.logs.remarks import Remarks
     from bev_preheat.logs.signal_map import SignalMap
-    from bev_preheat.logs.times import Clock
+    from bev_preheat.tables.times import Clock
 
 # Objects that are searched for channels, and those that tell how time is written.
 MOST_SEARCHED, SAMPLE = 200_000, 400
@@ -62,7 +62,7 @@ class JsonLines:
             if self._name:
                 channel = item.get(self._name, '')
                 if channel and not found.get(channel):
-                    found[channel] = pint_unit(item.get(self._unit, '')) or split_unit(channel).unit
+                    found[channel] = unit_named(item.get(self._unit, '')) or split_unit(channel).unit
             else:
                 for key in item.keys() - found.keys():
                     found[key] = split_unit(key).unit
@@ -76,7 +76,7 @@ class JsonLines:
         """Choose the field of the time; raises InvalidInput if no field is a time."""
         keys = list(dict.fromkeys(key for item in self._sample for key in item))
         rows = [[item.get(key, '') for key in keys] for item in self._sample]
-        found = find_time_column(keys, [''] * len(keys), rows, '.', signal_map)
+        found = find_time_column(keys, [split_unit(key).unit for key in keys], rows, '.', signal_map)
         if found is None or len(found.columns) != 1:
             raise InvalidInput(f'{self._path}: no field holds the time; the fields are {quoted(", ".join(keys))}; '
                                'give a signal map with time')

@@ -8,7 +8,7 @@ import math
 import re
 from typing import Any
 
-from bev_preheat.logs.long_csv import NAME, VALUE
+from bev_preheat.logs.csv_log import NAME, VALUE
 
 DEEPEST = 20
 # Items of a list that become channels; a longer list of numbers is a course of time.

@@ -14,8 +14,8 @@ import numpy as np
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.logs.channels import Channel, Piece
 from bev_preheat.logs.child_process import in_child, ReaderLost
-from bev_preheat.logs.units import pint_unit, split_unit
 from bev_preheat.optional_packages import require
+from bev_preheat.tables.units import split_unit, unit_named
 
 if TYPE_CHECKING:
     from bev_preheat.logs.remarks import Remarks
@@ -49,7 +49,7 @@ class Mdf:
         for group, index, own_name, unit in found:
             name = own_name if own_name not in self._at else f'{own_name} #{group}'
             self._at[name] = (group, index)
-            channels.append(Channel(name, pint_unit(unit) or split_unit(name).unit))
+            channels.append(Channel(name, unit_named(unit) or split_unit(name).unit))
         self.channels = tuple(channels)
         self._start_s = start_s
         self.absolute = start_s > 0.0

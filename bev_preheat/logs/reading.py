@@ -21,7 +21,7 @@ from bev_preheat.logs.recording import Recording, Series
 from bev_preheat.logs.remarks import Remarks
 from bev_preheat.logs.samples import Samples
 from bev_preheat.logs.signal_map import load_signal_map, plain, recognised_map, SignalMap
-from bev_preheat.logs.units import is_stated, measures, pint_unit, split_unit
+from bev_preheat.tables.units import is_stated, measures, split_unit, unit_named
 
 LONGEST_LIST = 400
 HIGHEST_SPEED_MPS = 100.0
@@ -98,7 +98,7 @@ def read_recording(path: str | Path, signals: str | Path | SignalMap | None = No
 
 
 def _described(decoder: Decoder) -> str:
-    unit = pint_unit(decoder.given.unit) or decoder.given.unit
+    unit = unit_named(decoder.given.unit) or decoder.given.unit
     named = unit and split_unit(decoder.channel).unit != unit
     return f'{decoder.channel} [{decoder.given.unit}]' if named else decoder.channel
 

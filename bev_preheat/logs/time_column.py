@@ -11,8 +11,7 @@ import numpy as np
 
 from bev_preheat.logs.choice import candidates
 from bev_preheat.logs.signal_map import matches, SignalMap
-from bev_preheat.logs.times import Clock, find_clock, TIME_UNITS
-from bev_preheat.logs.units import pint_unit, split_unit
+from bev_preheat.tables.times import Clock, find_clock, TIME_UNITS
 
 # Names of times, the best first.
 NAMES = (
@@ -45,7 +44,7 @@ def find_time_column(header: Sequence[str], units: Sequence[str], rows: Sequence
         return [row[column] if column < len(row) else '' for row in rows]
 
     def clock_of(column: int) -> Clock | None:
-        return find_clock(texts(column), pint_unit(units[column]) or split_unit(header[column]).unit, decimal)
+        return find_clock(texts(column), units[column], decimal)
 
     dates = [at for at, name in enumerate(header) if DATE.match(name.strip())]
     times = [at for at, name in enumerate(header) if DAY_TIME.match(name.strip())]
@@ -56,7 +55,7 @@ def find_time_column(header: Sequence[str], units: Sequence[str], rows: Sequence
             return TimeColumn((dates[0], times[0]), joined)
     ranked += [at for pattern in NAMES for at, name in enumerate(header)
                if re.search(pattern, name.rpartition('.')[2].strip(), re.IGNORECASE) and not DURATION.search(name)]
-    stated = {name: pint_unit(unit) or split_unit(name).unit for name, unit in zip(header, units)}
+    stated = dict(zip(header, units))
     may_be = {header[at]: stated[header[at]] for at in ranked}
     taken = {name for source in signal_map.sources.values() for group in candidates(source, may_be).groups[:1]
              for name in group}

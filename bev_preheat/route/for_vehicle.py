@@ -14,12 +14,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.route.csv_file import in_one_line, load_file_route, rounded, route_file
+from bev_preheat.route.csv_file import in_one_line, rounded, route_file, route_of_table
 from bev_preheat.route.driven import drive_journey
 from bev_preheat.route.legs import legs_file, load_legs
 from bev_preheat.route.line import RouteLine
 from bev_preheat.route.segments import Route
-from bev_preheat.route.sources.journey import ChargingStop, RouteOptions
+from bev_preheat.route.sources.journey import ChargingStop, Journey, RouteOptions
 from bev_preheat.route.sources.registry import read_journey
 
 if TYPE_CHECKING:
@@ -69,11 +69,11 @@ def route_for(name_or_file: str | Path, vehicle: Vehicle,
                                None)
     file = route_file(source)
     journey = read_journey(file, options)
-    if journey is not None:
+    if isinstance(journey, Journey):
         route, remarks = drive_journey(journey, vehicle, options, file)
         # Rounded, as from legs.
         return RouteForVehicle(rounded(route), name, file, None, journey.line, tuple(remarks), journey.stops)
-    loaded = load_file_route(source, vehicle.defaults)
+    loaded = route_of_table(journey, vehicle.defaults)
     _refuse_options(file, options)
     return RouteForVehicle(loaded.route, loaded.made_for, file,
                            _warning(file, loaded.made_for, vehicle), stops=loaded.stops)

@@ -18,7 +18,7 @@ from bev_preheat.bus.live_map import load_live_map
 from bev_preheat.bus.readings import Readings
 
 pytestmark = [pytest.mark.needs('cantools'), pytest.mark.needs('can'), pytest.mark.needs('crccheck'),
-              pytest.mark.needs('serial'), pytest.mark.needs('pint')]
+              pytest.mark.needs('serial')]
 SIGNALS = Path(__file__).resolve().parents[2] / 'config' / 'signals'
 TIME_LIMIT_S = 10.0
 

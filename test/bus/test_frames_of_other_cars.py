@@ -15,8 +15,7 @@ from bev_preheat.bus.readings import Readings
 from bev_preheat.errors import InvalidInput
 from bev_preheat.logs.reading import read_recording
 
-pytestmark = [pytest.mark.needs('cantools'), pytest.mark.needs('can'), pytest.mark.needs('crccheck'),
-              pytest.mark.needs('pint')]
+pytestmark = [pytest.mark.needs('cantools'), pytest.mark.needs('can'), pytest.mark.needs('crccheck')]
 NS = 'VERSION ""\nBU_: CAR GW\n'
 BATTERY = NS + """BO_ 256 BMS: 8 CAR
  SG_ Temp : 0|16@1- (0.01,0) [-60|100] "degC" GW

@@ -10,7 +10,7 @@ from bev_preheat.bus.conditioning import ACTUATORS, IS_ACTIVE, MODE
 from bev_preheat.bus.live_map import load_live_map
 from bev_preheat.bus.vss_source import VssSource
 
-pytestmark = [pytest.mark.needs('kuksa_client'), pytest.mark.needs('pint')]
+pytestmark = [pytest.mark.needs('kuksa_client')]
 TIME_LIMIT_S = 15.0
 PACK = 'Vehicle.Powertrain.TractionBattery'
 CONDITIONING = f'{PACK}.BatteryConditioning'

@@ -28,7 +28,6 @@ def log(tmp_path):
     return path
 
 
-@pytest.mark.needs('pint')
 def test_json_has_the_signals_in_si_units(log, capfd):
     assert main(['log', str(log), '--signals', str(log.with_name('map.yaml')), '--json', '-']) == 0
     found = json.loads(capfd.readouterr().out)
@@ -45,7 +44,6 @@ def test_json_has_the_signals_in_si_units(log, capfd):
     assert found['remarks'] == []
 
 
-@pytest.mark.needs('pint')
 @pytest.mark.needs('matplotlib')
 def test_table_and_picture(log, capfd, monkeypatch):
     monkeypatch.setenv('COLUMNS', '120')
@@ -67,7 +65,6 @@ def test_wrong_arguments_are_refused_in_one_line(log, capfd, arguments, problem)
     assert shown.out == '' and shown.err.startswith('preheat: error: ') and 'Traceback' not in shown.err
 
 
-@pytest.mark.needs('pint')
 def test_a_route_of_a_slow_log_without_cabin_heater(log, capfd):
     output = log.with_name('route.csv')
     assert main(['route', '--log', str(log), '--signals', str(log.with_name('map.yaml')), '--vehicle', 'small_car',

@@ -55,7 +55,6 @@ SIGNALS = ('voltage_v', 'current_a', 'soc', 'battery_temperature_c', 'speed_mps'
     ('CanutilsLogWriter', 'a.log', 'candump'), ('ASCWriter', 'a.asc', 'ASC'), ('BLFWriter', 'a.blf', 'BLF')])
 @pytest.mark.needs('can')
 @pytest.mark.needs('cantools')
-@pytest.mark.needs('pint')
 def test_can_frames(tmp_path, writer, name, kind):
     import can
     log = drive(60.0)
@@ -78,7 +77,6 @@ def test_can_frames(tmp_path, writer, name, kind):
 
 
 @pytest.mark.needs('asammdf')
-@pytest.mark.needs('pint')
 def test_mdf(tmp_path):
     from asammdf import MDF, Signal
     log = drive(60.0, 0.1)

@@ -37,7 +37,6 @@ def files(folder):
 
 @pytest.mark.parametrize('seed', [
     pytest.param(seed, marks=[pytest.mark.deep] * (seed >= 8)) for seed in range(30)])
-@pytest.mark.needs('pint')
 @pytest.mark.needs('can')
 @pytest.mark.needs('cantools')
 def test_damaged_files_are_read_or_refused(tmp_path, seed):
@@ -72,7 +71,7 @@ def test_a_long_log_is_averaged_in_bounded_memory(monkeypatch):
 
 
 def test_a_line_without_end_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr('bev_preheat.logs.text_lines.LONGEST_LINE', 1 << 20)
+    monkeypatch.setattr('bev_preheat.tables.text.LONGEST_LINE', 1 << 20)
     path = tmp_path / 'a.csv'
     path.write_text('time_s,speed_mps\n0,1\n1,2\n' + '3,' * (1 << 21), encoding='utf-8')
     with pytest.raises(InvalidInput, match='line 4: has more than 1048576 characters'):
@@ -105,7 +104,6 @@ def test_a_reader_that_crashes_waits_or_fails_ends_and_has_yielded_before(monkey
 @pytest.mark.parametrize('level', [0, -1])
 @pytest.mark.needs('can')
 @pytest.mark.needs('cantools')
-@pytest.mark.needs('pint')
 def test_blf_objects_without_length_end_the_log_and_are_named(tmp_path, level):
     import can
     path = tmp_path / 'a.blf'
@@ -133,7 +131,6 @@ def test_blf_objects_without_length_end_the_log_and_are_named(tmp_path, level):
 @pytest.mark.parametrize('seed', range(3))
 @pytest.mark.needs('can')
 @pytest.mark.needs('cantools')
-@pytest.mark.needs('pint')
 @pytest.mark.needs('asammdf')
 @pytest.mark.needs('mcap')
 @pytest.mark.needs('rosbags')

@@ -30,7 +30,6 @@ MIX_UPS = (
 
 
 @pytest.mark.parametrize('signal, mixed, words', MIX_UPS)
-@pytest.mark.needs('pint')
 def test_a_mix_up_is_named_and_repaired_on_request_only(tmp_path, signal, mixed, words):
     log = drive(900.0)
     # A battery of 15 degC reads 59 as degF, an ambient of 8 degC reads 46.
@@ -86,7 +85,6 @@ def in_miles(folder, names, left_out=()):
     return log, write_wide(folder / 'a.csv', log, names={name: names.get(name, name) for name in log})
 
 
-@pytest.mark.needs('pint')
 def test_miles_are_told_by_the_position(tmp_path):
     # Names without a unit.
     log, path = in_miles(tmp_path, {'speed_mps': 'speed', 'odometer_m': 'odo'})
@@ -107,7 +105,6 @@ def test_miles_are_told_by_the_position(tmp_path):
                for each in recording.remarks)
 
 
-@pytest.mark.needs('pint')
 def test_an_odometer_in_miles_and_a_speed_in_other_units_explain_each_other(tmp_path):
     log, path = in_miles(tmp_path, {'odometer_m': 'odo'}, ('latitude_deg', 'longitude_deg'))
     written = {**log, 'speed_mps': 0.44704 * log['speed_mps'], 'soc': 0.01 * log['soc']}

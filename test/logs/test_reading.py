@@ -55,7 +55,6 @@ def test_absolute_times(tmp_path, form):
     ('t', lambda second: f'{1000.0 * second:.0f}', None),
     ('time', lambda second: f'{int(86390 + second) % 86400 // 3600}:{int(86390 + second) % 3600 // 60:02}'
      f':{(86390 + second) % 60:02.0f}', None)])
-@pytest.mark.needs('pint')
 def test_relative_times(tmp_path, heading, times, start_s):
     log = drive(60.0)
     recording = read_recording(write_wide(tmp_path / 'a.csv', log, names={**{name: name for name in log},
@@ -67,7 +66,6 @@ def test_relative_times(tmp_path, heading, times, start_s):
     assert len(recording.remarks) == (heading == 't')
 
 
-@pytest.mark.needs('pint')
 def test_headings_of_a_german_spreadsheet(tmp_path):
     log = drive(60.0)
     names = {'time_s': 'Zeit [s]', 'battery_temperature_c': 'Batterietemperatur [°F]', 'soc': 'Ladezustand (%)',
@@ -85,7 +83,6 @@ def test_headings_of_a_german_spreadsheet(tmp_path):
 
 @pytest.mark.parametrize('encoding', ['utf-8', 'utf-16', 'cp1252'])
 @pytest.mark.parametrize('duration_s', [60.0, 6000.0])
-@pytest.mark.needs('pint')
 def test_encodings_of_short_and_long_files(tmp_path, encoding, duration_s):
     log = drive(duration_s)
     written = {**log, 'battery_temperature_c': 1.8 * log['battery_temperature_c'] + 32.0}
@@ -95,7 +92,6 @@ def test_encodings_of_short_and_long_files(tmp_path, encoding, duration_s):
     assert_is(read_recording(path), log)
 
 
-@pytest.mark.needs('pint')
 def test_a_log_of_leafspy(tmp_path):
     log = drive(1700.0, 17.0)
     recording = read_recording(write_leafspy(tmp_path / 'Log.csv', log))
@@ -109,7 +105,6 @@ def test_a_log_of_leafspy(tmp_path):
     np.testing.assert_allclose(recording.signals['power_w'].value, log['voltage_v'] * log['current_a'], rtol=1e-4)
 
 
-@pytest.mark.needs('pint')
 def test_a_log_of_leafspy_in_miles_is_doubted_and_repaired(tmp_path):
     log = drive(1700.0, 17.0)
     path = write_leafspy(tmp_path / 'Log.csv', {**log, 'speed_mps': log['speed_mps'] / 1.609344})
@@ -118,7 +113,6 @@ def test_a_log_of_leafspy_in_miles_is_doubted_and_repaired(tmp_path):
     assert_is(read_recording(path, repair=True), log, ('speed_mps',), rtol=1e-3)
 
 
-@pytest.mark.needs('pint')
 def test_a_reading_a_line_in_russian(tmp_path):
     log = drive(700.0)
     names = {'speed_mps': ('Скорость автомобиля', 'км/ч', 3.6), 'soc': ('[BMS] Уровень заряда батареи '
@@ -132,7 +126,6 @@ def test_a_reading_a_line_in_russian(tmp_path):
     assert_is(recording, log, list(names), rtol=1e-4, atol=1e-4)
 
 
-@pytest.mark.needs('pint')
 def test_json_lines_with_nested_fields_that_arrive_singly(tmp_path):
     log = drive(700.0)
     names = {'speed_mps': ('speed', 3.6), 'soc': ('soc', 100.0), 'battery_temperature_c': ('batt_temp', 1.0),
@@ -146,7 +139,6 @@ def iso_times(log):
     return moments(log, '%Y-%m-%dT%H:%M:%SZ')
 
 
-@pytest.mark.needs('pint')
 def test_a_history_of_home_assistant(tmp_path):
     log = drive(600.0, 5.0)
     names = {'battery_temperature_c': ('sensor.my_car_battery_temperature', 1.0),
@@ -166,7 +158,6 @@ def test_a_history_of_home_assistant(tmp_path):
 
 
 @pytest.mark.parametrize('is_home_assistant', [False, True])
-@pytest.mark.needs('pint')
 def test_an_annotated_csv_of_influxdb(tmp_path, is_home_assistant):
     log = drive(600.0, 5.0)
     names = {'battery_temperature_c': ('battery_temp', '°F'), 'speed_mps': ('speed', 'm/s'),
@@ -192,7 +183,6 @@ def test_an_annotated_csv_of_influxdb(tmp_path, is_home_assistant):
 @pytest.mark.parametrize('heading, first_ms', [
     ('time_ms', 2**32 + 5e6), ('Timestamp(ms)', 3e9), ('time', 2**32 + 5e6), ('time', 3e9),
     ('time_ms', 2**32 - 60e3)])
-@pytest.mark.needs('pint')
 def test_milliseconds_of_a_counter_of_32_bits_and_of_more(tmp_path, heading, first_ms):
     log = drive(120.0)
     end = 2**32 if first_ms < 2**32 else 2**60

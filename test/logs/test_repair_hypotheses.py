@@ -23,7 +23,6 @@ def temperature(path, repair=False):
 
 
 @pytest.mark.parametrize('modulus, step', [(256.0, 1.0), (65536.0, 1.0), (6553.6, 0.1)])
-@pytest.mark.needs('pint')
 def test_negative_values_of_an_unsigned_word_are_named_and_repaired(tmp_path, modulus, step):
     true_c = TRUE_C if step == 1.0 else np.round(np.linspace(-4.0, 3.0, 301), 1)
     path = write_wide(tmp_path / 'a.csv', log_of(np.where(true_c < 0.0, true_c + modulus, true_c)))
@@ -34,7 +33,6 @@ def test_negative_values_of_an_unsigned_word_are_named_and_repaired(tmp_path, mo
     assert said.endswith('repaired')
 
 
-@pytest.mark.needs('pint')
 def test_a_byte_that_is_all_negative_is_repaired_beside_the_outside_temperature_only(tmp_path):
     true_c = np.round(np.linspace(-9.0, -5.0, 301))
     log = log_of(true_c + 256.0)
@@ -47,7 +45,6 @@ def test_a_byte_that_is_all_negative_is_repaired_beside_the_outside_temperature_
     assert 'repaired' not in said
 
 
-@pytest.mark.needs('pint')
 def test_a_single_wild_reading_is_dropped_and_explained_by_nothing(tmp_path):
     readings = np.full(301, 20.0)
     readings[100] = 250.0
@@ -57,7 +54,6 @@ def test_a_single_wild_reading_is_dropped_and_explained_by_nothing(tmp_path):
 
 
 @pytest.mark.parametrize('nothing', [65.535, 655.35, 6553.5, 65535.0, 255.0, 127.5, 215.0, 32.767])
-@pytest.mark.needs('pint')
 def test_all_bits_set_is_no_reading(tmp_path, nothing):
     readings = np.where(np.arange(301) < 100, nothing, 2.0)
     for repair in (False, True):
@@ -67,7 +63,6 @@ def test_all_bits_set_is_no_reading(tmp_path, nothing):
 
 
 @pytest.mark.parametrize('nothing', [255.0, 65535.0, 65.535])
-@pytest.mark.needs('pint')
 def test_a_log_that_is_all_of_it_has_no_reading(tmp_path, nothing):
     values, said = temperature(write_wide(tmp_path / 'a.csv', log_of(np.full(301, nothing))), repair=True)
     assert not values.size and 'has all bits set' in said and 'repaired' not in said
@@ -85,7 +80,6 @@ def test_a_signal_that_passes_through_such_a_value_keeps_it(tmp_path):
 
 @pytest.mark.parametrize('ambient_c, battery_c, in_fahrenheit', [
     (8.5, 10.0, False), (8.5, 10.0, True), (8.0, 10.0, False), (-11.0, -10.0, True), (30.0, 31.0, False)])
-@pytest.mark.needs('pint')
 def test_the_outside_temperature_of_leafspy_has_the_unit_set(tmp_path, ambient_c, battery_c, in_fahrenheit):
     log = drive(1700.0, 17.0)
     log['battery_temperature_c'] = battery_c + 0.0 * log['time_s']
@@ -96,7 +90,6 @@ def test_the_outside_temperature_of_leafspy_has_the_unit_set(tmp_path, ambient_c
     assert recording.sources['ambient_c'] == (f'Ambient [{"degF" if in_fahrenheit else "degC"}]',)
 
 
-@pytest.mark.needs('pint')
 def test_an_open_unit_that_nothing_tells_is_a_doubt(tmp_path):
     # 14 degC or degF (-10 degC), beside a battery of 2 degC.
     log = drive(1700.0, 17.0)

@@ -26,7 +26,6 @@ def values(recording, signal):
     return recording.signals[signal].value.tolist()
 
 
-@pytest.mark.needs('pint')
 def test_unit_scale_offset_and_sign_are_those_of_the_map(tmp_path):
     signals = map_file(tmp_path, """
 time: when
@@ -63,7 +62,6 @@ def test_a_named_temperature_alone(tmp_path):
     assert values(read_recording(log, signals), 'battery_temperature_c') == [5.0, 4.0]
 
 
-@pytest.mark.needs('pint')
 def test_readings_that_mean_none_are_counted(tmp_path):
     signals = map_file(tmp_path, 'no_reading: [65535]\nsignals: {soc: {channels: S, unit: percent}}')
     log = log_file(tmp_path, 'time_s,S', '0,50', '1,65535', '2,49', '3,65535', '4,48')
@@ -75,7 +73,6 @@ def test_readings_that_mean_none_are_counted(tmp_path):
 
 @pytest.mark.parametrize('raw, expected', [
     ('812345', 0.812345), ('8123', 0.8123), ('81.2', 0.812), ('0.81', 0.81)])
-@pytest.mark.needs('pint')
 def test_one_of_several_scales_is_chosen_by_plausibility(tmp_path, raw, expected):
     log = log_file(tmp_path, 'epoch time,Gids,SOC,Pack Volts,Pack Amps', f'1700000000,1,{raw},370,5',
                    f'1700000017,1,{raw},370,5')
@@ -96,7 +93,6 @@ def test_one_of_several_scales_is_chosen_by_plausibility(tmp_path, raw, expected
     ('signals: {soc: {channels: S, positive: charging}}', 'signals.soc: positive: only current_a and power_w'),
     ('signals: {soc: S}\ntime: /(/', "'/(/' is not a regular expression"),
 ])
-@pytest.mark.needs('pint')
 def test_a_faulty_map_is_refused(tmp_path, text, problem):
     path = map_file(tmp_path, text)
     with pytest.raises(InvalidInput) as caught:
@@ -127,7 +123,6 @@ def test_names_are_compared_without_case_blanks_and_units(entry, name, expected)
     assert matches(entry, name) is expected
 
 
-@pytest.mark.needs('pint')
 def test_a_damaged_name_does_not_hold_the_reader_up(tmp_path):
     lines = [f'{at};{"[" * (3000 if at == 5 else 0)}SOC;50;%' for at in range(9)]
     log = log_file(tmp_path, 'SECONDS;PID;VALUE;UNITS', *lines)

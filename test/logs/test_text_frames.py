@@ -55,7 +55,6 @@ FORMS = {
 @pytest.mark.parametrize('line, head, kind', FORMS.values(), ids=FORMS)
 @pytest.mark.needs('can')
 @pytest.mark.needs('cantools')
-@pytest.mark.needs('pint')
 def test_each_form_has_the_same_readings(tmp_path, line, head, kind):
     path = tmp_path / 'frames.txt'
     path.write_text(head + '\n'.join(line(at, second) for at, second in enumerate(TIMES_S)) + '\n')
@@ -85,7 +84,6 @@ def test_frames_without_times_are_refused_with_advice(tmp_path):
 @pytest.mark.parametrize('missing', [('BS_:\n',), ('BU_: BMS\n',), ('BS_:\n', 'BU_: BMS\n')])
 @pytest.mark.needs('can')
 @pytest.mark.needs('cantools')
-@pytest.mark.needs('pint')
 def test_a_dbc_without_nodes_is_read(tmp_path, missing):
     line, _, _ = FORMS['candump']
     path = tmp_path / 'frames.log'

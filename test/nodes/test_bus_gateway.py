@@ -27,7 +27,7 @@ from slcan_port import SlcanPort
 from bev_preheat_msgs.msg import HvchCommand
 
 pytestmark = [pytest.mark.needs('cantools'), pytest.mark.needs('can'), pytest.mark.needs('crccheck'),
-              pytest.mark.needs('serial'), pytest.mark.needs('pint')]
+              pytest.mark.needs('serial')]
 SIGNALS = Path(__file__).resolve().parents[2] / 'config' / 'signals'
 LEASE_S = 1.5
 # GenMsgCycleTime of the heater's frame in example_car.dbc.

@@ -13,7 +13,7 @@ import pytest
 from typed_pages import files_of
 
 pytestmark = [pytest.mark.needs('cantools'), pytest.mark.needs('can'), pytest.mark.needs('crccheck'),
-              pytest.mark.needs('serial'), pytest.mark.needs('pint')]
+              pytest.mark.needs('serial')]
 PAGE_FILE = Path(__file__).parents[2] / 'docs/tutorials/your_bus.md'
 PAGE = PAGE_FILE.read_text()
 COMMANDS = [shlex.split(line) for block in re.findall(r'```bash\n(.*?)```', PAGE, re.DOTALL)

@@ -19,7 +19,7 @@ from test_whole_car import can_map, small_battery
 from bev_preheat.files.configuration import find_configuration
 
 pytestmark = [pytest.mark.needs('kuksa_client'), pytest.mark.needs('cantools'), pytest.mark.needs('can'),
-              pytest.mark.needs('crccheck'), pytest.mark.needs('serial'), pytest.mark.needs('pint')]
+              pytest.mark.needs('crccheck'), pytest.mark.needs('serial')]
 PACK = 'Vehicle.Powertrain.TractionBattery'
 CONDITIONING = f'{PACK}.BatteryConditioning'
 MODE, IS_ACTIVE, IS_ONGOING = (f'{CONDITIONING}.{name}' for name in ('RequestedMode', 'IsActive', 'IsOngoing'))

@@ -14,7 +14,7 @@ from bev_preheat.planning.status import Status
 from bev_preheat_msgs.msg import HvchCommand, PreheatPlan
 
 pytestmark = [pytest.mark.needs(package) for package in (
-    'casadi', 'scipy', 'pint', 'gpxpy', 'jinja2', 'matplotlib')]
+    'casadi', 'scipy', 'jinja2', 'matplotlib')]
 PAGE = Path(__file__).parents[2] / 'docs/tutorials/from_files.md'
 # The state of the tutorial's `preheat plan`.
 TEMPERATURE_C, SOC, AMBIENT_C = 14.0, 0.82, -3.0

@@ -218,7 +218,6 @@ def gated_car(tmp_path):
 @pytest.mark.needs('can')
 @pytest.mark.needs('serial')
 @pytest.mark.needs('crccheck')
-@pytest.mark.needs('pint')
 def test_bus_that_cannot_be_opened_is_in_the_log_before_any_command(rehearsal, tmp_path):
     signals = find_configuration('signals', 'example_car', '.yaml')
     path, adapter = tmp_path / 'car.yaml', tmp_path / 'no_adapter'
@@ -231,7 +230,6 @@ def test_bus_that_cannot_be_opened_is_in_the_log_before_any_command(rehearsal, t
 @pytest.mark.needs('cantools')
 @pytest.mark.needs('can')
 @pytest.mark.needs('crccheck')
-@pytest.mark.needs('pint')
 @pytest.mark.parametrize('signals, words', [
     ('vss', "vss.yaml: live.heater_command: is missing; it names the frame with the heater's power"),
     ('leafspy', 'leafspy.yaml: has no key live'),

@@ -23,7 +23,6 @@ LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
 START_S, SPEED_MPS = 1_700_000_000, 15.0
 ROAD = Road.through([(0, 0), (6000, 0), (6000, 9000)])
 AMBIENT = ('-p', 'ambient_temperature:=-6.5')
-pytestmark = pytest.mark.needs('gpxpy')
 
 
 @pytest.fixture(scope='module')

@@ -28,7 +28,7 @@ from bev_preheat.planning.status import Status
 from bev_preheat_msgs.msg import HvchCommand, PreheatPlan
 
 pytestmark = [pytest.mark.needs('cantools'), pytest.mark.needs('can'), pytest.mark.needs('crccheck'),
-              pytest.mark.needs('serial'), pytest.mark.needs('pint'), pytest.mark.deep]
+              pytest.mark.needs('serial'), pytest.mark.deep]
 SIGNALS = Path(__file__).resolve().parents[2] / 'config' / 'signals'
 TARGET_C, AMBIENT_C, LOAD_W = 20.0, -7.0, 12e3
 # The planner's parameters in these tests; no command holds longer than its lease, nor than its battery state.

@@ -44,7 +44,6 @@ def test_it_is_reproduced_to_the_last_digit(recorded):
 
 
 @pytest.mark.needs('rosbags')
-@pytest.mark.needs('pint')
 def test_it_is_a_log_too(recorded):
     """Its steps are JSON, which no reader of ROS messages takes for one."""
     drive, folder = recorded

@@ -17,9 +17,8 @@ from bev_preheat.vehicle import load_vehicle
 
 CAR = load_vehicle('small_car')
 COLD = RouteOptions(ambient_temperature_c=-5.0)
-GPX = pytest.mark.needs('gpxpy')
 TIMED = {
-    'gpx': pytest.param(examples.gpx, marks=GPX),
+    'gpx': examples.gpx,
     'osrm': examples.osrm, 'osrm6': lambda: examples.osrm(geometry='polyline6'),
     'osrm geojson': lambda: examples.osrm(geometry='geojson'),
     'osrm steps': lambda: examples.osrm(annotations=False), 'two legs': lambda: examples.osrm(legs=2),
@@ -154,7 +153,6 @@ def test_power_is_at_least_that_of_constant_speed_and_includes_the_hills(tmp_pat
     assert hilly_w - mean_w == pytest.approx(rise_w, abs=0.1 * plain_w)
 
 
-@GPX
 def test_noise_of_the_elevation_is_no_climb(tmp_path):
     clean = loaded(tmp_path, examples.gpx()).route
     noisy = loaded(tmp_path, examples.gpx(noise_m=4.0))
@@ -190,7 +188,6 @@ def test_smoothing_keeps_a_clean_profile_and_removes_outliers():
     assert slopes == pytest.approx(0.04, abs=0.012)
 
 
-@GPX
 def test_a_stop_stays_a_stop(tmp_path):
     route = loaded(tmp_path, examples.gpx(stop_s=240.0)).route
     stands = route.speed_mps == 0.0
@@ -199,7 +196,6 @@ def test_a_stop_stays_a_stop(tmp_path):
     assert route.total_duration_s == pytest.approx(examples.LENGTH_M / examples.SPEED_MPS + 240.0)
 
 
-@GPX
 @pytest.mark.parametrize('wild', ['2026-01-10T06:00:02Z', '1970-01-01T00:00:00Z', '2106-02-07T06:28:15Z'])
 def test_a_wild_time_costs_one_point_and_is_counted(tmp_path, wild):
     text = examples.gpx()
@@ -210,7 +206,6 @@ def test_a_wild_time_costs_one_point_and_is_counted(tmp_path, wild):
     assert found.route.total_duration_s == pytest.approx(examples.LENGTH_M / examples.SPEED_MPS)
 
 
-@GPX
 def test_single_points_without_a_time_are_left_out(tmp_path):
     text = examples.gpx()
     time = text.split('<time>')[200].split('</time>')[0]
@@ -243,7 +238,6 @@ def test_temperatures_of_the_air_are_known_by_their_names(tmp_path, name):
     assert route.ambient_temperature_c @ route.duration_s / 20.0 == pytest.approx(-8.75)
 
 
-@GPX
 def test_a_jitter_of_positions_is_not_driven(tmp_path):
     """A fix each second with independent errors of 3 m: the zigzag would add 12 % to the length at 8 m/s."""
     random = np.random.default_rng(5)
@@ -259,8 +253,8 @@ def test_a_jitter_of_positions_is_not_driven(tmp_path):
 
 
 @pytest.mark.parametrize('text', [
-    pytest.param(lambda: examples.gpx(times=False), marks=GPX),
-    pytest.param(lambda: examples.gpx(times=False, element='rtept'), marks=GPX),
+    lambda: examples.gpx(times=False),
+    lambda: examples.gpx(times=False, element='rtept'),
     lambda: examples.geojson('LineString', times=False)])
 def test_a_line_without_times_is_driven_at_the_free_speed(tmp_path, text):
     assert 'no times; give the speed on free road [km/h], such as: --free-speed 90' in refusal(tmp_path, text())
@@ -345,8 +339,7 @@ def test_a_vehicle_without_road_load(tmp_path):
 
 @pytest.mark.parametrize('change', [
     lambda text: b'\xef\xbb\xbf' + text, lambda text: text.replace(b'\n', b'\r\n')])
-@pytest.mark.parametrize('name', ['osrm', 'speed_table', 'segments_csv', 'geojson', 'fastsim', pytest.param(
-    'gpx', marks=GPX)])
+@pytest.mark.parametrize('name', ['osrm', 'speed_table', 'segments_csv', 'geojson', 'fastsim', 'gpx'])
 def test_byte_order_marks_and_line_ends_do_not_matter(tmp_path, name, change):
     text = getattr(examples, name)().encode()
     one, other = (loaded(tmp_path, each).route for each in (text, change(text)))

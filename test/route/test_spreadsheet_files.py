@@ -131,11 +131,11 @@ def test_an_empty_last_column_is_no_shorter_row(tmp_path):
     ('30;36;1,234,567;-7', "propulsion_power_kw: '1,234,567' has a thousands separator; write "
      '1234567'),
     ('30;36;1.234;-7', "propulsion_power_kw: '1.234' can be read as 1234 or as 1.234; write no "
-     'thousands separator, or a number of digits other than three behind the decimal point'),
+     'thousands separator, or a number of digits other than three behind the decimal mark'),
     ('30;36;1,500;-7', "propulsion_power_kw: '1,500' can be read as 1500 or as 1.5; write no "
-     'thousands separator, or a number of digits other than three behind the decimal comma'),
-    ('30;36.5;5,5;-7', "speed_kmh: '36.5' has a decimal point, and '5,5' in line 2, "
-     'propulsion_power_kw, a decimal comma; use only one'),
+     'thousands separator, or a number of digits other than three behind the decimal mark'),
+    ('30;36.5;5,5;-7', "propulsion_power_kw: '5,5' has a comma; with decimal commas in all numbers, separate the "
+     'columns by semicolons'),
     ('30;1_0;5;-7', "speed_kmh: '1_0' is not a number"),
     ('30;\u0663;5;-7', "speed_kmh: '\u0663' is not a number"),
     ('30;36 km/h;5;-7', "speed_kmh: '36 km/h' is not a number"),
@@ -150,15 +150,13 @@ def test_a_cell_that_is_unclear_or_impossible_is_named(tmp_path, row, problem):
     # A decimal comma makes one column too many.
     ('30,36,5,5,-7', 'has 5 values; the header names 4 columns; with decimal commas, separate the '
      'columns by semicolons'),
-    ('30,36,"5,5",-7', "propulsion_power_kw: '5,5' has a comma; with decimal commas, separate the "
-     'columns by semicolons'),
-    ('30,36,"1,500",-7', "propulsion_power_kw: '1,500' has a comma; with decimal commas, separate "
+    ('30,36,"1,500",-7', "propulsion_power_kw: '1,500' has a comma; with decimal commas in all numbers, separate "
      'the columns by semicolons'),
     ('30,36,"1,500.5",-7', "propulsion_power_kw: '1,500.5' has a thousands separator; write "
      '1500.5'),
-    ('30;36;5;-7', 'is separated by semicolons, the header by commas'),
-    ('30,36,5', 'has 3 values; the header names 4 columns'),
-    ('30,36,"5,-7', 'is not CSV; do its quotation marks match? (unexpected end of data)'),
+    ('30,36,5', "ambient_temperature_c: '' is not a number"),
+    ('30,36,"5,-7', "propulsion_power_kw: '5,-7' has a comma; with decimal commas in all numbers, separate the "
+     'columns by semicolons'),
 ])
 def test_commas_separate_or_are_decimal(tmp_path, row, problem):
     header = HEADER.replace(';', ',')
@@ -168,26 +166,6 @@ def test_commas_separate_or_are_decimal(tmp_path, row, problem):
 def test_one_clear_number_decides_for_the_others(tmp_path):
     route = load_route(file_of(tmp_path, f'{HEADER}\n30;36;1,500;-7,25\n'), DEFAULTS)
     assert route.propulsion_power_w.tolist() == [1500.0]
-
-
-ROUTE_COLUMNS = ('duration_s, speed_mps, propulsion_power_w, propulsion_power_rms_w, '
-                 'ambient_temperature_c, cabin_heating_power_w, auxiliary_power_w, '
-                 'propulsion_power_magnitude_w')
-
-
-@pytest.mark.parametrize('header, problem', [
-    ('duration_s;speed_kmh,propulsion_power_kw', 'the columns are separated by commas and '
-     'semicolons; use only one'),
-    ('duration_s speed_kmh', "'duration_s speed_kmh' has no separator; the columns must be "
-     'separated by commas, semicolons or tabs'),
-    ('duration_s|speed_kmh', "'duration_s|speed_kmh' has no separator; the columns must be "
-     'separated by commas, semicolons or tabs'),
-    ('30;36;5,5;-7', 'holds numbers; the line above them must name the columns: ' + ROUTE_COLUMNS),
-    ('"-7,5";30', 'holds numbers; the line above them must name the columns: ' + ROUTE_COLUMNS),
-    ('duration_s;;speed_kmh', 'a column has no name'),
-])
-def test_a_first_line_that_is_no_header(tmp_path, header, problem):
-    assert problem_with(tmp_path, f'{header}\n') == f', line 1: {problem}'
 
 
 def test_a_segment_in_which_the_car_stands_has_no_length(tmp_path):
@@ -202,22 +180,21 @@ def test_values_made_of_others_are_named_after_them(tmp_path):
     assert problem_with(
         tmp_path, 'length_km,speed_kmh,propulsion_power_kw,ambient_temperature_c\n'
         '1,50,10,-7\n0,50,0,-7\n') == (
-        ', line 3: duration, in s, by length_km: 0 is not allowed; it must be 0.001 ... 86400')
+        ', line 3: duration_s by length_km: 0 is not allowed; it must be 0.001 ... 86400')
     assert problem_with(
         tmp_path, 'length_km,duration_min,propulsion_power_kw,ambient_temperature_c\n'
         '100,2,10,-7\n') == (
-        ', line 2: speed, in m/s, by length_km: 833.333 is not allowed; it must be 0 ... 100')
+        ', line 2: length and duration give 833.333 m/s; at most 100 m/s are allowed; check their units')
     assert problem_with(
         tmp_path, 'duration_s,speed_mps,propulsion_power_kw,propulsion_power_rms_kw,'
         'ambient_temperature_c\n30,10,5,4,-7\n') == (
-        ', line 2: propulsion_power_rms_kw, in W: 4000 is below the magnitude of the mean, 5000')
+        ', line 2: propulsion_power_rms_kw: 4000 is below the magnitude of the mean, 5000')
 
 
 LOG = ('time_s;speed_kmh;power_kw;cabin_heater_kw;ambient_c;remark\n'
        + ''.join(f'{second};72;12,5;0,9;-3;"ok; 1.500"\n' for second in range(60)))
 
 
-@pytest.mark.needs('pint')
 def test_a_drive_log_of_a_spreadsheet(tmp_path):
     """Unused columns may contain anything."""
     route = load_drive_logs([file_of(tmp_path, LOG)], DEFAULTS).route
@@ -227,7 +204,6 @@ def test_a_drive_log_of_a_spreadsheet(tmp_path):
     assert route.propulsion_power_w == pytest.approx(12500.0 - 900.0 - 222.0, rel=1e-12)
 
 
-@pytest.mark.needs('pint')
 def test_an_impossible_sample_is_shown_in_the_unit_of_the_log(tmp_path):
     path = file_of(tmp_path, LOG.replace('\n30;72;', '\n30;1720;'))
     remark = load_drive_logs([path], DEFAULTS).remarks[0]
@@ -240,7 +216,6 @@ def test_an_impossible_sample_is_shown_in_the_unit_of_the_log(tmp_path):
         ", line 9: power_kw: '1.012,5' is not a number; it is dropped",
         ': power_w: 2 s without a valid sample, from 6 s to 8 s, are bridged')),
 ])
-@pytest.mark.needs('pint')
 def test_a_drive_log_with_doubtful_cells(tmp_path, change, remarks):
     path = file_of(tmp_path, LOG.replace(*change))
     assert load_drive_logs([path], DEFAULTS).remarks == tuple(f'{path}{remark}' for remark in remarks)

@@ -9,7 +9,6 @@ line from properties.segments[].steps[] with way_points, as openrouteservice wri
 
 from __future__ import annotations
 
-from datetime import datetime, UTC
 from typing import Any, TYPE_CHECKING
 
 import numpy as np
@@ -19,6 +18,7 @@ from bev_preheat.route.sources.json_text import checked, in_words, items, number
 from bev_preheat.route.sources.pieces import journey_of_pieces, Pieces
 from bev_preheat.route.sources.timeline import check_coordinates, distances_m
 from bev_preheat.route.sources.track import journey_of_points
+from bev_preheat.tables.times import iso_seconds
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
@@ -119,19 +119,15 @@ def _times(properties: dict[str, Any], count: int) -> FloatArray | None:
         raise InvalidInput(f'properties.coordTimes: must be a list of {count} times, one for each coordinate')
     seconds = []
     for at, value in enumerate(values):
-        try:
-            if isinstance(value, str):
-                moment = datetime.fromisoformat(value)
-                seconds.append((moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp())
-            else:
-                # Milliseconds since 1970, as JavaScript counts, or seconds.
-                number_of = checked(value, f'properties.coordTimes[{at}]')
-                seconds.append(number_of / 1000.0 if number_of > 1e11 else number_of)
-        except (ValueError, OverflowError) as error:
-            if isinstance(error, InvalidInput):
-                raise
-            raise InvalidInput(f'properties.coordTimes[{at}]: {quoted(str(value))} is not a time as in ISO 8601: '
-                               '2026-01-31T08:00:00Z') from error
+        if isinstance(value, str):
+            seconds.append(iso_seconds(value))
+            if np.isnan(seconds[-1]):
+                raise InvalidInput(f'properties.coordTimes[{at}]: {quoted(value)} is not a time as in ISO 8601: '
+                                   '2026-01-31T08:00:00Z')
+        else:
+            # Milliseconds since 1970, as JavaScript counts, or seconds.
+            number_of = checked(value, f'properties.coordTimes[{at}]')
+            seconds.append(number_of / 1000.0 if number_of > 1e11 else number_of)
     return np.array(seconds)
 
 

@@ -9,7 +9,8 @@ from typing import Any, TYPE_CHECKING
 from bev_preheat.errors import InvalidInput
 from bev_preheat.route.sources.json_text import in_words
 from bev_preheat.route.sources.table import journey_of_table
-from bev_preheat.route.text_table import TextTable
+from bev_preheat.tables.table import Table
+from bev_preheat.tables.units import split_unit
 
 if TYPE_CHECKING:
     from bev_preheat.route.sources.journey import Journey
@@ -19,7 +20,7 @@ LISTS = ('segments', 'steps', 'legs', 'route', 'path', 'sections')
 
 
 @dataclass(frozen=True)
-class RecordTable(TextTable):
+class RecordTable(Table):
     """A table whose rows are JSON objects; places are segments instead of lines."""
 
     def where(self, row: int) -> str:
@@ -51,7 +52,8 @@ def read_records(contents: Any) -> Journey:
         raise InvalidInput(f'segment 1: has no figures; its keys are: {_keys(records[0])}')
     # Texts, so that numbers are checked as in tables; a missing one is reported if its column is used.
     rows = [[_text(record.get(name)) for name in header] for record in records]
-    return journey_of_table(RecordTable('segments', ',', list(header), 0, rows, list(range(1, len(rows) + 1)), []))
+    return journey_of_table(RecordTable('segments', tuple(header), tuple(split_unit(name).unit for name in header),
+                                        tuple(zip(*rows)), range(1, len(rows) + 1)))
 
 
 def _why_no_route(contents: dict[str, Any]) -> str:

@@ -7,8 +7,9 @@ import re
 from typing import Any, TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.route.sources.headers import Header, is_column, read_header
-from bev_preheat.route.text_table import read_text_table
+from bev_preheat.route.sources.headers import headers_of
+from bev_preheat.route.sources.table import journey_of_table
+from bev_preheat.tables.table import read_table, Table
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -29,22 +30,22 @@ GEOJSON_TYPES = ('FeatureCollection', 'Feature', 'LineString', 'MultiLineString'
                  'MultiPoint', 'Polygon', 'MultiPolygon')
 
 
-def read_journey(path: Path, options: RouteOptions) -> Journey | None:
+def read_journey(path: Path, options: RouteOptions) -> Journey | Table:
     """
-    Return the Journey of a file; None if it is a route file with powers, which route.csv_file reads.
+    Return the Journey of a file; the Table if it is a route file with powers, which route.csv_file reads.
 
     Raises InvalidInput naming file, place, value and what to do.
     """
     kind = kind_of(path)
     if kind == 'table':
-        if has_powers(path):
-            return None
-        from bev_preheat.route.sources.table import read_table
+        table = read_table(path)
+        if _has_powers(table):
+            return table
         try:
             _refuse_unused(options, ())
         except InvalidInput as error:
             raise InvalidInput([f'{path}: {problem}' for problem in error.problems]) from error
-        return read_table(path)
+        return journey_of_table(table)
     try:
         text = path.read_bytes()
         return _read_xml(text, options) if kind == 'xml' else _read_json(text, options)
@@ -64,23 +65,22 @@ def kind_of(path: Path) -> str:
         raise InvalidInput(f'{path}: cannot be read: {error.strerror}') from error
     if size > LARGEST_FILE:
         raise InvalidInput(f'{path}: has {size / 1e6:.0f} MB; at most {LARGEST_FILE / 1e6:.0f} MB are read')
-    if beginning.startswith((b'\xff\xfe', b'\xfe\xff')):
-        raise InvalidInput(f'{path}: is UTF-16 text; save it as UTF-8')
-    if b'\0' in beginning:
+    if b'\0' in beginning and not beginning.startswith((b'\xff\xfe', b'\xfe\xff')):
         raise InvalidInput(f'{path}: is a binary file; routes are text: CSV, GPX, GeoJSON, JSON or XML')
     first = beginning.removeprefix(b'\xef\xbb\xbf').lstrip()[:1]
     return {b'<': 'xml', b'{': 'json', b'[': 'json'}.get(first, 'table')
 
 
 def has_powers(path: Path) -> bool:
-    """Return whether a table is a route file: with powers, or without any column that a table reader knows."""
-    if kind_of(path) != 'table':
-        return False
-    header = read_text_table(path, (), is_column).header
-    known = {column.quantity for column in map(read_header, header) if isinstance(column, Header)}
-    if 'propulsion_power' in known or any(name.startswith('propulsion_power') for name in header):
-        return True
-    return not known & {'time', 'speed', 'duration', 'length'}
+    """Return whether a file is a route file with powers."""
+    return kind_of(path) == 'table' and _has_powers(read_table(path))
+
+
+def _has_powers(table: Table) -> bool:
+    """Return whether a table has powers, or no column that tells a motion."""
+    known = headers_of(table)[0].keys()
+    return bool(known & {'propulsion_power', 'propulsion_power_rms', 'propulsion_power_magnitude'}) or (
+        not known & {'time', 'speed', 'duration', 'length'})
 
 
 def _refuse_unused(options: RouteOptions, used: tuple[str, ...]) -> None:

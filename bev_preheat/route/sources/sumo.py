@@ -10,7 +10,7 @@ from bev_preheat.route.motion import Motion
 from bev_preheat.route.segments import LIMITS, LONGEST_ROUTE_S
 from bev_preheat.route.sources.journey import Journey, RouteOptions
 from bev_preheat.route.sources.xml_text import check_xml
-from bev_preheat.route.text_table import NUMBER
+from bev_preheat.tables.numbers import NUMBER
 
 KIND = 'SUMO battery output'
 # Vehicles named in a message.
@@ -83,6 +83,7 @@ def _number(attributes: dict[str, str], key: str, element: str, line: int) -> fl
     text = attributes.get(key)
     if text is None:
         raise InvalidInput(f'line {line}: {element}: missing {key}')
-    if not NUMBER.fullmatch(text.strip()):
+    match = NUMBER.fullmatch(text.strip())
+    if match is None or match[2]:
         raise InvalidInput(f'line {line}: {element}: {key}: {quoted(text)} is not a number')
     return float(text)

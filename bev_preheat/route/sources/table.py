@@ -8,7 +8,6 @@ is an instant. Durations or lengths make it a list of segments: one row is a seg
 
 from __future__ import annotations
 
-from datetime import datetime
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,99 +16,44 @@ from bev_preheat.errors import figure, InvalidInput, quoted
 from bev_preheat.route.motion import elevation_of_slope, Motion
 from bev_preheat.route.segments import LIMITS, LONGEST_ROUTE_S
 from bev_preheat.route.sources.elevation import smooth_elevation
-from bev_preheat.route.sources.headers import Header, is_column, read_header
-from bev_preheat.route.sources.journey import ChargingStop, Journey, SLOPE_RANGE
-from bev_preheat.route.text_table import read_text_table, TextTable
+from bev_preheat.route.sources.headers import column, Header, headers_of
+from bev_preheat.route.sources.journey import ChargingStop, Journey
+from bev_preheat.tables.times import find_clock
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.tables.table import Table
 
-ACCEPTED = ('time_s', 'speed_kmh', 'slope', 'elevation_m', 'duration_s', 'length_m', 'consumption_kwh',
-            'ambient_temperature_c')
-# Valid range by quantity, in SI units, and the unit for messages.
-RANGES = {
-    'speed': (*LIMITS['speed_mps'], 'm/s'), 'slope': (*SLOPE_RANGE, 'rise over run'),
-    'elevation': (-500.0, 9000.0, 'm'), 'duration': (0.0, LONGEST_ROUTE_S, 's'), 'length': (0.0, 3e6, 'm'),
-    'distance': (-1e9, 1e9, 'm'), 'consumption': (-1e6, 1e6, 'Wh'),
-    'ambient_temperature': (*LIMITS['ambient_temperature_c'], 'degC'),
-    'cabin_heating_power': (*LIMITS['cabin_heating_power_w'], 'W'),
-    'auxiliary_power': (*LIMITS['auxiliary_power_w'], 'W'), 'charging_time': (0.0, 86400.0, 's'),
-}
+# Columns of the segments of a Journey.
+OF_SEGMENTS = ('duration', 'length', 'speed', 'slope', 'elevation', 'consumption', 'ambient_temperature',
+               'cabin_heating_power', 'auxiliary_power', 'charging_time')
 # Longest time between two samples of a cycle [s], and the strongest acceleration [m/s^2] of a car.
 CYCLE_INTERVAL_S = 60.0
 MOST_ACCELERATION_MPS2 = 12.0
 # So many lengths seldom rise by chance.
-RISING_LENGTHS = 4
+RISING_LENGTHS = 3
 
 
-def read_table(path: str | Path) -> Journey:
-    """Return the Journey of a table (CSV); raise InvalidInput naming file, line, column and value."""
-    return journey_of_table(_with_units_from_second_line(read_text_table(path, ACCEPTED, is_column)))
-
-
-def journey_of_table(table: TextTable) -> Journey:
-    """Return the Journey of a TextTable; raise InvalidInput naming line, column and value."""
-    headers = _headers(table)
-    if not table.rows:
+def journey_of_table(table: Table) -> Journey:
+    """Return the Journey of a Table; raise InvalidInput naming line, column and value."""
+    headers, problems, unknown = headers_of(table)
+    has_motion = ('speed' in headers and headers.keys() & {'time', 'duration', 'length'}) or (
+        headers.keys() >= {'length', 'duration'}) or headers.keys() >= {'time', 'distance'}
+    if not has_motion:
+        where = f'{table.path}, line {table.header_line}' if table.header_line else table.path
+        problems += [*unknown, f'{where}: a route needs time_s and speed_kmh (a drive cycle), or two of '
+                     'duration_s, speed_kmh and length_m for each segment; found: '
+                     f'{quoted(", ".join(table.header))}']
+    if problems:
+        raise InvalidInput(problems)
+    if not table.lines:
         raise InvalidInput(f'{table.path}: has no rows below its header')
     if 'time' in headers and 'duration' not in headers:
         return _samples(table, headers)
     return _segments(table, headers)
 
 
-def _with_units_from_second_line(table: TextTable) -> TextTable:
-    """Return the table with the units of a second line of the header, if there is one, in its names."""
-    if not table.rows or any(any(sign.isdigit() for sign in cell) for cell in table.rows[0]):
-        return table
-    units = [cell.strip().strip('[]()') for cell in table.rows[0]]
-    joined = [f'{name} [{unit}]' if unit else name for name, unit in zip(table.header, units)]
-    if not any(map(is_column, joined)):
-        return table
-    return TextTable(table.path, table.separator, joined, table.header_line, table.rows[1:], table.lines[1:],
-                     table.comments)
-
-
-def _headers(table: TextTable) -> dict[str, Header]:
-    """Return the columns by quantity; raise InvalidInput if one is ambiguous."""
-    where = f'{table.path}, line {table.header_line}' if table.header_line else table.path
-    found: dict[str, Header] = {}
-    problems, advice = [], []
-    for name in table.header:
-        header = read_header(name)
-        if isinstance(header, str):
-            advice.append(f'{where}: {header}')
-        elif header is not None:
-            if header.quantity in found:
-                problems.append(f'{where}: columns {quoted(found[header.quantity].name)} and {quoted(name)} hold '
-                                'the same quantity; keep only one')
-            found.setdefault(header.quantity, header)
-    has_motion = ('speed' in found and found.keys() & {'time', 'duration', 'length'}) or (
-        'length' in found and found.keys() & {'duration'}) or {'time', 'distance'} <= found.keys()
-    if not has_motion:
-        problems += advice
-        problems.append(f'{where}: a route needs time_s and speed_kmh (a drive cycle), or two of duration_s, '
-                        f'speed_kmh and length_m for each segment; found: {quoted(", ".join(table.header))}')
-    if problems:
-        raise InvalidInput(problems)
-    return found
-
-
-def _column(table: TextTable, header: Header) -> FloatArray:
-    """Return a column in SI units; raise InvalidInput naming the line of a value out of range."""
-    values = header.si(table.numbers([header.name])[0])
-    low, high, unit = RANGES[header.quantity]
-    bad = ~((values >= low) & (values <= high))
-    if bad.any():
-        at = int(np.argmax(bad))
-        hint = '; is it in percent? then name it slope_percent' if header.quantity == 'slope' else ''
-        raise InvalidInput(f'{table.where(at)}: {header.name}: {figure(float(values[at]))} {unit} is not allowed; '
-                           f'it must be {figure(low)} ... {figure(high)} {unit}{hint}')
-    return values
-
-
-def _samples(table: TextTable, headers: dict[str, Header]) -> Journey:
+def _samples(table: Table, headers: dict[str, Header]) -> Journey:
     """Return the Journey of a table of samples: instants with speeds, or with cumulated distances."""
     time_s = _times(table, headers['time'])
     if len(time_s) < 2:
@@ -133,23 +77,23 @@ def _samples(table: TextTable, headers: dict[str, Header]) -> Journey:
     if 'speed' not in headers:
         mean_mps, boundary_mps = _speed_of_distance(table, headers['distance'], steps_s), None
     else:
-        boundary_mps = _column(table, headers['speed'])
+        boundary_mps = column(table, headers['speed'])
         mean_mps = 0.5 * (boundary_mps[:-1] + boundary_mps[1:])
         _check_accelerations(table, headers['speed'], boundary_mps, steps_s)
     remarks: list[str] = []
     if 'elevation' in headers:
         distance_m = np.concatenate(([0.0], np.cumsum(steps_s * mean_mps)))
-        elevation_m, remark = smooth_elevation(distance_m, _column(table, headers['elevation']))
+        elevation_m, remark = smooth_elevation(distance_m, column(table, headers['elevation']))
         remarks += [remark] if remark else []
     else:
         slope = np.zeros(len(steps_s))
         if 'slope' in headers:
-            values = _column(table, headers['slope'])
+            values = column(table, headers['slope'])
             slope = 0.5 * (values[:-1] + values[1:])
         else:
             remarks.append('no slope and no elevation: a level road')
         elevation_m = elevation_of_slope(steps_s, mean_mps, slope)
-    own = {name: _middle(_column(table, headers[name]))
+    own = {name: _middle(column(table, headers[name]))
            for name in ('ambient_temperature', 'cabin_heating_power', 'auxiliary_power') if name in headers}
     return Journey('drive cycle', Motion(steps_s, mean_mps, elevation_m, boundary_mps),
                    ambient_temperature_c=own.get('ambient_temperature'),
@@ -161,7 +105,7 @@ def _middle(values: FloatArray) -> FloatArray:
     return 0.5 * (values[:-1] + values[1:])
 
 
-def _check_accelerations(table: TextTable, header: Header, speed_mps: FloatArray, steps_s: FloatArray) -> None:
+def _check_accelerations(table: Table, header: Header, speed_mps: FloatArray, steps_s: FloatArray) -> None:
     rates = np.diff(speed_mps) / steps_s
     at = int(np.argmax(np.abs(rates))) + 1
     if abs(rates[at - 1]) > MOST_ACCELERATION_MPS2:
@@ -170,8 +114,8 @@ def _check_accelerations(table: TextTable, header: Header, speed_mps: FloatArray
                            'speed and time')
 
 
-def _speed_of_distance(table: TextTable, header: Header, steps_s: FloatArray) -> FloatArray:
-    driven_m = np.diff(_column(table, header))
+def _speed_of_distance(table: Table, header: Header, steps_s: FloatArray) -> FloatArray:
+    driven_m = np.diff(column(table, header))
     speed_mps = driven_m / steps_s
     bad = ~((driven_m >= 0.0) & (speed_mps <= LIMITS['speed_mps'][1]))
     if bad.any():
@@ -182,33 +126,30 @@ def _speed_of_distance(table: TextTable, header: Header, steps_s: FloatArray) ->
     return speed_mps
 
 
-def _times(table: TextTable, header: Header) -> FloatArray:
-    """Return a column of times [s]: numbers, or dates as in ISO 8601, or times of day."""
-    place = table.header.index(header.name)
-    texts = [row[place] for row in table.rows]
-    if ':' not in texts[0] and 'T' not in texts[0]:
-        return header.si(table.numbers([header.name])[0])
-    seconds = []
-    for at, text in enumerate(texts):
-        try:
-            moment = datetime.fromisoformat(text if '-' in text else f'2000-01-01T{text.zfill(8)}')
-            # Without time zone throughout, or with one throughout: the difference counts.
-            seconds.append((moment - datetime(2000, 1, 1, tzinfo=moment.tzinfo)).total_seconds())
-        except (ValueError, OverflowError) as error:
-            raise InvalidInput(f'{table.where(at)}: {header.name}: {quoted(text)} is not a time; use seconds, or '
-                               'a date and time as in ISO 8601: 2026-01-31T08:00:00') from error
-    return np.array(seconds)
+def _times(table: Table, header: Header) -> FloatArray:
+    """Return a column of times [s]: numbers, dates or times of day."""
+    texts = table.texts(header.name)
+    if not any(':' in text for text in texts):
+        table.numbers(header.name)
+    clock = find_clock(texts, header.unit, table.decimal)
+    seconds = np.full(len(texts), np.nan) if clock is None else clock.seconds(texts)
+    bad = ~np.isfinite(seconds)
+    if bad.any():
+        at = int(np.argmax(bad))
+        raise InvalidInput(f'{table.where(at)}: {header.name}: {quoted(texts[at])} is not a time; use seconds, or '
+                           'a date and time as in ISO 8601: 2026-01-31T08:00:00')
+    return seconds
 
 
-def _segments(table: TextTable, headers: dict[str, Header]) -> Journey:
-    """Return the Journey of a list of segments."""
-    columns = {name: _column(table, headers[name]) for name in RANGES if name in headers}
+def motion_of_segments(table: Table, headers: dict[str, Header],
+                       columns: dict[str, FloatArray]) -> tuple[FloatArray, FloatArray]:
+    """Return durations [s] and speeds [m/s] of segments, shapes (N,), of two of duration, length and speed."""
     length_m = columns.get('length')
     if length_m is not None and len(length_m) >= RISING_LENGTHS and headers['length'].may_be_cumulated and not (
             {'duration', 'speed'} <= columns.keys()) and (np.diff(length_m) > 0.0).all():
         raise InvalidInput(f'{table.where(0)}: {headers["length"].name}: rises from row to row, as a distance '
                            'from the start of the trip does, which is not accepted; if it is the length of each '
-                           f'segment, name it length_{headers["length"].unit}')
+                           'segment, name it length_m or length_km')
     if 'duration' in columns:
         duration_s = columns['duration']
         bad = ~(duration_s >= LIMITS['duration_s'][0])
@@ -231,6 +172,13 @@ def _segments(table: TextTable, headers: dict[str, Header]) -> Journey:
         at = int(speed_mps.argmax())
         raise InvalidInput(f'{table.where(at)}: length and duration give {figure(float(speed_mps[at]))} m/s; at '
                            f'most {LIMITS["speed_mps"][1]:g} m/s are allowed; check their units')
+    return duration_s, speed_mps
+
+
+def _segments(table: Table, headers: dict[str, Header]) -> Journey:
+    """Return the Journey of a list of segments."""
+    columns = {name: column(table, headers[name]) for name in OF_SEGMENTS if name in headers}
+    duration_s, speed_mps = motion_of_segments(table, headers, columns)
     remarks: list[str] = []
     if 'elevation' in columns:
         # Of the end of each segment; the first one is taken as level.
@@ -251,7 +199,7 @@ def _segments(table: TextTable, headers: dict[str, Header]) -> Journey:
                    auxiliary_power_w=columns.get('auxiliary_power'), stops=stops, remarks=tuple(remarks))
 
 
-def _check_three(table: TextTable, headers: dict[str, Header], columns: dict[str, FloatArray]) -> None:
+def _check_three(table: Table, headers: dict[str, Header], columns: dict[str, FloatArray]) -> None:
     """Raise InvalidInput if duration, speed and length are given and contradict each other."""
     if not {'length', 'speed', 'duration'} <= columns.keys():
         return

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.logs.cell_numbers import read_numbers
-from bev_preheat.logs.units import conversion
+from bev_preheat.tables.numbers import read_numbers
+from bev_preheat.tables.units import conversion
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
@@ -53,7 +53,7 @@ def find_clock(texts: Sequence[str], unit: str = '', decimal: str = '.') -> Cloc
     """
     Return the Clock that reads the first times of a log; None if these texts are no times.
 
-    `unit` is pint's name of the unit in the header, '' without a unit.
+    `unit` is that in the header, '' without a unit.
     """
     texts = [text for text in texts if text.strip()]
     if not texts:
@@ -61,7 +61,7 @@ def find_clock(texts: Sequence[str], unit: str = '', decimal: str = '.') -> Cloc
     numbers = read_numbers(texts, decimal)[0]
     if np.mean(np.isfinite(numbers)) > 0.9:
         return _number_clock(numbers[np.isfinite(numbers)], unit, decimal)
-    for read, absolute in ((_iso_seconds, True), (_TimesOfDay(), False)):
+    for read, absolute in ((iso_seconds, True), (_TimesOfDay(), False)):
         if np.mean(np.isfinite([read(text) for text in texts])) > 0.5:
             # A reader of times of day has a memory; the log begins with a new one.
             return _text_clock(read if absolute else _TimesOfDay(), absolute)
@@ -123,7 +123,8 @@ def _scale_of(unit: str) -> float | None:
     return conversion(unit, 's').factor if unit in TIME_UNITS else None
 
 
-def _iso_seconds(text: str) -> float:
+def iso_seconds(text: str) -> float:
+    """Return seconds since the epoch of a text as in ISO 8601, NaN if it is none; no zone means UTC."""
     text = text.strip().replace(',', '.')
     # datetime takes bare digits for a date.
     if len(text) < 10 or text[4:5] != '-':

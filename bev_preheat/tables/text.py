@@ -6,6 +6,7 @@ from __future__ import annotations
 import codecs
 from collections.abc import Iterator
 from pathlib import Path
+import re
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.input_files import check_input
@@ -45,6 +46,11 @@ def encoding_of(head: bytes) -> str | None:
         text, encoding = head.decode('cp1252', 'replace'), 'cp1252'
     odd = sum(character in NOT_TEXT for character in text)
     return None if odd > 0.001 * len(text) else encoding
+
+
+def first_lines(head: bytes, encoding: str) -> list[str]:
+    """Return the lines in the first bytes of a text; the last one may be cut."""
+    return re.split('\r\n|[\r\n]', head.decode(encoding, 'replace'))
 
 
 def line_blocks(path: str | Path, encoding: str) -> Iterator[tuple[int, list[str]]]:

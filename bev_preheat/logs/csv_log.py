@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: Apache-2.0
+"""CSV logs: one line an instant and one column a channel, or one line a reading (time, name, value and unit)."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from pathlib import Path
+import re
+from typing import NamedTuple, TYPE_CHECKING
+
+import numpy as np
+
+from bev_preheat.errors import InvalidInput, quoted
+from bev_preheat.logs.channels import Channel, Piece
+from bev_preheat.logs.time_column import find_time_column, TimeColumn
+from bev_preheat.tables.table import open_table, TableFile
+from bev_preheat.tables.units import split_unit, unit_named
+
+if TYPE_CHECKING:
+    from bev_preheat.logs.remarks import Remarks
+    from bev_preheat.logs.signal_map import SignalMap
+    from bev_preheat.numerics.arrays import FloatArray, IntArray
+
+# Headings of the columns with names, values and units of readings.
+NAME = re.compile(r'^(pid|name|parameter( ?name)?|sensor( ?name)?|signal( ?name)?|channel|kanal|metric|key|topic|'
+                  r'path|item|variable|entity_id|messgröße|параметр|датчик|参数|名称)$', re.IGNORECASE)
+# InfluxDB's own columns; Home Assistant writes the unit as the measurement.
+INFLUX_NAME, MEASUREMENT = re.compile('_field'), re.compile('_measurement')
+VALUE = re.compile(r'^(_?value|val|wert|messwert|reading|state|data|payload|значение|valor|valeur|数值|值)$',
+                   re.IGNORECASE)
+UNIT = re.compile(r'^(units?|einheit(en)?|uom|unidad(es)?|unités?|единицы|единица|单位|unit_of_measurement)$',
+                  re.IGNORECASE)
+OWN = re.compile(r'^(lat(itude)?|lon(g|gt?itude)?|vin|(car|veh(icle)?)[ _]?(id|no|nr|num(ber)?|name)?)$',
+                 re.IGNORECASE)
+# More channels are texts, not names.
+MOST_CHANNELS = 5000
+
+
+class Roles(NamedTuple):
+    """Numbers of the columns with name, value and unit of a reading; `unit` is None without one."""
+
+    name: int
+    value: int
+    unit: int | None
+
+
+class CsvLog:
+    """An open CSV log; see RawLog. With `Roles` a line has one reading, else one of each channel."""
+
+    place = 'line'
+
+    def __init__(self, table: TableFile, roles: Roles | None) -> None:
+        """Take the table; with Roles, read the file once for the channels."""
+        self._table, self._roles = table, roles
+        layout = table.layout
+        self.format = 'CSV' if roles is None else 'CSV, one reading a line'
+        self.decimal, self.absolute = layout.decimal, False
+        self.times: tuple[str, ...] = ()
+        # Columns that are channels: of a log of readings those of the coordinates and of the car.
+        self._columns = {at: name for at, name in enumerate(layout.header) if roles is None or OWN.match(name)}
+        named = {} if roles is None else self._named(roles)
+        self.channels = (*(Channel(name, unit) for name, unit in named.items()),
+                         *(Channel(name, layout.units[at]) for at, name in self._columns.items()))
+        self._time: TimeColumn | None = None
+
+    def _named(self, roles: Roles) -> dict[str, str]:
+        """Return the units of the channels in a log of readings, by name."""
+        found: dict[str, str] = {}
+        for _, cells in self._table.blocks(lambda *_: None):
+            units = cells[roles.unit] if roles.unit is not None else ('',) * len(cells[roles.name])
+            for channel, text in dict.fromkeys(zip(cells[roles.name], units)):
+                if channel and not found.get(channel):
+                    found[channel] = unit_named(text) or split_unit(channel).unit
+            if len(found) > MOST_CHANNELS:
+                name = self._table.layout.header[roles.name]
+                raise InvalidInput(f'{self._table.path}: the column {name} has more than {MOST_CHANNELS} names; '
+                                   'it holds no names of channels')
+        return found
+
+    def use(self, signal_map: SignalMap) -> None:
+        """Choose the column of the time; raises InvalidInput if no column is a time."""
+        layout = self._table.layout
+        self._time = find_time_column(layout.header, layout.units, layout.rows, layout.decimal, signal_map)
+        if self._time is None:
+            raise InvalidInput(f'{self._table.path}, line {layout.header_line}: no column holds the time; the '
+                               f'columns are {quoted(", ".join(layout.header))}; name it (time_s) or give a '
+                               'signal map with time')
+        self.absolute = self._time.clock.absolute
+        self.times = tuple(layout.header[at] for at in self._time.columns)
+
+    def pieces(self, wanted: Collection[str], remarks: Remarks) -> Iterator[Piece]:
+        """Yield the Pieces of the wanted channels; see RawLog."""
+        assert self._time is not None
+        path, time = self._table.path, self._time
+        if time.clock.remark:
+            remarks.add('clock', f'{path}: {time.clock.remark}')
+
+        def drop(number: int, fault: str) -> None:
+            remarks.add('length', f'{path}, line {number}: {fault}; the line is dropped', noun='line')
+
+        for numbers, cells in self._table.blocks(drop):
+            time_s = time.clock.seconds([' '.join(parts) for parts in zip(*(cells[at] for at in time.columns))])
+            bad = ~np.isfinite(time_s)
+            if bad.any():
+                at = int(np.argmax(bad))
+                remarks.add('time', f'{path}, line {numbers[at]}: {quoted(cells[time.columns[0]][at])} is not a '
+                            'time; the line is dropped', int(bad.sum()), 'line')
+            yield from self._of_columns(wanted, time_s, cells, numbers)
+            if self._roles is not None:
+                yield from self._of_readings(self._roles, wanted, time_s, cells, numbers)
+
+    def _of_columns(self, wanted: Collection[str], time_s: FloatArray, cells: list[tuple[str, ...]],
+                    numbers: IntArray) -> Iterator[Piece]:
+        # Many lines of readings repeat a position.
+        first = np.arange(len(numbers)) if self._roles is None else np.unique(time_s, return_index=True)[1]
+        for column, name in self._columns.items():
+            if name in wanted and self._roles is None:
+                yield Piece(name, time_s, cells[column], numbers)
+            elif name in wanted:
+                yield Piece(name, time_s[first], [cells[column][at] for at in first], numbers[first])
+
+    @staticmethod
+    def _of_readings(roles: Roles, wanted: Collection[str], time_s: FloatArray, cells: list[tuple[str, ...]],
+                     numbers: IntArray) -> Iterator[Piece]:
+        members: dict[str, list[int]] = {name: [] for name in wanted}
+        for at, name in enumerate(cells[roles.name]):
+            if name in members:
+                members[name].append(at)
+        for name, rows in members.items():
+            if rows:
+                yield Piece(name, time_s[rows], [cells[roles.value][at] for at in rows], numbers[rows])
+
+
+def open_csv_log(path: str | Path, head: bytes) -> CsvLog | None:
+    """Return the open log if a file's first bytes are those of a table with a header, else None."""
+    table = open_table(path, head)
+    if table is None:
+        return None
+
+    def column(pattern: re.Pattern[str]) -> int | None:
+        return next((at for at, heading in enumerate(table.layout.header) if pattern.match(heading)), None)
+
+    name, value, unit = column(NAME), column(VALUE), column(UNIT)
+    if name is None:
+        name = column(INFLUX_NAME)
+    elif unit is None:
+        unit = column(MEASUREMENT)
+    return CsvLog(table, None if name is None or value is None else Roles(name, value, unit))

@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Units as tables and logs write them, and the linear conversion to a quantity's own unit."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+import re
+from typing import NamedTuple
+
+from bev_preheat.errors import InvalidInput, quoted
+
+# By quantity, named by its own unit: (unit, factor, offset, spellings in lower case without blanks). A value in
+# the own unit is factor * value + offset.
+QUANTITIES: dict[str, tuple[tuple[str, float, float, str], ...]] = {
+    'degC': (('degC', 1.0, 0.0, '°c degc c celsius ºc ℃ deg_c degrecelsi'),
+             ('degF', 1.0 / 1.8, -32.0 / 1.8, '°f degf f fahrenheit ºf ℉ deg_f'), ('kelvin', 1.0, -273.15, 'k')),
+    '1': (('1', 1.0, 0.0, 'share - m/m fraction ratio riseoverrun'), ('percent', 0.01, 0.0, '% pct prozent')),
+    'volt': (('volt', 1.0, 0.0, 'v volts'), ('millivolt', 1e-3, 0.0, 'mv'), ('kilovolt', 1e3, 0.0, 'kv')),
+    'ampere': (('ampere', 1.0, 0.0, 'a amp amps amper'), ('milliampere', 1e-3, 0.0, 'ma')),
+    'watt': (('watt', 1.0, 0.0, 'w watts'), ('kilowatt', 1e3, 0.0, 'kw'), ('milliwatt', 1e-3, 0.0, 'mw'),
+             ('horsepower', 745.69987158227022, 0.0, 'hp')),
+    'meter/second': (
+        ('meter/second', 1.0, 0.0, 'm/s mps ms-1 m/sec meters/second metres/second meterspersecond'),
+        ('kilometer/hour', 1.0 / 3.6, 0.0,
+         'km/h kmh kph km/hr kmh-1 kmph km/hour км/ч kilometerperhour kilomperhour'),
+        ('mile/hour', 0.44704, 0.0, 'mph mi/h miles/h miles/hour'), ('knot', 1852.0 / 3600.0, 0.0, 'kn knots')),
+    'meter': (('meter', 1.0, 0.0, 'm meters metre metres'), ('kilometer', 1e3, 0.0, 'km kilometers'),
+              ('mile', 1609.344, 0.0, 'mi miles'), ('foot', 0.3048, 0.0, 'ft feet')),
+    'degree': (('degree', 1.0, 0.0, 'deg ° degrees'), ('radian', 57.29577951308232, 0.0, 'rad')),
+    'second': (('second', 1.0, 0.0, 's sec secs seconds secon'),
+               ('millisecond', 1e-3, 0.0, 'ms msec milliseconds'),
+               ('microsecond', 1e-6, 0.0, 'us µs'), ('nanosecond', 1e-9, 0.0, 'ns'),
+               ('minute', 60.0, 0.0, 'min mins minutes minut'), ('hour', 3600.0, 0.0, 'h hr hours')),
+    'watt_hour': (('watt_hour', 1.0, 0.0, 'wh watthour'), ('kilowatt_hour', 1e3, 0.0, 'kwh'),
+                  ('joule', 1.0 / 3600.0, 0.0, 'j'), ('kilojoule', 1.0 / 3.6, 0.0, 'kj'),
+                  ('megajoule', 1e6 / 3600.0, 0.0, 'mj')),
+    # No signal and no column of a route is measured in these; a channel that has one is none.
+    'ampere_hour': (('ampere_hour', 1.0, 0.0, 'ah'),),
+    'ohm': (('ohm', 1.0, 0.0, ''), ('milliohm', 1e-3, 0.0, 'mohm')),
+    'rpm': (('rpm', 1.0, 0.0, '1/min'),), 'newton_meter': (('newton_meter', 1.0, 0.0, 'nm'),),
+    'bar': (('bar', 1.0, 0.0, ''), ('kilopascal', 0.01, 0.0, 'kpa')), 'hertz': (('hertz', 1.0, 0.0, 'hz'),),
+    'gram/second': (('gram/second', 1.0, 0.0, 'g/s'),),
+    'liter/hour': (('liter/hour', 1.0, 0.0, 'l/h l/hr'), ('liter/minute', 60.0, 0.0, 'l/min'))}
+SPELLINGS = {spelling: unit for units in QUANTITIES.values() for unit, _, _, spellings in units
+             for spelling in (unit.lower(), *spellings.split())}
+TO_OWN = {unit: (own, factor, offset) for own, units in QUANTITIES.items() for unit, factor, offset, _ in units}
+# Units of signals and columns by the ending of their names.
+OWN_UNITS = {'c': 'degC', 'v': 'volt', 'a': 'ampere', 'w': 'watt', 'mps': 'meter/second', 'm': 'meter',
+             'deg': 'degree', 's': 'second', 'soc': '1'}
+# Longer texts are no names of channels; regular expressions would take minutes for some texts.
+LONGEST_NAME = 200
+# Names whose parts are remembered.
+MOST_NAMES = 20_000
+IN_BRACKETS = re.compile(r'^(.*?)\s*[\[({<]\s*([^\])}>]*?)\s*[\])}>]\s*$')
+AT_END = re.compile(r'^(.+?)[ _/]+([^ _]+)$')
+
+
+class Conversion(NamedTuple):
+    """A linear conversion: value in the wanted unit = `factor` * value + `offset`."""
+
+    factor: float
+    offset: float
+
+
+class NamedUnit(NamedTuple):
+    """A header split into the name of a quantity and its unit ('' if none is given)."""
+
+    name: str
+    unit: str
+
+
+def unit_named(text: str) -> str:
+    """Return the name of a unit as logs write it, '' if it is unknown."""
+    return SPELLINGS.get(''.join(text.split()).lower().removeprefix('unit_'), '')
+
+
+def own_unit(signal: str) -> str:
+    """Return the unit that a signal of SIGNALS is stored in."""
+    return OWN_UNITS[signal.rpartition('_')[2]]
+
+
+@lru_cache(MOST_NAMES)
+def split_unit(header: str) -> NamedUnit:
+    """Return the NamedUnit of a header such as `Speed [km/h]`, `speed_kmh`, `Pack T1 C`; unit '' if unknown."""
+    for pattern in (IN_BRACKETS, AT_END) if len(header) <= LONGEST_NAME else ():
+        match = pattern.match(header.strip())
+        if match and unit_named(match[2]):
+            return NamedUnit(match[1].strip(' ,:'), unit_named(match[2]))
+    return NamedUnit(header.strip(), '')
+
+
+@lru_cache(MOST_NAMES)
+def is_stated(name: str, unit: str) -> bool:
+    """Return whether the unit of a channel was given as one, not read from a letter at the end of its name."""
+    end = AT_END.match(name.strip()) if len(name) <= LONGEST_NAME else None
+    # battery_temp_min and Temperature (min) are no durations in minutes, sensor_A and sensor_1 have no unit.
+    is_word = end is not None and IN_BRACKETS.match(name) is None and len(end[2]) == 1 and end[2] != '%'
+    return unit not in ('', 'minute') and not (is_word and split_unit(name).unit == unit)
+
+
+def measures(unit: str, signal: str) -> bool:
+    """Return whether a unit measures a signal's quantity."""
+    # Many write deg for degrees Celsius.
+    return TO_OWN.get(unit, ('',))[0] == own_unit(signal) or (own_unit(signal), unit) == ('degC', 'degree')
+
+
+def check_unit(unit: str, signal: str) -> None:
+    """Raise InvalidInput if a unit, as logs write it, does not measure a signal's quantity."""
+    conversion(unit, own_unit(signal))
+
+
+def conversion(unit: str, wanted: str) -> Conversion:
+    """
+    Return the Conversion from a unit to another, both as logs write them.
+
+    Raises InvalidInput if a unit is unknown, or measures another quantity.
+    """
+    unit, wanted = unit_named(unit) or unit, unit_named(wanted) or wanted
+    if unit not in TO_OWN:
+        raise InvalidInput(f'unit {quoted(unit)} is unknown; write it as in km/h, mph, degC, degF, K, percent, '
+                           'V, A, W or kW')
+    (quantity, factor, offset), (other, over, zero) = TO_OWN[unit], TO_OWN[wanted]
+    if quantity != other:
+        raise InvalidInput(f'unit {quoted(unit)} cannot be converted to {wanted}')
+    return Conversion(factor / over, (offset - zero) / over)
