@@ -181,13 +181,23 @@ def test_code_comments_name_pages_that_exist():
 FOLDERS_OF_NAMES = (ROOT, ROOT / 'bev_preheat', ROOT / 'studies/bev_preheat_studies')
 
 
-@pytest.mark.parametrize('page', [page for page in PAGES if page.parent.name not in ('reference', 'how-to', 'tutorials')],
-                         ids=name_of)
+@pytest.mark.parametrize('page', [
+    page for page in PAGES if page.parent == ROOT or page.parent.name in ('explanation', 'decisions')],
+    ids=name_of)
 def test_files_of_the_project_that_a_page_names_exist(page):
     text = FENCE.sub('', page.read_text())
     names = re.findall(r'`((?:\w[\w.-]*/)+[\w.-]+\.(?:py|c|h|yaml|xml|rst|bash))`', text)
     lost = {name for name in names if not any((folder / name).exists() for folder in FOLDERS_OF_NAMES)}
     assert lost <= {'config/scenarios/NAME.yaml', 'studies/bev_preheat_studies/NAME.py', 'commands/NAME.py'}
+
+
+def test_the_reviewer_finds_the_licence_of_each_package():
+    table = (ROOT / 'docs/explanation/reviewer.md').read_text().partition('## Licences')[2].lower()
+    for name in ('demo', 'optional'):
+        packages, _, _ = (ROOT / f'scripts/requirements-{name}.txt').read_text().partition('bring along')
+        # Selenium is for tests alone.
+        named = set(re.findall(r'^([\w-]+)==', packages, re.MULTILINE)) - {'selenium'}
+        assert named and {package for package in named if package not in table} == set()
 
 
 # --- the reference ---
