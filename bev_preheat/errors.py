@@ -50,7 +50,7 @@ def _first_of(problems: Iterable[str]) -> list[str]:
 
 
 class PlanningFailure(ArithmeticError):
-    """The model left the range of numbers, so no plan can be made from this input."""
+    """The model gives infinite or undefined numbers, so no plan can be made from this input."""
 
 
 def shortened(text: str, longest: int) -> str:

@@ -40,7 +40,8 @@ SERVICE_PARTS = ('Request', 'Response')
 ACTION_PARTS = ('Goal', 'Result', 'Feedback')
 NODES = (planner_node, nlp_checker_node, charger_adviser_node, route_publisher_node, heater_controller_node,
          vehicle_simulator_node, bus_gateway_node, dashboard_node)
-SCHEMAS = {'signal_map': 'logs/signal_map_schema.yaml', 'vehicle': 'vehicle/schema.yaml', 'legs': 'route/legs_schema.yaml',
+SCHEMAS = {'signal_map': 'logs/signal_map_schema.yaml',
+           'vehicle': 'vehicle/schema.yaml', 'legs': 'route/legs_schema.yaml',
            'chargers': 'charging/chargers_schema.yaml',
            'itinerary': 'control/itinerary_schema.yaml',
            'departures': 'control/departures_schema.yaml',

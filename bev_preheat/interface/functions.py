@@ -159,7 +159,7 @@ def worth(vehicle: Vehicle, route: Route, state: BatteryState, charger_power_w: 
           goal: Goal | float | None = None, energy_price_per_kwh: float = ENERGY_PRICE_PER_KWH,
           value_of_time_per_h: float = VALUE_OF_TIME_PER_H) -> WorthResult:
     """
-    Return which target costs least in energy and time at the charger, as `preheat worth` does.
+    Return the target with the least cost of energy and time at the charger, as `preheat worth` does.
 
     `charger_power_w` [W], `departure_soc` (0 ... 1); prices in one currency. Raises InvalidInput.
     """

@@ -112,11 +112,10 @@ def load_route(name_or_file: str | Path, vehicle: Vehicle, *, ambient_c: float |
     """
     Return the Route of a name in `routes()` or of a file of any format, driven by a vehicle, as `--route` does.
 
-    For a file without them: `ambient_c` [deg C], `free_speed_kmh` for a line without times; `stop_duration_s`,
-    the waypoints of navigation are charging stops of this duration [s]; `consumption` ('total' or 'drivetrain'),
-    the meaning of a consumption in the file; `vehicle_id`, the car in a file of several. Of a way with
-    charging stops the `leg` to the first one is returned (0), a later one, or the whole way (None). Raises
-    InvalidInput, which names file, place, value and allowed range.
+    Some files need more: `ambient_c` [deg C]; `free_speed_kmh`, for a line without times; `stop_duration_s` [s],
+    if the waypoints of navigation are charging stops; `consumption`, 'total' or 'drivetrain'; `vehicle_id`, in a
+    file of several cars. Of a way with charging stops, `leg` is the part up to the first one (0), a later part, or
+    the whole way (None). Raises InvalidInput, which names file, place, value and allowed range.
     """
     if consumption not in (None, 'total', 'drivetrain'):
         raise InvalidInput(f"consumption: must be 'total' or 'drivetrain', not {quoted(str(consumption))}")

@@ -127,8 +127,8 @@ def check(vehicle: Vehicle, recordings: Sequence[Recording], replays: bool = Tru
     """
     Return how well a vehicle predicts recorded drives, as `preheat check` does.
 
-    `replays`: also as the running planner, with its estimation and without. Raises InvalidInput, which names log,
-    signal, value and allowed range.
+    With `replays` the drives are also replayed to the planner, with its estimation and without. Raises
+    InvalidInput, which names log, signal, value and allowed range.
     """
     from bev_preheat.identification.check import check_trips
     from bev_preheat.identification.trips import trips_of
@@ -140,8 +140,8 @@ def identify(vehicle: Vehicle, recordings: Sequence[Recording], name: str = 'ide
     """
     Return the car that drove the recordings, as `preheat identify` does.
 
-    It needs casadi and scipy (extra `identify`). `vehicle` is the car to start from, `name` the new car's, which
-    is the attribute `vehicle` of the result. Raises InvalidInput if the recordings tell too little.
+    It needs casadi and scipy (extra `identify`). `vehicle` is the car to start from, `name` the name of the new
+    car, which is the attribute `vehicle` of the result. Raises InvalidInput if the recordings tell too little.
     """
     require('casadi', 'scipy')
     from bev_preheat.identification.identify import identify as identify_trips

@@ -119,7 +119,7 @@ class PlanResult(Result):
 
     @property
     def friction_brake_power_w(self) -> FloatArray:
-        """Mean braking power that the battery may not take, at the friction brake [W], (N,)."""
+        """Mean power at the friction brake, which the battery cannot accept [W], (N,)."""
         return self.plan.friction_brake_power_w
 
     @property
@@ -212,8 +212,8 @@ class ComparisonResult(Result):
     """
     The plans of all methods by name, and the optimum.
 
-    `above_optimum_wh` is the battery energy of each above the optimum's [Wh]; None if it does not reach the same,
-    as `difference` explains ('': it does).
+    `above_optimum_wh` is the battery energy of each plan above the optimum's [Wh], None if the plan does not reach
+    the same; `difference` says why not ('' if it does).
     """
 
     plans: dict[str, PlanResult]
