@@ -60,8 +60,8 @@ class MethodSituation:
     `vehicle` is the model to plan with, `route` the rest of the route in N steps, `state` the battery's current
     state, `goal` the conditions to meet on arrival. In a running planner, `vehicle` and `state` are estimated and
     the goal's target includes the margin for the uncertainty. `time_s` (N + 1,) are the ends of the steps [s],
-    from 0 to the arrival; `heater_limit_w` (N,) is the most electrical power that the heater can give to the battery
-    in each step [W], after cabin heating and derating.
+    from 0 to the arrival; `heater_limit_w` (N,) is the most electrical power that the heater can give to the
+    battery in each step [W], after cabin heating and derating.
     """
 
     vehicle: Vehicle
