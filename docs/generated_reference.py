@@ -45,8 +45,7 @@ SCHEMAS = {'signal_map': 'logs/signal_map_schema.yaml',
            'chargers': 'charging/chargers_schema.yaml',
            'itinerary': 'control/itinerary_schema.yaml',
            'departures': 'control/departures_schema.yaml',
-           'grid_prices': 'control/grid_prices_schema.yaml',
-           'scenario': 'simulation/scenario_schema.yaml'}
+           'grid_prices': 'control/grid_prices_schema.yaml'}
 # Files that a page shows, with their language.
 EXAMPLES = {'example_method': ('python', 'docs/examples/fixed_minutes_method/fixed_minutes_method.py')}
 LEVEL_NAMES = {DiagnosticStatus.OK: 'OK', DiagnosticStatus.WARN: 'WARN',
@@ -290,8 +289,8 @@ def key_lines(path, schema, comments, node, keys, depth=0):
     """
     Yield a line for each key below a node of the schema, indented; `keys` lead to it in the file.
 
-    A key may refer to the schema of another file, seen from the folder of this one's `path`; its keys are listed
-    if that is the same folder. Neighbours of one kind without a meaning of their own share a line.
+    A key may refer to the schema of another file, seen from the folder of this one's `path`. Neighbours of one
+    kind without a meaning of their own share a line.
     """
     shared, shared_kind = [], None
     for key, value in node.get('properties', {}).items():
@@ -299,12 +298,9 @@ def key_lines(path, schema, comments, node, keys, depth=0):
         name = code(key) + (MARK if key in node.get('required', ()) else '')
         said, kind, below = comments.get(place, ''), '', []
         if str(value.get('$ref', '#')).endswith('.yaml'):
-            if '/' in value['$ref']:
-                kind = f'as in {value["$ref"].split("/")[-2]} files'
-            else:
-                text = (path.parent / value['$ref']).read_text()
-                other = yaml.safe_load(text)
-                below = list(key_lines(path, other, key_comments(text), other, (), depth + 1))
+            text = (path.parent / value['$ref']).read_text()
+            other = yaml.safe_load(text)
+            below = list(key_lines(path, other, key_comments(text), other, (), depth + 1))
         else:
             resolved, resolved_place = resolve(schema, value, place)
             # Keys that older files may have, and that are refused with advice.
