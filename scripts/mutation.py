@@ -37,7 +37,8 @@ SUBJECTS = {
     'admission': (
         'bev_preheat/control/inbox.py', 'bev_preheat/control/inputs.py', 'bev_preheat/control/refusals.py',
         'bev_preheat/messages/battery_state.py', 'bev_preheat/messages/fields.py',
-        'bev_preheat/messages/route_plan.py', 'bev_preheat/planning/situation.py', 'bev_preheat/route/segments.py'),
+        'bev_preheat/messages/route_plan.py', 'bev_preheat/planning/situation.py',
+        'bev_preheat/route/segments.py'),
     'limited run': (
         'bev_preheat/planning/both_ends.py', 'bev_preheat/planning/heated_limits.py',
         'bev_preheat/planning/limited_drive.py', 'bev_preheat/planning/limits.py',

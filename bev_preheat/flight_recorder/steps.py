@@ -9,8 +9,6 @@ topic only: the message itself is in the recording just before the step.
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field, replace
-import json
-from math import isfinite
 from typing import Any, TYPE_CHECKING
 
 from bev_preheat.control.events import (
@@ -30,8 +28,6 @@ from bev_preheat.control.preparation_goal import PreparationEnding, PreparationG
 from bev_preheat.errors import InvalidInput, quoted
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
     from bev_preheat.control.decision import Command
 
 # Topics of the planner's inputs.
@@ -47,8 +43,6 @@ WANTED, ENDED, RECONFIGURED, REFUSED_ROUTE = (
 PLAIN_EVENTS: dict[str, Any] = {each.__name__: each for each in (
     ActivationChanged, PreheatingSwitched, RivalsChanged, DeparturesSkipped)}
 STEP, FAIL, STOP = 'step', 'fail', 'stop'
-JSON = json.JSONEncoder(separators=(',', ':'))
-NO_TEXT = '""'
 
 
 @dataclass(frozen=True)
@@ -85,23 +79,6 @@ class RecordedStep:
                        None if values['status'] is None else int(values['status']))
         except (KeyError, TypeError, ValueError, IndexError) as error:
             raise InvalidInput(f'a step of the recording is damaged: {type(error).__name__}: {error}') from error
-
-
-def step_bytes(now_ns: int, call: str, events: Iterable[dict[str, Any]], what: str, command: Command | None,
-               status: int | None) -> bytes:
-    """Return the JSON of a RecordedStep with these fields; a usual step takes a third of the time."""
-    # A kind alone has no letters that JSON escapes.
-    told = ','.join([f'{{"kind":"{event["kind"]}"}}' if len(event) == 1 and event.get('kind') in MESSAGE_KINDS
-                     else JSON.encode(event) for event in events])
-    if command is None:
-        answer = 'null'
-    elif isfinite(command[0]):
-        answer = f'[{command[0]!r},{command[1]},{int(command[2])}]'
-    else:
-        answer = JSON.encode(command_values(command))
-    return (f'{{"now_ns":{now_ns},"call":"{call}","events":[{told}],'
-            f'"what":{JSON.encode(what) if what else NO_TEXT},"command":{answer},'
-            f'"status":{"null" if status is None else int(status)}}}').encode()
 
 
 def command_values(command: Command | None) -> tuple[float, int, int] | None:

@@ -21,9 +21,7 @@ from threading import Event, Thread
 import time
 from typing import Any, NamedTuple
 
-from bev_preheat.flight_recorder.mcap_output import McapOutput
 from bev_preheat.flight_recorder.ring import file_name, make_room, mark_as_being_written
-from bev_preheat.flight_recorder.steps import JSON, RecordedStep
 from bev_preheat.optional_packages import require
 
 # Groups of entries that wait for the disk; 2 min of a planner that is fed ten times a second.
@@ -41,6 +39,7 @@ LIBRARY = 'bev_preheat'
 # Channels of the recorder itself; their messages are JSON.
 BEGINNING_CHANNEL, STATE_CHANNEL, STEP_CHANNEL, GAP_CHANNEL = (
     'flight_recorder/beginning', 'flight_recorder/state', 'flight_recorder/step', 'flight_recorder/gap')
+JSON = json.JSONEncoder(separators=(',', ':'), default=lambda each: each.as_dictionary())
 JSON_SCHEMA = json.dumps({'type': 'object'}).encode()
 
 
@@ -60,14 +59,8 @@ def json_kind(name: str) -> Kind:
                 lambda values: JSON.encode(values).encode())
 
 
-def _step_bytes(content: RecordedStep | dict[str, Any] | bytes) -> bytes:
-    if isinstance(content, bytes):
-        return content
-    return JSON.encode(content if isinstance(content, dict) else content.as_dictionary()).encode()
-
-
 JSON_KINDS = {BEGINNING_CHANNEL: json_kind('Beginning'), STATE_CHANNEL: json_kind('State'),
-              STEP_CHANNEL: json_kind('Step')._replace(encode=_step_bytes), GAP_CHANNEL: json_kind('Gap')}
+              STEP_CHANNEL: json_kind('Step'), GAP_CHANNEL: json_kind('Gap')}
 
 
 class Entry(NamedTuple):
@@ -85,6 +78,34 @@ class Recording(NamedTuple):
     most_bytes: int
     life: str
     started: str
+
+
+class _Collected:
+    """The stream of an mcap Writer: bytes that wait for `put_down`; positions count from the file's start."""
+
+    def __init__(self) -> None:
+        self._parts: list[bytes] = []
+        self.size = 0
+
+    def write(self, data: bytes) -> int:
+        self._parts.append(bytes(data))
+        self.size += len(data)
+        return len(data)
+
+    def tell(self) -> int:
+        return self.size
+
+    def put_down(self, file: FileIO) -> None:
+        """Write them to an unbuffered file; after an OSError, which passes through, none of them is in it."""
+        written, rest = self.size - sum(map(len, self._parts)), memoryview(b''.join(self._parts))
+        self._parts = []
+        try:
+            while rest:
+                rest = rest[file.write(rest) or 0:]
+        except OSError:
+            with suppress(OSError):
+                file.truncate(written)
+            raise
 
 
 class RecordingWriter:
@@ -117,7 +138,8 @@ class RecordingWriter:
         # Groups that are collected and not written yet.
         self._collected = 0
         self.dropped, self.report, self.path = 0, '', ''
-        self._output: McapOutput | None = None
+        self._mcap: Any = None
+        self._bytes = _Collected()
         self._channels: dict[str, tuple[int, Callable[[Any], bytes]]] = {}
         self._thread = Thread(target=self._run, name='flight recorder', daemon=True)
         self._thread.start()
@@ -184,10 +206,10 @@ class RecordingWriter:
         self._collected += 1
 
     def _put_down(self) -> None:
-        if self._output is not None and self._file is not None:
-            self._output.put_down()
+        if self._file is not None:
+            self._bytes.put_down(self._file)
             self._collected, self._written_drops = 0, self._reported_drops
-            if self._output.size >= self._largest_file_bytes:
+            if self._bytes.size >= self._largest_file_bytes:
                 self._end_file()
             elif os.fstat(self._file.fileno()).st_nlink == 0:
                 # Somebody deleted it; the next steps go into another one.
@@ -209,32 +231,35 @@ class RecordingWriter:
         self._path, self._file = path, os.fdopen(descriptor, 'wb', buffering=0)
         part, self._part = self._part, self._part + 1
         make_room(folder, max(self._recording.most_bytes - self._largest_file_bytes, 0), path)
-        self._output = McapOutput(self._file, LIBRARY)
-        self._channels = {}
+        from mcap.writer import CompressionType, Writer
+        self._bytes, self._channels = _Collected(), {}
+        # Without chunks each message stands alone, so that a file without an end can be read up to its last one.
+        self._mcap = Writer(self._bytes, use_chunking=False, compression=CompressionType.NONE)
+        self._mcap.start('ros2', LIBRARY)
         for name, values in self._metadata.items():
-            self._output.add_metadata(name, values)
+            self._mcap.add_metadata(name, values)
         for entry in self._head_of():
             if entry.channel == BEGINNING_CHANNEL:
                 entry = entry._replace(content={**entry.content, 'part': part})
             self._add(entry)
-        self._output.put_down()
+        self._bytes.put_down(self._file)
         self.path, self.report = str(path), ''
 
     def _add(self, entry: Entry) -> None:
         name, now_ns, content = entry
         channel = self._channels.get(name)
-        assert self._output is not None
         if channel is None:
             kind = self._kinds[name]
-            channel = self._channels[name] = self._output.add_channel(
-                name, kind.message_encoding, kind.type_name, kind.schema_encoding, kind.definition), kind.encode
+            channel = self._channels[name] = self._mcap.register_channel(
+                name, kind.message_encoding, self._mcap.register_schema(
+                    kind.type_name, kind.schema_encoding, kind.definition)), kind.encode
         number, encode = channel
-        self._output.add(number, now_ns, encode(content))
+        self._mcap.add_message(number, now_ns, encode(content), now_ns)
 
     def _end_file(self) -> None:
         if self._file is not None:
-            assert self._output is not None
-            self._output.finish()
+            self._mcap.finish()
+            self._bytes.put_down(self._file)
             self._file.close()
             self._file = None
 

@@ -18,11 +18,12 @@ from bev_preheat.flight_recorder.ring import check_folder
 from bev_preheat.flight_recorder.steps import (
     BATTERY_STATE,
     COMMAND,
+    command_values,
     event_values,
     GoalNumbers,
+    RecordedStep,
     ROUTE_PLAN,
     STEP,
-    step_bytes,
 )
 from bev_preheat.flight_recorder.writer import (
     BEGINNING_CHANNEL,
@@ -221,7 +222,8 @@ class FlightRecorder:
             return group
         state, now_ns, events, message, command, status, call, what, setup = group
         values = [_values(event, message is not None, self._goals, setup) for event in events]
-        step = Entry(STEP_CHANNEL, now_ns, step_bytes(now_ns, call, values, what, command, status))
+        step = Entry(STEP_CHANNEL, now_ns, RecordedStep(
+            now_ns, call, tuple(values), what, command_values(command), status))
         entries = [step] if message is None else [Entry(self._topics[values[0]['kind']], now_ns, message), step]
         if command is not None:
             entries.append(Entry(self._topics[COMMAND], now_ns, (command, now_ns)))

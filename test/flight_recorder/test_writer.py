@@ -1,9 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The writer never disturbs the planner: bounded folder, full or slow disk, and every loss is counted."""
 
-from dataclasses import fields
 import errno
-import json
 import os
 import shutil
 import time
@@ -14,11 +12,9 @@ import pytest
 
 from bev_preheat.errors import InvalidInput
 from bev_preheat.flight_recorder import writer as module
-from bev_preheat.flight_recorder.mcap_output import McapOutput
 from bev_preheat.flight_recorder.ring import check_folder, make_room, recordings_in
-from bev_preheat.flight_recorder.steps import RecordedStep, step_bytes
+from bev_preheat.flight_recorder.steps import RecordedStep
 from bev_preheat.flight_recorder.writer import Entry, Recording, RecordingWriter, STEP_CHANNEL
-from bev_preheat.planning.status import Status
 
 pytestmark = pytest.mark.needs('mcap')
 NUMBERS = st.integers(0, 2**62)
@@ -148,56 +144,3 @@ def test_a_file_or_a_dangling_link_is_no_folder(tmp_path):
         with pytest.raises(InvalidInput, match=words):
             check_folder(path)
     check_folder(tmp_path / 'new' / 'folder')
-
-
-@given(st.builds(RecordedStep, NUMBERS, st.sampled_from(['step', 'fail', 'stop']),
-                 st.lists(st.sampled_from([
-                     {'kind': 'battery_state'}, {'kind': 'route_plan', 'hint': 'a "hint" \x00 ä'},
-                     {'kind': 'PreheatingSwitched', 'is_enabled': True}, {'kind': 'quoted"'}]),
-                     max_size=3).map(tuple), st.text(),
-                 st.none() | st.tuples(st.floats(), NUMBERS, st.sampled_from(Status)),
-                 st.none() | st.sampled_from(Status)))
-def test_the_short_way_to_the_json_of_a_step(step):
-    values = json.loads(step_bytes(*(getattr(step, field.name) for field in fields(RecordedStep))))
-    # NaN equals nothing.
-    assert repr(values) == repr(json.loads(json.dumps(step.as_dictionary())))
-
-
-def test_the_file_is_as_the_library_writes_it(tmp_path):
-    """Another writer of the same messages gives the same records, summary included."""
-    from mcap.writer import CompressionType, Writer
-    messages = [('a', 5, b'x'), ('b', 3, b'yy'), ('a', 9, b'')]
-    with open(tmp_path / 'ours', 'wb', buffering=0) as file:
-        output = McapOutput(file, 'test')
-        output.add_metadata('names', {'k': 'v'})
-        channels = {}
-        for topic, now_ns, data in messages:
-            if topic not in channels:
-                channels[topic] = output.add_channel(topic, 'json', f'T{topic}', 'jsonschema', b'{}')
-            output.add(channels[topic], now_ns, data)
-        output.finish()
-        assert output.size == file.tell()
-    with open(tmp_path / 'theirs', 'wb') as file:
-        library = Writer(file, use_chunking=False, compression=CompressionType.NONE)
-        library.start('ros2', 'test')
-        library.add_metadata('names', {'k': 'v'})
-        channels = {}
-        for number, (topic, now_ns, data) in enumerate(messages, start=1):
-            if topic not in channels:
-                channels[topic] = library.register_channel(
-                    topic, 'json', library.register_schema(f'T{topic}', 'jsonschema', b'{}'))
-            library.add_message(channels[topic], now_ns, data, now_ns, number)
-        library.finish()
-    assert records_of(tmp_path / 'ours') == records_of(tmp_path / 'theirs')
-
-
-def records_of(path):
-    """Return the records of a file but for offsets: the library has also those of empty groups."""
-    from mcap.reader import make_reader
-    from mcap.stream_reader import StreamReader
-    with open(path, 'rb') as file:
-        records = [record for record in StreamReader(file, validate_crcs=True).records
-                   if type(record).__name__ not in ('SummaryOffset', 'Footer')]
-    with open(path, 'rb') as file:
-        summary = make_reader(file, validate_crcs=True).get_summary()
-    return records, summary.statistics, summary.channels, summary.schemas, summary.metadata_indexes
