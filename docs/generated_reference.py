@@ -27,10 +27,10 @@ from bev_preheat.nodes import (
     nlp_checker_node,
     planner_node,
     route_publisher_node,
-    vehicle_simulator_node,
 )
 from bev_preheat.nodes.diagnostics import HEATER_LEVELS, HEATER_SENTENCES
 from bev_preheat.planning.status import Status
+from bev_preheat.simulator import vehicle_simulator_node
 
 ROOT = Path(__file__).resolve().parents[1]
 MESSAGES = ('RoutePlan', 'RouteProgress', 'HvchCommand', 'HvchStatus', 'PreheatPlan', 'OptimalityReport')

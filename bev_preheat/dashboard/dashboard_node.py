@@ -121,7 +121,3 @@ class DashboardNode(Node):
 def main() -> None:
     """Run the dashboard until a signal ends it."""
     sys.exit(run_node(DashboardNode, PROGRAM))
-
-
-if __name__ == '__main__':
-    main()

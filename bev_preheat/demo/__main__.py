@@ -33,12 +33,12 @@ from bev_preheat.demo.observer import Observer
 from bev_preheat.drawing.demo_figure import draw_drive
 from bev_preheat.errors import figure, figure_beyond, InvalidInput
 from bev_preheat.files.output_files import check_outputs, expanded, OutputFile, PICTURE_SUFFIXES
-from bev_preheat.nodes.installed_processes import NodeProcess, reserved_domain_id
-from bev_preheat.nodes.kept_recording import KeptRecording, recording_beside
 from bev_preheat.nodes.listening import listening
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.route import route_for
 from bev_preheat.simulation.supervised_drive import START_NS
+from bev_preheat.simulator.installed_processes import NodeProcess, reserved_domain_id
+from bev_preheat.simulator.kept_recording import KeptRecording, recording_beside
 from bev_preheat.vehicle import load_vehicle, vehicle_file
 
 if TYPE_CHECKING:

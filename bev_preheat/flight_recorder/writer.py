@@ -234,7 +234,8 @@ class RecordingWriter:
         from mcap.writer import CompressionType, Writer
         self._bytes, self._channels = _Collected(), {}
         # Without chunks each message stands alone, so that a file without an end can be read up to its last one.
-        self._mcap = Writer(self._bytes, use_chunking=False, compression=CompressionType.NONE)
+        stream: Any = self._bytes
+        self._mcap = Writer(stream, use_chunking=False, compression=CompressionType.NONE)
         self._mcap.start('ros2', LIBRARY)
         for name, values in self._metadata.items():
             self._mcap.add_metadata(name, values)

@@ -204,7 +204,3 @@ class BusGatewayNode(ProgramNode):
 def main() -> None:
     """Run the gateway until a signal ends it."""
     sys.exit(run_node(BusGatewayNode, PROGRAM))
-
-
-if __name__ == '__main__':
-    main()

@@ -97,7 +97,3 @@ class ChargerAdviserNode(InboxNode):
 def main() -> None:
     """Run the adviser until a signal ends it."""
     sys.exit(run_node(ChargerAdviserNode, PROGRAM))
-
-
-if __name__ == '__main__':
-    main()

@@ -126,7 +126,3 @@ def _without_heater(power_w: float) -> None:
 def main(output: Output | None = None) -> None:
     """Run the controller until a signal ends it; see the module on `output`."""
     sys.exit(run_node(lambda: HeaterControllerNode(output), PROGRAM))
-
-
-if __name__ == '__main__':
-    main()

@@ -334,7 +334,3 @@ class NlpCheckerNode(InboxNode):
 def main() -> None:
     """Run the checker until a signal ends it."""
     sys.exit(run_node(NlpCheckerNode, PROGRAM))
-
-
-if __name__ == '__main__':
-    main()

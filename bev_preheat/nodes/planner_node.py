@@ -409,7 +409,3 @@ def _has_plan_or_heats(output: StepOutput) -> bool:
 def main(loading_node: Node | None = None) -> None:
     """Run the planner until a signal ends it; `loading_node` comes from `process.join_graph`."""
     sys.exit(run_node(PlannerNode, PROGRAM, loading_node))
-
-
-if __name__ == '__main__':
-    main()

@@ -308,7 +308,3 @@ class RoutePublisherNode(ProgramNode):
 def main() -> None:
     """Run the publisher until a signal ends it."""
     sys.exit(run_node(RoutePublisherNode, PROGRAM))
-
-
-if __name__ == '__main__':
-    main()

@@ -11,7 +11,7 @@ from rclpy.clock import Clock, ClockType
 
 from bev_preheat.messages.diagnostics import judged
 from bev_preheat.messages.fields import nanoseconds
-from bev_preheat.nodes.news import RepetitionFilter
+from bev_preheat.nodes.news import logging_errors
 from bev_preheat.nodes.parameters import given_parameters
 from bev_preheat.nodes.surroundings import Surroundings
 from bev_preheat.numerics.factors import NS_PER_DAY
@@ -60,17 +60,9 @@ class SetupWatch:
         self._logged: set[str] = set()
         self._found: list[str] = []
         self._looks_at_zero = 0
-        self._news = RepetitionFilter()
         self._note(self._unknown)
-        node.create_timer(SETUP_PERIOD_S, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME))
-
-    def _on_timer(self) -> None:
-        try:
-            self._look()
-        except Exception as error:
-            sentence = f'looking around: {type(error).__name__}: {error}'
-            if self._news.has(sentence):
-                self._node.get_logger().error(sentence)
+        node.create_timer(SETUP_PERIOD_S, logging_errors(node, 'looking around', self._look),
+                          clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _look(self) -> None:
         found, before = self._surroundings.problems(), self._found

@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from bev_preheat.nodes.installed_processes import reserved_domain_id
+from bev_preheat.simulator.installed_processes import reserved_domain_id
 from bev_preheat_studies.soak.terminal import CTRL_C, TerminalProcess
 
 MONITOR = [sys.executable, '-m', 'bev_preheat', 'monitor']

@@ -10,7 +10,7 @@ import time
 from ament_index_python.packages import get_package_prefix
 from spinning import take_down, TIME_LIMIT_S
 
-from bev_preheat.nodes.installed_processes import NodeProcess
+from bev_preheat.simulator.installed_processes import NodeProcess
 
 POLL_S = 0.005
 ANSWER_TIME_S = 5.0
@@ -162,14 +162,6 @@ class Sender:
         """Return the identifiers of the topic's subscriptions in the graph."""
         return {bytes(endpoint.endpoint_gid) for endpoint
                 in self._node.get_subscriptions_info_by_topic(self._publisher.topic_name)}
-
-    def wait_for_other_subscriptions(self, former):
-        """Wait until others have replaced the former subscriptions and are matched."""
-        def are_matched():
-            now = self.subscriptions()
-            return now and now.isdisjoint(former) and self._publisher.get_subscription_count() == len(now)
-
-        poll_until(are_matched, f'{self._topic}: other subscriptions')
 
 
 class PatientProcess(NodeProcess):

@@ -39,7 +39,7 @@ CLASSES = {
     'charger_adviser': ('nodes.charger_adviser_node', 'ChargerAdviserNode'),
     'heater_controller': ('nodes.heater_controller_node', 'HeaterControllerNode'),
     'route_publisher': ('nodes.route_publisher_node', 'RoutePublisherNode'),
-    'vehicle_simulator': ('nodes.vehicle_simulator_node', 'VehicleSimulatorNode'),
+    'vehicle_simulator': ('simulator.vehicle_simulator_node', 'VehicleSimulatorNode'),
     'bus_gateway': ('nodes.bus_gateway_node', 'BusGatewayNode')}
 
 

@@ -23,8 +23,8 @@ from bev_preheat.nodes import (
     nlp_checker_node,
     planner_node,
     route_publisher_node,
-    vehicle_simulator_node,
 )
+from bev_preheat.simulator import vehicle_simulator_node
 
 NODES = {'planner': planner_node, 'nlp_checker': nlp_checker_node,
          'charger_adviser': charger_adviser_node,
@@ -159,31 +159,3 @@ def test_a_whole_number_is_taken_where_a_double_is_meant(call_main, name):
     done = call_main(name, '--ros-args', '-p', 'vehicle:=bicycle', '-p', 'command_lease:=9', *words)
     assert_one_line(done, name, "vehicle 'bicycle' is unknown")
     assert not any(f'{item.name}: ' in done.stderr for item in doubles)
-
-
-KEY = 'qos_overrides./route_plan.subscription'
-OVERRIDES = {
-    'durability': (f'{KEY}.durability:=latched', f"{KEY}.durability: 'latched' is not allowed; it "
-                   'must be one of system_default, transient_local, volatile'),
-    'durability type': (f'{KEY}.durability:=1', f'{KEY}.durability: 1 is not allowed'),
-    'reliability': (f'{KEY}.reliability:=tcp', f"{KEY}.reliability: 'tcp' is not allowed"),
-    'depth': (f'{KEY}.depth:=0', f'{KEY}.depth: 0 is not allowed; it must be a whole number '
-              'from 1 on'),
-    'history': (f'{KEY}.history:=keep', f"{KEY}.history: 'keep' is not allowed"),
-}
-
-
-@pytest.mark.parametrize('override, text', OVERRIDES.values(), ids=OVERRIDES)
-@EACH_LISTENER
-def test_a_bad_quality_of_service_is_one_line_and_2(call_main, name, override, text):
-    assert_one_line(call_main(name, '--ros-args', '-p', override), name, text)
-
-
-@pytest.mark.parametrize('remapping, topic', [
-    ('__ns:=/car1', '/car1/route_plan'), ('route_plan:=/trip/plan', '/trip/plan')])
-@EACH_LISTENER
-def test_an_override_for_the_topic_of_another_namespace_is_one_line_and_2(
-        call_main, name, remapping, topic):
-    done = call_main(name, '--ros-args', '-r', remapping, '-p', f'{KEY}.durability:=volatile')
-    assert_one_line(done, name, f'{KEY}.durability: route_plan of this node is {topic}; write '
-                    f'qos_overrides.{topic}.subscription.durability')

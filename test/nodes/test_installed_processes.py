@@ -6,8 +6,8 @@ import socket
 import domain_coordinator
 import pytest
 
-from bev_preheat.nodes import installed_processes
-from bev_preheat.nodes.installed_processes import reserved_domain_id
+from bev_preheat.simulator import installed_processes
+from bev_preheat.simulator.installed_processes import reserved_domain_id
 
 
 def test_reserved_domains_differ(monkeypatch):

@@ -148,7 +148,7 @@ def test_parameters_that_ros_knows_are_not_unknown(bench):
     diagnostics = bench.record(DiagnosticArray, '/diagnostics')
     planner = bench.start(
         'planner', '-p', 'use_sim_time:=false', '-p', 'start_type_description_service:=false',
-        '-p', 'qos_overrides./route_plan.subscription.depth:=2', '-p', 'vehicle:=small_car',
+        '-p', 'vehicle:=small_car',
         '-p', 'another_node:colour:=red')
     setup_entry(diagnostics, 'planner', 'fit', DiagnosticStatus.OK)
     assert 'unknown' not in planner.output()

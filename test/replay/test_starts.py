@@ -10,13 +10,13 @@ import pytest
 from bev_preheat.commands.main import main
 from bev_preheat.flight_recorder.ring import recordings_in
 from bev_preheat.nodes import recorded_scenario
-from bev_preheat.nodes.recorded_scenario import drive_recorded
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.replay.explanation import explain
 from bev_preheat.replay.flight_file import read_flight
 from bev_preheat.replay.player import Changes, Player
 from bev_preheat.replay.what_if import replay, replay_changed
 from bev_preheat.simulation.scenario import load_scenario
+from bev_preheat.simulator.recorded_scenario import drive_recorded
 
 pytestmark = [pytest.mark.needs('mcap'), pytest.mark.needs('rclpy'), pytest.mark.costly]
 

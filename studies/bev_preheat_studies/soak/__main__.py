@@ -30,9 +30,9 @@ from bev_preheat.console.parser import OneLineParser
 from bev_preheat.console.terminal import progress_bar, result_console
 from bev_preheat.control.settings import Settings
 from bev_preheat.files.output_files import check_outputs, expanded, OutputFile, PICTURE_SUFFIXES
-from bev_preheat.nodes.installed_processes import NodeProcess, reserved_domain_id
 from bev_preheat.nodes.listening import listening
 from bev_preheat.optional_packages import require
+from bev_preheat.simulator.installed_processes import NodeProcess, reserved_domain_id
 from bev_preheat.vehicle import load_vehicle, vehicle_file
 from bev_preheat_studies.soak.assessment import judge
 from bev_preheat_studies.soak.load import SoakLoad

@@ -30,9 +30,9 @@ from bev_preheat.console.parser import OneLineParser
 from bev_preheat.console.terminal import result_console
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.output_files import check_outputs, expanded, OutputFile
-from bev_preheat.nodes.installed_processes import NodeProcess, reserved_domain_id
 from bev_preheat.optional_packages import require
 from bev_preheat.route import route_file
+from bev_preheat.simulator.installed_processes import NodeProcess, reserved_domain_id
 from bev_preheat.vehicle import vehicle_file
 from bev_preheat_studies.soak.assessment import (
     Assessment,

@@ -26,12 +26,10 @@ from bev_preheat.messages.route_progress import progress_message
 from bev_preheat.messages.simulated_drive import trip_diagnostics
 from bev_preheat.nodes.command_line import NodeProgram, print_error
 from bev_preheat.nodes.heater_execution import CommandSenders
-from bev_preheat.nodes.lockstep import GRAPH_PERIOD_S, Lockstep, NoAnswer
 from bev_preheat.nodes.node import guarded, ProgramNode
 from bev_preheat.nodes.parameters import Parameter
 from bev_preheat.nodes.process import LAST_WORDS_TIME, run_node
 from bev_preheat.nodes.setup_watch import DIAGNOSTICS_PERIOD_S
-from bev_preheat.nodes.simulated_time import NodeTime, OwnTime
 from bev_preheat.nodes.surroundings import endpoint_name
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
@@ -42,6 +40,8 @@ from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
 from bev_preheat.simulation.pace import Patience
 from bev_preheat.simulation.scenario import load_scenario
 from bev_preheat.simulation.sensors import Sensors
+from bev_preheat.simulator.lockstep import GRAPH_PERIOD_S, Lockstep, NoAnswer
+from bev_preheat.simulator.simulated_time import NodeTime, OwnTime
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat_msgs.msg import HvchCommand, HvchStatus, RoutePlan, RouteProgress
 
@@ -519,7 +519,3 @@ def _departure(values: Values) -> tuple[ImperfectCar, str, Iterable[str]]:
 def main() -> None:
     """Run the simulated vehicle until a signal ends it, or it arrives with exit_on_arrival."""
     sys.exit(run_node(VehicleSimulatorNode, PROGRAM))
-
-
-if __name__ == '__main__':
-    main()

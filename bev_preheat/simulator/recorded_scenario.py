@@ -14,9 +14,9 @@ from bev_preheat.messages.route_intake import RouteIntake
 from bev_preheat.messages.route_plan import route_plan_message
 from bev_preheat.messages.route_progress import progress_event, progress_message
 from bev_preheat.nodes.flight_recording import FlightRecorder, Planner, Setup
-from bev_preheat.nodes.kept_recording import KeptRecording
 from bev_preheat.simulation.scenario_drive import drive_scenario
 from bev_preheat.simulation.supervised_drive import START_NS
+from bev_preheat.simulator.kept_recording import KeptRecording
 from bev_preheat.vehicle import vehicle_contents
 
 if TYPE_CHECKING:

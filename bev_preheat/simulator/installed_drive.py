@@ -22,13 +22,13 @@ from bev_preheat.messages.simulated_drive import (
     lost_commands_sentence,
     outcome_from_diagnostics,
 )
-from bev_preheat.nodes.installed_processes import NodeProcess, reserved_domain_id
-from bev_preheat.nodes.kept_recording import KeptRecording
 from bev_preheat.nodes.listening import listening
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.status import Status
 from bev_preheat.simulation.evaluation import DriveRecord, fill_phases, PhaseEnd, SIGNALS
 from bev_preheat.simulation.supervised_drive import START_NS
+from bev_preheat.simulator.installed_processes import NodeProcess, reserved_domain_id
+from bev_preheat.simulator.kept_recording import KeptRecording
 from bev_preheat_msgs.msg import HvchCommand, PreheatPlan
 
 if TYPE_CHECKING:
