@@ -545,7 +545,7 @@ class Rehearsal:
         """Give the modules of the nodes the rehearsal's steady time instead of the computer's."""
         by_hand = _Time(self)
         for name, module in list(sys.modules.items()):
-            if name.startswith('bev_preheat.nodes.'):
+            if name.startswith(('bev_preheat.nodes.', 'bev_preheat.simulator.')):
                 for attribute, value in list(vars(module).items()):
                     if value is time:
                         self._patches.setattr(module, attribute, by_hand)
