@@ -144,7 +144,7 @@ def _signals(name: str, hardware: str, state: PlannerState, now_ns: int) -> Diag
     if regime.suspicion:
         sentences.append(f'suspected: {regime.suspicion}')
     return entry(name, 'signals', hardware, WARN if sentences else OK,
-                  '; '.join(sentences) or f'{regime.regime.value}, all signals valid', values)
+                 '; '.join(sentences) or f'{regime.regime.value}, all signals valid', values)
 
 
 def _preparation_goal_in_words(preparation_goal: PreparationGoal, now_ns: int) -> str:
@@ -208,10 +208,10 @@ def _estimation(name: str, hardware: str, state: PlannerState, estimate: Estimat
     warning = f'reset: {estimate.reset_reason}' if has_reset else (
         '' if stand is None else stand.contradiction)
     return entry(name, 'estimation', hardware,
-                  WARN if warning else OK,
-                  warning or f'{estimate.temperature_c:.2f} '
-                  f'+- {estimate.temperature_deviation_k:.2f} degC',
-                  values)
+                 WARN if warning else OK,
+                 warning or f'{estimate.temperature_c:.2f} '
+                 f'+- {estimate.temperature_deviation_k:.2f} degC',
+                 values)
 
 
 def _departures(name: str, hardware: str, files: DepartureFiles, now_ns: int) -> DiagnosticStatus:
@@ -237,18 +237,18 @@ def _departures(name: str, hardware: str, files: DepartureFiles, now_ns: int) ->
         'departures': files.departures_path,
         'grid_prices': files.prices_path}
     return entry(name, 'departures', hardware, level,
-                  f'{sentence}; {files.problem}' if files.problem else sentence, values)
+                 f'{sentence}; {files.problem}' if files.problem else sentence, values)
 
 
 def _state_file(name: str, hardware: str, memory: StateFileReport) -> DiagnosticStatus:
     written = ('nothing written yet' if memory.written_s_ago is None
                else f'written {memory.written_s_ago:.0f} s ago')
     return entry(name, 'state file', hardware,
-                  ERROR if memory.is_foreign else
-                  WARN if memory.problem else OK,
-                  memory.problem or written,
-                  {'file': memory.path, 'last write': written,
-                   'damaged file kept as': memory.kept_aside})
+                 ERROR if memory.is_foreign else
+                 WARN if memory.problem else OK,
+                 memory.problem or written,
+                 {'file': memory.path, 'last write': written,
+                  'damaged file kept as': memory.kept_aside})
 
 
 def _heater_status(name: str, hardware: str, report: HeaterAnswerReport) -> DiagnosticStatus:
