@@ -127,14 +127,14 @@ def _refuse_other_arguments(arguments: Namespace) -> None:
 def _export_learned(arguments: Namespace, start_file: Path) -> int:
     """Write the vehicle file with the values of a state file, print them, and return the exit status."""
     from bev_preheat.identification.learned_file import learned_vehicle
-    from bev_preheat.identification.vehicle_file import file_text
+    from bev_preheat.identification.vehicle_file import identified_text
     name = Path(arguments.output).stem if arguments.name is None else arguments.name
     learned = learned_vehicle(load_vehicle(arguments.vehicle), vehicle_fingerprint(start_file.read_bytes()),
                               arguments.state_file, name)
     words = ['preheat', 'identify', '--state-file', arguments.state_file, '--vehicle', arguments.vehicle,
              '--output', arguments.output]
     head = f'Vehicle {name}, with the values that a planner learned on line, by\n    {shlex.join(words)}'
-    write_whole(arguments.output, file_text(
+    write_whole(arguments.output, identified_text(
         load_checked_yaml(start_file, SCHEMA), learned.vehicle, name, learned.notes, frozenset(),
         _printable(head)))
     load_vehicle(Path(arguments.output).resolve())
@@ -154,14 +154,14 @@ def _printable(text: str) -> str:
 def _write_vehicle(arguments: Namespace, result: Identification, start_file: Path) -> None:
     """Write the vehicle file, and load it as a check."""
     from bev_preheat.identification.notes import identified_keys, notes_of
-    from bev_preheat.identification.vehicle_file import file_text
+    from bev_preheat.identification.vehicle_file import identified_text
     words = ['preheat', 'identify', *arguments.logs, '--vehicle', arguments.vehicle, '--output', arguments.output]
     tested = (f'Arrival temperature of trips that the fit has not seen: RMSE {result.rmse_k:.2f} K, worst '
               f'{result.worst_k:.2f} K.' if result.left_out else 'No trip that the fit has not seen tests it.')
     head = (f'Vehicle {result.vehicle.name}, identified from {_logs(result)} by\n'
             f'    {shlex.join(words)}\n{tested}')
-    text = file_text(load_checked_yaml(start_file, SCHEMA), result.vehicle, result.vehicle.name, notes_of(result),
-                     identified_keys(result), _printable(head))
+    text = identified_text(load_checked_yaml(start_file, SCHEMA), result.vehicle, result.vehicle.name,
+                           notes_of(result), identified_keys(result), _printable(head))
     write_whole(arguments.output, text)
     load_vehicle(Path(arguments.output).resolve())
 

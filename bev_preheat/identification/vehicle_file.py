@@ -5,14 +5,12 @@ from __future__ import annotations
 
 from copy import deepcopy
 from dataclasses import replace
-import re
 from typing import TYPE_CHECKING
-
-import yaml
 
 from bev_preheat.identification.curves import CorrectedVoltage, resistance_table, voltage_table
 from bev_preheat.identification.parameters import NAMES
 from bev_preheat.vehicle.description import Leakage
+from bev_preheat.vehicle.writing import file_text
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -67,8 +65,8 @@ def _is_free(fit: ThermalFit, name: str) -> bool:
     return bool(fit.free[NAMES.index(name)])
 
 
-def file_text(start: dict[str, FileData], vehicle: Vehicle, name: str, notes: Mapping[str, str],
-              identified: frozenset[str], head: str) -> str:
+def identified_text(start: dict[str, FileData], vehicle: Vehicle, name: str, notes: Mapping[str, str],
+                    identified: frozenset[str], head: str) -> str:
     """
     Return the text of a vehicle file: the contents of START's with the values of the identified `vehicle`.
 
@@ -102,24 +100,7 @@ def file_text(start: dict[str, FileData], vehicle: Vehicle, name: str, notes: Ma
                and not any(key == done or key.startswith(f'{done}.') for done in identified)]
     if assumed:
         contents['assumed'] = assumed
-    text = yaml.safe_dump(contents, sort_keys=False, default_flow_style=None, width=100, allow_unicode=True)
-    comment = ''.join(f'# {line}\n' for line in head.splitlines())
-    return comment + _with_notes(text, notes)
-
-
-def _with_notes(text: str, notes: Mapping[str, str]) -> str:
-    """Return YAML with a comment line before each key that has a note; keys are dotted."""
-    lines, path = [], list[str]()
-    for line in text.splitlines():
-        match = re.match(r'( *)([a-z_0-9]+):', line)
-        if match:
-            depth = len(match[1]) // 2
-            path = [*path[:depth], match[2]]
-            note = notes.get('.'.join(path))
-            if note:
-                lines.append(f'{match[1]}# {note}')
-        lines.append(line)
-    return '\n'.join(lines) + '\n'
+    return file_text(contents, notes, head)
 
 
 def _table(curve: Table | Curve) -> dict[str, FileData]:

@@ -137,12 +137,12 @@ def _battery(sheet: DataSheet) -> dict[str, Entry]:
             f'{chemistry.cell_heat_capacity_source}), {CELL_SHARE_OF_PACK_MASS:.0%} of the mass '
             '(assumed), the rest like aluminium, 900 J/(kg K)', assumed=True),
         'battery.open_circuit_voltage': Entry(
-            _voltage_table(pack, chemistry),
+            {'table': _voltage_table(pack, chemistry)},
             f'assumed: {pack.cells_in_series} times a typical {sheet.chemistry.upper()} cell, from '
             f'{pack.cell_soc[0]:.1%} to {pack.cell_soc[1]:.1%} of its charge (buffers of equal size '
             f'assumed). source: {chemistry.open_circuit_voltage.source}', assumed=True),
         'battery.resistance': Entry(
-            _resistance_table(pack, chemistry),
+            {'table': _resistance_table(pack, chemistry)},
             f'assumed: {pack.cells_in_series} typical cells of {pack.cell_capacity_ah:.0f} Ah, '
             f'{chemistry.resistance.specific_resistance_ohm_ah:g} ohm Ah each at 25 degC and half '
             f'charge. source: {chemistry.resistance.source}. Over temperature, source: '

@@ -3,32 +3,46 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-import json
-from pathlib import Path
-import string
+import re
 import textwrap
 from typing import Any, TYPE_CHECKING
 
+import yaml
+
+from bev_preheat.files.checked_yaml import load_schema
+from bev_preheat.vehicle.loading import SCHEMA
+
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from bev_preheat.files.checked_yaml import FileData
     from bev_preheat.vehicle.data_sheet_import import Entry
 
 WIDTH = 100
-TEMPLATE = Path(__file__).with_name('vehicle_template.yaml')
-ROAD_LOAD_TEMPLATE = Path(__file__).with_name('road_load_template.yaml')
-NO_ROAD_LOAD = ('# Add road_load: {mass_kg, frontal_area_m2, drag_coefficient, rolling_resistance} to\n'
-                '# plan routes given as legs of road.\n')
-NOTE = 'note:'
-TABLE_INDENTS = {'battery.open_circuit_voltage': 6, 'battery.resistance': 6,
-                 'battery.power_limits.discharge': 6, 'battery.power_limits.charge': 6,
-                 'charging.power_limit': 4}
 
 
-class _Template(string.Template):
-    """A template whose placeholders are keys of the file, such as ${hvch.efficiency}."""
+class _Dumper(yaml.SafeDumper):
+    """Writes rows of numbers on one line, everything else below its key."""
 
-    braceidpattern = f'(?:{NOTE})?[a-z_][a-z0-9_.]*'
+
+_Dumper.add_representer(list, lambda dumper, values: dumper.represent_sequence(
+    'tag:yaml.org,2002:seq', values, flow_style=all(isinstance(value, int | float) for value in values)))
+HEAD = """\
+"given" marks figures of that command line, "source" the source of other figures, "assumed" figures that were not measured \
+or stated for this car. State of charge is the displayed one: 0 and 1 are the ends of the usable energy."""
+# Comments at keys that data sheets tell nothing about.
+HINTS = {
+    'assumed': 'Listed in a warning with each plan. When you replace a value by your own, delete its entry here.',
+    'charging': """\
+Data sheets do not state the lag of the heat. Without heat_path heat arrives at once in plans, and the planner learns the \
+lag while driving; a measured step response of the heater gives the values:
+heat_path: {heater_lag_s: 30, coolant_heat_capacity_j_per_k: 15000, coolant_conductance_w_per_k: 500, sensor_lag_s: 20}
+For charging sessions. Data sheets do not state how the battery is cooled at a charger; without cooling it is not:
+cooling: {set_point_c: 35, electrical_power_w: 2000, cooling_power_w: 4000} or coefficient_of_performance"""}
+NO_ROAD_LOAD = """\
+# Add road_load: {mass_kg, frontal_area_m2, drag_coefficient, rolling_resistance} to
+# plan routes given as legs of road.
+"""
 
 
 def vehicle_text(name: str, entries: dict[str, Entry], command: str) -> str:
@@ -37,16 +51,34 @@ def vehicle_text(name: str, entries: dict[str, Entry], command: str) -> str:
 
     `entries` are those of `data_sheet_import.describe_car`, `command` is the command line that made them.
     """
-    values = {'name': _one_line(name), 'command': _comment(command, 0, '#     '),
-              'quoted_name': json.dumps(name, ensure_ascii=False),
-              'assumed': ''.join(f'  - {key}\n' for key in assumed_keys(entries)).rstrip('\n')}
-    for key, entry in entries.items():
-        values[key] = _value_text(key, entry.value)
-        values[f'{NOTE}{key}'] = _comment(entry.note, 2 * key.count('.'))
-    has_road_load = any(key.startswith('road_load.') for key in entries)
-    values['road_load'] = (_filled(ROAD_LOAD_TEMPLATE, values) if has_road_load
-                           else NO_ROAD_LOAD).rstrip('\n')
-    return _filled(TEMPLATE, values)
+    contents: dict[str, FileData] = {'name': name, 'assumed': assumed_keys(entries)}
+    # In the order of the schema.
+    for section in load_schema(SCHEMA)['properties']:
+        for key, entry in entries.items():
+            above = key.split('.')
+            node = contents
+            for part in above[:-1] if above[0] == section else ():
+                node = node.setdefault(part, {})
+            if above[0] == section:
+                node[above[-1]] = _numbers(entry.value)
+    has_road_load = 'road_load' in contents
+    text = file_text(contents, HINTS | {key: entry.note for key, entry in entries.items()},
+                     f'Vehicle {_one_line(name)}, made by\n    {_one_line(command)}\n{HEAD}')
+    return text if has_road_load else text + NO_ROAD_LOAD
+
+
+def file_text(contents: dict[str, FileData], notes: Mapping[str, str], head: str) -> str:
+    """Return a vehicle file's contents as text, with `notes` as comments by dotted key below the comment `head`."""
+    text = yaml.dump(contents, Dumper=_Dumper, sort_keys=False, default_flow_style=False, width=WIDTH,
+                     allow_unicode=True)
+    lines, path = _comment(head, ''), list[str]()
+    for line in text.splitlines():
+        match = re.match(r'( *)([a-z_0-9]+):', line)
+        if match:
+            path = [*path[:len(match[1]) // 2], match[2]]
+            lines += _comment(notes.get('.'.join(path), ''), match[1])
+        lines.append(line)
+    return '\n'.join(lines) + '\n'
 
 
 def assumed_keys(entries: dict[str, Entry]) -> list[str]:
@@ -59,45 +91,22 @@ def assumed_keys(entries: dict[str, Entry]) -> list[str]:
     return keys
 
 
-def _filled(template: Path, values: dict[str, str]) -> str:
-    return _Template(template.read_text(encoding='utf-8')).substitute(values)
+def _comment(text: str, indent: str) -> list[str]:
+    return [each for line in text.splitlines() for each in textwrap.wrap(
+        line, WIDTH, initial_indent=f'{indent}# ', break_on_hyphens=False, break_long_words=False,
+        subsequent_indent=f'{indent}# {" " * (len(line) - len(line.lstrip()))}')]
 
 
-def _value_text(key: str, value: FileData) -> str:
-    if key in TABLE_INDENTS:
-        return _table_text(value, ' ' * TABLE_INDENTS[key])
+def _numbers(value: FileData) -> Any:
+    """Return a value with numbers as people write them: 0.1, not 0.1000000000000001; 25, not 25.0."""
     if isinstance(value, dict):
-        return '{' + ', '.join(f'{name}: {_number(item)}' for name, item in value.items()) + '}'
+        return {key: _numbers(item) for key, item in value.items()}
     if isinstance(value, list):
-        return _row(value)
+        return [_numbers(item) for item in value]
     if isinstance(value, bool):
-        return 'true' if value else 'false'
-    return _number(value)
-
-
-def _table_text(table: dict[str, Any], indent: str) -> str:
-    lines = []
-    for key, value in table.items():
-        if isinstance(value[0], list):
-            lines += [f'{indent}{key}:', *(f'{indent}  - {_row(row)}' for row in value)]
-        else:
-            lines += textwrap.wrap(f'{key}: {_row(value)}', WIDTH, initial_indent=indent,
-                                   subsequent_indent=indent + '  ')
-    return '\n'.join(lines)
-
-
-def _row(values: Iterable[float]) -> str:
-    return f'[{", ".join(map(_number, values))}]'
-
-
-def _number(value: float) -> str:
-    return f'{value:.10g}'
-
-
-def _comment(text: str, indent: int, mark: str = '# ') -> str:
-    lead = f'{" " * indent}{mark}'
-    return '\n'.join(textwrap.wrap(_one_line(text), WIDTH, initial_indent=lead,
-                                   subsequent_indent=lead, break_on_hyphens=False, break_long_words=False))
+        return value
+    short = float(f'{value:.10g}')
+    return int(short) if short.is_integer() else short
 
 
 def _one_line(text: str) -> str:

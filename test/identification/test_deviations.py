@@ -10,7 +10,7 @@ import yaml
 
 from bev_preheat.identification.deviations import uncertainty_of
 from bev_preheat.identification.result import Estimated, ResistanceCurve
-from bev_preheat.identification.vehicle_file import file_text
+from bev_preheat.identification.vehicle_file import identified_text
 from bev_preheat.vehicle import load_vehicle, vehicle_contents
 from bev_preheat.vehicle.description import Uncertainty
 from bev_preheat.vehicle.loading import vehicle_of_text
@@ -83,6 +83,6 @@ def test_the_file_has_the_uncertainty_and_nothing_else_of_it(uncertainty):
     start = yaml.safe_load(vehicle_contents('small_car'))
     car = replace(load_vehicle('small_car'), uncertainty=uncertainty)
     for before in ({}, {'uncertainty': {'leakage': 0.5}}):
-        text = file_text({**start, **before}, car, 'mine', {'uncertainty': 'as identified'}, frozenset(), 'head')
+        text = identified_text({**start, **before}, car, 'mine', {'uncertainty': 'as identified'}, frozenset(), 'head')
         assert vehicle_of_text(text, 'mine').uncertainty == uncertainty
         assert ('# as identified' in text) is (uncertainty != Uncertainty())
