@@ -11,7 +11,7 @@ import numpy as np
 
 from bev_preheat.errors import figure, InvalidInput
 from bev_preheat.logs.distances import integral
-from bev_preheat.logs.doubts import find_doubts
+from bev_preheat.logs.doubts import find_doubts, turned
 from bev_preheat.logs.hypotheses import JUMP_K, JUMP_S
 from bev_preheat.logs.recording import Series
 from bev_preheat.numerics.factors import S_PER_H
@@ -30,8 +30,6 @@ POSSIBLE = {
     'current_a': (-3000.0, 3000.0, 'A'), 'power_w': (-2e6, 2e6, 'W'), 'speed_mps': (0.0, 100.0, 'm/s'),
     'battery_heater_w': (0.0, 50e3, 'W'), 'cabin_heater_w': (0.0, 50e3, 'W'), 'auxiliary_w': (0.0, 50e3, 'W'),
     'aircon_w': (0.0, 50e3, 'W'),    'heater_w': (0.0, 50e3, 'W'), 'propulsion_power_w': (-2e6, 2e6, 'W')}
-# Steps of the current from here on [A] show the sign of the current in the voltage.
-LEAST_CURRENT_STEP_A = 5.0
 # A state of charge that stays the same while this share of the vehicle's capacity flows is stuck.
 STUCK_SOC_SHARE = 0.05
 # A current that stays the same while the speed changes by this [m/s] is stuck.
@@ -51,7 +49,9 @@ def problems_of(recording: Recording, signals: Signals, vehicle: Vehicle) -> lis
     """
     name = recording.name
     impossible = _missing(recording, signals) + _implausible(name, signals)
-    return impossible or _contradictions(name, signals) or _stuck(name, signals, vehicle)
+    if not impossible and (sentence := turned(signals)):
+        return [f'{name}: {sentence}; read the log with repair (--repair) or a signal map']
+    return impossible or _stuck(name, signals, vehicle)
 
 
 def _missing(recording: Recording, signals: Signals) -> list[str]:
@@ -105,33 +105,6 @@ def _implausible(name: str, signals: Signals) -> list[str]:
     return problems
 
 
-def _contradictions(name: str, signals: Signals) -> list[str]:
-    """Return sentences on signals that contradict each other: signs, units, frozen sensors."""
-    problems = []
-    if 'voltage_v' in signals and 'current_a' in signals:
-        current = signals['current_a']
-        voltage_v = np.interp(current.time_s, signals['voltage_v'].time_s, signals['voltage_v'].value)
-        steps_v, steps_a = np.diff(voltage_v), np.diff(current.value)
-        moving = np.abs(steps_a) > LEAST_CURRENT_STEP_A
-        if moving.sum() > 20:
-            slope = float(np.sum(steps_v[moving] * steps_a[moving]) / np.sum(steps_a[moving]**2))
-            if slope > 0.0:
-                problems.append(f'{name}: current_a: the voltage rises by {1e3 * slope:.0f} mV for each ampere '
-                                'drawn; current must be positive while the battery is discharged; reverse its '
-                                'sign')
-            elif np.ptp(voltage_v) < 0.2:
-                problems.append(f'{name}: voltage_v: stays at {voltage_v[0]:.1f} V while the current changes; '
-                                "record the battery's voltage")
-    if 'soc' in signals and 'current_a' in signals and not problems:
-        soc = signals['soc']
-        drawn_ah = _drawn_ah(signals['current_a'])
-        fell = float(soc.value[0] - soc.value[-1])
-        if abs(drawn_ah) > 2.0 and abs(fell) > 0.05 and drawn_ah * fell < 0.0:
-            problems.append(f'{name}: current_a: {drawn_ah:+.1f} Ah were drawn, but soc changed by {-fell:+.2f}; '
-                            'current must be positive while the battery is discharged')
-    return problems
-
-
 def _stuck(name: str, signals: Signals, vehicle: Vehicle) -> list[str]:
     """Return sentences on signals that stay the same, or jump, as no battery of a car like `vehicle` does."""
     problems = []
@@ -142,6 +115,10 @@ def _stuck(name: str, signals: Signals, vehicle: Vehicle) -> list[str]:
         if abs(drawn_ah) > STUCK_SOC_SHARE * vehicle.battery.capacity_ah:
             problems.append(f'{name}: soc: stays at {figure(charge, 4)} while {drawn_ah:+.1f} Ah are drawn; '
                             'record the state of charge')
+    constant_v = _only_value(signals.get('voltage_v'))
+    if constant_v is not None and constant_a is None and current is not None:
+        problems.append(f'{name}: voltage_v: stays at {constant_v:.1f} V while the current changes; record the '
+                        "battery's voltage")
     if constant_a is not None and speed is not None and np.ptp(speed.value) > LEAST_SPEED_CHANGE_MPS:
         problems.append(f'{name}: current_a: stays at {figure(constant_a, 4)} A while the car drives; record the '
                         "battery's current")

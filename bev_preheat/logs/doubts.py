@@ -35,6 +35,8 @@ CAPACITIES_AH, CAPACITIES_KWH = (8.0, 2000.0), (3.0, 1000.0)
 TYPICAL_AH, TYPICAL_KWH = 150.0, 60.0
 # A car that moves draws so much in the mean, unless the road falls by this grade.
 MOVING_MPS, LEAST_DRIVING_W, LEAST_DRIVING_A, REGENERATING_GRADE = 3.0, 500.0, 2.0, 0.01
+# Steps of the current from here on [A], and their number, show the sign of the current in the voltage.
+LEAST_CURRENT_STEP_A, LEAST_STEPS = 5.0, 20
 # Correlation of power and acceleration that shows the sign of the power.
 LEAST_RESPONSE = 0.3
 # Mistaken units of a speed, by the factor that corrects the mistake.
@@ -80,6 +82,13 @@ def find_doubts(signals: Signals) -> tuple[Doubt, ...]:
     return tuple(found.values())
 
 
+def turned(signals: Signals) -> str:
+    """Return a sentence if current or power seem to have the opposite sign, '' otherwise."""
+    sentences = {doubt.signal: doubt.sentence for doubt in find_doubts(signals) if doubt.factor < 0.0}
+    # The power is often computed from the current.
+    return sentences.get('current_a') or sentences.get('power_w', '')
+
+
 def _balance(signals: Signals) -> Iterator[Doubt]:
     """Compare charge and energy with the state of charge: sign and scale of current and power."""
     for signal, over, unit, typical, (low, high) in (
@@ -111,6 +120,20 @@ def _balance(signals: Signals) -> Iterator[Doubt]:
             yield Doubt(signal, f'{signal}: {" and ".join(filter(None, (turned, scale)))}', sign * factor)
 
 
+def _resistance(signals: Signals) -> Iterator[Doubt]:
+    """Compare steps of the current with those of the voltage, which falls while more is drawn."""
+    if {'voltage_v', 'current_a'} <= signals.keys():
+        current = signals['current_a']
+        steps_v, steps_a = np.diff(_at(current.time_s, signals['voltage_v'])), np.diff(current.value)
+        clear = np.isfinite(steps_v) & (np.abs(steps_a) > LEAST_CURRENT_STEP_A)
+        steps_v, steps_a = steps_v[clear], steps_a[clear]
+        if len(steps_v) > LEAST_STEPS and np.ptp(steps_v) > 0.0 and (
+                np.corrcoef(steps_v, steps_a)[0, 1] > LEAST_CORRELATION):
+            slope_ohm = float(steps_v @ steps_a / (steps_a @ steps_a))
+            yield Doubt('current_a', f'current_a: the voltage rises by {1e3 * slope_ohm:.0f} mV for each ampere '
+                                     'drawn; positive must mean discharging', -1.0)
+
+
 def _power(signals: Signals) -> Iterator[Doubt]:
     """Compare power with voltage times current."""
     if not {'power_w', 'voltage_v', 'current_a'} <= signals.keys():
@@ -121,7 +144,8 @@ def _power(signals: Signals) -> Iterator[Doubt]:
     if clear.sum() < 5:
         return
     ratio = float(np.median(product[clear] / power.value[clear]))
-    turned = any(doubt.signal == 'current_a' and doubt.factor < 0.0 for doubt in _balance(signals))
+    turned = any(doubt.signal == 'current_a' and doubt.factor < 0.0
+                 for check in (_balance, _resistance) for doubt in check(signals))
     for factor, words in ((-1.0, 'has the opposite sign of voltage times current'),
                           (1000.0, 'is a thousandth of voltage times current; is it in kW?'),
                           (-1000.0, 'is a thousandth of voltage times current, with the opposite sign'),
@@ -285,4 +309,5 @@ def _at(time_s: FloatArray, series: Series) -> FloatArray:
 
 
 CHECKS: tuple[Callable[[Signals], Iterator[Doubt]], ...] = (
-    _charge, _balance, _power, _sign_of_drive, _size_of_power, _distance, _motion, _temperature, _heaters)
+    _charge, _balance, _resistance, _power, _sign_of_drive, _size_of_power, _distance, _motion, _temperature,
+    _heaters)

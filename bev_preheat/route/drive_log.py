@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.errors import figure, InvalidInput
-from bev_preheat.logs.doubts import find_doubts
+from bev_preheat.logs.doubts import turned
 from bev_preheat.logs.reading import read_recording
 from bev_preheat.logs.recording import Recording, Series
 from bev_preheat.logs.sampling import gaps, LEAST_GAP_S
@@ -84,10 +84,7 @@ def load_drive_logs(paths: Iterable[str | Path], defaults: Defaults, step_s: flo
 
 def _refuse_turned(path: str | Path, recording: Recording) -> None:
     """Raise InvalidInput if power or current seem to have the opposite sign: the route would gain energy."""
-    turned = {doubt.signal: doubt.sentence for doubt in find_doubts(recording.signals) if doubt.factor < 0.0}
-    # The power is often computed from the current.
-    sentence = turned.get('current_a') or turned.get('power_w')
-    if sentence:
+    if sentence := turned(recording.signals):
         raise InvalidInput(f'{path}: {sentence}; read the log with repair (--repair) or a signal map')
 
 

@@ -27,18 +27,20 @@ class _Dumper(yaml.SafeDumper):
 
 _Dumper.add_representer(list, lambda dumper, values: dumper.represent_sequence(
     'tag:yaml.org,2002:seq', values, flow_style=all(isinstance(value, int | float) for value in values)))
-HEAD = """\
-"given" marks figures of that command line, "source" the source of other figures, "assumed" figures that were not measured \
-or stated for this car. State of charge is the displayed one: 0 and 1 are the ends of the usable energy."""
+HEAD = ('"given" marks figures of that command line, "source" the source of other figures, "assumed" figures '
+        'that were not measured or stated for this car. State of charge is the displayed one: 0 and 1 are the '
+        'ends of the usable energy.')
 # Comments at keys that data sheets tell nothing about.
 HINTS = {
     'assumed': 'Listed in a warning with each plan. When you replace a value by your own, delete its entry here.',
-    'charging': """\
-Data sheets do not state the lag of the heat. Without heat_path heat arrives at once in plans, and the planner learns the \
-lag while driving; a measured step response of the heater gives the values:
-heat_path: {heater_lag_s: 30, coolant_heat_capacity_j_per_k: 15000, coolant_conductance_w_per_k: 500, sensor_lag_s: 20}
-For charging sessions. Data sheets do not state how the battery is cooled at a charger; without cooling it is not:
-cooling: {set_point_c: 35, electrical_power_w: 2000, cooling_power_w: 4000} or coefficient_of_performance"""}
+    'charging': 'Data sheets do not state the lag of the heat. Without heat_path heat arrives at once in plans, '
+                'and the planner learns the lag while driving; a measured step response of the heater gives the '
+                'values:\n'
+                '  heat_path: {heater_lag_s: 30, coolant_heat_capacity_j_per_k: 15000,\n'
+                '              coolant_conductance_w_per_k: 500, sensor_lag_s: 20}\n'
+                'For charging sessions. Data sheets do not state how the battery is cooled at a charger; without '
+                'cooling it is not; coefficient_of_performance may stand for cooling_power_w:\n'
+                '  cooling: {set_point_c: 35, electrical_power_w: 2000, cooling_power_w: 4000}'}
 NO_ROAD_LOAD = """\
 # Add road_load: {mass_kg, frontal_area_m2, drag_coefficient, rolling_resistance} to
 # plan routes given as legs of road.
@@ -68,7 +70,7 @@ def vehicle_text(name: str, entries: dict[str, Entry], command: str) -> str:
 
 
 def file_text(contents: dict[str, FileData], notes: Mapping[str, str], head: str) -> str:
-    """Return a vehicle file's contents as text, with `notes` as comments by dotted key below the comment `head`."""
+    """Return a vehicle file's contents as text, below the comment `head`; `notes` are comments by dotted key."""
     text = yaml.dump(contents, Dumper=_Dumper, sort_keys=False, default_flow_style=False, width=WIDTH,
                      allow_unicode=True)
     lines, path = _comment(head, ''), list[str]()

@@ -50,7 +50,7 @@ def test_a_current_of_the_other_sign_is_refused_until_it_is_repaired(logs, tmp_p
     np.savetxt(turned, rows, '%.5g', ',', header=','.join(rows.dtype.names), comments='')
     words = ['--vehicle', 'small_car', '--no-replay', '--json', str(tmp_path / 'c.json')]
     assert main(['check', str(turned), *words]) == 2
-    assert 'current must be positive while the battery is discharged' in capsys.readouterr().err
+    assert 'positive must mean discharging' in capsys.readouterr().err
     assert main(['check', str(turned), *words, '--repair']) == 0
     repaired = json.loads((tmp_path / 'c.json').read_text())['rmse_k']
     assert main(['check', logs[0], *words]) == 0

@@ -131,6 +131,16 @@ def test_a_moving_car_without_a_state_of_charge_tells_the_sign(tmp_path):
         assert read_recording(write_wide(tmp_path / 'a.csv', log_down)).remarks == ()
 
 
+def test_a_voltage_that_rises_with_the_current_tells_its_sign(tmp_path):
+    # A battery of 0.1 ohm at stand, heated in steps.
+    time_s = np.arange(0.0, 900.0, 5.0)
+    current_a = np.where(time_s // 30.0 % 2.0 == 0.0, 20.0, 2.0)
+    log = {'time_s': time_s, 'current_a': current_a, 'voltage_v': 380.0 - 0.1 * current_a}
+    assert read_recording(write_wide(tmp_path / 'a.csv', log)).remarks == ()
+    remark, = read_recording(write_wide(tmp_path / 'a.csv', {**log, 'current_a': -current_a})).remarks
+    assert 'current_a: the voltage rises by 100 mV for each ampere drawn' in remark
+
+
 def test_a_power_that_rises_with_the_acceleration_has_its_sign(tmp_path):
     # Recuperation down an unknown slope: 1500 kg, 8 kW of the slope.
     log = drive(900.0)
