@@ -191,6 +191,12 @@ def test_files_of_the_project_that_a_page_names_exist(page):
     assert lost <= {'config/scenarios/NAME.yaml', 'studies/bev_preheat_studies/NAME.py', 'commands/NAME.py'}
 
 
+@pytest.mark.parametrize('page', PAGES, ids=name_of)
+def test_studies_that_a_page_names_exist(page):
+    for name in re.findall(r'-m\s+bev_preheat_studies\.(\w+)', page.read_text()):
+        assert name == 'NAME' or any((FOLDERS_OF_NAMES[2] / f'{name}{end}').exists() for end in ('', '.py')), name
+
+
 def test_the_reviewer_finds_the_licence_of_each_package():
     table = (ROOT / 'docs/explanation/reviewer.md').read_text().partition('## Licences')[2].lower()
     for name in ('demo', 'optional'):
