@@ -191,6 +191,12 @@ def test_files_of_the_project_that_a_page_names_exist(page):
     assert lost <= {'config/scenarios/NAME.yaml', 'studies/bev_preheat_studies/NAME.py', 'commands/NAME.py'}
 
 
+def test_each_room_is_in_the_table_of_rooms():
+    table = (ROOT / 'CONTRIBUTING.md').read_text().partition('## Rooms')[2].partition('\n#')[0]
+    named = [name for row in cells(table) for name in re.findall(r'\w+', row[0]) if name != 'room']
+    assert sorted(named) == sorted(path.parent.name for path in (ROOT / 'bev_preheat').glob('*/__init__.py'))
+
+
 @pytest.mark.parametrize('page', PAGES, ids=name_of)
 def test_studies_that_a_page_names_exist(page):
     for name in re.findall(r'-m\s+bev_preheat_studies\.(\w+)', page.read_text()):
