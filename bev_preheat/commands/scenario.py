@@ -123,7 +123,7 @@ def _check_outputs(arguments: Namespace, scenarios: Sequence[Scenario]) -> None:
     if arguments.nodes and arguments.logs is not None:
         from bev_preheat.simulator.installed_drive import log_files
         outputs += [OutputFile('--logs', path) for scenario in scenarios
-                    for path in log_files(scenario, arguments.logs)]
+                    for path in log_files(scenario.name, arguments.logs)]
     outputs += [OutputFile('--record', _recording(arguments, scenario)) for scenario in scenarios]
     check_outputs(outputs, [path for scenario in scenarios for path in scenario.files])
 
@@ -134,7 +134,7 @@ def _drive(arguments: Namespace, name: str, scenario: Scenario,
         from bev_preheat.simulator.installed_drive import drive_with_nodes, ScenarioFailed
         try:
             return drive_with_nodes(
-                scenario, name, arguments.speed_up, arguments.logs, _recording(arguments, scenario))
+                scenario, name, arguments.speed_up, arguments.logs, _recording(arguments, scenario)).record
         except ScenarioFailed as error:
             raise InvalidInput(str(error)) from error
 

@@ -1,54 +1,93 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A simulated drive over time: battery temperature, predicted arrival temperature, and heater command."""
+"""A drive under the planner over time: temperatures, heater command and state of charge."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bev_preheat.drawing.curves import draw_course, TimeAxis
-from bev_preheat.drawing.figure import legend_above, stacked_figure
-from bev_preheat.drawing.palette import BLACK, BLUE, GRAY, PREDICTION, TARGET
+from bev_preheat.drawing import palette
+from bev_preheat.drawing.curves import draw_course, show_range, TimeAxis
+from bev_preheat.drawing.figure import legend_above, save_figure, stacked_figure
+from bev_preheat.drawing.palette import BLACK, BLUE, GRAY, look_of, PREDICTION, TARGET, WITHOUT_PREHEATING
+from bev_preheat.planning.explanation import duration_text
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from bev_preheat.drawing.palette import Style
+    from bev_preheat.files.output_files import AnyPath
     from bev_preheat.numerics.arrays import FloatArray
 
-# In the order in which they are drawn.
-MEASURED, TRUE, ESTIMATED, PREDICTED = 'measured', 'true', 'estimated', 'predicted on arrival'
-STYLES = {
+    # Instants [s] and values, shape (N,) each.
+    Course = tuple[FloatArray, ...]
+
+AMBIENT, PREDICTED, MEASURED, TRUE, BATTERY, ESTIMATED, UNHEATED = (
+    'ambient', 'predicted on arrival', 'measured', 'true', 'battery', 'estimated', WITHOUT_PREHEATING)
+STYLES: dict[str, Style] = {
+    AMBIENT: {key: value for key, value in palette.AMBIENT.items() if key != 'label'},
+    # Wide and pale, because it mostly lies on the target.
+    PREDICTED: {'color': PREDICTION, 'linewidth': 5.0, 'alpha': 0.5, 'zorder': 2.0},
     MEASURED: {'color': GRAY, 'linewidth': 1.0},
     TRUE: {'color': BLUE, 'linewidth': 2.4},
+    BATTERY: look_of('planner').line(linewidth=1.6),
     ESTIMATED: {'color': BLACK, 'linewidth': 1.0, 'linestyle': '--'},
-    PREDICTED: {'color': PREDICTION, 'linewidth': 1.2},
+    UNHEATED: look_of(WITHOUT_PREHEATING).line(),
 }
+# The legend has the value of these on arrival.
+ENDS = (TRUE, BATTERY, UNHEATED)
 
 
-def make_drive_figure(time_s: FloatArray, temperatures_c: dict[str, FloatArray], command_w: FloatArray,
-                      target_c: float) -> Figure:
+def draw_drive(path: AnyPath, title: str, temperatures_c: Mapping[str, Course], command_w: Course, target_c: float,
+               socs: Mapping[str, Course]) -> None:
+    """Draw a drive into a file; its suffix gives the format."""
+    save_figure(make_drive_figure(title, temperatures_c, command_w, target_c, socs), path)
+
+
+def make_drive_figure(title: str, temperatures_c: Mapping[str, Course], command_w: Course, target_c: float,
+                      socs: Mapping[str, Course] | None = None) -> Figure:
     """
     Return the figure of a drive.
 
-    Arrays (N,): instants [s], `temperatures_c` [deg C] by the names in STYLES, command [W].
+    Temperatures [deg C] and charges (0 ... 1; None: no panel) are by the names in STYLES, the command is in W.
     """
-    time = TimeAxis(float(time_s[-1]))
-    figure, (battery, heater) = stacked_figure(2, 'Simulated drive under the planner', panel_height_in=2.4)
-    draw_temperatures(battery, time_s, temperatures_c, target_c)
-    battery.set_xlabel('')
-    heater.step(time(time_s), command_w / 1000.0, where='post', color=BLUE)
-    heater.set_ylabel('heater command [kW]')
-    time.finish(heater, float(time_s[0]), float(time_s[-1]))
+    end_s = max(float(times_s[-1]) for times_s, *_ in temperatures_c.values())
+    figure, (temperature, heater, *charges) = stacked_figure(3 if socs else 2, title, panel_height_in=2.3)
+    draw_temperatures(temperature, temperatures_c, target_c)
+    temperature.set_xlabel('')
+    time, (times_s, power_w) = TimeAxis(end_s), command_w
+    on_s = times_s[power_w > 0.0]
+    # The last command holds until the vehicle stands.
+    edges = time([*times_s, max(end_s, float(times_s[-1]))])
+    label = f'command, on after {duration_text(on_s[0])}' if len(on_s) else 'command, never on'
+    heater.step(edges, [*power_w / 1e3, power_w[-1] / 1e3], where='post',
+                **look_of('planner').line(linewidth=1.6, label=label))
+    show_range(heater, [0.0], power_w / 1e3, least=1.0)
+    heater.set_ylabel('heater power\nfor the battery [kW]')
+    legend_above(heater)
+    for charge in charges:
+        for name, (instants_s, soc) in (socs or {}).items():
+            draw_course(charge, time(instants_s), 100.0 * soc, **STYLES[name],
+                        label=f'{name}, ends at {100.0 * soc[-1]:.1f} %')
+        show_range(charge, *(line.get_ydata() for line in charge.get_lines()), least=5.0)
+        charge.set_ylabel('state of charge\n[%]')
+        legend_above(charge)
+    time.finish(figure.axes[-1], 0.0, end_s)
+    figure.align_ylabels()
     return figure
 
 
-def draw_temperatures(axis: Axes, time_s: FloatArray, temperatures_c: dict[str, FloatArray],
-                      target_c: float) -> None:
+def draw_temperatures(axis: Axes, temperatures_c: Mapping[str, Course], target_c: float) -> None:
     """Draw the temperatures of a drive and the target [deg C] on an axis of any figure."""
-    time = TimeAxis(float(time_s[-1]))
-    axis.axhline(target_c, **TARGET, label='target')
-    for name, style in STYLES.items():
-        draw_course(axis, time(time_s), temperatures_c[name], label=name, **style)
-    axis.set_ylabel('battery [°C]')
+    end_s = max(float(times_s[-1]) for times_s, *_ in temperatures_c.values())
+    time = TimeAxis(end_s)
+    for name, (times_s, values_c) in temperatures_c.items():
+        draw_course(axis, time(times_s), values_c, **STYLES[name],
+                    label=f'{name}, ends at {values_c[-1]:.1f} °C' if name in ENDS else name)
+    axis.axhline(target_c, **TARGET, label=f'target {target_c:.1f} °C')
+    show_range(axis, *(line.get_ydata() for line in axis.get_lines()), least=5.0)
+    axis.set_ylabel('temperature\n[°C]')
     legend_above(axis)
-    time.finish(axis, float(time_s[0]), float(time_s[-1]))
+    time.finish(axis, 0.0, end_s)

@@ -447,14 +447,16 @@ class DriveResult(Result):
 
     def _figure(self) -> Figure:
         from bev_preheat.drawing.drive_figure import make_drive_figure
-        return make_drive_figure(self.time_s, self._temperatures_c, self.command_w, self.target_temperature_c)
+        return make_drive_figure('Simulated drive under the planner', self._temperatures_c,
+                                 (self.time_s, self.command_w), self.target_temperature_c)
 
     def _draw(self, axis: Axes) -> None:
         from bev_preheat.drawing.drive_figure import draw_temperatures
-        draw_temperatures(axis, self.time_s, self._temperatures_c, self.target_temperature_c)
+        draw_temperatures(axis, self._temperatures_c, self.target_temperature_c)
 
     @property
-    def _temperatures_c(self) -> dict[str, FloatArray]:
+    def _temperatures_c(self) -> dict[str, tuple[FloatArray, FloatArray]]:
         from bev_preheat.drawing.drive_figure import ESTIMATED, MEASURED, PREDICTED, TRUE
-        return {MEASURED: self.measured_temperature_c, TRUE: self.true_temperature_c,
-                ESTIMATED: self.estimated_temperature_c, PREDICTED: self.predicted_arrival_temperature_c}
+        return {name: (self.time_s, values_c) for name, values_c in (
+            (PREDICTED, self.predicted_arrival_temperature_c), (MEASURED, self.measured_temperature_c),
+            (TRUE, self.true_temperature_c), (ESTIMATED, self.estimated_temperature_c))}

@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -129,7 +130,7 @@ def _scenario(path: Path, contents: dict[str, FileData]) -> Scenario:
         **node, **{key: contents[key] for key in OF_A_DRIVE if key in contents}}, '')]
     drive = phases[0]
     assert isinstance(drive, DrivePhase)
-    check_situation(reader.vehicle, drive.route, state, drive.goal)
+    check_situation(reader.vehicle, drive.route, state)
     return Scenario(
         name=contents['name'], description=contents['description'], vehicle_name=vehicle_name,
         vehicle=reader.vehicle, route=drive.route, state=state, goal=drive.goal, seed=contents.get('seed', 0),
@@ -195,9 +196,13 @@ class _PhaseReader:
                 raise InvalidInput(f'{where or "drive."}ends_after_s: {node["ends_after_s"]:g} s is beyond the '
                                    f'end of the route, {route.total_duration_s:g} s')
             route = route.before(float(node['ends_after_s']))
-        goal = Goal(float(node.get('target_battery_temperature_c', vehicle.defaults.target_battery_temperature_c)),
+        default_c = vehicle.defaults.target_battery_temperature_c
+        target_c = node.get('target_battery_temperature_c', default_c)
+        goal = Goal(default_c if target_c is None else float(target_c),
                     float(node.get('minimum_arrival_soc', 0.0)), node.get('charging_planned', True))
         check_situation(vehicle, route, goal=goal)
+        if target_c is None:
+            goal = replace(goal, target_temperature_c=math.nan)
         return DrivePhase(route, goal, float(node.get('standing_time_s', 0.0)), events,
                           _position(node, where), float(node.get('announced_s', 0.0)),
                           node.get('starts_over', False), _charger(node, where), _prospect(node))

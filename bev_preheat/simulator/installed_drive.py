@@ -17,6 +17,7 @@ from sensor_msgs.msg import BatteryState
 
 from bev_preheat.messages.diagnostics import values_of
 from bev_preheat.messages.fields import nanoseconds
+from bev_preheat.messages.preheat_plan import charging_text
 from bev_preheat.messages.simulated_drive import (
     ARRIVED,
     lost_commands_sentence,
@@ -25,28 +26,31 @@ from bev_preheat.messages.simulated_drive import (
 from bev_preheat.nodes.listening import listening
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.status import Status
-from bev_preheat.simulation.evaluation import DriveRecord, fill_phases, PhaseEnd, SIGNALS
+from bev_preheat.simulation.evaluation import DriveRecord, fill_phases, SIGNALS
 from bev_preheat.simulation.supervised_drive import START_NS
 from bev_preheat.simulator.installed_processes import NodeProcess, reserved_domain_id
 from bev_preheat.simulator.kept_recording import KeptRecording
 from bev_preheat_msgs.msg import HvchCommand, PreheatPlan
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Callable, Iterator, Mapping
     from typing import Any
 
     from rclpy.node import Node
 
     from bev_preheat.files.output_files import AnyPath
+    from bev_preheat.messages.simulated_drive import SimulatedDriveReport
     from bev_preheat.nodes.listening import Listener
     from bev_preheat.simulation.scenario import Scenario
 
 START_S = START_NS / NS_PER_S
 HEATER_ENTRY, SIGNALS_ENTRY = 'planner: heater', 'planner: signals'
 # Real time for discovery, and between two messages of the simulator [s].
-START_LIMIT_S = 120.0
+START_LIMIT_S = 180.0
 SILENCE_LIMIT_S = 120.0
 POLL_S = 0.05
+# Statuses of a planner without a trip to plan.
+WITHOUT_TRIP = (Status.NO_ROUTE, Status.NO_BATTERY_STATE)
 # Messages of a topic that wait between two polls.
 MOST_UNREAD = 1000
 # At 60 times real time a clock message that is 20 ms late is 1.2 s late; the simulator's time runs
@@ -58,16 +62,29 @@ class ScenarioFailed(Exception):
     """A process ended, or its messages stopped; the text names the process and the reason."""
 
 
-class _Recorder:
-    """Fills a DriveRecord from the topics; `ends` are the ends of the drive's phases."""
+class ObservedDrive:
+    """
+    A drive as observed on its topics; instants in s after its start.
+
+    `states` holds (instant, temperature [deg C], state of charge), `predictions` (instant, arrival temperature
+    [deg C]). `first_plan` is the first PreheatPlan with a trajectory, `plan` the latest one, `charging_plan` the
+    latest one with a charging session from before any heating; None: not received yet. `target_c` is the latest
+    target [deg C], `report` the simulator's latest, `recording` the path of the flight recording (None: without).
+    """
 
     def __init__(self, node: Node, target_c: float) -> None:
+        """Subscribe."""
         self.record = DriveRecord(target_c)
-        self.ends: list[PhaseEnd] = []
-        self.has_ended = False
+        self.states: list[tuple[float, float, float]] = []
+        self.predictions: list[tuple[float, float]] = []
+        self.first_plan: PreheatPlan = None
+        self.plan: PreheatPlan = None
+        self.charging_plan: PreheatPlan = None
+        self.target_c = math.nan
+        self.report: SimulatedDriveReport | None = None
+        self.recording: Path | None = None
         self.heard_s = time.monotonic() + START_LIMIT_S
-        self.without_command_s = 0.0
-        self._temperature_c = math.nan
+        self._has_heated = False
         every_plan = QoSProfile(depth=MOST_UNREAD, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
         self._node, self._listens_to_states = node, False
         self._subscriptions = [
@@ -82,8 +99,13 @@ class _Recorder:
             self._listens_to_states = True
             self._node.create_subscription(BatteryState, 'battery_state', self._on_state, MOST_UNREAD)
 
+    @property
+    def has_arrived(self) -> bool:
+        """Whether the drive is over."""
+        return self.report is not None and self.report.state == ARRIVED
+
     def _on_state(self, message: BatteryState) -> None:
-        self._temperature_c = message.temperature
+        self.states.append((_instant_s(message), message.temperature, message.percentage))
 
     def _on_command(self, message: HvchCommand) -> None:
         reason = Status(message.reason).name
@@ -91,27 +113,40 @@ class _Recorder:
         if instant_s > 0.0:
             self.record.commands.append((instant_s, message.battery_heating_power, reason))
             self.record.statuses.add(reason)
-            if message.battery_heating_power > 0.0 and self._temperature_c > self.record.hottest_heated_c:
-                self.record.hottest_heated_c = self._temperature_c
+            if message.battery_heating_power > 0.0 and self.states:
+                self.record.hottest_heated_c = max(self.record.hottest_heated_c, self.states[-1][1])
 
     def _on_plan(self, message: PreheatPlan) -> None:
-        if _instant_s(message) > 0.0:
+        instant_s = _instant_s(message)
+        if instant_s > 0.0:
             self.record.statuses.add(Status(message.status).name)
+        if message.status in WITHOUT_TRIP or instant_s < 0.0:
+            return
+        self.plan = message
+        if self.first_plan is None and message.time:
+            self.first_plan = message
+        if math.isfinite(message.predicted_arrival_temperature):
+            self.predictions.append((instant_s, message.predicted_arrival_temperature))
+        if math.isfinite(message.target_battery_temperature):
+            self.target_c = message.target_battery_temperature
+        # Commands may arrive earlier or later than the plan with the same stamp.
+        if charging_text(message) and not self._has_heated:
+            self.charging_plan = message
+        self._has_heated |= message.heating_planned and nanoseconds(
+            message.heating_start) <= nanoseconds(message.header.stamp)
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             values = values_of(status)
-            if status.name == HEATER_ENTRY and not self.has_ended:
+            if status.name == HEATER_ENTRY and not self.has_arrived:
                 self.record.note_heater(_instant_s(message), values['heater'])
             elif status.name == SIGNALS_ENTRY and _instant_s(message) > 0.0:
                 self.record.regimes.append((_instant_s(message), values['regime']))
                 self.record.note_signals(_instant_s(message), [
                     name for name in SIGNALS if any(key.startswith(f'{name} in doubt') for key in values)])
-        outcome = outcome_from_diagnostics(message)
-        if outcome is not None and not self.has_ended:
-            self.heard_s, self.without_command_s = time.monotonic(), outcome.without_command_s
-            self.ends = list(outcome.ends)
-            self.has_ended = outcome.state == ARRIVED
+        report = outcome_from_diagnostics(message)
+        if report is not None and not self.has_arrived:
+            self.heard_s, self.report = time.monotonic(), report
 
 
 def _instant_s(message: Any) -> float:
@@ -119,28 +154,32 @@ def _instant_s(message: Any) -> float:
     return (nanoseconds(message.header.stamp) - START_NS) / NS_PER_S
 
 
-def log_files(scenario: Scenario, folder: AnyPath) -> list[Path]:
-    """Return the paths of the logs of planner and vehicle_simulator, in a folder."""
-    return [Path(folder) / f'{scenario.name}.{name}.log' for name in ('planner', 'vehicle_simulator')]
+def log_files(scenario: str, folder: AnyPath) -> list[Path]:
+    """Return the paths of the logs of planner and vehicle_simulator on a scenario by its name, in a folder."""
+    return [Path(folder) / f'{scenario}.{name}.log' for name in ('planner', 'vehicle_simulator')]
 
 
 def drive_with_nodes(scenario: Scenario, name_or_file: str, speed_up: float | None = None,
-                     log_folder: AnyPath | None = None, recording: Path | None = None) -> DriveRecord:
+                     log_folder: AnyPath | None = None, recording: Path | None = None,
+                     domain_id: int | None = None, observe: Callable[[ObservedDrive], object] = lambda drive: None,
+                     heater_status: bool = False) -> ObservedDrive:
     """
-    Return the DriveRecord of a Scenario that the installed executables drive.
+    Return the ObservedDrive of a Scenario that the installed executables drive.
 
     The scenario was loaded from `name_or_file`; `speed_up` simulated seconds pass in each real one (None: in
     lockstep, the same drive on every computer); the logs go to `log_folder`, the planner's flight recording to the
-    file `recording` (None: it does not record). Raises ScenarioFailed if the drive does not finish, or loses
-    commands.
+    file `recording` (None: it does not record). They are in the ROS domain `domain_id`, None: an unused one.
+    `observe` is called on the way; with `heater_status` the simulated heater tells its power. Raises
+    ScenarioFailed if the drive does not finish, or loses commands.
     """
-    with tempfile.TemporaryDirectory() as temporary, reserved_domain_id() as domain_id, ExitStack() as stack:
+    with tempfile.TemporaryDirectory() as temporary, ExitStack() as stack:
+        domain_id = stack.enter_context(reserved_domain_id()) if domain_id is None else domain_id
         kept = None if recording is None else KeptRecording(recording)
-        planner_log, simulator_log = log_files(scenario, log_folder or temporary)
+        planner_log, simulator_log = log_files(scenario.name, log_folder or temporary)
         environment = {'ROS_DOMAIN_ID': str(domain_id),
                        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
         with _environment(environment), listening('scenario', domain_id) as listener:
-            recorder = _Recorder(listener.node, scenario.goal.target_temperature_c)
+            drive = ObservedDrive(listener.node, scenario.goal.target_temperature_c)
             planner_arguments = ['-p', 'use_sim_time:=true',
                                  '-p', f'vehicle:={scenario.vehicle_name}']
             recorded = {} if kept is None else kept.parameters(stack)
@@ -152,32 +191,37 @@ def drive_with_nodes(scenario: Scenario, name_or_file: str, speed_up: float | No
                     ['-p', f'scenario:={name_or_file}', '-p', f'start_time:={START_S}',
                      *(('-p', 'lockstep:=true') if speed_up is None else (
                          '-p', f'speed_up:={float(speed_up)}', '-p', 'wait_for_planner:=true')),
-                     # Planner and recorder: messages before the recorder's subscription are lost.
-                     '-p', 'wait_for_listeners:=2', '-p', 'exit_on_arrival:=true'],
+                     # Planner and observer: messages before the observer's subscription are lost.
+                     '-p', 'wait_for_listeners:=2', '-p', 'exit_on_arrival:=true',
+                     '-p', f'heater_status:={_text(heater_status)}'],
                     simulator_log) as simulator:
-                _follow(listener, recorder, simulator, planner)
-            if speed_up is not None and recorder.without_command_s > 0.0:
-                raise ScenarioFailed(f'{scenario.name}: the drive ended, '
-                                     f'{lost_commands_sentence(recorder.without_command_s, speed_up)}')
+                _follow(listener, drive, simulator, planner, observe)
+            lost_s = 0.0 if drive.report is None else drive.report.without_command_s
+            if speed_up is not None and lost_s > 0.0:
+                raise ScenarioFailed(
+                    f'{scenario.name}: the drive ended, {lost_commands_sentence(lost_s, speed_up)}')
             if kept is not None:
-                kept.keep()
-            fill_phases(recorder.record, scenario, recorder.ends)
-            return recorder.record
+                drive.recording = kept.keep()
+            fill_phases(drive.record, scenario, () if drive.report is None else drive.report.ends)
+            return drive
 
 
-def _follow(listener: Listener, recorder: _Recorder, simulator: NodeProcess, planner: NodeProcess) -> None:
+def _follow(listener: Listener, drive: ObservedDrive, simulator: NodeProcess, planner: NodeProcess,
+            observe: Callable[[ObservedDrive], object]) -> None:
     """Return once the drive is over."""
     while simulator.exit_status is None:
         if planner.exit_status is not None:
             raise ScenarioFailed(f'planner ended with exit status {planner.exit_status}: '
                                  f'{planner.output()[-2000:]}')
-        if time.monotonic() > recorder.heard_s + SILENCE_LIMIT_S:
+        if time.monotonic() > drive.heard_s + SILENCE_LIMIT_S:
             raise ScenarioFailed(f'no message of vehicle_simulator for {SILENCE_LIMIT_S:g} s: '
                                  f'{simulator.output()[-2000:]}{planner.output()[-2000:]}')
-        recorder.let_start()
+        drive.let_start()
+        observe(drive)
         listener.listen(POLL_S)
     # Messages that were in transit at the end.
     listener.listen(POLL_S)
+    observe(drive)
     if simulator.exit_status != 0:
         raise ScenarioFailed(f'vehicle_simulator ended with exit status '
                              f'{simulator.exit_status}: {simulator.output()[-2000:]}')

@@ -162,7 +162,7 @@ def test_scenarios_of_one_name_do_not_share_their_logs(capsys):
 
 
 @pytest.mark.parametrize('program, suffixes', [
-    ('bev_preheat.demo.__main__', ['.png', '.planner.log', '.vehicle_simulator.log']),
+    ('bev_preheat.demo', ['.png', '.planner.log', '.vehicle_simulator.log']),
     ('bev_preheat_studies.soak.__main__', ['.png', '.json', '.planner.log'])], ids=['demo', 'soak'])
 def test_the_long_runs_check_their_files_first(refusal, program, suffixes):
     program_main = import_module(program).main
@@ -179,7 +179,7 @@ def test_the_long_runs_check_their_files_first(refusal, program, suffixes):
 def test_the_demonstration_does_not_write_over_its_route(refusal):
     Path('route.csv').rename('route.png')
     line = refusal('--route', './route.png', '--output', 'route.png',
-                   command=import_module('bev_preheat.demo.__main__').main)
+                   command=import_module('bev_preheat.demo').main)
     Path('route.png').rename('route.csv')
     assert line == ('demo: error: --output: route.png: is the same file as the input route.png, '
                     'which must not be overwritten')

@@ -6,15 +6,14 @@ import os
 import signal
 import subprocess
 import sys
+from types import SimpleNamespace
 
 from package_groups import environment_of
 import psutil
 import pytest
 
 from bev_preheat.commands.main import main as preheat
-from bev_preheat.demo.__main__ import main
-from bev_preheat.demo.display import verdict
-from bev_preheat.demo.observer import ObservedDrive
+from bev_preheat.demo import main, verdict
 from bev_preheat.messages.simulated_drive import ARRIVED, SimulatedDriveReport
 from bev_preheat.planning.dynamics import Energies
 
@@ -137,10 +136,9 @@ def test_interruption_ends_everything(start_demo, number):
     (2.5, 60.0, 'no command was valid for 2.5 s of the drive: this computer was too slow for 60 times real time'),
     (2.5, None, 'no command was valid for 2.5 s of the drive: the planner sent none')])
 def test_a_drive_with_lost_commands_is_not_good_and_tells_the_cause(without_s, speed_up, cause):
-    drive = ObservedDrive()
-    drive.states, drive.latest_target_c = [(240.0, 25.01, 0.6)], 25.0
-    drive.outcome = SimulatedDriveReport(ARRIVED, Energies(*[0.0] * len(fields(Energies))), without_s)
-    good, sentence = verdict(drive, 1.0, speed_up)
+    report = SimulatedDriveReport(ARRIVED, Energies(*[0.0] * len(fields(Energies))), without_s)
+    drive = SimpleNamespace(states=[(240.0, 25.01, 0.6)], target_c=25.0, report=report)
+    good, sentence = verdict(drive, speed_up)
     assert good == (without_s == 0.0)
     assert 'the battery arrived at 25.01 degC, 0.01 K above' in sentence and cause in sentence
 

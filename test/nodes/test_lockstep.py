@@ -66,7 +66,7 @@ def noisy(tmp_path):
 def test_a_drive_is_the_same_over_dds_and_without_ros(dds, noisy, tmp_path, load):
     over_dds, without_ros = (tmp_path / f'{name}.mcap' for name in ('over_dds', 'without_ros'))
     with load():
-        seen = drive_with_nodes(*noisy, recording=over_dds)
+        seen = drive_with_nodes(*noisy, recording=over_dds).record
     assert len(seen.commands) > 60
     # Without ROS the timers of an instant come after its battery state, not before; the heater gets the same.
     drive_recorded(noisy[0], without_ros, pytest.fail)
@@ -79,9 +79,9 @@ def test_a_drive_is_the_same_over_dds_and_without_ros(dds, noisy, tmp_path, load
 @pytest.mark.deep
 def test_a_drive_is_the_same_on_an_idle_and_on_a_busy_computer(dds, noisy, tmp_path):
     idle, busy = (tmp_path / f'{name}.mcap' for name in ('idle', 'busy'))
-    seen = drive_with_nodes(*noisy, recording=idle)
+    seen = drive_with_nodes(*noisy, recording=idle).record
     with busy_computer():
-        assert drive_with_nodes(*noisy, recording=busy).commands == seen.commands
+        assert drive_with_nodes(*noisy, recording=busy).record.commands == seen.commands
     for topic, message_type in (('/battery_state', BatteryState), ('/hvch_command', HvchCommand)):
         assert repr(recorded(idle, topic, message_type)) == repr(recorded(busy, topic, message_type))
 
