@@ -58,13 +58,13 @@ PARAMETERS = (
     Parameter('route_progress_timeout', DEFAULTS.route_progress_timeout_s,
               'Without route progress for this long the planner continues by time', 's', (0.1, 300.0)),
     Parameter('energy_price', DEFAULTS.energy_price_per_kwh,
-              'Price of energy: the target for a known charger is chosen by it', 'per kWh',
+              'Price of energy, by which the target for a known charger is chosen', 'per kWh',
               (0.0, MOST_PRICE_PER_KWH)),
     Parameter('value_of_time', DEFAULTS.value_of_time_per_h,
-              'Value of time at the charger, in the same currency; the target is chosen by it', 'per h',
+              'Value of time at the charger, in the same currency', 'per h',
               (0.0, MOST_VALUE_PER_H)),
     Parameter('heat_while_charging', DEFAULTS.heat_while_charging,
-              'Heat at the charger as far as it pays, if the vehicle file says that the vehicle can.'),
+              'Heat at the charger as far as it pays, if the vehicle can.'),
     Parameter('compiled_core', DEFAULTS.compiled_core,
               'Plan with the native core if it is built; plans are the same without.'),
     Parameter('coldest_cell_limits', DEFAULTS.coldest_cell_limits,
@@ -72,14 +72,13 @@ PARAMETERS = (
     Parameter('flight_recorder', '', 'Folder for recordings of all inputs and commands; empty: none.'),
     Parameter('flight_recorder_size', 500.0, 'The oldest recordings are deleted beyond this size of the folder',
               'MB', (100.0, 1e6)),
-    Parameter('state_file', '', "File for the learned factors and the driver's choices: "
-              'a new file, or a state file, with the running trip beside it; empty: none.'),
-    Parameter('departures', '', 'File of recurring departures (YAML) for which the battery is prepared; '
+    Parameter('state_file', '', "File for learned factors, the running trip and the driver's choices; "
               'empty: none.'),
-    Parameter('grid_prices', '', 'File of prices of energy from the grid (YAML): a plugged-in battery is prepared '
+    Parameter('departures', '', 'File of recurring departures (YAML); empty: none.'),
+    Parameter('grid_prices', '', 'File of prices of energy from the grid (YAML): a plugged-in battery is heated '
               'in the cheapest hours; empty: as late as possible.'),
-    Parameter('locked', False, "Refuse changes of the safety-relevant parameters, and of the node's clock "
-              '(use_sim_time), at run time.', read_only=True),
+    Parameter('locked', False, 'Refuse changes of safety-relevant parameters and of use_sim_time at run time.',
+              read_only=True),
     LIFECYCLE,
 )
 # A driver or a backend may change these although the others are locked.
