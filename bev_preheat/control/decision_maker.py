@@ -221,7 +221,7 @@ class DecisionMaker(NamedTuple):
             vehicle = forecasts.vehicle(vehicle)
             search_input = replace(
                 search_input, vehicle=vehicle, route=route.with_propulsion(estimate.propulsion_factor),
-                state=believed_state(vehicle, estimate), log_factors=estimate.log_factors,
+                state=believed_state(vehicle, estimate),
                 heater_share=believed_share(estimate.heater))
         targets, choice = self.targets.choose(search_input)
         return self._replace(forecasts=forecasts, targets=targets), choice

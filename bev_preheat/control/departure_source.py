@@ -27,7 +27,6 @@ from bev_preheat.tunables import (
     DRIVES_W,
     EARLIEST_NS,
     FURTHEST_SKIP_NS,
-    LISTED_NS,
     RETRY_S,
 )
 
@@ -195,7 +194,7 @@ class DepartureSource:
             self._next, self._retry_ns = None, 0
             self._memory = DriveMemory()
             return
-        from_ns = max(before_ns, self._skipped_ns or 0, now_ns - LISTED_NS)
+        from_ns = max(before_ns, self._skipped_ns or 0, now_ns - FURTHEST_SKIP_NS)
         for passed in self._departures.until(from_ns, now_ns):
             if passed.instant_ns != self._concluded_ns and (
                     self._goal_for is None or self._goal_for.instant_ns != passed.instant_ns):

@@ -38,7 +38,7 @@ from bev_preheat.route.plausibility import unit_warnings
 from bev_preheat.signals.electrical import electrical_check, PercentScale
 from bev_preheat.signals.source import is_one_battery, SeenState
 from bev_preheat.signals.verdict import SignalVerdict, STATE_OF_CHARGE
-from bev_preheat.tunables import CLOCK_RESTART_S, MOST_OVERTAKEN_S
+from bev_preheat.tunables import CLOCK_RESTART_S
 from bev_preheat.vehicle.description import Vehicle
 
 
@@ -239,7 +239,7 @@ class Inbox(NamedTuple):
         if latest is None or now_ns < measurement.stamp_ns:
             return False
         late_s = (latest.stamp_ns - measurement.stamp_ns) / NS_PER_S
-        return 0.0 < late_s <= min(MOST_OVERTAKEN_S, timeout_s) or (
+        return 0.0 < late_s <= min(CLOCK_RESTART_S, timeout_s) or (
             0.0 < late_s and now_ns - measurement.stamp_ns <= timeout_s * NS_PER_S
             and is_one_battery(_seen(latest), _seen(measurement)))
 

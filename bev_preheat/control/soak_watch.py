@@ -8,15 +8,7 @@ from typing import NamedTuple, TYPE_CHECKING
 from bev_preheat.estimation.soak import after_soak, Soak
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
-from bev_preheat.tunables import (
-    CONTRADICTS_BEYOND_K,
-    FIRST_STATE_WITHIN_S,
-    LONGEST_GAP_S,
-    MOST_NOTED,
-    NOTED_EVERY_S,
-    SEEN_AFTER_S,
-    SEEN_BEFORE_S,
-)
+from bev_preheat.tunables import CONTRADICTS_BEYOND_K, LONGEST_GAP_S, MOST_NOTED, NOTED_EVERY_S, PARKED_WITHIN_S
 
 if TYPE_CHECKING:
     from bev_preheat.control.inputs import Measurement, Mission
@@ -77,7 +69,7 @@ class StandWatch(NamedTuple):
     def _parked(self, parked_ns: int) -> LastSeen | None:
         """Return the latest LastSeen of about the instant [ns] at which the vehicle was parked; None: unknown."""
         return next((seen for seen in reversed(self.history)
-                     if -SEEN_BEFORE_S * NS_PER_S <= seen.stamp_ns - parked_ns <= SEEN_AFTER_S * NS_PER_S), None)
+                     if abs(seen.stamp_ns - parked_ns) <= PARKED_WITHIN_S * NS_PER_S), None)
 
     def compared(self, mission: Mission | None, measurement: Measurement,
                  vehicle: Vehicle) -> tuple[StandWatch, Soak | None]:
@@ -92,7 +84,7 @@ class StandWatch(NamedTuple):
         if mission is None or watch.is_done:
             return watch, None
         since_start_s = (measurement.stamp_ns - mission.start_ns) / NS_PER_S
-        if since_start_s > FIRST_STATE_WITHIN_S:
+        if since_start_s > LONGEST_GAP_S:
             return watch._replace(is_done=True), None
         stood_s = mission.standing_time_s + min(since_start_s, 0.0)
         if mission.standing_time_s == 0.0 or stood_s <= 0.0:

@@ -4,8 +4,8 @@ Chooses the target of the current leg if its charger is known and no target is g
 
 It chooses the cheapest target by `charging.worth`, for the corrected vehicle and the estimated state. A new
 leg gets a target at once, after a first look at every fifth degree. The full search follows in the next
-updates, with PLANS_EACH_UPDATE plans each, so that no update takes long. It is repeated in the same way when
-the estimate, the route or the time of arrival has changed, and every SEARCH_PERIOD_S. A target is replaced only
+updates, with one plan each, so that no update takes long. It is repeated in the same way when the route plan, the
+probability of charging or the heater has changed, and every SEARCH_PERIOD_S. A target is replaced only
 if another is cheaper by LEAST_GAIN_SHARE, so that jitter does not change it, and moves by MOST_MOVE_K in one
 search, so that an estimate that is still settling does not swing it. A new route plan to the same charger keeps
 the target in the same way.
@@ -22,25 +22,19 @@ import math
 from typing import Any, TYPE_CHECKING
 from weakref import WeakKeyDictionary
 
-import numpy as np
-
 from bev_preheat.charging.expectation import Expectation
 from bev_preheat.charging.prospect import CERTAIN, held_prospect
 from bev_preheat.charging.stop import refuse_stranded, stop_after, USUAL_DEPARTURE_SOC
 from bev_preheat.charging.worth import targets_between, WorthSearch
 from bev_preheat.control.charging_doubt import ChargingDoubt, given_target_pays_from
 from bev_preheat.errors import InvalidInput, PlanningFailure
-from bev_preheat.estimation.prior import prior_factor_covariance
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.planner import plan_preheating, plan_unheated
 from bev_preheat.tunables import (
-    ARRIVAL_CHANGE_S,
-    FACTOR_CHANGE,
     FIRST_LOOK_K,
     LEAST_GAIN_SHARE,
     LEAST_PERIOD_S,
     MOST_MOVE_K,
-    PLANS_EACH_UPDATE,
     SAME_ARRIVAL_S,
     SEARCH_PERIOD_S,
     USUAL_PAYS_FROM,
@@ -61,8 +55,6 @@ if TYPE_CHECKING:
 
 
 NO_CHARGER = "the route plan does not say the charger's power"
-
-_FACTOR_DEVIATIONS = np.sqrt(np.diag(prior_factor_covariance()))
 
 
 class TargetSource(IntEnum):
@@ -111,8 +103,7 @@ class TargetSearchInput:
     Input of a target search: vehicle, battery state and route ahead on a leg, estimated at an instant [ns].
 
     `route_id` and `legs_after` identify the leg. `vehicle` and `route` are corrected by the estimated
-    factors; `log_factors` (5,) are their logarithms, None without estimation. `heater_share` is the share of
-    its power that the heater delivers. `goal` has the usual target.
+    factors. `heater_share` is the share of its power that the heater delivers. `goal` has the usual target.
     """
 
     route_id: str
@@ -124,7 +115,6 @@ class TargetSearchInput:
     route: Route
     state: BatteryState
     stamp_ns: int
-    log_factors: Any = None
     heater_share: float = 1.0
 
     @property
@@ -287,7 +277,7 @@ class TargetChooser:
         if self.search is None:
             return self._begun(now, charger) if self._is_due(now) else self
         worker = self.search.worker()
-        is_finished = worker.advance(PLANS_EACH_UPDATE)
+        is_finished = worker.advance(1)
         search = self.search.after(worker)
         if not is_finished:
             # The search behind the choice is this one until it is finished.
@@ -326,14 +316,8 @@ class TargetChooser:
         if before is None:
             return True
         elapsed_s = abs(now.stamp_ns - before.stamp_ns) / NS_PER_S
-        if elapsed_s < LEAST_PERIOD_S:
-            return False
-        has_learned = (now.log_factors is None) is not (before.log_factors is None) or (
-            now.log_factors is not None and bool((np.abs(
-                now.log_factors - before.log_factors) > FACTOR_CHANGE * _FACTOR_DEVIATIONS).any()))
-        later_s = abs(now.leg.arrival_ns - before.leg.arrival_ns) / NS_PER_S
-        return (self.is_outdated or elapsed_s >= SEARCH_PERIOD_S or has_learned
-                or later_s > ARRIVAL_CHANGE_S or now.heater_share != before.heater_share)
+        return elapsed_s >= SEARCH_PERIOD_S or (
+            elapsed_s >= LEAST_PERIOD_S and (self.is_outdated or now.heater_share != before.heater_share))
 
     def _weighing(self, search: TargetSearch, worker: WorthSearch, now: TargetSearchInput) -> TargetChooser:
         """Return the chooser with the TargetChoice by the targets that a search's worker has found so far."""

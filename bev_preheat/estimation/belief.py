@@ -72,16 +72,13 @@ from bev_preheat.tunables import (
     LOCAL_LAG_S,
     MOST_APART_K,
     MOST_EVIDENCE,
-    MOST_UNDER_WAY_K,
     NOISY_FROM_W,
     NOMINAL_HEAT_LAG_S,
     NOMINAL_SENSOR_LAG_S,
     POWER_NOISE,
     POWER_NOISE_LASTS_S,
     SOC_NOISE,
-    UNKNOWN_APART_K,
-    UNKNOWN_LOCAL_K,
-    UNKNOWN_UNDER_WAY_K,
+    UNKNOWN_K,
 )
 
 if TYPE_CHECKING:
@@ -112,7 +109,7 @@ SOC_NOISE_VARIANCES = np.full(len(NOISES_K), SOC_NOISE**2)
 # The constants that the native core needs.
 TERMS = belief_terms(
     PERTURBATION, LOWEST, HIGHEST, NOMINAL_HEAT_LAG_S, NOMINAL_SENSOR_LAG_S, LOCAL_LAG_S, LEAST_VARIANCE,
-    LEAST_WEIGHT, MOST_EVIDENCE, MOST_APART_K, MOST_UNDER_WAY_K, POWER_NOISE, NOISY_FROM_W, POWER_NOISE_LASTS_S,
+    LEAST_WEIGHT, MOST_EVIDENCE, MOST_APART_K, MOST_APART_K, POWER_NOISE, NOISY_FROM_W, POWER_NOISE_LASTS_S,
     JOULE_RISE_NOISE_K_PER_KW)
 READING = ReadingNoise(NOISE_VARIANCES, SOC_NOISE_VARIANCES)
 
@@ -191,19 +188,18 @@ class Belief:
         uncertain, and the heater's hypotheses are half as sure, because the heater may have changed.
         """
         weights = self.weights if self.has_stood else 0.5 * (self.weights + prior_weights())
-        under_way_k, apart_k, local_k = (0.0, 0.0, 0.0) if self.has_stood else (
-            UNKNOWN_UNDER_WAY_K, UNKNOWN_APART_K, UNKNOWN_LOCAL_K)
+        unknown_k = 0.0 if self.has_stood else UNKNOWN_K
         mean, covariance = self.mean.copy(), self.covariance.copy()
         mean[..., MOVING] = temperature_c, soc, 0.0, temperature_c, 0.0
         # A reading is the sum of sensor and local rise, so their errors have opposite signs.
-        sensor_variance = temperature_variance + local_k**2
-        for index, variance in ((TEMPERATURE, sensor_variance + apart_k**2),
-                                (SOC, soc_variance), (UNDER_WAY, under_way_k**2),
-                                (SENSOR, sensor_variance), (LOCAL, local_k**2)):
+        sensor_variance = temperature_variance + unknown_k**2
+        for index, variance in ((TEMPERATURE, sensor_variance + unknown_k**2),
+                                (SOC, soc_variance), (UNDER_WAY, unknown_k**2),
+                                (SENSOR, sensor_variance), (LOCAL, unknown_k**2)):
             covariance[..., index, :] = covariance[..., :, index] = 0.0
             covariance[..., index, index] = variance
         for one, other, shared in ((TEMPERATURE, SENSOR, sensor_variance),
-                                   (TEMPERATURE, LOCAL, -local_k**2), (SENSOR, LOCAL, -local_k**2)):
+                                   (TEMPERATURE, LOCAL, -unknown_k**2), (SENSOR, LOCAL, -unknown_k**2)):
             covariance[..., one, other] = covariance[..., other, one] = shared
         return Belief(weights, mean, covariance, self.lags, False)
 
@@ -229,7 +225,7 @@ class Belief:
     def of_free_local_rise(self) -> Belief:
         """Return the Belief with an unknown local rise at the sensor, because readings have shifted for good."""
         covariance = self.covariance.copy()
-        covariance[..., LOCAL, LOCAL] += UNKNOWN_LOCAL_K**2
+        covariance[..., LOCAL, LOCAL] += UNKNOWN_K**2
         return replace(self, covariance=covariance)
 
     # Time
@@ -473,7 +469,7 @@ class Belief:
         mean, covariance = self.mean.copy(), self.covariance.copy()
         mean[..., BOUNDED] = np.maximum(np.minimum(mean[..., BOUNDED], HIGHEST), LOWEST)
         lost = ((np.abs(mean[..., TEMPERATURE] - mean[..., SENSOR]) > MOST_APART_K)
-                | (np.abs(mean[..., UNDER_WAY]) > MOST_UNDER_WAY_K))
+                | (np.abs(mean[..., UNDER_WAY]) > MOST_APART_K))
         if lost.any():
             mean[lost], covariance[lost] = self._found_again(mean[lost], covariance[lost])
         return replace(self, mean=mean, covariance=covariance)
@@ -486,9 +482,9 @@ class Belief:
             covariance[:, index, :] = covariance[:, :, index] = 0.0
         covariance[:, LAGS, LAGS] = self.lags.variances
         covariance[:, RISES, RISES] = np.square(RISE_DEVIATIONS)
-        covariance[:, UNDER_WAY, UNDER_WAY] = UNKNOWN_UNDER_WAY_K**2
+        covariance[:, UNDER_WAY, UNDER_WAY] = UNKNOWN_K**2
         covariance[:, TEMPERATURE, TEMPERATURE] = (
-            covariance[:, SENSOR, SENSOR] + UNKNOWN_APART_K**2)
+            covariance[:, SENSOR, SENSOR] + UNKNOWN_K**2)
         return mean, covariance
 
 

@@ -23,18 +23,15 @@ from bev_preheat.numerics.arithmetic import array_exp, array_log
 from bev_preheat.numerics.arrays import FloatArray, frozen
 from bev_preheat.tunables import (
     CORRELATED,
-    EXCESS_LASTS_S,
-    EXCESS_OVER_S,
     EXCESS_W,
     FREEDOM,
-    LEAST_POWER_WEIGHT,
     LEAST_SCATTER_W,
+    LEAST_WEIGHT,
     MOST_BLOCK_EVIDENCE,
     POWER_BLOCK_S,
+    ROAD_LASTS_S,
     SCATTER_BLOCKS,
-    SCATTER_FORGETTING,
     SCATTER_W,
-    VARIANCE_LASTS_S,
     VARIATION_S,
 )
 
@@ -95,21 +92,21 @@ class PowerSamples(NamedTuple):
         Return the samples, and the part of a route's power variance [W^2] that they do not show in a step.
 
         Samples once a second may miss a ripple. Single segments vary more or less than the route states, so
-        sums over VARIANCE_LASTS_S are compared.
+        sums over ROAD_LASTS_S are compared.
         """
         if route_w2 == 0.0:
             return self, 0.0
-        kept = max(0.0, 1.0 - duration_s / VARIANCE_LASTS_S)
+        kept = max(0.0, 1.0 - duration_s / ROAD_LASTS_S)
         seen_w2s = kept * self.seen_w2s + duration_s * _mean_and_variance(self.latest_w)[1]
         route_w2s = kept * self.route_w2s + duration_s * route_w2
         return (self._replace(seen_w2s=seen_w2s, route_w2s=route_w2s),
                 route_w2 * max(0.0, 1.0 - seen_w2s / route_w2s))
 
     def mean_propulsion_w(self, seen_w: float, route_w: float, duration_s: float) -> tuple[PowerSamples, float]:
-        """Return the samples, and the route's propulsion power plus the mean excess over EXCESS_OVER_S [W]."""
+        """Return the samples, and the route's propulsion power plus the mean excess over POWER_BLOCK_S [W]."""
         excess = (*self.excess, (duration_s, duration_s * (seen_w - route_w)))
         total_s = sum([seconds for seconds, _ in excess])
-        while total_s - excess[0][0] >= EXCESS_OVER_S:
+        while total_s - excess[0][0] >= POWER_BLOCK_S:
             total_s -= excess[0][0]
             excess = excess[1:]
         return self._replace(excess=excess), route_w + sum([excess_j for _, excess_j in excess]) / total_s
@@ -199,7 +196,7 @@ class PowerResponse(NamedTuple):
         excess_w = (share * self.excess_w[:, np.newaxis]).sum(axis=0)
         off_w = self.excess_w[:, np.newaxis] - excess_w
         variance_w2 = (share * (self.variance_w2[:, np.newaxis] + off_w**2)).sum(axis=0)
-        left = math.exp(-lasted_s / EXCESS_LASTS_S)
+        left = math.exp(-lasted_s / ROAD_LASTS_S)
         excess_w, variance_w2 = left * excess_w, left**2 * variance_w2 + (1.0 - left**2) * EXCESS_W**2
         total_w2 = variance_w2 + self.scatter_w2
         error_w = beyond_w - heater_w - excess_w
@@ -211,7 +208,7 @@ class PowerResponse(NamedTuple):
         rest_w = beyond_w - float((weights * heater_w).sum() / weights.sum())
         seen: FloatArray = array_log(weights.sum(axis=1) / before.sum(axis=1))
         return PowerResponse(
-            frozen(self.prior @ matrix), frozen(np.maximum(weights / weights.sum(), LEAST_POWER_WEIGHT)),
+            frozen(self.prior @ matrix), frozen(np.maximum(weights / weights.sum(), LEAST_WEIGHT)),
             frozen(excess_w + gain * error_w), frozen((1.0 - gain) * variance_w2), *self._scatter(rest_w), rest_w,
             self.followed_w), seen
 
@@ -221,8 +218,8 @@ class PowerResponse(NamedTuple):
             return self.scatter_w2, self.blocks
         blocks = self.blocks + 1.0
         seen_w2 = 0.5 * CORRELATED * (rest_w - self.before_w)**2
-        scatter_w2 = self.scatter_w2 + max(SCATTER_FORGETTING, 1.0 / blocks) * (seen_w2 - self.scatter_w2)
-        return max(scatter_w2, LEAST_SCATTER_W**2), blocks
+        share = max(POWER_BLOCK_S / ROAD_LASTS_S, 1.0 / blocks)
+        return max(self.scatter_w2 + share * (seen_w2 - self.scatter_w2), LEAST_SCATTER_W**2), blocks
 
     def support(self, kind: Heater) -> float:
         """Return the log-likelihood ratio of a kind of heater over a healthy one, from the power [nats]."""

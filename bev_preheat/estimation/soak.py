@@ -22,7 +22,6 @@ from bev_preheat.tunables import (
     ELSEWHERE_WITHIN_K,
     KNOWN_PARKED_DEVIATION_K,
     KNOWN_TIME_CONSTANT_DEVIATION,
-    MOST_TIME_CONSTANTS,
     OFFSET_DEVIATION_K,
     PARKED_DEVIATION_K,
     PARKED_WARMER_K,
@@ -68,7 +67,7 @@ def after_soak(vehicle: Vehicle, ambient_c: float, standing_s: float,
         else (parked_c - ambient_c, KNOWN_PARKED_DEVIATION_K, max(own, KNOWN_TIME_CONSTANT_DEVIATION)))
     time_constants = _time_constants(vehicle, standing_s)
     left = math.exp(-time_constants)
-    lefts = np.exp(-np.minimum(time_constants * np.exp(time_constant_deviation * POINTS), MOST_TIME_CONSTANTS))
+    lefts = np.exp(-time_constants * np.exp(time_constant_deviation * POINTS))
     return Soak(
         ambient_c + warmer_k * left,
         math.sqrt(float(WEIGHTS @ (warmer_k**2 * (lefts - left)**2 + deviation_k**2 * lefts**2))),
@@ -92,7 +91,7 @@ def _time_constant_deviation(vehicle: Vehicle) -> float:
 def _time_constants(vehicle: Vehicle, standing_s: float) -> float:
     rate_per_s = (vehicle.battery.leakage.coefficient_w_per_k(0.0)
                   / vehicle.battery.heat_capacity_j_per_k)
-    return min(rate_per_s * standing_s, MOST_TIME_CONSTANTS)
+    return rate_per_s * standing_s
 
 
 def expected_offset_k(standing: Soak, reading_c: float, reading_variance: float) -> float:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from typing import Protocol, TYPE_CHECKING
 
-from bev_preheat.tunables import COMPARED_POWER_W, SAME_SOC, SHORTFALL_TOLERANCE_K
+from bev_preheat.tunables import NO_WORSE_W, SAME_SOC, SHORTFALL_TOLERANCE_K
 
 if TYPE_CHECKING:
     from bev_preheat.planning.plan import Plan
@@ -49,7 +49,7 @@ def difference(plan: Reached, optimum: Reached) -> str:
     if (plan.soc_shortfall > SAME_SOC) != (optimum.soc_shortfall > SAME_SOC):
         return ('reserve missed' if plan.soc_shortfall > SAME_SOC else
                 'reserve kept')
-    if not abs(deficit_w) <= COMPARED_POWER_W:
+    if not abs(deficit_w) <= NO_WORSE_W:
         return (f'power deficit {abs(deficit_w) / 1e3:.2f} kW {"larger" if deficit_w > 0.0 else "smaller"}'
                 if deficit_w == deficit_w else 'unknown power')
     return ''

@@ -20,7 +20,7 @@ from bev_preheat.planning.limits import drive_as_planned, limits_hold, run_unhea
 from bev_preheat.planning.outcome import find_stranding, power_deficit
 from bev_preheat.planning.schedule import HeldBack, Method, Schedule
 from bev_preheat.planning.situation import BatteryState, Goal, reserve_soc
-from bev_preheat.tunables import LEAST_STRANDING_SOC, NO_WORSE_W, TARGET_HALVINGS
+from bev_preheat.tunables import NO_WORSE_W, SOC_TOLERANCE, TARGET_HALVINGS
 
 if TYPE_CHECKING:
     from bev_preheat.planning.trip import Trip
@@ -84,7 +84,7 @@ class NoRegretCheck:
         battery = self._trip.vehicle.battery
         whole_wh = battery.capacity_ah * battery.open_circuit_voltage.function(FLOATS)(
             0.0, float(schedule.temperature_c[-1]))
-        return spare - max(stranding.deficit_wh / whole_wh, LEAST_STRANDING_SOC)
+        return spare - max(stranding.deficit_wh / whole_wh, SOC_TOLERANCE)
 
     def _warmest(self, propose: Proposal, wanted: Schedule, wanted_c: float) -> Schedule:
         """Return the warmest allowed Schedule of a proposal that is not allowed for its target [deg C]."""

@@ -17,7 +17,7 @@ from bev_preheat.errors import PlanningFailure
 from bev_preheat.planning.heating_intervals import Reason
 from bev_preheat.planning.planner import METHODS, plan_preheating, plan_unheated
 from bev_preheat.planning.status import Status
-from bev_preheat.tunables import LEAST_TOLD_K, LEAST_TOLD_WH, RESOLUTION_K, SHORTFALL_TOLERANCE_K
+from bev_preheat.tunables import LEAST_TOLD_WH, RESOLUTION_K, SHORTFALL_TOLERANCE_K
 
 if TYPE_CHECKING:
     from bev_preheat.planning.plan import Plan
@@ -70,7 +70,7 @@ class Sensitivity:
     def _kelvin_sentence(self) -> str:
         if math.isnan(self.kelvin_saves_wh):
             return ''
-        left = ('' if self.kelvin_arrives_k < LEAST_TOLD_K else
+        left = ('' if self.kelvin_arrives_k < RESOLUTION_K else
                 f', and the battery would arrive {self.kelvin_arrives_k:.2f} K warmer')
         verb = 'cost' if self.kelvin_saves_wh <= -LEAST_TOLD_WH else 'save'
         return (f'One more kelvin in the battery now would {verb} {abs(self.kelvin_saves_wh):.1f} Wh until '

@@ -26,7 +26,7 @@ from bev_preheat.tunables import (
     LAGS_AHEAD,
     LASTING_LAGS,
     LEAST_HEATING_W,
-    MOST_ROUNDS,
+    MOST_TRIALS,
     ROUNDING_W,
 )
 from bev_preheat.vehicle.heat_balance import heat_under_w
@@ -148,7 +148,7 @@ class StepsAhead:
                 heat_under_w(vehicle, idle_heat_w, command_w, brake_w), all_w + leakage_w_per_k)
             return end_soc, end_c, joule_w
 
-        for _ in range(MOST_ROUNDS):
+        for _ in range(MOST_TRIALS):
             command_w = np.clip(asked_w, 0.0, np.maximum(most_w - idle_w, 0.0)) if any(watched) else asked_w
             paid_w = command_w
             if may_overcharge and takes_surplus:

@@ -16,14 +16,7 @@ from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.planning.dynamics import KEPT_VEHICLES
-from bev_preheat.tunables import (
-    EMPTY_BELOW,
-    FULLER_SOC,
-    GOES_ON_WITHIN,
-    SCALE_HOLDS_S,
-    VOLTAGE_WITHIN,
-    VOLTAGE_WITHIN_DROPS,
-)
+from bev_preheat.tunables import EMPTY_BELOW, FULLER_SOC, GOES_ON_WITHIN, SCALE_HOLDS_S, VOLTAGE_WITHIN
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -44,7 +37,7 @@ class ElectricalCheck:
     def voltage_doubt(self, voltage_v: float, current_a: float, temperature_c: float, soc: float) -> str:
         """Return the sentence on a voltage [V] that is not this battery's; '' if it may be."""
         expected_v, drop_v = self._expected(current_a, temperature_c, soc)
-        allowed_v = VOLTAGE_WITHIN * expected_v + VOLTAGE_WITHIN_DROPS * abs(drop_v)
+        allowed_v = VOLTAGE_WITHIN * expected_v + abs(drop_v)
         if abs(voltage_v - (expected_v - drop_v)) <= allowed_v:
             return ''
         return (f'voltage: {voltage_v:g} V is not that of this battery: {expected_v - drop_v:.0f} V are expected '

@@ -13,7 +13,6 @@ from typing import NamedTuple
 
 from bev_preheat.errors import quoted
 from bev_preheat.tunables import (
-    CALM_STATES,
     COMPARED_STATES,
     LEAST_JUMPS,
     OTHER_PACK_K,
@@ -22,7 +21,6 @@ from bev_preheat.tunables import (
     PACK_RATE_K_PER_S,
     SHORT_GAP_S,
     SLOW_GAPS,
-    STEADY_GAPS,
 )
 
 
@@ -41,13 +39,12 @@ class SourceWatch(NamedTuple):
     From which battery the states come; `doubt` is the sentence, '' if it is one battery.
 
     `before` is the latest state, None if the next one does not follow it. `jumps`: whether each of the latest
-    states contradicted the one before; `calm` is the number of states since one did.
+    states contradicted the one before.
     """
 
     doubt: str = ''
     before: SeenState | None = None
     jumps: tuple[bool, ...] = ()
-    calm: int = 0
 
     def without_instants(self) -> SourceWatch:
         """Return the watch whose next state does not follow the latest one."""
@@ -60,12 +57,11 @@ class SourceWatch(NamedTuple):
             return self._replace(before=state, jumps=())
         has_jumped = not is_one_battery(before, state)
         doubt, jumps = self.doubt, (*self.jumps, has_jumped)[-COMPARED_STATES:]
-        calm = 0 if has_jumped else self.calm + 1
         if sum(jumps) >= LEAST_JUMPS:
             doubt = _sentence(before, state, jumps) if has_jumped or not doubt else doubt
-        elif calm >= CALM_STATES:
+        elif not any(jumps) and len(jumps) == COMPARED_STATES:
             doubt = ''
-        return SourceWatch(doubt, state, jumps, calm)
+        return SourceWatch(doubt, state, jumps)
 
 
 def _sentence(one: SeenState, other: SeenState, jumps: tuple[bool, ...]) -> str:
@@ -132,7 +128,7 @@ class FeedWatch(NamedTuple):
             return FeedWatch(instant_s, too_long_s=(*self.too_long_s, gap_s)[-SLOW_GAPS:])
         in_time = self.in_time + 1
         return FeedWatch(instant_s, too_long_s=(
-            self.too_long_s if self._is_slow and in_time < STEADY_GAPS else ()), in_time=in_time)
+            self.too_long_s if self._is_slow and in_time < SLOW_GAPS else ()), in_time=in_time)
 
     @property
     def _is_slow(self) -> bool:

@@ -77,4 +77,4 @@ def search_input(at_s, factors=(0.0, 0.0, 0.0, 0.0, 0.0), state=STATE):
     leg, = a_mission().legs
     car = corrected_vehicle(VEHICLE, Corrections(*np.exp(factors[:4]).tolist()))
     return TargetSearchInput('home', 0, leg, MEASURED, Goal(25.0), car, drive().with_propulsion(
-        math.exp(factors[4])), state, START_NS + round(at_s * NS_PER_S), np.array(factors))
+        math.exp(factors[4])), state, START_NS + round(at_s * NS_PER_S))

@@ -16,7 +16,7 @@ from bev_preheat.estimation.soak import after_soak
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.route.segments import make_route
-from bev_preheat.tunables import FIRST_STATE_WITHIN_S
+from bev_preheat.tunables import LONGEST_GAP_S
 from bev_preheat.vehicle import load_vehicle
 
 VEHICLE = load_vehicle('reference')
@@ -82,7 +82,7 @@ def test_a_trip_that_does_not_say_how_long_it_stood_says_nothing():
 
 
 @pytest.mark.parametrize('after_s, is_first', [
-    (FIRST_STATE_WITHIN_S, True), (FIRST_STATE_WITHIN_S + 0.1, False)])
+    (LONGEST_GAP_S, True), (LONGEST_GAP_S + 0.1, False)])
 def test_a_state_that_comes_late_is_none_of_a_battery_that_stood(after_s, is_first):
     _, (first, second) = compared(*[(trip(), measured(after_start_s=after_s))] * 2)
     assert bool(first) is is_first

@@ -37,7 +37,7 @@ from bev_preheat.tunables import (
     LOCAL_LAG_S,
     NOMINAL_HEAT_LAG_S,
     NOMINAL_SENSOR_LAG_S,
-    UNKNOWN_LOCAL_K,
+    UNKNOWN_K,
 )
 from bev_preheat.vehicle.description import Uncertainty
 from bev_preheat.vehicle.heat_path import HeatPath
@@ -156,7 +156,7 @@ def test_place_forgets_what_the_state_was_correlated_with():
     assert (belief.covariance[..., TEMPERATURE, FACTORS] == 0.0).all()
     # After a gap battery and sensor may differ, and so may sensor and cell; the reading is their sum.
     seen = belief.covariance[..., SENSOR, SENSOR]
-    assert seen == pytest.approx(np.full(SHAPE, 0.3 + UNKNOWN_LOCAL_K**2))
+    assert seen == pytest.approx(np.full(SHAPE, 0.3 + UNKNOWN_K**2))
     read = seen + 2.0 * belief.covariance[..., SENSOR, LOCAL] + belief.covariance[..., LOCAL, LOCAL]
     assert read == pytest.approx(np.full(SHAPE, 0.3))
     assert belief.covariance[..., TEMPERATURE, TEMPERATURE] == pytest.approx(seen + 0.5**2)

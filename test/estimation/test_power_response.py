@@ -8,7 +8,7 @@ import pytest
 
 from bev_preheat.estimation.hypotheses import Heater, SHARES
 from bev_preheat.estimation.measured_power import PowerResponse
-from bev_preheat.tunables import EXCESS_LASTS_S, EXCESS_W, LEANING, MOST_BLOCK_EVIDENCE, POWER_BLOCK_S, SCATTER_W
+from bev_preheat.tunables import EXCESS_W, LEANING, MOST_BLOCK_EVIDENCE, POWER_BLOCK_S, ROAD_LASTS_S, SCATTER_W
 
 FAULTS = (Heater.DERATED, Heater.DEAD, Heater.STUCK_ON)
 LIMIT_W = 5000.0
@@ -50,7 +50,7 @@ def test_the_excess_is_found_and_forgotten():
     for _ in range(1200):
         response, _ = response.seen(1.0, 1500.0, 0.0, LIMIT_W)
     assert response.excess_w[0] == pytest.approx(np.full(3, 1500.0), rel=0.15)
-    kept = math.exp(-POWER_BLOCK_S / EXCESS_LASTS_S)
+    kept = math.exp(-POWER_BLOCK_S / ROAD_LASTS_S)
     assert 0.9 < kept < 1.0
 
 
