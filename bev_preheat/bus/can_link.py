@@ -3,17 +3,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterator
 from contextlib import suppress
 import logging
 from threading import Event, Lock, Thread
 import time
 from typing import Any, TYPE_CHECKING
 
-from bev_preheat.bus.bus_clock import age_of_stamp
 from bev_preheat.bus.live_map import REPLAY
-from bev_preheat.bus.replay import ReplayBus
+from bev_preheat.bus.readings import age_of_stamp
 from bev_preheat.errors import InvalidInput, quoted
+from bev_preheat.logs.can_frames import recorded_frames
 from bev_preheat.optional_packages import require
 
 if TYPE_CHECKING:
@@ -32,6 +32,44 @@ PACKAGES = {'slcan': 'serial', 'serial': 'serial', 'robotell': 'serial'}
 
 # Called with identifier, whether it has 29 bits, data, age [s].
 Receiver = Callable[[int, bool, bytes, float], None]
+
+
+class ReplayBus:
+    """The frames of a candump, ASC or BLF file, received as from a bus; frames that are sent go nowhere."""
+
+    def __init__(self, path: str) -> None:
+        """Open a file; raises InvalidInput if it is no recording of CAN frames."""
+        self._frames: Iterator[Any] = recorded_frames(path)
+        first = next(self._frames, None)
+        if first is None:
+            raise InvalidInput(f'{path}: has no CAN frames')
+        self._next: Any = first
+        self._path = path
+        self._offset_s = time.monotonic() - first.timestamp
+
+    def recv(self, timeout: float) -> Any:
+        """Return the next frame once it is due, None if none is due within `timeout` [s]."""
+        if self._next is None:
+            time.sleep(timeout)
+            return None
+        wait_s = self._next.timestamp + self._offset_s - time.monotonic()
+        if wait_s > timeout:
+            time.sleep(timeout)
+            return None
+        if wait_s > 0.0:
+            time.sleep(wait_s)
+        frame, self._next = self._next, next(self._frames, None)
+        # It arrives now, whenever it was recorded.
+        frame.timestamp = 0.0
+        return frame
+
+    def send(self, message: Any, timeout: float | None = None) -> None:
+        """Take a frame and do nothing: a recording has no receiver."""
+
+    def shutdown(self) -> None:
+        """Close the file."""
+        self._next = None
+        self._frames = iter(())
 
 
 class CanLink:

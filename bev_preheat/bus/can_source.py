@@ -7,24 +7,22 @@ from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING
 
-from bev_preheat.bus.battery import BatteryReader
 from bev_preheat.bus.can_decoder import BusMessages, CanDecoder, FOLLOWED, HEATER_FAULT, HEATER_POWER
 from bev_preheat.bus.can_link import CanLink
 from bev_preheat.bus.heater_frame import HeaterFrame
 from bev_preheat.bus.live_map import HeaterStatusRule
-from bev_preheat.bus.readings import Readings
+from bev_preheat.bus.source import LiveSource
 from bev_preheat.errors import InvalidInput
 
 if TYPE_CHECKING:
-    from bev_preheat.bus.battery import LiveBattery
     from bev_preheat.bus.live_map import LiveMap
 
 # The readings that a set-point follows are valid for as long as those of this signal.
 TEMPERATURE = 'battery_temperature_c'
 
 
-class CanSource:
-    """See source.LiveSource. `heater_frame` is None if the map names none."""
+class CanSource(LiveSource):
+    """A CAN bus, or several. `heater_frame` is None if the map names none."""
 
     def __init__(self, live_map: LiveMap, clock_s: Callable[[], float],
                  vehicle_power_w: float | None = None) -> None:
@@ -34,14 +32,12 @@ class CanSource:
         `vehicle_power_w` [W] is the heater's maximum power in the vehicle file, None: not known.
         """
         assert live_map.can
-        self._map, self._clock_s = live_map, clock_s
-        self._readings = Readings()
         messages, rule = BusMessages(live_map), live_map.heater_command
         frame = self.heater_frame = None if rule is None else HeaterFrame(
             rule, messages.by_name, str(live_map.signals.path), vehicle_power_w)
         self._follows, full_power_w = (None, None) if frame is None else (frame.follows, frame.full_power_w)
         self._decoder = CanDecoder(live_map, messages, self._follows, full_power_w)
-        self._reader = BatteryReader(live_map, self._decoder.channels)
+        super().__init__(live_map, clock_s, self._decoder.channels)
         heaters_bus = None if rule is None else messages.bus[rule.message]
         try:
             self._links = [CanLink(
@@ -75,22 +71,6 @@ class CanSource:
         """End the threads and close the buses."""
         for link in self._links:
             link.close()
-
-    def battery(self, now_s: float) -> tuple[LiveBattery | None, tuple[str, ...]]:
-        """Return the battery at an instant [s]; else a sentence for each missing signal."""
-        return self._reader.read(self._readings, now_s)
-
-    def value(self, signal: str, now_s: float) -> float | None:
-        """Return another signal of live_map.LIVE_SIGNALS in its own unit, None without a valid value."""
-        return self._reader.value(signal, self._readings, now_s)
-
-    def doubts(self, now_s: float) -> dict[str, str]:
-        """Return a sentence on the latest dropped input of each cause."""
-        return self._readings.doubts(now_s)
-
-    def forget(self) -> None:
-        """Drop all readings."""
-        self._readings.forget()
 
     def figures(self) -> dict[str, str]:
         """Return figures for the diagnostics."""

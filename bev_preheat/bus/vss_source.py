@@ -7,14 +7,13 @@ from collections.abc import Callable, Collection, Mapping
 import math
 from typing import Any, TYPE_CHECKING
 
-from bev_preheat.bus.battery import BatteryReader
-from bev_preheat.bus.readings import live_channels, LiveChannel, Readings
+from bev_preheat.bus.readings import live_channels, LiveChannel
+from bev_preheat.bus.source import LiveSource
 from bev_preheat.bus.vss_link import VssLink
 from bev_preheat.errors import figure, InvalidInput, quoted
 from bev_preheat.tables.units import unit_named
 
 if TYPE_CHECKING:
-    from bev_preheat.bus.battery import LiveBattery
     from bev_preheat.bus.live_map import LiveMap
     from bev_preheat.bus.vss_link import RequestReceiver
 
@@ -22,8 +21,8 @@ if TYPE_CHECKING:
 STAMPED_AHEAD_S = 1.0
 
 
-class VssSource:
-    """See source.LiveSource."""
+class VssSource(LiveSource):
+    """A VSS databroker."""
 
     def __init__(self, live_map: LiveMap, clock_s: Callable[[], float], on_request: RequestReceiver,
                  actuators: Collection[str] = ()) -> None:
@@ -33,11 +32,8 @@ class VssSource:
         `on_request` is called, in a thread of the connection, with the values requested of `actuators`.
         """
         assert live_map.vss is not None
-        self._map, self._clock_s = live_map, clock_s
-        self._readings = Readings()
-        self._channels: dict[str, tuple[tuple[LiveChannel, ...], ...]] = {}
+        super().__init__(live_map, clock_s, {}, -math.inf)
         self._wanted: dict[str, list[tuple[str, LiveChannel]]] = {}
-        self._confirmed_s = -math.inf
         self._mismatch = ''
         self._link = VssLink(live_map.vss, self._on_paths, self._on_value, on_request,
                              actuators if live_map.vss.conditioning else (), self._on_alive)
@@ -65,22 +61,10 @@ class VssSource:
         """Publish values by path."""
         self._link.publish(values)
 
-    def battery(self, now_s: float) -> tuple[LiveBattery | None, tuple[str, ...]]:
-        """Return the battery at an instant [s]; else a sentence for each missing signal."""
-        return BatteryReader(self._map, self._channels).read(self._readings, now_s, self._confirmed_s)
-
-    def value(self, signal: str, now_s: float) -> float | None:
-        """Return another signal of live_map.LIVE_SIGNALS in its own unit, None without a valid value."""
-        return BatteryReader(self._map, self._channels).value(signal, self._readings, now_s, self._confirmed_s)
-
     def doubts(self, now_s: float) -> dict[str, str]:
         """Return a sentence on the latest dropped input of each cause."""
         unpublished = self._link.unpublished
-        return {**self._readings.doubts(now_s), **({'publish': unpublished} if unpublished else {})}
-
-    def forget(self) -> None:
-        """Drop all readings."""
-        self._readings.forget()
+        return {**super().doubts(now_s), **({'publish': unpublished} if unpublished else {})}
 
     def figures(self) -> dict[str, str]:
         """Return figures for the diagnostics."""

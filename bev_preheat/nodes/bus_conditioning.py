@@ -13,8 +13,8 @@ from builtin_interfaces.msg import Time
 from rclpy.action import ActionClient
 from rclpy.clock import Clock, ClockType
 
-from bev_preheat.bus.bus_clock import steady_s
 from bev_preheat.bus.conditioning import ConditioningRequest, INACTIVE, IS_ACTIVE, IS_ONGOING, MODE
+from bev_preheat.bus.readings import steady_s
 from bev_preheat.errors import InvalidInput
 from bev_preheat.heater.controller import HeaterController, HeaterLimits, Instant
 from bev_preheat.messages.diagnostics import judged

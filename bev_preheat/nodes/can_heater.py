@@ -6,9 +6,9 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING
 
-from bev_preheat.bus.bus_clock import steady_s
 from bev_preheat.bus.can_source import CanSource
 from bev_preheat.bus.live_map import load_live_map
+from bev_preheat.bus.readings import steady_s
 from bev_preheat.errors import InvalidInput
 from bev_preheat.heater.controller import Refusal, SERVED, Verdict
 from bev_preheat.messages.diagnostics import judged
