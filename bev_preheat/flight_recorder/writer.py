@@ -119,13 +119,13 @@ class RecordingWriter:
     """
 
     def __init__(self, recording: Recording, kinds: dict[str, Kind],
-                 head_of: Callable[[], Iterable[Entry]], metadata: dict[str, dict[str, str]] | None = None,
+                 head_of: Callable[[], Iterable[Entry]],
                  largest_file_bytes: int = LARGEST_RECORDING_BYTES,
                  entries_of: Callable[[Any], Iterable[Entry]] = iter) -> None:
         """Start the thread; raises MissingPackage without the package mcap."""
         require('mcap')
         self._recording, self._kinds = recording, {**kinds, **JSON_KINDS}
-        self._metadata, self._largest_file_bytes = metadata or {}, largest_file_bytes
+        self._largest_file_bytes = largest_file_bytes
         self._entries_of, self._head_of = entries_of, head_of
         self._waiting: deque[Any] = deque()
         self._news, self._hurry, self._ends = Event(), Event(), False
@@ -237,8 +237,6 @@ class RecordingWriter:
         stream: Any = self._bytes
         self._mcap = Writer(stream, use_chunking=False, compression=CompressionType.NONE)
         self._mcap.start('ros2', LIBRARY)
-        for name, values in self._metadata.items():
-            self._mcap.add_metadata(name, values)
         for entry in self._head_of():
             if entry.channel == BEGINNING_CHANNEL:
                 entry = entry._replace(content={**entry.content, 'part': part})

@@ -61,15 +61,6 @@ STATE_PERIOD_NS = 60 * NS_PER_S
 # Every plan follows from the inputs, so only some are written, for viewers [ns].
 PLAN_PERIOD_NS = 10 * NS_PER_S
 BYTES_PER_MB = 1_000_000
-# Names of the Vehicle Signal Specification for recorded fields, as docs/how-to/bus.md has them.
-VSS = 'Vehicle.Powertrain.TractionBattery'
-METADATA = {'vss': {'battery_state.temperature': f'{VSS}.Temperature.Average',
-                    'battery_state.percentage': f'{VSS}.StateOfCharge.Current',
-                    'battery_state.voltage': f'{VSS}.CurrentVoltage',
-                    'battery_state.current': f'{VSS}.CurrentCurrent',
-                    'battery_state.power_supply_status': f'{VSS}.Charging.IsCharging',
-                    'route_plan.target_battery_temperature': f'{VSS}.BatteryConditioning.TargetTemperature',
-                    'route_plan.ambient_temperature': 'Vehicle.Exterior.AirTemperature'}}
 
 
 class Setup(NamedTuple):
@@ -178,7 +169,7 @@ class FlightRecorder:
                 self._topics[ROUTE_PLAN], now_ns, route)
             self._writer = RecordingWriter(
                 Recording(Path(folder).expanduser(), round(megabytes * BYTES_PER_MB), self._life, started), kinds,
-                lambda: self._head(now_ns), METADATA, entries_of=self._entries)
+                lambda: self._head(now_ns), entries_of=self._entries)
         except Exception as error:
             self._failure = str(error) if isinstance(error, InvalidInput) else f'{type(error).__name__}: {error}'
         self.tell()
@@ -234,11 +225,6 @@ class FlightRecorder:
         if not 0 <= now_ns - self._state_ns < STATE_PERIOD_NS:
             entries.append(self._state_entry(state, now_ns))
         return entries
-
-    def _stop(self, error: Exception) -> None:
-        self._failure = f'{type(error).__name__}: {error}; recording has ended'
-        self.close()
-        self.tell()
 
     def note_plan(self, now_ns: int, plan: PreheatPlan, prediction: Temperature | None) -> None:
         """Record a published plan and prediction if the status is new or PLAN_PERIOD_NS have passed."""

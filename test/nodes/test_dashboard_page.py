@@ -14,7 +14,6 @@ import pytest
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import BatteryState
-from test_closed_loop import write_quarter
 from test_dashboard import page_of
 
 from bev_preheat_msgs.msg import PreheatPlan
@@ -34,6 +33,18 @@ HOUR = ('-p', 'initial_soc:=0.75')
 FIGURES = ('temperature', 'predicted', 'soc', 'saved')
 # Resident memory of the process [MB] and of the page's scripts [MB] after the first drive may grow by so much.
 MOST_GROWTH_MB, MOST_HEAP_GROWTH_MB = 12.0, 8.0
+ROUTE = """duration_s,speed_mps,propulsion_power_w,propulsion_power_rms_w,ambient_temperature_c
+{third},14,12000,16000,-7
+{third},25,24000,27000,-7
+{third},20,18000,20000,-7
+"""
+
+
+def write_quarter(folder, duration_s=900.0):
+    """Write a route of a quarter of an hour, or of another duration; returns the file."""
+    path = folder / 'quarter.csv'
+    path.write_text(ROUTE.format(third=duration_s / 3.0))
+    return path
 
 
 # Visible controls and regions that a screen reader has no name for.

@@ -156,17 +156,6 @@ def test_hanging_commander_ends_the_heat_before_a_long_lease(installed):
     assert any(word in status.explanation for word in ('deadline', 'alive'))
 
 
-@pytest.mark.deep
-def test_killed_and_restarted_heater_starts_cold_and_ends_with_0_w(installed):
-    installed.heats()
-    installed.process.send_signal(signal.SIGKILL)
-    installed.process.wait()
-    installed.statuses.clear()
-    installed.process = installed.bench.start('heater_controller', *QUICK)
-    assert installed.statuses.wait_for().active_power == 0.0
-    installed.heats()
-
-
 def test_end_by_signal_is_reported(installed):
     installed.heats()
     installed.process.send_signal(signal.SIGTERM)

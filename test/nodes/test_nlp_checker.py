@@ -340,17 +340,6 @@ def test_reports_for_a_new_route_that_its_plan_is_the_optimum(both):
     assert 0.0 < report.caution_energy < 0.01 * report.plan_energy
 
 
-def test_a_plan_from_what_was_measured_is_checked_as_it_is(both):
-    assert both.set('planner', estimation=False).successful
-    both.send_route('measured')
-    with both.feeding():
-        report = both.report_on_plan('measured')
-    assert abs(report.energy_gap) < 0.05
-    plan = both.plans.wait_for(lambda plan: plan.header.stamp == report.header.stamp)
-    assert (plan.battery_energy, plan.heating_start, report.caution_energy) == (
-        report.plan_energy, report.plan_heating_start, 0.0)
-
-
 def test_the_gap_of_another_method_is_that_of_the_same_situation(both):
     # Without estimation, plans start from the measured values of any of the states.
     assert both.set('planner', method='paper', estimation=False).successful
@@ -643,12 +632,6 @@ def test_the_solver_is_ready_before_the_first_check(own):
     assert values['last report: answered by'] in ('FATROP', 'IPOPT')
 
 
-def test_cannot_start_with_an_unknown_vehicle(call_main):
-    done = call_main('nlp_checker', '--ros-args', '-p', 'vehicle:=small_cat')
-    assert done.returncode == 2
-    assert "did you mean 'small_car'" in done.stderr
-
-
 # Beside other processes
 
 def test_planner_goes_on_while_the_checker_solves_hangs_and_dies(surroundings, wait_until):
@@ -673,18 +656,3 @@ def test_planner_goes_on_while_the_checker_solves_hangs_and_dies(surroundings, w
         assert checker.wait() == -signal.SIGKILL
         surroundings.expect_commands(10)
     wait_until(lambda: all(map(is_gone, solvers)), 'the end of the solver without its node')
-
-
-# test/nonlinear_program/test_worker.py ends a solver while it solves, test_process.py a node, daily.
-@pytest.mark.deep
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
-def test_ends_cleanly_while_it_solves(surroundings, wait_until, number):
-    checker = surroundings.start('nlp_checker', *ONLY_ASKED)
-    with surroundings.feeding():
-        solver = surroundings.start_endless_check('long')
-    children = psutil.Process(checker.process_id).children(recursive=True)
-    assert [child.pid for child in children] == [solver]
-    checker.send_signal(number)
-    assert checker.wait() == 0
-    wait_until(lambda: is_gone(solver), 'the end of the solver')
-    assert 'Traceback' not in checker.output()

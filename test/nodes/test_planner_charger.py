@@ -88,9 +88,3 @@ def test_prices_can_be_set_on_the_way(trip):
     assert not set_price(-1.0).successful
     assert set_price(0.0).successful
     assert trip.plans.latest.status == PreheatPlan.NOT_WORTH_IT
-
-
-def test_a_charger_that_cannot_be_is_refused(trip):
-    plan = trip.plan(charger_power=150.0)
-    assert plan.status == PreheatPlan.INVALID_INPUT
-    assert 'charger_power: 150 is not allowed' in plan.explanation

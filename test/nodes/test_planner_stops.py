@@ -138,21 +138,3 @@ def test_a_stop_is_told_in_the_diagnostics(trip):
     status = trip.status()
     assert status.message.startswith('CHARGING: Charging until departure in 0:53 min; ')
     assert {item.key: item.value for item in status.values}['legs after this one'] == '1'
-
-
-@pytest.mark.parametrize('changed, text', [
-    ({'stop_duration': [60.0]},
-     'stop_duration: has 1 values; it must have 2, as stop_after_segment has'),
-    ({'stop_after_segment': [7, 3]},
-     'stop_after_segment[1]: 3 is not allowed; it must be above 7, the one before it'),
-    ({'departure_battery_temperature': [24.5, 60.0], 'departure_soc': [1.5, 0.6]},
-     'departure_soc[0]: 1.5 is not allowed; it must be 0 ... 1, or NaN: 0.8'),
-    ({'stop_target_battery_temperature': [-50.0, nan]},
-     'leg 1: target battery temperature: -50 is not allowed; it must be -40 ... 60 degC')],
-    ids=['length', 'order', 'charge', 'vehicle'])
-def test_bad_stops_switch_off_and_are_named(trip, changed, text):
-    trip.routes(route_message(**changed))
-    message = trip.status().message
-    assert message.startswith('INVALID_INPUT: route_plan refused: ')
-    assert text in message
-    assert trip.command == (0.0, Status.INVALID_INPUT)

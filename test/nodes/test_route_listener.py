@@ -4,7 +4,6 @@
 from array import array
 import re
 
-from diagnostic_msgs.msg import DiagnosticArray
 from node_bench import poll_until
 import psutil
 import pytest
@@ -151,16 +150,3 @@ def test_a_huge_route_is_refused_by_its_size_once(bench, wait_until):
     routes.publish(route(bench, 'next'))
     wait_until(lambda: times_accepted(planner, 'next'), 'the next route')
     assert len(re.findall(r'\[ERROR\].*the message has 33', planner.output())) == 1
-
-
-@pytest.mark.deep
-@pytest.mark.needs('casadi')
-def test_the_checker_hears_a_volatile_route(bench, wait_until):
-    diagnostics = bench.record(DiagnosticArray, '/diagnostics')
-    bench.start('nlp_checker')
-    routes = bench.publisher(RoutePlan, 'route_plan', VOLATILE)
-    routes.wait_for_subscription()
-    routes.publish(route(bench, 'to be checked'))
-    diagnostics.wait_for(lambda array: any(
-        item.key == 'route_id' and item.value == 'to be checked'
-        for status in array.status for item in status.values))
