@@ -24,11 +24,9 @@ from rclpy.node import Node
 from rclpy.qos import (
     LivelinessPolicy,
     QoSDurabilityPolicy,
-    QoSPolicyKind,
     QoSProfile,
     QoSReliabilityPolicy,
 )
-from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import BatteryState, Temperature
 from std_srvs.srv import SetBool
 
@@ -50,8 +48,6 @@ STEPS, STRETCHES, CHARACTERS = 120, 2, 120
 ENTRIES, VALUES = 4, 9
 LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
 LATEST = QoSProfile(depth=1, reliability=QoSReliabilityPolicy.BEST_EFFORT)
-OVERRIDABLE = QoSOverridingOptions((QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH,
-                                    QoSPolicyKind.RELIABILITY, QoSPolicyKind.DURABILITY))
 
 
 class EmptyNode(Node):
@@ -77,11 +73,10 @@ class EmptyNode(Node):
         self.create_subscription(BatteryState, 'battery_state', self._on_battery_state, LATEST)
         self.create_subscription(RouteProgress, 'route_progress', _ignore, LATEST)
         self.create_subscription(HvchStatus, 'hvch_status', _ignore, LATEST)
-        for profile, overriding in ((LATCHED, OVERRIDABLE), (QoSProfile(depth=1), None)):
+        for profile in (LATCHED, QoSProfile(depth=1)):
             self.create_subscription(
                 RoutePlan, 'route_plan', self._on_route_plan, profile, raw=True,
-                event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
-                qos_overriding_options=overriding)
+                event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False))
         self._heating_w = 0.0
         for service in ('~/enable', '~/skip_departure'):
             self.create_service(SetBool, service, lambda request, response: response)
