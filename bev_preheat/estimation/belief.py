@@ -230,19 +230,8 @@ class Belief:
 
     # Time
 
-    def predicted(self, vehicle: Vehicle, duration_s: float, drive: DriveInputs | None, command_w: float,
-                  limit_w: float) -> Belief:
-        """
-        Return the Belief after `duration_s` in a DriveInputs under a heater command.
-
-        `drive` is a DriveInputs of floats (heater power is not read); None: the drive is unknown.
-        """
-        mixed = self.mixed(duration_s)
-        return mixed._after_unknown(duration_s) if drive is None else mixed._moved(
-            _car(vehicle), duration_s, drive, command_w, limit_w)
-
     def _followed_in_core(self, vehicle: Vehicle, duration_s: float, drive: DriveInputs, command_w: float,
-                          limit_w: float, propulsion_w: float) -> Belief:
+                          limit_w: float, propulsion_w: float = 0.0) -> Belief:
         car = _car(vehicle)
         native_car, native = vehicle_in_core(car), self._native()
         lost = native.follow(
@@ -252,13 +241,14 @@ class Belief:
         return self._of(native)._bounded(lost)
 
     def _followed(self, vehicle: Vehicle, duration_s: float, drive: DriveInputs, command_w: float, limit_w: float,
-                  propulsion_w: float) -> Belief:
+                  propulsion_w: float = 0.0) -> Belief:
         """
-        Do `predicted` with a drive and, if its terminal power was measured, `with_propulsion_power`.
+        Return the Belief after `duration_s` [s] in a DriveInputs under a heater command, within its limit [W].
 
-        `propulsion_w` [W] is the terminal power minus all other consumers.
+        The drive has floats; its heater power is not read. If its terminal power was measured, that teaches the
+        propulsion power: `propulsion_w` [W] is the measured power minus all other consumers.
         """
-        belief = self.predicted(vehicle, duration_s, drive, command_w, limit_w)
+        belief = self.mixed(duration_s).moved(vehicle, duration_s, drive, command_w, limit_w)
         return belief if drive.terminal_power_w is None else belief.with_propulsion_power(
             propulsion_w, drive.propulsion_power_w, duration_s)
 
@@ -302,12 +292,7 @@ class Belief:
             belief = belief._within(SOC, SOC_NOISE_VARIANCES, *interval, tells_hypotheses=False)
         return belief
 
-    def _mixed_in_core(self, duration_s: float) -> Belief:
-        native = self._native()
-        native.mix(_elapsing(duration_s).transitions)
-        return self._of(native)
-
-    def _mixed(self, duration_s: float) -> Belief:
+    def mixed(self, duration_s: float) -> Belief:
         """Return the Belief with mixed filters, because a heater may have changed from one kind to another."""
         matrix = _elapsing(duration_s).transitions
         # share[from, to, noise]: how much of `to` was `from` before.
@@ -320,31 +305,25 @@ class Belief:
             np.einsum('abn,anij->bnij', share, self.covariance)
             + np.einsum('abn,abni,abnj->bnij', share, off, off)))
 
-    mixed = operation(_mixed_in_core, _mixed)
-
-    def _after_unknown(self, duration_s: float) -> Belief:
+    def after_unknown(self, duration_s: float) -> Belief:
+        """Return the Belief after `duration_s` [s] of an unknown drive."""
+        belief = self.mixed(duration_s)
         wandered = WANDER_UNKNOWN**2 * (duration_s / 3600.0)
-        covariance = self.covariance.copy()
+        covariance = belief.covariance.copy()
         covariance[..., range(SIZE), range(SIZE)] += wandered
         # The sensor follows the battery.
         for row, column in ((SENSOR, SENSOR), (TEMPERATURE, SENSOR), (SENSOR, TEMPERATURE)):
             covariance[..., row, column] += wandered[TEMPERATURE]
-        return replace(self, covariance=covariance)
+        return replace(belief, covariance=covariance)
 
-    def _moved_in_core(self, car: Vehicle, duration_s: float, drive: DriveInputs, command_w: float,
-                       limit_w: float) -> Belief:
-        native_car, native = vehicle_in_core(car), self._native()
-        native.move(native_car, TERMS, drive, car.battery.leakage, duration_s,
-                    np.array(heater_power_w(command_w, limit_w)), _elapsing(duration_s).wander,
-                    _hidden_s2(drive, duration_s))
-        return self._of(native)
-
-    def _moved_in_python(self, car: Vehicle, duration_s: float, drive: DriveInputs, command_w: float,
-                         limit_w: float) -> Belief:
+    def moved(self, vehicle: Vehicle, duration_s: float, drive: DriveInputs, command_w: float,
+              limit_w: float) -> Belief:
+        """Return the Belief after `duration_s` [s] in a DriveInputs, without anything seen; see `followed`."""
         heater_w, wander = np.array(heater_power_w(command_w, limit_w)), _elapsing(duration_s).wander
         hidden_s2 = _hidden_s2(drive, duration_s)
         after, slopes = moved_with_slopes(
-            car, self.mean, replace(drive, heater_power_w=heater_w[:, np.newaxis, np.newaxis]), duration_s)
+            _car(vehicle), self.mean, replace(drive, heater_power_w=heater_w[:, np.newaxis, np.newaxis]),
+            duration_s)
         step, mean = _unchanged(), self.mean.copy()
         step[..., MOVING, :] = slopes
         mean[..., MOVING] = after
@@ -357,8 +336,6 @@ class Belief:
         covariance[..., :2, :2] += hidden_s2 * moved[..., :, np.newaxis] * moved[..., np.newaxis, :]
         return replace(self, mean=mean, covariance=covariance)
 
-    _moved = operation(_moved_in_core, _moved_in_python)
-
     # Readings
 
     def with_temperature(self, reading_c: float, resolution_k: float) -> Belief:
@@ -370,12 +347,7 @@ class Belief:
         return self._within(
             SOC, SOC_NOISE_VARIANCES, *interval_of(reading, resolution), tells_hypotheses=False)
 
-    def _with_power_in_core(self, seen_w: float, route_w: float, duration_s: float) -> Belief:
-        native = self._native()
-        lost = native.see_propulsion_power(TERMS, seen_w, route_w, *_propulsion_noise(route_w, duration_s))
-        return self._of(native)._bounded(lost)
-
-    def _with_power(self, seen_w: float, route_w: float, duration_s: float) -> Belief:
+    def with_propulsion_power(self, seen_w: float, route_w: float, duration_s: float) -> Belief:
         """Return the Belief after the mean propulsion power measured [W], the route's, over `duration_s` [s]."""
         variance, most_w = _propulsion_noise(route_w, duration_s)
         factor = array_exp(self.mean[..., PROPULSION])
@@ -387,8 +359,6 @@ class Belief:
             self, mean=self.mean + gain * (error_w / total)[..., np.newaxis],
             covariance=self.covariance - (gain[..., :, np.newaxis] * gain[..., np.newaxis, :]
                                           / total[..., np.newaxis, np.newaxis]))._bounded()
-
-    with_propulsion_power = operation(_with_power_in_core, _with_power)
 
     def _with_battery_in_core(self, temperature_c: float, resolution_k: float, soc: float,
                               resolution: float) -> tuple[Belief, tuple[FloatArray, FloatArray]]:
@@ -410,10 +380,7 @@ class Belief:
         return replace(self, weights=_reweighed(
             self.weights, array_exp(np.subtract(logs, max(logs)))[:, np.newaxis]))
 
-    def _expected_in_core(self) -> tuple[FloatArray, FloatArray]:
-        return self._native().expected()
-
-    def _expected(self) -> tuple[FloatArray, FloatArray]:
+    def expected(self) -> tuple[FloatArray, FloatArray]:
         """Return mean (SIZE,) and covariance (SIZE, SIZE) over all hypotheses; read-only."""
         weights = self.weights[..., np.newaxis]
         mean = (weights * self.mean).sum(axis=(0, 1))
@@ -421,8 +388,6 @@ class Belief:
         covariance = (weights[..., np.newaxis] * (
             self.covariance + off[..., :, np.newaxis] * off[..., np.newaxis, :])).sum(axis=(0, 1))
         return frozen(mean), frozen(covariance)
-
-    expected = operation(_expected_in_core, _expected)
 
     def _native(self) -> NativeBelief:
         """Return a copy of the filters in the form of the native core."""
@@ -432,14 +397,8 @@ class Belief:
         """Return the Belief with the filters of the native core."""
         return Belief(native.weights, native.mean, native.covariance, self.lags, self.has_stood)
 
-    def _within_in_core(self, index: int, noise_variance: FloatArray, low: float, high: float,
-                        tells_hypotheses: bool = True) -> Belief:
-        native = self._native()
-        lost = native.see_interval(TERMS, index, noise_variance, low, high, tells_hypotheses)
-        return self._of(native)._bounded(lost)
-
-    def _within_in_python(self, index: int, noise_variance: FloatArray, low: float, high: float,
-                          tells_hypotheses: bool = True) -> Belief:
+    def _within(self, index: int, noise_variance: FloatArray, low: float, high: float,
+                tells_hypotheses: bool = True) -> Belief:
         """Kalman update of one element; `noise_variance` (noises,) is added to its own variance."""
         # A temperature reading is the sum of sensor and local rise.
         read = (SENSOR, LOCAL) if index == SENSOR else (index,)
@@ -459,8 +418,6 @@ class Belief:
                                           * kept[..., np.newaxis, np.newaxis]),
             weights=_reweighed(self.weights, array_exp(np.maximum(logs - logs.max(), -MOST_EVIDENCE)))
             if tells_hypotheses else self.weights)._bounded()
-
-    _within = operation(_within_in_core, _within_in_python)
 
     def _bounded(self, lost_filters: int = 1) -> Belief:
         """Return the Belief within its bounds, with lost filters reset; `lost_filters` 0: as it is."""

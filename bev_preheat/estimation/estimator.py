@@ -239,7 +239,8 @@ class Estimator(NamedTuple):
                     uncommanded_k=suspect.uncommanded_k + k_per_j * duration_s * max(0.0, limit_w - command_w))
             if drive is None or seen_w is None:
                 response = response.paused()
-                belief = belief.predicted(vehicle, duration_s, drive, command_w, limit_w)
+                belief = (belief.after_unknown(duration_s) if drive is None else
+                          belief.followed(vehicle, duration_s, drive, command_w, limit_w))
                 continue
             response, logs = response.seen(
                 duration_s,

@@ -7,16 +7,15 @@ Each call raises Declined if the core does not answer.
 
 from __future__ import annotations
 
-from ctypes import addressof, byref, c_double, c_int32
+from ctypes import addressof, c_double, c_int32
 from struct import Struct as Packed
-from typing import Any, TYPE_CHECKING
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bev_preheat.native.belief_structs import (
     BeliefStruct,
     DRIVE_COLUMNS,
-    DriveStruct,
     ELEMENTS,
     ExpectedDriveStruct,
     MOST_HEATERS,
@@ -74,32 +73,6 @@ class NativeBelief:
         self._lost = c_int32()
         self._others_w = (0.0,) * (MOST_HEATERS - len(weights))
 
-    def mix(self, transitions: FloatArray) -> None:
-        """Do `bev_mix_belief` with transitions (heaters, heaters)."""
-        call('bev_mix_belief', self._address, _place(transitions))
-
-    def move(self, vehicle: NativeVehicle, terms: BeliefTermsStruct, drive: DriveInputs,
-             leakage: Leakage, duration_s: float, heater_w: FloatArray, wander: FloatArray,
-             hidden_variance_s2: float) -> None:
-        """Do `bev_move_belief` under the powers of each hypothesis (heaters,) [W]."""
-        struct = DriveStruct(*_numbers_of(drive, leakage))
-        call('bev_move_belief', vehicle.address, self._address, byref(terms), byref(struct), duration_s,
-             _place(heater_w), _place(wander), hidden_variance_s2)
-
-    def see_interval(self, terms: BeliefTermsStruct, element: int, noise_variance: FloatArray, low: float,
-                     high: float, tells_hypotheses: bool) -> int:
-        """Do `bev_see_interval` with variances (noises,); return how many filters are lost."""
-        call('bev_see_interval', self._address, byref(terms), element, _place(noise_variance), low, high,
-             tells_hypotheses, byref(self._lost))
-        return self._lost.value
-
-    def see_propulsion_power(self, terms: BeliefTermsStruct, seen_w: float, route_w: float,
-                             variance_w2: float, most_w: float) -> int:
-        """Do `bev_see_propulsion_power`; return how many filters are lost."""
-        call('bev_see_propulsion_power', self._address, byref(terms), seen_w, route_w, variance_w2, most_w,
-             byref(self._lost))
-        return self._lost.value
-
     def follow(self, vehicle: NativeVehicle, terms: BeliefTermsStruct, elapsing: Elapsing, drive: DriveInputs,
                leakage: Leakage, heater_w: Sequence[float], hidden_variance_s2: float,
                propulsion: tuple[float, float, float, float]) -> int:
@@ -118,7 +91,7 @@ class NativeBelief:
     def take_reading(self, terms: BeliefTermsStruct, noise: ReadingNoise, interval_c: tuple[float, float],
                      interval: tuple[float, float], tells_hypotheses: bool) -> tuple[FloatArray, FloatArray]:
         """
-        Do `bev_take_reading` of intervals of temperature [deg C] and charge; return `expected`.
+        Do `bev_take_reading` of intervals of temperature [deg C] and charge; return mean and covariance.
 
         Declined also if filters are lost, because that ends it.
         """
@@ -129,13 +102,6 @@ class NativeBelief:
              at + DOUBLE_BYTES * ELEMENTS, addressof(self._lost))
         if self._lost.value:
             raise Declined
-        both.setflags(write=False)
-        return both[0], both[1:]
-
-    def expected(self) -> tuple[FloatArray, FloatArray]:
-        """Return mean (ELEMENTS,) and covariance (ELEMENTS, ELEMENTS) over all hypotheses."""
-        both = np.empty((ELEMENTS + 1, ELEMENTS))
-        call('bev_expect', self._address, _place(both), _place(both, DOUBLE_BYTES * ELEMENTS))
         both.setflags(write=False)
         return both[0], both[1:]
 
@@ -166,8 +132,3 @@ def _numbers_of(drive: DriveInputs, leakage: Leakage) -> tuple[float, ...]:
             drive.power_variance_w2, drive.propulsion_power_magnitude_w, drive.cabin_heating_power_w,
             drive.auxiliary_power_w, 0.0 if seen_w is None else seen_w, drive.hidden_variance_w2,
             leakage.gamma_0_w_per_k, leakage.gamma_v_w_per_k_per_mps, seen_w is not None)
-
-
-def _place(array: FloatArray, offset: int = 0) -> Any:
-    """Return a pointer into a contiguous array of doubles, at an offset in bytes from its beginning."""
-    return byref(c_double.from_buffer(array, offset))  # type: ignore[arg-type]

@@ -84,7 +84,7 @@ class Declined(Exception):
 
 FILE = 'libbev_preheat_core.so'
 # BEV_INTERFACE of core.h.
-INTERFACE = 11
+INTERFACE = 12
 
 # Arguments by type: P an address, D a double, I an integer.
 _TYPES = {'P': c_void_p, 'D': c_double, 'I': c_int32}
@@ -98,11 +98,6 @@ _SIGNATURES = {
     'bev_keep_accounts': 'PIPPPP',
     'bev_plan_paper': 'PPDDDPPPPP',
     'bev_plan_switch': 'PPDDDIPPPPP',
-    'bev_mix_belief': 'PP',
-    'bev_move_belief': 'PPPPDPPD',
-    'bev_see_interval': 'PPIPDDIP',
-    'bev_see_propulsion_power': 'PPDDDDP',
-    'bev_expect': 'PPP',
     'bev_follow': 'PPPPP',
     'bev_take_reading': 'PPPPPP',
     'bev_arrival_variance': 'PPPPP',

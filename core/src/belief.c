@@ -24,7 +24,7 @@ static int is_belief(const bev_belief *belief) {
       && belief->mean != NULL && belief->covariance != NULL && belief->memory != NULL;
 }
 
-bev_status bev_mix_belief(const bev_belief *belief, const double *transitions) {
+static bev_status mix_belief(const bev_belief *belief, const double *transitions) {
   if (!is_belief(belief) || transitions == NULL) {
     return BEV_BAD_ARGUMENT;
   }
@@ -227,7 +227,7 @@ static void carry_along(double slopes[MOVING][BEV_ELEMENTS], double *covariance)
   }
 }
 
-bev_status bev_move_belief(const bev_vehicle *vehicle, const bev_belief *belief,
+static bev_status move_belief(const bev_vehicle *vehicle, const bev_belief *belief,
                            const bev_belief_terms *terms, const bev_drive *drive,
                            double duration_s, const double *heater_power_w, const double *wander,
                            double hidden_variance_s2) {
@@ -377,7 +377,7 @@ static void weigh(const bev_belief *belief, const bev_belief_terms *terms, const
   }
 }
 
-bev_status bev_see_interval(const bev_belief *belief, const bev_belief_terms *terms,
+static bev_status see_interval(const bev_belief *belief, const bev_belief_terms *terms,
                             int32_t element, const double *noise_variance, double low, double high,
                             int32_t tells_hypotheses, int32_t *lost) {
   if (!is_belief(belief) || terms == NULL || noise_variance == NULL || lost == NULL || element < 0
@@ -433,7 +433,7 @@ bev_status bev_see_interval(const bev_belief *belief, const bev_belief_terms *te
   return BEV_OK;
 }
 
-bev_status bev_see_propulsion_power(const bev_belief *belief, const bev_belief_terms *terms,
+static bev_status see_propulsion_power(const bev_belief *belief, const bev_belief_terms *terms,
                                     double seen_w, double route_w, double variance_w2,
                                     double most_w, int32_t *lost) {
   if (!is_belief(belief) || terms == NULL || lost == NULL) {
@@ -461,7 +461,7 @@ bev_status bev_see_propulsion_power(const bev_belief *belief, const bev_belief_t
   return BEV_OK;
 }
 
-bev_status bev_expect(const bev_belief *belief, double *mean, double *covariance) {
+static bev_status expect(const bev_belief *belief, double *mean, double *covariance) {
   if (!is_belief(belief) || mean == NULL || covariance == NULL) {
     return BEV_BAD_ARGUMENT;
   }
@@ -487,4 +487,42 @@ bev_status bev_expect(const bev_belief *belief, double *mean, double *covariance
     }
   }
   return BEV_OK;
+}
+
+bev_status bev_follow(const bev_vehicle *vehicle, const bev_belief *belief,
+                      const bev_belief_terms *terms, const bev_passed *passed, int32_t *lost) {
+  if (passed == NULL || lost == NULL) {
+    return BEV_BAD_ARGUMENT;
+  }
+  *lost = 0;
+  bev_status status = mix_belief(belief, passed->transitions);
+  if (status == BEV_OK) {
+    status = move_belief(vehicle, belief, terms, &passed->drive, passed->duration_s,
+                             passed->heater_power_w, passed->wander, passed->hidden_variance_s2);
+  }
+  if (status == BEV_OK && passed->drive.is_seen != 0) {
+    status = see_propulsion_power(belief, terms, passed->seen_w, passed->route_w,
+                                      passed->variance_w2, passed->most_w, lost);
+  }
+  return status;
+}
+
+bev_status bev_take_reading(const bev_belief *belief, const bev_belief_terms *terms,
+                            const bev_reading *reading, double *mean, double *covariance,
+                            int32_t *lost) {
+  if (reading == NULL || lost == NULL) {
+    return BEV_BAD_ARGUMENT;
+  }
+  *lost = 0;
+  bev_status status =
+      see_interval(belief, terms, BEV_SENSOR, reading->noise_variances_k2,
+                       reading->lowest_c, reading->highest_c, reading->tells_hypotheses, lost);
+  if (status == BEV_OK && *lost == 0) {
+    status = see_interval(belief, terms, BEV_SOC, reading->noise_variances,
+                              reading->lowest_soc, reading->highest_soc, 0, lost);
+  }
+  if (status == BEV_OK && *lost == 0) {
+    status = expect(belief, mean, covariance);
+  }
+  return status;
 }

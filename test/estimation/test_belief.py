@@ -90,7 +90,7 @@ def test_temperature_is_that_of_a_kalman_filter_written_here():
         gain = covariance @ read / (read @ covariance @ read + NOISES_K[0]**2)
         mean = mean + gain * (reading_c - read @ mean)
         covariance = covariance - np.outer(gain, read @ covariance)
-        belief = belief.predicted(VEHICLE, 10.0, STILL, 0.0, LIMIT_W)
+        belief = belief.mixed(10.0).moved(VEHICLE, 10.0, STILL, 0.0, LIMIT_W)
         belief = belief.with_temperature(reading_c, 0.0)
     assert LOCAL_DEVIATION_K**2 == pytest.approx(WANDER_IN_AN_HOUR[LOCAL]**2 / 3600.0 * LOCAL_LAG_S / 2.0)
     seen = np.ix_([TEMPERATURE, SENSOR, LOCAL], [TEMPERATURE, SENSOR, LOCAL])
@@ -126,7 +126,7 @@ def test_each_hypothesis_sees_its_own_heater():
     belief = placed()
     cold = belief.mean[..., TEMPERATURE].copy()
     # Heat that has not arrived is under way.
-    belief = belief.predicted(VEHICLE, 10.0, replace(ROUTE_DRIVE, terminal_power_w=20e3), LIMIT_W, LIMIT_W)
+    belief = belief.mixed(10.0).moved(VEHICLE, 10.0, replace(ROUTE_DRIVE, terminal_power_w=20e3), LIMIT_W, LIMIT_W)
     gained_k = (belief.mean[..., TEMPERATURE] + belief.mean[..., UNDER_WAY] - cold)[:, 0]
     by_share = dict(zip(SHARES[:-1], gained_k))
     full_k = by_share[1.0] - by_share[0.0]
@@ -141,14 +141,14 @@ def test_each_hypothesis_sees_its_own_heater():
 def test_without_a_route_only_the_uncertainty_grows():
     belief = placed()
     mean, variance = belief.mean.copy(), belief.covariance[..., 0, 0].copy()
-    belief = belief.predicted(VEHICLE, 60.0, None, 0.0, 0.0)
+    belief = belief.after_unknown(60.0)
     assert belief.mean == pytest.approx(mean)
     assert (belief.covariance[..., 0, 0] > variance + 1.0).all()
 
 
 def test_place_forgets_what_the_state_was_correlated_with():
     belief = placed()
-    belief = belief.predicted(VEHICLE, 10.0, ROUTE_DRIVE, LIMIT_W, LIMIT_W)
+    belief = belief.mixed(10.0).moved(VEHICLE, 10.0, ROUTE_DRIVE, LIMIT_W, LIMIT_W)
     belief = belief.with_temperature(-4.0, 1.0)
     learned = belief.mean[..., FACTORS].copy()
     belief = belief.placed(10.0, 0.3, 0.5, 1e-5)
@@ -167,7 +167,7 @@ def test_a_sensor_next_to_warm_cells_shows_their_heat_and_not_the_battery_s():
     belief = changed(placed(), [(JOULE_RISE, 0.4)])
     strong = replace(STILL, terminal_power_w=60e3)
     for _ in range(60):
-        belief = belief.predicted(VEHICLE, 10.0, strong, 0.0, LIMIT_W)
+        belief = belief.mixed(10.0).moved(VEHICLE, 10.0, strong, 0.0, LIMIT_W)
     battery = VEHICLE.battery
     voltage_v = float(battery.open_circuit_voltage.function(FLOATS)(
         belief.mean[0, 0, SOC], belief.mean[0, 0, TEMPERATURE]))
@@ -176,7 +176,7 @@ def test_a_sensor_next_to_warm_cells_shows_their_heat_and_not_the_battery_s():
     current_a = (voltage_v - np.sqrt(voltage_v**2 - 4.0 * resistance_ohm * 60e3)) / (2.0 * resistance_ohm)
     assert belief.mean[0, 0, LOCAL] == pytest.approx(0.4 * resistance_ohm * current_a**2 / 1e3, rel=0.03)
     for _ in range(60):
-        belief = belief.predicted(VEHICLE, 10.0, STILL, 0.0, LIMIT_W)
+        belief = belief.mixed(10.0).moved(VEHICLE, 10.0, STILL, 0.0, LIMIT_W)
     assert abs(belief.mean[0, 0, LOCAL]) < 0.01
 
 
@@ -208,9 +208,9 @@ def test_any_stream_leaves_numbers_probabilities_and_covariances(seed):
     for _ in range(400):
         kind = drawn.integers(5)
         if kind == 0:
-            belief = belief.predicted(VEHICLE, drawn.choice([0.1, 1.0, 10.0]), None, 0.0, 0.0)
+            belief = belief.after_unknown(drawn.choice([0.1, 1.0, 10.0]))
         elif kind == 1:
-            belief = belief.predicted(VEHICLE, drawn.choice([0.1, 1.0, 10.0]), replace(
+            belief = belief.mixed(10.0).moved(VEHICLE, drawn.choice([0.1, 1.0, 10.0]), replace(
                 ROUTE_DRIVE, propulsion_power_w=drawn.uniform(-50e3, 150e3),
                 terminal_power_w=drawn.choice([None, 0.0, -60e3, 120e3])),
                 drawn.choice([0.0, LIMIT_W]), drawn.choice([0.0, LIMIT_W]))
@@ -308,7 +308,7 @@ def test_heat_under_way_arrives_and_the_sensor_shows_it_later():
     belief = changed(placed(), [(UNDER_WAY, 1.0)])
     start_c = belief.mean[..., TEMPERATURE].copy()
     for _ in range(60):
-        belief = belief.predicted(VEHICLE, 10.0, STILL, 0.0, LIMIT_W)
+        belief = belief.mixed(10.0).moved(VEHICLE, 10.0, STILL, 0.0, LIMIT_W)
         behind_k = belief.mean[..., TEMPERATURE] - belief.mean[..., SENSOR]
     # Ten minutes of leakage at rest, towards ambient temperature, and a kelvin.
     gamma = VEHICLE.battery.leakage.coefficient_w_per_k(0.0)
@@ -346,7 +346,7 @@ def test_coolant_gets_warm_with_the_battery():
         still = replace(STILL, ambient_temperature_c=-5.0)
         start_c = belief.mean[0, 0, TEMPERATURE]
         for _ in range(60):
-            belief = belief.predicted(vehicle, 10.0, still, 5e3, LIMIT_W)
+            belief = belief.mixed(10.0).moved(vehicle, 10.0, still, 5e3, LIMIT_W)
         warmed_k.append(belief.mean[0, 0, TEMPERATURE] + belief.mean[0, 0, UNDER_WAY] - start_c)
     battery_j_per_k = VEHICLE.battery.heat_capacity_j_per_k
     assert warmed_k[1] / warmed_k[0] == pytest.approx(

@@ -19,7 +19,7 @@ def test_they_are_told_by_function_and_reason():
     declines = Declines()
     assert declines.in_words() == '0'
     for name, status in (('bev_run', -4), ('bev_run', 1), ('bev_plan_paper', -5), ('bev_plan_paper', -5),
-                         ('bev_plan_by_values', 2), ('bev_expect', 0)):
+                         ('bev_plan_by_values', 2), ('bev_follow', 0)):
         assert declines.note(status, named(name), ()) == status
     assert declines.in_words() == '3: 2 x bev_plan_paper (search not settled), 1 x bev_run (no finite number)'
 

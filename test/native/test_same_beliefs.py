@@ -1,25 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
 """The estimation with and without the native core: the same beliefs and sensitivities, to rounding."""
 
-from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from bev_preheat.estimation import belief as belief_module
 from bev_preheat.estimation.belief import Belief, TERMS
 from bev_preheat.estimation.estimate import Estimate
 from bev_preheat.estimation.forecast import arrival_deviation_k
 from bev_preheat.estimation.hypotheses import Heater, HeaterReport
-from bev_preheat.estimation.state import SIZE
-from bev_preheat.native.beliefs import arrival_variance, NativeBelief
+from bev_preheat.estimation.state import SENSOR, SIZE, TEMPERATURE, UNDER_WAY
+from bev_preheat.native.beliefs import arrival_variance, Elapsing, NativeBelief, ReadingNoise
 from bev_preheat.native.library import core, Declined, without_core
 from bev_preheat.planning.core_engine import vehicle_in_core
 from bev_preheat.planning.engine import run_forward
 from bev_preheat.planning.plan import Plan
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route import load_route
+from bev_preheat.tunables import MOST_APART_K
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.heat_path import HeatPath
 from bev_preheat.vehicle.model import make_runge_kutta_4
@@ -47,30 +46,40 @@ def spoiled(belief, element, by, name='mean'):
     return replace(belief, **{name: array})
 
 
-def believed(vehicle, seed, is_in_core):
-    """Return a belief's weights, means and covariances after each of many drawn updates."""
+def believed(vehicle, seed, lost=(), seen_w=None):
+    """
+    Return a belief's weights, means and covariances after each of many drawn updates, and those expected.
+
+    `lost` are the updates before which a filter is spoiled, (update, element); `seen_w` [W] is a power seen.
+    """
     drawn, belief, course = np.random.default_rng(seed), Belief.of(vehicle).placed(-5.0, 0.2, 0.7, 1e-5), []
-    with nullcontext() if is_in_core else without_core():
-        for _ in range(60):
-            duration_s = drawn.choice([1.0, 4.0, 10.0])
-            drive = drawn_drive(drawn)
-            belief = belief.predicted(vehicle, duration_s, None if drawn.uniform() < 0.1 else drive,
-                                      drawn.choice([0.0, LIMIT_W]), LIMIT_W)
-            if drive.terminal_power_w is not None:
-                belief = belief.with_propulsion_power(
-                    drive.propulsion_power_w * drawn.uniform(0.5, 1.5), drive.propulsion_power_w, duration_s)
-            belief = belief.with_temperature(drawn.normal(-5.0, 0.7), drawn.choice([0.0, 0.5, 1.0])).with_soc(
-                drawn.normal(0.7, 0.004), drawn.choice([0.0, 0.005]))
-            course.append((belief.weights, belief.mean, belief.covariance, *belief.expected()))
+    for number in range(60):
+        duration_s, drive = drawn.choice([1.0, 4.0, 10.0]), drawn_drive(drawn)
+        commanded_w = drawn.choice([0.0, LIMIT_W])
+        propulsion_w = drive.propulsion_power_w * drawn.uniform(0.5, 1.5)
+        belief = belief.after_unknown(duration_s) if drawn.uniform() < 0.1 else belief.followed(
+            vehicle, duration_s, drive, commanded_w, LIMIT_W, propulsion_w if seen_w is None else seen_w)
+        for _, element in filter(lambda each: each[0] == number, lost):
+            belief = spoiled(belief, (2, 0, element), 3.0 * MOST_APART_K)
+        belief, expected = belief.with_battery(
+            drawn.normal(-5.0, 0.7), drawn.choice([0.0, 0.5, 1.0]), drawn.normal(0.7, 0.004),
+            drawn.choice([0.0, 0.005]))
+        course.append((belief.weights, belief.mean, belief.covariance, *expected))
     return course
 
 
-@pytest.mark.parametrize('name', [
-    pytest.param(name, marks=[pytest.mark.deep] * (name != 'coolant')) for name in VEHICLES])
-def test_beliefs_are_the_same(name):
+@pytest.mark.parametrize('name, how', [
+    ('coolant', {}),
+    *(pytest.param(name, {}, marks=pytest.mark.deep) for name in ('formulas', 'tables', 'logarithm')),
+    ('tables', {'lost': ((3, UNDER_WAY), (8, TEMPERATURE), (9, SENSOR))}), ('tables', {'seen_w': np.inf})],
+    ids=['coolant', 'formulas', 'tables', 'logarithm', 'lost filters', 'power that the core refuses'])
+def test_beliefs_are_the_same(name, how):
     assert core() is not None
     vehicle = VEHICLES[name]
-    for with_core, without in zip(believed(vehicle, 7, True), believed(vehicle, 7, False)):
+    in_core = believed(vehicle, 7, **how)
+    with without_core():
+        in_python = believed(vehicle, 7, **how)
+    for with_core, without in zip(in_core, in_python):
         deviations = np.sqrt(np.diagonal(without[2], axis1=-2, axis2=-1))
         scales = (1.0, deviations, deviations[..., np.newaxis] * deviations[..., np.newaxis, :])
         for mine, theirs, scale in zip(with_core, without, scales):
@@ -79,58 +88,6 @@ def test_beliefs_are_the_same(name):
         # Mean and covariance over all hypotheses.
         assert with_core[3] == pytest.approx(without[3], rel=1e-7, abs=1e-9)
         assert with_core[4] == pytest.approx(without[4], rel=1e-5, abs=1e-9)
-
-
-def updated(vehicle, is_in_one_call, lost=(), seen_w=None):
-    """
-    Return a belief after each of many updates, in a single call each or part by part.
-
-    `lost` are the updates before which a filter is spoiled, (update, element); `seen_w` [W] is a power seen.
-    """
-    drawn, belief, course = np.random.default_rng(11), Belief.of(vehicle).placed(-5.0, 0.2, 0.7, 1e-5), []
-    for number in range(40):
-        drive, duration_s = drawn_drive(drawn), drawn.choice([1.0, 4.0])
-        commanded_w, propulsion_w = drawn.choice([0.0, LIMIT_W]), drawn.normal(drive.propulsion_power_w, 2e3)
-        propulsion_w = propulsion_w if seen_w is None else seen_w
-        temperature_c, soc = drawn.normal(-5.0, 0.7), drawn.normal(0.7, 0.004)
-        if is_in_one_call:
-            belief = belief.followed(vehicle, duration_s, drive, commanded_w, LIMIT_W, propulsion_w)
-        else:
-            belief = belief.predicted(vehicle, duration_s, drive, commanded_w, LIMIT_W)
-            if drive.terminal_power_w is not None:
-                belief = belief.with_propulsion_power(propulsion_w, drive.propulsion_power_w, duration_s)
-        for _, element in filter(lambda spoiled: spoiled[0] == number, lost):
-            belief = spoiled(belief, (2, 0, element), 3.0 * belief_module.MOST_APART_K)
-        if is_in_one_call:
-            belief, expected = belief.with_battery(temperature_c, 1.0, soc, 0.005)
-        else:
-            belief = belief.with_temperature(temperature_c, 1.0).with_soc(soc, 0.005)
-            expected = belief.expected()
-        course.append((belief.weights, belief.mean, belief.covariance, *expected))
-    return course
-
-
-@pytest.mark.parametrize('context', [nullcontext, without_core])
-@pytest.mark.parametrize('spoiled', [
-    {}, {'lost': ((3, belief_module.UNDER_WAY), (8, belief_module.TEMPERATURE), (9, belief_module.SENSOR))},
-    {'seen_w': np.inf}], ids=['as_usual', 'lost_filters', 'power_that_the_core_refuses'])
-def test_an_update_in_one_call_is_its_parts_one_after_the_other(context, spoiled):
-    vehicle = VEHICLES['tables']
-    with context():
-        for together, apart in zip(updated(vehicle, True, **spoiled), updated(vehicle, False, **spoiled)):
-            for mine, theirs in zip(together, apart):
-                np.testing.assert_array_equal(mine, theirs)
-
-
-def test_filters_that_are_lost_are_found_again():
-    beliefs = []
-    for context in (nullcontext, without_core):
-        with context():
-            belief = Belief.of(VEHICLES['formulas']).placed(-5.0, 0.2, 0.7, 1e-5)
-            beliefs.append(spoiled(
-                belief, (1, 0, belief_module.TEMPERATURE), 2.0 * belief_module.MOST_APART_K).with_soc(0.7, 0.005))
-    assert beliefs[0].mean == pytest.approx(beliefs[1].mean, rel=1e-9)
-    assert beliefs[0].mean[1, 0, belief_module.TEMPERATURE] == pytest.approx(-5.0)
 
 
 @pytest.mark.parametrize('name', ['formulas', 'tables'])
@@ -168,22 +125,24 @@ def test_a_covariance_that_is_not_finite_is_left_to_python():
         arrival_variance(*course, np.full((SIZE, SIZE), np.nan))
 
 
-@pytest.mark.parametrize('spoil, call', [
-    ('mean', lambda native: native.see_interval(TERMS, 0, np.full(1, 0.1), -1.0, 1.0, True)),
-    ('mean', lambda native: native.move(
-        vehicle_in_core(VEHICLES['formulas']), TERMS, drawn_drive(np.random.default_rng(1)),
-        VEHICLES['formulas'].battery.leakage, 1.0, np.zeros(5), np.zeros(SIZE), 0.0)),
-    ('weights', lambda native: native.mix(np.eye(5))),
-    (None, lambda native: native.see_interval(TERMS, 0, np.full(1, 0.1), np.nan, 1.0, True)),
-    (None, lambda native: native.see_interval(TERMS, SIZE, np.full(1, 0.1), -1.0, 1.0, True)),
-    (None, lambda native: native.see_propulsion_power(TERMS, np.inf, 1e4, 1e6, 1e4))],
-    ids=['state', 'state that moves', 'weights', 'reading', 'element', 'power'])
-def test_what_is_not_finite_is_left_to_python_and_nothing_is_changed(spoil, call):
+def in_core(native, drive, low_c=-6.0, seen_w=0.0):
+    """Follow a drive in the core, and take a reading from `low_c` [deg C] on."""
+    vehicle = VEHICLES['formulas']
+    noise = ReadingNoise(np.full(1, 0.1), np.full(1, 1e-6))
+    native.follow(vehicle_in_core(vehicle), TERMS, Elapsing(1.0, np.eye(5), np.zeros(SIZE)), drive,
+                  vehicle.battery.leakage, [0.0] * 5, 0.0, (seen_w, 1e4, 1e6, 1e4))
+    native.take_reading(TERMS, noise, (low_c, 1.0), (0.69, 0.71), True)
+
+
+@pytest.mark.parametrize('spoil, how', [
+    ('mean', {}), ('weights', {}), (None, {'low_c': np.nan}), (None, {'seen_w': np.inf})],
+    ids=['state', 'weights', 'reading', 'power'])
+def test_what_is_not_finite_is_left_to_python(spoil, how):
     belief = Belief.of(VEHICLES['formulas']).placed(-5.0, 0.2, 0.7, 1e-5)
+    drive = replace(drawn_drive(np.random.default_rng(1)), terminal_power_w=2e4)
+    native = NativeBelief(belief.weights, belief.mean, belief.covariance)
+    in_core(native, drive)
     if spoil:
         belief = spoiled(belief, ..., np.nan, spoil)
-    native = NativeBelief(belief.weights, belief.mean, belief.covariance)
     with pytest.raises(Declined):
-        call(native)
-    for name in ('weights', 'mean', 'covariance'):
-        np.testing.assert_array_equal(getattr(native, name), getattr(belief, name))
+        in_core(NativeBelief(belief.weights, belief.mean, belief.covariance), drive, **how)

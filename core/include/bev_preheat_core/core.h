@@ -20,7 +20,7 @@ extern "C" {
 #endif
 
 /* Incremented when a struct or a function changes its meaning but not its form. */
-#define BEV_INTERFACE 11
+#define BEV_INTERFACE 12
 
 /* Maximum number of steps of a trip; if memory is fixed, compile with less: -DBEV_MOST_STEPS=360. */
 #ifndef BEV_MOST_STEPS

@@ -114,7 +114,14 @@ typedef struct {
   double gamma_v_w_per_k_per_mps;
 } bev_expected_drive;
 
-/* Elapsed time in a drive: the arguments of bev_mix_belief, bev_move_belief and bev_see_propulsion_power. */
+/*
+ * Elapsed time in a drive.
+ *
+ * `transitions[from * heaters + to]` is the probability that one heater turned into another, `wander` are the variances
+ * that each element gains, `hidden_variance_s2` is the variance of the logarithm of the propulsion power times s^2. The
+ * heater of hypothesis h takes heater_power_w[h]. The propulsion power seen and the route's [W] differ with a variance
+ * [W^2]; the difference is clipped at `most_w`.
+ */
 typedef struct {
   const double *transitions;
   const double *wander;
@@ -143,53 +150,20 @@ typedef struct {
   int32_t tells_hypotheses;
 } bev_reading;
 
-/* Mix the filters: `transitions[from * heaters + to]` is the probability that one heater turned into another. */
-bev_status bev_mix_belief(const bev_belief *belief, const double *transitions);
-
 /*
- * Propagate the filters by `duration_s` in a drive; the heater of hypothesis h takes heater_power_w[h].
+ * Mix the filters, because one heater may have turned into another, propagate them and, if `drive.is_seen`, compare
+ * the propulsion power with the route's.
  *
- * `wander` are the variances that each element gains, `hidden_variance_s2` is the variance of the logarithm of the
- * propulsion power times s^2; its effect on temperature and charge is added.
- */
-bev_status bev_move_belief(const bev_vehicle *vehicle, const bev_belief *belief,
-                           const bev_belief_terms *terms, const bev_drive *drive,
-                           double duration_s, const double *heater_power_w, const double *wander,
-                           double hidden_variance_s2);
-
-/*
- * Update the filters: an element, with the variance of each noise hypothesis, lies within low ... high.
- *
- * BEV_SENSOR is the sensor with its local rise. With `tells_hypotheses` the weights follow. `lost` is the number of
- * filters that have diverged.
- */
-bev_status bev_see_interval(const bev_belief *belief, const bev_belief_terms *terms,
-                            int32_t element, const double *noise_variance, double low, double high,
-                            int32_t tells_hypotheses, int32_t *lost);
-
-/*
- * Compare the observed propulsion power with the route's [W]; the difference has a variance [W^2] and is clipped at
- * `most_w`. `lost` as above.
- */
-bev_status bev_see_propulsion_power(const bev_belief *belief, const bev_belief_terms *terms,
-                                    double seen_w, double route_w, double variance_w2,
-                                    double most_w, int32_t *lost);
-
-/* Mean (BEV_ELEMENTS) and covariance (BEV_ELEMENTS * BEV_ELEMENTS) over all hypotheses. */
-bev_status bev_expect(const bev_belief *belief, double *mean, double *covariance);
-
-/*
- * Mix the filters, propagate them and, if `drive.is_seen`, compare the propulsion power: the three calls in one.
- *
- * The first status other than BEV_OK ends the sequence and is returned; the filters are those of the calls before it.
- * `lost` as above.
+ * The first status other than BEV_OK ends the sequence and is returned; the filters are those of the parts before it.
+ * `lost` is the number of filters that have diverged.
  */
 bev_status bev_follow(const bev_vehicle *vehicle, const bev_belief *belief,
                       const bev_belief_terms *terms, const bev_passed *passed, int32_t *lost);
 
 /*
- * Update the filters with a reading's temperature and charge, and compute the mean and covariance: bev_see_interval
- * twice, and bev_expect. As in bev_follow; if filters are lost, the sequence ends, too.
+ * Update the filters with a reading: temperature, by the sensor with its local rise, and charge; then compute mean
+ * (BEV_ELEMENTS) and covariance (BEV_ELEMENTS * BEV_ELEMENTS) over all hypotheses. As in bev_follow; if filters are
+ * lost, the sequence ends, too.
  */
 bev_status bev_take_reading(const bev_belief *belief, const bev_belief_terms *terms,
                             const bev_reading *reading, double *mean, double *covariance,
