@@ -2,14 +2,13 @@
 """
 Wants the battery warm for the departures of a week: a source of goals beside the clients of ~/prepare_battery.
 
-It reads the PlannerState and returns events for the next step, so the planner does not know the origin of a goal.
+It reads the State and returns events for the next step, so the planner does not know the origin of a goal.
 Everything but a skipped departure follows from file and clock, and needs no memory across a restart. In doubt
 there is no goal, and the report has the reason. Instants are integers, in nanoseconds of the node's clock.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
 from enum import Enum
 from typing import ClassVar, NamedTuple, TYPE_CHECKING
 
@@ -34,8 +33,8 @@ if TYPE_CHECKING:
     from bev_preheat.control.departures import Departures, Occurrence
     from bev_preheat.control.events import Event
     from bev_preheat.control.grid_prices import GridPrices
-    from bev_preheat.control.planner_state import PlannerState
     from bev_preheat.control.preparation_goal import PreparationOutcome
+    from bev_preheat.control.state import State
 
 
 class DepartureState(Enum):
@@ -108,10 +107,10 @@ class DepartureSource:
 
     # Events
 
-    def events(self, state: PlannerState, now_ns: int) -> tuple[Event, ...]:
+    def events(self, state: State, now_ns: int) -> tuple[Event, ...]:
         """Return the events of an instant [ns]: a goal begins or ends; mostly ()."""
         self._look_at_clock(now_ns)
-        self._find_next(state, now_ns)
+        self._find_next(state.choices.skipped_until_ns, now_ns)
         self._look_at_vehicle(state)
         if self._goal is not None and state.preparation_goal is not self._goal:
             # A step failed before the goal began.
@@ -133,8 +132,8 @@ class DepartureSource:
         self._goal, self._goal_for = wanted, self._next
         return (PreparationWanted(wanted),)
 
-    def note(self, outcome: PreparationOutcome, state: PlannerState, now_ns: int) -> None:
-        """Take in the PreparationOutcome of any goal, and the PlannerState after it."""
+    def note(self, outcome: PreparationOutcome, state: State, now_ns: int) -> None:
+        """Take in the PreparationOutcome of any goal, and the State after it."""
         if outcome.preparation_goal is not self._goal or self._goal_for is None:
             return
         words = self._departures.in_words(self._goal_for)
@@ -152,9 +151,9 @@ class DepartureSource:
                 self._unplugged_soc = 1.0
         self._state, self._reason = DepartureState.HELD_OFF, self._refusal
 
-    def skip_next(self, state: PlannerState, now_ns: int) -> tuple[DeparturesSkipped | None, str]:
+    def skip_next(self, state: State, now_ns: int) -> tuple[DeparturesSkipped | None, str]:
         """Return the event that skips the next departure, None without one, and a sentence for the driver."""
-        self._find_next(state, now_ns)
+        self._find_next(state.choices.skipped_until_ns, now_ns)
         if self._next is None:
             return None, 'There is no departure to skip.'
         following = next(self._departures.after(self._next.instant_ns))
@@ -162,9 +161,9 @@ class DepartureSource:
                 f'Skipped: {self._departures.in_words(self._next)}; the next departure is '
                 f'{self._departures.in_words(following)}.')
 
-    def unskip(self, state: PlannerState, now_ns: int) -> tuple[DeparturesSkipped, str]:
+    def unskip(self, state: State, now_ns: int) -> tuple[DeparturesSkipped, str]:
         """Return the event that skips no departure any more, and a sentence for the driver."""
-        self._find_next(state._replace(choices=replace(state.choices, skipped_until_ns=None)), now_ns)
+        self._find_next(None, now_ns)
         return DeparturesSkipped(None), 'No departure is skipped. ' + (
             'There is none.' if self._next is None else
             f'The next departure is {self._departures.in_words(self._next)}.')
@@ -201,9 +200,8 @@ class DepartureSource:
                 self._latest = f'{self._departures.in_words(passed)}: not prepared: {self._reason}.'
             self._unplugged_soc = None
 
-    def _find_next(self, state: PlannerState, now_ns: int) -> None:
-        """Find the next departure that is not skipped."""
-        skipped_ns = state.choices.skipped_until_ns
+    def _find_next(self, skipped_ns: int | None, now_ns: int) -> None:
+        """Find the next departure after those that are skipped until an instant [ns]; None: none is."""
         if skipped_ns is not None and not now_ns < skipped_ns <= now_ns + FURTHEST_SKIP_NS:
             skipped_ns = None
         if now_ns < EARLIEST_NS:
@@ -215,7 +213,7 @@ class DepartureSource:
 
     # Evidence
 
-    def _look_at_vehicle(self, state: PlannerState) -> None:
+    def _look_at_vehicle(self, state: State) -> None:
         measurement, command = state.measurement, state.latest_command
         if measurement is None:
             return
@@ -229,14 +227,14 @@ class DepartureSource:
         if state.regime.regime is Regime.CHARGING or soc > self._unplugged_soc + CHARGE_FALLS_BY:
             self._unplugged_soc = None
 
-    def _drive_w(self, state: PlannerState, now_ns: int) -> float:
+    def _drive_w(self, state: State, now_ns: int) -> float:
         """Return the mean power of driving in the last minutes [W]; 0 for a vehicle that stands."""
         defaults = defaults_of(state.vehicle, state.settings)
         return self._memory.propulsion_w(now_ns, defaults.cabin_heating_power_w + defaults.auxiliary_power_w)[0]
 
     # Judgement
 
-    def _judge(self, state: PlannerState, now_ns: int) -> tuple[DepartureState, str]:
+    def _judge(self, state: State, now_ns: int) -> tuple[DepartureState, str]:
         """Return the DepartureState of the next departure, and the reason without full stop."""
         if now_ns < EARLIEST_NS:
             return DepartureState.NONE, 'the clock was never set: it shows a time before 2020'
@@ -255,7 +253,7 @@ class DepartureSource:
             '; it feeds the heater itself, because the charge has fallen' if self._unplugged_soc is not None else
             ' with its own energy')
 
-    def _obstacle(self, state: PlannerState, now_ns: int) -> str:
+    def _obstacle(self, state: State, now_ns: int) -> str:
         """Return why the next departure cannot be prepared at an instant [ns]; '' if nothing forbids it."""
         assert self._next is not None
         other = state.preparation_goal

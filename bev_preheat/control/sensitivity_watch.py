@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Generator
 
     from bev_preheat.control.inputs import Leg
-    from bev_preheat.control.planner_state import PlannerState
+    from bev_preheat.control.state import State
     from bev_preheat.planning.sensitivity import Sensitivity
 
 # Key of the sentences in the planner's diagnostics.
@@ -44,7 +44,7 @@ class SensitivityWatch:
         self._begun_ns: int | None = None
         self._sentences = ''
 
-    def look(self, state: PlannerState, now_ns: int) -> str:
+    def look(self, state: State, now_ns: int) -> str:
         """
         Return the latest sentences on the current plan, '' before the first or without one.
 
@@ -73,7 +73,7 @@ class SensitivityWatch:
         return self._sentences
 
 
-def _search(state: PlannerState, leg: Leg) -> Generator[None, None, Sensitivity | None]:
+def _search(state: State, leg: Leg) -> Generator[None, None, Sensitivity | None]:
     """Find the Sensitivity of the current plan, as `search_sensitivity` does."""
     decision, vehicle, heat_lag_s = state.decision, state.vehicle, 0.0
     route, plan = leg.route_ahead(decision.plan_start_ns), decision.plan
@@ -92,7 +92,7 @@ def _search(state: PlannerState, leg: Leg) -> Generator[None, None, Sensitivity 
         *inputs, plan_preheating(*inputs, state.settings.method, heat_lag_s=heat_lag_s), heat_lag_s))
 
 
-def _is_followed(state: PlannerState) -> bool:
+def _is_followed(state: State) -> bool:
     """Return whether the current plan is for a leg of a route and for a heater that obeys."""
     decision = state.decision
     return (decision.plan is not None and has_sensitivity(decision.plan) and decision.commanded is None

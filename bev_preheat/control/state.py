@@ -12,7 +12,6 @@ from bev_preheat.control.heater_answer import HeaterAnswers
 from bev_preheat.control.inbox import Inbox
 from bev_preheat.control.knowledge import Knowledge
 from bev_preheat.control.learning import Learning
-from bev_preheat.control.planner_state import PlannerState
 from bev_preheat.control.preparation import Preparation
 from bev_preheat.estimation.driver_choices import NO_CHOICES
 from bev_preheat.estimation.last_seen import LastSeen
@@ -20,12 +19,18 @@ from bev_preheat.estimation.last_seen import LastSeen
 if TYPE_CHECKING:
     from bev_preheat.control.admitted import AdmittedInputs
     from bev_preheat.control.decision import Command
-    from bev_preheat.control.inputs import Measurement
+    from bev_preheat.control.heater_answer import HeaterAnswerReport
+    from bev_preheat.control.inputs import Measurement, Mission
+    from bev_preheat.control.preparation_goal import PreparationGoal
+    from bev_preheat.control.regime import RegimeReport
     from bev_preheat.control.settings import Settings
+    from bev_preheat.control.soak_watch import StandReport
+    from bev_preheat.control.timetable import PlaceReport
     from bev_preheat.estimation.driver_choices import DriverChoices
     from bev_preheat.estimation.estimate import Estimate
     from bev_preheat.estimation.prior import Learned
     from bev_preheat.planning.status import Status
+    from bev_preheat.signals.verdict import SignalVerdict
     from bev_preheat.vehicle.description import Vehicle
 
 
@@ -47,21 +52,23 @@ class State(NamedTuple):
 
     Inputs: the `inbox`, the `preparation` goal, `inactive`: why a managed node may not heat, '' if it may, and
     the `answers` of the heater with `heater_refusal`, the sentence on heat that it refuses ('' for none).
-    `screened` is the latest measurement with the signals that hold, `last_seen` the battery before a restart,
+    `screened` is the latest measurement with the signals that hold, `seen_before` the battery before a restart,
     None: unknown.
 
-    Knowledge, about the `vehicle`: `knowledge` of regime and signals, `learning` about the car.
+    Knowledge, about the `known_vehicle`: `knowledge` of regime and signals, `learning` about the car.
 
-    Decisions: the `decision_maker`, the `decision` as it was made, and as it is `shown` with the status and
+    Decisions: the `decision_maker`, the decision as it was `intended`, and the `decision` with the status and
     sentence of the command; the `commander`, the `latest_command` and the `published_status`, None before the
     first. `is_in_doubt`: it is uncertain that the vehicle charges on the latest mission.
+
+    The properties are what diagnostics, files, simulations and studies read.
     """
 
-    vehicle: Vehicle
+    known_vehicle: Vehicle
     inbox: Inbox
     knowledge: Knowledge
     learning: Learning
-    last_seen: LastSeen | None = None
+    seen_before: LastSeen | None = None
     now_ns: int = 0
     preparation: Preparation = Preparation()
     answers: HeaterAnswers = HeaterAnswers()
@@ -69,8 +76,8 @@ class State(NamedTuple):
     inactive: str = ''
     screened: Screened = Screened()
     decision_maker: DecisionMaker = DecisionMaker()
+    intended: Decision = WITHOUT_ROUTE
     decision: Decision = WITHOUT_ROUTE
-    shown: Decision = WITHOUT_ROUTE
     commander: Commander = Commander()
     latest_command: Command | None = None
     published_status: Status | None = None
@@ -88,10 +95,84 @@ class State(NamedTuple):
         return cls(vehicle, Inbox.empty(vehicle, settings, choices), Knowledge(),
                    Learning.begun(vehicle, learned, last_seen), last_seen)
 
+    # Inputs
+
+    @property
+    def vehicle(self) -> Vehicle:
+        """The vehicle as its file describes it."""
+        return self.inbox.vehicle
+
     @property
     def settings(self) -> Settings:
         """The Settings."""
         return self.inbox.settings
+
+    @property
+    def choices(self) -> DriverChoices:
+        """The driver's choices, which outlive the process."""
+        return self.inbox.choices
+
+    @property
+    def is_enabled(self) -> bool:
+        """Whether preheating is switched on."""
+        return self.choices.switched_off_ns is None
+
+    @property
+    def rivals(self) -> str:
+        """The names of other nodes that command the same heater; '' for none."""
+        return self.inbox.rivals
+
+    @property
+    def mission(self) -> Mission | None:
+        """The Mission of the route; None without one."""
+        return self.inbox.mission
+
+    @property
+    def active_mission(self) -> Mission | None:
+        """The Mission that is planned for: the one made for the `preparation_goal`, else that of the route."""
+        timetable = self.preparation.timetable or self.inbox.timetable
+        return None if timetable is None else timetable.mission
+
+    @property
+    def latest_mission(self) -> Mission | None:
+        """The latest Mission; it may have been dropped because it does not fit the parameters."""
+        return self.inbox.latest_mission
+
+    @property
+    def preparation_goal(self) -> PreparationGoal | None:
+        """The current PreparationGoal; None without one."""
+        return self.preparation.goal
+
+    @property
+    def place(self) -> PlaceReport | None:
+        """The place by route progress; None before the first."""
+        return None if self.inbox.timetable is None else self.inbox.timetable.place
+
+    @property
+    def measurement(self) -> Measurement | None:
+        """The latest valid Measurement with the signals that hold; None before the first."""
+        arrived, screened = self.inbox.measurement, self.screened
+        return screened.holding if arrived is screened.as_arrived else arrived
+
+    @property
+    def inputs(self) -> AdmittedInputs:
+        """The AdmittedInputs; the measurement without the signals that do not hold."""
+        return self.inbox.admitted(
+            self.preparation.timetable, self.measurement, self.screened.doubt,
+        )._replace(heater_refusal=self.heater_refusal, inactive=self.inactive)
+
+    # Knowledge
+
+    @property
+    def regime(self) -> RegimeReport:
+        """The RegimeReport, by evidence."""
+        return self.knowledge.regime
+
+    @property
+    def signal_verdicts(self) -> tuple[SignalVerdict, ...]:
+        """The SignalVerdicts; () while every signal holds."""
+        verdicts, scale = self.knowledge.verdicts, self.inbox.scale_verdict
+        return verdicts if scale is None else (*verdicts, scale)
 
     @property
     def estimate(self) -> Estimate | None:
@@ -99,47 +180,28 @@ class State(NamedTuple):
         return self.learning.estimator.estimate if self.settings.estimation else None
 
     @property
-    def inputs(self) -> AdmittedInputs:
-        """The AdmittedInputs; the measurement without the signals that do not hold."""
-        arrived, screened = self.inbox.measurement, self.screened
-        return self.inbox.admitted(
-            self.preparation.timetable, screened.holding if arrived is screened.as_arrived else arrived,
-            screened.doubt)._replace(heater_refusal=self.heater_refusal, inactive=self.inactive)
+    def temperature_c(self) -> float | None:
+        """The battery's temperature [deg C], estimated or as measured; None before the first."""
+        if self.estimate is not None:
+            return self.estimate.temperature_c
+        return None if self.measurement is None else self.measurement.state.temperature_c
 
     @property
-    def view(self) -> PlannerState:
-        """The PlannerState: what diagnostics, files, simulations and studies read."""
-        inbox, inputs, knowledge = self.inbox, self.inputs, self.knowledge
-        active, scale = inputs.active_timetable, inbox.scale_verdict
-        return PlannerState(
-            vehicle=inbox.vehicle,
-            settings=inbox.settings,
-            choices=inbox.choices,
-            last_seen=self._battery_seen_last(inputs.measurement),
-            rivals=inbox.rivals,
-            mission=inbox.mission,
-            active_mission=None if active is None else active.mission,
-            preparation_goal=self.preparation.goal,
-            latest_mission=inbox.latest_mission,
-            unit_warnings=inbox.unit_warnings,
-            refused_route=inbox.refused_route,
-            refused_progress=inbox.refused_progress,
-            place=None if inbox.timetable is None else inbox.timetable.place,
-            overtaken_states=inbox.overtaken_states,
-            measurement=inputs.measurement,
-            regime=knowledge.regime,
-            signal_verdicts=knowledge.verdicts if scale is None else (*knowledge.verdicts, scale),
-            estimate=self.estimate,
-            stand_report=self.learning.stand_watch.report if inbox.settings.estimation else None,
-            decision=self.shown,
-            latest_command=self.latest_command,
-            heater_answer=self.answers.report(self.now_ns, inbox.settings, self.heater_refusal))
-
-    def _battery_seen_last(self, measurement: Measurement | None) -> LastSeen | None:
-        """Return the battery's LastSeen: estimated, measured, or from before a restart; None: unknown."""
-        estimate = self.estimate
+    def last_seen(self) -> LastSeen | None:
+        """The battery as it was seen last: estimated, measured, or from before a restart; None: unknown."""
+        estimate, measurement = self.estimate, self.measurement
         if estimate is not None:
             return LastSeen(estimate.temperature_c, min(max(estimate.soc, 0.0), 1.0), estimate.stamp_ns)
         if measurement is None:
-            return self.last_seen
+            return self.seen_before
         return LastSeen(measurement.state.temperature_c, measurement.state.soc, measurement.stamp_ns)
+
+    @property
+    def stand_report(self) -> StandReport | None:
+        """The report on the trip's first battery state; None without one."""
+        return self.learning.stand_watch.report if self.settings.estimation else None
+
+    @property
+    def heater_answer(self) -> HeaterAnswerReport | None:
+        """The report on `hvch_status`; None before the first."""
+        return self.answers.report(self.now_ns, self.settings, self.heater_refusal)

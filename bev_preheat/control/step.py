@@ -114,7 +114,7 @@ def fail(state: State, now_ns: int, what: str) -> tuple[State, StepOutput]:
     """Return the State and the StepOutput that switch the heater off after an exception, given in words."""
     what = shortened(what, LONGEST_PROBLEM)
     decision = Decision(Status.INTERNAL_ERROR, f'Planning failed: {what}')
-    state = _off(state, now_ns, Status.INTERNAL_ERROR)._replace(decision=decision, shown=decision)
+    state = _off(state, now_ns, Status.INTERNAL_ERROR)._replace(intended=decision, decision=decision)
     return state, StepOutput(command=state.latest_command, failure=what)
 
 
@@ -131,7 +131,7 @@ def decide_later(state: State) -> tuple[Decision, ...]:
     They are planned when they are asked for, so that the command does not wait for them. Raises anything that
     planning raises.
     """
-    return state.decision_maker.decide_later(state.inputs, state.shown)
+    return state.decision_maker.decide_later(state.inputs, state.decision)
 
 
 # The stages of a step
@@ -238,7 +238,7 @@ def decide(state: State, is_due: bool) -> tuple[State, Decision | None]:
     if obstacle is not None:
         if obstacle.status is Status.STALE_INPUT:
             state = state._replace(knowledge=state.knowledge.state_expired())
-        return state._replace(decision=obstacle), obstacle
+        return state._replace(intended=obstacle), obstacle
     if not is_due:
         return state, None
     maker, decision = state.decision_maker.decide(Moment(
@@ -249,7 +249,7 @@ def decide(state: State, is_due: bool) -> tuple[State, Decision | None]:
     answers = state.answers
     if decision.status in (Status.CHARGING, Status.ARRIVED):
         answers = answers.without_heating(now_ns)
-    return state._replace(decision_maker=maker, decision=decision, answers=answers), None
+    return state._replace(decision_maker=maker, intended=decision, answers=answers), None
 
 
 def conclude_preparation(state: State, obstacle: Decision | None) -> tuple[State, Decision | None]:
@@ -257,7 +257,7 @@ def conclude_preparation(state: State, obstacle: Decision | None) -> tuple[State
     if state.preparation.goal is None:
         return state, obstacle
     state = state._replace(preparation=state.preparation.concluded(
-        state.inputs, state.now_ns, state.decision, obstacle, state.view.temperature_c))
+        state.inputs, state.now_ns, state.intended, obstacle, state.temperature_c))
     if state.preparation.goal is not None:
         return state, obstacle
     return decide(state._replace(
@@ -268,20 +268,20 @@ def conclude_preparation(state: State, obstacle: Decision | None) -> tuple[State
 def give_command(state: State, obstacle: Decision | None) -> State:
     """Return the State with the command of its instant, and the Decision as it is shown with it."""
     inputs, now_ns = state.inputs, state.now_ns
-    commander, command = state.commander.give(now_ns, inputs, state.decision, obstacle)
-    commander, shown = commander.in_words(now_ns, inputs, state.decision)
+    commander, command = state.commander.give(now_ns, inputs, state.intended, obstacle)
+    commander, decision = commander.in_words(now_ns, inputs, state.intended)
     return state._replace(
-        commander=commander, latest_command=command, shown=shown,
+        commander=commander, latest_command=command, decision=decision,
         answers=state.answers.with_command(now_ns, command.battery_heating_power_w, inputs.settings))
 
 
 def publish(state: State, has_news: bool) -> tuple[State, StepOutput]:
     """Return the State after its StepOutput, which has a Decision if that may have changed."""
-    status, before = state.shown.status, state.published_status
+    status, before = state.decision.status, state.published_status
     if not has_news and status is before:
         return state, StepOutput(state.latest_command)
     return state._replace(published_status=status), StepOutput(
-        state.latest_command, state.shown, has_new_status=status is not before)
+        state.latest_command, state.decision, has_new_status=status is not before)
 
 
 def _off(state: State, now_ns: int, reason: Status) -> State:
@@ -293,10 +293,10 @@ def _off(state: State, now_ns: int, reason: Status) -> State:
 
 def _with_vehicle(state: State, learned: Learned | None) -> State:
     """Return the State for the vehicle of its inputs, and for a Learned about the car, if either is new."""
-    vehicle, is_new = state.inbox.vehicle, state.inbox.vehicle is not state.vehicle
+    vehicle, is_new = state.vehicle, state.vehicle is not state.known_vehicle
     if learned or is_new:
         state = state._replace(learning=Learning.begun(vehicle, learned), decision_maker=DecisionMaker())
-    return state._replace(vehicle=vehicle, knowledge=Knowledge()) if is_new else state
+    return state._replace(known_vehicle=vehicle, knowledge=Knowledge()) if is_new else state
 
 
 def _with_new_mission(state: State, has_new_trip: bool) -> State:

@@ -12,7 +12,6 @@ from bev_preheat.estimation.driver_choices import NO_CHOICES
 if TYPE_CHECKING:
     from bev_preheat.control.decision import Decision
     from bev_preheat.control.events import Event
-    from bev_preheat.control.planner_state import PlannerState
     from bev_preheat.control.settings import Settings
     from bev_preheat.estimation.driver_choices import DriverChoices
     from bev_preheat.estimation.last_seen import LastSeen
@@ -45,13 +44,8 @@ class Supervisor:
         return decide_later(self._state)
 
     @property
-    def state(self) -> PlannerState:
-        """The PlannerState after the latest step: the State as others see it."""
-        return self._state.view
-
-    @property
-    def value(self) -> State:
-        """The State itself."""
+    def state(self) -> State:
+        """The State after the latest step."""
         return self._state
 
     def go_on_from(self, state: State) -> None:

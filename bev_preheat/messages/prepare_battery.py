@@ -13,8 +13,8 @@ from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat_msgs.action import PrepareBattery
 
 if TYPE_CHECKING:
-    from bev_preheat.control.planner_state import PlannerState
     from bev_preheat.control.preparation_goal import PreparationOutcome
+    from bev_preheat.control.state import State
 
 
 def preparation_goal_of(goal: PrepareBattery.Goal) -> PreparationGoal:
@@ -45,7 +45,7 @@ def result_message(outcome: PreparationOutcome) -> PrepareBattery.Result:
         battery_temperature=outcome.temperature_c)
 
 
-def feedback_message(state: PlannerState, now_ns: int) -> PrepareBattery.Feedback:
+def feedback_message(state: State, now_ns: int) -> PrepareBattery.Feedback:
     """Return the feedback on a Supervisor's preparation progress at an instant [ns]."""
     decision, command = state.decision, state.latest_command
     preparation_goal = state.preparation_goal

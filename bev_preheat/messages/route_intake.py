@@ -13,8 +13,8 @@ from bev_preheat.messages.route_plan import is_cancellation, mission_from_messag
 if TYPE_CHECKING:
     from bev_preheat.control.inbox import Inbox
     from bev_preheat.control.inputs import Mission
-    from bev_preheat.control.planner_state import PlannerState
     from bev_preheat.control.settings import Settings
+    from bev_preheat.control.state import State
     from bev_preheat.vehicle import Vehicle
     from bev_preheat_msgs.msg import RoutePlan
 
@@ -39,7 +39,7 @@ class RouteIntake:
         self._messages = {mission: message}
 
     def read(self, message: RoutePlan,
-             holder: PlannerState | Inbox) -> RouteArrived | TripCancelled | RouteUnreadable:
+             holder: State | Inbox) -> RouteArrived | TripCancelled | RouteUnreadable:
         """
         Return the event of a message: RouteArrived, TripCancelled or RouteUnreadable.
 
@@ -56,7 +56,7 @@ class RouteIntake:
             what = f'{type(error).__name__}: {error}' if str(error) else type(error).__name__
             return RouteUnreadable(InvalidInput(f'cannot be read: {what}'))
 
-    def read_again(self, holder: PlannerState | Inbox, vehicle: Vehicle,
+    def read_again(self, holder: State | Inbox, vehicle: Vehicle,
                    settings: Settings) -> Mission | InvalidInput | None:
         """
         Return the holder's latest Mission, read for another vehicle or with other settings.

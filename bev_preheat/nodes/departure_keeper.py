@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from bev_preheat.control.departures import Departures
     from bev_preheat.control.events import Event
     from bev_preheat.control.grid_prices import GridPrices
-    from bev_preheat.control.planner_state import PlannerState
     from bev_preheat.control.preparation_goal import PreparationOutcome
+    from bev_preheat.control.state import State
     from bev_preheat.control.supervisor import Supervisor
 
 SKIP = '~/skip_departure'
@@ -137,7 +137,7 @@ class DepartureKeeper:
             self._source.use(departures, self.prices)
         return ()
 
-    def events(self, state: PlannerState, now_ns: int) -> tuple[Event, ...]:
+    def events(self, state: State, now_ns: int) -> tuple[Event, ...]:
         """Return the events of an instant [ns]; mostly ()."""
         if self._source is None:
             return ()
@@ -147,7 +147,7 @@ class DepartureKeeper:
             self._node.get_logger().info(f'departures: {latest}')
         return events
 
-    def note(self, outcome: PreparationOutcome, state: PlannerState, now_ns: int) -> None:
+    def note(self, outcome: PreparationOutcome, state: State, now_ns: int) -> None:
         """Take in the PreparationOutcome of any goal."""
         if self._source is not None:
             self._source.note(outcome, state, now_ns)

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
     from bev_preheat.control.heater_answer import HeaterAnswerReport
-    from bev_preheat.control.planner_state import PlannerState
     from bev_preheat.control.preparation_goal import PreparationGoal
+    from bev_preheat.control.state import State
     from bev_preheat.estimation.estimate import Estimate
     from bev_preheat.estimation.hypotheses import HeaterReport
     from bev_preheat.nodes.departure_keeper import DepartureFiles
@@ -51,7 +51,7 @@ ON_TIME_S = 5.0
 HELD_OFF_TOLD_S = 7200.0
 
 
-def planner_diagnostics(node_name: str, state: PlannerState, now_ns: int,
+def planner_diagnostics(node_name: str, state: State, now_ns: int,
                         memory: StateFileReport | None = None,
                         departures: DepartureFiles | None = None, sensitivity: str = '') -> DiagnosticArray:
     """
@@ -76,7 +76,7 @@ def planner_diagnostics(node_name: str, state: PlannerState, now_ns: int,
     return diagnostics(now_ns, entries)
 
 
-def _preheating(name: str, hardware: str, state: PlannerState, now_ns: int,
+def _preheating(name: str, hardware: str, state: State, now_ns: int,
                 sensitivity: str) -> DiagnosticStatus:
     decision, mission = state.decision, state.active_mission
     values = {
@@ -111,10 +111,10 @@ def _preheating(name: str, hardware: str, state: PlannerState, now_ns: int,
     if sensitivity:
         values[SENSITIVITY] = sensitivity
     level, text = LEVELS[decision.status.meaning.level], decision.explanation
-    if state.unit_warnings:
+    if state.inbox.unit_warnings:
         level = max(level, WARN)
-        text += f' route_plan: {"; ".join(state.unit_warnings)}.'
-    refused = state.refused_route
+        text += f' route_plan: {"; ".join(state.inbox.unit_warnings)}.'
+    refused = state.inbox.refused_route
     if refused is not None:
         # The driver's latest trip is not planned, even if the previous one continues.
         level = ERROR
@@ -122,7 +122,7 @@ def _preheating(name: str, hardware: str, state: PlannerState, now_ns: int,
     return entry(name, 'preheating', hardware, level, f'{decision.status.name}: {text}', values)
 
 
-def _signals(name: str, hardware: str, state: PlannerState, now_ns: int) -> DiagnosticStatus:
+def _signals(name: str, hardware: str, state: State, now_ns: int) -> DiagnosticStatus:
     """Return the entry on regime and signals; WARN while a signal is in doubt."""
     regime, estimate, measurement = state.regime, state.estimate, state.measurement
     ignored_share = 0.0 if estimate is None else estimate.ignored_share
@@ -131,7 +131,7 @@ def _signals(name: str, hardware: str, state: PlannerState, now_ns: int) -> Diag
         'regime since [s]': f'{(now_ns - regime.since_ns) / NS_PER_S:.0f}' if regime.since_ns else '',
         'regime evidence': regime.suspicion or regime.evidence,
         'ignored readings [%]': f'{100.0 * ignored_share:.1f}',
-        'overtaken battery states': str(state.overtaken_states)}
+        'overtaken battery states': str(state.inbox.overtaken_states)}
     sentences = []
     for verdict in state.signal_verdicts:
         values[f'{verdict.signal} in doubt since [s]'] = f'{(now_ns - verdict.since_ns) / NS_PER_S:.0f}'
@@ -180,7 +180,7 @@ def heater_entry(name: str, hardware: str, report: HeaterReport) -> DiagnosticSt
     return entry(name, 'heater', hardware, HEATER_LEVELS[report.heater], sentence, values)
 
 
-def _estimation(name: str, hardware: str, state: PlannerState, estimate: Estimate,
+def _estimation(name: str, hardware: str, state: State, estimate: Estimate,
                 now_ns: int) -> DiagnosticStatus:
     decision = state.decision
     values = {
@@ -263,14 +263,14 @@ def _heater_status(name: str, hardware: str, report: HeaterAnswerReport) -> Diag
                  report.doubt or warning or 'the command is served', values)
 
 
-def _progress(name: str, state: PlannerState, now_ns: int) -> list[DiagnosticStatus]:
+def _progress(name: str, state: State, now_ns: int) -> list[DiagnosticStatus]:
     """
     Return the entry on route_progress; [] before the first one.
 
     WARN if the latest was refused or is too old: the planner then continues by time. A trip that has ended needs
     no position.
     """
-    place, refused = state.place, state.refused_progress
+    place, refused = state.place, state.inbox.refused_progress
     if refused is None and place is None:
         return []
     values = {}

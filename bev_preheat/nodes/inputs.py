@@ -20,7 +20,7 @@ from bev_preheat_msgs.msg import HvchStatus, RoutePlan, RouteProgress
 
 if TYPE_CHECKING:
     from bev_preheat.control.events import Event
-    from bev_preheat.control.planner_state import PlannerState
+    from bev_preheat.control.state import State
     from bev_preheat.messages.route_intake import RouteIntake
 
 
@@ -31,7 +31,7 @@ class Reader(NamedTuple):
     `hint` is added to a refusal, '' adds nothing.
     """
 
-    state: PlannerState
+    state: State
     routes: RouteIntake
     hint: str = ''
 

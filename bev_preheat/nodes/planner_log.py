@@ -16,7 +16,7 @@ from bev_preheat.vehicle.assumptions import assumption_warning
 if TYPE_CHECKING:
     from rclpy.impl.rcutils_logger import RcutilsLogger
 
-    from bev_preheat.control.planner_state import PlannerState
+    from bev_preheat.control.state import State
     from bev_preheat.control.step import StepOutput
     from bev_preheat.nodes.node import Values
     from bev_preheat.vehicle import Vehicle
@@ -49,7 +49,7 @@ class PlannerLog:
             if self._news.has(sentence):
                 self._logger.error(sentence)
 
-    def log_findings(self, state: PlannerState) -> None:
+    def log_findings(self, state: State) -> None:
         """Log the regime, the signals in doubt and the findings of the estimation, once."""
         regime, verdicts, before = state.regime, state.signal_verdicts, self._logged
         if regime.regime is not before.regime and regime.evidence:
@@ -70,7 +70,7 @@ class PlannerLog:
             self._logger.warning(f'The estimator was reset: {estimate.reset_reason}.')
         self._logged = self._logged._replace(heater=estimate.heater.heater, resets=estimate.resets)
 
-    def log_route(self, state: PlannerState) -> None:
+    def log_route(self, state: State) -> None:
         """Log the route that has just arrived."""
         mission = state.mission
         if mission is None:
@@ -82,7 +82,7 @@ class PlannerLog:
             f'{sum(route.total_duration_s for route in routes) / 60:.1f} min, '
             f'{sum(route.distance_m for route in routes) / 1000:.1f} km, '
             f'stops on the way: {len(routes) - 1}; propulsion power: {mission.power_source}.')
-        for warning in state.unit_warnings:
+        for warning in state.inbox.unit_warnings:
             self._logger.warning(f'route_plan: {warning}.')
 
     def log_vehicle(self, vehicle: Vehicle, values: Values) -> None:

@@ -198,9 +198,9 @@ class PlannerNode(ProgramNode):
         self._recorder.note_plan(now_ns, plan, prediction)
 
     def _record(self, now_ns: int, events: tuple[Event, ...], message: Any, output: StepOutput) -> None:
-        self._recorder.note(self._supervisor.value, now_ns, events, message, output)
+        self._recorder.note(self._supervisor.state, now_ns, events, message, output)
         self._state_keeper.save_choices(self._supervisor.state)
-        self._state_keeper.keep_running(self._supervisor.value, self._route_bytes)
+        self._state_keeper.keep_running(self._supervisor.state, self._route_bytes)
 
     def _diagnose(self, output: StepOutput, now_ns: int) -> None:
         """
@@ -253,7 +253,7 @@ class PlannerNode(ProgramNode):
             output = self._supervisor.fail(now_ns, what)
             self.get_logger().error(output.failure)
             self._publish_command(output, now_ns)
-            self._recorder.note(self._supervisor.value, now_ns, (), None, output, FAIL, what)
+            self._recorder.note(self._supervisor.state, now_ns, (), None, output, FAIL, what)
         except Exception as another:
             self.get_logger().error(
                 f'0 W could not be published after that: {type(another).__name__}: {another}; the '
@@ -350,7 +350,7 @@ class PlannerNode(ProgramNode):
     @guarded
     def _on_save_due(self) -> None:
         self._state_keeper.save(self._supervisor.state)
-        self._state_keeper.keep_running(self._supervisor.value, self._route_bytes)
+        self._state_keeper.keep_running(self._supervisor.state, self._route_bytes)
         self._recorder.tell()
 
     def _go_on(self, settings: Settings) -> None:
@@ -365,11 +365,11 @@ class PlannerNode(ProgramNode):
 
     def _route_bytes(self) -> bytes | None:
         """Return the message of the latest route as bytes (CDR); None without one."""
-        message = self._routes.message_of(self._supervisor.value.inbox.latest_mission)
+        message = self._routes.message_of(self._supervisor.state.inbox.latest_mission)
         return None if message is None else bytes(serialize_message(message))
 
     def _record_into(self, values: Values) -> None:
-        state = self._supervisor.value
+        state = self._supervisor.state
         self._recorder.attach(
             values['flight_recorder'], values['flight_recorder_size'],
             Setup({name: values[name] for name in sorted(OWN)}, self._vehicle_contents),
@@ -393,7 +393,7 @@ class PlannerNode(ProgramNode):
         now_ns = self.now_ns()
         output = self._supervisor.stop(now_ns)
         self._publish_command(output, now_ns)
-        self._recorder.note(self._supervisor.value, now_ns, (), None, output, STOP)
+        self._recorder.note(self._supervisor.state, now_ns, (), None, output, STOP)
 
     @guarded
     def _await_delivery(self) -> None:

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from rclpy.impl.rcutils_logger import RcutilsLogger
 
     from bev_preheat.control.inputs import Mission
-    from bev_preheat.control.planner_state import PlannerState
     from bev_preheat.control.settings import Settings
     from bev_preheat.control.state import State
     from bev_preheat.estimation.driver_choices import DriverChoices
@@ -124,7 +123,7 @@ class StateKeeper:
             else f'state_file: {path}: the estimation begins with the learned factors.')
         return recalled
 
-    def save(self, state: PlannerState) -> None:
+    def save(self, state: State) -> None:
         """Write a Supervisor's knowledge of the car and the driver's choices, if they have changed."""
         kept = _Kept(state.estimate, state.last_seen, state.choices)
         if not self._path or (kept.estimate is self._written.estimate and kept[1:] == self._written[1:]):
@@ -146,7 +145,7 @@ class StateKeeper:
         self._running = None
         self._written_s = time.monotonic()
 
-    def save_choices(self, state: PlannerState) -> None:
+    def save_choices(self, state: State) -> None:
         """Write new choices of the driver at once: a process may be killed at any time."""
         if state.choices != self._tried_choices:
             self.save(state)

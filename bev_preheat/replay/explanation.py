@@ -13,7 +13,7 @@ from bev_preheat.planning.status import Status
 from bev_preheat.replay.player import Player
 
 if TYPE_CHECKING:
-    from bev_preheat.control.planner_state import PlannerState
+    from bev_preheat.control.state import State
     from bev_preheat.replay.flight_file import Flight
 
 NODE = 'planner'
@@ -55,7 +55,7 @@ def explain(flight: Flight, at_ns: int) -> Why:
     return why(player.state, latest.step.now_ns)
 
 
-def why(state: PlannerState, now_ns: int) -> Why:
+def why(state: State, now_ns: int) -> Why:
     """Return Why a planner in this state gave its latest command, seen from an instant [ns]."""
     command, decision = state.latest_command, state.decision
     power = 'no command' if command is None else f'{command.battery_heating_power_w:.0f} W'
@@ -67,7 +67,7 @@ def why(state: PlannerState, now_ns: int) -> Why:
     return Why(now_ns, answer, (*sections, *_plan(state, now_ns), _otherwise(state, now_ns)))
 
 
-def _inputs(state: PlannerState, now_ns: int) -> Section:
+def _inputs(state: State, now_ns: int) -> Section:
     rows = []
     measurement, mission, place = state.measurement, state.mission, state.place
     if measurement is None:
@@ -86,8 +86,8 @@ def _inputs(state: PlannerState, now_ns: int) -> Section:
     if place is not None:
         rows.append(('route_progress', f'{place.latest.distance_m:.0f} m of {place.length_m:.0f} m, '
                      f'{(now_ns - place.latest.stamp_ns) / NS_PER_S:.2f} s old'))
-    for name, refused in (('refused route_plan', state.refused_route),
-                          ('refused route_progress', state.refused_progress)):
+    for name, refused in (('refused route_plan', state.inbox.refused_route),
+                          ('refused route_progress', state.inbox.refused_progress)):
         if refused is not None:
             rows.append((name, refused))
     if state.rivals:
@@ -95,7 +95,7 @@ def _inputs(state: PlannerState, now_ns: int) -> Section:
     return Section('inputs', tuple(rows))
 
 
-def _plan(state: PlannerState, now_ns: int) -> list[Section]:
+def _plan(state: State, now_ns: int) -> list[Section]:
     decision = state.decision
     plan = decision.plan
     if plan is None:
@@ -110,14 +110,14 @@ def _plan(state: PlannerState, now_ns: int) -> list[Section]:
     return [Section('plan', tuple(rows))]
 
 
-def _begins_s(state: PlannerState, now_ns: int) -> float | None:
+def _begins_s(state: State, now_ns: int) -> float | None:
     decision = state.decision
     if decision.plan is None or decision.plan.heating_start_s is None:
         return None
     return (decision.plan_start_ns - now_ns) / NS_PER_S + decision.plan.heating_start_s
 
 
-def _otherwise(state: PlannerState, now_ns: int) -> Section:
+def _otherwise(state: State, now_ns: int) -> Section:
     decision, begins_s = state.decision, _begins_s(state, now_ns)
     otherwise = decision.status.meaning.otherwise
     sentences = [('for another answer', otherwise)] if otherwise else []

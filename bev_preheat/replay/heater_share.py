@@ -15,7 +15,7 @@ from bev_preheat.tunables import FAILURE_S, FAULTY
 
 if TYPE_CHECKING:
     from bev_preheat.control.heater_answer import HeaterStatus
-    from bev_preheat.control.planner_state import PlannerState
+    from bev_preheat.control.state import State
     from bev_preheat.replay.flight_file import Flight
     from bev_preheat.replay.player import Played
     from bev_preheat_msgs.msg import HvchStatus
@@ -97,7 +97,7 @@ class HeaterShares:
             number -= 1
         return number
 
-    def _share(self, state: PlannerState) -> float:
+    def _share(self, state: State) -> float:
         answer, estimate = state.heater_answer, state.estimate
         if answer is not None and answer.status is not None and not answer.doubt and not answer.silence:
             self._by_status = True

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from bev_preheat.control.decision import Decision
     from bev_preheat.control.inputs import Leg
-    from bev_preheat.control.planner_state import PlannerState
+    from bev_preheat.control.state import State
     from bev_preheat.replay.player import Played
 
 # Rows of a drive of any length; a day has one a second.
@@ -138,7 +138,7 @@ class History:
         self._ahead_ns = self._latest_ns - now_ns
         return self._latest_ns
 
-    def _add_row(self, now_ns: int, state: PlannerState, command_w: float, has_planner: bool) -> None:
+    def _add_row(self, now_ns: int, state: State, command_w: float, has_planner: bool) -> None:
         decision, measurement = state.decision, state.measurement
         estimate, plan = (state.estimate, decision.plan) if has_planner else (None, None)
         answer = None if state.heater_answer is None else state.heater_answer.status

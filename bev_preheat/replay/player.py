@@ -34,8 +34,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from bev_preheat.control.events import Event
-    from bev_preheat.control.planner_state import PlannerState
     from bev_preheat.control.settings import Settings
+    from bev_preheat.control.state import State
     from bev_preheat.control.step import StepOutput
     from bev_preheat.estimation.prior import Learned
     from bev_preheat.replay.flight_file import Flight, Given, Start
@@ -71,11 +71,11 @@ class Changes:
 
 
 class Played(NamedTuple):
-    """A step's instant [ns], its StepOutput, and the PlannerState after it."""
+    """A step's instant [ns], its StepOutput, and the State after it."""
 
     now_ns: int
     output: StepOutput
-    state: PlannerState
+    state: State
 
 
 class Player:
@@ -106,8 +106,8 @@ class Player:
         self._go_on_from(self._starts.pop(0, None))
 
     @property
-    def state(self) -> PlannerState:
-        """The PlannerState after the latest step."""
+    def state(self) -> State:
+        """The State after the latest step."""
         return self._supervisor.state
 
     def play(self, given: Given) -> Played:
@@ -147,7 +147,7 @@ class Player:
         vehicle, settings = self._vehicle(self._beginning.vehicle_file), self._settings(self._beginning.parameters)
         if state.now_ns:
             self._supervisor.step(state.now_ns, Reconfigured(
-                vehicle, settings, self._routes.read_again(state.view, vehicle, settings)))
+                vehicle, settings, self._routes.read_again(state, vehicle, settings)))
         elif self._changes.has_recorded_vehicle:
             self._supervisor.go_on_from(state._replace(inbox=state.inbox._replace(settings=settings)))
         else:

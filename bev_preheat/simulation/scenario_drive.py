@@ -14,7 +14,7 @@ from bev_preheat.simulation.supervised_drive import moments
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from bev_preheat.control.planner_state import PlannerState
+    from bev_preheat.control.state import State
     from bev_preheat.simulation.imperfect_car import ImperfectCar
     from bev_preheat.simulation.scenario import Scenario
     from bev_preheat.simulation.supervised_drive import Moment, Wire
@@ -50,7 +50,7 @@ def drive_scenario(
     return record
 
 
-def _note(record: DriveRecord, moment: Moment, state: PlannerState, car: ImperfectCar) -> None:
+def _note(record: DriveRecord, moment: Moment, state: State, car: ImperfectCar) -> None:
     output = moment.output
     if output.decision is not None:
         record.statuses.add(output.decision.status.name)

@@ -75,7 +75,7 @@ class _MessageWire:
         self._recorder = FlightRecorder(Planner('/planner', True, '/{}'.format, warn, warn))
         self._recorder.attach(
             folder, UNBOUNDED_MB, Setup(dict(scenario.planner), vehicle_contents(scenario.vehicle_name)),
-            supervisor.value, START_NS)
+            supervisor.state, START_NS)
 
     def route(self, mission: Mission) -> Event:
         return self._carried(route_plan_message(mission),
@@ -92,7 +92,7 @@ class _MessageWire:
         if events:
             event, message = self._coming.pop(0)
             assert event is events[0]
-        self._recorder.note(self._supervisor.value, now_ns, tuple(events), message, output)
+        self._recorder.note(self._supervisor.state, now_ns, tuple(events), message, output)
         if output.decision is not None:
             plan = plan_message(output.decision, self._supervisor.state.active_mission, now_ns,
                                 self._supervisor.later_decisions())

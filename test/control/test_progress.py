@@ -152,7 +152,7 @@ def test_positions_do_not_replace_battery_states():
 def test_a_position_without_a_route_says_nothing():
     supervisor = Stepwise(VEHICLE, MEASURED)
     supervisor.run(START_NS, ProgressArrived(Progress(100.0, START_NS, 'home')))
-    assert (supervisor.state.place, supervisor.state.refused_progress) == (None, None)
+    assert (supervisor.state.place, supervisor.state.inbox.refused_progress) == (None, None)
 
 
 def test_another_route_is_driven_by_its_own_stamp_again():
@@ -186,11 +186,11 @@ def test_a_refused_position_is_told_and_leaves_the_heater_alone(event):
     refusal, = drive.supervisor.output.refusals
     assert refusal.source == 'route_progress'
     assert refusal.error.problems[-1] == 'look at the clocks'
-    assert drive.supervisor.state.refused_progress == f'route_progress refused: {refusal.error}'
+    assert drive.supervisor.state.inbox.refused_progress == f'route_progress refused: {refusal.error}'
     # The previous place holds.
     assert drive.feed(101.0) == (HEATS, COLD, 598.5)
     drive.tell(102.0, 0.0)
-    assert drive.supervisor.state.refused_progress is None
+    assert drive.supervisor.state.inbox.refused_progress is None
 
 
 def test_a_place_that_is_too_old_is_driven_on_from_by_time():

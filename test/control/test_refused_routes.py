@@ -108,9 +108,9 @@ def test_a_refused_update_remains_known_until_a_valid_route_comes():
     known = []
     for second in range(1, 4):
         feed(supervisor, NOW_NS + ns(second))
-        known.append(supervisor.state.refused_route)
+        known.append(supervisor.state.inbox.refused_route)
     supervisor.accept_mission(make_mission())
-    assert (set(known), supervisor.state.refused_route) == ({
+    assert (set(known), supervisor.state.inbox.refused_route) == ({
         'route_plan refused: speed[0]: -1 is not allowed. The previous route holds again from '
         'the next valid battery state on.'}, None)
 
@@ -155,7 +155,7 @@ def test_after_a_dropped_route_a_valid_one_heats():
     supervisor.refuse_route(ERROR, RefusedRoute('work'))
     supervisor.accept_mission(make_mission('work'))
     supervisor.replan(NOW_NS)
-    assert (feed_on(supervisor, 0.0)[0] > 0.0, supervisor.state.refused_route) == (True, None)
+    assert (feed_on(supervisor, 0.0)[0] > 0.0, supervisor.state.inbox.refused_route) == (True, None)
 
 
 def test_a_second_refusal_of_the_same_trip_does_not_bring_a_dropped_route_back():
@@ -230,7 +230,7 @@ def test_a_revised_route_does_not_make_a_refused_one_good():
     supervisor.refuse_route(ERROR, SAME)
     supervisor.revise_mission(make_mission())
     supervisor.replan(NOW_NS)
-    assert (outcome(supervisor, NOW_NS), supervisor.state.refused_route is None) == (OFF, False)
+    assert (outcome(supervisor, NOW_NS), supervisor.state.inbox.refused_route is None) == (OFF, False)
 
 
 # Cancellation
@@ -261,7 +261,7 @@ def test_a_cancellation_makes_a_refused_route_good():
     supervisor = heating_supervisor(make_mission())
     supervisor.refuse_route(ERROR, RefusedRoute('work'))
     supervisor.cancel()
-    assert (feed(supervisor, NOW_NS + ns(1.0)), supervisor.state.refused_route) == (
+    assert (feed(supervisor, NOW_NS + ns(1.0)), supervisor.state.inbox.refused_route) == (
         (0.0, Status.NO_CHARGING_PLANNED), None)
 
 

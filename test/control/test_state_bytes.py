@@ -38,7 +38,7 @@ class Forgetful(Supervisor):
 
     def step(self, now_ns, *events):
         if self.random.random() < self.share:
-            self.go_on_from(state_of(state_bytes(self.value)))
+            self.go_on_from(state_of(state_bytes(self.state)))
         output = super().step(now_ns, *events)
         decision, state = output.decision, self.state
         self.said.append((
@@ -73,7 +73,7 @@ def test_a_step_changes_nothing_in_the_state_before_it(name):
     class Watched(Supervisor):
         def step(self, now_ns, *events):
             nonlocal compared
-            before = self.value
+            before = self.state
             if draw.random() > 0.03:
                 return super().step(now_ns, *events)
             written = state_bytes(before)
@@ -177,6 +177,6 @@ def test_a_preparation_in_the_cheapest_hours_goes_on_the_same(zone):
             events.append(PreparationWanted(PreparationGoal(ready_ns, 10.0, True, -10.0, prices=prices)))
         said.append([step.decision.explanation for step in (
             planner.step(now_ns, *events), restored.step(now_ns, *events))])
-        restored.go_on_from(state_of(state_bytes(planner.value)))
+        restored.go_on_from(state_of(state_bytes(planner.state)))
     assert [first for first, _ in said] == [second for _, second in said]
     assert any('in the cheapest hours' in first for first, _ in said)

@@ -256,10 +256,10 @@ def test_nothing_is_lost_or_piles_up_while_a_stage_fails(monkeypatch, stage):
                 events.append(RouteArrived(replace(supervisor.state.mission, route_id='elsewhere')))
             output = supervisor.step(now_ns, *events)
             assert output.failure and output.command.battery_heating_power_w == 0.0
-            sizes.append(len(state_bytes(supervisor.value)))
+            sizes.append(len(state_bytes(supervisor.state)))
     assert max(sizes[6:]) <= min(sizes[6:]) + 200
     supervisor.step(NOW_NS + ns(12.0), BatteryStateArrived(make_measurement(stamp_ns=NOW_NS + ns(12.0))))
-    assert not supervisor.value.inbox.changes.measurements
+    assert not supervisor.state.inbox.changes.measurements
     assert supervisor.state.mission.route_id == 'elsewhere'
     assert supervisor.state.decision.status.meaning.is_of_plan
 
@@ -390,7 +390,7 @@ def test_a_state_that_was_overtaken_is_dropped_without_a_word(late_s):
         make_measurement(20.0, stamp_ns=NOW_NS - ns(late_s))))
     assert supervisor.output.refusals == ()
     assert outcome(supervisor, NOW_NS + ns(0.1)) == (power_w, reason)
-    assert (supervisor.state.temperature_c, supervisor.state.overtaken_states) == (-7.0, 1)
+    assert (supervisor.state.temperature_c, supervisor.state.inbox.overtaken_states) == (-7.0, 1)
 
 
 def test_an_overtaken_state_does_not_excuse_a_refused_one():
@@ -688,11 +688,11 @@ def random_step(seeded, supervisor, oracle, now_ns):
     what = seeded.choice(('battery',) * 4 + ('mission',) * 2 + (
         'bad battery', 'bad mission', 'bad mission', 'cancel', 'enable', 'time', 'clock', 'calm', 'calm', 'calm'))
     if what == 'battery':
-        stamp_ns, overtaken = now_ns - ns(seeded.uniform(-0.6, 4.4)), supervisor.state.overtaken_states
+        stamp_ns, overtaken = now_ns - ns(seeded.uniform(-0.6, 4.4)), supervisor.state.inbox.overtaken_states
         try:
             supervisor.accept_battery(
                 make_measurement(oracle.temperature_c(seeded), 0.7, stamp_ns), now_ns)
-            if supervisor.state.overtaken_states == overtaken:
+            if supervisor.state.inbox.overtaken_states == overtaken:
                 oracle.note(stamp_ns, now_ns)
         except InvalidInput:
             oracle.battery_trusted = False

@@ -132,7 +132,7 @@ def test_positions_after_the_end_are_no_fault_and_count_no_more():
     for distance_m in (7000.0, 6900.0, 3000.0, 0.0):
         trip.step(DRIVE_W, CONSUMERS_W)
         trip.send_position(distance_m)
-    assert (trip.violations, trip.planner.state.refused_progress) == ([], None)
+    assert (trip.violations, trip.planner.state.inbox.refused_progress) == ([], None)
     assert trip.planner.state.place.has_ended
 
 

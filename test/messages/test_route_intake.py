@@ -168,7 +168,7 @@ def test_a_route_that_nobody_foresaw_ends_the_one_before_it(driver, monkeypatch)
     with pytest.raises(InvalidInput, match='MemoryError'):
         driver.take(route_message(route_id='work'))
     assert driver.fed(1.0) == (0.0, Status.INVALID_INPUT)
-    assert driver.supervisor.state.refused_route.startswith(
+    assert driver.supervisor.state.inbox.refused_route.startswith(
         'route_plan refused: cannot be read: MemoryError. ')
 
 
