@@ -46,8 +46,6 @@ SCHEMAS = {'signal_map': 'logs/signal_map_schema.yaml',
            'itinerary': 'control/itinerary_schema.yaml',
            'departures': 'control/departures_schema.yaml',
            'grid_prices': 'control/grid_prices_schema.yaml'}
-# Files that a page shows, with their language.
-EXAMPLES = {'example_method': ('python', 'docs/examples/fixed_minutes_method/fixed_minutes_method.py')}
 LEVEL_NAMES = {DiagnosticStatus.OK: 'OK', DiagnosticStatus.WARN: 'WARN',
                DiagnosticStatus.ERROR: 'ERROR'}
 # The mark of required arguments and keys, and of parameters that are read at the start only.
@@ -59,10 +57,7 @@ def parts():
     """Return {name: text} of all generated parts."""
     return {'messages': messages(), 'parameters': parameters(), 'statuses': statuses(),
             'heater': heater(), 'command_line': command_line(),
-            **{f'{name}_keys': schema_keys(ROOT / 'bev_preheat' / path)
-               for name, path in SCHEMAS.items()},
-            **{name: f'```{language}\n{(ROOT / path).read_text()}```\n'
-               for name, (language, path) in EXAMPLES.items()}}
+            **{f'{name}_keys': schema_keys(ROOT / 'bev_preheat' / path) for name, path in SCHEMAS.items()}}
 
 
 def filled_pages():
