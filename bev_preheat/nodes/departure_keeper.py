@@ -8,7 +8,7 @@ from typing import NamedTuple, TYPE_CHECKING
 
 from std_srvs.srv import SetBool
 
-from bev_preheat.control.departure_source import DepartureSource
+from bev_preheat.control.departure_source import DepartureSource, NO_DEPARTURES
 from bev_preheat.control.departures_file import load_departures, load_grid_prices
 from bev_preheat.errors import InvalidInput
 
@@ -128,20 +128,21 @@ class DepartureKeeper:
         departures: Departures | None = self._departures.contents
         if departures is None:
             source, self._source = self._source, None
-            return () if source is None else source.give_up()
+            return () if source is None else source.given_up()
         if self._source is None:
             self._source = DepartureSource(departures, self.prices, self._last_seen_ns)
             # Later ones did not pass while the planner was down.
             self._last_seen_ns = None
         else:
-            self._source.use(departures, self.prices)
+            self._source = self._source.using(departures, self.prices)
         return ()
 
     def events(self, state: State, now_ns: int) -> tuple[Event, ...]:
         """Return the events of an instant [ns]; mostly ()."""
         if self._source is None:
             return ()
-        events, latest = self._source.events(state, now_ns), self._source.report.latest
+        self._source, events = self._source.events(state, now_ns)
+        latest = self._source.latest
         if latest != self._told:
             self._told = latest
             self._node.get_logger().info(f'departures: {latest}')
@@ -150,13 +151,13 @@ class DepartureKeeper:
     def note(self, outcome: PreparationOutcome, state: State, now_ns: int) -> None:
         """Take in the PreparationOutcome of any goal."""
         if self._source is not None:
-            self._source.note(outcome, state, now_ns)
+            self._source = self._source.noted(outcome, state, now_ns)
 
     def report(self) -> DepartureFiles | None:
         """Return the DepartureFiles; None without a file of departures."""
         if not self._departures.path:
             return None
-        report = DepartureSource.NOTHING if self._source is None else self._source.report
+        report = NO_DEPARTURES if self._source is None else self._source.report
         return DepartureFiles(report, self._departures.path, self._prices.path, '; '.join(
             filter(None, (self._departures.problem, self._prices.problem))))
 
@@ -166,7 +167,7 @@ class DepartureKeeper:
             return response
         state, now_ns = self._supervisor.state, self._node.get_clock().now().nanoseconds
         event, response.message = (
-            self._source.skip_next(state, now_ns) if request.data else self._source.unskip(state, now_ns))
+            self._source.skip_next(state, now_ns) if request.data else self._source.unskip(now_ns))
         if event is not None:
             response.success = True
             self._node.get_logger().info(response.message)

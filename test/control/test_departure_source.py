@@ -70,7 +70,7 @@ class Car:
         assert not output.failure, output.failure
         for outcome in output.outcomes:
             self.outcomes.append(outcome)
-            self.source.note(outcome, self.supervisor.state, self.now_ns)
+            self.source = self.source.noted(outcome, self.supervisor.state, self.now_ns)
         return output
 
     def tick(self, **changes):
@@ -83,7 +83,7 @@ class Car:
         return self.act()
 
     def act(self):
-        events = self.source.events(self.supervisor.state, self.now_ns)
+        self.source, events = self.source.events(self.supervisor.state, self.now_ns)
         self.events += events
         return self.step(*events).command.battery_heating_power_w
 
@@ -323,7 +323,7 @@ def test_a_skipped_departure_ends_at_once_survives_a_restart_and_can_be_taken_ba
     again.go(11 * MINUTE)
     assert again.source.report.latest == ''
     assert again.supervisor.state.choices.after_restart(again.now_ns).skipped_until_ns is None
-    event, sentence = car.source.unskip(car.supervisor.state, car.now_ns)
+    event, sentence = car.source.unskip(car.now_ns)
     assert 'The next departure is work, Wed 2026-11-25' in sentence
     car.step(event)
     car.act()
@@ -362,7 +362,7 @@ def test_without_departures_there_is_nothing_to_skip():
 def test_another_file_replaces_the_goal_without_a_pause():
     car = Car(now_ns=READY_NS - round(10 * MINUTE * NS_PER_S))
     assert car.tick() == pytest.approx(FULL_W)
-    car.source.use(week(work(target_c=23.0)), None)
+    car.source = car.source.using(week(work(target_c=23.0)), None)
     assert car.act() == pytest.approx(FULL_W)
     assert car.goal.target_c == 23.0
     assert not any(isinstance(event, PreparationEnded) for event in car.events)
