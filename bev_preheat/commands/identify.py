@@ -153,8 +153,7 @@ def _printable(text: str) -> str:
 
 def _write_vehicle(arguments: Namespace, result: Identification, start_file: Path) -> None:
     """Write the vehicle file, and load it as a check."""
-    from bev_preheat.identification.notes import identified_keys, notes_of
-    from bev_preheat.identification.vehicle_file import identified_text
+    from bev_preheat.identification.vehicle_file import identified_keys, identified_text, notes_of
     words = ['preheat', 'identify', *arguments.logs, '--vehicle', arguments.vehicle, '--output', arguments.output]
     tested = (f'Arrival temperature of trips that the fit has not seen: RMSE {result.rmse_k:.2f} K, worst '
               f'{result.worst_k:.2f} K.' if result.left_out else 'No trip that the fit has not seen tests it.')

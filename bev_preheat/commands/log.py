@@ -15,7 +15,7 @@ from bev_preheat.console.terminal import print_records, result_console
 from bev_preheat.errors import figure, shortened
 from bev_preheat.files.output_files import expanded
 from bev_preheat.logs.reading import LONGEST_LIST, read_recording
-from bev_preheat.logs.sampling import Sampling, sampling
+from bev_preheat.logs.recording import Sampling, sampling
 
 if TYPE_CHECKING:
     from argparse import ArgumentParser, Namespace

@@ -148,6 +148,6 @@ class VersionAction(argparse.Action):
     def __call__(self, parser: argparse.ArgumentParser, namespace: argparse.Namespace,
                  values: object, option_string: str | None = None) -> None:
         """Print the version and exit."""
-        from bev_preheat.files.version import version
+        from bev_preheat.files.configuration import version
         write_output(f'{parser.prog} {version()}\n')
         parser.exit()

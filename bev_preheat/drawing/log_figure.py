@@ -10,7 +10,7 @@ import numpy as np
 from bev_preheat.drawing.curves import TimeAxis
 from bev_preheat.drawing.figure import legend_above, save_figure, stacked_figure
 from bev_preheat.drawing.palette import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY_BLUE, VERMILLION
-from bev_preheat.logs.sampling import gaps
+from bev_preheat.logs.recording import gaps
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -8,7 +8,7 @@ import re
 
 from bev_preheat.code_generation import c_source
 from bev_preheat.errors import InvalidInput
-from bev_preheat.files.installed import installed_prefix
+from bev_preheat.files.configuration import installed_prefix
 
 # If the sources are read in place, the C files beside them belong to them.
 _CHECKOUT = Path(__file__).resolve().parents[2]

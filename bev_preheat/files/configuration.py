@@ -1,13 +1,39 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Finds the files in the package's config folder, by name or by path."""
+"""Finds the files that come with the package, in a checkout or installed: by name, by path; and its version."""
+
+from __future__ import annotations
 
 from difflib import get_close_matches
 import os
 from pathlib import Path
+from xml.etree import ElementTree
 
 from bev_preheat.errors import InvalidInput, LONGEST_QUOTE, quoted
 from bev_preheat.files.input_files import check_input
-from bev_preheat.files.installed import share_folder
+
+PACKAGE = 'bev_preheat'
+_INDEX = Path('share', 'ament_index', 'resource_index', 'packages')
+_HERE = Path(__file__).resolve()
+
+
+def installed_prefix(package: str) -> Path | None:
+    """
+    Return the prefix that a package is installed in, None if it is not installed.
+
+    The first prefix in AMENT_PREFIX_PATH with the package is used, else the prefix of this file.
+    """
+    prefixes = [Path(prefix) for prefix in os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep) if prefix]
+    return next((prefix for prefix in (*prefixes, *_HERE.parents) if (prefix / _INDEX / package).is_file()), None)
+
+
+def share_folder() -> Path:
+    """Return the folder of the files that come with this package; raises InvalidInput if it is missing."""
+    prefix = installed_prefix(PACKAGE)
+    if prefix is None:
+        raise InvalidInput(f'the files of {PACKAGE} are missing: AMENT_PREFIX_PATH does not lead to them; source '
+                           'the setup file of the install space')
+    return prefix / 'share' / PACKAGE
+
 
 # In a source tree, its own config folder is used.
 _SOURCES = Path(__file__).resolve().parents[2]
@@ -53,3 +79,18 @@ def find_configuration(kind: str, name_or_file: str | Path, suffix: str) -> Path
     raise InvalidInput(
         f'{singular} {quoted(text)} is unknown{hint}; known: {", ".join(names)}; '
         f'or give a file ending in {suffix}')
+
+
+MANIFEST = 'package.xml'
+
+
+def version() -> str:
+    """Return the version of the running sources, or of the installed package, as a text."""
+    manifest = Path(__file__).resolve().parents[2] / MANIFEST
+    if not manifest.is_file():
+        if installed_prefix(PACKAGE) is None:
+            # Installed by pip.
+            from importlib.metadata import version as version_of
+            return version_of(PACKAGE)
+        manifest = share_folder() / MANIFEST
+    return ElementTree.parse(manifest).findtext('version', '').strip()

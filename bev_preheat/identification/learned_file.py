@@ -15,8 +15,8 @@ from bev_preheat.estimation.prior import NOMINAL_LAGS_S, prior_factor_covariance
 from bev_preheat.estimation.state_file import load_state
 from bev_preheat.identification.curves import KNOTS_C, KNOTS_SOC, resistance_table
 from bev_preheat.identification.deviations import with_deviations
-from bev_preheat.identification.notes import UNCERTAINTY_NOTE
 from bev_preheat.identification.uncertainty import MOST_OF_PRIOR, QUANTILE
+from bev_preheat.identification.vehicle_file import UNCERTAINTY_NOTE
 from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
 
 if TYPE_CHECKING:

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.errors import figure, InvalidInput
-from bev_preheat.logs.distances import integral
-from bev_preheat.logs.doubts import find_doubts, turned
+from bev_preheat.logs.doubts import find_doubts, integral, turned
 from bev_preheat.logs.hypotheses import JUMP_K, JUMP_S
 from bev_preheat.logs.recording import Series
 from bev_preheat.numerics.factors import S_PER_H

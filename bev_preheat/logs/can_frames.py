@@ -13,8 +13,8 @@ from typing import Any, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.errors import figure, InvalidInput, quoted
-from bev_preheat.logs.channels import Channel, Piece
-from bev_preheat.logs.dbc import all_bits_set, load_dbc, scaled, values_of_nothing
+from bev_preheat.files.input_files import check_input
+from bev_preheat.logs.raw_log import Channel, Piece
 from bev_preheat.logs.text_frames import LINES, text_frames, text_kind
 from bev_preheat.optional_packages import require
 from bev_preheat.tables.text import encoding_of, read_head
@@ -22,8 +22,61 @@ from bev_preheat.tables.times import EARLIEST_S, LATEST_S
 from bev_preheat.tables.units import unit_named
 
 if TYPE_CHECKING:
-    from bev_preheat.logs.remarks import Remarks
+    from bev_preheat.logs.raw_log import Remarks
     from bev_preheat.logs.signal_map import SignalMap
+
+# Values that the DBC gives such a name are no readings.
+NO_READING = re.compile(r'(^|[^a-z])(sna|n\W?a|nan|init\w*|invalid|fault\w*|error|err|unknown|undefined|'
+                        r'not ?(available|defined|valid|used)|no ?(signal|data|value)|reserved)([^a-z]|$)',
+                        re.IGNORECASE)
+# Fewer bits are counts or states, all values of which are used.
+LEAST_BITS = 8
+
+
+def load_dbc(file: str | Path) -> Any:
+    """Return the cantools Database of a DBC file; raises InvalidInput if it cannot be read."""
+    require('cantools')
+    import cantools
+    check_input(file)
+    try:
+        try:
+            return cantools.database.load_file(str(file), strict=False)
+        except Exception:
+            mended = _with_nodes(Path(file).read_text(encoding='cp1252'))
+            if mended is None:
+                raise
+            return cantools.database.load_string(mended, 'dbc', strict=False)
+    except Exception as error:
+        # cantools raises errors of its parser, of files and of encodings.
+        raise InvalidInput(f'{file}: cannot be read as a DBC: {quoted(" ".join(str(error).split()))}') from error
+
+
+def _with_nodes(text: str) -> str | None:
+    """Return a DBC with the sections BS_ and BU_, which some tools leave out; None if it has both."""
+    missing = [key for key in ('BS_:', 'BU_:') if not re.search(rf'^\s*{key[:-1]}\s*:', text, re.MULTILINE)]
+    first = re.search(r'^\s*BO_\s', text, re.MULTILINE)
+    if not missing or first is None:
+        return None
+    return f'{text[:first.start()]}\n{" ".join(missing)}\n{text[first.start():]}'
+
+
+def values_of_nothing(signal: Any) -> dict[float, str]:
+    """Return the raw values of a cantools Signal whose names say that there is no reading, with these names."""
+    return {value: str(name) for value, name in (signal.choices or {}).items()
+            if NO_READING.search(str(name).replace('_', ' '))}
+
+
+def scaled(signal: Any, raw: float) -> float:
+    """Return a raw value of a cantools Signal in its unit."""
+    return float(signal.conversion.raw_to_scaled(raw, decode_choices=False))
+
+
+def all_bits_set(signal: Any) -> tuple[float, ...]:
+    """Return the value of a cantools Signal, in its unit, with all bits set; () if that is nothing special."""
+    if signal.is_signed or signal.is_float or signal.length < LEAST_BITS:
+        return ()
+    return (scaled(signal, (1 << signal.length) - 1),)
+
 
 # A trace of PCAN-View without a version names its columns first.
 PCAN = re.compile(r';\s*Message Number|;-+\s*$|;\s*Start time:', re.IGNORECASE)

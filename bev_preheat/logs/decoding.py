@@ -9,15 +9,44 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.errors import figure, InvalidInput, quoted
-from bev_preheat.logs.all_ones import all_ones
 from bev_preheat.logs.hypotheses import hypotheses, Hypothesis, plausible
 from bev_preheat.tables.numbers import read_numbers, unit_in_cells
 from bev_preheat.tables.units import check_unit, conversion, own_unit, split_unit, unit_named
 
 if TYPE_CHECKING:
-    from bev_preheat.logs.remarks import Remarks
+    from bev_preheat.logs.raw_log import Remarks
     from bev_preheat.logs.signal_map import Source
     from bev_preheat.numerics.arrays import BoolArray, FloatArray, IntArray
+
+# The largest values of one byte and of two, and the usual resolutions and offset of a signal.
+BYTES = tuple(255.0 * step + offset for step in (1.0, 0.5, 0.1) for offset in (0.0, -40.0))
+WORDS = tuple(full * step for step in (1.0, 0.1, 0.01, 0.001) for full in (65535.0, 32767.0, -32768.0))
+# A reading stands apart if no other is nearer than this share of its value; for one byte, a tenth of a degree is a
+# reading, so there a distance [K] that no temperature jumps is needed too.
+APART, BYTE_APART_K = 0.1, 15.0
+# A sensor may stay at a lower value.
+LEAST_CONSTANT = 60.0
+
+
+def all_ones(numbers: FloatArray, is_temperature: bool, full: tuple[float, ...] = ()) -> BoolArray:
+    """
+    Return which numbers are all ones and stand apart from the others, shape (N,).
+
+    `full` are the values of all ones if the log tells them; otherwise the usual ones are tried, those of a byte
+    for temperatures only, because other signals pass through them.
+    """
+    finite = np.unique(numbers[np.isfinite(numbers)])
+    found: BoolArray = np.zeros(len(numbers), dtype=bool)
+    for value in full or (WORDS + BYTES if is_temperature else WORDS):
+        same = np.abs(finite - value) <= 1e-6 * max(abs(value), 1.0)
+        others = finite[~same]
+        if not same.any() or (not others.size and value < LEAST_CONSTANT and not full):
+            continue
+        least = max(APART * abs(value), BYTE_APART_K if value in BYTES and not full else 0.0)
+        if not others.size or np.abs(others - value).min() >= least:
+            found |= np.abs(numbers - value) <= 1e-6 * max(abs(value), 1.0)
+    return found
+
 
 # The state of charge of a battery in use; a scale that gives less does not fit.
 LEAST_PLAUSIBLE_SOC = 0.02

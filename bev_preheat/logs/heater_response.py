@@ -9,7 +9,7 @@ from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.logs.distances import integral
+from bev_preheat.logs.doubts import integral
 from bev_preheat.logs.recording import Series
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.logs.distances import AGREEMENT, by_position, distances, integral
+from bev_preheat.logs.doubts import AGREEMENT, by_position, distances, integral
 from bev_preheat.logs.recording import Series
 from bev_preheat.tables.units import conversion, own_unit
 

@@ -1,27 +1,61 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reads a log of any known format into a Recording in SI units."""
+"""Reads a log of any known format, found by its content, into a Recording in SI units."""
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from pathlib import Path
 import re
 
 import numpy as np
 
 from bev_preheat.errors import figure, InvalidInput, quoted, shortened
-from bev_preheat.logs.assembly import Assembly
-from bev_preheat.logs.channels import RawLog
+from bev_preheat.logs.assembly import Assembly, Samples
+from bev_preheat.logs.can_frames import open_can_frames
 from bev_preheat.logs.choice import all_candidates, Candidates
+from bev_preheat.logs.csv_log import open_csv_log
 from bev_preheat.logs.decoding import Decoder
 from bev_preheat.logs.doubts import find_doubts, J_PER_KWH
-from bev_preheat.logs.formats import open_log
 from bev_preheat.logs.heater_response import heater_response
+from bev_preheat.logs.json_lines import open_json_lines
+from bev_preheat.logs.mdf import open_mdf
+from bev_preheat.logs.raw_log import RawLog, Remarks
 from bev_preheat.logs.recording import Recording, Series
-from bev_preheat.logs.remarks import Remarks
-from bev_preheat.logs.samples import Samples
+from bev_preheat.logs.ros_bag import is_bag_folder, open_ros_bag, RosBag
 from bev_preheat.logs.signal_map import load_signal_map, plain, recognised_map, SignalMap
+from bev_preheat.tables.text import encoding_of, read_head
 from bev_preheat.tables.units import is_stated, measures, split_unit, unit_named
+
+# Each takes a path, the file's first bytes and the DBC files, and returns the open log, None for another format.
+Opener = Callable[[str | Path, bytes, Collection[str | Path]], RawLog | None]
+FORMATS: tuple[Opener, ...] = (
+    open_mdf, open_can_frames,
+    lambda path, head, databases: open_ros_bag(path, head),
+    lambda path, head, databases: open_json_lines(path, head),
+    lambda path, head, databases: open_csv_log(path, head))
+
+
+def open_log(path: str | Path, databases: Collection[str | Path] = ()) -> RawLog:
+    """
+    Return the open log of a file, or of a rosbag2 folder; `databases` are DBC files for CAN frames.
+
+    Raises InvalidInput if it cannot be read or has no known format.
+    """
+    if is_bag_folder(path):
+        return RosBag(path)
+    head = read_head(path)
+    for open_format in FORMATS:
+        log = open_format(path, head, databases)
+        if log is not None:
+            return log
+    if encoding_of(head) is not None:
+        raise InvalidInput(f'{path}: is text, but no log: a CSV log has a header that names its columns and '
+                           'lines of '
+                           'values below it, JSON lines have an object a line, candump has (time) channel frame')
+    raise InvalidInput(f'{path}: is no log of a known format; known: CSV with a header (one column a signal, or '
+                       'SECONDS;PID;VALUE;UNITS), JSON lines, MDF, candump, ASC or BLF with a DBC, MCAP and '
+                       'rosbag2')
+
 
 LONGEST_LIST = 400
 HIGHEST_SPEED_MPS = 100.0

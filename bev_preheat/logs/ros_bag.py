@@ -10,13 +10,13 @@ from typing import Any, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.errors import InvalidInput, quoted
-from bev_preheat.files.installed import installed_prefix
+from bev_preheat.files.configuration import installed_prefix
 from bev_preheat.files.mcap_file import mcap_messages
-from bev_preheat.logs.channels import Channel, Piece
+from bev_preheat.logs.raw_log import Channel, Piece
 from bev_preheat.optional_packages import MissingPackage, require
 
 if TYPE_CHECKING:
-    from bev_preheat.logs.remarks import Remarks
+    from bev_preheat.logs.raw_log import Remarks
     from bev_preheat.logs.signal_map import SignalMap
 
 MAGIC = (b'\x89MCAP0\r\n', b'SQLite format 3\0')

@@ -18,7 +18,7 @@ from bev_preheat.tables.text import line_blocks
 from bev_preheat.tables.times import COUNTER, Rounds
 
 if TYPE_CHECKING:
-    from bev_preheat.logs.remarks import Remarks
+    from bev_preheat.logs.raw_log import Remarks
 
 HEX = '[0-9A-Fa-f]'
 BYTES = rf'(?P<data>(?:{HEX}{{1,2}}(?:[\s,]+|$)){{0,64}})'

@@ -7,7 +7,7 @@ import re
 from typing import TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.files.installed import installed_prefix
+from bev_preheat.files.configuration import installed_prefix
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

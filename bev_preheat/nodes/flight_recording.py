@@ -12,7 +12,7 @@ from sensor_msgs.msg import Temperature
 
 from bev_preheat.control.events import Reconfigured, RouteArrived
 from bev_preheat.errors import InvalidInput
-from bev_preheat.files.version import version
+from bev_preheat.files.configuration import version
 from bev_preheat.flight_recorder.beginning import Beginning, learned_values, recorded_state
 from bev_preheat.flight_recorder.ring import check_folder
 from bev_preheat.flight_recorder.steps import (

@@ -25,7 +25,7 @@ from bev_preheat.nodes.process import run_node
 from bev_preheat.nodes.route_offer import in_words, load_offer, NO_AMBIENT_C, WITH_AUXILIARIES
 from bev_preheat.nodes.setup_watch import RESTART_S
 from bev_preheat.numerics.factors import NS_PER_S
-from bev_preheat.route.match import Cause, Match
+from bev_preheat.route.line import Cause, Match
 from bev_preheat.route.matching import Matcher, USUAL_FROZEN_AFTER_S
 from bev_preheat.route.reckoning import OdometerPlace
 from bev_preheat_msgs.msg import RoutePlan, RouteProgress

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bev_preheat.files.version import version
+from bev_preheat.files.configuration import version
 from bev_preheat.native.library import core
 from bev_preheat.planning.planner import METHODS
 from bev_preheat.replay.flight_file import FLIGHT_RECORDER

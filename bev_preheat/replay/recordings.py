@@ -8,8 +8,8 @@ from typing import Any, NamedTuple, TYPE_CHECKING
 
 from bev_preheat.control.settings import settings_of
 from bev_preheat.errors import InvalidInput
+from bev_preheat.files.configuration import version
 from bev_preheat.files.mcap_file import mcap_messages
-from bev_preheat.files.version import version
 from bev_preheat.flight_recorder.beginning import Beginning
 from bev_preheat.flight_recorder.writer import BEGINNING_CHANNEL
 from bev_preheat.optional_packages import require

@@ -18,8 +18,7 @@ import numpy as np
 from bev_preheat.errors import figure, InvalidInput
 from bev_preheat.logs.doubts import turned
 from bev_preheat.logs.reading import read_recording
-from bev_preheat.logs.recording import Recording, Series
-from bev_preheat.logs.sampling import gaps, LEAST_GAP_S
+from bev_preheat.logs.recording import gaps, LEAST_GAP_S, Recording, Series
 from bev_preheat.route.segments import make_route, Route
 
 if TYPE_CHECKING:

@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.route.line import Cause, Fix, Match
 from bev_preheat.route.map_line import offset_m, unit_vector
-from bev_preheat.route.match import Cause, Fix, Match
 from bev_preheat.route.odometer import driven_m, Odometer, Reading
 from bev_preheat.route.place_belief import (
     begin,

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from bev_preheat.route.match import Cause, Match
+from bev_preheat.route.line import Cause, Match
 from bev_preheat.route.odometer import driven_m, Odometer, Reading
 from bev_preheat.route.place_belief import ODOMETER_DEVIATION
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 import bev_preheat
-from bev_preheat.files.version import version
+from bev_preheat.files.configuration import version
 
 if TYPE_CHECKING:
     from typing import Any

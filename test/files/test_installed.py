@@ -5,7 +5,7 @@ import ament_index_python.packages
 import pytest
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.files import configuration, installed
+from bev_preheat.files import configuration
 
 
 @pytest.fixture
@@ -22,13 +22,13 @@ def prefixes(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize('package', ['late', 'other'])
 def test_the_first_prefix_that_has_the_package_counts_as_for_ros(prefixes, package):
-    assert str(installed.installed_prefix(package)) == ament_index_python.packages.get_package_prefix(package)
+    assert str(configuration.installed_prefix(package)) == ament_index_python.packages.get_package_prefix(package)
 
 
 def test_without_a_prefix_path_the_own_prefix_counts(tmp_path, monkeypatch):
     monkeypatch.delenv('AMENT_PREFIX_PATH')
     packages = tmp_path / 'lib/python3.12/site-packages'
-    monkeypatch.setattr(installed, '_HERE', packages / 'bev_preheat/files/installed.py')
+    monkeypatch.setattr(configuration, '_HERE', packages / 'bev_preheat/files/configuration.py')
     monkeypatch.setattr(configuration, '_SOURCES', packages)
     with pytest.raises(InvalidInput, match='the files of bev_preheat are missing'):
         configuration.configuration_folder('vehicles')

@@ -7,8 +7,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from bev_preheat.identification.notes import notes_of
 from bev_preheat.identification.result import Estimated
+from bev_preheat.identification.vehicle_file import notes_of
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.heat_path import HeatPath
 

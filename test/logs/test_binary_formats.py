@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from bev_preheat.errors import InvalidInput
+from bev_preheat.logs.raw_log import Remarks
 from bev_preheat.logs.reading import read_recording
-from bev_preheat.logs.remarks import Remarks
 from bev_preheat.logs.ros_bag import known_types, RosBag
 
 DBC = """VERSION ""

@@ -13,11 +13,10 @@ import numpy as np
 import pytest
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.logs import child_process
-from bev_preheat.logs import samples as samples_module
-from bev_preheat.logs.child_process import in_child, ReaderLost
+from bev_preheat.logs import assembly, mdf
+from bev_preheat.logs.assembly import Samples
+from bev_preheat.logs.mdf import in_child, ReaderLost
 from bev_preheat.logs.reading import read_recording
-from bev_preheat.logs.samples import Samples
 
 CANDUMP = b''.join(b'(170000%04d.5) can0 155#%016X\n' % (at, at * 7919) for at in range(40))
 DBC = ('BU_: A\nBO_ 341 State: 8 A\n SG_ PackVoltage : 0|16@1+ (0.1,0) [0|0] "V" A\n'
@@ -56,7 +55,7 @@ def test_damaged_files_are_read_or_refused(tmp_path, seed):
 
 
 def test_a_long_log_is_averaged_in_bounded_memory(monkeypatch):
-    monkeypatch.setattr(samples_module, 'MOST_SAMPLES', 100)
+    monkeypatch.setattr(assembly, 'MOST_SAMPLES', 100)
     samples = Samples()
     value = np.sin(np.arange(6400) / 50.0)
     for first in range(0, 6400, 64):
@@ -93,7 +92,7 @@ def reader_that(does):
     ('crashes', ReaderLost, 'its reader crashed'), ('waits', ReaderLost, 'nothing could be read for 0.5 s'),
     ('fails', InvalidInput, 'no')])
 def test_a_reader_that_crashes_waits_or_fails_ends_and_has_yielded_before(monkeypatch, does, error, words):
-    monkeypatch.setattr(child_process, 'LONGEST_WAIT_S', 0.5)
+    monkeypatch.setattr(mdf, 'LONGEST_WAIT_S', 0.5)
     read = []
     with pytest.raises(error, match=words):
         read.extend(in_child(reader_that, does))

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.logs.json_lines import JsonLines
-from bev_preheat.logs.json_records import flat
+from bev_preheat.logs.json_lines import flat, JsonLines
 from bev_preheat.logs.reading import read_recording
 
 TIMES_S = [1_700_000_000.0 + second for second in range(0, 120, 2)]

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
+from bev_preheat.route.line import Cause, Fix
 from bev_preheat.route.map_line import MapLine
-from bev_preheat.route.match import Cause, Fix
 from bev_preheat.route.matching import Matcher
 
 SPEED_MPS = 15.0

@@ -5,7 +5,7 @@ import math
 
 import pytest
 
-from bev_preheat.route.match import Cause
+from bev_preheat.route.line import Cause
 from bev_preheat.route.odometer import driven_m, Odometer
 from bev_preheat.route.reckoning import OdometerPlace
 
