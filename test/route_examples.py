@@ -104,7 +104,8 @@ def valhalla(units='kilometers'):
     maneuvers = [{'length': share * LENGTH_M / metres, 'time': share * LENGTH_M / SPEED_MPS, 'type': 1}
                  for share in (0.25, 0.35, 0.4, 0.0)]
     return json.dumps({'trip': {'status': 0, 'units': units, 'legs': [
-        {'maneuvers': maneuvers, 'shape': polyline(6), 'summary': {'length': LENGTH_M / metres}}]}})
+        {'maneuvers': maneuvers, 'shape': polyline(6), 'summary': {
+            'length': LENGTH_M / metres, 'time': LENGTH_M / SPEED_MPS}}]}})
 
 
 def halves():

@@ -122,7 +122,7 @@ def test_changed_values_give_a_route_or_a_refusal(tmp_path, name):
      "routes[0].sections[0].polyline: character 3, '*', does not belong to an encoded polyline"),
     ('{"paths": [{"distance": 5000, "time": 300000, "points": {"coordinates": [[11, 48]]}}]}',
      'paths[0].points.coordinates: has 1 points; at least 2 are needed'),
-    ('{"code": "NoRoute", "message": "Impossible"}', "the service found no route: code 'NoRoute', 'Impossible'"),
+    ('{"code": "NoRoute", "message": "Impossible"}', "the service found no route: 'Impossible'"),
     ('{"code": "Ok", "routes": []}', 'routes: is empty; the service found no route'),
     ('{"trip": {"status": 442, "status_message": "No path"}}', "the service found no route: 'No path'"),
     ('{"error_code": 171, "error": "No suitable edges"}', "the service found no route: 'No suitable edges'"),

@@ -292,9 +292,29 @@ def test_waypoints_are_passed_or_are_charging_stops(tmp_path):
 
 
 def test_durations_of_the_edges_are_scaled_to_the_leg(tmp_path):
-    found = loaded(tmp_path, examples.osrm(penalty=1.25))
-    assert 'durations of the edges are scaled by 1.250' in found.remarks[0]
-    assert 'add up to' in refusal(tmp_path, examples.osrm(penalty=5.0))
+    """If they cannot belong to it, the steps count."""
+    for penalty in (1.25, 5.0):
+        found = loaded(tmp_path, examples.osrm(penalty=penalty)).route
+        assert found.total_duration_s == pytest.approx(examples.LENGTH_M / examples.SPEED_MPS)
+        assert found.speed_mps == pytest.approx(examples.SPEED_MPS, rel=1e-3)
+
+
+def test_edges_with_speeds_in_place_of_durations_and_elevations_of_valhalla_are_used(tmp_path):
+    contents = json.loads(examples.osrm())
+    for leg in contents['routes'][0]['legs']:
+        lengths = np.array(leg['annotation'].pop('distance'))
+        # The first half of the edges is driven at half the speed of the others.
+        leg['annotation'] = {'distance': lengths.tolist(), 'speed': np.where(
+            np.arange(len(lengths)) < len(lengths) / 2, 10.0, 20.0).tolist()}
+    found = loaded(tmp_path, json.dumps(contents)).route
+    assert found.speed_mps[-2] / found.speed_mps[1] == pytest.approx(2.0, rel=1e-3)
+    contents = json.loads(examples.valhalla())
+    level = loaded(tmp_path, json.dumps(contents)).route
+    contents['trip']['legs'][0] |= {'elevation': np.linspace(100.0, 300.0, 201).tolist(),
+                                    'elevation_interval': examples.LENGTH_M / 200.0}
+    hilly = loaded(tmp_path, json.dumps(contents)).route
+    gained_j = (hilly.propulsion_power_w - level.propulsion_power_w) @ level.duration_s
+    assert gained_j == pytest.approx(CAR.road_load.mass_kg * 9.80665 * 200.0 / CAR.drivetrain.efficiency, rel=0.1)
 
 
 def test_consumption_wins_over_the_road_load(tmp_path):

@@ -14,7 +14,8 @@ from typing import Any, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.errors import InvalidInput, quoted
-from bev_preheat.route.sources.json_text import checked, in_words, items, number
+from bev_preheat.route.sources.json_text import checked, in_words, items
+from bev_preheat.route.sources.navigation import leg_of, Service
 from bev_preheat.route.sources.pieces import journey_of_pieces, Pieces
 from bev_preheat.route.sources.timeline import check_coordinates, distances_m
 from bev_preheat.route.sources.track import journey_of_points
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from bev_preheat.route.sources.journey import Journey, RouteOptions
 
 KIND = 'GeoJSON line'
+OPENROUTESERVICE = Service(KIND, '', 'segments', ('distance',), ('duration',), (), 'steps', ('duration',))
 TYPES = ('FeatureCollection', 'Feature', 'LineString', 'MultiLineString', 'GeometryCollection')
 # Lines that follow each other end and begin within this distance [m].
 MOST_GAP_M = 1000.0
@@ -47,7 +49,7 @@ def read_geojson(contents: Any, options: RouteOptions) -> Journey:
     check_coordinates(latitude_deg, longitude_deg, 'coordinate')
     properties = lines[0][2]
     if len(lines) == 1 and isinstance(properties.get('segments'), list):
-        legs = _legs(properties, latitude_deg, longitude_deg)
+        legs = _legs(properties)
         along_m = np.concatenate(([0.0], np.cumsum(distances_m(latitude_deg, longitude_deg))))
         total_m = sum(float(leg.length_m.sum()) for leg in legs)
         elevation = None if np.isnan(elevation_m).any() else (
@@ -131,21 +133,10 @@ def _times(properties: dict[str, Any], count: int) -> FloatArray | None:
     return np.array(seconds)
 
 
-def _legs(properties: dict[str, Any], latitude_deg: FloatArray, longitude_deg: FloatArray) -> list[Pieces]:
+def _legs(properties: dict[str, Any]) -> list[Pieces]:
     """Return the legs of openrouteservice's properties."""
-    legs = []
-    for at, segment in enumerate(properties['segments']):
-        place = f'properties.segments[{at}]'
-        total_s, total_m = number(segment, 'duration', place), number(segment, 'distance', place)
-        steps = segment.get('steps') or []
-        if not isinstance(steps, list):
-            raise InvalidInput(f'{place}.steps: must be a list')
-        if steps:
-            legs.append(Pieces(*(np.array([number(step, key, f'{place}.steps[{index}]')
-                                           for index, step in enumerate(steps)])
-                                 for key in ('distance', 'duration'))))
-        else:
-            legs.append(Pieces(np.array([total_m]), np.array([total_s])))
+    legs = [part for at, segment in enumerate(properties['segments'])
+            for part in leg_of(segment, f'properties.segments[{at}]', OPENROUTESERVICE)]
     if not legs:
         raise InvalidInput('properties.segments: is empty')
     return legs

@@ -2,8 +2,9 @@
 """
 Reads answers of navigation services whose legs have a length and a duration: a table of keys, one row a service.
 
-The parts of a leg (steps, instructions, spans) are used if their lengths add up to the leg's; their durations are
-scaled to the leg's, which includes traffic. Charging stops of the answer are kept with their durations.
+The parts of a leg (edges of the map, steps, instructions, spans) are used if their lengths add up to the leg's;
+their durations are scaled to the leg's, which includes traffic, turns and lights. Charging stops of the answer are
+kept with their durations.
 """
 
 from __future__ import annotations
@@ -14,9 +15,9 @@ from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.errors import InvalidInput
+from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.route.segments import ELEVATION_RANGE_M
-from bev_preheat.route.sources.json_text import checked, in_words, items
+from bev_preheat.route.sources.json_text import checked, in_words, items, number, numbers
 from bev_preheat.route.sources.pieces import journey_of_pieces, Pieces
 from bev_preheat.route.sources.polyline import decode_flexible, decode_points_by_length
 from bev_preheat.route.sources.timeline import distances_m
@@ -30,6 +31,11 @@ SECONDS = re.compile(r'([0-9]+(?:\.[0-9]*)?)s')
 LONGEST_LEG_S, LONGEST_STOP_S, LONGEST_LEG_M = 1e6, 86400.0, 1e7
 # Parts of a leg may add up to this share more or less than the leg, because they are rounded.
 LEG_ROUNDING = 0.02
+# The duration of a leg over that of its parts; beyond this range they do not belong together.
+LEG_SCALE_RANGE = (0.5, 3.0)
+# Valhalla's units of length [m], and the distance of its elevations [m] unless it is given.
+M_PER_UNIT = {'kilometers': 1000.0, 'km': 1000.0, 'miles': 1609.344, 'mi': 1609.344}
+ELEVATION_INTERVAL_M = 30.0
 # GraphHopper's sign of an instruction at a waypoint.
 WAYPOINT_REACHED = 5
 # Names of coordinates: a latitude and its longitude.
@@ -41,8 +47,8 @@ class Service:
     """
     The keys of a service; of several paths (keys with a dot between them) the first that exists counts.
 
-    `routes` is the list of routes ('': the answer is one), `legs` that of the legs in a route ('': the route is
-    one). A unit of time is `second` [s].
+    `routes` is the list of routes, or the only one ('': the answer is one), `legs` that of the legs in a route
+    ('': the route is one). A unit of time is `second` [s], one of length `metre` [m].
     """
 
     kind: str
@@ -54,6 +60,7 @@ class Service:
     parts: str = ''
     part_duration: tuple[str, ...] = ()
     second: float = 1.0
+    metre: float = 1.0
     # Lists of instants along the route: distance and time from its start.
     progress: tuple[tuple[str, str], ...] = ()
 
@@ -70,6 +77,10 @@ SERVICES = (
     Service('Google answer', 'routes', '', ('distanceMeters',), ('duration',), ('polyline',)),
     Service('GraphHopper answer', 'paths', '', ('distance',), ('time',), ('points',), 'instructions', ('time',),
             1e-3),
+    *(Service('OSRM answer', routes, legs, ('distance',), ('duration',), ('geometry',), 'steps', ('duration',))
+      for routes in ('routes', 'matchings') for legs in ('legs', 'segments')),
+    Service('Valhalla answer', 'trip', 'legs', ('summary.length',), ('summary.time',), ('shape',), 'maneuvers',
+            ('time',)),
     Service('routingpy route', '', '', ('distance',), ('duration',), ('geometry',)),
 )
 PART_LENGTH = ('distanceMeters', 'distance.value', 'distance', 'length')
@@ -91,21 +102,27 @@ def read_navigation(contents: Any, service: Service, options: RouteOptions) -> J
     route = _first_route(contents, service)
     place = f'{service.routes}[0]' if service.routes else 'route'
     remarks: list[str] = []
-    count = len(contents[service.routes]) if service.routes else 1
+    if service.routes == 'trip':
+        units = route.get('units', 'kilometers')
+        if not isinstance(units, str) or units not in M_PER_UNIT:
+            raise InvalidInput(f'trip.units: {quoted(str(units))} is not known; it must be kilometers or miles')
+        service, place = replace(service, metre=M_PER_UNIT[units]), 'trip'
+    routes = contents[service.routes] if service.routes else route
+    count = len(routes) if isinstance(routes, list) else 1
     if count > 1:
         remarks.append(f'{count} routes in the answer: the first one is used')
     nodes = [(leg, f'{place}.{service.legs}[{at}]') for at, leg in enumerate(items(route, service.legs, place))] \
         if service.legs else [(route, place)]
-    legs = [part for leg, where in nodes for part in _leg(leg, where, service)]
+    legs = [part for leg, where in nodes for part in leg_of(leg, where, service)]
     legs = _with_progress(legs, route, service, place)
     if any(len(leg.length_m) == 1 for leg in legs):
         remarks.append('the mean speed of each leg is used; the answer has no steps that fit' if service.legs else
                        'the mean speed of the whole way is used; the answer has no steps that fit')
     points = _line(route, legs, nodes, service, place)
+    elevation = _heights(nodes, service)
     if points is None:
-        return journey_of_pieces(service.kind, legs, options, remarks)
+        return journey_of_pieces(service.kind, legs, options, remarks, None, elevation)
     latitude_deg, longitude_deg, elevation_m = points
-    elevation = None
     if np.isfinite(elevation_m).all():
         along_m = np.concatenate(([0.0], np.cumsum(distances_m(latitude_deg, longitude_deg))))
         total_m = sum(float(leg.length_m.sum()) for leg in legs)
@@ -122,7 +139,8 @@ def _first_route(contents: Any, service: Service) -> Any:
     if not service.routes:
         # Several objects are a list of segments.
         return _first(contents) if isinstance(contents, list) and len(contents) == 1 else contents
-    return _first(contents.get(service.routes)) if isinstance(contents, dict) else None
+    routes = contents.get(service.routes) if isinstance(contents, dict) else None
+    return _first(routes) if isinstance(routes, list) else routes
 
 
 def _found(node: Any, paths: tuple[str, ...]) -> tuple[str, Any] | None:
@@ -147,9 +165,9 @@ def _figure(node: Any, paths: tuple[str, ...], place: str, most: float) -> float
     return checked(float(text[1]) if text else value, f'{place}.{path}', 0.0, most)
 
 
-def _leg(leg: Any, place: str, service: Service) -> list[Pieces]:
+def leg_of(leg: Any, place: str, service: Service) -> list[Pieces]:
     """Return a leg; in several parts if an instruction within says that a waypoint is reached."""
-    length_m = _figure(leg, service.length, place, LONGEST_LEG_M)
+    length_m = _figure(leg, service.length, place, LONGEST_LEG_M) * service.metre
     duration_s = _figure(leg, service.duration, place, LONGEST_LEG_S / service.second) * service.second
     stop_s, actions_s = _stops_s(leg, place)
     found = _found(leg, service.duration)
@@ -157,20 +175,62 @@ def _leg(leg: Any, place: str, service: Service) -> list[Pieces]:
         # HERE's summary includes the actions before and after the drive.
         duration_s = max(duration_s - actions_s, 0.0)
     whole = Pieces(np.array([length_m]), np.array([duration_s]), stop_s=stop_s)
+    slowest, fastest = LEG_SCALE_RANGE
+    fitting = [pieces for pieces in (_edges(leg, place), _parts(leg, place, service)) if pieces is not None
+               and abs(float(pieces.length_m.sum()) - length_m) <= LEG_ROUNDING * length_m
+               and slowest <= duration_s / max(float(pieces.duration_s.sum()), 1e-9) <= fastest]
+    if not fitting:
+        return [whole]
+    fine = replace(fitting[0].scaled_to(duration_s), stop_s=stop_s)
+    ends = [at + 1 for at, part in enumerate((leg.get(service.parts) or [])[:-1])
+            if isinstance(part, dict) and part.get('sign') == WAYPOINT_REACHED]
+    return [replace(fine, length_m=length_m, duration_s=duration_s) for length_m, duration_s in zip(
+        np.split(fine.length_m, ends), np.split(fine.duration_s, ends))]
+
+
+def _edges(leg: dict[str, Any], place: str) -> Pieces | None:
+    """Return the edges of the map in the annotation of a leg, None without."""
+    annotation, place = leg.get('annotation'), f'{place}.annotation'
+    if not isinstance(annotation, dict) or 'distance' not in annotation or not (
+            annotation.keys() & {'duration', 'speed'}):
+        return None
+    length_m = numbers(annotation, 'distance', place)
+    other = numbers(annotation, 'duration' if 'duration' in annotation else 'speed', place)
+    if len(other) != len(length_m):
+        raise InvalidInput(f'{place}: distance has {len(length_m)} values, duration or speed {len(other)}; they '
+                           'must be equally many')
+    if 'duration' in annotation:
+        return Pieces(length_m, other)
+    return Pieces(length_m, np.divide(length_m, other, out=np.zeros(len(other)), where=other > 0.0))
+
+
+def _parts(leg: dict[str, Any], place: str, service: Service) -> Pieces | None:
+    """Return the parts of a leg, None without, or if one has no length or no duration."""
     parts = leg.get(service.parts)
     if not isinstance(parts, list) or not parts or any(
             _found(part, paths) is None for part in parts for paths in (PART_LENGTH, service.part_duration)):
-        return [whole]
+        return None
     figures = np.array([(_figure(part, PART_LENGTH, f'{place}.{service.parts}[{at}]', LONGEST_LEG_M),
                          _figure(part, service.part_duration, f'{place}.{service.parts}[{at}]',
                                  LONGEST_LEG_S / service.second)) for at, part in enumerate(parts)])
-    sums = figures.sum(axis=0)
-    if abs(sums[0] - length_m) > LEG_ROUNDING * length_m or sums[1] <= 0.0:
-        return [whole]
-    fine = Pieces(figures[:, 0], figures[:, 1], stop_s=stop_s).scaled_to(duration_s)
-    ends = [at + 1 for at, part in enumerate(parts[:-1]) if part.get('sign') == WAYPOINT_REACHED]
-    return [replace(fine, length_m=length_m, duration_s=duration_s) for length_m, duration_s in zip(
-        np.split(fine.length_m, ends), np.split(fine.duration_s, ends))]
+    return Pieces(figures[:, 0] * service.metre, figures[:, 1] * service.second)
+
+
+def _heights(nodes: list[tuple[Any, str]], service: Service) -> tuple[FloatArray, FloatArray] | None:
+    """Return distances and elevations [m] of Valhalla's answer; None without."""
+    parts, begin_m = [], 0.0
+    for leg, place in nodes if service.routes == 'trip' else ():
+        length_m = _figure(leg, service.length, place, LONGEST_LEG_M) * service.metre
+        if leg.get('elevation'):
+            values_m = numbers(leg, 'elevation', place, *ELEVATION_RANGE_M)
+            interval_m = number(leg, 'elevation_interval', place, 0.1, 1e5) if 'elevation_interval' in leg \
+                else ELEVATION_INTERVAL_M
+            parts.append((begin_m + np.minimum(np.arange(len(values_m)) * interval_m, length_m), values_m))
+        begin_m += length_m
+    if not parts:
+        return None
+    at_m, elevation_m = (np.concatenate(column) for column in zip(*parts))
+    return at_m, elevation_m
 
 
 def _stops_s(leg: dict[str, Any], place: str) -> tuple[float, float]:
@@ -214,12 +274,17 @@ def _line(route: Any, legs: list[Pieces], nodes: list[tuple[Any, str]], service:
           place: str) -> FloatArray | None:
     """Return latitudes, longitudes [deg] and elevations [m] (NaN: none) of the way, shape (3, M); None without."""
     lengths_m = [float(leg.length_m.sum()) for leg in legs]
-    whole = _found(route, service.line)
-    parts = [(whole, place, float(sum(lengths_m)))] if whole is not None else [
-        (_found(leg, service.line), where, length_m) for (leg, where), length_m in zip(nodes, lengths_m)]
-    lines = [_points(found[1], f'{where}.{found[0]}', length_m, service)
-             for found, where, length_m in parts if found is not None]
-    return np.concatenate(lines).T if lines and len(lines) == len(parts) else None
+    steps = [(step, f'{where}.{service.parts}[{at}]') for leg, where in nodes
+             for at, step in enumerate(leg[service.parts] if isinstance(leg.get(service.parts), list) else ())]
+    for owners, of_owners_m in (([(route, place)], [sum(lengths_m)]), (nodes, lengths_m), (steps, [])):
+        found = [(_found(owner, service.line), where) for owner, where in owners]
+        if not found or any(line is None for line, _ in found):
+            continue
+        of_owners_m = of_owners_m or [
+            _figure(step, PART_LENGTH, where, LONGEST_LEG_M) * service.metre for step, where in steps]
+        return np.concatenate([_points(line[1], f'{where}.{line[0]}', length_m, service)
+                               for (line, where), length_m in zip(found, of_owners_m) if line is not None]).T
+    return None
 
 
 def _points(value: Any, place: str, length_m: float, service: Service) -> FloatArray:

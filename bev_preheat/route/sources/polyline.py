@@ -28,12 +28,6 @@ ELEVATIONS = (2, 3)
 ELEVATION_PLACES = 2
 
 
-def decode_polyline(text: object, places: int) -> tuple[FloatArray, FloatArray]:
-    """Return latitudes and longitudes [deg], shapes (M,); raise InvalidInput naming the character."""
-    points = _points(_numbers(text, CODES), places)
-    return points[:, 0], points[:, 1]
-
-
 def decode_points_by_length(text: object, length_m: float) -> FloatArray:
     """
     Return latitudes, longitudes [deg] and elevations [m] (NaN: none), shape (M, 3).
@@ -47,12 +41,6 @@ def decode_points_by_length(text: object, length_m: float) -> FloatArray:
     if not readings:
         raise InvalidInput('the encoded polyline is cut off')
     return min(readings, key=lambda points: _misfit((points[:, 0], points[:, 1]), length_m))
-
-
-def decode_by_length(text: object, length_m: float) -> tuple[FloatArray, FloatArray]:
-    """Return the coordinates of a polyline with the number of places that fits its length [m] best."""
-    points = decode_points_by_length(text, length_m)
-    return points[:, 0], points[:, 1]
 
 
 def decode_flexible(text: object) -> FloatArray:

@@ -58,11 +58,14 @@ def read_records(contents: Any) -> Journey:
 
 def _why_no_route(contents: dict[str, Any]) -> str:
     """Return why an object is not a route: the message of the service, or else its keys."""
-    error = next((contents[name] for name in ('error', 'detailedError') if isinstance(contents.get(name), dict)),
-                 contents)
-    for name in ('message', 'description', 'error_message', 'title'):
+    error = next((contents[name] for name in ('error', 'detailedError', 'trip')
+                  if isinstance(contents.get(name), dict)), contents)
+    for name in ('message', 'description', 'error_message', 'status_message', 'title', 'error'):
         if isinstance(error.get(name), str):
             return f'the service found no route: {in_words(error[name])}'
+    for name in ('routes', 'matchings', 'paths'):
+        if contents.get(name) == []:
+            return f'{name}: is empty; the service found no route'
     return ('is not a route: it has no routes (OSRM, TomTom, HERE, Google), no paths (GraphHopper), no trip '
             f'(Valhalla), no type (GeoJSON) and no segments; its keys are: {_keys(contents)}')
 

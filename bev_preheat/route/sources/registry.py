@@ -116,19 +116,10 @@ def _read_json(text: bytes, options: RouteOptions) -> Journey:
     if service is not None:
         _refuse_unused(options, ('stop_duration_s',))
         return read_navigation(contents, service, options)
-    if isinstance(contents, dict):
-        if contents.get('type') in GEOJSON_TYPES:
-            from bev_preheat.route.sources.geojson import read_geojson
-            _refuse_unused(options, ('free_speed_kmh', 'stop_duration_s'))
-            return read_geojson(contents, options)
-        if 'trip' in contents or 'error_code' in contents:
-            from bev_preheat.route.sources.valhalla import read_valhalla
-            _refuse_unused(options, ('stop_duration_s',))
-            return read_valhalla(contents, options)
-        if 'routes' in contents or 'matchings' in contents or 'code' in contents:
-            from bev_preheat.route.sources.osrm import read_osrm
-            _refuse_unused(options, ('stop_duration_s',))
-            return read_osrm(contents, options)
+    if isinstance(contents, dict) and contents.get('type') in GEOJSON_TYPES:
+        from bev_preheat.route.sources.geojson import read_geojson
+        _refuse_unused(options, ('free_speed_kmh', 'stop_duration_s'))
+        return read_geojson(contents, options)
     from bev_preheat.route.sources.records import read_records
     _refuse_unused(options, ())
     return read_records(contents)
