@@ -13,7 +13,7 @@ from bev_preheat.charging.stop import arrival_state, stop_after
 from bev_preheat.estimation.prior import factor_deviations
 from bev_preheat.estimation.state import HEAT_CAPACITY, HEATER, LEAKAGE, PROPULSION, RESISTANCE
 from bev_preheat.planning.planner import plan_preheating, plan_unheated
-from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
+from bev_preheat.vehicle.variants import corrected_vehicle, Corrections
 
 if TYPE_CHECKING:
     from bev_preheat.charging.target_worth import Prices

@@ -14,9 +14,8 @@ from bev_preheat.charging.session import charge
 from bev_preheat.numerics.arithmetic import ARRAYS
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.situation import BatteryState
-from bev_preheat.vehicle.charging import charging_of
+from bev_preheat.vehicle.charging import charging_of, falls_from_c
 from bev_preheat.vehicle.curves import Table
-from bev_preheat.vehicle.hot_derating import falls_from_c
 
 if TYPE_CHECKING:
     from bev_preheat.charging.session import Session

@@ -30,7 +30,7 @@ from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.status import Status
 from bev_preheat.tunables import COLDER_CELL_K, FORESEEN_S, MOST_PARKED_S, MOST_STANDING_S
-from bev_preheat.vehicle.cell_spread import limited_by_coldest_cell
+from bev_preheat.vehicle.variants import limited_by_coldest_cell
 
 if TYPE_CHECKING:
     from bev_preheat.charging.stop import Charger

@@ -31,7 +31,7 @@ from bev_preheat.planning.situation import BatteryState, Goal, reserve_soc, Unce
 from bev_preheat.planning.status import Status
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.tunables import FACTOR_STEP, LAG_REVEALED_S, LEAST_REVEALED_K, MOST_REVEALED_K
-from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
+from bev_preheat.vehicle.variants import corrected_vehicle, Corrections
 
 if TYPE_CHECKING:
     from bev_preheat.control.settings import Settings

@@ -14,7 +14,7 @@ from bev_preheat.errors import InvalidInput, PlanningFailure
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.sensitivity import has_sensitivity, search_sensitivity
 from bev_preheat.tunables import SENSITIVITY_PERIOD_NS
-from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
+from bev_preheat.vehicle.variants import corrected_vehicle, Corrections
 
 if TYPE_CHECKING:
     from collections.abc import Generator

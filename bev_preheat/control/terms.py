@@ -15,7 +15,7 @@ from bev_preheat.planning.explanation import OF_GOAL
 from bev_preheat.planning.full_power import FullPower
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.route.segments import LIMITS
-from bev_preheat.vehicle.grid import grid_fed
+from bev_preheat.vehicle.variants import grid_fed
 
 if TYPE_CHECKING:
     from bev_preheat.control.decision import Decision

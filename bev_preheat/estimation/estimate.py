@@ -21,7 +21,7 @@ from bev_preheat.estimation.state import (
     UNDER_WAY,
 )
 from bev_preheat.tunables import NOMINAL_HEAT_LAG_S, NOMINAL_SENSOR_LAG_S
-from bev_preheat.vehicle.corrections import Corrections
+from bev_preheat.vehicle.variants import Corrections
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray

@@ -17,7 +17,7 @@ from bev_preheat.identification.curves import KNOTS_C, KNOTS_SOC, resistance_tab
 from bev_preheat.identification.deviations import with_deviations
 from bev_preheat.identification.uncertainty import MOST_OF_PRIOR, QUANTILE
 from bev_preheat.identification.vehicle_file import UNCERTAINTY_NOTE
-from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
+from bev_preheat.vehicle.variants import corrected_vehicle, Corrections
 
 if TYPE_CHECKING:
     from bev_preheat.estimation.prior import Learned

@@ -13,9 +13,9 @@ from typing import Any, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.native.belief_structs import ELEMENTS
-from bev_preheat.vehicle.corrections import ScaledCurve
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, Table
 from bev_preheat.vehicle.trip_columns import TRIP_COLUMNS
+from bev_preheat.vehicle.variants import ScaledCurve
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -20,8 +20,8 @@ from bev_preheat.planning.limits import drive_as_planned
 from bev_preheat.planning.planner import plan_without_heating
 from bev_preheat.planning.situation import BatteryState, Goal, reserve_soc
 from bev_preheat.planning.trip import Trip
-from bev_preheat.vehicle.corrections import Corrections
 from bev_preheat.vehicle.description import Vehicle
+from bev_preheat.vehicle.variants import Corrections
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

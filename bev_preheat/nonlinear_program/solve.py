@@ -39,9 +39,9 @@ from bev_preheat.planning.schedule import HeldBack, Schedule, switched_on_s
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal, reserve_soc
 from bev_preheat.planning.trip import make_trip, Trip
 from bev_preheat.tunables import HOTTEST_BEYOND_RANGE_K
-from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
 from bev_preheat.vehicle.description import Vehicle
 from bev_preheat.vehicle.model import make_runge_kutta_4
+from bev_preheat.vehicle.variants import corrected_vehicle, Corrections
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

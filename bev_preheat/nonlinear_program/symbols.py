@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import casadi
 
 from bev_preheat.numerics.arithmetic import AnyNumber, Arithmetic
-from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
 from bev_preheat.vehicle.heated_step import make_heated_step
 from bev_preheat.vehicle.model import make_rates, make_runge_kutta_4
+from bev_preheat.vehicle.variants import corrected_vehicle, Corrections
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence

@@ -30,7 +30,7 @@ from bev_preheat.nonlinear_program.protocol import (
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route.segments import make_route
-from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
+from bev_preheat.vehicle.variants import corrected_vehicle, Corrections
 
 if TYPE_CHECKING:
     from bev_preheat.nonlinear_program.protocol import Question, Thing

@@ -20,7 +20,7 @@ from bev_preheat.planning.status import Status
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route.segments import LIMITS
 from bev_preheat.tunables import AIMS_BELOW_K, SHORTFALL_TOLERANCE_K, SPARES
-from bev_preheat.vehicle.grid import grid_fed
+from bev_preheat.vehicle.variants import grid_fed
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -22,10 +22,10 @@ from bev_preheat.planning.dynamics import KEPT_VEHICLES
 from bev_preheat.planning.schedule import HeatRun, Schedule
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.tunables import HEATING_SHARE
-from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
 from bev_preheat.vehicle.heat_path import DIRECT
 from bev_preheat.vehicle.heated_step import HeatedStep, make_heated_step
 from bev_preheat.vehicle.model import make_runge_kutta_4
+from bev_preheat.vehicle.variants import corrected_vehicle, Corrections
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray

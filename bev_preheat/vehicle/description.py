@@ -170,7 +170,7 @@ class Uncertainty:
     """
     Relative standard deviations of a vehicle file's values, those of the logarithms of the factors on them.
 
-    None: not known for this car. The factors are those of `vehicle.corrections`.
+    None: not known for this car. The factors are those of `vehicle.variants`.
     """
 
     heat_capacity: float | None = None

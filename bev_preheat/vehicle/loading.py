@@ -15,7 +15,7 @@ from bev_preheat.errors import figure, figure_beyond, InvalidInput, quoted
 from bev_preheat.files.checked_yaml import check_yaml, FileData, load_checked_yaml
 from bev_preheat.files.configuration import find_configuration
 from bev_preheat.numerics.arithmetic import ARRAYS, Curve
-from bev_preheat.vehicle.charging import charging_problems
+from bev_preheat.vehicle.charging import charging_problems, derated, derating_problems, with_assumed_fall
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, Table, with_connections
 from bev_preheat.vehicle.description import (
     Battery,
@@ -31,7 +31,6 @@ from bev_preheat.vehicle.description import (
 )
 from bev_preheat.vehicle.heat_path import HeatPath
 from bev_preheat.vehicle.heating_gates import gate_problems, HeatingGates
-from bev_preheat.vehicle.hot_derating import derated, derating_problems, with_assumed_fall
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray

@@ -19,9 +19,9 @@ from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import make_route
 from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.charging import derated
 from bev_preheat.vehicle.curves import Table
 from bev_preheat.vehicle.description import Cooling
-from bev_preheat.vehicle.hot_derating import derated
 
 CHILLER = Cooling(30.0, 1600.0, 4800.0, 2.5)
 RADIATOR = replace(CHILLER, radiator_conductance_w_per_k=170.0)

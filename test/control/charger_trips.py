@@ -17,7 +17,7 @@ from bev_preheat.planning.planner import plan_preheating, plan_unheated
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import Route
 from bev_preheat.vehicle import load_vehicle
-from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
+from bev_preheat.vehicle.variants import corrected_vehicle, Corrections
 
 VEHICLE = load_vehicle('reference')
 START_NS = 1_700_000_000 * NS_PER_S

@@ -45,8 +45,8 @@ from bev_preheat.simulation.mismatch import Mismatch
 from bev_preheat.simulation.sensors import Sensors
 from bev_preheat.simulation.supervised_drive import moments
 from bev_preheat.tunables import LEAST_GAIN_SHARE, MOST_MOVE_K
-from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
 from bev_preheat.vehicle.heat_path import HeatPath
+from bev_preheat.vehicle.variants import corrected_vehicle, Corrections
 
 # Of battery states on a simulated drive [s].
 PERIOD_S = 4.0

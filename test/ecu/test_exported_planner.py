@@ -26,10 +26,10 @@ from bev_preheat.ecu.vectors import (
 from bev_preheat.errors import InvalidInput
 from bev_preheat.native.library import without_core
 from bev_preheat.vehicle import load_vehicle
-from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
 from bev_preheat.vehicle.curves import Table
 from bev_preheat.vehicle.description import Leakage
 from bev_preheat.vehicle.heat_path import HeatPath
+from bev_preheat.vehicle.variants import corrected_vehicle, Corrections
 
 pytestmark = pytest.mark.costly
 # Curves of the first are formulas with factors, of the second tables; the third has a heat path.

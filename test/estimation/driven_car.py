@@ -12,8 +12,8 @@ from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.vehicle import load_vehicle
-from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
 from bev_preheat.vehicle.model import make_rates
+from bev_preheat.vehicle.variants import corrected_vehicle, Corrections
 
 VEHICLE = load_vehicle('reference')
 CABIN_W, AUXILIARY_W, AMBIENT_C, SPEED_MPS = 1400.0, 500.0, -10.0, 24.0

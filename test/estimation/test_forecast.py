@@ -16,8 +16,8 @@ from bev_preheat.planning.trip import make_trip
 from bev_preheat.route.csv_file import load_route
 from bev_preheat.tunables import POWER_NOISE, POWER_NOISE_LASTS_S
 from bev_preheat.vehicle import load_vehicle
-from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
 from bev_preheat.vehicle.model import make_runge_kutta_4
+from bev_preheat.vehicle.variants import corrected_vehicle, Corrections
 
 TRIPS = {
     'reference': (load_vehicle('reference'), 'reference', BatteryState(-8.0, 0.85)),

@@ -20,12 +20,12 @@ from bev_preheat.numerics.arithmetic import FLOATS, SATURATING_FLOATS
 from bev_preheat.planning.core_engine import trip_in_core, vehicle_in_core
 from bev_preheat.planning.engine import run_forward
 from bev_preheat.planning.trip import make_trip
-from bev_preheat.vehicle.corrections import ScaledCurve
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, Table
 from bev_preheat.vehicle.heat_path import HeatPath
 from bev_preheat.vehicle.heated_step import make_heated_step
 from bev_preheat.vehicle.model import make_euler, make_midpoint, make_rates, make_runge_kutta_4
 from bev_preheat.vehicle.trip_columns import TRIP_COLUMNS, TripColumns
+from bev_preheat.vehicle.variants import ScaledCurve
 
 FORMULAS, TABLES = (drawn_situations.car(name) for name in drawn_situations.CARS)
 LOGARITHM = replace(FORMULAS, battery=replace(

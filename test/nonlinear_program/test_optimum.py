@@ -32,7 +32,7 @@ from bev_preheat.planning.status import Status
 from bev_preheat.route import load_route
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
-from bev_preheat.vehicle.corrections import corrected_vehicle, Corrections
+from bev_preheat.vehicle.variants import corrected_vehicle, Corrections
 from bev_preheat_studies.optimality.drawn_trips import draw_limit_trip
 
 pytestmark = pytest.mark.costly

@@ -17,7 +17,7 @@ from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
-from bev_preheat.vehicle.corrections import Corrections
+from bev_preheat.vehicle.variants import Corrections
 
 pytestmark = [pytest.mark.costly, pytest.mark.needs('casadi')]
 

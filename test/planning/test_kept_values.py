@@ -19,8 +19,8 @@ from bev_preheat.planning.value_function import plan_by_values
 from bev_preheat.route import load_route
 from bev_preheat.tunables import VALUES_KEPT_S
 from bev_preheat.vehicle import load_vehicle
-from bev_preheat.vehicle.cell_spread import limited_by_coldest_cell
 from bev_preheat.vehicle.heat_path import HeatPath
+from bev_preheat.vehicle.variants import limited_by_coldest_cell
 
 GOAL = Goal(25.0)
 DEVIATION_K = 1.5

@@ -14,7 +14,7 @@ from bev_preheat.planning.status import Status
 from bev_preheat.route.segments import make_route
 from bev_preheat.tunables import BELOW_HIGHEST_K
 from bev_preheat.vehicle import load_vehicle
-from bev_preheat.vehicle.grid import grid_fed
+from bev_preheat.vehicle.variants import grid_fed
 
 VEHICLE = load_vehicle('reference')
 GRID = grid_fed(VEHICLE)

@@ -16,7 +16,7 @@ from bev_preheat.planning.status import Status
 from bev_preheat.route.segments import make_route
 from bev_preheat.tunables import NEAR_K, NEAR_PRICE, SHORT_PRICE, SWITCH_ON_EXPECTED_WH
 from bev_preheat.vehicle import load_vehicle
-from bev_preheat.vehicle.grid import grid_fed
+from bev_preheat.vehicle.variants import grid_fed
 
 VEHICLE = grid_fed(load_vehicle('reference'))
 CAPACITY = VEHICLE.battery.heat_capacity_j_per_k

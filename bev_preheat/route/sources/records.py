@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any, TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.route.sources.json_text import in_words
 from bev_preheat.route.sources.table import journey_of_table
+from bev_preheat.route.sources.texts import in_words
 from bev_preheat.tables.table import Table
 from bev_preheat.tables.units import split_unit
 

@@ -109,8 +109,8 @@ def _read_xml(text: bytes, options: RouteOptions) -> Journey:
 
 
 def _read_json(text: bytes, options: RouteOptions) -> Journey:
-    from bev_preheat.route.sources.json_text import parse_json
     from bev_preheat.route.sources.navigation import read_navigation, service_of
+    from bev_preheat.route.sources.texts import parse_json
     contents: Any = parse_json(text)
     service = service_of(contents)
     if service is not None:

@@ -9,7 +9,7 @@ from bev_preheat.errors import figure, InvalidInput, quoted
 from bev_preheat.route.motion import Motion
 from bev_preheat.route.segments import LIMITS, LONGEST_ROUTE_S
 from bev_preheat.route.sources.journey import Journey, RouteOptions
-from bev_preheat.route.sources.xml_text import check_xml
+from bev_preheat.route.sources.texts import check_xml
 from bev_preheat.tables.numbers import NUMBER
 
 KIND = 'SUMO battery output'

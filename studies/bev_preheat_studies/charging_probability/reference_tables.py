@@ -14,7 +14,7 @@ from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import load_route
 from bev_preheat.vehicle import load_vehicle
-from bev_preheat.vehicle.cell_spread import limited_by_coldest_cell
+from bev_preheat.vehicle.variants import limited_by_coldest_cell
 
 if TYPE_CHECKING:
     from rich.console import Console
