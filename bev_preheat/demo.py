@@ -3,7 +3,7 @@
 `python -m bev_preheat.demo`: a scenario of a drive to the fast charger, with the real planner, and its picture.
 
 The installed executables `vehicle_simulator` and `planner` drive it as processes. The exit status is 0 only if the
-battery arrived within ARRIVAL_TOLERANCE_K of its target.
+battery arrived within GOOD_ARRIVAL_K of its target.
 """
 
 from __future__ import annotations
@@ -58,9 +58,9 @@ if TYPE_CHECKING:
     from bev_preheat.messages.simulated_drive import SimulatedDriveReport
     from bev_preheat.simulation.scenario import Scenario
 
-ARRIVAL_TOLERANCE_K = 1.0
+GOOD_ARRIVAL_K = 1.0
 # Simulated time between two lines on the drive [s].
-LINE_PERIOD_S = 300.0
+PLAIN_LINE_PERIOD_S = 300.0
 
 
 def parse_arguments(arguments: Sequence[str] | None) -> Namespace:
@@ -139,7 +139,7 @@ def _scenario(parsed: Namespace, path: Path) -> Scenario:
         'name': parsed.output.stem, 'description': 'A drive to the fast charger.',
         'drive': {'vehicle': _from_anywhere(parsed.vehicle), 'route': _from_anywhere(parsed.route),
                   'initial_battery_temperature_c': parsed.temperature, 'initial_soc': parsed.soc, **given},
-        'expect': {'arrival_error_k': [-ARRIVAL_TOLERANCE_K, ARRIVAL_TOLERANCE_K]}}), encoding='utf-8')
+        'expect': {'arrival_error_k': [-GOOD_ARRIVAL_K, GOOD_ARRIVAL_K]}}), encoding='utf-8')
     try:
         return load_scenario(path)
     except InvalidInput as error:
@@ -227,7 +227,7 @@ class _Lines:
         elif time_s < self._next_s:
             return
         self._status = status
-        self._next_s = (time_s // LINE_PERIOD_S + 1.0) * LINE_PERIOD_S
+        self._next_s = (time_s // PLAIN_LINE_PERIOD_S + 1.0) * PLAIN_LINE_PERIOD_S
         _tell(self._console, f'{duration_text(time_s):>11}  {self.now(drive)}')
 
     def now(self, drive: ObservedDrive) -> str:
@@ -275,7 +275,7 @@ def verdict(drive: ObservedDrive, speed_up: float | None) -> tuple[bool, str]:
     """
     Return (whether the drive is good, a sentence).
 
-    It is if the battery arrived within ARRIVAL_TOLERANCE_K of its target under valid commands all the way.
+    It is if the battery arrived within GOOD_ARRIVAL_K of its target under valid commands all the way.
     `speed_up` is in simulated seconds per real second; None: in lockstep.
     """
     report, target_c = _report(drive), drive.target_c
@@ -289,9 +289,9 @@ def verdict(drive: ObservedDrive, speed_up: float | None) -> tuple[bool, str]:
                 f'{"above" if error_k > 0.0 else "below"} its target of {target_c:.1f} degC')
     if report.without_command_s > 0.0:
         return False, f'{sentence}, {lost_commands_sentence(report.without_command_s, speed_up)}.'
-    if abs(error_k) <= ARRIVAL_TOLERANCE_K:
+    if abs(error_k) <= GOOD_ARRIVAL_K:
         return True, f'{sentence}.'
-    return False, (f'{sentence}; at most {ARRIVAL_TOLERANCE_K:g} K is good. Planned at the start: '
+    return False, (f'{sentence}; at most {GOOD_ARRIVAL_K:g} K is good. Planned at the start: '
                    f'{drive.first_plan.explanation}')
 
 

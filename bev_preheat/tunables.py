@@ -7,8 +7,9 @@ much the arrival of a drive moves at most if the number is 30 % smaller or large
 nothing on the drives of `python3 -m bev_preheat_studies.tunables`, which prints all effects. `…` goes on with the
 row above.
 
-Sizes, formats and units stand where they are used; what an integrator sets is in `control/settings.py`. The C core
-takes its numbers from here, too (`code_generation/core_constants.py`).
+Sizes, formats and units stand where they are used, spreads of the estimator's whole state in
+`estimation/belief.py` and `prior.py`, and what an integrator sets in `control/settings.py`. The C core takes its
+numbers from here, too (`code_generation/core_constants.py`).
 """
 
 
@@ -73,7 +74,7 @@ COLDER_CELL_K = 20.0            # K   | a cell that is colder than the battery b
 # Estimation: what the readings tell
 
 # estimation/state.py, belief.py: noise of the model
-NOMINAL_HEAT_LAG_S = 40.0        # s    | heater to cells, whose logarithm is 0
+NOMINAL_HEAT_LAG_S = 40.0        # s    | heater to cells, whose logarithm is 0 | 0.073 K
 NOMINAL_SENSOR_LAG_S = 20.0      # s    | cells to sensor, whose logarithm is 0
 LOCAL_LAG_S = 100.0              # s    | of local heat at the sensor; nine i3 drives: 60 … 150 s predict alike
 LOCAL_DEVIATION_K = 0.15         # K    | local rise without heat; nine i3 drives: 0.1 … 0.2 K predict alike
@@ -81,9 +82,9 @@ JOULE_RISE_NOISE_K_PER_KW = 1.0  # K/kW | rise by Joule heat; nine i3 drives: 0.
 UNKNOWN_K = 0.5                  # K    | after a gap: heat under way, battery minus sensor, local rise
 MOST_APART_K = 8.0               # K    | battery minus sensor at most, and heat that the coolant holds
 SOC_NOISE = 0.001                # 1    | of the charge's signal beside its steps
-POWER_NOISE = 0.3                # 1    | relative error of the route's power: traffic, wind, load
+POWER_NOISE = 0.3                # 1    | relative error of the route's power: traffic, wind, load | 0.043 K
 NOISY_FROM_W = 3000.0            # W    | least power to which POWER_NOISE applies
-POWER_NOISE_LASTS_S = 60.0       # s    | correlation time of POWER_NOISE
+POWER_NOISE_LASTS_S = 60.0       # s    | correlation time of POWER_NOISE | 0.043 K
 CLIPPED_DEVIATIONS = 2.5         # sd   | readings further off are clipped here: outliers are not normal
 MOST_EVIDENCE = 1.0              # nats | of one reading against a hypothesis: one outlier does not decide
 LEAST_VARIANCE = 1e-12           # K2   | rounding may make a variance slightly negative
@@ -136,7 +137,7 @@ FREEDOM = 4.0              # n    | degrees of freedom of Student's t: traffic m
 
 # estimation/prior.py, memory.py, soak.py: before the first reading
 LEAST_NARROWING = 0.5                # 1 | of the spreads at most; nine i3 drives, each left out: 1/2 is best
-LAG_DEVIATION = 1.0                  # 1 | of a lag's logarithm, for a file without lags
+LAG_DEVIATION = 1.0                  # 1 | of a lag's logarithm, for a file without lags | 0.097 K
 DESCRIBED_LAG_DEVIATION = 0.5        # 1 | … and with lags: coolant flow depends on the pump
 OVERNIGHT = 0.01                     # 1 | deviation of each logarithm: a car changes slightly
 PARKED_WARMER_K = 10.0               # K | over ambient at parking: stood outside … fast charged; assumed
@@ -356,8 +357,6 @@ OFF_RESOLUTION_S = 2.0           # s    | around the best instant the energy har
 DEFICIT_WH_PER_K = 1e9           # Wh/K | a missing kelvin counts more than any energy
 LATEST_START_TOLERANCE_K = 1e-4  # K    | of the arrival
 START_RESOLUTION_S = 1e-2        # s    | of the start of heating
-MOST_RUNS = 20                   # n    | of its search
 ABOVE_TARGET_K = 0.05            # K    | an arrival above is heated for the drive, or for free
 MOST_CHANGED_K = 0.01            # K    | a later start that changes the arrival by more is not used
-FULL_SHARE = 1.0 - 1e-6          # 1    | of the highest power: heated throughout
 TAIL = 8.0                       # sd   | beyond it closed forms lose precision

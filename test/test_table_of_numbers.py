@@ -52,6 +52,13 @@ def test_each_number_is_used():
     assert not [name for name in sorted(NAMES) if not re.search(rf'\b{name}\b', text)]
 
 
+def test_no_other_file_has_a_number_of_the_same_name():
+    """The study sets a number wherever its name is imported."""
+    assigned = re.compile(r'^([A-Z][A-Z0-9_]*)\b(?:: [^=]+)? = ', re.MULTILINE)
+    assert not [f'{path}: {name}' for path in CHECKOUT.glob('bev_preheat/**/*.py') if path.name != 'tunables.py'
+                for name in assigned.findall(path.read_text(encoding='utf-8')) if name in NAMES]
+
+
 def is_number(value):
     if isinstance(value, ast.BinOp):
         return is_number(value.left) or is_number(value.right)

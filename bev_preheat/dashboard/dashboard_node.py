@@ -15,7 +15,7 @@ from bev_preheat.dashboard.access import Access
 from bev_preheat.dashboard.controls import Controls
 from bev_preheat.dashboard.source import LiveSource
 from bev_preheat.errors import InvalidInput
-from bev_preheat.monitoring.planners import LOOK_PERIOD_S, Planners
+from bev_preheat.monitoring.planners import Planners, PLANNERS_PERIOD_S
 from bev_preheat.nodes.command_line import NodeProgram
 from bev_preheat.nodes.parameters import declare, Parameter
 from bev_preheat.nodes.process import run_node
@@ -67,7 +67,7 @@ class DashboardNode(Node):
             self._controls = Controls(self, self._source.note_outcome)
             self._source.ask_planner = self._controls.ask
         # Planners come and go in real time.
-        self.create_timer(LOOK_PERIOD_S, self._planners.guarded('looking for planners', self._look),
+        self.create_timer(PLANNERS_PERIOD_S, self._planners.guarded('looking for planners', self._look),
                           clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._server.start()
         self.get_logger().info(f'The page is at {self._server.url}' + (

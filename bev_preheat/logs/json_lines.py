@@ -13,7 +13,7 @@ from typing import Any, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.errors import InvalidInput, quoted
-from bev_preheat.logs.csv_log import NAME, UNIT, VALUE
+from bev_preheat.logs.csv_log import MOST_CHANNELS, NAME, UNIT, VALUE
 from bev_preheat.logs.raw_log import Channel, Piece
 from bev_preheat.logs.time_column import find_time_column
 from bev_preheat.tables.text import encoding_of, line_blocks
@@ -122,7 +122,6 @@ def _named(items: Any) -> dict[str, Any]:
 
 # Objects that are searched for channels, and those that tell how time is written.
 MOST_SEARCHED, SAMPLE = 200_000, 400
-MOST_CHANNELS = 5000
 # Largest file that is one array [bytes]; it is read as a whole.
 LARGEST_ARRAY = 1 << 28
 # First line of an object that wraps an array.

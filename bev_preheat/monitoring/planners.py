@@ -43,7 +43,7 @@ CLOCK = '/clock'
 LATEST = QoSProfile(depth=1, reliability=QoSReliabilityPolicy.BEST_EFFORT)
 LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
 # `look` is called so often [s].
-LOOK_PERIOD_S = 1.0
+PLANNERS_PERIOD_S = 1.0
 MOST_PLANNERS = 24
 # A planner that has been gone for this time is forgotten [s].
 FORGOTTEN_AFTER_S = 900.0

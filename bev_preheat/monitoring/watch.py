@@ -14,7 +14,7 @@ from rich.text import Text
 
 from bev_preheat.files.output_files import write_whole
 from bev_preheat.monitoring.board import Board
-from bev_preheat.monitoring.planners import find_planners, LOOK_PERIOD_S, Planners
+from bev_preheat.monitoring.planners import find_planners, Planners, PLANNERS_PERIOD_S
 from bev_preheat.monitoring.terminal_view import line, page
 
 if TYPE_CHECKING:
@@ -83,7 +83,7 @@ class LiveView:
     def _listen(self) -> None:
         now_s = time.monotonic()
         if now_s >= self._look_s:
-            self._look_s = now_s + LOOK_PERIOD_S
+            self._look_s = now_s + PLANNERS_PERIOD_S
             self._planners.look()
         self._listener.listen(REFRESH_S)
 

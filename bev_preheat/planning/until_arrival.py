@@ -20,11 +20,11 @@ from bev_preheat.planning.schedule import Schedule
 from bev_preheat.planning.two_switches import maximum_between
 from bev_preheat.tunables import (
     ABOVE_TARGET_K,
-    FULL_SHARE,
     HEATING_SHARE,
     LATEST_START_TOLERANCE_K,
     MOST_CHANGED_K,
-    MOST_RUNS,
+    MOST_TRIALS,
+    POWER_TOLERANCE,
     START_RESOLUTION_S,
 )
 
@@ -44,7 +44,7 @@ def heat_until_arrival(trip: Trip, state: BatteryState, schedule: Schedule, targ
     possible = np.flatnonzero(trip.heater_limit_w > 0.0)
     planned_c = float(schedule.temperature_c[-1])
     if not heated.any() or planned_c > target_c + ABOVE_TARGET_K or (
-            schedule.heater_power_w[possible[-1]] > FULL_SHARE * trip.heater_limit_w[possible[-1]]):
+            schedule.heater_power_w[possible[-1]] > (1.0 - POWER_TOLERANCE) * trip.heater_limit_w[possible[-1]]):
         return schedule
     last = int(np.flatnonzero(heated)[-1])
     pauses = possible[(possible < last) & ~heated[possible]]
@@ -60,7 +60,7 @@ def heat_until_arrival(trip: Trip, state: BatteryState, schedule: Schedule, targ
     slope_k_per_s = -trip.vehicle.hvch.efficiency * float(trip.heater_limit_w[possible[-1]]) / (
         trip.vehicle.battery.heat_capacity_j_per_k)
     found = follow_slope(start_s, arrival_s, from_instant(start_s), slope_k_per_s, from_instant,
-                         LATEST_START_TOLERANCE_K, START_RESOLUTION_S, MOST_RUNS)
+                         LATEST_START_TOLERANCE_K, START_RESOLUTION_S, MOST_TRIALS)
     if abs(found.excess) > MOST_CHANGED_K:
         return schedule
     return replace(found.outcome, held_back=schedule.held_back)

@@ -99,10 +99,10 @@ def tunables() -> list[Tunable]:
 
 
 def with_effects(text: str, effects: Sequence[Effect]) -> str:
-    """Return the text of the table with the worst change of an arrival behind the rows that move something."""
-    moved = {effect.tunable: f' | {effect.worst_k:.3f} K' for effect in effects if not effect.is_nothing}
-    return ROW.sub(lambda row: (row[0] if row[5] is None else row[0].removesuffix(f' | {row[5]}'))
-                   + moved.get(row[1], ''), text)
+    """Return the text of the table with the worst change of an arrival behind each row that moves something."""
+    moved = {effect.tunable: '' if effect.is_nothing else f' | {effect.worst_k:.3f} K' for effect in effects}
+    return ROW.sub(lambda row: row[0] if row[1] not in moved else (
+        row[0].removesuffix(f' | {row[5]}') + moved[row[1]]), text)
 
 
 class _Drives(NamedTuple):
@@ -171,7 +171,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _load(arguments: Sequence[str] | None) -> Callable[[], int]:
     parser = OneLineParser(prog='python3 -m bev_preheat_studies.tunables', description=__doc__,
                            formatter_class=RawDescriptionHelpFormatter)
-    parser.add_argument('--cars', type=int, default=4, metavar='N', help='drawn cars (default: %(default)s)')
+    parser.add_argument('--cars', type=int, default=1, metavar='N', help='drawn cars (default: %(default)s)')
     parser.add_argument('--seed', type=int, default=1, help='default: %(default)s')
     parser.add_argument('--period', type=float, default=4.0, metavar='S',
                         help='period of battery states and commands [s] (default: %(default)s)')
