@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING
 
 from bev_preheat.charging.heating_choice import ChargerHeating
@@ -185,30 +184,23 @@ def drive(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal | floa
 
     from bev_preheat.control.settings import Settings
     from bev_preheat.control.supervisor import Supervisor
+    from bev_preheat.simulation.drive_score import instants, score_of, Switching
     from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
     from bev_preheat.simulation.mismatch import Mismatch
     from bev_preheat.simulation.sensors import Sensors
-    from bev_preheat.simulation.supervised_drive import moments
     goal = goal_of(vehicle, goal)
     car = ImperfectCar(vehicle, route, state, goal, Imperfections(
         Mismatch() if mismatch is None else mismatch, sensors=Sensors() if sensors is None else sensors,
         heater_faults=tuple(heater_faults)), seed)
     supervisor = Supervisor(vehicle, Settings(method=method, estimation=estimation))
-    plant = car.plant
-    rows, measured_c, command_w = [], math.nan, 0.0
-    for moment in moments(car, supervisor, lambda: plant.is_standing):
-        if moment.reading is not None:
-            measured_c = moment.reading.temperature_c
-        if moment.output.command is not None:
-            command_w = moment.output.command.battery_heating_power_w
-        if moment.is_last:
-            estimate, current = supervisor.state.estimate, supervisor.state.decision.plan
-            rows.append((moment.time_s, plant.temperature_c, measured_c,
-                         math.nan if estimate is None else estimate.temperature_c,
-                         math.nan if current is None else current.arrival_temperature_c, command_w))
-    energy_wh, estimate = plant.energy_wh, supervisor.state.estimate
-    time_s, true_c, seen_c, estimated_c, predicted_c, commanded_w = np.array(rows).T
+    rows, switching = [], Switching()
+    for _, instant in instants(car, supervisor):
+        if instant is not None:
+            rows.append(instant)
+            switching.note(instant.time_s, instant.command_w)
+    estimate, score = supervisor.state.estimate, score_of(car.plant, goal.target_temperature_c, switching)
+    time_s, true_c, measured_c, estimated_c, predicted_c, command_w = np.array(rows).T
     return DriveResult(
-        time_s, true_c, seen_c, estimated_c, predicted_c, commanded_w, plant.temperature_c, plant.soc,
-        goal.target_temperature_c, energy_wh.hvch_electric, energy_wh.battery_total,
+        time_s, true_c, measured_c, estimated_c, predicted_c, command_w, car.plant.temperature_c,
+        score.arrival_soc, goal.target_temperature_c, score.heating_energy_wh, score.battery_energy_wh,
         'unknown' if estimate is None else estimate.heater.heater.value)

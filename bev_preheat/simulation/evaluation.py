@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 import math
 from typing import Any, NamedTuple, TYPE_CHECKING
 
+from bev_preheat.simulation.drive_score import Switching
 from bev_preheat.simulation.phases import DrivePhase
 from bev_preheat.simulation.traffic import clock_offset_s
 
@@ -69,8 +70,15 @@ class DriveRecord:
     @property
     def switch_ons(self) -> int:
         """Number of times that the command rose from 0 W."""
-        powers_w = [0.0, *(power_w for _, power_w, _ in self.commands)]
-        return sum(before == 0.0 < after for before, after in zip(powers_w, powers_w[1:]))
+        return self.switching.switch_ons
+
+    @property
+    def switching(self) -> Switching:
+        """The rises of the command from 0 W."""
+        switching = Switching()
+        for instant_s, power_w, _ in self.commands:
+            switching.note(instant_s, power_w)
+        return switching
 
     def during(self, from_s: float, until_s: float, target_c: float, arrival_c: float) -> DriveRecord:
         """Return the DriveRecord of the phase in a span [s] that ends at `arrival_c` [deg C]."""

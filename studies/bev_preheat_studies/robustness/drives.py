@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,7 +15,7 @@ from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.status import Status
-from bev_preheat.simulation.supervised_drive import moments
+from bev_preheat.simulation.drive_score import DriveScore, instants, score_of, Switching
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -36,14 +35,11 @@ FULL_SHARE = 0.95
 
 
 @dataclass(frozen=True)
-class DriveOutcome:
+class DriveOutcome(DriveScore):
     """
-    Outcome of one drive.
+    Outcome of one drive: its score, and the behaviour of the planner.
 
-    `arrival_error_k` is the true temperature on arrival above the target [K], `heating_energy_wh` the HVCH's
-    energy for the battery, `battery_energy_wh` the energy from the cells. `switch_ons` counts the rises
-    of the command from 0 W, the first at `first_switch_on_s` [s] (None: never); `partial_duty_s` is the time
-    with a command above 0 W and below FULL_SHARE of the power that the cabin leaves.
+    `partial_duty_s` is the time with a command above 0 W and below FULL_SHARE of the power that the cabin leaves.
     `verdicts` are the heater faults that the planner reported, in order;
     `fault_shown_s` is how long a real heater fault had an effect until it was found or the drive
     ended [s] (a dead heater has none while it is not commanded; None: no effect), and
@@ -52,14 +48,7 @@ class DriveOutcome:
     without a plan, `updates` all updates. `planner_cpu_s` is the planner's processor time.
     """
 
-    arrival_error_k: float
-    arrival_soc: float
-    heating_energy_wh: float
-    battery_energy_wh: float
-    switch_ons: int
-    first_switch_on_s: float | None
-    partial_duty_s: float
-    ran_empty: bool
+    partial_duty_s: float = 0.0
     verdicts: tuple[str, ...] = ()
     fault_shown_s: float | None = None
     fault_found_after_s: float | None = None
@@ -86,33 +75,29 @@ class DriveTrace:
     command_w: FloatArray
 
 
-class _DriveTally:
+class _DriveTally(Switching):
     """Totals of the commands; each holds until the next."""
 
     def __init__(self, vehicle: Vehicle, route: Route) -> None:
+        super().__init__()
         self._vehicle, self._route = vehicle, route
-        self.switch_ons, self.partial_duty_s = 0, 0.0
-        self.first_switch_on_s: float | None = None
-        self._power_w, self._since_s = 0.0, 0.0
+        self.partial_duty_s = self._since_s = 0.0
 
     def note(self, now_s: float, power_w: float) -> None:
         """Record the command [W] from an instant [s] on."""
         now_s = min(now_s, self._route.total_duration_s)
         if self._is_partial():
             self.partial_duty_s += now_s - self._since_s
-        if power_w > 0.0 and self._power_w == 0.0:
-            self.switch_ons += 1
-            if self.first_switch_on_s is None:
-                self.first_switch_on_s = now_s
-        self._power_w, self._since_s = power_w, now_s
+        self._since_s = now_s
+        super().note(now_s, power_w)
 
     def _is_partial(self) -> bool:
-        if self._power_w == 0.0:
+        if self.power_w == 0.0:
             return False
         cabin_w = float(
             self._route.cabin_heating_power_w[self._route.segment_at(self._since_s)])
         most_w = self._vehicle.hvch.maximum_power_w - cabin_w
-        return self._power_w < FULL_SHARE * most_w
+        return self.power_w < FULL_SHARE * most_w
 
 
 class FaultWatch:
@@ -173,32 +158,24 @@ def drive_noting(car: ImperfectCar, goal: Goal, settings: Settings,
     """
     supervisor, plant = Supervisor(car.vehicle, settings), car.plant
     tally, cpu_s = _DriveTally(car.vehicle, plant.route), 0.0
-    refused, without_plan, updates, measured_c = 0, 0, 0, math.nan
-    power_w = 0.0
+    refused, without_plan, updates = 0, 0, 0
     verdicts: dict[str, float] = {}
     fault = FaultWatch(car.imperfections.heater_faults)
-    for moment in moments(car, supervisor, lambda: plant.is_standing):
+    for moment, instant in instants(car, supervisor):
         cpu_s += moment.cpu_s
         if moment.reading is not None:
-            measured_c = moment.reading.temperature_c
             refused += bool(moment.output.refusals)
             without_plan += supervisor.state.decision.status is Status.INVALID_INPUT
             updates += 1
-        output = moment.output
-        if output.command is not None:
-            power_w = output.command.battery_heating_power_w
-        if not moment.is_last:
+        if instant is None:
             continue
-        tally.note(moment.time_s, power_w)
+        tally.note(instant.time_s, instant.command_w)
         estimate = supervisor.state.estimate
         if estimate is not None and estimate.heater.heater is not Heater.ANSWERS:
-            verdicts.setdefault(estimate.heater.heater.value, moment.time_s)
-        fault.note(moment.time_s, power_w, estimate)
+            verdicts.setdefault(estimate.heater.heater.value, instant.time_s)
+        fault.note(instant.time_s, instant.command_w, estimate)
         if note is not None:
-            plan = supervisor.state.decision.plan
-            note(moment.time_s, plant.temperature_c, measured_c,
-                 math.nan if estimate is None else estimate.temperature_c,
-                 math.nan if plan is None else plan.arrival_temperature_c, power_w)
+            note(*instant)
     tally.note(plant.time_s, 0.0)
     fault.end(plant.time_s)
     return _drive(plant, goal, tally, refused_inputs=refused, updates_without_plan=without_plan,
@@ -231,13 +208,5 @@ def drive_informed(car: ImperfectCar, goal: Goal) -> DriveOutcome:
 
 
 def _drive(plant: VehiclePlant, goal: Goal, tally: _DriveTally, **counted: Any) -> DriveOutcome:
-    energy_wh = plant.energy_wh
-    return DriveOutcome(
-        arrival_error_k=plant.temperature_c - goal.target_temperature_c,
-        arrival_soc=plant.soc,
-        heating_energy_wh=energy_wh.hvch_electric,
-        battery_energy_wh=energy_wh.battery_total,
-        switch_ons=tally.switch_ons,
-        first_switch_on_s=tally.first_switch_on_s,
-        partial_duty_s=tally.partial_duty_s,
-        ran_empty=plant.empty_at_s is not None, **counted)
+    score = score_of(plant, goal.target_temperature_c, tally)
+    return DriveOutcome(**vars(score), partial_duty_s=tally.partial_duty_s, **counted)
