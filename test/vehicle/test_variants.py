@@ -58,9 +58,6 @@ def test_arrays_of_factors_are_many_cars_at_once():
         assert np.broadcast_to(values, 3) == pytest.approx([own[name] for own in each])
 
 
-VEHICLE = load_vehicle('reference')
-
-
 @pytest.mark.parametrize('curve', ['discharge_power_limit', 'charge_power_limit'])
 @pytest.mark.parametrize('temperature_c', [-22.0, 3.0, 17.5, 39.0])
 def test_a_limit_is_that_of_the_coldest_cell(curve, temperature_c):
