@@ -83,7 +83,7 @@ def _layout(lines: Sequence[tuple[int, str]], separator: str | None) -> Layout |
 
 
 def _with_header(rows: Sequence[tuple[int, list[str]]], at: int, separator: str | None) -> Layout | None:
-    """Return the Layout with the header in a row; None if that is none."""
+    """Return the Layout with the header in a row; None if the row has no names or no values below."""
     number, cells = rows[at]
     if 2 * sum(map(_is_value, cells)) > len(cells) or not _are_names(cells):
         return None

@@ -127,7 +127,7 @@ class Table:
 
 
 def read_table(path: str | Path) -> Table:
-    """Return the Table of a file; raises InvalidInput if it is none, or naming each line of another length."""
+    """Return the Table of a file; raises InvalidInput without a header, or naming each line of another length."""
     head = read_head(path)
     file = open_table(path, head)
     if file is None:

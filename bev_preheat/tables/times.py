@@ -124,7 +124,7 @@ def _scale_of(unit: str) -> float | None:
 
 
 def iso_seconds(text: str) -> float:
-    """Return seconds since the epoch of a text as in ISO 8601, NaN if it is none; no zone means UTC."""
+    """Return seconds since the epoch of a time as in ISO 8601, NaN of another text; no zone means UTC."""
     text = text.strip().replace(',', '.')
     # datetime takes bare digits for a date.
     if len(text) < 10 or text[4:5] != '-':

@@ -34,7 +34,7 @@ QUANTITIES: dict[str, tuple[tuple[str, float, float, str], ...]] = {
     'watt_hour': (('watt_hour', 1.0, 0.0, 'wh watthour'), ('kilowatt_hour', 1e3, 0.0, 'kwh'),
                   ('joule', 1.0 / 3600.0, 0.0, 'j'), ('kilojoule', 1.0 / 3.6, 0.0, 'kj'),
                   ('megajoule', 1e6 / 3600.0, 0.0, 'mj')),
-    # No signal and no column of a route is measured in these; a channel that has one is none.
+    # No signal and no column of a route is measured in these, so channels with them are left out.
     'ampere_hour': (('ampere_hour', 1.0, 0.0, 'ah'),),
     'ohm': (('ohm', 1.0, 0.0, ''), ('milliohm', 1e-3, 0.0, 'mohm')),
     'rpm': (('rpm', 1.0, 0.0, '1/min'),), 'newton_meter': (('newton_meter', 1.0, 0.0, 'nm'),),
