@@ -89,7 +89,6 @@ class Electrical:
     """
 
     voltage_v: FloatArray
-    voltage_deviations_v: FloatArray
     log_factors: FloatArray
     soc_factors: FloatArray
     covariance: FloatArray
@@ -160,8 +159,8 @@ def fit_electrical(vehicle: Vehicle, trips: Sequence[Trip], weights: Sequence[fl
     precision = _prior_precision(vehicle)
     if not telling:
         prior = np.asarray(np.linalg.inv(precision), dtype=float)
-        return Electrical(np.zeros(OCV), np.sqrt(np.diag(prior)[:OCV]), np.zeros(KNOTS), np.zeros(len(KNOTS_SOC)),
-                          prior[BETA, BETA], 0.0, 0.0, 1.0, math.nan,
+        return Electrical(np.zeros(OCV), np.zeros(KNOTS), np.zeros(len(KNOTS_SOC)), prior[BETA, BETA],
+                          0.0, 0.0, 1.0, math.nan,
                           capacity_ah, capacity_deviation_ah, (), capacity_trips)
     best = min((_fit(vehicle, telling, capacity_ah, polarisation_s, precision)
                 for polarisation_s in POLARISATION_S), key=lambda found: found[0])
@@ -171,7 +170,7 @@ def fit_electrical(vehicle: Vehicle, trips: Sequence[Trip], weights: Sequence[fl
     soc_factors, means = theta[BETA.stop:LOGS.stop], soc_weights / soc_weights.sum()
     joined = np.concatenate((np.eye(KNOTS), np.tile(means, (KNOTS, 1))), axis=1)
     return Electrical(
-        theta[:OCV], np.sqrt(np.diag(covariance)[:OCV]), joined @ theta[LOGS] + math.log(heat_factor),
+        theta[:OCV], joined @ theta[LOGS] + math.log(heat_factor),
         soc_factors - means @ soc_factors,
         np.asarray(joined @ covariance[LOGS, LOGS] @ joined.T + SYSTEMATIC_DEVIATION**2, dtype=float),
         float(theta[RHO]),

@@ -52,10 +52,6 @@ class Parameter:
         """Return the parameter's value at a coordinate."""
         return math.exp(coordinate) if self.is_log else coordinate
 
-    def deviation_of(self, coordinate: float, deviation: float) -> float:
-        """Return the standard deviation of the value from that of the coordinate, to first order."""
-        return math.exp(coordinate) * deviation if self.is_log else deviation
-
 
 # Names in the order of the thermal model's inputs.
 NAMES = ('heat_capacity', 'leakage', 'leakage_with_speed', 'drivetrain_heat', 'heater_efficiency', 'heat_lag',

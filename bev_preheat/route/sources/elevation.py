@@ -67,7 +67,7 @@ def smooth_elevation(distance_m: FloatArray, elevation_m: FloatArray) -> tuple[F
     length_m = (noise_m**2 * spacing_m / (4.0 * np.sqrt(np.pi) * SLOPE_ERROR**2)) ** (1.0 / 3.0)
     length_m = float(np.clip(length_m, *SMOOTHING_RANGE_M))
     raw_m = _means(grid_m, step_m, at_m, values_m)
-    smooth_m = _gaussian(raw_m, length_m / step_m)
+    smooth_m = gaussian(raw_m, length_m / step_m)
     remark = None
     if noise_m > 0.3 or outliers:
         raw_climb, climb = (float(np.maximum(np.diff(column), 0.0).sum()) for column in (values_m, smooth_m))
@@ -132,7 +132,7 @@ def _means(grid_m: FloatArray, step_m: float, at_m: FloatArray, values_m: FloatA
     return np.where(widths > 1e-9, np.diff(area) / np.maximum(widths, 1e-9), np.interp(grid_m, at_m, values_m))
 
 
-def _gaussian(values: FloatArray, deviation: float) -> FloatArray:
+def gaussian(values: FloatArray, deviation: float) -> FloatArray:
     """Return values filtered by a Gaussian of a deviation in points; the ends are continued by reflection."""
     reach = max(1, int(KERNEL_REACH * deviation))
     kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / deviation)**2)

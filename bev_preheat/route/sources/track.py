@@ -12,6 +12,7 @@ from bev_preheat.errors import figure, InvalidInput
 from bev_preheat.numerics.factors import EARTH_RADIUS_M
 from bev_preheat.route.kinematics import drive_along, Track
 from bev_preheat.route.segments import LONGEST_ROUTE_S
+from bev_preheat.route.sources.elevation import gaussian
 from bev_preheat.route.sources.timeline import check_coordinates, distances_m, journey_of, Timeline
 
 if TYPE_CHECKING:
@@ -167,15 +168,7 @@ def _smooth_steps_m(latitude_deg: FloatArray, longitude_deg: FloatArray, elapsed
     deviation = POSITION_FILTER_S / between_s
     if deviation < 1.0 or len(elapsed_s) < 8:
         return distances_m(latitude_deg, longitude_deg)
-    reach = min(int(3.0 * deviation), len(elapsed_s) - 1)
-    kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / deviation)**2)
-    kernel /= kernel.sum()
-
-    def filtered(values: FloatArray) -> FloatArray:
-        before, after = 2.0 * values[0] - values[reach:0:-1], 2.0 * values[-1] - values[-2:-reach - 2:-1]
-        return np.convolve(np.concatenate((before, values, after)), kernel, mode='valid')
-
-    return distances_m(filtered(latitude_deg), filtered(longitude_deg))
+    return distances_m(gaussian(latitude_deg, deviation), gaussian(longitude_deg, deviation))
 
 
 def _free(kind: str, latitude_deg: FloatArray, longitude_deg: FloatArray, elevation_m: FloatArray | None,
