@@ -37,7 +37,7 @@ from bev_preheat.errors import figure, figure_beyond, InvalidInput
 from bev_preheat.files.output_files import check_outputs, expanded, OutputFile, PICTURE_SUFFIXES
 from bev_preheat.messages.fields import nanoseconds
 from bev_preheat.messages.preheat_plan import charging_text, ENERGY_FIELDS
-from bev_preheat.messages.simulated_drive import ARRIVED, lost_commands_sentence
+from bev_preheat.messages.simulated_drive import ARRIVED
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.planner import plan_unheated
 from bev_preheat.planning.status import Status
@@ -81,9 +81,6 @@ def parse_arguments(arguments: Sequence[str] | None) -> Namespace:
                         'itself (unknown)')
     parser.add_argument('--departure-soc', type=float, metavar='0..1',
                         help=f'state of charge at which the car leaves the charger ({USUAL_DEPARTURE_SOC:g})')
-    parser.add_argument('--speed-up', type=float, metavar='N',
-                        help='simulated seconds per real second, 1 ... 1000; commands then arrive with the delays '
-                        'of this computer (in lockstep, the same drive on every computer)')
     parser.add_argument('--output', type=Path, default=Path('out/demo.png'), metavar='FILE',
                         help='the picture; the recording and the logs of the processes are written next to it '
                         '(%(default)s)')
@@ -99,8 +96,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _load(arguments: Sequence[str] | None) -> Callable[[], int]:
     parsed = parse_arguments(arguments)
-    if parsed.speed_up is not None and not 1.0 <= parsed.speed_up <= 1000.0:
-        raise InvalidInput(f'--speed-up: {parsed.speed_up:g} is not allowed; it must be 1 ... 1000')
     _check_charger(parsed)
     output = parsed.output
     check_outputs([OutputFile('--output', output, PICTURE_SUFFIXES, make_folder=True), *(
@@ -179,8 +174,7 @@ def _drive(parsed: Namespace, console: Console) -> tuple[bool, str]:
         path = Path(stack.enter_context(tempfile.TemporaryDirectory()), 'demo.yaml')
         scenario = _scenario(parsed, path)
         domain_id = int(os.environ.get('ROS_DOMAIN_ID') or stack.enter_context(reserved_domain_id()))
-        pace = 'in lockstep' if parsed.speed_up is None else f'{parsed.speed_up:g} times real time'
-        _tell(console, f'Vehicle {parsed.vehicle} on route {parsed.route}, {pace}, ROS domain {domain_id}.')
+        _tell(console, f'Vehicle {parsed.vehicle} on route {parsed.route}, in lockstep, ROS domain {domain_id}.')
         show = stack.enter_context(ExitStack())
         bar = show.enter_context(progress_bar(TextColumn('{task.description}'), BarColumn()))
         lines = _Lines(console, scenario.route.total_duration_s)
@@ -190,7 +184,7 @@ def _drive(parsed: Namespace, console: Console) -> tuple[bool, str]:
             lines.show(drive)
             bar.update(task, description=lines.now(drive), completed=lines.share(drive))
 
-        drive = drive_with_nodes(scenario, str(path), parsed.speed_up, output.parent, recording_beside(output),
+        drive = drive_with_nodes(scenario, str(path), output.parent, recording_beside(output),
                                  domain_id, observe, heater_status=True)
     if drive.first_plan is None:
         raise ScenarioFailed('the vehicle stopped before the planner had a plan')
@@ -203,7 +197,7 @@ def _drive(parsed: Namespace, console: Console) -> tuple[bool, str]:
     if drive.recording is not None:
         _tell(console, f'Recording: {drive.recording}; the drive as a page, to ask why and what if: '
               f'preheat replay {drive.recording} --report drive.html')
-    return verdict(drive, parsed.speed_up)
+    return verdict(drive)
 
 
 def _tell(console: Console, sentence: str) -> None:
@@ -270,12 +264,11 @@ def _report(drive: ObservedDrive) -> SimulatedDriveReport:
     return drive.report
 
 
-def verdict(drive: ObservedDrive, speed_up: float | None) -> tuple[bool, str]:
+def verdict(drive: ObservedDrive) -> tuple[bool, str]:
     """
     Return (whether the drive is good, a sentence).
 
     It is if the battery arrived within GOOD_ARRIVAL_K of its target under valid commands all the way.
-    `speed_up` is in simulated seconds per real second; None: in lockstep.
     """
     report, target_c = _report(drive), drive.target_c
     time_s, temperature_c, _ = drive.states[-1]
@@ -287,7 +280,8 @@ def verdict(drive: ObservedDrive, speed_up: float | None) -> tuple[bool, str]:
     sentence = (f'the battery arrived at {temperature_c:.2f} degC, {abs(error_k):.2f} K '
                 f'{"above" if error_k > 0.0 else "below"} its target of {target_c:.1f} degC')
     if report.without_command_s > 0.0:
-        return False, f'{sentence}, {lost_commands_sentence(report.without_command_s, speed_up)}.'
+        return False, (f'{sentence}, but no command was valid for {report.without_command_s:.1f} s of the drive: '
+                       'the planner sent none.')
     if abs(error_k) <= GOOD_ARRIVAL_K:
         return True, f'{sentence}.'
     return False, (f'{sentence}; at most {GOOD_ARRIVAL_K:g} K is good. Planned at the start: '

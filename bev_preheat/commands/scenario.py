@@ -43,9 +43,6 @@ def add_parser(subparsers: Subparsers) -> None:
     parser.add_argument('--list', action='store_true', help='list the scenarios and exit')
     parser.add_argument('--nodes', action='store_true',
                         help='use the installed nodes over ROS, instead of this process without ROS')
-    parser.add_argument('--speed-up', type=float, metavar='N',
-                        help='with --nodes: simulated seconds per real second, 1 ... 1000, with the delays of '
-                        'this computer (default: in lockstep)')
     parser.add_argument('--logs', metavar='FOLDER', help='with --nodes: folder for their logs')
     parser.add_argument('--record', metavar='FOLDER',
                         help="folder for the planner's flight recordings, NAME.mcap, for preheat replay")
@@ -57,9 +54,6 @@ def run(arguments: Namespace) -> int:
     """Run, print and write; returns 0 if all expectations are met."""
     from bev_preheat.simulation.evaluation import evaluate_chain
     from bev_preheat.simulation.scenario import load_scenario
-    if arguments.speed_up is not None and not 1.0 <= arguments.speed_up <= 1000.0:
-        raise InvalidInput(f'--speed-up: {arguments.speed_up:g} is not allowed; it must be '
-                           '1 ... 1000')
     arguments.logs = _folder('--logs', arguments.logs)
     arguments.record = _folder('--record', arguments.record)
     if arguments.record is not None:
@@ -134,7 +128,7 @@ def _drive(arguments: Namespace, name: str, scenario: Scenario,
         from bev_preheat.simulator.installed_drive import drive_with_nodes, ScenarioFailed
         try:
             return drive_with_nodes(
-                scenario, name, arguments.speed_up, arguments.logs, _recording(arguments, scenario)).record
+                scenario, name, arguments.logs, _recording(arguments, scenario)).record
         except ScenarioFailed as error:
             raise InvalidInput(str(error)) from error
 

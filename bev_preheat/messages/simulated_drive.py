@@ -80,19 +80,6 @@ def outcome_from_diagnostics(message: DiagnosticArray) -> SimulatedDriveReport |
     return None
 
 
-def lost_commands_sentence(without_command_s: float, speed_up: float | None) -> str:
-    """
-    Return the cause of `without_command_s` [s] of a drive without a valid command.
-
-    `speed_up` is in simulated seconds per real second; None: in lockstep.
-    """
-    sentence = f'but no command was valid for {without_command_s:.1f} s of the drive: '
-    if speed_up is None:
-        return sentence + 'the planner sent none'
-    return sentence + (f'this computer was too slow for {speed_up:g} times real time; without --speed-up the '
-                       'drive waits for every command')
-
-
 def _doing(phase: Phase) -> str:
     if isinstance(phase, Charge):
         return CHARGING

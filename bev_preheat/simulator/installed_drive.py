@@ -20,7 +20,6 @@ from bev_preheat.messages.fields import nanoseconds
 from bev_preheat.messages.preheat_plan import charging_text
 from bev_preheat.messages.simulated_drive import (
     ARRIVED,
-    lost_commands_sentence,
     outcome_from_diagnostics,
 )
 from bev_preheat.nodes.listening import listening
@@ -53,9 +52,6 @@ POLL_S = 0.05
 WITHOUT_TRIP = (Status.NO_ROUTE, Status.NO_BATTERY_STATE)
 # Messages of a topic that wait between two polls.
 MOST_UNREAD = 1000
-# At 60 times real time a clock message that is 20 ms late is 1.2 s late; the simulator's time runs
-# no further ahead of the planner than this.
-HURRIED = {'clock_tolerance': 2.0}
 
 
 class ScenarioFailed(Exception):
@@ -159,18 +155,17 @@ def log_files(scenario: str, folder: AnyPath) -> list[Path]:
     return [Path(folder) / f'{scenario}.{name}.log' for name in ('planner', 'vehicle_simulator')]
 
 
-def drive_with_nodes(scenario: Scenario, name_or_file: str, speed_up: float | None = None,
-                     log_folder: AnyPath | None = None, recording: Path | None = None,
-                     domain_id: int | None = None, observe: Callable[[ObservedDrive], object] = lambda drive: None,
+def drive_with_nodes(scenario: Scenario, name_or_file: str, log_folder: AnyPath | None = None,
+                     recording: Path | None = None, domain_id: int | None = None,
+                     observe: Callable[[ObservedDrive], object] = lambda drive: None,
                      heater_status: bool = False) -> ObservedDrive:
     """
     Return the ObservedDrive of a Scenario that the installed executables drive.
 
-    The scenario was loaded from `name_or_file`; `speed_up` simulated seconds pass in each real one (None: in
-    lockstep, the same drive on every computer); the logs go to `log_folder`, the planner's flight recording to the
-    file `recording` (None: it does not record). They are in the ROS domain `domain_id`, None: an unused one.
-    `observe` is called on the way; with `heater_status` the simulated heater tells its power. Raises
-    ScenarioFailed if the drive does not finish, or loses commands.
+    They drive in lockstep: the same drive on every computer. The scenario was loaded from `name_or_file`; the logs
+    go to `log_folder`, the planner's flight recording to the file `recording` (None: it does not record). They are
+    in the ROS domain `domain_id`, None: an unused one. `observe` is called on the way; with `heater_status` the
+    simulated heater tells its power. Raises ScenarioFailed if the drive does not finish.
     """
     with tempfile.TemporaryDirectory() as temporary, ExitStack() as stack:
         domain_id = stack.enter_context(reserved_domain_id()) if domain_id is None else domain_id
@@ -183,23 +178,17 @@ def drive_with_nodes(scenario: Scenario, name_or_file: str, speed_up: float | No
             planner_arguments = ['-p', 'use_sim_time:=true',
                                  '-p', f'vehicle:={scenario.vehicle_name}']
             recorded = {} if kept is None else kept.parameters(stack)
-            tolerance = {} if speed_up is None else HURRIED
-            for parameter, value in {**tolerance, **scenario.planner, **recorded}.items():
+            for parameter, value in {**scenario.planner, **recorded}.items():
                 planner_arguments += ['-p', f'{parameter}:={_text(value)}']
             with NodeProcess('planner', planner_arguments, planner_log) as planner, NodeProcess(
                     'vehicle_simulator',
                     ['-p', f'scenario:={name_or_file}', '-p', f'start_time:={START_S}',
-                     *(('-p', 'lockstep:=true') if speed_up is None else (
-                         '-p', f'speed_up:={float(speed_up)}', '-p', 'wait_for_planner:=true')),
+                     '-p', 'lockstep:=true',
                      # Planner and observer: messages before the observer's subscription are lost.
                      '-p', 'wait_for_listeners:=2', '-p', 'exit_on_arrival:=true',
                      '-p', f'heater_status:={_text(heater_status)}'],
                     simulator_log) as simulator:
                 _follow(listener, drive, simulator, planner, observe)
-            lost_s = 0.0 if drive.report is None else drive.report.without_command_s
-            if speed_up is not None and lost_s > 0.0:
-                raise ScenarioFailed(
-                    f'{scenario.name}: the drive ended, {lost_commands_sentence(lost_s, speed_up)}')
             if kept is not None:
                 drive.recording = kept.keep()
             fill_phases(drive.record, scenario, () if drive.report is None else drive.report.ends)

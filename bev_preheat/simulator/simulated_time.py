@@ -80,10 +80,6 @@ class OwnTime:
         """Return the simulated time since the start [s], moving it on."""
         return self.pace.follow(self._steady_clock.now().nanoseconds * 1e-9)
 
-    def stand(self) -> None:
-        """Let no simulated time pass."""
-        self.pace.stand(self._steady_clock.now().nanoseconds * 1e-9)
-
     def publish(self, stamp: Time) -> None:
         """Publish `/clock`."""
         self._clock.publish(Clock(clock=stamp))
@@ -139,9 +135,6 @@ class NodeTime:
                 'cannot go back')
         self._latest_ns = max(self._latest_ns, now_ns)
         return (self._latest_ns - self.start_ns) / NS_PER_S
-
-    def stand(self) -> None:
-        """Do nothing: another node owns the clock."""
 
     def publish(self, stamp: Time) -> None:
         """Publish nothing: another node owns the clock."""

@@ -19,7 +19,7 @@ from bev_preheat.charging.stop import CHARGER_RANGE_W
 from bev_preheat.errors import InvalidInput
 from bev_preheat.heater.controller import Refusal
 from bev_preheat.messages.battery_state import reading_message
-from bev_preheat.messages.fields import nanoseconds, time_message
+from bev_preheat.messages.fields import time_message
 from bev_preheat.messages.heater import heater_command, status_message
 from bev_preheat.messages.route_plan import charger_of, route_plan_message
 from bev_preheat.messages.route_progress import progress_message
@@ -37,7 +37,6 @@ from bev_preheat.planning.situation import BatteryState, check_situation, Goal
 from bev_preheat.route import route_for
 from bev_preheat.simulation.heater_side import HeaterSide
 from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
-from bev_preheat.simulation.pace import Patience
 from bev_preheat.simulation.scenario import load_scenario
 from bev_preheat.simulation.sensors import Sensors
 from bev_preheat.simulator.lockstep import GRAPH_PERIOD_S, Lockstep, NoAnswer
@@ -91,9 +90,8 @@ PARAMETERS = (
               'In lockstep, a node that does not answer for this long ends the drive with an error', 's',
               (0.5, 3600.0), read_only=True),
     Parameter('wait_for_planner', False,
-              'Hold the clock until a planner with route and battery state commands, and while its answers '
-              'lag behind. lockstep does so anyway.',
-              read_only=True),
+              'Hold the clock at the start until a planner with route and battery state commands. lockstep does '
+              'so anyway.', read_only=True),
     Parameter('wait_for_listeners', 0,
               'Hold the clock at the start until battery_state has this many subscriptions.', '',
               (0, 1000), read_only=True),
@@ -158,7 +156,6 @@ class VehicleSimulatorNode(ProgramNode):
         ) if self._owns_clock else NodeTime(self, values)
         self._pace = self._time.pace
         self._waits_for_planner = values['wait_for_planner']
-        self._patience = Patience() if self._waits_for_planner else None
         self._listeners_awaited = values['wait_for_listeners']
         if values['lockstep'] and values['speed_up'] != 1.0:
             raise InvalidInput(f'speed_up: {values["speed_up"]} is not allowed with lockstep; it must be 1.0')
@@ -214,11 +211,6 @@ class VehicleSimulatorNode(ProgramNode):
             self._time.publish(self._stamp())
             return
         real_s = self._steady_clock.now().nanoseconds * 1e-9
-        if self._patience and not car.is_over and not self._patience.lets_go_on(
-                car.clock_s, real_s):
-            self._time.stand()
-            self._time.publish(self._stamp())
-            return
         try:
             elapsed_s = self._time.elapsed_s()
         except InvalidInput as error:
@@ -397,9 +389,6 @@ class VehicleSimulatorNode(ProgramNode):
             self._lockstep.hear()
         if self._car.is_over or self._time.start_ns == 0 or (self._lockstep and self._is_held):
             return
-        if self._patience:
-            self._patience.hear(
-                (nanoseconds(message.header.stamp) - self._time.start_ns) / NS_PER_S)
         if self._is_held:
             # A planner may be restarted meanwhile.
             self._heater.restart()
@@ -421,8 +410,6 @@ class VehicleSimulatorNode(ProgramNode):
 
     def _publish_state(self, reading: Reading) -> None:
         stamp_ns = self._time.start_ns + round(self._car.stamp_s(reading.instant_s) * NS_PER_S)
-        if self._patience:
-            self._patience.tell(self._car.clock_s)
         self._state_publisher.publish(
             reading_message(reading, self._plant.vehicle.battery.capacity_ah, stamp_ns))
 
