@@ -93,10 +93,12 @@ class Table:
     is_sure_of_decimals: bool = True
     header_line: int = 0
     comments: tuple[tuple[int, str], ...] = ()
+    # The name of a row that is no line of the file.
+    row_name: str = ''
 
     def where(self, row: int) -> str:
-        """Return a row's place for messages: file and line."""
-        return f'{self.path}, line {self.lines[row]}'
+        """Return a row's place for messages: file and line, or the row's own name and number."""
+        return f'{self.row_name} {row + 1}' if self.row_name else f'{self.path}, line {self.lines[row]}'
 
     def texts(self, name: str) -> tuple[str, ...]:
         """Return the cells of a column."""

@@ -131,7 +131,11 @@ def test_changed_values_give_a_route_or_a_refusal(tmp_path, name):
     ('<?xml version="1.0"?>', 'is not XML: it has no element'),
     ('<!DOCTYPE gpx [<!ENTITY a "b">]><battery-export>&a;</battery-export>', 'line 1: has a document type'),
     ('<battery-export/>', 'battery-export: has no vehicle with a battery'),
-    ('<battery-export><timestep time="x"/></battery-export>', "line 1: timestep: time: 'x' is not a number"),
+    ('<battery-export><timestep time="x"><vehicle id="a" speed="1" energyConsumed="1"/></timestep>'
+     '</battery-export>',
+     "timestep 1: time_s: 'x' is not a number"),
+    ('<battery-export><timestep time="0"><vehicle id="a" speed="1"/></timestep></battery-export>',
+     'line 1: vehicle: missing energyConsumed'),
     ('<battery-export>' + '<a>' * 60, 'line 1: elements are nested more than 50 deep'),
     ('a\0b', 'is a binary file'),
     ('time_s,speed_kmh\n0,0\n0,0\n', 'line 3: time_s: 0 s is not after 0 s of the previous row'),

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput
@@ -17,15 +16,6 @@ if TYPE_CHECKING:
 
 # Names of the list of segments in an object.
 LISTS = ('segments', 'steps', 'legs', 'route', 'path', 'sections')
-
-
-@dataclass(frozen=True)
-class RecordTable(Table):
-    """A table whose rows are JSON objects; places are segments instead of lines."""
-
-    def where(self, row: int) -> str:
-        """Return a row's place for messages."""
-        return f'segment {row + 1}'
 
 
 def read_records(contents: Any) -> Journey:
@@ -52,8 +42,8 @@ def read_records(contents: Any) -> Journey:
         raise InvalidInput(f'segment 1: has no figures; its keys are: {_keys(records[0])}')
     # Texts, so that numbers are checked as in tables; a missing one is reported if its column is used.
     rows = [[_text(record.get(name)) for name in header] for record in records]
-    return journey_of_table(RecordTable('segments', tuple(header), tuple(split_unit(name).unit for name in header),
-                                        tuple(zip(*rows)), range(1, len(rows) + 1)))
+    return journey_of_table(Table('segments', tuple(header), tuple(split_unit(name).unit for name in header),
+                                  tuple(zip(*rows)), range(1, len(rows) + 1), row_name='segment'))
 
 
 def _why_no_route(contents: dict[str, Any]) -> str:
