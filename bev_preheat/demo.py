@@ -53,8 +53,7 @@ if TYPE_CHECKING:
     from argparse import Namespace
     from collections.abc import Callable, Sequence
 
-    from rich.console import Console
-
+    from bev_preheat.console.terminal import ResultConsole
     from bev_preheat.messages.simulated_drive import SimulatedDriveReport
     from bev_preheat.simulation.scenario import Scenario
 
@@ -98,9 +97,9 @@ def _load(arguments: Sequence[str] | None) -> Callable[[], int]:
     parsed = parse_arguments(arguments)
     _check_charger(parsed)
     output = parsed.output
-    check_outputs([OutputFile('--output', output, PICTURE_SUFFIXES, make_folder=True), *(
-        OutputFile('--output', path, make_folder=True)
-        for path in (recording_beside(output), *log_files(output.stem, output.parent)))],
+    others = [OutputFile('--output', path, make_folder=True)
+              for path in (recording_beside(output), *log_files(output.stem, output.parent))]
+    check_outputs([OutputFile('--output', output, PICTURE_SUFFIXES, make_folder=True), *others],
                   [vehicle_file(parsed.vehicle), route_file(parsed.route)])
     with tempfile.TemporaryDirectory() as folder:
         scenario = _scenario(parsed, Path(folder, 'demo.yaml'))
@@ -161,12 +160,12 @@ def _run(parsed: Namespace) -> int:
         interruption.kept = ('; vehicle_simulator and planner have ended; their logs are in '
                              f'{parsed.output.parent}')
         raise
-    console.print(f'demo: {"good" if good else "failed"}: {sentence}', style='green' if good
-                  else 'red', markup=False, soft_wrap=True)
+    console.say(f'demo: {"good" if good else "failed"}: {sentence}', style='green' if good
+                else 'red')
     return 0 if good else 1
 
 
-def _drive(parsed: Namespace, console: Console) -> tuple[bool, str]:
+def _drive(parsed: Namespace, console: ResultConsole) -> tuple[bool, str]:
     """Drive, draw and sum up; return (whether it succeeded, a sentence)."""
     output = parsed.output
     output.parent.mkdir(parents=True, exist_ok=True)
@@ -174,7 +173,7 @@ def _drive(parsed: Namespace, console: Console) -> tuple[bool, str]:
         path = Path(stack.enter_context(tempfile.TemporaryDirectory()), 'demo.yaml')
         scenario = _scenario(parsed, path)
         domain_id = int(os.environ.get('ROS_DOMAIN_ID') or stack.enter_context(reserved_domain_id()))
-        _tell(console, f'Vehicle {parsed.vehicle} on route {parsed.route}, in lockstep, ROS domain {domain_id}.')
+        console.say(f'Vehicle {parsed.vehicle} on route {parsed.route}, in lockstep, ROS domain {domain_id}.')
         show = stack.enter_context(ExitStack())
         bar = show.enter_context(progress_bar(TextColumn('{task.description}'), BarColumn()))
         lines = _Lines(console, scenario.route.total_duration_s)
@@ -190,24 +189,20 @@ def _drive(parsed: Namespace, console: Console) -> tuple[bool, str]:
         raise ScenarioFailed('the vehicle stopped before the planner had a plan')
     print_figures(console, 'The drive', ('', 'planned at the start', 'actual'), summary_rows(drive))
     if drive.charging_plan is not None:
-        _tell(console, f'At the charger, as predicted on the way: {charging_text(drive.charging_plan)}. '
-              f'{drive.charging_plan.target_reason}')
+        console.say(f'At the charger, as predicted on the way: {charging_text(drive.charging_plan)}. '
+                    f'{drive.charging_plan.target_reason}')
     _draw(parsed, scenario, drive)
-    _tell(console, f'Picture: {output}')
+    console.say(f'Picture: {output}')
     if drive.recording is not None:
-        _tell(console, f'Recording: {drive.recording}; the drive as a page, to ask why and what if: '
-              f'preheat replay {drive.recording} --report drive.html')
+        console.say(f'Recording: {drive.recording}; the drive as a page, to ask why and what if: '
+                    f'preheat replay {drive.recording} --report drive.html')
     return verdict(drive)
-
-
-def _tell(console: Console, sentence: str) -> None:
-    console.print(sentence, markup=False, soft_wrap=True)
 
 
 class _Lines:
     """A line for each change of status, and one every few simulated minutes."""
 
-    def __init__(self, console: Console, duration_s: float) -> None:
+    def __init__(self, console: ResultConsole, duration_s: float) -> None:
         self._console, self._duration_s = console, duration_s
         self._next_s = 0.0
         self._status: Status | None = None
@@ -217,12 +212,12 @@ class _Lines:
             return
         status, time_s = Status(drive.plan.status), drive.states[-1][0]
         if status is not self._status:
-            _tell(self._console, f'{duration_text(time_s):>11}  {status.name}: {drive.plan.explanation}')
+            self._console.say(f'{duration_text(time_s):>11}  {status.name}: {drive.plan.explanation}')
         elif time_s < self._next_s:
             return
         self._status = status
         self._next_s = (time_s // PLAIN_LINE_PERIOD_S + 1.0) * PLAIN_LINE_PERIOD_S
-        _tell(self._console, f'{duration_text(time_s):>11}  {self.now(drive)}')
+        self._console.say(f'{duration_text(time_s):>11}  {self.now(drive)}')
 
     def now(self, drive: ObservedDrive) -> str:
         """Return the latest state, command and prediction in one line."""

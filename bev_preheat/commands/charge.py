@@ -107,7 +107,7 @@ def run(arguments: Namespace) -> int:
             'value_of_time_per_h': prices.time_per_h,
             'sessions': [{'name': name, **choice.session.as_dictionary(),
                           'charger_heating': choice.as_dictionary()} for name, choice in choices.items()],
-            **more, 'vehicle_assumed': list(vehicle.assumed)})
+            **more})
     if arguments.plot:
         from bev_preheat.drawing.charging_figure import draw_sessions
         draw_sessions(arguments.plot, vehicle, stop, sessions, title)
@@ -129,13 +129,8 @@ def run(arguments: Namespace) -> int:
         ('Departure SoC [%]', lambda session: f'{100 * session.soc[-1]:.2f}'))
     print_figures(console, title, ['', *sessions], [
         (heading, *map(figure, sessions.values())) for heading, figure in rows])
-    for sentence in (*_sentences(sessions), *_heating_sentences(choices), *_warm_sentences(warm)):
-        console.print(sentence, markup=False, soft_wrap=True)
+    console.say(*_sentences(sessions), *_heating_sentences(choices), *_warm_sentences(warm))
     return 0
-
-
-def _as_json(warm: TooWarm | None) -> dict[str, Any] | None:
-    return None if warm is None else warm.as_dictionary()
 
 
 def _warm_sentences(warm: dict[str, TooWarm | None]) -> list[str]:
@@ -179,7 +174,7 @@ def _after_drive(
     stop = stop_after(situation.route, arguments.charger_power, arguments.departure_soc)
     return situation.vehicle, stop, {
         name: arrival_state(drive) for name, drive in ((PREHEATED, plan), (UNHEATED, unheated))}, {
-            'plan': plan.as_dictionary(), 'route_made_for': situation.route_made_for}
+            'plan': plan.as_dictionary(), **situation.as_dictionary()}
 
 
 def _after_arrival(
@@ -193,7 +188,7 @@ def _after_arrival(
         vehicle.defaults.auxiliary_power_w if auxiliary_w is None else auxiliary_w)
     return vehicle, stop, {
         f'from {at_c:g} degC': BatteryState(at_c, arguments.arrival_soc)
-        for at_c in arguments.arrival_temperature}, {}
+        for at_c in arguments.arrival_temperature}, {'vehicle_assumed': list(vehicle.assumed)}
 
 
 def _time_text(session: Session) -> str:

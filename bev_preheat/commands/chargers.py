@@ -61,8 +61,7 @@ def run_chargers(arguments: Namespace) -> int:
             'chargers': [item.as_dictionary() for item in ranked],
             'best': able[0].candidate.name if able else None, 'verdict': verdict,
             'end_soc': arguments.end_soc, 'value_of_time_per_h': arguments.value_of_time,
-            'route_made_for': situation.route_made_for,
-            'vehicle_assumed': list(situation.vehicle.assumed)})
+            **situation.as_dictionary()})
     if arguments.plot:
         from bev_preheat.drawing.chargers_figure import draw_chargers
         draw_chargers(arguments.plot, ranked, title)
@@ -72,13 +71,12 @@ def run_chargers(arguments: Namespace) -> int:
         ('charger', 'after [min]', 'power [kW]', 'arrives [%]', 'leaves [%]', 'target [degC]',
          'bought [kWh]', 'charging [min]', 'energy', 'charging', 'detour', 'wait', 'total'),
         [_row(item) for item in ranked], ('left', *('right',) * 12))
-    console.print(verdict, markup=False, soft_wrap=True)
+    console.say(verdict)
     for item in ranked:
         if item.problem is not None:
-            console.print(f'{item.candidate.name}: {item.problem}.', markup=False, soft_wrap=True)
+            console.say(f'{item.candidate.name}: {item.problem}.')
         elif item is not able[0]:
-            console.print(f'{item.candidate.name}: {_sentence(item, able[0])}', markup=False,
-                          soft_wrap=True)
+            console.say(f'{item.candidate.name}: {_sentence(item, able[0])}')
     return 0
 
 

@@ -17,9 +17,8 @@ from bev_preheat.vehicle import load_vehicle, vehicle_file
 if TYPE_CHECKING:
     from argparse import Namespace
 
-    from rich.console import Console
-
     from bev_preheat.commands.arguments import Subparsers
+    from bev_preheat.console.terminal import ResultConsole
     from bev_preheat.identification.check import Check
 
 BEYOND_BOUND = 1
@@ -69,13 +68,12 @@ def run(arguments: Namespace) -> int:
     console = result_console(arguments.json)
     print_check(console, check)
     if bound_k is not None and check.worst_k > bound_k:
-        console.print(f'worst arrival error {check.worst_k:.2f} K exceeds the bound of {bound_k:g} K',
-                      markup=False)
+        console.say(f'worst arrival error {check.worst_k:.2f} K exceeds the bound of {bound_k:g} K')
         return BEYOND_BOUND
     return 0
 
 
-def print_check(console: Console, check: Check) -> None:
+def print_check(console: ResultConsole, check: Check) -> None:
     """Print a Check as tables."""
     print_records(
         console, f'Vehicle {check.vehicle.name}: predicted minus measured on arrival',
@@ -83,20 +81,18 @@ def print_check(console: Console, check: Check) -> None:
         [(trip.trip.name, trip.trip.kind, f'{len(trip.trip) / 60.0:.0f}', f'{trip.trip.start_c:.1f}',
           f'{trip.trip.arrival_c:.1f}', f'{trip.arrival_error_k:+.2f}', f'{100.0 * trip.arrival_soc_error:+.2f}',
           f'{trip.arrival_energy_error_wh:+.0f}') for trip in check.trips], ('left', 'left', *['right'] * 6))
-    console.print(f'arrival temperature: RMSE {check.rmse_k:.2f} K, worst {check.worst_k:.2f} K; a battery that '
-                  f'keeps its temperature: RMSE {check.constant_rmse_k:.2f} K', markup=False, soft_wrap=True)
+    console.say(f'arrival temperature: RMSE {check.rmse_k:.2f} K, worst {check.worst_k:.2f} K; a battery that '
+                f'keeps its temperature: RMSE {check.constant_rmse_k:.2f} K')
     for name, (measured, predicted) in check.heated_minutes.items():
-        console.print(f'{name}: heated for {measured:.1f} min, predicted {predicted:.1f} min '
-                      f'({100.0 * (predicted / measured - 1.0):+.1f} %)', markup=False, soft_wrap=True)
+        console.say(f'{name}: heated for {measured:.1f} min, predicted {predicted:.1f} min '
+                    f'({100.0 * (predicted / measured - 1.0):+.1f} %)')
     if check.leads:
         print_records(
             console, 'Running planner, by time before arrival', (
                 'lead s', 'file alone: RMSE K', 'worst K', 'with estimation: RMSE K', 'worst K'),
             [(f'{lead_s}', *(f'{figure:.2f}' for figure in figures)) for lead_s, figures in check.leads.items()],
             ['right'] * 5)
-        console.print('the estimation is no worse than the file alone' if check.estimation_is_no_worse else
-                      'warning: the estimation is worse than the file alone', markup=False, soft_wrap=True)
-    for remark in (heater_doubt(check.vehicle, [trip.trip for trip in check.trips]),
-                   *common_remarks(trip.trip for trip in check.trips)):
-        if remark:
-            console.print(remark, markup=False, soft_wrap=True)
+        console.say('the estimation is no worse than the file alone' if check.estimation_is_no_worse else
+                    'warning: the estimation is worse than the file alone')
+    console.say(heater_doubt(check.vehicle, [trip.trip for trip in check.trips]),
+                *common_remarks(trip.trip for trip in check.trips))

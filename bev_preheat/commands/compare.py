@@ -72,8 +72,7 @@ def run(arguments: Namespace) -> int:
             'optimum': optimum.as_dictionary(), 'gap_wh': gaps_wh,
             'difference': {method: text or None for method, text in differences.items()},
             'sensitivity': sensitivity and sensitivity.as_dictionary(),
-            'route_made_for': situation.route_made_for,
-            'vehicle_assumed': list(situation.vehicle.assumed)})
+            **situation.as_dictionary()})
     if arguments.plot:
         from bev_preheat.drawing.plan_figure import draw_plans
         draw_plans(arguments.plot, situation.vehicle, situation.route, situation.goal,
@@ -86,8 +85,7 @@ def run(arguments: Namespace) -> int:
         rows.insert(0, ('Above optimum [Wh]', *(
             '–' if gap_wh is None else f'{gap_wh:+.4f}' for gap_wh in gaps_wh.values()), ''))
     print_plans(console, [*plans, best], title, more_rows=rows)
-    for line in optimum_lines(optimum):
-        console.print(line, markup=False, soft_wrap=True)
+    console.say(*optimum_lines(optimum))
     if sensitivity is not None:
-        console.print(f'{DEFAULT_METHOD}: {sensitivity.in_words()}', markup=False, soft_wrap=True)
+        console.say(f'{DEFAULT_METHOD}: {sensitivity.in_words()}')
     return 0

@@ -85,7 +85,7 @@ def run_week(arguments: Namespace) -> int:
         draw_week(arguments.plot, prepared, prices, departures.zone, title)
     console = result_console(arguments.json)
     if not prepared:
-        console.print('No departure within a week.', markup=False)
+        console.say('No departure within a week.')
         return 0
     unit = f' [{currency}]' if currency else ''
     print_records(
@@ -96,8 +96,8 @@ def run_week(arguments: Namespace) -> int:
             if one.cost is not None and one.latest_cost is not None]
     if paid:
         cost, latest = (sum(each) for each in zip(*paid))
-        console.print(f'From the grid: {cost:.2f} {currency or "in total"}; heating as late as possible '
-                      f'would cost {latest:.2f}.', markup=False, soft_wrap=True)
+        console.say(f'From the grid: {cost:.2f} {currency or "in total"}; heating as late as possible '
+                    f'would cost {latest:.2f}.')
     return 0
 
 
@@ -133,5 +133,5 @@ def run_skip(arguments: Namespace, planner: str) -> int:
             is_done, sentence = skip_departure(listener, planner, arguments.skip_next)
     except InvalidNamespaceException as error:
         raise InvalidInput(f'--namespace: {arguments.namespace!r}: {error}') from error
-    result_console().print(sentence, markup=False, soft_wrap=True)
+    result_console().say(sentence)
     return 0 if is_done else FAILED

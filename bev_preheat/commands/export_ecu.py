@@ -57,10 +57,10 @@ def run(arguments: Namespace) -> int:
         for n, method in enumerate(METHODS))
     damaged = sum(vector.answers[0].status == BAD_INPUT for vector in vectors)
     console = result_console(soft_wrap=True)
-    console.print(f'written: {arguments.output}: vehicle {vehicle.name}, {len(vectors)} situations: '
-                  f'{planned}, {damaged} with invalid numbers', markup=False)
+    console.say(f'written: {arguments.output}: vehicle {vehicle.name}, {len(vectors)} situations: '
+                f'{planned}, {damaged} with invalid numbers')
     warning = assumption_warning(vehicle, file)
     if warning:
-        console.print(f'warning: {warning}', markup=False)
-    console.print(f'compile and compare: make -C {shlex.quote(arguments.output)} all check', markup=False)
+        console.say(f'warning: {warning}')
+    console.say(f'compile and compare: make -C {shlex.quote(arguments.output)} all check')
     return 0

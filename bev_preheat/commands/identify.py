@@ -24,9 +24,8 @@ from bev_preheat.vehicle.loading import SCHEMA
 if TYPE_CHECKING:
     from argparse import Namespace
 
-    from rich.console import Console
-
     from bev_preheat.commands.arguments import Subparsers
+    from bev_preheat.console.terminal import ResultConsole
     from bev_preheat.identification.result import Identification
 
 # Stages that `identify` announces beside those of structures and trips, for the bar.
@@ -142,7 +141,7 @@ def _export_learned(arguments: Namespace, start_file: Path) -> int:
     print_records(console, f'Vehicle {name}: learned on line', ('factor', 'estimate', '90 % interval'),
                   [(label, figure(value, 4), f'{figure(low, 4)} … {figure(high, 4)}')
                    for label, value, low, high in learned.rows], ('left', 'right', 'right'))
-    console.print(f'written: {arguments.output}', markup=False, soft_wrap=True)
+    console.say(f'written: {arguments.output}')
     return 0
 
 
@@ -169,7 +168,7 @@ def _logs(result: Identification) -> str:
     return '1 log' if result.coverage.trips == 1 else f'{result.coverage.trips} logs'
 
 
-def _print_result(console: Console, result: Identification, arguments: Namespace) -> None:
+def _print_result(console: ResultConsole, result: Identification, arguments: Namespace) -> None:
     print_records(
         console, f'Vehicle {result.vehicle.name}, identified from {_logs(result)}',
         ('parameter', 'START', 'estimate', '90 % interval', 'worth K'),
@@ -185,8 +184,5 @@ def _print_result(console: Console, result: Identification, arguments: Namespace
         print_records(console, 'Each trip left out', ('structure', 'RMSE K', 'worst K'), [
             ('identified file, as plans predict', f'{result.rmse_k:.2f}', f'{result.worst_k:.2f}'), *rows],
             ('left', 'right', 'right'))
-    for sentence in (*result.verdict, *(f'Record next: {item}' for item in result.record_next), *result.remarks):
-        console.print(sentence, markup=False, soft_wrap=True)
-    console.print(f'written: {arguments.output}' + (f', {arguments.report}' if arguments.report else ''),
-                  markup=False,
-                  soft_wrap=True)
+    console.say(*result.verdict, *(f'Record next: {item}' for item in result.record_next), *result.remarks)
+    console.say(f'written: {arguments.output}' + (f', {arguments.report}' if arguments.report else ''))

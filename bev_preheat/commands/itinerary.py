@@ -69,8 +69,7 @@ def run_itinerary(arguments: Namespace) -> int:
     print_plans(console, plans, title, headings,
                 [('Departure after', *map(duration_text, starts_s))])
     for heading, plan, in_doubt in zip(headings, plans, doubts):
-        console.print(f'{heading}: {plan.status.name}: {plan.explanation} {in_doubt}'.rstrip(), markup=False,
-                      soft_wrap=True)
+        console.say(f'{heading}: {plan.status.name}: {plan.explanation} {in_doubt}'.rstrip())
     return 0
 
 

@@ -64,19 +64,16 @@ def run(arguments: Namespace) -> int:
                   ('signal', 'min', 'max', 'samples', 'every [s]', 'gaps', 'longest gap [s]'),
                   [_row(recording.signals[signal], signal, samplings[signal]) for signal in recording.signals],
                   ('left', *('right',) * 6))
-    console.print(f'{recording.format}, signal map {recording.signal_map}, {recording.duration_s / 60.0:.1f} '
-                  f'min{begun}',
-                  markup=False, soft_wrap=True)
+    console.say(f'{recording.format}, signal map {recording.signal_map}, {recording.duration_s / 60.0:.1f} '
+                f'min{begun}')
     for signal, names in recording.sources.items():
-        console.print(f'{signal}: from {", ".join(names)}', markup=False, soft_wrap=True)
+        console.say(f'{signal}: from {", ".join(names)}')
     if recording.unused:
-        console.print(f'not used: {shortened(", ".join(recording.unused), LONGEST_LIST)}', markup=False,
-                      soft_wrap=True)
-    for remark in recording.remarks:
-        console.print(f'note: {remark}', markup=False, soft_wrap=True)
+        console.say(f'not used: {shortened(", ".join(recording.unused), LONGEST_LIST)}')
+    console.say(*(f'note: {remark}' for remark in recording.remarks))
     for option, done in (('plot', 'drawn'), ('json', 'written')):
         if getattr(arguments, option) not in (None, '-'):
-            console.print(f'{done}: {getattr(arguments, option)}', markup=False, soft_wrap=True)
+            console.say(f'{done}: {getattr(arguments, option)}')
     return 0
 
 

@@ -51,16 +51,14 @@ def run(arguments: Namespace) -> int:
         return FAILED
     if arguments.json:
         write_json(arguments.json, {**optimum.as_dictionary(),
-                                    'route_made_for': situation.route_made_for,
-                                    'vehicle_assumed': list(situation.vehicle.assumed)})
+                                    **situation.as_dictionary()})
     if arguments.plot:
         from bev_preheat.drawing.plan_figure import draw_plans
         draw_plans(arguments.plot, situation.vehicle, situation.route, situation.goal,
                    [optimum.plan], title)
     console = result_console(arguments.json)
     print_plans(console, [optimum.plan], title)
-    for line in optimum_lines(optimum):
-        console.print(line, markup=False, soft_wrap=True)
+    console.say(*optimum_lines(optimum))
     return 0
 
 

@@ -49,8 +49,7 @@ def run(arguments: Namespace) -> int:
     if arguments.json:
         write_json(arguments.json, {**plan.as_dictionary(),
                                     'sensitivity': sensitivity and sensitivity.as_dictionary(),
-                                    'route_made_for': situation.route_made_for,
-                                    'vehicle_assumed': list(situation.vehicle.assumed),
+                                    **situation.as_dictionary(),
                                     **({'charging_probability': prospect.probability,
                                         'prospect_explanation': in_doubt} if in_doubt else {})})
     if arguments.plot:
@@ -59,8 +58,6 @@ def run(arguments: Namespace) -> int:
                    title)
     console = result_console(arguments.json)
     print_plans(console, [plan], title)
-    console.print(f'{plan.status.name}: {plan.explanation}', markup=False, soft_wrap=True)
-    for sentence in (in_doubt, sensitivity and sensitivity.in_words()):
-        if sentence:
-            console.print(sentence, markup=False, soft_wrap=True)
+    console.say(f'{plan.status.name}: {plan.explanation}', in_doubt,
+                None if sensitivity is None else sensitivity.in_words())
     return 0

@@ -126,7 +126,7 @@ def _pursue(client: PreparationClient, wanted: Wanted) -> int:
                 (feedback.battery_temperature - first_c) / rise_k, 0.0), 1.0) if rise_k > 0.0 else 0.0)
             if feedback.status != told and not console.is_interactive:
                 told = feedback.status
-                console.print(line, markup=False, soft_wrap=True)
+                console.say(line)
 
         result = client.follow(show)
         if result is None:
@@ -137,5 +137,5 @@ def _pursue(client: PreparationClient, wanted: Wanted) -> int:
         return INTERRUPTED
     if result.code == PreparationEnding.REFUSED:
         raise InvalidInput(result.explanation.removesuffix('.'))
-    console.print(result.explanation, markup=False, soft_wrap=True)
+    console.say(result.explanation)
     return 0 if result.reached else FAILED

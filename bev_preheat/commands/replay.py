@@ -98,7 +98,7 @@ def run(arguments: Namespace) -> int:
     console = result_console(arguments.json)
     replay_output.print_result(console, result)
     if arguments.report is not None:
-        console.print(f'written: {arguments.report}', markup=False, soft_wrap=True)
+        console.say(f'written: {arguments.report}')
     status = 0 if changes_only(result) or result.is_good is not False else DIFFERENT
     return run_expectation(arguments, result, status)
 
@@ -151,16 +151,16 @@ def run_expectation(arguments: Namespace, result: Result, status: int) -> int:
     values = figures(comparison, result.courses[-1])
     if arguments.write_expected is not None:
         write_json(arguments.write_expected, expectation(values))
-        console.print(f'written: {arguments.write_expected}', markup=False, soft_wrap=True)
+        console.say(f'written: {arguments.write_expected}')
     if arguments.expect is None:
         return status
     expected = load_expectation(arguments.expect, values)
     found = deviations(expected, values)
     if not found:
-        console.print(f'as expected: {len(expected)} figures of {arguments.expect}', markup=False, soft_wrap=True)
+        console.say(f'as expected: {len(expected)} figures of {arguments.expect}')
         return 0
     more = '' if len(found) == 1 else f'; {len(found)} of {len(expected)} figures deviate'
-    console.print(f'not as expected: {found[0].sentence()}{more}', markup=False, soft_wrap=True)
+    console.say(f'not as expected: {found[0].sentence()}{more}')
     return DIFFERENT
 
 
@@ -181,7 +181,7 @@ def run_explanation(arguments: Namespace, flight: Flight, changes: Changes) -> i
             'now_ns': why.now_ns, 'answer': why.answer,
             'sections': {section.heading: [list(row) for row in section.rows] for section in why.sections}})
     console = result_console(arguments.json)
-    console.print(f'{moment(why.now_ns)}: {why.answer}', markup=False, soft_wrap=True)
+    console.say(f'{moment(why.now_ns)}: {why.answer}')
     for section in why.sections:
         if section.rows:
             print_records(console, section.heading, ('', ''), section.rows)

@@ -16,8 +16,7 @@ from bev_preheat.replay.sentences import what_if_sentence
 from bev_preheat.replay.trip_result import lapses_in_words
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
+    from bev_preheat.console.terminal import ResultConsole
     from bev_preheat.replay.course import Course
     from bev_preheat.replay.flight_file import Flight
     from bev_preheat.replay.history import History
@@ -143,13 +142,11 @@ def _arrival_text(course: Course) -> str:
     return f'{arrival.measured_c:.2f}' if arrival is not None and known else 'not in the recording'
 
 
-def print_result(console: Console, result: Result) -> None:
+def print_result(console: ResultConsole, result: Result) -> None:
     """Print a Result."""
-    for remark in result.remarks:
-        console.print(f'note: {remark}', markup=False, soft_wrap=True)
+    console.say(*(f'note: {remark}' for remark in result.remarks))
     print_figures(console, None, ['', *result.names], figure_rows(result.courses))
-    for sentence in [*result_sentences(result.replayed.course), *result.verdict()]:
-        console.print(sentence, markup=False, soft_wrap=True)
+    console.say(*result_sentences(result.replayed.course), *result.verdict())
 
 
 def report_words(result: Result, histories: tuple[History, ...]) -> ReportText:

@@ -84,16 +84,15 @@ def run(arguments: Namespace) -> int:
     save_route(arguments.output, route, comments, made_for=vehicle.name, stops=stops)
     console = result_console(soft_wrap=True)
     console.print(_table(name, route))
-    for remark in remarks:
-        console.print(f'note: {remark}', markup=False)
-    console.print(f'written: {arguments.output}', markup=False)
+    console.say(*(f'note: {remark}' for remark in remarks))
+    console.say(f'written: {arguments.output}')
     if comparison is not None:
         console.print(comparison)
     if arguments.plot:
         # matplotlib takes longer to import than a route takes to make.
         from bev_preheat.drawing.route_figure import draw_route
         draw_route(arguments.plot, name, route)
-        console.print(f'drawn: {arguments.plot}', markup=False)
+        console.say(f'drawn: {arguments.plot}')
     return 0
 
 

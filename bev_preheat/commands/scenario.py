@@ -24,9 +24,8 @@ if TYPE_CHECKING:
     from argparse import Namespace
     from collections.abc import Callable, Mapping, Sequence
 
-    from rich.console import Console
-
     from bev_preheat.commands.arguments import Subparsers
+    from bev_preheat.console.terminal import ResultConsole
     from bev_preheat.simulation.evaluation import DriveRecord, Finding
     from bev_preheat.simulation.scenario import Scenario
 
@@ -93,9 +92,8 @@ def run(arguments: Namespace) -> int:
                 **{name: [vars(item) for item in found] for name, found in findings.items()}})
         console = result_console(arguments.json)
         print_findings(console, findings)
-        console.print(f'{len(findings) - len(bad)} of {len(findings)} scenarios went as expected'
-                      + (f'; not: {", ".join(bad)}' if bad else '') + '.', markup=False,
-                      soft_wrap=True)
+        console.say(f'{len(findings) - len(bad)} of {len(findings)} scenarios went as expected'
+                    + (f'; not: {", ".join(bad)}' if bad else '') + '.')
     ending.tell(len(findings), len(scenarios), 'scenarios', (arguments.json,))
     return 1 if bad else 0
 
@@ -143,7 +141,7 @@ def _drive(arguments: Namespace, name: str, scenario: Scenario,
     return drive_scenario(scenario, progress)
 
 
-def print_findings(console: Console, findings: Mapping[str, Sequence[Finding]]) -> None:
+def print_findings(console: ResultConsole, findings: Mapping[str, Sequence[Finding]]) -> None:
     """Print the Findings of scenarios, a dictionary by name."""
     rows = []
     for name, found in findings.items():

@@ -21,6 +21,7 @@ from bev_preheat.vehicle.assumptions import assumption_warning
 if TYPE_CHECKING:
     from argparse import ArgumentParser, Namespace
     from pathlib import Path
+    from typing import Any
 
     from bev_preheat.commands.arguments import Alternatives
 
@@ -45,6 +46,10 @@ class PlanningArguments:
     goal: Goal
     files: tuple[Path, ...]
     route_made_for: str | None
+
+    def as_dictionary(self) -> dict[str, Any]:
+        """Return the part of a command's JSON on the inputs."""
+        return {'route_made_for': self.route_made_for, 'vehicle_assumed': list(self.vehicle.assumed)}
 
 
 def add_situation_arguments(parser: ArgumentParser,

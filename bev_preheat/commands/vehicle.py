@@ -38,10 +38,9 @@ if TYPE_CHECKING:
     from argparse import Namespace
     from collections.abc import Iterable
 
-    from rich.console import Console
-
     from bev_preheat.charging.session import Session
     from bev_preheat.commands.arguments import Subparsers
+    from bev_preheat.console.terminal import ResultConsole
     from bev_preheat.files.output_files import AnyPath
     from bev_preheat.vehicle import Vehicle
     from bev_preheat.vehicle.plausibility import Meaning
@@ -156,13 +155,11 @@ def run_new(arguments: Namespace) -> int:
     vehicle = load_vehicle(_as_file(output))
     meaning = meaning_of(vehicle)
     console = result_console(soft_wrap=True)
-    console.print(f'written: {output}', markup=False)
-    console.print(f'assumed: {", ".join(map(key_in_words, assumed_keys(entries)))}', markup=False)
-    console.print(f'10 ... 80 % at a fast charger: {_time_text(warm_session(vehicle))} from {USUAL_WARM_C:g} degC',
-                  markup=False)
+    console.say(f'written: {output}')
+    console.say(f'assumed: {", ".join(map(key_in_words, assumed_keys(entries)))}')
+    console.say(f'10 ... 80 % at a fast charger: {_time_text(warm_session(vehicle))} from {USUAL_WARM_C:g} degC')
     _print_warnings(console, meaning)
-    console.print(f'show its key figures: preheat vehicle check {shlex.quote(_as_file(output))}',
-                  markup=False)
+    console.say(f'show its key figures: preheat vehicle check {shlex.quote(_as_file(output))}')
     return 0
 
 
@@ -201,17 +198,16 @@ def run_check(arguments: Namespace) -> int:
         draw_vehicle(arguments.plot, vehicle)
     console = result_console(arguments.json)
     _print_meaning(console, meaning, sessions)
-    for sentence in (meaning.heat_path, meaning.charging):
-        console.print(sentence, markup=False, soft_wrap=True)
+    console.say(meaning.heat_path, meaning.charging)
     _print_assumed(console, vehicle)
     _print_warnings(console, meaning)
     return 0
 
 
-def _print_assumed(console: Console, vehicle: Vehicle) -> None:
+def _print_assumed(console: ResultConsole, vehicle: Vehicle) -> None:
     """Print the keys of the values that were neither measured nor stated for this car."""
     if not vehicle.assumed:
-        console.print(f'vehicle {vehicle.name}: nothing is marked as assumed', markup=False, soft_wrap=True)
+        console.say(f'vehicle {vehicle.name}: nothing is marked as assumed')
         return
     print_records(console, 'Assumed, not measured', ('quantity', 'key in the file'),
                   [(key_in_words(key), key) for key in vehicle.assumed], ('left', 'left'))
@@ -267,9 +263,8 @@ def _command(arguments: Namespace) -> str:
     return shlex.join(words)
 
 
-def _print_warnings(console: Console, meaning: Meaning) -> None:
-    for warning in meaning.warnings:
-        console.print(f'warning: {warning}', markup=False, soft_wrap=True)
+def _print_warnings(console: ResultConsole, meaning: Meaning) -> None:
+    console.say(*(f'warning: {warning}' for warning in meaning.warnings))
 
 
 def _time_text(session: Session) -> str:
@@ -280,7 +275,7 @@ def _minutes_text(session: Session) -> str:
     return 'never' if session.problem else f'{session.charging_time_s / S_PER_MIN:.1f}'
 
 
-def _print_meaning(console: Console, meaning: Meaning, sessions: dict[float, Session]) -> None:
+def _print_meaning(console: ResultConsole, meaning: Meaning, sessions: dict[float, Session]) -> None:
     """Print the figures of a car, its open-circuit voltage, and its power limits and times by temperature."""
     cells = f', {meaning.cells_in_series} cells in series' if meaning.cells_in_series else ''
     resistances = ' / '.join(f'{1e3 * ohm:.0f}' for ohm in meaning.resistance_ohm.values())

@@ -15,11 +15,10 @@ if TYPE_CHECKING:
     from argparse import Namespace
     from collections.abc import Sequence
 
-    from rich.console import Console
-
     from bev_preheat.charging.published_cars import ComputedTime
     from bev_preheat.charging.published_warmth import ComputedWarmth
     from bev_preheat.commands.arguments import Subparsers
+    from bev_preheat.console.terminal import ResultConsole
 
 
 def add_published(actions: Subparsers) -> None:
@@ -58,14 +57,13 @@ def run_published(arguments: Namespace) -> int:
              f'{session.end_power_kw:.0f}') for session in sessions], ('left', *('right',) * 6))
     for session in sessions:
         if session.not_comparable:
-            console.print(f'{session.car}, {_span(session)}: not comparable: {session.not_comparable}.',
-                          markup=False, soft_wrap=True)
+            console.say(f'{session.car}, {_span(session)}: not comparable: {session.not_comparable}.')
     if arguments.sources:
         _print_sources(console, times, runs, sessions)
     return 0
 
 
-def _print_times(console: Console, times: Sequence[ComputedTime]) -> None:
+def _print_times(console: ResultConsole, times: Sequence[ComputedTime]) -> None:
     rows = []
     for time in times:
         def text(minutes: float | None, published_min: float = time.published_min) -> str:
@@ -79,16 +77,16 @@ def _print_times(console: Console, times: Sequence[ComputedTime]) -> None:
         ('left', 'right', 'right', 'right', 'right', 'right', 'right'))
     for time in times:
         if time.remark is not None:
-            console.print(f'{time.car}, {_span(time)}: {time.remark}.', markup=False, soft_wrap=True)
+            console.say(f'{time.car}, {_span(time)}: {time.remark}.')
 
 
-def _print_sources(console: Console, times: Sequence[ComputedTime], runs: Sequence[ComputedWarmth],
+def _print_sources(console: ResultConsole, times: Sequence[ComputedTime], runs: Sequence[ComputedWarmth],
                    sessions: Sequence[ComputedWarmth]) -> None:
     figures: list[ComputedTime | ComputedWarmth] = [*times, *sessions]
     for figure in figures:
-        console.print(f'{figure.car}, {_span(figure)}: {figure.source}', markup=False, soft_wrap=True)
+        console.say(f'{figure.car}, {_span(figure)}: {figure.source}')
     for run in runs:
-        console.print(f'{run.car}, heated for {run.minutes:g} min: {run.source}', markup=False, soft_wrap=True)
+        console.say(f'{run.car}, heated for {run.minutes:g} min: {run.source}')
 
 
 def _span(figure: ComputedTime | ComputedWarmth) -> str:

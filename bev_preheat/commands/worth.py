@@ -97,8 +97,7 @@ def run(arguments: Namespace) -> int:
                 'charging_known_before_s': prospect.known_before_arrival_s}),
             'sensitivity': sensitivity and sensitivity.as_dictionary(),
             'charging_time_deviation_s': {'target_c': shown.target_c, **deviation.as_dictionary()},
-            'route_made_for': situation.route_made_for,
-            'vehicle_assumed': list(situation.vehicle.assumed)})
+            **situation.as_dictionary()})
     if arguments.plot:
         from bev_preheat.drawing.worth_figure import draw_worth
         draw_worth(arguments.plot, worth, title)
@@ -107,11 +106,9 @@ def run(arguments: Namespace) -> int:
         console, title.replace('\n', ', '),
         ('target [degC]', 'arrival [degC]', 'SoC [%]', 'heater [Wh]', 'charging [min]', 'bought [kWh]',
          'cost', ''), [_row(worth, target) for target in _shown(worth)], (*('right',) * 7, 'left'))
-    for sentence in (worth.verdict, worth.bounds_in_words(), worth.step_in_words(),
-                     sensitivity and sensitivity.in_words(worth.unheated_in_words()),
-                     worth.best_choice.sentence(), _deviation_sentence(worth, shown, deviation)):
-        if sentence:
-            console.print(sentence, markup=False, soft_wrap=True)
+    console.say(worth.verdict, worth.bounds_in_words(), worth.step_in_words(),
+                None if sensitivity is None else sensitivity.in_words(worth.unheated_in_words()),
+                worth.best_choice.sentence(), _deviation_sentence(worth, shown, deviation))
     return 0
 
 

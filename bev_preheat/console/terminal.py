@@ -47,6 +47,11 @@ class ResultConsole(Console):
             if not self.stderr:
                 raise OutputFailed(error) from error
 
+    def say(self, *sentences: str | None, style: str | None = None) -> None:
+        """Print each sentence that is not empty as it is, on lines as long as they are."""
+        for sentence in filter(None, sentences):
+            self.print(sentence, style=style, markup=False, soft_wrap=True)
+
     def on_broken_pipe(self) -> None:
         """Leave it to `print`, because newer versions of rich would end the process here."""
         raise  # noqa: PLE0704  rich calls this while it handles the error
