@@ -62,7 +62,7 @@ def test_a_seed_draws_the_same_sample_again(mutation):
 def test_only_changes_of_code_that_is_the_same_are_tried_again(mutation):
     first, second, *_ = mutation.c_mutants('warm.c')
     table = ''.join(f'warmth\tnoticed\t{name}\t{where}\t{change}\n' for name, where, change, _ in (
-        first, second._replace(change='return 3; -> return 4;')))
+        first, (second.name, second.where, 'return 3; -> return 4;', None)))
     drawn, before = mutation.again(table)
     assert drawn == {'warmth': [first]}
     assert before == {first.name: 'noticed', second.name: 'noticed'}

@@ -41,7 +41,7 @@ class CanSource(LiveSource):
         heaters_bus = None if rule is None else messages.bus[rule.message]
         try:
             self._links = [CanLink(
-                settings, self._decoder.identifiers[number], partial(self._on_frame, number),
+                settings, self._decoder.identifiers[number], partial(self.on_frame, number),
                 self._decoder.has_fd[number] or (number == heaters_bus and frame is not None and frame.is_fd))
                 for number, settings in enumerate(live_map.can)]
         except InvalidInput as error:
@@ -115,5 +115,6 @@ class CanSource(LiveSource):
             return None
         return reading.value
 
-    def _on_frame(self, bus: int, identifier: int, is_extended: bool, data: bytes, age_s: float) -> None:
+    def on_frame(self, bus: int, identifier: int, is_extended: bool, data: bytes, age_s: float) -> None:
+        """Take a frame of a bus in that arrived some seconds ago."""
         self._decoder.take(identifier, is_extended, data, self._clock_s() - age_s, self._readings, bus)

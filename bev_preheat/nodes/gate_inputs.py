@@ -39,13 +39,14 @@ class GateInputs:
         self.topics: list[str] = []
         best_effort = QoSProfile(depth=1, reliability=qos_profile_sensor_data.reliability)
         if gates.looks_at_battery:
-            node.create_subscription(BatteryState, 'battery_state', self._on_battery_state, best_effort)
+            node.create_subscription(BatteryState, 'battery_state', self.on_battery_state, best_effort)
             self.topics.append('battery_state')
         if gates.only_while_standing:
             node.create_subscription(Float64, 'vehicle_speed', self._on_speed, best_effort)
             self.topics.append('vehicle_speed')
 
-    def _on_battery_state(self, message: BatteryState) -> None:
+    def on_battery_state(self, message: BatteryState) -> None:
+        """Take a battery state in, or the reason for its refusal."""
         now_ns = self._node.get_clock().now().nanoseconds
         try:
             measurement = measurement_from_message(message)

@@ -49,10 +49,10 @@ def drive_recorded(scenario: Scenario, recording: Path, warn: Callable[[str], ob
     kept = KeptRecording(recording)
     with ExitStack() as stack:
         folder = str(kept.parameters(stack)['flight_recorder'])
-        wires: list[_MessageWire] = []
+        wires: list[MessageWire] = []
 
-        def wire(supervisor: Supervisor) -> _MessageWire:
-            wires.append(_MessageWire(supervisor, scenario, folder, warn))
+        def wire(supervisor: Supervisor) -> MessageWire:
+            wires.append(MessageWire(supervisor, scenario, folder, warn))
             return wires[-1]
 
         record = drive_scenario(scenario, progress, wire)
@@ -62,7 +62,7 @@ def drive_recorded(scenario: Scenario, recording: Path, warn: Callable[[str], ob
     return record
 
 
-class _MessageWire:
+class MessageWire:
     """Makes each input a message, reads it as the node does, and records the steps."""
 
     def __init__(self, supervisor: Supervisor, scenario: Scenario, folder: str,
@@ -78,16 +78,20 @@ class _MessageWire:
             supervisor.state, START_NS)
 
     def route(self, mission: Mission) -> Event:
+        """Return the event of a route plan."""
         return self._carried(route_plan_message(mission),
                              lambda message: self._routes.read(message, self._supervisor.state))
 
     def progress(self, progress: Progress) -> Event:
+        """Return the event of a position."""
         return self._carried(progress_message(progress), progress_event)
 
     def battery(self, reading: Reading, stamp_ns: int) -> Event:
+        """Return the event of a battery state."""
         return self._carried(reading_message(reading, self._capacity_ah, stamp_ns), battery_event)
 
     def stepped(self, now_ns: int, events: Sequence[Event], output: StepOutput) -> None:
+        """Record a step."""
         message = None
         if events:
             event, message = self._coming.pop(0)
@@ -103,6 +107,7 @@ class _MessageWire:
             self._recorder.catch_up()
 
     def close(self) -> None:
+        """Write the rest of the recording."""
         self._recorder.catch_up()
         self._recorder.close()
 

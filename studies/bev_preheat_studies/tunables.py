@@ -105,7 +105,7 @@ def with_effects(text: str, effects: Sequence[Effect]) -> str:
         row[0].removesuffix(f' | {row[5]}') + moved[row[1]]), text)
 
 
-class _Drives(NamedTuple):
+class Drives(NamedTuple):
     """The drives of the study: numbers of drawn cars, the seed, the period [s], and whether the core plans."""
 
     cars: int
@@ -126,14 +126,14 @@ class _Drives(NamedTuple):
                 sum(drive.switch_ons for drive in drives), sum((drive.verdicts for drive in drives), ()))
 
 
-def effect_of(drives: _Drives, as_they_are: Figures, found: Sequence[Tunable], number: int) -> Effect:
+def effect_of(drives: Drives, as_they_are: Figures, found: Sequence[Tunable], number: int) -> Effect:
     """Return the Effect of the Tunable of this number on drives that have the figures `as_they_are`."""
     tunable = found[number]
     effect = Effect(tunable.name, tunable.value, tunable.reason)
     errors_k, energies_wh, switch_ons, verdicts = as_they_are
     moves: list[Effect] = []
     for factor in FACTORS:
-        before = _set(tunable, tunable.times(factor))
+        before = set_everywhere(tunable, tunable.times(factor))
         try:
             later_k, later_wh, later_ons, later_verdicts = drives.figures()
         except Exception as error:
@@ -154,7 +154,7 @@ def _head(effect: Effect) -> tuple[str, float, str]:
     return effect.tunable, effect.value, effect.reason
 
 
-def _set(tunable: Tunable, value: float | int) -> list[Any]:
+def set_everywhere(tunable: Tunable, value: float | int) -> list[Any]:
     """Set a number in all modules that have it; return them."""
     modules = [module for name, module in list(sys.modules.items())
                if name.startswith('bev_preheat') and hasattr(module, tunable.name)]
@@ -192,7 +192,7 @@ def _load(arguments: Sequence[str] | None) -> Callable[[], int]:
 
 def _study(arguments: Namespace) -> int:
     found = [each for each in tunables() if not arguments.names or each.name in arguments.names]
-    drives = _Drives(arguments.cars, arguments.seed, arguments.period, not arguments.without_core)
+    drives = Drives(arguments.cars, arguments.seed, arguments.period, not arguments.without_core)
     with Workers(None) as workers, progress_bar() as bar:
         task = bar.add_task('numbers', total=len(found))
         effects = []

@@ -97,7 +97,7 @@ def test_heater_is_at_fault_without_the_temperature_that_its_set_point_follows(t
         tmp_path, f'  heater_command: {{message: Heater, counter: Count, off_value: -20, {COOLANT}}}')
     source = CanSource(load_live_map(path), lambda: now_s[0])
     assert source.heater_status(100.0)[1] == 'no valid HeaterState.Inlet for 2 s, which the set-point follows'
-    source._on_frame(0, 513, False, bytes([0, 100, 0, 0, 0, 0, 0, 0]), 0.0)
+    source.on_frame(0, 513, False, bytes([0, 100, 0, 0, 0, 0, 0, 0]), 0.0)
     assert source.heater_status(101.9) == (None, '')
     assert source.heater_status(102.1)[1]
 
@@ -106,7 +106,7 @@ def test_measured_share_becomes_watts(tmp_path):
     source = CanSource(load_live_map(written_map(
         tmp_path, '  heater_status: {power: HeaterState.Share}\n  heater_command: {message: Heater, power: Share, '
         'counter: Count, full_power_w: 5000}')), lambda: 100.0)
-    source._on_frame(0, 513, False, bytes([90, 0, 0, 0, 0, 0, 0, 0]), 0.0)
+    source.on_frame(0, 513, False, bytes([90, 0, 0, 0, 0, 0, 0, 0]), 0.0)
     assert source.heater_status(100.5) == (pytest.approx(2250.0), '')
 
 
@@ -163,8 +163,9 @@ def protected(folder, dbc, protection):
 @pytest.mark.parametrize('dbc, protection, counts, beginnings', VECTORS, ids=IDS)
 def test_sent_frames_have_the_published_protection(tmp_path, dbc, protection, counts, beginnings):
     frame = protected(tmp_path, dbc, protection)
-    # The constructor made the frame with count 0.
-    frame._count = 0
+    # The constructor made the frame with count 0: on to the end of the counter.
+    for _ in range(counts - 1):
+        frame.next(0.0)
     for beginning in beginnings:
         data = frame.next(0.0)
         assert data == bytes.fromhex(beginning).ljust(len(data), b'\0')
@@ -235,8 +236,8 @@ def test_aggregate_holds_while_enough_cells_are_valid(tmp_path, entry, combine, 
     source = CanSource(load_live_map(path), lambda: 100.0)
     cells_c = [10.0 + number for number in range(8)]
     raw = [round(cell_c + 50) if number >= missing else 127 for number, cell_c in enumerate(cells_c)]
-    source._on_frame(0, 256, False, bytes([0, 0, 160, 0, 0, 0, 0, 0]), 0.0)
-    source._on_frame(0, 257, False, bytes(raw), 0.0)
+    source.on_frame(0, 256, False, bytes([0, 0, 160, 0, 0, 0, 0, 0]), 0.0)
+    source.on_frame(0, 257, False, bytes(raw), 0.0)
     battery, lacking = source.battery(100.5)
     valid = cells_c[missing:]
     if len(valid) < 6:

@@ -14,6 +14,7 @@ from bev_preheat.ecu.constants import vehicle_source
 from bev_preheat.ecu.export import Export
 from bev_preheat.ecu.sources import own_sources
 from bev_preheat.ecu.vectors import (
+    Answer,
     BAD_INPUT,
     draw_vector,
     draw_vectors,
@@ -89,7 +90,7 @@ def seen(vectors, method=SWITCH):
 def with_answer(vector, method, **changes):
     """Return a vector with another answer of one method."""
     answers = [*vector.answers]
-    answers[method] = answers[method]._replace(**changes)
+    answers[method] = Answer(**{**dict(zip(Answer.__annotations__, answers[method], strict=True)), **changes})
     return replace(vector, answers=tuple(answers))
 
 

@@ -56,19 +56,6 @@ def test_it_plans_in_python(installed, vehicle, route):
     assert warm.heating_start_s is None
 
 
-# test_it_plans_in_python is daily, and test/nodes/test_planner_own_method.py heats by one.
-@pytest.mark.deep
-def test_it_drives_in_closed_loop(installed, vehicle):
-    route = bp.make_route({'duration_s': [300.0] * 3, 'speed_mps': 22.0, 'propulsion_power_w': 15e3,
-                           'ambient_temperature_c': -7.0}, vehicle)
-    drive = bp.drive(vehicle, route, STATE, method='last_10_minutes', estimation=False,
-                     sensors=bp.Sensors(period_s=4.0))
-    heated_s = drive.time_s[drive.command_w > 0.0]
-    assert heated_s[0] == pytest.approx(route.total_duration_s - 600.0, abs=4.0)
-    with pytest.raises(bp.InvalidInput, match="'last_25_minutes' is not one of value_function, .*last_30_minutes"):
-        bp.drive(vehicle, route, STATE, method='last_25_minutes')
-
-
 def test_it_plans_in_a_process_of_its_own(folder):
     environment = {**os.environ, 'PYTHONPATH': os.pathsep.join([str(folder), *sys.path])}
     done = subprocess.run(
@@ -83,26 +70,3 @@ def test_without_the_package_there_is_no_such_method(capsys):
         main(['plan', *SITUATION, '--method', 'last_10_minutes'])
     assert ("'last_10_minutes' is not one of value_function, optimal_switch, paper; see"
             in capsys.readouterr().err)
-
-
-# test_it_plans_in_python is daily, and test/nodes/test_planner_own_method.py heats by one.
-@pytest.mark.deep
-@pytest.mark.needs('casadi')
-def test_it_is_compared_with_the_optimum(installed, capsys):
-    assert main(['compare', *SITUATION, '--json', '-']) == 0
-    compared = json.loads(capsys.readouterr().out)
-    assert set(compared['plans']) == {'value_function', 'optimal_switch', 'paper', *METHODS}
-    assert compared['gap_wh']['last_30_minutes'] > 100.0
-    assert compared['gap_wh']['last_10_minutes'] is None and 'colder' in compared['difference']['last_10_minutes']
-
-
-# Closed loop and comparison above, daily, get the method from the same registry.
-@pytest.mark.deep
-@pytest.mark.needs('casadi')
-def test_it_takes_part_in_the_sweep_and_in_closed_loop(installed, capsys):
-    assert main(['sweep', '--feasible', '1', '--jobs', '1', '--methods', 'last_20_minutes', '--json', '-']) == 0
-    sweep = json.loads(capsys.readouterr().out)
-    assert list(sweep['summary']['methods']) == ['last_20_minutes']
-    assert main(['robustness', '--trips', '1', '--jobs', '1', '--methods', 'last_20_minutes', '--period', '10',
-                 '--json', '-']) == 0
-    assert list(json.loads(capsys.readouterr().out)['results'][0]['methods']) == ['last_20_minutes']

@@ -179,16 +179,10 @@ def test_a_route_of_numbers(vehicle):
                        'ambient_temperature_c': 0.0}, vehicle)
 
 
-# test/commands draws the same pictures of plan, worth and session daily.
 @pytest.mark.needs('matplotlib')
-@pytest.mark.parametrize('name', [
-    'drive', *(pytest.param(name, marks=pytest.mark.deep) for name in ('plan', 'worth', 'session'))])
-def test_pictures(vehicle, route, worth, drive, tmp_path, name):
-    result = {
-        'plan': lambda: bp.plan(vehicle, route, STATE), 'worth': lambda: worth, 'drive': lambda: drive,
-        'session': lambda: bp.charging_session(vehicle, bp.BatteryState(5.0, 0.2), 150e3, 0.8, -7.0)}[name]()
+def test_the_picture_of_a_drive_is_a_file(drive, tmp_path):
     path = tmp_path / 'result.png'
-    result.plot(path)
+    drive.plot(path)
     assert path.read_bytes().startswith(b'\x89PNG')
 
 

@@ -3,6 +3,7 @@
 
 import base64
 import json
+from operator import methodcaller
 from pathlib import Path
 import re
 
@@ -16,6 +17,8 @@ PAGE = Path(__file__).resolve().parents[2] / 'docs' / 'reference' / 'python.md'
 STATE = bp.BatteryState(-7.0, 0.9)
 # A line of a terminal and a half.
 MOST_CHARACTERS = 160
+# As IPython asks for it.
+in_a_notebook = methodcaller('_repr_html_')
 
 
 def last_20_minutes(situation):
@@ -58,7 +61,7 @@ def test_the_texts_of_inputs_are_short(vehicle, route):
 @pytest.mark.needs('matplotlib')
 @pytest.mark.parametrize('name', NAMES)
 def test_a_notebook_shows_line_and_picture(results, name):
-    page = results[name]._repr_html_()
+    page = in_a_notebook(results[name])
     picture = re.fullmatch(r'<p>(.*)</p><img alt="" src="data:image/png;base64,(.*)">', page)
     assert picture[1].replace('&#x27;', "'") == results[name].in_words()
     assert base64.b64decode(picture[2]).startswith(b'\x89PNG')
@@ -66,7 +69,7 @@ def test_a_notebook_shows_line_and_picture(results, name):
 
 def test_without_matplotlib_a_notebook_shows_the_line(results, monkeypatch):
     monkeypatch.setattr('bev_preheat.interface.result.is_installed', lambda module: False)
-    assert results['plan']._repr_html_() == f'<p>{results["plan"].in_words()}</p>'
+    assert in_a_notebook(results['plan']) == f'<p>{results["plan"].in_words()}</p>'
 
 
 @pytest.mark.needs('matplotlib')

@@ -34,7 +34,7 @@ class Gates:
         message = BatteryState(temperature=0.0, percentage=0.5)
         message.header.stamp = time_message(START_NS + round(stamp_s * NS_PER_S))
         self.now_s = arrives_s
-        self.inputs._on_battery_state(message)
+        self.inputs.on_battery_state(message)
         self.now_s = look_s
         return self.inputs.verdict(self.now).refusal
 

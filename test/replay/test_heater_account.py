@@ -74,7 +74,7 @@ def step(second, status, temperature_c, plan=PLAN, heater=OBEYS):
                '24.8 degC.'),
     (20.0, [step(second, Status.DISABLED, 9.0, None) for second in range(60, 181, 5)],
      '5.0 K short of the target of 25.0 degC: preheating was switched off for 3:00 min.'),
-    (20.0, [step(30, Status.HEATING, 9.0, heater=OBEYS._replace(heater=Heater.DEAD))], ': heater dead: ')])
+    (20.0, [step(30, Status.HEATING, 9.0, heater=HeaterReport(Heater.DEAD, 1.0, 1.0))], ': heater dead: ')])
 def test_each_trip_ends_with_its_result_in_words(arrival_c, between, told):
     results = TripResults()
     for each in (step(-100, Status.NO_BATTERY_STATE, 8.0, None), step(0, Status.HEATING, 8.0), *between,

@@ -2,6 +2,7 @@
 """A replay begins at any second of a recording, and with any of its files, as equal as from the start."""
 
 from dataclasses import replace
+from functools import partial
 import json
 import random
 
@@ -9,14 +10,14 @@ import pytest
 
 from bev_preheat.commands.main import main
 from bev_preheat.flight_recorder.ring import recordings_in
-from bev_preheat.nodes import recorded_scenario
+from bev_preheat.nodes import flight_recording
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.replay.explanation import explain
-from bev_preheat.replay.flight_file import read_flight
+from bev_preheat.replay.flight_file import read_flight, Start
 from bev_preheat.replay.player import Changes, Player
 from bev_preheat.replay.what_if import replay, replay_changed
 from bev_preheat.simulation.scenario import load_scenario
-from bev_preheat.simulator.recorded_scenario import drive_recorded
+from bev_preheat.simulator.recorded_scenario import drive_recorded, MessageWire
 
 pytestmark = [pytest.mark.needs('mcap'), pytest.mark.needs('rclpy'), pytest.mark.costly]
 
@@ -71,7 +72,7 @@ def test_steps_that_are_missing_are_made_up_for_by_the_next_state(flight):
     first, after = (next(index for index, given in enumerate(flight.given) if given.step.now_ns >= (
         flight.start_ns + at_s * NS_PER_S)) for at_s in (300, 480))
     lost = after - first
-    starts = [start if start.at <= first else start._replace(at=start.at - lost)
+    starts = [start if start.at <= first else Start(start.at - lost, start.recorded, start.route)
               for start in flight.starts if not first < start.at <= after]
     damaged = replace(flight, given=(*flight.given[:first], *flight.given[after:]), gaps=(first,),
                       starts=tuple(starts))
@@ -82,7 +83,7 @@ def test_steps_that_are_missing_are_made_up_for_by_the_next_state(flight):
     # At most the minute until then differs: two commands a second.
     assert comparison.different <= 4 * 62
     rest = replace(damaged, given=damaged.given[resumed:], gaps=(), starts=tuple(
-        start._replace(at=start.at - resumed) for start in starts if start.at >= resumed))
+        Start(start.at - resumed, start.recorded, start.route) for start in starts if start.at >= resumed))
     assert replay(rest).comparison.is_reproduced
 
 
@@ -95,19 +96,14 @@ def test_a_change_from_the_middle_on_is_a_change_from_the_middle_on(flight):
 
 
 def test_each_file_of_a_life_can_be_replayed_alone(tmp_path, monkeypatch):
-    class Small(recorded_scenario.FlightRecorder):
-        def attach(self, *arguments, **named):
-            super().attach(*arguments, **named)
-            self._writer._largest_file_bytes = 150_000
-
-    monkeypatch.setattr(recorded_scenario, 'FlightRecorder', Small)
-    wire = recorded_scenario._MessageWire
+    monkeypatch.setattr(flight_recording, 'RecordingWriter', partial(
+        flight_recording.RecordingWriter, largest_file_bytes=150_000))
     scenario = load_scenario('charges_early')
     from bev_preheat.simulation.scenario_drive import drive_scenario
     made = []
 
     def wire_to(supervisor):
-        made.append(wire(supervisor, scenario, str(tmp_path), pytest.fail))
+        made.append(MessageWire(supervisor, scenario, str(tmp_path), pytest.fail))
         return made[-1]
 
     drive_scenario(scenario, wire=wire_to)

@@ -27,10 +27,10 @@ def test_whole_numbers_stay_whole_and_move_by_one_at_least(value, factor, moved)
 def test_a_number_is_set_wherever_it_is_imported():
     tunable = named('MOST_REVEALED_K')
     try:
-        study._set(tunable, 99.0)
+        study.set_everywhere(tunable, 99.0)
         assert table.MOST_REVEALED_K == forecast_plan.MOST_REVEALED_K == 99.0
     finally:
-        study._set(tunable, tunable.value)
+        study.set_everywhere(tunable, tunable.value)
     assert table.MOST_REVEALED_K == forecast_plan.MOST_REVEALED_K == tunable.value
 
 
@@ -45,7 +45,7 @@ def test_effects_are_written_behind_their_rows_and_taken_away():
 @pytest.mark.costly
 def test_a_number_that_matters_moves_something_and_one_that_does_not_moves_nothing():
     """The accuracy of the route's power moves the estimate; no goal is set on the drive."""
-    drives = study._Drives(1, 1, 10.0, True)
+    drives = study.Drives(1, 1, 10.0, True)
     found = [named('POWER_NOISE'), named('FURTHEST_GOAL_S')]
     effects = [study.effect_of(drives, drives.figures(), found, number) for number in range(2)]
     assert not effects[0].is_nothing and effects[0].worst_k > 0.0
