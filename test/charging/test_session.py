@@ -221,21 +221,6 @@ def test_energy_is_kept_and_no_limit_is_broken(
     assert (session.soc[-1] == pytest.approx(stop.departure_soc, abs=1e-9)) == (not session.problem)
 
 
-def test_no_power_is_taken_that_the_map_does_not_allow():
-    session = charge(REFERENCE, replace(STOP, charger_power_w=400e3), BatteryState(8.0, 0.3))
-    table = REFERENCE.charging.power_limit
-    # By hand at the first step: 0.3 between 0.2 and 0.5, 8 degC between 0 and 10 degC.
-    assert table.soc[1:3] == (0.2, 0.5) and table.temperature_c[3:5] == (0.0, 10.0)
-    low, high = (0.2 * row[3] + 0.8 * row[4] for row in table.values[1:3])
-    assert session.charging_power_w[0] == pytest.approx(-(low + (high - low) / 3.0), rel=0.01)
-
-
-def test_a_map_for_fast_charging_takes_the_place_of_the_charge_limit():
-    half = Charging(constant(-30e3), False)
-    session = charge(replace(REFERENCE, charging=half), STOP, BatteryState(25.0, 0.3))
-    assert session.charging_power_w == pytest.approx(np.full(len(session.time_s) - 1, 30e3))
-
-
 def test_a_battery_that_has_enough_is_not_charged():
     session = charge(REFERENCE, STOP, BatteryState(5.0, 0.8))
     assert (session.charging_time_s, session.bought_energy_wh, session.problem) == (0.0, 0.0, None)

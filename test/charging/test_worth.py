@@ -15,7 +15,7 @@ from bev_preheat.charging.spread import time_deviation
 from bev_preheat.charging.stop import arrival_state, ChargingStop, stop_after
 from bev_preheat.charging.target_worth import Prices, TargetWorth
 from bev_preheat.charging.verdict import verdict_on
-from bev_preheat.charging.worth import find_worth, minima, pays_from_per_h, targets_between, WorthSearch
+from bev_preheat.charging.worth import find_worth, minima, pays_from_per_h, WorthSearch
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.planner import plan_preheating, plan_unheated
 from bev_preheat.planning.situation import BatteryState, Goal
@@ -156,12 +156,6 @@ def test_minima_of_a_grid():
     assert minima([2.0, 2.0, 1.0, 1.0, 3.0, 2.5]) == [2, 5]
     assert minima([inf, inf, 5.0, 6.0]) == [2]
     assert minima([inf, inf]) == []
-
-
-def test_targets_between_two_temperatures():
-    assert targets_between(7.5, 10.0) == [8.0, 9.0, 10.0]
-    assert targets_between(8.0, 10.5) == [9.0, 10.0, 10.5]
-    assert targets_between(60.0, 60.0) == targets_between(61.0, 60.0) == []
 
 
 def test_nothing_is_bought_where_the_battery_arrives_with_what_it_leaves_with(usual):

@@ -1,15 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Boundary values: the behaviour exactly at a limit, and just beyond it."""
+"""Boundary values, and the rules of gate and inbox: behaviour exactly at a limit, and just beyond it."""
 
-from dataclasses import replace
+from math import nan
 
 import pytest
+from steady_drives import measured, NOW_NS, ns, steady_leg, VEHICLE
+from stepwise import Stepwise
 
-from bev_preheat.control.events import BatteryStateArrived, PreheatingSwitched, RouteArrived
+from bev_preheat.control.events import ActivationChanged, BatteryStateArrived, PreheatingSwitched, RouteArrived
 from bev_preheat.control.heater_switch import HeaterSwitch
-from bev_preheat.control.inbox import Inbox, NO_CHANGES
-from bev_preheat.control.inputs import check_mission, in_planning_steps, Leg, Measurement, Mission
-from bev_preheat.control.settings import Settings
+from bev_preheat.control.inbox import Inbox
+from bev_preheat.control.inputs import check_mission, Measurement, Mission
+from bev_preheat.control.settings import Settings, settings_of
 from bev_preheat.control.step import StepOutput
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.errors import InvalidInput
@@ -17,18 +19,8 @@ from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
-from bev_preheat.route.segments import make_route
-from bev_preheat.vehicle import load_vehicle
 
-VEHICLE = load_vehicle('reference')
-NOW_NS = 1_700_000_000 * NS_PER_S
 STATE = BatteryState(-7.0, 0.8)
-
-
-def leg(**changes):
-    columns = {'duration_s': [30.0] * 40, 'speed_mps': [20.0], 'propulsion_power_w': [20e3],
-               'ambient_temperature_c': [-7.0]}
-    return Leg(make_route({**columns, **changes}, VEHICLE.defaults), NOW_NS, True, 25.0)
 
 
 @pytest.mark.parametrize('back_ns, restarted', [
@@ -36,9 +28,10 @@ def leg(**changes):
     (40 * NS_PER_S, True)])
 def test_a_clock_that_falls_back_by_more_than_a_second_was_restarted(back_ns, restarted):
     inbox, _ = Inbox(VEHICLE, Settings()).taken(BatteryStateArrived(Measurement(STATE, NOW_NS)), NOW_NS)
+    assert not inbox.changes.clock_restarted
     # With the previous stamp, because stamps must not go back unless the clock does.
     measurement = Measurement(STATE, NOW_NS - back_ns if restarted else NOW_NS)
-    inbox, _ = inbox._replace(changes=NO_CHANGES).taken(BatteryStateArrived(measurement), NOW_NS - back_ns)
+    inbox, _ = inbox.taken(BatteryStateArrived(measurement), NOW_NS - back_ns)
     assert inbox.changes.clock_restarted is restarted
     assert inbox.measurement == measurement
 
@@ -80,23 +73,13 @@ def test_power_is_known_where_voltage_and_current_are(voltage_v, current_a, powe
     (1199 * NS_PER_S + NS_PER_S // 2, -0.5, 0.5), (1200 * NS_PER_S, 0.0, None),
     (1200 * NS_PER_S + NS_PER_S // 2, 0.5, None)])
 def test_what_is_left_of_a_leg(after_ns, ended_for_s, ahead_s):
-    drive = leg()
+    drive = steady_leg()
     assert drive.ended_for_s(NOW_NS + after_ns) == ended_for_s
     ahead = drive.route_ahead(NOW_NS + after_ns)
     assert (ahead.total_duration_s if ahead else None) == (
         None if ahead_s is None else pytest.approx(ahead_s, abs=1e-9))
     # Before the start: the whole route, unchanged.
     assert (ahead is drive.route) == (after_ns <= 0)
-
-
-@pytest.mark.parametrize('count, told', [(1, ''), (2, 'leg 2: '), (3, 'leg 3: ')])
-def test_the_leg_of_a_problem_is_named_where_there_are_several(count, told):
-    legs = [leg() for _ in range(count)]
-    legs[-1] = replace(legs[-1], target_temperature_c=99.0)
-    with pytest.raises(InvalidInput) as refusal:
-        check_mission(VEHICLE, Mission('home', tuple(legs)), 25.0)
-    assert str(refusal.value).startswith(told)
-    assert str(refusal.value).count('leg ') == bool(told)
 
 
 def test_a_decision_is_marked_where_its_status_is_another_one():
@@ -108,8 +91,8 @@ def test_a_decision_is_marked_where_its_status_is_another_one():
         if output.decision is not None:
             marks.append((output.decision.status, output.has_new_status))
 
-    step(0, RouteArrived(Mission('home', (leg(),))))
-    step(1, RouteArrived(Mission('home', (leg(),))))
+    step(0, RouteArrived(Mission('home', (steady_leg(),))))
+    step(1, RouteArrived(Mission('home', (steady_leg(),))))
     step(2, BatteryStateArrived(Measurement(STATE, NOW_NS + 2 * NS_PER_S)))
     step(3, PreheatingSwitched(False))
     step(4, PreheatingSwitched(False))
@@ -125,7 +108,7 @@ def test_a_decision_is_marked_where_its_status_is_another_one():
 @pytest.mark.parametrize('status', [Status.HEATING, Status.TARGET_UNREACHABLE])
 def test_a_command_of_0_w_says_that_it_waits_only_where_it_was_to_heat(status):
     """A heater that was switched off a moment ago waits, regardless of the plan's status."""
-    trip, target_c = leg(duration_s=[30.0] * 16), 25.0
+    trip, target_c = steady_leg(480.0), 25.0
     # So cold that heating all the way misses the target by a tenth of a kelvin, or by a kelvin more.
     cold_c = 10.0
     for _ in range(3):
@@ -154,17 +137,87 @@ def test_a_command_of_0_w_says_that_it_waits_only_where_it_was_to_heat(status):
     assert (command.battery_heating_power_w, command.reason, shown) == (0.0, waits, waits)
 
 
-@pytest.mark.parametrize('duration_s, step_s, count', [(1.0, 30.0, 40), (30.0, 30.0, 40), (1.0, 300.0, 4)])
-def test_a_route_is_planned_in_steps_of_the_length_asked_for(duration_s, step_s, count):
-    route = leg(duration_s=[duration_s] * round(1200.0 / duration_s)).route
-    assert len(in_planning_steps(route, step_s)) == count
-
-
 @pytest.mark.parametrize('before_ns, heats', [(NS_PER_S // 2, False), (1, False), (0, True)])
 def test_a_trip_that_begins_in_a_moment_is_not_heated_for_before_it_does(before_ns, heats):
     """Heating all the way is not even enough."""
     supervisor = Supervisor(VEHICLE, Settings(estimation=False))
     now_ns = NOW_NS - before_ns
-    supervisor.step(now_ns, RouteArrived(Mission('home', (leg(),))))
+    supervisor.step(now_ns, RouteArrived(Mission('home', (steady_leg(),))))
     supervisor.step(now_ns, BatteryStateArrived(Measurement(STATE, now_ns)))
     assert (supervisor.state.latest_command.battery_heating_power_w > 0.0) is heats
+
+
+def at(second):
+    return NOW_NS + ns(second)
+
+
+def planner_with(second, temperature_c):
+    planner = Stepwise(VEHICLE, Settings(estimation=False))
+    planner.accept_mission(Mission('home', (steady_leg(),)))
+    planner.accept_battery(measured(at(second), temperature_c), at(second))
+    return planner
+
+
+# The gate
+
+
+def test_after_twenty_switch_ons_the_next_one_comes_an_hour_after_the_first():
+    switch = HeaterSwitch()
+    for number in range(20):
+        switch = switch.asked(at(180.0 * number), 5e3, 5e3, 0.0, 0.0)
+        assert switch.power_w == 5e3
+        switch = switch.asked(at(180.0 * number + 90.0), 0.0, 5e3, 0.0, 0.0)
+        assert switch.power_w == 0.0
+    switch = switch.asked(at(3599.999), 5e3, 5e3, 0.0, 0.0)
+    assert switch.power_w == 0.0
+    assert switch.pause.left_s == pytest.approx(0.001)
+    assert switch.asked(at(3600.0), 5e3, 5e3, 0.0, 0.0).power_w == 5e3
+
+
+def test_a_managed_node_that_may_not_heat_says_so():
+    planner = planner_with(0.0, -7.0)
+    assert planner.state.latest_command.battery_heating_power_w > 0.0
+    planner.run(at(1.0), ActivationChanged(False, 'The node is inactive.'))
+    command, decision = planner.state.latest_command, planner.state.decision
+    assert (command.battery_heating_power_w, command.reason, decision.explanation) == (
+        0.0, Status.DISABLED, 'The node is inactive.')
+
+
+def test_a_status_that_is_still_shown_keeps_its_sentence():
+    planner, shown = planner_with(0.0, 20.0), []
+    for second in (0.0, 1.0, 2.0, 11.5):
+        if second:
+            planner.accept_battery(measured(at(second), 30.0), at(second))
+        decision = planner.state.decision
+        assert planner.state.latest_command.reason is decision.status
+        shown.append((decision.status, decision.explanation))
+    assert shown[0][1].startswith('Heating starts in ') and shown[:3] == [(Status.WAITING, shown[0][1])] * 3
+    assert shown[3][0] is Status.NOT_NEEDED and shown[3][1].startswith('The battery gets warm enough')
+
+
+# The inbox
+
+
+@pytest.mark.parametrize('hint', ['', 'percentage must be 0 ... 1, not 0 ... 100'])
+def test_a_value_that_follows_a_refused_one_in_percent_is_refused_too(hint):
+    inbox, sentences = Inbox(VEHICLE, Settings()), []
+    for second, soc in ((0.0, 1.2), (8.0, 0.8), (9.0, 0.7)):
+        inbox, refusal = inbox.taken(BatteryStateArrived(measured(at(second), soc=soc), hint), at(second))
+        sentences.append(str(refusal))
+    assert hint in sentences[0]
+    assert 'percentage: 0.8 follows 1.2, which is on a scale of 100' in sentences[1]
+    assert inbox.scale_verdict.since_ns == at(8.0)
+
+
+def test_the_problems_of_all_legs_are_named():
+    legs = [steady_leg(target_temperature_c=target_c) for target_c in (98.0, 25.0, 99.0)]
+    with pytest.raises(InvalidInput) as refusal:
+        check_mission(VEHICLE, Mission('home', tuple(legs)), 25.0)
+    assert [problem.partition(':')[0] for problem in refusal.value.problems] == ['leg 1', 'leg 3']
+
+
+@pytest.mark.parametrize('value, target_c', [
+    (0.0, None), (-0.0, None), (nan, None), (12.5, 12.5), (-3.0, -3.0)])
+def test_a_target_of_0_or_nan_is_the_vehicles(value, target_c):
+    settings = settings_of({'target_battery_temperature': value})
+    assert settings.target_temperature_c == target_c

@@ -4,20 +4,16 @@
 from dataclasses import replace
 
 import pytest
+from steady_drives import NOW_NS, ns, steady_leg, VEHICLE
 from stepwise import Stepwise
 
 from bev_preheat.control.charger_heat import ChargerHeater, ChargerSituation
-from bev_preheat.control.inputs import Leg, Measurement, Mission, with_stops
+from bev_preheat.control.inputs import Measurement, Mission, with_stops
 from bev_preheat.control.settings import Settings
 from bev_preheat.estimation.hypotheses import Heater
-from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.status import Status
-from bev_preheat.route.segments import make_route
-from bev_preheat.vehicle import load_vehicle
 
-VEHICLE = load_vehicle('reference')
-NOW_NS = 1_700_000_000 * NS_PER_S
 # Only time counts, and below FAST_W the charger is faster than the battery: then all heat pays.
 ASKED = Settings(estimation=False, heat_while_charging=True, energy_price_per_kwh=0.0)
 FAST_W = 300e3
@@ -28,15 +24,9 @@ DRIVE_S, STOP_S = 600.0, 1200.0
 LIMIT_C = VEHICLE.charging.heating_limit_c
 
 
-def ns(seconds):
-    return round(seconds * NS_PER_S)
-
-
 def make_leg(**fields):
-    return Leg(make_route({
-        'duration_s': [30.0] * int(DRIVE_S / 30.0), 'speed_mps': [20.0],
-        'propulsion_power_w': [18e3], 'ambient_temperature_c': [-5.0],
-        'cabin_heating_power_w': [CABIN_W], 'auxiliary_power_w': [400.0]}, None), **fields)
+    return steady_leg(DRIVE_S, propulsion_power_w=[18e3], ambient_temperature_c=[-5.0],
+                      target_temperature_c=None, **fields)
 
 
 def measured(temperature_c, charged_with_w, now_ns=NOW_NS, soc=0.4):
@@ -85,13 +75,6 @@ def test_it_heats_where_the_charger_gives_enough_to_a_cold_battery(
 def test_it_does_not_heat_unasked_nor_in_a_car_that_does_not(settings, charging, first):
     supervisor = supervisor_at(AT_STOP_S, settings, replace(VEHICLE, charging=charging), **first)
     assert outcome(supervisor, measured(-3.0, 50e3)) == OFF
-
-
-def test_by_default_the_stop_is_told_as_ever():
-    supervisor = supervisor_at(AT_STOP_S, Settings(estimation=False))
-    outcome(supervisor, measured(-3.0, 50e3))
-    assert supervisor.state.decision.explanation == (
-        'Charging until departure in 19:00 min; then 10:00 min of driving to a fast charger.')
 
 
 @pytest.mark.parametrize('temperature_c, charged_with_w, reason', [

@@ -58,12 +58,6 @@ def test_the_last_of_two_commands_at_one_instant_holds():
     assert history.mean_w(5 * MS, 5 * MS) == 0.0
 
 
-def test_before_the_first_command_nothing_was_commanded():
-    history = CommandHistory()
-    history = history.noted(10**18, 7000.0)
-    assert history.mean_w(10**18 - 1000 * MS, 10**18) == 0.0
-
-
 def test_a_clock_that_was_set_back_forgets_what_now_lies_ahead():
     history = CommandHistory()
     history = history.noted(1000 * MS, 7000.0)

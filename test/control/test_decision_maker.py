@@ -1,33 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The decision on a battery state, and its report."""
+"""The decision on a battery state, its report, and the coldest cell that limits it."""
+
+from dataclasses import replace
 
 import pytest
+from steady_drives import measured, NOW_NS, ns, steady_leg, VEHICLE
 
-from bev_preheat.control.events import BatteryStateArrived, RouteArrived
-from bev_preheat.control.inputs import Leg, Measurement, Mission
+from bev_preheat.control.events import BatteryStateArrived, Reconfigured, RouteArrived
+from bev_preheat.control.inputs import Measurement, Mission
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.errors import InvalidInput, PlanningFailure
-from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.status import Status
-from bev_preheat.route.segments import make_route
-from bev_preheat.vehicle import load_vehicle
-
-VEHICLE = load_vehicle('reference')
-START_NS = 1_700_000_000 * NS_PER_S
-STATE = BatteryState(-7.0, 0.8)
-
-
-def make_a_route():
-    return make_route({
-        'duration_s': [30.0] * 40, 'speed_mps': [20.0], 'propulsion_power_w': [20e3],
-        'ambient_temperature_c': [-7.0], 'cabin_heating_power_w': [1500.0],
-        'auxiliary_power_w': [400.0]}, VEHICLE.defaults)
-
-
-def ns(seconds):
-    return round(seconds * NS_PER_S)
 
 
 @pytest.mark.parametrize('estimation', [False, True])
@@ -38,10 +23,9 @@ def test_what_cannot_be_planned_is_told_and_not_heated(monkeypatch, estimation, 
         raise error
 
     supervisor = Supervisor(VEHICLE, Settings(estimation=estimation))
-    supervisor.step(START_NS, RouteArrived(Mission('home', (
-        Leg(make_a_route(), START_NS, True, 25.0),))))
+    supervisor.step(NOW_NS, RouteArrived(Mission('home', (steady_leg(),))))
     monkeypatch.setattr('bev_preheat.planning.planner.plan_case', fail)
-    output = supervisor.step(START_NS, BatteryStateArrived(Measurement(STATE, START_NS)))
+    output = supervisor.step(NOW_NS, BatteryStateArrived(measured()))
     assert (supervisor.state.decision.status, supervisor.state.decision.explanation) == (
         Status.INVALID_INPUT, 'beyond the model')
     assert supervisor.state.latest_command.battery_heating_power_w == 0.0
@@ -53,24 +37,38 @@ def test_what_cannot_be_planned_is_told_and_not_heated(monkeypatch, estimation, 
 def test_a_state_that_comes_late_does_not_shift_what_is_said(estimation):
     """100 s into the route, 1100 s before its end: times count from now, not from the state."""
     supervisor = Supervisor(VEHICLE, Settings(estimation=estimation))
-    state_ns = START_NS + ns(100.0)
-    supervisor.step(START_NS, RouteArrived(Mission('home', (
-        Leg(make_a_route(), START_NS, True, 25.0),))))
+    state_ns = NOW_NS + ns(100.0)
+    supervisor.step(NOW_NS, RouteArrived(Mission('home', (steady_leg(),))))
     for age_s, left in ((0.0, '18:20'), (0.4, '18:20'), (0.6, '18:19'), (1.4, '18:19')):
-        supervisor.step(state_ns + ns(age_s), BatteryStateArrived(
-            Measurement(STATE, state_ns)))
+        supervisor.step(state_ns + ns(age_s), BatteryStateArrived(measured(state_ns)))
         assert f'arrival in {left} min' in supervisor.state.decision.explanation
         assert supervisor.state.decision.plan_start_ns == state_ns
 
 
-@pytest.mark.parametrize('estimation', [False, True])
-def test_a_state_is_answered_once_by_the_plan_made_from_it(estimation):
-    supervisor = Supervisor(VEHICLE, Settings(estimation=estimation))
-    supervisor.step(START_NS, RouteArrived(Mission('home', (
-        Leg(make_a_route(), START_NS, True, 25.0),))))
-    for second in range(3):
-        now_ns = START_NS + ns(second)
-        # As the previous plan had predicted.
-        output = supervisor.step(now_ns, BatteryStateArrived(Measurement(STATE, now_ns)))
-        assert output.command is not None
-        assert supervisor.state.decision.plan_start_ns == now_ns
+# At 40 % the reference battery delivers some 150 kW at -5 degC and 70 kW at -25 degC.
+STEEP = steady_leg(600.0, 60.0, speed_mps=[30.0], propulsion_power_w=[95e3], target_temperature_c=None)
+
+
+def status(settings, coldest_cell_c):
+    supervisor = Supervisor(VEHICLE, settings)
+    supervisor.step(NOW_NS, RouteArrived(Mission('steep', (STEEP,))))
+    supervisor.step(NOW_NS, BatteryStateArrived(Measurement(
+        BatteryState(-5.0, 0.4), NOW_NS, coldest_cell_c=coldest_cell_c)))
+    return supervisor, supervisor.state.decision.status
+
+
+@pytest.mark.parametrize('estimation', [True, False])
+def test_the_coldest_cell_limits_the_power(estimation):
+    settings = Settings(estimation=estimation)
+    assert status(settings, None)[1] is not Status.POWER_LIMITED
+    assert status(settings, -6.0)[1] is not Status.POWER_LIMITED
+    assert status(settings, -25.0)[1] is Status.POWER_LIMITED
+    assert status(replace(settings, coldest_cell_limits=False), -25.0)[1] is not Status.POWER_LIMITED
+
+
+def test_it_may_be_switched_off_at_run_time():
+    supervisor, before = status(Settings(), -25.0)
+    assert before is Status.POWER_LIMITED
+    supervisor.step(NOW_NS, Reconfigured(
+        VEHICLE, replace(supervisor.state.settings, coldest_cell_limits=False), supervisor.state.mission))
+    assert supervisor.state.decision.status is not Status.POWER_LIMITED

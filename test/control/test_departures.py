@@ -13,14 +13,15 @@ import pytest
 from bev_preheat.control.departures import Departure, Departures
 from bev_preheat.control.departures_file import load_departures, load_grid_prices
 from bev_preheat.control.grid_prices import DailyPrice, GridPrices, PricePeriod
+from bev_preheat.control.itinerary import load_itinerary
 from bev_preheat.errors import InvalidInput
 from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.vehicle.loading import load_vehicle
 
 BERLIN = ZoneInfo('Europe/Berlin')
 ZONES = tuple(map(ZoneInfo, (
     'Europe/Berlin', 'America/New_York', 'Australia/Lord_Howe', 'Asia/Kathmandu', 'Pacific/Apia')))
 EVERY_DAY = frozenset(range(7))
-
 zones = st.sampled_from(ZONES)
 clocks = st.times().map(lambda clock: clock.replace(second=0, microsecond=0, fold=0))
 # Years with clock changes of today's rules; Samoa skipped a whole day in 2011.
@@ -276,3 +277,23 @@ def test_a_missing_file_is_named(tmp_path):
     for load in (load_departures, load_grid_prices):
         with pytest.raises(InvalidInput, match='nothing.yaml: no such file'):
             load(tmp_path / 'nothing.yaml')
+
+
+ITINERARY = """
+name: whole_numbers
+legs:
+- {route: alpine_pass, target_battery_temperature_c: 20, minimum_arrival_soc: 0, stop_duration_s: 1200,
+   departure_temperature_c: 25, departure_soc: 1}
+- {route: alpine_pass, target_battery_temperature_c: 15}
+"""
+
+
+def test_whole_numbers_of_an_itinerary_are_floats(tmp_path):
+    file = tmp_path / 'whole.yaml'
+    file.write_text(ITINERARY)
+    mission = load_itinerary(file, load_vehicle('reference')).mission
+    first, second = mission.legs
+    numbers = (first.target_temperature_c, first.minimum_arrival_soc, second.target_temperature_c,
+               second.departure.temperature_c, second.departure.soc)
+    assert numbers == (20.0, 0.0, 15.0, 25.0, 1.0)
+    assert all(isinstance(number, float) for number in numbers)

@@ -2,30 +2,23 @@
 """The driver's opt-out, a cancelled trip and the battery's last state, over a restart of the planner."""
 
 import pytest
+from steady_drives import measured, NOW_NS, steady_leg, VEHICLE
 from stepwise import Stepwise
 
-from bev_preheat.control.inputs import Leg, Measurement, Mission
+from bev_preheat.control.inputs import Measurement, Mission
 from bev_preheat.control.settings import Settings
 from bev_preheat.estimation.driver_choices import CancelledTrip, DriverChoices, NO_CHOICES
 from bev_preheat.estimation.last_seen import LastSeen
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.status import Status
-from bev_preheat.route.segments import make_route
-from bev_preheat.vehicle import load_vehicle
 
-VEHICLE = load_vehicle('reference')
-NOW_NS = 1_700_000_000 * NS_PER_S
 HOUR_NS = 3600 * NS_PER_S
 SETTINGS = Settings(minimum_on_time_s=0.0, minimum_off_time_s=0.0)
 
 
 def make_mission(route_id='home', start_ns=NOW_NS):
-    """Return 20 min at -7 degC: too short to reach 25 degC, so it heats at once."""
-    return Mission(route_id, (Leg(make_route({
-        'duration_s': [300.0] * 4, 'speed_mps': [20.0], 'propulsion_power_w': [20e3],
-        'ambient_temperature_c': [-7.0], 'cabin_heating_power_w': [1500.0],
-        'auxiliary_power_w': [400.0]}, VEHICLE.defaults), start_ns, True, 25.0),))
+    return Mission(route_id, (steady_leg(step_s=300.0, start_ns=start_ns),))
 
 
 def start(choices=NO_CHOICES, now_ns=NOW_NS, mission=None, **settings):
@@ -34,7 +27,7 @@ def start(choices=NO_CHOICES, now_ns=NOW_NS, mission=None, **settings):
                        choices=choices.after_restart(now_ns))
     planner.refresh(now_ns)
     planner.accept_mission(mission or make_mission())
-    planner.accept_battery(Measurement(BatteryState(-7.0, 0.8), now_ns), now_ns)
+    planner.accept_battery(measured(now_ns), now_ns)
     return planner
 
 
@@ -45,11 +38,6 @@ def answer(planner):
 
 HEATS, OFF, CANCELLED = ((True, Status.TARGET_UNREACHABLE), (False, Status.DISABLED),
                          (False, Status.NO_CHARGING_PLANNED))
-
-
-def test_without_choices_it_heats():
-    planner = start()
-    assert (answer(planner), planner.state.choices) == (HEATS, NO_CHOICES)
 
 
 def test_an_opt_out_survives_a_restart_until_the_driver_takes_it_back():
@@ -148,7 +136,3 @@ def test_last_seen_is_that_from_before_the_restart_until_the_battery_tells(estim
     seen = planner.state.last_seen
     assert (seen.temperature_c, seen.soc, seen.stamp_ns) == (
         pytest.approx(-7.0, abs=0.01), pytest.approx(0.75, abs=1e-4), NOW_NS)
-
-
-def test_nothing_seen_is_none():
-    assert Stepwise(VEHICLE, SETTINGS).state.last_seen is None

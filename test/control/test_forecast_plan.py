@@ -13,13 +13,11 @@ from bev_preheat.control.settings import Settings
 from bev_preheat.estimation.estimate import Estimate
 from bev_preheat.estimation.hypotheses import Heater, HeaterReport
 from bev_preheat.estimation.state import (
-    FACTORS,
     HEAT_CAPACITY,
     HEAT_LAG,
     HEATER,
     LEAKAGE,
     PROPULSION,
-    RESISTANCE,
     SIZE,
     SOC,
     TEMPERATURE,
@@ -35,8 +33,6 @@ from bev_preheat.vehicle import load_vehicle
 VEHICLE = load_vehicle('reference')
 GOAL = Goal(25.0)
 ANSWERS = HeaterReport(Heater.ANSWERS, 1.0, 1.0)
-# Prior of a car known only from its file: uniform within 10, 20, 20 and 5 %, so divided by the root of 3.
-FILE_DEVIATIONS = {HEAT_CAPACITY: 0.058, LEAKAGE: 0.115, RESISTANCE: 0.115, HEATER: 0.029}
 
 
 def make_a_route(*last_powers_w):
@@ -182,21 +178,6 @@ def test_the_corrected_vehicle_is_the_files_times_the_factors():
     assert car.hvch.efficiency == pytest.approx(0.9 * 0.87)
 
 
-@pytest.mark.parametrize('element', FILE_DEVIATIONS)
-@pytest.mark.parametrize('share, is_new', [
-    (0.0, False), (0.04, False), (-0.04, False), (0.06, True), (-0.06, True)])
-def test_the_corrected_vehicle_is_kept_until_a_factor_moves_by_a_twentieth_of_its_spread(
-        element, share, is_new):
-    # From factors that differ from the file's.
-    maker, at_first = ForecastPlanner(), make_estimate()
-    at_first.mean[FACTORS] = 0.03, -0.07, 0.05, -0.01, 0.02
-    maker = maker.following(at_first)
-    kept = maker.vehicle(VEHICLE)
-    moved = replace(at_first, mean=at_first.mean.copy())
-    moved.mean[element] += share * FILE_DEVIATIONS[element]
-    assert (maker.following(moved).vehicle(VEHICLE) is not kept) is is_new
-
-
 def test_small_moves_of_a_factor_add_up():
     maker, estimate = ForecastPlanner(), make_estimate()
     cars = []
@@ -206,11 +187,6 @@ def test_small_moves_of_a_factor_add_up():
     # After a change of 4 % the cached vehicle is used, after 8 % a new one; 12 % is within 5 % of 8 %.
     assert [car is cars[0] for car in cars] == [True, True, False, False]
     assert cars[2] is cars[3]
-
-
-def test_consumption_is_the_routes_and_leaves_the_vehicle():
-    maker = ForecastPlanner().following(make_estimate())
-    assert maker.following(make_estimate(propulsion=0.4)).vehicle(VEHICLE) is maker.vehicle(VEHICLE)
 
 
 def test_the_factors_of_the_corrected_car_are_told():
@@ -232,24 +208,6 @@ def test_of_a_derated_heater_is_told_what_it_gives(asked):
     assert (forecast_plan.command_share, asked[-1].heater_share, forecast_plan.commanded) == (0.9, 0.9, None)
     assert forecast_plan.plan.explanation.startswith(
         'The heater delivers only 90 % of its command. Heating starts in ')
-
-
-def test_a_dead_heater_is_commanded_by_a_plan_of_one_that_answers(asked):
-    forecast_plan = make(make_estimate(heater=HeaterReport(Heater.DEAD, 1.0, 0.0)))
-    assert (forecast_plan.command_share, asked[-1].heater_share) == (1.0, 0.0)
-    assert forecast_plan.commanded is asked[-2].plan
-    assert forecast_plan.commanded.hvch_battery_power_w.any()
-    assert not forecast_plan.plan.hvch_battery_power_w.any()
-    assert forecast_plan.plan.explanation.startswith(
-        'The heater does not respond to its command. Driving alone does not warm the battery enough: ')
-
-
-def test_a_heater_that_is_stuck_on_is_expected_to_heat_and_commanded_as_any(asked):
-    forecast_plan = make(make_estimate(24.0, heater=HeaterReport(Heater.STUCK_ON, 1.0, 1.0)))
-    assert asked[-1].heats_throughout
-    assert forecast_plan.plan.arrival_temperature_c > 30.0
-    # The command ignores uncommanded heat.
-    assert (forecast_plan.commanded, forecast_plan.command_share) == (None, 1.0)
 
 
 NOT_TOO_FAR = {

@@ -1,11 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Minimum times on and off: the switchings that they delay, and those that they must not delay."""
+"""The heater's switch: minimum times on and off, the pause after doubt, and the status that is shown meanwhile."""
 
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 
-from bev_preheat.control.heater_switch import HeaterSwitch
+from bev_preheat.control.command import SteadyStatus
+from bev_preheat.control.heater_switch import HeaterSwitch, HeatingPause
+from bev_preheat.planning.status import Status
+from bev_preheat.tunables import LEAST_STATUS_S as LEAST_S
+from bev_preheat.tunables import MOST_SWITCH_ONS
 
 S = 1_000_000_000
 FULL_W, LIMIT_W = 5000.0, 5300.0
@@ -37,15 +41,6 @@ def heating():
     return switch
 
 
-def test_the_first_request_is_granted_at_once(heating):
-    assert heating.is_on
-
-
-def test_off_waits_for_the_least_time_on(heating):
-    assert heating.at(1019.999, 0.0) == FULL_W
-    assert heating.at(1020.0, 0.0) == 0.0
-
-
 def test_on_waits_for_the_least_time_off(heating):
     heating.at(1030.0, 0.0)
     assert heating.at(1149.999, FULL_W) == 0.0
@@ -75,12 +70,6 @@ def test_an_off_by_plan_starts_the_least_time_off(heating):
     assert heating.at(1125.0, FULL_W) == FULL_W
 
 
-def test_force_off_does_not_wait_and_leaves_no_wait_behind(heating):
-    heating.become('forced_off')
-    assert not heating.is_on
-    assert heating.at(1001.0, FULL_W) == FULL_W
-
-
 def test_allow_lets_the_next_request_through(heating):
     heating.at(1030.0, 0.0)
     heating.become('allowed')
@@ -90,10 +79,6 @@ def test_allow_lets_the_next_request_through(heating):
 def test_asking_twice_at_one_instant_gives_the_same(heating):
     for now_s, wanted_w in ((1001.0, 0.0), (1020.0, 0.0), (1021.0, FULL_W), (1140.0, FULL_W)):
         assert heating.at(now_s, wanted_w) == heating.at(now_s, wanted_w)
-
-
-def test_a_clock_that_was_set_back_holds_nothing(heating):
-    assert heating.at(3.0, 0.0) == 0.0
 
 
 WISHES = st.lists(st.tuples(st.floats(0.0, 60.0), st.sampled_from([0.0, 900.0, FULL_W]),
@@ -120,3 +105,206 @@ def test_requested_switchings_are_never_closer_than_allowed(preparation_goals):
             assert (wanted_w > 0.0) == switch.is_on
             was_on, since_s = switch.is_on, now_s
         assert (power_w > 0.0) == switch.is_on
+
+
+FULL_W = 5000.0
+MINIMUM_OFF_S = 120.0
+
+
+class Driven:
+    """A HeaterSwitch that always wants heat, asked ten times a second unless something is wrong."""
+
+    def __init__(self, minimum_off_s=MINIMUM_OFF_S):
+        self.switch, self.tenths, self.minimum_off_s = HeaterSwitch(), 10_000, minimum_off_s
+        self.switch_ons_s = []
+
+    def step(self, is_wrong=False):
+        """Let a tenth of a second pass; return whether it heats."""
+        self.tenths += 1
+        was_on, now_ns = self.switch.is_on, self.tenths * S // 10
+        if is_wrong:
+            self.switch = self.switch.doubted(now_ns, 'battery_state was refused', self.minimum_off_s)
+        else:
+            self.switch = self.switch.asked(now_ns, FULL_W, FULL_W, 20.0, self.minimum_off_s)
+        if self.switch.is_on and not was_on:
+            self.switch_ons_s.append(self.tenths / 10.0)
+        return self.switch.is_on
+
+    def off_for_s(self):
+        """Give valid input until it heats; return the time that took [s]."""
+        begun = self.tenths
+        while not self.step():
+            assert self.tenths - begun < 40_000
+        return (self.tenths - begun) / 10.0
+
+
+@pytest.mark.parametrize('minimum_off_s, longest_s', [(0.0, 120.0), (120.0, 120.0), (300.0, 300.0)])
+def test_each_further_one_within_ten_minutes_costs_twice_as_much(minimum_off_s, longest_s):
+    driven = Driven(minimum_off_s)
+    driven.step()
+    waited_s = []
+    for _ in range(6):
+        driven.step(is_wrong=True)
+        waited_s.append(driven.off_for_s())
+    assert waited_s == pytest.approx([min(each_s, longest_s) for each_s in (
+        10.0, 20.0, 40.0, 80.0, 160.0, 320.0)], abs=0.11)
+
+
+def test_after_ten_good_minutes_all_is_forgotten():
+    driven = Driven()
+    driven.step()
+    for _ in range(3):
+        driven.step(is_wrong=True)
+        driven.off_for_s()
+    for _ in range(6000):
+        driven.step()
+    driven.step(is_wrong=True)
+    assert driven.off_for_s() == pytest.approx(10.0, abs=0.11)
+
+
+def test_doubt_while_nothing_was_heated_costs_nothing():
+    driven = Driven()
+    for _ in range(100):
+        driven.step(is_wrong=True)
+    assert driven.step()
+
+
+def test_a_new_route_does_not_end_the_pause():
+    driven = Driven()
+    driven.step()
+    driven.step(is_wrong=True)
+    driven.switch = driven.switch.allowed().forced_off()
+    assert not driven.step()
+
+
+def test_the_sentence_says_why_and_until_when():
+    driven = Driven()
+    driven.step()
+    driven.step(is_wrong=True)
+    for _ in range(41):
+        driven.step()
+    assert driven.switch.pause.sentence == (
+        'battery_state was refused 4 s ago; heating resumes after 10 s of valid input.')
+    driven.off_for_s()
+    assert driven.switch.pause.sentence == ''
+    driven.step(is_wrong=True)
+    driven.step()
+    assert driven.switch.pause.sentence.endswith('20 s of valid input (interruption 2 in 10 min).')
+
+
+@pytest.mark.parametrize('back_s', [0.5, 30.0, 1e6])
+def test_a_clock_that_falls_back_does_not_lock_the_heater(back_s):
+    begin_ns = round((2_000_004 - back_s) * S)
+    pause = HeatingPause().at(2_000_000 * S).doubted('Planning failed', True, MINIMUM_OFF_S).at(2_000_004 * S)
+    pause = pause.at(begin_ns)
+    assert pause.left_s == pytest.approx(6.0)
+    assert pause.at(begin_ns + 6 * S).left_s == 0.0
+
+
+STEPS = st.lists(st.tuples(
+    st.floats(0.0, 700.0), st.sampled_from([
+        'on', 'on', 'on', 'off', 'doubt', 'force', 'by plan', 'allow', 'back'])), max_size=300)
+
+
+def test_a_plan_that_changes_its_mind_each_second_heats_half_of_the_time_to_the_end():
+    switch, on_s = HeaterSwitch(), []
+    for at_s in range(3600):
+        switch = switch.asked(at_s * S, FULL_W * (at_s % 2 == 0), FULL_W, 0.0, 0.0)
+        if switch.power_w > 0.0:
+            on_s.append(at_s)
+    # Half of the hour's switchings take 20 s. Then it is 90 s on and 90 s off, or a second longer.
+    assert sum(second - first > 1 for first, second in zip([-2, *on_s], on_s)) <= MOST_SWITCH_ONS
+    for minute in range(1, 29):
+        assert 85 <= sum(60 * minute <= at_s < 60 * minute + 180 for at_s in on_s) <= 95
+
+
+@pytest.mark.costly
+@given(steps=STEPS, minimum_off_s=st.sampled_from([0.0, 120.0]), scale=st.sampled_from([1.0, 0.05, 0.001]))
+def test_whatever_comes_in_switch_ons_are_bounded_and_the_heater_is_never_locked(steps, minimum_off_s, scale):
+    switch, now_s, passed_s, switch_ons_s = HeaterSwitch(), 1e6, 0.0, []
+    for later_s, kind in steps:
+        if kind == 'back':
+            now_s -= later_s
+        else:
+            now_s += scale * later_s
+            passed_s += scale * later_s
+        now_ns, was_on = round(now_s * S), switch.is_on
+        if kind == 'doubt':
+            switch = switch.doubted(now_ns, 'Planning failed', minimum_off_s)
+        elif kind == 'force':
+            switch = switch.forced_off()
+        elif kind == 'by plan':
+            switch = switch.turned_off(now_ns)
+        elif kind == 'allow':
+            switch = switch.allowed()
+        switch = switch.asked(now_ns, 0.0 if kind in ('off', 'doubt', 'force') else FULL_W, FULL_W, 0.0,
+                              minimum_off_s)
+        if kind == 'doubt':
+            assert switch.power_w == 0.0
+        if switch.is_on and (not was_on or kind in ('force', 'by plan')):
+            switch_ons_s.append(passed_s)
+    for first_s, beyond_s in zip(switch_ons_s, switch_ons_s[MOST_SWITCH_ONS:]):
+        assert beyond_s - first_s >= 3600.0 - 1e-3
+    # After an hour without faults it heats.
+    switch = switch.asked(round((now_s + 3600.0) * S), FULL_W, FULL_W, 0.0, minimum_off_s)
+    assert switch.asked(round((now_s + 7300.0) * S), FULL_W, FULL_W, 0.0, minimum_off_s).power_w == FULL_W
+
+
+OF_PLAN = [status for status in Status if status.meaning.is_of_plan]
+AT_ONCE = [status for status in Status if not status.meaning.is_of_plan]
+
+
+def shown(*rows):
+    """Return the status that is shown after each (second, status, is_on)."""
+    steady, seen = SteadyStatus(), []
+    for at_s, status, is_on in rows:
+        steady = steady.settled(round(at_s * S), status, is_on)
+        seen.append(steady.shown)
+    return seen
+
+
+def test_another_status_of_a_plan_shows_when_it_has_held_for_ten_seconds():
+    rows = [(0, Status.WAITING, False), (1, Status.NOT_NEEDED, False), (10.9, Status.NOT_NEEDED, False),
+            (11, Status.NOT_NEEDED, False)]
+    assert shown(*rows) == [Status.WAITING] * 3 + [Status.NOT_NEEDED]
+
+
+def test_a_status_that_comes_and_goes_is_never_shown():
+    rows = [(second, Status.TARGET_UNREACHABLE if second % 9 else Status.HEATING, True) for second in range(100)]
+    assert set(shown(*rows)) == {Status.HEATING}
+
+
+@pytest.mark.parametrize('status', AT_ONCE)
+def test_what_is_not_the_plans_shows_at_once_and_goes_at_once(status):
+    rows = [(0, Status.HEATING, True), (1, status, False), (2, Status.HEATING, True)]
+    assert shown(*rows) == [Status.HEATING, status, Status.HEATING]
+
+
+def test_the_heaters_switching_shows_at_once():
+    rows = [(0, Status.WAITING, False), (1, Status.HEATING, True), (2, Status.NOT_NEEDED, False)]
+    assert shown(*rows) == [status for _, status, _ in rows]
+
+
+def test_a_clock_that_is_set_back_begins_the_time_again():
+    rows = [(100, Status.WAITING, False), (101, Status.NOT_NEEDED, False), (50, Status.NOT_NEEDED, False),
+            (59.9, Status.NOT_NEEDED, False), (60, Status.NOT_NEEDED, False)]
+    assert shown(*rows) == [Status.WAITING] * 4 + [Status.NOT_NEEDED]
+
+
+def test_after_something_new_was_asked_for_it_shows_at_once():
+    steady = SteadyStatus().settled(0, Status.WAITING, False)
+    assert steady.shown is Status.WAITING
+    assert steady.forgotten().settled(S, Status.NOT_NEEDED, False).shown is Status.NOT_NEEDED
+
+
+@given(st.lists(st.tuples(st.floats(0.01, 8.0), st.sampled_from(OF_PLAN)), min_size=2, max_size=60))
+def test_no_status_of_a_plan_is_shown_for_less_than_ten_seconds_while_the_heater_is_not_switched(steps):
+    steady, now_s, changes_s, before = SteadyStatus(), 0.0, [], None
+    for later_s, status in steps:
+        now_s += later_s
+        steady = steady.settled(round(now_s * S), status, False)
+        now = steady.shown
+        if now is not before:
+            changes_s.append(now_s)
+        before = now
+    assert all(later - earlier >= LEAST_S - 1e-6 for earlier, later in zip(changes_s, changes_s[1:]))

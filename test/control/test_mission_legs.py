@@ -6,21 +6,19 @@ import gc
 import weakref
 
 import pytest
+from steady_drives import NOW_NS, ns, steady_leg, VEHICLE
 from stepwise import Stepwise
 
 from bev_preheat.control.events import BatteryStateArrived
-from bev_preheat.control.inputs import Leg, Measurement, Mission, with_stops
+from bev_preheat.control.inputs import Measurement, Mission, with_stops
 from bev_preheat.control.settings import Settings
 from bev_preheat.errors import InvalidInput, PlanningFailure
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.planner import plan_case, plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
-from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
 
-VEHICLE = load_vehicle('reference')
-NOW_NS = 1_700_000_000 * NS_PER_S
 COLD = BatteryState(-7.0, 0.8)
 # Plans start exactly from the measured values.
 MEASURED = Settings(estimation=False, minimum_on_time_s=0.0, minimum_off_time_s=0.0)
@@ -32,16 +30,9 @@ SECOND_S, THIRD_S = 900.0, 1700.0
 HEATS = Status.TARGET_UNREACHABLE
 
 
-def ns(seconds):
-    return round(seconds * NS_PER_S)
-
-
 def make_leg(duration_s, heater_left_w, **fields):
-    route = make_route({
-        'duration_s': [30.0] * int(duration_s / 30.0), 'speed_mps': [20.0],
-        'propulsion_power_w': [18e3], 'ambient_temperature_c': [-5.0],
-        'cabin_heating_power_w': [7000.0 - heater_left_w], 'auxiliary_power_w': [400.0]}, None)
-    return Leg(route, **fields)
+    return steady_leg(duration_s, propulsion_power_w=[18e3], ambient_temperature_c=[-5.0],
+                      cabin_heating_power_w=[7000.0 - heater_left_w], **{'target_temperature_c': None, **fields})
 
 
 def make_mission(start_ns=NOW_NS, **second):
@@ -99,20 +90,13 @@ def test_the_leg_that_is_now_is_commanded(elapsed_s, power_w, reason):
     assert outcome(supervisor_at(elapsed_s)) == (pytest.approx(power_w), reason)
 
 
-def test_each_leg_is_planned_for_its_own_target():
-    assert [supervisor_at(elapsed_s).state.decision.plan.target_temperature_c
-            for elapsed_s in (100.0, 1000.0)] == [25.0, 20.0]
-
-
-@pytest.mark.parametrize('elapsed_s', [250.0, 1000.0])
-def test_the_leg_that_is_now_is_planned_from_the_measured_state(elapsed_s):
+@pytest.mark.parametrize('elapsed_s, rest_s, target_c', [
+    (250.0, 350.0, 25.0), (1000.0, 500.0, 20.0), (1800.0, 200.0, 25.0)])
+def test_the_rest_of_the_leg_that_is_now_is_planned_from_the_measured_state_for_its_own_target(
+        elapsed_s, rest_s, target_c):
     plan = supervisor_at(elapsed_s).state.decision.plan
-    assert (plan.battery_temperature_c[0], plan.soc[0]) == (COLD.temperature_c, COLD.soc)
-
-
-@pytest.mark.parametrize('elapsed_s, rest_s', [(250.0, 350.0), (1000.0, 500.0), (1800.0, 200.0)])
-def test_only_the_rest_of_the_leg_is_planned(elapsed_s, rest_s):
-    assert supervisor_at(elapsed_s).state.decision.plan.arrival_time_s == pytest.approx(rest_s)
+    assert (plan.target_temperature_c, plan.arrival_time_s, plan.battery_temperature_c[0], plan.soc[0]) == (
+        target_c, pytest.approx(rest_s), COLD.temperature_c, COLD.soc)
 
 
 def test_a_state_from_before_the_departure_counts_from_the_departure():
@@ -133,11 +117,6 @@ PATIENT = replace(MEASURED, battery_state_timeout_s=5000.0)
 def test_time_alone_ends_a_leg(elapsed_s, expected):
     supervisor = supervisor_at(0.0, PATIENT)
     assert outcome(supervisor, NOW_NS + ns(elapsed_s)) == expected
-
-
-def test_time_alone_ends_the_last_leg():
-    supervisor = supervisor_at(THIRD_S, PATIENT)
-    assert outcome(supervisor, NOW_NS + ns(300.0)) == (0.0, Status.ARRIVED)
 
 
 @pytest.mark.parametrize('elapsed_s, sentence', [
@@ -167,11 +146,6 @@ def test_switched_off_is_off_at_a_stop_too():
 def test_arrival_is_counted_from_the_end_of_the_last_leg():
     assert supervisor_at(2075.0).state.decision.explanation == (
         'The route has ended: arrived 1:15 min ago.')
-
-
-def test_a_leg_starts_when_the_stop_before_it_ends():
-    assert [(leg.start_ns - NOW_NS) / NS_PER_S for leg in make_mission().legs] == [
-        0.0, SECOND_S, THIRD_S]
 
 
 # Beyond the next stop
@@ -212,13 +186,6 @@ def test_later_legs_are_planned_once_and_the_one_that_is_now_for_each_state(plan
     for second, state in enumerate(states, start=1):
         feed(supervisor, NOW_NS + ns(second), state)
     assert planned_states == [COLD, AFTER_FIRST, AFTER_SECOND, *states]
-
-
-def test_a_route_without_stops_is_planned_once_for_each_state(planned_states):
-    supervisor = Stepwise(VEHICLE, MEASURED)
-    supervisor.accept_mission(Mission('plain', make_mission().legs[:1]))
-    feed(supervisor)
-    assert (supervisor.later_decisions(), planned_states) == ((), [COLD])
 
 
 def test_the_command_does_not_wait_for_later_legs(planned_states):

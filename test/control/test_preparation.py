@@ -152,24 +152,19 @@ def test_the_guard_of_the_reserve_holds_unless_the_grid_feeds_the_heater(above, 
     assert car.command == ((FULL_W, Status.TARGET_UNREACHABLE) if heats else (0.0, Status.SOC_LIMITED))
 
 
-def test_as_soon_as_possible_heats_now_and_says_when_that_is():
-    car = Car()
-    car.want(is_plugged_in=True)
-    assert car.command == (FULL_W, Status.HEATING)
-    # 0.05 K below the target, see full_power.AIMS_BELOW_K.
-    assert car.plan.arrival_time_s == pytest.approx(warm_after_s(START_C, TARGET_C - 0.05), abs=0.2)
-    assert (car.plan.hvch_battery_power_w == FULL_W).all()
-
-
-def test_as_soon_as_possible_goes_on_until_it_is_warm_and_not_longer():
+def test_as_soon_as_possible_heats_from_now_until_it_is_warm_and_not_longer():
     car = Car()
     preparation_goal = car.want(is_plugged_in=True)
+    # 0.05 K below the target, see full_power.AIMS_BELOW_K.
+    warm_s = warm_after_s(START_C, TARGET_C - 0.05)
+    assert car.command == (FULL_W, Status.HEATING)
+    assert car.plan.arrival_time_s == pytest.approx(warm_s, abs=0.2)
+    assert (car.plan.hvch_battery_power_w == FULL_W).all()
     needed_s = warm_after_s(START_C, TARGET_C - 0.1)
     for now_s in np.arange(40.0, needed_s, 40.0).tolist():
         car.state(now_s, temperature_c=cooled_c(START_C, now_s, HEATED_C))
         assert car.command == (pytest.approx(FULL_W), Status.HEATING), now_s
-        assert now_s + car.plan.arrival_time_s == pytest.approx(
-            warm_after_s(START_C, TARGET_C - 0.05), abs=0.5)
+        assert now_s + car.plan.arrival_time_s == pytest.approx(warm_s, abs=0.5)
     assert not car.outcomes
     # Within the heater's least time on.
     car.commands.clear()
@@ -466,14 +461,6 @@ def test_what_no_power_reaches_ends_without_any():
     assert car.ended(preparation_goal).ending is PreparationEnding.MISSED
     assert 'does not reach the target' in car.ended(preparation_goal).explanation
     assert all(command.battery_heating_power_w == 0.0 for command in car.commands)
-
-
-def test_a_later_goal_replaces_the_one_before():
-    car = Car()
-    first = car.want(900.0)
-    second = car.want()
-    assert car.ended(first).ending is PreparationEnding.REPLACED
-    assert car.supervisor.state.preparation_goal is second and car.command == (FULL_W, Status.HEATING)
 
 
 def test_a_cancelled_goal_switches_off_at_once_within_the_least_time_on():

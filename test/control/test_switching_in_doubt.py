@@ -126,15 +126,6 @@ def test_other_doubts_make_it_wait_too(doubt, words):
     assert car.switch_ons_s == [1.0, pytest.approx(12.0, abs=1.1)]
 
 
-def test_the_drivers_no_is_taken_back_at_once():
-    car = Car()
-    car.give(1.0, car.state(1.0))
-    car.give(2.0, PreheatingSwitched(False))
-    assert car.powers_w[-1] == 0.0
-    car.give(3.0, PreheatingSwitched(True))
-    assert car.powers_w[-1] > 0.0
-
-
 def test_an_exception_makes_it_wait(monkeypatch):
     car = Car()
     car.give(1.0, car.state(1.0))

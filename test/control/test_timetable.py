@@ -75,15 +75,6 @@ def test_without_progress_the_route_goes_by_its_stamp():
     assert (driven.delay_s, driven.planned_s(-3.0), driven.planned_s(77.5)) == (0.0, -3.0, 77.5)
 
 
-@pytest.mark.parametrize('at_s, distance_m', [(0.0, 0.0), (50.0, 1000.0), (50.0, 1009.0),
-                                              (50.0, 991.0), (150.0, 2000.0), (250.0, 3500.0)])
-def test_on_time_nothing_changes(at_s, distance_m):
-    driven = Driven()
-    assert driven.tell(at_s, distance_m) == 0.0
-    # The same object, so plans are bit-identical.
-    assert driven.timetable.mission is MISSION
-
-
 @pytest.mark.parametrize('at_s, distance_m, delay_s', [
     # 10 m are 0.5 s at 20 m/s and 0.4 s at 25 m/s.
     (80.0, 1000.0, 80.0 - 50.5), (30.0, 1000.0, 30.0 - 49.5),
@@ -141,30 +132,12 @@ def test_time_goes_on_as_planned_from_the_last_known_place():
     assert driven.planned_s(500.0) - driven.planned_s(100.0) == pytest.approx(400.0)
 
 
-def test_the_route_of_other_parameters_is_as_late():
-    driven = Driven()
-    late_s = driven.tell(80.0, 1000.0)
-    other = replace(MISSION, legs=(replace(LEG, target_temperature_c=11.0),))
-    driven.timetable = driven.timetable.revised(other)
-    assert driven.delay_s == late_s
-    assert driven.timetable.mission.legs[0].target_temperature_c == 11.0
-
-
 def test_a_route_in_steps_keeps_its_places():
     # A step of 100 s would have the vehicle move while it stands.
     driven = Driven(MISSION.in_planning_steps(100.0))
     assert driven.tell(150.0, 2000.0) == 0.0
     assert driven.tell(155.0, 2000.0) == 0.0
     assert Driven(MISSION.in_planning_steps(100.0)).tell(250.0, 2000.0) == pytest.approx(59.6)
-
-
-def test_a_restarted_clock_leaves_the_stamp_of_the_route():
-    driven = Driven()
-    driven.tell(80.0, 1000.0)
-    driven.timetable = driven.timetable.without_instants()
-    assert driven.timetable.mission is MISSION
-    assert driven.timetable.latest is None
-    assert driven.tell(20.0, 1000.0) == pytest.approx(20.0 - 49.5)
 
 
 # Standing

@@ -2,7 +2,7 @@
 """A trip that has ended stays ended; only a new route begins another: drawn days, and the contract of its end."""
 
 from drawn_days import CONSUMERS_W, DAYS, DRIVE_W, SPEED_MPS, violations_of, World
-from hypothesis import example, given, settings
+from hypothesis import example, given
 import pytest
 
 from bev_preheat.control.events import ProgressArrived, TripCancelled
@@ -15,13 +15,6 @@ from bev_preheat.planning.status import Status
 @example([(17, 5, [('replan',)], (0.5, True), 26, [('clock', -801), ('restart',), ('home', 45, False)], 'home')])
 @given(DAYS)
 def test_no_watt_after_arrival_and_no_way_back(day):
-    assert violations_of(day) == []
-
-
-@pytest.mark.deep
-@settings(max_examples=10 * settings.default.max_examples)
-@given(DAYS)
-def test_ten_thousand_days(day):
     assert violations_of(day) == []
 
 

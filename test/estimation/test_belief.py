@@ -232,12 +232,6 @@ def test_any_stream_leaves_numbers_probabilities_and_covariances(seed):
     assert eigenvalues(belief).min() > -1e-9 * max(largest, 1.0)
 
 
-def test_the_prior_is_that_of_the_spreads_that_are_allowed_for():
-    # A uniform distribution over +-w has a standard deviation of w / sqrt(3).
-    assert np.sqrt(np.diag(prior_factor_covariance()))[:4] == pytest.approx(
-        np.array([0.1, 0.2, 0.2, 0.05]) / np.sqrt(3.0), rel=0.01)
-
-
 def test_deviations_of_the_vehicle_file_replace_the_spreads_down_to_half_of_them_and_never_widen_them():
     spreads = np.append(np.array([0.1, 0.2, 0.2, 0.05]) / np.sqrt(3.0), 0.08)
     for uncertainty, shares in (
@@ -323,18 +317,6 @@ def test_a_filter_that_means_nothing_any_more_begins_anew():
     belief = belief.with_temperature(-5.0, 0.0)
     assert belief.mean[0, 0, TEMPERATURE] == pytest.approx(belief.mean[0, 0, SENSOR])
     assert belief.covariance[0, 0, TEMPERATURE, TEMPERATURE] < 1.0
-
-
-def test_lags_of_the_vehicle_file_are_where_the_estimation_begins():
-    path = HeatPath(30.0, 12e3, 400.0, 25.0)
-    belief = Belief.of(replace(VEHICLE, heat_path=path))
-    unknown = Belief.of(VEHICLE)
-    for index, nominal_s, lag_s in ((HEAT_LAG, NOMINAL_HEAT_LAG_S, 60.0),
-                                    (SENSOR_LAG, NOMINAL_SENSOR_LAG_S, 25.0)):
-        assert nominal_s * np.exp(belief.mean[..., index]) == pytest.approx(
-            np.full(SHAPE, lag_s))
-        assert not unknown.mean[..., index].any()
-        assert (belief.covariance[..., index, index] < unknown.covariance[..., index, index]).all()
 
 
 def test_coolant_gets_warm_with_the_battery():

@@ -8,13 +8,11 @@ import numpy as np
 import pytest
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.estimation.belief import Belief
 from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.estimation.memory import as_entry, from_entry, learned_from
 from bev_preheat.estimation.prior import FACTOR_BOUNDS, LAG_BOUNDS, LAGS, prior_factor_covariance, unknown_lags
 from bev_preheat.estimation.state import FACTORS
 from bev_preheat.tunables import OVERNIGHT
-from bev_preheat.vehicle import load_vehicle
 
 NAMES = ('heat_capacity', 'leakage', 'resistance', 'heater_efficiency')
 
@@ -94,15 +92,6 @@ def test_lags_are_remembered_and_a_night_makes_them_less_sure(entry):
     lags = from_entry(entry).lags
     assert lags.logs == pytest.approx(LAGS_SEEN)
     assert lags.variances == pytest.approx(LAG_VARIANCES_SEEN + OVERNIGHT**2)
-
-
-def test_the_next_drive_begins_with_narrower_lags(entry):
-    unknown = Belief.of(load_vehicle('reference'))
-    remembered = Belief.of(load_vehicle('reference'), from_entry(entry))
-    for index, log in zip(LAGS, LAGS_SEEN):
-        assert remembered.mean[..., index] == pytest.approx(log)
-        assert (remembered.covariance[..., index, index]
-                < 0.5 * unknown.covariance[..., index, index]).all()
 
 
 def test_lags_are_never_known_less_than_those_of_a_car_never_seen(entry):

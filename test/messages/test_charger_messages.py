@@ -17,7 +17,6 @@ from bev_preheat.control.settings import FIELD_OF_PARAMETER, Settings
 from bev_preheat.errors import figure, InvalidInput
 from bev_preheat.messages.preheat_plan import charging_text, plan_message, session_texts
 from bev_preheat.messages.route_plan import (
-    is_cancellation,
     mission_from_message,
     route_plan_message,
 )
@@ -102,12 +101,6 @@ def test_chargers_there_and_back():
     assert (message.charger_power, message.charging_departure_soc) == (150e3, 0.75)
     again = mission_from_message(message, VEHICLE.defaults, 30.0)
     assert [leg.charger for leg in again.legs] == [leg.charger for leg in mission.legs]
-
-
-def test_the_shortest_cancellation_has_no_charger_to_it():
-    # All its other fields are ignored.
-    assert is_cancellation(RoutePlan(charger_power=-1.0))
-    assert not is_cancellation(RoutePlan(stop_charger_power=[50e3]))
 
 
 # Texts of plans

@@ -3,7 +3,6 @@
 
 from array import array
 from math import inf, nan
-import random
 import re
 
 from builtin_interfaces.msg import Time
@@ -203,31 +202,19 @@ def test_a_target_that_is_said_to_be_there_must_be_a_number():
 
 # Cancellation
 
-def test_an_empty_message_is_a_cancellation():
-    assert is_cancellation(RoutePlan())
+@pytest.mark.parametrize('fields', [
+    {}, {'route_id': 'home'}, {'minimum_arrival_soc': nan}, {'target_battery_temperature': inf},
+    {'has_target_battery_temperature': True}, {'charger_power': -1.0}])
+def test_a_cancellation_may_hold_anything_but_a_trip(fields):
+    assert is_cancellation(RoutePlan(**fields))
 
 
-@pytest.mark.parametrize('field, value', [
-    ('route_id', 'home'), ('minimum_arrival_soc', nan), ('target_battery_temperature', inf),
-    ('has_target_battery_temperature', True)])
-def test_a_cancellation_may_hold_anything_but_a_trip(field, value):
-    assert is_cancellation(RoutePlan(**{field: value}))
-
-
-@pytest.mark.parametrize('field, value', [
-    ('charging_planned', True), *((name, [1.0]) for name in ARRAYS), ('stop_after_segment', [0]),
-    ('stop_duration', [60.0]), ('stop_target_battery_temperature', [1.0]),
-    ('stop_has_target_battery_temperature', [False]), ('stop_minimum_arrival_soc', [0.0]),
-    ('departure_battery_temperature', [1.0]), ('departure_soc', [0.5])])
-def test_what_holds_some_of_a_trip_is_no_cancellation(field, value):
-    assert not is_cancellation(RoutePlan(**{field: value}))
-
-
-def test_no_field_is_forgotten_where_a_cancellation_is_told_from_a_trip():
+def test_what_holds_some_of_a_trip_is_no_cancellation():
+    assert not is_cancellation(RoutePlan(charging_planned=True))
     arrays = {name for name, kind in RoutePlan.get_fields_and_field_types().items()
               if kind.startswith('sequence')}
-    assert {field for field in arrays if is_cancellation(RoutePlan(**{field: [1]} if field in (
-        'stop_after_segment',) else {field: [True]} if 'has' in field else {field: [1.0]}))} == set()
+    assert len(arrays) > len(ARRAYS) and {field for field in arrays if is_cancellation(RoutePlan(**{
+        field: [1] if field == 'stop_after_segment' else [True] if 'has' in field else [1.0]}))} == set()
 
 
 @pytest.mark.parametrize('field, name', ROUTE_FIELDS.items())
@@ -266,25 +253,6 @@ def test_an_empty_optional_array_takes_its_default(name, field, expected):
     assert getattr(route, field).tolist() == pytest.approx(expected)
 
 
-@pytest.mark.parametrize('name', [name for name in ARRAYS if name != 'segment_duration'])
-@pytest.mark.parametrize('step_s', [7.0, 30.0])
-def test_steps_keep_what_a_route_sums_up_to(name, step_s):
-    seeded = random.Random(3)
-    durations_s = [seeded.uniform(0.2, 90.0) for _ in range(50)]
-    powers_w = [seeded.uniform(-9e3, 50e3) for _ in range(50)]
-    values = {
-        'segment_duration': durations_s, 'propulsion_power': powers_w,
-        'propulsion_power_magnitude': [abs(power) + seeded.uniform(0.0, 2e3) for power in powers_w],
-        'propulsion_power_rms': [abs(power) + seeded.uniform(2e3, 5e3) for power in powers_w],
-        **{other: [seeded.uniform(0.0, 50.0) for _ in range(50)] for other in (
-            'speed', 'ambient_temperature', 'cabin_heating_power', 'auxiliary_power')}}
-    route = convert_leg(step_s=step_s, **values).route
-    field = next(field for field, other in ROUTE_FIELDS.items() if other == name)
-    order = 2 if name == 'propulsion_power_rms' else 1
-    assert route.duration_s @ getattr(route, field)**order == pytest.approx(
-        sum(duration_s * value**order for duration_s, value in zip(durations_s, values[name])))
-
-
 def test_steps_are_as_long_as_asked_for():
     assert convert_leg(step_s=25.0).route.duration_s.tolist() == pytest.approx([25.0, 25.0, 10.0])
 
@@ -303,16 +271,13 @@ def legs_strategy(draw):
     return with_stops(legs, [draw(st.floats(1.0, 86400.0)) for _ in legs[1:]])
 
 
-@pytest.mark.parametrize('standing_time_s', [float('nan'), float('inf'), float('-inf'), -1.0])
+@pytest.mark.parametrize('standing_time_s', [nan, inf, -inf, -1.0])
 def test_a_standing_time_that_is_none_is_refused(standing_time_s):
     assert problems_of(lambda: convert(standing_time=standing_time_s)) == [
         f'standing_time: {standing_time_s:g} is not allowed; it must be finite and at least 0 s '
         '(0: not known)']
-
-
-@pytest.mark.parametrize('standing_time_s', [0.0, 1.0, 1e300])
-def test_any_other_standing_time_is_taken(standing_time_s):
-    assert convert(standing_time=standing_time_s).standing_time_s == standing_time_s
+    for taken_s in (0.0, 1.0, 1e300):
+        assert convert(standing_time=taken_s).standing_time_s == taken_s
 
 
 @given(st.composite(legs_strategy)())

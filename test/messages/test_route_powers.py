@@ -10,7 +10,7 @@ import pytest
 from bev_preheat.control.decision import Decision
 from bev_preheat.errors import InvalidInput
 from bev_preheat.messages.preheat_plan import plan_message
-from bev_preheat.messages.route_plan import is_cancellation, mission_from_message
+from bev_preheat.messages.route_plan import mission_from_message
 from bev_preheat.planning.status import Status
 from bev_preheat.route import route_for
 from bev_preheat.vehicle import load_vehicle
@@ -102,7 +102,3 @@ def test_the_plan_says_where_the_power_comes_from():
     plan = plan_message(Decision(Status.WAITING, ''), mission, 0)
     assert plan.propulsion_power_source == mission.power_source != ''
     assert plan_message(Decision(Status.NO_ROUTE, ''), None, 0).propulsion_power_source == ''
-
-
-def test_a_message_with_a_slope_alone_is_no_cancellation():
-    assert is_cancellation(RoutePlan()) and not is_cancellation(RoutePlan(slope=[0.1]))

@@ -4,20 +4,18 @@
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
 import pytest
+from steady_drives import NOW_NS, steady_leg, VEHICLE
 
 from bev_preheat.control.events import ProgressArrived, ProgressUnreadable, RouteArrived
-from bev_preheat.control.inputs import Leg, Mission, Progress
+from bev_preheat.control.inputs import Mission, Progress
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.messages.route_progress import progress_event, progress_message
 from bev_preheat.nodes.diagnostics import planner_diagnostics
 from bev_preheat.numerics.factors import NS_PER_S
-from bev_preheat.route.segments import make_route
-from bev_preheat.vehicle import load_vehicle
 from bev_preheat_msgs.msg import RouteProgress
 
-VEHICLE = load_vehicle('reference')
-START_NS = 1_700_000_000 * NS_PER_S
+START_NS = NOW_NS
 
 
 def a_message(**fields):
@@ -65,12 +63,8 @@ def test_there_and_back():
 # Diagnostics
 
 def a_supervisor(route_id='home'):
-    route = make_route({
-        'duration_s': [30.0] * 20, 'speed_mps': [20.0], 'propulsion_power_w': [18e3],
-        'ambient_temperature_c': [-5.0], 'cabin_heating_power_w': [1500.0],
-        'auxiliary_power_w': [400.0]}, None)
     supervisor = Supervisor(VEHICLE, Settings(route_progress_timeout_s=8.0))
-    supervisor.step(START_NS, RouteArrived(Mission(route_id, (Leg(route, START_NS),))))
+    supervisor.step(START_NS, RouteArrived(Mission(route_id, (steady_leg(600.0),))))
     return supervisor
 
 

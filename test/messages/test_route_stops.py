@@ -104,14 +104,11 @@ def test_the_last_stop_may_leave_one_segment_to_drive():
     assert [leg.route.total_duration_s for leg in convert(stop_after_segment=[1, 4]).legs] == [30.0, 120.0, 60.0]
 
 
-def test_a_route_of_one_segment_has_no_stop():
-    assert ('stop_after_segment[0]: 0 is not allowed; a route of one segment has no stop on the way'
-            in problems_of(segment_duration=[900.0], speed=[11.0], stop_after_segment=[0]))
-
-
-def test_stops_without_their_segments_are_refused():
+def test_stops_need_their_segments():
     assert [problem.partition(':')[0] for problem in problems_of(stop_after_segment=[])] == list(
         STOP_FIELDS)
+    assert ('stop_after_segment[0]: 0 is not allowed; a route of one segment has no stop on the way'
+            in problems_of(segment_duration=[900.0], speed=[11.0], stop_after_segment=[0]))
 
 
 @pytest.mark.parametrize('field', ['stop_after_segment', *STOP_FIELDS,
@@ -218,39 +215,24 @@ def test_no_step_reaches_over_a_stop(step_s, counts):
 
 # There and back
 
-@pytest.fixture(scope='module')
-def there_and_back():
+def test_each_leg_comes_back():
     mission = convert(step_s=10.0)
-    return mission, mission_from_message(route_plan_message(mission), VEHICLE.defaults, 10.0)
-
-
-@pytest.mark.parametrize('attribute', [
-    field.name for field in fields(Leg) if field.name not in ('route', 'places')])
-def test_each_leg_comes_back(there_and_back, attribute):
-    there, back = ([getattr(leg, attribute) for leg in mission.legs]
-                   for mission in there_and_back)
-    assert back == there
-
-
-def test_the_places_of_each_leg_come_back(there_and_back):
-    # Places of the original route and of its planning steps have different points.
-    for there, back in zip(*(mission.legs for mission in there_and_back)):
+    again = mission_from_message(route_plan_message(mission), VEHICLE.defaults, 10.0)
+    for there, back in zip(mission.legs, again.legs, strict=True):
+        for field in fields(Leg):
+            if field.name not in ('route', 'places'):
+                assert getattr(back, field.name) == getattr(there, field.name), field.name
+        for field in fields(Route):
+            np.testing.assert_allclose(getattr(back.route, field.name), getattr(there.route, field.name))
+        # Places of the original route and of its planning steps have different points.
         assert back.places.length_m == pytest.approx(there.places.length_m)
         for time_s in np.linspace(0.0, there.route.total_duration_s, 50):
             assert back.places.distance_at_m(time_s) == pytest.approx(
                 there.places.distance_at_m(time_s))
 
 
-@pytest.mark.parametrize('field', [field.name for field in fields(Route)])
-def test_each_route_comes_back(there_and_back, field):
-    for there, back in zip(*(mission.legs for mission in there_and_back)):
-        np.testing.assert_allclose(getattr(back.route, field), getattr(there.route, field))
-
-
 # Outgoing messages
 
-LATER_FIELDS = ('later_arrival', 'later_heating_start', 'later_predicted_arrival_temperature',
-                'later_predicted_arrival_soc', 'later_status')
 TRIP = Mission('east', (Leg(None),))
 
 
@@ -265,39 +247,26 @@ def plan():
     return plan
 
 
-@pytest.mark.parametrize('field, expected', [
-    ('later_arrival', [Time(sec=5000 + 1200), Time(sec=9000 + 1200), Time()]),
-    ('later_heating_start', [Time(sec=5000 + 777), Time(), Time()]),
-    ('later_status', [Status.WAITING, Status.NOT_NEEDED, Status.INVALID_INPUT])])
-def test_later_legs_in_the_plan(plan, field, expected):
+def test_later_legs_in_the_plan(plan):
     waits = replace(plan, heating_start_s=777.0)
     idles = replace(plan, heating_start_s=None)
-    message = plan_message(
-        Decision(Status.WAITING, '', plan, 50 * NS_PER_S), TRIP, 99 * NS_PER_S,
-        (Decision(Status.WAITING, '', waits, 5000 * NS_PER_S),
-         Decision(Status.NOT_NEEDED, '', idles, 9000 * NS_PER_S),
-         Decision(Status.INVALID_INPUT, 'No.')))
-    assert list(getattr(message, field)) == expected
-
-
-@pytest.mark.parametrize('field, attribute', [
-    ('later_predicted_arrival_temperature', 'arrival_temperature_c'),
-    ('later_predicted_arrival_soc', 'arrival_soc')])
-def test_later_predictions_in_the_plan(plan, field, attribute):
-    # At a stop no plan exists for now, but one for later.
-    message = plan_message(
-        Decision(Status.CHARGING, ''), TRIP, 99 * NS_PER_S,
-        (Decision(Status.INVALID_INPUT, 'No.'), Decision(plan.status, '', plan, 5 * NS_PER_S)))
-    unknown, known = getattr(message, field)
-    assert (isnan(unknown), known) == (True, getattr(plan, attribute))
-
-
-@pytest.mark.parametrize('field', LATER_FIELDS)
-def test_without_later_legs_the_arrays_are_empty(plan, field):
-    message = plan_message(Decision(plan.status, '', plan, 50 * NS_PER_S), TRIP, 99 * NS_PER_S)
-    assert len(getattr(message, field)) == 0
-
-
-def test_no_array_for_later_legs_is_forgotten_here():
-    assert {name for name in PreheatPlan.get_fields_and_field_types()
-            if name.startswith('later_')} == set(LATER_FIELDS)
+    # At a stop no plan exists for now, but some for later.
+    for now in (Decision(Status.WAITING, '', plan, 50 * NS_PER_S), Decision(Status.CHARGING, '')):
+        message = plan_message(
+            now, TRIP, 99 * NS_PER_S,
+            (Decision(Status.WAITING, '', waits, 5000 * NS_PER_S),
+             Decision(Status.NOT_NEEDED, '', idles, 9000 * NS_PER_S),
+             Decision(Status.INVALID_INPUT, 'No.')))
+        expected = {
+            'later_arrival': [Time(sec=5000 + 1200), Time(sec=9000 + 1200), Time()],
+            'later_heating_start': [Time(sec=5000 + 777), Time(), Time()],
+            'later_status': [Status.WAITING, Status.NOT_NEEDED, Status.INVALID_INPUT],
+            'later_predicted_arrival_temperature': pytest.approx(
+                [plan.arrival_temperature_c] * 2 + [nan], nan_ok=True),
+            'later_predicted_arrival_soc': pytest.approx([plan.arrival_soc] * 2 + [nan], nan_ok=True)}
+        assert set(expected) == {
+            name for name in PreheatPlan.get_fields_and_field_types() if name.startswith('later_')}
+        alone = plan_message(now, TRIP, 99 * NS_PER_S)
+        for name, values in expected.items():
+            assert list(getattr(message, name)) == values, name
+            assert len(getattr(alone, name)) == 0, name
