@@ -38,9 +38,10 @@ from bev_preheat.messages.fields import time_message
 from bev_preheat.messages.preheat_plan import plan_message
 from bev_preheat.messages.prepare_battery import preparation_goal_of
 from bev_preheat.monitoring import preparation
-from bev_preheat.monitoring.heard import Heard
+from bev_preheat.monitoring.board import Board
 from bev_preheat.monitoring.preparation import feedback_line, Wanted
-from bev_preheat.monitoring.view import line, page
+from bev_preheat.monitoring.seen import plan_seen
+from bev_preheat.monitoring.terminal_view import line, page
 from bev_preheat.nodes.optimality_report import case_of_plan
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.situation import BatteryState as BatteryInput
@@ -186,11 +187,11 @@ def test_a_plan_for_a_goal_is_not_taken_for_the_routes(preparation_goals):
 
 def test_the_monitor_shows_the_plan_for_a_goal():
     _, _, plan = planned(PreparationGoal(0, 20.0))
-    heard = Heard()
-    heard.hear('preheat_plan', plan)
-    assert 'Preparing the battery. Heating' in line(heard)
+    board = Board()
+    board.see_plan(plan_seen(plan), 0.0)
+    assert 'Preparing the battery. Heating' in line(board.view(0.0))
     console = Console(width=100, file=io.StringIO())
-    console.print(page(heard))
+    console.print(page(board, 0.0, 'planner'))
     assert 'HEATING: Preparing the battery. Heating' in console.file.getvalue()
 
 
