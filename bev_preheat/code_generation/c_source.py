@@ -17,8 +17,8 @@ import re
 import sys
 from textwrap import fill
 
-from bev_preheat.code_generation.core_constants import constant_lines
 from bev_preheat.code_generation.symbols import Field, Operand, Symbol, SYMBOLS, written_out
+from bev_preheat.native.core_constants import constant_lines, constants
 from bev_preheat.native.headers import read_headers
 from bev_preheat.numerics.arithmetic import AnyNumber, Arithmetic, CurveFunction
 from bev_preheat.vehicle import heat_balance
@@ -244,7 +244,7 @@ def drives() -> str:
         '#include "curves.h"\n#include "folded_normal.h"')), *functions, *_trip_terms(), '#endif', ''])
 
 
-def constants() -> str:
+def constants_header() -> str:
     """Return constants.h: tolerances, bounds and other constants defined in Python modules."""
     return '\n'.join([HEAD.format(guard='BEV_PREHEAT_CORE_CONSTANTS_H_', includes='\n'.join(constant_lines())),
                       '#endif', ''])
@@ -254,15 +254,15 @@ def interface() -> str:
     """Return interface.h: the digest by which a caller recognises the library."""
     return '\n'.join([
         HEAD.format(guard='BEV_PREHEAT_CORE_INTERFACE_H_',
-                    includes=f'#define BEV_INTERFACE_DIGEST {read_headers().digest()}'), '#endif', ''])
+                    includes=f'#define BEV_INTERFACE_DIGEST {read_headers().digest(constants())}'), '#endif', ''])
 
 
 def main(folder: str) -> None:
     """Write the headers into a folder, which is made if it does not exist."""
     Path(folder).mkdir(parents=True, exist_ok=True)
     for name, text in (
-            ('constants.h', constants()), ('formulas.h', formulas()), ('steps.h', steps()), ('drives.h', drives()),
-            ('interface.h', interface())):
+            ('constants.h', constants_header()), ('formulas.h', formulas()), ('steps.h', steps()),
+            ('drives.h', drives()), ('interface.h', interface())):
         Path(folder, name).write_text(text, encoding='utf-8')
 
 

@@ -42,7 +42,7 @@ def core_sources() -> dict[str, str]:
         raise InvalidInput(f'{error.filename}: the source of {CORE} cannot be read: {error.strerror}; '
                            'build the packages of one version') from error
     generated = f'include/{CORE}_generated'
-    return {**files, f'{generated}/constants.h': c_source.constants(),
+    return {**files, f'{generated}/constants.h': c_source.constants_header(),
             f'{generated}/formulas.h': c_source.formulas(),
             f'{generated}/steps.h': c_source.steps()}
 

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The interface on which C and Python must agree: structs, prototypes and memory, and its digest.
+The interface on which C and Python must agree: structs, prototypes, memory and shared constants, and its digest.
 
 The C build computes the digest from the headers, Python from its bindings.
 """
@@ -29,10 +29,10 @@ class Interface:
     functions: Mapping[str, str]
     memory: Mapping[str, Room]
 
-    def digest(self) -> int:
-        """Return a number of 31 bits that is almost surely unique to this interface."""
+    def digest(self, constants: Mapping[str, float]) -> int:
+        """Return a number of 31 bits that is almost surely unique to this interface and these shared constants."""
         text = repr((self.number, *(sorted(each.items()) for each in (
-            self.structs, self.functions, self.memory))))
+            self.structs, self.functions, self.memory, constants))))
         return int.from_bytes(sha256(text.encode()).digest()[:4], 'big') >> 1
 
 

@@ -25,6 +25,7 @@ from bev_preheat.native.belief_structs import (
     PassedStruct,
     ReadingStruct,
 )
+from bev_preheat.native.core_constants import constants
 from bev_preheat.native.interface import fields_of, Interface
 from bev_preheat.native.structs import (
     ArrivalStruct,
@@ -183,7 +184,7 @@ def load_core(path: str) -> tuple[Any, str]:
     """Return (library of that file, ''), or None and the reason."""
     try:
         library = CDLL(path)
-        if library.bev_interface() != bindings().digest():
+        if library.bev_interface() != bindings().digest(constants()):
             return None, f'{path} is of another version'
         for name, types in _SIGNATURES.items():
             function = getattr(library, name)

@@ -220,8 +220,9 @@ typedef struct {
 } bev_switch_plan;
 
 /*
- * A digest of BEV_INTERFACE and of all structs, prototypes and memory sizes of these headers. A caller that loads
- * the library compares it with its own digest. Sources that are compiled together do not need it.
+ * A digest of BEV_INTERFACE, of all structs, prototypes and memory sizes of these headers, and of the constants shared
+ * with Python. A caller that loads the library compares it with its own digest. Sources that are compiled together do
+ * not need it.
  */
 int32_t bev_interface(void);
 

@@ -7,8 +7,7 @@ from collections.abc import Mapping
 from types import ModuleType
 
 from bev_preheat import tunables
-from bev_preheat.estimation import truncated_normal
-from bev_preheat.numerics import factors, folded_normal
+from bev_preheat.numerics import factors, folded_normal, truncated_normal
 
 NAMES: Mapping[ModuleType, str] = {
     truncated_normal: 'LOG_ROOT_2_PI ROOT_2',
