@@ -15,7 +15,7 @@ from bev_preheat.native import calls
 from bev_preheat.native import library as library_module
 from bev_preheat.native.calls import place
 from bev_preheat.native.library import core, core_in_words, Declined, use_core, without_core
-from bev_preheat.native.structs import CurveStruct, NativeTrip, NativeVehicle, NotDescribed
+from bev_preheat.native.structs import NativeTrip, NativeVehicle, NotDescribed
 from bev_preheat.numerics.arithmetic import FLOATS, SATURATING_FLOATS
 from bev_preheat.planning.core_engine import trip_in_core, vehicle_in_core
 from bev_preheat.planning.engine import run_forward
@@ -259,7 +259,3 @@ def test_arrays_of_any_layout_are_taken(make_integrator):
     assert ends[0] == ends[1] == ends[2]
     assert (run_forward(trip, make_integrator, 0.8, -4.0, whole)[1].tolist()
             == run_forward(trip, make_integrator, 0.8, -4.0, whole.astype(float))[1].tolist())
-
-
-def test_structs_are_those_of_the_header():
-    assert isinstance(NativeVehicle(FORMULAS, 60.0).struct.resistance, CurveStruct)

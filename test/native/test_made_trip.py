@@ -35,21 +35,6 @@ def drawn(number):
     return vehicle, route, float(random.choice([1.0, 0.4])), float(random.choice([0.0, 47.0, 900.0]))
 
 
-# Leaf by leaf; test_same_plans.py compares whole plans daily.
-@pytest.mark.deep
-def test_columns_are_the_same_to_the_last_bit():
-    for number in range(80):
-        situation = drawn(number)
-        assert core() is not None
-        found = uncached_trip(*situation)
-        with without_core():
-            expected = uncached_trip(*situation)
-        for name in COLUMNS:
-            assert getattr(found, name).tolist() == getattr(expected, name).tolist(), (number, name)
-        for name in TRIP_COLUMNS:
-            assert found.columns.column(name).tolist() == expected.columns.column(name).tolist(), (number, name)
-
-
 def test_a_changed_trip_has_the_other_columns_of_the_old_one():
     trip = uncached_trip(*drawn(3))
     limit_w = 0.3 * trip.heater_limit_w

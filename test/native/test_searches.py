@@ -12,7 +12,7 @@ from bev_preheat.native import library as library_module
 from bev_preheat.native.library import core, core_in_words, LEFT, without_core
 from bev_preheat.native.structs import room, StrandingStruct, VALUE_KEPT_EVERY, ValueGoalStruct
 from bev_preheat.planning.core_engine import trip_in_core, vehicle_in_core
-from bev_preheat.planning.limits import run_unheated, run_within_limits
+from bev_preheat.planning.limits import run_within_limits
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.planning.wanted_heat import WantedHeat
 from bev_preheat.vehicle.heat_path import HeatPath
@@ -38,20 +38,6 @@ def rows_of(schedule):
         states += schedule.heat.heater_power_w, schedule.heat.coolant_excess_k
         powers_w += schedule.heat.drawn_power_w, schedule.heat.arriving_heat_w
     return np.array(states), np.array(powers_w)
-
-
-# Leaf by leaf; test_same_plans.py compares whole plans daily.
-@pytest.mark.deep
-@pytest.mark.parametrize('number', [1, 3, 5])
-def test_a_run_whose_charge_runs_out_ends_the_same(number):
-    trip, state, _ = situation(number)
-    nearly_empty = replace(state, soc=0.1)
-    found = run_unheated(trip, nearly_empty)
-    with without_core():
-        expected = run_unheated(trip, nearly_empty)
-    for rows, expected_rows in zip(rows_of(found), rows_of(expected), strict=True):
-        np.testing.assert_allclose(rows, expected_rows, **SAME)
-    assert found.empty_at_s == pytest.approx(expected.empty_at_s, abs=1e-9)
 
 
 # Leaf by leaf; test_same_plans.py compares whole plans daily.

@@ -201,60 +201,33 @@ def test_the_program_is_solved(name):
     assert (optimum.solver_status, optimum.infeasible) == (SUCCESS, ())
 
 
-def test_states_are_those_of_a_drive_under_its_powers(trip):
+def test_states_and_energy_are_those_of_a_drive_under_its_powers(trip):
     vehicle, route, state, _, plan = trip
     run = Car(vehicle).drive(route, state, plan.hvch_battery_power_w, plan.friction_brake_power_w)
     # IPOPT closes each step to 1e-9 of a per cent and of a kelvin.
     assert np.abs(run[:, 0] - plan.soc).max() < 1e-8
     assert np.abs(run[:, 1] - plan.battery_temperature_c).max() < 1e-6
-
-
-def test_energy_is_that_of_a_drive_under_its_powers(trip):
-    vehicle, route, state, _, plan = trip
-    run = Car(vehicle).drive(route, state, plan.hvch_battery_power_w, plan.friction_brake_power_w)
     assert plan.energy_wh.battery_total == pytest.approx(run[-1, 2], abs=1e-3)
 
 
-def test_heater_takes_no_more_than_the_cabin_leaves(trip):
-    vehicle, route, _, _, plan = trip
-    assert (plan.hvch_battery_power_w >= 0.0).all()
-    assert (plan.hvch_battery_power_w
-            <= np.maximum(vehicle.hvch.maximum_power_w - route.cabin_heating_power_w, 0.0)).all()
-
-
-def test_brake_takes_no_more_than_is_regenerated(trip):
-    _, route, _, _, plan = trip
-    assert (plan.friction_brake_power_w >= 0.0).all()
-    assert (plan.friction_brake_power_w <= np.maximum(-route.propulsion_power_w, 0.0)).all()
-
-
-def test_states_stay_in_their_ranges(trip):
-    vehicle, *_, plan = trip
-    soc_low, soc_high = vehicle.battery.soc_range
-    cold_c, warm_c = vehicle.battery.temperature_range_c
-    assert soc_low <= plan.soc.min() and plan.soc.max() <= soc_high
-    assert cold_c <= plan.battery_temperature_c.min()
-    assert plan.battery_temperature_c.max() <= warm_c
-
-
-def test_arrival_is_as_warm_and_as_charged_as_wanted(trip):
-    *_, goal, plan = trip
+def test_powers_states_and_arrival_keep_their_limits(trip):
+    vehicle, route, _, goal, plan = trip
+    heater_w, brake_w, battery, car = (
+        plan.hvch_battery_power_w, plan.friction_brake_power_w, vehicle.battery, Car(vehicle))
+    assert ((heater_w >= 0.0) & (heater_w <= car.heater_limit_w(route))).all()
+    assert ((brake_w >= 0.0) & (brake_w <= np.maximum(-route.propulsion_power_w, 0.0))).all()
+    assert battery.soc_range[0] <= plan.soc.min() and plan.soc.max() <= battery.soc_range[1]
+    assert battery.temperature_range_c[0] <= plan.battery_temperature_c.min()
+    assert plan.battery_temperature_c.max() <= battery.temperature_range_c[1]
     # Constraints hold to 1e-9 of their scaled size.
     assert plan.arrival_temperature_c >= goal.target_temperature_c - 1e-6
     assert plan.arrival_soc >= goal.minimum_arrival_soc - 1e-8
-
-
-@pytest.mark.parametrize('end', [0, 1], ids=['start', 'end'])
-def test_power_limits_hold_at_both_ends_of_each_step(trip, end):
-    vehicle, route, _, _, plan = trip
-    car, battery = Car(vehicle), vehicle.battery
+    # At both ends of each step, to a milliwatt out of about 10 kW.
     for k, segment in enumerate(segments_of(route)):
-        soc, temperature_c = plan.soc[k + end], plan.battery_temperature_c[k + end]
-        power_w = car.heat_and_power(soc, temperature_c, segment, plan.hvch_battery_power_w[k],
-                                     plan.friction_brake_power_w[k])[2]
-        # A milliwatt, out of about 10 kW.
-        assert bilinear(battery.charge_power_limit, soc, temperature_c) - 1e-3 <= power_w
-        assert power_w <= bilinear(battery.discharge_power_limit, soc, temperature_c) + 1e-3
+        for state in zip(plan.soc[k:k + 2], plan.battery_temperature_c[k:k + 2]):
+            power_w = car.heat_and_power(*state, segment, heater_w[k], brake_w[k])[2]
+            assert bilinear(battery.charge_power_limit, *state) - 1e-3 <= power_w
+            assert power_w <= bilinear(battery.discharge_power_limit, *state) + 1e-3
 
 
 # The gap to optimal_switch below is daily, and so are test/planning's searches for its switching instant.
@@ -329,20 +302,12 @@ def test_descent_is_solved_as_well_as_by_dynamic_programming():
     assert -1e-2 < gap_wh < 5.0
 
 
-def test_brake_takes_what_a_cold_battery_may_not():
-    braked_w = solution_of('descent').plan.friction_brake_power_w
-    assert (braked_w > 1.0).any()
-
-
-@pytest.mark.parametrize('name', UNLIMITED)
-def test_brake_takes_nothing_where_the_battery_may_take_all(name):
+def test_brake_takes_what_a_cold_battery_may_not_and_nothing_else():
+    assert (solution_of('descent').plan.friction_brake_power_w > 1.0).any()
+    warm = solve_optimum(REFERENCE, DESCENT, BatteryState(26.0, 0.83), Goal(13.0))
     # An interior point leaves 1 W of about 10 kW.
-    assert solution_of(name).plan.friction_brake_power_w.max() < 1.0
-
-
-def test_warm_battery_takes_the_same_descent_without_the_brake():
-    optimum = solve_optimum(REFERENCE, DESCENT, BatteryState(26.0, 0.83), Goal(13.0))
-    assert optimum.plan.friction_brake_power_w.max() < 1.0
+    for optimum in (warm, *map(solution_of, UNLIMITED)):
+        assert optimum.plan.friction_brake_power_w.max() < 1.0
 
 
 def test_limits_can_be_left_out():
@@ -352,32 +317,19 @@ def test_limits_can_be_left_out():
     assert not optimum.plan.friction_brake_power_w.any()
 
 
-@pytest.fixture(scope='module')
-def unreachable():
-    """Return the Optimum of the reference trip, in steps of 2 min, for 51 degC."""
-    vehicle, route, state, _ = TRIPS['reference']
-    return solve_optimum(vehicle, route.resampled(120.0), state, Goal(51.0))
-
-
-def test_unreachable_target_lacks_what_full_heating_misses(unreachable):
+def test_unreachable_target_lacks_what_full_heating_misses():
     vehicle, route, state, _ = TRIPS['reference']
     car, route = Car(vehicle), route.resampled(120.0)
+    optimum = solve_optimum(vehicle, route, state, Goal(51.0))
     arrival_c = car.drive(route, state, car.heater_limit_w(route))[-1, 1]
-    (deficit,) = unreachable.deficit
+    (deficit,) = optimum.deficit
     assert (deficit.constraint, deficit.unit) == (TARGET, 'K')
     # The prices of the slacks leave the heater 1e-6 short of its maximum.
     assert deficit.amount == pytest.approx(51.0 - arrival_c, abs=1e-3)
-
-
-def test_unreachable_target_is_said_in_words(unreachable):
-    assert unreachable.infeasible == (
-        f'target temperature: missed by {unreachable.deficit[0].amount:.2f} K',)
-
-
-def test_unreachable_target_is_no_optimum(unreachable):
-    assert unreachable.solver_status != SUCCESS
-    assert unreachable.plan.status is Status.TARGET_UNREACHABLE
-    assert math.isnan(unreachable.marginal_cost_wh_per_k)
+    assert optimum.infeasible == (f'target temperature: missed by {deficit.amount:.2f} K',)
+    assert optimum.solver_status != SUCCESS
+    assert optimum.plan.status is Status.TARGET_UNREACHABLE
+    assert math.isnan(optimum.marginal_cost_wh_per_k)
 
 
 def test_reserve_that_driving_alone_breaks_lacks_what_driving_misses():

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from bev_preheat.nonlinear_program.along_rows import along_rows
-from bev_preheat.nonlinear_program.layout import Layout, VariableBlock
 from bev_preheat.nonlinear_program.program import build_program, Give
 from bev_preheat.nonlinear_program.program_solvers import derivatives
 from bev_preheat.vehicle import load_vehicle
@@ -23,29 +22,6 @@ PROGRAMS = {
     'free': (REFERENCE, False, Give.NOTHING), 'limits': (REFERENCE, True, Give.NOTHING),
     'heat path': (SLOW, True, Give.NOTHING), 'elastic': (REFERENCE, False, Give.DEMANDS),
     'ranges': (REFERENCE, True, Give.RANGES)}
-
-
-def test_variables_and_constraints_lie_stage_by_stage():
-    staged = build_program(REFERENCE, 2, True, Give.NOTHING).staged
-    assert {name: places.tolist() for name, places in staged.variables.places.items()} == {
-        'soc': [0, 4, 8], 'temperature': [1, 5, 9], 'heater': [2, 6], 'brake': [3, 7]}
-    assert {name: places.tolist() for name, places in staged.constraints.places.items()} == {
-        'soc_defect': [0, 6], 'temperature_defect': [1, 7], 'discharge': [2, 8], 'charge': [3, 9],
-        'discharge_at_end': [4, 10], 'charge_at_end': [5, 11], 'target': [12], 'final_soc': [13]}
-    assert staged.is_equality.tolist() == [True, True, False, False, False, False] * 2 + [False, False]
-
-
-def test_values_are_packed_in_that_order_and_scaled():
-    layout = Layout((VariableBlock('state', 3, 0.5, (0, 1, 2)), VariableBlock('control', 2, 10.0, (0, 1))))
-    vector = layout.pack({'state': [1.0, 2.0, 3.0], 'control': 40.0, 'other': 7.0})
-    assert vector.tolist() == [2.0, 4.0, 4.0, 4.0, 6.0]
-    unpacked = layout.unpack(vector)
-    assert (unpacked['state'].tolist(), unpacked['control'].tolist()) == ([1, 2, 3], [40, 40])
-
-
-def test_blocks_without_stages_lie_one_after_the_other():
-    layout = Layout((VariableBlock('first', 2), VariableBlock('second', 1)))
-    assert layout.pack({'first': [5.0, 6.0], 'second': 7.0}).tolist() == [5.0, 6.0, 7.0]
 
 
 def test_a_function_along_rows_is_the_function_of_each_column():

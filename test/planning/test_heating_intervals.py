@@ -3,7 +3,6 @@
 
 from contextlib import nullcontext
 from dataclasses import replace
-from functools import lru_cache
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -33,8 +32,6 @@ CAR = replace(
         charge_power_limit=Table((0.0,), (-20.0, 30.0), ((0.0, -100e3),)),
         soc_range=(0.05, 1.0), temperature_range_c=(-40.0, 60.0)),
     drivetrain=Drivetrain(0.9, 0.8, 350e3), hvch=Hvch(7000.0, 0.87))
-# Daily the same few trips for all properties, each planned once; new ones in `make test-deep`.
-NUMBERS = st.integers(0, 24 if settings.default.derandomize else 10**6)
 
 
 def plan_of(*parts, target_c=-30.0, start_c=-12.0, ambient_c=-12.0, cabin_w=1500.0, car=CAR):
@@ -45,12 +42,6 @@ def plan_of(*parts, target_c=-30.0, start_c=-12.0, ambient_c=-12.0, cabin_w=1500
         'ambient_temperature_c': [ambient_c], 'auxiliary_power_w': [400.0],
         'cabin_heating_power_w': np.broadcast_to(cabin_w, len(power_w))}, car.defaults)
     return plan_preheating(car, route, BatteryState(start_c, 0.85), Goal(target_c))
-
-
-@lru_cache(maxsize=32)
-def drawn_plan(number):
-    trip = draw_limit_trip(SHIPPED_CAR, 29, number)
-    return trip, plan_preheating(trip.vehicle, trip.route, trip.state, trip.goal)
 
 
 def reasons(plan):
@@ -74,26 +65,18 @@ def test_heating_with_what_the_battery_may_not_take_is_surplus():
     assert (interval.reason, interval.end_s) == (Reason.SURPLUS, 450.0)
 
 
-def test_heating_before_a_long_descent_is_for_the_descent():
+def test_heating_before_a_long_descent_is_for_the_descent_and_ends_where_it_starts():
     # At -15 degC it accepts 10 kW of 60 kW, and 2 kW more per kelvin, for half an hour: 3.6 MJ.
     # A kelvin takes 0.44 MJ.
     plan = plan_of((10, 15e3), (60, -60e3), (4, 15e3), start_c=-15.0, ambient_c=-15.0)
     assert reasons(plan)[:2] == [Reason.DESCENT, Reason.SURPLUS]
-
-
-def test_heating_for_a_descent_ends_where_the_descent_starts():
-    plan = plan_of((10, 15e3), (60, -60e3), (4, 15e3), start_c=-15.0, ambient_c=-15.0)
     assert plan.intervals[0].end_s == 300.0
 
 
-def test_heating_before_a_climb_is_for_the_climb():
+def test_heating_before_a_climb_is_for_the_climb_and_ends_just_before_it():
     # 125 kW and losses of 12 kW need 60 kW + 3 kW/K at -4 degC; driving brings 8 K in half an hour.
     plan = plan_of((60, 15e3), (4, 125e3), (20, 15e3))
     assert reasons(plan) == [Reason.CLIMB]
-
-
-def test_heating_for_a_climb_ends_just_before_it():
-    plan = plan_of((60, 15e3), (4, 125e3), (20, 15e3))
     # Within the two steps around the threshold.
     assert 1740.0 <= plan.intervals[0].end_s <= 1800.0
 
@@ -111,9 +94,14 @@ def test_late_heat_that_is_switched_off_before_arrival_is_for_what_needs_it(part
     assert set(reasons(plan)) == {told}
 
 
-def test_heating_before_a_climb_and_before_arrival_has_two_reasons():
+def test_heating_before_a_climb_and_before_arrival_has_two_reasons_each_with_its_energy():
     plan = plan_of((60, 15e3), (4, 125e3), (60, 15e3), target_c=20.0)
     assert reasons(plan) == [Reason.CLIMB, Reason.ARRIVAL]
+    # The climb starts at step 60.
+    end = round(plan.intervals[0].end_s / 30.0)
+    assert 60 <= end < 64
+    assert plan.intervals[0].energy_wh == pytest.approx(
+        plan.hvch_battery_power_w[:end].sum() * 30.0 / 3600.0, rel=1e-9)
 
 
 def test_pause_of_the_cabin_divides_heating_for_arrival():
@@ -127,72 +115,28 @@ def test_no_heating_has_no_reason():
     assert plan_of((60, 15e3)).intervals == ()
 
 
-def test_energy_of_a_stretch_is_what_the_heater_takes_in_it():
-    plan = plan_of((60, 15e3), (4, 125e3), (60, 15e3), target_c=20.0)
-    # The climb starts at step 60.
-    end = round(plan.intervals[0].end_s / 30.0)
-    assert 60 <= end < 64
-    assert plan.intervals[0].energy_wh == pytest.approx(
-        plan.hvch_battery_power_w[:end].sum() * 30.0 / 3600.0, rel=1e-9)
-
-
 # Properties
 
 @pytest.mark.costly
-@given(number=NUMBERS)
-def test_energies_of_the_stretches_are_that_of_the_heater(number):
-    _, plan = drawn_plan(number)
+@given(number=st.integers(0, 24 if settings.default.derandomize else 10**6))
+def test_intervals_of_drawn_trips_are_all_the_heat_in_order_and_for_a_reason(number):
+    trip = draw_limit_trip(SHIPPED_CAR, 29, number)
+    plan = plan_preheating(trip.vehicle, trip.route, trip.state, trip.goal)
     # Less than 1e-4 of the heater's power does not count as heating: half a watt, for two hours at most.
     assert sum(interval.energy_wh for interval in plan.intervals) == pytest.approx(
         plan.energy_wh.hvch_electric, rel=1e-9, abs=1.4)
-
-
-@pytest.mark.costly
-@given(number=NUMBERS)
-def test_stretches_are_in_order_and_apart(number):
-    _, plan = drawn_plan(number)
-    instants_s = [instant for interval in plan.intervals
-                  for instant in (interval.start_s, interval.end_s)]
+    instants_s = [instant for interval in plan.intervals for instant in (interval.start_s, interval.end_s)]
     assert instants_s == sorted(instants_s)
-
-
-@pytest.mark.costly
-@given(number=NUMBERS)
-def test_no_stretch_is_empty(number):
-    _, plan = drawn_plan(number)
-    assert all(interval.end_s > interval.start_s and interval.energy_wh > 0.0
-               for interval in plan.intervals)
-
-
-@pytest.mark.costly
-@given(number=NUMBERS)
-def test_nothing_is_heated_outside_of_the_stretches(number):
-    trip, plan = drawn_plan(number)
-    within = np.zeros(len(trip.route), dtype=bool)
+    within, surplus = np.zeros((2, len(trip.route)), dtype=bool)
     for interval in plan.intervals:
-        within |= (plan.time_s[1:] > interval.start_s) & (plan.time_s[:-1] < interval.end_s)
-    # Less than 1e-4 of the heater's power does not count as heating.
+        assert interval.end_s > interval.start_s and interval.energy_wh > 0.0
+        steps = (plan.time_s[1:] > interval.start_s) & (plan.time_s[:-1] < interval.end_s)
+        within |= steps
+        surplus |= steps & (interval.reason is Reason.SURPLUS)
     assert plan.hvch_battery_power_w[~within].max(initial=0.0) <= 0.7
-
-
-@pytest.mark.costly
-@given(number=NUMBERS)
-def test_surplus_is_found_in_regenerating_steps_only(number):
-    trip, plan = drawn_plan(number)
-    surplus = np.zeros(len(trip.route), dtype=bool)
-    for interval in plan.intervals:
-        if interval.reason is Reason.SURPLUS:
-            surplus |= ((plan.time_s[1:] > interval.start_s)
-                        & (plan.time_s[:-1] < interval.end_s))
+    # Surplus is found in regenerating steps only; where the friction brake acts, heating is surplus.
     assert (trip.route.propulsion_power_w[surplus] < 0.0).all()
-
-
-@pytest.mark.costly
-@given(number=NUMBERS)
-def test_where_the_friction_brake_acts_heating_is_surplus(number):
-    _, plan = drawn_plan(number)
     heated = (plan.friction_brake_power_w > 2.0) & (plan.hvch_battery_power_w > 1.0)
     middles_s = 0.5 * (plan.time_s[1:] + plan.time_s[:-1])
-    found = {interval.reason for instant in middles_s[heated] for interval in plan.intervals
-             if interval.start_s <= instant < interval.end_s}
-    assert found <= {Reason.SURPLUS}
+    assert {interval.reason for instant in middles_s[heated] for interval in plan.intervals
+            if interval.start_s <= instant < interval.end_s} <= {Reason.SURPLUS}

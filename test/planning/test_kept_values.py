@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from bev_preheat.native.library import core_in_words, without_core
-from bev_preheat.planning.kept_values import KeptValues, Requirements
+from bev_preheat.planning.kept_values import KeptValues
 from bev_preheat.planning.situation import BatteryState, Goal, Uncertainty
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.planning.value_function import plan_by_values
@@ -146,16 +146,3 @@ def test_values_of_the_one_engine_are_not_used_by_the_other():
         drive.plan(kept)
     np.testing.assert_allclose(drive.plan(kept, 20.0).heater_power_w, drive.plan(drive.kept, 20.0).heater_power_w,
                                rtol=0.0, atol=1e-6)
-
-
-def test_two_kinds_of_plans_in_turn_keep_their_values_each():
-    vehicle = load_vehicle('reference')
-    route = load_route('reference', vehicle.defaults)
-    kept, wanted = KeptValues(), Requirements(25.0, 0.1, Uncertainty(DEVIATION_K))
-    trips = [make_trip(vehicle, route, share) for share in (1.0, 0.7, 0.4)]
-    assert kept.that_hold(trips[0], wanted) is None
-    for number, trip in enumerate(trips):
-        kept.keep(trip, (0.0, 0.8, 0.0, 0.0), wanted, number)
-    later = [make_trip(vehicle, route.after(40.0), share) for share in (1.0, 0.7, 0.4)]
-    less = replace(wanted, uncertainty=Uncertainty(DEVIATION_K * 0.99))
-    assert [kept.that_hold(trip, less) for trip in later] == [None, 1, 2]

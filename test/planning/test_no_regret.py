@@ -72,6 +72,9 @@ def test_a_trip_that_the_charge_does_not_carry_is_a_result_of_its_own(stranded):
     assert driven.empty_at_s is not None
     assert (plan.status, plan.heating_start_s, plan.hvch_battery_power_w.any()) == (
         Status.OUT_OF_CHARGE, None, False)
+    # A battery is never emptier than empty.
+    assert plan.soc.min() == plan.arrival_soc == 0.0
+    assert not plan.soc[plan.time_s >= plan.stranding.at_s].any()
 
 
 def test_it_is_said_where_the_charge_runs_out(stranded):
@@ -100,13 +103,6 @@ def test_what_lacks_is_what_the_rest_of_the_trip_takes(stranded):
     # The route ends with regeneration, which does not help a car that does not get there.
     rest_wh = np.cumsum(asked_w * left_s).max() / 3600.0
     assert plan.stranding.deficit_wh == pytest.approx(rest_wh, rel=1e-6)
-
-
-def test_a_battery_is_never_emptier_than_empty(stranded):
-    _, plan, _ = stranded
-    assert plan.soc.min() == plan.arrival_soc == 0.0
-    after = plan.time_s >= plan.stranding.at_s
-    assert not plan.soc[after].any()
 
 
 def test_a_car_that_stands_only_cools(stranded):
@@ -144,17 +140,12 @@ def test_a_heater_that_cannot_be_switched_off_heats_until_the_car_stands():
             == pytest.approx(stored_wh, abs=1e-6))
 
 
-@pytest.mark.parametrize('method', METHODS)
-def test_no_method_heats_where_the_charge_does_not_carry(method):
+@pytest.mark.parametrize('method, uncertainty', [
+    *((method, None) for method in METHODS), ('value_function', Uncertainty(1.5)),
+    ('value_function', Uncertainty(1.5, is_heating=True))])
+def test_no_method_heats_where_the_charge_does_not_carry(method, uncertainty):
     plan = plan_preheating(
-        REFERENCE, REFERENCE_ROUTE, BatteryState(COLD, 0.2), Goal(25.0), method)
-    assert (plan.status, plan.energy_wh.hvch_electric) == (Status.OUT_OF_CHARGE, 0.0)
-
-
-@pytest.mark.parametrize('uncertainty', [Uncertainty(1.5), Uncertainty(1.5, is_heating=True)])
-def test_neither_does_a_careful_plan(uncertainty):
-    plan = plan_preheating(
-        REFERENCE, REFERENCE_ROUTE, BatteryState(COLD, 0.2), Goal(25.0), uncertainty=uncertainty)
+        REFERENCE, REFERENCE_ROUTE, BatteryState(COLD, 0.2), Goal(25.0), method, uncertainty)
     assert (plan.status, plan.energy_wh.hvch_electric) == (Status.OUT_OF_CHARGE, 0.0)
 
 

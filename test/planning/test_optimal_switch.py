@@ -4,7 +4,7 @@
 from dataclasses import replace
 import math
 
-from hypothesis import assume, given
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
@@ -115,30 +115,18 @@ def steady(count=80, duration_s=30.0, **changed):
 START = BatteryState(temperature_c=-3.0, soc=0.86)
 
 
+@settings(max_examples=3 * settings.default.max_examples)
 @given(segments=SEGMENTS, start_c=START_C, soc=SOC, share=SHARE)
-def test_reachable_target_is_met(segments, start_c, soc, share):
+def test_reachable_target_is_met_by_all_the_power_that_the_cabin_leaves_from_one_instant_on(
+        segments, start_c, soc, share):
     state = BatteryState(start_c, soc)
     target_c = drawn_target(segments, state, share)
     plan = plan_of(segments, state, target_c)
     # A hundred times better than measurable; the search ends at half of this.
     assert plan.arrival_temperature_c == pytest.approx(target_c, abs=1e-5)
-
-
-@given(segments=SEGMENTS, start_c=START_C, soc=SOC, share=SHARE)
-def test_arrival_is_that_of_a_forward_run_under_the_powers_of_the_plan(
-        segments, start_c, soc, share):
-    state = BatteryState(start_c, soc)
-    plan = plan_of(segments, state, drawn_target(segments, state, share))
     # The same integrator written twice differs by rounding.
     assert plan.arrival_temperature_c == pytest.approx(
         arrival_c(segments, state, plan.hvch_battery_power_w), abs=1e-9)
-
-
-@given(segments=SEGMENTS, start_c=START_C, soc=SOC, share=SHARE)
-def test_power_is_zero_then_partial_in_one_step_then_all_that_the_cabin_leaves(
-        segments, start_c, soc, share):
-    state = BatteryState(start_c, soc)
-    plan = plan_of(segments, state, drawn_target(segments, state, share))
     limit_w = np.array([heater_limit_w(segment) for segment in segments])
     after = int(np.searchsorted(plan.time_s, plan.heating_start_s, side='right'))
     part = (plan.time_s[after] - plan.heating_start_s) / segments[after - 1]['duration_s']
@@ -193,30 +181,10 @@ def test_shorter_segments_keep_the_switching_instant(target_c):
     assert fine.heating_start_s == pytest.approx(coarse.heating_start_s, abs=1.0)
 
 
-def cabin_that_cools_down():
-    """The cabin leaves the heater no power at first, then more and more, then little."""
-    return [{**steady()[0], 'cabin_heating_power_w': cabin_w}
-            for cabin_w in np.concatenate((np.full(10, 7000.0), np.linspace(6000.0, 500.0, 40),
-                                           np.full(30, 5000.0)))]
-
-
-@pytest.mark.parametrize('share', [0.05, 0.5, 0.95])
-def test_target_is_met_though_the_cabin_leaves_more_and_less(share):
-    segments = cabin_that_cools_down()
-    target_c = target_within(segments, START, share)
-    plan = plan_of(segments, START, target_c)
-    assert plan.arrival_temperature_c == pytest.approx(target_c, abs=1e-3)
-
-
-def test_target_at_the_unheated_arrival_needs_no_heating():
-    trip = make_trip(VEHICLE, route_of(steady()))
-    idle_c = float(plan_optimal_switch(trip, START, Goal(-30.0)).temperature_c[-1])
-    assert plan_of(steady(), START, idle_c).status is Status.NOT_NEEDED
-
-
 def test_target_a_little_above_the_unheated_arrival_is_heated_for_just_before_it():
     trip = make_trip(VEHICLE, route_of(steady()))
     idle_c = float(plan_optimal_switch(trip, START, Goal(-30.0)).temperature_c[-1])
+    assert plan_of(steady(), START, idle_c).status is Status.NOT_NEEDED
     plan = plan_of(steady(), START, idle_c + 1e-3)
     # 0.86 * 5200 W warm 371 kJ/K by a millikelvin in 83 ms.
     assert plan.arrival_time_s - plan.heating_start_s == pytest.approx(0.083, abs=0.002)
@@ -229,37 +197,9 @@ def test_target_at_the_fully_heated_arrival_is_heated_for_all_the_way():
     assert plan.heating_start_s == pytest.approx(0.0, abs=0.01)
 
 
-def test_single_segment():
-    segments = steady(count=1, duration_s=88.0)
-    target_c = target_within(segments, START, 0.4)
-    plan = plan_of(segments, START, target_c)
-    assert plan.arrival_temperature_c == pytest.approx(target_c, abs=1e-3)
-
-
 def test_segment_that_is_longer_than_a_step_may_be():
     state, target_c = BatteryState(1.0, 0.93), 13.0
     one, many = plan_of(steady(1, 2400.0), state, target_c), plan_of(steady(), state, target_c)
     # Steps of 300 s against 30 s: the mean power represents the heater in a longer step.
     assert one.arrival_temperature_c == pytest.approx(target_c, abs=1e-3)
     assert one.heating_start_s == pytest.approx(many.heating_start_s, abs=10.0)
-
-
-def test_heater_that_the_cabin_leaves_nothing_is_not_used():
-    plan = plan_of(steady(cabin_heating_power_w=7100.0), START, 15.0)
-    assert (plan.status, plan.heating_start_s) == (Status.TARGET_UNREACHABLE, None)
-
-
-def test_heater_that_the_cabin_leaves_nothing_at_the_end_heats_before():
-    segments = steady(50) + steady(30, cabin_heating_power_w=7100.0)
-    target_c = target_within(segments, START, 0.5)
-    plan = plan_of(segments, START, target_c)
-    assert plan.heating_start_s < 50 * 30.0
-    assert plan.arrival_temperature_c == pytest.approx(target_c, abs=1e-3)
-
-
-def test_power_that_the_battery_cannot_deliver_is_planned_through():
-    segments = steady()
-    segments[4] = dict(segments[4], propulsion_power_w=900e3)
-    plan = plan_of(segments, START, 12.0)
-    assert np.isfinite(plan.battery_temperature_c).all()
-    assert plan.status is Status.POWER_LIMITED

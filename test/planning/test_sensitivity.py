@@ -15,7 +15,7 @@ import pytest
 from bev_preheat.planning import sensitivity as module
 from bev_preheat.planning.heating_intervals import Reason
 from bev_preheat.planning.planner import plan_preheating, plan_unheated
-from bev_preheat.planning.sensitivity import find_sensitivity, search_sensitivity
+from bev_preheat.planning.sensitivity import find_sensitivity
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
 from bev_preheat.route import load_route
@@ -159,22 +159,6 @@ def test_energies_of_a_drive_that_is_not_finished_are_unknown():
 @pytest.mark.parametrize('goal', [Goal(25.0, charging_planned=False), Goal(25.0, heating_pays=False)])
 def test_a_plan_without_a_target_has_none(goal):
     assert found(REFERENCE, load_route('reference', REFERENCE.defaults), BatteryState(-7.0, 0.8), goal) is None
-
-
-def test_each_part_makes_one_plan_at_most(monkeypatch):
-    route, state, goal = load_route('reference', REFERENCE.defaults), BatteryState(-7.0, 0.8), Goal(25.0)
-    plan, made = plan_preheating(REFERENCE, route, state, goal), []
-
-    def counted(*arguments, **options):
-        made.append(1)
-        return plan_preheating(*arguments, **options)
-
-    monkeypatch.setattr(module, 'plan_preheating', counted)
-    parts, before = 0, 0
-    for _ in search_sensitivity(REFERENCE, route, state, goal, plan):
-        assert len(made) - before <= 1
-        parts, before = parts + 1, len(made)
-    assert len(made) <= parts <= 30
 
 
 def sentence(**changes):
