@@ -173,7 +173,7 @@ def _load(arguments: Sequence[str] | None) -> Callable[[], int]:
                            formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument('--cars', type=int, default=1, metavar='N', help='drawn cars (default: %(default)s)')
     parser.add_argument('--seed', type=int, default=1, help='default: %(default)s')
-    parser.add_argument('--period', type=float, default=4.0, metavar='S',
+    parser.add_argument('--period', type=float, default=8.0, metavar='S',
                         help='period of battery states and commands [s] (default: %(default)s)')
     parser.add_argument('names', nargs='*', metavar='NAME', help='only these numbers (default: all)')
     parser.add_argument('--write', action='store_true', help='write the effects into bev_preheat/tunables.py')
