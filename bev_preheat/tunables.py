@@ -3,9 +3,9 @@
 The numbers of the planner's step: times, thresholds, spreads, prices and tolerances, a row each.
 
 A row: name, value, `#` unit (1: a ratio, n: a number of them, sd: standard deviations), `|` reason, `|` by how
-much the arrival of a drive moves at most if the number is 30 % smaller or larger. Rows without the last move
-nothing on the drives of `python3 -m bev_preheat_studies.tunables`, which prints all effects. `…` goes on with the
-row above.
+much the arrival of a drive moves at most if the number is 30 % smaller or larger, in the drive of
+`python3 -m bev_preheat_studies.tunables`. Rows without the last move nothing there, or the C core has them built in.
+`…` goes on with the row above.
 
 Sizes, formats and units stand where they are used, spreads of the estimator's whole state in
 `estimation/belief.py` and `prior.py`, and what an integrator sets in `control/settings.py`. The C core takes its
@@ -74,7 +74,7 @@ COLDER_CELL_K = 20.0            # K   | a cell that is colder than the battery b
 # Estimation: what the readings tell
 
 # estimation/state.py, belief.py: noise of the model
-NOMINAL_HEAT_LAG_S = 40.0        # s    | heater to cells, whose logarithm is 0 | 0.073 K
+NOMINAL_HEAT_LAG_S = 40.0        # s    | heater to cells, whose logarithm is 0 | 0.181 K
 NOMINAL_SENSOR_LAG_S = 20.0      # s    | cells to sensor, whose logarithm is 0
 LOCAL_LAG_S = 100.0              # s    | of local heat at the sensor; nine i3 drives: 60 … 150 s predict alike
 LOCAL_DEVIATION_K = 0.15         # K    | local rise without heat; nine i3 drives: 0.1 … 0.2 K predict alike
@@ -82,9 +82,9 @@ JOULE_RISE_NOISE_K_PER_KW = 1.0  # K/kW | rise by Joule heat; nine i3 drives: 0.
 UNKNOWN_K = 0.5                  # K    | after a gap: heat under way, battery minus sensor, local rise
 MOST_APART_K = 8.0               # K    | battery minus sensor at most, and heat that the coolant holds
 SOC_NOISE = 0.001                # 1    | of the charge's signal beside its steps
-POWER_NOISE = 0.3                # 1    | relative error of the route's power: traffic, wind, load | 0.043 K
+POWER_NOISE = 0.3                # 1    | relative error of the route's power: traffic, wind, load | 0.185 K
 NOISY_FROM_W = 3000.0            # W    | least power to which POWER_NOISE applies
-POWER_NOISE_LASTS_S = 60.0       # s    | correlation time of POWER_NOISE | 0.043 K
+POWER_NOISE_LASTS_S = 60.0       # s    | correlation time of POWER_NOISE | 0.185 K
 CLIPPED_DEVIATIONS = 2.5         # sd   | readings further off are clipped here: outliers are not normal
 MOST_EVIDENCE = 1.0              # nats | of one reading against a hypothesis: one outlier does not decide
 LEAST_VARIANCE = 1e-12           # K2   | rounding may make a variance slightly negative
@@ -101,7 +101,7 @@ MOST_OTHER_POWER_W = 20e3     # W  | cabin and auxiliaries at most: more battery
 DIVERGED_K = 50.0             # K  | a larger deviation of the temperature: the belief has diverged
 SINGLE_PRECISION = 1e-3       # 1  | messages preserve multiples to this share of a step
 IMPLAUSIBLE_DEVIATIONS = 6.0  # sd | further off is rejected until a second reading confirms it
-EXCURSION_DEVIATIONS = 3.0    # sd | from here on a temperature leaves what is expected
+EXCURSION_DEVIATIONS = 3.0    # sd | from here on a temperature leaves what is expected | 0.086 K
 RETURN_DEVIATIONS = 1.5       # sd | … and from here on it is back
 LARGEST_EXCURSION_K = 3.0     # K  | contacts and wires fail by this; more is another battery
 LONGEST_EXCURSION_S = 150.0   # s  | contacts and wires fail for this long; no battery warms as fast
@@ -137,7 +137,7 @@ FREEDOM = 4.0              # n    | degrees of freedom of Student's t: traffic m
 
 # estimation/prior.py, memory.py, soak.py: before the first reading
 LEAST_NARROWING = 0.5                # 1 | of the spreads at most; nine i3 drives, each left out: 1/2 is best
-LAG_DEVIATION = 1.0                  # 1 | of a lag's logarithm, for a file without lags | 0.097 K
+LAG_DEVIATION = 1.0                  # 1 | of a lag's logarithm, for a file without lags | 0.029 K
 DESCRIBED_LAG_DEVIATION = 0.5        # 1 | … and with lags: coolant flow depends on the pump
 OVERNIGHT = 0.01                     # 1 | deviation of each logarithm: a car changes slightly
 PARKED_WARMER_K = 10.0               # K | over ambient at parking: stood outside … fast charged; assumed
