@@ -4,8 +4,8 @@ The numbers of the planner's step: times, thresholds, spreads, prices and tolera
 
 A row: name, value, `#` unit (1: a ratio, n: a number of them, sd: standard deviations), `|` reason, `|` by how
 much the arrival of a drive moves at most if the number is 30 % smaller or larger, in the drive of
-`python3 -m bev_preheat_studies.tunables`. Rows without the last move nothing there, or the C core has them built in.
-`…` goes on with the row above.
+`python3 -m bev_preheat_studies.tunables`. Rows without the last move nothing there, or the C core has them built
+in. `…` goes on with the row above.
 
 Sizes, formats and units stand where they are used, spreads of the estimator's whole state in
 `estimation/belief.py` and `prior.py`, and what an integrator sets in `control/settings.py`. The C core takes its
