@@ -2,10 +2,10 @@
 SHELL := bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help setup build demo test test-quick test-deep test-oldest test-pythons test-repeated coverage mutation bench footprint soak soak-monitor docs lint clean
+.PHONY: help setup build demo test test-quick test-deep test-oldest test-pythons test-repeated coverage mutation bench soak docs lint clean
 
 DEMO := python3 -m bev_preheat.demo
-BENCH := python3 -m bev_preheat_studies.cost
+BENCH := python3 -m bev_preheat_studies cost
 # make soak MINUTES=60
 MINUTES := 10
 # make test-deep EXAMPLES=10000
@@ -25,10 +25,8 @@ WITH :=
 # The groups of a target are in effect for its prerequisites too.
 groups :=
 test test-quick test-deep test-oldest test-repeated coverage: groups := test
-bench: groups := studies dashboard bench
-footprint: groups := footprint
+bench: groups := studies
 soak: groups := studies
-soak-monitor: groups := studies
 docs: groups := test docs
 lint: groups := test lint
 mutation: groups := test mutation
@@ -86,17 +84,11 @@ coverage: build ## all tests, with their coverage of lines and branches, includi
 mutation: build ## changes of the gate, the admission of inputs and the run within limits that no test notices
 	@$(environment); $(local_only); python3 scripts/mutation.py $(MUTATION)
 
-bench: build ## time and memory of the planner, compared with other solvers
+bench: build ## time and memory of the planner, beside an empty node
 	@$(environment); $(local_only); $(BENCH)
 
-footprint: build ## bytes, stack and instructions of an export by preheat export-ecu, for this computer and a Cortex-M7
-	@$(environment); python3 -m bev_preheat_studies.footprint
-
 soak: build ## the planner under load for MINUTES (10), in real time
-	@$(environment); $(local_only); python3 -m bev_preheat_studies.soak --minutes $(MINUTES)
-
-soak-monitor: build ## preheat monitor beside drives at 100 times real time for MINUTES (10)
-	@$(environment); $(local_only); python3 -m bev_preheat_studies.soak.monitor --minutes $(MINUTES)
+	@$(environment); $(local_only); python3 -m bev_preheat_studies soak --minutes $(MINUTES)
 
 # A broken link, an unknown anchor and any other warning are errors. The reference is generated from the checkout's code.
 docs: build ## the documentation as a site: out/docs/index.html

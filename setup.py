@@ -139,8 +139,7 @@ setup(
                             'simulation/scenario_schema.yaml', 'vehicle/chemistry.yaml',
                             'web_page/assets/*', 'dashboard/assets/*',
                             'ecu/c/*'],
-                  CONFIGURATION: ['*.yaml', '*/*', '*/*/*'],
-                  STUDIES: ['footprint/*.[ch]']},
+                  CONFIGURATION: ['*.yaml', '*/*', '*/*/*']},
     ext_modules=[] if WITH_COLCON else [core_library()],
     data_files=[] if not WITH_COLCON else [
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),

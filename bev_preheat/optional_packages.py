@@ -17,9 +17,6 @@ PURPOSES = {
     'cantools': 'decodes CAN signals by a DBC',
     'casadi': 'solves the nonlinear program',
     'crccheck': 'computes the checksums of CAN frames',
-    'distributed': 'runs studies on a cluster',
-    'do_mpc': 'is the benchmark of the nonlinear program',
-    'elftools': 'reads object files',
     'jinja2': 'writes reports',
     'kuksa_client': 'talks to a VSS databroker',
     'matplotlib': 'draws figures',
@@ -30,19 +27,18 @@ PURPOSES = {
     'scipy': 'fits vehicles to logs and to the paper',
     'serial': 'opens the serial port of a CAN adapter',
     'tornado': 'serves the web page of the dashboard',
-    'unicorn': "emulates a control unit's processor",
 }
 # Distribution names that differ from the module's name.
-PACKAGES = {'can': 'python-can', 'do_mpc': 'do-mpc', 'elftools': 'pyelftools', 'kuksa_client': 'kuksa-client',
+PACKAGES = {'can': 'python-can', 'kuksa_client': 'kuksa-client',
             'serial': 'pyserial'}
 # The group of packages that setup adds for a module (scripts/requirements-optional.txt); of several groups, the
 # one for which the module is the main purpose.
 GROUPS = {
     'asammdf': 'logs', 'can': 'bus', 'cantools': 'bus', 'casadi': 'nlp', 'crccheck': 'bus',
-    'distributed': 'studies', 'do_mpc': 'bench', 'elftools': 'footprint', 'jinja2': 'identify',
+    'jinja2': 'identify',
     'kuksa_client': 'bus', 'matplotlib': 'demo', 'mcap': 'demo', 'pandas': 'tables',
     'psutil': 'studies', 'rosbags': 'logs', 'scipy': 'identify', 'serial': 'bus',
-    'tornado': 'dashboard', 'unicorn': 'footprint'}
+    'tornado': 'dashboard'}
 
 
 class MissingPackage(InvalidInput):

@@ -18,9 +18,8 @@ SITUATION = ['--vehicle', 'reference', '--route', 'winter_commute', '--temperatu
              '0.8']
 CASADI = ('the Python package casadi, which solves the nonlinear program, is not installed; in the '
           'checkout, scripts/setup.bash nlp installs it; elsewhere: python3 -m pip install casadi')
-DO_MPC = ('the Python package do-mpc, which is the benchmark of the nonlinear program, is not '
-          'installed; in the checkout, scripts/setup.bash bench installs it; elsewhere: python3 -m pip install '
-          'do-mpc')
+SCIPY = ('the Python package scipy, which fits vehicles to logs and to the paper, is not installed; in the '
+         'checkout, scripts/setup.bash identify installs it; elsewhere: python3 -m pip install scipy')
 
 
 @pytest.fixture
@@ -33,10 +32,10 @@ def without(monkeypatch):
 
 
 def test_each_missing_package_is_named_with_what_to_type(without):
-    without('casadi', 'do_mpc')
+    without('casadi', 'scipy')
     with pytest.raises(MissingPackage) as refused:
-        require('matplotlib', 'casadi', 'do_mpc')
-    assert refused.value.problems == [CASADI, DO_MPC]
+        require('matplotlib', 'casadi', 'scipy')
+    assert refused.value.problems == [CASADI, SCIPY]
 
 
 def test_nothing_is_said_of_what_is_there():
@@ -72,7 +71,6 @@ def deficit(monkeypatch, tmp_path):
                        ('-optional', '# solver\ncasadi==3.6.7  # nlp studies\nmcap==1.3.0  # demo\n'
                                      'asammdf==8.8.28  # logs wheels\nrosbags==0.11.9  # logs\n'
                                      'selenium==4.51.0\n'),
-                       ('-bench', 'do-mpc==4.6.5\n'),
                        ('-oldest', 'numpy==1.26.0\nrich==13.7.0\npytest==7.4.4\npytest-cov==4.0\n')):
         (tmp_path / f'requirements{kind}.txt').write_text(text)
     monkeypatch.setattr(script, 'SCRIPTS', tmp_path)
@@ -113,10 +111,6 @@ def test_the_tests_need_every_group(deficit, capsys):
     assert deficit(UBUNTU, capsys, 'test') == [
         'casadi>=3.6.7,<=3.6.7', 'mcap>=1.3.0,<=1.3.0', 'pytest>=7.4.4,<=9.2.0', 'rosbags>=0.11.9,<=0.11.9',
         'selenium>=4.51.0,<=4.51.0']
-
-
-def test_the_benchmark_needs_its_peer_too(deficit, capsys):
-    assert deficit(UBUNTU, capsys, 'studies', 'bench') == ['casadi>=3.6.7,<=3.6.7', 'do-mpc>=4.6.5,<=4.6.5']
 
 
 def test_what_is_installed_must_not_be_replaced(deficit, capsys):
@@ -171,7 +165,7 @@ def test_pip_and_setup_have_the_same_groups():
     """Each extra of setup.py is a group of that name, and the group has the packages of the extra."""
     extras = dict(re.findall(r"^    '(\w+)': \[(.*)\]", (ROOT / 'setup.py').read_text(), re.M))
     del extras['plot'], extras['test']
-    assert sorted(extras) == [group for group in GROUPS if group not in ('demo', 'footprint')]
+    assert sorted(extras) == [group for group in GROUPS if group not in ('demo',)]
     for group, requirements in extras.items():
         named = {re.match(r'[\w-]+', each).group().lower() for each in re.findall(r"'(.*?)'", requirements)}
         assert named <= packages_of('demo', group).keys()

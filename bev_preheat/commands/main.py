@@ -35,9 +35,9 @@ GROUPS = {
         'replay': 'bev_preheat.commands.replay'},
     'studies': {
         'scenario': 'bev_preheat.commands.scenario',
-        'sweep': 'bev_preheat_studies.commands.sweep',
-        'robustness': 'bev_preheat_studies.commands.robustness',
-        'reproduce': 'bev_preheat_studies.commands.reproduce'}}
+        'sweep': 'bev_preheat_studies.optimality.sweep',
+        'robustness': 'bev_preheat_studies.robustness.command',
+        'reproduce': 'bev_preheat_studies.table_two'}}
 SUBCOMMANDS = {name: module for commands in GROUPS.values() for name, module in commands.items()}
 
 

@@ -15,7 +15,6 @@ import numpy as np
 from bev_preheat.native.library import call, EMPTY, LEFT
 from bev_preheat.native.structs import (
     address_of,
-    ArrivalStruct,
     DOUBLE_BYTES,
     ENERGIES,
     room,
@@ -41,10 +40,6 @@ INTEGRATORS: dict[Integrator, int] = {make_euler: 0, make_midpoint: 1, make_rung
 FLOAT = np.dtype(float)
 # Here memory is cheaper than computing values twice.
 ALL_KEPT = 1
-# BEV_WAYS, in the order of `bev_way`.
-WAYS_OF_TRIP = 4
-UNHEATED, ALWAYS_ON, PAPER, ONE_SWITCH = range(WAYS_OF_TRIP)
-ARRIVAL = np.dtype(ArrivalStruct)
 
 
 def check_vehicle(vehicle: NativeVehicle) -> None:
@@ -241,25 +236,6 @@ def _begin(trip: NativeTrip, start: Sequence[float],
     states, powers_w = np.zeros((4, trip.steps + 1)), np.zeros((4, trip.steps))
     states[:, 0] = start
     return states, powers_w, c_int32(), wanted.struct()
-
-
-def plan_trips(vehicle: NativeVehicle, trips: NativeTrip, steps: NDArray[np.integer], soc: FloatArray,
-               temperature_c: FloatArray, target_c: FloatArray, reserve_soc: float,
-               lowest_soc: float) -> NDArray[np.void]:
-    """
-    Return how each way to heat each of K trips ends, ARRIVAL (K, WAYS_OF_TRIP); see core.h.
-
-    The trips lie in `trips` one after the other, of `steps` (K,) each; charge, temperature [deg C] at the
-    start and target [deg C] have the same shape. An arrival whose `status` is not OK has no answer of the core.
-    """
-    count, longest = len(steps), int(steps.max(initial=1))
-    arrivals = np.zeros((count, WAYS_OF_TRIP), ARRIVAL)
-    # Memory behind pointers must live until the call has ended.
-    counts, flags = np.ascontiguousarray(steps, np.int32), np.empty(room('BEV_TRIPS_FLAGS', longest), np.uint8)
-    call('bev_plan_trips', vehicle.address, trips.address, count, counts.ctypes.data, doubles_at(soc, count),
-         doubles_at(temperature_c, count), doubles_at(target_c, count), reserve_soc, lowest_soc, longest,
-         place(np.empty(room('BEV_TRIPS_MEMORY', longest))), flags.ctypes.data, arrivals.ctypes.data)
-    return arrivals
 
 
 def doubles_at(values: FloatArray | None, count: int) -> Any:

@@ -28,7 +28,6 @@ from bev_preheat.native.belief_structs import (
 from bev_preheat.native.core_constants import constants
 from bev_preheat.native.interface import fields_of, Interface
 from bev_preheat.native.structs import (
-    ArrivalStruct,
     CurveStruct,
     EnergiesStruct,
     ROOMS,
@@ -105,7 +104,6 @@ _SIGNATURES = {
     'bev_find_two_switches': 'PPDPPPPPPP',
     'bev_plan_by_values': 'PPPPPPPPI',
     'bev_follow_values': 'PPPIPPPPP',
-    'bev_plan_trips': 'PPIPPPPDDIPPP',
 }
 
 
@@ -199,7 +197,7 @@ def load_core(path: str) -> tuple[Any, str]:
 def bindings() -> Interface:
     """Return the Interface that these bindings are written for."""
     structs = {
-        'bev_arrival': ArrivalStruct, 'bev_belief': BeliefStruct, 'bev_belief_terms': BeliefTermsStruct,
+        'bev_belief': BeliefStruct, 'bev_belief_terms': BeliefTermsStruct,
         'bev_expected_drive': ExpectedDriveStruct, 'bev_curve': CurveStruct,
         'bev_drive': DriveStruct, 'bev_energies': EnergiesStruct,
         'bev_passed': PassedStruct,

@@ -37,8 +37,6 @@ VALUE_KEPT_EVERY = 16
 ROOMS = {
     'BEV_BELIEF_MEMORY': (1 + ELEMENTS + ELEMENTS * ELEMENTS, 0),
     'BEV_SWITCH_MEMORY': (8, 8),
-    'BEV_TRIPS_FLAGS': (2, 0),
-    'BEV_TRIPS_MEMORY': (12, 12),
     'BEV_TWO_SWITCHES_MEMORY': (1, 1),
     'BEV_VALUE_BYTES': (4, 0),
     'BEV_VALUE_MEMORY': (2 * VALUE_POINTS + 22, 2 * VALUE_POINTS + 15),
@@ -128,13 +126,6 @@ class SwitchPlanStruct(Structure):
         *((name, c_int32) for name in (
             'unheated_keeps_limits', 'keeps_limits', 'costs_least', 'is_heated', 'first_heated', 'end_heated',
             'is_one_interval', 'reason'))]
-
-
-class ArrivalStruct(Structure):
-    """`bev_arrival`."""
-
-    _fields_ = [*((name, c_double) for name in ('heater_wh', 'temperature_c', 'soc', 'instant_s')),
-                ('status', c_int32)]
 
 
 class NotDescribed(Exception):

@@ -11,11 +11,7 @@ import numpy as np
 from bev_preheat.route.segments import Route
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from bev_preheat.numerics.arrays import FloatArray
-
-    IntArray = NDArray[np.int64]
 
 
 # Noise is smoothed over this many segments.
@@ -30,25 +26,7 @@ def vary(random: np.random.Generator, steps: int, mean: float, variability: floa
     `random` is a numpy Generator, `variability` the standard deviation of the series' logarithm.
     """
     smooth = np.convolve(random.normal(size=steps), WEIGHTS, mode='same')[:steps]
-    return mean * _about_one(smooth, variability)
-
-
-def vary_each(random: np.random.Generator, steps: IntArray, variability: float) -> FloatArray:
-    """
-    Return K concatenated series of `vary`, of `steps` (K,) each, with mean 1.
-
-    The shape is (sum of `steps`,).
-    """
-    # Zeros on either side of each series, up to the reach of the weights.
-    total, zeros = int(steps.sum()), SMOOTHED // 2
-    places = np.arange(total) + np.repeat(zeros * np.arange(1, 2 * len(steps), 2), steps)
-    noise = np.zeros(total + 2 * zeros * len(steps))
-    noise[places] = random.normal(size=total)
-    return _about_one(np.convolve(noise, WEIGHTS, mode='same')[places], variability)
-
-
-def _about_one(smooth: FloatArray, variability: float) -> FloatArray:
-    series: FloatArray = np.exp(variability * smooth - 0.5 * variability**2)
+    series: FloatArray = mean * np.exp(variability * smooth - 0.5 * variability**2)
     return series
 
 

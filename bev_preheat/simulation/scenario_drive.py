@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runs a scenario with the planner's own step, without ROS."""
+"""Drives a car, or a scenario's, under the planner's own step and observes it, without ROS."""
 
 from __future__ import annotations
 
@@ -32,21 +32,31 @@ def drive_scenario(
 
     `progress(time_s, total_s)` is called during the drive; `wire(supervisor)` makes its Wire, None: none.
     """
-    supervisor, car = Supervisor(scenario.vehicle, settings_of(scenario.planner)), scenario.car()
-    record = DriveRecord(scenario.goal.target_temperature_c)
+    car = scenario.car()
+    record = drive_observed(car, Supervisor(scenario.vehicle, settings_of(scenario.planner)),
+                            scenario.goal.target_temperature_c, AFTERWARDS_S, progress, wire)
+    fill_phases(record, scenario, [
+        PhaseEnd(report.started_s, report.ended_s, report.arrival_c) for report in car.reports])
+    return record
+
+
+def drive_observed(
+        car: ImperfectCar, supervisor: Supervisor, target_c: float, afterwards_s: float = 0.0,
+        progress: Callable[[float, float], object] = lambda time_s, total_s: None,
+        wire: Callable[[Supervisor], Wire] | None = None) -> DriveRecord:
+    """Return the DriveRecord of a car under a Supervisor, until `afterwards_s` [s] after its last phase."""
+    record = DriveRecord(target_c)
     ended_s = math.inf
 
     def is_over() -> bool:
         nonlocal ended_s
         if car.is_over:
             ended_s = min(ended_s, car.time_s)
-        return car.time_s >= ended_s + AFTERWARDS_S
+        return car.time_s >= ended_s + afterwards_s
 
     for moment in moments(car, supervisor, is_over, wire=None if wire is None else wire(supervisor)):
         _note(record, moment, supervisor.state, car)
-        progress(car.time_s, max(car.time_s, car.longest_s) + AFTERWARDS_S)
-    fill_phases(record, scenario, [
-        PhaseEnd(report.started_s, report.ended_s, report.arrival_c) for report in car.reports])
+        progress(car.time_s, max(car.time_s, car.longest_s) + afterwards_s)
     return record
 
 

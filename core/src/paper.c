@@ -1,15 +1,20 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The paper's heuristic, and its whole plan if no limit is active: bev_preheat.planning.paper. */
-#include "paper.h"
-
+#include "bev_preheat_core/core.h"
 #include "bev_preheat_core_generated/constants.h"
 #include "checks.h"
 #include "limits_of_run.h"
 #include "parts_of_plans.h"
 #include "steps_of_model.h"
 
-bev_status bev_run_paper(const bev_vehicle *vehicle, const bev_trip *trip, double target_c,
-                         double *soc, double *temperature_c, double *heater_w, double *instant_s) {
+/*
+ * The run by Euler's method from soc[0] and temperature_c[0] on, heated from the instant [s] at which the
+ * unheated run meets the backward run from the target; NaN if the target is met without heating. Writes the run,
+ * the heater power in each step [W], and the instant.
+ */
+static bev_status run_paper(const bev_vehicle *vehicle, const bev_trip *trip, double target_c,
+                            double *soc, double *temperature_c, double *heater_w,
+                            double *instant_s) {
   const int32_t steps = trip->steps;
   *instant_s = NAN;
   for (int32_t k = 0; k < steps; k++) {
@@ -34,9 +39,13 @@ bev_status bev_run_paper(const bev_vehicle *vehicle, const bev_trip *trip, doubl
                  temperature_c);
 }
 
-bev_status bev_is_driven_as_planned(const bev_vehicle *vehicle, const bev_trip *trip,
-                                    const double *soc, const double *temperature_c,
-                                    const double *heater_w, double *least_w, double *most_w) {
+/*
+ * BEV_LIMITED if a run has a power deficit, or leaves the range of charge or temperature that the model describes:
+ * bev_preheat.planning.no_regret does not accept such a run unchanged. Writes the limits along the run [W].
+ */
+static bev_status is_driven_as_planned(const bev_vehicle *vehicle, const bev_trip *trip,
+                                       const double *soc, const double *temperature_c,
+                                       const double *heater_w, double *least_w, double *most_w) {
   const bev_status status = bev_limits_of_steps(vehicle, trip->steps, soc, temperature_c,
                                              trip->power_variance_w2, least_w, most_w);
   for (int32_t k = 0; k <= trip->steps && status == BEV_OK; k++) {
@@ -88,10 +97,10 @@ bev_status bev_plan_paper(const bev_vehicle *vehicle, const bev_trip *trip, doub
   plan->costs_least = 1;
   soc[0] = start_soc;
   temperature_c[0] = start_c;
-  status = bev_run_paper(vehicle, trip, target_c, soc, temperature_c, heater_w,
+  status = run_paper(vehicle, trip, target_c, soc, temperature_c, heater_w,
                          &plan->switching_instant_s);
   if (status == BEV_OK) {
-    status = bev_is_driven_as_planned(vehicle, trip, soc, temperature_c, heater_w, least_w, most_w);
+    status = is_driven_as_planned(vehicle, trip, soc, temperature_c, heater_w, least_w, most_w);
   }
   plan->keeps_limits = status == BEV_OK ? 1 : 0;
   if (status != BEV_OK) {

@@ -3,8 +3,8 @@
 
 from __future__ import annotations
 
-from concurrent.futures import Executor, Future
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import Any, TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput
@@ -12,11 +12,10 @@ from bev_preheat.interface.checked import checked
 from bev_preheat.interface.functions import goal_of, named_methods
 from bev_preheat.interface.result import Result
 from bev_preheat.optional_packages import require
-from bev_preheat_studies.commands.study_arguments import JOBS
-from bev_preheat_studies.workers import Workers
+from bev_preheat_studies.study import LIMITS, MOST_SITUATIONS, Study
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -26,9 +25,9 @@ if TYPE_CHECKING:
     from bev_preheat.planning.situation import BatteryState, Goal
     from bev_preheat.route import Route
     from bev_preheat.vehicle import Vehicle
-    from bev_preheat_studies.optimality.gap_study import GapResult
-    from bev_preheat_studies.reproduction.table_two import Reproduction
-    from bev_preheat_studies.robustness.car_study import CarResult
+    from bev_preheat_studies.optimality.sweep import GapResult
+    from bev_preheat_studies.robustness.cars import CarResult
+    from bev_preheat_studies.table_two import Reproduction
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -78,8 +77,8 @@ class SweepResult(StudyResult):
         return [(duration_min, gap_wh) for duration_min, gap_wh in results if gap_wh is not None]
 
     def _figure(self) -> Figure:
-        from bev_preheat_studies.drawing.study_figure import make_study_figure
-        return make_study_figure(self.trips, self.methods)
+        from bev_preheat_studies.optimality.sweep_figure import make_sweep_figure
+        return make_sweep_figure(self.trips, self.methods)
 
     def _draw(self, axis: Axes) -> None:
         for name in self.methods:
@@ -105,7 +104,7 @@ class RobustnessResult(StudyResult):
         return f'{len(self.trips)} trips; worst error on arrival: {worst}'
 
     def _figure(self) -> Figure:
-        from bev_preheat_studies.drawing.robustness_figure import make_robustness_figure
+        from bev_preheat_studies.robustness.figure import make_robustness_figure
         return make_robustness_figure(self.trips, self.methods)
 
     def _draw(self, axis: Axes) -> None:
@@ -130,9 +129,7 @@ class ReproductionResult(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON of `preheat reproduce`."""
-        result = self.reproduced
-        return {'cells': [asdict(cell) for cell in result.cells], 'heuristic': result.heuristic.as_dictionary(),
-                'optimal_switch': result.optimal_switch.as_dictionary(), 'optimum': result.optimum.as_dictionary()}
+        return self.reproduced.as_dictionary()
 
     def to_frame(self) -> DataFrame:
         """Return one row for each cell; needs pandas."""
@@ -146,38 +143,22 @@ class ReproductionResult(Result):
         from bev_preheat.drawing.plan_figure import make_plan_figure
         from bev_preheat.route import load_route
         from bev_preheat.vehicle import load_vehicle
-        from bev_preheat_studies.reproduction.table_two import GOAL
+        from bev_preheat_studies.table_two import GOAL
         vehicle = load_vehicle('reference')
         return make_plan_figure(vehicle, load_route('reference', vehicle.defaults), GOAL, [
             self.reproduced.heuristic, self.reproduced.optimum.plan], "the paper's Figure 6", every_panel=True)
 
     def _draw(self, axis: Axes) -> None:
         from bev_preheat.drawing.plan_figure import draw_battery_temperatures
-        from bev_preheat_studies.reproduction.table_two import GOAL
+        from bev_preheat_studies.table_two import GOAL
         draw_battery_temperatures(axis, [self.reproduced.heuristic, self.reproduced.optimum.plan], GOAL)
 
 
-class _Here(Executor):
-    """Runs each task at once, in this process."""
-
-    def submit(self, function: Callable[..., Any], /, *arguments: Any, **options: Any) -> Future[Any]:
-        """Return the finished Future of a task."""
-        future: Future[Any] = Future()
-        try:
-            future.set_result(function(*arguments, **options))
-        except Exception as error:
-            future.set_exception(error)
-        return future
-
-
-def _executor(jobs: int) -> Executor:
-    _check_range('jobs', jobs, *JOBS)
-    return _Here() if jobs == 1 else Workers(jobs)
-
-
-def _check_range(name: str, value: int, low: int, high: int) -> None:
-    if not low <= value <= high:
-        raise InvalidInput(f'{name}: {value} is not allowed; it must be {low} ... {high}')
+def _check_ranges(situations: int, seed: int, jobs: int, what: str) -> None:
+    for name, value, (low, high) in ((what, situations, (1, MOST_SITUATIONS)), ('seed', seed, LIMITS['seed']),
+                                     ('jobs', jobs, LIMITS['jobs'])):
+        if not low <= value <= high:
+            raise InvalidInput(f'{name}: {value} is not allowed; it must be {low} ... {high}')
 
 
 @checked
@@ -192,18 +173,13 @@ def sweep(vehicle: Vehicle, feasible: int = 300, *, seed: int = 1, limits: bool 
     """
     require('casadi')
     from bev_preheat.planning.planner import METHODS
-    from bev_preheat_studies.commands.sweep import LIMITS
-    from bev_preheat_studies.optimality.gap_figures import summarise_gaps
-    from bev_preheat_studies.optimality.gap_study import run_study
-    _check_range('feasible', feasible, *LIMITS['feasible'])
-    _check_range('seed', seed, *LIMITS['seed'])
+    from bev_preheat_studies.optimality.sweep import summarise_gaps, sweep_study
+    _check_ranges(feasible, seed, jobs, 'feasible')
     names = tuple(METHODS) if methods is None else named_methods(methods)
     if jobs > 1 and not all(isinstance(method, str) for method in methods or ()):
         raise InvalidInput('methods: a function is known in this process only; leave out jobs')
-    with _executor(jobs) as executor:
-        trips = run_study(vehicle, feasible, seed, executor, lambda trip: None, 'limits' if limits else 'free',
-                          methods=names)
-    return SweepResult(names, summarise_gaps(trips, names), tuple(trips))
+    trips = tuple(sweep_study(vehicle, feasible, seed, 'limits' if limits else 'free', names).run(jobs))
+    return SweepResult(names, summarise_gaps(trips, names), trips)
 
 
 @checked
@@ -217,21 +193,19 @@ def robustness(vehicle: Vehicle, route: Route, state: BatteryState, goal: Goal |
     as in `plan` and `sweep`. Raises InvalidInput.
     """
     from bev_preheat.planning.situation import check_situation
-    from bev_preheat_studies.robustness.car_figures import summarise_drives
-    from bev_preheat_studies.robustness.car_study import COMPARED, run_study
+    from bev_preheat_studies.robustness.cars import CarResult, drive_car, summarise_drives
     from bev_preheat_studies.robustness.drawn_cars import Conditions, FAULTS, PLANTS
+    from bev_preheat_studies.robustness.driven import COMPARED
     for name, value, allowed in (('fault', fault, FAULTS), ('plant', plant, PLANTS)):
         if value not in allowed:
             raise InvalidInput(f'{name}: {value!r} is not one of {", ".join(allowed)}')
-    _check_range('trips', trips, 1, 100_000)
-    _check_range('seed', seed, 0, 2**31)
+    _check_ranges(trips, seed, jobs, 'trips')
     goal = goal_of(vehicle, goal)
     check_situation(vehicle, route, state, goal)
     names = tuple(COMPARED)
-    with _executor(jobs) as executor:
-        results = run_study(Conditions(vehicle, (route,), state, goal, plant=plant, fault=fault), trips, seed,
-                            executor, names, lambda trip: None)
-    return RobustnessResult(names, summarise_drives(results, names), tuple(results))
+    conditions = Conditions(vehicle, (route,), state, goal, plant=plant, fault=fault)
+    results = tuple(Study(partial(drive_car, conditions, seed, names), CarResult, trips).run(jobs))
+    return RobustnessResult(names, summarise_drives(results, names), results)
 
 
 @checked
@@ -242,5 +216,5 @@ def reproduce(vehicle: Vehicle | None = None) -> ReproductionResult:
     `vehicle` is the one to compute with, None for the reference. Raises InvalidInput and MissingPackage.
     """
     require('casadi')
-    from bev_preheat_studies.reproduction.table_two import reproduce as reproduce_table
+    from bev_preheat_studies.table_two import reproduce as reproduce_table
     return ReproductionResult(reproduce_table(vehicle))

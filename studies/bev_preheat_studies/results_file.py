@@ -2,37 +2,41 @@
 """
 The results of a study: a file to which each result is appended, and from which a stopped study resumes.
 
-JSON lines: the first describes the study, each other one is a record. Numbers are read back to the last bit.
+JSON lines: the first identifies the study, each other one is a result. Numbers are read back to the last bit.
 A line is written at once; an incomplete one (power loss, full disk) is dropped when the file is opened again.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from dataclasses import is_dataclass
 import fcntl
 from itertools import chain
 import json
 import os
-from typing import Any
+from typing import Any, get_args, get_origin, get_type_hints, TYPE_CHECKING, TypeVar
 
 from bev_preheat.errors import InvalidInput, quoted
-from bev_preheat.files.output_files import AnyPath, check_writable, target_of
+from bev_preheat.files.output_files import check_writable, target_of
+from bev_preheat_studies.sources import sources
 
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    from bev_preheat.files.output_files import AnyPath
+
+Result = TypeVar('Result')
 # The key of the first line.
 STUDY = 'bev_preheat_study'
 # Longer values are cut in messages.
 LONGEST_VALUE = 60
 
-# Plain values, as in JSON.
-Plain = Any
-
 
 class ResultsFile:
     """An open results file of one process; a context manager that closes it."""
 
-    def __init__(self, path: AnyPath, study: Mapping[str, Plain]) -> None:
+    def __init__(self, path: AnyPath, identity: Mapping[str, Any]) -> None:
         """
-        Open or create the file of the study that `study` describes in plain values.
+        Open or create the file of the study with this `identity`, in plain values, and these sources.
 
         Raises InvalidInput if the file holds another study (naming the difference), is not a results file,
         cannot be written or is in use.
@@ -45,7 +49,7 @@ class ResultsFile:
         except OSError as error:
             raise InvalidInput(f'{self._path}: cannot be written: {error.strerror}') from error
         try:
-            self._begin(json.loads(json.dumps(study)))
+            self._begin(json.loads(json.dumps({**identity, 'program': sources()})))
         except BaseException:
             self._file.close()
             raise
@@ -58,14 +62,17 @@ class ResultsFile:
         """Close the file."""
         self._file.close()
 
-    def records(self) -> Iterator[Plain]:
-        """Return the records one at a time, oldest first."""
+    def results(self, kind: type[Result]) -> Iterator[Result]:
+        """Return the results of a type in the file; raise InvalidInput if a line is none."""
         with open(target_of(self._path), 'rb') as lines:
             next(lines, None)
             for number, line in enumerate(lines, start=2):
-                yield self._parsed(line, number)
+                try:
+                    yield value_of(kind, self._parsed(line, number))
+                except (AttributeError, KeyError, TypeError) as error:
+                    raise InvalidInput(f'{self._path}: line {number} is not a result of this study') from error
 
-    def append(self, record: Plain) -> None:
+    def append(self, record: Any) -> None:
         """Append a record; raise InvalidInput if the disk is full."""
         line = (json.dumps(record) + '\n').encode()
         try:
@@ -74,7 +81,7 @@ class ResultsFile:
         except OSError as error:
             raise InvalidInput(f'{self._path}: cannot be written: {error.strerror}') from error
 
-    def _begin(self, study: Mapping[str, Plain]) -> None:
+    def _begin(self, study: dict[str, Any]) -> None:
         try:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
@@ -89,9 +96,11 @@ class ResultsFile:
         found = self._parsed(first, 1)
         if not isinstance(found, dict) or not isinstance(found.get(STUDY), dict):
             raise InvalidInput(f'{self._path}: is not a results file of a study')
-        problem = difference(found[STUDY], study)
-        if problem:
-            raise InvalidInput(f'{self._path}: holds another study: {problem}; choose another file')
+        problems = [f'{name.replace("_", " ")} is {_shown(found[STUDY].get(name))} in the file, '
+                    f'{_shown(study.get(name))} here' for name in dict.fromkeys((*study, *found[STUDY]))
+                    if found[STUDY].get(name) != study.get(name)]
+        if problems:
+            raise InvalidInput(f'{self._path}: holds another study: {", ".join(problems)}; choose another file')
 
     def _drop_half_line(self) -> bytes:
         """Cut the file after its last complete line; return the first line, b'' if no line is complete."""
@@ -105,7 +114,7 @@ class ResultsFile:
             self._file.truncate(whole)
         return first if whole else b''
 
-    def _parsed(self, line: bytes, number: int) -> Plain:
+    def _parsed(self, line: bytes, number: int) -> Any:
         try:
             return json.loads(line)
         except ValueError:
@@ -114,17 +123,22 @@ class ResultsFile:
             raise InvalidInput(f'{self._path}: {reason}') from None
 
 
-def difference(found: Mapping[str, Plain], wanted: Mapping[str, Plain]) -> str:
-    """Return the differences of two descriptions of a study in words; '' if they are equal."""
-    problems = []
-    for name in dict.fromkeys((*wanted, *found)):
-        there, here = found.get(name), wanted.get(name)
-        if there != here:
-            problems.append(f'{name.replace("_", " ")} is {_shown(there)} in the file, {_shown(here)} here')
-    return ', '.join(problems)
+def value_of(kind: Any, plain: Any) -> Any:
+    """Return a dataclass, or a tuple or dictionary of dataclasses, from plain values; the inverse of `asdict`."""
+    arguments = get_args(kind)
+    if is_dataclass(kind):
+        hints = get_type_hints(kind)
+        return kind(**{name: value_of(hints[name], value) for name, value in plain.items()})  # type: ignore[operator]
+    if get_origin(kind) is tuple:
+        return tuple(value_of(arguments[0], item) for item in plain)
+    if get_origin(kind) is dict:
+        return {key: value_of(arguments[1], item) for key, item in plain.items()}
+    if type(None) in arguments and plain is not None:
+        return value_of(next(each for each in arguments if each is not type(None)), plain)
+    return plain
 
 
-def _shown(value: Plain) -> str:
+def _shown(value: Any) -> str:
     if value is None:
         return 'not given'
     text = value if isinstance(value, str) else json.dumps(value)

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-`python3 -m bev_preheat_studies.tunables`: which numbers in the planner's step matter.
+Which numbers in the planner's step matter.
 
 Drives the same drawn cars again with each number of `bev_preheat/tunables.py` 30 % smaller and larger. Prints by
 how much arrivals (mean and worst), energy, switch-ons and verdicts on the heater move, and which numbers move
@@ -11,7 +11,6 @@ number from which another one is computed when its module is loaded moves nothin
 
 from __future__ import annotations
 
-from argparse import RawDescriptionHelpFormatter
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -21,8 +20,6 @@ from typing import Any, NamedTuple, TYPE_CHECKING
 
 from bev_preheat import tunables as table
 from bev_preheat.console.output import add_json_argument, json_output, write_json
-from bev_preheat.console.parser import OneLineParser
-from bev_preheat.console.program import run_program
 from bev_preheat.console.terminal import print_records, progress_bar, result_console
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.output_files import check_outputs
@@ -30,14 +27,15 @@ from bev_preheat.native.library import use_core
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import load_route
 from bev_preheat.vehicle import load_vehicle
-from bev_preheat_studies.numbered import run_numbered
-from bev_preheat_studies.robustness.car_study import result_of
+from bev_preheat_studies.robustness.cars import drive_car
 from bev_preheat_studies.robustness.drawn_cars import Conditions
-from bev_preheat_studies.workers import Workers
+from bev_preheat_studies.study import Study
 
 if TYPE_CHECKING:
     from argparse import Namespace
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
+
+    from bev_preheat.commands.arguments import Subparsers
 
     # Arrivals above the target [K], heating energies [Wh], switch-ons, and verdicts on heaters.
     Figures = tuple[list[float], list[float], int, tuple[str, ...]]
@@ -120,7 +118,7 @@ class Drives(NamedTuple):
             vehicle, (load_route('reference', vehicle.defaults),), BatteryState(-7.0, 0.9), Goal(25.0, 0.1),
             self.period_s, plant='all')
         use_core(self.has_core)
-        drives = [result_of(conditions, self.seed, ('value_function',), number).methods['value_function']
+        drives = [drive_car(conditions, self.seed, ('value_function',), number).methods['value_function']
                   for number in range(self.cars)]
         return ([drive.arrival_error_k for drive in drives], [drive.heating_energy_wh for drive in drives],
                 sum(drive.switch_ons for drive in drives), sum((drive.verdicts for drive in drives), ()))
@@ -163,14 +161,10 @@ def set_everywhere(tunable: Tunable, value: float | int) -> list[Any]:
     return modules
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the study and print its tables; returns the exit status."""
-    return run_program('tunables', lambda: _load(arguments), ends_process=arguments is None)
-
-
-def _load(arguments: Sequence[str] | None) -> Callable[[], int]:
-    parser = OneLineParser(prog='python3 -m bev_preheat_studies.tunables', description=__doc__,
-                           formatter_class=RawDescriptionHelpFormatter)
+def add_parser(subparsers: Subparsers) -> None:
+    """Add the study."""
+    parser = subparsers.add_parser('tunables', help="which numbers in the planner's step matter",
+                                   description=__doc__)
     parser.add_argument('--cars', type=int, default=1, metavar='N', help='drawn cars (default: %(default)s)')
     parser.add_argument('--seed', type=int, default=1, help='default: %(default)s')
     parser.add_argument('--period', type=float, default=8.0, metavar='S',
@@ -179,25 +173,25 @@ def _load(arguments: Sequence[str] | None) -> Callable[[], int]:
     parser.add_argument('--write', action='store_true', help='write the effects into bev_preheat/tunables.py')
     parser.add_argument('--without-core', action='store_true', help='plan in Python, so that all numbers count')
     add_json_argument(parser)
-    parsed = parser.parse_args(arguments)
+    parser.set_defaults(run=run)
+
+
+def run(arguments: Namespace) -> int:
+    """Run the study and print its tables; returns 0."""
     for name, low, high in (('cars', 1, 1000), ('seed', 0, 2**31), ('period', 0.5, 30.0)):
-        if not low <= getattr(parsed, name) <= high:
-            raise InvalidInput(f'--{name}: {getattr(parsed, name)} is not allowed; it must be {low} ... {high}')
-    unknown = set(parsed.names) - {each.name for each in tunables()}
+        if not low <= getattr(arguments, name) <= high:
+            raise InvalidInput(f'--{name}: {getattr(arguments, name)} is not allowed; it must be {low} ... {high}')
+    unknown = set(arguments.names) - {each.name for each in tunables()}
     if unknown:
         raise InvalidInput(f'NAME: {", ".join(sorted(unknown))}: bev_preheat/tunables.py has no such number')
-    check_outputs([json_output(parsed.json)], ())
-    return lambda: _study(parsed)
-
-
-def _study(arguments: Namespace) -> int:
+    check_outputs([json_output(arguments.json)], ())
     found = [each for each in tunables() if not arguments.names or each.name in arguments.names]
     drives = Drives(arguments.cars, arguments.seed, arguments.period, not arguments.without_core)
-    with Workers(None) as workers, progress_bar() as bar:
+    with progress_bar() as bar:
         task = bar.add_task('numbers', total=len(found))
         effects = []
         task_of = partial(effect_of, drives, drives.figures(), found)
-        for effect in run_numbered(workers, task_of, range(len(found))):
+        for effect in Study(task_of, Effect, len(found)).run(None):
             effects.append(effect)
             bar.advance(task)
     if arguments.json:
@@ -216,7 +210,3 @@ def _study(arguments: Namespace) -> int:
     unmoved = [each.tunable for each in effects if each.is_nothing]
     console.print(f'Nothing moves by {len(unmoved)}: {", ".join(unmoved)}', soft_wrap=True, markup=False)
     return 0
-
-
-if __name__ == '__main__':
-    sys.exit(main())

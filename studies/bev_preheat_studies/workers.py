@@ -1,46 +1,74 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Worker processes that end with the work for which they were started."""
+"""Worker processes for one task, which end with the work for which they were started."""
 
 from __future__ import annotations
 
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import contextmanager
 import multiprocessing
 from multiprocessing import resource_tracker
 import os
 import signal
 import threading
-from typing import TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
-    from concurrent.futures import Future
     from multiprocessing.process import BaseProcess
-    from typing import Any, TypeVar
 
-    Result = TypeVar('Result')
+# The task of a worker process, and only that.
+_tasks: list[Callable[[int], Any]] = []
+
+
+def workers_for(task: Callable[[int], Any], jobs: int | None) -> Here | Workers:
+    """Return workers for a function of a number: `jobs` processes, or one for each core; one job needs none."""
+    cores = jobs or os.cpu_count() or 1
+    return Here(task) if cores == 1 else Workers(task, cores)
+
+
+class Here:
+    """Runs a task in this process."""
+
+    cores = 1
+
+    def __init__(self, task: Callable[[int], Any]) -> None:
+        """Take the task."""
+        self._task = task
+
+    def __enter__(self) -> Here:
+        """Return itself."""
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        """Do nothing."""
+
+    def begin(self, number: int) -> Future[Any]:
+        """Return the finished Future of the task with a number."""
+        future: Future[Any] = Future()
+        future.set_result(self._task(number))
+        return future
 
 
 class Workers(ProcessPoolExecutor):
     """
-    An executor of processes on this computer, one for each core if `jobs` is None.
+    Processes on this computer, each with the task.
 
-    Leaving its `with` block kills them, whatever they are doing. They ignore SIGINT: Ctrl-C is for
+    Leaving the `with` block kills them, whatever they are doing. They ignore SIGINT: Ctrl-C is for
     the process that started them, which then leaves the block. They also end when that process dies.
     """
 
-    def __init__(self, jobs: int | None) -> None:
+    def __init__(self, task: Callable[[int], Any], cores: int) -> None:
         """Start no process yet."""
-        self.cores = jobs or os.cpu_count() or 1
+        self.cores = cores
         # A fork would inherit the solver's threads and the terminal's state.
-        super().__init__(self.cores, mp_context=multiprocessing.get_context('spawn'), initializer=_begin)
+        super().__init__(cores, mp_context=multiprocessing.get_context('spawn'), initializer=_begin,
+                         initargs=(task,))
         self._others: set[BaseProcess] = set(multiprocessing.active_children())
 
-    def submit(self, function: Callable[..., Result], /, *arguments: Any,
-               **options: Any) -> Future[Result]:
-        """Return the Future of a task; may start a process."""
+    def begin(self, number: int) -> Future[Any]:
+        """Return the Future of the task with a number; may start a process."""
         with _interrupts_held():
-            return super().submit(function, *arguments, **options)
+            return self.submit(_run, number)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """Kill the processes."""
@@ -61,8 +89,13 @@ def _interrupts_held() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _begin() -> None:
+def _begin(task: Callable[[int], Any]) -> None:
+    _tasks.append(task)
     threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _run(number: int) -> Any:
+    return _tasks[0](number)
 
 
 def _end_with_parent() -> None:

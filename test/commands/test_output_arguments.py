@@ -161,12 +161,9 @@ def test_scenarios_of_one_name_do_not_share_their_logs(capsys):
         'its own file' for name in ('planner', 'vehicle_simulator')]
 
 
-@pytest.mark.parametrize('program, suffixes', [
-    ('bev_preheat.demo', ['.png', '.planner.log', '.vehicle_simulator.log']),
-    ('bev_preheat_studies.soak.__main__', ['.png', '.json', '.planner.log'])], ids=['demo', 'soak'])
-def test_the_long_runs_check_their_files_first(refusal, program, suffixes):
-    program_main = import_module(program).main
-    for suffix in suffixes:
+def test_the_demonstration_checks_its_files_first(refusal):
+    program_main = import_module('bev_preheat.demo').main
+    for suffix in ('.png', '.planner.log', '.vehicle_simulator.log'):
         os.mkfifo(f'out{suffix}')
         line = refusal('--output', 'out.png', command=program_main)
         assert line.endswith(
@@ -185,10 +182,8 @@ def test_the_demonstration_does_not_write_over_its_route(refusal):
                     'which must not be overwritten')
 
 
-def test_the_benchmark_checks_its_file_first(refusal):
+@pytest.mark.parametrize('study', ['cost', 'soak'])
+def test_the_long_runs_of_studies_check_their_files_first(refusal, study):
     os.mkfifo('figures.json')
-    # Imported here, like ROS 2 and its messages by the others, because each worker collects all tests.
-    program_main = import_module('bev_preheat_studies.cost.__main__').main
-    assert refusal('--json', 'figures.json', command=program_main) == (
-        'benchmark: error: --json: figures.json: is a named pipe; only a regular file can be '
-        'written')
+    assert refusal(study, '--json', 'figures.json', command=import_module('bev_preheat_studies.__main__').main) == (
+        'studies: error: --json: figures.json: is a named pipe; only a regular file can be written')

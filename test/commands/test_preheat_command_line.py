@@ -17,8 +17,6 @@ from bev_preheat.commands.main import main, SUBCOMMANDS
 from bev_preheat.files.configuration import configuration_folder
 from bev_preheat.simulation import scenario_drive
 from bev_preheat.simulation.evaluation import DriveRecord
-from bev_preheat_studies.commands import robustness
-from bev_preheat_studies.optimality import gap_study as study_run
 
 SITUATION = ['--vehicle', 'reference', '--route', 'winter_commute', '--temperature', '-5', '--soc',
              '0.8']
@@ -27,24 +25,16 @@ COMMANDS = {
     'itinerary': ['plan', '--vehicle', 'reference', '--itinerary', 'winter_holiday',
                   '--temperature', '-8', '--soc', '0.95'],
     'optimum': ['optimum', *SITUATION], 'compare': ['compare', *SITUATION],
-    'reproduce': ['reproduce'], 'sweep': ['sweep', '--feasible', '1'],
+    'reproduce': ['reproduce'], 'sweep': ['sweep', '--feasible', '1', '--jobs', '1'],
     'robustness': ['robustness', '--trips', '1', '--period', '10', '--route', 'winter_commute',
-                   '--methods', 'replanned_paper'],
+                   '--methods', 'replanned_paper', '--jobs', '1'],
     'scenario': ['scenario', 'nominal']}
 NEED_CASADI = ('optimum', 'compare', 'reproduce', 'sweep')
 
 
 @pytest.fixture
-def quick_studies(monkeypatch):
-    """Replace the studies by ones without processes, and the scenario by one without a drive."""
-    def sweep(vehicle, feasible, seed, executor, report, trips, finished, keep, methods):
-        report(study_run.solve_trip(vehicle, seed, 0, trips, methods))
-
-    def drive(conditions, trips, seed, executor, methods, report, finished, keep):
-        report(robustness.drive_car(conditions, seed, 0, methods)[0])
-
-    monkeypatch.setattr(study_run, 'run_study', sweep)
-    monkeypatch.setattr(robustness, 'run_study', drive)
+def quick_scenario(monkeypatch):
+    """Replace the scenario by one without a drive."""
     monkeypatch.setattr(scenario_drive, 'drive_scenario', lambda scenario, report: DriveRecord(25.0))
 
 
@@ -54,7 +44,7 @@ def quick_studies(monkeypatch):
     pytest.param(arguments, id=name, marks=[pytest.mark.deep] * (name not in ('plan', 'scenario')) + [
         pytest.mark.needs('casadi')] * (name in NEED_CASADI))
     for name, arguments in COMMANDS.items()])
-def test_json_has_standard_output_for_itself(quick_studies, capsys, arguments):
+def test_json_has_standard_output_for_itself(quick_scenario, capsys, arguments):
     status = main([*arguments, '--json', '-'])
     # The scenario's car never arrived.
     assert status == (1 if arguments[0] == 'scenario' else 0)
@@ -114,7 +104,7 @@ def without_studies(monkeypatch):
 
 
 @pytest.mark.parametrize('arguments', [
-    ['sweep', '--fleet', '10'], ['robustness', '--help'], ['reproduce'], ['sweep', '-1', '--', '-x']],
+    ['sweep', '--feasible', '10'], ['robustness', '--help'], ['reproduce'], ['sweep', '-1', '--', '-x']],
     ids=' '.join)
 def test_a_study_that_is_not_installed_is_refused_in_one_line(without_studies, capsys, arguments):
     assert main(arguments) == 2

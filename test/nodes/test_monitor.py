@@ -10,11 +10,11 @@ from node_bench import repeating
 import pytest
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 from sensor_msgs.msg import BatteryState
+from terminal_process import CTRL_C, TerminalProcess
 
 from bev_preheat.commands.main import main
 from bev_preheat.messages.fields import time_message
 from bev_preheat_msgs.msg import HvchCommand, RoutePlan
-from bev_preheat_studies.soak.terminal import CTRL_C, TerminalProcess
 
 LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
 # Process start, discovery and a first page, on a busy computer.

@@ -1,40 +1,54 @@
 # SPDX-License-Identifier: Apache-2.0
 """Results files: records are read back, a half-written line is dropped, another study is refused."""
 
+from dataclasses import asdict, dataclass, replace
 import json
 
 import pytest
+from short_drives import made_drive, made_result
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat_studies.results_file import ResultsFile
+from bev_preheat_studies.results_file import ResultsFile, value_of
+from bev_preheat_studies.robustness.cars import CarResult
+from bev_preheat_studies.sources import sources
 
 STUDY = {'study': 'sweep', 'seed': 1, 'vehicle': 'reference (17ab)', 'methods': ['a', 'b']}
-RECORDS = [{'number': 0, 'value': 0.1 + 0.2}, {'number': 2, 'value': None}, {'number': 1, 'value': 1e-300}]
+
+
+@dataclass(frozen=True)
+class Made:
+    """A result with a number."""
+
+    number: int
+    value: float | None = None
+
+
+RESULTS = [Made(0, 0.1 + 0.2), Made(2), Made(1, 1e-300)]
 
 
 @pytest.fixture
 def path(tmp_path):
-    """A results file with RECORDS."""
+    """A results file with RESULTS."""
     path = tmp_path / 'study.jsonl'
     with ResultsFile(path, STUDY) as file:
-        for record in RECORDS:
-            file.append(record)
+        for result in RESULTS:
+            file.append(asdict(result))
     return path
 
 
 def read(path, study=STUDY):
     with ResultsFile(path, study) as file:
-        return list(file.records())
+        return list(file.results(Made))
 
 
-def test_records_are_read_back_to_the_last_bit_in_their_order(path):
-    assert read(path) == RECORDS
+def test_results_are_read_back_to_the_last_bit_in_their_order(path):
+    assert read(path) == RESULTS
 
 
 def test_a_study_goes_on_at_the_end_of_its_file(path):
     with ResultsFile(path, STUDY) as file:
-        file.append({'number': 3})
-    assert read(path) == [*RECORDS, {'number': 3}]
+        file.append({'number': 3, 'value': 2.0})
+    assert read(path) == [*RESULTS, Made(3, 2.0)]
 
 
 def test_a_half_written_line_is_dropped_wherever_it_was_cut(path):
@@ -43,15 +57,15 @@ def test_a_half_written_line_is_dropped_wherever_it_was_cut(path):
     for end in range(begins, len(whole)):
         path.write_bytes(whole[:end])
         with ResultsFile(path, STUDY) as file:
-            assert list(file.records()) == RECORDS[:2]
-            file.append(RECORDS[2])
+            assert list(file.results(Made)) == RESULTS[:2]
+            file.append(asdict(RESULTS[2]))
         assert path.read_bytes() == whole
 
 
 def test_a_file_with_half_a_first_line_is_started_again(path):
     path.write_bytes(path.read_bytes()[:20])
     assert read(path) == []
-    assert json.loads(path.read_text()) == {'bev_preheat_study': STUDY}
+    assert json.loads(path.read_text()) == {'bev_preheat_study': {**STUDY, 'program': sources()}}
 
 
 @pytest.mark.parametrize('change, message', [
@@ -87,4 +101,18 @@ def test_a_damaged_line_is_named(path):
 def test_two_studies_do_not_write_to_one_file(path):
     with ResultsFile(path, STUDY), pytest.raises(InvalidInput, match='another running study'):
         ResultsFile(path, STUDY)
-    assert read(path) == RECORDS
+    assert read(path) == RESULTS
+
+
+def test_a_line_that_is_no_result_is_named(path):
+    with path.open('a') as file:
+        file.write('{"numbre": 0}\n')
+    with pytest.raises(InvalidInput, match='line 5 is not a result of this study'):
+        read(path)
+
+
+def test_a_tree_of_results_is_read_back_to_the_last_bit():
+    result = made_result(4, made_drive(arrival_error_k=0.1 + 0.2), planner=made_drive(
+        verdicts=('dead', 'stuck on'), fault_shown_s=1.0 / 3.0))
+    result = replace(result, mismatch=replace(result.mismatch, heat_capacity=1.0 / 0.9), pace=1.1)
+    assert value_of(CarResult, json.loads(json.dumps(asdict(result)))) == result

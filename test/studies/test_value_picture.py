@@ -12,8 +12,8 @@ from bev_preheat.planning.value_function import value_table
 from bev_preheat.route import load_route
 from bev_preheat.tunables import HEATING_PRICE, SWITCH_ON_WH
 from bev_preheat.vehicle import load_vehicle
-from bev_preheat_studies.drawing.value_figure import make_value_figure, worth_over_cost
-from bev_preheat_studies.value_picture import main
+from bev_preheat_studies.__main__ import main
+from bev_preheat_studies.value_picture import make_value_figure, worth_over_cost
 
 VEHICLE = load_vehicle('reference')
 ROUTE = load_route('alpine_pass', VEHICLE.defaults)
@@ -72,14 +72,15 @@ def test_the_command_makes_a_picture(tmp_path, capsys):
     path = tmp_path / 'value.png'
     route = tmp_path / 'short.csv'
     route.write_text('duration_s,speed_mps,propulsion_power_w,ambient_temperature_c\n' + '60,20,15000,0\n' * 10)
-    assert main([*SITUATION, '--route', str(route), '--plot', str(path)]) == 0
+    assert main(['value_picture', *SITUATION, '--route', str(route), '--plot', str(path)]) == 0
     assert path.read_bytes().startswith(b'\x89PNG')
-    assert main([*SITUATION, '--route', str(route), '--plot', str(tmp_path / 'value.txt')]) == 2
+    assert main(['value_picture', *SITUATION, '--route', str(route), '--plot', str(tmp_path / 'value.txt')]) == 2
     assert '--plot' in capsys.readouterr().err
 
 
 def test_a_trip_that_the_charge_does_not_carry_has_no_picture(tmp_path, capsys):
-    arguments = ['--vehicle', 'reference', '--temperature', '-10', '--soc', '0.02', '--route', 'alpine_pass']
+    arguments = ['value_picture', '--vehicle', 'reference', '--temperature', '-10', '--soc', '0.02',
+                 '--route', 'alpine_pass']
     assert main([*arguments, '--plot', str(tmp_path / 'value.png')]) == 1
     assert 'the charge does not carry the trip' in capsys.readouterr().err
     assert not list(tmp_path.iterdir())

@@ -38,9 +38,6 @@ extern "C" {
 #define BEV_SWITCH_MEMORY(steps) (8 * ((steps) + 1))
 /* Memory of bev_find_two_switches [doubles]. */
 #define BEV_TWO_SWITCHES_MEMORY(steps) ((steps) + 1)
-/* Memory of bev_plan_trips if the longest trip has `steps` steps: doubles, and bytes. */
-#define BEV_TRIPS_MEMORY(steps) (12 * ((steps) + 1))
-#define BEV_TRIPS_FLAGS(steps) (2 * (steps))
 
 typedef enum {
   BEV_OK = 0,
@@ -378,48 +375,6 @@ bev_status bev_plan_paper(const bev_vehicle *vehicle, const bev_trip *trip, doub
 bev_status bev_find_two_switches(const bev_vehicle *vehicle, const bev_trip *trip, double target_c,
                                  const double *idle_states, double *memory, double *states,
                                  double *command_w, double *heat_w, double *on_s, double *off_s);
-
-/* The heating strategies that bev_plan_trips compares. */
-typedef enum {
-  BEV_UNHEATED = 0,
-  /* All power that the cabin leaves, below the target, from the start on, within the limits. */
-  BEV_ALWAYS_ON = 1,
-  /* From the instant of the paper's algorithms on, by Euler's method; driven with Runge-Kutta steps. */
-  BEV_PAPER = 2,
-  /* As bev_plan_switch. */
-  BEV_ONE_SWITCH = 3,
-  BEV_WAYS = 4
-} bev_way;
-
-/* The result of one heating strategy on a trip: the heater's energy, and the battery on arrival. */
-typedef struct {
-  double heater_wh;
-  double temperature_c;
-  double soc;
-  /* The switch-on instant [s]; NaN without heating, and if the strategy has no such instant. */
-  double instant_s;
-  /* The bev_status of this strategy; unless it is BEV_OK, the other fields are undefined. */
-  int32_t status;
-} bev_arrival;
-
-/*
- * Plan many trips of one vehicle, each with BEV_WAYS strategies: `arrivals` has count * BEV_WAYS elements, trip by
- * trip. The vehicle's heat must arrive at once.
- *
- * The steps of the trips lie one after the other in the arrays of `trips`, whose `steps` is their sum; `time_s` is
- * not read, each trip begins at 0 s. Arrays of `count` give each trip's number of steps, the charge and the
- * temperature at its start, and its target. A plan leaves `reserve_soc` on arrival and `lowest_soc` on the way;
- * otherwise, or if a limit of the battery is active, the strategy is BEV_LIMITED. BEV_ALWAYS_ON keeps the limits
- * instead (BEV_EMPTY if the charge runs out). Errors of one trip are reported in its statuses only.
- *
- * `memory` has BEV_TRIPS_MEMORY(longest) doubles, `flags` BEV_TRIPS_FLAGS(longest) bytes; a trip of more than
- * `longest` steps is a bad argument.
- */
-bev_status bev_plan_trips(const bev_vehicle *vehicle, const bev_trip *trips, int32_t count,
-                          const int32_t *steps, const double *start_soc, const double *start_c,
-                          const double *target_c, double reserve_soc, double lowest_soc,
-                          int32_t longest, double *memory, uint8_t *flags,
-                          bev_arrival *arrivals);
 
 #ifdef __cplusplus
 }

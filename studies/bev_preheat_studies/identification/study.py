@@ -1,27 +1,39 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Identify synthetic cars, and compare estimates and intervals with the truth: errors and coverage."""
+"""
+Identify synthetic cars, and compare the estimates with the truth.
+
+Prints the errors of each parameter and the coverage of its 90 % intervals.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import Any
+from functools import partial
+from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
+from bev_preheat.console.terminal import print_records
 from bev_preheat.identification.identify import identify
 from bev_preheat.identification.parameters import IN_THE_FILE
 from bev_preheat.identification.trips import trips_of
-from bev_preheat.vehicle import load_vehicle
-from bev_preheat_studies.identification.bound import relative_bounds
+from bev_preheat.optional_packages import require
+from bev_preheat.vehicle import load_vehicle, vehicle_file
 from bev_preheat_studies.identification.synthetic_car import COOLANT_J_PER_K, draw_car, record_car
+from bev_preheat_studies.study import add_study_arguments, check_study_arguments, Study
+
+if TYPE_CHECKING:
+    from argparse import Namespace
+    from collections.abc import Iterable, Iterator
+
+    from rich.console import Console
+
+    from bev_preheat.commands.arguments import Subparsers
 
 # Temperatures [deg C] at which the resistance is compared.
 RESISTANCES_C = (-5, 5)
 # Share of cars whose error is below the printed one.
 SHARE = 0.95
-# The same share of a normal distribution is within this many standard deviations.
-SHARE_DEVIATIONS = 1.96
 
 
 @dataclass(frozen=True)
@@ -29,13 +41,11 @@ class Outcome:
     """
     One parameter of one car.
 
-    Relative error, its least standard deviation (`bound`; None: not computed), whether the interval has the
-    truth, whether the parameter was identified.
+    Relative error, whether the interval has the truth, whether the parameter was identified.
     """
 
     name: str
     error: float
-    bound: float | None
     is_covered: bool
     is_identified: bool
     structure: str
@@ -51,9 +61,42 @@ class CarResult:
     outcomes: tuple[Outcome, ...]
 
 
-def result_from(record: dict[str, Any]) -> CarResult:
-    """Return the CarResult of a record, the inverse of `asdict`."""
-    return CarResult(record['number'], tuple(Outcome(**outcome) for outcome in record['outcomes']))
+def add_parser(subparsers: Subparsers) -> None:
+    """Add the study."""
+    parser = subparsers.add_parser('identification', help='synthetic cars identified from their logs',
+                                   description=__doc__)
+    parser.add_argument('--cars', type=int, default=100, metavar='N', help='default: %(default)s')
+    parser.add_argument('--vehicle', default='small_car', help='vehicle file around which cars are drawn')
+    parser.add_argument('--without-heater', action='store_true', help='record no drive with the heater on')
+    add_study_arguments(parser)
+    # That of the first car; the others follow.
+    parser.set_defaults(run=run, seed=0)
+
+
+def run(arguments: Namespace) -> int:
+    """Run the study; returns 0."""
+    check_study_arguments(arguments, [vehicle_file(arguments.vehicle)], cars=(1, 100_000))
+    require('casadi', 'scipy')
+    heats = not arguments.without_heater
+
+    def show(console: Console, results: list[CarResult]) -> dict[str, Any]:
+        cars = [result.outcomes for result in results]
+        print_records(console, f'{len(cars)} synthetic cars around {arguments.vehicle}',
+                      ('parameter', 'cars', 'median error', '95 % error', 'coverage', 'identified'),
+                      [(row.name, f'{row.cars}', f'{100 * row.median:+.1f} %', f'{100 * row.most:.1f} %',
+                        f'{100 * row.covered:.0f} %', f'{100 * row.identified:.0f} %') for row in summary(cars)],
+                      ('left', *['right'] * 5))
+        console.print(f'90 % intervals with the truth, all together: {100 * pooled_coverage(cars):.0f} %')
+        return {}
+
+    return Study(partial(car_result, arguments.vehicle, heats, arguments.seed), CarResult, arguments.cars, {
+        'study': 'identification', 'vehicle': arguments.vehicle, 'heats': heats, 'seed': arguments.seed},
+        what='cars').conduct(arguments, show)
+
+
+def car_result(vehicle_name: str, heats: bool, seed: int, number: int) -> CarResult:
+    """Return the CarResult of a car; its own seed is `seed` + `number`."""
+    return CarResult(number, tuple(study_car(vehicle_name, seed + number, heats)))
 
 
 def study_car(vehicle_name: str, seed: int, heats: bool = True) -> list[Outcome]:
@@ -64,7 +107,6 @@ def study_car(vehicle_name: str, seed: int, heats: bool = True) -> list[Outcome]
     # The structures that no vehicle file can hold change no estimate.
     trips = trips_of(record_car(car, generator, heats), vehicle)
     found = identify(vehicle, trips, f'car {seed}', structures_tried=IN_THE_FILE)
-    bounds = relative_bounds(car, vehicle, trips)
     truth = {
         # Coolant warms with the battery and belongs to it.
         'heat_capacity': car.heat_capacity_j_per_k + COOLANT_J_PER_K, 'leakage': car.leakage_w_per_k,
@@ -72,14 +114,14 @@ def study_car(vehicle_name: str, seed: int, heats: bool = True) -> list[Outcome]
         'heater_efficiency': car.heater_efficiency, 'heat_lag': car.heat_lag_s, 'sensor_lag': car.sensor_lag_s,
         'capacity': car.capacity_ah}
     rest = found.structure, found.rmse_k, found.duration_s
-    outcomes = [Outcome(item.name, item.estimate / truth[item.name] - 1.0, bounds.get(item.name),
+    outcomes = [Outcome(item.name, item.estimate / truth[item.name] - 1.0,
                         item.low <= truth[item.name] <= item.high, item.is_identified, *rest)
                 for item in found.estimates]
     curve = found.resistance
     for at_c in RESISTANCES_C:
         at, true_ohm = int(np.argmin(np.abs(curve.temperature_c - at_c))), car.resistance_at(at_c)
         outcomes.append(Outcome(f'resistance at {at_c} degC', float(curve.estimate_ohm[at]) / true_ohm - 1.0,
-                                None, bool(curve.low_ohm[at] <= true_ohm <= curve.high_ohm[at]), True, *rest))
+                                bool(curve.low_ohm[at] <= true_ohm <= curve.high_ohm[at]), True, *rest))
     return outcomes
 
 
@@ -88,15 +130,14 @@ class ParameterFigures:
     """
     One parameter over all cars; errors are relative.
 
-    Median error, error of SHARE of the cars, median of that error by the `bound` (None: not computed), the share
-    of the 90 % intervals that have the truth, the share of the cars for which it was identified.
+    Median error, error of SHARE of the cars, the share of the 90 % intervals that have the truth, the share of the
+    cars for which it was identified.
     """
 
     name: str
     cars: int
     median: float
     most: float
-    bound: float | None
     covered: float
     identified: float
 
@@ -109,10 +150,9 @@ def summary(cars: Iterable[Iterable[Outcome]]) -> Iterator[ParameterFigures]:
             by_name.setdefault(outcome.name, []).append(outcome)
     for name, found in by_name.items():
         errors = np.array([outcome.error for outcome in found])
-        bounds = [outcome.bound for outcome in found if outcome.bound is not None]
         yield ParameterFigures(
             name, len(found), float(np.median(errors)), float(np.quantile(np.abs(errors), SHARE)),
-            SHARE_DEVIATIONS * float(np.median(bounds)) if bounds else None, *_shares(found))
+            *_shares(found))
 
 
 def pooled_coverage(cars: Iterable[Iterable[Outcome]]) -> float:

@@ -1,2 +1,0 @@
-# SPDX-License-Identifier: Apache-2.0
-"""How good the plan is if it is uncertain whether, and when, the vehicle charges."""

@@ -1,0 +1,200 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+The one loop of all studies: draw numbered situations, run them on workers, keep the results, show them.
+
+A study is a task, a picklable function of a situation's number, whose result depends on that number only. The
+results are therefore the same in one process, on all cores, and in two halves.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from concurrent.futures import BrokenExecutor, Future
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass, field
+from itertools import count, islice
+from typing import Any, Generic, TYPE_CHECKING, TypeVar
+
+import numpy as np
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
+from rich.text import Text
+
+from bev_preheat.console.finished import keeping_what_is_finished
+from bev_preheat.console.output import add_output_arguments, check_output_arguments, write_json
+from bev_preheat.console.program import WorkerLost
+from bev_preheat.console.terminal import progress_bar, result_console
+from bev_preheat.errors import InvalidInput
+from bev_preheat.files.output_files import OutputFile
+from bev_preheat_studies.results_file import ResultsFile
+from bev_preheat_studies.workers import workers_for
+
+if TYPE_CHECKING:
+    from argparse import ArgumentParser, Namespace
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+
+    from rich.console import Console
+
+    from bev_preheat.files.output_files import AnyPath
+
+Result = TypeVar('Result')
+
+# Situations submitted per core at a time, so that no core waits while a long one holds up the results.
+AHEAD = 8
+LIMITS = {'jobs': (1, 1024), 'seed': (0, 2**31)}
+MOST_SITUATIONS = 100_000
+
+
+@dataclass(frozen=True)
+class Study(Generic[Result]):
+    """
+    A study of `wanted` situations.
+
+    `task` runs one situation and returns its result, a dataclass of type `result` with the situation's `number`.
+    `identity` are the plain values on which the results depend, for a results file. Situations are drawn until
+    `wanted` of them count (`counts`; None: each does). `what` names them, in the plural.
+    """
+
+    task: Callable[[int], Result]
+    result: type[Result]
+    wanted: int
+    identity: Mapping[str, Any] = field(default_factory=dict)
+    counts: Callable[[Result], bool] | None = None
+    what: str = 'trips'
+
+    def run(self, jobs: int | None, results: AnyPath | None = None) -> Iterator[Result]:
+        """
+        Return an iterator over the results in order, computed by `jobs` processes (None: one for each core).
+
+        Those that are in the file of `results` are read, others are appended to it. Raises WorkerLost if a process
+        dies, and InvalidInput if the file holds another study.
+        """
+        with ExitStack() as stack:
+            file = None if results is None else stack.enter_context(ResultsFile(results, self.identity))
+            finished: dict[int, Any] = {} if file is None else {
+                result.number: result for result in file.results(self.result)}  # type: ignore[attr-defined]
+            workers = workers_for(self.task, jobs)
+            stack.enter_context(workers)
+
+            def begin(number: int) -> tuple[int, Future[Result]]:
+                if number not in finished:
+                    return number, workers.begin(number)
+                known: Future[Result] = Future()
+                known.set_result(finished[number])
+                return number, known
+
+            numbers = iter(range(self.wanted) if self.counts is None else count())
+            counted = 0
+            try:
+                begun = deque(map(begin, islice(numbers, AHEAD * workers.cores if workers.cores > 1 else 1)))
+                while begun and counted < self.wanted:
+                    number, future = begun.popleft()
+                    result = future.result()
+                    if file is not None and number not in finished:
+                        file.append(asdict(result))  # type: ignore[call-overload]
+                    counted += self.counts is None or self.counts(result)
+                    yield result
+                    if counted < self.wanted:
+                        begun.extend(map(begin, islice(numbers, 1)))
+            except BrokenExecutor:
+                raise WorkerLost from None
+
+    def conduct(self, arguments: Namespace, show: Callable[[Console, list[Result]], Any]) -> int:
+        """
+        Run the study with a progress bar; returns 0.
+
+        `show(console, results)` prints the finished results, if there are any, and returns the
+        contents of the JSON file, besides these results. After an interruption the finished results are shown.
+        """
+        found: list[Result] = []
+        with (keeping_what_is_finished() as ending,
+              progress_bar(TextColumn('{task.description}'), BarColumn(), MofNCompleteColumn(),
+                           TimeElapsedColumn()) as bar):
+            task = bar.add_task(self.what, total=self.wanted)
+            for result in self.run(arguments.jobs, arguments.results):
+                found.append(result)
+                bar.update(task, advance=self.counts is None or self.counts(result))
+        if found:
+            console = result_console(arguments.json)
+            if not ending.is_complete:
+                console.print('Interrupted: only part of the study has run.')
+            contents = show(console, found)
+            if arguments.json:
+                write_json(arguments.json, {
+                    **self.identity, 'complete': ending.is_complete, **contents,
+                    'results': [asdict(result) for result in found]})  # type: ignore[call-overload]
+        counted = sum(self.counts is None or self.counts(result) for result in found)
+        ending.tell(counted, self.wanted, self.what, (arguments.json, getattr(arguments, 'plot', None)),
+                    arguments.results)
+        return 0
+
+
+def add_study_arguments(parser: ArgumentParser) -> None:
+    """Add `--seed`, `--jobs`, `--results`, `--json` and `--plot`."""
+    parser.add_argument('--seed', type=int, default=1, help='default: %(default)s')
+    parser.add_argument('--jobs', type=int, metavar='N', help='processes (default: all cores)')
+    parser.add_argument('--results', metavar='FILE',
+                        help='append each result to this file (JSON lines); if the file exists, the study '
+                        'resumes from it')
+    add_output_arguments(parser)
+
+
+def check_study_arguments(arguments: Namespace, inputs: Sequence[AnyPath] = (),
+                          **limits: tuple[float, float]) -> None:
+    """
+    Check the arguments of a study before it starts; `inputs` are the files that it reads.
+
+    `limits` are (low, high) of the study's own options. Raises InvalidInput.
+    """
+    problems = []
+    for name, (low, high) in {**LIMITS, **limits}.items():
+        value = getattr(arguments, name)
+        if value is not None and not low <= value <= high:
+            problems.append(f'--{name}: {value:g} is not allowed; it must be {low:g} ... {high:g}')
+    if problems:
+        raise InvalidInput(problems)
+    check_output_arguments(arguments, inputs, [OutputFile('--results', arguments.results)])
+
+
+def distribution(values: Iterable[float | None], **percents: float) -> dict[str, float]:
+    """Return percentiles of the values that are known, by name; {} without any."""
+    known = [value for value in values if value is not None]
+    return {name: float(np.percentile(known, percent)) for name, percent in percents.items()} if known else {}
+
+
+def text_of(value: float | None, form: str, factor: float = 1.0) -> str:
+    """Return a figure in a format, '–' if it is not known."""
+    if value is None:
+        return '–'
+    return format(value if isinstance(value, int) and factor == 1.0 else factor * value, form)
+
+
+@dataclass(frozen=True)
+class Requirement:
+    """A figure with its unit (None: not available), its bound as a text, and whether it is met (None: unknown)."""
+
+    name: str
+    bound: str
+    value: float | None
+    unit: str
+    met: bool | None
+
+    @property
+    def judged(self) -> Text:
+        """The figure with 'met' or 'not met'."""
+        if self.met is None:
+            return Text('no trip to compare')
+        text = text_of(self.value, 'd' if isinstance(self.value, int) else '+.2f')
+        return Text.assemble(f'{text} {self.unit}'.rstrip(), ' ',
+                             ('met', 'green') if self.met else ('not met', 'red'))
+
+
+def at_most(name: str, bound: float, value: float | None, unit: str = '', form: str = '+g') -> Requirement:
+    """Return the Requirement that a figure is at most a bound; 0: that there is none."""
+    return Requirement(name, f'at most {bound:{form}} {unit}'.rstrip() if bound else 'none', value, unit,
+                       None if value is None else value <= bound)
+
+
+def at_least(name: str, bound: float, value: float | None, unit: str = '', form: str = '+g') -> Requirement:
+    """Return the Requirement that a figure is at least a bound."""
+    return Requirement(name, f'at least {bound:{form}} {unit}'.rstrip(), value, unit,
+                       None if value is None else value >= bound)

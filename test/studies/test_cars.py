@@ -1,0 +1,283 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Trips of cars that differ from their file: drives, their scores, and the requirements on them."""
+
+from dataclasses import asdict, replace
+import json
+
+import numpy as np
+import pytest
+from short_drives import made_drive, made_result, short_conditions
+
+from bev_preheat.commands.main import main
+from bev_preheat.control.settings import Settings
+from bev_preheat.planning.situation import BatteryState, Goal
+from bev_preheat.route import load_route
+from bev_preheat.simulation.evaluation import DriveRecord
+from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
+from bev_preheat.simulation.mismatch import Mismatch
+from bev_preheat.simulation.sensors import Sensors
+from bev_preheat.vehicle.heat_path import HeatPath
+from bev_preheat_studies.robustness.cars import drive_car, summarise_drives
+from bev_preheat_studies.robustness.drawn_cars import draw_car, FAULTS
+from bev_preheat_studies.robustness.driven import (
+    COMPARED,
+    drive_informed,
+    drive_with_planner,
+    fault_times,
+    settings_of_compared,
+)
+from bev_preheat_studies.robustness.figure import make_robustness_figure
+
+CONDITIONS = short_conditions()
+EVERY_TWO_SECONDS = replace(Settings(), command_period_s=2.0)
+
+
+def make_car(conditions=CONDITIONS, mismatch=Mismatch(), make=ImperfectCar):
+    return make(conditions.vehicle, conditions.routes[0], conditions.state, conditions.goal,
+                Imperfections(mismatch, sensors=Sensors(period_s=conditions.period_s)), seed=1)
+
+
+# --- Drives ---
+
+@pytest.mark.costly
+def test_a_perfect_car_arrives_at_its_target_and_its_energies_add_up():
+    drive = drive_with_planner(make_car(), CONDITIONS.goal, EVERY_TWO_SECONDS)
+    # The estimating planner adds a margin for the uncertainty.
+    assert -0.1 < drive.arrival_error_k < 0.3
+    assert (drive.refused, drive.ran_empty, drive.verdicts) == (False, False, ())
+    driving_wh = (17e3 + 1500.0 + 400.0) * 480.0 / 3600.0
+    # The rest is Joule heat: some 20 kW at 400 V and 4.3125 / 60 ohm, and the rms of the power.
+    joule_wh = ((19e3 + 1900.0) / 430.0)**2 * 4.3125 / 61.0 * 480.0 / 3600.0
+    assert drive.battery_energy_wh == pytest.approx(driving_wh + drive.heating_energy_wh + joule_wh, rel=0.01)
+
+
+class CarWithBadReadings(ImperfectCar):
+    """Reports an impossible state of charge from 100 s on, until 200 s."""
+
+    def readings(self):
+        return [replace(reading, soc=1.5) if 100.0 <= reading.instant_s < 200.0 else reading
+                for reading in super().readings()]
+
+
+def test_refused_readings_are_noticed():
+    assert drive_with_planner(make_car(make=CarWithBadReadings), CONDITIONS.goal, EVERY_TWO_SECONDS).refused
+
+
+def test_a_drive_ends_where_the_battery_is_empty():
+    conditions = short_conditions(state=BatteryState(15.0, 0.01))
+    assert drive_with_planner(make_car(conditions), conditions.goal, EVERY_TWO_SECONDS).ran_empty
+
+
+@pytest.mark.needs('casadi')
+def test_the_informed_drive_is_the_optimum_of_the_true_car():
+    from bev_preheat.nonlinear_program.solve import solve_optimum
+    car = draw_car(CONDITIONS, 11, 0).car()
+    optimum = solve_optimum(car.plant.vehicle, car.plant.route, CONDITIONS.state, CONDITIONS.goal, True).plan
+    drive = drive_informed(car, CONDITIONS.goal)
+    assert drive.arrival_error_k == pytest.approx(0.0, abs=0.01)
+    assert drive.heating_energy_wh == pytest.approx(optimum.energy_wh.hvch_electric, rel=2e-3)
+    assert drive.battery_energy_wh == pytest.approx(optimum.energy_wh.battery_total, rel=1e-3)
+    assert drive.switch_ons == 1
+
+
+def test_the_informed_drive_knows_the_true_car_and_its_heat_path():
+    believed = drive_informed(make_car(), CONDITIONS.goal)
+    weak = drive_informed(make_car(mismatch=Mismatch(heat_capacity=1.1, heater=0.95)), CONDITIONS.goal)
+    assert weak.heating_energy_wh > 1.1 * believed.heating_energy_wh
+    slow = short_conditions(vehicle=replace(CONDITIONS.vehicle, heat_path=HeatPath(30.0, 12e3, 400.0)))
+    late = drive_informed(make_car(slow), slow.goal)
+    # The coolant gets 3 K warmer, too.
+    assert late.heating_energy_wh > believed.heating_energy_wh + 12e3 * 3.0 / 0.87 / 3600.0
+    assert max(abs(weak.arrival_error_k), abs(late.arrival_error_k)) < 0.01
+
+
+@pytest.mark.costly
+def test_a_trip_has_the_same_result_each_time_with_plain_values():
+    first, second = (drive_car(replace(CONDITIONS, period_s=10.0), 7, tuple(COMPARED), 3) for _ in range(2))
+    assert first == second and first.methods.keys() == COMPARED.keys()
+    assert first.methods['planner'] != first.methods['replanned_paper']
+    values = asdict(first)['methods']['planner'].values()
+    assert {type(value) for value in values} <= {bool, int, float, type(None), tuple}
+
+
+@pytest.mark.parametrize('period_s, lease_s, timeout_s', [
+    (0.1, 2.5, 5.0), (1.0, 2.5, 5.0), (4.0, 10.0, 20.0)])
+def test_long_periods_have_long_leases(period_s, lease_s, timeout_s):
+    settings = settings_of_compared('planner', period_s)
+    assert (settings.command_period_s, settings.lease_s, settings.battery_state_timeout_s) == (
+        period_s, lease_s, timeout_s)
+
+
+# --- Heaters that fail ---
+
+@pytest.mark.costly
+def test_a_slow_heater_is_not_accused():
+    conditions = short_conditions(plant='all', goal=Goal(30.0), period_s=4.0)
+    drive = drive_car(conditions, 3, ('planner',), 0).methods['planner']
+    assert (drive.verdicts, drive.fault_shown_s) == ((), None)
+
+
+@pytest.mark.costly
+@pytest.mark.parametrize('fault, verdict, target_c', [
+    pytest.param('dead', 'dead', 20.0, marks=pytest.mark.deep), ('stuck_on', 'stuck on', -4.0)])
+def test_a_heater_that_fails_is_found_in_a_slow_car_too(fault, verdict, target_c):
+    conditions = short_conditions(
+        routes=(load_route('reference', None).before(1500.0),), plant='all', fault=fault,
+        state=BatteryState(-7.0, 0.9), goal=Goal(target_c), period_s=4.0)
+    drive = drive_car(conditions, 5, ('planner',), 1).methods['planner']
+    assert 0.0 < drive.fault_shown_s <= drive.fault_found_after_s and verdict in drive.verdicts
+    assert 30.0 < drive.fault_found_after_s < 720.0
+
+
+@pytest.mark.parametrize('fault, commands, found_at_s, drives_s, shown_s, found_s', [
+    # It fails at 50 s, is first asked for heat at 100 s, and is found 30 s later, 20 s of them with a command.
+    ('dead', [(0.0, 0.0), (100.0, 5e3), (110.0, 0.0), (120.0, 5e3)], 130.0, [(0.0, 200.0)], 20.0, 30.0),
+    ('dead', [(0.0, 5e3), (40.0, 0.0)], None, [(0.0, 200.0)], None, None),
+    # It shows from the fault at 50 s to the end, except while it heats on command.
+    ('stuck_on', [(0.0, 0.0), (60.0, 5e3), (80.0, 0.0)], None, [(0.0, 100.0)], 30.0, None),
+    # Only driving time counts: 10 s of the first drive, 20 s of the second.
+    ('dead', [(0.0, 0.0), (90.0, 5e3), (100.0, 0.0), (500.0, 5e3)], 520.0, [(0.0, 100.0), (500.0, 600.0)],
+     30.0, 30.0)])
+def test_how_long_a_fault_showed(fault, commands, found_at_s, drives_s, shown_s, found_s):
+    verdicts = [(0.0, 'answers')] + [(at_s, 'dead') for at_s in [found_at_s] if at_s is not None]
+    record = DriveRecord(25.0, [(*command, 'HEATING') for command in commands], heater_verdicts=verdicts)
+    assert fault_times(record, [replace(FAULTS[fault], from_s=50.0)], drives_s) == (shown_s, found_s)
+    assert fault_times(record, [], drives_s) == (None, None)
+
+
+def test_faults_of_a_study():
+    shown = [(400.0, 400.0), (150.0, None), (90.0, None), (None, None)]
+    results = [made_result(number, planner=made_drive(fault_shown_s=shown_s, fault_found_after_s=found_s))
+               for number, (shown_s, found_s) in enumerate(shown)]
+    assert summarise_drives(results, ['planner'])['planner']['fault'] == {
+        'shown': 3, 'found': pytest.approx(1.0 / 3.0), 'median_s': 400.0, 'most_s': 400.0}
+
+
+# --- Figures and requirements ---
+
+@pytest.fixture
+def results():
+    """41 trips with figures from everywhere."""
+    random = np.random.default_rng(2)
+    return [made_result(
+        number,
+        made_drive(heating_energy_wh=random.uniform(100.0, 300.0), arrival_error_k=0.002,
+                   battery_energy_wh=random.uniform(1500.0, 3000.0)),
+        one=made_drive(arrival_error_k=random.uniform(-1.0, 2.0), heating_energy_wh=random.uniform(100.0, 320.0),
+                       battery_energy_wh=random.uniform(1500.0, 3100.0), switch_ons=int(random.integers(0, 9)),
+                       refused=number % 2 == 1, ran_empty=number % 10 == 0)) for number in range(41)]
+
+
+def test_summary_of_errors_and_counts(results):
+    figures = summarise_drives(results, ['one'])['one']
+    drives = [result.methods['one'] for result in results]
+    errors_k = sorted(drive.arrival_error_k for drive in drives)
+    # With 41 trips the percentiles are trips themselves.
+    assert figures['arrival_error_k'] == pytest.approx({
+        '5 %': errors_k[2], 'median': errors_k[20], '95 %': errors_k[38], 'worst': errors_k[-1]})
+    switch_ons = [drive.switch_ons for drive in drives]
+    assert figures['switch_ons'] == {'mean': sum(switch_ons) / 41, 'most': max(switch_ons)}
+    assert (figures['refused'], figures['ran_empty']) == (20, 5)
+
+
+@pytest.mark.parametrize('key, field', [('heating_excess', 'heating_energy_wh'),
+                                        ('battery_excess', 'battery_energy_wh')])
+def test_summary_of_energies(results, key, field):
+    figures = summarise_drives(results, ['one'])
+    own = np.array([getattr(result.methods['one'], field) for result in results])
+    best = np.array([getattr(result.informed, field) for result in results])
+    # Arrivals more than 0.2 K below the target, or with an empty battery, save nothing.
+    alike = np.array([result.methods['one'].arrival_error_k >= -0.2
+                      and not result.methods['one'].ran_empty for result in results])
+    assert 20 < alike.sum() < 41
+    assert figures['one'][key] == pytest.approx({
+        'trips': alike.sum(), 'mean': own[alike].sum() / best[alike].sum() - 1.0,
+        '95 %': np.quantile(own[alike] / best[alike] - 1.0, 0.95)})
+
+
+def met(**changes):
+    """Names of the requirements that a study of one drive (informed: 200 Wh) meets."""
+    summary = summarise_drives([made_result(0, one=made_drive(**changes))], ['one'])
+    return {item['name'] for item in summary['one']['requirements'] if item['met']}
+
+
+ALL = {'arrival error, 5 %', 'arrival error, 95 %', 'switch-ons in any run',
+       'heating energy above plan with true car, mean', 'drives with a refused input'}
+
+
+@pytest.mark.parametrize('good, bad, missed', [
+    ({'arrival_error_k': 1.0}, {'arrival_error_k': 1.01}, 'arrival error, 95 %'),
+    ({'switch_ons': 3}, {'switch_ons': 4}, 'switch-ons in any run'),
+    ({'heating_energy_wh': 207.9}, {'heating_energy_wh': 208.1}, 'heating energy above plan with true car, mean'),
+    ({'refused': False}, {'refused': True}, 'drives with a refused input')])
+def test_requirements(good, bad, missed):
+    assert met(**good) == ALL
+    assert met(**bad) == ALL - {missed}
+
+
+def test_a_cold_arrival_is_bounded_and_proves_no_economy():
+    economy = {'heating energy above plan with true car, mean'}
+    assert met(arrival_error_k=-0.5) == ALL - economy
+    assert met(arrival_error_k=-0.51) == ALL - economy - {'arrival error, 5 %'}
+
+
+@pytest.mark.parametrize('heating_wh, is_met', [(0.0, True), (5.0, False)])
+def test_where_nothing_is_to_be_heated_nothing_may_be(heating_wh, is_met):
+    result = made_result(0, made_drive(heating_energy_wh=0.0), one=made_drive(heating_energy_wh=heating_wh))
+    requirement = summarise_drives([result], ['one'])['one']['requirements'][3]
+    assert (requirement['name'], requirement['met']) == ('heating energy where none is needed', is_met)
+
+
+@pytest.mark.costly
+def test_the_figure_compares_the_energies_of_trips_that_end_as_warm():
+    results = [made_result(number, planner=made_drive(heating_energy_wh=204.0), replanned_paper=made_drive(
+        arrival_error_k=-2.0, switch_ons=12)) for number in range(3)]
+    figure = make_robustness_figure(results, ['replanned_paper', 'planner'])
+    figure.draw_without_rendering()
+    means = {line.get_label(): line.get_xdata()[0] for line in figure.axes[1].get_lines()}
+    assert means['planner: mean'] == pytest.approx(2.0)
+    assert 'published heuristic, re-planned: mean' not in means
+
+
+# --- The command ---
+
+@pytest.fixture
+def arguments(tmp_path):
+    """The short trip as command line arguments."""
+    route = asdict(CONDITIONS.routes[0])
+    file = tmp_path / 'short.csv'
+    rows = [','.join(route), *(','.join(map(str, row)) for row in zip(*route.values()))]
+    file.write_text('\n'.join(rows) + '\n')
+    return ['robustness', '--route', str(file), '--temperature', '15', '--soc', '0.8', '--target', '18',
+            '--period', '10', '--seed', '7', '--jobs', '1']
+
+
+@pytest.mark.costly
+@pytest.mark.parametrize('kind, printed', [
+    ([], 'Measured temperature: noise 0.2 K'),
+    (['--days'], 'healthy heaters reported as faulty'), (['--signals'], 'current reversed')])
+def test_the_command_prints_and_writes_and_resumes(arguments, tmp_path, capsys, monkeypatch, kind, printed):
+    from bev_preheat_studies.robustness import signals
+    for name in set(signals.CASES) - {'current reversed'}:
+        monkeypatch.delitem(signals.CASES, name)
+    file, results = tmp_path / 'study.json', tmp_path / 'study.jsonl'
+    study = [*arguments, *kind, '--trips', '1', '--json', str(file), '--results', str(results)]
+    assert main(study) == 0
+    first = capsys.readouterr().out
+    assert printed in ' '.join(first.replace('│', '').split())
+    written = json.loads(file.read_text())
+    assert [result['number'] for result in written['results']] == [0] and written['seed'] == 7
+    assert main(study) == 0
+    assert capsys.readouterr().out == first and len(results.read_text().splitlines()) == 2
+
+
+@pytest.mark.parametrize('extra, message', [
+    (['--trips', '0'], '--trips: 0 is not allowed; it must be 1 ... 100000'),
+    (['--period', 'nan'], '--period: nan is not allowed; it must be 0.1 ... 10'),
+    (['--soc', '1.2'], 'state of charge: 1.2 is not allowed; it must be 0 ... 1'),
+    (['--vehicle', 'referenz'], "vehicle 'referenz' is unknown; did you mean 'reference'"),
+    (['--days', '--plot', 'days.png'], '--plot: not allowed with --days'),
+    (['--signals', '--fault', 'dead'], '--fault: not allowed with --signals')])
+def test_bad_options_are_refused(arguments, extra, message, capsys):
+    assert main([*arguments, *extra]) == 2
+    assert message in capsys.readouterr().err

@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A winter fleet: its trips, a trip that is driven in each way, and the figures."""
+
+import numpy as np
+import pytest
+
+from bev_preheat_studies.fleet.figure import make_fleet_figure
+from bev_preheat_studies.fleet.study import (
+    ALWAYS,
+    BEST,
+    drive_trip,
+    FleetResult,
+    NONE,
+    Stop,
+    summarise_fleet,
+    USUAL,
+)
+from bev_preheat_studies.fleet.winter_trips import CARS, draw_winter_trip
+
+
+@pytest.fixture(scope='module')
+def trips():
+    return [draw_winter_trip(1, number) for number in range(400)]
+
+
+def test_trips_are_drawn_as_said(trips):
+    assert trips[7].state == draw_winter_trip(1, 7).state != trips[8].state
+    # 400 trips: three standard errors.
+    ambient_c = np.array([trip.ambient_c for trip in trips])
+    assert ambient_c.mean() == pytest.approx(1.4, abs=0.83) and ambient_c.std() == pytest.approx(5.5, abs=0.6)
+    minutes = np.array([trip.route.total_duration_s / 60.0 for trip in trips])
+    assert np.median(minutes) == pytest.approx(55.0, abs=6.0) and 1.0 <= minutes.min() and minutes.max() <= 150.0
+    for name, share in CARS.items():
+        assert np.mean([trip.car == name for trip in trips]) == pytest.approx(share, abs=0.06)
+    assert {trip.stop.charger_power_w for trip in trips} == {50e3, 150e3, 300e3}
+    assert all(0.0 <= trip.state.temperature_c - trip.ambient_c <= 18.0 for trip in trips)
+    assert max(trip.state.soc for trip in trips) <= 0.97
+
+
+@pytest.mark.costly
+def test_the_best_target_costs_least_and_a_thermostat_takes_most_energy():
+    result = next(result for result in map(drive_trip_1, range(20)) if result.ambient_c < -3.0 and result.ways)
+    ways = result.ways
+    assert list(ways) == [NONE, ALWAYS, USUAL, BEST]
+    assert ways[NONE].heater_wh == 0.0 < ways[USUAL].heater_wh < ways[ALWAYS].heater_wh
+    # The planner's choice may cost a hair more than the least of all.
+    assert ways[BEST].cost <= 1.0005 * min(stop.cost for stop in ways.values())
+
+
+def drive_trip_1(number):
+    return drive_trip(1, number)
+
+
+def made(number, ambient_c, minutes, saved_s, car='reference'):
+    return FleetResult(number, car, ambient_c, 70.0, {
+        way: Stop(1000.0 * share, 10.0, minutes * 60.0 - saved_s * share, 40e3 + 500.0 * share)
+        for way, share in ((NONE, 0.0), (ALWAYS, 2.0), (USUAL, 1.5), (BEST, 1.0))})
+
+
+def test_figures_by_group():
+    results = [made(0, -20.0, 60.0, 600.0), made(1, -1.0, 40.0, 120.0), made(2, -1.0, 40.0, 0.0, 'small_car'),
+               FleetResult(3, 'small_car', 0.0, 20.0, {}, 'never charged')]
+    summary = summarise_fleet(results)
+    assert (summary['trips'], summary['left_out']) == (3, 1)
+    assert summary['groups'].keys() == {'all', 'below -10 degC', '-5 to 0 degC', '60 to 90 min', 'reference',
+                                        'small_car'}
+    best = summary['groups']['all']['ways'][BEST]
+    assert best['saved_min'] == pytest.approx({'mean': 4.0, '5 %': 0.2, 'median': 2.0, '95 %': 9.2})
+    assert best['more_kwh']['mean'] == pytest.approx(0.5) and best['heater_kwh'] == 1.0
+    # 4 min at 10 per hour, and 0.5 kWh at 0.60.
+    assert best['more_cost'] == pytest.approx(0.3 - 4.0 / 6.0)
+    assert summary['groups']['-5 to 0 degC']['ways'][USUAL]['saved_min']['mean'] == pytest.approx(1.5)
+    figure = make_fleet_figure(summary)
+    assert [line.get_label() for line in figure.axes[0].get_lines()[1:]] == [
+        "the planner's choice of target", "the car's usual target", 'heater always on']
+    assert list(figure.axes[0].get_lines()[1].get_ydata()) == pytest.approx([10.0, 1.0])

@@ -1,0 +1,199 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Plans against programs and searches on drawn trips: the trips, the gaps, and their figures."""
+
+from dataclasses import asdict, replace
+import math
+
+import numpy as np
+import pytest
+
+from bev_preheat.charging.prospect import ChargingProspect
+from bev_preheat.nonlinear_program import solve
+from bev_preheat.nonlinear_program.deficits import (
+    ARRIVAL_SOC,
+    DISCHARGE_POWER,
+    HIGHEST_TEMPERATURE,
+    StepDeficit,
+    TARGET,
+)
+from bev_preheat.planning.planner import METHODS
+from bev_preheat.vehicle import load_vehicle
+from bev_preheat_studies.optimality import best_target, sweep, uncertain_charging
+from bev_preheat_studies.optimality.best_target import compare_trip, relative_gap, WorthGap
+from bev_preheat_studies.optimality.charging_trips import draw_charging_trip
+from bev_preheat_studies.optimality.drawn_trips import draw_limit_trip, draw_trip
+from bev_preheat_studies.optimality.sweep import disagreements, FEASIBLE, GapResult, MethodResult, solve_trip
+from bev_preheat_studies.optimality.sweep_figure import make_sweep_figure
+from bev_preheat_studies.optimality.uncertain_charging import between, compare, Gap, Judge
+
+VEHICLE = load_vehicle('reference')
+
+
+@pytest.mark.parametrize('draw', [draw_trip, draw_limit_trip])
+def test_a_trip_depends_on_seed_and_number_only(draw):
+    first, second = draw(VEHICLE, 4, 9), draw(VEHICLE, 4, 9)
+    assert (first.state, first.goal) == (second.state, second.goal)
+    assert all((values == getattr(second.route, name)).all() for name, values in asdict(first.route).items())
+    assert all(draw(VEHICLE, *other).state != first.state for other in ((4, 10), (5, 9), (9, 4)))
+
+
+def test_drives_to_a_charger_are_of_all_kinds():
+    trips = [draw_charging_trip(1, number) for number in range(60)]
+    assert trips[7].stop == draw_charging_trip(1, 7).stop != trips[8].stop
+    assert len({trip.vehicle.name for trip in trips}) == 5
+    for is_of_a_kind in (
+            lambda trip: trip.route.propulsion_power_w.min() < 0.0,
+            lambda trip: not trip.vehicle.charging.battery_heating,
+            lambda trip: not trip.vehicle.heat_path.is_direct,
+            lambda trip: trip.prices.time_per_h == 0.0,
+            lambda trip: trip.stop.charger_power_w < 60e3,
+            lambda trip: trip.stop.ambient_c < -20.0):
+        assert 0 < sum(map(is_of_a_kind, trips)) < 60
+
+
+# --- Methods against the nonlinear program ---
+
+@pytest.fixture(scope='module')
+def free_trips():
+    """Trips without active limits."""
+    return [*(solve_trip(VEHICLE, 7, 'free', tuple(METHODS), number) for number in range(4)),
+            solve_trip(VEHICLE, 1, 'free', tuple(METHODS), 3)]
+
+
+@pytest.mark.costly
+@pytest.mark.needs('casadi')
+def test_methods_and_program_agree_on_trips_without_limits(free_trips):
+    assert {result.outcome for result in free_trips} >= {FEASIBLE, sweep.NOT_NEEDED, sweep.UNREACHABLE}
+    assert [disagreements(free_trips, method) for method in METHODS] == [[]] * len(METHODS)
+    gaps_wh = {method: [result.methods[method].gap_wh for result in free_trips if result.is_feasible]
+               for method in METHODS}
+    # Lower by at most IPOPT's tolerance, higher by the rest of a partial step.
+    assert -1e-3 < min(gaps_wh['optimal_switch']) and max(gaps_wh['optimal_switch']) < 0.1
+    assert max(gaps_wh['paper']) > 1.0
+
+
+@pytest.mark.costly
+@pytest.mark.needs('casadi')
+@pytest.mark.parametrize('deficit, outcome', [
+    ((TARGET,), sweep.UNREACHABLE), ((TARGET, ARRIVAL_SOC), sweep.RESERVE_MISSED),
+    ((TARGET, DISCHARGE_POWER), sweep.POWER_LACKING), ((HIGHEST_TEMPERATURE,), sweep.BEYOND_RANGE)])
+def test_the_deficit_of_the_program_is_the_outcome(free_trips, monkeypatch, deficit, outcome):
+    number = next(result.number for result in free_trips[:4] if result.is_feasible)
+    solve_optimum = solve.solve_optimum
+    missed = tuple(StepDeficit(constraint, 0.25, 'K', 'missed') for constraint in deficit)
+    monkeypatch.setattr(solve, 'solve_optimum', lambda *arguments: replace(
+        solve_optimum(*arguments), deficit=missed))
+    result = solve_trip(VEHICLE, 7, 'free', ('value_function',), number)
+    assert (result.outcome, result.detail.count('missed')) == (outcome, len(deficit))
+
+
+def made(number, outcome=FEASIBLE, gap_wh=0.5, status='WAITING', arrival_c=17.0, optimal_c=12.0, violation=0.0):
+    return GapResult(number, outcome, '', 1800.0 + number, 17.0, 5000.0, optimal_c, {
+        'one': MethodResult(status, arrival_c, gap_wh, violation, violation == 0.0)})
+
+
+@pytest.mark.parametrize('outcome, status, agrees', [
+    (FEASIBLE, 'WAITING', True), (FEASIBLE, 'NOT_NEEDED', False), (FEASIBLE, 'TARGET_UNREACHABLE', False),
+    (sweep.NOT_NEEDED, 'WAITING', False), (sweep.UNREACHABLE, 'TARGET_UNREACHABLE', True),
+    (sweep.UNREACHABLE, 'WAITING', False), (sweep.BEYOND_RANGE, 'WAITING', True),
+    (sweep.SOLVER_FAILED, 'WAITING', True)])
+def test_what_contradicts_the_program(outcome, status, agrees):
+    assert (disagreements([made(5, outcome, status=status)], 'one') == []) is agrees
+
+
+def test_a_target_missed_by_a_hair_may_be_called_missed_or_not():
+    assert disagreements([made(5, sweep.UNREACHABLE, status='HEATING', optimal_c=16.87)], 'one') == []
+
+
+def test_figures_of_a_sweep():
+    results = [made(0, gap_wh=1.0), made(1, gap_wh=3.0, violation=0.02), made(2, gap_wh=None, arrival_c=16.0),
+               made(3, sweep.UNREACHABLE, gap_wh=99.0), made(4, sweep.SOLVER_FAILED, gap_wh=None)]
+    summary = sweep.summarise_gaps(results, ['one'])
+    figures = summary['methods']['one']
+    assert summary['outcomes'] == {FEASIBLE: 3, sweep.UNREACHABLE: 1, sweep.SOLVER_FAILED: 1}
+    assert figures['compared_trips'] == 2 and figures['worst_trip'] == 1
+    assert figures['gap_wh'] == pytest.approx({'median': 2.0, '95 %': 2.9, 'worst': 3.0})
+    assert figures['arrival_error_k']['worst'] == 1.0
+    assert (figures['violation']['worst'], figures['plans_that_break_limits']) == (0.02, 1)
+    assert sweep.summarise_gaps(results[3:], ['one'])['methods']['one']['gap_wh'] == {}
+    shares, over_length = make_sweep_figure(results, ['one']).axes
+    line = shares.get_lines()[0]
+    assert line.get_xydata().tolist() == [[1.0, 0.0], [1.0, pytest.approx(100 / 3)], [3.0, pytest.approx(200 / 3)]]
+    assert line.get_label() == 'one, not comparable on 1'
+    assert list(over_length.get_lines()[0].get_ydata()) == [1.0, 3.0]
+
+
+# --- The best target ---
+
+@pytest.mark.costly
+@pytest.mark.needs('casadi')
+# With a heat path.
+@pytest.mark.parametrize('number', [98, pytest.param(76, marks=pytest.mark.deep)])
+def test_the_best_target_is_as_good_as_the_joint_program(number):
+    result = compare_trip(1, number)
+    assert result.outcome == best_target.COMPARED and result.is_heated
+    assert abs(result.gap) < 1e-4
+
+
+def test_figures_of_best_targets():
+    def gap(number, cost, program_cost, blind, **changes):
+        return WorthGap(number, best_target.COMPARED, '', 'car', **{
+            'has_heat_path': False, 'cools': False, 'is_heated': True, **changes}, cost=cost,
+            program_cost=program_cost, blind_cost=blind, calls=4, failed=1)
+
+    results = [gap(0, 10.01, 10.0, 10.0), gap(1, 20.0, 20.0, 20.0, is_heated=False),
+               gap(2, 30.3, 30.0, 30.6, has_heat_path=True),
+               WorthGap(3, best_target.NEVER_CHARGED, 'why', 'car', False, False)]
+    figures = best_target.summarise(results)
+    assert (figures['trips'], figures['heated'], figures['calls'], figures['failed_calls']) == (4, 2, 12, 3)
+    gaps = figures['gaps']
+    assert gaps['all trips'] == pytest.approx({'least': 0.0, 'median': 1e-3, '95 %': 9.1e-3, 'worst': 1e-2})
+    assert gaps['heated, heat arrives at once']['worst'] == pytest.approx(1e-3)
+    assert gaps['… program not started from the best target']['least'] == pytest.approx(-0.3 / 30.6)
+    assert gaps['the car cools at the charger'] == {}
+
+
+def test_gaps_are_shares_of_the_other_cost():
+    assert relative_gap(11.0, 10.0) == pytest.approx(0.1)
+    assert relative_gap(0.0, 0.0) == 0.0 and relative_gap(1.0, 0.0) == math.inf
+    assert relative_gap(None, 1.0) is None and relative_gap(1.0, None) is None
+
+
+# --- Uncertain charging ---
+
+@pytest.mark.costly
+@pytest.mark.parametrize('number', [
+    pytest.param(10, id='even chance'), pytest.param(2, id='with a heat path', marks=pytest.mark.deep)])
+def test_the_best_target_costs_no_more_than_the_search_finds(number):
+    gap = compare(1, number)
+    assert gap.outcome == uncertain_charging.COMPARED
+    # Heating pays on these drives.
+    assert gap.cost < gap.unheated_cost * 0.98
+    assert gap.gap <= 1e-3
+
+
+def test_the_search_keeps_the_reserve():
+    """The unheated battery arrives with 2.9 %; less than that is not left for heat."""
+    drawn = draw_charging_trip(1, 42)
+    judge, end_s = Judge(drawn, ChargingProspect(0.84)), drawn.route.total_duration_s
+    assert not judge.allows(between(end_s - 1.0, end_s)) and not judge.allows(between(0.0, end_s))
+
+
+def test_the_expected_cost_is_linear_in_the_chance():
+    drawn = draw_charging_trip(1, 10)
+    heating = between(0.5 * drawn.route.total_duration_s, math.inf)
+    costs = [Judge(drawn, ChargingProspect(probability)).cost(heating) for probability in (0.2, 0.5, 0.8)]
+    assert np.diff(costs, 2) == pytest.approx(0.0, abs=1e-9)
+    assert costs[2] > costs[0] > 0.0
+
+
+def test_figures_of_uncertain_charging():
+    gaps = [Gap(0, uncertain_charging.COMPARED, '', ChargingProspect(0.5), False, 10.1, 10.0, 12.0, 10.1),
+            Gap(1, uncertain_charging.COMPARED, '', ChargingProspect(0.5, 60.0), True, 9.0, 9.0, 9.5, 10.0),
+            Gap(2, uncertain_charging.NOT_DRIVEN, 'why', ChargingProspect())]
+    figures = uncertain_charging.summarise(gaps)
+    assert (figures['drives'], figures['compared']) == (3, 2)
+    assert figures['gaps']['arrival time exact']['worst'] == pytest.approx(0.01)
+    assert figures['gaps']['with a heat path'] == pytest.approx(
+        {'drives': 1, 'least': 0.0, 'median': 0.0, '95 %': 0.0, 'worst': 0.0})
+    assert figures['saved'] == pytest.approx({'mean': 0.05, 'most': 0.1})

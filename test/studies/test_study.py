@@ -1,0 +1,160 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The loop of the studies: the same results in order in one process and in several, kept, resumed and shown."""
+
+from argparse import ArgumentParser
+from dataclasses import dataclass
+import json
+from multiprocessing import resource_tracker
+import os
+import signal
+import time
+
+import psutil
+import pytest
+
+from bev_preheat.console.program import Interrupted, WorkerLost
+from bev_preheat.errors import InvalidInput
+from bev_preheat_studies.study import add_study_arguments, at_least, at_most, check_study_arguments, Study, text_of
+
+
+@dataclass(frozen=True)
+class Made:
+    """A situation's number, its cube, and the process that computed it."""
+
+    number: int
+    cube: int
+    process: int = 0
+
+
+def cube(number):
+    return Made(number, number**3)
+
+
+def cube_there(number):
+    return Made(number, number**3, os.getpid())
+
+
+def study(task=cube, wanted=6, counts=None):
+    return Study(task, Made, wanted, {'study': 'made', 'seed': 3}, counts, 'situations')
+
+
+def arguments(*given):
+    parser = ArgumentParser()
+    add_study_arguments(parser)
+    parsed = parser.parse_args(['--jobs', '1', *given])
+    check_study_arguments(parsed)
+    return parsed
+
+
+@pytest.mark.costly
+def test_results_come_in_order_and_are_the_same_in_several_processes():
+    alone, together = (list(study(cube_there, 12).run(jobs)) for jobs in (1, 2))
+    assert [(each.number, each.cube) for each in alone] == [(number, number**3) for number in range(12)]
+    assert [(each.number, each.cube) for each in together] == [(each.number, each.cube) for each in alone]
+    assert {each.process for each in alone} == {os.getpid()}
+    workers = {each.process for each in together}
+    assert os.getpid() not in workers and 1 <= len(workers) <= 2
+    processes = [psutil.Process(pid) for pid in workers if psutil.pid_exists(pid)]
+    assert psutil.wait_procs(processes, 10.0)[1] == []
+
+
+def test_situations_are_drawn_until_enough_count():
+    results = list(study(wanted=3, counts=lambda result: result.number % 2 == 1).run(1))
+    assert [result.number for result in results] == [0, 1, 2, 3, 4, 5]
+
+
+def test_a_stopped_study_goes_on_from_its_file(tmp_path):
+    path, run = tmp_path / 'made.jsonl', []
+
+    def note(number):
+        run.append(number)
+        return cube(number)
+
+    first = study(note).run(1, path)
+    assert [next(first).number for _ in range(3)] == [0, 1, 2]
+    first.close()
+    results = list(study(note, 8).run(1, path))
+    assert results == [cube(number) for number in range(8)]
+    assert run == list(range(8))
+    assert list(study(note, 8).run(1, path)) == results and run == list(range(8))
+    assert len(path.read_text().splitlines()) == 1 + 8
+
+
+def kill_yourself(number):
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def sleep(number):
+    time.sleep(60.0)
+
+
+@pytest.mark.costly
+def test_a_lost_worker_is_told():
+    with pytest.raises(WorkerLost, match='a worker process was killed'):
+        list(study(kill_yourself).run(2))
+
+
+@pytest.mark.costly
+def test_leaving_a_study_kills_its_workers():
+    resource_tracker.ensure_running()
+    before = set(psutil.Process().children())
+
+    def interrupted(number, frame):
+        raise Interrupted
+
+    previous = signal.signal(signal.SIGALRM, interrupted)
+    # As with Ctrl-C, once the workers are busy.
+    signal.setitimer(signal.ITIMER_REAL, 3.0)
+    try:
+        with pytest.raises(Interrupted):
+            list(study(sleep).run(2))
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, previous)
+    assert psutil.wait_procs(set(psutil.Process().children()) - before, 10.0)[1] == []
+
+
+def test_finished_results_are_shown_and_written(tmp_path, capsys):
+    path = tmp_path / 'made.json'
+
+    def show(console, results):
+        console.print(f'{len(results)} cubes')
+        return {'sum': sum(result.cube for result in results)}
+
+    assert study().conduct(arguments('--json', str(path)), show) == 0
+    assert capsys.readouterr().out == '6 cubes\n'
+    written = json.loads(path.read_text())
+    assert (written['study'], written['complete'], written['sum']) == ('made', True, 225)
+    assert [result['cube'] for result in written['results']] == [0, 1, 8, 27, 64, 125]
+
+
+def test_an_interrupted_study_shows_what_is_finished(tmp_path, capsys):
+    def until_three(number):
+        if number == 3:
+            raise Interrupted
+        return cube(number)
+
+    path = tmp_path / 'made.json'
+    with pytest.raises(Interrupted) as ended:
+        study(until_three).conduct(arguments('--json', str(path)), lambda console, results: {})
+    assert ended.value.kept == f'after 3 of 6 situations; finished results are in {path}'
+    assert 'only part of the study has run' in capsys.readouterr().out
+    written = json.loads(path.read_text())
+    assert (written['complete'], len(written['results'])) == (False, 3)
+
+
+@pytest.mark.parametrize('given, message', [
+    (['--seed', '-1'], '--seed: -1 is not allowed; it must be 0 ... '),
+    (['--jobs', '0'], '--jobs: 0 is not allowed; it must be 1 ... 1024'),
+    (['--plot', 'a.txt'], 'a.txt: must end in .png or .svg or .pdf')])
+def test_bad_arguments_are_refused_before_anything_runs(given, message):
+    with pytest.raises(InvalidInput, match=message):
+        arguments(*given)
+
+
+def test_requirements_are_met_at_their_bounds():
+    assert at_most('most', 3, 3, form='g').judged.plain == '3 met'
+    assert at_most('most', 0, 1).judged.plain == '1 not met' and at_most('most', 0, 1).bound == 'none'
+    assert at_least('least', -0.5, -0.51, 'K').judged.plain == '-0.51 K not met'
+    assert at_least('least', -0.5, None, 'K').judged.plain == 'no trip to compare'
+    assert (text_of(None, 'd'), text_of(3, 'd'), text_of(0.25, '.0f', 100.0)) == ('–', '3', '25')
