@@ -21,7 +21,7 @@ import pytest
 
 ROOMS = ('bev_preheat.planning', 'bev_preheat.vehicle', 'bev_preheat.route', 'bev_preheat.estimation',
          'bev_preheat.charging', 'bev_preheat.control', 'bev_preheat.simulation',
-         'bev_preheat_studies.robustness')
+         'bev_preheat_studies.robustness.command')
 CHECKOUT = Path(__file__).resolve().parent.parent
 PACKAGES = ('bev_preheat', 'bev_preheat_studies')
 ROS = ('ament_index_python', 'rclpy')
@@ -37,7 +37,7 @@ for names in sys.argv[2:]:
 
 def modules_of(room):
     folder = find_spec(room).submodule_search_locations
-    return [room] + [module.name for module in pkgutil.walk_packages(folder, f'{room}.')]
+    return [room] + [module.name for module in pkgutil.walk_packages(folder or [], f'{room}.')]
 
 
 def with_path(*folders):

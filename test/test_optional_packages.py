@@ -130,7 +130,7 @@ GROUPS = sorted({group for line in (ROOT / 'scripts' / 'requirements-optional.tx
 
 def test_a_package_in_several_lists_has_one_version():
     # The linters and the documentation want different versions of one package, and are never imported.
-    lists = [pins(f'requirements{kind}.txt') for kind in ('', '-demo', '-optional', '-test', '-bench')]
+    lists = [pins(f'requirements{kind}.txt') for kind in ('', '-demo', '-optional', '-test')]
     for first in lists:
         for second in lists:
             assert {name: (version, second[name]) for name, version in first.items()

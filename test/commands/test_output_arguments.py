@@ -185,5 +185,6 @@ def test_the_demonstration_does_not_write_over_its_route(refusal):
 @pytest.mark.parametrize('study', ['cost', 'soak'])
 def test_the_long_runs_of_studies_check_their_files_first(refusal, study):
     os.mkfifo('figures.json')
-    assert refusal(study, '--json', 'figures.json', command=import_module('bev_preheat_studies.__main__').main) == (
+    program_main = import_module('bev_preheat_studies.__main__').main
+    assert refusal(study, '--json', 'figures.json', command=program_main) == (
         'studies: error: --json: figures.json: is a named pipe; only a regular file can be written')

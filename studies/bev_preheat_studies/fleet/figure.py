@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from bev_preheat.drawing.figure import grid_figure, legend_above, save_figure
 from bev_preheat.drawing.palette import GRAY, look_of
-from bev_preheat_studies.fleet.study import ALWAYS, AMBIENTS, BEST, LENGTHS, USUAL
+from bev_preheat_studies.fleet.groups import ALWAYS, AMBIENTS, BEST, LENGTHS, USUAL
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

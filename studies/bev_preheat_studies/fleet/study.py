@@ -25,6 +25,7 @@ from bev_preheat.planning.limits import run_within_limits
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.planning.wanted_heat import WantedHeat
+from bev_preheat_studies.fleet.groups import ALWAYS, AMBIENTS, BEST, LENGTHS, NONE, USUAL, WAYS
 from bev_preheat_studies.fleet.winter_trips import CARS, draw_winter_trip
 from bev_preheat_studies.study import (
     add_study_arguments,
@@ -47,12 +48,8 @@ if TYPE_CHECKING:
     # Plain values, as in JSON.
     Figures = dict[str, Any]
 
-NONE, ALWAYS, USUAL, BEST = WAYS = ('no_heating', 'always_on', 'usual_target', 'best_target')
 PRICES = Prices(ENERGY_PRICE_PER_KWH, VALUE_OF_TIME_PER_H)
 PERCENTILES = {'5 %': 5.0, 'median': 50.0, '95 %': 95.0}
-# Groups of trips by air temperature [deg C] and by driving time [min].
-AMBIENT_EDGES_C = (-10.0, -5.0, 0.0, 5.0)
-LENGTH_EDGES_MIN = (30.0, 60.0, 90.0)
 # Rows of the table: heading, value from a way's figures, format.
 ROWS: tuple[tuple[str, Callable[[Figures], float], str], ...] = (
     ('Heater before arrival [kWh]', lambda figures: figures['heater_kwh'], '.2f'),
@@ -146,16 +143,6 @@ def _always_on(trip: WinterTrip) -> Stop:
     session = ChargerHeating(trip.vehicle, trip.stop, PRICES).choose(arrival).session
     return Stop(float(driven.route.duration_s @ schedule.heater_power_w) / JOULES_PER_WH, arrival.temperature_c,
                 session.charging_time_s, session.bought_energy_wh)
-
-
-def _intervals(edges: Sequence[float], unit: str) -> list[tuple[str, float, float]]:
-    """Return the name and bounds of the intervals between edges."""
-    return [(f'below {edges[0]:g} {unit}', -math.inf, edges[0]),
-            *((f'{low:g} to {high:g} {unit}', low, high) for low, high in zip(edges, edges[1:])),
-            (f'from {edges[-1]:g} {unit}', edges[-1], math.inf)]
-
-
-AMBIENTS, LENGTHS = _intervals(AMBIENT_EDGES_C, 'degC'), _intervals(LENGTH_EDGES_MIN, 'min')
 
 
 def tables_of(trips: Sequence[FleetResult]) -> dict[str, dict[str, list[FleetResult]]]:
