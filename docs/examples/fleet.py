@@ -5,8 +5,8 @@ A fleet on two workers
 
 What does preheating save a fleet at the charger over a winter? Each trip is independent, so
 ``concurrent.futures`` spreads the trips over processes. Trips are drawn from a seed and their number: the
-result is the same on any number of workers. :doc:`/explanation/how_good` has the large study, ``preheat sweep
---fleet``.
+result is the same on any number of workers. :doc:`/explanation/how_good` has the large study,
+``python3 -m bev_preheat_studies fleet``.
 """
 
 from concurrent.futures import ProcessPoolExecutor
