@@ -27,7 +27,7 @@ from bev_preheat.nodes.setup_watch import RESTART_S
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.route.line import Cause, Match
 from bev_preheat.route.matching import Matcher, USUAL_FROZEN_AFTER_S
-from bev_preheat.route.reckoning import OdometerPlace
+from bev_preheat.route.odometer import OdometerPlace
 from bev_preheat_msgs.msg import RoutePlan, RouteProgress
 
 if TYPE_CHECKING:

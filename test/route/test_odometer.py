@@ -6,8 +6,7 @@ import math
 import pytest
 
 from bev_preheat.route.line import Cause
-from bev_preheat.route.odometer import driven_m, Odometer
-from bev_preheat.route.reckoning import OdometerPlace
+from bev_preheat.route.odometer import driven_m, Odometer, OdometerPlace
 
 NS = 1_000_000_000
 
