@@ -129,6 +129,16 @@ def test_a_wrong_figure_in_a_comment_is_found():
         compare('32.028 25.00001', '31.9 min, 25.0 °C')
 
 
+def test_the_key_figures_are_those_of_the_tables():
+    """Each figure of the README stands, to its digits, on the page that names the command for it."""
+    rows = (ROOT / 'README.md').read_text().partition('## Key figures')[2].partition('\n## ')[0]
+    results = [row.split('|')[2] for row in rows.splitlines() if row.startswith('|')][2:]
+    shown = re.findall(r'\d+(?:\.\d+)?', (ROOT / 'docs/explanation/how_good.md').read_text())
+    for figure in re.findall(r'\d+(?:\.\d+)?', re.sub(r'\(docs/[^)]*\)', '', ' '.join(results))):
+        digits = len(figure.partition('.')[2])
+        assert figure in {f'{float(each):.{digits}f}' for each in shown}, figure
+
+
 def test_the_readme_is_a_page():
     assert len((ROOT / 'README.md').read_text().splitlines()) <= 150
 
