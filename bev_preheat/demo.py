@@ -35,6 +35,7 @@ from bev_preheat.console.parser import OneLineParser
 from bev_preheat.console.terminal import print_figures, progress_bar, result_console
 from bev_preheat.errors import figure, figure_beyond, InvalidInput
 from bev_preheat.files.output_files import check_outputs, expanded, OutputFile, PICTURE_SUFFIXES
+from bev_preheat.flight_recorder.ring import recording_beside
 from bev_preheat.messages.fields import nanoseconds
 from bev_preheat.messages.preheat_plan import charging_text, ENERGY_FIELDS
 from bev_preheat.messages.simulated_drive import ARRIVED
@@ -46,7 +47,6 @@ from bev_preheat.simulation.scenario import load_scenario
 from bev_preheat.simulation.supervised_drive import START_NS
 from bev_preheat.simulator.installed_drive import drive_with_nodes, log_files, ObservedDrive, ScenarioFailed
 from bev_preheat.simulator.installed_processes import reserved_domain_id
-from bev_preheat.simulator.kept_recording import recording_beside
 from bev_preheat.vehicle import vehicle_file
 
 if TYPE_CHECKING:

@@ -41,64 +41,35 @@ class LiveBattery:
     missing: tuple[str, ...] = ()
 
 
-class BatteryReader:
-    """Makes a LiveBattery of Readings."""
+class View:
+    """
+    The readings at one instant.
 
-    def __init__(self, live_map: LiveMap, channels: Mapping[str, tuple[tuple[LiveChannel, ...], ...]]) -> None:
-        """Take the map, and the channels of each signal as readings.live_channels returns them."""
-        self._map, self._channels = live_map, channels
+    `oldest_s` is the instant of the oldest reading used so far [s]; `missing` are sentences on signals that are
+    not valid.
+    """
 
-    def read(self, readings: Readings, now_s: float,
-             confirmed_s: float | None = None) -> tuple[LiveBattery | None, tuple[str, ...]]:
+    def __init__(self, live_map: LiveMap, channels: Mapping[str, tuple[tuple[LiveChannel, ...], ...]],
+                 readings: Readings, now_s: float, confirmed_s: float | None = None) -> None:
         """
-        Return the battery and no sentences; or None and a sentence for each required signal without a valid value.
+        Take the map, and the channels of each signal as readings.live_channels returns them.
 
         On a bus that sends values on change only, `confirmed_s` is the latest instant [s] at which its connection
         was alive: until then, the latest values hold.
         """
-        if confirmed_s is not None and now_s - confirmed_s > CONNECTION_LOST_S:
-            return None, ('no sign of life of the connection' + (
-                f' for {figure(now_s - confirmed_s, 3)} s' if math.isfinite(confirmed_s) else ' yet'),)
-        view = _View(self, readings, now_s, confirmed_s)
-        values = {signal: view.value(signal) for signal in BATTERY_SIGNALS if signal in self._channels}
-        cells_c = view.all_values(CELLS) if CELLS in self._channels else ()
-        lacking = [view.missing.get(signal, f'{signal}: is not on the bus') for signal in self._map.required
-                   if values.get(signal) is None]
-        if lacking:
-            return None, tuple(lacking)
-        charging = None
-        if self._map.charging_channel is not None:
-            charging = view.reading(CHARGING, self._map.charging_channel, CHARGING)
-        current_a, power_w, voltage_v = values.get('current_a'), values.get('power_w'), values.get('voltage_v')
-        if current_a is None and power_w is not None and voltage_v:
-            current_a = power_w / voltage_v
-        return LiveBattery(
-            values.get('battery_temperature_c'), values.get('soc'), voltage_v, current_a, cells_c,
-            None if charging is None else charging in self._map.charging_values, view.oldest_s,
-            tuple(view.missing.values())), ()
-
-    def value(self, signal: str, readings: Readings, now_s: float,
-              confirmed_s: float | None = None) -> float | None:
-        """Return another signal of the car in its own unit, such as AMBIENT; None without a valid value."""
-        is_lost = confirmed_s is not None and now_s - confirmed_s > CONNECTION_LOST_S
-        if is_lost or signal not in self._channels:
-            return None
-        return _View(self, readings, now_s, confirmed_s).value(signal)
-
-
-class _View:
-    """The readings at one instant; keeps the instant of the oldest reading used."""
-
-    def __init__(self, reader: BatteryReader, readings: Readings, now_s: float, confirmed_s: float | None) -> None:
-        self._map, self._channels = reader._map, reader._channels
-        self._readings, self._now_s, self._confirmed_s = readings, now_s, confirmed_s
-        self.oldest_s = now_s
+        self.live_map, self._channels, self._readings = live_map, channels, readings
+        self.now_s, self.confirmed_s, self.oldest_s = now_s, confirmed_s, now_s
         self.missing: dict[str, str] = {}
+
+    @property
+    def is_lost(self) -> bool:
+        """Whether nothing is valid any more, because the connection is silent."""
+        return self.confirmed_s is not None and self.now_s - self.confirmed_s > CONNECTION_LOST_S
 
     def value(self, signal: str) -> float | None:
         """Return a signal by the first entry of its Source that is valid as a whole."""
-        for group in self._channels[signal]:
-            source = self._map.sources[signal]
+        for group in self._channels.get(signal, ()):
+            source = self.live_map.sources[signal]
             found = [self._valid(signal, channel.name, signal) for channel in group]
             used = [reading for reading in found if reading is not None]
             if len(used) == len(found):
@@ -115,7 +86,8 @@ class _View:
     def all_values(self, signal: str) -> tuple[float, ...]:
         """Return the valid values of every channel of a signal; NaN for each that is not."""
         values = []
-        for name in dict.fromkeys(channel.name for group in self._channels[signal] for channel in group):
+        for name in dict.fromkeys(channel.name for group in self._channels.get(signal, ())
+                                  for channel in group):
             value = self.reading(signal, name, signal)
             values.append(math.nan if value is None else value)
         return tuple(values)
@@ -130,17 +102,43 @@ class _View:
 
     def _held_s(self, reading: Reading) -> float:
         """Return the latest instant at which a reading is known to hold [s]."""
-        return reading.instant_s if self._confirmed_s is None else max(
-            reading.instant_s, min(self._confirmed_s, self._now_s))
+        return reading.instant_s if self.confirmed_s is None else max(
+            reading.instant_s, min(self.confirmed_s, self.now_s))
 
     def _valid(self, signal: str, channel: str, limit: str) -> Reading | None:
-        reading, limit_s = self._readings.latest(signal, channel), self._map.valid_for_s[limit]
+        reading, limit_s = self._readings.latest(signal, channel), self.live_map.valid_for_s[limit]
         if reading is None:
             self.missing[signal] = f'{signal}: no valid reading of {channel} yet'
             return None
-        age_s = self._now_s - reading.instant_s
+        age_s = self.now_s - reading.instant_s
         if age_s > limit_s:
             self.missing[signal] = (f'{signal}: the last valid reading of {channel} is {figure(age_s, 3)} s old; '
                                     f'it expires after {limit_s:g} s')
             return None
         return reading
+
+
+def read_battery(view: View) -> tuple[LiveBattery | None, tuple[str, ...]]:
+    """Return the battery; or None and a sentence for each required signal without a valid value."""
+    live_map = view.live_map
+    if view.is_lost:
+        assert view.confirmed_s is not None
+        silent_s = view.now_s - view.confirmed_s
+        return None, ('no sign of life of the connection' + (
+            f' for {figure(silent_s, 3)} s' if math.isfinite(silent_s) else ' yet'),)
+    values = {signal: view.value(signal) for signal in BATTERY_SIGNALS}
+    cells_c = view.all_values(CELLS)
+    lacking = [view.missing.get(signal, f'{signal}: is not on the bus') for signal in live_map.required
+               if values.get(signal) is None]
+    if lacking:
+        return None, tuple(lacking)
+    charging = None
+    if live_map.charging_channel is not None:
+        charging = view.reading(CHARGING, live_map.charging_channel, CHARGING)
+    current_a, power_w, voltage_v = values['current_a'], values['power_w'], values['voltage_v']
+    if current_a is None and power_w is not None and voltage_v:
+        current_a = power_w / voltage_v
+    return LiveBattery(
+        values['battery_temperature_c'], values['soc'], voltage_v, current_a, cells_c,
+        None if charging is None else charging in live_map.charging_values, view.oldest_s,
+        tuple(view.missing.values())), ()

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bev_preheat.bus.battery import BatteryReader
+from bev_preheat.bus.battery import read_battery, View
 from bev_preheat.bus.readings import Readings
 
 if TYPE_CHECKING:
@@ -51,15 +51,15 @@ class LiveSource:
 
     def battery(self, now_s: float) -> tuple[LiveBattery | None, tuple[str, ...]]:
         """Return the battery at an instant [s]; else a sentence for each missing signal."""
-        return self._reader.read(self._readings, now_s, self._confirmed_s)
+        return read_battery(self._view(now_s))
 
     def value(self, signal: str, now_s: float) -> float | None:
         """Return another signal of live_map.LIVE_SIGNALS in its own unit, None without a valid value."""
-        return self._reader.value(signal, self._readings, now_s, self._confirmed_s)
+        view = self._view(now_s)
+        return None if view.is_lost else view.value(signal)
 
-    @property
-    def _reader(self) -> BatteryReader:
-        return BatteryReader(self._map, self._channels)
+    def _view(self, now_s: float) -> View:
+        return View(self._map, self._channels, self._readings, now_s, self._confirmed_s)
 
     def doubts(self, now_s: float) -> dict[str, str]:
         """Return a sentence on the latest dropped input of each cause."""

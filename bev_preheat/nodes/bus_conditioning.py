@@ -226,4 +226,4 @@ class BusConditioning:
                      if self._ready_since_s is None else 'the planner is starting']
         return judged(node_name, 'conditioning', hardware, [], [*waits, *refused], self._request.mode,
                       {'mode': self._request.mode, 'active': str(self._handle is not None).lower(),
-                        'heating': str(self._is_heating).lower()})
+                       'heating': str(self._is_heating).lower()})

@@ -15,6 +15,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 from sensor_msgs.msg import BatteryState
 
+from bev_preheat.flight_recorder.ring import KeptRecording
 from bev_preheat.messages.diagnostics import values_of
 from bev_preheat.messages.fields import nanoseconds
 from bev_preheat.messages.preheat_plan import charging_text
@@ -28,7 +29,6 @@ from bev_preheat.planning.status import Status
 from bev_preheat.simulation.evaluation import DriveRecord, fill_phases, SIGNALS
 from bev_preheat.simulation.supervised_drive import START_NS
 from bev_preheat.simulator.installed_processes import NodeProcess, reserved_domain_id
-from bev_preheat.simulator.kept_recording import KeptRecording
 from bev_preheat_msgs.msg import HvchCommand, PreheatPlan
 
 if TYPE_CHECKING:
