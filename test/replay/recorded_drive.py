@@ -45,7 +45,7 @@ def beginning(now_ns=START_NS, vehicle='reference', **changed):
 def writer(folder, head=None, most_bytes=10**9, **options):
     head = (Entry(BEGINNING_CHANNEL, START_NS, beginning().as_dictionary()),) if head is None else head
     return RecordingWriter(
-        Recording(folder, most_bytes, LIFE, '20260101T000000'), KINDS, lambda: head, {}, **options)
+        Recording(folder, most_bytes, LIFE, '20260101T000000'), KINDS, lambda: head, **options)
 
 
 def a_car(target_c=TARGET_C, length_s=LENGTH_S, **imperfections):
