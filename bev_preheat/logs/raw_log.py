@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from bev_preheat.logs.signal_map import SignalMap
     from bev_preheat.numerics.arrays import FloatArray, IntArray
 
+
 @dataclass
 class _Cause:
     first: str

@@ -12,6 +12,7 @@ import numpy as np
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import BoolArray, FloatArray
 
+
 @dataclass(frozen=True)
 class Series:
     """

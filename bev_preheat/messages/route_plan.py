@@ -340,5 +340,3 @@ def _stop_fields(leg: Leg, following: Leg) -> dict[str, Any]:
     return {DURATION: leg.ended_for_s(following.start_ns), 'departure_soc': departure.soc,
             'departure_battery_temperature': departure.temperature_c,
             **{f'stop_{name}': value for name, value in _request_fields(leg).items()}}
-
-

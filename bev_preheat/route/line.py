@@ -10,6 +10,7 @@ from typing import NamedTuple, TYPE_CHECKING
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
 
+
 @dataclass(frozen=True)
 class RouteLine:
     """

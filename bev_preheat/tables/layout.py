@@ -9,7 +9,7 @@ import csv
 from dataclasses import dataclass
 import re
 
-from bev_preheat.tables.numbers import decimal_mark, NUMBER, read_numbers
+from bev_preheat.tables.number_text import decimal_mark, NUMBER, read_numbers
 from bev_preheat.tables.units import split_unit, unit_named
 
 SEPARATORS = ('\t', ';', ',', '|')

@@ -12,7 +12,7 @@ import numpy as np
 
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.tables.layout import find_layout, is_blank, Layout, LEAST_NAMED, MOST_UNNAMED, split_line
-from bev_preheat.tables.numbers import ambiguous, is_clear, NUMBER, why_no_number
+from bev_preheat.tables.number_text import ambiguous, is_clear, NUMBER, why_no_number
 from bev_preheat.tables.text import encoding_of, first_lines, HEAD_BYTES, line_blocks, read_head
 
 if TYPE_CHECKING:

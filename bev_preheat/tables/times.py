@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.tables.numbers import read_numbers
+from bev_preheat.tables.number_text import read_numbers
 from bev_preheat.tables.units import conversion
 
 if TYPE_CHECKING:

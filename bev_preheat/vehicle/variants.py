@@ -5,15 +5,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 from bev_preheat.numerics.arithmetic import AnyNumber, Arithmetic, Curve, CurveFunction, Number
 from bev_preheat.vehicle.curves import Table
 from bev_preheat.vehicle.description import Leakage, Vehicle
 
-if TYPE_CHECKING:
-    from bev_preheat.numerics.arithmetic import Curve
-    from bev_preheat.vehicle.description import Vehicle
 
 @dataclass(frozen=True)
 class Corrections:

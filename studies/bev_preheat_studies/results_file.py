@@ -13,6 +13,7 @@ import fcntl
 from itertools import chain
 import json
 import os
+from types import NoneType
 from typing import Any, get_args, get_origin, get_type_hints, TYPE_CHECKING, TypeVar
 
 from bev_preheat.errors import InvalidInput, quoted
@@ -128,13 +129,14 @@ def value_of(kind: Any, plain: Any) -> Any:
     arguments = get_args(kind)
     if is_dataclass(kind):
         hints = get_type_hints(kind)
-        return kind(**{name: value_of(hints[name], value) for name, value in plain.items()})  # type: ignore[operator]
+        fields = {name: value_of(hints[name], value) for name, value in plain.items()}
+        return kind(**fields)  # type: ignore[operator]
     if get_origin(kind) is tuple:
         return tuple(value_of(arguments[0], item) for item in plain)
     if get_origin(kind) is dict:
         return {key: value_of(arguments[1], item) for key, item in plain.items()}
-    if type(None) in arguments and plain is not None:
-        return value_of(next(each for each in arguments if each is not type(None)), plain)
+    if NoneType in arguments and plain is not None:
+        return value_of(next(each for each in arguments if each is not NoneType), plain)
     return plain
 
 

@@ -12,7 +12,7 @@ from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.route.sources.texts import check_xml
 from bev_preheat.route.sources.timeline import distances_m
 from bev_preheat.route.sources.track import journey_of_points
-from bev_preheat.tables.numbers import NUMBER
+from bev_preheat.tables.number_text import NUMBER
 from bev_preheat.tables.times import iso_seconds
 
 if TYPE_CHECKING:

@@ -145,4 +145,5 @@ def _outcome(car: ImperfectCar, goal: Goal, switch_ons: int, **observed: object)
     plant = car.plant
     return DriveOutcome(
         plant.temperature_c - goal.target_temperature_c, plant.energy_wh.hvch_electric,
-        plant.energy_wh.battery_total, switch_ons, plant.empty_at_s is not None, **observed)  # type: ignore[arg-type]
+        plant.energy_wh.battery_total, switch_ons, plant.empty_at_s is not None,
+        **observed)  # type: ignore[arg-type]
