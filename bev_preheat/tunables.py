@@ -13,7 +13,7 @@ numbers from here, too (`native/core_constants.py`).
 """
 
 
-# Signals: is a reading one of this battery?
+# Signals: does a reading belong to this battery?
 
 # signals/source.py: one battery on the topic
 OTHER_PACK_K = 4.0        # K   | one battery does not change by more between two states
@@ -71,7 +71,7 @@ WIDEST_CELL_SPREAD_K = 10.0     # K   | cells of a healthy battery differ by les
 COLDER_CELL_K = 20.0            # K   | a cell that is colder than the battery by more is a failed sensor
 
 
-# Estimation: what the readings tell
+# Estimation: the evidence of readings
 
 # estimation/state.py, belief.py: noise of the model
 NOMINAL_HEAT_LAG_S = 40.0        # s    | heater to cells, whose logarithm is 0 | 0.181 K

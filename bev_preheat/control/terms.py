@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the source of a goal asks of its plans, beside the route and the target; behind it sources are alike."""
+"""The terms of a goal's source for its plans, beside route and target; behind them all sources are alike."""
 
 from __future__ import annotations
 

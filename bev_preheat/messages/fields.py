@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-What the fields of several messages share: stamps, arrays, and numbers with a range.
+Shared by several messages: stamps, arrays, and numbers with a range.
 
 Messages carry SI units and degrees Celsius, as the planner's values do; only energies are in Wh.
 """

@@ -2,7 +2,7 @@
 """
 RoutePlan: read as a Mission or its refusal, and written.
 
-What is requested at the end of a leg stands in one field of the message for the last leg, and, with the prefix
+The requests at the end of a leg stand in one field of the message for the last leg, and, with the prefix
 `stop_`, in one element of an array for the leg before each stop.
 """
 
@@ -84,7 +84,7 @@ NEEDED = ('duration_s', 'speed_mps', 'ambient_temperature_c')
 
 
 class _Stop(NamedTuple):
-    """A stop after a segment (its index), its duration [s], what its leg's end requests, and how it is left."""
+    """A stop after a segment (its index), its duration [s], the requests at its leg's end, and how it is left."""
 
     after_segment: int
     duration_s: float
@@ -202,7 +202,7 @@ def _with_powers(message: RoutePlan, columns: dict[str, FloatArray],
 
 
 def _requests(charging_planned: bool, departure_soc: float, **values: float) -> dict[str, Any]:
-    """Return the fields of Leg of what is requested at its end; `values` are valid and named as in RoutePlan."""
+    """Return the fields of a Leg from the requests at its end; `values` are valid and named as in RoutePlan."""
     target_c = values[TARGET]
     is_given = not math.isnan(target_c) and (target_c != 0.0 or values[HAS_TARGET])
     least_soc = values['minimum_arrival_soc']
@@ -322,7 +322,7 @@ def route_plan_message(mission: Mission) -> RoutePlan:
 
 
 def _request_fields(leg: Leg) -> dict[str, Any]:
-    """Return what is requested at the end of a Leg, named as in RoutePlan."""
+    """Return the requests at the end of a Leg, named as in RoutePlan."""
     prospect = leg.prospect
     return {TARGET: leg.target_temperature_c or 0.0, HAS_TARGET: leg.target_temperature_c is not None,
             'minimum_arrival_soc': leg.minimum_arrival_soc,

@@ -166,7 +166,7 @@ class BusGatewayNode(ProgramNode):
     # Diagnostics
 
     def entries(self) -> list[DiagnosticStatus]:
-        """Return the entries on bus, signals and what is served; log what is wrong with them."""
+        """Return the entries on bus, signals and requests; log their problems."""
         now_s, name, source, battery = self._now_s(), self.get_fully_qualified_name(), self._source, self._battery
         lacking = [f'battery_state is not published: {sentence}' for sentence in self._lacking[:1]]
         lacking += self._lacking[1:]

@@ -78,7 +78,7 @@ def open_can_heater(name_or_file: str, maximum_power_w: float) -> CanHeater:
     """
     Open the bus of a signal map whose heater_command describes the frame, for this heater alone.
 
-    Raises InvalidInput if there is none, or if its frame cannot carry the vehicle's maximum power [W].
+    Raises InvalidInput without such a frame, or if it cannot carry the vehicle's maximum power [W].
     """
     live_map = load_live_map(name_or_file)
     if not live_map.can or live_map.heater_command is None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the nodes have in common: parameters of a table, guarded callbacks, news, diagnostics, lifecycle."""
+"""The base of all nodes: parameters of a table, guarded callbacks, news, diagnostics, lifecycle."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ class ProgramNode(LifecycleNodeMixin, Node):
         return self.create_timer(period_s, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def tell(self, sentence: str, is_warning: bool = True) -> None:
-        """Log a sentence unless it repeats one of the last seconds."""
+        """Log a sentence unless it was logged in the last seconds."""
         if not self._news.has(sentence):
             return
         # One call for each severity: rclpy raises if a line of code logs with a second one.

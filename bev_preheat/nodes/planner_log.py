@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The planner's log: what a step found, each once."""
+"""The planner's log: the findings of each step, once."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ class PlannerLog:
             self._logger.warning(f'route_plan: {warning}.')
 
     def log_vehicle(self, vehicle: Vehicle, values: Values) -> None:
-        """Log what the vehicle file only assumes."""
+        """Log the assumptions of the vehicle file."""
         warning = assumption_warning(vehicle, vehicle_file(values['vehicle']))
         if warning is not None:
             self._logger.warning(f'{warning}.')

@@ -204,7 +204,7 @@ class PlannerNode(ProgramNode):
 
     def _diagnose(self, output: StepOutput, now_ns: int) -> None:
         """
-        Log what is new; publish the diagnostics at once with a new status, so that short-lived ones are seen.
+        Log the news; publish the diagnostics at once with a new status, so that short-lived ones are seen.
 
         After a failure the command comes last, so that no heat is commanded while the rest still fails.
         """
