@@ -45,7 +45,7 @@ class Roles(NamedTuple):
 
 
 class CsvLog:
-    """An open CSV log; see RawLog. With `Roles` a line has one reading, else one of each channel."""
+    """An open CSV log; see RawLog. With `Roles` a line has a single reading, else a reading of each channel."""
 
     place = 'line'
 

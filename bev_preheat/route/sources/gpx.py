@@ -71,7 +71,7 @@ def _nodes(root: ElementTree.Element, remarks: list[str]) -> tuple[str, str, lis
 
 
 def _point(node: ElementTree.Element, place: str) -> list[float]:
-    """Return latitude, longitude, elevation and time of a point; NaN for one of the last two that is missing."""
+    """Return latitude, longitude, elevation and time of a point; NaN for a missing elevation or time."""
     values = []
     for name, text in (('lat', node.get('lat', '')), ('lon', node.get('lon', '')),
                        ('ele', node.findtext('{*}ele') or 'nan')):

@@ -48,7 +48,7 @@ class Service:
     The keys of a service; of several paths (keys with a dot between them) the first that exists counts.
 
     `routes` is the list of routes, or the only one ('': the answer is one), `legs` that of the legs in a route
-    ('': the route is one). A unit of time is `second` [s], one of length `metre` [m].
+    ('': the route is one). A unit of time is `second` [s], a unit of length `metre` [m].
     """
 
     kind: str
