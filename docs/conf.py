@@ -36,8 +36,9 @@ python_maximum_signature_line_length = 88
 default_role = 'code'
 # Types in signatures that have no page: those of other packages, and internal ones.
 nitpick_ignore_regex = [
-    ('py:class', r'ArrayLike|DataFrame|FloatArray|Path|collections\.abc\.\w+'),
-    ('py:class', r'ChargingStop|Check|HeatingChoice|Identification|Optimum|Plan|Schedule|Session|Trip|Worth'),
+    ('py:class', r'AnyMethod|ArrayLike|Axes|DataFrame|FloatArray|Path|collections\.abc\.\w+'),
+    ('py:class', r'(Car|Gap)Result|ChargingStop|Check|HeatingChoice|Identification|Optimum|Plan|Reproduction'),
+    ('py:class', r'Schedule|Session|Trip|Worth'),
     ('py:class', r'bev_preheat\.(simulation|vehicle)\.[\w.]+'),
 ]
 

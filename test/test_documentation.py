@@ -192,7 +192,7 @@ FOLDERS_OF_NAMES = (ROOT, ROOT / 'bev_preheat', ROOT / 'studies/bev_preheat_stud
 
 
 @pytest.mark.parametrize('page', [
-    page for page in PAGES if page.parent == ROOT or page.parent.name in ('explanation', 'decisions')],
+    page for page in PAGES if page.parent == ROOT or page.parent.name in ('explanation', 'docs')],
     ids=name_of)
 def test_files_of_the_project_that_a_page_names_exist(page):
     text = FENCE.sub('', page.read_text())

@@ -34,7 +34,7 @@ from bev_preheat.vehicle.heat_path import HeatPath
 from bev_preheat_studies.optimality.drawn_trips import draw_limit_trip
 
 VEHICLE, PLANT = load_vehicle('reference'), OwnPlant('reference')
-# Most that a plan lies above the optimum (docs/decisions/0014).
+# Most that a plan lies above the optimum (docs/decisions.md, 14).
 ABOVE_OPTIMUM_WH = 1.5
 # The plant's steps are shorter, and of first order.
 SAME_SOC, SAME_POWER_W, SAME_POWER_SHARE = 3e-4, 150.0, 4e-3
