@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bev_preheat.console.program import Interrupted, loading, run_program, say
+from bev_preheat.commands.program import Interrupted, loading, run_program, say
 
 if __name__ == '__main__':
     # The imports below take a second, in which Ctrl-C may come.
@@ -30,32 +30,32 @@ from rich.progress import BarColumn, TextColumn
 import yaml
 
 from bev_preheat.charging.stop import CHARGER_RANGE_W, USUAL_DEPARTURE_SOC
-from bev_preheat.console.output import ENERGY_ROWS
-from bev_preheat.console.parser import OneLineParser
-from bev_preheat.console.terminal import print_figures, progress_bar, result_console
+from bev_preheat.commands.output import ENERGY_ROWS
+from bev_preheat.commands.parser import OneLineParser
+from bev_preheat.commands.terminal import print_figures, progress_bar, result_console
 from bev_preheat.errors import figure, figure_beyond, InvalidInput
 from bev_preheat.files.output_files import check_outputs, expanded, OutputFile, PICTURE_SUFFIXES
-from bev_preheat.flight_recorder.ring import recording_beside
 from bev_preheat.messages.fields import nanoseconds
 from bev_preheat.messages.preheat_plan import charging_text, ENERGY_FIELDS
-from bev_preheat.messages.simulated_drive import ARRIVED
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.planner import plan_unheated
 from bev_preheat.planning.status import Status
+from bev_preheat.recording.ring import recording_beside
 from bev_preheat.route import route_file
 from bev_preheat.simulation.scenario import load_scenario
 from bev_preheat.simulation.supervised_drive import START_NS
 from bev_preheat.simulator.installed_drive import drive_with_nodes, log_files, ObservedDrive, ScenarioFailed
 from bev_preheat.simulator.installed_processes import reserved_domain_id
+from bev_preheat.simulator.simulated_drive import ARRIVED
 from bev_preheat.vehicle import vehicle_file
 
 if TYPE_CHECKING:
     from argparse import Namespace
     from collections.abc import Callable, Sequence
 
-    from bev_preheat.console.terminal import ResultConsole
-    from bev_preheat.messages.simulated_drive import SimulatedDriveReport
+    from bev_preheat.commands.terminal import ResultConsole
     from bev_preheat.simulation.scenario import Scenario
+    from bev_preheat.simulator.simulated_drive import SimulatedDriveReport
 
 GOOD_ARRIVAL_K = 1.0
 # Simulated time between two lines on the drive [s].

@@ -94,3 +94,10 @@ def quoted(text: str) -> str:
     if len(text) <= LONGEST_QUOTE:
         return repr(text)
     return f'{text[:LONGEST_QUOTE]!r} … ({len(text)} characters)'
+
+
+def one_line(text: str) -> str:
+    """Return a text with line breaks and other control characters escaped as in Python."""
+    return ''.join(character if character.isprintable() or character == ' ' else
+                   character.encode('unicode_escape', 'surrogatepass').decode()
+                   for character in text)

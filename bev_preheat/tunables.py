@@ -15,7 +15,7 @@ numbers from here, too (`native/core_constants.py`).
 
 # Signals: does a reading belong to this battery?
 
-# signals/source.py: one battery on the topic
+# estimation/electrical_source.py: one battery on the topic
 OTHER_PACK_K = 4.0        # K   | one battery does not change by more between two states
 OTHER_PACK_SOC = 0.03     # 1   | nor by more of its charge, with a correction of the display
 OTHER_PACK_VOLTAGE = 0.2  # 1   | nor by more of its voltage, under a step of the load
@@ -24,7 +24,7 @@ COMPARED_STATES = 20      # n   | the latest ones: LEAST_JUMPS begin the doubt, 
 LEAST_JUMPS = 3           # n   | one outlier and its way back are two jumps
 SLOW_GAPS = 2             # n   | in a row make a feed slow, as many in time steady: one may be a network's
 
-# signals/stuck_temperature.py: the reading follows the battery
+# estimation/stuck_temperature.py: the reading follows the battery
 STUCK_K = 3.0              # K | expected change without a movement; the model errs by less
 STUCK_LAGS_S = 120.0       # s | of a change: heater and sensor lag behind by this together
 STUCK_BESIDE_LAGS_K = 1.5  # K | added to the lags
@@ -32,14 +32,14 @@ STUCK_WITHIN_S = 900.0     # s | a slower change may be an error of the model's 
 UNMOVED_K = 0.05           # K | half of the finest step in use
 BELOW_AMBIENT_K = 20.0     # K | no car cools its battery further below ambient
 
-# signals/electrical.py: voltage and charge are this battery's
+# estimation/electrical.py: voltage and charge are this battery's
 VOLTAGE_WITHIN = 0.2   # 1 | share of the open-circuit voltage, and R I once more; vehicle files differ from cars
 EMPTY_BELOW = 0.001    # 1 | a charge that was never set reads 0
 FULLER_SOC = 0.2       # 1 | charge whose voltage, halfway, contradicts an empty battery
 SCALE_HOLDS_S = 600.0  # s | a percentage has the scale of the one before for this time
 GOES_ON_WITHIN = 0.1   # 1 | change of the charge that continues the last valid value
 
-# signals/current_sign.py, current_scale.py: sign and scale of the current
+# estimation/current_sign.py, current_scale.py: sign and scale of the current
 CURRENT_CHANGES = 60            # n   | of voltage and current that are correlated: a minute of a usual feed
 LEAST_CURRENT_CHANGES = 20      # n   | a correlation of fewer is chance
 CHANGE_WITHIN_S = 2.5           # s   | between the states of a change: open-circuit voltage moves more slowly

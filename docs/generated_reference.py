@@ -19,7 +19,8 @@ import yaml
 
 from bev_preheat.commands.arguments import make_parser
 from bev_preheat.commands.main import GROUPS, SUBCOMMANDS
-from bev_preheat.dashboard import dashboard_node
+from bev_preheat.messages.planner_diagnostics import HEATER_LEVELS, HEATER_SENTENCES
+from bev_preheat.monitoring import dashboard_node
 from bev_preheat.nodes import (
     bus_gateway_node,
     charger_adviser_node,
@@ -28,7 +29,6 @@ from bev_preheat.nodes import (
     planner_node,
     route_publisher_node,
 )
-from bev_preheat.nodes.diagnostics import HEATER_LEVELS, HEATER_SENTENCES
 from bev_preheat.planning.status import Status
 from bev_preheat.simulator import vehicle_simulator_node
 

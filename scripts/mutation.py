@@ -33,7 +33,7 @@ LIBRARY = 'libbev_preheat_core.so'
 SUBJECTS = {
     'gate': (
         'bev_preheat/control/admitted.py', 'bev_preheat/control/command.py',
-        'bev_preheat/control/heater_switch.py', 'bev_preheat/heater/controller.py'),
+        'bev_preheat/control/heater_switch.py', 'bev_preheat/vehicle/heater_controller.py'),
     'admission': (
         'bev_preheat/control/inbox.py', 'bev_preheat/control/inputs.py', 'bev_preheat/control/refusals.py',
         'bev_preheat/messages/battery_state.py', 'bev_preheat/messages/fields.py',
@@ -48,8 +48,8 @@ SUBJECTS = {
         'core/src/limits.c', 'core/src/stranding.c'),
 }
 TESTS_OF_C = ('test/native', 'test/planning')
-TESTS = ('test/control', 'test/estimation', 'test/heater', 'test/nodes', 'test/route/test_segments.py',
-         'test/route/test_legs.py', 'test/signals', *TESTS_OF_C)
+TESTS = ('test/control', 'test/estimation', 'test/vehicle', 'test/nodes', 'test/route/test_segments.py',
+         'test/route/test_legs.py', 'test/estimation', *TESTS_OF_C)
 # A change may make a loop endless. The tests' own limit is for a whole drive over DDS.
 LIMITS = ('-o', 'timeout=60', '-p', 'no:cacheprovider', '--deselect',
           # mutmut's own imports.

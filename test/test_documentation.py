@@ -25,7 +25,7 @@ NEED_CASADI = {'optimum', 'compare', 'reproduce', 'sweep', 'identify'}
 # test/nodes/test_files_tutorial.py runs it, and the nodes that it ends with.
 WITH_NODES = {'docs/tutorials/from_files.md'}
 # They take most of the time: whole drives, solvers, a hundred plans. The same commands run daily on shorter inputs
-# in test/replay, test/commands and test/interface.
+# in test/recording, test/commands and test/interface.
 DEEP = {'docs/tutorials/cold_arrival.md', 'docs/explanation/planning.md', 'docs/explanation/worth.md',
         'docs/how-to/ecu.md', 'docs/reference/python.md'}
 
@@ -311,7 +311,7 @@ def test_keys_of_files_have_range_and_comment(generated):
 
 
 def test_every_topic_is_described():
-    from bev_preheat.dashboard import dashboard_node
+    from bev_preheat.monitoring import dashboard_node
     from bev_preheat.nodes import (
         bus_gateway_node,
         charger_adviser_node,
@@ -332,7 +332,7 @@ def test_every_topic_is_described():
 def test_rules_of_the_heater_name_their_tests():
     page = (ROOT / 'docs/explanation/safety.md').read_text()
     rules = page.partition('## Requirements for the heater controller')[2]
-    file = re.search(r'`(test/heater/\w+\.py)`', rules).group(1)
+    file = re.search(r'`(test/vehicle/\w+\.py)`', rules).group(1)
     rows = [row for row in cells(rules) if re.fullmatch(r'R\d.*|all', row[0])]
     assert [row[0][:2] for row in rows] == [f'R{number}' for number in range(1, 10)] + ['al']
     named = {name for row in rows for name in re.findall(r'test_\w+', row[-1])}

@@ -11,10 +11,10 @@ from bev_preheat.bus.heater_frame import SHARES
 from bev_preheat.bus.live_map import CHARGING
 from bev_preheat.bus.readings import live_channels, LiveChannel
 from bev_preheat.errors import figure, InvalidInput, quoted
+from bev_preheat.files.units import unit_named
 from bev_preheat.logs.can_frames import load_dbc, values_of_nothing
 from bev_preheat.logs.signal_map import PLAUSIBLE, Source
 from bev_preheat.optional_packages import require
-from bev_preheat.tables.units import unit_named
 
 if TYPE_CHECKING:
     from bev_preheat.bus.live_map import LiveMap

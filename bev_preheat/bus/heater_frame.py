@@ -9,7 +9,7 @@ from typing import Any, TYPE_CHECKING
 from bev_preheat.bus.checksums import Checksum, signal_of
 from bev_preheat.bus.frame_checks import counts_of
 from bev_preheat.errors import InvalidInput
-from bev_preheat.tables.units import conversion, unit_named
+from bev_preheat.files.units import conversion, unit_named
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING
 
 from bev_preheat.bus.live_map import CELLS
 from bev_preheat.errors import figure, InvalidInput
+from bev_preheat.files.units import check_unit, conversion, own_unit
 from bev_preheat.logs.choice import candidates
-from bev_preheat.tables.units import check_unit, conversion, own_unit
 
 if TYPE_CHECKING:
     from bev_preheat.logs.signal_map import Source

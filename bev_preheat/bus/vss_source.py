@@ -11,7 +11,7 @@ from bev_preheat.bus.readings import live_channels, LiveChannel
 from bev_preheat.bus.source import LiveSource
 from bev_preheat.bus.vss_link import VssLink
 from bev_preheat.errors import figure, InvalidInput, quoted
-from bev_preheat.tables.units import unit_named
+from bev_preheat.files.units import unit_named
 
 if TYPE_CHECKING:
     from bev_preheat.bus.live_map import LiveMap

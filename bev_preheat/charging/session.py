@@ -38,11 +38,11 @@ from bev_preheat.charging.stop import check_stop
 from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.numerics.factors import JOULES_PER_WH
 from bev_preheat.planning.bracketing import close_in, follow_slope, halve, Trial
-from bev_preheat.planning.dynamics import hottest_c
 from bev_preheat.tunables import TIME_CONSTANT_SHARE
 from bev_preheat.vehicle.charging import charging_of, vehicle_at_charger
 from bev_preheat.vehicle.heated_step import make_heat_step
 from bev_preheat.vehicle.model import make_rates
+from bev_preheat.vehicle.terminal_limits import hottest_c
 
 if TYPE_CHECKING:
     from bev_preheat.charging.heating_limit import HeatingLimit

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""C headers generated from the Python equations and constants; the core's build and the export use them."""
+"""C from the Python equations and constants: headers of the core, and the planner as sources for an ECU."""

@@ -10,7 +10,7 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
 from bev_preheat.commands.completion import complete
-from bev_preheat.console.parser import GroupedHelp, OneLineParser, VersionAction
+from bev_preheat.commands.parser import GroupedHelp, OneLineParser, VersionAction
 from bev_preheat.errors import InvalidInput
 
 if TYPE_CHECKING:

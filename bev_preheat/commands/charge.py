@@ -17,10 +17,10 @@ from bev_preheat.charging.stop import (
 from bev_preheat.charging.target_worth import Prices
 from bev_preheat.charging.too_warm import too_warm
 from bev_preheat.charging.worth import check_prices, ENERGY_PRICE_PER_KWH, VALUE_OF_TIME_PER_H
+from bev_preheat.commands.output import add_output_arguments, check_output_arguments, write_json
+from bev_preheat.commands.parser import option_group
 from bev_preheat.commands.situation import add_drive_arguments, load_planned_vehicle, read_situation
-from bev_preheat.console.output import add_output_arguments, check_output_arguments, write_json
-from bev_preheat.console.parser import option_group
-from bev_preheat.console.terminal import print_figures, result_console
+from bev_preheat.commands.terminal import print_figures, result_console
 from bev_preheat.errors import InvalidInput
 from bev_preheat.numerics.factors import W_PER_KW, WH_PER_KWH
 from bev_preheat.planning.explanation import duration_text

@@ -9,10 +9,10 @@ from bev_preheat.charging.candidates import rank_chargers, ranking_verdict
 from bev_preheat.charging.chargers_file import load_chargers
 from bev_preheat.charging.target_worth import Prices
 from bev_preheat.charging.worth import check_prices
+from bev_preheat.commands.output import check_output_arguments, write_json
 from bev_preheat.commands.prospect import OPTIONS
 from bev_preheat.commands.situation import read_situation
-from bev_preheat.console.output import check_output_arguments, write_json
-from bev_preheat.console.terminal import print_records, result_console
+from bev_preheat.commands.terminal import print_records, result_console
 from bev_preheat.errors import InvalidInput
 from bev_preheat.numerics.factors import S_PER_MIN, W_PER_KW, WH_PER_KWH
 from bev_preheat.planning.explanation import duration_text

@@ -6,9 +6,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from bev_preheat.commands.completion import completed_by, VEHICLES
+from bev_preheat.commands.output import add_output_arguments, check_output_arguments, write_json
 from bev_preheat.commands.recordings import add_log_arguments, read_trips
-from bev_preheat.console.output import add_output_arguments, check_output_arguments, write_json
-from bev_preheat.console.terminal import print_records, progress_bar, result_console
+from bev_preheat.commands.terminal import print_records, progress_bar, result_console
 from bev_preheat.errors import InvalidInput
 from bev_preheat.identification.check import heater_doubt
 from bev_preheat.identification.trips import common_remarks
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from argparse import Namespace
 
     from bev_preheat.commands.arguments import Subparsers
-    from bev_preheat.console.terminal import ResultConsole
+    from bev_preheat.commands.terminal import ResultConsole
     from bev_preheat.identification.check import Check
 
 BEYOND_BOUND = 1

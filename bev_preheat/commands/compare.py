@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 from bev_preheat.commands.method_argument import add_methods_argument
 from bev_preheat.commands.optimum import add_no_limits_argument, optimum_lines
+from bev_preheat.commands.output import add_output_arguments, check_output_arguments, print_plans, write_json
+from bev_preheat.commands.program import FAILED, say
 from bev_preheat.commands.situation import add_situation_arguments, read_situation, warn
-from bev_preheat.console.output import add_output_arguments, check_output_arguments, print_plans, write_json
-from bev_preheat.console.program import FAILED, say
-from bev_preheat.console.terminal import progress_console, result_console
+from bev_preheat.commands.terminal import progress_console, result_console
 from bev_preheat.optional_packages import require
 from bev_preheat.planning.comparison import difference, energy_gap_wh, SAME_SHORTFALL_K
 from bev_preheat.planning.planner import (

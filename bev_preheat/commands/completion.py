@@ -11,7 +11,7 @@ from __future__ import annotations
 import os
 from typing import TYPE_CHECKING
 
-from bev_preheat.console.parser import COMPLETING
+from bev_preheat.commands.parser import COMPLETING
 from bev_preheat.files.configuration import configuration_folder
 
 if TYPE_CHECKING:

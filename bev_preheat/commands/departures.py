@@ -7,10 +7,10 @@ import os
 import time
 from typing import TYPE_CHECKING
 
+from bev_preheat.commands.output import check_output_arguments, write_json
+from bev_preheat.commands.program import FAILED
 from bev_preheat.commands.situation import load_planned_vehicle
-from bev_preheat.console.output import check_output_arguments, write_json
-from bev_preheat.console.program import FAILED
-from bev_preheat.console.terminal import print_records, result_console
+from bev_preheat.commands.terminal import print_records, result_console
 from bev_preheat.control.departure_week import prepare_week
 from bev_preheat.control.departures_file import load_departures, load_grid_prices
 from bev_preheat.control.local_time import dated_instant_ns, in_words, local

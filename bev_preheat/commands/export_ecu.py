@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
 
+from bev_preheat.code_generation.ecu_export import Export
+from bev_preheat.code_generation.ecu_vectors import BAD_INPUT, METHODS, OK
 from bev_preheat.commands.completion import completed_by, VEHICLES
-from bev_preheat.console.terminal import progress_bar, result_console
-from bev_preheat.ecu.export import Export
-from bev_preheat.ecu.vectors import BAD_INPUT, METHODS, OK
+from bev_preheat.commands.terminal import progress_bar, result_console
 from bev_preheat.errors import InvalidInput
 from bev_preheat.vehicle import load_vehicle, vehicle_file
 from bev_preheat.vehicle.assumptions import assumption_warning

@@ -10,9 +10,9 @@ import time
 from typing import TYPE_CHECKING
 
 from bev_preheat.commands.completion import completed_by, VEHICLES
+from bev_preheat.commands.output import add_json_argument, json_output, write_json
 from bev_preheat.commands.recordings import add_log_arguments, read_trips
-from bev_preheat.console.output import add_json_argument, json_output, write_json
-from bev_preheat.console.terminal import print_records, progress_bar, result_console
+from bev_preheat.commands.terminal import print_records, progress_bar, result_console
 from bev_preheat.errors import figure, InvalidInput
 from bev_preheat.files.checked_yaml import load_checked_yaml
 from bev_preheat.files.output_files import check_outputs, existing_file, OutputFile, write_whole
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from argparse import Namespace
 
     from bev_preheat.commands.arguments import Subparsers
-    from bev_preheat.console.terminal import ResultConsole
+    from bev_preheat.commands.terminal import ResultConsole
     from bev_preheat.identification.result import Identification
 
 # Stages that `identify` announces beside those of structures and trips, for the bar.

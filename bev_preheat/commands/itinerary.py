@@ -7,10 +7,10 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from bev_preheat.commands.completion import completed_by, NameCompleter
+from bev_preheat.commands.output import check_output_arguments, print_plans, write_json
 from bev_preheat.commands.prospect import given_prospect_options, plan_in_doubt
 from bev_preheat.commands.situation import in_steps, load_planned_vehicle, target_of, warn
-from bev_preheat.console.output import check_output_arguments, print_plans, write_json
-from bev_preheat.console.terminal import result_console
+from bev_preheat.commands.terminal import result_console
 from bev_preheat.control.inputs import check_mission, Leg
 from bev_preheat.control.itinerary import load_itinerary
 from bev_preheat.errors import InvalidInput

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.commands.completion import completed_by, NameCompleter
-from bev_preheat.console.output import add_output_arguments, check_output_arguments, write_json
-from bev_preheat.console.terminal import print_records, result_console
+from bev_preheat.commands.output import add_output_arguments, check_output_arguments, write_json
+from bev_preheat.commands.terminal import print_records, result_console
 from bev_preheat.errors import figure, shortened
 from bev_preheat.files.output_files import expanded
 from bev_preheat.logs.reading import LONGEST_LIST, read_recording

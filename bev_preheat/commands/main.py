@@ -6,7 +6,7 @@ from __future__ import annotations
 import sys
 from typing import TYPE_CHECKING
 
-from bev_preheat.console.program import loading, run_program
+from bev_preheat.commands.program import loading, run_program
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -6,9 +6,9 @@ from __future__ import annotations
 from argparse import ArgumentTypeError
 from typing import TYPE_CHECKING
 
+from bev_preheat.commands.parser import option_group
+from bev_preheat.commands.program import say
 from bev_preheat.commands.situation import LESS_COMMON
-from bev_preheat.console.parser import option_group
-from bev_preheat.console.program import say
 from bev_preheat.errors import InvalidInput
 from bev_preheat.planning.planner import (
     check_method,

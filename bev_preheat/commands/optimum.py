@@ -5,10 +5,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from bev_preheat.commands.output import add_output_arguments, check_output_arguments, print_plans, write_json
+from bev_preheat.commands.program import FAILED, say
 from bev_preheat.commands.situation import add_situation_arguments, read_situation
-from bev_preheat.console.output import add_output_arguments, check_output_arguments, print_plans, write_json
-from bev_preheat.console.program import FAILED, say
-from bev_preheat.console.terminal import progress_console, result_console
+from bev_preheat.commands.terminal import progress_console, result_console
 from bev_preheat.optional_packages import require
 
 if TYPE_CHECKING:

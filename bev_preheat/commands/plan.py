@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 from bev_preheat.commands.itinerary import add_itinerary_argument, run_itinerary
 from bev_preheat.commands.method_argument import add_method_argument
+from bev_preheat.commands.output import add_output_arguments, check_output_arguments, print_plans, write_json
 from bev_preheat.commands.prospect import add_prospect_arguments, plan_in_doubt, read_prospect
 from bev_preheat.commands.situation import add_situation_arguments, read_situation
-from bev_preheat.console.output import add_output_arguments, check_output_arguments, print_plans, write_json
-from bev_preheat.console.terminal import result_console
+from bev_preheat.commands.terminal import result_console
 from bev_preheat.planning.sensitivity import find_sensitivity
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from bev_preheat.commands.departures import (
     run_skip,
     run_week,
 )
-from bev_preheat.console.program import FAILED, INTERRUPTED, say
+from bev_preheat.commands.program import FAILED, INTERRUPTED, say
 from bev_preheat.control.local_time import CLOCK
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.optional_packages import require_ros
@@ -106,7 +106,7 @@ def run(arguments: Namespace) -> int:
 def _pursue(client: PreparationClient, wanted: Wanted) -> int:
     from rich.progress import BarColumn, TextColumn
 
-    from bev_preheat.console.terminal import progress_bar, result_console
+    from bev_preheat.commands.terminal import progress_bar, result_console
     from bev_preheat.control.preparation_goal import PreparationEnding
     from bev_preheat.monitoring.preparation import feedback_line
     if not client.send(wanted):

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from bev_preheat.charging.prospect import chance_text, ChargingProspect, check_prospect
 from bev_preheat.charging.target_worth import Prices
 from bev_preheat.charging.worth import ENERGY_PRICE_PER_KWH, VALUE_OF_TIME_PER_H
-from bev_preheat.console.parser import option_group
+from bev_preheat.commands.parser import option_group
 from bev_preheat.control.charging_doubt import given_target_pays_from
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.planner import plan_preheating

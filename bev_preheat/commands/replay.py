@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bev_preheat.commands.completion import completed_by, NameCompleter, VEHICLES
-from bev_preheat.console.output import add_json_argument, json_output, write_json
-from bev_preheat.console.terminal import print_records, progress_bar, result_console
+from bev_preheat.commands.output import add_json_argument, json_output, write_json
+from bev_preheat.commands.terminal import print_records, progress_bar, result_console
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.output_files import check_outputs, expanded, OutputFile, write_whole
 from bev_preheat.optional_packages import require, require_ros
@@ -18,10 +18,10 @@ if TYPE_CHECKING:
 
     from bev_preheat.commands.arguments import Subparsers
     from bev_preheat.commands.replay_output import Result
-    from bev_preheat.replay.flight_file import Flight
-    from bev_preheat.replay.history import History
-    from bev_preheat.replay.period import Period
-    from bev_preheat.replay.player import Changes
+    from bev_preheat.recording.flight_file import Flight
+    from bev_preheat.recording.history import History
+    from bev_preheat.recording.period import Period
+    from bev_preheat.recording.player import Changes
 
 DIFFERENT = 1
 
@@ -85,7 +85,7 @@ def run(arguments: Namespace) -> int:
     if arguments.explain is not None:
         return run_explanation(arguments, flight, changes)
     from bev_preheat.commands import replay_output
-    from bev_preheat.replay.period import period_of
+    from bev_preheat.recording.period import period_of
     period = period_of(flight, arguments.begin, arguments.end)
     if changes.is_nothing:
         flight = flight.from_instant(period.from_ns)
@@ -93,7 +93,7 @@ def run(arguments: Namespace) -> int:
     if arguments.json:
         write_json(arguments.json, replay_output.as_dictionary(result))
     if arguments.report is not None:
-        from bev_preheat.replay.report import report_text
+        from bev_preheat.monitoring.recording_report import report_text
         write_whole(arguments.report, report_text(replay_output.report_words(result, histories), *histories))
     console = result_console(arguments.json)
     replay_output.print_result(console, result)
@@ -111,7 +111,7 @@ def changes_only(result: Result) -> bool:
 def read(path: Path, arguments: Namespace) -> tuple[Flight, Changes]:
     """Return the Flight of a recording, and the Changes; raises InvalidInput if one is refused."""
     from bev_preheat.commands.replay_changes import changes_of, planner_of
-    from bev_preheat.replay.recordings import has_planner, open_recording, Planner, Sources
+    from bev_preheat.recording.recordings import has_planner, open_recording, Planner, Sources
     planner = planner_of(arguments)
     # Options that change a recorded planner describe an unrecorded one.
     changes = changes_of(arguments, planner if has_planner(path) else Planner())
@@ -123,13 +123,13 @@ def replayed(flight: Flight, changes: Changes, period: Period,
              has_report: bool) -> tuple[Result, tuple[History, ...]]:
     """Return the Result in a Period, and the History of each drive; () without a report."""
     from bev_preheat.commands.replay_output import Result
-    from bev_preheat.replay.period import driven_ns
-    from bev_preheat.replay.what_if import replay, replay_changed, Watcher
+    from bev_preheat.recording.period import driven_ns
+    from bev_preheat.recording.what_if import replay, replay_changed, Watcher
     is_changed = flight.is_log or not changes.is_nothing
     steps, length_ns = len(flight.given), driven_ns(flight, period)
     histories = []
     if has_report:
-        from bev_preheat.replay.history import History
+        from bev_preheat.recording.history import History
         histories = [History(length_ns) for _ in range(2 if is_changed else 1)]
     with progress_bar() as bar:
         task = bar.add_task('replaying', total=steps * (2 if is_changed else 1))
@@ -145,7 +145,7 @@ def run_expectation(arguments: Namespace, result: Result, status: int) -> int:
     """Write the figures, or compare them with the expected ones; returns the exit status."""
     if arguments.expect is None and arguments.write_expected is None:
         return status
-    from bev_preheat.replay.expected import deviations, expectation, figures, load_expectation
+    from bev_preheat.recording.expected import deviations, expectation, figures, load_expectation
     console = result_console(arguments.json)
     comparison = result.replayed.comparison if result.flight.has_commands and result.changed is None else None
     values = figures(comparison, result.courses[-1])
@@ -173,8 +173,8 @@ def run_explanation(arguments: Namespace, flight: Flight, changes: Changes) -> i
             raise InvalidInput(f'{option}: not allowed with --explain')
     if not changes.is_nothing:
         raise InvalidInput('--explain: is for the recording as it was, without changes')
-    from bev_preheat.replay.explanation import explain
-    from bev_preheat.replay.period import instant_of, moment
+    from bev_preheat.recording.explanation import explain
+    from bev_preheat.recording.period import instant_of, moment
     why = explain(flight, instant_of('--explain', arguments.explain, flight.start_ns))
     if arguments.json:
         write_json(arguments.json, {

@@ -13,15 +13,15 @@ from bev_preheat.errors import InvalidInput, quoted
 if TYPE_CHECKING:
     from argparse import Namespace
 
-    from bev_preheat.replay.player import Changes
-    from bev_preheat.replay.recordings import Planner
+    from bev_preheat.recording.player import Changes
+    from bev_preheat.recording.recordings import Planner
 
 VEHICLE = 'vehicle'
 
 
 def planner_of(arguments: Namespace) -> Planner:
     """Return the Planner of `--vehicle`, `--method` and `--set`; raises InvalidInput for unknown parameters."""
-    from bev_preheat.replay.recordings import Planner
+    from bev_preheat.recording.recordings import Planner
     parameters: dict[str, Any] = {}
     for text in arguments.parameters:
         name, sign, value = text.partition('=')
@@ -36,8 +36,8 @@ def planner_of(arguments: Namespace) -> Planner:
 
 def changes_of(arguments: Namespace, planner: Planner) -> Changes:
     """Return the Changes of `--change`, on top of those of a Planner; raises InvalidInput, naming the change."""
-    from bev_preheat.replay.player import Changes
-    from bev_preheat.replay.signal_changes import ALIASES, signal_change, SIGNALS
+    from bev_preheat.recording.player import Changes
+    from bev_preheat.recording.signal_changes import ALIASES, signal_change, SIGNALS
     vehicle, parameters = planner.vehicle, dict(planner.parameters)
     signals, keys = [], dict[str, Any]()
     for text in arguments.changes:
@@ -63,14 +63,14 @@ def changes_of(arguments: Namespace, planner: Planner) -> Changes:
 
 
 def _signals_with_units() -> str:
-    from bev_preheat.replay.signal_changes import UNITS
+    from bev_preheat.recording.signal_changes import UNITS
     return ', '.join(f'{signal} [{unit or "0 ... 1"}]' for signal, (unit, _, _) in UNITS.items())
 
 
 def _meant(name: str) -> str:
     """Return the names that a person may have meant, as a part of a message; '' for none."""
-    from bev_preheat.replay.signal_changes import ALIASES, SIGNALS
-    from bev_preheat.replay.vehicle_keys import keys_of_text
+    from bev_preheat.recording.signal_changes import ALIASES, SIGNALS
+    from bev_preheat.recording.vehicle_keys import keys_of_text
     from bev_preheat.vehicle import vehicle_contents
     meant: dict[str, str] = {known: known for known in (*FIELD_OF_PARAMETER, VEHICLE)}
     meant |= {known: f'--change {ALIASES.get(known, known)}' for known in (*SIGNALS, *ALIASES)}

@@ -6,23 +6,23 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple, TYPE_CHECKING
 
-from bev_preheat.console.terminal import print_figures
+from bev_preheat.commands.terminal import print_figures
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
-from bev_preheat.replay.cause import cause_of
-from bev_preheat.replay.flight_file import FLIGHT_RECORDER
-from bev_preheat.replay.period import moment
-from bev_preheat.replay.sentences import what_if_sentence
-from bev_preheat.replay.trip_result import lapses_in_words
+from bev_preheat.recording.cause import cause_of
+from bev_preheat.recording.flight_file import FLIGHT_RECORDER
+from bev_preheat.recording.period import moment
+from bev_preheat.recording.sentences import what_if_sentence
+from bev_preheat.recording.trip_result import lapses_in_words
 
 if TYPE_CHECKING:
-    from bev_preheat.console.terminal import ResultConsole
-    from bev_preheat.replay.course import Course
-    from bev_preheat.replay.flight_file import Flight
-    from bev_preheat.replay.history import History
-    from bev_preheat.replay.player import Changes
-    from bev_preheat.replay.report import ReportText
-    from bev_preheat.replay.what_if import Replayed
+    from bev_preheat.commands.terminal import ResultConsole
+    from bev_preheat.monitoring.recording_report import ReportText
+    from bev_preheat.recording.course import Course
+    from bev_preheat.recording.flight_file import Flight
+    from bev_preheat.recording.history import History
+    from bev_preheat.recording.player import Changes
+    from bev_preheat.recording.what_if import Replayed
 
 # The longest spans without a command are listed.
 LISTED_SPANS = 10
@@ -151,7 +151,7 @@ def print_result(console: ResultConsole, result: Result) -> None:
 
 def report_words(result: Result, histories: tuple[History, ...]) -> ReportText:
     """Return the words of the report."""
-    from bev_preheat.replay.report import ReportText
+    from bev_preheat.monitoring.recording_report import ReportText
     flight, beginning = result.flight, result.flight.beginning
     start_ns = result.replayed.course.instants[0].now_ns
     remarks = result.remarks

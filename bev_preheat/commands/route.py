@@ -14,7 +14,7 @@ from rich.text import Text
 from bev_preheat.commands.completion import completed_by, NameCompleter, VEHICLES
 from bev_preheat.commands.log import add_signal_arguments
 from bev_preheat.commands.situation import add_route_options, in_steps, ROUTE_OPTIONS, route_options
-from bev_preheat.console.terminal import result_console
+from bev_preheat.commands.terminal import result_console
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.output_files import check_outputs, expanded, OutputFile, PICTURE_SUFFIXES
 from bev_preheat.interface.route_or_log import route_or_log

@@ -11,10 +11,10 @@ from rich.progress import BarColumn, TaskProgressColumn, TextColumn
 from rich.text import Text
 
 from bev_preheat.commands.completion import completed_by, NameCompleter
+from bev_preheat.commands.finished import keeping_what_is_finished
+from bev_preheat.commands.output import add_json_argument, json_output, write_json
 from bev_preheat.commands.situation import warn
-from bev_preheat.console.finished import keeping_what_is_finished
-from bev_preheat.console.output import add_json_argument, json_output, write_json
-from bev_preheat.console.terminal import print_records, progress_bar, result_console
+from bev_preheat.commands.terminal import print_records, progress_bar, result_console
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.configuration import configuration_folder
 from bev_preheat.files.output_files import check_outputs, expanded, OutputFile
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from bev_preheat.commands.arguments import Subparsers
-    from bev_preheat.console.terminal import ResultConsole
+    from bev_preheat.commands.terminal import ResultConsole
     from bev_preheat.simulation.evaluation import DriveRecord, Finding
     from bev_preheat.simulation.scenario import Scenario
 

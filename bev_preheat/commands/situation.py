@@ -8,7 +8,7 @@ import sys
 from typing import TYPE_CHECKING
 
 from bev_preheat.commands.completion import completed_by, ROUTES, VEHICLES
-from bev_preheat.console.parser import option_group
+from bev_preheat.commands.parser import option_group
 from bev_preheat.errors import InvalidInput
 from bev_preheat.interface.route_or_log import route_or_log
 from bev_preheat.planning.situation import BatteryState, Goal

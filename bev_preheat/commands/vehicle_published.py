@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 from bev_preheat.charging.published_cars import computed_times
 from bev_preheat.charging.published_warmth import computed_warmth
-from bev_preheat.console.output import add_json_argument, json_output, write_json
-from bev_preheat.console.terminal import print_records, result_console
+from bev_preheat.commands.output import add_json_argument, json_output, write_json
+from bev_preheat.commands.terminal import print_records, result_console
 from bev_preheat.files.output_files import check_outputs
 
 if TYPE_CHECKING:
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from bev_preheat.charging.published_cars import ComputedTime
     from bev_preheat.charging.published_warmth import ComputedWarmth
     from bev_preheat.commands.arguments import Subparsers
-    from bev_preheat.console.terminal import ResultConsole
+    from bev_preheat.commands.terminal import ResultConsole
 
 
 def add_published(actions: Subparsers) -> None:

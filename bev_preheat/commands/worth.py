@@ -14,11 +14,11 @@ from bev_preheat.charging.worth import find_worth
 from bev_preheat.commands.charge import add_charger_arguments, add_price_arguments
 from bev_preheat.commands.chargers import check_charger_arguments, run_chargers
 from bev_preheat.commands.completion import completed_by, NameCompleter
+from bev_preheat.commands.output import add_output_arguments, check_output_arguments, write_json
+from bev_preheat.commands.parser import option_group
 from bev_preheat.commands.prospect import add_prospect_arguments, read_prospect
 from bev_preheat.commands.situation import add_drive_arguments, read_situation
-from bev_preheat.console.output import add_output_arguments, check_output_arguments, write_json
-from bev_preheat.console.parser import option_group
-from bev_preheat.console.terminal import print_records, result_console
+from bev_preheat.commands.terminal import print_records, result_console
 from bev_preheat.numerics.factors import S_PER_MIN, W_PER_KW, WH_PER_KWH
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.planner import plan_preheating

@@ -23,6 +23,10 @@ from bev_preheat.vehicle.description import Vehicle
 if TYPE_CHECKING:
     from bev_preheat.estimation.prior import Learned
 
+# Topics of the planner's inputs; an event of a message is recorded by its topic.
+BATTERY_STATE, ROUTE_PLAN, ROUTE_PROGRESS, HVCH_STATUS = (
+    'battery_state', 'route_plan', 'route_progress', 'hvch_status')
+
 
 @dataclass(frozen=True)
 class BatteryStateArrived:

@@ -13,9 +13,9 @@ from typing import NamedTuple, TYPE_CHECKING
 from bev_preheat.control.command_history import CommandHistory
 from bev_preheat.errors import age_beyond, InvalidInput
 from bev_preheat.estimation.hypotheses import Heater
-from bev_preheat.heater.controller import Refusal
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.tunables import COMPARED_OVER_NS, CONFIRMED_WITHIN_S, LEAST_DIFFERENCE_W
+from bev_preheat.vehicle.heater_controller import Refusal
 
 if TYPE_CHECKING:
     from bev_preheat.control.settings import Settings

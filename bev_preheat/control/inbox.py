@@ -32,12 +32,12 @@ from bev_preheat.control.settings import defaults_of, Settings
 from bev_preheat.control.timetable import Timetable, TripEnd
 from bev_preheat.errors import age_beyond, InvalidInput
 from bev_preheat.estimation.driver_choices import CancelledTrip, DriverChoices, EndedTrip, NO_CHOICES
+from bev_preheat.estimation.electrical import electrical_check, PercentScale
+from bev_preheat.estimation.electrical_source import is_one_battery, SeenState
+from bev_preheat.estimation.signal_verdict import SignalVerdict, STATE_OF_CHARGE
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.situation import check_situation, Goal
 from bev_preheat.route.plausibility import unit_warnings
-from bev_preheat.signals.electrical import electrical_check, PercentScale
-from bev_preheat.signals.source import is_one_battery, SeenState
-from bev_preheat.signals.verdict import SignalVerdict, STATE_OF_CHARGE
 from bev_preheat.tunables import CLOCK_RESTART_S
 from bev_preheat.vehicle.description import Vehicle
 

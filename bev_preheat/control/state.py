@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from bev_preheat.estimation.driver_choices import DriverChoices
     from bev_preheat.estimation.estimate import Estimate
     from bev_preheat.estimation.prior import Learned
+    from bev_preheat.estimation.signal_verdict import SignalVerdict
     from bev_preheat.planning.status import Status
-    from bev_preheat.signals.verdict import SignalVerdict
     from bev_preheat.vehicle.description import Vehicle
 
 

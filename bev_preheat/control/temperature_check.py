@@ -9,13 +9,13 @@ import math
 from typing import NamedTuple, TYPE_CHECKING
 
 from bev_preheat.estimation.readings import Resolution, TEMPERATURE_STEPS_K
+from bev_preheat.estimation.stuck_temperature import StuckTemperature
 from bev_preheat.numerics.arithmetic import SATURATING_FLOATS
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.numerics.folded_normal import mean_magnitude
-from bev_preheat.planning.dynamics import KEPT_VEHICLES
-from bev_preheat.signals.stuck_temperature import StuckTemperature
 from bev_preheat.tunables import COMPARED_EVERY_S, SEEN_OVER_S
 from bev_preheat.vehicle.uncertain_car import make_drive_rates
+from bev_preheat.vehicle.variants import KEPT_VEHICLES
 
 if TYPE_CHECKING:
     from bev_preheat.control.inputs import Measurement

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Estimation of the battery temperature and of the car's deviations from its file, with uncertainty."""
+"""The battery's temperature and the car's deviations from its file, with uncertainty; plausible signals."""

@@ -57,12 +57,11 @@ from bev_preheat.estimation.state import (
 )
 from bev_preheat.native.belief_structs import belief_terms
 from bev_preheat.native.beliefs import Elapsing, NativeBelief, ReadingNoise
+from bev_preheat.native.calls import vehicle_in_core
 from bev_preheat.native.library import operation
 from bev_preheat.numerics.arithmetic import array_exp
 from bev_preheat.numerics.arrays import frozen
 from bev_preheat.numerics.truncated_normal import truncated_moments
-from bev_preheat.planning.core_engine import vehicle_in_core
-from bev_preheat.planning.heat_run import with_coolant_in_battery
 from bev_preheat.tunables import (
     CLIPPED_DEVIATIONS,
     JOULE_RISE_NOISE_K_PER_KW,
@@ -80,6 +79,7 @@ from bev_preheat.tunables import (
     SOC_NOISE,
     UNKNOWN_K,
 )
+from bev_preheat.vehicle.variants import with_coolant_in_battery
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

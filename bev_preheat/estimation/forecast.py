@@ -20,9 +20,9 @@ from bev_preheat.estimation.state import (
     UNDER_WAY,
 )
 from bev_preheat.native.beliefs import arrival_variance as native_variance
+from bev_preheat.native.calls import vehicle_in_core
 from bev_preheat.native.library import operation
 from bev_preheat.numerics.arithmetic import array_exp
-from bev_preheat.planning.core_engine import vehicle_in_core
 from bev_preheat.tunables import NOISY_FROM_W, POWER_NOISE, POWER_NOISE_LASTS_S, SETTLED_K, UNMODELLED_K
 from bev_preheat.vehicle.uncertain_car import DriveInputs
 

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Checks common to reading and writing files of any kind."""
+"""Files of any kind read, checked and written; tables of loggers and spreadsheets with units and times."""

@@ -14,12 +14,12 @@ import numpy as np
 
 from bev_preheat.errors import figure, InvalidInput, quoted
 from bev_preheat.files.input_files import check_input
+from bev_preheat.files.table_text import encoding_of, read_head
+from bev_preheat.files.times import EARLIEST_S, LATEST_S
+from bev_preheat.files.units import unit_named
 from bev_preheat.logs.raw_log import Channel, Piece
 from bev_preheat.logs.text_frames import LINES, text_frames, text_kind
 from bev_preheat.optional_packages import require
-from bev_preheat.tables.text import encoding_of, read_head
-from bev_preheat.tables.times import EARLIEST_S, LATEST_S
-from bev_preheat.tables.units import unit_named
 
 if TYPE_CHECKING:
     from bev_preheat.logs.raw_log import Remarks

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 import re
 from typing import NamedTuple, TYPE_CHECKING
 
+from bev_preheat.files.units import is_stated, measures, split_unit
 from bev_preheat.logs.signal_map import is_expression, matches, plain
-from bev_preheat.tables.units import is_stated, measures, split_unit
 
 if TYPE_CHECKING:
     from bev_preheat.logs.signal_map import SignalMap, Source

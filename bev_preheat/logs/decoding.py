@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.errors import figure, InvalidInput, quoted
+from bev_preheat.files.number_text import read_numbers, unit_in_cells
+from bev_preheat.files.units import check_unit, conversion, own_unit, split_unit, unit_named
 from bev_preheat.logs.hypotheses import hypotheses, Hypothesis, plausible
-from bev_preheat.tables.number_text import read_numbers, unit_in_cells
-from bev_preheat.tables.units import check_unit, conversion, own_unit, split_unit, unit_named
 
 if TYPE_CHECKING:
     from bev_preheat.logs.raw_log import Remarks

@@ -8,9 +8,9 @@ from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
+from bev_preheat.files.units import conversion, own_unit
 from bev_preheat.logs.doubts import AGREEMENT, by_position, distances, integral
 from bev_preheat.logs.recording import Series
-from bev_preheat.tables.units import conversion, own_unit
 
 if TYPE_CHECKING:
     from bev_preheat.logs.signal_map import Source

@@ -13,16 +13,16 @@ from typing import Any, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.errors import InvalidInput, quoted
+from bev_preheat.files.table_text import encoding_of, line_blocks
+from bev_preheat.files.units import split_unit, unit_named
 from bev_preheat.logs.csv_log import MOST_CHANNELS, NAME, UNIT, VALUE
 from bev_preheat.logs.raw_log import Channel, Piece
 from bev_preheat.logs.time_column import find_time_column
-from bev_preheat.tables.text import encoding_of, line_blocks
-from bev_preheat.tables.units import split_unit, unit_named
 
 if TYPE_CHECKING:
+    from bev_preheat.files.times import Clock
     from bev_preheat.logs.raw_log import Remarks
     from bev_preheat.logs.signal_map import SignalMap
-    from bev_preheat.tables.times import Clock
 
 DEEPEST = 20
 # Items of a list that become channels; a longer list of numbers is a course of time.

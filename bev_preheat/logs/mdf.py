@@ -13,9 +13,9 @@ from typing import Any, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.errors import InvalidInput, quoted
+from bev_preheat.files.units import split_unit, unit_named
 from bev_preheat.logs.raw_log import Channel, Piece
 from bev_preheat.optional_packages import require
-from bev_preheat.tables.units import split_unit, unit_named
 
 if TYPE_CHECKING:
     from bev_preheat.logs.raw_log import Remarks

@@ -10,6 +10,8 @@ import re
 import numpy as np
 
 from bev_preheat.errors import figure, InvalidInput, quoted, shortened
+from bev_preheat.files.table_text import encoding_of, read_head
+from bev_preheat.files.units import is_stated, measures, split_unit, unit_named
 from bev_preheat.logs.assembly import Assembly, Samples
 from bev_preheat.logs.can_frames import open_can_frames
 from bev_preheat.logs.choice import all_candidates, Candidates
@@ -23,8 +25,6 @@ from bev_preheat.logs.raw_log import RawLog, Remarks
 from bev_preheat.logs.recording import Recording, Series
 from bev_preheat.logs.ros_bag import is_bag_folder, open_ros_bag, RosBag
 from bev_preheat.logs.signal_map import load_signal_map, plain, recognised_map, SignalMap
-from bev_preheat.tables.text import encoding_of, read_head
-from bev_preheat.tables.units import is_stated, measures, split_unit, unit_named
 
 # Each takes a path, the file's first bytes and the DBC files, and returns the open log, None for another format.
 Opener = Callable[[str | Path, bytes, Collection[str | Path]], RawLog | None]

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.errors import InvalidInput, quoted
-from bev_preheat.tables.text import line_blocks
-from bev_preheat.tables.times import COUNTER, Rounds
+from bev_preheat.files.table_text import line_blocks
+from bev_preheat.files.times import COUNTER, Rounds
 
 if TYPE_CHECKING:
     from bev_preheat.logs.raw_log import Remarks

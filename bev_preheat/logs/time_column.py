@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from bev_preheat.files.times import Clock, find_clock, TIME_UNITS
 from bev_preheat.logs.choice import candidates
 from bev_preheat.logs.signal_map import matches, SignalMap
-from bev_preheat.tables.times import Clock, find_clock, TIME_UNITS
 
 # Names of times, the best first.
 NAMES = (

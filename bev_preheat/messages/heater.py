@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING
 from bev_preheat.control.events import HeaterStatusArrived, HeaterStatusUnreadable
 from bev_preheat.control.heater_answer import HeaterStatus
 from bev_preheat.errors import InvalidInput, shortened
-from bev_preheat.heater.controller import HeaterCommand, Refusal
 from bev_preheat.messages.fields import nanoseconds, stamp_problems, time_message
 from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.vehicle.heater_controller import HeaterCommand, Refusal
 from bev_preheat_msgs.msg import HvchCommand, HvchStatus
 
 if TYPE_CHECKING:
     from collections.abc import Hashable
 
     from bev_preheat.control.decision import Command
-    from bev_preheat.heater.controller import HeaterAnswer
+    from bev_preheat.vehicle.heater_controller import HeaterAnswer
 
 REFUSALS = frozenset(map(int, Refusal))
 # A measured power may lie this share above the heater's maximum.

@@ -15,14 +15,14 @@ from bev_preheat.monitoring.trail import Trail, TRAIL_POINTS
 from bev_preheat.monitoring.view import LONGEST_SENTENCE, status_name, View
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
-from bev_preheat.replay.heater_account import ANSWER_HOLDS_NS, HeaterAccount
+from bev_preheat.recording.heater_account import ANSWER_HOLDS_NS, HeaterAccount
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
     from bev_preheat.control.heater_answer import HeaterStatus
     from bev_preheat.monitoring.seen import EntrySeen, PlanSeen, RouteSeen
-    from bev_preheat.replay.deviation import Unheated
+    from bev_preheat.recording.deviation import Unheated
 
 MOST_MARKS, MOST_SPANS = 200, 200
 NO_COMMAND = 'no valid command'

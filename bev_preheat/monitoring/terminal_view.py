@@ -12,8 +12,7 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from bev_preheat.console.program import one_line
-from bev_preheat.errors import shortened
+from bev_preheat.errors import one_line, shortened
 from bev_preheat.monitoring.diagnosis import LEVELS
 from bev_preheat.monitoring.plain import number
 from bev_preheat.monitoring.view import LONGEST_SENTENCE, status_name

@@ -8,15 +8,18 @@ Each raises Declined if the core does not answer.
 from __future__ import annotations
 
 from ctypes import addressof, byref, c_double, c_int32
+from functools import lru_cache
 from typing import Any, NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.native.library import call, EMPTY, LEFT
+from bev_preheat.native.library import call, core, Declined, EMPTY, LEFT
 from bev_preheat.native.structs import (
     address_of,
     DOUBLE_BYTES,
     ENERGIES,
+    NativeVehicle,
+    NotDescribed,
     room,
     RunOfPowersStruct,
     StrandingStruct,
@@ -26,14 +29,16 @@ from bev_preheat.native.structs import (
 )
 from bev_preheat.vehicle.model import make_euler, make_midpoint, make_runge_kutta_4
 from bev_preheat.vehicle.trip_columns import TRIP_COLUMNS, TripColumns
+from bev_preheat.vehicle.variants import KEPT_VEHICLES
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
-    from bev_preheat.native.structs import NativeTrip, NativeVehicle
+    from bev_preheat.native.structs import NativeTrip
     from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.vehicle.description import Vehicle
     from bev_preheat.vehicle.model import Integrator
 
 INTEGRATORS: dict[Integrator, int] = {make_euler: 0, make_midpoint: 1, make_runge_kutta_4: 2}
@@ -45,6 +50,25 @@ ALL_KEPT = 1
 def check_vehicle(vehicle: NativeVehicle) -> None:
     """Do nothing if the core takes a vehicle's numbers, down to its tables."""
     call('bev_check_vehicle', vehicle.address)
+
+
+def vehicle_in_core(vehicle: Vehicle) -> NativeVehicle:
+    """Return the vehicle as a native struct; raises Declined if the core is not used, or cannot take it."""
+    # The cache must not depend on whether the core is switched off for a while.
+    native = None if core() is None else _native_vehicle(vehicle)
+    if native is None:
+        raise Declined
+    return native
+
+
+@lru_cache(maxsize=KEPT_VEHICLES)
+def _native_vehicle(vehicle: Vehicle) -> NativeVehicle | None:
+    try:
+        native = NativeVehicle(vehicle)
+        check_vehicle(native)
+    except (NotDescribed, Declined):
+        return None
+    return native
 
 
 def make_trip(terms: Sequence[float], route: FloatArray) -> TripColumns:

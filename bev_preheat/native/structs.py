@@ -14,6 +14,7 @@ import numpy as np
 
 from bev_preheat.native.belief_structs import ELEMENTS
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, Table
+from bev_preheat.vehicle.terminal_limits import hottest_c
 from bev_preheat.vehicle.trip_columns import TRIP_COLUMNS
 from bev_preheat.vehicle.variants import ScaledCurve
 
@@ -135,12 +136,12 @@ class NotDescribed(Exception):
 class NativeVehicle:
     """A `bev_vehicle`; raises NotDescribed if the core does not have the kind of a curve."""
 
-    def __init__(self, vehicle: Vehicle, hottest_c: float) -> None:
-        """`hottest_c` is the hottest battery that is planned with [deg C]."""
+    def __init__(self, vehicle: Vehicle) -> None:
+        """Take the numbers and curves of a Vehicle."""
         battery, path = vehicle.battery, vehicle.heat_path
         self._kept: list[FloatArray] = []
         self.struct = VehicleStruct(
-            battery.capacity_ah, battery.heat_capacity_j_per_k, *battery.temperature_range_c, hottest_c,
+            battery.capacity_ah, battery.heat_capacity_j_per_k, *battery.temperature_range_c, hottest_c(vehicle),
             vehicle.hvch.efficiency, vehicle.drivetrain.heat_share, path.heater_lag_s,
             path.coolant_heat_capacity_j_per_k, path.coolant_conductance_w_per_k,
             *map(self._curve, (battery.open_circuit_voltage, battery.resistance,

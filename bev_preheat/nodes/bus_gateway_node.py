@@ -17,7 +17,6 @@ from bev_preheat.bus.readings import steady_s
 from bev_preheat.bus.vss_source import VssSource
 from bev_preheat.control.inputs import SupplyStatus
 from bev_preheat.errors import InvalidInput
-from bev_preheat.heater.controller import HeaterLimits
 from bev_preheat.messages.battery_state import battery_state_message
 from bev_preheat.messages.diagnostics import judged
 from bev_preheat.nodes.bus_conditioning import BusConditioning
@@ -29,6 +28,7 @@ from bev_preheat.nodes.parameters import Parameter
 from bev_preheat.nodes.process import run_node
 from bev_preheat.nodes.setup_watch import RESTART_S
 from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.vehicle.heater_controller import HeaterLimits
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

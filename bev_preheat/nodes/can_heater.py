@@ -10,15 +10,15 @@ from bev_preheat.bus.can_source import CanSource
 from bev_preheat.bus.live_map import load_live_map
 from bev_preheat.bus.readings import steady_s
 from bev_preheat.errors import InvalidInput
-from bev_preheat.heater.controller import Refusal, SERVED, Verdict
 from bev_preheat.messages.diagnostics import judged
+from bev_preheat.vehicle.heater_controller import Refusal, SERVED, Verdict
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from diagnostic_msgs.msg import DiagnosticStatus
 
-    from bev_preheat.heater.controller import Instant
+    from bev_preheat.vehicle.heater_controller import Instant
 
 LAST_FRAMES = 3
 

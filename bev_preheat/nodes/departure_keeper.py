@@ -4,13 +4,14 @@
 from __future__ import annotations
 
 import os
-from typing import NamedTuple, TYPE_CHECKING
+from typing import TYPE_CHECKING
 
 from std_srvs.srv import SetBool
 
 from bev_preheat.control.departure_source import DepartureSource, NO_DEPARTURES
 from bev_preheat.control.departures_file import load_departures, load_grid_prices
 from bev_preheat.errors import InvalidInput
+from bev_preheat.messages.planner_diagnostics import DepartureFiles
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -19,7 +20,6 @@ if TYPE_CHECKING:
     from rclpy.impl.rcutils_logger import RcutilsLogger
     from rclpy.node import Node
 
-    from bev_preheat.control.departure_source import DepartureReport
     from bev_preheat.control.departures import Departures
     from bev_preheat.control.events import Event
     from bev_preheat.control.grid_prices import GridPrices
@@ -29,15 +29,6 @@ if TYPE_CHECKING:
 
 SKIP = '~/skip_departure'
 DEPARTURES, GRID_PRICES = 'departures', 'grid_prices'
-
-
-class DepartureFiles(NamedTuple):
-    """The DepartureReport for diagnostics, with the paths of both files and their problems; '': none."""
-
-    report: DepartureReport
-    departures_path: str
-    prices_path: str
-    problem: str
 
 
 def check_departure_parameters(departures_path: str, prices_path: str) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Records the planner's inputs and answers; see bev_preheat/flight_recorder."""
+"""Records the planner's inputs and answers; see bev_preheat/recording."""
 
 from __future__ import annotations
 
@@ -10,22 +10,25 @@ from uuid import uuid4
 
 from sensor_msgs.msg import Temperature
 
-from bev_preheat.control.events import Reconfigured, RouteArrived
+from bev_preheat.control.events import BATTERY_STATE, Reconfigured, ROUTE_PLAN, RouteArrived
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.configuration import version
-from bev_preheat.flight_recorder.beginning import Beginning, learned_values, recorded_state
-from bev_preheat.flight_recorder.ring import check_folder
-from bev_preheat.flight_recorder.steps import (
-    BATTERY_STATE,
+from bev_preheat.messages.definitions import definition
+from bev_preheat.messages.diagnostics import entry, OK, WARN
+from bev_preheat.messages.inputs import INPUTS
+from bev_preheat.nodes.recorded_bytes import command_encoder, serialized, state_encoder
+from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.recording.beginning import Beginning, learned_values, recorded_state
+from bev_preheat.recording.recorded_steps import (
     COMMAND,
     command_values,
     event_values,
     GoalNumbers,
     RecordedStep,
-    ROUTE_PLAN,
     STEP,
 )
-from bev_preheat.flight_recorder.writer import (
+from bev_preheat.recording.ring import check_folder
+from bev_preheat.recording.writer import (
     BEGINNING_CHANNEL,
     Entry,
     Kind,
@@ -34,11 +37,6 @@ from bev_preheat.flight_recorder.writer import (
     STATE_CHANNEL,
     STEP_CHANNEL,
 )
-from bev_preheat.messages.definitions import definition
-from bev_preheat.messages.diagnostics import entry, OK, WARN
-from bev_preheat.nodes.inputs import INPUTS
-from bev_preheat.nodes.recorded_bytes import command_encoder, serialized, state_encoder
-from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
 
 if TYPE_CHECKING:

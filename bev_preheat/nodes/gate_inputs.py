@@ -13,9 +13,9 @@ from sensor_msgs.msg import BatteryState
 from std_msgs.msg import Float64
 
 from bev_preheat.errors import age_beyond, InvalidInput
-from bev_preheat.heater.controller import Refusal, Verdict
 from bev_preheat.messages.battery_state import measurement_from_message
 from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.vehicle.heater_controller import Refusal, Verdict
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from rclpy.node import Node
 
     from bev_preheat.control.inputs import Measurement
-    from bev_preheat.heater.controller import Instant
+    from bev_preheat.vehicle.heater_controller import Instant
     from bev_preheat.vehicle.heating_gates import HeatingGates
 
 

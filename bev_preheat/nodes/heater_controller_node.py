@@ -13,7 +13,6 @@ import math
 import sys
 from typing import TYPE_CHECKING
 
-from bev_preheat.heater.controller import HeaterLimits, Instant, Refusal, Verdict
 from bev_preheat.nodes.can_heater import open_can_heater
 from bev_preheat.nodes.command_line import NodeProgram
 from bev_preheat.nodes.gate_inputs import GateInputs
@@ -22,6 +21,7 @@ from bev_preheat.nodes.node import LIFECYCLE, NOT_ACTIVE, ProgramNode
 from bev_preheat.nodes.parameters import Parameter
 from bev_preheat.nodes.process import run_node
 from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.heater_controller import HeaterLimits, Instant, Refusal, Verdict
 
 if TYPE_CHECKING:
     from diagnostic_msgs.msg import DiagnosticStatus

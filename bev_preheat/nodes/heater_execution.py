@@ -17,11 +17,11 @@ from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.qos import LivelinessPolicy, QoSProfile
 
 from bev_preheat.errors import LONGEST_PROBLEM, shortened
-from bev_preheat.heater.controller import HeaterAnswer, HeaterController, Instant, Refusal, SERVED
 from bev_preheat.messages.diagnostics import entry, ERROR, OK, WARN
 from bev_preheat.messages.heater import heater_command, status_message
 from bev_preheat.nodes.process import LAST_WORDS_TIME
 from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.vehicle.heater_controller import HeaterAnswer, HeaterController, Instant, Refusal, SERVED
 from bev_preheat_msgs.msg import HvchCommand, HvchStatus
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from diagnostic_msgs.msg import DiagnosticStatus
     from rclpy.node import Node
 
-    from bev_preheat.heater.controller import HeaterLimits, Verdict
+    from bev_preheat.vehicle.heater_controller import HeaterLimits, Verdict
 
     # Sets the heater's power [W]; returns the measured power [W], None if it is not measured.
     Output = Callable[[float], float | None]

@@ -15,24 +15,25 @@ from std_srvs.srv import SetBool
 
 from bev_preheat.control.events import (
     ActivationChanged,
+    BATTERY_STATE,
     PreheatingSwitched,
     Reconfigured,
     RivalsChanged,
+    ROUTE_PLAN,
     RouteUnreadable,
 )
 from bev_preheat.control.sensitivity_watch import SensitivityWatch
 from bev_preheat.control.supervisor import Supervisor
-from bev_preheat.flight_recorder.steps import BATTERY_STATE, FAIL, ROUTE_PLAN, STOP
 from bev_preheat.messages.heater import command_message
+from bev_preheat.messages.inputs import INPUTS, Reader
+from bev_preheat.messages.planner_diagnostics import planner_diagnostics
 from bev_preheat.messages.preheat_plan import plan_message, temperature_message
 from bev_preheat.messages.route_intake import RouteIntake
 from bev_preheat.native.library import core_in_words
 from bev_preheat.nodes.command_line import NodeProgram
 from bev_preheat.nodes.command_publisher import CommandPublisher
 from bev_preheat.nodes.departure_keeper import DepartureKeeper, SKIP
-from bev_preheat.nodes.diagnostics import planner_diagnostics
 from bev_preheat.nodes.flight_recording import FlightRecorder, planner_of, Setup
-from bev_preheat.nodes.inputs import INPUTS, Reader
 from bev_preheat.nodes.node import guarded, NOT_ACTIVE, ProgramNode
 from bev_preheat.nodes.parameters import USE_SIM_TIME
 from bev_preheat.nodes.planner_log import PlannerLog
@@ -43,6 +44,7 @@ from bev_preheat.nodes.route_listener import RouteListener
 from bev_preheat.nodes.setup_watch import SetupWatch
 from bev_preheat.nodes.state_keeper import SAVE_PERIOD_S, StateKeeper
 from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.recording.recorded_steps import FAIL, STOP
 from bev_preheat.vehicle import vehicle_contents
 from bev_preheat_msgs.msg import PreheatPlan, RoutePlan
 

@@ -11,6 +11,7 @@ from bev_preheat.estimation.driver_choices import NO_CHOICES
 from bev_preheat.estimation.memory import learned_from
 from bev_preheat.estimation.state_file import check_state_file, load_state, Recalled, save_state
 from bev_preheat.files.output_files import check_writable
+from bev_preheat.messages.planner_diagnostics import StateFileReport
 from bev_preheat.nodes.running_state import load_running, Running, save_running
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
@@ -32,22 +33,6 @@ if TYPE_CHECKING:
 SAVE_PERIOD_S = 60.0
 # The State of a killed planner is at most this old [ns]; writing it takes some milliseconds.
 RUNNING_PERIOD_NS = 10 * NS_PER_S
-
-
-class StateFileReport(NamedTuple):
-    """
-    The condition of the state file.
-
-    `problem` is a sentence, or empty; `is_foreign`: the file is not this planner's, or cannot be read, so it is
-    never written. `written_s_ago` is None before the first write; `kept_aside` is the new path of a damaged
-    file, empty if none was moved.
-    """
-
-    path: str
-    problem: str
-    is_foreign: bool
-    written_s_ago: float | None
-    kept_aside: str
 
 
 class _Kept(NamedTuple):

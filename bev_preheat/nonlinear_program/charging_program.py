@@ -31,11 +31,11 @@ from bev_preheat.nonlinear_program.charging_steps import add_charging_steps, can
 from bev_preheat.nonlinear_program.drive_step import RESERVES
 from bev_preheat.nonlinear_program.drive_steps import add_drive_steps
 from bev_preheat.numerics.factors import JOULES_PER_WH, S_PER_H, WH_PER_KWH
-from bev_preheat.planning.dynamics import hottest_c
 from bev_preheat.planning.limits import drive_as_planned, limit_is_near
 from bev_preheat.planning.planner import finish_plan, plan_preheating, plan_unheated, plan_without_heating
 from bev_preheat.planning.situation import check_situation, reserve_soc
 from bev_preheat.planning.trip import make_trip
+from bev_preheat.vehicle.terminal_limits import hottest_c
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

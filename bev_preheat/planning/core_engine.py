@@ -8,22 +8,16 @@ The engine's operations in the native core; each raises Declined if the core doe
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import lru_cache
 from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
 from bev_preheat.native import calls
-from bev_preheat.native.library import core, Declined
-from bev_preheat.native.structs import NativeTrip, NativeVehicle, NotDescribed
-from bev_preheat.planning.dynamics import (
-    Accounts,
-    energies_of,
-    hottest_c,
-    keeps_limits,
-    KEPT_VEHICLES,
-)
-from bev_preheat.planning.heat_run import first_heated_s, initial_states, with_heat, without_heat_path
+from bev_preheat.native.calls import vehicle_in_core
+from bev_preheat.native.library import Declined
+from bev_preheat.native.structs import NativeTrip, NativeVehicle
+from bev_preheat.planning.dynamics import Accounts, energies_of, keeps_limits
+from bev_preheat.planning.heat_run import first_heated_s, initial_states, with_heat
 from bev_preheat.planning.limited_drive import Course
 from bev_preheat.planning.model_inputs import stiff_w_per_k
 from bev_preheat.planning.recursion import PlanByValues
@@ -31,6 +25,7 @@ from bev_preheat.planning.schedule import Schedule
 from bev_preheat.planning.switch_plan import IntervalCosts, is_driven_as_planned, OneInterval, SwitchPlan
 from bev_preheat.planning.two_switches import switched_off
 from bev_preheat.vehicle.model import make_euler, make_runge_kutta_4
+from bev_preheat.vehicle.variants import without_heat_path
 
 if TYPE_CHECKING:
     from bev_preheat.native.structs import SwitchPlanStruct
@@ -44,25 +39,6 @@ if TYPE_CHECKING:
     from bev_preheat.vehicle.description import Vehicle
     from bev_preheat.vehicle.model import Integrator
     from bev_preheat.vehicle.trip_columns import TripColumns
-
-
-def vehicle_in_core(vehicle: Vehicle) -> NativeVehicle:
-    """Return the vehicle as a native struct; raises Declined if the core is not used, or cannot take it."""
-    # The cache must not depend on whether the core is switched off for a while.
-    native = None if core() is None else _native_vehicle(vehicle)
-    if native is None:
-        raise Declined
-    return native
-
-
-@lru_cache(maxsize=KEPT_VEHICLES)
-def _native_vehicle(vehicle: Vehicle) -> NativeVehicle | None:
-    try:
-        native = NativeVehicle(vehicle, hottest_c(vehicle))
-        calls.check_vehicle(native)
-    except (NotDescribed, Declined):
-        return None
-    return native
 
 
 def trip_in_core(trip: Trip) -> NativeTrip:

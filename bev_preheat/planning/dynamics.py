@@ -12,10 +12,10 @@ import numpy as np
 
 from bev_preheat.numerics.arithmetic import AnyNumber, ARRAYS, CurveFunction, FLOATS, SATURATING_FLOATS
 from bev_preheat.numerics.factors import JOULES_PER_WH
-from bev_preheat.tunables import HOTTEST_BEYOND_RANGE_K
 from bev_preheat.vehicle.heat_balance import deliverable_w, heat_with_brake_w, leaked_w
 from bev_preheat.vehicle.model import Integrator, make_rates, Step
-from bev_preheat.vehicle.terminal_limits import make_terminal_limits
+from bev_preheat.vehicle.terminal_limits import hottest_c, make_terminal_limits
+from bev_preheat.vehicle.variants import KEPT_VEHICLES
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
@@ -26,8 +26,6 @@ if TYPE_CHECKING:
 # `limits_of_steps_w` of an engine.
 FindLimits: TypeAlias = (
     'Callable[[Vehicle, FloatArray, FloatArray, FloatArray], tuple[FloatArray, FloatArray]]')
-# Results computed from a vehicle are cached for this many: for several cars, as described and as corrected.
-KEPT_VEHICLES = 64
 
 
 @lru_cache(maxsize=KEPT_VEHICLES)
@@ -124,15 +122,6 @@ def keeps_limits(trip: Trip, schedule: Schedule, find_w: FindLimits = limits_of_
     terminal_w = trip.idle_power_w + schedule.drawn_power_w
     least_w, most_w = limits_along(trip, schedule, find_w)
     return bool(((terminal_w >= least_w) & (terminal_w <= most_w)).all())
-
-
-def hottest_c(vehicle: Vehicle) -> float:
-    """
-    Return the hottest battery temperature used in planning [deg C].
-
-    The model has no cooling, which every car has; a drive that needs cooling is held at this temperature.
-    """
-    return vehicle.battery.temperature_range_c[1] + HOTTEST_BEYOND_RANGE_K
 
 
 @dataclass(frozen=True)

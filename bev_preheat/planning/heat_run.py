@@ -9,7 +9,6 @@ exactly those of `dynamics`.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import lru_cache
 import math
 from typing import TYPE_CHECKING
@@ -18,14 +17,12 @@ import numpy as np
 
 from bev_preheat.numerics.arithmetic import ARRAYS, FLOATS, SATURATING_FLOATS
 from bev_preheat.numerics.factors import JOULES_PER_WH
-from bev_preheat.planning.dynamics import KEPT_VEHICLES
 from bev_preheat.planning.schedule import HeatRun, Schedule
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.tunables import HEATING_SHARE
-from bev_preheat.vehicle.heat_path import DIRECT
 from bev_preheat.vehicle.heated_step import HeatedStep, make_heated_step
 from bev_preheat.vehicle.model import make_runge_kutta_4
-from bev_preheat.vehicle.variants import corrected_vehicle, Corrections
+from bev_preheat.vehicle.variants import KEPT_VEHICLES
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
@@ -179,21 +176,6 @@ def state_with_heat_under_way(vehicle: Vehicle, temperature_c: float, soc: float
     excess_k = (heater.efficiency * heater_w / path.coolant_conductance_w_per_k
                 if path.has_coolant else 0.0)
     return BatteryState(temperature_c, soc, heater_w, excess_k)
-
-
-@lru_cache(maxsize=KEPT_VEHICLES)
-def without_heat_path(vehicle: Vehicle) -> Vehicle:
-    """Return the Vehicle whose heat arrives at once; the same object for the same vehicle."""
-    return replace(vehicle, heat_path=DIRECT)
-
-
-@lru_cache(maxsize=KEPT_VEHICLES)
-def with_coolant_in_battery(vehicle: Vehicle) -> Vehicle:
-    """Return the Vehicle whose heat arrives at once, in a battery that includes the coolant's capacity."""
-    battery_j_per_k = vehicle.battery.heat_capacity_j_per_k
-    return replace(corrected_vehicle(vehicle, Corrections(
-        heat_capacity=1.0 + vehicle.heat_path.coolant_heat_capacity_j_per_k / battery_j_per_k)),
-        heat_path=DIRECT)
 
 
 def mean_share_left(path: HeatPath, duration_s: FloatArray) -> FloatArray:

@@ -18,7 +18,6 @@ import numpy as np
 from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.planning.both_ends import drive_to_end, Driven, warmth_beyond
 from bev_preheat.planning.bracketing import halve
-from bev_preheat.planning.dynamics import hottest_c
 from bev_preheat.planning.heat_run import (
     ends_before_arrival_s,
     heat_to_come_k,
@@ -31,7 +30,7 @@ from bev_preheat.planning.schedule import Schedule
 from bev_preheat.tunables import HIGHEST_TOLERANCE_K, LAGS_AHEAD, LASTING_LAGS
 from bev_preheat.vehicle.heat_balance import heat_with_brake_w
 from bev_preheat.vehicle.model import make_runge_kutta_4
-from bev_preheat.vehicle.terminal_limits import make_terminal_limits, TerminalLimits
+from bev_preheat.vehicle.terminal_limits import hottest_c, make_terminal_limits, TerminalLimits
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray

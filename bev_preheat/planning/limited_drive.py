@@ -16,13 +16,13 @@ import numpy as np
 from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.planning.both_ends import drive_to_end, Driven, warmth_beyond
 from bev_preheat.planning.bracketing import halve
-from bev_preheat.planning.dynamics import hottest_c, step_of_floats
+from bev_preheat.planning.dynamics import step_of_floats
 from bev_preheat.planning.heat_run import initial_states
 from bev_preheat.planning.heated_limits import drive_within_heated_limits, stand_with_heat_path
 from bev_preheat.tunables import HIGHEST_TOLERANCE_K
 from bev_preheat.vehicle.heat_balance import heat_under_w, heat_with_heater_w
 from bev_preheat.vehicle.model import make_runge_kutta_4
-from bev_preheat.vehicle.terminal_limits import make_terminal_limits, TerminalLimits
+from bev_preheat.vehicle.terminal_limits import hottest_c, make_terminal_limits, TerminalLimits
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray

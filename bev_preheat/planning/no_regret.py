@@ -15,12 +15,12 @@ from typing import Any, TYPE_CHECKING
 
 from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.planning.bracketing import halve
-from bev_preheat.planning.dynamics import hottest_c
 from bev_preheat.planning.limits import drive_as_planned, limits_hold, run_unheated
 from bev_preheat.planning.outcome import find_stranding, power_deficit
 from bev_preheat.planning.schedule import HeldBack, Method, Schedule
 from bev_preheat.planning.situation import BatteryState, Goal, reserve_soc
 from bev_preheat.tunables import NO_WORSE_W, SOC_TOLERANCE, TARGET_HALVINGS
+from bev_preheat.vehicle.terminal_limits import hottest_c
 
 if TYPE_CHECKING:
     from bev_preheat.planning.trip import Trip

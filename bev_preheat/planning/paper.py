@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.planning.dynamics import run_forward, run_on, step_of_floats
-from bev_preheat.planning.heat_run import initial_states, run_heated, without_heat_path
+from bev_preheat.planning.heat_run import initial_states, run_heated
 from bev_preheat.planning.schedule import maximum_from, Schedule
 from bev_preheat.tunables import LOST_ABOVE_TARGET_K
 from bev_preheat.vehicle.model import Integrator, make_euler
+from bev_preheat.vehicle.variants import without_heat_path
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray

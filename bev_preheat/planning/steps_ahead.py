@@ -15,7 +15,6 @@ from typing import NamedTuple, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.numerics.arithmetic import ARRAYS
-from bev_preheat.planning.dynamics import hottest_c
 from bev_preheat.planning.heat_run import heat_to_come_k, mean_share_left
 from bev_preheat.tunables import (
     BELOW_HIGHEST_K,
@@ -31,7 +30,7 @@ from bev_preheat.tunables import (
 )
 from bev_preheat.vehicle.heat_balance import heat_under_w
 from bev_preheat.vehicle.model import make_rates, make_runge_kutta_4
-from bev_preheat.vehicle.terminal_limits import make_terminal_limits
+from bev_preheat.vehicle.terminal_limits import hottest_c, make_terminal_limits
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import BoolArray, FloatArray

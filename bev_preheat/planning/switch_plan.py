@@ -7,7 +7,7 @@ from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.planning.dynamics import hottest_c, keeps_limits, limits_along, limits_of_steps_w, run_forward
+from bev_preheat.planning.dynamics import keeps_limits, limits_along, limits_of_steps_w, run_forward
 from bev_preheat.planning.heat_run import initial_states, run_heated
 from bev_preheat.planning.optimal_switch import find_switch
 from bev_preheat.planning.paper import run_paper
@@ -15,6 +15,7 @@ from bev_preheat.planning.prices import is_cheaper_elsewhere
 from bev_preheat.planning.schedule import Schedule
 from bev_preheat.planning.two_switches import find_two_switches
 from bev_preheat.vehicle.model import make_runge_kutta_4
+from bev_preheat.vehicle.terminal_limits import hottest_c
 
 if TYPE_CHECKING:
     from bev_preheat.planning.dynamics import Energies, FindLimits

@@ -16,11 +16,11 @@ import numpy as np
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.configuration import find_configuration
 from bev_preheat.files.output_files import AnyPath, write_whole
+from bev_preheat.files.table import read_table, Table
 from bev_preheat.route.segments import LIMITS, make_route, Route
 from bev_preheat.route.sources.headers import column, headers_of
 from bev_preheat.route.sources.journey import ChargingStop
 from bev_preheat.route.sources.table import motion_of_segments
-from bev_preheat.tables.table import read_table, Table
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray

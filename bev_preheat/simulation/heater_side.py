@@ -5,13 +5,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bev_preheat.heater.controller import HeaterController, HeaterLimits, Instant
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.simulation.heater_lease import HeaterLease
+from bev_preheat.vehicle.heater_controller import HeaterController, HeaterLimits, Instant
 
 if TYPE_CHECKING:
-    from bev_preheat.heater.controller import HeaterAnswer, HeaterCommand, Verdict
     from bev_preheat.simulation.imperfect_car import ImperfectCar
+    from bev_preheat.vehicle.heater_controller import HeaterAnswer, HeaterCommand, Verdict
 
 # A test may command once for a long drive; another node's clock may be some ticks ahead [s].
 SIMULATED_LEASE_S, CLOCK_TOLERANCE_S = 7200.0, 10.0

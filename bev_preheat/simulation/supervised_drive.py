@@ -23,10 +23,10 @@ from bev_preheat.control.events import (
 )
 from bev_preheat.control.inputs import Measurement
 from bev_preheat.errors import InvalidInput
-from bev_preheat.heater.controller import HeaterCommand
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.simulation.heater_side import HeaterSide
+from bev_preheat.vehicle.heater_controller import HeaterCommand
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -36,9 +36,9 @@ if TYPE_CHECKING:
     from bev_preheat.control.inputs import Mission, Progress
     from bev_preheat.control.step import StepOutput
     from bev_preheat.control.supervisor import Supervisor
-    from bev_preheat.heater.controller import HeaterAnswer
     from bev_preheat.simulation.imperfect_car import ImperfectCar
     from bev_preheat.simulation.sensors import Reading
+    from bev_preheat.vehicle.heater_controller import HeaterAnswer
 
     # The heater's answer, its actual power [W], and the instant [ns] to its HeaterStatus; None: nothing is sent.
     ToldByHeater = Callable[[HeaterAnswer, float, int], HeaterStatus | None]

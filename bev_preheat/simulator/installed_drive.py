@@ -15,20 +15,20 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 from sensor_msgs.msg import BatteryState
 
-from bev_preheat.flight_recorder.ring import KeptRecording
 from bev_preheat.messages.diagnostics import values_of
 from bev_preheat.messages.fields import nanoseconds
 from bev_preheat.messages.preheat_plan import charging_text
-from bev_preheat.messages.simulated_drive import (
-    ARRIVED,
-    outcome_from_diagnostics,
-)
 from bev_preheat.nodes.listening import listening
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.status import Status
+from bev_preheat.recording.ring import KeptRecording
 from bev_preheat.simulation.evaluation import DriveRecord, fill_phases, SIGNALS
 from bev_preheat.simulation.supervised_drive import START_NS
 from bev_preheat.simulator.installed_processes import NodeProcess, reserved_domain_id
+from bev_preheat.simulator.simulated_drive import (
+    ARRIVED,
+    outcome_from_diagnostics,
+)
 from bev_preheat_msgs.msg import HvchCommand, PreheatPlan
 
 if TYPE_CHECKING:
@@ -38,9 +38,9 @@ if TYPE_CHECKING:
     from rclpy.node import Node
 
     from bev_preheat.files.output_files import AnyPath
-    from bev_preheat.messages.simulated_drive import SimulatedDriveReport
     from bev_preheat.nodes.listening import Listener
     from bev_preheat.simulation.scenario import Scenario
+    from bev_preheat.simulator.simulated_drive import SimulatedDriveReport
 
 START_S = START_NS / NS_PER_S
 HEATER_ENTRY, SIGNALS_ENTRY = 'planner: heater', 'planner: signals'

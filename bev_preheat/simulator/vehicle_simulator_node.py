@@ -17,13 +17,11 @@ from sensor_msgs.msg import BatteryState as BatteryStateMessage
 
 from bev_preheat.charging.stop import CHARGER_RANGE_W
 from bev_preheat.errors import InvalidInput
-from bev_preheat.heater.controller import Refusal
 from bev_preheat.messages.battery_state import reading_message
 from bev_preheat.messages.fields import time_message
 from bev_preheat.messages.heater import heater_command, status_message
 from bev_preheat.messages.route_plan import charger_of, route_plan_message
 from bev_preheat.messages.route_progress import progress_message
-from bev_preheat.messages.simulated_drive import trip_diagnostics
 from bev_preheat.nodes.command_line import NodeProgram, print_error
 from bev_preheat.nodes.heater_execution import CommandSenders
 from bev_preheat.nodes.node import guarded, ProgramNode
@@ -40,8 +38,10 @@ from bev_preheat.simulation.imperfect_car import ImperfectCar, Imperfections
 from bev_preheat.simulation.scenario import load_scenario
 from bev_preheat.simulation.sensors import Sensors
 from bev_preheat.simulator.lockstep import GRAPH_PERIOD_S, Lockstep, NoAnswer
+from bev_preheat.simulator.simulated_drive import trip_diagnostics
 from bev_preheat.simulator.simulated_time import NodeTime, OwnTime
 from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.heater_controller import Refusal
 from bev_preheat_msgs.msg import HvchCommand, HvchStatus, RoutePlan, RouteProgress
 
 if TYPE_CHECKING:

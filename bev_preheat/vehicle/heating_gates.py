@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.heater.controller import Refusal, SERVED, step_below_w, Verdict
+from bev_preheat.vehicle.heater_controller import Refusal, SERVED, step_below_w, Verdict
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

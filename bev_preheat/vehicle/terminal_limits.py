@@ -8,6 +8,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from bev_preheat.numerics.arithmetic import AnyNumber, Arithmetic, Number
+from bev_preheat.tunables import HOTTEST_BEYOND_RANGE_K
 
 if TYPE_CHECKING:
     from bev_preheat.vehicle.description import Vehicle
@@ -46,3 +47,12 @@ def make_terminal_limits(vehicle: Vehicle,
                 u * discharging_a - r * discharging_a * discharging_a)
 
     return limits
+
+
+def hottest_c(vehicle: Vehicle) -> float:
+    """
+    Return the hottest battery temperature used in planning [deg C].
+
+    The model has no cooling, which every car has; a drive that needs cooling is held at this temperature.
+    """
+    return vehicle.battery.temperature_range_c[1] + HOTTEST_BEYOND_RANGE_K

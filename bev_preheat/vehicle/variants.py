@@ -9,6 +9,10 @@ from functools import lru_cache
 from bev_preheat.numerics.arithmetic import AnyNumber, Arithmetic, Curve, CurveFunction, Number
 from bev_preheat.vehicle.curves import Table
 from bev_preheat.vehicle.description import Leakage, Vehicle
+from bev_preheat.vehicle.heat_path import DIRECT
+
+# Results computed from a vehicle are cached for this many: for several cars, as described and as corrected.
+KEPT_VEHICLES = 64
 
 
 @dataclass(frozen=True)
@@ -51,6 +55,21 @@ def corrected_vehicle(vehicle: Vehicle, corrections: Corrections) -> Vehicle:
                             leakage.gamma_v_w_per_k_per_mps * corrections.leakage)),
         hvch=replace(vehicle.hvch,
                      efficiency=vehicle.hvch.efficiency * corrections.heater_efficiency))
+
+
+@lru_cache(maxsize=KEPT_VEHICLES)
+def without_heat_path(vehicle: Vehicle) -> Vehicle:
+    """Return the Vehicle whose heat arrives at once; the same object for the same vehicle."""
+    return replace(vehicle, heat_path=DIRECT)
+
+
+@lru_cache(maxsize=KEPT_VEHICLES)
+def with_coolant_in_battery(vehicle: Vehicle) -> Vehicle:
+    """Return the Vehicle whose heat arrives at once, in a battery that includes the coolant's capacity."""
+    battery_j_per_k = vehicle.battery.heat_capacity_j_per_k
+    return replace(corrected_vehicle(vehicle, Corrections(
+        heat_capacity=1.0 + vehicle.heat_path.coolant_heat_capacity_j_per_k / battery_j_per_k)),
+        heat_path=DIRECT)
 
 
 def limited_by_coldest_cell(vehicle: Vehicle, colder_by_k: float) -> Vehicle:

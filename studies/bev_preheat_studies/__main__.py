@@ -6,7 +6,7 @@ from __future__ import annotations
 import sys
 from typing import TYPE_CHECKING
 
-from bev_preheat.console.program import loading, run_program
+from bev_preheat.commands.program import loading, run_program
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -30,7 +30,7 @@ def _load(arguments: Sequence[str] | None) -> Callable[[], int]:
     # Loading is slow enough to be interrupted, so it happens within `main`.
     from importlib import import_module
 
-    from bev_preheat.console.parser import OneLineParser
+    from bev_preheat.commands.parser import OneLineParser
     first = (sys.argv[1:] if arguments is None else arguments)[:1]
     parser = OneLineParser(prog='python3 -m bev_preheat_studies', description='Studies that measure the planner.')
     subparsers = parser.add_subparsers(required=True, metavar='STUDY', title='studies', parser_class=OneLineParser)

@@ -14,8 +14,8 @@ from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.console.output import add_output_arguments, check_output_arguments, write_json
-from bev_preheat.console.terminal import print_records, progress_console, result_console
+from bev_preheat.commands.output import add_output_arguments, check_output_arguments, write_json
+from bev_preheat.commands.terminal import print_records, progress_console, result_console
 from bev_preheat.optional_packages import require
 from bev_preheat.planning.comparison import difference, energy_gap_wh
 from bev_preheat.planning.planner import plan_preheating

@@ -19,8 +19,8 @@ import sys
 from typing import Any, NamedTuple, TYPE_CHECKING
 
 from bev_preheat import tunables as table
-from bev_preheat.console.output import add_json_argument, json_output, write_json
-from bev_preheat.console.terminal import print_records, progress_bar, result_console
+from bev_preheat.commands.output import add_json_argument, json_output, write_json
+from bev_preheat.commands.terminal import print_records, progress_bar, result_console
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.output_files import check_outputs
 from bev_preheat.native.library import use_core

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 from matplotlib.colors import TwoSlopeNorm
 import numpy as np
 
+from bev_preheat.commands.program import FAILED, say
 from bev_preheat.commands.situation import add_situation_arguments, read_situation
-from bev_preheat.console.program import FAILED, say
 from bev_preheat.drawing.curves import draw_course, draw_steps, show_range, TimeAxis
 from bev_preheat.drawing.figure import grid_figure, legend_above, save_figure
 from bev_preheat.drawing.palette import look_of, name_of, POWER, TARGET, WITHOUT_PREHEATING

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from bev_preheat.ecu import export, sources
+from bev_preheat.code_generation import ecu_export as export
+from bev_preheat.code_generation import ecu_sources as sources
 from bev_preheat.files.configuration import configuration_folder
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from bev_preheat.commands.main import main
-from bev_preheat.console.output import write_json
+from bev_preheat.commands.output import write_json
 from bev_preheat.planning.planner import DEFAULT_METHOD, METHODS, plan_preheating, plan_unheated
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.route import load_route

@@ -12,7 +12,6 @@ from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.errors import InvalidInput
 from bev_preheat.estimation.hypotheses import Heater, HeaterReport
-from bev_preheat.heater.controller import Refusal
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.planner import plan_unheated
 from bev_preheat.planning.situation import BatteryState, Goal
@@ -24,6 +23,7 @@ from bev_preheat.simulation.sensors import Sensors
 from bev_preheat.simulation.supervised_drive import moments, START_NS
 from bev_preheat.tunables import CONFIRMED_WITHIN_S, LEAST_STATUS_S
 from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.heater_controller import Refusal
 from bev_preheat.vehicle.heating_gates import HeatingGates
 
 VEHICLE = load_vehicle('reference')

@@ -10,10 +10,10 @@ from bev_preheat.control.knowledge import Knowledge
 from bev_preheat.control.regime import Regime
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.timetable import Timetable
+from bev_preheat.estimation.signal_verdict import CURRENT, SOURCE, TEMPERATURE, VOLTAGE
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.route import load_route
-from bev_preheat.signals.verdict import CURRENT, SOURCE, TEMPERATURE, VOLTAGE
 from bev_preheat.vehicle import load_vehicle
 
 VEHICLE = load_vehicle('reference')

@@ -20,11 +20,11 @@ from bev_preheat.control.events import (
 from bev_preheat.control.inputs import Leg, Measurement, Mission
 from bev_preheat.control.settings import Settings
 from bev_preheat.errors import InvalidInput
+from bev_preheat.estimation.signal_verdict import FEED
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.status import Status
 from bev_preheat.route.segments import make_route
-from bev_preheat.signals.verdict import FEED
 from bev_preheat.tunables import MOST_SWITCH_ONS
 from bev_preheat.vehicle import load_vehicle
 

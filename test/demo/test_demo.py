@@ -14,8 +14,8 @@ import pytest
 
 from bev_preheat.commands.main import main as preheat
 from bev_preheat.demo import main, verdict
-from bev_preheat.messages.simulated_drive import ARRIVED, SimulatedDriveReport
 from bev_preheat.planning.dynamics import Energies
+from bev_preheat.simulator.simulated_drive import ARRIVED, SimulatedDriveReport
 
 ROUTE = """# four minutes
 duration_s,speed_mps,propulsion_power_w,ambient_temperature_c
@@ -115,7 +115,7 @@ def test_death_of_a_process_is_told_and_ends_the_others(start_demo):
     assert psutil.wait_procs(processes, timeout=TIME_LIMIT_S)[1] == []
 
 
-# test/console and test/nodes/test_process.py interrupt programs daily.
+# test/commands and test/nodes/test_process.py interrupt programs daily.
 @pytest.mark.deep
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_interruption_ends_everything(start_demo, number):

@@ -11,9 +11,9 @@ from bev_preheat.errors import InvalidInput
 from bev_preheat.files import input_files
 from bev_preheat.files.configuration import find_configuration
 from bev_preheat.files.input_files import read_text
+from bev_preheat.files.table_text import read_head
 from bev_preheat.logs.can_frames import load_dbc
-from bev_preheat.replay.expected import load_expectation
-from bev_preheat.tables.text import read_head
+from bev_preheat.recording.expected import load_expectation
 from bev_preheat.vehicle.charging_curve import read_charging_curve
 
 READERS = {

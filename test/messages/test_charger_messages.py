@@ -15,12 +15,12 @@ from bev_preheat.control.inbox import Inbox
 from bev_preheat.control.inputs import Measurement
 from bev_preheat.control.settings import FIELD_OF_PARAMETER, Settings
 from bev_preheat.errors import figure, InvalidInput
+from bev_preheat.messages.planner_diagnostics import planner_diagnostics
 from bev_preheat.messages.preheat_plan import charging_text, plan_message, session_texts
 from bev_preheat.messages.route_plan import (
     mission_from_message,
     route_plan_message,
 )
-from bev_preheat.nodes.diagnostics import planner_diagnostics
 from bev_preheat.nodes.optimality_report import case_of_plan, case_of_state
 from bev_preheat.nodes.planner_parameters import PARAMETERS
 from bev_preheat.numerics.factors import NS_PER_S

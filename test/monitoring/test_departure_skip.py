@@ -9,7 +9,7 @@ from rclpy.task import Future
 from std_srvs.srv import SetBool
 
 from bev_preheat.commands.main import main
-from bev_preheat.console.program import FAILED
+from bev_preheat.commands.program import FAILED
 from bev_preheat.monitoring import departure_skip
 
 

@@ -13,11 +13,11 @@ import pytest
 
 from bev_preheat.native import calls
 from bev_preheat.native import library as library_module
-from bev_preheat.native.calls import place
+from bev_preheat.native.calls import place, vehicle_in_core
 from bev_preheat.native.library import core, core_in_words, Declined, use_core, without_core
 from bev_preheat.native.structs import NativeTrip, NativeVehicle, NotDescribed
 from bev_preheat.numerics.arithmetic import FLOATS, SATURATING_FLOATS
-from bev_preheat.planning.core_engine import trip_in_core, vehicle_in_core
+from bev_preheat.planning.core_engine import trip_in_core
 from bev_preheat.planning.engine import run_forward
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, Table
@@ -91,7 +91,7 @@ def run_in_core(vehicle, make_integrator, soc, temperature_c, inputs):
     """Return charge and temperature after a step in the core; None if it declines."""
     states = np.array([[soc, nan], [temperature_c, nan]])
     try:
-        calls.run(NativeVehicle(vehicle, 60.0), calls.INTEGRATORS[make_integrator], one_step(inputs), states,
+        calls.run(NativeVehicle(vehicle), calls.INTEGRATORS[make_integrator], one_step(inputs), states,
                   None, None)
     except Declined:
         return None
@@ -138,7 +138,7 @@ def test_steps_with_a_heat_path_are_the_same(path, states, inputs):
     *of_step, command_w = inputs
     found = None
     try:
-        calls.run_heated(NativeVehicle(vehicle, 60.0), one_step(of_step), ends, np.array([command_w]))
+        calls.run_heated(NativeVehicle(vehicle), one_step(of_step), ends, np.array([command_w]))
         found = tuple(ends[:, 1].tolist())
     except Declined:
         pass
@@ -158,7 +158,7 @@ def test_a_curve_of_another_kind_leaves_the_vehicle_to_python():
 
     vehicle = replace(FORMULAS, battery=replace(FORMULAS.battery, resistance=Flat()))
     with pytest.raises(NotDescribed, match='Flat'):
-        NativeVehicle(vehicle, 60.0)
+        NativeVehicle(vehicle)
     with pytest.raises(Declined):
         vehicle_in_core(vehicle)
     _, route, state, *_ = drawn_situations.draw(3, 9)
@@ -182,7 +182,7 @@ def test_more_factors_than_the_core_has_are_left_to_python():
     ('hottest_c', inf), ('heater_efficiency', 0.0), ('heat_share', nan), ('heater_lag_s', -1.0),
     ('coolant_heat_capacity_j_per_k', 5e3), ('coolant_conductance_w_per_k', nan)])
 def test_an_impossible_number_of_the_vehicle_is_refused(field, value):
-    native = NativeVehicle(FORMULAS, 60.0)
+    native = NativeVehicle(FORMULAS)
     assert core().bev_check_vehicle(native.address) == 0
     setattr(native.struct, field, value)
     assert core().bev_check_vehicle(native.address) == -2
@@ -195,7 +195,7 @@ def test_an_impossible_number_of_the_vehicle_is_refused(field, value):
     {'kind': 4}, {'kind': -1}, {'factor_count': 5}, {'soc_count': 0}, {'temperature_count': 1025},
     {'values': None}])
 def test_a_curve_that_cannot_be_read_is_refused(change):
-    native = NativeVehicle(TABLES, 60.0)
+    native = NativeVehicle(TABLES)
     for name, value in change.items():
         setattr(native.struct.open_circuit_voltage, name, value)
     assert core().bev_check_vehicle(native.address) == -2
@@ -203,8 +203,7 @@ def test_a_curve_that_cannot_be_read_is_refused(change):
 
 def test_an_axis_that_does_not_rise_is_refused():
     table = Table((0.1, 0.4, 0.4), (0.0,), ((1.0,), (2.0,), (3.0,)))
-    native = NativeVehicle(
-        replace(FORMULAS, battery=replace(FORMULAS.battery, resistance=table)), 60.0)
+    native = NativeVehicle(replace(FORMULAS, battery=replace(FORMULAS.battery, resistance=table)))
     assert core().bev_check_vehicle(native.address) == -2
 
 

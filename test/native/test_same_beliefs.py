@@ -12,8 +12,8 @@ from bev_preheat.estimation.forecast import arrival_deviation_k
 from bev_preheat.estimation.hypotheses import Heater, HeaterReport
 from bev_preheat.estimation.state import SENSOR, SIZE, TEMPERATURE, UNDER_WAY
 from bev_preheat.native.beliefs import arrival_variance, Elapsing, NativeBelief, ReadingNoise
+from bev_preheat.native.calls import vehicle_in_core
 from bev_preheat.native.library import core, Declined, without_core
-from bev_preheat.planning.core_engine import vehicle_in_core
 from bev_preheat.planning.engine import run_forward
 from bev_preheat.planning.plan import Plan
 from bev_preheat.planning.trip import make_trip

@@ -9,7 +9,7 @@ import drawn_situations
 import numpy as np
 import pytest
 
-from bev_preheat.native.calls import place
+from bev_preheat.native.calls import place, vehicle_in_core
 from bev_preheat.native.library import core, without_core
 from bev_preheat.native.structs import (
     ENERGIES,
@@ -19,8 +19,7 @@ from bev_preheat.native.structs import (
     SwitchPlanStruct,
 )
 from bev_preheat.numerics.arithmetic import ARRAYS
-from bev_preheat.planning.core_engine import trip_in_core, vehicle_in_core
-from bev_preheat.planning.dynamics import hottest_c
+from bev_preheat.planning.core_engine import trip_in_core
 from bev_preheat.planning.engine import plan_by_paper, plan_switch
 from bev_preheat.planning.heat_run import roll_heated
 from bev_preheat.planning.limits import limits_along
@@ -162,7 +161,7 @@ def call_plan(function, trip, vehicle=None, soc=0.8, start_c=-4.0, target_c=15.0
     kept = {'memory': np.empty(room('BEV_SWITCH_MEMORY', steps)), 'soc': np.empty(steps + 1),
             'temperature_c': np.empty(steps + 1), 'heater_w': np.empty(steps)}
     plan = SwitchPlanStruct()
-    vehicle = vehicle or NativeVehicle(trip.vehicle, hottest_c(trip.vehicle))
+    vehicle = vehicle or NativeVehicle(trip.vehicle)
     status = getattr(core(), function)(
         None if null == 'vehicle' else vehicle.address, None if null == 'trip' else trip_in_core(trip).address,
         soc, start_c, target_c, *((1,) if function == SWITCH else ()),
@@ -182,7 +181,7 @@ def test_what_cannot_be_is_refused(function):
             assert call_plan(function, trip, **{name: number})[0] == BAD_INPUT, (name, number)
     for path in (HeatPath(30.0), HeatPath(0.0, 14e3, 300.0)):
         assert call_plan(function, make_trip(replace(FORMULAS, heat_path=path), steady_route()))[0] == BAD_ARGUMENT
-    vehicle = NativeVehicle(FORMULAS, 60.0)
+    vehicle = NativeVehicle(FORMULAS)
     vehicle.struct.lowest_c = nan
     assert call_plan(function, trip, vehicle)[0] == BAD_VEHICLE
     time_s = trip.columns.column('time_s')

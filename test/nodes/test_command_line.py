@@ -15,7 +15,7 @@ import subprocess
 from ament_index_python.packages import get_package_prefix
 import pytest
 
-from bev_preheat.dashboard import dashboard_node
+from bev_preheat.monitoring import dashboard_node
 from bev_preheat.nodes import (
     bus_gateway_node,
     charger_adviser_node,

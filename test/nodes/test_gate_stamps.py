@@ -6,10 +6,10 @@ from types import SimpleNamespace
 import pytest
 from sensor_msgs.msg import BatteryState
 
-from bev_preheat.heater.controller import Instant, Refusal
 from bev_preheat.messages.fields import time_message
 from bev_preheat.nodes import gate_inputs
 from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.vehicle.heater_controller import Instant, Refusal
 from bev_preheat.vehicle.heating_gates import HeatingGates
 
 START_NS, TIMEOUT_S = 1_700_000_000 * NS_PER_S, 5.0

@@ -14,7 +14,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 import pytest
 import yaml
 
-from bev_preheat.dashboard import dashboard_node
+from bev_preheat.monitoring import dashboard_node
 from bev_preheat.nodes import (
     bus_gateway_node,
     heater_controller_node,

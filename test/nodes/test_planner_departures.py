@@ -12,7 +12,7 @@ import pytest
 from sensor_msgs.msg import BatteryState
 from std_srvs.srv import SetBool
 
-from bev_preheat.console.program import FAILED
+from bev_preheat.commands.program import FAILED
 from bev_preheat.messages.fields import time_message
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat_msgs.msg import HvchCommand, PreheatPlan

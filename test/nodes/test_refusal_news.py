@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The log of a heater controller when refusals begin and end."""
 
-from bev_preheat.heater.controller import HeaterAnswer, Refusal
 from bev_preheat.nodes.heater_execution import RefusalNews
+from bev_preheat.vehicle.heater_controller import HeaterAnswer, Refusal
 
 SILENT = HeaterAnswer(0.0, 0.0, Refusal.NO_COMMAND, 'no valid command is in force')
 SERVED = HeaterAnswer(2500.0, 2500.0)

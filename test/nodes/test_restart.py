@@ -13,12 +13,12 @@ from sensor_msgs.msg import BatteryState
 from std_srvs.srv import SetBool
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.flight_recorder.ring import recordings_in
 from bev_preheat.messages.fields import nanoseconds, time_message
 from bev_preheat.numerics.factors import NS_PER_S
-from bev_preheat.replay.flight_file import read_flight
-from bev_preheat.replay.recordings import open_recording, Planner, Sources
-from bev_preheat.replay.what_if import replay
+from bev_preheat.recording.flight_file import read_flight
+from bev_preheat.recording.recordings import open_recording, Planner, Sources
+from bev_preheat.recording.ring import recordings_in
+from bev_preheat.recording.what_if import replay
 from bev_preheat_msgs.msg import HvchCommand, RoutePlan
 
 LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)

@@ -7,13 +7,13 @@ import math
 import numpy as np
 import pytest
 
-from bev_preheat.heater.controller import Refusal
 from bev_preheat.native.library import without_core
 from bev_preheat.planning.planner import plan_preheating
 from bev_preheat.planning.situation import BatteryState, Goal
 from bev_preheat.planning.status import Status
 from bev_preheat.route import load_route
 from bev_preheat.vehicle import load_vehicle
+from bev_preheat.vehicle.heater_controller import Refusal
 from bev_preheat.vehicle.heating_gates import gate_problems, HeatingGates, NO_GATES
 
 VEHICLE = load_vehicle('reference')

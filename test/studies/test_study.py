@@ -12,7 +12,7 @@ import time
 import psutil
 import pytest
 
-from bev_preheat.console.program import Interrupted, WorkerLost
+from bev_preheat.commands.program import Interrupted, WorkerLost
 from bev_preheat.errors import InvalidInput
 from bev_preheat_studies.study import add_study_arguments, at_least, at_most, check_study_arguments, Study, text_of
 

@@ -9,11 +9,11 @@ from xml.etree import ElementTree
 import numpy as np
 
 from bev_preheat.errors import InvalidInput, quoted
+from bev_preheat.files.number_text import NUMBER
+from bev_preheat.files.times import iso_seconds
 from bev_preheat.route.sources.texts import check_xml
 from bev_preheat.route.sources.timeline import distances_m
 from bev_preheat.route.sources.track import journey_of_points
-from bev_preheat.tables.number_text import NUMBER
-from bev_preheat.tables.times import iso_seconds
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray

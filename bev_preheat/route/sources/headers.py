@@ -11,13 +11,13 @@ from typing import NamedTuple, TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.errors import figure, figure_beyond, InvalidInput, quoted
+from bev_preheat.files.units import Conversion, conversion, split_unit, TO_OWN
 from bev_preheat.route.segments import LIMITS, LONGEST_ROUTE_S
 from bev_preheat.route.sources.journey import SLOPE_RANGE
-from bev_preheat.tables.units import Conversion, conversion, split_unit, TO_OWN
 
 if TYPE_CHECKING:
+    from bev_preheat.files.table import Table
     from bev_preheat.numerics.arrays import FloatArray
-    from bev_preheat.tables.table import Table
 
 
 class Quantity(NamedTuple):

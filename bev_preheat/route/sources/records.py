@@ -6,10 +6,10 @@ from __future__ import annotations
 from typing import Any, TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput
+from bev_preheat.files.table import Table
+from bev_preheat.files.units import split_unit
 from bev_preheat.route.sources.table import journey_of_table
 from bev_preheat.route.sources.texts import in_words
-from bev_preheat.tables.table import Table
-from bev_preheat.tables.units import split_unit
 
 if TYPE_CHECKING:
     from bev_preheat.route.sources.journey import Journey

@@ -7,9 +7,9 @@ import re
 from typing import Any, TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput
+from bev_preheat.files.table import read_table, Table
 from bev_preheat.route.sources.headers import headers_of
 from bev_preheat.route.sources.table import journey_of_table
-from bev_preheat.tables.table import read_table, Table
 
 if TYPE_CHECKING:
     from pathlib import Path

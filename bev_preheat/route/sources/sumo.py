@@ -6,12 +6,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 from bev_preheat.errors import InvalidInput, quoted
+from bev_preheat.files.table import Table
+from bev_preheat.files.units import split_unit
 from bev_preheat.route.sources.headers import column, headers_of
 from bev_preheat.route.sources.journey import Journey, RouteOptions
 from bev_preheat.route.sources.table import journey_of_table
 from bev_preheat.route.sources.texts import check_xml
-from bev_preheat.tables.table import Table
-from bev_preheat.tables.units import split_unit
 
 KIND = 'SUMO battery output'
 # Vehicles named in a message.

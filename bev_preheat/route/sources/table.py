@@ -13,16 +13,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.errors import figure, InvalidInput, quoted
+from bev_preheat.files.times import find_clock
 from bev_preheat.route.motion import elevation_of_slope, Motion
 from bev_preheat.route.segments import LIMITS, LONGEST_ROUTE_S
 from bev_preheat.route.sources.elevation import smooth_elevation
 from bev_preheat.route.sources.headers import column, Header, headers_of
 from bev_preheat.route.sources.journey import ChargingStop, Journey
-from bev_preheat.tables.times import find_clock
 
 if TYPE_CHECKING:
+    from bev_preheat.files.table import Table
     from bev_preheat.numerics.arrays import FloatArray
-    from bev_preheat.tables.table import Table
 
 # Columns of the segments of a Journey.
 OF_SEGMENTS = ('duration', 'length', 'speed', 'slope', 'elevation', 'consumption', 'ambient_temperature',

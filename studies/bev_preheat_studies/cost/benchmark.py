@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.console.finished import keeping_what_is_finished
-from bev_preheat.console.output import json_output, write_json
-from bev_preheat.console.terminal import print_records, progress_console, result_console
+from bev_preheat.commands.finished import keeping_what_is_finished
+from bev_preheat.commands.output import json_output, write_json
+from bev_preheat.commands.terminal import print_records, progress_console, result_console
 from bev_preheat.control.settings import Settings
 from bev_preheat.control.supervisor import Supervisor
 from bev_preheat.files.output_files import check_outputs

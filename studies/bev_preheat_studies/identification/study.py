@@ -13,7 +13,7 @@ from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.console.terminal import print_records
+from bev_preheat.commands.terminal import print_records
 from bev_preheat.identification.identify import identify
 from bev_preheat.identification.parameters import IN_THE_FILE
 from bev_preheat.identification.trips import trips_of

@@ -14,7 +14,7 @@ import math
 from typing import Any, TYPE_CHECKING
 
 from bev_preheat.charging.worth import find_worth
-from bev_preheat.console.terminal import print_figures
+from bev_preheat.commands.terminal import print_figures
 from bev_preheat.errors import InvalidInput
 from bev_preheat.optional_packages import require
 from bev_preheat.planning.planner import plan_unheated

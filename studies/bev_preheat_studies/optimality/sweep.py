@@ -13,7 +13,7 @@ import numpy as np
 
 from bev_preheat.commands.completion import completed_by, VEHICLES
 from bev_preheat.commands.method_argument import add_methods_argument
-from bev_preheat.console.terminal import print_figures
+from bev_preheat.commands.terminal import print_figures
 from bev_preheat.numerics.arithmetic import ARRAYS
 from bev_preheat.optional_packages import require
 from bev_preheat.planning.comparison import energy_gap_wh, SAME_SHORTFALL_K

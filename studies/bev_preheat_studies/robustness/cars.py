@@ -8,7 +8,7 @@ from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.console.terminal import print_figures, print_records
+from bev_preheat.commands.terminal import print_figures, print_records
 from bev_preheat.planning.comparison import SAME_SHORTFALL_K
 from bev_preheat.simulation.mismatch import Mismatch
 from bev_preheat.vehicle.heat_path import HeatPath

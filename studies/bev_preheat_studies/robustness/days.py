@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.console.terminal import print_figures, print_records
+from bev_preheat.commands.terminal import print_figures, print_records
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.simulation.evaluation import HEALTHY
 from bev_preheat.simulation.phases import Charge, DrivePhase, Park

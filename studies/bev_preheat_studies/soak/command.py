@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING
 
 from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
 
-from bev_preheat.console.finished import keeping_what_is_finished
-from bev_preheat.console.output import json_output, write_json
-from bev_preheat.console.terminal import print_records, progress_bar, result_console
+from bev_preheat.commands.finished import keeping_what_is_finished
+from bev_preheat.commands.output import json_output, write_json
+from bev_preheat.commands.terminal import print_records, progress_bar, result_console
 from bev_preheat.control.settings import Settings
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.output_files import check_outputs, OutputFile
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from argparse import Namespace
 
     from bev_preheat.commands.arguments import Subparsers
-    from bev_preheat.console.finished import InterruptedEnding
+    from bev_preheat.commands.finished import InterruptedEnding
     from bev_preheat.nodes.listening import Listener
     from bev_preheat.simulator.installed_processes import NodeProcess
     from bev_preheat_studies.soak.load import SoakLoad

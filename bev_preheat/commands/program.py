@@ -1,0 +1,221 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Start and end of every command-line program: signals, closed and full outputs, refused input.
+
+Imports nothing slow, because Ctrl-C must work while the rest is still loading.
+"""
+
+from __future__ import annotations
+
+import codecs
+from contextlib import contextmanager, suppress
+import os
+import signal
+import sys
+from typing import TYPE_CHECKING
+
+from bev_preheat.errors import one_line
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from types import FrameType
+    from typing import Any
+
+    # The argument and result of signal.signal.
+    Handler = Callable[[int, FrameType | None], Any] | int | signal.Handlers | None
+
+FAILED, REFUSED, INTERRUPTED = 1, 2, 130
+# The third is raised by this module itself.
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGALRM)
+# Replacements for terminals without these characters; one for one, so that tables stay aligned.
+SIMPLER = {'…': '.', '–': '-', '−': '-', '×': 'x', '±': '~', '·': '.', '²': '2', 'μ': 'u',
+           'Δ': 'd'}
+# After this time [s] a signal lost in a callback is raised again.
+AGAIN_S = 0.02
+READABLE = 'bev_preheat.readable'
+
+
+class Interrupted(KeyboardInterrupt):
+    """SIGINT or SIGTERM arrived; `kept` describes the remaining results, and may be filled later."""
+
+    kept = ''
+
+
+class WorkerLost(Exception):
+    """A worker process ended by itself, or for the reason given; `kept` describes the remaining results."""
+
+    kept = ''
+
+    def __str__(self) -> str:
+        """Return the reason; by default that a worker process was killed."""
+        return str(self.args[0]) if self.args else 'a worker process was killed'
+
+
+class OutputFailed(Exception):
+    """Standard output cannot be written, although its reader is still there."""
+
+    def __init__(self, error: OSError) -> None:
+        """`error` is the OSError."""
+        super().__init__(f'standard output: cannot be written: {error.strerror}')
+
+
+def run_program(name: str, load: Callable[[], Callable[[], int]], ends_process: bool) -> int:
+    """
+    Call `load()`, then the function that it returns, and return the exit status of the program.
+
+    That is the function's result; 2 with a line per problem if either raises
+    InvalidInput or PlanningFailure, 130 with one line if SIGINT or SIGTERM interrupts it, 1 with
+    one line if standard output is full. Lines begin with `name`. With `ends_process`
+    the process must end now; otherwise its signal handlers are restored.
+    """
+    simplify_streams()
+    heard = _Heard()
+    try:
+        work = load()
+        with _signals_heard(heard, ends_process):
+            status = work()
+        flush_output()
+    except SystemExit:
+        # argparse has printed its help or its error.
+        try:
+            flush_output()
+        except OutputFailed as error:
+            return _say(name, error)
+        raise
+    except BaseException as error:
+        if heard.any or isinstance(error, KeyboardInterrupt):
+            # Also if an interrupted library wrapped the signal in an exception of its own.
+            say(f'{name}: interrupted {getattr(error, "kept", "")}'.rstrip())
+            status = INTERRUPTED
+        elif isinstance(error, BrokenPipeError):
+            # Written by code outside this module and `terminal`.
+            discard_output()
+            status = 0
+        else:
+            status = _say(name, error)
+    finally:
+        with suppress(OutputFailed):
+            flush_output()
+    return status
+
+
+def loading(name: str) -> None:
+    """Answer Ctrl-C with one line while the imports of the program `name` are running."""
+    def end(number: int, frame: FrameType | None) -> None:
+        # Nothing has begun, and an interrupted import would print a traceback.
+        say(f'{name}: interrupted')
+        os._exit(INTERRUPTED)
+
+    _answer_signals(end)
+
+
+def say(text: str) -> None:
+    """Print a line on standard error; ignore a closed stream."""
+    with suppress(OSError, ValueError):
+        print(one_line(text), file=sys.stderr, flush=True)
+
+
+def flush_output() -> None:
+    """Flush standard output; raise OutputFailed if that is impossible."""
+    try:
+        if sys.stdout is not None:
+            sys.stdout.flush()
+    except BrokenPipeError:
+        discard_output()
+    except OSError as error:
+        discard_output()
+        raise OutputFailed(error) from error
+
+
+def write_output(text: str) -> None:
+    """Write a text to standard output; raise OutputFailed if the output is full."""
+    try:
+        if sys.stdout is not None:
+            sys.stdout.write(text)
+    except BrokenPipeError:
+        discard_output()
+    except OSError as error:
+        discard_output()
+        raise OutputFailed(error) from error
+    flush_output()
+
+
+def discard_output() -> None:
+    """Discard further standard output, because its reader has gone or its disk is full."""
+    with suppress(OSError, ValueError, AttributeError):
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, sys.stdout.fileno())
+        os.close(nowhere)
+
+
+def simplify_streams() -> None:
+    """Replace characters missing in the terminal, instead of raising an exception."""
+    codecs.register_error(READABLE, _readable)
+    with suppress(AttributeError, OSError, ValueError):
+        # A stream without this method stays as it is.
+        sys.stdout.reconfigure(errors=READABLE)  # type: ignore[union-attr]
+
+
+def _readable(error: UnicodeError) -> tuple[str, int]:
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    missing = error.object[error.start:error.end]
+    return ''.join(SIMPLER.get(character, '?') for character in missing), error.end
+
+
+class _Heard:
+    """Whether any signal was heard."""
+
+    any = False
+
+
+@contextmanager
+def _signals_heard(heard: _Heard, ends_process: bool) -> Iterator[None]:
+    """Raise Interrupted on signals during the block, and record them in a _Heard."""
+    def hear(number: int, frame: FrameType | None) -> None:
+        heard.any = True
+        raise Interrupted
+
+    def on_unraisable(unraisable: sys.UnraisableHookArgs) -> None:
+        if isinstance(unraisable.exc_value, Interrupted):
+            # It arrived within a callback, which cannot pass it on.
+            signal.setitimer(signal.ITIMER_REAL, AGAIN_S)
+        else:
+            hook_before(unraisable)
+
+    before, hook_before = _answer_signals(hear), sys.unraisablehook
+    sys.unraisablehook = on_unraisable
+    try:
+        yield
+    finally:
+        # The rest takes no time, and needs no second message about an interruption.
+        _answer_signals(signal.SIG_IGN)
+        sys.unraisablehook = hook_before
+        if not ends_process:
+            for number, handler in before.items():
+                signal.signal(number, handler)
+
+
+def _answer_signals(handler: Handler) -> dict[int, Handler]:
+    """Set the handler of all signals that end a program; return the previous ones."""
+    try:
+        return {number: signal.signal(number, handler) for number in SIGNALS}
+    except ValueError:
+        # Only the main thread gets signals.
+        return {}
+
+
+def _say(name: str, error: BaseException) -> int:
+    """Print the cause of the end, and return the exit status; re-raise unexpected errors."""
+    from bev_preheat.errors import InvalidInput, PlanningFailure
+    if isinstance(error, InvalidInput):
+        for problem in error.problems:
+            say(f'{name}: error: {problem}')
+        return REFUSED
+    if isinstance(error, PlanningFailure):
+        say(f'{name}: error: {error}')
+        return REFUSED
+    if isinstance(error, (OutputFailed, WorkerLost)):
+        say(f'{name}: error: {error} {getattr(error, "kept", "")}'.rstrip())
+        return FAILED
+    raise error

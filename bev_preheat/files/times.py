@@ -1,0 +1,201 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Times as logs write them: seconds or milliseconds, relative or since the epoch, dates, times of day."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from datetime import datetime, UTC
+import re
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bev_preheat.files.number_text import read_numbers
+from bev_preheat.files.units import conversion
+
+if TYPE_CHECKING:
+    from bev_preheat.numerics.arrays import FloatArray
+
+# Seconds since the epoch lie in these years; the same range tells milliseconds and finer units.
+EARLIEST_S, LATEST_S = 631152000.0, 4102444800.0
+EPOCH_SCALES = (1.0, 1e-3, 1e-6, 1e-9)
+# Without a unit, relative times with such steps count milliseconds: no log samples this slowly.
+LEAST_STEP_MS = 100.0
+DAY_S = 86400.0
+# Years of logs whose samples are minutes apart, and the values of a counter of 32 bits.
+RECENT_S, COUNTER = (1.0e9, 2.2e9), 2.0**32
+TIME_UNITS = ('second', 'millisecond', 'microsecond', 'nanosecond', 'minute', 'hour')
+MONTHS = ('jan', 'feb', 'mar', 'apr', 'may', 'jun', 'jul', 'aug', 'sep', 'oct', 'nov', 'dec')
+OTHER_MONTHS = {'mai': 5, 'okt': 10, 'dez': 12, 'mär': 3, 'mrz': 3}
+DATE_TIME = re.compile(
+    r'(\d{1,4})([./-])(\d{1,2}|[^\W\d]{3,})\.?\2(\d{2,4})[ T,]+(\d{1,2})[:.](\d{2})(?:[:.](\d{2})(?:[.,:](\d+))?)?'
+    r'\s*([AaPp]\.?[Mm]\.?)?(?:\s*(Z|UTC|GMT))?')
+TIME_OF_DAY = re.compile(r'(\d{1,2}):(\d{2})(?::(\d{2})(?:[.,:](\d+))?)?\s*([AaPp]\.?[Mm]\.?)?')
+
+
+class Clock:
+    """
+    Reads the times of a log. `absolute` says whether they count from the epoch.
+
+    `remark` is a sentence on an assumption, '' if none was needed. Times of day continue after midnight.
+    """
+
+    def __init__(self, read: Callable[[Sequence[str]], FloatArray], absolute: bool, remark: str = '') -> None:
+        """Take a function from texts to seconds, NaN if a text is no time."""
+        self._read, self.absolute, self.remark = read, absolute, remark
+
+    def seconds(self, texts: Sequence[str]) -> FloatArray:
+        """Return the times [s] of cells, shape (N,); NaN for cells without a time."""
+        return self._read(texts)
+
+
+def find_clock(texts: Sequence[str], unit: str = '', decimal: str = '.') -> Clock | None:
+    """
+    Return the Clock that reads the first times of a log; None if these texts are no times.
+
+    `unit` is that in the header, '' without a unit.
+    """
+    texts = [text for text in texts if text.strip()]
+    if not texts:
+        return None
+    numbers = read_numbers(texts, decimal)[0]
+    if np.mean(np.isfinite(numbers)) > 0.9:
+        return _number_clock(numbers[np.isfinite(numbers)], unit, decimal)
+    for read, absolute in ((iso_seconds, True), (_TimesOfDay(), False)):
+        if np.mean(np.isfinite([read(text) for text in texts])) > 0.5:
+            # A reader of times of day has a memory; the log begins with a new one.
+            return _text_clock(read if absolute else _TimesOfDay(), absolute)
+    return _date_clock(texts)
+
+
+def _text_clock(read: Callable[[str], float], absolute: bool) -> Clock:
+    return Clock(lambda cells: np.array(list(map(read, cells)), dtype=float), absolute)
+
+
+def _number_clock(numbers: FloatArray, unit: str, decimal: str) -> Clock | None:
+    scale, remark = _scale_of(unit), ''
+    absolute = False
+    middle = float(np.median(numbers))
+    steps = np.diff(numbers)
+    step = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
+    for each in EPOCH_SCALES if scale is None else [scale]:
+        # Milliseconds since a control unit was started look like a time in seconds after some days.
+        if each == 1.0 and scale is None and step >= LEAST_STEP_MS and not RECENT_S[0] <= middle <= RECENT_S[1]:
+            continue
+        if EARLIEST_S <= middle * each <= LATEST_S:
+            scale, absolute = each, True
+            break
+    if scale is None:
+        scale = 1.0
+        if step >= LEAST_STEP_MS:
+            scale = 1e-3
+            remark = f'times have no unit; steps of {step:g} are taken as milliseconds'
+    period_s = 0.0 if absolute else DAY_S if scale == 1.0 else COUNTER * scale
+    rounds = Rounds(period_s) if numbers.max() * scale < period_s else None
+
+    def read(texts: Sequence[str]) -> FloatArray:
+        seconds = read_numbers(texts, decimal)[0] * scale
+        return seconds if rounds is None else rounds.continued(seconds)
+
+    return Clock(read, absolute, remark)
+
+
+class Rounds:
+    """Continues seconds that begin again: after midnight, or after the last value of a counter of 32 bits."""
+
+    def __init__(self, period_s: float) -> None:
+        self._period_s, self._rounds, self._last_s = period_s, 0, np.nan
+
+    def continued(self, seconds: FloatArray) -> FloatArray:
+        """Return seconds that go on where a round ends, shape (N,)."""
+        known = seconds[np.isfinite(seconds)]
+        if not known.size:
+            return seconds
+        steps = np.diff(known, prepend=known[0] if np.isnan(self._last_s) else self._last_s)
+        rounds = self._rounds + np.cumsum((steps < -0.9 * self._period_s) & (known <= self._period_s))
+        self._rounds, self._last_s = int(rounds[-1]), float(known[-1])
+        later = seconds.copy()
+        later[np.isfinite(seconds)] = known + self._period_s * rounds
+        return later
+
+
+def _scale_of(unit: str) -> float | None:
+    return conversion(unit, 's').factor if unit in TIME_UNITS else None
+
+
+def iso_seconds(text: str) -> float:
+    """Return seconds since the epoch of a time as in ISO 8601, NaN of another text; no zone means UTC."""
+    text = text.strip().replace(',', '.')
+    # datetime takes bare digits for a date.
+    if len(text) < 10 or text[4:5] != '-':
+        return np.nan
+    try:
+        moment = datetime.fromisoformat(text.removesuffix(' UTC').replace('  ', ' '))
+        return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
+    except (ValueError, OverflowError):
+        return np.nan
+
+
+class _TimesOfDay:
+    """Reads times of day, or minutes and seconds, as seconds; adds a day at each midnight."""
+
+    def __init__(self) -> None:
+        self._days, self._last_s = 0, 0.0
+
+    def __call__(self, text: str) -> float:
+        match = TIME_OF_DAY.fullmatch(text.strip())
+        if match is None:
+            return np.nan
+        if match[3] is None:
+            seconds = 60.0 * int(match[1]) + int(match[2])
+        else:
+            seconds = 3600.0 * _hour(match[1], match[5]) + 60.0 * int(match[2]) + int(match[3])
+        seconds += float(f'0.{match[4]}') if match[4] else 0.0
+        if seconds < self._last_s - 0.5 * DAY_S:
+            self._days += 1
+        self._last_s = seconds
+        return self._days * DAY_S + seconds
+
+
+def _hour(text: str, half: str | None) -> int:
+    hour = int(text)
+    if not half:
+        return hour
+    return hour % 12 + (12 if half[0] in 'pP' else 0)
+
+
+def _date_clock(texts: Sequence[str]) -> Clock | None:
+    matches = [match for match in map(DATE_TIME.fullmatch, map(str.strip, texts)) if match]
+    if 2 * len(matches) <= len(texts):
+        return None
+    first, mark = matches[0], matches[0][2]
+    remark = ''
+    if len(first[1]) == 4:
+        order = 'ymd'
+    elif not first[3].isdigit() or any(int(match[1]) > 12 for match in matches):
+        order = 'dmy'
+    elif any(match[3].isdigit() and int(match[3]) > 12 for match in matches):
+        order = 'mdy'
+    else:
+        order = 'mdy' if mark == '/' else 'dmy'
+        if mark != '.':
+            remark = (f'date {first[0]!r} can be read in two ways; the {"month" if order == "mdy" else "day"} is '
+                      'taken to come first')
+    return Clock(lambda cells: np.array([_date_seconds(cell, order) for cell in cells], dtype=float), True, remark)
+
+
+def _date_seconds(text: str, order: str) -> float:
+    match = DATE_TIME.fullmatch(text.strip())
+    if match is None:
+        return np.nan
+    parts = dict(zip(order, (match[1], match[3], match[4])))
+    name = parts['m'].lower()[:3]
+    month = int(name) if name.isdigit() else (
+        MONTHS.index(name) + 1 if name in MONTHS else OTHER_MONTHS.get(name, 0))
+    year = int(parts['y'])
+    try:
+        moment = datetime(year if year > 99 else 2000 + year, month, int(parts['d']), _hour(match[5], match[9]),
+                          int(match[6]), int(match[7] or 0), tzinfo=UTC)
+    except ValueError:
+        return np.nan
+    return moment.timestamp() + (float(f'0.{match[8]}') if match[8] else 0.0)

@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The page's source: running planners, and the messages about them to one browser tab."""
+
+from __future__ import annotations
+
+from concurrent.futures import Future
+from dataclasses import dataclass
+from threading import Lock
+from typing import Any, TYPE_CHECKING
+
+from bev_preheat.monitoring.plain import written
+from bev_preheat.monitoring.view import status_name
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from bev_preheat.monitoring.asked import Answer, Asked
+    from bev_preheat.monitoring.board import Board
+
+    # Asks a planner by name at an instant of its clock [s].
+    Ask = Callable[[str, Asked, float | None], Future[Answer]]
+
+
+# A tab gets the trajectories of a plan at most this often [s]: the planner makes a plan at each battery state.
+PLAN_PERIOD_S = 1.0
+
+
+@dataclass
+class Cursor:
+    """Contents of a tab: generations and numbers of rows of the trails, version of the plan, events as text."""
+
+    generations: tuple[int, ...] = ()
+    rows: tuple[int, int, int] = (0, 0, 0)
+    plan_version: int = -1
+    plan_at_s: float = float('-inf')
+    events: str = ''
+
+
+class LiveSource:
+    """
+    The Boards of planners by name, and the way to ask them (None: the page has no buttons).
+
+    The executor's thread fills the Boards, the server's reads them; both hold `lock`.
+    """
+
+    def __init__(self, boards: dict[str, Board] | None = None, lock: Lock | None = None) -> None:
+        """Show the Boards of these planners by name, under their lock."""
+        self.boards: dict[str, Board] = {} if boards is None else boards
+        self.lock = Lock() if lock is None else lock
+        self.ask_planner: Ask | None = None
+
+    @property
+    def has_controls(self) -> bool:
+        """Whether planners may be asked."""
+        return self.ask_planner is not None
+
+    def planners(self, now_s: float) -> list[dict[str, Any]]:
+        """Return name, status and problem of each planner; the problem is '' for a running one."""
+        with self.lock:
+            return [{'name': name, 'problem': '' if (banner := board.banner(now_s)) is None else banner.word,
+                     'status': None if board.plan is None else status_name(board.plan.status)}
+                    for name, board in sorted(self.boards.items())]
+
+    def message(self, planner: str, cursor: Cursor, now_s: float) -> str | None:
+        """Return the next message to a tab; None if there is no such planner."""
+        with self.lock:
+            board = self.boards.get(planner)
+            return None if board is None else message(planner, board, cursor, now_s)
+
+    def ask(self, planner: str, asked: Asked) -> Future[Answer] | None:
+        """Ask a planner; None if there is no such planner, or none may be asked."""
+        with self.lock:
+            board = self.boards.get(planner)
+            at_s = None if board is None else board.at_s
+        if board is None or self.ask_planner is None:
+            return None
+        return self.ask_planner(planner, asked, at_s)
+
+    def note_outcome(self, planner: str, text: str) -> None:
+        """Show the end of a goal that was sent from the page."""
+        with self.lock:
+            board = self.boards.get(planner)
+            if board is not None:
+                board.outcome = text
+                board.version += 1
+
+
+def message(planner: str, board: Board, cursor: Cursor, now_s: float) -> str:
+    """Return the next message (JSON) to the tab of a Cursor, and advance that; `now_s` is monotonic."""
+    values: dict[str, Any] = {'planner': planner, 'view': board.view(now_s).as_dictionary()}
+    trails = board.temperatures, board.powers, board.deliveries
+    generations = (board.generation, *(trail.generation for trail in trails))
+    is_new = generations != cursor.generations
+    if is_new:
+        cursor.generations, cursor.rows = generations, (0, 0, 0)
+    counts = len(trails[0]), len(trails[1]), len(trails[2])
+    if is_new or counts != cursor.rows:
+        values['history'] = {'isWhole': is_new, **board.history(*cursor.rows)}
+        cursor.rows = counts
+    if is_new or (board.plan_version != cursor.plan_version and now_s - cursor.plan_at_s >= PLAN_PERIOD_S):
+        values['plan'] = board.plan_curves()
+        cursor.plan_version, cursor.plan_at_s = board.plan_version, now_s
+    events = written(board.events())
+    if events != cursor.events:
+        values['events'] = board.events()
+        cursor.events = events
+    return written(values)

@@ -1,0 +1,134 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Why the planner gave a command at an instant: inputs, estimate, goal, and the limits that bound it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple, TYPE_CHECKING
+
+from bev_preheat.errors import InvalidInput
+from bev_preheat.messages.planner_diagnostics import planner_diagnostics
+from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.planning.explanation import duration_text
+from bev_preheat.planning.status import Status
+from bev_preheat.recording.player import Player
+
+if TYPE_CHECKING:
+    from bev_preheat.control.state import State
+    from bev_preheat.recording.flight_file import Flight
+
+NODE = 'planner'
+
+
+class Section(NamedTuple):
+    """A heading, and pairs of a name and a value."""
+
+    heading: str
+    rows: tuple[tuple[str, str], ...]
+
+
+class Why(NamedTuple):
+    """The instant [ns], the command and its reason as a sentence, and the Sections that explain it."""
+
+    now_ns: int
+    answer: str
+    sections: tuple[Section, ...]
+
+
+def explain(flight: Flight, at_ns: int) -> Why:
+    """
+    Return Why the planner gave its command at an instant [ns]; the answer is that of the latest step until then.
+
+    Raises InvalidInput if the recording does not reach it.
+    """
+    first_ns, last_ns = flight.start_ns, flight.given[-1].step.now_ns
+    if not first_ns <= at_ns <= last_ns:
+        raise InvalidInput(f'the instant is {duration_text(abs(at_ns - first_ns) / NS_PER_S)} '
+                           f'{"before" if at_ns < first_ns else "after"} the start of the recording, which is '
+                           f'{duration_text((last_ns - first_ns) / NS_PER_S)} long')
+    flight = flight.from_instant(at_ns)
+    player, latest = Player(flight), flight.given[0]
+    for given in flight.given:
+        if given.step.now_ns > at_ns:
+            break
+        player.play(given)
+        latest = given
+    return why(player.state, latest.step.now_ns)
+
+
+def why(state: State, now_ns: int) -> Why:
+    """Return Why a planner in this state gave its latest command, seen from an instant [ns]."""
+    command, decision = state.latest_command, state.decision
+    power = 'no command' if command is None else f'{command.battery_heating_power_w:.0f} W'
+    answer = f'{power}, {decision.status.name}: {decision.explanation}'
+    sections = [_inputs(state, now_ns), *(
+        Section(entry.name.partition(': ')[2],
+                tuple((value.key, value.value) for value in entry.values if value.value))
+        for entry in planner_diagnostics(NODE, state, now_ns).status)]
+    return Why(now_ns, answer, (*sections, *_plan(state, now_ns), _otherwise(state, now_ns)))
+
+
+def _inputs(state: State, now_ns: int) -> Section:
+    rows = []
+    measurement, mission, place = state.measurement, state.mission, state.place
+    if measurement is None:
+        rows.append(('battery_state', 'none yet'))
+    else:
+        power_w = measurement.power_w
+        rows.append(('battery_state', f'{measurement.state.temperature_c:.2f} degC, {measurement.state.soc:.4f}, '
+                     f'{"power unknown" if power_w is None else f"{power_w:.0f} W"}, '
+                     f'{(now_ns - measurement.stamp_ns) / NS_PER_S:.2f} s old'))
+    if mission is None:
+        rows.append(('route_plan', 'none'))
+    else:
+        started_s = max(now_ns - mission.start_ns, 0) / NS_PER_S
+        rows.append(('route_plan', f'{mission.route_id or "without identification"}, started '
+                     f'{duration_text(started_s)} ago, {len(mission.legs)} leg(s)'))
+    if place is not None:
+        rows.append(('route_progress', f'{place.latest.distance_m:.0f} m of {place.length_m:.0f} m, '
+                     f'{(now_ns - place.latest.stamp_ns) / NS_PER_S:.2f} s old'))
+    for name, refused in (('refused route_plan', state.inbox.refused_route),
+                          ('refused route_progress', state.inbox.refused_progress)):
+        if refused is not None:
+            rows.append((name, refused))
+    if state.rivals:
+        rows.append(('other publishers of hvch_command', state.rivals))
+    return Section('inputs', tuple(rows))
+
+
+def _plan(state: State, now_ns: int) -> list[Section]:
+    decision = state.decision
+    plan = decision.plan
+    if plan is None:
+        return []
+    rows = [('target [degC]', f'{plan.target_temperature_c:.2f}'),
+            ('predicted on arrival [degC]',
+             f'{plan.arrival_temperature_c:.2f} +- {decision.arrival_deviation_k:.2f}'),
+            ('charge on arrival [1]', f'{plan.arrival_soc:.4f}')]
+    begins_s = _begins_s(state, now_ns)
+    if begins_s is not None:
+        rows.append(('heating begins', 'now' if begins_s <= 0.0 else f'in {duration_text(begins_s)}'))
+    return [Section('plan', tuple(rows))]
+
+
+def _begins_s(state: State, now_ns: int) -> float | None:
+    decision = state.decision
+    if decision.plan is None or decision.plan.heating_start_s is None:
+        return None
+    return (decision.plan_start_ns - now_ns) / NS_PER_S + decision.plan.heating_start_s
+
+
+def _otherwise(state: State, now_ns: int) -> Section:
+    decision, begins_s = state.decision, _begins_s(state, now_ns)
+    otherwise = decision.status.meaning.otherwise
+    sentences = [('for another answer', otherwise)] if otherwise else []
+    if decision.status is Status.WAITING and begins_s is not None:
+        sentences.append(('for another answer', f'The heater starts by itself in {duration_text(begins_s)}; a '
+                          'colder battery, an earlier arrival or a higher target would start it sooner.'))
+    elif decision.status is Status.HEATING:
+        sentences.append(('for another answer', 'The heater stops when the target is certain on arrival, or when '
+                          'a signal, the route or the driver says so.'))
+    elif decision.status is Status.NOT_NEEDED:
+        sentences.append(('for another answer', 'A higher target or a colder battery would need heat.'))
+    for verdict in state.signal_verdicts:
+        sentences.append((f'{verdict.signal} in doubt', verdict.sentence))
+    return Section('what would have to change', tuple(sentences))

@@ -1,0 +1,187 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Reads the recordings of the planner's flight recorder, also the unfinished file of a killed planner."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+import json
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from bev_preheat.control.events import ROUTE_PLAN
+from bev_preheat.errors import InvalidInput
+from bev_preheat.files.mcap_file import mcap_messages
+from bev_preheat.optional_packages import require
+from bev_preheat.recording.beginning import Beginning, RecordedState
+from bev_preheat.recording.recorded_steps import MESSAGE_KINDS, RecordedStep
+from bev_preheat.recording.ring import recordings_in
+from bev_preheat.recording.writer import BEGINNING_CHANNEL, GAP_CHANNEL, STATE_CHANNEL, STEP_CHANNEL
+
+# A clock that jumps on from below a day by more than a day had not been set [ns].
+CLOCK_UNSET_NS = 86_400_000_000_000
+# Kinds of recordings.
+FLIGHT_RECORDER, ROS2_BAG, LOG = 'flight recorder', 'ros2 bag', 'log'
+
+
+@dataclass(frozen=True, eq=False)
+class Given:
+    """A RecordedStep, and the message that its event came in: its type and its bytes (CDR); None without one."""
+
+    step: RecordedStep
+    message: tuple[str, bytes] | None = None
+
+
+class Start(NamedTuple):
+    """
+    The planner's RecordedState before the step that is at this place in a Flight's `given`.
+
+    `route` is the message of its route: type and bytes (CDR); None without one.
+    """
+
+    at: int
+    recorded: RecordedState
+    route: tuple[str, bytes] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Flight:
+    """
+    A planner's inputs and answers, in order.
+
+    `paths` are the files. `remarks` are sentences on missing parts. `gaps` are the indices in `given` before
+    which steps are missing; `starts` are the Starts, from which a planner may be played. `source` is the kind of
+    the recording. Without `has_commands` there is nothing to reproduce; then commands in `given` are the heater's
+    recorded power. Commands count as the same if their powers differ by at most `power_tolerance_w` [W].
+    """
+
+    beginning: Beginning
+    given: tuple[Given, ...]
+    paths: tuple[Path, ...]
+    gaps: tuple[int, ...] = ()
+    remarks: tuple[str, ...] = ()
+    source: str = FLIGHT_RECORDER
+    has_commands: bool = True
+    power_tolerance_w: float = 0.0
+    starts: tuple[Start, ...] = ()
+
+    @property
+    def begin(self) -> int:
+        """The index of the first step after the clock was set; simulated time is 0 before."""
+        instants = [given.step.now_ns for given in self.given]
+        return next((index for index, (before, after) in enumerate(zip(instants, instants[1:]), start=1)
+                     if before < CLOCK_UNSET_NS < after - before), 0)
+
+    @property
+    def start_ns(self) -> int:
+        """The instant of that step [ns]."""
+        return self.given[self.begin].step.now_ns
+
+    def from_instant(self, now_ns: int) -> Flight:
+        """Return the Flight from the latest Start on that all steps from an instant [ns] on follow."""
+        first = next((index for index, given in enumerate(self.given) if given.step.now_ns >= now_ns), 0)
+        index = max((start.at for start in self.starts if start.at <= first), default=0)
+        return replace(
+            self, given=self.given[index:], gaps=tuple(gap - index for gap in self.gaps if gap >= index),
+            starts=tuple(start._replace(at=start.at - index) for start in self.starts if start.at >= index))
+
+    @property
+    def is_log(self) -> bool:
+        """Whether no planner was there: the recorded battery was not heated by its commands."""
+        return self.source == LOG
+
+
+def read_flight(path: str | Path) -> Flight:
+    """
+    Return the Flight of a file, with the later files of the same process; of a folder, that of the latest process.
+
+    Raises InvalidInput, naming the file, if it cannot be read or has a format of another version.
+    """
+    require('mcap')
+    parts = _parts_of(Path(path))
+    beginning: Beginning | None = None
+    given: list[Given] = []
+    gaps: list[int] = []
+    starts: list[Start] = []
+    remarks: list[str] = []
+    for number, part in enumerate(parts):
+        first, read, part_gaps, part_starts = _read_part(part, remarks)
+        if beginning is None:
+            beginning = first
+        elif first.part != beginning.part + number:
+            gaps.append(len(given))
+            remarks.append(f'{part.name}: the file before it is missing')
+        gaps += [len(given) + gap for gap in part_gaps]
+        starts += [start._replace(at=len(given) + start.at) for start in part_starts]
+        given += read
+    assert beginning is not None
+    return Flight(beginning, tuple(given), tuple(parts), tuple(gaps), tuple(remarks), starts=tuple(starts))
+
+
+def _parts_of(path: Path) -> list[Path]:
+    """Return the files of the process of a file, from that one on; of a folder, those of the latest process."""
+    if path.is_dir():
+        found = recordings_in(path)
+        if not found:
+            raise InvalidInput(f'{path}: has no recording of the flight recorder')
+        life = _life(found[-1])
+        return [each for each in found if _life(each) == life]
+    if not path.is_file():
+        raise InvalidInput(f'{path}: does not exist; name a recording or the folder of recordings')
+    try:
+        siblings = recordings_in(path.parent)
+    except OSError:
+        siblings = []
+    if path.resolve() not in [each.resolve() for each in siblings]:
+        return [path]
+    return [each for each in siblings if _life(each) == _life(path) and each.name >= path.name]
+
+
+def _life(path: Path) -> str:
+    return path.name.rsplit('_', 1)[0]
+
+
+def _read_part(path: Path, remarks: list[str]) -> tuple[Beginning, list[Given], list[int], list[Start]]:
+    beginning: Beginning | None = None
+    given: list[Given] = []
+    gaps: list[int] = []
+    latest: dict[str, tuple[str, bytes]] = {}
+    routes: dict[int, tuple[str, bytes]] = {}
+    starts: list[Start] = []
+
+    def note(problem: str) -> None:
+        remarks.append(f'{path.name}: {problem}; the messages before are used')
+
+    for channel, type_name, now_ns, data, _ in mcap_messages(path, note):
+        if channel == BEGINNING_CHANNEL:
+            beginning = Beginning.from_dictionary(_plain(path, data))
+        elif channel == GAP_CHANNEL:
+            gaps.append(len(given))
+            remarks.append(f'{path.name}: {_plain(path, data).get("dropped")} steps were not written, because the '
+                           'disk was too slow or full; after them the replay may differ')
+        elif channel == STATE_CHANNEL:
+            recorded = RecordedState.from_dictionary(_plain(path, data))
+            starts.append(Start(len(given), recorded, None if recorded.route_ns is None else
+                                routes.get(recorded.route_ns)))
+        elif channel == STEP_CHANNEL:
+            step = RecordedStep.from_dictionary(_plain(path, data))
+            kinds = {event.get('kind') for event in step.events} & MESSAGE_KINDS
+            topic = next(iter(kinds), None)
+            given.append(Given(step, None if topic is None else latest.get(topic)))
+        else:
+            topic = channel.rpartition('/')[2]
+            latest[topic] = type_name, data
+            if topic == ROUTE_PLAN:
+                routes[now_ns] = type_name, data
+    if beginning is None:
+        raise InvalidInput(f'{path}: is not a recording of the flight recorder, or its beginning is lost')
+    return beginning, given, gaps, starts
+
+
+def _plain(path: Path, data: bytes) -> Any:
+    try:
+        values = json.loads(data)
+    except ValueError as error:
+        raise InvalidInput(f'{path}: a record is damaged: {error}') from error
+    if not isinstance(values, dict):
+        raise InvalidInput(f'{path}: a record is damaged')
+    return values

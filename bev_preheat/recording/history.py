@@ -1,0 +1,252 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The contents of a report: columns over time; plans, sentences and diagnostics at their changes."""
+
+from __future__ import annotations
+
+from array import array
+from bisect import bisect_right
+import math
+import re
+from typing import Any, NamedTuple, TYPE_CHECKING
+
+from bev_preheat.messages.planner_diagnostics import planner_diagnostics
+from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.recording.course import LEAST_HEAT_W
+from bev_preheat.recording.deviation import Unheated
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from bev_preheat.control.decision import Decision
+    from bev_preheat.control.inputs import Leg
+    from bev_preheat.control.state import State
+    from bev_preheat.recording.player import Played
+
+# Rows of a drive of any length; a day has one a second.
+MOST_ROWS = 90_000
+LEAST_PERIOD_NS = NS_PER_S
+# A plan is kept if start or arrival [s], or a temperature [K], moved by more since the latest kept plan.
+PLAN_SHIFT_S, PLAN_SHIFT_K = 60.0, 0.5
+MOST_PLANS, HISTORY_PLAN_POINTS = 400, 120
+MOST_CHANGES = 3000
+# The clock has jumped if it went back, or on by more [ns].
+CLOCK_JUMP_NS = 86400 * NS_PER_S
+COLUMNS = ('time', 'measured', 'estimated', 'estimated_low', 'estimated_high', 'predicted', 'predicted_low',
+           'predicted_high', 'target', 'ambient', 'commanded', 'confirmed', 'soc', 'power', 'unheated')
+# Numbers in a sentence change from step to step; only other words make it another one.
+NUMBER = re.compile(r'[0-9.+-]+')
+
+
+class Change(NamedTuple):
+    """Values that hold from an instant [ns] on."""
+
+    now_ns: int
+    values: tuple[str, ...]
+
+
+class KeptPlan(NamedTuple):
+    """
+    A plan as it was made at an instant [ns], thinned.
+
+    `label` describes it. `time_s` since 1970 [s], `temperature_c` and `soc` of shape (N,), and
+    `power_w` [W] of shape (N,), the last one 0.
+    """
+
+    now_ns: int
+    label: str
+    time_s: list[float]
+    temperature_c: list[float]
+    soc: list[float]
+    power_w: list[float]
+
+
+class _PlanKey(NamedTuple):
+    status: int
+    start_s: float
+    arrival_s: float
+    arrival_c: float
+    target_c: float
+
+
+class History:
+    """
+    Collects a drive step by step; `add` takes each Played.
+
+    `columns` has the values of COLUMNS, NaN for unknown: times in s since 1970, temperatures in deg C, powers in
+    W, charge 0 ... 1. `sentences` (status, sentence), `regimes` (regime,), `doubts` (names of signals,) and
+    `diagnostics` (entry, level, message) are Changes; `lost` counts the changes beyond MOST_CHANGES, `jumps` those
+    of the clock, after which times are those of the clock before.
+    """
+
+    def __init__(self, length_ns: int) -> None:
+        """Prepare for a drive of a length [ns]."""
+        self._period_ns = max(LEAST_PERIOD_NS, length_ns // MOST_ROWS)
+        self._due_ns = self._latest_ns = -1
+        self._latest: tuple[Any, ...] = ()
+        self.columns: dict[str, array[float]] = {name: array('d') for name in COLUMNS}
+        self.sentences: list[Change] = []
+        self.regimes: list[Change] = []
+        self.doubts: list[Change] = []
+        self.diagnostics: list[Change] = []
+        self.plans: list[KeptPlan] = []
+        self.lost = self.jumps = 0
+        # By how much the drawn time is ahead of the clock.
+        self._ahead_ns = 0
+        self._known: dict[str, object] = {}
+        self._plan_key: _PlanKey | None = None
+        self._ambient = _Ambient()
+        self._unheated: Unheated | None = None
+
+    def add(self, played: Played, recorded_w: float | None = None) -> None:
+        """
+        Add a step.
+
+        `recorded_w` [W] is the heater's recorded power if no planner commanded it, None: one did.
+        """
+        now_ns, state = self._drawn_ns(played.now_ns), played.state
+        command, decision = state.latest_command, state.decision
+        if recorded_w is not None:
+            power_w = recorded_w
+        else:
+            is_expired = command is None or command.valid_until_ns < played.now_ns
+            power_w = 0.0 if command is None or is_expired else command.battery_heating_power_w
+        switched = (decision.status, power_w >= LEAST_HEAT_W)
+        if now_ns < self._due_ns and switched == self._latest:
+            return
+        self._due_ns = now_ns - now_ns % self._period_ns + self._period_ns
+        self._latest, self._latest_ns = switched, now_ns
+        self._add_row(now_ns, state, power_w, recorded_w is None)
+        if recorded_w is not None:
+            return
+        explanation = decision.explanation
+        self._note('sentence', self.sentences, now_ns, (decision.status.name, explanation),
+                   (decision.status, NUMBER.sub('', explanation)))
+        self._note('regime', self.regimes, now_ns, (state.regime.regime.value,))
+        self._note('doubts', self.doubts, now_ns, tuple(verdict.signal for verdict in state.signal_verdicts))
+        self._add_diagnostics(now_ns, played)
+        self._add_plan(now_ns, decision)
+
+    def _drawn_ns(self, now_ns: int) -> int:
+        """Return the instant [ns] at which a step is drawn: curves go forwards, whatever the clock does."""
+        if self._latest_ns < 0:
+            return now_ns
+        for ahead_ns in (0, self._ahead_ns):
+            if 0 <= now_ns + ahead_ns - self._latest_ns <= CLOCK_JUMP_NS:
+                self._ahead_ns = ahead_ns
+                return now_ns + ahead_ns
+        self.jumps += 1
+        self._ahead_ns = self._latest_ns - now_ns
+        return self._latest_ns
+
+    def _add_row(self, now_ns: int, state: State, command_w: float, has_planner: bool) -> None:
+        decision, measurement = state.decision, state.measurement
+        estimate, plan = (state.estimate, decision.plan) if has_planner else (None, None)
+        answer = None if state.heater_answer is None else state.heater_answer.status
+        confirmed_w = math.nan if answer is None else answer.confirmed_w
+        soc = math.nan if measurement is None else measurement.state.soc
+        if self._unheated is None:
+            self._unheated = Unheated(state.vehicle)
+        estimated_c = math.nan if estimate is None else estimate.temperature_c
+        estimated_k = math.nan if estimate is None else estimate.temperature_deviation_k
+        predicted_c = math.nan if plan is None else plan.arrival_temperature_c
+        predicted_k = decision.arrival_deviation_k
+        power_w = None if measurement is None else measurement.power_w
+        row = (
+            now_ns / NS_PER_S, math.nan if measurement is None else measurement.state.temperature_c,
+            estimated_c, estimated_c - estimated_k, estimated_c + estimated_k,
+            predicted_c, predicted_c - predicted_k, predicted_c + predicted_k,
+            math.nan if plan is None else plan.target_temperature_c,
+            self._ambient.at(decision.leg, now_ns - self._ahead_ns), command_w,
+            confirmed_w, soc, math.nan if power_w is None else power_w,
+            self._unheated.unheated_c(
+                now_ns / NS_PER_S, math.nan if plan is None else float(plan.battery_temperature_c[0]), soc,
+                confirmed_w if not math.isnan(confirmed_w) else command_w if estimate is None
+                else estimate.heater.share * command_w))
+        for name, value in zip(COLUMNS, row):
+            self.columns[name].append(value)
+
+    def _add_diagnostics(self, now_ns: int, played: Played) -> None:
+        for entry in planner_diagnostics('planner', played.state, played.now_ns).status:
+            name = entry.name.partition(': ')[2]
+            # `preheating` repeats status and sentence.
+            level = int.from_bytes(entry.level) if isinstance(entry.level, bytes) else int(entry.level)
+            if name != 'preheating' or level:
+                self._note(f'diagnostics {name}', self.diagnostics, now_ns, (name, str(level), entry.message),
+                           (level, NUMBER.sub('', entry.message)))
+            elif self._known.get('diagnostics preheating', (0,)) != (0,):
+                self._note('diagnostics preheating', self.diagnostics, now_ns, (name, '0', entry.message), (0,))
+
+    def _note(self, kind: str, changes: list[Change], now_ns: int, values: tuple[str, ...],
+              key: object = None) -> None:
+        key = values if key is None else key
+        if self._known.get(kind) == key:
+            return
+        self._known[kind] = key
+        if len(changes) < MOST_CHANGES:
+            changes.append(Change(now_ns, values))
+        else:
+            self.lost += 1
+
+    def _add_plan(self, now_ns: int, decision: Decision) -> None:
+        plan = decision.plan
+        if plan is None or len(plan.time_s) < 2:
+            self._plan_key = None
+            return
+        start_s = (decision.plan_start_ns + self._ahead_ns) / NS_PER_S
+        begins_s = math.inf if plan.heating_start_s is None else start_s + plan.heating_start_s
+        key = _PlanKey(int(decision.status), begins_s, start_s + plan.arrival_time_s, plan.arrival_temperature_c,
+                       plan.target_temperature_c)
+        # While heating, each plan starts with heat.
+        is_under_way = plan.heating_start_s is not None and plan.heating_start_s <= 0.0
+        if self._plan_key is not None and not _differ(self._plan_key, key, is_under_way):
+            return
+        self._plan_key = key
+        if len(self.plans) >= MOST_PLANS:
+            # Every other one makes room for later ones.
+            del self.plans[1::2]
+        chosen = range(0, len(plan.time_s), -(-len(plan.time_s) // HISTORY_PLAN_POINTS))
+        indices = [*chosen, *([] if chosen[-1] == len(plan.time_s) - 1 else [len(plan.time_s) - 1])]
+        powers = [*plan.hvch_battery_power_w.tolist(), 0.0]
+        begins = ('no heating' if plan.heating_start_s is None else 'heating now' if is_under_way
+                  else f'heating in {plan.heating_start_s / 60.0:.1f} min')
+        self.plans.append(KeptPlan(
+            now_ns, f'{decision.status.name}: {begins}, {plan.arrival_temperature_c:.1f} degC on arrival',
+            [start_s + plan.time_s.item(index) for index in indices],
+            [plan.battery_temperature_c.item(index) for index in indices],
+            [plan.soc.item(index) for index in indices],
+            _thinned_powers(powers, indices)))
+
+
+def _differ(before: _PlanKey, after: _PlanKey, is_under_way: bool) -> bool:
+    begins_differ = not is_under_way and before.start_s != after.start_s and not (
+        abs(before.start_s - after.start_s) <= PLAN_SHIFT_S)
+    return (before.status != after.status or begins_differ
+            or abs(before.arrival_s - after.arrival_s) > PLAN_SHIFT_S
+            or abs(before.arrival_c - after.arrival_c) > PLAN_SHIFT_K
+            or abs(before.target_c - after.target_c) > PLAN_SHIFT_K)
+
+
+def _thinned_powers(powers: Sequence[float], indices: Sequence[int]) -> list[float]:
+    """Return the mean power from each index to the next."""
+    means = [sum(powers[low:high]) / (high - low) for low, high in zip(indices, indices[1:])]
+    return [*means, 0.0]
+
+
+class _Ambient:
+    """The ambient temperature that the route gives for an instant."""
+
+    def __init__(self) -> None:
+        self._leg: Leg | None = None
+        self._ends_s: list[float] = []
+
+    def at(self, leg: Leg | None, now_ns: int) -> float:
+        """Return it [deg C]; NaN outside of the leg."""
+        if leg is None:
+            return math.nan
+        if leg is not self._leg:
+            self._leg, self._ends_s = leg, leg.route.duration_s.cumsum().tolist()
+        elapsed_s = (now_ns - leg.start_ns) / NS_PER_S
+        if not 0.0 <= elapsed_s < self._ends_s[-1]:
+            return math.nan
+        index = bisect_right(self._ends_s, elapsed_s)
+        return float(leg.route.ambient_temperature_c[index])

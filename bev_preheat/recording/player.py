@@ -1,0 +1,190 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A planner's step under the recorded inputs, as they were or with something changed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple, TYPE_CHECKING
+
+from bev_preheat.control.events import BATTERY_STATE, HVCH_STATUS, Reconfigured, ROUTE_PLAN
+from bev_preheat.control.settings import FIELD_OF_PARAMETER, settings_of
+from bev_preheat.control.state_bytes import state_of
+from bev_preheat.control.supervisor import Supervisor
+from bev_preheat.errors import InvalidInput
+from bev_preheat.messages.inputs import INPUTS, Reader
+from bev_preheat.messages.route_intake import RouteIntake
+from bev_preheat.recording.beginning import learned_of
+from bev_preheat.recording.message_types import read_message
+from bev_preheat.recording.recorded_steps import event_of, FAIL, GoalNumbers, MESSAGE_KINDS, RECONFIGURED, STOP
+from bev_preheat.recording.vehicle_keys import with_keys
+from bev_preheat.vehicle import vehicle_contents
+from bev_preheat.vehicle.loading import vehicle_of_text
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from bev_preheat.control.events import Event
+    from bev_preheat.control.settings import Settings
+    from bev_preheat.control.state import State
+    from bev_preheat.control.step import StepOutput
+    from bev_preheat.estimation.prior import Learned
+    from bev_preheat.recording.flight_file import Flight, Given, Start
+    from bev_preheat.recording.signal_changes import SignalChange
+    from bev_preheat.vehicle.description import Vehicle
+
+RECORDED_VEHICLE = 'the recorded vehicle file'
+
+
+@dataclass(frozen=True)
+class Changes:
+    """
+    The changes of a replay: none by default.
+
+    `vehicle` is a name in config/vehicles or a file, None: the recorded one. `vehicle_keys` replace values of that
+    file by dotted keys, `parameters` recorded ones, `signals` change recorded signals.
+    """
+
+    vehicle: str | None = None
+    vehicle_keys: Mapping[str, Any] = field(default_factory=dict)
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    signals: tuple[SignalChange, ...] = ()
+
+    @property
+    def is_nothing(self) -> bool:
+        """Whether the replay is to reproduce the recording."""
+        return self.has_recorded_vehicle and not self.parameters and not self.signals
+
+    @property
+    def has_recorded_vehicle(self) -> bool:
+        """Whether the vehicle file is the recorded one."""
+        return self.vehicle is None and not self.vehicle_keys
+
+
+class Played(NamedTuple):
+    """A step's instant [ns], its StepOutput, and the State after it."""
+
+    now_ns: int
+    output: StepOutput
+    state: State
+
+
+class Player:
+    """
+    A Supervisor that is given recorded steps one after the other.
+
+    `alter(message)` may change a battery state before it is read, `alter_heater(message)` an answer of the
+    heater's controller; None: they stay as recorded.
+    """
+
+    def __init__(self, flight: Flight, changes: Changes = Changes(),
+                 alter: Callable[[Any], None] | None = None,
+                 alter_heater: Callable[[Any], None] | None = None) -> None:
+        """
+        Start as the planner did, or from its recorded state; play the steps of the Flight in order.
+
+        Raises InvalidInput if vehicle or parameters are not allowed.
+        """
+        self._changes, self._alter, self._alter_heater = changes, alter, alter_heater
+        self._beginning, self._number = flight.beginning, 0
+        self._vehicles: dict[str, Vehicle] = {}
+        self._routes, self._goals = RouteIntake(), GoalNumbers()
+        # The planner's states at the start, and after steps that are missing.
+        self._starts = {start.at: start for start in flight.starts
+                        if start.at == 0 or any(0 < gap <= start.at for gap in flight.gaps)}
+        self._supervisor = Supervisor(
+            self._vehicle(self._beginning.vehicle_file), self._settings(self._beginning.parameters))
+        self._go_on_from(self._starts.pop(0, None))
+
+    @property
+    def state(self) -> State:
+        """The State after the latest step."""
+        return self._supervisor.state
+
+    def play(self, given: Given) -> Played:
+        """Take a recorded step; raises InvalidInput if its message or its events cannot be read."""
+        step, now_ns = given.step, given.step.now_ns
+        self._go_on_from(self._starts.pop(self._number, None))
+        self._number += 1
+        if step.call == FAIL:
+            output = self._supervisor.fail(now_ns, step.what)
+        elif step.call == STOP:
+            output = self._supervisor.stop(now_ns)
+        else:
+            output = self._supervisor.step(now_ns, *(self._event(values, given) for values in step.events))
+        if output.decision is not None:
+            # As the node does to publish the plan.
+            self._supervisor.later_decisions()
+        return Played(now_ns, output, self._supervisor.state)
+
+    def _go_on_from(self, start: Start | None) -> None:
+        """Go on from a recorded state, changed as the Changes say; None: as it is."""
+        if start is None:
+            return
+        state = state_of(start.recorded.state)
+        if start.recorded.goal is not None and state.preparation.goal is not None:
+            self._goals.numbers[state.preparation.goal] = start.recorded.goal
+        if self._changes.has_recorded_vehicle:
+            self._vehicles = {self._beginning.vehicle_file: state.vehicle}
+        mission = state.inbox.latest_mission
+        if start.route is not None and mission is not None:
+            message = read_message(*start.route)
+            for change in self._changes.signals:
+                change.alter_route(message)
+            self._routes.remember(mission, message)
+        self._supervisor.go_on_from(state)
+        if self._changes.is_nothing:
+            return
+        vehicle, settings = self._vehicle(self._beginning.vehicle_file), self._settings(self._beginning.parameters)
+        if state.now_ns:
+            self._supervisor.step(state.now_ns, Reconfigured(
+                vehicle, settings, self._routes.read_again(state, vehicle, settings)))
+        elif self._changes.has_recorded_vehicle:
+            self._supervisor.go_on_from(state._replace(inbox=state.inbox._replace(settings=settings)))
+        else:
+            # Another vehicle file starts without learned values.
+            self._supervisor = Supervisor(
+                vehicle, settings, last_seen=state.last_seen, choices=state.inbox.choices)
+
+    def _event(self, values: dict[str, Any], given: Given) -> Event:
+        kind, hint = values.get('kind'), str(values.get('hint', ''))
+        state = self._supervisor.state
+        if kind == RECONFIGURED:
+            # A recorded Learned is that of another file; a changed vehicle keeps its own learned values.
+            vehicle, settings = self._vehicle(str(values['vehicle_file'])), self._settings(values['parameters'])
+            return Reconfigured(vehicle, settings, self._routes.read_again(state, vehicle, settings),
+                                self._learned(learned_of(values['learned'])))
+        if kind not in MESSAGE_KINDS:
+            return event_of(values, self._goals)
+        message = self._message(given)
+        if kind == ROUTE_PLAN:
+            for change in self._changes.signals:
+                change.alter_route(message)
+        elif kind == HVCH_STATUS and self._alter_heater is not None:
+            self._alter_heater(message)
+        elif kind == BATTERY_STATE:
+            if self._alter is not None:
+                self._alter(message)
+            for change in self._changes.signals:
+                change.alter_battery(message)
+        return INPUTS[kind].event(message, Reader(state, self._routes, hint))
+
+    def _message(self, given: Given) -> Any:
+        if given.message is None:
+            raise InvalidInput('a step of the recording has lost its message')
+        return read_message(*given.message)
+
+    def _vehicle(self, text: str) -> Vehicle:
+        """Return the Vehicle of a file's text, or the changed one; the same object for the same text."""
+        if text not in self._vehicles:
+            name, keys = self._changes.vehicle, self._changes.vehicle_keys
+            contents = text if name is None else vehicle_contents(name).decode('utf-8', 'replace')
+            self._vehicles[text] = vehicle_of_text(with_keys(contents, keys), name or RECORDED_VEHICLE)
+        return self._vehicles[text]
+
+    def _settings(self, parameters: Mapping[str, Any]) -> Settings:
+        recorded = {name: value for name, value in parameters.items() if name in FIELD_OF_PARAMETER}
+        return settings_of({**recorded, **self._changes.parameters})
+
+    def _learned(self, learned: Learned | None) -> Learned | None:
+        """Return the Learned for a vehicle: another vehicle file starts without."""
+        return learned if self._changes.has_recorded_vehicle else None

@@ -1,0 +1,204 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Recordings of `ros2 bag`, MCAP or SQLite: the planner's topics, and steps from its commands."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import groupby, zip_longest
+from pathlib import Path
+from typing import NamedTuple, TYPE_CHECKING
+
+from bev_preheat.control.events import BATTERY_STATE, HVCH_STATUS, ROUTE_PLAN, ROUTE_PROGRESS
+from bev_preheat.errors import InvalidInput, quoted
+from bev_preheat.messages.fields import nanoseconds
+from bev_preheat.messages.inputs import INPUTS
+from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.planning.status import Status
+from bev_preheat.recording.bag_files import bag_messages
+from bev_preheat.recording.flight_file import Flight, Given, ROS2_BAG
+from bev_preheat.recording.message_types import read_message
+from bev_preheat.recording.recorded_steps import COMMAND, RecordedStep
+
+if TYPE_CHECKING:
+    from typing import Any
+
+    from bev_preheat.recording.beginning import Beginning
+
+TYPES = {**{topic: each.type_name for topic, each in INPUTS.items()}, COMMAND: 'bev_preheat_msgs/msg/HvchCommand'}
+# A message with a younger stamp than this came to the planner before the recorder noted it [ns].
+TRANSPORT_NS = 50_000_000
+# The recorder's clock is the planner's if stamps and times of arrival differ by less [ns].
+SAME_CLOCK_NS = NS_PER_S // 2
+# Without recorded commands, steps of their own show the planner that time goes by [ns].
+REPEAT_NS = NS_PER_S
+
+
+class _Message(NamedTuple):
+    """A message of an input: its instant [ns of the planner's clock], topic, type and bytes."""
+
+    now_ns: int
+    topic: str
+    type_name: str
+    data: bytes
+
+
+class _Command(NamedTuple):
+    """A recorded command: its stamp [ns], and its power [W], end of its lease [ns] and reason."""
+
+    now_ns: int
+    values: tuple[float, int, int]
+
+
+def read_topics(path: Path, beginning: Beginning, namespace: str | None = None) -> Flight:
+    """
+    Return the Flight of a ros2 bag; `beginning` has the vehicle file and the parameters of the recorded planner.
+
+    `namespace` is needed if the topics of several planners are there. Raises InvalidInput, naming the file, if it
+    cannot be read or has no battery_state.
+    """
+    remarks: list[str] = []
+    found: dict[str, list[tuple[int, str, str, bytes]]] = {}
+    for topic, type_name, received_ns, data in bag_messages(path, TYPES, remarks):
+        prefix, _, name = topic.rpartition('/')
+        found.setdefault(prefix, []).append((received_ns, name, type_name, data))
+    messages = _of_namespace(path, found, namespace)
+    commands, inputs = _in_time(messages)
+    if not any(message.topic == BATTERY_STATE for message in inputs):
+        raise InvalidInput(f'{path}: has no battery_state; a planner without it never heats')
+    remarks.append('the recording has no learned factors and no instants of steps; the instants are those of '
+                   'its commands' if commands else
+                   'the recording has no hvch_command: there are no commands to reproduce')
+    if not any(message.topic == ROUTE_PLAN for message in inputs):
+        remarks.append('the recording has no route_plan')
+    given = _steps(_from_start(inputs, commands), commands) if commands else _with_repeats(
+        [_given(message) for message in inputs])
+    begun_ns = given[0].step.now_ns
+    return Flight(_begun(beginning, begun_ns), tuple(given), (path,), remarks=tuple(remarks), source=ROS2_BAG,
+                  has_commands=bool(commands), power_tolerance_w=1.0)
+
+
+def _begun(beginning: Beginning, now_ns: int) -> Beginning:
+    return replace(beginning, now_ns=now_ns)
+
+
+def _of_namespace(path: Path, found: dict[str, list[tuple[int, str, str, bytes]]],
+                  namespace: str | None) -> list[tuple[int, str, str, bytes]]:
+    if not found:
+        raise InvalidInput(f'{path}: has no message of the topics {", ".join(TYPES)}')
+    if namespace is not None:
+        wanted = '' if namespace.strip('/') == '' else f'/{namespace.strip("/")}'
+        if wanted not in found:
+            raise InvalidInput(f'--namespace: {quoted(namespace)} is not in the recording, which has '
+                               f'{", ".join(prefix or "/" for prefix in sorted(found))}')
+        return found[wanted]
+    planners = [prefix for prefix, messages in found.items()
+                if any(name in (COMMAND, ROUTE_PLAN) for _, name, _, _ in messages)] or [*found]
+    if len(planners) > 1:
+        raise InvalidInput(f'{path}: has the topics of several planners; name one by --namespace: '
+                           f'{", ".join(prefix or "/" for prefix in sorted(planners))}')
+    # Inputs may be shared by planners in namespaces.
+    prefix = planners[0]
+    own = {name for _, name, _, _ in found[prefix]}
+    shared = [message for message in found.get('', []) if message[1] not in own] if prefix else []
+    return sorted([*found[prefix], *shared], key=lambda message: message[0])
+
+
+def _in_time(messages: list[tuple[int, str, str, bytes]]) -> tuple[list[_Command], list[_Message]]:
+    """Return commands and inputs in the planner's time, each in order."""
+    commands: list[_Command] = []
+    inputs: list[_Message] = []
+    # How far the planner's clock is ahead of the recorder's; simulated time may be far off.
+    ahead_ns = 0
+    for received_ns, topic, type_name, data in messages:
+        if topic == COMMAND:
+            message = read_message(type_name, data)
+            stamp_ns = nanoseconds(message.header.stamp)
+            ahead_ns = stamp_ns - received_ns
+            commands.append(_Command(stamp_ns, (
+                float(message.battery_heating_power), nanoseconds(message.valid_until), int(message.reason))))
+            continue
+        stamp_ns = _stamp_ns(read_message(type_name, data), topic)
+        if abs(ahead_ns) > SAME_CLOCK_NS or (not commands and abs(stamp_ns - received_ns) > SAME_CLOCK_NS
+                                             and topic == BATTERY_STATE):
+            now_ns = stamp_ns if topic in (BATTERY_STATE, ROUTE_PROGRESS, HVCH_STATUS) and stamp_ns \
+                else received_ns + ahead_ns
+        else:
+            now_ns = stamp_ns if 0 <= received_ns - stamp_ns <= TRANSPORT_NS else received_ns
+        inputs.append(_Message(now_ns, topic, type_name, data))
+    return sorted(commands, key=lambda command: command.now_ns), sorted(
+        inputs, key=lambda message: message.now_ns)
+
+
+def _stamp_ns(message: Any, topic: str) -> int:
+    header = getattr(message, 'header', None)
+    stamp = header.stamp if header is not None else getattr(message, 'stamp', None)
+    return 0 if stamp is None else nanoseconds(stamp)
+
+
+def _from_start(inputs: list[_Message], commands: list[_Command]) -> list[_Message]:
+    """
+    Return the inputs that reached a planner started while the recorder ran; otherwise all inputs.
+
+    Its first commands name missing inputs. A latched route reaches it later than the recorder.
+    """
+    first = commands[0]
+    if first.values[2] not in (Status.NO_ROUTE, Status.NO_BATTERY_STATE):
+        return inputs
+    kept = [message for message in inputs if message.now_ns >= first.now_ns]
+    for topic, unknown in ((BATTERY_STATE, (Status.NO_ROUTE, Status.NO_BATTERY_STATE)),
+                           (ROUTE_PLAN, (Status.NO_ROUTE,))):
+        before = [message for message in inputs if message.topic == topic and message.now_ns < first.now_ns]
+        known_ns = next((command.now_ns for command in commands if command.values[2] not in unknown), None)
+        if before and known_ns is not None and not any(
+                message.topic == topic and message.now_ns <= known_ns for message in kept):
+            # It was on its way, or latched.
+            kept.insert(0, before[-1]._replace(now_ns=known_ns))
+    return sorted(kept, key=lambda message: message.now_ns)
+
+
+def _steps(inputs: list[_Message], commands: list[_Command]) -> list[Given]:
+    """
+    Return the steps of the planner: one for each command, with the input that came just before it.
+
+    The planner answers each input at once with a command stamped with the instant of its step.
+    """
+    given: list[Given] = []
+    waiting = iter([*inputs, None])
+    message = next(waiting)
+    for now_ns, group in groupby(commands, key=lambda command: command.now_ns):
+        answers = list(group)
+        before: list[_Message] = []
+        while message is not None and message.now_ns <= now_ns:
+            before.append(message)
+            message = next(waiting)
+        # The answers to the first inputs are missing from the recording.
+        lost = max(len(before) - len(answers), 0)
+        given += [_given(each) for each in before[:lost]]
+        # Simulated time may stand while several inputs are answered.
+        given += [_given(each, answer) for each, answer in zip_longest(before[lost:], answers)]
+    while message is not None:
+        given.append(_given(message))
+        message = next(waiting)
+    return given
+
+
+def _given(message: _Message | None, command: _Command | None = None) -> Given:
+    assert message is not None or command is not None
+    now_ns = command.now_ns if command is not None else message.now_ns if message is not None else 0
+    return Given(RecordedStep(now_ns, events=() if message is None else ({'kind': message.topic},),
+                              command=None if command is None else command.values),
+                 None if message is None else (message.type_name, message.data))
+
+
+def _with_repeats(given: list[Given]) -> list[Given]:
+    """Return the steps with further ones where more than REPEAT_NS pass."""
+    filled: list[Given] = []
+    for each in given:
+        if filled:
+            now_ns = filled[-1].step.now_ns + REPEAT_NS
+            # A clock that jumped by more than a day is not filled.
+            while now_ns < each.step.now_ns < filled[-1].step.now_ns + 86400 * NS_PER_S:
+                filled.append(Given(RecordedStep(now_ns)))
+                now_ns += REPEAT_NS
+        filled.append(each)
+    return filled

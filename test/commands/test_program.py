@@ -1,0 +1,152 @@
+# SPDX-License-Identifier: Apache-2.0
+"""End of the command-line programs: interrupted, with closed or full outputs."""
+
+import os
+import resource
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from bev_preheat.commands.program import Interrupted, OutputFailed, run_program
+from bev_preheat.errors import one_line
+
+PLAN = [sys.executable, '-m', 'bev_preheat', 'plan', '--vehicle', 'reference', '--route', 'reference',
+        '--temperature', '-7', '--soc', '0.9']
+
+
+@pytest.fixture(autouse=True)
+def unmeasured(monkeypatch):
+    """Switch coverage off, because it would write to the full output, too."""
+    monkeypatch.delenv('COVERAGE_PROCESS_CONFIG', raising=False)
+
+
+def ended(command, **options):
+    """Return (exit status, standard output, standard error) of a command, bytes as Latin-1."""
+    done = subprocess.run(command, stderr=subprocess.PIPE, timeout=100, check=False,
+                          **{'stdout': subprocess.PIPE, **options})
+    return done.returncode, (done.stdout or b'').decode('latin-1'), done.stderr.decode('latin-1')
+
+
+@pytest.mark.costly
+def test_nobody_reads_the_output():
+    reader, writer = os.pipe()
+    os.close(reader)
+    assert ended(PLAN, stdout=writer) == (0, '', '')
+    os.close(writer)
+
+
+@pytest.mark.costly
+@pytest.mark.parametrize('command, unbuffered', [
+    pytest.param(PLAN, '', id='table'),
+    pytest.param(PLAN, '1', id='table, unbuffered', marks=pytest.mark.deep),
+    pytest.param([*PLAN, '--json', '-'], '', id='json'),
+    pytest.param([*PLAN, '--json', '-'], '1', id='json, unbuffered', marks=pytest.mark.deep),
+    pytest.param([*PLAN[:3], '--help'], '', id='help', marks=pytest.mark.deep),
+    pytest.param([*PLAN[:3], '--help'], '1', id='help, unbuffered', marks=pytest.mark.deep),
+    pytest.param([*PLAN[:3], '--version'], '', id='version', marks=pytest.mark.deep),
+    pytest.param([*PLAN[:3], '--version'], '1', id='version, unbuffered', marks=pytest.mark.deep)])
+def test_the_output_is_full(tmp_path, command, unbuffered):
+    """Write to a file that may not grow, as on a full disk."""
+    with open(tmp_path / 'output', 'wb') as file:
+        status, _, errors = ended(
+            command, stdout=file, env=dict(os.environ, PYTHONUNBUFFERED=unbuffered),
+            preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0)))
+    assert (status, errors) == (
+        1, 'preheat: error: standard output: cannot be written: File too large\n')
+
+
+@pytest.mark.costly
+@pytest.mark.parametrize('redirection, status', [
+    pytest.param('>&-', 0, marks=pytest.mark.deep), pytest.param('2>&-', 0, marks=pytest.mark.deep),
+    ('>&- 2>&-', 0)])
+def test_closed_streams_are_no_error(redirection, status):
+    assert ended(['sh', '-c', f'"$@" {redirection}', 'sh', *PLAN])[::2] == (status, '')
+
+
+@pytest.mark.costly
+def test_a_terminal_without_special_characters():
+    status, output, errors = ended(PLAN, env=dict(os.environ, PYTHONIOENCODING='ascii'))
+    assert (status, errors) == (0, '')
+    assert output.isascii() and '. before arrival' in output
+
+
+def test_interrupted_while_it_is_still_loading():
+    """The signal comes with the first module imported after `main` has begun."""
+    code = ('import os, signal, sys\n'
+            'class Interrupting:\n'
+            '    def find_spec(self, name, path=None, target=None):\n'
+            '        if name == "bev_preheat.commands.arguments":\n'
+            '            os.kill(os.getpid(), signal.SIGINT)\n'
+            'sys.meta_path.insert(0, Interrupting())\n'
+            'from bev_preheat.commands.main import main\n'
+            'sys.exit(main())\n')
+    assert ended([sys.executable, '-c', code, '--version']) == (130, '', 'preheat: interrupted\n')
+
+
+def interrupt(*numbers):
+    for number in numbers:
+        os.kill(os.getpid(), number)
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_is_one_line_and_130(capsys, number):
+    before = signal.getsignal(number)
+    assert run_program('work', lambda: lambda: interrupt(number), ends_process=False) == 130
+    assert capsys.readouterr() == ('', 'work: interrupted\n')
+    assert signal.getsignal(number) is before
+
+
+def test_a_second_signal_ends_what_is_being_kept(capsys):
+    def work():
+        try:
+            interrupt(signal.SIGINT)
+        except Interrupted:
+            interrupt(signal.SIGINT)
+
+    assert run_program('work', lambda: work, ends_process=False) == 130
+    assert capsys.readouterr().err == 'work: interrupted\n'
+
+
+def test_a_library_that_makes_another_error_of_the_signal_is_interrupted_too(capsys):
+    def work():
+        try:
+            interrupt(signal.SIGINT)
+        except KeyboardInterrupt:
+            raise ImportError('numpy.core.multiarray failed to import') from None
+
+    assert run_program('work', lambda: work, ends_process=False) == 130
+    assert capsys.readouterr().err == 'work: interrupted\n'
+
+
+def test_a_signal_that_is_lost_in_a_callback_comes_again(capsys):
+    class Interrupting:
+        def __del__(self):
+            interrupt(signal.SIGINT)
+
+    def work():
+        thing = Interrupting()
+        del thing
+        signal.pause()
+
+    assert run_program('work', lambda: work, ends_process=False) == 130
+    assert capsys.readouterr().err == 'work: interrupted\n'
+
+
+def test_what_nobody_foresaw_is_not_hidden():
+    with pytest.raises(ZeroDivisionError):
+        run_program('work', lambda: lambda: 1 / 0, ends_process=False)
+
+
+def test_a_full_output_is_told_in_one_line(capsys):
+    def work():
+        raise OutputFailed(OSError(28, 'No space left on device'))
+
+    assert run_program('work', lambda: work, ends_process=False) == 1
+    assert capsys.readouterr().err == (
+        'work: error: standard output: cannot be written: No space left on device\n')
+
+
+def test_control_characters_make_no_lines():
+    assert one_line('a\nb\x1b[2J\tc ° é') == 'a\\nb\\x1b[2J\\tc ° é'

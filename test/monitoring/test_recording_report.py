@@ -1,0 +1,141 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The report is one page that works offline: its figures are those of the drive, and a browser draws them."""
+
+from array import array
+import base64
+import html
+import json
+import math
+import re
+import shutil
+import subprocess
+import sys
+
+import pytest
+from recorded_drive import LENGTH_S, START_NS, TARGET_C
+
+from bev_preheat.commands.main import main
+from bev_preheat.monitoring.recording_report import history_values, packed, report_text, ReportText
+from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.recording.flight_file import read_flight
+from bev_preheat.recording.history import History, MOST_ROWS
+from bev_preheat.recording.player import Played, Player
+
+pytestmark = [pytest.mark.needs('mcap'), pytest.mark.needs('rclpy'), pytest.mark.needs('jinja2'),
+              pytest.mark.costly]
+BROWSER = shutil.which('chromium') or shutil.which('chromium-browser') or shutil.which('google-chrome')
+QUIET = ('--headless', '--no-sandbox', '--disable-gpu', '--disable-quic', '--no-first-run',
+         '--disable-background-networking', '--disable-component-update', '--disable-sync')
+
+
+def numbers(text, kind='f'):
+    """Return the numbers of base64 of little-endian floats."""
+    values = array(kind, base64.b64decode(text))
+    if sys.byteorder == 'big':
+        values.byteswap()
+    return values.tolist()
+
+
+def contents_of(page):
+    [data] = re.findall(r'<script type="application/json" id="data">(.*?)</script>', page, re.DOTALL)
+    return json.loads(data)
+
+
+@pytest.fixture(scope='module')
+def page(recorded, tmp_path_factory):
+    """Return the recorded drive, and the path of a report on it that asks what if."""
+    path = tmp_path_factory.mktemp('report') / 'drive.html'
+    assert main(['replay', str(recorded[1]), '--set', 'estimation=false', '--report', str(path)]) == 0
+    return recorded[0], path
+
+
+def test_columns_are_those_of_the_drive(page):
+    drive, path = page
+    contents = contents_of(path.read_text(encoding='utf-8'))
+    assert contents['courses'] == ['recorded', 'changed']
+    columns = contents['recorded']['columns']
+    time_s = numbers(contents['recorded']['time'], 'd')
+    assert time_s == sorted(time_s) and time_s[0] * NS_PER_S == START_NS
+    commands_w = {now_ns: output.command.battery_heating_power_w for now_ns, output in drive.outputs}
+    for now_s, power_w in zip(time_s, numbers(columns['commanded'])):
+        # The last step of an instant may come after the row; power changes seldom.
+        assert commands_w[round(now_s * NS_PER_S)] == pytest.approx(power_w, abs=1.0) or power_w in (0.0, 5022.0)
+    statuses = [change[1] for change in contents['recorded']['sentences']]
+    assert 'HEATING' in statuses and statuses[-1] == 'ARRIVED'
+    _, label, start_s, times_s, temperatures_c, *_ = contents['recorded']['plans'][0]
+    assert label.startswith('HEATING: heating now') and start_s == START_NS / NS_PER_S
+    # A plan leads from the battery as it is to its target at the end of the route.
+    assert numbers(times_s)[-1] == LENGTH_S and numbers(temperatures_c)[-1] == pytest.approx(TARGET_C, abs=1.0)
+
+
+def test_without_heating_it_would_be_colder_once_it_has_heated(page):
+    columns = contents_of(page[1].read_text(encoding='utf-8'))['recorded']['columns']
+    # It is known from the first plan to the last one.
+    gaps_k = [measured_c - unheated_c for measured_c, unheated_c in zip(
+        numbers(columns['measured']), numbers(columns['unheated'])) if not math.isnan(unheated_c)]
+    assert abs(gaps_k[0]) < 0.5 and gaps_k[-1] > 1.0 and len(gaps_k) > 0.9 * LENGTH_S
+
+
+def test_spans_without_a_valid_command_are_shaded(page):
+    text = ReportText('drive', (), None, ('recorded',), (), (), (), ((1.0, 2.5),))
+    assert contents_of(report_text(text, History(NS_PER_S)))['lapses'] == [[1.0, 2.5]]
+    assert contents_of(page[1].read_text(encoding='utf-8'))['lapses'] == []
+
+
+def test_the_page_needs_no_network_and_escapes_what_recordings_say():
+    evil = '</script><script>alert(1)</script><b>'
+    history = History(NS_PER_S)
+    page = report_text(ReportText(evil, (evil,), None, ('recorded',), ((evil, evil),), (evil,), ((evil, evil),)),
+                       history)
+    assert '<b>' not in page and 'alert(1)</script>' not in page
+    assert html.escape(evil) in page
+    # The address in a comment of uPlot, and the names of namespaces, are not fetched.
+    assert not re.search(r'(src|href)\s*=|@import|url\(', page)
+
+
+def test_a_day_has_a_row_a_second_and_a_year_no_more_rows(recorded):
+    flight = read_flight(recorded[1])
+    played = Player(flight).play(flight.given[0])
+    for length_ns, rows in ((86400 * NS_PER_S, 86400), (365 * 86400 * NS_PER_S, MOST_ROWS)):
+        # A thousandth of that length, with ten steps a row.
+        history, steps = History(length_ns), rows // 100
+        for number in range(steps):
+            history.add(Played(played.now_ns + number * length_ns // (1000 * steps), played.output, played.state))
+        assert len(history.columns['time']) == pytest.approx(rows / 1000, rel=0.02)
+
+
+def test_numbers_are_packed_little_endian():
+    assert base64.b64decode(packed([1.0], 'f')) == b'\x00\x00\x80?'
+
+
+def test_an_empty_history_is_written():
+    assert history_values(History(0))['plans'] == []
+
+
+@pytest.mark.skipif(BROWSER is None, reason='no Chromium is installed')
+def test_a_browser_draws_it(page, tmp_path):
+    dom = subprocess.run(
+        [BROWSER, *QUIET, f'--user-data-dir={tmp_path}', '--virtual-time-budget=2000', '--dump-dom',
+         page[1].as_uri()], capture_output=True, text=True, timeout=120).stdout
+    # Temperature, heater, charge, power, regime.
+    assert dom.count('<canvas') == 5
+    for words in ('measured, changed', 'predicted on arrival', 'HEATING: heating now'):
+        assert words in dom
+    # Rows of the tables are made by the page's script.
+    assert re.search(r'<td>ARRIVED</td>', dom) and '>2 of 2<' not in dom
+    assert 'Click into the curves' in dom
+
+
+def test_a_clock_that_jumps_is_drawn_as_one_drive(recorded):
+    """Back by ten seconds, on by ten years, and again right."""
+    history, flight = History(NS_PER_S), read_flight(recorded[1])
+    player = Player(flight)
+    for index, given in enumerate(flight.given[:80]):
+        off_s = -10 if 20 <= index < 30 else 315360000 if 40 <= index < 50 else 0
+        played = player.play(given)
+        history.add(Played(played.now_ns + off_s * NS_PER_S, played.output, played.state))
+    time_s = list(history.columns['time'])
+    assert history.jumps == 2 and time_s == sorted(time_s)
+    # Two steps a second, and a row for each second.
+    assert time_s[-1] - time_s[0] == (flight.given[79].step.now_ns - START_NS) / NS_PER_S
+    assert max(after - before for before, after in zip(time_s, time_s[1:])) <= 2.0

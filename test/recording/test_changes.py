@@ -1,0 +1,64 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`preheat replay --change` and `--set`: usual names work, and others are suggested."""
+
+import json
+
+import pytest
+
+from bev_preheat.commands.main import main
+from bev_preheat.recording.signal_changes import signal_change, UNITS
+
+pytestmark = [pytest.mark.needs('mcap'), pytest.mark.needs('rclpy')]
+
+
+@pytest.mark.parametrize('words, told', [
+    (['--change', 'target=90'], "target: '90' is not allowed; it must be -40 ... 60 degC"),
+    (['--change', 'soc=50'], 'it must be 0 ... 1 (a share)'), (['--change', 'soc=none'], "'none'"),
+    (['--change', 'temperature=+nan'], '+NUMBER or -NUMBER [K]'),
+    (['--change', 'colour=+1'], 'temperature [degC], soc [0 ... 1]'), (['--change', 'target'], 'SIGNAL=VALUE'),
+    (['--change', 'temperture=+2'], 'did you mean --change temperature=...'),
+    (['--change', 'target_temp=30'], 'did you mean --change target=...'),
+    (['--change', 'heat_capacity=4e5'], 'battery.heat_capacity_j_per_k=...'),
+    (['--change', 'maximum_power=5000'], 'hvch.maximum_power_w=...'),
+    (['--change', 'hvch.maximum_powr_w=5000'], "did you mean 'maximum_power_w'"),
+    (['--change', 'hvch.efficiency=87'], 'the recorded vehicle file: hvch.efficiency'),
+    (['--set', 'target=30'], 'did you mean --change target=...'),
+    (['--set', 'comand_lease=3'], 'did you mean command_lease=...')])
+def test_a_change_that_is_not_understood_is_one_line_with_unit_range_or_the_name_meant(
+        recorded, capsys, words, told):
+    assert main(['replay', str(recorded[1]), *words]) == 2
+    [line] = capsys.readouterr().err.splitlines()
+    assert told in line
+
+
+@pytest.mark.parametrize('signal', UNITS)
+def test_a_number_replaces_and_a_sign_changes(signal):
+    low, high = UNITS[signal][2]
+    for value in (low, high):
+        assert signal_change(signal, f'={value}').of(0.37) == value
+    assert signal_change(signal, '+0.5').of(1.25) == 1.75 and signal_change(signal, '-0.5').of(1.25) == 0.75
+    assert signal_change(signal, '*2').of(1.25) == 2.5
+
+
+def result_of(capsys, folder, *words):
+    assert main(['replay', str(folder), '--to', '150', '--json', '-', *words]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def test_a_target_replaces_that_of_the_route(recorded, capsys):
+    """The recorded route asks for 12.5 degC."""
+    folder = recorded[1]
+    by_value, by_difference = (result_of(capsys, folder, '--change', f'target={text}') for text in ('10.5', '-2'))
+    assert by_value['changed'] == by_difference['changed']
+    assert by_value['changed']['hvch_commanded_wh'] < by_value['recorded']['hvch_commanded_wh']
+    assert 'target 10.5 degC' in by_value['verdict'][-1]
+    aliased = result_of(capsys, folder, '--change', 'target_temperature=10.5')
+    assert aliased['changed'] == by_value['changed']
+
+
+def test_a_key_of_the_vehicle_file_changes_the_planners_car(recorded, capsys):
+    result = result_of(capsys, recorded[1], '--change', 'hvch.maximum_power_w=3000')
+    assert 'With hvch.maximum_power_w=3000' in result['verdict'][-1]
+    heated_s = sum(span['to_ns'] - span['from_ns'] for span in result['changed']['heating']) / 1e9
+    assert heated_s > 60.0
+    assert result['changed']['hvch_commanded_wh'] <= 3000.0 * (heated_s + 5.0) / 3600.0

@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The heater's energy as commanded and as delivered, the spans without a valid command, and results in words."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from bev_preheat.control.heater_answer import HeaterStatus
+from bev_preheat.estimation.hypotheses import Heater, HeaterReport
+from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.planning.status import Status
+from bev_preheat.recording.heater_account import HeaterAccount, Span
+from bev_preheat.recording.player import Played
+from bev_preheat.recording.trip_result import TripResults
+from bev_preheat.vehicle.heater_controller import Refusal
+
+START_S = 1_700_000_000
+
+
+def ns(second):
+    return round((START_S + second) * NS_PER_S)
+
+
+def test_a_command_counts_until_its_lease_ends_and_the_rest_is_a_span():
+    account = HeaterAccount()
+    # 3600 W: one Wh a second. The lease ends 2.5 s after each command.
+    for second in (0.0, 1.0, 2.0, 6.0, 7.0):
+        account.command(ns(second), 3600.0, ns(second + 2.5))
+    assert account.commanded_wh == pytest.approx(1.0 + 1.0 + 2.5 + 1.0)
+    assert account.without_command == [Span(ns(4.5), ns(6.0))]
+    assert account.delivered_wh is None
+
+
+def test_answers_tell_what_was_delivered_and_that_the_heater_had_no_command():
+    account = HeaterAccount()
+    account.answer(HeaterStatus(ns(-1.0), 0.0, 0.0, Refusal.NO_COMMAND))
+    for second in range(10):
+        account.command(ns(second), 3600.0, ns(second + 2.5))
+        is_lost = 3 <= second < 5
+        answer = HeaterStatus(ns(second), 0.0 if is_lost else 3600.0, 0.0 if is_lost else 1800.0,
+                              Refusal.NO_COMMAND if is_lost else Refusal.NOT_REFUSED)
+        # Each is seen at two steps.
+        account.answer(answer)
+        account.answer(answer)
+    assert account.commanded_wh == pytest.approx(9.0)
+    # Half the power for 7 s, two ramps of a second, and the second before the first command with one.
+    assert account.delivered_wh == pytest.approx(0.5 * (6.0 + 3 * 0.5))
+    assert account.without_command == [Span(ns(3.0), ns(5.0))]
+
+
+def test_a_clock_that_is_set_is_no_span():
+    account = HeaterAccount()
+    for second in (0.0, 1.0, 1e9, 2.0):
+        account.command(ns(second), 3600.0, ns(second + 2.5))
+    assert account.without_command == [] and account.commanded_wh == pytest.approx(3.5)
+
+
+PLAN = SimpleNamespace(target_temperature_c=25.0, arrival_temperature_c=24.8)
+COMMAND = SimpleNamespace(battery_heating_power_w=3600.0, valid_until_ns=ns(1e6))
+OBEYS = HeaterReport(Heater.ANSWERS, 1.0, 1.0)
+
+
+def step(second, status, temperature_c, plan=PLAN, heater=OBEYS):
+    return Played(ns(second), None, SimpleNamespace(
+        decision=SimpleNamespace(status=status, plan=plan), latest_command=COMMAND, heater_answer=None,
+        measurement=SimpleNamespace(state=SimpleNamespace(temperature_c=temperature_c)),
+        estimate=SimpleNamespace(heater=heater)))
+
+
+@pytest.mark.parametrize('arrival_c, between, told', [
+    (25.2, [], 'Arrived after 5:00 min at 25.2 degC, target 25.0 degC.'),
+    (27.0, [], '2.0 K above the target of 25.0 degC.'),
+    (20.0, [], '5.0 K short of the target of 25.0 degC: the recording names no obstacle; the last plan predicted '
+               '24.8 degC.'),
+    (20.0, [step(second, Status.DISABLED, 9.0, None) for second in range(60, 181, 5)],
+     '5.0 K short of the target of 25.0 degC: preheating was switched off for 3:00 min.'),
+    (20.0, [step(30, Status.HEATING, 9.0, heater=HeaterReport(Heater.DEAD, 1.0, 1.0))], ': heater dead: ')])
+def test_each_trip_ends_with_its_result_in_words(arrival_c, between, told):
+    results = TripResults()
+    for each in (step(-100, Status.NO_BATTERY_STATE, 8.0, None), step(0, Status.HEATING, 8.0), *between,
+                 step(299, Status.HEATING, arrival_c), step(300, Status.ARRIVED, arrival_c, None),
+                 step(400, Status.ARRIVED, 0.0, None)):
+        results.add(each)
+    [trip] = results.trips
+    arrival, energy = trip.sentences()
+    assert told in arrival
+    assert energy == 'The heater was commanded 300 Wh; the delivered energy is not recorded (hvch_status).'
+
+
+def test_a_recording_that_ends_on_the_way_says_so():
+    results = TripResults()
+    results.add(step(0, Status.HEATING, 8.0))
+    results.add(step(60, Status.HEATING, 9.0))
+    assert results.trips[0].sentences()[0] == (
+        'The recording ends without an arrival after 1:00 min; the last plan predicted 24.8 degC, target 25.0 '
+        'degC.')

@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A what-if counts the share of its command that the recorded heater delivered."""
+
+from types import SimpleNamespace
+
+import pytest
+from recorded_drive import a_car, LONG_S, LONG_TARGET_C, RecordedDrive
+
+from bev_preheat.control.heater_answer import HeaterAnswerReport, HeaterStatus
+from bev_preheat.estimation.hypotheses import Heater, HeaterReport, SuspectedFault
+from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.recording.flight_file import read_flight
+from bev_preheat.recording.heater_share import alter_status, HeaterShares
+from bev_preheat.recording.player import Changes
+from bev_preheat.recording.signal_changes import SignalChange
+from bev_preheat.recording.what_if import replay, replay_changed
+from bev_preheat.simulation.heater_faults import HeaterFault
+from bev_preheat.vehicle.heater_controller import Refusal
+from bev_preheat_msgs.msg import HvchStatus
+
+pytestmark = [pytest.mark.needs('mcap'), pytest.mark.needs('rclpy')]
+HEALTHY = HeaterReport(Heater.ANSWERS, 1.0, 1.0)
+SUSPECTED = HeaterReport(Heater.ANSWERS, 1.0, 1.0, SuspectedFault(Heater.DERATED, 0.9, 2.0, 1.0, None))
+WEAK = HeaterReport(Heater.DERATED, 1.0, 0.4)
+COLDER = Changes(signals=(SignalChange('target', 1.0, -2.0),))
+
+
+def shares_of(*states, heated_from=1, seconds=1):
+    """Return the shares of steps that come every `seconds`, and the sentence."""
+    steps = [SimpleNamespace(step=SimpleNamespace(
+        now_ns=number * seconds * NS_PER_S,
+        command=(4000.0 if number >= heated_from else 0.0, 0, 0))) for number in range(len(states))]
+    shares = HeaterShares(SimpleNamespace(given=steps, is_log=False))
+    for answer, report in states:
+        shares.add(SimpleNamespace(state=SimpleNamespace(
+            heater_answer=answer, estimate=None if report is None else SimpleNamespace(heater=report))))
+    return [shares.at(number) for number in range(len(states))], shares.sentence
+
+
+def answer(requested_w, active_w, measured_w=None, refusal=Refusal.NOT_REFUSED, **report):
+    return HeaterAnswerReport(HeaterStatus(0, requested_w, active_w, refusal, '', measured_w), **report), HEALTHY
+
+
+REPORTS = [(None, report) for report in (
+    None, HEALTHY, HEALTHY, SUSPECTED, SUSPECTED, WEAK, WEAK, HeaterReport(Heater.DEAD, 1.0, 0.0), HEALTHY)]
+
+
+def test_a_fault_found_soon_counts_from_the_beginning_of_heating_on():
+    shares, sentence = shares_of(*REPORTS)
+    assert shares == [1.0, 0.4, 0.4, 0.4, 0.4, 0.4, 0.4, 0.0, 1.0]
+    assert 'no heat for its command' in sentence and '1970-01-01 00:00:01' in sentence
+
+
+def test_a_fault_found_late_counts_from_the_suspicion_on():
+    """Suspected for 2 s when it is reported after an hour of heating."""
+    late = [(None, HEALTHY)] * 3600
+    shares, _ = shares_of(*late, *REPORTS[1:])
+    assert shares[3598:] == [1.0, 1.0, 1.0, 1.0, 0.4, 0.4, 0.4, 0.4, 0.0, 1.0]
+
+
+def test_the_answers_of_the_controller_come_before_the_estimate():
+    shares, sentence = shares_of(
+        answer(4000.0, 4000.0), answer(4000.0, 1000.0), answer(4000.0, 4000.0, measured_w=3000.0),
+        # Neither a request of 0 W nor a rising power says anything.
+        answer(0.0, 0.0), answer(4000.0, 500.0, refusal=Refusal.RATE_LIMITED),
+        answer(0.0, 0.0, refusal=Refusal.LOW_CHARGE), answer(4000.0, 4000.0, doubt='it lies'))
+    assert shares == [1.0, 0.25, 0.75, 0.75, 0.75, 0.0, 1.0]
+    assert shares_of(answer(4000.0, 4000.0)) == ([1.0], '') and sentence
+
+
+@pytest.mark.parametrize('recorded, command_w, share, expected', [
+    # Requested, active and measured power [W], refusal.
+    ((0.0, 0.0, None, Refusal.NO_COMMAND), 3000.0, 0.5, (3000.0, 1500.0, 0.0, Refusal.NOT_REFUSED)),
+    ((4000.0, 4000.0, 2000.0, Refusal.NOT_REFUSED), 0.0, 0.5, (0.0, 0.0, 0.0, Refusal.NOT_REFUSED)),
+    ((4000.0, 4000.0, 2000.0, Refusal.NOT_REFUSED), 3000.0, 0.5, (3000.0, 3000.0, 1500.0, Refusal.NOT_REFUSED)),
+    ((0.0, 0.0, 0.0, Refusal.HOT_BATTERY), 3000.0, 0.0, (3000.0, 0.0, 0.0, Refusal.HOT_BATTERY))])
+def test_answers_are_those_to_the_changed_command(recorded, command_w, share, expected):
+    requested_w, active_w, measured_w, refusal = recorded
+    message = HvchStatus(
+        requested_power=requested_w, active_power=active_w, measured_power=measured_w or 0.0,
+        measured_power_known=measured_w is not None, refusal=int(refusal))
+    alter_status(message, command_w, share)
+    assert (message.requested_power, message.active_power, message.measured_power, message.refusal) == expected
+
+
+def test_a_heater_without_heat_makes_no_other_battery(recorded):
+    flight = read_flight(recorded[1])
+    as_it_was = replay(flight)
+    assert as_it_was.heater.sentence == ''
+    dead = SimpleNamespace(at=lambda number: 0.0)
+    changed = replay_changed(flight, COLDER, heater=dead)
+    assert changed.energy_wh < 0.8 * as_it_was.course.energy_wh
+    assert changed.arrival.measured_c == as_it_was.course.arrival.measured_c
+
+
+@pytest.mark.deep
+@pytest.mark.parametrize('target_c', [14.0, 11.0])
+def test_what_if_agrees_with_a_weak_heater_that_was_driven_so(tmp_path, target_c):
+    """With the whole command counted, the changed drive would be too cold by most of the saved heat."""
+    weak = {'heater_faults': (HeaterFault(0.0, share=0.25),)}
+    for folder, wanted_c in (('before', LONG_TARGET_C), ('after', target_c)):
+        RecordedDrive(a_car(wanted_c, LONG_S, **weak), tmp_path / folder).drive(LONG_S + 5)
+    flight = read_flight(tmp_path / 'before')
+    before, actual = replay(flight), replay(read_flight(tmp_path / 'after')).course
+    assert 'only 25 % of its command' in before.heater.sentence
+    changes = Changes(signals=(SignalChange('target', 1.0, target_c - LONG_TARGET_C),))
+    changed = replay_changed(flight, changes, heater=before.heater)
+    whole = replay_changed(flight, changes)
+    assert changed.arrival.measured_c == pytest.approx(actual.arrival.measured_c, abs=0.5)
+    assert changed.energy_wh == pytest.approx(actual.energy_wh, rel=0.02, abs=1.0)
+    assert abs(whole.energy_wh - actual.energy_wh) > 300.0

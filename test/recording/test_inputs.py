@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Sentences on unusual inputs, from messages and instants that are made here."""
+
+from types import SimpleNamespace
+
+import pytest
+from rclpy.serialization import serialize_message
+from sensor_msgs.msg import BatteryState
+
+from bev_preheat.messages.fields import time_message
+from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.recording.flight_file import Given
+from bev_preheat.recording.inputs import InputRemarks
+from bev_preheat.recording.recorded_steps import RecordedStep
+
+START_NS = 1_768_197_600 * NS_PER_S
+
+
+def sentences(steps, delay_s=0.0, offset_k=0.0):
+    """Return what is said on steps (instant, stamp of a battery state or None) [s]."""
+    remarks = InputRemarks()
+    state = SimpleNamespace(active_mission=SimpleNamespace(delay_ns=round(delay_s * NS_PER_S)),
+                            estimate=SimpleNamespace(sensor_offset_k=offset_k))
+    for now_s, stamp_s in steps:
+        message, events = None, ()
+        if stamp_s is not None:
+            state_message = BatteryState()
+            state_message.header.stamp = time_message(START_NS + round(stamp_s * NS_PER_S))
+            message, events = ('sensor_msgs/msg/BatteryState', serialize_message(state_message)), (
+                {'kind': 'battery_state'},)
+        remarks.add(Given(RecordedStep(START_NS + round(now_s * NS_PER_S), events=events), message),
+                    SimpleNamespace(state=state))
+    return remarks.sentences
+
+
+def test_usual_inputs_are_not_mentioned():
+    assert sentences([(second, second - 0.01) for second in range(600)]) == []
+
+
+@pytest.mark.parametrize('steps, words', [
+    ([(0, None), (1, None), (-19, None)], ['went back by 20.0 s at 2026-01-12 06:00:01 UTC']),
+    ([(0, None), (21, None)], ['0:21 min from 2026-01-12 06:00:00 UTC on']),
+    ([(second, second - 2.0) for second in range(100)], ['arrives 2.0 s old']),
+    ([(second, second) for second in range(100) if second % 5], ['every 1 s, and is missing 19 times', '2.0 s']),
+    ([(0, 0), (0.1, 0.1), (0.3, 0.3), (0.31, 0.2), (0.4, 0.4)], ['1 battery states were overtaken']),
+])
+def test_unusual_inputs_are_named(steps, words):
+    [sentence] = sentences(steps)
+    assert all(word in sentence for word in words), sentence
+
+
+def test_repeated_jumps_are_counted():
+    [sentence] = sentences([(second % 10, None) for second in range(100)])
+    assert sentence.endswith('and 6 more times')
+
+
+@pytest.mark.parametrize('delay_s, words', [(240.0, '4:00 min behind'), (-90.0, '1:30 min ahead of')])
+def test_delay_is_named(delay_s, words):
+    [sentence] = sentences([(0, 0)], delay_s=delay_s)
+    assert words in sentence
+
+
+@pytest.mark.parametrize('offset_k, words', [(1.2, '1.2 K too warm'), (-0.8, '0.8 K too cold')])
+def test_offset_of_the_sensor_is_named(offset_k, words):
+    [sentence] = sentences([(0, 0)], offset_k=offset_k)
+    assert words in sentence

@@ -1,0 +1,174 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A recorded drive is reproduced to the last digit, and answers what-if questions as a second drive does."""
+
+from dataclasses import replace
+import json
+
+import pytest
+from recorded_drive import (
+    a_car,
+    beginning,
+    LENGTH_S,
+    LONG_S,
+    LONG_TARGET_C,
+    RecordedDrive,
+    START_NS,
+    writer,
+)
+
+from bev_preheat.commands.main import main
+from bev_preheat.control.settings import Settings
+from bev_preheat.errors import InvalidInput
+from bev_preheat.logs.reading import read_recording
+from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.recording.explanation import explain
+from bev_preheat.recording.flight_file import read_flight
+from bev_preheat.recording.period import Period
+from bev_preheat.recording.player import Changes
+from bev_preheat.recording.what_if import replay, replay_changed
+from bev_preheat.recording.writer import BEGINNING_CHANNEL, Entry
+
+pytestmark = [pytest.mark.needs('mcap'), pytest.mark.needs('rclpy')]
+
+
+def test_it_is_reproduced_to_the_last_digit(recorded):
+    drive, folder = recorded
+    flight = read_flight(folder)
+    assert flight.remarks == ()
+    replayed = replay(flight)
+    assert replayed.comparison.is_reproduced
+    commands = [output.command for _, output in drive.outputs if output.command is not None]
+    assert replayed.comparison.commands == len(commands) > LENGTH_S
+    # It heats, otherwise equality would say little.
+    assert replayed.course.heating and replayed.course.energy_wh > 200.0
+
+
+@pytest.mark.needs('rosbags')
+def test_it_is_a_log_too(recorded):
+    """Its steps are JSON, which no reader of ROS messages takes for one."""
+    drive, folder = recorded
+    recording = read_recording(next(folder.glob('*.mcap')))
+    given = read_flight(folder).given
+    temperatures = recording.signals['battery_temperature_c'].value
+    # States with the same stamp count as one.
+    assert 0.5 * LENGTH_S < len(temperatures) <= sum(each.message is not None for each in given)
+    assert temperatures[0] == pytest.approx(10.0, abs=1.0) and temperatures[-1] > temperatures[0] + 1.5
+    assert recording.start_s == pytest.approx(START_NS / NS_PER_S, abs=2.0)
+
+
+def test_a_changed_command_is_found(recorded):
+    _, folder = recorded
+    flight = read_flight(folder)
+    at = next(index for index, given in enumerate(flight.given)
+              if given.step.command is not None and given.step.command[0] > 100.0)
+    given = flight.given[at]
+    object.__setattr__(given.step, 'command', (given.step.command[0] - 50.0, *given.step.command[1:]))
+    comparison = replay(flight).comparison
+    assert (comparison.different, comparison.first.number) == (1, at)
+    assert comparison.largest_w == pytest.approx(50.0)
+
+
+@pytest.mark.deep
+def test_what_if_agrees_with_a_drive_that_was_so(long_folder, tmp_path):
+    """With another target the replay must go where a simulated car goes that is given that target."""
+    changed = replay_changed(read_flight(long_folder), Changes(parameters={'estimation': False}))
+    head = (Entry(BEGINNING_CHANNEL, START_NS, beginning(parameters={'estimation': False}).as_dictionary()),)
+    other = RecordedDrive(
+        a_car(LONG_TARGET_C, LONG_S), tmp_path, Settings(estimation=False), head=head).drive(LONG_S + 5)
+    replayed = replay(read_flight(tmp_path))
+    assert replayed.comparison.is_reproduced
+    actual = replayed.course
+    assert len(changed.heating) == len(actual.heating)
+    assert changed.energy_wh == pytest.approx(actual.energy_wh, rel=0.02)
+    assert changed.arrival.measured_c == pytest.approx(actual.arrival.measured_c, abs=0.5)
+    assert other.outputs
+
+
+def test_the_reason_names_inputs_estimate_and_plan(recorded):
+    _, folder = recorded
+    why = explain(read_flight(folder), START_NS + 30 * NS_PER_S)
+    assert 'degC' in why.answer
+    headings = [section.heading for section in why.sections]
+    assert headings[0] == 'inputs' and {'plan', 'what would have to change', 'estimation'} <= set(headings)
+    with pytest.raises(InvalidInput, match='long'):
+        explain(read_flight(folder), START_NS - NS_PER_S)
+
+
+def test_the_command_says_reproduced_and_compares(recorded, capsys):
+    _, folder = recorded
+    assert main(['replay', str(folder), '--json', '-']) == 0
+    captured = capsys.readouterr()
+    result = json.loads(captured.out)
+    assert result['reproduced'] and result['changed'] is None
+    assert 'each to the last digit' in captured.err
+    assert main(['replay', str(folder), '--set', 'estimation=false']) == 0
+    assert 'changed' in capsys.readouterr().out
+    assert main(['replay', str(folder), '--set', 'colour=red']) == 2
+    assert "'colour=red' is not allowed" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('words, told', [
+    (['--set', 'arrival_soc_margin=nan'], 'arrival_soc_margin'),
+    (['--set', 'arrival_soc_margin=much'], 'a number'),
+    (['--set', 'estimation=1'], 'true or false'), (['--method', 'magic'], "'magic'"),
+    (['--explain', 'nan'], 'seconds from the start'), (['--explain', '9999'], 'long')])
+def test_a_wrong_change_is_one_line_and_2(recorded, capsys, words, told):
+    _, folder = recorded
+    assert main(['replay', str(folder), *words]) == 2
+    [line] = capsys.readouterr().err.splitlines()
+    assert told in line
+
+
+@pytest.mark.deep
+def test_a_killed_planner_leaves_a_readable_file(recorded, tmp_path):
+    """Whatever byte the file ends at, all whole steps before it are read."""
+    _, folder = recorded
+    whole = read_flight(folder)
+    data = whole.paths[0].read_bytes()
+    for share in (0.999, 0.7, 0.3141):
+        path = tmp_path / f'cut_{share}.mcap'
+        path.write_bytes(data[:int(share * len(data))])
+        cut = read_flight(path)
+        assert 0 < len(cut.given) <= len(whole.given)
+        assert len(cut.given) > 0.5 * share * len(whole.given)
+        assert replay(cut).comparison.is_reproduced
+
+
+def test_a_clock_that_jumps_does_not_heat(recorded):
+    """A command ends with its lease, also if the next step is ten years later."""
+    _, folder = recorded
+    flight = read_flight(folder)
+    usual_wh = replay(flight, Period(to_ns=START_NS + 60 * NS_PER_S)).course.energy_wh
+    later = [replace(given, step=replace(given.step, now_ns=given.step.now_ns + 10**17)) if index > 119 else given
+             for index, given in enumerate(flight.given[:122])]
+    jumped_wh = replay(replace(flight, given=tuple(later))).course.energy_wh
+    # Half an hour of the heater would be 2500 Wh.
+    assert 0.0 < usual_wh and jumped_wh == pytest.approx(usual_wh, abs=10.0)
+
+
+def test_simulated_time_that_is_not_set_yet_is_no_start(recorded):
+    _, folder = recorded
+    flight = read_flight(folder)
+    unset = [replace(given, step=replace(given.step, now_ns=number))
+             for number, given in enumerate(flight.given[:3])]
+    changed = replace(flight, given=(*unset, *flight.given[3:200]))
+    assert (changed.begin, changed.start_ns) == (3, flight.given[3].step.now_ns)
+    assert replay(changed).course.instants[0].now_ns == flight.given[3].step.now_ns
+    assert flight.begin == 0
+
+
+def test_another_format_is_refused_by_name(tmp_path):
+    values = {**beginning().as_dictionary(), 'format': 99, 'version': '9.9.9'}
+    flights = writer(tmp_path, (Entry(BEGINNING_CHANNEL, START_NS, values),))
+    flights.put()
+    flights.close(10.0)
+    with pytest.raises(InvalidInput, match=r"format '99' of version '9\.9\.9'"):
+        read_flight(tmp_path)
+
+
+def test_parts_of_a_long_life_are_one_flight(tmp_path):
+    drive = RecordedDrive(a_car(), tmp_path, largest_file_bytes=30_000).drive(150)
+    flight = read_flight(tmp_path)
+    assert len(flight.paths) > 2
+    assert replay(flight).comparison.is_reproduced
+    assert len(flight.given) == len(drive.outputs)
