@@ -27,7 +27,7 @@ myst_heading_anchors = 4
 myst_links_external_new_tab = False
 highlight_language = 'none'
 
-# The public interface, in reference/api.md: each class with its documented attributes and methods.
+# The public interface, in reference/python.md: each class with its documented attributes and methods.
 autodoc_default_options = {'members': True, 'inherited-members': 'object, BaseException',
                            'member-order': 'bysource'}
 autodoc_typehints = 'signature'

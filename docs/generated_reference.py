@@ -33,11 +33,6 @@ from bev_preheat.planning.status import Status
 from bev_preheat.simulator import vehicle_simulator_node
 
 ROOT = Path(__file__).resolve().parents[1]
-MESSAGES = ('RoutePlan', 'RouteProgress', 'HvchCommand', 'HvchStatus', 'PreheatPlan', 'OptimalityReport')
-ACTIONS = ('PrepareBattery',)
-SERVICES = ('RankChargers',)
-SERVICE_PARTS = ('Request', 'Response')
-ACTION_PARTS = ('Goal', 'Result', 'Feedback')
 NODES = (planner_node, nlp_checker_node, charger_adviser_node, route_publisher_node, heater_controller_node,
          vehicle_simulator_node, bus_gateway_node, dashboard_node)
 SCHEMAS = {'signal_map': 'logs/signal_map_schema.yaml',
@@ -55,7 +50,7 @@ PART = re.compile(r'(<!-- generated: (\w+) -->\n)(?:.*?\n)?(<!-- end of \2 -->\n
 
 def parts():
     """Return {name: text} of all generated parts."""
-    return {'messages': messages(), 'parameters': parameters(), 'statuses': statuses(),
+    return {'parameters': parameters(), 'statuses': statuses(),
             'heater': heater(), 'command_line': command_line(),
             **{f'{name}_keys': schema_keys(ROOT / 'bev_preheat' / path) for name, path in SCHEMAS.items()}}
 
@@ -126,83 +121,6 @@ def with_shared(title, sections):
                   '\n'.join(f'* {code(name)}{mark}{text}' for name, text, mark in rows
                             if (name, text) not in shared)]
     return page(*parts)
-
-
-# --- Messages ---
-
-
-def messages():
-    """Return each message, action and service: its comment, constants and fields."""
-    return page(*(message(f'## {name}', (ROOT / f'msg_defs/msg/{name}.msg').read_text())
-                  for name in MESSAGES), *map(action, ACTIONS), *map(service, SERVICES))
-
-
-def action(name):
-    """Return the section of one action: a message each for goal, result and feedback."""
-    texts = (ROOT / f'msg_defs/action/{name}.action').read_text().split('\n---\n')
-    return page(f'## {name}', *(message(f'### {part} of {name}', text)
-                                for part, text in zip(ACTION_PARTS, texts, strict=True)))
-
-
-def service(name):
-    """Return the section of one service: a message each for request and response."""
-    texts = (ROOT / f'msg_defs/srv/{name}.srv').read_text().split('\n---\n')
-    return page(f'## {name}', *(message(f'### {part} of {name}', text)
-                                for part, text in zip(SERVICE_PARTS, texts, strict=True)))
-
-
-def message(heading, text):
-    """Return the section of one message from the text of its .msg file."""
-    parts, lines, rows = [heading], [], []
-    for kind, comment, definitions in blocks(text):
-        if kind == 'field':
-            names = ', '.join(code(definition) for definition, _ in definitions)
-            lines.append(f'* {names}' + (f': {plain(comment.replace("deg C", "°C"))}' if comment else ''))
-            continue
-        parts, lines = [*parts, '\n'.join(lines), plain(comment)], []
-        if kind == 'constants':
-            rows = [(*_constant(definition), remark) for definition, remark in definitions]
-            are_statuses = {name for name, _, _ in rows} >= {status.name for status in Status}
-            parts.append('Constants: [Statuses](statuses.md).' if are_statuses else '\n'.join(
-                f'- {value} {code(name)}' + (f': {plain(remark)}' if remark else '')
-                for name, value, remark in rows))
-    return page(*parts, '\n'.join(lines))
-
-
-def blocks(text):
-    """
-    Yield (kind, comment, definitions) from the text of a .msg file.
-
-    A comment with an empty line behind it is a 'paragraph'; one right above definitions belongs to
-    all definitions up to the next comment, which are 'constants' or a 'field'.
-    """
-    comment, definitions = [], []
-
-    def block():
-        kind = ('paragraph' if not definitions else
-                'constants' if '=' in definitions[0][0] else 'field')
-        return kind, ' '.join(comment), tuple(definitions)
-
-    for line in [*text.splitlines(), '']:
-        definition, _, remark = (part.strip() for part in line.partition('#'))
-        if definition:
-            is_constant = '=' in definition
-            if definitions and is_constant is not ('=' in definitions[0][0]):
-                yield block()
-                comment, definitions = [], []
-            definitions.append((definition, remark))
-        else:
-            ends = bool(definitions) or not line or not remark
-            if ends and (comment or definitions):
-                yield block()
-                comment, definitions = [], []
-            if remark:
-                comment.append(remark)
-
-
-def _constant(definition):
-    name, _, value = definition.partition(' ')[2].partition('=')
-    return name.strip(), value.strip()
 
 
 # --- Parameters, statuses ---

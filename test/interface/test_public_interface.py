@@ -14,7 +14,6 @@ import bev_preheat as bp
 from bev_preheat.commands.main import main
 
 PAGE = Path(__file__).resolve().parents[2] / 'docs' / 'reference' / 'python.md'
-API = PAGE.with_name('api.md')
 STATE, WARMER = bp.BatteryState(-7.0, 0.9), bp.BatteryState(20.0, 0.9)
 # Of battery states on a drive [s], within all timeouts: each takes a plan.
 PERIOD_S = 4.0
@@ -42,10 +41,8 @@ def without_times(result):
 
 
 def test_each_public_name_exists_and_is_documented():
-    page = PAGE.read_text()
     for name in bp.__all__:
         assert getattr(bp, name).__doc__
-        assert re.search(rf'`{name}\b', page), name
 
 
 def test_no_other_name_is_there():
@@ -54,7 +51,7 @@ def test_no_other_name_is_there():
 
 
 def test_each_public_name_is_in_the_api_reference():
-    directives = re.findall(r'^\.\. auto(function|class|exception):: (\w+)$', API.read_text(), re.MULTILINE)
+    directives = re.findall(r'^\.\. auto(function|class|exception):: (\w+)$', PAGE.read_text(), re.MULTILINE)
     assert sorted(name for _, name in directives) == sorted(bp.__all__)
     for kind, name in directives:
         public = getattr(bp, name)
