@@ -42,8 +42,8 @@ def draw_vehicle(path: AnyPath, vehicle: Vehicle) -> None:
 
     Warming and cooling exclude the heat of driving.
     """
-    figure = Figure(figsize=(15.0, 8.0), layout='constrained')
-    panels = figure.subplots(2, 3)
+    figure = Figure(figsize=(11.0, 11.5), layout='constrained')
+    panels = figure.subplots(3, 2)
     # A dollar sign would begin a formula.
     figure.suptitle(f'Vehicle {vehicle.name}'.replace('$', r'\$'))
     battery = vehicle.battery
@@ -60,8 +60,8 @@ def draw_vehicle(path: AnyPath, vehicle: Vehicle) -> None:
     limits.set(title='power limits of the battery\ndischarging above 0, charging below 0',
                ylabel='battery power [kW]')
     _draw_warming(panels[1, 1], vehicle)
-    _draw_charging_curves(panels[0, 2], vehicle)
-    _draw_sessions(panels[1, 2], vehicle)
+    _draw_charging_curves(panels[2, 0], vehicle)
+    _draw_sessions(panels[2, 1], vehicle)
     for axis in panels.flat:
         axis.grid(True, alpha=0.3)
         axis.spines[['top', 'right']].set_visible(False)

@@ -21,6 +21,8 @@ DRAWN = {BEST: ("the planner's choice of target", look_of('value_function')),
          USUAL: ("the car's usual target", look_of('paper')), ALWAYS: ('heater always on', look_of('always_on'))}
 SPREAD_OF = BEST
 SPREAD_ALPHA = 0.12
+# Distance between the ways' markers, as a share of that between groups.
+BESIDE = 0.1
 
 
 def draw_fleet(path: AnyPath, summary: Figures) -> None:
@@ -61,9 +63,11 @@ def _draw(axis: Axes, summary: Figures, name: str, groups: list[str]) -> None:
     axis.fill_between(places, values(SPREAD_OF, '5 %'), values(SPREAD_OF, '95 %'), linewidth=0.0,
                       color=DRAWN[SPREAD_OF][1].colour, alpha=SPREAD_ALPHA,
                       label=f'{DRAWN[SPREAD_OF][0]}: 5 to 95 % of the trips')
-    for way, (label, look) in DRAWN.items():
-        axis.plot(places, values(way, 'mean'), **look.line(label=label, marker=look.marker,
-                                                           markersize=5.0, markerfacecolor='none'))
+    for index, (way, (label, look)) in enumerate(DRAWN.items()):
+        # Beside each other, because ways that save as much would hide one another.
+        beside = [place + BESIDE * (index - 1) for place in places]
+        axis.plot(beside, values(way, 'mean'),
+                  **look.line(label=label, marker=look.marker, markersize=5.0, markerfacecolor='none'))
     axis.set_xticks(list(places), [_tick(group) for group in groups], fontsize='small')
 
 
