@@ -43,6 +43,7 @@ SCHEMAS = {'signal_map': 'logs/signal_map_schema.yaml',
            'grid_prices': 'control/grid_prices_schema.yaml'}
 LEVEL_NAMES = {DiagnosticStatus.OK: 'OK', DiagnosticStatus.WARN: 'WARN',
                DiagnosticStatus.ERROR: 'ERROR'}
+STUDIES = 'bev_preheat_studies.'
 # The mark of required arguments and keys, and of parameters that are read at the start only.
 MARK = r'\*'
 PART = re.compile(r'(<!-- generated: (\w+) -->\n)(?:.*?\n)?(<!-- end of \2 -->\n)', re.DOTALL)
@@ -327,10 +328,11 @@ def key_comments(text):
 
 
 def command_line():
-    """Return all subcommands of `preheat` with their options; shared options come first."""
+    """Return the subcommands of `preheat` without the studies, with their options; shared options come first."""
+    described = {name: module for name, module in SUBCOMMANDS.items() if not module.startswith(STUDIES)}
     return with_shared('Shared options', [
         (f'`{parser.prog}`', plain((parser.description or '') % {'prog': parser.prog}), list(option_rows(parser)))
-        for parser in parsers_below(make_parser(SUBCOMMANDS, GROUPS))])
+        for parser in parsers_below(make_parser(described, GROUPS))])
 
 
 def parsers_below(parser):
