@@ -273,9 +273,10 @@ def test_parameters_have_default_range_and_meaning(generated):
 
 def test_every_subcommand_is_listed(generated):
     titles = re.findall(r'^## `preheat ([\w-]+)', generated['command_line'], re.MULTILINE)
-    others = (ROOT / 'docs/how-to/studies.md').read_text()
+    studies = (ROOT / 'docs/how-to/studies.md').read_text()
     assert list(dict.fromkeys(titles)) == [
-        name for name, module in SUBCOMMANDS.items() if 'studies' not in module or f'preheat {name} ' not in others]
+        name for name, module in SUBCOMMANDS.items()
+        if not (module.startswith('bev_preheat_studies.') and f'preheat {name} ' in studies)]
     assert '`preheat vehicle new`' in generated['command_line']
     assert '60 % of the power' in generated['command_line']
 
