@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Executes `hvch_command` by the rules of `heater.controller`, and answers with `hvch_status`.
+Executes `hvch_command` by the rules of `vehicle.heater_controller`, and answers with `hvch_status`.
 
 heater_controller does so for any output, bus_gateway for a frame on CAN.
 """

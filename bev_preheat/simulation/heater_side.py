@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The simulated car's heater controller: the rules of `heater.controller`, and the car's own gates."""
+"""The simulated car's heater controller: the rules of `vehicle.heater_controller`, and the car's own gates."""
 
 from __future__ import annotations
 
