@@ -197,8 +197,9 @@ FOLDERS_OF_NAMES = (ROOT, ROOT / 'bev_preheat', ROOT / 'studies/bev_preheat_stud
 def test_files_of_the_project_that_a_page_names_exist(page):
     text = FENCE.sub('', page.read_text())
     names = re.findall(r'`((?:\w[\w.-]*/)+[\w.-]+\.(?:py|c|h|yaml|xml|rst|bash))`', text)
-    lost = {name for name in names if not any((folder / name).exists() for folder in FOLDERS_OF_NAMES)}
-    assert lost <= {'config/scenarios/NAME.yaml', 'studies/bev_preheat_studies/NAME.py', 'commands/NAME.py'}
+    # NAME is a placeholder of a recipe.
+    assert not {name for name in names
+                if 'NAME' not in name and not any((folder / name).exists() for folder in FOLDERS_OF_NAMES)}
 
 
 def test_each_room_is_in_the_table_of_rooms():
