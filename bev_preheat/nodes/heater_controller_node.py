@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-`heater_controller`: executes `hvch_command` by the rules of `vehicle.heater_controller`, answers with `hvch_status`.
+Executes `hvch_command` by the rules of `vehicle.heater_controller`, and answers with `hvch_status`.
 
 `main(output)` runs it with a car's own heater: `output(power_w)` sets the power [W] and returns the measured one
 [W], or None. The executable writes the power to CAN by a signal map (`signals`); without one it has no heater
