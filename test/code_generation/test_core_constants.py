@@ -11,7 +11,7 @@ from bev_preheat.native.core_constants import constants, NAMES
 
 CHECKOUT = Path(__file__).parents[2]
 SOURCES = sorted([*(CHECKOUT / 'core' / 'src').glob('*.[ch]'),
-                  *(CHECKOUT / 'bev_preheat' / 'ecu' / 'c').glob('bev_ecu*.[ch]')])
+                  *(CHECKOUT / 'bev_preheat' / 'code_generation' / 'c').glob('bev_ecu*.[ch]')])
 NUMBER = re.compile(r'^(?:#define|(?:static )?const \w+) (\w+)(?: =)? \(?-?[0-9.]', re.MULTILINE)
 GENERATED = constants()
 SHARED = {name for names in NAMES.values() for name in names.split()}

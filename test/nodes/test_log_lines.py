@@ -28,7 +28,7 @@ def test_a_chosen_severity_is_found():
     assert chosen_severities('log = logger.error\nlogger.info(error.problem if error.fatal else text)') == [1]
 
 
-@pytest.mark.parametrize('room', ['nodes', 'bus', 'dashboard', 'flight_recorder', 'heater'])
+@pytest.mark.parametrize('room', ['nodes', 'bus', 'monitoring', 'recording', 'vehicle'])
 def test_no_line_logs_with_several_severities(room):
     files = sorted((PACKAGE / room).glob('*.py'))
     assert files
