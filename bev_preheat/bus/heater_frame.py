@@ -6,8 +6,7 @@ from __future__ import annotations
 import math
 from typing import Any, TYPE_CHECKING
 
-from bev_preheat.bus.checksums import Checksum, signal_of
-from bev_preheat.bus.frame_checks import counts_of
+from bev_preheat.bus.frame_checks import Checksum, counts_of, signal_of
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.units import conversion, unit_named
 

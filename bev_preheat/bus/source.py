@@ -1,19 +1,148 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A live source of the battery's signals: what CAN and VSS have in common."""
+"""A live source of the battery, and of other signals of the car: the valid readings of a bus at an instant."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+import math
 from typing import TYPE_CHECKING
 
-from bev_preheat.bus.battery import read_battery, View
+from bev_preheat.bus.live_map import BATTERY_SIGNALS, CELLS, CHARGING
 from bev_preheat.bus.readings import Readings
+from bev_preheat.errors import figure
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
-    from bev_preheat.bus.battery import LiveBattery
     from bev_preheat.bus.live_map import LiveMap
-    from bev_preheat.bus.readings import LiveChannel
+    from bev_preheat.bus.readings import LiveChannel, Reading
+
+# Values that are sent on change only hold no longer than this after the connection's last sign of life [s].
+CONNECTION_LOST_S = 3.0
+COMBINED: Mapping[str, Callable[[Sequence[float]], float]] = {
+    'mean': lambda values: sum(values) / len(values), 'min': min, 'max': max, 'first': lambda values: values[0]}
+
+
+@dataclass(frozen=True)
+class LiveBattery:
+    """
+    The battery now.
+
+    Temperatures in deg C, `soc` 0 ... 1, voltage [V], current [A] (positive while discharging); None: unknown.
+    `instant_s` is that of the oldest reading in it; `missing` are sentences on optional signals that are not
+    valid.
+    """
+
+    temperature_c: float | None
+    soc: float | None
+    voltage_v: float | None
+    current_a: float | None
+    cells_c: tuple[float, ...]
+    is_charging: bool | None
+    instant_s: float
+    missing: tuple[str, ...] = ()
+
+
+class View:
+    """
+    The readings at one instant.
+
+    `oldest_s` is the instant of the oldest reading used so far [s]; `missing` are sentences on signals that are
+    not valid.
+    """
+
+    def __init__(self, live_map: LiveMap, channels: Mapping[str, tuple[tuple[LiveChannel, ...], ...]],
+                 readings: Readings, now_s: float, confirmed_s: float | None = None) -> None:
+        """
+        Take the map, and the channels of each signal as readings.live_channels returns them.
+
+        On a bus that sends values on change only, `confirmed_s` is the latest instant [s] at which its connection
+        was alive: until then, the latest values hold.
+        """
+        self.live_map, self._channels, self._readings = live_map, channels, readings
+        self.now_s, self.confirmed_s, self.oldest_s = now_s, confirmed_s, now_s
+        self.missing: dict[str, str] = {}
+
+    @property
+    def is_lost(self) -> bool:
+        """Whether nothing is valid any more, because the connection is silent."""
+        return self.confirmed_s is not None and self.now_s - self.confirmed_s > CONNECTION_LOST_S
+
+    def value(self, signal: str) -> float | None:
+        """Return a signal by the first entry of its Source that is valid as a whole."""
+        for group in self._channels.get(signal, ()):
+            source = self.live_map.sources[signal]
+            found = [self._valid(signal, channel.name, signal) for channel in group]
+            used = [reading for reading in found if reading is not None]
+            if len(used) == len(found):
+                self.missing.pop(signal, None)
+            elif source.at_least:
+                self.missing[signal] += f'; {len(used)} of {len(found)} channels are valid'
+            if len(used) >= (source.at_least or len(found)):
+                self.oldest_s = min([self.oldest_s, *(self._held_s(reading) for reading in used)])
+                return float(COMBINED[source.combine or 'mean']([reading.value for reading in used]))
+            if source.at_least:
+                self.missing[signal] += f', at least {source.at_least} are needed'
+        return None
+
+    def all_values(self, signal: str) -> tuple[float, ...]:
+        """Return the valid values of every channel of a signal; NaN for each that is not."""
+        values = []
+        for name in dict.fromkeys(channel.name for group in self._channels.get(signal, ())
+                                  for channel in group):
+            value = self.reading(signal, name, signal)
+            values.append(math.nan if value is None else value)
+        return tuple(values)
+
+    def reading(self, signal: str, channel: str, limit: str) -> float | None:
+        """Return the valid value of a channel, None without one."""
+        reading = self._valid(signal, channel, limit)
+        if reading is None:
+            return None
+        self.oldest_s = min(self.oldest_s, self._held_s(reading))
+        return reading.value
+
+    def _held_s(self, reading: Reading) -> float:
+        """Return the latest instant at which a reading is known to hold [s]."""
+        return reading.instant_s if self.confirmed_s is None else max(
+            reading.instant_s, min(self.confirmed_s, self.now_s))
+
+    def _valid(self, signal: str, channel: str, limit: str) -> Reading | None:
+        reading, limit_s = self._readings.latest(signal, channel), self.live_map.valid_for_s[limit]
+        if reading is None:
+            self.missing[signal] = f'{signal}: no valid reading of {channel} yet'
+            return None
+        age_s = self.now_s - reading.instant_s
+        if age_s > limit_s:
+            self.missing[signal] = (f'{signal}: the last valid reading of {channel} is {figure(age_s, 3)} s old; '
+                                    f'it expires after {limit_s:g} s')
+            return None
+        return reading
+
+
+def read_battery(view: View) -> tuple[LiveBattery | None, tuple[str, ...]]:
+    """Return the battery; or None and a sentence for each required signal without a valid value."""
+    live_map = view.live_map
+    if view.is_lost:
+        assert view.confirmed_s is not None
+        silent_s = view.now_s - view.confirmed_s
+        return None, ('no sign of life of the connection' + (
+            f' for {figure(silent_s, 3)} s' if math.isfinite(silent_s) else ' yet'),)
+    values = {signal: view.value(signal) for signal in BATTERY_SIGNALS}
+    cells_c = view.all_values(CELLS)
+    lacking = [view.missing.get(signal, f'{signal}: is not on the bus') for signal in live_map.required
+               if values.get(signal) is None]
+    if lacking:
+        return None, tuple(lacking)
+    charging = None
+    if live_map.charging_channel is not None:
+        charging = view.reading(CHARGING, live_map.charging_channel, CHARGING)
+    current_a, power_w, voltage_v = values['current_a'], values['power_w'], values['voltage_v']
+    if current_a is None and power_w is not None and voltage_v:
+        current_a = power_w / voltage_v
+    return LiveBattery(
+        values['battery_temperature_c'], values['soc'], voltage_v, current_a, cells_c,
+        None if charging is None else charging in live_map.charging_values, view.oldest_s,
+        tuple(view.missing.values())), ()
 
 
 class LiveSource:

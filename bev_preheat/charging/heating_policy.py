@@ -32,8 +32,7 @@ from bev_preheat.numerics.arithmetic import ARRAYS
 from bev_preheat.numerics.factors import JOULES_PER_WH, S_PER_H, WH_PER_KWH
 from bev_preheat.vehicle.charging import charging_of, vehicle_at_charger
 from bev_preheat.vehicle.heat_path import DIRECT
-from bev_preheat.vehicle.model import make_rates
-from bev_preheat.vehicle.terminal_limits import hottest_c
+from bev_preheat.vehicle.model import hottest_c, make_rates
 
 if TYPE_CHECKING:
     from bev_preheat.charging.stop import ChargingStop

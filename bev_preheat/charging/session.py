@@ -41,8 +41,7 @@ from bev_preheat.planning.bracketing import close_in, follow_slope, halve, Trial
 from bev_preheat.tunables import TIME_CONSTANT_SHARE
 from bev_preheat.vehicle.charging import charging_of, vehicle_at_charger
 from bev_preheat.vehicle.heated_step import make_heat_step
-from bev_preheat.vehicle.model import make_rates
-from bev_preheat.vehicle.terminal_limits import hottest_c
+from bev_preheat.vehicle.model import hottest_c, make_rates
 
 if TYPE_CHECKING:
     from bev_preheat.charging.heating_limit import HeatingLimit

@@ -21,13 +21,18 @@ from bev_preheat.code_generation.symbols import Field, Operand, Symbol, SYMBOLS,
 from bev_preheat.native.core_constants import constant_lines, constants
 from bev_preheat.native.headers import read_headers
 from bev_preheat.numerics.arithmetic import AnyNumber, Arithmetic, CurveFunction
-from bev_preheat.vehicle import heat_balance
+from bev_preheat.vehicle import model
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage
 from bev_preheat.vehicle.description import Battery, Defaults, Drivetrain, Hvch, Leakage, Vehicle
 from bev_preheat.vehicle.heat_path import HeatPath
 from bev_preheat.vehicle.heated_step import make_heated_step
-from bev_preheat.vehicle.model import make_euler, make_midpoint, make_rates, make_runge_kutta_4
-from bev_preheat.vehicle.terminal_limits import make_terminal_limits
+from bev_preheat.vehicle.model import (
+    make_euler,
+    make_midpoint,
+    make_rates,
+    make_runge_kutta_4,
+    make_terminal_limits,
+)
 from bev_preheat.vehicle.uncertain_car import DriveInputs, Lagging, make_drive_rates, make_lagging_step
 
 HEAD = """\
@@ -157,12 +162,12 @@ def _balance() -> list[str]:
             [term_of(*has_vehicle * [vehicle], *map(Symbol, arguments))], is_value=True, may_saturate=False)
 
     return [
-        term('bev_heat_with_heater_w', heat_balance.heat_with_heater_w, 'heat_w', 'heater_w'),
-        term('bev_heat_with_brake_w', heat_balance.heat_with_brake_w, 'heat_w', 'brake_w'),
-        term('bev_heat_under_w', heat_balance.heat_under_w, 'heat_w', 'heater_w', 'brake_w'),
-        term('bev_leaked_w', heat_balance.leaked_w, 'leakage_w_per_k', 'ambient_c', 'temperature_c',
+        term('bev_heat_with_heater_w', model.heat_with_heater_w, 'heat_w', 'heater_w'),
+        term('bev_heat_with_brake_w', model.heat_with_brake_w, 'heat_w', 'brake_w'),
+        term('bev_heat_under_w', model.heat_under_w, 'heat_w', 'heater_w', 'brake_w'),
+        term('bev_leaked_w', model.leaked_w, 'leakage_w_per_k', 'ambient_c', 'temperature_c',
              has_vehicle=False),
-        term('bev_deliverable_w', heat_balance.deliverable_w, *CIRCUIT, has_vehicle=False)]
+        term('bev_deliverable_w', model.deliverable_w, *CIRCUIT, has_vehicle=False)]
 
 
 def _trip_terms() -> list[str]:
@@ -173,8 +178,8 @@ def _trip_terms() -> list[str]:
     functions: list[tuple[str, Callable[..., AnyNumber], tuple[str, ...], str]] = [
         ('bev_leakage_w_per_k', Leakage(*leakage).coefficient_w_per_k, ('speed_mps',), 'bev_trip_terms *terms'),
         ('bev_drivetrain_heat_w', drivetrain.heat_to_battery_w, ('magnitude_w',), 'bev_trip_terms *terms'),
-        ('bev_idle_power_w', heat_balance.idle_power_w, ('propulsion_w', 'cabin_w', 'auxiliary_w'), ''),
-        ('bev_idle_heat_w', heat_balance.idle_heat_w, (
+        ('bev_idle_power_w', model.idle_power_w, ('propulsion_w', 'cabin_w', 'auxiliary_w'), ''),
+        ('bev_idle_heat_w', model.idle_heat_w, (
             'leakage_w_per_k', 'ambient_c', 'drivetrain_heat_w'), '')]
     return [_function(name, subject, arguments, [function(*map(Symbol, arguments))], is_value=True,
                       may_saturate=False) for name, function, arguments, subject in functions]

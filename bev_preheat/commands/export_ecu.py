@@ -14,7 +14,7 @@ from bev_preheat.commands.completion import completed_by, VEHICLES
 from bev_preheat.commands.terminal import progress_bar, result_console
 from bev_preheat.errors import InvalidInput
 from bev_preheat.vehicle import load_vehicle, vehicle_file
-from bev_preheat.vehicle.assumptions import assumption_warning
+from bev_preheat.vehicle.plausibility import assumption_warning
 
 if TYPE_CHECKING:
     from argparse import Namespace

@@ -73,7 +73,7 @@ def run(arguments: Namespace) -> int:
     from bev_preheat.identification.coverage import LEAST_TRIPS
     from bev_preheat.identification.identify import identify
     from bev_preheat.identification.parameters import STRUCTURES
-    from bev_preheat.identification.verdict import POOR_RMSE_K
+    from bev_preheat.identification.result import POOR_RMSE_K
     name = Path(arguments.output).stem if arguments.name is None else arguments.name
     with progress_bar() as bar:
         alone = len(trips) if len(trips) >= LEAST_TRIPS else 0
@@ -93,7 +93,7 @@ def run(arguments: Namespace) -> int:
         result = identify(start, trips, name, tell)
     if arguments.report:
         from bev_preheat.drawing.identification_figures import report_pictures
-        from bev_preheat.identification.report import report_text
+        from bev_preheat.identification.result import report_text
         write_whole(arguments.report, report_text(result, report_pictures(result)))
     if arguments.json:
         write_json(arguments.json, result.as_dictionary())
@@ -125,8 +125,7 @@ def _refuse_other_arguments(arguments: Namespace) -> None:
 
 def _export_learned(arguments: Namespace, start_file: Path) -> int:
     """Write the vehicle file with the values of a state file, print them, and return the exit status."""
-    from bev_preheat.identification.learned_file import learned_vehicle
-    from bev_preheat.identification.vehicle_file import identified_text
+    from bev_preheat.identification.vehicle_file import identified_text, learned_vehicle
     name = Path(arguments.output).stem if arguments.name is None else arguments.name
     learned = learned_vehicle(load_vehicle(arguments.vehicle), vehicle_fingerprint(start_file.read_bytes()),
                               arguments.state_file, name)

@@ -19,11 +19,11 @@ from bev_preheat.errors import InvalidInput
 from bev_preheat.files.output_files import check_outputs, expanded, OutputFile, PICTURE_SUFFIXES
 from bev_preheat.interface.route_or_log import route_or_log
 from bev_preheat.numerics.factors import JOULES_PER_WH
-from bev_preheat.route.averages import compare_averages
 from bev_preheat.route.csv_file import rounded, save_route
 from bev_preheat.route.drive_log import load_drive_logs
-from bev_preheat.route.driven import ambient_of
+from bev_preheat.route.for_vehicle import ambient_of
 from bev_preheat.route.legs import legs_file, load_legs
+from bev_preheat.route.road_load import compare_averages
 from bev_preheat.route.sources.journey import Journey
 from bev_preheat.route.sources.registry import has_powers, read_journey
 from bev_preheat.vehicle.loading import load_vehicle, vehicle_file

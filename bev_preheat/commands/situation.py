@@ -16,7 +16,7 @@ from bev_preheat.route import Route
 from bev_preheat.route.plausibility import unit_warnings
 from bev_preheat.route.sources.journey import RouteOptions
 from bev_preheat.vehicle import load_vehicle, Vehicle, vehicle_file
-from bev_preheat.vehicle.assumptions import assumption_warning
+from bev_preheat.vehicle.plausibility import assumption_warning
 
 if TYPE_CHECKING:
     from argparse import ArgumentParser, Namespace

@@ -21,7 +21,6 @@ from bev_preheat.files.output_files import check_outputs, existing_file, OutputF
 from bev_preheat.numerics.factors import S_PER_MIN
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.vehicle import load_vehicle, vehicle_file
-from bev_preheat.vehicle.assumptions import key_in_words
 from bev_preheat.vehicle.charging_curve import (
     ChargingCurve,
     ChargingLimit,
@@ -31,7 +30,7 @@ from bev_preheat.vehicle.charging_curve import (
 )
 from bev_preheat.vehicle.chemistry import CHEMISTRIES
 from bev_preheat.vehicle.data_sheet import DataSheet, QUANTITIES
-from bev_preheat.vehicle.plausibility import meaning_of
+from bev_preheat.vehicle.plausibility import key_in_words, meaning_of
 from bev_preheat.vehicle.writing import assumed_keys, vehicle_text
 
 if TYPE_CHECKING:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How well a vehicle file predicts recorded trips: arrival errors in temperature, charge and energy."""
+"""How well a vehicle file predicts recorded trips: as a plan does, and replayed to the running planner."""
 
 from __future__ import annotations
 
@@ -9,17 +9,120 @@ from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.identification.prediction import predict
-from bev_preheat.identification.replay import can_be_replayed, LEADS_S, replay_errors_k
-from bev_preheat.numerics.arithmetic import FLOATS
-from bev_preheat.numerics.factors import S_PER_MIN
+from bev_preheat.control.events import BatteryStateArrived, RouteArrived
+from bev_preheat.control.inputs import Leg, Measurement, Mission
+from bev_preheat.control.settings import Settings
+from bev_preheat.control.supervisor import Supervisor
+from bev_preheat.numerics.arithmetic import FLOATS, SATURATING_FLOATS
+from bev_preheat.numerics.factors import NS_PER_S, S_PER_MIN
+from bev_preheat.planning.situation import BatteryState
+from bev_preheat.route.segments import make_route
+from bev_preheat.vehicle.heated_step import make_heated_step, sensor_reading_c
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from bev_preheat.identification.prediction import Prediction
     from bev_preheat.identification.trips import Trip
+    from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.route.segments import Route
     from bev_preheat.vehicle.description import Vehicle
+
+PREDICTION_STEP_S = 30.0
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """
+    Predicted course of a trip at `time_s` (M + 1,) [s].
+
+    `reading_c` is the temperature sensor's [deg C], `temperature_c` the battery's, `soc` the state of charge.
+    """
+
+    time_s: FloatArray
+    temperature_c: FloatArray
+    reading_c: FloatArray
+    soc: FloatArray
+
+
+def step_edges(trip: Trip, step_s: float = PREDICTION_STEP_S) -> FloatArray:
+    """Return the edges of steps of about `step_s` that divide a trip evenly [s], whole seconds, shape (M + 1,)."""
+    count = max(1, round(len(trip) / step_s))
+    return np.round(np.linspace(0.0, len(trip), count + 1))
+
+
+def predict(vehicle: Vehicle, trip: Trip, start_c: float | None = None) -> Prediction:
+    """Return the Prediction of a Trip with a Vehicle; it starts at the first reading, or at `start_c` [deg C]."""
+    edges = step_edges(trip)
+    durations_s = np.diff(edges)
+    power_w, magnitude_w = trip.means(trip.power_w, edges), trip.means(np.abs(trip.propulsion_power_w), edges)
+    variance_w2 = np.maximum(trip.means(trip.power_w**2, edges) - power_w**2, 0.0)
+    gamma = vehicle.battery.leakage.coefficient_w_per_k(trip.means(trip.speed_mps, edges))
+    heat_w = gamma * trip.means(trip.ambient_c, edges) + vehicle.drivetrain.heat_to_battery_w(magnitude_w)
+    step = make_heated_step(vehicle, SATURATING_FLOATS)
+    temperature_c = reading_c = trip.start_c if start_c is None else start_c
+    soc, excess_k = float(trip.soc[0]), 0.0
+    courses = [(temperature_c, reading_c, soc)]
+    for duration_s, *inputs in zip(*map(np.ndarray.tolist, (
+            durations_s, power_w, variance_w2, heat_w, gamma, trip.means(trip.heater_w, edges)))):
+        before_c = temperature_c
+        # The logged heater power is the electrical one, so only the coolant delays its heat.
+        soc, temperature_c, _, excess_k, *_ = step(soc, temperature_c, inputs[-1], excess_k, duration_s, *inputs)
+        reading_c = sensor_reading_c(
+            vehicle.heat_path, reading_c, before_c, temperature_c, duration_s, SATURATING_FLOATS)
+        courses.append((temperature_c, reading_c, soc))
+    return Prediction(edges, *np.array(courses).T)
+
+
+# Predictions are compared with the arrival this long before it [s].
+LEADS_S = (600, 300, 120, 60)
+LOG_START_NS = 10**15
+# Steps of the state of charge and of the power that a car publishes.
+SOC_DIGITS = 3
+
+
+def route_of(trip: Trip, vehicle: Vehicle) -> Route:
+    """Return the Route of a trip planner that knows the drive, in steps of 30 s."""
+    edges = step_edges(trip)
+    other_w = np.maximum(trip.power_w - trip.propulsion_power_w - trip.cabin_heating_power_w, 0.0)
+    return make_route({
+        'duration_s': np.diff(edges), 'speed_mps': trip.means(trip.speed_mps, edges),
+        'propulsion_power_w': trip.means(trip.propulsion_power_w, edges),
+        'propulsion_power_rms_w': np.sqrt(trip.means(trip.propulsion_power_w**2, edges)),
+        'propulsion_power_magnitude_w': trip.means(np.abs(trip.propulsion_power_w), edges),
+        'ambient_temperature_c': trip.means(trip.ambient_c, edges),
+        'cabin_heating_power_w': trip.means(trip.cabin_heating_power_w, edges),
+        'auxiliary_power_w': trip.means(other_w, edges)}, vehicle.defaults)
+
+
+def can_be_replayed(trip: Trip) -> bool:
+    """Whether a trip is a drive without battery heating, which is all that a replay can command."""
+    return trip.kind == 'drive' and not trip.heats and len(trip) > LEADS_S[-1]
+
+
+def replay_errors_k(vehicle: Vehicle, trip: Trip, estimation: bool) -> dict[int, float]:
+    """
+    Return predicted minus measured arrival temperature [K] by lead [s], as the node would publish it.
+
+    The planner gets one battery state a second, with power if it is known. Leads longer than the trip are absent.
+    """
+    supervisor = Supervisor(vehicle, Settings(estimation=estimation))
+    now_ns = LOG_START_NS
+    # No target asks for heat.
+    target_c = vehicle.battery.temperature_range_c[0]
+    supervisor.step(now_ns, RouteArrived(Mission(
+        trip.name, (Leg(route_of(trip, vehicle), now_ns, True, target_c),))))
+    length, errors_k = len(trip), {}
+    electrical = () if trip.voltage_v is None or trip.current_a is None else tuple(
+        zip(trip.voltage_v.tolist(), trip.current_a.tolist()))
+    for at, (temperature_c, soc) in enumerate(zip(trip.battery_temperature_c.tolist(), trip.soc.tolist())):
+        now_ns += NS_PER_S
+        supervisor.step(now_ns, BatteryStateArrived(Measurement(
+            BatteryState(temperature_c, round(soc, SOC_DIGITS)), now_ns, *(electrical[at] if electrical else ()))))
+        plan = supervisor.state.decision.plan
+        if length - at in LEADS_S and plan is not None:
+            errors_k[length - at] = plan.arrival_temperature_c - trip.arrival_c
+    return errors_k
+
 
 # A heater that explains this share of errors of so much, with so much power, serves the battery.
 LEAST_ERROR_K, MOST_LEFT, SERVING_W = 2.0, 0.5, 50.0

@@ -14,11 +14,10 @@ from scipy.special import gammaincinv
 from bev_preheat.identification.check import check_trips, heater_doubt
 from bev_preheat.identification.coverage import coverage_of, refuse_poor
 from bev_preheat.identification.curves import CorrectedResistance, knot_weights, KNOTS_C
-from bev_preheat.identification.deviations import uncertainty_of
 from bev_preheat.identification.electrical import CAPACITY_DEVIATION
 from bev_preheat.identification.fit import Fitter
 from bev_preheat.identification.parameters import NAMES, STRUCTURES
-from bev_preheat.identification.result import Estimated, Identification, ResistanceCurve
+from bev_preheat.identification.result import Estimated, Identification, record_next, ResistanceCurve, verdict_of
 from bev_preheat.identification.structures import (
     baselines,
     chosen_structure,
@@ -34,10 +33,10 @@ from bev_preheat.identification.uncertainty import (
     MOST_OF_PRIOR,
     PROBABILITY,
     QUANTILE,
+    uncertainty_of,
     wider,
 )
 from bev_preheat.identification.vehicle_file import identified_vehicle
-from bev_preheat.identification.verdict import record_next, verdict_of
 from bev_preheat.numerics.arithmetic import ARRAYS
 
 if TYPE_CHECKING:

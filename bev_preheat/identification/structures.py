@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bev_preheat.identification.check import rms
+from bev_preheat.identification.check import predict, rms
 from bev_preheat.identification.coverage import LEAST_TRIPS
 from bev_preheat.identification.parameters import IN_THE_FILE
-from bev_preheat.identification.prediction import predict
 from bev_preheat.identification.uncertainty import QUANTILE
 from bev_preheat.identification.vehicle_file import identified_vehicle
 

@@ -1,10 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Intervals of the parameters: a bootstrap over whole trips, and profile likelihoods.
+Intervals of the parameters: a bootstrap over whole trips, and profile likelihoods; the vehicle's Uncertainty.
 
 Residuals are correlated within a trip, so whole trips are drawn. Each draw takes one Gauss-Newton step from the
 optimum, with the trips' gradients and information in the draw's numbers; the priors' centres vary as the
 priors say.
+
+The Uncertainty has the intervals as standard deviations of the estimation's factors, whose logarithms are taken
+as normal and independent: the fit's correlations only make predictions surer than that.
 """
 
 from __future__ import annotations
@@ -18,8 +21,12 @@ import numpy as np
 from bev_preheat.identification.parameters import NAMES
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
     from bev_preheat.identification.fit import Fitter, ThermalFit
+    from bev_preheat.identification.result import Estimated, ResistanceCurve
     from bev_preheat.numerics.arrays import FloatArray
+    from bev_preheat.vehicle.description import Uncertainty
 
 DRAWS = 2000
 SEED = 20240117
@@ -128,3 +135,50 @@ def correlations(fit: ThermalFit) -> list[tuple[str, str, float]]:
     names = [NAMES[at] if at < len(NAMES) else '' for at in np.flatnonzero(fit.free).tolist()]
     return [(names[i], names[j], float(ratios[i, j])) for i in range(len(names)) for j in range(i)
             if names[i] and names[j] and abs(ratios[i, j]) >= 0.8]
+
+
+# Battery temperatures [deg C] of drives on which heating may pay. The estimation has one factor on the resistance
+# at all temperatures, so its variance is the mean over these, including those that no log covers.
+DRIVEN_C = (-10.0, 20.0)
+# Bounds of the vehicle file.
+LEAST, MOST = 0.005, 1.0
+# Least value in the logarithm of an interval's end: an interval may begin at 0.
+TINY = 1e-9
+
+
+def uncertainty_of(start: Uncertainty, estimates: Iterable[Estimated], resistance: ResistanceCurve | None,
+                   speed_mps: float) -> Uncertainty:
+    """
+    Return the Uncertainty of an identified vehicle file.
+
+    `start` is that of START, which values keep that the logs do not tell. `resistance` is None if the logs do not
+    tell it. `speed_mps` is the mean speed of the drives: the factor on the leakage is one on both of its parts.
+    """
+    by_name = {item.name: item for item in estimates}
+    found = {factor: _log_deviation(by_name[name].low, by_name[name].high) for factor, name in (
+        ('heat_capacity', 'heat_capacity'), ('heater_efficiency', 'heater_efficiency'))
+        if name in by_name and by_name[name].is_identified}
+    at_stand, with_speed = by_name['leakage'], by_name['leakage_with_speed']
+    if at_stand.is_identified:
+        found['leakage'] = math.hypot(
+            at_stand.estimate * _log_deviation(at_stand.low, at_stand.high),
+            speed_mps * (with_speed.high - with_speed.low) / (2.0 * QUANTILE)) / (
+                at_stand.estimate + speed_mps * with_speed.estimate)
+    if resistance is not None:
+        low_c, high_c = DRIVEN_C
+        driven = (resistance.temperature_c >= low_c) & (resistance.temperature_c <= high_c)
+        if driven.any():
+            logs = np.log(resistance.high_ohm[driven] / resistance.low_ohm[driven]) / (2.0 * QUANTILE)
+            found['resistance'] = math.sqrt(np.mean(logs**2))
+    return with_deviations(start, found)
+
+
+def with_deviations(start: Uncertainty, found: Mapping[str, float]) -> Uncertainty:
+    """Return an Uncertainty with other relative deviations by name, rounded and within the file's bounds."""
+    return replace(start, **{name: float(f'{min(max(value, LEAST), MOST):.3g}')
+                             for name, value in found.items()})
+
+
+def _log_deviation(low: float, high: float) -> float:
+    """Return the standard deviation of the logarithm of a value with this 90 % interval."""
+    return math.log(max(high, TINY) / max(low, TINY)) / (2.0 * QUANTILE)

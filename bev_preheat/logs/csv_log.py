@@ -13,8 +13,8 @@ import numpy as np
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.files.table import open_table, TableFile
 from bev_preheat.files.units import split_unit, unit_named
+from bev_preheat.logs.choice import find_time_column, TimeColumn
 from bev_preheat.logs.raw_log import Channel, Piece
-from bev_preheat.logs.time_column import find_time_column, TimeColumn
 
 if TYPE_CHECKING:
     from bev_preheat.logs.raw_log import Remarks

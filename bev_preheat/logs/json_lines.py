@@ -15,9 +15,9 @@ import numpy as np
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.files.table_text import encoding_of, line_blocks
 from bev_preheat.files.units import split_unit, unit_named
+from bev_preheat.logs.choice import find_time_column
 from bev_preheat.logs.csv_log import MOST_CHANNELS, NAME, UNIT, VALUE
 from bev_preheat.logs.raw_log import Channel, Piece
-from bev_preheat.logs.time_column import find_time_column
 
 if TYPE_CHECKING:
     from bev_preheat.files.times import Clock

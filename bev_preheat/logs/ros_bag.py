@@ -11,7 +11,7 @@ import numpy as np
 
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.files.configuration import installed_prefix
-from bev_preheat.files.mcap_file import mcap_messages
+from bev_preheat.files.input_files import mcap_messages
 from bev_preheat.logs.raw_log import Channel, Piece
 from bev_preheat.optional_packages import MissingPackage, require
 

@@ -15,7 +15,7 @@ from bev_preheat.native.library import core_in_words, DECLINES
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.status import Level
-from bev_preheat.vehicle.assumptions import assumed_in_words
+from bev_preheat.vehicle.plausibility import assumed_in_words
 
 if TYPE_CHECKING:
     from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus

@@ -15,7 +15,7 @@ from bev_preheat.messages.fields import LONGEST_ROUTE_ID, time_message
 from bev_preheat.messages.route_plan import charger_of, route_plan_message
 from bev_preheat.planning.situation import check_situation
 from bev_preheat.route import route_for
-from bev_preheat.route.map_line import MapLine
+from bev_preheat.route.line import MapLine
 from bev_preheat.route.segments import LIMITS
 from bev_preheat.route.sources.journey import RouteOptions
 from bev_preheat.tunables import MOST_STOPS

@@ -32,7 +32,7 @@ from bev_preheat.messages.fields import (
 )
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.situation import BatteryState
-from bev_preheat.route.motion import elevation_of_slope, Motion, propulsion_columns, road_vehicle
+from bev_preheat.route.road_load import elevation_of_slope, Motion, propulsion_columns, road_vehicle
 from bev_preheat.route.segments import LIMITS, make_route, MOST_SEGMENTS, problem_with_values
 from bev_preheat.route.sources.journey import SLOPE_RANGE
 from bev_preheat.tunables import MOST_STOPS
@@ -93,6 +93,7 @@ class _Stop(NamedTuple):
 
 
 # Reading
+
 
 def is_cancellation(message: RoutePlan) -> bool:
     """
@@ -301,6 +302,7 @@ def _arrivals_ns(message: RoutePlan) -> tuple[int, ...] | None:
 
 
 # Writing
+
 
 def route_plan_message(mission: Mission) -> RoutePlan:
     """Return the RoutePlan of a Mission."""

@@ -14,7 +14,7 @@ import numpy as np
 
 from bev_preheat.native.belief_structs import ELEMENTS
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, Table
-from bev_preheat.vehicle.terminal_limits import hottest_c
+from bev_preheat.vehicle.model import hottest_c
 from bev_preheat.vehicle.trip_columns import TRIP_COLUMNS
 from bev_preheat.vehicle.variants import ScaledCurve
 

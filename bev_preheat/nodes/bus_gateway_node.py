@@ -35,8 +35,7 @@ if TYPE_CHECKING:
 
     from diagnostic_msgs.msg import DiagnosticStatus
 
-    from bev_preheat.bus.battery import LiveBattery
-    from bev_preheat.bus.source import LiveSource
+    from bev_preheat.bus.source import LiveBattery, LiveSource
 
 PARAMETERS = (
     Parameter('signals', '', 'Signal map with a part live: a name in config/signals or a YAML file.',

@@ -11,7 +11,7 @@ from bev_preheat.messages.planner_diagnostics import heater_sentence
 from bev_preheat.nodes.news import RepetitionFilter
 from bev_preheat.planning.planner import replaced_in_words
 from bev_preheat.vehicle import vehicle_file
-from bev_preheat.vehicle.assumptions import assumption_warning
+from bev_preheat.vehicle.plausibility import assumption_warning
 
 if TYPE_CHECKING:
     from rclpy.impl.rcutils_logger import RcutilsLogger

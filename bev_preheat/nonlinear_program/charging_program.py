@@ -35,7 +35,7 @@ from bev_preheat.planning.limits import drive_as_planned, limit_is_near
 from bev_preheat.planning.planner import finish_plan, plan_preheating, plan_unheated, plan_without_heating
 from bev_preheat.planning.situation import check_situation, reserve_soc
 from bev_preheat.planning.trip import make_trip
-from bev_preheat.vehicle.terminal_limits import hottest_c
+from bev_preheat.vehicle.model import hottest_c
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

@@ -16,7 +16,7 @@ from bev_preheat.nonlinear_program.symbols import (
     symbolic_rates,
     symbolic_step,
 )
-from bev_preheat.vehicle.heat_balance import heat_with_brake_w
+from bev_preheat.vehicle.model import heat_with_brake_w
 
 if TYPE_CHECKING:
     from bev_preheat.vehicle import Vehicle

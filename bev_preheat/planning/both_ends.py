@@ -17,7 +17,7 @@ from bev_preheat.planning.bracketing import follow_slope, Trial
 from bev_preheat.tunables import BELOW_HIGHEST_K, END_TOLERANCE_W
 
 if TYPE_CHECKING:
-    from bev_preheat.vehicle.terminal_limits import TerminalLimits
+    from bev_preheat.vehicle.model import TerminalLimits
 
 # States and powers of a step: charge and temperature at its end come first; heater (its command) and friction
 # brake [W] come first, and third, for a heater with lag, its mean power.

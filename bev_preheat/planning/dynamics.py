@@ -12,9 +12,16 @@ import numpy as np
 
 from bev_preheat.numerics.arithmetic import AnyNumber, ARRAYS, CurveFunction, FLOATS, SATURATING_FLOATS
 from bev_preheat.numerics.factors import JOULES_PER_WH
-from bev_preheat.vehicle.heat_balance import deliverable_w, heat_with_brake_w, leaked_w
-from bev_preheat.vehicle.model import Integrator, make_rates, Step
-from bev_preheat.vehicle.terminal_limits import hottest_c, make_terminal_limits
+from bev_preheat.vehicle.model import (
+    deliverable_w,
+    heat_with_brake_w,
+    hottest_c,
+    Integrator,
+    leaked_w,
+    make_rates,
+    make_terminal_limits,
+    Step,
+)
 from bev_preheat.vehicle.variants import KEPT_VEHICLES
 
 if TYPE_CHECKING:

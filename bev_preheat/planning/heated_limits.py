@@ -28,9 +28,13 @@ from bev_preheat.planning.heat_run import (
 )
 from bev_preheat.planning.schedule import Schedule
 from bev_preheat.tunables import HIGHEST_TOLERANCE_K, LAGS_AHEAD, LASTING_LAGS
-from bev_preheat.vehicle.heat_balance import heat_with_brake_w
-from bev_preheat.vehicle.model import make_runge_kutta_4
-from bev_preheat.vehicle.terminal_limits import hottest_c, make_terminal_limits, TerminalLimits
+from bev_preheat.vehicle.model import (
+    heat_with_brake_w,
+    hottest_c,
+    make_runge_kutta_4,
+    make_terminal_limits,
+    TerminalLimits,
+)
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray

@@ -20,9 +20,14 @@ from bev_preheat.planning.dynamics import step_of_floats
 from bev_preheat.planning.heat_run import initial_states
 from bev_preheat.planning.heated_limits import drive_within_heated_limits, stand_with_heat_path
 from bev_preheat.tunables import HIGHEST_TOLERANCE_K
-from bev_preheat.vehicle.heat_balance import heat_under_w, heat_with_heater_w
-from bev_preheat.vehicle.model import make_runge_kutta_4
-from bev_preheat.vehicle.terminal_limits import hottest_c, make_terminal_limits, TerminalLimits
+from bev_preheat.vehicle.model import (
+    heat_under_w,
+    heat_with_heater_w,
+    hottest_c,
+    make_runge_kutta_4,
+    make_terminal_limits,
+    TerminalLimits,
+)
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray

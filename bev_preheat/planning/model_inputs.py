@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bev_preheat.tunables import LONGEST_STEP_S, TIME_CONSTANT_SHARE
-from bev_preheat.vehicle.heat_balance import idle_heat_w, idle_power_w
+from bev_preheat.vehicle.model import idle_heat_w, idle_power_w
 from bev_preheat.vehicle.trip_columns import TripColumns
 
 if TYPE_CHECKING:

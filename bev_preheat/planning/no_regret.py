@@ -20,7 +20,7 @@ from bev_preheat.planning.outcome import find_stranding, power_deficit
 from bev_preheat.planning.schedule import HeldBack, Method, Schedule
 from bev_preheat.planning.situation import BatteryState, Goal, reserve_soc
 from bev_preheat.tunables import NO_WORSE_W, SOC_TOLERANCE, TARGET_HALVINGS
-from bev_preheat.vehicle.terminal_limits import hottest_c
+from bev_preheat.vehicle.model import hottest_c
 
 if TYPE_CHECKING:
     from bev_preheat.planning.trip import Trip

@@ -21,8 +21,7 @@ from bev_preheat.planning.dynamics import run_on
 from bev_preheat.planning.paper import find_crossing
 from bev_preheat.planning.schedule import maximum_from, Schedule
 from bev_preheat.tunables import ARRIVAL_TOLERANCE_K, HEATING_ALLOWANCE
-from bev_preheat.vehicle.heat_balance import heat_with_heater_w
-from bev_preheat.vehicle.model import make_midpoint, make_rates, make_runge_kutta_4
+from bev_preheat.vehicle.model import heat_with_heater_w, make_midpoint, make_rates, make_runge_kutta_4
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray

@@ -18,8 +18,7 @@ import numpy as np
 from bev_preheat.numerics.arithmetic import ARRAYS, FLOATS
 from bev_preheat.numerics.factors import JOULES_PER_WH
 from bev_preheat.tunables import LEAST_SAVING_WH, SOC_DIFFERENCE, TEMPERATURE_DIFFERENCE_K
-from bev_preheat.vehicle.heat_balance import heat_with_heater_w
-from bev_preheat.vehicle.model import make_rates
+from bev_preheat.vehicle.model import heat_with_heater_w, make_rates
 
 if TYPE_CHECKING:
     from collections.abc import Callable

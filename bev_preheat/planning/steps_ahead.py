@@ -28,9 +28,7 @@ from bev_preheat.tunables import (
     MOST_TRIALS,
     ROUNDING_W,
 )
-from bev_preheat.vehicle.heat_balance import heat_under_w
-from bev_preheat.vehicle.model import make_rates, make_runge_kutta_4
-from bev_preheat.vehicle.terminal_limits import hottest_c, make_terminal_limits
+from bev_preheat.vehicle.model import heat_under_w, hottest_c, make_rates, make_runge_kutta_4, make_terminal_limits
 
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import BoolArray, FloatArray

@@ -14,8 +14,7 @@ from bev_preheat.planning.paper import run_paper
 from bev_preheat.planning.prices import is_cheaper_elsewhere
 from bev_preheat.planning.schedule import Schedule
 from bev_preheat.planning.two_switches import find_two_switches
-from bev_preheat.vehicle.model import make_runge_kutta_4
-from bev_preheat.vehicle.terminal_limits import hottest_c
+from bev_preheat.vehicle.model import hottest_c, make_runge_kutta_4
 
 if TYPE_CHECKING:
     from bev_preheat.planning.dynamics import Energies, FindLimits

@@ -12,8 +12,8 @@ import numpy as np
 from bev_preheat.planning import engine
 from bev_preheat.route.segments import Route
 from bev_preheat.vehicle.description import Vehicle
-from bev_preheat.vehicle.heat_balance import heat_with_brake_w, heat_with_heater_w
 from bev_preheat.vehicle.heating_gates import STANDING_MPS
+from bev_preheat.vehicle.model import heat_with_brake_w, heat_with_heater_w
 from bev_preheat.vehicle.trip_columns import TripColumns
 
 if TYPE_CHECKING:

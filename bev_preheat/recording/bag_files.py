@@ -8,7 +8,7 @@ import sqlite3
 from typing import TYPE_CHECKING
 
 from bev_preheat.errors import InvalidInput, quoted
-from bev_preheat.files.mcap_file import mcap_messages
+from bev_preheat.files.input_files import mcap_messages
 from bev_preheat.messages.definitions import definition, SEPARATOR
 from bev_preheat.recording.message_types import OWN
 

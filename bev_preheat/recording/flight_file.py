@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from bev_preheat.control.events import ROUTE_PLAN
 from bev_preheat.errors import InvalidInput
-from bev_preheat.files.mcap_file import mcap_messages
+from bev_preheat.files.input_files import mcap_messages
 from bev_preheat.optional_packages import require
 from bev_preheat.recording.beginning import Beginning, RecordedState
 from bev_preheat.recording.recorded_steps import MESSAGE_KINDS, RecordedStep

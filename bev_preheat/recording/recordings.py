@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, TYPE_CHECKING
 from bev_preheat.control.settings import settings_of
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.configuration import version
-from bev_preheat.files.mcap_file import mcap_messages
+from bev_preheat.files.input_files import mcap_messages
 from bev_preheat.optional_packages import require
 from bev_preheat.recording.bag_files import is_bag, SQLITE
 from bev_preheat.recording.beginning import Beginning

@@ -22,8 +22,7 @@ from bev_preheat.files.checked_yaml import FileData, load_checked_yaml
 from bev_preheat.files.configuration import find_configuration
 from bev_preheat.numerics.factors import JOULES_PER_WH
 from bev_preheat.route.kinematics import drive_along, lay_track, leg_starts_m, RoadDrive, RoadLeg
-from bev_preheat.route.motion import no_road_load
-from bev_preheat.route.road_load import battery_power_w, loaded, RoadForces, wheel_power_w
+from bev_preheat.route.road_load import battery_power_w, loaded, no_road_load, RoadForces, wheel_power_w
 from bev_preheat.route.segments import ELEVATION_RANGE_M, LONGEST_ROUTE_S, make_route, Route
 
 if TYPE_CHECKING:

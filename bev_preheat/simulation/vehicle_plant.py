@@ -11,10 +11,18 @@ from bev_preheat.numerics.factors import JOULES_PER_WH
 from bev_preheat.planning.dynamics import deliverable_power_w, Energies, step_of_floats
 from bev_preheat.planning.situation import BatteryState
 from bev_preheat.planning.trip import make_trip
-from bev_preheat.vehicle.heat_balance import heat_under_w, heat_with_brake_w
 from bev_preheat.vehicle.heated_step import HeatedStep, make_heated_step, sensor_reading_c
-from bev_preheat.vehicle.model import make_rates, make_runge_kutta_4, Rates, Step
-from bev_preheat.vehicle.terminal_limits import hottest_c, make_terminal_limits, TerminalLimits
+from bev_preheat.vehicle.model import (
+    heat_under_w,
+    heat_with_brake_w,
+    hottest_c,
+    make_rates,
+    make_runge_kutta_4,
+    make_terminal_limits,
+    Rates,
+    Step,
+    TerminalLimits,
+)
 
 if TYPE_CHECKING:
     from bev_preheat.charging.equations import CoolingPowers

@@ -10,19 +10,103 @@ The inputs of a step are constant within it and are those of `planning.trip.Trip
         heat_w             eta_hvch P_hvch_b + gamma T_amb + Q_ed: the heat that does not depend on the state
     leakage_w_per_k    gamma
 
-`make_rates` takes an `arithmetic.Arithmetic`, so the same code serves plain floats (planning),
-arrays (a whole trajectory at once) and CasADi symbols (the NLP).
+The terms of the heat balance, and everything made by `make_…`, are also the source of the core's C
+(`bev_preheat.code_generation.c_source`). `make_rates` takes an `arithmetic.Arithmetic`, so the same code serves
+plain floats (planning), arrays (a whole trajectory at once) and CasADi symbols (the NLP).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import lru_cache
 from typing import Protocol, TYPE_CHECKING
 
 from bev_preheat.numerics.arithmetic import AnyNumber, Arithmetic, Number
+from bev_preheat.tunables import HOTTEST_BEYOND_RANGE_K
 
 if TYPE_CHECKING:
     from bev_preheat.vehicle.description import Vehicle
+
+
+def heat_with_heater_w(vehicle: Vehicle, heat_w: AnyNumber, heater_w: AnyNumber) -> AnyNumber:
+    """Return the heat into the battery [W] with that of an HVCH power [W]; shape of the inputs together."""
+    return heat_w + vehicle.hvch.efficiency * heater_w
+
+
+def heat_with_brake_w(vehicle: Vehicle, heat_w: AnyNumber, brake_w: AnyNumber) -> AnyNumber:
+    """Return the heat into the battery [W] without that of regeneration which the friction brake takes [W]."""
+    return heat_w - vehicle.drivetrain.heat_share * brake_w
+
+
+def heat_under_w(vehicle: Vehicle, heat_w: AnyNumber, heater_w: AnyNumber, brake_w: AnyNumber) -> AnyNumber:
+    """Return the heat into the battery [W] under an HVCH and a friction brake power [W]."""
+    return heat_with_brake_w(vehicle, heat_with_heater_w(vehicle, heat_w, heater_w), brake_w)
+
+
+def leaked_w(leakage_w_per_k: AnyNumber, ambient_c: AnyNumber, temperature_c: AnyNumber) -> AnyNumber:
+    """Return the heat from the ambient air [W], gamma (T_amb - T_b) of eq. (3); negative: heat is lost."""
+    return leakage_w_per_k * (ambient_c - temperature_c)
+
+
+def deliverable_w(voltage_v: AnyNumber, resistance_ohm: AnyNumber) -> AnyNumber:
+    """Return the most terminal power [W] that the circuit can give, U_oc^2/(4 R)."""
+    return voltage_v * voltage_v / (4.0 * resistance_ohm)
+
+
+def idle_power_w(propulsion_w: AnyNumber, cabin_w: AnyNumber, auxiliary_w: AnyNumber) -> AnyNumber:
+    """Return the terminal power without battery heating [W]."""
+    return propulsion_w + cabin_w + auxiliary_w
+
+
+def idle_heat_w(leakage_w_per_k: AnyNumber, ambient_c: AnyNumber, drivetrain_heat_w: AnyNumber) -> AnyNumber:
+    """Return gamma T_amb + Q_ed [W]: what without battery heating does not depend on the battery's state."""
+    return leakage_w_per_k * ambient_c + drivetrain_heat_w
+
+
+# Cached per vehicle and kind of number: nominal and corrected vehicles of several cars.
+KEPT_LIMITS = 64
+
+# `limits(soc, temperature_c, power_variance_w2)` -> least and most terminal power [W].
+TerminalLimits = Callable[[Number, Number, Number], tuple[Number, Number]]
+
+
+@lru_cache(maxsize=KEPT_LIMITS)
+def make_terminal_limits(vehicle: Vehicle,
+                         arithmetic: Arithmetic[Number]) -> TerminalLimits[AnyNumber]:
+    """
+    Return `limits(soc, temperature_c, power_variance_w2)` -> least and most terminal power [W].
+
+    With P_b = U I + R var/U^2 at its limit, P_t = U I - R I^2. The upper limit is at most the value at
+    I = U/(2 R), whatever the battery's own limit.
+    """
+    battery = vehicle.battery
+    open_circuit_voltage = battery.open_circuit_voltage.function(arithmetic)
+    resistance = battery.resistance.function(arithmetic)
+    charge = battery.charge_power_limit.function(arithmetic)
+    discharge = battery.discharge_power_limit.function(arithmetic)
+    minimum = arithmetic.minimum
+
+    def limits(soc: Number, temperature_c: Number,
+               power_variance_w2: Number) -> tuple[Number, Number]:
+        u = open_circuit_voltage(soc, temperature_c)
+        r = resistance(soc, temperature_c)
+        ripple_w = r * power_variance_w2 / (u * u)
+        charging_a = (charge(soc, temperature_c) - ripple_w) / u
+        discharging_a = minimum((discharge(soc, temperature_c) - ripple_w) / u, 0.5 * u / r)
+        return (u * charging_a - r * charging_a * charging_a,
+                u * discharging_a - r * discharging_a * discharging_a)
+
+    return limits
+
+
+def hottest_c(vehicle: Vehicle) -> float:
+    """
+    Return the hottest battery temperature used in planning [deg C].
+
+    The model has no cooling, which every car has; a drive that needs cooling is held at this temperature.
+    """
+    return vehicle.battery.temperature_range_c[1] + HOTTEST_BEYOND_RANGE_K
+
 
 # `rates(soc, temperature_c, power_w, variance_w2, heat_w, leakage_w_per_k)`.
 Rates = Callable[[Number, Number, Number, Number, Number, Number], tuple[Number, Number, Number]]

@@ -7,9 +7,8 @@ import yaml
 
 from bev_preheat.charging import chargers_file
 from bev_preheat.control import itinerary
-from bev_preheat.files.checked_yaml import load_schema
+from bev_preheat.files.checked_yaml import load_schema, surely_obeys
 from bev_preheat.files.configuration import configuration_folder
-from bev_preheat.files.schema_check import surely_obeys
 from bev_preheat.route import legs
 from bev_preheat.simulation import scenario
 from bev_preheat.vehicle import loading

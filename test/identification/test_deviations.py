@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import yaml
 
-from bev_preheat.identification.deviations import uncertainty_of
 from bev_preheat.identification.result import Estimated, ResistanceCurve
+from bev_preheat.identification.uncertainty import uncertainty_of
 from bev_preheat.identification.vehicle_file import identified_text
 from bev_preheat.vehicle import load_vehicle, vehicle_contents
 from bev_preheat.vehicle.description import Uncertainty

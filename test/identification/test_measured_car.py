@@ -13,8 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from bev_preheat.identification.check import check_trips, rms
-from bev_preheat.identification.replay import replay_errors_k
+from bev_preheat.identification.check import check_trips, replay_errors_k, rms
 from bev_preheat.identification.trips import trips_of
 from bev_preheat.logs.reading import read_recording
 from bev_preheat.vehicle import load_vehicle

@@ -28,7 +28,7 @@ def a_result():
 
 @pytest.mark.parametrize('width', [1280, 390])
 def test_the_page_is_no_wider_than_the_window(tmp_path, width):
-    from bev_preheat.identification.report import report_text
+    from bev_preheat.identification.result import report_text
     page = tmp_path / 'report.html'
     page.write_text(report_text(a_result(), dict.fromkeys(
         ('resistance', 'unseen', 'trips', 'residuals', 'coverage'), PICTURE)), encoding='utf-8')

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from recorded import night, recording
 
-from bev_preheat.identification.prediction import predict
+from bev_preheat.identification.check import predict
 from bev_preheat.identification.trips import trip_of
 from bev_preheat.numerics.arithmetic import FLOATS
 from bev_preheat.vehicle import load_vehicle

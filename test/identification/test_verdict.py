@@ -7,9 +7,8 @@ from types import SimpleNamespace
 import pytest
 
 from bev_preheat.identification.coverage import Coverage
-from bev_preheat.identification.result import Estimated
+from bev_preheat.identification.result import Estimated, record_next, verdict_of
 from bev_preheat.identification.structures import graded, LeftOut, StructureResult
-from bev_preheat.identification.verdict import record_next, verdict_of
 
 WHOLE = Coverage(
     trips=12, drives=9, nights=2, charging_sessions=1, heated_trips=4, unheated_drives=5, hours=20.0,

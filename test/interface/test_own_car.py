@@ -4,7 +4,7 @@
 import pytest
 
 import bev_preheat as bp
-from bev_preheat.identification.prediction import predict
+from bev_preheat.identification.check import predict
 from bev_preheat.identification.trips import trip_of
 from bev_preheat_studies.identification.synthetic_car import draw_car, record_car
 

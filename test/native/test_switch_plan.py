@@ -29,7 +29,7 @@ from bev_preheat.planning.switch_methods import is_best, plan_optimal_switch
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle.heat_path import HeatPath
-from bev_preheat.vehicle.terminal_limits import make_terminal_limits
+from bev_preheat.vehicle.model import make_terminal_limits
 
 FORMULAS, TABLES = (drawn_situations.car(name) for name in drawn_situations.CARS)
 BAD_ARGUMENT, BAD_VEHICLE, BAD_INPUT = -1, -2, -3

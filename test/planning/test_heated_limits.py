@@ -21,7 +21,7 @@ from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.heat_path import HeatPath
 from bev_preheat.vehicle.heated_step import make_heated_step
-from bev_preheat.vehicle.terminal_limits import make_terminal_limits
+from bev_preheat.vehicle.model import make_terminal_limits
 from bev_preheat_studies.optimality.drawn_trips import draw_limit_trip
 
 REFERENCE = load_vehicle('reference')

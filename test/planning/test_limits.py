@@ -20,8 +20,7 @@ from bev_preheat.route.segments import make_route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat.vehicle.curves import InverseTemperatureResistance, PolynomialVoltage, Table
 from bev_preheat.vehicle.description import Drivetrain, Hvch, Leakage
-from bev_preheat.vehicle.model import make_runge_kutta_4
-from bev_preheat.vehicle.terminal_limits import make_terminal_limits
+from bev_preheat.vehicle.model import make_runge_kutta_4, make_terminal_limits
 
 # Corners of the limits [W] at states of charge 0 and 1 (rows), -30 and 30 degC.
 DISCHARGE_W = ((10e3, 90e3), (70e3, 310e3))
@@ -103,6 +102,7 @@ def power_in_steps_w(trip, schedule):
 
 
 # Terminal power
+
 
 @pytest.mark.parametrize('which, corners_w', [(0, CHARGE_W), (1, DISCHARGE_W)],
                          ids=['charge', 'discharge'])
@@ -230,6 +230,7 @@ def test_surplus_that_is_not_to_be_taken_goes_to_the_brake():
 
 # Highest temperature
 
+
 def test_heater_is_off_at_the_highest_temperature():
     # The brake takes the power that the battery cannot accept.
     schedule = run(steady_trip(3, ambient_temperature_c=60.0), BatteryState(60.0, 1.0),
@@ -256,6 +257,7 @@ def test_heating_goes_to_the_highest_temperature():
 
 
 # Whether a limit is near
+
 
 @given(segments=SEGMENTS, state=STATES, colder_k=st.floats(0.0, 3.0))
 def test_where_no_limit_is_near_none_acts(segments, state, colder_k):
@@ -287,6 +289,7 @@ def test_no_limit_is_near_a_warm_battery_on_a_flat_road():
 
 
 # Driven as planned
+
 
 @given(segments=SEGMENTS, state=STATES)
 def test_without_an_active_limit_a_plan_is_driven_as_it_is(segments, state):

@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.route.line import RouteLine
-from bev_preheat.route.map_line import MapLine, offset_m
+from bev_preheat.route.line import MapLine, offset_m, RouteLine
 
 ROAD = Road.winding(12e3, seed=4)
 LINE = MapLine(ROAD.line(speed_mps=16.0, spacing_m=20.0))

@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from bev_preheat.route.line import Cause, Fix
-from bev_preheat.route.map_line import MapLine
+from bev_preheat.route.line import Cause, Fix, MapLine
 from bev_preheat.route.matching import Matcher
 
 SPEED_MPS = 15.0
@@ -69,6 +68,7 @@ class Drive:
 
 
 # On the route
+
 
 @pytest.mark.parametrize('period_s', [pytest.param(0.1, marks=pytest.mark.deep), 1.0, 10.0])
 def test_the_place_is_as_accurate_as_the_fixes(period_s):
@@ -151,6 +151,7 @@ def test_a_coarse_position_gives_no_place():
 
 # Silence
 
+
 def test_no_place_is_told_without_fixes_and_the_first_one_after_a_tunnel_is_confirmed():
     drive = Drive(COUNTRY, seed=2).run(without=[(200.0, 380.0)])
     assert [cause for cause, _ in drive.causes(380.0, 385.0).most_common()] == [Cause.CONFIRMING]
@@ -197,6 +198,7 @@ def test_fixes_out_of_order_and_twice_have_no_effect():
 
 
 # Off the route
+
 
 def test_single_outliers_cost_one_place_each():
     drive = Drive(CORNERS, seed=5)
@@ -259,6 +261,7 @@ def test_beyond_the_end_the_vehicle_has_arrived():
 
 
 # Several passes
+
 
 @pytest.mark.parametrize('seed', [0, *(pytest.param(seed, marks=pytest.mark.deep) for seed in (1, 2))])
 @pytest.mark.parametrize('from_s', [0.0, 100.0, 600.0])

@@ -11,10 +11,14 @@ import numpy as np
 import pytest
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.route.averages import compare_averages
 from bev_preheat.route.kinematics import drive_along, lay_track, RoadLeg
-from bev_preheat.route.motion import elevation_of_slope, Motion, propulsion_columns
-from bev_preheat.route.road_load import RoadVehicle
+from bev_preheat.route.road_load import (
+    compare_averages,
+    elevation_of_slope,
+    Motion,
+    propulsion_columns,
+    RoadVehicle,
+)
 from bev_preheat.route.speed_changes import CORRELATION_TIME_S, speed_changes
 from bev_preheat.vehicle import load_vehicle
 

@@ -7,8 +7,7 @@ import pytest
 import yaml
 
 from bev_preheat.vehicle import load_vehicle
-from bev_preheat.vehicle.assumptions import assumption_warning, key_in_words
-from bev_preheat.vehicle.plausibility import meaning_of, warmed_by_k
+from bev_preheat.vehicle.plausibility import assumption_warning, key_in_words, meaning_of, warmed_by_k
 
 # 360 V at all states of charge: every figure below can be checked by hand.
 PLAIN = {

@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from bev_preheat.numerics.arrays import FloatArray
     from bev_preheat.route.line import RouteLine
-    from bev_preheat.route.motion import Motion
+    from bev_preheat.route.road_load import Motion
 
+# Duration [s] of the segments that samples are joined to.
+SEGMENT_S = 30.0
 # Slopes of roads for cars, rise over run.
 SLOPE_RANGE = (-0.4, 0.4)
 

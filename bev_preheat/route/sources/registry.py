@@ -94,11 +94,11 @@ def _read_xml(text: bytes, options: RouteOptions) -> Journey:
     root = ROOT_ELEMENT.search(COMMENT.sub(b'', text[:1_000_000]))
     name = root[1].decode('ascii', 'replace') if root else ''
     if name == 'gpx':
-        from bev_preheat.route.sources.gpx import read_gpx
+        from bev_preheat.route.sources.xml_files import read_gpx
         _refuse_unused(options, ('free_speed_kmh',))
         return read_gpx(text, options)
     if name in ('battery-export', 'battery-output'):
-        from bev_preheat.route.sources.sumo import read_sumo
+        from bev_preheat.route.sources.xml_files import read_sumo
         _refuse_unused(options, ('vehicle_id',))
         return read_sumo(text, options)
     if not name:
@@ -109,8 +109,8 @@ def _read_xml(text: bytes, options: RouteOptions) -> Journey:
 
 
 def _read_json(text: bytes, options: RouteOptions) -> Journey:
+    from bev_preheat.route.sources.json_values import parse_json
     from bev_preheat.route.sources.navigation import read_navigation, service_of
-    from bev_preheat.route.sources.texts import parse_json
     contents: Any = parse_json(text)
     service = service_of(contents)
     if service is not None:
@@ -120,6 +120,6 @@ def _read_json(text: bytes, options: RouteOptions) -> Journey:
         from bev_preheat.route.sources.geojson import read_geojson
         _refuse_unused(options, ('free_speed_kmh', 'stop_duration_s'))
         return read_geojson(contents, options)
-    from bev_preheat.route.sources.records import read_records
+    from bev_preheat.route.sources.json_values import read_records
     _refuse_unused(options, ())
     return read_records(contents)

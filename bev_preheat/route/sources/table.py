@@ -14,7 +14,7 @@ import numpy as np
 
 from bev_preheat.errors import figure, InvalidInput, quoted
 from bev_preheat.files.times import find_clock
-from bev_preheat.route.motion import elevation_of_slope, Motion
+from bev_preheat.route.road_load import elevation_of_slope, Motion
 from bev_preheat.route.segments import LIMITS, LONGEST_ROUTE_S
 from bev_preheat.route.sources.elevation import smooth_elevation
 from bev_preheat.route.sources.headers import column, Header, headers_of

@@ -22,7 +22,7 @@ from bev_preheat.planning.status import Status
 from bev_preheat.planning.trip import make_trip
 from bev_preheat.tunables import SHORTFALL_TOLERANCE_K
 from bev_preheat.vehicle import load_vehicle, vehicle_file
-from bev_preheat.vehicle.terminal_limits import make_terminal_limits
+from bev_preheat.vehicle.model import make_terminal_limits
 from bev_preheat_studies.optimality.drawn_trips import DRAWS
 from bev_preheat_studies.sources import digest_of
 from bev_preheat_studies.study import (
