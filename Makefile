@@ -2,7 +2,7 @@
 SHELL := bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help setup build demo test test-quick test-deep test-oldest test-pythons test-repeated coverage mutation bench soak docs lint clean
+.PHONY: help setup build demo test test-quick test-deep test-oldest test-pythons test-distributions test-repeated coverage mutation bench soak docs lint clean
 
 DEMO := python3 -m bev_preheat.demo
 BENCH := python3 -m bev_preheat_studies cost
@@ -63,13 +63,17 @@ test-quick: setup ## the quick tests without DDS, for use while editing
 test-deep: build ## all tests, including the long ones: all scenarios over DDS, EXAMPLES (1000) for each property
 	@$(environment); $(local_only); BEV_PREHEAT_EXAMPLES=$(EXAMPLES) python3 -m pytest -q $(several_files_at_once) -m "not linter" --hypothesis-profile deep -o timeout=7200 $(TESTS)
 
-# Uses its own environment and build in .oldest.
-test-oldest: export BEV_PREHEAT_OLDEST := 1
+# Uses its own environment and build in .environments/oldest.
+test-oldest: export BEV_PREHEAT_ENVIRONMENT := oldest
 test-oldest: build ## all tests with the oldest supported versions (scripts/requirements-oldest.txt), no optional package
 	@$(environment); $(local_only); scripts/compile_tests.bash; python3 -m pytest -q $(several_files_at_once) -m "not deep and not linter" $(TESTS)
 
 test-pythons: ## all tests with each supported Python that is installed (scripts/pythons.txt), in PATH or by pyenv
-	@scripts/test_pythons.bash $(TESTS)
+	@scripts/test_environments.bash $$(cat scripts/pythons.txt) -- $(TESTS)
+
+# The tests that talk to ROS, and those of what is compiled against it; make test-distributions TESTS=test runs all.
+test-distributions: ## the tests of nodes, messages and the core with the wheels of ROS 2 Kilted and Lyrical, if the package index has them
+	@scripts/test_environments.bash kilted lyrical -- $(if $(filter file,$(origin TESTS)),test/nodes test/messages test/native test/monitoring test/dashboard,$(TESTS))
 
 test-repeated: build ## make test 20 times, half of the runs beside one busy loop per core
 	@scripts/repeat_tests.bash
@@ -105,4 +109,4 @@ lint: setup ## ruff (errors, imports, names, docstrings), mypy, ament_flake8 and
 
 clean: ## delete the results of build and tests, but not .venv
 	rm -rf build install log out .pytest_cache .hypothesis
-	find . \( -name .venv -o -path ./.oldest -o -path ./.pythons \) -prune -o -name __pycache__ -type d -print0 | xargs -0 -r rm -rf
+	find . \( -name .venv -o -path ./.environments \) -prune -o -name __pycache__ -type d -print0 | xargs -0 -r rm -rf

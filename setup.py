@@ -70,12 +70,8 @@ def check_that_messages_are_built():
     prefixes = os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)
     if not any(Path(prefix, 'share', f'{PACKAGE}_msgs', 'package.xml').is_file()
                for prefix in prefixes if prefix):
-        here = Path(__file__).resolve().parent
-        sys.exit(f'{PACKAGE}: {PACKAGE}_msgs is not built; it lies in {here}/msg_defs, where colcon '
-                 f'does not look by itself. In a workspace type once: ln -s {here.name}/msg_defs '
-                 f'{here.parent}/{PACKAGE}_msgs; ln -s {here.name}/core {here.parent}/{PACKAGE}_core, and '
-                 f'colcon build finds all three; or build with: colcon build --base-paths {here} '
-                 f'{here}/core {here}/msg_defs')
+        sys.exit(f'{PACKAGE}: {PACKAGE}_msgs is not built; it lies in {HERE}/msg_defs, where colcon does not '
+                 f'look by itself. Build with: colcon build --base-paths {HERE.parent} {HERE}/core {HERE}/msg_defs')
 
 
 class BuildCore(build_ext):

@@ -4,8 +4,9 @@
 # Needs bev_preheat_root; answers in bev_preheat_underlay (the distribution's prefix, ".venv" or empty).
 
 : "${bev_preheat_root:?is set by the script that reads this file}"
-# Here .venv, build, install and log are. "make test-oldest" and "make test-pythons" have their own.
-bev_preheat_place=$bev_preheat_root${BEV_PREHEAT_OLDEST:+/.oldest}${BEV_PREHEAT_PYTHON:+/.pythons/$BEV_PREHEAT_PYTHON}
+# Here .venv, build, install and log are. An environment with other versions (make test-oldest, test-pythons,
+# test-distributions) has its own, with ROS from wheels, whatever the machine has.
+bev_preheat_place=$bev_preheat_root${BEV_PREHEAT_ENVIRONMENT:+/.environments/$BEV_PREHEAT_ENVIRONMENT}
 bev_preheat_shell=bash
 if [ -n "${ZSH_VERSION:-}" ]; then bev_preheat_shell=zsh; fi
 
@@ -34,8 +35,7 @@ bev_preheat_source() {
 
 bev_preheat_enter_distribution() {
     bev_preheat_underlay=
-    # The oldest versions, and each Python, are tested with ROS from wheels, whatever the machine has.
-    if [ -n "${BEV_PREHEAT_OLDEST:-}${BEV_PREHEAT_PYTHON:-}" ]; then
+    if [ -n "${BEV_PREHEAT_ENVIRONMENT:-}" ]; then
         unset AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH LD_LIBRARY_PATH PYTHONPATH ROS_DISTRO
         return
     fi

@@ -3,8 +3,11 @@
 # usage: setup.bash [--build] [GROUP ...]
 # Make the working environment in .venv, once. With a ROS 2 distribution: the packages missing there. Without:
 # ROS 2 Jazzy from wheels. The packages come in groups: builds need requirements.txt, the program also the group demo;
-# "setup.bash bus logs" adds the groups bus and logs (requirements-optional.txt, requirements-GROUP.txt). --build runs build.bash while packages are installed. With BEV_PREHEAT_OLDEST=1: the oldest
-# supported versions and no optional package, in .oldest/.venv.
+# "setup.bash bus logs" adds the groups bus and logs (requirements-optional.txt, requirements-GROUP.txt). --build runs
+# build.bash while packages are installed.
+# BEV_PREHEAT_ENVIRONMENT names another environment, in .environments/NAME: oldest has the oldest supported versions and
+# no optional package (requirements-oldest.txt), kilted the wheels of ROS 2 Kilted (requirements-kilted.txt); any other
+# name has the versions of .venv.
 set -euo pipefail
 
 bev_preheat_root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd -P)
@@ -39,8 +42,10 @@ unset PYTHONDONTWRITEBYTECODE
 . scripts/ros_underlay.bash
 venv=$bev_preheat_place/.venv
 python=$venv/bin/python
-# As it is said: .venv or .oldest/.venv.
+# As it is said: .venv or .environments/NAME/.venv.
 venv_name=${venv#"$bev_preheat_root/"}
+environment=${BEV_PREHEAT_ENVIRONMENT:-}
+case $environment in kilted) ros_name=Kilted ;; *) ros_name=Jazzy ;; esac
 
 # --- found environment ---
 
@@ -98,7 +103,7 @@ PYTHON
 find_python() {
     local candidate candidates="python3 ${pythons//3./python3.}"
     # The last Python with wheels of all oldest versions is the oldest supported one.
-    [ -z "${BEV_PREHEAT_OLDEST:-}" ] || candidates="${pythons//3./python3.} python3"
+    [ "$environment" != oldest ] || candidates="${pythons//3./python3.} python3"
     for candidate in ${PYTHON:-$candidates}; do
         if is_new_enough "$candidate"; then
             command -v "$candidate"
@@ -202,9 +207,9 @@ compile_packages() {
 
 pins() { sed -nE '/^[^#]*==/{s/ *#.*//;p}' "$@"; }
 
-# The packages of a group, one a line; "build" is requirements.txt. With BEV_PREHEAT_OLDEST all are in "build".
+# The packages of a group, one a line; "build" is requirements.txt. In the environment oldest all are in "build".
 packages_of() {
-    if [ -n "${BEV_PREHEAT_OLDEST:-}" ]; then
+    if [ "$environment" = oldest ]; then
         [ "$1" = build ] || return 0
         # But for the packages that the list of the oldest names.
         awk -F '==' 'FNR == NR { if (NF > 1) { named[$1] } ; next } NF > 1 && !($1 in named)' \
@@ -213,7 +218,14 @@ packages_of() {
         return
     fi
     case $1 in
-        build) pins scripts/requirements.txt ;;
+        build)
+            if [ -f "scripts/requirements-$environment.txt" ]; then
+                pins scripts/requirements.txt | grep -v '^ros-'
+                pins "scripts/requirements-$environment.txt"
+            else
+                pins scripts/requirements.txt
+            fi
+            ;;
         test) pins scripts/requirements-test.txt scripts/requirements-optional.txt ;;
         *)
             { grep -E "^[^#]+==.* #(.* )?$1( |\$)" scripts/requirements-optional.txt || true; } | pins
@@ -225,7 +237,7 @@ packages_of() {
 group_names() {
     {
         sed -nE 's/^[^#]+==.* # ?//p' scripts/requirements-optional.txt | tr ' ' '\n' | grep -vx wheels
-        printf '%s\n' scripts/requirements-*.txt | sed -E 's/.*requirements-(.*)\.txt/\1/' | grep -vxE 'oldest|optional'
+        printf '%s\n' scripts/requirements-*.txt | sed -E 's/.*requirements-(.*)\.txt/\1/' | grep -vxE 'kilted|oldest|optional'
     } | sed '/^$/d' | sort -u
 }
 
@@ -339,7 +351,7 @@ make_venv_of_wheels() {
     base=$(find_python)
     check_build_tools "$base"
     begin
-    say "ROS 2 Jazzy and what else is needed go into $venv_name, with Python $(version_of "$base")"
+    say "ROS 2 $ros_name and what else is needed go into $venv_name, with Python $(version_of "$base")"
     make_venv "$base" --clear
     packages_of build >"$venv/requirements.txt"
     say "downloading and installing $(wc -l <"$venv/requirements.txt") packages for the build, half a minute or more"
@@ -385,7 +397,7 @@ add_groups() {
         [ ! -e "$venv/.adding-$group" ] || [ -n "${did:-}" ] || again=1
     done
     [ -n "$wanted" ] || return 0
-    if [ -z "${BEV_PREHEAT_OLDEST:-}" ]; then
+    if [ "$environment" != oldest ]; then
         say "adding the packages of:$wanted"
         for group in $wanted; do : >"$venv/.adding-$group"; done
         # shellcheck disable=SC2086

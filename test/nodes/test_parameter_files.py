@@ -35,7 +35,7 @@ class Services:
 
     def load(self, path):
         """Set all that is in a file; return (names, names of those that were refused)."""
-        parameters = list(parameter_dict_from_yaml_file(str(path)).values())
+        parameters = list(parameter_dict_from_yaml_file(str(path), target_nodes=[f'/{self._name}']).values())
         results = self._call(SetParameters, 'set', parameters=parameters).results
         return ({parameter.name for parameter in parameters},
                 {parameter.name for parameter, result in zip(parameters, results)
