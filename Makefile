@@ -71,7 +71,7 @@ test-oldest: build ## all tests with the oldest supported versions (scripts/requ
 test-pythons: ## all tests with each supported Python that is installed (scripts/pythons.txt), in PATH or by pyenv
 	@scripts/test_environments.bash $$(cat scripts/pythons.txt) -- $(TESTS)
 
-# The tests that talk to ROS, and those of what is compiled against it; make test-distributions TESTS=test runs all.
+# The tests that talk to ROS or compiled code; make test-distributions TESTS=test runs all.
 test-distributions: ## the tests of nodes, messages and the core with the wheels of ROS 2 Kilted and Lyrical, if the package index has them
 	@scripts/test_environments.bash kilted lyrical -- $(if $(filter file,$(origin TESTS)),test/nodes test/messages test/native test/monitoring test/dashboard,$(TESTS))
 

@@ -41,8 +41,12 @@ lacking_wheels() {
 
 # The versions that the tests ran with.
 versions() {
-    ".environments/$1/.venv/bin/python" -c 'from importlib.metadata import version as of; import platform
-print(f"Python {platform.python_version()}, rclpy {of(\"ros-rclpy\")}, NumPy {of(\"numpy\")}")'
+    ".environments/$1/.venv/bin/python" - <<'PYTHON'
+from importlib.metadata import version
+import platform
+
+print(f"Python {platform.python_version()}, rclpy {version('ros-rclpy')}, NumPy {version('numpy')}")
+PYTHON
 }
 
 results=() tried='' failed=''
