@@ -70,8 +70,8 @@ def check_that_messages_are_built():
     prefixes = os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)
     if not any(Path(prefix, 'share', f'{PACKAGE}_msgs', 'package.xml').is_file()
                for prefix in prefixes if prefix):
-        sys.exit(f'{PACKAGE}: {PACKAGE}_msgs is not built; it lies in {HERE}/msg_defs, where colcon does not '
-                 f'look by itself. Build with: colcon build --base-paths {HERE.parent} {HERE}/core {HERE}/msg_defs')
+        sys.exit(f'{PACKAGE}: {PACKAGE}_msgs is not built; it lies in {HERE}/msg_defs, where colcon does not look '
+                 f'by itself. Build with: colcon build --base-paths {HERE.parent} {HERE}/core {HERE}/msg_defs')
 
 
 class BuildCore(build_ext):

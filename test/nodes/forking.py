@@ -31,8 +31,8 @@ class Pool:
     def __init__(self):
         """Begin to load; the first start waits for it."""
         self.path = os.environ.get('PYTHONPATH')
-        # LTTng, which traces ROS, cancels its threads at the end. A forked process does not have them, and crashes if
-        # the memory of their stacks has been freed. This cache keeps it.
+        # LTTng, which traces ROS, cancels its threads at the end. A forked process does not have them, and crashes
+        # if the memory of their stacks has been freed. This cache keeps it.
         kept = {'GLIBC_TUNABLES': 'glibc.pthread.stack_cache_size=4294967296'}
         # Not in the terminal's session: after Ctrl-C the tests under way end their nodes themselves.
         self._process = subprocess.Popen([sys.executable, __file__], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
