@@ -44,8 +44,13 @@ from bev_preheat.recording.ring import recording_beside
 from bev_preheat.route import route_file
 from bev_preheat.simulation.scenario import load_scenario
 from bev_preheat.simulation.supervised_drive import START_NS
-from bev_preheat.simulator.installed_drive import drive_with_nodes, log_files, ObservedDrive, ScenarioFailed
-from bev_preheat.simulator.installed_processes import reserved_domain_id
+from bev_preheat.simulator.installed_drive import (
+    drive_with_nodes,
+    log_files,
+    ObservedDrive,
+    reserved_domain_id,
+    ScenarioFailed,
+)
 from bev_preheat.simulator.simulated_drive import ARRIVED
 from bev_preheat.vehicle import vehicle_file
 

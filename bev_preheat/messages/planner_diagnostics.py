@@ -10,7 +10,7 @@ from bev_preheat.control.departure_source import DepartureState
 from bev_preheat.control.sensitivity_watch import SENSITIVITY
 from bev_preheat.estimation.hypotheses import Heater
 from bev_preheat.estimation.state import FACTOR_NAMES
-from bev_preheat.messages.diagnostics import diagnostics, entry, ERROR, OK, WARN
+from bev_preheat.messages.diagnostics import entry, ERROR, OK, WARN
 from bev_preheat.native.library import core_in_words, DECLINES
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
@@ -18,7 +18,7 @@ from bev_preheat.planning.status import Level
 from bev_preheat.vehicle.plausibility import assumed_in_words
 
 if TYPE_CHECKING:
-    from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+    from diagnostic_msgs.msg import DiagnosticStatus
 
     from bev_preheat.control.departure_source import DepartureReport
     from bev_preheat.control.heater_answer import HeaterAnswerReport
@@ -77,9 +77,9 @@ class DepartureFiles(NamedTuple):
 
 def planner_diagnostics(node_name: str, state: State, now_ns: int,
                         memory: StateFileReport | None = None,
-                        departures: DepartureFiles | None = None, sensitivity: str = '') -> DiagnosticArray:
+                        departures: DepartureFiles | None = None, sensitivity: str = '') -> list[DiagnosticStatus]:
     """
-    Return the DiagnosticArray with status, reason and the figures behind them.
+    Return the entries with status, reason and the figures behind them.
 
     `memory` is a state_keeper.StateFileReport, None without a state file; `departures` a
     departure_keeper.DepartureFiles, None without a file of departures. `sensitivity` are the sentences of a
@@ -97,7 +97,7 @@ def planner_diagnostics(node_name: str, state: State, now_ns: int,
         entries.append(_state_file(name, hardware, memory))
     if departures is not None:
         entries.append(_departures(name, hardware, departures, now_ns))
-    return diagnostics(now_ns, entries)
+    return entries
 
 
 def _preheating(name: str, hardware: str, state: State, now_ns: int,

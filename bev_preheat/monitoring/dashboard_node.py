@@ -16,9 +16,8 @@ from bev_preheat.monitoring.access import Access
 from bev_preheat.monitoring.controls import Controls
 from bev_preheat.monitoring.planners import Planners, PLANNERS_PERIOD_S
 from bev_preheat.monitoring.source import LiveSource
-from bev_preheat.nodes.command_line import NodeProgram
 from bev_preheat.nodes.parameters import declare, Parameter
-from bev_preheat.nodes.process import run_node
+from bev_preheat.nodes.process import NodeProgram, run_node
 from bev_preheat.optional_packages import require
 from bev_preheat.recording.deviation import Unheated
 from bev_preheat.vehicle import load_vehicle

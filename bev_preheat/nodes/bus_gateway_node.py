@@ -20,12 +20,10 @@ from bev_preheat.errors import InvalidInput
 from bev_preheat.messages.battery_state import battery_state_message
 from bev_preheat.messages.diagnostics import judged
 from bev_preheat.nodes.bus_conditioning import BusConditioning
-from bev_preheat.nodes.can_heater import CanHeater
-from bev_preheat.nodes.command_line import NodeProgram
-from bev_preheat.nodes.heater_execution import HeaterExecution
+from bev_preheat.nodes.heater_execution import CanHeater, HeaterExecution
 from bev_preheat.nodes.node import guarded, ProgramNode
 from bev_preheat.nodes.parameters import Parameter
-from bev_preheat.nodes.process import run_node
+from bev_preheat.nodes.process import NodeProgram, run_node
 from bev_preheat.nodes.setup_watch import RESTART_S
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.vehicle.heater_controller import HeaterLimits

@@ -12,10 +12,9 @@ from bev_preheat.charging.worth import MOST_PRICE_PER_KWH, MOST_VALUE_PER_H
 from bev_preheat.control.admitted import find_obstacle
 from bev_preheat.errors import InvalidInput
 from bev_preheat.messages.rank_chargers import candidates_of, write_ranking
-from bev_preheat.nodes.command_line import NodeProgram
 from bev_preheat.nodes.inbox_node import DEFAULTS, InboxNode, INPUT_PARAMETERS, VEHICLE
 from bev_preheat.nodes.parameters import Parameter
-from bev_preheat.nodes.process import run_node
+from bev_preheat.nodes.process import NodeProgram, run_node
 from bev_preheat_msgs.srv import RankChargers
 
 if TYPE_CHECKING:

@@ -8,15 +8,16 @@ from pathlib import Path
 from typing import Any, NamedTuple, TYPE_CHECKING
 from uuid import uuid4
 
+from rclpy.serialization import serialize_message
 from sensor_msgs.msg import Temperature
 
-from bev_preheat.control.events import BATTERY_STATE, Reconfigured, ROUTE_PLAN, RouteArrived
+from bev_preheat.control.events import Reconfigured, ROUTE_PLAN, RouteArrived
 from bev_preheat.errors import InvalidInput
 from bev_preheat.files.configuration import version
 from bev_preheat.messages.definitions import definition
 from bev_preheat.messages.diagnostics import entry, OK, WARN
+from bev_preheat.messages.heater import command_message
 from bev_preheat.messages.inputs import INPUTS
-from bev_preheat.nodes.recorded_bytes import command_encoder, serialized, state_encoder
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.recording.beginning import Beginning, learned_values, recorded_state
 from bev_preheat.recording.recorded_steps import (
@@ -157,12 +158,8 @@ class FlightRecorder:
         started = datetime.now(UTC).strftime('%Y%m%dT%H%M%S')
         try:
             check_folder(folder)
-            kinds = {self._planner.topic(topic): _kind(message_type)
-                     for topic, message_type in TYPES.items()}
-            for topic, encode in ((COMMAND, command_encoder()), (BATTERY_STATE, state_encoder())):
-                name = self._planner.topic(topic)
-                kinds[name] = kinds[name]._replace(encode=encode)
             self._life, self._topics = uuid4().hex[:8], {topic: self._planner.topic(topic) for topic in TYPES}
+            kinds = {self._topics[topic]: _kind(message_type) for topic, message_type in TYPES.items()}
             self._state, self._state_setup, self._route = state, setup, None if route is None else Entry(
                 self._topics[ROUTE_PLAN], now_ns, route)
             self._writer = RecordingWriter(
@@ -215,7 +212,7 @@ class FlightRecorder:
             now_ns, call, tuple(values), what, command_values(command), status))
         entries = [step] if message is None else [Entry(self._topics[values[0]['kind']], now_ns, message), step]
         if command is not None:
-            entries.append(Entry(self._topics[COMMAND], now_ns, (command, now_ns)))
+            entries.append(Entry(self._topics[COMMAND], now_ns, command_message(command, now_ns)))
         latest = state.inbox.latest_mission
         if any(isinstance(event, RouteArrived) and event.mission is latest for event in events):
             self._route = entries[0]
@@ -276,6 +273,10 @@ def _values(event: Event, has_message: bool, goals: GoalNumbers, setup: Setup) -
     return values
 
 
+def _serialized(message: Any) -> bytes:
+    return bytes(serialize_message(message))
+
+
 def _kind(message_type: Any) -> Kind:
     package, name = message_type.__module__.partition('.')[0], message_type.__name__
-    return Kind(f'{package}/msg/{name}', definition(package, name), 'ros2msg', 'cdr', serialized)
+    return Kind(f'{package}/msg/{name}', definition(package, name), 'ros2msg', 'cdr', _serialized)

@@ -21,7 +21,7 @@ from bev_preheat.vehicle import load_vehicle
 if TYPE_CHECKING:
     from bev_preheat.control.events import Event
     from bev_preheat.errors import InvalidInput
-    from bev_preheat.nodes.command_line import NodeProgram
+    from bev_preheat.nodes.process import NodeProgram
     from bev_preheat_msgs.msg import RoutePlan
 
 DEFAULTS = Settings()

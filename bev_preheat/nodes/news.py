@@ -10,8 +10,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rclpy.node import Node
-
 # A sentence is not repeated within this time [s]; at most this many different ones are logged in it.
 PERIOD_S = 5.0
 MOST_SENTENCES = 10
@@ -40,20 +38,6 @@ class RepetitionFilter:
             return False
         self._told_s[kind] = now_s
         return True
-
-
-def logging_errors(node: Node, what: str, action: Callable[..., object]) -> Callable[..., None]:
-    """Return an action that logs an unexpected exception, as an error of `what`, and goes on."""
-    news = RepetitionFilter()
-
-    def logged(*arguments: object) -> None:
-        try:
-            action(*arguments)
-        except Exception as error:
-            sentence = f'{what}: {type(error).__name__}: {error}'
-            if news.has(sentence):
-                node.get_logger().error(sentence)
-    return logged
 
 
 def without_figures(sentence: str) -> str:

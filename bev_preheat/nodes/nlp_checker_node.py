@@ -14,7 +14,6 @@ from std_srvs.srv import Trigger
 from bev_preheat.control.decision import WITHOUT_ROUTE
 from bev_preheat.control.events import BatteryStateArrived, Reconfigured, TripCancelled
 from bev_preheat.messages.diagnostics import entry, OK, WARN
-from bev_preheat.nodes.command_line import NodeProgram
 from bev_preheat.nodes.inbox_node import InboxNode, INPUT_PARAMETERS, VEHICLE
 from bev_preheat.nodes.node import guarded
 from bev_preheat.nodes.optimality_report import (
@@ -27,7 +26,7 @@ from bev_preheat.nodes.optimality_report import (
     says_the_same,
 )
 from bev_preheat.nodes.parameters import Parameter
-from bev_preheat.nodes.process import run_node
+from bev_preheat.nodes.process import NodeProgram, run_node
 from bev_preheat.nonlinear_program.protocol import Failure, SolverAnswer
 from bev_preheat.nonlinear_program.solver_process import MOST_NICE, SolverProcess
 from bev_preheat.numerics.factors import NS_PER_S

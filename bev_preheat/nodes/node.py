@@ -17,7 +17,7 @@ from rclpy.task import Future
 from bev_preheat.errors import InvalidInput, LONGEST_PROBLEM, shortened
 from bev_preheat.messages.diagnostics import diagnostics
 from bev_preheat.nodes.news import RepetitionFilter
-from bev_preheat.nodes.parameters import check, declare, Parameter
+from bev_preheat.nodes.parameters import check, declare, Parameter, USE_SIM_TIME
 from bev_preheat.nodes.setup_watch import DIAGNOSTICS_PERIOD_S, SetupWatch
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from diagnostic_msgs.msg import DiagnosticStatus
     from rclpy.parameter import Parameter as RosParameter
 
-    from bev_preheat.nodes.command_line import NodeProgram
+    from bev_preheat.nodes.process import NodeProgram
 
     # A method called by ROS.
     Callback = Callable[..., Any]
@@ -86,25 +86,42 @@ class ProgramNode(LifecycleNodeMixin, Node):
         else:
             self.get_logger().info(sentence)
 
-    def fail(self, where: str, error: Exception) -> None:
-        """Log an unexpected exception of a callback, and go on."""
+    def look_regularly(self, period_s: float, where: str, look: Callback) -> Any:
+        """Return a timer in real time; an unexpected exception of `look()` is logged, and affects nothing else."""
+        def logged() -> None:
+            try:
+                look()
+            except Exception as error:
+                self.log_error(where, error)
+        return self.steady_timer(period_s, logged)
+
+    def log_error(self, where: str, error: Exception) -> None:
+        """Log an unexpected exception."""
         sentence = f'{where}: {type(error).__name__}: {error}'
         if self._news.has(sentence):
             self.get_logger().error(sentence)
+
+    def fail(self, where: str, error: Exception) -> None:
+        """Go on after an unexpected exception of a callback."""
+        self.log_error(where, error)
 
     # Diagnostics
 
     def watch(self, subscribes: Iterable[str], publishes: Iterable[str], single: Iterable[str] = ()) -> None:
         """Begin to watch the topics shared with other nodes, as SetupWatch does, and to report."""
         self._diagnostics_publisher = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
-        self.setup = SetupWatch(self, subscribes, publishes, single=single)
-        self.steady_timer(DIAGNOSTICS_PERIOD_S, self.publish_diagnostics)
+        self.setup = SetupWatch(self, subscribes, publishes, single)
+        self.steady_timer(DIAGNOSTICS_PERIOD_S, self.report)
+
+    @guarded
+    def report(self) -> None:
+        """Publish the diagnostics, once in DIAGNOSTICS_PERIOD_S of real time."""
+        self.publish_diagnostics()
 
     def entries(self) -> list[DiagnosticStatus]:
         """Return the node's own entries of the diagnostics, besides that of its setup."""
         return []
 
-    @guarded
     def publish_diagnostics(self) -> None:
         """Publish the diagnostics."""
         self._diagnostics_publisher.publish(diagnostics(
@@ -117,6 +134,9 @@ class ProgramNode(LifecycleNodeMixin, Node):
         self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._take_parameters)
 
+    def check_lock(self, parameters: Sequence[RosParameter]) -> None:
+        """Raise InvalidInput if parameters, also those of ROS, must not change."""
+
     def check_values(self, changed: Values) -> None:
         """Raise InvalidInput if new values, each of which is in its range, do not fit."""
 
@@ -128,6 +148,7 @@ class ProgramNode(LifecycleNodeMixin, Node):
 
     def _check_parameters(self, parameters: Sequence[RosParameter]) -> SetParametersResult:
         try:
+            self.check_lock(parameters)
             changed = self._changed(parameters)
             check(self._parameters_of_program, changed)
             self.check_values(changed)
@@ -140,6 +161,11 @@ class ProgramNode(LifecycleNodeMixin, Node):
 
     @guarded
     def _take_parameters(self, parameters: Sequence[RosParameter]) -> None:
+        for parameter in parameters:
+            if parameter.name == USE_SIM_TIME:
+                self.get_logger().warning(
+                    f'use_sim_time = {str(parameter.value).lower()}: stamps and leases now follow '
+                    f'{"/clock; its publisher sets the time" if parameter.value else "the system clock"}.')
         if changed := self._changed(parameters):
             self.values = {**self.values, **changed}
             self.take_values(changed)

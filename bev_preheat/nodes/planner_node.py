@@ -7,7 +7,6 @@ from functools import partial
 import sys
 from typing import TYPE_CHECKING
 
-from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.qos import qos_profile_sensor_data, QoSDurabilityPolicy, QoSProfile
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import Temperature
@@ -30,18 +29,16 @@ from bev_preheat.messages.planner_diagnostics import planner_diagnostics
 from bev_preheat.messages.preheat_plan import plan_message, temperature_message
 from bev_preheat.messages.route_intake import RouteIntake
 from bev_preheat.native.library import core_in_words
-from bev_preheat.nodes.command_line import NodeProgram
-from bev_preheat.nodes.command_publisher import CommandPublisher
 from bev_preheat.nodes.departure_keeper import DepartureKeeper, SKIP
 from bev_preheat.nodes.flight_recording import FlightRecorder, planner_of, Setup
 from bev_preheat.nodes.node import guarded, NOT_ACTIVE, ProgramNode
-from bev_preheat.nodes.parameters import USE_SIM_TIME
 from bev_preheat.nodes.planner_log import PlannerLog
-from bev_preheat.nodes.planner_parameters import allowed, OWN, PARAMETERS, read, take_effect, values_with
+from bev_preheat.nodes.planner_parameters import check_changes, check_lock, PARAMETERS, read, take_effect
 from bev_preheat.nodes.prepare_action import PREPARE, PrepareAction
-from bev_preheat.nodes.process import LAST_WORDS_TIME, run_node
+from bev_preheat.nodes.process import LAST_WORDS_TIME, NodeProgram, run_node
+from bev_preheat.nodes.publishers import CommandPublisher
 from bev_preheat.nodes.route_listener import RouteListener
-from bev_preheat.nodes.setup_watch import SetupWatch
+from bev_preheat.nodes.setup_watch import SETUP_PERIOD_S
 from bev_preheat.nodes.state_keeper import SAVE_PERIOD_S, StateKeeper
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.recording.recorded_steps import FAIL, STOP
@@ -52,6 +49,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from typing import Any
 
+    from diagnostic_msgs.msg import DiagnosticStatus
     from rclpy.node import Node
     from rclpy.parameter import Parameter as RosParameter
 
@@ -89,6 +87,7 @@ class PlannerNode(ProgramNode):
         values = self.values
         vehicle, settings = read(values)
         take_effect(settings)
+        self.hardware = vehicle.name
         self._vehicle_contents = vehicle_contents(values['vehicle'])
         self._state_keeper = StateKeeper(self.get_logger())
         recalled = self._state_keeper.attach(values['state_file'], self._vehicle_contents)
@@ -99,17 +98,16 @@ class PlannerNode(ProgramNode):
         self._recorder = FlightRecorder(planner_of(self))
         self._routes = RouteIntake()
         self._go_on(settings)
-        self._record_into(values)
+        self._record()
         # The latest step, or its outputs, raised an exception.
         self._is_in_doubt = False
 
         latched = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
-        self._command_publisher = commands = CommandPublisher(
+        self._command_publisher = CommandPublisher(
             self, lambda: round(self._supervisor.state.settings.lease_s * NS_PER_S), self._on_rival)
         self._temperature_publisher = self.create_publisher(
             Temperature, 'predicted_arrival_temperature', 1)
         self._plan_publisher = self.create_publisher(PreheatPlan, 'preheat_plan', latched)
-        self._diagnostics_publisher = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         state_qos = QoSProfile(
             depth=1, reliability=qos_profile_sensor_data.reliability)
         for topic, each in INPUTS.items():
@@ -124,18 +122,15 @@ class PlannerNode(ProgramNode):
         self._prepare = PrepareAction(
             self, self._step, self._supervisor, self.fail, lambda: self._departures.prices)
 
-        self.add_on_set_parameters_callback(partial(allowed, self))
-        self.add_post_set_parameters_callback(self._apply_parameters)
+        self.follow_parameters()
         self._repeat_timer = self.create_timer(settings.command_period_s, self._on_repeat)
         # Expires if no valid battery state arrives within the timeout.
         self._stale_timer = self.create_timer(settings.battery_state_timeout_s, self._on_repeat)
         # In real time, because a disk does not follow simulated time.
         self.steady_timer(SAVE_PERIOD_S, self._on_files_due)
-        self._setup = SetupWatch(
-            self, tuple(INPUTS),
-            ('hvch_command', 'preheat_plan', 'predicted_arrival_temperature'),
-            also=(commands.look, self._on_rival, self._on_standing_clock),
-            single=tuple(topic for topic, each in INPUTS.items() if not each.has_many_sources))
+        self.watch(INPUTS, ('hvch_command', 'preheat_plan', 'predicted_arrival_temperature'),
+                   single=tuple(topic for topic, each in INPUTS.items() if not each.has_many_sources))
+        self.look_regularly(SETUP_PERIOD_S, 'looking for rivals', self._look_for_rivals)
         self.get_logger().info(
             f'Planning for vehicle {vehicle.name} with method {settings.method}; '
             f'native core {core_in_words()}.')
@@ -163,7 +158,7 @@ class PlannerNode(ProgramNode):
     def _admit(self, topic: str, message: Any, now_ns: int) -> Event:
         """Return a message as an event, which may be that it cannot be read."""
         return INPUTS[topic].event(message, Reader(
-            self._supervisor.state, self._routes, self._setup.clock_hint(message.header.stamp, now_ns)))
+            self._supervisor.state, self._routes, self.setup.clock_hint(message.header.stamp, now_ns)))
 
     def _step(self, *events: Event, now_ns: int | None = None, message: Any = None) -> bool:
         """
@@ -177,7 +172,7 @@ class PlannerNode(ProgramNode):
         try:
             self._publish(output, now_ns)
         finally:
-            self._record(now_ns, events, message, output)
+            self._keep(now_ns, events, message, output)
         self._diagnose(output, now_ns)
         return not output.refusals and not output.failure
 
@@ -199,7 +194,7 @@ class PlannerNode(ProgramNode):
             self._temperature_publisher.publish(prediction)
         self._recorder.note_plan(now_ns, plan, prediction)
 
-    def _record(self, now_ns: int, events: tuple[Event, ...], message: Any, output: StepOutput) -> None:
+    def _keep(self, now_ns: int, events: tuple[Event, ...], message: Any, output: StepOutput) -> None:
         self._recorder.note(self._supervisor.state, now_ns, events, message, output)
         self._state_keeper.save_choices(self._supervisor.state)
         self._state_keeper.keep_running(self._supervisor.state, self._route_bytes)
@@ -219,32 +214,27 @@ class PlannerNode(ProgramNode):
             # Only a published plan shows that plans can be published again.
             in_doubt = not _has_plan_or_heats(output)
         elif output.has_new_status:
-            self._publish_diagnostics(now_ns)
+            self.publish_diagnostics()
         self._is_in_doubt = bool(output.failure) or in_doubt
 
     def _publish_command(self, output: StepOutput, now_ns: int) -> None:
         if output.command is not None:
             self._command_publisher.publish(command_message(output.command, now_ns))
 
-    def _publish_diagnostics(self, now_ns: int) -> None:
-        state = self._supervisor.state
+    def entries(self) -> list[DiagnosticStatus]:
+        """Return the entries on preheating, signals, heater, estimation, files and recording."""
+        name, state, now_ns = self.get_fully_qualified_name(), self._supervisor.state, self.now_ns()
         # For readers only.
         sensitivity = (self._sensitivity.look(state, now_ns)
                        if self._diagnostics_publisher.get_subscription_count() > 0 else '')
-        message = planner_diagnostics(
-            self.get_fully_qualified_name(), state, now_ns, self._state_keeper.report(),
-            self._departures.report(), sensitivity)
-        message.status.append(self._setup.entry(
-            state.vehicle.name,
-            f'{state.rivals} also publishes hvch_command' if state.rivals else ''))
-        recording = self._recorder.entry(self.get_fully_qualified_name(), state.vehicle.name)
-        if recording is not None:
-            message.status.append(recording)
-        self._diagnostics_publisher.publish(message)
+        recording = self._recorder.entry(name, self.hardware)
+        return [*planner_diagnostics(
+            name, state, now_ns, self._state_keeper.report(), self._departures.report(), sensitivity),
+            *([] if recording is None else [recording])]
 
     def _report(self, now_ns: int) -> None:
         self._prepare.publish_feedback(now_ns)
-        self._publish_diagnostics(now_ns)
+        self.publish_diagnostics()
 
     def fail(self, where: str, error: Exception) -> None:
         """Switch the heater off after an exception outside of a step, and log it; raise nothing."""
@@ -275,6 +265,10 @@ class PlannerNode(ProgramNode):
     def _on_refused_route(self, error: InvalidInput) -> None:
         self._step(RouteUnreadable(error))
 
+    def _look_for_rivals(self) -> None:
+        self._command_publisher.look()
+        self._on_rival()
+
     @guarded
     def _on_rival(self) -> None:
         """Switch the heater off while another node commands it."""
@@ -285,13 +279,14 @@ class PlannerNode(ProgramNode):
             self.get_logger().error(f'{rivals} also publishes hvch_command: the heater is off.')
         else:
             self.get_logger().info('No other node publishes hvch_command any more.')
+        self.setup.error = f'{rivals} also publishes hvch_command' if rivals else ''
         self._step(RivalsChanged(rivals))
 
     @guarded
-    def _on_standing_clock(self) -> None:
-        # The timers of a stopped clock never fire.
-        if self._setup.clock_stands:
-            self._publish_diagnostics(self.now_ns())
+    def report(self) -> None:
+        """Publish the diagnostics if the clock stands, because `_on_repeat` goes by it."""
+        if self.setup.clock_stands:
+            self.publish_diagnostics()
 
     @guarded
     def _on_activation(self, is_active: bool) -> None:
@@ -305,17 +300,19 @@ class PlannerNode(ProgramNode):
         self._step(PreheatingSwitched(request.data))
         return response
 
-    @guarded
-    def _apply_parameters(self, parameters: Sequence[RosParameter]) -> None:
-        for parameter in parameters:
-            if parameter.name == USE_SIM_TIME:
-                self.get_logger().warning(
-                    f'use_sim_time = {str(parameter.value).lower()}: stamps and leases now follow '
-                    f'{"/clock; its publisher sets the time" if parameter.value else "the system clock"}.')
-        if not OWN.intersection(parameter.name for parameter in parameters):
-            return
-        state = self._supervisor.state
-        values = values_with(self, parameters)
+    # Parameters
+
+    def check_lock(self, parameters: Sequence[RosParameter]) -> None:
+        """Refuse a change of what is locked."""
+        check_lock(self, parameters)
+
+    def check_values(self, changed: Values) -> None:
+        """Refuse values that do not fit, and unusable files."""
+        check_changes({**self.values, **changed}, changed)
+
+    def take_values(self, changed: Values) -> None:
+        """Go on with new values, and plan again."""
+        values, state = self.values, self._supervisor.state
         vehicle, settings = read(values)
         contents = vehicle_contents(values['vehicle'])
         is_new_car = contents != self._vehicle_contents
@@ -325,21 +322,22 @@ class PlannerNode(ProgramNode):
         else:
             # The estimation continues as long as the vehicle is the same object.
             vehicle = state.vehicle
+        self.hardware = vehicle.name
         for timer, period_s in ((self._repeat_timer, settings.command_period_s),
                                 (self._stale_timer, settings.battery_state_timeout_s)):
             timer.timer_period_ns = round(period_s * 1e9)
             timer.reset()
         take_effect(settings)
         learned = self._state_keeper.attach(values['state_file'], contents).learned
-        self._record_into(values)
+        self._record()
         self._step(Reconfigured(
             vehicle, settings, self._routes.read_again(state, vehicle, settings), learned),
             *self._departures.attach(values['departures'], values['grid_prices']))
         self.get_logger().info('In effect now: ' + ', '.join(
-            f'{parameter.name} = {parameter.value}' for parameter in parameters if parameter.name in OWN) + '.')
+            f'{name} = {value}' for name, value in changed.items()) + '.')
         if is_new_car:
             self._log.log_vehicle(vehicle, values)
-        if any(parameter.name == 'method' for parameter in parameters):
+        if 'method' in changed:
             self._log.log_method(values)
 
     # Files
@@ -370,11 +368,12 @@ class PlannerNode(ProgramNode):
         message = self._routes.message_of(self._supervisor.state.inbox.latest_mission)
         return None if message is None else bytes(serialize_message(message))
 
-    def _record_into(self, values: Values) -> None:
-        state = self._supervisor.state
+    def _record(self) -> None:
+        """Record into the folder of the parameters."""
+        values, state = self.values, self._supervisor.state
         self._recorder.attach(
             values['flight_recorder'], values['flight_recorder_size'],
-            Setup({name: values[name] for name in sorted(OWN)}, self._vehicle_contents),
+            Setup(dict(sorted(values.items())), self._vehicle_contents),
             state, self.now_ns(), self._routes.message_of(state.inbox.latest_mission))
 
     # The end

@@ -5,22 +5,20 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from rcl_interfaces.msg import SetParametersResult
-
 from bev_preheat.charging.worth import MOST_PRICE_PER_KWH, MOST_VALUE_PER_H
 from bev_preheat.control.settings import FIELD_OF_PARAMETER, Settings, settings_of
-from bev_preheat.errors import InvalidInput, LONGEST_PROBLEM, shortened
+from bev_preheat.errors import InvalidInput
 from bev_preheat.native.library import use_core
 from bev_preheat.nodes.departure_keeper import check_departure_parameters
 from bev_preheat.nodes.node import LIFECYCLE
-from bev_preheat.nodes.parameters import check, Parameter
+from bev_preheat.nodes.parameters import Parameter
 from bev_preheat.nodes.state_keeper import check_parameter
 from bev_preheat.planning.installed_methods import limit_answer_time
 from bev_preheat.planning.planner import check_method, installed_names, METHODS, REPLACED
 from bev_preheat.vehicle import load_vehicle
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable
 
     from rclpy.node import Node
     from rclpy.parameter import Parameter as RosParameter
@@ -83,14 +81,12 @@ PARAMETERS = (
 )
 # A driver or a backend may change these although the others are locked.
 NEVER_LOCKED = frozenset(('target_battery_temperature', 'energy_price', 'value_of_time'))
-OWN = frozenset(parameter.name for parameter in PARAMETERS)
 # Share of the time by which the lease is longer than the command period.
 ANSWER_SHARE = 0.1
 
 
 def read(values: Values) -> tuple[Vehicle, Settings]:
-    """Return (Vehicle, Settings) of parameter values; raise InvalidInput if they are wrong."""
-    check(PARAMETERS, values)
+    """Return (Vehicle, Settings) of values in their ranges; raise InvalidInput if they do not fit."""
     if values['command_lease'] <= values['command_period']:
         raise InvalidInput(
             f'command_lease: {values["command_lease"]:g} s must be longer than command_period, '
@@ -108,35 +104,17 @@ def take_effect(settings: Settings) -> None:
     limit_answer_time(ANSWER_SHARE * (settings.lease_s - settings.command_period_s))
 
 
-def values_with(node: Node, parameters: Iterable[RosParameter]) -> Values:
-    """Return the values of the planner's parameters of a node, with these changes."""
-    values = {name: node.get_parameter(name).value for name in OWN}
-    values.update((parameter.name, parameter.value) for parameter in parameters if parameter.name in OWN)
-    return values
+def check_changes(values: Values, changed: Values) -> None:
+    """Raise InvalidInput if values, of which some have changed, do not fit, or name an unusable file."""
+    read(values)
+    # A faulty file must not block other parameters; the diagnostics report it.
+    if 'state_file' in changed:
+        check_parameter(values['state_file'])
+    if changed.keys() & {'departures', 'grid_prices'}:
+        check_departure_parameters(values['departures'], values['grid_prices'])
 
 
-def allowed(node: Node, parameters: Sequence[RosParameter]) -> SetParametersResult:
-    """Return whether a node may take these parameters, and the reason if not."""
-    try:
-        _check_lock(node, parameters)
-        names = {parameter.name for parameter in parameters}
-        if OWN & names:
-            values = values_with(node, parameters)
-            read(values)
-            # A faulty file must not block other parameters; the diagnostics report it.
-            if 'state_file' in names:
-                check_parameter(values['state_file'])
-            if names & {'departures', 'grid_prices'}:
-                check_departure_parameters(values['departures'], values['grid_prices'])
-    except InvalidInput as error:
-        return SetParametersResult(successful=False, reason=str(error))
-    except Exception as error:
-        return SetParametersResult(successful=False, reason=shortened(
-            f'cannot be checked: {type(error).__name__}: {error}', LONGEST_PROBLEM))
-    return SetParametersResult(successful=True)
-
-
-def _check_lock(node: Node, parameters: Iterable[RosParameter]) -> None:
+def check_lock(node: Node, parameters: Iterable[RosParameter]) -> None:
     """Raise InvalidInput if a locked parameter would change, including those that rclpy declares."""
     if node.get_parameter('locked').value:
         problems = [

@@ -1,38 +1,177 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The main loop of all executables: clean start, clean end."""
+"""The command line and the main loop of all executables: `--help`, one line for each start error, a clean end."""
 
 from __future__ import annotations
 
+import argparse
+from contextlib import contextmanager
+from dataclasses import dataclass
 import os
+import re
 import signal
 import sys
+import textwrap
 from threading import Thread
 from typing import TYPE_CHECKING
 
 import rclpy
 from rclpy.duration import Duration
+from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.logging import get_logger_level, LoggingSeverity, set_logger_level
+from rclpy.qos import InvalidQoSProfileException
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
-from bev_preheat.nodes.command_line import (
-    check_domain_id,
-    has_other_than_ros_arguments,
-    print_error,
-    silent_rcl,
-    START_ERRORS,
-)
+from bev_preheat.errors import InvalidInput
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable, Iterator, Sequence
+    from typing import NoReturn
 
     from rclpy.node import Node
 
-    from bev_preheat.nodes.command_line import NodeProgram
+    from bev_preheat.nodes.parameters import Parameter
 
+# Raised by rclpy for unusable arguments, names or parameter values.
+START_ERRORS = (
+    InvalidInput, NameValidationException, ParameterException, InvalidQoSProfileException,
+    rclpy_implementation.RCLError, rclpy_implementation.UnknownROSArgsError)
+HELP_WIDTH = 98
+# DDSI-RTPS 2.5, 9.6.2.3: port 7400 + 250 x domain id, plus an offset for each participant.
+MOST_DOMAIN_ID = 232
+RCL_LOGGER = 'rcl'
 END_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 # For the delivery of a node's last message: a subscriber that hangs must not keep the process from ending.
 LAST_WORDS_TIME = Duration(seconds=1)
+
+
+@contextmanager
+def silent_rcl() -> Iterator[None]:
+    """Keep rcl from logging the problem that print_error() reports."""
+    set_logger_level(RCL_LOGGER, LoggingSeverity.FATAL)
+    try:
+        yield
+    finally:
+        # Unless the command line asked for a level.
+        if get_logger_level(RCL_LOGGER) == LoggingSeverity.FATAL:
+            set_logger_level(RCL_LOGGER, LoggingSeverity.UNSET)
+
+
+@dataclass(frozen=True)
+class NodeProgram:
+    """The contents of an executable's `--help`; topics, services and actions are (name, explanation)."""
+
+    name: str
+    description: str
+    parameters: tuple[Parameter, ...]
+    subscribes: tuple[tuple[str, str], ...] = ()
+    publishes: tuple[tuple[str, str], ...] = ()
+    services: tuple[tuple[str, str], ...] = ()
+    actions: tuple[tuple[str, str], ...] = ()
+
+    def check_arguments(self, arguments: Sequence[str]) -> None:
+        """
+        Print the help and exit with status 0 if requested; refuse arguments unknown to ROS.
+
+        `arguments` are those of the process, its name first. ROS parses everything between --ros-args
+        and --.
+        """
+        parser = _Parser(
+            prog=self.name, description=self.description, epilog=self._epilog(),
+            usage='%(prog)s [--help] [--ros-args -p NAME:=VALUE ... -r FROM:=TO ...]',
+            formatter_class=argparse.RawDescriptionHelpFormatter)
+        parser.parse_args(_without_ros_arguments(arguments[1:]))
+
+    def _epilog(self) -> str:
+        example = self.parameters[0]
+        lines = [
+            'set a parameter:',
+            f'  {self.name} --ros-args -p {example.name}:={example.default or "VALUE"}',
+            f'  {self.name} --ros-args --params-file FILE.yaml',
+            *([] if all(parameter.read_only for parameter in self.parameters) else
+              [f'  ros2 param set /{self.name} NAME VALUE']), '', 'parameters:']
+        for parameter in self.parameters:
+            lines.append(f'  {parameter.name} (default: {parameter.default_text()})')
+            lines += _indented(parameter.help_text())
+        for title, items in (('subscribes to', self.subscribes), ('publishes', self.publishes),
+                             ('services', self.services), ('actions', self.actions)):
+            if items:
+                width = max(len(name) for name, _ in items)
+                lines += ['', f'{title}:', *(f'  {name:{width}}  {what}' for name, what in items)]
+        return '\n'.join(lines)
+
+
+class _Parser(argparse.ArgumentParser):
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f'{self.prog}: error: {message}; see {self.prog} --help\n')
+
+
+def _indented(text: str) -> list[str]:
+    return textwrap.wrap(text, HELP_WIDTH, initial_indent='      ', subsequent_indent='      ')
+
+
+def has_other_than_ros_arguments(arguments: Sequence[str]) -> bool:
+    """Return whether arguments (the program name first) include any outside of --ros-args, such as --help."""
+    return bool(_without_ros_arguments(arguments[1:]))
+
+
+def check_domain_id() -> None:
+    """
+    Raise InvalidInput if ROS_DOMAIN_ID is a number that no participant can have.
+
+    DDS derives its ports from it, and some implementations end the process if these are out of range. rcl
+    refuses anything but a number.
+    """
+    text = os.environ.get('ROS_DOMAIN_ID', '')
+    if text.isdecimal() and int(text) > MOST_DOMAIN_ID:
+        raise InvalidInput(f'ROS_DOMAIN_ID: {text} is not allowed; it must be 0 ... {MOST_DOMAIN_ID}')
+
+
+def _without_ros_arguments(arguments: Iterable[str]) -> list[str]:
+    """Return the arguments outside of --ros-args sections, which end at --, or at the end."""
+    others, is_ros = [], False
+    for argument in arguments:
+        if argument == '--ros-args':
+            is_ros = True
+        elif is_ros and argument == '--':
+            is_ros = False
+        elif not is_ros:
+            others.append(argument)
+    return others
+
+
+def print_error(error: Exception | str, program: NodeProgram | None = None) -> None:
+    """Print an exception of START_ERRORS as one line on standard error."""
+    name = program.name if program else sys.argv[0].rpartition('/')[2]
+    print(f'{name}: error: {_sentence(error)}', file=sys.stderr)
+
+
+def _sentence(error: Exception | str) -> str:
+    if isinstance(error, rclpy_implementation.UnknownROSArgsError):
+        return f'unknown ROS arguments: {error}'
+    # rcl adds its own source lines, one for each function in the chain.
+    text = re.sub(r',? at \S+\.c(pp)?:\d+', '', ' '.join(str(error).split()))
+    text = text.replace('failed to initialize rcl: ', '').replace('error not set', 'no value')
+    rule_match = re.search(r"parse (parameter override|remap) rule: '(.*?)'\.", text)
+    if rule_match:
+        kind, rule = rule_match.groups()
+        form = 'NAME:=VALUE' if kind.startswith('param') else 'FROM:=TO, with valid ROS names'
+        return f'{rule}: cannot be read; it must be {form}'
+    file_match = re.search(r"'--params-file (.*?)'\. Error: (.*)", text)
+    if file_match:
+        return _file_sentence(*file_match.groups())
+    return text
+
+
+def _file_sentence(path: str, problem: str) -> str:
+    try:
+        with open(path, encoding='utf-8'):
+            pass
+    except OSError as error:
+        return f'parameter file {path}: cannot be read: {error.strerror}'
+    return f'parameter file {path}: {problem}'
 
 
 def join_graph(name: str) -> Node | None:

@@ -11,20 +11,18 @@ from __future__ import annotations
 from collections import deque
 from typing import TYPE_CHECKING
 
-from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.nodes.news import logging_errors
 from bev_preheat.route.segments import MOST_SEGMENTS
 from bev_preheat_msgs.msg import RoutePlan
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from rclpy.node import Node
+    from bev_preheat.nodes.node import ProgramNode
 
 TOPIC = 'route_plan'
 LATCHED_ROUTE = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -46,7 +44,7 @@ class RouteListener:
     route is refused before it is converted.
     """
 
-    def __init__(self, node: Node, on_route: Callable[[RoutePlan], object],
+    def __init__(self, node: ProgramNode, on_route: Callable[[RoutePlan], object],
                  on_refused: Callable[[InvalidInput], object]) -> None:
         """Subscribe."""
         self._node, self._on_route, self._on_refused = node, on_route, on_refused
@@ -54,8 +52,7 @@ class RouteListener:
         for profile in (LATCHED_ROUTE, RELIABLE):
             self._subscribe(profile)
         # In real time: publishers come and go independently of the node's clock.
-        self._timer = node.create_timer(PUBLISHER_PERIOD_S, logging_errors(node, TOPIC, self._look), clock=Clock(
-            clock_type=ClockType.STEADY_TIME))
+        self._timer = node.look_regularly(PUBLISHER_PERIOD_S, TOPIC, self._look)
 
     def _subscribe(self, profile: QoSProfile) -> None:
         self._node.create_subscription(

@@ -1,19 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Finds wrong setups around a node: parameters, clock, incompatible publishers and subscriptions."""
+"""Finds wrong setups around a node: parameters, clock, other nodes that cannot exchange messages with it."""
 
 from __future__ import annotations
 
 from difflib import get_close_matches
+from functools import partial
 import sys
 from typing import TYPE_CHECKING
 
-from rclpy.clock import Clock, ClockType
+from rclpy.qos import qos_check_compatible, QoSCompatibility
 
 from bev_preheat.messages.diagnostics import judged
 from bev_preheat.messages.fields import nanoseconds
-from bev_preheat.nodes.news import logging_errors
 from bev_preheat.nodes.parameters import given_parameters
-from bev_preheat.nodes.surroundings import Surroundings
 from bev_preheat.numerics.factors import NS_PER_DAY
 
 if TYPE_CHECKING:
@@ -22,6 +21,84 @@ if TYPE_CHECKING:
     from builtin_interfaces.msg import Time
     from diagnostic_msgs.msg import DiagnosticStatus
     from rclpy.node import Node
+    from rclpy.qos import QoSProfile
+    from rclpy.topic_endpoint_info import TopicEndpointInfo
+
+    from bev_preheat.nodes.node import ProgramNode
+
+# rmw's name for an endpoint whose node it has not discovered.
+NAMELESS = '_NODE_NAME_UNKNOWN_'
+# Prefix of the hash of a message definition (REP 2016).
+HASH = 'RIHS01_'
+
+
+def endpoint_name(endpoint: TopicEndpointInfo) -> str:
+    """Return the full name of the node that a TopicEndpointInfo belongs to."""
+    if endpoint.node_name == NAMELESS:
+        return 'a node whose name is unknown'
+    return f'{endpoint.node_namespace.rstrip("/")}/{endpoint.node_name}'
+
+
+class Surroundings:
+    """Finds publishers and subscriptions whose type or quality of service does not fit a node's own."""
+
+    def __init__(self, node: Node, subscribes: Iterable[str], publishes: Iterable[str],
+                 single: Iterable[str] = ()) -> None:
+        """Watch the topics that the node subscribes to and publishes; those in `single` need one publisher."""
+        self._node = node
+        self._single = frozenset(node.resolve_topic_name(topic) for topic in single)
+        self._subscribes = [node.resolve_topic_name(topic) for topic in subscribes]
+        self._publishes = [node.resolve_topic_name(topic) for topic in publishes]
+
+    def problems(self) -> list[str]:
+        """Return a sentence for each incompatible endpoint."""
+        node, problems = self._node, []
+        for topic in self._subscribes:
+            own = self._own(node.get_subscriptions_info_by_topic(topic))
+            publishers = node.get_publishers_info_by_topic(topic)
+            if topic in self._single and len(publishers) > 1:
+                names = ', '.join(sorted(map(endpoint_name, publishers)))
+                problems.append(f'{topic} has {len(publishers)} publishers, {names}; it must have one')
+            for other in publishers:
+                problems.append(_problem(
+                    other, f'publishes {topic}', own, partial(
+                        qos_check_compatible, other.qos_profile)))
+        for topic in self._publishes:
+            own = self._own(node.get_publishers_info_by_topic(topic))
+            for other in node.get_subscriptions_info_by_topic(topic):
+                problems.append(_problem(
+                    other, f'subscribes to {topic}', own, partial(
+                        qos_check_compatible, subscription_qos=other.qos_profile)))
+        return [problem for problem in problems if problem]
+
+    def _own(self, endpoints: Iterable[TopicEndpointInfo]) -> list[TopicEndpointInfo]:
+        own_name = self._node.get_fully_qualified_name()
+        return [endpoint for endpoint in endpoints if endpoint_name(endpoint) == own_name]
+
+
+def _problem(other: TopicEndpointInfo, what: str, own: Sequence[TopicEndpointInfo],
+             check: Callable[[QoSProfile], tuple[QoSCompatibility, str]]) -> str:
+    """Return a sentence on an endpoint that fits none of the node's own; '' if it fits."""
+    if not own:
+        return ''
+    expected, version = own[0].topic_type, str(own[0].topic_type_hash)
+    sentence = f'{endpoint_name(other)} {what}'
+    if other.topic_type != expected:
+        return f'{sentence} as {other.topic_type}; the type must be {expected}'
+    other_version = str(other.topic_type_hash)
+    # Not every middleware reports it.
+    if version != other_version and version.startswith(HASH) and other_version.startswith(HASH):
+        return (f'{sentence} as another version of {expected}; build both nodes from the same '
+                'message definitions')
+    reasons: set[str] = set()
+    for endpoint in own:
+        compatibility, reason = check(endpoint.qos_profile)
+        if compatibility != QoSCompatibility.ERROR:
+            return ''
+        reasons.update(part.strip().removeprefix('ERROR: ').lower()
+                       for part in reason.split(';') if part.strip())
+    return f'{sentence} with an incompatible quality of service: {", ".join(sorted(reasons))}'
+
 
 # In real time: while simulated time stands, so do the node's own timers.
 SETUP_PERIOD_S = 0.5
@@ -43,26 +120,25 @@ class SetupWatch:
     """
     Checks the setup every SETUP_PERIOD_S; logs each problem once and stores them for the diagnostics.
 
-    `problems` are the current sentences.
+    `problems` are the current sentences, `error` is one that makes the diagnostics ERROR.
     """
 
-    def __init__(self, node: Node, subscribes: Iterable[str], publishes: Iterable[str],
-                 also: Sequence[Callable[[], object]] = (), single: Iterable[str] = ()) -> None:
+    def __init__(self, node: ProgramNode, subscribes: Iterable[str], publishes: Iterable[str],
+                 single: Iterable[str] = ()) -> None:
         """
         Begin to check; call it when all parameters are declared.
 
-        `subscribes` and `publishes` are the topics that the node shares with others; `also` are
-        functions called at each check. Each topic in `single` must have one publisher.
+        `subscribes` and `publishes` are the topics that the node shares with others. Each topic in `single` must
+        have one publisher.
         """
-        self._node, self._also = node, also
+        self._node, self.error = node, ''
         self._surroundings = Surroundings(node, subscribes, publishes, single)
         self._unknown = unknown_parameters(node)
         self._logged: set[str] = set()
         self._found: list[str] = []
         self._looks_at_zero = 0
         self._note(self._unknown)
-        node.create_timer(SETUP_PERIOD_S, logging_errors(node, 'looking around', self._look),
-                          clock=Clock(clock_type=ClockType.STEADY_TIME))
+        node.look_regularly(SETUP_PERIOD_S, 'looking around', self._look)
 
     def _look(self) -> None:
         found, before = self._surroundings.problems(), self._found
@@ -72,8 +148,6 @@ class SetupWatch:
         if self._clock_stands():
             problems.append(CLOCK_STANDS)
         self._note(problems)
-        for function in self._also:
-            function()
 
     def _clock_stands(self) -> bool:
         stands = (self._node.get_parameter('use_sim_time').value
@@ -96,9 +170,9 @@ class SetupWatch:
         """Whether simulated time is set and has not begun."""
         return CLOCK_STANDS in self.problems
 
-    def entry(self, hardware: str, error: str = '') -> DiagnosticStatus:
-        """Return the DiagnosticStatus `NODE: setup`; `error` is a sentence that makes it ERROR."""
-        return judged(self._node.get_fully_qualified_name(), 'setup', hardware, [error] if error else [],
+    def entry(self, hardware: str) -> DiagnosticStatus:
+        """Return the DiagnosticStatus `NODE: setup`."""
+        return judged(self._node.get_fully_qualified_name(), 'setup', hardware, [self.error] if self.error else [],
                       self.problems, 'parameters, clock and topics fit')
 
     def clock_hint(self, stamp: Time, now_ns: int) -> str:

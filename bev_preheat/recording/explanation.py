@@ -63,7 +63,7 @@ def why(state: State, now_ns: int) -> Why:
     sections = [_inputs(state, now_ns), *(
         Section(entry.name.partition(': ')[2],
                 tuple((value.key, value.value) for value in entry.values if value.value))
-        for entry in planner_diagnostics(NODE, state, now_ns).status)]
+        for entry in planner_diagnostics(NODE, state, now_ns))]
     return Why(now_ns, answer, (*sections, *_plan(state, now_ns), _otherwise(state, now_ns)))
 
 

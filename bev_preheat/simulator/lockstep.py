@@ -20,7 +20,7 @@ from rcl_interfaces.srv import GetParameters
 from rclpy.task import Future
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.nodes.surroundings import endpoint_name, NAMELESS
+from bev_preheat.nodes.setup_watch import endpoint_name, NAMELESS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterable, Sequence

@@ -16,7 +16,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 
 from bev_preheat.errors import InvalidInput
-from bev_preheat.nodes.listening_publisher import ListeningPublisher
+from bev_preheat.nodes.publishers import ListeningPublisher
 from bev_preheat.nodes.setup_watch import RESTART_S
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.simulation.pace import Pace

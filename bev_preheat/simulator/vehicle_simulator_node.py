@@ -22,13 +22,11 @@ from bev_preheat.messages.fields import time_message
 from bev_preheat.messages.heater import heater_command, status_message
 from bev_preheat.messages.route_plan import charger_of, route_plan_message
 from bev_preheat.messages.route_progress import progress_message
-from bev_preheat.nodes.command_line import NodeProgram, print_error
 from bev_preheat.nodes.heater_execution import CommandSenders
 from bev_preheat.nodes.node import guarded, ProgramNode
 from bev_preheat.nodes.parameters import Parameter
-from bev_preheat.nodes.process import LAST_WORDS_TIME, run_node
-from bev_preheat.nodes.setup_watch import DIAGNOSTICS_PERIOD_S
-from bev_preheat.nodes.surroundings import endpoint_name
+from bev_preheat.nodes.process import LAST_WORDS_TIME, NodeProgram, print_error, run_node
+from bev_preheat.nodes.setup_watch import DIAGNOSTICS_PERIOD_S, endpoint_name
 from bev_preheat.numerics.factors import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.situation import BatteryState, check_situation, Goal

@@ -77,7 +77,7 @@ def told(supervisor, at_s, **fields):
 
 
 def entries(supervisor, now_ns):
-    return [status for status in planner_diagnostics('/planner', supervisor.state, now_ns).status
+    return [status for status in planner_diagnostics('/planner', supervisor.state, now_ns)
             if status.name == 'planner: route progress']
 
 

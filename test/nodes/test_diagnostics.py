@@ -32,7 +32,7 @@ def estimation_entry(temperatures_c, standing_time_s):
     for number, temperature_c in enumerate(temperatures_c):
         now_ns = START_NS + number * NS_PER_S
         supervisor.accept_battery(Measurement(BatteryState(temperature_c, 0.8), now_ns), now_ns)
-    entry, = (status for status in planner_diagnostics('planner', supervisor.state, now_ns).status
+    entry, = (status for status in planner_diagnostics('planner', supervisor.state, now_ns)
               if status.name == 'planner: estimation')
     return entry, {value.key: value.value for value in entry.values}
 
@@ -82,7 +82,7 @@ def test_a_wrong_unit_in_the_route_is_a_warning_and_no_refusal(cabin_w, warning)
     supervisor.accept_mission(Mission('home', (
         Leg(replace(route, cabin_heating_power_w=powers_w), START_NS, True, -10.0),)))
     supervisor.accept_battery(Measurement(BatteryState(-7.0, 0.8), START_NS), START_NS)
-    entry = planner_diagnostics('planner', supervisor.state, START_NS).status[0]
+    entry = planner_diagnostics('planner', supervisor.state, START_NS)[0]
     assert entry.level == (DiagnosticStatus.WARN if warning else DiagnosticStatus.OK)
     assert entry.message.startswith('NOT_NEEDED: ') and entry.message.endswith(warning)
     assert ('check the unit' in entry.message) is bool(warning)

@@ -3,6 +3,7 @@
 
 import math
 import signal
+from types import SimpleNamespace
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from node_bench import repeating
@@ -14,7 +15,12 @@ from std_msgs.msg import Float64
 
 from bev_preheat.files.configuration import find_configuration
 from bev_preheat.messages.fields import nanoseconds, time_message
-from bev_preheat.nodes.heater_execution import CommandSenders, MOST_SENDERS
+from bev_preheat.nodes import heater_controller_node
+from bev_preheat.nodes.heater_controller_node import GateInputs
+from bev_preheat.nodes.heater_execution import CommandSenders, MOST_SENDERS, RefusalNews
+from bev_preheat.numerics.factors import NS_PER_S
+from bev_preheat.vehicle.heater_controller import HeaterAnswer, Instant, Refusal
+from bev_preheat.vehicle.heating_gates import HeatingGates
 from bev_preheat_msgs.msg import HvchCommand, HvchStatus
 
 OFFERED = QoSProfile(depth=1, deadline=Duration(seconds=2.5), liveliness=LivelinessPolicy.MANUAL_BY_TOPIC,
@@ -22,6 +28,7 @@ OFFERED = QoSProfile(depth=1, deadline=Duration(seconds=2.5), liveliness=Livelin
 BEST_EFFORT = QoSProfile(depth=1)
 PERIOD_S = 0.2
 QUICK = ('-p', 'period:=0.02')
+START_NS, GATE_TIMEOUT_S = 1_700_000_000 * NS_PER_S, 5.0
 
 
 def test_senders_are_told_apart_by_their_sequence_numbers():
@@ -195,7 +202,6 @@ def test_gates_of_the_car(rehearsal, gated_car):
 
 @pytest.fixture
 def gated_car(tmp_path):
-    from bev_preheat.files.configuration import find_configuration
     text = find_configuration('vehicles', 'reference', '.yaml').read_text()
     path = tmp_path / 'gated.yaml'
     path.write_text(f'{text}\nheating_gates: {{minimum_soc: 0.15, maximum_temperature_c: 25, '
@@ -224,7 +230,6 @@ def test_bus_that_cannot_be_opened_is_in_the_log_before_any_command(rehearsal, t
     ('leafspy', 'leafspy.yaml: has no key live'),
     ('example_car', 'live.heater_command: carries at most 7000 W; hvch.maximum_power_w of the vehicle is 7001 W')])
 def test_signal_map_without_a_frame_for_the_heater_is_refused_in_one_line(call_main, tmp_path, signals, words):
-    from bev_preheat.files.configuration import find_configuration
     vehicle = tmp_path / 'strong.yaml'
     vehicle.write_text(find_configuration('vehicles', 'reference', '.yaml').read_text().replace(
         'maximum_power_w: 7000', 'maximum_power_w: 7001'))
@@ -232,3 +237,64 @@ def test_signal_map_without_a_frame_for_the_heater_is_refused_in_one_line(call_m
     assert ended.returncode == 2
     assert words in ended.stderr
     assert 'Traceback' not in ended.stderr
+
+
+class Gates:
+    """GateInputs behind a node that is only a clock."""
+
+    def __init__(self, monkeypatch):
+        self.now_s, self.told = 0.0, []
+        clock = SimpleNamespace(now=lambda: SimpleNamespace(nanoseconds=self.now.clock_ns))
+        node = SimpleNamespace(create_subscription=lambda *arguments: None, get_clock=lambda: clock)
+        monkeypatch.setattr(heater_controller_node.time, 'monotonic', lambda: self.now_s)
+        self.inputs = GateInputs(node, HeatingGates(minimum_soc=0.1), GATE_TIMEOUT_S, self.told.append)
+
+    @property
+    def now(self):
+        return Instant(START_NS + round(self.now_s * NS_PER_S), round(self.now_s * NS_PER_S))
+
+    def refusal(self, arrives_s, stamp_s, look_s):
+        """Return the Refusal at an instant [s], after a state of another instant with a stamp [s] arrived."""
+        message = BatteryState(temperature=0.0, percentage=0.5)
+        message.header.stamp = time_message(START_NS + round(stamp_s * NS_PER_S))
+        self.now_s = arrives_s
+        self.inputs.on_battery_state(message)
+        self.now_s = look_s
+        return self.inputs.verdict(self.now).refusal
+
+
+@pytest.mark.parametrize('arrives_s, stamp_s, look_s, is_open', [
+    (10.0, 10.0, 14.99, True), (10.0, 10.0, 15.01, False),
+    # 4.9 s old on arrival: for 2 s more.
+    (10.0, 5.1, 11.99, True), (10.0, 5.1, 12.01, False),
+    # Too old on arrival, or too far ahead.
+    (10.0, 4.9, 10.0, False), (10.0, 15.1, 10.0, False)])
+def test_gates_close_once_the_state_has_expired(monkeypatch, arrives_s, stamp_s, look_s, is_open):
+    gates = Gates(monkeypatch)
+    assert (gates.refusal(arrives_s, stamp_s, look_s) is Refusal.NOT_REFUSED) is is_open
+    assert bool(gates.told) is (abs(arrives_s - stamp_s) > GATE_TIMEOUT_S)
+
+
+# The log
+
+SILENT = HeaterAnswer(0.0, 0.0, Refusal.NO_COMMAND, 'no valid command is in force')
+SERVED = HeaterAnswer(2500.0, 2500.0)
+CONFLICT = HeaterAnswer(0.0, 0.0, Refusal.COMMAND_CONFLICT, '2 nodes command the heater')
+LIMITED = HeaterAnswer(2500.0, 2000.0, Refusal.CABIN_FIRST, 'the cabin leaves 2000 W')
+
+
+def test_a_refusal_is_told_when_it_begins_and_when_it_is_over():
+    news = RefusalNews()
+    told = [news.sentence(answer)
+            for answer in (SILENT, SERVED, SERVED, CONFLICT, CONFLICT, SERVED, LIMITED, SERVED)]
+    assert [sentence for _, sentence in told] == [
+        '', '', '', 'COMMAND_CONFLICT: 2 nodes command the heater', '',
+        'COMMAND_CONFLICT is over; the command is served', '', '']
+    assert [is_refused for is_refused, _ in told][3:6] == [True, True, False]
+
+
+def test_a_refusal_that_follows_another_names_both():
+    news = RefusalNews()
+    news.sentence(CONFLICT)
+    assert news.sentence(SILENT) == (
+        True, 'COMMAND_CONFLICT is over; NO_COMMAND: no valid command is in force')
